@@ -1,0 +1,1 @@
+"""The commands of `psmpc`, one a file: arguments, one library call, presentation."""

@@ -1,0 +1,48 @@
+"""The command `psmpc`: registers the commands and turns errors into one message and an exit code."""
+
+import logging
+import sys
+
+import typer
+
+from psmpc_cli import __version__
+from psmpc_cli.cli import check, init, plot, schema, show, simulate
+from psmpc_cli.errors import PsmpcError
+
+app = typer.Typer(
+    name="psmpc",
+    help="Priority-based switching MPC for space robots: YAML task specs in, HDF5 logs and figures out.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for command in (simulate.simulate, check.check, plot.plot, show.show, init.init, schema.schema):
+    app.command()(command)
+
+
+def print_version(wanted: bool) -> None:
+    """Print the version and leave."""
+    if wanted:
+        typer.echo(f"psmpc {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: bool = typer.Option(
+        False, "--version", callback=print_version, is_eager=True, help="Print the version and exit."
+    ),
+) -> None:
+    """Priority-based switching MPC for space robots: YAML task specs in, HDF5 logs and figures out."""
+
+
+def main() -> None:
+    """Run the command line; exit codes: 0 done, 1 a check asked for fails, 2 bad input, 3 the run could not go on."""
+    logging.basicConfig(format="%(levelname)s: %(message)s", level=logging.WARNING)
+    try:
+        app()
+    except PsmpcError as error:
+        typer.echo(f"psmpc: {error}", err=True)
+        sys.exit(error.exit_code)

@@ -1,0 +1,1 @@
+"""Controllers: the moving sequence, warm starts, and what each sample decides."""

@@ -1,0 +1,127 @@
+"""The switching controllers. PSMPC, SMPC and hard switching are one piece of code with two switches."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.control.sequence import Sequence, Switch, detect, drop_met, drop_passed
+from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
+from psmpc_cli.ocp.normalization import normalization
+from psmpc_cli.ocp.plan import Plan, braking_plan, resting_plan, shift
+from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.window import Window
+from psmpc_cli.specs.task import ControllerSpec
+
+BRAKING_TIME = 0.5
+"""Time within which a robot without a plan comes to rest [s], longer where acceleration limits ask for it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What the controller decided at one sample.
+
+    Attributes:
+        plan: The plan in force.
+        sequence: The stages in the window.
+        solved: The solve behind the plan, or the failed one.
+        prediction: The shifted plan the solve started from.
+        appended: A stage entered the window at this sample.
+        postponed: The next stage was seen, but the window with it had no solution yet.
+        fallback: The solve failed and the shifted plan goes on.
+        exhausted: The plan is used up; `plan` brakes to rest.
+    """
+
+    plan: Plan
+    sequence: Sequence
+    solved: SolvedWindow
+    prediction: Plan
+    appended: bool
+    postponed: bool
+    fallback: bool
+    exhausted: bool
+
+
+class SwitchingController:
+    """Priority-based switching MPC and what it is compared with. Paper Algorithm 1."""
+
+    def __init__(self, spec: ControllerSpec, stages: tuple[Stage, ...], windows: WindowSolver) -> None:
+        self.spec, self.stages, self.windows = spec, stages, windows
+        self.costs = windows.costs
+        self._sequence = Sequence(0, np.zeros(0), 0.0)
+        self._plan: Plan | None = None
+        self._solved: SolvedWindow | None = None
+
+    @property
+    def sequence(self) -> Sequence:
+        """The stages in the window."""
+        return self._sequence
+
+    def hand_over(self, now: float, x: np.ndarray) -> tuple[Switch, ...]:
+        """Drop the stages that are over at time now [s], by the plan or by the measured state x (2n,)."""
+        sequence, passed = drop_passed(self._sequence, now)
+        self._sequence, met = drop_met(sequence, self.stages, self.costs, now, x)
+        return (*passed, *met)
+
+    def decide(self, now: float, x: np.ndarray) -> Decision:
+        """Return the decision at time now [s] from the measured state x (2n,)."""
+        spec, sequence = self.spec, self._sequence
+        used_up = self._plan is not None and now > self._plan.end - spec.sample_time
+        prediction = self._predict(now, x)
+        longer = None if spec.kind == "hard" else self._detect(sequence, prediction)
+        solved = self._solve(longer or sequence, prediction, x)
+        postponed = longer is not None and not solved.solution.outcome.usable
+        if longer is not None and not postponed:
+            sequence = longer
+        elif postponed:
+            solved = self._solve(sequence, prediction, x)
+        usable = solved.solution.outcome.usable
+        if usable:
+            self._plan = solved.plan
+            sequence = Sequence(sequence.first, solved.plan.instants, sequence.entered)
+        plan = self._plan if self._plan is not None else prediction
+        exhausted = not usable and used_up
+        self._sequence, self._solved = sequence, solved
+        return Decision(
+            plan=self._brake(now, x) if exhausted else plan,
+            sequence=sequence,
+            solved=solved,
+            prediction=prediction,
+            appended=longer is not None and not postponed,
+            postponed=postponed,
+            fallback=not usable,
+            exhausted=exhausted,
+        )
+
+    def window(self, sequence: Sequence, prediction: Plan, x: np.ndarray) -> Window:
+        """Return the window over a sequence, its costs normalized from the prediction."""
+        spec, stages = self.spec, self.stages[sequence.first : sequence.last + 1]
+        offset, scale = normalization(spec.normalization, spec.zeta, stages, self.costs, prediction, spec.sample_time)
+        return Window(
+            stages=stages,
+            start=prediction.start,
+            elapsed=prediction.start - sequence.entered,
+            x0=x,
+            omega=np.array([1.0 if spec.kind == "smpc" else stage.priority for stage in stages]),
+            offset=offset,
+            scale=scale,
+            horizon=spec.horizon,
+            pending_cost=spec.pending_cost,
+            terminal_cost=spec.terminal_cost,
+        )
+
+    def _predict(self, now: float, x: np.ndarray) -> Plan:
+        if self._plan is None:
+            return resting_plan(now, self.spec.horizon, self.spec.nodes, x)
+        return shift(self._plan, now, self.spec.horizon, x)
+
+    def _detect(self, sequence: Sequence, prediction: Plan) -> Sequence | None:
+        return detect(sequence, self.stages, self.costs, prediction, self.spec.detection_margin)
+
+    def _solve(self, sequence: Sequence, prediction: Plan, x: np.ndarray) -> SolvedWindow:
+        window = self.window(sequence, prediction, x)
+        return self.windows.solve(window, prediction, sequence.instants, self._solved)
+
+    def _brake(self, now: float, x: np.ndarray) -> Plan:
+        Qdot, limits = x[len(x) // 2 :], self.stages[self._sequence.first].limits
+        strongest = np.minimum(limits.acceleration_high, -limits.acceleration_low)
+        return braking_plan(now, x, max(BRAKING_TIME, float(np.max(np.abs(Qdot) / strongest))))

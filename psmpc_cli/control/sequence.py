@@ -1,0 +1,94 @@
+"""The moving sequence: which stages stand in the window at a sample. Paper Algorithm 1."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from psmpc_cli.ocp.costs import StageCosts
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.window import SHORTEST
+
+
+@dataclass(frozen=True, eq=False)
+class Sequence:
+    """The stages in the window and when each hands over.
+
+    Attributes:
+        first: Index of the current stage.
+        instants: Switching instants in the window [s], absolute; as many as stages that follow the current one.
+        entered: When the current stage began [s].
+    """
+
+    first: int
+    instants: np.ndarray
+    entered: float
+
+    @property
+    def count(self) -> int:
+        """Number of stages in the window."""
+        return len(self.instants) + 1
+
+    @property
+    def last(self) -> int:
+        """Index of the window's last stage."""
+        return self.first + len(self.instants)
+
+
+@dataclass(frozen=True)
+class Switch:
+    """A stage handed over: its index and the instant [s]."""
+
+    stage: int
+    time: float
+
+
+def drop_passed(sequence: Sequence, now: float) -> tuple[Sequence, list[Switch]]:
+    """Drop the stages whose optimized instant lies before now."""
+    switches = []
+    while sequence.count > 1 and sequence.instants[0] <= now + SHORTEST:
+        at = float(sequence.instants[0])
+        switches.append(Switch(sequence.first, at))
+        sequence = Sequence(sequence.first + 1, sequence.instants[1:], at)
+    return sequence, switches
+
+
+def drop_met(
+    sequence: Sequence, stages: tuple[Stage, ...], costs: StageCosts, now: float, x: np.ndarray
+) -> tuple[Sequence, list[Switch]]:
+    """Drop the current stage if the measured state meets its end condition; the task's last stage stays."""
+    stage = stages[sequence.first]
+    dwelt = now - sequence.entered >= stage.dwell - 1e-9
+    over = costs.met(stage, x[None])[0] if stage.at is None else now >= stage.at - SHORTEST
+    if sequence.first == len(stages) - 1 or not dwelt or not over:
+        return sequence, []
+    return Sequence(sequence.first + 1, sequence.instants[1:], now), [Switch(sequence.first, now)]
+
+
+def detect(
+    sequence: Sequence, stages: tuple[Stage, ...], costs: StageCosts, guess: Plan, margin: float
+) -> Sequence | None:
+    """Return the sequence with the next stage appended if its switch is seen in the prediction, else None.
+
+    It is seen when the predicted states meet the end condition of the window's last stage within its detection margin
+    (a stage alone only creeps up to its target), or when its fixed switching time lies in the horizon.
+    """
+    if sequence.last == len(stages) - 1:
+        return None
+    stage = stages[sequence.last]
+    begins = float(sequence.instants[-1]) if len(sequence.instants) else guess.start
+    since = begins if len(sequence.instants) else sequence.entered
+    latest = guess.end - 10 * SHORTEST
+    if stage.at is not None:
+        return _appended(sequence, stage.at) if begins < stage.at < latest else None
+    hits = (
+        costs.met(stage, guess.X, margin) & (guess.times >= max(begins, since + stage.dwell)) & (guess.times <= latest)
+    )
+    if not hits.any():
+        return None
+    hit = float(guess.times[np.argmax(hits)])
+    return _appended(sequence, max(hit, begins + 10 * SHORTEST))
+
+
+def _appended(sequence: Sequence, instant: float) -> Sequence:
+    return replace(sequence, instants=np.r_[sequence.instants, instant])

@@ -1,0 +1,68 @@
+"""Solves windows: one compiled NLP and back-end for each shape, kept for all later windows of that shape."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.control.multipliers import shift_multipliers
+from psmpc_cli.ocp.costs import StageCosts
+from psmpc_cli.ocp.layout import WindowShape
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.transcription import Nlp, transcribe
+from psmpc_cli.ocp.window import Window, bounds, pack_guess, parameter_vector, unpack_plan, window_shape
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.solvers import Guess, Solution, Solver, build_solver
+from psmpc_cli.specs.task import TaskSpec
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedWindow:
+    """A window, what its solve started from, and what came out.
+
+    Attributes:
+        window: The window.
+        guess: Where the solve started.
+        parameters: The NLP's parameter vector.
+        solution: What the back-end returned.
+        plan: The solution as a plan.
+    """
+
+    window: Window
+    guess: Guess
+    parameters: np.ndarray
+    solution: Solution
+    plan: Plan
+
+
+class WindowSolver:
+    """Compiles and solves the windows of one task and robot."""
+
+    def __init__(self, task: TaskSpec, model: RobotModel, costs: StageCosts) -> None:
+        self.task, self.model, self.costs = task, model, costs
+        self._compiled: dict[WindowShape, tuple[Nlp, Solver]] = {}
+
+    def shape(self, window: Window) -> WindowShape:
+        """Return the shape of a window on this task's mesh."""
+        controller = self.task.controller
+        return window_shape(window.stages, controller.nodes, controller.discretization)
+
+    def compiled(self, shape: WindowShape) -> tuple[Nlp, Solver]:
+        """Return the NLP and back-end of a shape, compiled on first use."""
+        if shape not in self._compiled:
+            nlp = transcribe(self.model, shape)
+            self._compiled[shape] = nlp, build_solver(nlp, self.task.solver)
+        return self._compiled[shape]
+
+    def solve(
+        self, window: Window, prediction: Plan, instants: np.ndarray, previous: SolvedWindow | None = None
+    ) -> SolvedWindow:
+        """Solve a window, started from a predicted plan with the given instants (S,) [s].
+
+        The multipliers of `previous`, shifted in time, start the solve too where its stages are the same.
+        """
+        nlp, solver = self.compiled(self.shape(window))
+        z = pack_guess(nlp, window, prediction, instants, self.costs)
+        guess = shift_multipliers(nlp, z, window, previous.window, previous.solution) if previous else Guess(z)
+        parameters = parameter_vector(nlp, window)
+        solution = solver.solve(guess, parameters, bounds(nlp, window))
+        return SolvedWindow(window, guess, parameters, solution, unpack_plan(nlp, window, solution.z))

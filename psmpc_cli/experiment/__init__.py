@@ -1,0 +1,1 @@
+"""One run: the closed loop, what it measures, its monitors and its summary."""

@@ -1,0 +1,114 @@
+"""What one sample measures: margins to limits, efforts, the physics' own balance."""
+
+import numpy as np
+
+from psmpc_cli.control.controller import Decision
+from psmpc_cli.control.sequence import Switch
+from psmpc_cli.control.window_solver import SolvedWindow
+from psmpc_cli.experiment.setup import Experiment
+from psmpc_cli.logs.record import Record, SolveRecord, TickRecord
+from psmpc_cli.plant import Ticks
+from psmpc_cli.robot.model import RobotModel
+
+
+class Balance:
+    """Momentum less the impulse of the external wrench, energy less the work: constant if the physics is right."""
+
+    def __init__(self, model: RobotModel, x0: np.ndarray) -> None:
+        self.model = model
+        self._impulse, self._work = np.zeros(3), 0.0
+        self._momentum, self._energy = self._state(x0)
+
+    def after(self, ticks: Ticks) -> tuple[np.ndarray, float]:
+        """Return the drift of momentum (3,) [N s, N m s] and of energy [J] since the start of the run."""
+        self._impulse = self._impulse + ticks.impulse
+        self._work += ticks.work
+        momentum, energy = self._state(ticks.X[-1])
+        return momentum - self._momentum - self._impulse, energy - self._energy - self._work
+
+    def _state(self, x: np.ndarray) -> tuple[np.ndarray, float]:
+        Q, Qdot = x[: self.model.n], x[self.model.n :]
+        return np.asarray(self.model.momentum(Q, Qdot)).ravel(), float(self.model.kinetic_energy(Q, Qdot))
+
+
+def measure(
+    experiment: Experiment,
+    decision: Decision,
+    switches: tuple[Switch, ...],
+    presence: dict[int, float],
+    u: np.ndarray,
+    ticks: Ticks,
+    balance: Balance,
+) -> Record:
+    """Return the record of a sample: u (M, n) was applied over its ticks."""
+    n, x = experiment.model.n, ticks.X[0]
+    stage = experiment.stages[decision.sequence.first]
+    tick = np.diff(ticks.time)
+    base = experiment.model.parts["base"]
+    position, velocity = _margins(experiment, decision, ticks)
+    momentum_error, energy_error = balance.after(ticks)
+    return Record(
+        time=float(ticks.time[0]),
+        Q=x[:n],
+        Qdot=x[n:],
+        u=u[0],
+        F=ticks.F[0],
+        xi=np.asarray(experiment.model.g(x[:n])).ravel(),
+        window_first=decision.sequence.first,
+        instants=decision.sequence.instants,
+        nadir=decision.solved.window.scale[: decision.sequence.count],
+        flags=_flags(decision),
+        switches=tuple((switch.stage, switch.time) for switch in switches),
+        presence=presence,
+        solve=_solve_record(experiment, decision.solved),
+        stage_cost=float(experiment.costs.at(stage, x[None], u[:1])[0]),
+        position_margin=position,
+        velocity_margin=velocity,
+        control_effort=float(tick @ np.sum(u**2, axis=1)),
+        thruster_effort=np.array(
+            [
+                tick @ np.linalg.norm(ticks.F[:, base][:, :-1], axis=1),
+                tick @ np.abs(ticks.F[:, base][:, -1]),
+            ]
+        ),
+        momentum_error=momentum_error,
+        energy_error=energy_error,
+        ticks=TickRecord(ticks.time[:-1], ticks.X[:-1, :n], ticks.X[:-1, n:], ticks.F)
+        if experiment.task.log.ticks
+        else None,
+    )
+
+
+def _margins(experiment: Experiment, decision: Decision, ticks: Ticks) -> tuple[np.ndarray, np.ndarray]:
+    """Return the smallest distance to a position and to a velocity limit over all ticks after the sample, (n,) each."""
+    limits, n = experiment.stages[decision.sequence.first].limits, experiment.model.n
+    Q, Qdot = ticks.X[1:, :n], ticks.X[1:, n:]
+    position = np.minimum(Q - limits.position_low, limits.position_high - Q).min(axis=0)
+    velocity = np.minimum(Qdot - limits.velocity_low, limits.velocity_high - Qdot).min(axis=0)
+    return position, velocity
+
+
+def _flags(decision: Decision) -> frozenset[str]:
+    happened = {
+        "appended": decision.appended,
+        "postponed": decision.postponed,
+        "fallback": decision.fallback,
+        "braking": decision.exhausted,
+    }
+    return frozenset(name for name, yes in happened.items() if yes)
+
+
+def _solve_record(experiment: Experiment, solved: SolvedWindow) -> SolveRecord:
+    """Return the record of a solve; the objective is in the task's own priorities."""
+    solution, guess = solved.solution, solved.guess
+    multipliers = [lam for lam in (guess.lam_x, guess.lam_g) if lam is not None]
+    return SolveRecord(
+        status=solution.outcome.name.lower(),
+        iterations=solution.iterations,
+        wall_time=solution.wall_time,
+        objective=solution.objective * float(np.max(solved.window.omega)),
+        guess=guess.z,
+        guess_multipliers=np.concatenate(multipliers) if multipliers else np.zeros(0),
+        parameters=solved.parameters,
+        solution=solution.z,
+    )

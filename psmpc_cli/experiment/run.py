@@ -1,0 +1,124 @@
+"""One run from a loaded task to a closed log: the closed loop, its log and whoever watches."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from psmpc_cli import __version__
+from psmpc_cli.experiment.loop import Ending, simulate
+from psmpc_cli.experiment.monitors import verdicts
+from psmpc_cli.experiment.setup import Experiment, build_experiment
+from psmpc_cli.experiment.stage_times import StageClock
+from psmpc_cli.logs.read import read_log
+from psmpc_cli.logs.record import Record
+from psmpc_cli.logs.write import Header, LogWriter, write_monitors
+from psmpc_cli.specs.coordinates import labels
+from psmpc_cli.specs.load import LoadedTask
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """What a watcher is told after each sample."""
+
+    record: Record
+    stage: str
+    fallbacks: int
+
+
+def run(
+    loaded: LoadedTask, path: Path, force: bool = False, watch: Callable[[Progress], None] = lambda progress: None
+) -> Ending | None:
+    """Run a task, write its log, and return how it ended; None if it was interrupted.
+
+    An interruption (Ctrl-C) ends the run cleanly: the log holds everything up to then and says `finished = false`.
+
+    Raises:
+        InputError: The log exists already or cannot be written.
+    """
+    experiment = build_experiment(loaded)
+    with LogWriter(path, header(experiment), force) as writer:
+        ending = _consume(experiment, writer, watch)
+    log = read_log(path)
+    if verdict := verdicts(loaded.spec, log):
+        write_monitors(
+            path,
+            tuple(v.name for v in verdict),
+            np.array([v.held for v in verdict]),
+            np.array([v.margin for v in verdict]),
+        )
+    return ending
+
+
+def _consume(experiment: Experiment, writer: LogWriter, watch: Callable[[Progress], None]) -> Ending | None:
+    """Write every record of the closed loop and tell the watcher, until the run ends or is interrupted."""
+    onset, fallbacks = experiment.task.onset, 0
+    clock = StageClock(len(experiment.stages), onset.epsilon, onset.series)
+    samples = simulate(experiment)
+    try:
+        while True:
+            record = next(samples)
+            writer.append(record)
+            if clock.update(record):
+                writer.update_stages(clock.times)
+            fallbacks += "fallback" in record.flags
+            _report(record)
+            watch(Progress(record, experiment.stages[record.window_first].name, fallbacks))
+    except StopIteration as stop:
+        ending: Ending = stop.value
+    except KeyboardInterrupt:
+        writer.update_stages(clock.times)
+        writer.finish(False, "interrupted", *_nowhere(experiment))
+        return None
+    clock.hand_over(tuple((switch.stage, switch.time) for switch in ending.switches))
+    writer.update_stages(clock.times)
+    xi = np.asarray(experiment.model.g(ending.x[: experiment.model.n])).ravel()
+    writer.finish(ending.completed, ending.reason, ending.time, ending.x, xi)
+    return ending
+
+
+def _nowhere(experiment: Experiment) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return the final time, state and poses of a run that has none."""
+    return np.nan, np.full(2 * experiment.model.n, np.nan), np.full(experiment.model.m, np.nan)
+
+
+def _report(record: Record) -> None:
+    if "fallback" in record.flags:
+        logger.warning("%.2f s: solve failed (%s); the shifted plan goes on", record.time, record.solve.status)
+
+
+def header(experiment: Experiment) -> Header:
+    """Return what the log says of the run before it begins."""
+    task, loaded = experiment.task, experiment.loaded
+    return Header(
+        attributes={
+            "psmpc_version": __version__,
+            "casadi_version": version("casadi"),
+            "numpy_version": np.__version__,
+            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+            "task_name": task.name,
+            "controller": task.controller.kind,
+            "solver": task.solver.kind,
+            "plant": task.plant.kind,
+            "sample_time": task.controller.sample_time,
+            "horizon": task.controller.horizon,
+            "nodes": task.controller.nodes,
+            "seed": task.seed,
+            "digest": loaded.digest,
+            "task_yaml": loaded.task_yaml,
+            "robot_yaml": loaded.robot_yaml,
+        },
+        coordinates=labels(loaded.robot, "joint"),
+        pose_coordinates=labels(loaded.robot, "task"),
+        stages=tuple(stage.name for stage in experiment.stages),
+        priorities=tuple(stage.priority for stage in experiment.stages),
+        epsilons=task.onset.series,
+        ticks=task.log.ticks,
+        plans=task.log.plans,
+    )

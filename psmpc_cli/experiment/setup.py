@@ -1,0 +1,53 @@
+"""An experiment: a loaded task with its model, controller and plant, ready to run."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.control.controller import SwitchingController
+from psmpc_cli.control.onset import OnsetObserver
+from psmpc_cli.control.window_solver import WindowSolver
+from psmpc_cli.ocp.costs import StageCosts
+from psmpc_cli.ocp.stages import Stage, build_stages
+from psmpc_cli.plant import Plant, build_plant
+from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.specs.coordinates import stack
+from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.task import TaskSpec
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """Everything one run needs. Controller, observer and plant hold state: build a new experiment for every run."""
+
+    loaded: LoadedTask
+    model: RobotModel
+    stages: tuple[Stage, ...]
+    costs: StageCosts
+    controller: SwitchingController
+    observer: OnsetObserver
+    plant: Plant
+    x0: np.ndarray
+
+    @property
+    def task(self) -> TaskSpec:
+        """The task."""
+        return self.loaded.spec
+
+
+def build_experiment(loaded: LoadedTask) -> Experiment:
+    """Return the experiment a task describes."""
+    task, model = loaded.spec, build_model(loaded.robot)
+    stages, costs = build_stages(task, loaded.robot, model), StageCosts(model)
+    controller = SwitchingController(task.controller, stages, WindowSolver(task, model, costs))
+    Qdot = stack(task.initial_velocity, loaded.robot, "joint") if task.initial_velocity else np.zeros(model.n)
+    return Experiment(
+        loaded=loaded,
+        model=model,
+        stages=stages,
+        costs=costs,
+        controller=controller,
+        observer=OnsetObserver(controller, max(task.onset.epsilon, *task.onset.series)),
+        plant=build_plant(task.plant, model),
+        x0=np.r_[stack(task.initial, loaded.robot, "joint"), Qdot],
+    )

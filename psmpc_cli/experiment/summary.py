@@ -1,0 +1,185 @@
+"""The summary of a run, from its log alone."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.experiment.monitors import Verdict, verdicts
+from psmpc_cli.logs.read import Log
+from psmpc_cli.ocp.stages import build_stages
+from psmpc_cli.robot.model import build_model
+from psmpc_cli.specs.load import LoadedTask, parse_task
+
+
+@dataclass(frozen=True)
+class StageSummary:
+    """One stage: when it started and ended [s], and the published values where there are any; NaN where unknown."""
+
+    name: str
+    priority: float
+    actual_start: float
+    published_start: float
+    premature: bool
+    switch_time: float
+    published_switch: float
+
+
+@dataclass(frozen=True)
+class SolveSummary:
+    """Wall time of the solves [s] and iterations, over all windows or those with a switch in them."""
+
+    count: int
+    median: float
+    p95: float
+    p99: float
+    largest: float
+    iterations: float
+
+
+@dataclass(frozen=True)
+class LimitSummary:
+    """The largest violation of any limit at the ticks, and of which coordinate, relative to the limit's width."""
+
+    kind: str
+    coordinate: str
+    margin: float
+    relative: float
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a run came to.
+
+    Attributes:
+        completed: The last stage met its end condition.
+        succeeded: It did, and every monitor held.
+        reason: Why the run stopped.
+        duration: Simulated time [s].
+        stages: By stage.
+        solves, switching_solves: All solves, and those of windows with a switch.
+        missed: Samples whose solve took longer than the sample time.
+        appended, postponed, fallbacks: How often each happened.
+        limits: The tightest position and velocity margins.
+        control_effort: Integral of |u|^2.
+        base_force, base_torque: Integrals of their norms [N s], [N m s].
+        momentum_error, energy_error: Largest drift of the physics' balance.
+        monitors: The verdicts.
+        distances: Distance between the first two end-effectors at the end of each stage [m]; NaN with one arm.
+    """
+
+    completed: bool
+    succeeded: bool
+    reason: str
+    duration: float
+    stages: tuple[StageSummary, ...]
+    solves: SolveSummary
+    switching_solves: SolveSummary
+    missed: int
+    appended: int
+    postponed: int
+    fallbacks: int
+    limits: tuple[LimitSummary, ...]
+    control_effort: float
+    base_force: float
+    base_torque: float
+    momentum_error: float
+    energy_error: float
+    monitors: tuple[Verdict, ...]
+    distances: tuple[float, ...]
+
+
+def summarize(log: Log) -> Summary:
+    """Return the summary of a log, finished or not."""
+    loaded = task_of(log)
+    completed = bool(log.attributes["finished"])
+    monitored = verdicts(loaded.spec, log)
+    switching = log["window/count"] > 1
+    wall_time = log["solver/wall_time"]
+    return Summary(
+        completed=completed,
+        succeeded=completed and all(verdict.held for verdict in monitored),
+        reason=str(log.attributes["end_reason"]) or "stopped before its end",
+        duration=_duration(log),
+        stages=tuple(_stage(log, loaded, i) for i in range(len(log.stage_names))),
+        solves=_solves(log, np.ones(len(wall_time), bool)),
+        switching_solves=_solves(log, switching),
+        missed=int(np.sum(wall_time > loaded.spec.controller.sample_time)),
+        appended=int(log["events/appended"].sum()),
+        postponed=int(log["events/postponed"].sum()),
+        fallbacks=int(log["events/fallback"].sum()),
+        limits=_limits(log, loaded),
+        control_effort=float(log["effort/control"].sum()),
+        base_force=float(log["effort/base_force"].sum()),
+        base_torque=float(log["effort/base_torque"].sum()),
+        momentum_error=_largest(log["balance/momentum"]),
+        energy_error=_largest(log["balance/energy"]),
+        monitors=monitored,
+        distances=_distances(log),
+    )
+
+
+def task_of(log: Log) -> LoadedTask:
+    """Return the task a log was made from, as it ran."""
+    attributes = log.attributes
+    return parse_task(str(attributes["task_yaml"]), str(attributes["robot_yaml"]), str(attributes["task_name"]))
+
+
+def _duration(log: Log) -> float:
+    if np.isfinite(log.final["time"]):
+        return float(log.final["time"])
+    return float(log.time[-1]) if len(log.time) else 0.0
+
+
+def _stage(log: Log, loaded: LoadedTask, index: int) -> StageSummary:
+    name, stages = log.stage_names[index], log.stages
+    published = loaded.spec.published.get(str(log.attributes["controller"]))
+    return StageSummary(
+        name=name,
+        priority=float(stages["priority"][index]),
+        actual_start=float(stages["actual_start"][index]),
+        published_start=published.actual_start.get(name, np.nan) if published else np.nan,
+        premature=bool(stages["premature"][index]),
+        switch_time=float(stages["switch_time"][index]),
+        published_switch=published.switch_time.get(name, np.nan) if published else np.nan,
+    )
+
+
+def _solves(log: Log, chosen: np.ndarray) -> SolveSummary:
+    wall_time, iterations = log["solver/wall_time"][chosen], log["solver/iterations"][chosen]
+    if not len(wall_time):
+        return SolveSummary(0, np.nan, np.nan, np.nan, np.nan, np.nan)
+    median, p95, p99, largest = np.percentile(wall_time, [50, 95, 99, 100])
+    return SolveSummary(len(wall_time), median, p95, p99, largest, float(np.median(iterations)))
+
+
+def _limits(log: Log, loaded: LoadedTask) -> tuple[LimitSummary, ...]:
+    """Return for positions and velocities the coordinate whose margin is smallest relative to its limit."""
+    stages = build_stages(loaded.spec, loaded.robot, build_model(loaded.robot))
+    first = log["window/first"]
+    tightest = []
+    for kind in ("position", "velocity"):
+        margin = log[f"margin/{kind}"]
+        if not len(margin) or not np.isfinite(margin).any():
+            continue
+        bound = np.array([np.abs(getattr(stages[s].limits, f"{kind}_high")) for s in first])
+        relative = np.where(np.isfinite(margin), margin / np.where(bound > 0, bound, 1.0), np.inf)
+        row, column = np.unravel_index(np.argmin(relative), relative.shape)
+        coordinate = log.coordinates[int(column)]
+        tightest.append(LimitSummary(kind, coordinate, float(margin[row, column]), float(relative[row, column])))
+    return tuple(tightest)
+
+
+def _largest(values: np.ndarray) -> float:
+    return float(np.abs(values).max()) if values.size else np.nan
+
+
+def _distances(log: Log) -> tuple[float, ...]:
+    arms = [name.removesuffix(".x") for name in log.pose_coordinates if name.endswith(".x") and name != "base.x"]
+    if len(arms) < 2 or not len(log.time):
+        return (np.nan,) * len(log.stage_names)
+    names, xi = list(log.pose_coordinates), log["pose/xi"]
+    gap = [xi[:, names.index(f"{arms[0]}.{axis}")] - xi[:, names.index(f"{arms[1]}.{axis}")] for axis in "xy"]
+    distance = np.hypot(*gap)
+    return tuple(
+        float(np.interp(t, log.time, distance)) if np.isfinite(t) else np.nan for t in log.stages["switch_time"]
+    )

@@ -1,0 +1,142 @@
+"""Panels of generalized coordinates: base position, base angles, then one panel an arm."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from psmpc_cli.figures.run import Run
+from psmpc_cli.figures.style import AXIS_WIDTH, EDGE, legend_columns, line_look, readable
+from psmpc_cli.figures.timeline import open_timeline
+from psmpc_cli.robot.model import RobotModel
+
+HEIGHT = 0.92
+"""Height of one panel [in]."""
+
+FARTHEST = 4.0
+"""Limits farther away than so many times the largest value are not drawn: nothing else could be read."""
+
+Kind = Literal["position", "velocity", "acceleration"]
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Rows of a vector of generalized coordinates that share a panel."""
+
+    name: str
+    rows: slice
+    labels: tuple[str, ...]
+    angular: bool
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is plotted: its words and units for linear, then for angular coordinates."""
+
+    words: tuple[str, str]
+    units: tuple[str, str]
+
+
+def coordinate_panels(model: RobotModel) -> tuple[Panel, ...]:
+    """Return the panels of Q: base position, base angles, then each arm."""
+    base, d = model.parts["base"], model.dimension
+    angles = ("θ",) if base.stop - base.start - d == 1 else ("yaw", "pitch", "roll")
+    arms = (
+        Panel(
+            readable(name), rows, tuple(_joint(i, rows.stop - rows.start) for i in range(rows.stop - rows.start)), True
+        )
+        for name, rows in model.parts.items()
+        if name != "base"
+    )
+    return (
+        Panel("base", slice(base.start, base.start + d), ("x", "y", "z")[:d], False),
+        Panel("base", slice(base.start + d, base.stop), angles, True),
+        *arms,
+    )
+
+
+def plot_coordinates(
+    run: Run, time: np.ndarray, values: np.ndarray, quantity: Quantity, limits: Kind | None = None
+) -> Figure:
+    """Return a figure of values (K, n) over time (K,) [s], with the limits of that kind in force.
+
+    Args:
+        run: The run.
+        time: Of each row.
+        values: In the order of Q.
+        quantity: What they are.
+        limits: Which limits to draw.
+    """
+    panels = coordinate_panels(run.model)
+    timeline = open_timeline(run, len(panels), HEIGHT)
+    drawn = False
+    for axes, panel in zip(timeline.panels, panels, strict=True):
+        notes: Sequence[Artist] = ()
+        _plot_lines(axes, time, values[:, panel.rows], panel.labels)
+        if limits is not None:
+            seen, notes = _plot_limits(axes, run, limits, panel.rows, values)
+            drawn |= seen
+        axes.set_ylabel(f"{panel.name.capitalize()} {quantity.words[panel.angular]}\n({quantity.units[panel.angular]})")
+        panel_legend(axes, notes)
+    limit = [Line2D([], [], color=EDGE, linewidth=0.7, label="limit")] if drawn else []
+    return timeline.finish(limit)
+
+
+def panel_legend(axes: Axes, more: Sequence[Artist] = (), handle: float = 2.0) -> None:
+    """Write the panel's legend above it, so that it never covers a line; `handle` is the length of its lines [em]."""
+    handles = [*axes.get_legend_handles_labels()[0], *more]
+    fitting = legend_columns((str(handle.get_label()) for handle in handles), AXIS_WIDTH)
+    rows = -(-len(handles) // fitting)
+    axes.legend(
+        handles=handles,
+        loc="lower right",
+        bbox_to_anchor=(1.0, 0.98),
+        ncols=-(-len(handles) // rows),
+        handlelength=handle,
+    )
+
+
+def _joint(index: int, joints: int) -> str:
+    return f"joint {index + 1}" if joints <= 4 else f"{index + 1}"
+
+
+def _plot_lines(axes: Axes, time: np.ndarray, values: np.ndarray, labels: Sequence[str]) -> None:
+    for i, label in enumerate(labels):
+        axes.plot(time, values[:, i], label=label, **line_look(i))
+    axes.margins(y=0.08)
+
+
+def _plot_limits(axes: Axes, run: Run, kind: Kind, rows: slice, values: np.ndarray) -> tuple[bool, list[Artist]]:
+    """Draw the limits in force; return whether any is seen, and a note where some are too far away to be drawn."""
+    time, low, high = limits_in_force(run, kind)
+    largest, seen, beyond = float(np.nanmax(np.abs(values[:, rows]), initial=0.0)), False, False
+    bounds = np.hstack([low[:, rows], high[:, rows]])
+    shared = len(np.unique(low[:, rows], axis=1).T) == 1 and len(np.unique(high[:, rows], axis=1).T) == 1
+    width = low[:, rows].shape[1]
+    for i in [0, width] if shared else range(2 * width):
+        bound = np.where(np.isfinite(bounds[:, i]), bounds[:, i], np.nan)
+        if np.all(np.isnan(bound)):
+            continue
+        if np.nanmin(np.abs(bound)) > FARTHEST * largest > 0:
+            beyond = True
+            continue
+        color = EDGE if shared else line_look(i % width)["color"]
+        axes.plot(time, bound, color=color, linewidth=0.7, label="_limit", zorder=1.5)
+        seen = True
+    return seen, [Line2D([], [], linestyle="none", label="(limits beyond the axis)")] if beyond else []
+
+
+def limits_in_force(run: Run, kind: Kind) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times (2 S,) [s] and the lower and upper limits (2 S, n) of the current stage between them."""
+    spans = [span for span in run.spans if span.end > span.start]
+    times = np.array([edge for span in spans for edge in (span.start, span.end)])
+    low, high = (
+        np.array([getattr(run.stages[span.index].limits, f"{kind}_{side}") for span in spans for _ in range(2)])
+        for side in ("low", "high")
+    )
+    return times, low, high

@@ -1,0 +1,114 @@
+"""The robot at the key instants of a run. Fig. 5 of the paper."""
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from string import ascii_lowercase
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from psmpc_cli.figures.object_motion import held_between
+from psmpc_cli.figures.robot_drawing import TRAIL, draw_scene, object_look, show, view_of
+from psmpc_cli.figures.run import Run
+from psmpc_cli.figures.style import BODY, COLUMN, EDGE, PAGE, PALETTE, TEXT, legend_columns, new_figure, readable
+
+LINE, MARGINS, AROUND = 0.13, 0.85, 0.35
+"""Height of a line of a panel's title; of axis labels and legend; width of labels left of the panels [in]."""
+
+MOST = 8
+"""Snapshots that fit one column; more take a page's width."""
+
+TITLE_LENGTH = 27
+"""Characters of a line of a panel's title."""
+
+
+@dataclass(frozen=True)
+class KeyInstant:
+    """A time [s] worth a look, and what happens then."""
+
+    time: float
+    event: str
+
+
+def key_instants(run: Run) -> tuple[KeyInstant, ...]:
+    """Return start, premature starts, switching instants, loss of the object and end of a run, in the order of time."""
+    found = [KeyInstant(float(run.time[0]), "start")]
+    for span in run.spans:
+        if span.early is not None:
+            found.append(KeyInstant(span.early, f"{readable(span.name)} starts"))
+        if np.isfinite(run.log.stages["switch_time"][span.index]):
+            found.append(KeyInstant(span.end, f"{readable(span.name)} ends"))
+    hold = held_between(run)
+    if hold.lost:
+        found.append(KeyInstant(hold.end, "object lost"))
+    if not any(abs(key.time - run.end) < 1e-6 for key in found):
+        found.append(KeyInstant(run.end, "end of the run"))
+    return _merged(sorted(found, key=lambda key: key.time))
+
+
+def plot_snapshots(run: Run) -> Figure:
+    """Return the robot at each key instant, all panels to the same scale [m]."""
+    keys = key_instants(run)
+    view = view_of(run, np.array([key.time for key in keys]))
+    width, columns = (COLUMN, min(2, len(keys))) if len(keys) <= MOST else (PAGE, 4)
+    titles = [
+        textwrap.fill(f"({_letters(i)}) {key.time:.1f} s: {key.event}", TITLE_LENGTH) for i, key in enumerate(keys)
+    ]
+    rows, lines = -(-len(keys) // columns), 1 + max(title.count("\n") for title in titles)
+    panel = (width - AROUND) / columns * view.aspect
+    figure = new_figure(rows * (panel + lines * LINE) + MARGINS, width)
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for i, (axes, key, title) in enumerate(zip(grid, keys, titles, strict=False)):
+        draw_scene(axes, run, key.time)
+        show(axes, view)
+        axes.set_title(title, loc="left", pad=2, fontsize=TEXT)
+        if i % columns == 0:
+            axes.set_ylabel("y (m)")
+        if i >= (rows - 1) * columns:
+            axes.set_xlabel("x (m)")
+    _place_legend(figure, list(grid[len(keys) :]), _handles(run))
+    return figure
+
+
+def _merged(keys: Sequence[KeyInstant]) -> tuple[KeyInstant, ...]:
+    """Return the instants with those at the same time made one."""
+    merged: list[KeyInstant] = []
+    for key in keys:
+        if merged and abs(key.time - merged[-1].time) < 1e-6:
+            merged[-1] = KeyInstant(key.time, f"{merged[-1].event}, {key.event}")
+        else:
+            merged.append(key)
+    return tuple(merged)
+
+
+def _place_legend(figure: Figure, vacant: list[Axes], handles: Sequence[Patch | Line2D]) -> None:
+    """Write the legend into the first vacant place of the grid, or below the panels where there is none."""
+    for axes in vacant:
+        axes.set_axis_off()
+    if vacant:
+        vacant[0].legend(handles=handles, loc="center")
+    else:
+        columns = legend_columns((str(handle.get_label()) for handle in handles), figure.get_figwidth() - 0.1)
+        figure.legend(handles=handles, loc="outside lower center", ncols=columns)
+
+
+def _handles(run: Run) -> list[Patch | Line2D]:
+    body = Patch(facecolor=BODY, edgecolor="black", linewidth=0.7, label="base")
+    trail = Line2D([], [], color=EDGE, linewidth=0.7, linestyle=TRAIL, label="path of the base")
+    arms = [
+        Line2D([], [], color=PALETTE[i % len(PALETTE)], linewidth=1.5, label=readable(name))
+        for i, name in enumerate(run.model.spec.arms)
+    ]
+    things = [] if run.task.object is None else [Patch(label="object", **object_look(lost=False))]
+    if held_between(run).lost:
+        things.append(Patch(label="object, lost", **object_look(lost=True)))
+    return [body, *arms, *things, trail]
+
+
+def _letters(index: int) -> str:
+    """Return a, b, ..., z, aa, ab, ..."""
+    return ascii_lowercase[index] if index < 26 else _letters(index // 26 - 1) + ascii_lowercase[index % 26]

@@ -1,0 +1,121 @@
+"""One look for all figures: journal column width, fonts, a colour-blind safe palette."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+from matplotlib.textpath import TextPath
+
+COLUMN, PAGE = 3.5, 7.16
+"""Widths of one column and of a page of two columns [in]."""
+
+AXIS_WIDTH = 2.75
+"""About the width of the axes in one column [in]: what names and legends have to fit."""
+
+TEXT = 7.0
+"""Smallest text [pt]."""
+
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+"""Okabe and Ito's colours, those that show on white; yellow is left out."""
+
+DASHES: tuple[Any, ...] = (
+    "-",
+    (0, (5, 1.2)),
+    (0, (5, 1.2, 1, 1.2)),
+    (0, (1.5, 1)),
+    (0, (8, 2)),
+    (0, (3, 1, 1, 1, 1, 1)),
+)
+"""Line styles that go with the colours, so that a print in grey can be read as well."""
+
+LONGEST_NAME = 20
+"""Characters of a name that are shown."""
+
+LEGEND_ENTRY, LEGEND_GAP = 0.25, 0.12
+"""Width of a legend's line with its gap to the text; of the gap between two entries [in]."""
+
+STAGE, EARLY, SWITCH, EDGE, BODY, OBJECT = "#ECECEC", "#FAD28A", "#A0A0A0", "#444444", "#C9D3DA", "#F5EDA0"
+"""Every other stage; a stage acting early; switching instants; limits and outlines; the base; the object."""
+
+STYLE: Mapping[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.0,
+    "mathtext.fontset": "dejavusans",
+    "axes.labelsize": 7.5,
+    "axes.titlesize": TEXT,
+    "axes.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+    "xtick.labelsize": TEXT,
+    "ytick.labelsize": TEXT,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.width": 0.4,
+    "ytick.minor.width": 0.4,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "xtick.minor.size": 1.5,
+    "ytick.minor.size": 1.5,
+    "legend.fontsize": TEXT,
+    "legend.frameon": False,
+    "legend.borderpad": 0.1,
+    "legend.borderaxespad": 0.2,
+    "legend.handlelength": 2.0,
+    "legend.handletextpad": 0.5,
+    "legend.columnspacing": 1.2,
+    "legend.labelspacing": 0.25,
+    "lines.linewidth": 1.1,
+    "lines.markersize": 3.0,
+    "hatch.linewidth": 0.5,
+    "savefig.dpi": 300,
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "psmpc",
+    "figure.constrained_layout.h_pad": 0.03,
+    "figure.constrained_layout.w_pad": 0.02,
+    "figure.constrained_layout.hspace": 0.02,
+    "figure.constrained_layout.wspace": 0.02,
+}
+"""Matplotlib settings in force while a figure is drawn and written."""
+
+
+@contextmanager
+def in_style() -> Iterator[None]:
+    """Put the settings above in force for a while, whatever the user's own are."""
+    settings: Any = dict(STYLE)  # the type of its keys differs between versions of Matplotlib
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(settings)
+        yield
+
+
+def new_figure(height: float, width: float = COLUMN) -> Figure:
+    """Return an empty figure of the given size [in], without a window and unknown to pyplot."""
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def line_look(index: int) -> dict[str, Any]:
+    """Return colour and line style of the line at this place of its panel."""
+    return {"color": PALETTE[index % len(PALETTE)], "linestyle": DASHES[index % len(DASHES)]}
+
+
+def readable(name: str) -> str:
+    """Return a name from a specification as words, such as arm 1 for arm_1, cut where it is very long."""
+    words = name.replace("_", " ")
+    return words if len(words) <= LONGEST_NAME else f"{words[: LONGEST_NAME - 1].rstrip()}…"
+
+
+def text_width(text: str) -> float:
+    """Return the width of a text in the smallest size [in]."""
+    return float(TextPath((0, 0), text, size=TEXT).get_extents().width) / 72 if text.strip() else 0.0
+
+
+def legend_columns(labels: Iterable[str], width: float) -> int:
+    """Return in how many columns these entries of a legend fit a width [in]; at least one."""
+    widths = [text_width(label) + LEGEND_ENTRY + LEGEND_GAP for label in labels]
+    if sum(widths) <= width + LEGEND_GAP:
+        return max(1, len(widths))
+    return max(1, int((width + LEGEND_GAP) / max(widths)))

@@ -1,0 +1,134 @@
+"""The frame of every figure over time: a strip that names the stages, and panels below it shaded by stage."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
+
+from psmpc_cli.figures.run import Run, Span
+from psmpc_cli.figures.style import (
+    AXIS_WIDTH,
+    COLUMN,
+    EARLY,
+    EDGE,
+    STAGE,
+    SWITCH,
+    TEXT,
+    legend_columns,
+    new_figure,
+    readable,
+    text_width,
+)
+
+STRIP, MARGINS = 0.3, 0.75
+"""Height of the strip; of everything else but the panels [in]."""
+
+ROOM = 0.012
+"""Free space at either end of the time axis, as a part of the run: its first and last values must be seen."""
+
+DOTTED = (0, (1, 1.5))
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """A figure, its panels from top to bottom, and what its common legend says of the stages."""
+
+    figure: Figure
+    panels: Sequence[Axes]
+    handles: tuple[Artist, ...]
+
+    def finish(self, handles: Sequence[Artist] = ()) -> Figure:
+        """Write the common legend, with more entries, below the panels and return the figure."""
+        every = [*handles, *self.handles]
+        if every:
+            columns = legend_columns((str(handle.get_label()) for handle in every), COLUMN - 0.1)
+            self.figure.legend(handles=every, loc="outside lower center", ncols=columns)
+        return self.figure
+
+
+def open_timeline(run: Run, panels: int, height: float) -> Timeline:
+    """Return a figure of `panels` empty panels, each `height` [in] tall, along the time of the run."""
+    figure = new_figure(STRIP + MARGINS + panels * height)
+    axes = figure.subplots(panels + 1, 1, sharex=True, height_ratios=[STRIP] + [height] * panels)
+    room = ROOM * max(run.end - float(run.time[0]), 1e-3)
+    axes[0].set_xlim(float(run.time[0]) - room, run.end + room)
+    keys = _draw_strip(axes[0], run)
+    for panel in axes[1:]:
+        shade(panel, run.spans)
+    axes[-1].set_xlabel("Time (s)")
+    figure.align_ylabels(axes[1:])
+    return Timeline(figure, axes[1:], (*_stage_handles(run.spans), *keys))
+
+
+def shade(axes: Axes, spans: Sequence[Span]) -> None:
+    """Shade every other stage, and where the next one acted early; a dotted line marks each premature start."""
+    for span in spans:
+        if span.index % 2:
+            axes.axvspan(span.start, span.end, facecolor=STAGE, edgecolor="none", zorder=0)
+        if span.index:
+            axes.axvline(span.start, color=SWITCH, linewidth=0.5, zorder=0.15)
+    for span in spans:
+        if span.early is not None:
+            axes.axvspan(span.early, span.start, facecolor=EARLY, edgecolor="none", zorder=0.1)
+            axes.axvline(span.early, color="black", linestyle=DOTTED, linewidth=0.8, zorder=0.2)
+
+
+def _stage_handles(spans: Sequence[Span]) -> tuple[Artist, ...]:
+    handles: list[Artist] = []
+    if len(spans) > 1:
+        handles.append(Patch(facecolor=STAGE, edgecolor=EDGE, linewidth=0.4, label="every other stage"))
+    if any(span.early is not None for span in spans):
+        handles.append(Patch(facecolor=EARLY, edgecolor="none", label="next stage acts already"))
+        handles.append(Line2D([], [], color="black", linestyle=DOTTED, linewidth=0.8, label="premature start"))
+    return tuple(handles)
+
+
+def _draw_strip(axes: Axes, run: Run) -> tuple[Artist, ...]:
+    """Draw the stages as bars, alternately on two rows; return legend entries of those whose names do not fit."""
+    axes.set_ylim(2, 0)
+    axes.set_axis_off()
+    names = _strip_names(run)
+    for span in run.spans:
+        row, face = span.index % 2, STAGE if span.index % 2 else "white"
+        left, bottom, height = _left(span), row + 0.07, 0.86
+        axes.add_patch(Rectangle((left, bottom), span.start - left, height, facecolor=EARLY))
+        axes.add_patch(Rectangle((span.start, bottom), span.end - span.start, height, facecolor=face))
+        outline = Rectangle((left, bottom), span.end - left, height, fill=False, edgecolor=EDGE, linewidth=0.5)
+        outline.set_clip_on(False)
+        axes.add_patch(outline)
+        centre, text = names[span.index]
+        axes.text(centre, row + 0.54, text, fontsize=TEXT, ha="center", va="center")
+    return tuple(
+        Line2D([], [], linestyle="none", label=f"{span.index + 1}: {readable(span.name)}")
+        for span in run.spans
+        if names[span.index][1] != readable(span.name)
+    )
+
+
+def _strip_names(run: Run) -> dict[int, tuple[float, str]]:
+    """Return where each stage's name stands on the strip, and the name; its number where the name does not fit."""
+    first, last = float(run.time[0]), run.end
+    per_inch = (last - first) / AXIS_WIDTH
+    names = {}
+    for span in run.spans:
+        name = readable(span.name)
+        half = (text_width(name) + 0.06) * per_inch / 2
+        centre = min(max(_middle(span), first + half), max(last - half, first + half))
+        same_row = [other for other in run.spans if other is not span and (other.index - span.index) % 2 == 0]
+        clear = all(centre + half <= _left(other) or other.end <= centre - half for other in same_row)
+        names[span.index] = (
+            (centre, name) if clear and half * 2 <= last - first else (_middle(span), str(span.index + 1))
+        )
+    return names
+
+
+def _left(span: Span) -> float:
+    return span.start if span.early is None else span.early
+
+
+def _middle(span: Span) -> float:
+    return (_left(span) + span.end) / 2

@@ -1,0 +1,13 @@
+"""Generalized velocities over time, with their limits."""
+
+from matplotlib.figure import Figure
+
+from psmpc_cli.figures.panels import Quantity, plot_coordinates
+from psmpc_cli.figures.run import Run
+
+
+def plot_velocities(run: Run) -> Figure:
+    """Return generalized velocities [m/s, rad/s] over time, with the limits in force."""
+    return plot_coordinates(
+        run, run.time, run.Qdot, Quantity(("velocity", "velocity"), ("m/s", "rad/s")), limits="velocity"
+    )

@@ -1,0 +1,78 @@
+"""A record: everything one sample leaves behind."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class SolveRecord:
+    """What a solve was given and what it returned, enough to repeat it. Empty arrays where there was nothing."""
+
+    status: str
+    iterations: int
+    wall_time: float  # [s], the solve alone
+    objective: float  # J, in the task's own priorities
+    guess: np.ndarray
+    guess_multipliers: np.ndarray
+    parameters: np.ndarray
+    solution: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class TickRecord:
+    """Every low-level tick of a sample: time (M,), Q, Qdot (M, n), F (M, n)."""
+
+    time: np.ndarray
+    Q: np.ndarray
+    Qdot: np.ndarray
+    F: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One sample of the closed loop, from measured state to what the plant did until the next one.
+
+    Attributes:
+        time: Of the sample [s].
+        Q, Qdot: Measured (n,).
+        u: Acceleration applied over the first tick (n,) [m/s^2, rad/s^2].
+        F: Generalized force over the first tick (n,) [N, N m].
+        xi: Poses (m,).
+        window_first: Index of the current stage.
+        instants: Switching instants in the window (S,) [s], absolute.
+        nadir: Scale of each window stage's normalized cost, (S + 1,).
+        flags: Names of what happened: appended, postponed, fallback, braking.
+        switches: Stage index and instant [s] of each hand-over since the last sample.
+        presence: By stage index, the norm of the control a waiting stage adds. See `OnsetObserver`.
+        solve: The solve.
+        stage_cost: Lbar of the current stage.
+        position_margin, velocity_margin: Smallest distance to a limit over all ticks until the next sample (n,).
+        control_effort: Integral of |u|^2 until the next sample.
+        thruster_effort: Integrals of the norms of base force and base torque until the next sample (2,) [N s, N m s].
+        momentum_error: p(t) - p(0) - integral of the external wrench, at the next sample (3,).
+        energy_error: T - T(0) - integral of F' Qdot, at the next sample [J].
+        ticks: Every tick, where asked for.
+    """
+
+    time: float
+    Q: np.ndarray
+    Qdot: np.ndarray
+    u: np.ndarray
+    F: np.ndarray
+    xi: np.ndarray
+    window_first: int
+    instants: np.ndarray
+    nadir: np.ndarray
+    flags: frozenset[str]
+    switches: tuple[tuple[int, float], ...]
+    presence: dict[int, float]
+    solve: SolveRecord
+    stage_cost: float
+    position_margin: np.ndarray
+    velocity_margin: np.ndarray
+    control_effort: float
+    thruster_effort: np.ndarray
+    momentum_error: np.ndarray
+    energy_error: float
+    ticks: TickRecord | None = None

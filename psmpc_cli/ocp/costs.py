@@ -1,0 +1,66 @@
+"""Stage costs, errors and end conditions evaluated on numbers, many nodes at once."""
+
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from psmpc_cli.ocp.skills import SKILLS
+from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.robot.model import RobotModel
+
+
+class StageCosts:
+    """Evaluates the skills of one robot on arrays of states."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model = model
+        self._error = cache(self._build_error)
+        self._pose_acceleration = cache(self._build_pose_acceleration)
+
+    def _build_error(self, space: str) -> tuple[ca.Function, ca.Function]:
+        skill, n = SKILLS[space], self.model.n
+        Q, Qdot = ca.SX.sym("Q", n), ca.SX.sym("Qdot", n)
+        target = ca.SX.sym("target", skill.rows(self.model))
+        error = ca.Function("error", [Q, target], [skill.error(self.model, Q, target)])
+        return error, ca.Function("rate", [Q, Qdot], [skill.rate(self.model, Q, Qdot)])
+
+    def _build_pose_acceleration(self) -> ca.Function:
+        Q, Qdot, u = (ca.SX.sym(name, self.model.n) for name in ("Q", "Qdot", "u"))
+        return ca.Function("a", [Q, Qdot, u], [self.model.J_C(Q) @ u + self.model.Jdot_Qdot(Q, Qdot)])
+
+    def errors(self, stage: Stage, X: np.ndarray) -> np.ndarray:
+        """Return the stage's error at each state (K, rows) [m, rad]; X is (K, 2n)."""
+        error, _ = self._error(stage.space)
+        return np.asarray(error(X[:, : self.model.n].T, np.tile(stage.target[:, None], (1, len(X))))).T
+
+    def rates(self, stage: Stage, X: np.ndarray) -> np.ndarray:
+        """Return the rate of the stage's error at each state (K, rows) [m/s, rad/s]."""
+        _, rate = self._error(stage.space)
+        return np.asarray(rate(X[:, : self.model.n].T, X[:, self.model.n :].T)).T
+
+    def along(self, stage: Stage, X: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Return Lbar at the nodes (K + 1,) of X (K + 1, 2n), u (K, n); the last control counts twice."""
+        return self.at(stage, X, np.vstack([u, u[-1:]]))
+
+    def at(self, stage: Stage, X: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
+        if stage.input == "task":
+            u = self.task_acceleration(X, u)
+        error = self.errors(stage, X)
+        return np.asarray(error**2 @ stage.weights + u**2 @ stage.control_weights)
+
+    def task_acceleration(self, X: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Return the acceleration of xi (K, m) that Qddot = u means: J_C u + Jdot_C Qdot."""
+        n = self.model.n
+        return np.asarray(self._pose_acceleration()(X[:, :n].T, X[:, n:].T, u.T)).T
+
+    def met(self, stage: Stage, X: np.ndarray, margin: float = 1.0) -> np.ndarray:
+        """Return whether the end condition (18) holds at each state (K,), its tolerances widened by `margin`."""
+        if not stage.end_rows:
+            return np.zeros(len(X), bool)
+        rows = list(stage.end_rows)
+        ok = np.all(np.abs(self.errors(stage, X)[:, rows]) <= stage.tolerance * margin + 1e-6, axis=1)
+        if stage.end_velocity is not None:
+            ok &= np.all(np.abs(self.rates(stage, X)[:, rows]) <= stage.end_velocity * margin + 1e-6, axis=1)
+        return np.asarray(ok)

@@ -1,0 +1,229 @@
+"""Whether a task can be done at all, as far as that can be told beforehand: limits, reach, and the order of events."""
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from psmpc_cli.ocp.outlook import (
+    BASE,
+    Outlook,
+    Vector,
+    counts,
+    end_tolerances,
+    is_coordinate,
+    look_ahead,
+    pose_rows,
+    reach_with,
+)
+from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.robot.reach import Reach
+from psmpc_cli.specs.coordinates import labels, stack
+from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.problem import Path, Problem, dotted, quoted
+from psmpc_cli.specs.report import refusal, report
+from psmpc_cli.specs.robot import RobotSpec
+
+SLACK = 1e-9
+"""By which a bound may be missed [m, rad]: decimals of degrees."""
+
+ALL_KNOWN = 3
+"""Links of an arm up to which "not reachable" is certain."""
+
+
+def ensure_feasible(task: LoadedTask) -> None:
+    """Make sure that nothing stands against a task.
+
+    Raises:
+        SpecError: Something does; the message has all of it, located in the task's file.
+    """
+    problems = review(task)
+    if problems:
+        raise refusal(report(task.source, problems))
+
+
+def review(task: LoadedTask, outlooks: Sequence[Outlook] | None = None) -> list[Problem]:
+    """Return everything that stands against a task.
+
+    Args:
+        task: The task.
+        outlooks: What is known of its stages; found out if not given.
+    """
+    outlooks = look_ahead(task) if outlooks is None else outlooks
+    return [
+        *_initial(task, outlooks[0].stage),
+        *(problem for outlook in outlooks for problem in _targets(task, outlook)),
+        *(problem for now, then in pairwise(outlooks) for problem in _handover(task, now, then)),
+        *_times(task, outlooks),
+    ]
+
+
+def remarks(task: LoadedTask, outlooks: Sequence[Outlook]) -> list[Problem]:
+    """Return what does not stand against a task but is probably not meant.
+
+    A stage in task space keeps the base. If it wants it elsewhere than the stage before leaves it, and so far that an
+    arm does not reach its target from there, one of the two may be a misprint.
+    """
+    found = []
+    for before, outlook in pairwise(outlooks):
+        stage, left = outlook.stage, before.stage.target[BASE]
+        if not set(range(BASE.stop)) <= set(before.stage.end_rows):
+            continue
+        reaches = {arm: reach_with(stage, task.robot, arm, stage.limits, left) for arm in outlook.reaches}
+        far = [arm for arm, reach in reaches.items() if reach.distance > reach.full_reach and not reach.reachable]
+        for arm in (arm for arm in far[:1] if outlook.reaches[arm].reachable):
+            message = (
+                f"found the base {np.hypot(*(stage.target[:2] - left[:2])):.4g} m from where "
+                f"{quoted(before.stage.name)} leaves it, expected it there: the target of {arm} is then "
+                f"{reaches[arm].distance:.4g} m from its shoulder, its reach is {reaches[arm].full_reach:.4g} m"
+            )
+            found.append(Problem(_key(task, ("stages", stage.index, "target"), "base"), message))
+    return found
+
+
+def _initial(task: LoadedTask, first: Stage) -> Iterator[Problem]:
+    """Give what of the initial state the first stage does not allow."""
+    limits = first.limits
+    position = stack(task.spec.initial, task.robot, "joint")
+    velocity = stack(task.spec.initial_velocity, task.robot, "joint", missing=0.0)
+    for key, values, low, high in (
+        ("initial", position, limits.position_low, limits.position_high),
+        ("initial_velocity", velocity, limits.velocity_low, limits.velocity_high),
+    ):
+        for row in _outside(values, low, high):
+            path = _path(task, (key,), row, "joint")
+            unit = "/s" if key == "initial_velocity" else ""
+            yield Problem(path, _beyond(task.robot, row, values[row], low[row], high[row], unit))
+
+
+def _targets(task: LoadedTask, outlook: Outlook) -> Iterator[Problem]:
+    """Give what of a stage's target lies outside its limits, or out of reach."""
+    stage, low, high = outlook.stage, outlook.stage.limits.position_low, outlook.stage.limits.position_high
+    for row in _targets_outside(stage):
+        path = _path(task, ("stages", stage.index, "target"), row, stage.space)
+        yield Problem(path, _beyond(task.robot, row, stage.target[row], low[row], high[row]))
+    for arm, reach in outlook.reaches.items():
+        found = _out_of_reach(arm, reach, stage, len(task.robot.arms[arm].links))
+        if found:
+            yield Problem(_key(task, ("stages", stage.index, "target"), arm), found)
+
+
+def _targets_outside(stage: Stage) -> list[int]:
+    """Return the rows of Q whose targets the stage asks for but its limits forbid."""
+    last = len(stage.target) if stage.space == "joint" else BASE.stop
+    limits = stage.limits
+    rows = _outside(stage.target[:last], limits.position_low[:last], limits.position_high[:last])
+    return [row for row in rows if counts(stage, slice(row, row + 1))]
+
+
+def _out_of_reach(arm: str, reach: Reach, stage: Stage, links: int) -> str | None:
+    """Say why an arm cannot take its target; None if it can, or if that cannot be told."""
+    x, y, theta = stage.target[BASE]
+    base = f"with the base at [{x:g}, {y:g}, {np.degrees(theta):g} deg]"
+    if reach.distance > reach.full_reach and not reach.reachable:
+        return (
+            f"found a pose {reach.distance:.4g} m from the shoulder of {arm} {base}, "
+            f"expected at most its reach of {reach.full_reach:.4g} m"
+        )
+    if not reach.within_annulus:
+        return (
+            f"found a pose that puts the last joint {reach.wrist_distance:.4g} m from the shoulder of {arm} {base}, "
+            f"expected between {reach.inner:.4g} and {reach.outer:.4g} m, the reach of the links before the last"
+        )
+    if not reach.reachable and links <= ALL_KNOWN:
+        return (
+            f"found a pose that {arm} can take only beyond its joint limits {base} "
+            f"({reach.distance:.4g} m from its shoulder, within its reach of {reach.full_reach:.4g} m), "
+            "expected one within them"
+        )
+    return None
+
+
+def _handover(task: LoadedTask, now: Outlook, then: Outlook) -> Iterator[Problem]:
+    """Give what a stage leaves behind at its end that the limits of the next one do not allow."""
+    stage, limits, path = now.stage, then.stage.limits, ("stages", now.stage.index, "ends_when")
+    for row, tolerance in end_tolerances(stage).items():
+        if not is_coordinate(stage, row) or row in _targets_outside(stage):
+            continue
+        value, low, high = stage.target[row], limits.position_low[row], limits.position_high[row]
+        if value + tolerance < low - SLACK or value - tolerance > high + SLACK:
+            message = _beyond(task.robot, row, value, low, high)
+            yield Problem(path, f"{message}, where {quoted(then.stage.name)} keeps it")
+    for arm in _pinned(now, task.robot):
+        if not reach_with(stage, task.robot, arm, limits).reachable:
+            message = (
+                f"found a pose of {arm} that it can take only beyond its joint limits in {quoted(then.stage.name)}"
+            )
+            yield Problem(path, f"{message}, expected one within them")
+
+
+def _pinned(outlook: Outlook, robot: RobotSpec) -> list[str]:
+    """Return the arms whose place at the end of a stage is known, base and all, and whose limits can be told."""
+    known = set(outlook.stage.end_rows)
+    return [
+        arm
+        for arm, reach in outlook.reaches.items()
+        if {*range(BASE.stop), *range(pose_rows(robot, arm).start, pose_rows(robot, arm).stop)} <= known
+        if reach.reachable and len(robot.arms[arm].links) <= ALL_KNOWN
+    ]
+
+
+def _times(task: LoadedTask, outlooks: Sequence[Outlook]) -> Iterator[Problem]:
+    """Give end conditions that can never be met, and times that are too early for what comes before them."""
+    before = 0.0
+    for outlook in outlooks:
+        stage, path = outlook.stage, ("stages", outlook.stage.index)
+        for row in outlook.stuck:
+            low, high = (bound[row] for bound in (stage.limits.velocity_low, stage.limits.velocity_high))
+            message = (
+                f"found {labels(task.robot, 'joint')[row]} to be moved, expected velocity limits that allow it, not"
+            )
+            yield Problem((*path, "ends_when"), f"{message} {_span(task.robot, row, low, high, '/s')}")
+        if stage.at is not None and stage.at < before + stage.dwell:
+            since = dotted(("stages", stage.index - 1))
+            message = f"found {stage.at:g} s, expected later: {since} cannot end before {before:.4g} s"
+            yield Problem((*path, "at"), f"{message} under the velocity limits")
+        before = max(before, outlook.earliest_end)
+    if before > task.spec.time_limit:
+        last = outlooks[-1].stage.name
+        yield Problem(
+            ("time_limit",),
+            f"found {task.spec.time_limit:g} s, expected at least {before:.4g} s: {quoted(last)} cannot end before "
+            "under the velocity limits",
+        )
+
+
+def _outside(values: Vector, low: Vector, high: Vector) -> list[int]:
+    """Return the rows whose values are out of bounds."""
+    return [int(row) for row in np.flatnonzero((values < low - SLACK) | (values > high + SLACK))]
+
+
+def _beyond(robot: RobotSpec, row: int, value: float, low: float, high: float, per: str = "") -> str:
+    """Say that a coordinate is out of bounds."""
+    name, found = labels(robot, "joint")[row], _value(robot, row, value, per)
+    return f"found {name} at {found}, expected within its limits {_span(robot, row, low, high, per)}"
+
+
+def _value(robot: RobotSpec, row: int, value: float, per: str = "") -> str:
+    """Write a value of Q with its unit, angles in degrees."""
+    lengths = ("base.x", "base.y")
+    return f"{value:.6g} m{per}" if labels(robot, "joint")[row] in lengths else f"{np.degrees(value):.6g} deg{per}"
+
+
+def _span(robot: RobotSpec, row: int, low: float, high: float, per: str = "") -> str:
+    """Write a pair of bounds with their unit."""
+    return f"[{_value(robot, row, low, per)}, {_value(robot, row, high, per)}]"
+
+
+def _path(task: LoadedTask, parts: Path, row: int, space: str) -> Path:
+    """Return where a row of Q or xi is in numbers by part."""
+    part = labels(task.robot, "joint" if space == "joint" else "task")[row].rpartition(".")[0]
+    sizes = task.robot.parts if space == "joint" else dict.fromkeys(task.robot.parts, BASE.stop)
+    before = sum(size for name, size in sizes.items() if list(sizes).index(name) < list(sizes).index(part))
+    return (*_key(task, parts, part), row - before)
+
+
+def _key(task: LoadedTask, parts: Path, part: str) -> Path:
+    """Return where the numbers of a part are: under its own name or under `arms`."""
+    own = (*parts, part)
+    return own if own in task.source.entries or part == "base" else (*parts, "arms")

@@ -1,0 +1,101 @@
+"""Where everything stands in the vectors of a window's NLP."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class StageShape:
+    """What of a stage decides the structure of the NLP; all numbers are parameters."""
+
+    space: str
+    input: str
+    end_rows: tuple[int, ...]  # rows of the error with an end condition at the stage's end; empty: none
+    end_velocity: bool  # the rates of those rows are bounded too
+    fixed_end: bool  # the stage switches at a given instant
+
+
+@dataclass(frozen=True)
+class WindowShape:
+    """The structure of a window: one compiled NLP serves all windows of the same shape."""
+
+    stages: tuple[StageShape, ...]
+    nodes: tuple[int, ...]  # N_s, intervals of each stage
+    discretization: str
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Offsets of the decision variables x_0, u_0, x_1, u_1, ..., x_K, each x_k = [Q; Qdot; tau_0 .. tau_{S-1}].
+
+    Attributes:
+        n: Generalized coordinates.
+        nodes: N_s of each stage.
+        inputs: Inputs of each stage.
+        rows: Error rows of each stage.
+    """
+
+    n: int
+    nodes: tuple[int, ...]
+    inputs: tuple[int, ...]
+    rows: tuple[int, ...]
+
+    @property
+    def switches(self) -> int:
+        """Number of switching instants in the window, S."""
+        return len(self.nodes) - 1
+
+    @property
+    def nx(self) -> int:
+        """Size of x_k, the durations included."""
+        return 2 * self.n + self.switches
+
+    @property
+    def K(self) -> int:
+        """Number of intervals."""
+        return sum(self.nodes)
+
+    @cached_property
+    def stage_of(self) -> np.ndarray:
+        """Stage (in the window) of each interval, (K,)."""
+        return np.repeat(np.arange(len(self.nodes)), self.nodes)
+
+    @cached_property
+    def first_node(self) -> np.ndarray:
+        """First node of each stage, and the last node of all, (S + 2,)."""
+        return np.concatenate([[0], np.cumsum(self.nodes)])
+
+    @cached_property
+    def offsets(self) -> np.ndarray:
+        """Offset of x_k in the decision vector, (K + 1,)."""
+        sizes = [self.nx + self.inputs[s] for s in self.stage_of]
+        return np.concatenate([[0], np.cumsum(sizes)]).astype(int)
+
+    @property
+    def size(self) -> int:
+        """Size of the decision vector."""
+        return int(self.offsets[-1]) + self.nx
+
+    @cached_property
+    def state_index(self) -> np.ndarray:
+        """Indices of [Q; Qdot] at each node, (K + 1, 2n)."""
+        return self.offsets[:, None] + np.arange(2 * self.n)[None, :]
+
+    @cached_property
+    def duration_index(self) -> np.ndarray:
+        """Indices of the durations at each node, (K + 1, S)."""
+        return self.offsets[:, None] + 2 * self.n + np.arange(self.switches)[None, :]
+
+    def input_index(self, stage: int) -> np.ndarray:
+        """Return the indices of the inputs of a stage's intervals, (N_s, inputs)."""
+        first = self.offsets[self.first_node[stage] : self.first_node[stage + 1]]
+        return first[:, None] + self.nx + np.arange(self.inputs[stage])[None, :]
+
+
+def mesh(durations: np.ndarray, nodes: tuple[int, ...]) -> np.ndarray:
+    """Return the node times (K + 1,) [s] from the start of the window; `durations` of all stages. Paper eq. (19)."""
+    ends = np.r_[0.0, np.cumsum(durations)]
+    pieces = [a + (b - a) * np.arange(1, N + 1) / N for a, b, N in zip(ends[:-1], ends[1:], nodes, strict=True)]
+    return np.concatenate([[0.0], *pieces])

@@ -1,0 +1,88 @@
+"""A plan: what one solve predicts and intends, and how it is read at other times."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Piecewise constant accelerations and the states they lead through.
+
+    Attributes:
+        times: Node times (K + 1,) [s], absolute, nondecreasing.
+        X: States [Q; Qdot] at the nodes (K + 1, 2n).
+        u: Accelerations Qddot over the intervals (K, n).
+        instants: Switching instants in the plan (S,) [s], absolute.
+    """
+
+    times: np.ndarray
+    X: np.ndarray
+    u: np.ndarray
+    instants: np.ndarray
+
+    @property
+    def start(self) -> float:
+        """First instant of the plan [s]."""
+        return float(self.times[0])
+
+    @property
+    def end(self) -> float:
+        """Last instant of the plan [s]."""
+        return float(self.times[-1])
+
+    def intervals_at(self, times: np.ndarray) -> np.ndarray:
+        """Return the interval that holds just after each time, clipped to the plan's."""
+        return np.clip(np.searchsorted(self.times, times + 1e-12, side="right") - 1, 0, len(self.u) - 1)
+
+    def control_at(self, times: np.ndarray) -> np.ndarray:
+        """Return the acceleration just after each time (len(times), n); zero past the plan's end."""
+        u: np.ndarray = self.u[self.intervals_at(times)]
+        u[times >= self.end - 1e-12] = 0.0
+        return u
+
+    def states_at(self, times: np.ndarray) -> np.ndarray:
+        """Return the states (len(times), 2n), exact between the nodes; past its end the robot coasts."""
+        n = self.u.shape[1]
+        k = self.intervals_at(times)
+        past = times >= self.end - 1e-12
+        since = np.where(past, times - self.end, times - self.times[k])[:, None]
+        X, u = np.where(past[:, None], self.X[-1], self.X[k]), np.where(past[:, None], 0.0, self.u[k])
+        Q, Qdot = X[:, :n], X[:, n:]
+        return np.hstack([Q + since * Qdot + since**2 / 2 * u, Qdot + since * u])
+
+    def mean_control(self, edges: np.ndarray) -> np.ndarray:
+        """Return the mean acceleration between consecutive edges (len(edges) - 1, n); zero past the plan's end.
+
+        Nodes and ticks do not align; the mean keeps the velocities at the ticks equal to the plan's.
+        """
+        impulse = np.vstack([np.zeros(self.u.shape[1]), np.cumsum(np.diff(self.times)[:, None] * self.u, axis=0)])
+        at = np.column_stack([np.interp(edges, self.times, column) for column in impulse.T])
+        return np.asarray(np.diff(at, axis=0) / np.diff(edges)[:, None])
+
+
+def resting_plan(start: float, horizon: float, nodes: int, x: np.ndarray) -> Plan:
+    """Return the plan that applies no control from x on: the first guess of a run."""
+    n = len(x) // 2
+    times = start + horizon * np.arange(nodes + 1) / nodes
+    Qdot = np.broadcast_to(x[n:], (nodes + 1, n))
+    X = np.hstack([x[:n] + (times - start)[:, None] * Qdot, Qdot])
+    return Plan(times, X, np.zeros((nodes, n)), np.zeros(0))
+
+
+def shift(plan: Plan, now: float, horizon: float, x: np.ndarray) -> Plan:
+    """Return the plan from now on, begun at the measured state x (2n,) and extended to the horizon's new end."""
+    end = now + horizon
+    inside = plan.times[(plan.times > now + 1e-9) & (plan.times < end - 1e-9)]
+    times = np.r_[now, inside, end]
+    X = plan.states_at(times)
+    X[0] = x
+    return Plan(times, X, plan.control_at(times[:-1]), plan.instants[plan.instants > now])
+
+
+def braking_plan(start: float, x: np.ndarray, duration: float) -> Plan:
+    """Return the plan that brings all velocities to rest at a constant rate within `duration` [s]."""
+    n = len(x) // 2
+    u = -x[n:] / duration
+    at_rest = np.r_[x[:n] + duration / 2 * x[n:], np.zeros(n)]
+    return Plan(np.array([start, start + duration]), np.vstack([x, at_rest]), u[None], np.zeros(0))

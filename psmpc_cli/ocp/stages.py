@@ -1,0 +1,117 @@
+"""The task's stages as numbers: vectors in the order of Q or xi, rows of the end condition, limits in force."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.ocp.skills import SKILLS
+from psmpc_cli.robot.model import RobotModel, angle_rows, nearest_equivalent
+from psmpc_cli.specs.coordinates import rows, stack, tolerances
+from psmpc_cli.specs.limits import Limits, resolve
+from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.task import SkillSpec, StageSpec, TaskSpec
+
+Vector = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """One stage of the task, resolved for one robot.
+
+    Attributes:
+        target: Target in the order of Q (n,) or xi (m,) [m, rad].
+        weights: Diagonal of W_q or W_p, as `target`.
+        control_weights: Diagonal of W_r, one per input.
+        end_rows: Rows of the error on which the end condition (18) stands; empty where `at` is given.
+        tolerance: Its tolerance, one per end row [m, rad].
+        end_velocity: Bound on the rate of those rows [m/s, rad/s], or None.
+        at: Fixed switching time [s], or None.
+        dwell: Minimum duration [s].
+        onset_rows: Rows of the control whose norm marks the actual start.
+    """
+
+    index: int
+    name: str
+    space: str
+    input: str
+    priority: float
+    target: Vector
+    weights: Vector
+    control_weights: Vector
+    end_rows: tuple[int, ...]
+    tolerance: Vector
+    end_velocity: float | None
+    at: float | None
+    dwell: float
+    limits: Limits
+    onset_rows: tuple[int, ...]
+
+
+def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[Stage, ...]:
+    """Return the task's stages, resolved; target angles become the nearest equivalent ones along the sequence."""
+    targets = _unwrapped_targets(task, robot, model)
+    return tuple(_stage(i, task, robot, model, target) for i, target in enumerate(targets))
+
+
+def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, target: Vector) -> Stage:
+    spec = task.stages[index]
+    skill = task.skills[spec.skill]
+    end = spec.ends_when if spec.at is None else None
+    return Stage(
+        index=index,
+        name=spec.name,
+        space=skill.space,
+        input=skill.input,
+        priority=spec.priority,
+        target=target,
+        weights=stack(skill.weights.parts, robot, skill.space),
+        control_weights=_control_weights(skill, robot, model),
+        end_rows=() if end is None else rows(end.coordinates, robot, skill.space),
+        tolerance=np.zeros(0) if end is None else tolerances(end, robot, skill.space),
+        end_velocity=None if end is None else end.velocity,
+        at=spec.at,
+        dwell=spec.dwell,
+        limits=resolve(robot, task.limits, skill.limits),
+        onset_rows=_onset_rows(task.stages, index, task, robot),
+    )
+
+
+def _control_weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> Vector:
+    control = skill.weights.control
+    if isinstance(control, float | int):
+        return np.full(model.n if skill.input == "joint" else model.m, float(control))
+    return stack(control, robot, skill.input)
+
+
+def _onset_rows(stages: Sequence[StageSpec], index: int, task: TaskSpec, robot: RobotSpec) -> tuple[int, ...]:
+    """Return the stage's onset coordinates in Q; by default all of them."""
+    names = stages[index].onset
+    return rows(names if names is not None else ("all",), robot, "joint")
+
+
+def _unwrapped_targets(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> list[Vector]:
+    """Return every stage's target, each angle moved to the equivalent nearest to where the sequence stands before."""
+    Q = stack(task.initial, robot, "joint")
+    xi = np.asarray(model.g(Q)).ravel()
+    angles = angle_rows(model)
+    targets = []
+    for spec in task.stages:
+        space = task.skills[spec.skill].space
+        target = stack(spec.target, robot, space)
+        before, rows_of_angles = (Q, angles.Q) if space == "joint" else (xi, angles.xi)
+        if spec.angles == "nearest":
+            turning = list(rows_of_angles)
+            target[turning] = nearest_equivalent(before[turning], target[turning])
+        targets.append(target)
+        if space == "joint":
+            Q, xi = target, np.asarray(model.g(target)).ravel()
+        else:
+            base = model.poses["base"]
+            xi, Q = target, np.r_[target[base], Q[model.parts["base"].stop :]]
+    return targets
+
+
+def error_rows(stage: Stage, model: RobotModel) -> int:
+    """Return the number of rows of the stage's error."""
+    return SKILLS[stage.space].rows(model)

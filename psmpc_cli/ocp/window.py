@@ -1,0 +1,171 @@
+"""A window: the stages inside the current prediction horizon, with every number its NLP needs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.ocp.costs import StageCosts
+from psmpc_cli.ocp.layout import Layout, StageShape, WindowShape, mesh
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.transcription import Nlp, Parameters
+
+SHORTEST = 1e-3
+"""Shortest duration of a stage in a window [s], eps of (14)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """The stages of one prediction horizon [T0, T0 + T_h].
+
+    Attributes:
+        stages: The stages, the current one first.
+        start: T0 [s].
+        elapsed: Time the current stage has run already [s].
+        x0: Measured state (2n,).
+        omega: Priorities in force, (S + 1,).
+        offset, scale: Normalization of each stage's cost, (S + 1,) each. Paper eq. (12).
+        horizon, pending_cost, terminal_cost: T_h [s], delta, kappa.
+    """
+
+    stages: tuple[Stage, ...]
+    start: float
+    elapsed: float
+    x0: np.ndarray
+    omega: np.ndarray
+    offset: np.ndarray
+    scale: np.ndarray
+    horizon: float
+    pending_cost: float
+    terminal_cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Bounds on the decision variables and on the rows of g."""
+
+    lbx: np.ndarray
+    ubx: np.ndarray
+    lbg: np.ndarray
+    ubg: np.ndarray
+
+
+def window_shape(stages: Sequence[Stage], nodes: int, discretization: str) -> WindowShape:
+    """Return the shape of a window over these stages; the last stage's end condition is not imposed."""
+    last = len(stages) - 1
+    return WindowShape(
+        stages=tuple(
+            StageShape(
+                space=stage.space,
+                input=stage.input,
+                end_rows=stage.end_rows if i < last else (),
+                end_velocity=stage.end_velocity is not None and i < last,
+                fixed_end=stage.at is not None and i < last,
+            )
+            for i, stage in enumerate(stages)
+        ),
+        nodes=(nodes,) * len(stages),
+        discretization=discretization,
+    )
+
+
+def parameter_vector(nlp: Nlp, window: Window) -> np.ndarray:
+    """Return the numbers of the NLP's parameter vector for this window."""
+    largest = float(np.max(window.omega))
+    stages = window.stages
+    numbers = Parameters(
+        x0=window.x0,
+        horizon=np.array(window.horizon),
+        pending=np.array(window.pending_cost),
+        terminal=np.array(window.terminal_cost),
+        omega=window.omega / largest,
+        offset=window.offset,
+        scale=window.scale,
+        weights=tuple(stage.weights for stage in stages),
+        control_weights=tuple(stage.control_weights for stage in stages),
+        targets=tuple(
+            np.repeat(stage.target[:, None], N + 1, axis=1) for stage, N in zip(stages, nlp.layout.nodes, strict=True)
+        ),
+    )
+    return np.concatenate([np.ravel(piece, order="F") for piece in numbers.pieces()])
+
+
+def bounds(nlp: Nlp, window: Window) -> Bounds:
+    """Return the bounds of the NLP for this window. Paper eqs. (14), (17), (18)."""
+    layout = nlp.layout
+    lbx, ubx = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
+    for s, stage in enumerate(window.stages):
+        nodes = layout.state_index[layout.first_node[s] : layout.first_node[s + 1] + 1]
+        lbx[nodes] = np.maximum(lbx[nodes], np.r_[stage.limits.position_low, stage.limits.velocity_low])
+        ubx[nodes] = np.minimum(ubx[nodes], np.r_[stage.limits.position_high, stage.limits.velocity_high])
+        if stage.input == "joint":
+            inputs = layout.input_index(s)
+            lbx[inputs], ubx[inputs] = stage.limits.acceleration_low, stage.limits.acceleration_high
+    lbx[layout.state_index[0]], ubx[layout.state_index[0]] = -np.inf, np.inf
+    lbx[layout.duration_index[0]] = _shortest(window)[:-1]
+    lbg, ubg = np.zeros(nlp.g.shape[0]), np.zeros(nlp.g.shape[0])
+    if nlp.last_duration_row is not None:
+        lbg[nlp.last_duration_row], ubg[nlp.last_duration_row] = SHORTEST, np.inf
+    for s, row in nlp.instant_rows.items():
+        at = window.stages[s].at
+        lbg[row] = ubg[row] = (0.0 if at is None else at) - window.start
+    for s, rows in nlp.end_rows.items():
+        tolerance = end_tolerance(window.stages[s])
+        lbg[rows], ubg[rows] = -tolerance, tolerance
+    return Bounds(lbx, ubx, lbg, ubg)
+
+
+def end_tolerance(stage: Stage) -> np.ndarray:
+    """Return the tolerance of each end row, positions first, then rates where they count. Paper eq. (18)."""
+    if stage.end_velocity is None:
+        return stage.tolerance
+    return np.concatenate([stage.tolerance, np.full(len(stage.end_rows), stage.end_velocity)])
+
+
+def _shortest(window: Window) -> np.ndarray:
+    """Return the shortest duration of each stage (S + 1,): eps, or what is left of its dwell time."""
+    dwell = np.array([stage.dwell for stage in window.stages])
+    dwell[0] -= window.elapsed
+    dwell[-1] = 0.0
+    return np.asarray(np.maximum(dwell, SHORTEST))
+
+
+def durations(instants: np.ndarray, start: float, horizon: float) -> np.ndarray:
+    """Return the durations (S + 1,) [s] between start, the instants and the end of the horizon."""
+    return np.asarray(np.diff(np.r_[start, instants, start + horizon]))
+
+
+def pack_guess(nlp: Nlp, window: Window, guess: Plan, instants: np.ndarray, costs: StageCosts) -> np.ndarray:
+    """Return the decision vector that follows a guessed plan with the given instants (S,)."""
+    layout = nlp.layout
+    tau = durations(instants, window.start, window.horizon)
+    times = window.start + mesh(tau, layout.nodes)
+    z = np.zeros(layout.size)
+    X = guess.states_at(times)
+    X[0] = window.x0
+    z[layout.state_index] = X
+    z[layout.duration_index] = tau[:-1]
+    u = guess.control_at(times[:-1])
+    for s, stage in enumerate(window.stages):
+        first, last = layout.first_node[s], layout.first_node[s + 1]
+        inputs = u[first:last] if stage.input == "joint" else costs.task_acceleration(X[first:last], u[first:last])
+        z[layout.input_index(s)] = inputs
+    return z
+
+
+def unpack_plan(nlp: Nlp, window: Window, z: np.ndarray) -> Plan:
+    """Return the plan a decision vector stands for."""
+    layout: Layout = nlp.layout
+    tau = z[layout.duration_index[0]]
+    instants = window.start + np.cumsum(tau)
+    times = window.start + mesh(np.r_[tau, window.horizon - tau.sum()], layout.nodes)
+    X = z[layout.state_index]
+    u = np.zeros((layout.K, layout.n))
+    for s, stage in enumerate(window.stages):
+        first, last = layout.first_node[s], layout.first_node[s + 1]
+        if stage.input == "joint":
+            u[first:last] = z[layout.input_index(s)]
+        else:
+            u[first:last] = np.diff(X[first : last + 1, layout.n :], axis=0) / np.diff(times[first : last + 1])[:, None]
+    return Plan(times, X, u, instants)

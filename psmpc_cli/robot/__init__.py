@@ -1,0 +1,1 @@
+"""Kinematics and dynamics of free-floating multi-arm robots as CasADi functions."""

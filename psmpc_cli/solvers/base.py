@@ -1,0 +1,65 @@
+"""The interface every back-end has: solve a window's NLP, return a value that says how it went."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+
+from psmpc_cli.ocp.window import Bounds
+
+
+class Outcome(Enum):
+    """How a solve ended; the value is advice to the user."""
+
+    OPTIMAL = "converged"
+    INFEASIBLE = (
+        "no point meets all constraints: lengthen the horizon, loosen the end condition's tolerance or the limits"
+    )
+    ITERATION_LIMIT = (
+        "not converged: raise solver.max_iterations, loosen solver.tolerance, or look for conflicting limits"
+    )
+    FAILED = "the solver broke down numerically: look for weights or priorities many orders of magnitude apart"
+
+    @property
+    def usable(self) -> bool:
+        """Whether the point may be applied."""
+        return self is Outcome.OPTIMAL
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """Where a solve starts: primal point, and multipliers of the bounds and of g where there are any."""
+
+    z: np.ndarray
+    lam_x: np.ndarray | None = None
+    lam_g: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a solve returned.
+
+    Attributes:
+        outcome: How it ended.
+        z, lam_x, lam_g: Primal point and multipliers.
+        objective: J over the window's largest priority.
+        iterations: Iterations used.
+        wall_time: Time of the solve alone [s].
+    """
+
+    outcome: Outcome
+    z: np.ndarray
+    lam_x: np.ndarray
+    lam_g: np.ndarray
+    objective: float
+    iterations: int
+    wall_time: float
+
+
+class Solver(Protocol):
+    """A compiled NLP of one window shape."""
+
+    def solve(self, guess: Guess, p: np.ndarray, bounds: Bounds) -> Solution:
+        """Solve for the parameters p from the guess."""
+        ...

@@ -1,0 +1,1 @@
+"""Robot and task descriptions: YAML text to frozen, validated data."""

@@ -1,0 +1,75 @@
+"""Limits fit the robot's parts, and a task's and a skill's only tighten what is there before."""
+
+from collections.abc import Iterator, Mapping
+
+from psmpc_cli.specs.checks.parts import check_key, joints
+from psmpc_cli.specs.cursor import Cursor
+from psmpc_cli.specs.limits import QUANTITIES, of_part
+from psmpc_cli.specs.problem import Problem
+from psmpc_cli.specs.robot import Pair, PartLimits, RobotSpec
+
+Layers = tuple[tuple[str, Mapping[str, PartLimits]], ...]
+"""Limits by whose they are, such as `the robot's`."""
+
+
+def check_limits(task: Cursor, robot: RobotSpec) -> Iterator[Problem]:
+    """Give what is wrong with the limits of a task and its skills."""
+    layers: Layers = (("the robot's", robot.limits),)
+    yield from check_layer(task["limits"], robot.parts)
+    yield from _looser(task["limits"], robot, layers)
+    layers = (*layers, ("the task's", _valid(task["limits"])))
+    for _, skill in task["skills"].items():
+        yield from check_layer(skill["limits"], robot.parts)
+        yield from _looser(skill["limits"], robot, layers)
+
+
+def check_layer(limits: Cursor, parts: Mapping[str, int]) -> Iterator[Problem]:
+    """Give unknown parts and wrong lengths of one set of limits."""
+    for key, part in limits.items():
+        problem = check_key(part, key, parts)
+        if problem is not None:
+            yield problem
+            continue
+        for quantity in QUANTITIES:
+            pairs = part[quantity]
+            message = _wrong_length(key, pairs.length, parts)
+            if pairs.length is not None and message:
+                yield pairs.problem(f"found {pairs.found}, expected {message}")
+
+
+def _wrong_length(key: str, length: int | None, parts: Mapping[str, int]) -> str | None:
+    """Say which length was expected of a part's list, None if it is right."""
+    for part in joints(key, parts):
+        if length != parts[part]:
+            return f"{parts[part]} entries, one for every coordinate of {part}"
+    return None
+
+
+def _valid(limits: Cursor) -> dict[str, PartLimits]:
+    """Return the limits of the parts that are valid."""
+    found = {key: part.valid(PartLimits) for key, part in limits.items()}
+    return {key: part for key, part in found.items() if part is not None}
+
+
+def _looser(limits: Cursor, robot: RobotSpec, before: Layers) -> Iterator[Problem]:
+    """Give the bounds of a set of limits that lie outside those before it."""
+    for key, given in _valid(limits).items():
+        for part in joints(key, robot.parts):
+            for quantity in QUANTITIES:
+                yield from _looser_pairs(limits[key][quantity], getattr(given, quantity), part, quantity, before)
+
+
+def _looser_pairs(
+    place: Cursor, pairs: tuple[Pair, ...] | None, part: str, quantity: str, before: Layers
+) -> Iterator[Problem]:
+    for index, (low, high) in enumerate(pairs or ()):
+        for whose, layer in before:
+            allowed = of_part(layer, part, quantity)
+            if allowed is None or index >= len(allowed):
+                continue
+            least, most = allowed[index]
+            if low < least or high > most:
+                yield place[index].problem(
+                    f"found {place[index].found}, expected within {whose} [{least:.6g}, {most:.6g}] of {part}"
+                )
+                break

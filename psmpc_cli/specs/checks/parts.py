@@ -1,0 +1,77 @@
+"""Numbers by part: the parts are the robot's, none is missing, and every list is as long as its part."""
+
+from collections.abc import Iterator, Mapping
+
+from psmpc_cli.specs.coordinates import AXES, Space, sizes
+from psmpc_cli.specs.cursor import Cursor
+from psmpc_cli.specs.document import counted
+from psmpc_cli.specs.problem import Problem, choice
+from psmpc_cli.specs.robot import RobotSpec
+
+SPACES: dict[str, Space] = {"joint": "joint", "task": "task"}
+
+
+def check_parts(task: Cursor, robot: RobotSpec) -> Iterator[Problem]:
+    """Give unknown and missing parts and wrong lengths wherever a task gives numbers by part."""
+    yield from _check(task["initial"], sizes(robot, "joint"))
+    yield from _check(task["initial_velocity"], sizes(robot, "joint"), complete=False)
+    for _, skill in task["skills"].items():
+        space, control = space_of(skill), skill["weights"]["control"]
+        if space is not None:
+            yield from _check(skill["weights"], sizes(robot, space), beside=("control",))
+        if isinstance(control.value, dict):
+            yield from _check(control, sizes(robot, "task" if skill["input"].text == "task" else "joint"))
+    for stage in task["stages"].entries():
+        space = space_of_stage(task, stage)
+        if space is not None:
+            yield from _check(stage["target"], sizes(robot, space))
+            yield from _check(stage["ends_when"]["tolerance"], sizes(robot, space), complete=False, shortest=1)
+
+
+def space_of(skill: Cursor) -> Space | None:
+    """Return the space of a skill, None if it has no valid one."""
+    return SPACES.get(skill["space"].text or "")
+
+
+def space_of_stage(task: Cursor, stage: Cursor) -> Space | None:
+    """Return the space of a stage's skill, None if it is not known."""
+    name = stage["skill"].text
+    return None if name is None else space_of(task["skills"][name])
+
+
+def joints(key: str, parts: Mapping[str, int]) -> tuple[str, ...]:
+    """Return the parts that a key stands for: `arms` for every arm."""
+    return tuple(part for part in parts if part == key or (key == "arms" and part != "base"))
+
+
+def check_key(part: Cursor, key: str, parts: Mapping[str, int]) -> Problem | None:
+    """Return a problem if a key is no part of the robot."""
+    if joints(key, parts):
+        return None
+    return part.problem(f"found no such part of the robot{choice(key, (*parts, 'arms'))}", aims_at_key=True)
+
+
+def _check(
+    place: Cursor, parts: Mapping[str, int], complete: bool = True, beside: tuple[str, ...] = (), shortest: int = 0
+) -> Iterator[Problem]:
+    """Give what is wrong with one mapping by part; lists of the length `shortest` are right for every part."""
+    keys = [key for key, _ in place.items() if key not in beside]
+    for key in keys:
+        problem = check_key(place[key], key, parts)
+        if problem is not None:
+            yield problem
+            continue
+        length = place[key].length
+        for part in joints(key, parts):
+            if length is not None and length not in (parts[part], shortest) and not (key == "arms" and part in keys):
+                yield place[key].problem(f"found {place[key].found}, expected {_wanted(part, parts[part])}")
+                break
+    missing = [part for part in parts if not any(part in joints(key, parts) for key in keys)]
+    if complete and missing and isinstance(place.value, dict):
+        yield place.problem(f"found {', '.join(keys) or 'no part'}, expected also {', '.join(missing)}", True)
+
+
+def _wanted(part: str, size: int) -> str:
+    """Say how long the list of a part must be."""
+    axes = f" ({', '.join(AXES)})" if part == "base" else ""
+    return f"{counted(size, 'entry', 'entries')} for {part}{axes}"

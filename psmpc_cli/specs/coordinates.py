@@ -1,0 +1,105 @@
+"""Names of coordinates as rows of Q or xi, and numbers by part as vectors in that order."""
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psmpc_cli.errors import SpecError
+from psmpc_cli.specs.problem import choice
+from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.task import EndCondition, Parts
+
+Space = Literal["joint", "task"]
+Vector = NDArray[np.float64]
+
+AXES = ("x", "y", "theta")
+"""Coordinates of a pose in the plane."""
+
+
+def sizes(robot: RobotSpec, space: Space) -> dict[str, int]:
+    """Return how many coordinates every part has, in the order of Q (joint) or xi (task)."""
+    return robot.parts if space == "joint" else dict.fromkeys(robot.parts, len(AXES))
+
+
+def labels(robot: RobotSpec, space: Space) -> tuple[str, ...]:
+    """Return the name of every row of Q or xi: `base.x`, `arm_1.2`."""
+    return tuple(
+        f"{part}.{axis}"
+        for part, size in sizes(robot, space).items()
+        for axis in (AXES if part == "base" or space == "task" else range(1, size + 1))
+    )
+
+
+def names(robot: RobotSpec, space: Space) -> tuple[str, ...]:
+    """Return every name that stands for coordinates."""
+    return (*robot.parts, "arms", "all", *labels(robot, space))
+
+
+def rows(chosen: Sequence[str], robot: RobotSpec, space: Space) -> tuple[int, ...]:
+    """Return the rows of Q (joint) or xi (task) that names stand for, sorted.
+
+    Raises:
+        SpecError: A name stands for none.
+    """
+    found: set[int] = set()
+    for name in chosen:
+        selected = [row for row, label in enumerate(labels(robot, space)) if _stands_for(name, label)]
+        if not selected:
+            raise SpecError(f'found the coordinate "{name}"{choice(name, names(robot, space))}')
+        found.update(selected)
+    return tuple(sorted(found))
+
+
+def stack(parts: Parts, robot: RobotSpec, space: Space, missing: float | None = None) -> Vector:
+    """Return numbers by part as one vector (n,) or (m,) in the order of Q or xi; `arms` stands for every arm.
+
+    Args:
+        parts: The numbers.
+        robot: Whose parts they are.
+        space: Which order.
+        missing: What a part that is not there counts as; None if all must be there.
+
+    Raises:
+        SpecError: A part is missing or has the wrong length.
+    """
+    return np.concatenate([_part(parts, part, size, missing) for part, size in sizes(robot, space).items()])
+
+
+def tolerances(condition: EndCondition, robot: RobotSpec, space: Space) -> Vector:
+    """Return the tolerance of every row that an end condition selects [m, rad], in the order of `rows`."""
+    chosen = list(rows(condition.coordinates, robot, space))
+    if not isinstance(condition.tolerance, Mapping):
+        return np.full(len(chosen), condition.tolerance)
+    spread = {
+        part: values * size if len(values) == 1 else values
+        for part, size in sizes(robot, space).items()
+        if (values := _values(condition.tolerance, part)) is not None
+    }
+    found = stack(spread, robot, space, missing=np.nan)[chosen]
+    if np.isnan(found).any():
+        absent = [labels(robot, space)[row] for row, value in zip(chosen, found, strict=True) if np.isnan(value)]
+        raise SpecError(f"found no tolerance of {', '.join(absent)}, expected one of every coordinate of the condition")
+    return found
+
+
+def _stands_for(name: str, label: str) -> bool:
+    """Tell whether a name stands for the coordinate of a label."""
+    part = label.rpartition(".")[0]
+    return name in (label, part, "all") or (name == "arms" and part != "base")
+
+
+def _values(parts: Parts, part: str) -> tuple[float, ...] | None:
+    """Return the numbers of a part; an arm's own come before those of `arms`."""
+    return parts.get(part, None if part == "base" else parts.get("arms"))
+
+
+def _part(parts: Parts, part: str, size: int, missing: float | None) -> Vector:
+    """Return the numbers of one part (size,)."""
+    values = _values(parts, part)
+    if values is None and missing is not None:
+        return np.full(size, missing)
+    if values is None or len(values) != size:
+        raise SpecError(f"found {'none' if values is None else len(values)} of the numbers of {part}, expected {size}")
+    return np.asarray(values, dtype=np.float64)

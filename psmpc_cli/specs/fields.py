@@ -1,0 +1,149 @@
+"""The kinds of value a description is made of: numbers, angles, names, bounds. Each says what it expected."""
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, WithJsonSchema
+from pydantic_core import PydanticCustomError
+
+from psmpc_cli.specs.scalars import ANGLE_PATTERN, angle
+
+EXPECTED = "expected"
+"""Error type of everything raised here; its message is what was expected."""
+
+NAME_PATTERN = r"^[^\s./\\\[\]=:,]+( [^\s./\\\[\]=:,]+)*$"
+"""Names appear in paths, messages, files and datasets."""
+
+LONGEST_NAME = 60
+
+Pair = tuple[float, float]
+
+_NUMBER_OR_ANGLE: dict[str, Any] = {"anyOf": [{"type": "number"}, {"type": "string", "pattern": ANGLE_PATTERN}]}
+_PAIR: dict[str, Any] = {"type": "array", "items": _NUMBER_OR_ANGLE, "minItems": 2, "maxItems": 2}
+_TEXT: dict[str, Any] = {"type": "string"}
+
+
+def _listed(items: dict[str, Any]) -> dict[str, Any]:
+    """Return the JSON Schema of a list that is not empty."""
+    return {"type": "array", "items": items, "minItems": 1}
+
+
+def expected(what: str) -> PydanticCustomError:
+    """Return the error that says what would have been right."""
+    return PydanticCustomError(EXPECTED, "{what}", {"what": what})
+
+
+def number(value: object) -> float:
+    """Return a finite number as float; a text or a truth value is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        unit = isinstance(value, str) and angle(value) is not None
+        raise expected("a number without a unit" if unit else "a number")
+    if not math.isfinite(value):
+        raise expected("a finite number (a float ends at 1.8e308)")
+    return float(value)
+
+
+def number_or_angle(value: object) -> float:
+    """Return a finite number, or an angle with its unit in rad."""
+    if isinstance(value, str):
+        radians = angle(value)
+        if radians is None:
+            raise expected("a number, or an angle such as 30 deg")
+        return number(radians)
+    return number(value)
+
+
+def whole(value: object) -> int:
+    """Return a whole number as int."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != value // 1:
+        raise expected("a whole number")
+    return int(value)
+
+
+def name(value: object) -> str:
+    """Return a text that can be a name."""
+    if not isinstance(value, str):
+        raise expected("a name (in quotes if it looks like a number)")
+    if len(value) > LONGEST_NAME or not value.isprintable() or not re.fullmatch(NAME_PATTERN, value):
+        raise expected(f"a name of at most {LONGEST_NAME} characters without . / \\ [ ] = : , and double spaces")
+    return value
+
+
+def pair(value: object) -> object:
+    """Return a list that may be a pair."""
+    if not isinstance(value, list | tuple):
+        raise expected("a pair [low, high]")
+    return value
+
+
+def ordered(bounds: Pair) -> Pair:
+    """Return a pair (low, high) in this order."""
+    if bounds[0] > bounds[1]:
+        raise expected("the lower bound first, [low, high]")
+    return bounds
+
+
+def mirrored(value: object) -> object:
+    """Return a number v as the pair (-v, v); a pair as it is."""
+    if isinstance(value, list | tuple):
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise expected("a number, or a pair [low, high]")
+    size = number_or_angle(value)
+    if size < 0:
+        raise expected("a number of at least 0, or a pair [low, high]")
+    return 0.0 - size, size
+
+
+def around_rest(bounds: Pair) -> Pair:
+    """Return a pair (low, high) with 0 between them."""
+    if not bounds[0] <= 0 <= bounds[1]:
+        raise expected("a pair [low, high] around 0, or the robot could not rest")
+    return bounds
+
+
+def alone_or_list(value: object) -> object:
+    """Return a list; a text alone is a list of one."""
+    return [value] if isinstance(value, str) else value
+
+
+def number_alone_or_list(value: object) -> object:
+    """Return a list; a number alone is a list of one."""
+    return value if isinstance(value, list | tuple | dict) else [value]
+
+
+def shape_of(value: object) -> str:
+    """Tell a mapping by part from a single number."""
+    return "parts" if isinstance(value, Mapping) else "number"
+
+
+Number = Annotated[float, BeforeValidator(number)]
+Positive = Annotated[float, Field(gt=0), BeforeValidator(number)]
+NotNegative = Annotated[float, Field(ge=0), BeforeValidator(number)]
+Angle = Annotated[float, BeforeValidator(number_or_angle), WithJsonSchema(_NUMBER_OR_ANGLE)]
+Whole = Annotated[int, BeforeValidator(whole)]
+Flag = Annotated[bool, Strict()]
+Name = Annotated[str, BeforeValidator(name), WithJsonSchema({"type": "string", "pattern": NAME_PATTERN})]
+Interval = Annotated[tuple[Angle, Angle], BeforeValidator(pair), AfterValidator(ordered), WithJsonSchema(_PAIR)]
+Rate = Annotated[
+    tuple[Angle, Angle],
+    BeforeValidator(mirrored),
+    AfterValidator(ordered),
+    AfterValidator(around_rest),
+    WithJsonSchema({"anyOf": [*_NUMBER_OR_ANGLE["anyOf"], _PAIR]}),
+]
+Coordinates = Annotated[
+    tuple[str, ...],
+    Field(min_length=1),
+    BeforeValidator(alone_or_list),
+    WithJsonSchema({"anyOf": [_TEXT, _listed(_TEXT)]}),
+]
+Size = Annotated[float, Field(ge=0), BeforeValidator(number_or_angle), WithJsonSchema(_NUMBER_OR_ANGLE)]
+Width = Annotated[float, Field(gt=0), BeforeValidator(number_or_angle), WithJsonSchema(_NUMBER_OR_ANGLE)]
+Widths = Annotated[
+    tuple[Width, ...],
+    BeforeValidator(number_alone_or_list),
+    WithJsonSchema({"anyOf": [*_NUMBER_OR_ANGLE["anyOf"], _listed(_NUMBER_OR_ANGLE)]}),
+]

@@ -1,0 +1,150 @@
+"""Robot and task descriptions from files, names or stored texts to validated data."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from psmpc_cli.errors import SpecError
+from psmpc_cli.specs import effective
+from psmpc_cli.specs.cursor import Cursor
+from psmpc_cli.specs.document import Document, read
+from psmpc_cli.specs.files import read_text
+from psmpc_cli.specs.library import find, look_up, shown
+from psmpc_cli.specs.overrides import override
+from psmpc_cli.specs.problem import Problem
+from psmpc_cli.specs.report import refusal, report
+from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.task import TaskSpec
+from psmpc_cli.specs.validate import validate_robot, validate_task
+
+
+@dataclass(frozen=True)
+class LoadedRobot:
+    """A robot and where it came from.
+
+    Attributes:
+        spec: The robot.
+        robot_yaml: The text it was read from.
+        source: Locates a path in that text.
+    """
+
+    spec: RobotSpec
+    robot_yaml: str
+    source: Document
+
+
+@dataclass(frozen=True)
+class LoadedTask:
+    """A task with its robot, and where they came from.
+
+    Attributes:
+        spec: The task.
+        robot: Its robot.
+        task_yaml: The effective text, overrides applied: it loads again to the same task.
+        robot_yaml: The robot's text.
+        source: Locates a path of the task in its file.
+    """
+
+    spec: TaskSpec
+    robot: RobotSpec
+    task_yaml: str
+    robot_yaml: str
+    source: Document
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the task and its robot, whatever the files look like."""
+        content = {
+            "task": self.spec.model_dump(mode="json"),
+            "robot": self.robot.model_dump(mode="json"),
+            "parts": list(self.robot.parts),
+        }
+        canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def load_task(reference: str | Path, overrides: Sequence[str] = ()) -> LoadedTask:
+    """Load a task and its robot.
+
+    Args:
+        reference: A path, or the name of a built-in task.
+        overrides: Keys of the task to change, each `path=value`.
+
+    Raises:
+        SpecError: Something is wrong with the file, the robot's file or an override; the message has all of it.
+    """
+    path = find("task", reference)
+    document, complaints = override(read(shown(path), read_text(path)), overrides)
+    robot, problem = _robot_of(document, path.parent)
+    return _task(document, robot, path.stem, complaints, () if problem is None else (problem,))
+
+
+def load_robot(reference: str | Path) -> LoadedRobot:
+    """Load a robot from a path or by the name of a built-in one.
+
+    Raises:
+        SpecError: Something is wrong with the file; the message has all of it.
+    """
+    path = find("robot", reference)
+    document = read(shown(path), read_text(path))
+    robot, problems = validate_robot(document)
+    if robot is None:
+        raise refusal(report(document, problems))
+    return LoadedRobot(robot, document.text, document)
+
+
+def parse_task(task_yaml: str, robot_yaml: str, name: str) -> LoadedTask:
+    """Rebuild a task from texts stored elsewhere, such as in a log; no file is touched.
+
+    Args:
+        task_yaml: The effective text of the task.
+        robot_yaml: The text of its robot.
+        name: What the task is called if it does not say so itself.
+
+    Raises:
+        SpecError: Something is wrong with the texts.
+    """
+    return _task(read(name, task_yaml), read(f"{name} (robot)", robot_yaml), name)
+
+
+def _robot_of(task: Document, folder: Path) -> tuple[Document | None, Problem | None]:
+    """Return the document of the robot a task refers to, or the problem with the reference."""
+    reference = Cursor(task)["robot"].text
+    if not reference:
+        return None, None
+    try:
+        path = look_up("robot", reference, folder)
+        return read(shown(path), read_text(path)), None
+    except (LookupError, SpecError) as error:
+        return None, Problem(("robot",), str(error.args[0]))
+
+
+def _task(
+    document: Document,
+    robot_document: Document | None,
+    name: str,
+    complaints: Sequence[str] = (),
+    problems: Sequence[Problem] = (),
+) -> LoadedTask:
+    """Return the task of two documents, or raise everything that is wrong with them."""
+    robot, robot_problems = (None, ()) if robot_document is None else validate_robot(robot_document)
+    task, task_problems = validate_task(document, robot)
+    if task is None or robot is None or robot_document is None or complaints or problems:
+        robot_report = "" if robot_document is None else report(robot_document, robot_problems)
+        raise refusal(report(document, (*task_problems, *problems)), *complaints, robot_report)
+    return LoadedTask(
+        spec=task if task.name else task.model_copy(update={"name": name}),
+        robot=robot,
+        task_yaml=_effective(document),
+        robot_yaml=robot_document.text,
+        source=document,
+    )
+
+
+def _effective(document: Document) -> str:
+    """Return the text of a document; written anew if it has been overridden."""
+    overridden = any(entry.override is not None for entry in document.entries.values())
+    return effective.write(document.data) if overridden else document.text

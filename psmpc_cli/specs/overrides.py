@@ -1,0 +1,118 @@
+"""`--set path=value`: one key of a task given on the command line instead of in the file."""
+
+import copy
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from psmpc_cli.specs.document import Data, Document, Entry, describe, read
+from psmpc_cli.specs.problem import Path, Place, choice, dotted, quoted
+
+_PATH = re.compile(r"[^.\[\]=]+(?:\.[^.\[\]=]+|\[\d+\])*")
+_STEP = re.compile(r"\[(\d+)\]|([^.\[\]=]+)")
+
+SHORTHANDS: tuple[Path, ...] = (("controller",), ("solver",), ("plant",))
+"""Where a text alone stands for a mapping with that `kind`."""
+
+
+class _MisplacedError(Exception):
+    """A path leads nowhere."""
+
+
+@dataclass(frozen=True)
+class _Edit:
+    """One override, read: the steps of its path as given, and its value."""
+
+    text: str
+    steps: Path
+    value: Document
+
+
+def override(document: Document, texts: Sequence[str]) -> tuple[Document, tuple[str, ...]]:
+    """Return the document with the overrides applied in their order, and what is wrong with those that could not be."""
+    complaints = []
+    for text in texts:
+        try:
+            document = _apply(document, _parse(text))
+        except _MisplacedError as error:
+            complaints.append(f"--set {text}: {error}")
+    return document, tuple(complaints)
+
+
+def _parse(text: str) -> _Edit:
+    """Read `path=value`; the value is YAML."""
+    path, separator, value = text.partition("=")
+    if not separator:
+        raise _MisplacedError('found no "=", expected path=value, such as controller.nodes=25')
+    if not _PATH.fullmatch(path.strip()):
+        raise _MisplacedError(
+            f"found the path {quoted(path)}, expected one such as stages[1].priority or stages.capture.priority"
+        )
+    read_value = read("--set", value)
+    if read_value.problems:
+        raise _MisplacedError(read_value.problems[0].message)
+    steps = tuple(int(index) if index else name for index, name in _STEP.findall(path.strip()))
+    return _Edit(text, steps, read_value)
+
+
+def _apply(document: Document, edit: _Edit) -> Document:
+    """Return the document with one value replaced or added."""
+    data, entries = copy.deepcopy(document.data), dict(document.entries)
+    value: Data = data
+    path: Path = ()
+    for step in edit.steps[:-1]:
+        key = _key(value, step, path)
+        path = (*path, key)
+        child = _get(value, key)
+        if child is None or (isinstance(child, str) and path in SHORTHANDS):
+            entries.update(_opened(document, path, edit.text))
+            child = {} if child is None else {"kind": child}
+            _put(value, key, child)
+        value = child
+    key = _key(value, edit.steps[-1], path)
+    path = (*path, key)
+    _put(value, key, edit.value.data)
+    entries = {at: entry for at, entry in entries.items() if at[: len(path)] != path}
+    for at, entry in {(): Entry(Place(1, 1)), **edit.value.entries}.items():
+        entries[(*path, *at)] = replace(entry, override=edit.text)
+    return replace(document, data=data, entries=entries)
+
+
+def _opened(document: Document, path: Path, text: str) -> dict[Path, Entry]:
+    """Return the entries of a mapping that takes the place of nothing, or of the shorthand for its `kind`."""
+    entry = document.entry(path)
+    opened = {path: replace(entry, written=None, override=text)}
+    return opened | ({(*path, "kind"): entry} if entry.written else {})
+
+
+def _key(value: Data, step: str | int, path: Path) -> str | int:
+    """Return the key or index that a step means inside a value; an entry of a list may be given by its `name`."""
+    if isinstance(value, dict) and isinstance(step, str):
+        return step
+    if isinstance(value, list):
+        names = [str(entry["name"]) for entry in value if isinstance(entry, dict) and "name" in entry]
+        if isinstance(step, int) and step < len(value):
+            return step
+        if step in names:
+            return next(i for i, entry in enumerate(value) if isinstance(entry, dict) and entry.get("name") == step)
+        if isinstance(step, str) and names:
+            raise _MisplacedError(f"{dotted(path)}: found no entry named {quoted(step)}{choice(step, names)}")
+        last = f"an index from [0] to [{len(value) - 1}]" if value else "no index, the list is empty"
+        raise _MisplacedError(f"{dotted(path)}: found {dotted((step,))}, expected {last}")
+    where = f"{dotted(path)}: " if path else ""
+    raise _MisplacedError(f"{where}found {describe(value)}, expected a mapping or list to set {dotted((step,))} in")
+
+
+def _get(value: Data, key: str | int) -> Data:
+    """Return one entry of a mapping or list, None if there is none."""
+    if isinstance(value, dict):
+        return value.get(str(key))
+    return value[key] if isinstance(value, list) and isinstance(key, int) else None
+
+
+def _put(value: Data, key: str | int, item: Data) -> None:
+    """Set one entry of a mapping or list."""
+    if isinstance(value, dict):
+        value[str(key)] = item
+    elif isinstance(value, list) and isinstance(key, int):
+        value[key] = item

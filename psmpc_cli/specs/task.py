@@ -1,0 +1,210 @@
+"""What a task is: skills, stages, and how to run them. Plain validated data, SI units throughout."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, GetJsonSchemaHandler, Tag, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+
+from psmpc_cli.specs.fields import (
+    Angle,
+    Coordinates,
+    Flag,
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    Size,
+    Whole,
+    Width,
+    Widths,
+    shape_of,
+)
+from psmpc_cli.specs.robot import PartLimits, Spec
+
+Parts = Mapping[str, tuple[float, ...]]
+"""Numbers keyed by part name (`base`, then each arm's name, or `arms` for every arm)."""
+
+_Coordinates = Mapping[str, tuple[Angle, ...]]
+_Weights = Mapping[str, tuple[Size, ...]]
+_Control = Annotated[Annotated[Size, Tag("number")] | Annotated[_Weights, Tag("parts")], Discriminator(shape_of)]
+_Tolerance = Annotated[
+    Annotated[Width, Tag("number")] | Annotated[Mapping[str, Widths], Tag("parts")], Discriminator(shape_of)
+]
+
+
+class Choice(Spec):
+    """A part of a task with a `kind`; the kind alone stands for it with all else at its default."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _kind_alone(cls, value: object) -> object:
+        return {"kind": value} if isinstance(value, str) else value
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Allow the kind alone."""
+        mapping = handler.resolve_ref_schema(handler(core_schema))
+        return {"anyOf": [{"enum": mapping["properties"]["kind"]["enum"]}, mapping]}
+
+
+class ControllerSpec(Choice):
+    """The controller and its objective; symbols as in docs/formulation.md."""
+
+    kind: Literal["psmpc", "smpc", "hard"] = Field("psmpc", description="which controller")
+    horizon: Positive = Field(4.0, description="prediction horizon T_h [s]")
+    nodes: Whole = Field(100, ge=2, le=1000, description="intervals a stage, N_s")
+    sample_time: Positive = Field(0.1, description="time between two solves [s]")
+    pending_cost: NotNegative = Field(1.0, description="cost delta of every second a stage waits; 0 as printed")
+    terminal_cost: NotNegative = Field(0.0, description="weight kappa of the last node's cost")
+    zeta: Positive = Field(1e-3, description="what keeps the normalization from dividing by 0")
+    normalization: Literal["nadir", "range", "none"] = Field("nadir", description="how costs are normalized, eq. (12)")
+    discretization: Literal["exact", "euler"] = Field("exact", description="zero-order hold, or Euler as in eq. (20)")
+    detection_margin: Number = Field(10.0, ge=1, description="tolerances within which a stage is predicted to end")
+
+
+class SolverSpec(Choice):
+    """The NLP back-end."""
+
+    kind: Literal["fatrop", "ipopt"] = Field("fatrop", description="which solver")
+    tolerance: Positive = Field(1e-8, le=1e-2, description="optimality tolerance of the scaled problem")
+    max_iterations: Whole = Field(200, ge=1, description="iterations after which it gives up")
+
+
+class PlantSpec(Choice):
+    """The simulated physics."""
+
+    kind: Literal["ideal", "rk4"] = Field("rk4", description="which physics")
+    low_level_rate: Positive = Field(1000.0, description="rate of the computed-torque loop [Hz]")
+    step: Positive | None = Field(None, description="step of the integrator [s]; default one tick of the loop")
+
+
+class SkillWeights(Spec):
+    """W_q or W_p by part, and W_r: one number for all controls, or numbers by part.
+
+    In YAML the parts and `control` stand side by side.
+    """
+
+    parts: _Weights
+    control: _Control = 1.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _side_by_side(cls, value: object) -> object:
+        if not isinstance(value, Mapping) or isinstance(value.get("parts"), Mapping):
+            return value
+        parts = {key: item for key, item in value.items() if key != "control"}
+        return {"parts": parts, **{key: value[key] for key in ("control",) if key in value}}
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Write the parts side by side with `control`."""
+        schema = handler.resolve_ref_schema(handler(core_schema))
+        parts, control = schema["properties"]["parts"], schema["properties"]["control"]
+        kept: dict[str, Any] = {"type": "object", "description": schema["description"]}
+        return {**kept, "properties": {"control": control}, "additionalProperties": parts["additionalProperties"]}
+
+
+class SkillSpec(Spec):
+    """A reusable cost and its limits. Paper eqs. (9), (10), (30), (31)."""
+
+    space: Literal["joint", "task"] = Field(description="joint: cost on Q, eq. (30); task: cost on xi, eq. (31)")
+    input: Literal["joint", "task"] = Field("joint", description="the control is the acceleration of Q or of xi")
+    weights: SkillWeights = Field(description="weights by part, and of the control")
+    limits: Mapping[str, PartLimits] = Field({}, description="limits of this skill, within the task's")
+
+
+class EndCondition(Spec):
+    """When a stage is over, h of eq. (18): |error| <= tolerance, and where `velocity` is given |rate| <= velocity too.
+
+    A coordinate is a part (`base`), `arms`, `all`, or one of a part (`base.x`, `arm_1.2`).
+    """
+
+    coordinates: Coordinates = Field(description="what must be at the target")
+    tolerance: _Tolerance = Field(3e-3, description="how near, one number or numbers by part [m, rad]")
+    velocity: Width | None = Field(None, description="how much at rest [m/s, rad/s]")
+
+
+class StageSpec(Spec):
+    """One activation of a skill."""
+
+    name: Name = Field(description="name of the stage")
+    skill: str = Field(description="the skill to run, by name")
+    priority: Positive = Field(1.0, description="relative importance omega, eq. (11)")
+    target: _Coordinates = Field(description="joint: base pose and joint angles; task: base and end-effector poses")
+    ends_when: EndCondition | None = Field(None, description="the condition that ends the stage, eq. (18)")
+    at: Positive | None = Field(None, description="fixed time that ends the stage [s], instead of a condition")
+    dwell: NotNegative = Field(0.0, description="shortest duration [s]")
+    onset: Coordinates | None = Field(None, description="coordinates whose control marks the stage's actual start")
+    angles: Literal["nearest", "exact"] = Field(
+        "nearest", description="nearest: a target angle means the nearest equivalent one; exact: itself"
+    )
+
+
+class OnsetSpec(Spec):
+    """Thresholds on the control that mark a stage's actual start."""
+
+    epsilon: Positive = Field(0.1, description="threshold [m/s^2, rad/s^2]")
+    series: tuple[Positive, ...] = Field(
+        (1e-4, 1e-3, 1e-2, 1e-1), description="further thresholds that are always evaluated"
+    )
+
+
+class ObjectSpec(Spec):
+    """The target object."""
+
+    shape: tuple[Positive, Positive] = Field(description="length and width, [l, w] [m]")
+    pose: tuple[Number, Number, Angle] = Field(description="pose before it is taken, [x, y, angle] [m, rad]")
+    taken_by: str = Field(description="the stage at whose end it is taken")
+    let_go_by: str = Field(description="the stage at whose beginning it is let go")
+
+
+class MonitorSpec(Spec):
+    """A bound on a signal during a stage that decides whether the mission succeeded."""
+
+    name: str = Field(min_length=1, description="what the bound means, such as object held")
+    quantity: Literal["distance", "speed"] = Field(description="between two frames, or of one")
+    of: Coordinates = Field(description="base or arms: two for a distance, one for a speed")
+    during: str = Field(description="the stage in which it must hold")
+    above_start_at_most: NotNegative | None = Field(None, description="rise above its value at the stage's start")
+    below_start_at_most: NotNegative | None = Field(None, description="fall below its value at the stage's start")
+    at_most: Number | None = Field(None, description="upper bound [m, m/s]")
+    at_least: Number | None = Field(None, description="lower bound [m, m/s]")
+
+
+class PublishedRun(Spec):
+    """A published run to compare with."""
+
+    switch_time: Mapping[str, Number] = Field({}, description="instants that end the stages, by name [s]")
+    actual_start: Mapping[str, Number] = Field({}, description="actual starts of the stages, by name [s]")
+
+
+class LogSpec(Spec):
+    """What the log holds beyond the samples."""
+
+    ticks: Flag = Field(False, description="every tick of the low-level loop")
+    plans: Flag = Field(True, description="every horizon's plan, for replay")
+
+
+class TaskSpec(Spec):
+    """A whole experiment."""
+
+    name: Name = Field("", description="name of the task; default the file's stem")
+    description: str = Field("", description="what it is, for people")
+    robot: str = Field(min_length=1, description="a built-in robot's name, or a path relative to this file")
+    initial: _Coordinates = Field(description="base pose and joint angles at the start [m, rad]")
+    initial_velocity: _Coordinates = Field({}, description="their rates at the start [m/s, rad/s]; default rest")
+    controller: ControllerSpec = Field(ControllerSpec(), description="the controller and its objective")
+    solver: SolverSpec = Field(SolverSpec(), description="the NLP back-end")
+    plant: PlantSpec = Field(PlantSpec(), description="the simulated physics")
+    limits: Mapping[str, PartLimits] = Field({}, description="limits of this task, within the robot's")
+    skills: Mapping[Name, SkillSpec] = Field(min_length=1, description="the skills by name")
+    stages: tuple[StageSpec, ...] = Field(min_length=1, description="the stages in their order")
+    onset: OnsetSpec = Field(OnsetSpec(), description="what counts as the actual start of a stage")
+    object: ObjectSpec | None = Field(None, description="the target object")
+    monitors: tuple[MonitorSpec, ...] = Field((), description="what must hold for the mission to succeed")
+    published: Mapping[str, PublishedRun] = Field({}, description="published runs to compare with, by controller")
+    log: LogSpec = Field(LogSpec(), description="what the log holds beyond the samples")
+    time_limit: Positive = Field(60.0, description="time after which the run is stopped [s]")
+    seed: Whole = Field(0, ge=0, description="seed of everything random")

@@ -1,0 +1,84 @@
+"""A document becomes a robot or task: every problem of it, or the specification."""
+
+from collections.abc import Iterator
+from typing import TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from psmpc_cli.specs.checks.limits import check_limits
+from psmpc_cli.specs.checks.names import check_coordinates, check_names
+from psmpc_cli.specs.checks.parts import check_parts
+from psmpc_cli.specs.checks.robot import check_robot
+from psmpc_cli.specs.checks.stages import check_stages
+from psmpc_cli.specs.checks.timing import check_timing
+from psmpc_cli.specs.complaints import complain
+from psmpc_cli.specs.cursor import Cursor
+from psmpc_cli.specs.document import Document
+from psmpc_cli.specs.library import Kind
+from psmpc_cli.specs.problem import Problem
+from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.task import TaskSpec
+
+Model = TypeVar("Model", bound=BaseModel)
+
+MARKS: dict[Kind, tuple[str, ...]] = {"robot": ("arms", "base"), "task": ("stages", "skills", "robot")}
+"""Keys by which a description is known for what it is."""
+
+
+def kind_of(document: Document) -> Kind:
+    """Return whether a document describes a robot or a task, a task if in doubt."""
+    keys = document.data if isinstance(document.data, dict) else {}
+    return "robot" if any(key in keys for key in MARKS["robot"]) and not _marked(keys, "task") else "task"
+
+
+def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Problem, ...]]:
+    """Return the robot a document describes, None if it is not valid, and every problem of the document."""
+    robot, problems = _validate(document, "robot", RobotSpec)
+    if isinstance(document.data, dict):
+        problems = (*problems, *check_robot(Cursor(document)))
+    return (None if problems else robot), problems
+
+
+def validate_task(document: Document, robot: RobotSpec | None) -> tuple[TaskSpec | None, tuple[Problem, ...]]:
+    """Return the task a document describes, None if it is not valid, and every problem of the document.
+
+    Without a robot what depends on it is not checked.
+    """
+    task, problems = _validate(document, "task", TaskSpec)
+    if isinstance(document.data, dict) and kind_of(document) == "task":
+        problems = (*problems, *_check_task(Cursor(document), robot))
+    return (None if problems else task), problems
+
+
+def _check_task(task: Cursor, robot: RobotSpec | None) -> Iterator[Problem]:
+    """Give what does not fit together."""
+    yield from check_names(task)
+    yield from check_stages(task)
+    yield from check_timing(task)
+    if robot is not None:
+        yield from check_parts(task, robot)
+        yield from check_coordinates(task, robot)
+        yield from check_limits(task, robot)
+
+
+def _validate(document: Document, kind: Kind, model: type[Model]) -> tuple[Model | None, tuple[Problem, ...]]:
+    """Return a document as a model, None if it is none, and why."""
+    if not document.readable:
+        return None, document.problems
+    required = [name for name, field in model.model_fields.items() if field.is_required()]
+    wanted = f"a {kind}: a mapping with the keys {', '.join(required)}"
+    if document.data is None:
+        return None, (Problem((), f"found an empty file, expected {wanted}"),)
+    if not isinstance(document.data, dict):
+        return None, (*document.problems, Problem((), f"found {document.found(())}, expected {wanted}"))
+    if kind_of(document) != kind and not _marked(document.data, kind):
+        return None, (Problem((), f"found the description of a {kind_of(document)}, expected {wanted}"),)
+    try:
+        return model.model_validate(document.data), document.problems
+    except ValidationError as error:
+        return None, (*document.problems, *complain(error, document, model))
+
+
+def _marked(keys: object, kind: Kind) -> bool:
+    """Tell whether a mapping has keys that only this kind has."""
+    return isinstance(keys, dict) and any(key in keys for key in MARKS[kind])

@@ -49,6 +49,7 @@ class SwitchingController:
         self.costs = windows.costs
         self._sequence = Sequence(0, np.zeros(0), 0.0)
         self._plan: Plan | None = None
+        self._braking: Plan | None = None
         self._solved: SolvedWindow | None = None
 
     @property
@@ -64,10 +65,8 @@ class SwitchingController:
 
     def decide(self, now: float, x: np.ndarray) -> Decision:
         """Return the decision at time now [s] from the measured state x (2n,)."""
-        spec, sequence = self.spec, self._sequence
-        used_up = self._plan is not None and now > self._plan.end - spec.sample_time
-        prediction = self._predict(now, x)
-        longer = None if spec.kind == "hard" else self._detect(sequence, prediction)
+        sequence, prediction = self._sequence, self._predict(now, x)
+        longer = None if self.spec.kind == "hard" else self._detect(sequence, prediction)
         solved = self._solve(longer or sequence, prediction, x)
         postponed = longer is not None and not solved.solution.outcome.usable
         if longer is not None and not postponed:
@@ -76,21 +75,28 @@ class SwitchingController:
             solved = self._solve(sequence, prediction, x)
         usable = solved.solution.outcome.usable
         if usable:
-            self._plan = solved.plan
             sequence = Sequence(sequence.first, solved.plan.instants, sequence.entered)
-        plan = self._plan if self._plan is not None else prediction
-        exhausted = not usable and used_up
         self._sequence, self._solved = sequence, solved
         return Decision(
-            plan=self._brake(now, x) if exhausted else plan,
+            plan=self._plan_in_force(solved, prediction, now, x),
             sequence=sequence,
             solved=solved,
             prediction=prediction,
             appended=longer is not None and not postponed,
             postponed=postponed,
             fallback=not usable,
-            exhausted=exhausted,
+            exhausted=self._braking is not None,
         )
+
+    def _plan_in_force(self, solved: SolvedWindow, prediction: Plan, now: float, x: np.ndarray) -> Plan:
+        """Return the solved plan, else the one before it; when that is used up, one that brakes to rest."""
+        if solved.solution.outcome.usable:
+            self._plan, self._braking = solved.plan, None
+        elif self._plan is None:
+            self._plan = prediction
+        elif self._braking is None and now > self._plan.end - self.spec.sample_time:
+            self._braking = self._brake(now, x)
+        return self._plan if self._braking is None else self._braking
 
     def window(self, sequence: Sequence, prediction: Plan, x: np.ndarray) -> Window:
         """Return the window over a sequence, its costs normalized from the prediction."""

@@ -43,8 +43,7 @@ def simulate(experiment: Experiment) -> Generator[Record, None, Ending]:
         if (ending := _ending(experiment, now, x, braking_until)) is not None:
             return replace(ending, switches=(*switches, *ending.switches))
         decision = controller.decide(now, x)
-        if decision.exhausted and not np.isfinite(braking_until):
-            braking_until = decision.plan.end
+        braking_until = decision.plan.end if decision.exhausted else np.inf
         edges = now + np.arange(_ticks(experiment) + 1) / task.plant.low_level_rate
         u = decision.plan.mean_control(edges)
         presence = experiment.observer.observe(decision, x, edges[:2])

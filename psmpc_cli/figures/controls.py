@@ -12,6 +12,6 @@ def plot_controls(run: Run) -> Figure:
         run,
         run.log.time,
         run.log["control/u"],
-        Quantity(("control", "control"), ("m/s²", "rad/s²")),
+        Quantity(("control", "control"), ("m/s²", "rad/s²"), peaked=True),
         limits="acceleration",
     )

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter
 
 from psmpc_cli.figures.run import Run
-from psmpc_cli.figures.style import AXIS_WIDTH, EDGE, legend_columns, line_look, readable
+from psmpc_cli.figures.style import AXIS_WIDTH, EDGE, HANDLE, TEXT, legend_columns, line_look, readable, text_width
 from psmpc_cli.figures.timeline import open_timeline
 from psmpc_cli.robot.model import RobotModel
 
@@ -20,6 +20,9 @@ HEIGHT = 0.92
 
 FARTHEST = 4.0
 """Limits farther away than so many times the largest value are not drawn: nothing else could be read."""
+
+PEAK = 5.0
+"""Peaks so many times as large as 19 in 20 values dwarf the rest."""
 
 Kind = Literal["position", "velocity", "acceleration"]
 
@@ -36,10 +39,16 @@ class Panel:
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is plotted: its words and units for linear, then for angular coordinates."""
+    """What is plotted.
+
+    Attributes:
+        words, units: For linear, then for angular coordinates.
+        peaked: It may have short peaks beside which nothing else could be read; the axis is then logarithmic far out.
+    """
 
     words: tuple[str, str]
     units: tuple[str, str]
+    peaked: bool = False
 
 
 def coordinate_panels(model: RobotModel) -> tuple[Panel, ...]:
@@ -76,29 +85,26 @@ def plot_coordinates(
     timeline = open_timeline(run, len(panels), HEIGHT)
     drawn = False
     for axes, panel in zip(timeline.panels, panels, strict=True):
-        notes: Sequence[Artist] = ()
+        notes: list[str] = []
         _plot_lines(axes, time, values[:, panel.rows], panel.labels)
         if limits is not None:
             seen, notes = _plot_limits(axes, run, limits, panel.rows, values)
             drawn |= seen
+        if quantity.peaked:
+            notes += _compress(axes, values[:, panel.rows])
         axes.set_ylabel(f"{panel.name.capitalize()} {quantity.words[panel.angular]}\n({quantity.units[panel.angular]})")
-        panel_legend(axes, notes)
+        panel_legend(axes, ", ".join(notes))
     limit = [Line2D([], [], color=EDGE, linewidth=0.7, label="limit")] if drawn else []
     return timeline.finish(limit)
 
 
-def panel_legend(axes: Axes, more: Sequence[Artist] = (), handle: float = 2.0) -> None:
-    """Write the panel's legend above it, so that it never covers a line; `handle` is the length of its lines [em]."""
-    handles = [*axes.get_legend_handles_labels()[0], *more]
-    fitting = legend_columns((str(handle.get_label()) for handle in handles), AXIS_WIDTH)
-    rows = -(-len(handles) // fitting)
-    axes.legend(
-        handles=handles,
-        loc="lower right",
-        bbox_to_anchor=(1.0, 0.98),
-        ncols=-(-len(handles) // rows),
-        handlelength=handle,
-    )
+def panel_legend(axes: Axes, note: str = "", line: float = HANDLE) -> None:
+    """Write the panel's legend, and a note, above it, so that they never cover a curve; `line` is their length [em]."""
+    handles, labels = axes.get_legend_handles_labels()
+    fitting = legend_columns(labels, AXIS_WIDTH - text_width(note), line)
+    columns = -(-len(handles) // -(-len(handles) // fitting))
+    axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=columns, handlelength=line)
+    axes.set_title(note, loc="left", pad=3.5, fontsize=TEXT)
 
 
 def _joint(index: int, joints: int) -> str:
@@ -111,7 +117,21 @@ def _plot_lines(axes: Axes, time: np.ndarray, values: np.ndarray, labels: Sequen
     axes.margins(y=0.08)
 
 
-def _plot_limits(axes: Axes, run: Run, kind: Kind, rows: slice, values: np.ndarray) -> tuple[bool, list[Artist]]:
+def _compress(axes: Axes, values: np.ndarray) -> list[str]:
+    """Make the axis logarithmic from a tenth of the peak's power of ten on, and say so, if peaks dwarf the rest."""
+    size = np.abs(values[np.isfinite(values)])
+    peak = float(np.max(size, initial=0.0))
+    if peak <= PEAK * float(np.quantile(size, 0.95)) or peak == 0.0:
+        return []
+    threshold = 10.0 ** (np.floor(np.log10(peak)) - 1)
+    axes.set_yscale("symlog", linthresh=threshold)
+    axes.set_yticks(threshold * np.array([-10.0, -1.0, 0.0, 1.0, 10.0]), minor=False)
+    axes.set_yticks([], minor=True)
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}".replace("-", "\N{MINUS SIGN}")))
+    return [f"log beyond ±{threshold:g}"]
+
+
+def _plot_limits(axes: Axes, run: Run, kind: Kind, rows: slice, values: np.ndarray) -> tuple[bool, list[str]]:
     """Draw the limits in force; return whether any is seen, and a note where some are too far away to be drawn."""
     time, low, high = limits_in_force(run, kind)
     largest, seen, beyond = float(np.nanmax(np.abs(values[:, rows]), initial=0.0)), False, False
@@ -128,15 +148,14 @@ def _plot_limits(axes: Axes, run: Run, kind: Kind, rows: slice, values: np.ndarr
         color = EDGE if shared else line_look(i % width)["color"]
         axes.plot(time, bound, color=color, linewidth=0.7, label="_limit", zorder=1.5)
         seen = True
-    return seen, [Line2D([], [], linestyle="none", label="(limits beyond the axis)")] if beyond else []
+    return seen, ["limits beyond the axis"] if beyond else []
 
 
 def limits_in_force(run: Run, kind: Kind) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return times (2 S,) [s] and the lower and upper limits (2 S, n) of the current stage between them."""
-    spans = [span for span in run.spans if span.end > span.start]
-    times = np.array([edge for span in spans for edge in (span.start, span.end)])
+    times = np.array([edge for span in run.spans for edge in (span.start, span.end)])
     low, high = (
-        np.array([getattr(run.stages[span.index].limits, f"{kind}_{side}") for span in spans for _ in range(2)])
+        np.array([getattr(run.stages[span.index].limits, f"{kind}_{side}") for span in run.spans for _ in range(2)])
         for side in ("low", "high")
     )
     return times, low, high

@@ -105,7 +105,7 @@ def stage_spans(log: Log, end: float) -> tuple[Span, ...]:
     for index, name in enumerate(log.stage_names):
         actual, switch = float(log.stages["actual_start"][index]), float(log.stages["switch_time"][index])
         early = actual if index and log.stages["premature"][index] and actual < start else None
-        if start >= end and early is None:
+        if spans and start >= end and early is None:
             break
         spans.append(Span(index, name, start, switch if np.isfinite(switch) else end, early))
         start = spans[-1].end

@@ -1,6 +1,5 @@
 """The robot at the key instants of a run. Fig. 5 of the paper."""
 
-import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from string import ascii_lowercase
@@ -14,16 +13,25 @@ from matplotlib.patches import Patch
 from psmpc_cli.figures.object_motion import held_between
 from psmpc_cli.figures.robot_drawing import TRAIL, draw_scene, object_look, show, view_of
 from psmpc_cli.figures.run import Run
-from psmpc_cli.figures.style import BODY, COLUMN, EDGE, PAGE, PALETTE, TEXT, legend_columns, new_figure, readable
+from psmpc_cli.figures.style import (
+    BODY,
+    COLUMN,
+    EDGE,
+    PAGE,
+    PALETTE,
+    TEXT,
+    legend_columns,
+    new_figure,
+    readable,
+    text_width,
+)
 
-LINE, MARGINS, AROUND = 0.13, 0.85, 0.35
-"""Height of a line of a panel's title; of axis labels and legend; width of labels left of the panels [in]."""
+LINE, GAP, AXIS, LEGEND, AROUND = 0.12, 0.08, 0.3, 0.35, 0.45
+"""Heights of a line of a panel's title, of the gap above it, of the axis below the panels and of the legend; width of
+the axis left of the panels [in]."""
 
-MOST = 8
+MOST = 10
 """Snapshots that fit one column; more take a page's width."""
-
-TITLE_LENGTH = 27
-"""Characters of a line of a panel's title."""
 
 
 @dataclass(frozen=True)
@@ -55,12 +63,11 @@ def plot_snapshots(run: Run) -> Figure:
     keys = key_instants(run)
     view = view_of(run, np.array([key.time for key in keys]))
     width, columns = (COLUMN, min(2, len(keys))) if len(keys) <= MOST else (PAGE, 4)
-    titles = [
-        textwrap.fill(f"({_letters(i)}) {key.time:.1f} s: {key.event}", TITLE_LENGTH) for i, key in enumerate(keys)
-    ]
+    across = (width - AROUND) / columns
+    titles = [_wrapped(f"({_letters(i)}) {key.time:.1f} s: {key.event}", across) for i, key in enumerate(keys)]
     rows, lines = -(-len(keys) // columns), 1 + max(title.count("\n") for title in titles)
-    panel = (width - AROUND) / columns * view.aspect
-    figure = new_figure(rows * (panel + lines * LINE) + MARGINS, width)
+    below = LEGEND if rows * columns == len(keys) else 0.0
+    figure = new_figure(rows * (across * view.aspect + lines * LINE + GAP) + below + AXIS, width)
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for i, (axes, key, title) in enumerate(zip(grid, keys, titles, strict=False)):
         draw_scene(axes, run, key.time)
@@ -107,6 +114,18 @@ def _handles(run: Run) -> list[Patch | Line2D]:
     if held_between(run).lost:
         things.append(Patch(label="object, lost", **object_look(lost=True)))
     return [body, *arms, *things, trail]
+
+
+def _wrapped(text: str, width: float) -> str:
+    """Return a text broken between words into lines no wider than this [in], where its words allow."""
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".lstrip()
+        if lines[-1] and text_width(longer) > width:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return "\n".join(lines)
 
 
 def _letters(index: int) -> str:

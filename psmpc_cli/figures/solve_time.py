@@ -45,7 +45,7 @@ def plot_solve_time(run: Run) -> Figure:
     below.margins(y=0.1)
     below.set_ylim(bottom=0)
     below.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, steps=[1, 2, 5, 10]))
-    panel_legend(above, handle=0.8)
+    panel_legend(above, line=0.8)
     handles = [Line2D([], [], color=EDGE, linewidth=0.7, label=f"sample time, {limit:g} ms")]
     failed = run.log["events/fallback"].astype(bool)
     if np.any(failed):

@@ -33,8 +33,8 @@ DASHES: tuple[Any, ...] = (
 LONGEST_NAME = 20
 """Characters of a name that are shown."""
 
-LEGEND_ENTRY, LEGEND_GAP = 0.25, 0.12
-"""Width of a legend's line with its gap to the text; of the gap between two entries [in]."""
+HANDLE, LEGEND_GAP = 1.7, 0.12
+"""Length of the lines in a legend [em]; of the gap between two entries [in]."""
 
 STAGE, EARLY, SWITCH, EDGE, BODY, OBJECT = "#ECECEC", "#FAD28A", "#A0A0A0", "#444444", "#C9D3DA", "#F5EDA0"
 """Every other stage; a stage acting early; switching instants; limits and outlines; the base; the object."""
@@ -64,9 +64,9 @@ STYLE: Mapping[str, Any] = {
     "legend.frameon": False,
     "legend.borderpad": 0.1,
     "legend.borderaxespad": 0.2,
-    "legend.handlelength": 2.0,
+    "legend.handlelength": HANDLE,
     "legend.handletextpad": 0.5,
-    "legend.columnspacing": 1.2,
+    "legend.columnspacing": 1.1,
     "legend.labelspacing": 0.25,
     "lines.linewidth": 1.1,
     "lines.markersize": 3.0,
@@ -113,9 +113,10 @@ def text_width(text: str) -> float:
     return float(TextPath((0, 0), text, size=TEXT).get_extents().width) / 72 if text.strip() else 0.0
 
 
-def legend_columns(labels: Iterable[str], width: float) -> int:
-    """Return in how many columns these entries of a legend fit a width [in]; at least one."""
-    widths = [text_width(label) + LEGEND_ENTRY + LEGEND_GAP for label in labels]
+def legend_columns(labels: Iterable[str], width: float, handle: float = HANDLE) -> int:
+    """Return in how many columns these entries of a legend, with lines of length `handle` [em], fit a width [in]."""
+    line = (handle + 0.5) * TEXT / 72
+    widths = [line + text_width(label) + LEGEND_GAP for label in labels]
     if sum(widths) <= width + LEGEND_GAP:
         return max(1, len(widths))
     return max(1, int((width + LEGEND_GAP) / max(widths)))

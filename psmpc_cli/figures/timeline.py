@@ -54,7 +54,7 @@ def open_timeline(run: Run, panels: int, height: float) -> Timeline:
     """Return a figure of `panels` empty panels, each `height` [in] tall, along the time of the run."""
     figure = new_figure(STRIP + MARGINS + panels * height)
     axes = figure.subplots(panels + 1, 1, sharex=True, height_ratios=[STRIP] + [height] * panels)
-    room = ROOM * max(run.end - float(run.time[0]), 1e-3)
+    room = ROOM * (run.end - float(run.time[0])) or run.task.controller.sample_time
     axes[0].set_xlim(float(run.time[0]) - room, run.end + room)
     keys = _draw_strip(axes[0], run)
     for panel in axes[1:]:

@@ -27,15 +27,22 @@ class Rk4Plant:
 
 
 def tick_function(model: RobotModel, tick: float, substeps: int) -> ca.Function:
-    """Return one tick z, u -> z_next, F with z = [x; impulse (3,); work]: the force is set once, then held."""
+    """Return one tick z, u -> z_next, F with z = [x; impulse (3,); work]: the law (7) sets F once."""
     n = model.n
-    z, u, F = ca.SX.sym("z", 2 * n + 4), ca.SX.sym("u", n), ca.SX.sym("F", n)
+    z, u = ca.SX.sym("z", 2 * n + 4), ca.SX.sym("u", n)
+    F = model.low_level(z[:n], z[n : 2 * n], u)
+    after = held_force(model, tick, substeps)(z, F)
+    return ca.Function("tick", [z, u], [after, F], ["z", "u"], ["z_next", "F"]).expand()
+
+
+def held_force(model: RobotModel, tick: float, substeps: int) -> ca.Function:
+    """Return one tick z, F -> z_next under a held generalized force."""
+    z, F = ca.SX.sym("z", 2 * model.n + 4), ca.SX.sym("F", model.n)
     flow = ca.Function("flow", [z, F], [_flow(model, z, F)])
-    law = model.low_level(z[:n], z[n : 2 * n], u)
     after = z
     for _ in range(substeps):
-        after = _runge_kutta(flow, after, law, tick / substeps)
-    return ca.Function("tick", [z, u], [after, law], ["z", "u"], ["z_next", "F"]).expand()
+        after = _runge_kutta(flow, after, F, tick / substeps)
+    return ca.Function("held", [z, F], [after], ["z", "F"], ["z_next"]).expand()
 
 
 def _flow(model: RobotModel, z: ca.SX, F: ca.SX) -> ca.SX:

@@ -20,7 +20,10 @@ LONGEST_NAME = 60
 
 Pair = tuple[float, float]
 
-_NUMBER_OR_ANGLE: dict[str, Any] = {"anyOf": [{"type": "number"}, {"type": "string", "pattern": ANGLE_PATTERN}]}
+_WITH_UNIT: dict[str, Any] = {"type": "string", "pattern": ANGLE_PATTERN}
+_NUMBER_OR_ANGLE: dict[str, Any] = {"anyOf": [{"type": "number"}, _WITH_UNIT]}
+_NOT_NEGATIVE: dict[str, Any] = {"anyOf": [{"type": "number", "minimum": 0}, _WITH_UNIT]}
+_POSITIVE: dict[str, Any] = {"anyOf": [{"type": "number", "exclusiveMinimum": 0}, _WITH_UNIT]}
 _PAIR: dict[str, Any] = {"type": "array", "items": _NUMBER_OR_ANGLE, "minItems": 2, "maxItems": 2}
 _TEXT: dict[str, Any] = {"type": "string"}
 
@@ -132,7 +135,7 @@ Rate = Annotated[
     BeforeValidator(mirrored),
     AfterValidator(ordered),
     AfterValidator(around_rest),
-    WithJsonSchema({"anyOf": [*_NUMBER_OR_ANGLE["anyOf"], _PAIR]}),
+    WithJsonSchema({"anyOf": [*_NOT_NEGATIVE["anyOf"], _PAIR]}),
 ]
 Coordinates = Annotated[
     tuple[str, ...],
@@ -140,10 +143,10 @@ Coordinates = Annotated[
     BeforeValidator(alone_or_list),
     WithJsonSchema({"anyOf": [_TEXT, _listed(_TEXT)]}),
 ]
-Size = Annotated[float, Field(ge=0), BeforeValidator(number_or_angle), WithJsonSchema(_NUMBER_OR_ANGLE)]
-Width = Annotated[float, Field(gt=0), BeforeValidator(number_or_angle), WithJsonSchema(_NUMBER_OR_ANGLE)]
+Size = Annotated[float, Field(ge=0), BeforeValidator(number_or_angle), WithJsonSchema(_NOT_NEGATIVE)]
+Width = Annotated[float, Field(gt=0), BeforeValidator(number_or_angle), WithJsonSchema(_POSITIVE)]
 Widths = Annotated[
     tuple[Width, ...],
     BeforeValidator(number_alone_or_list),
-    WithJsonSchema({"anyOf": [*_NUMBER_OR_ANGLE["anyOf"], _listed(_NUMBER_OR_ANGLE)]}),
+    WithJsonSchema({"anyOf": [*_POSITIVE["anyOf"], _listed(_POSITIVE)]}),
 ]

@@ -12,13 +12,13 @@ from psmpc_cli.specs import effective
 from psmpc_cli.specs.cursor import Cursor
 from psmpc_cli.specs.document import Document, read
 from psmpc_cli.specs.files import read_text
-from psmpc_cli.specs.library import find, look_up, shown
+from psmpc_cli.specs.library import Kind, built_ins, find, look_up, shown
 from psmpc_cli.specs.overrides import override
 from psmpc_cli.specs.problem import Problem
 from psmpc_cli.specs.report import refusal, report
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import TaskSpec
-from psmpc_cli.specs.validate import validate_robot, validate_task
+from psmpc_cli.specs.validate import kind_of, validate_robot, validate_task
 
 
 @dataclass(frozen=True)
@@ -94,6 +94,18 @@ def load_robot(reference: str | Path) -> LoadedRobot:
     if robot is None:
         raise refusal(report(document, problems))
     return LoadedRobot(robot, document.text, document)
+
+
+def kind_of_reference(reference: str | Path) -> Kind:
+    """Return whether a path or a built-in name stands for a robot or a task, a task if in doubt.
+
+    Raises:
+        SpecError: There is no such file, or it cannot be read.
+    """
+    if str(reference) in built_ins("robot") and not Path(reference).is_file():
+        return "robot"
+    path = find("task", reference)
+    return kind_of(read(shown(path), read_text(path)))
 
 
 def parse_task(task_yaml: str, robot_yaml: str, name: str) -> LoadedTask:

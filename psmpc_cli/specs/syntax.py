@@ -12,7 +12,7 @@ Wording = Callable[[re.Match[str], MarkedYAMLError], Problem]
 _TOKENS = {
     "<stream end>": "the end of the file",
     "<block end>": "the end of the block",
-    "<block mapping start>": "a line indented further",
+    "<block mapping start>": "a line indented differently",
     "<block sequence start>": "a list",
     "<scalar>": "a word",
     "?": "a key",

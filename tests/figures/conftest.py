@@ -1,8 +1,9 @@
-"""A log of a made-up run: the shape of a transport run, without any controller or solver."""
+"""Logs of made-up runs: rest-to-rest motions between given points, without any controller or solver."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,71 +13,57 @@ from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.logs.record import Record, SolveRecord
 from psmpc_cli.logs.write import Header, LogWriter, StageTimes
 from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.library import find
 from psmpc_cli.specs.load import LoadedTask, parse_task
 
-STAGES = ("approach", "capture", "transport", "release")
-ENDS = (10.0, 13.0, 23.0, 29.6)
-EARLY = 6.4
-SAMPLE = 0.4
 HORIZON = 4.0
 
-Q_START = np.zeros(9)
 Q_CAPTURE = np.array([-2, 2, np.pi / 6, np.pi / 4, np.pi / 6, np.pi / 3, -np.pi / 4, -np.pi / 6, -np.pi / 3])
 Q_THERE = np.array([0, 0, 0, np.pi / 4, np.pi / 4, np.pi / 3, -np.pi / 4, -np.pi / 4, -np.pi / 3])
+Q_APPROACHED = np.r_[Q_CAPTURE[:3], np.zeros(6)]
 
 
 @dataclass(frozen=True)
 class Story:
-    """What happens in a made-up run.
+    """A made-up run.
 
     Attributes:
-        last: Time of the last sample [s].
-        finished: Whether the log was closed in order.
-        premature: Whether Capture starts before Approach is over.
+        task, robot: The texts of its specifications.
+        ends: When the stages end [s].
+        points: Q at the start and at the end of each stage (S + 1, n).
+        early: By stage, when its arms start to move although the stage before is still on [s].
+        last: When the log breaks off [s].
+        sample: Sample time [s].
+        attributes: Further attributes of the log, in place of the usual ones.
     """
 
-    last: float = ENDS[-1] - SAMPLE / 2
-    finished: bool = True
-    premature: bool = True
-    task: str = "transport"
+    task: str = field(default_factory=lambda: find("task", "transport").read_text())
+    robot: str = field(default_factory=lambda: find("robot", "planar_dual_arm").read_text())
+    ends: tuple[float, ...] = (10.0, 13.0, 23.0, 29.6)
+    points: tuple[np.ndarray, ...] = (np.zeros(9), Q_APPROACHED, Q_CAPTURE, Q_THERE, np.zeros(9))
+    early: Mapping[int, float] = field(default_factory=lambda: {1: 6.4})
+    last: float = np.inf
+    sample: float = 0.4
+    attributes: Mapping[str, Any] = field(default_factory=dict)
 
 
-WriteLog = Callable[..., Path]
-
-
-@pytest.fixture(scope="session")
-def loaded() -> LoadedTask:
-    task, robot = find("task", "transport"), find("robot", "planar_dual_arm")
-    return parse_task(task.read_text(), robot.read_text(), "transport")
-
-
-@pytest.fixture(scope="session")
-def model(loaded: LoadedTask) -> RobotModel:
-    return build_model(loaded.robot)
+Write = Callable[..., Path]
 
 
 @pytest.fixture(scope="session")
-def write_log(loaded: LoadedTask, model: RobotModel) -> WriteLog:
+def write_log() -> Write:
     """Write the log of a story: (path, **story) -> path."""
 
-    def write(path: Path, **changes: object) -> Path:
-        story = replace(Story(), **changes)  # type: ignore[arg-type]
-        times = np.arange(0.0, story.last + 1e-9, SAMPLE)
-        with LogWriter(path, _header()) as log:
-            for time in times:
-                log.append(_record(model, float(time), story))
-            log.update_stages(_stage_times(story))
-            if story.finished:
-                Q, Qdot, _ = _motion(ENDS[-1], story)
-                log.finish(True, "release met its end condition", ENDS[-1], np.r_[Q, Qdot], _poses(model, Q))
-        return path
+    def write(path: Path, **story: Any) -> Path:
+        return _write(path, replace(Story(), **story))
 
     return write
 
 
 @pytest.fixture(scope="session")
-def log_path(tmp_path_factory: pytest.TempPathFactory, write_log: WriteLog) -> Path:
+def log_path(tmp_path_factory: pytest.TempPathFactory, write_log: Write) -> Path:
+    """The log of a finished transport run in which Capture starts early."""
     return write_log(tmp_path_factory.mktemp("logs") / "transport.h5")
 
 
@@ -90,50 +77,67 @@ def run(log: Log) -> Run:
     return load_run(log)
 
 
-def _header() -> Header:
-    task, robot = find("task", "transport"), find("robot", "planar_dual_arm")
-    coordinates = [f"{part}.{row}" for part, rows in _ROWS.items() for row in rows]
-    poses = [f"{part}.{row}" for part in _ROWS for row in ("x", "y", "angle")]
+@pytest.fixture
+def load(tmp_path: Path, write_log: Write) -> Callable[..., Run]:
+    """The run of a story: (**story) -> run."""
+    return lambda **story: load_run(read_log(write_log(tmp_path / "run.h5", **story)))
+
+
+def _write(path: Path, story: Story) -> Path:
+    loaded = parse_task(story.task, story.robot, "made up")
+    model = build_model(loaded.robot)
+    with LogWriter(path, _header(loaded, story)) as log:
+        for time in np.arange(0.0, min(story.ends[-1] - 1e-9, story.last), story.sample):
+            log.append(_record(model, float(time), story))
+        log.update_stages(_stage_times(story))
+        if story.last == np.inf:
+            Q, Qdot, _ = _motion(story.ends[-1], story)
+            log.finish(True, "done", story.ends[-1], np.r_[Q, Qdot], _poses(model, Q))
+    return path
+
+
+def _header(loaded: LoadedTask, story: Story) -> Header:
+    usual = {
+        "psmpc_version": "0.1.0",
+        "controller": "psmpc",
+        "plant": "rk4",
+        "sample_time": story.sample,
+        "horizon": HORIZON,
+        "task_name": "transport",
+        "task_yaml": story.task,
+        "robot_yaml": story.robot,
+    }
     return Header(
-        attributes={
-            "psmpc_version": "0.1.0",
-            "controller": "psmpc",
-            "plant": "rk4",
-            "sample_time": SAMPLE,
-            "horizon": HORIZON,
-            "task_name": "transport",
-            "task_yaml": task.read_text(),
-            "robot_yaml": robot.read_text(),
-        },
-        coordinates=tuple(coordinates),
-        pose_coordinates=tuple(poses),
-        stages=STAGES,
-        priorities=(1.0, 100.0, 1.0, 0.01),
+        attributes={**usual, **story.attributes},
+        coordinates=labels(loaded.robot, "joint"),
+        pose_coordinates=labels(loaded.robot, "task"),
+        stages=tuple(stage.name for stage in loaded.spec.stages),
+        priorities=tuple(stage.priority for stage in loaded.spec.stages),
         epsilons=(0.1, 0.01),
         ticks=False,
         plans=False,
     )
 
 
-_ROWS = {"base": ("x", "y", "angle"), "arm_1": ("1", "2", "3"), "arm_2": ("1", "2", "3")}
-
-
 def _motion(time: float, story: Story) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Q, Qdot and Qddot of rest-to-rest motions between the stages' targets."""
-    start = EARLY if story.premature else ENDS[0]
-    base = _between(time, (0.0, ENDS[0], ENDS[1], ENDS[2], ENDS[3]), (Q_START, Q_CAPTURE, Q_CAPTURE, Q_THERE, Q_START))
-    arms = _between(time, (0.0, start, ENDS[1], ENDS[2], ENDS[3]), (Q_START, Q_START, Q_CAPTURE, Q_THERE, Q_START))
-    return tuple(np.r_[b[:3], a[3:]] for b, a in zip(base, arms, strict=True))  # type: ignore[return-value]
+    """Q, Qdot and Qddot: base and arms go from point to point, the arms earlier where a stage is early."""
+    starts = (0.0, *story.ends)
+    early = tuple(story.early.get(k, start) for k, start in enumerate(starts))
+    base, arms = _between(time, starts, story.points), _between(time, early, story.points)
+    Q, Qdot, u = (np.r_[b[:3], a[3:]] for b, a in zip(base, arms, strict=True))
+    return Q, Qdot, u
 
 
-def _between(time: float, times: tuple[float, ...], points: tuple[np.ndarray, ...]) -> list[np.ndarray]:
+def _between(time: float, times: tuple[float, ...], points: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
     """Position, velocity and acceleration along quintics from point to point."""
     k = min(int(np.searchsorted(times, time, side="right")) - 1, len(times) - 2)
-    tau = times[k + 1] - times[k]
+    tau, step = times[k + 1] - times[k], points[k + 1] - points[k]
     s = min((time - times[k]) / tau, 1.0)
-    shape = (s**3 * (10 - 15 * s + 6 * s**2), 30 * s**2 * (1 - s) ** 2 / tau, 60 * s * (1 - s) * (1 - 2 * s) / tau**2)
-    step = points[k + 1] - points[k]
-    return [points[k] + shape[0] * step, shape[1] * step, shape[2] * step]
+    return (
+        points[k] + (s**3 * (10 - 15 * s + 6 * s**2)) * step,
+        30 * s**2 * (1 - s) ** 2 / tau * step,
+        60 * s * (1 - s) * (1 - 2 * s) / tau**2 * step,
+    )
 
 
 def _poses(model: RobotModel, Q: np.ndarray) -> np.ndarray:
@@ -141,19 +145,18 @@ def _poses(model: RobotModel, Q: np.ndarray) -> np.ndarray:
 
 
 def _stage_times(story: Story) -> StageTimes:
-    known = story.last if not story.finished else np.inf
-    ends = np.array([end if end <= known else np.nan for end in ENDS])
-    starts = np.r_[0.0, ends[:-1]]
-    premature = np.zeros(4, bool)
-    if story.premature and known >= EARLY:
-        starts[1], premature[1] = EARLY, True
+    ends = np.array([end if end <= story.last else np.nan for end in story.ends])
+    starts, premature = np.r_[0.0, ends[:-1]], np.zeros(len(ends), bool)
+    for stage, time in story.early.items():
+        if time <= story.last:
+            starts[stage], premature[stage] = time, True
     return StageTimes(ends, starts, premature, np.tile(starts[:, None], (1, 2)))
 
 
 def _record(model: RobotModel, time: float, story: Story) -> Record:
     Q, Qdot, u = _motion(time, story)
-    first = int(np.searchsorted(ENDS, time, side="right"))
-    instants = np.array([end + 0.02 * (end - time) for end in ENDS[first:-1] if end < time + HORIZON])
+    first = int(np.searchsorted(story.ends, time, side="right"))
+    instants = np.array([end + 0.02 * (end - time) for end in story.ends[first:-1] if end < time + HORIZON])
     empty = np.zeros(0)
     return Record(
         time=time,
@@ -168,12 +171,10 @@ def _record(model: RobotModel, time: float, story: Story) -> Record:
         flags=frozenset({"fallback"} if abs(time - 20.0) < 1e-6 else ()),
         switches=(),
         presence={},
-        solve=SolveRecord(
-            "solved", 9 + 5 * len(instants), 0.012 * (1 + len(instants)), 1.0, empty, empty, empty, empty
-        ),
+        solve=SolveRecord("solved", 9 + 5 * len(instants), 0.012 * (1 + len(instants)), 1.0, empty, empty, empty, empty),
         stage_cost=1.0,
-        position_margin=np.ones(9),
-        velocity_margin=np.ones(9),
+        position_margin=np.ones(model.n),
+        velocity_margin=np.ones(model.n),
         control_effort=1.0,
         thruster_effort=np.ones(2),
         momentum_error=np.zeros(3),

@@ -54,22 +54,22 @@ def _valid(limits: Cursor) -> dict[str, PartLimits]:
 def _looser(limits: Cursor, robot: RobotSpec, before: Layers) -> Iterator[Problem]:
     """Give the bounds of a set of limits that lie outside those before it."""
     for key, given in _valid(limits).items():
-        for part in joints(key, robot.parts):
-            for quantity in QUANTITIES:
-                yield from _looser_pairs(limits[key][quantity], getattr(given, quantity), part, quantity, before)
+        for quantity in QUANTITIES:
+            for index, pair in enumerate(getattr(given, quantity) or ()):
+                place = limits[key][quantity][index]
+                allowed = (_wider(pair, index, part, quantity, before) for part in joints(key, robot.parts))
+                tighter = next((text for text in allowed if text), None)
+                if tighter:
+                    yield place.problem(f"found {place.found}, expected within {tighter}")
 
 
-def _looser_pairs(
-    place: Cursor, pairs: tuple[Pair, ...] | None, part: str, quantity: str, before: Layers
-) -> Iterator[Problem]:
-    for index, (low, high) in enumerate(pairs or ()):
-        for whose, layer in before:
-            allowed = of_part(layer, part, quantity)
-            if allowed is None or index >= len(allowed):
-                continue
-            least, most = allowed[index]
-            if low < least or high > most:
-                yield place[index].problem(
-                    f"found {place[index].found}, expected within {whose} [{least:.6g}, {most:.6g}] of {part}"
-                )
-                break
+def _wider(pair: Pair, index: int, part: str, quantity: str, before: Layers) -> str | None:
+    """Say which bounds of a coordinate a pair exceeds, None if none."""
+    for whose, layer in before:
+        allowed = of_part(layer, part, quantity)
+        if allowed is None or index >= len(allowed):
+            continue
+        least, most = allowed[index]
+        if pair[0] < least or pair[1] > most:
+            return f"{whose} [{least:.6g}, {most:.6g}] of {part}"
+    return None

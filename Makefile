@@ -1,0 +1,59 @@
+# The project's chores. All they need is Python 3.11 or newer, make, and a package index that pip can reach.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+# Everything pip installs here, packages and build back-ends alike, has the version constraints.txt gives it.
+export PIP_CONSTRAINT := constraints.txt
+export PIP_BUILD_CONSTRAINT := constraints.txt
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+OLD_ENOUGH := import sys; \
+	sys.version_info >= (3, 11) or sys.exit("psmpc needs Python 3.11 or newer, and this is " \
+	+ sys.version.split()[0] + " at " + sys.executable + "; choose another: make PYTHON=python3.11 ...")
+
+.PHONY: help setup demo test check build pin clean
+
+help:
+	@echo 'make setup   the environment in $(VENV), from the pinned versions'
+	@echo 'make demo    the transport task in closed loop, with its figures'
+	@echo 'make test    the tests'
+	@echo 'make check   format, lint, types and the import rules'
+	@echo 'make build   the wheel, tried out in an empty environment'
+	@echo 'make pin     constraints.txt anew, from the newest versions'
+	@echo 'make clean   removes the environment, the wheel and the caches (runs/ stays)'
+
+setup: $(READY)
+
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c '$(OLD_ENOUGH)'
+	$(PYTHON) -m venv --clear $(VENV)
+	$(BIN)/python -m pip install --quiet --editable '.[test]'
+	@touch $@
+
+demo: $(READY)
+	$(BIN)/psmpc simulate transport --output runs/transport.h5 --force
+	@echo 'The log and the figures:'
+	@ls -1 runs/transport.h5 runs/transport/*.png
+
+test: $(READY)
+	$(BIN)/python -m pytest
+
+check: $(READY)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+build: $(READY)
+	rm -rf dist
+	$(BIN)/python -m hatchling build --target wheel --directory dist
+	.ci/smoke $(PYTHON) dist/*.whl
+
+pin:
+	.ci/pin $(PYTHON)
+
+clean:
+	rm -rf $(VENV) dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

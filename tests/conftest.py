@@ -1,0 +1,71 @@
+"""What tests of several rooms share: the built-in tasks on small meshes."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from psmpc_cli.control.controller import Decision, SwitchingController
+from psmpc_cli.experiment.loop import simulate
+from psmpc_cli.experiment.setup import Experiment, build_experiment
+from psmpc_cli.ocp.costs import StageCosts
+from psmpc_cli.ocp.stages import Stage, build_stages
+from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.specs.load import LoadedTask, load_task
+
+
+@pytest.fixture(scope="session")
+def transport() -> LoadedTask:
+    """The built-in transport task."""
+    return load_task("transport")
+
+
+@pytest.fixture(scope="session")
+def model(transport: LoadedTask) -> RobotModel:
+    """The planar dual arm."""
+    return build_model(transport.robot)
+
+
+@pytest.fixture(scope="session")
+def stages(transport: LoadedTask, model: RobotModel) -> tuple[Stage, ...]:
+    """The stages of the transport task."""
+    return build_stages(transport.spec, transport.robot, model)
+
+
+@pytest.fixture(scope="session")
+def costs(model: RobotModel) -> StageCosts:
+    """The stage costs of the planar dual arm."""
+    return StageCosts(model)
+
+
+@pytest.fixture(scope="session")
+def experiment_of() -> Callable[..., Experiment]:
+    """Build an experiment of the transport task with keys changed."""
+
+    def build(*changes: str, task: str = "transport") -> Experiment:
+        return build_experiment(load_task(task, changes))
+
+    return build
+
+
+class Recorder(SwitchingController):
+    """A controller that keeps what it decided."""
+
+    def __init__(self, controller: SwitchingController) -> None:
+        super().__init__(controller.spec, controller.stages, controller.windows)
+        self.decided: list[Decision] = []
+
+    def decide(self, now: float, x: np.ndarray) -> Decision:
+        self.decided.append(super().decide(now, x))
+        return self.decided[-1]
+
+
+@pytest.fixture(scope="session")
+def decisions(experiment_of: Callable[..., Experiment]) -> list[Decision]:
+    """Every decision of a PSMPC run of the transport task on a coarse mesh and the ideal plant."""
+    experiment = experiment_of("controller.nodes=20", "plant.kind=ideal")
+    recorder = Recorder(experiment.controller)
+    for _ in simulate(replace(experiment, controller=recorder)):
+        pass
+    return recorder.decided

@@ -1,0 +1,20 @@
+from collections.abc import Callable
+
+import pytest
+
+from psmpc_cli.experiment.gradient_audit import audit_gradients
+from psmpc_cli.experiment.setup import Experiment
+
+
+def test_costate_formula_meets_the_adjoint_at_unconstrained_optima_with_first_order(
+    experiment_of: Callable[..., Experiment],
+) -> None:
+    audits = audit_gradients(experiment_of("controller.nodes=25"))
+    assert [audit.switch for audit in audits] == [
+        ("approach", "capture"),
+        ("capture", "transport"),
+        ("transport", "release"),
+    ]
+    for audit in audits:
+        assert audit.holds
+        assert audit.costate_gaps[0] / audit.costate_gaps[1] == pytest.approx(2, rel=0.1)

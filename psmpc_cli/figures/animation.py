@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from psmpc_cli.figures.draw import prepare
+from psmpc_cli.figures.object_motion import held_between
 from psmpc_cli.figures.robot_drawing import View, draw_scene, show, view_of
 from psmpc_cli.figures.run import Run, load_run
 from psmpc_cli.figures.style import in_style, readable
@@ -53,6 +54,9 @@ def _write(run: Run, path: Path, writer: AbstractMovieWriter) -> None:
     view = view_of(run, times)
     figure = _even_sized(view)
     axes = figure.add_subplot()
+    _draw_frame(axes, run, run.end, view)
+    figure.canvas.draw()
+    figure.set_layout_engine("none")  # as it is now: laid out anew, the axes would jitter from frame to frame
     with writer.saving(figure, str(path), DPI):
         for time in np.r_[times, np.full(HOLD, times[-1])]:
             axes.clear()
@@ -65,8 +69,10 @@ def _draw_frame(axes: Axes, run: Run, time: float, view: View) -> None:
     show(axes, view)
     current = [span for span in run.spans if span.start <= time] or run.spans[:1]
     early = [span for span in run.spans if span.early is not None and span.early <= time < span.start]
-    names = readable(current[-1].name) + "".join(f", {readable(span.name)} already" for span in early)
-    axes.set_title(f"t = {time:.1f} s: {names}", loc="left")
+    hold = held_between(run)
+    events = [readable(current[-1].name), *(f"{readable(span.name)} acts already" for span in early)]
+    events += ["object lost"] * (hold.lost and time >= hold.end)
+    axes.set_title(f"t = {time:.1f} s: {', '.join(events)}", loc="left")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
 

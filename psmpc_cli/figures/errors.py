@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from psmpc_cli.figures.panels import panel_legend
+from psmpc_cli.figures.panels import panel_legend, point_if_alone
 from psmpc_cli.figures.run import Run, Span
 from psmpc_cli.figures.style import EDGE, PALETTE, line_look, readable
 from psmpc_cli.figures.timeline import open_timeline
@@ -55,7 +55,7 @@ def _plot_span(axes: Axes, run: Run, span: Span, angular: bool) -> None:
         )
         label = readable(name) if span.index == 0 else "_"
         size = np.linalg.norm(part, axis=1)
-        axes.plot(time, np.where(size > 0, size, np.nan), label=label, **frame_look(i))
+        axes.plot(time, np.where(size > 0, size, np.nan), label=label, marker=point_if_alone(time), **frame_look(i))
 
 
 def _plot_tolerance(axes: Axes, run: Run, span: Span, angular: bool) -> bool:

@@ -14,6 +14,9 @@ from psmpc_cli.figures.timeline import open_timeline
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
+MOST_NAMES = 6
+"""Stages that the legend names; of more it gives the numbers."""
+
 
 def plot_instants(run: Run) -> Figure:
     """Return each stage's optimized instant [s] over time, and how far it is off the instant that came true.
@@ -26,13 +29,17 @@ def plot_instants(run: Run) -> Figure:
     ends = np.array([run.time[0], run.end])
     above.plot(ends, ends, color=EDGE, linewidth=0.7, zorder=1.5)
     above.plot(ends, ends + horizon, color=EDGE, linewidth=0.7, linestyle=(0, (5, 2)), zorder=1.5)
-    for stage, name in enumerate(run.log.stage_names):
-        _plot_stage(above, below, run, stage, readable(name))
+    seen = [stage for stage, column in enumerate(run.log["window/instants"].T) if np.any(np.isfinite(column))]
+    for stage in seen:
+        name = readable(run.log.stage_names[stage]) if len(seen) <= MOST_NAMES else str(stage + 1)
+        _plot_stage(above, below, run, stage, name)
+    switches = run.log.stages["switch_time"]
+    above.plot(switches, switches, "o", color="black", markerfacecolor="white", markersize=3.5, zorder=3)
     above.set_ylim(ends[0], ends[1] + horizon)
     above.set_ylabel("Optimized end\nof the stage (s)")
     below.set_ylabel("Optimized minus\nactual end (s)")
     below.axhline(0.0, color=EDGE, linewidth=0.7, zorder=1.5)
-    panel_legend(above)
+    panel_legend(above, "" if seen else "no instant optimized: one stage at a time")
     return timeline.finish(
         [
             Line2D([], [], color=EDGE, linewidth=0.7, label="present time"),
@@ -45,8 +52,6 @@ def plot_instants(run: Run) -> Figure:
 def _plot_stage(above: Axes, below: Axes, run: Run, stage: int, name: str) -> None:
     instants, switch = run.log["window/instants"][:, stage], float(run.log.stages["switch_time"][stage])
     seen = np.isfinite(instants)
-    if not np.any(seen):
-        return
     look: dict[str, Any] = {
         "color": PALETTE[stage % len(PALETTE)],
         "marker": MARKERS[stage % len(MARKERS)],
@@ -54,5 +59,4 @@ def _plot_stage(above: Axes, below: Axes, run: Run, stage: int, name: str) -> No
     }
     above.plot(run.log.time[seen], instants[seen], label=name, markevery=[0], **look)
     if np.isfinite(switch):
-        above.plot(switch, switch, "o", color="black", markerfacecolor="white", markersize=3.5, zorder=3)
         below.plot(run.log.time[seen], instants[seen] - switch, markevery=[0], **look)

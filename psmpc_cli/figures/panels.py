@@ -11,7 +11,18 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
 from psmpc_cli.figures.run import Run
-from psmpc_cli.figures.style import AXIS_WIDTH, EDGE, HANDLE, TEXT, legend_columns, line_look, readable, text_width
+from psmpc_cli.figures.style import (
+    AXIS_WIDTH,
+    EDGE,
+    HANDLE,
+    LINE,
+    TEXT,
+    grow,
+    legend_columns,
+    line_look,
+    readable,
+    text_width,
+)
 from psmpc_cli.figures.timeline import open_timeline
 from psmpc_cli.robot.model import RobotModel
 
@@ -92,7 +103,7 @@ def plot_coordinates(
             drawn |= seen
         if quantity.peaked:
             notes += _compress(axes, values[:, panel.rows])
-        axes.set_ylabel(f"{panel.name.capitalize()} {quantity.words[panel.angular]}\n({quantity.units[panel.angular]})")
+        axes.set_ylabel(_axis_label(panel, quantity))
         panel_legend(axes, ", ".join(notes))
     limit = [Line2D([], [], color=EDGE, linewidth=0.7, label="limit")] if drawn else []
     return timeline.finish(limit)
@@ -100,11 +111,25 @@ def plot_coordinates(
 
 def panel_legend(axes: Axes, note: str = "", line: float = HANDLE) -> None:
     """Write the panel's legend, and a note, above it, so that they never cover a curve; `line` is their length [em]."""
-    handles, labels = axes.get_legend_handles_labels()
-    fitting = legend_columns(labels, AXIS_WIDTH - text_width(note), line)
-    columns = -(-len(handles) // -(-len(handles) // fitting))
-    axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=columns, handlelength=line)
     axes.set_title(note, loc="left", pad=3.5, fontsize=TEXT)
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        fitting = legend_columns(labels, AXIS_WIDTH - text_width(note), line)
+        rows = -(-len(handles) // fitting)
+        columns = -(-len(handles) // rows)
+        grow(axes, (rows - 1) * LINE)
+        axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=columns, handlelength=line)
+
+
+def _axis_label(panel: Panel, quantity: Quantity) -> str:
+    """Return name, quantity and unit on two lines, broken so that they fit the panel's height."""
+    name, word, unit = panel.name.capitalize(), quantity.words[panel.angular], f"({quantity.units[panel.angular]})"
+    return f"{name} {word}\n{unit}" if text_width(f"{name} {word}") < HEIGHT else f"{name}\n{word} {unit}"
+
+
+def point_if_alone(time: np.ndarray) -> str:
+    """Return the marker of a curve: none, but a single point where the curve is nothing else."""
+    return "o" if len(np.unique(time)) == 1 else ""
 
 
 def _joint(index: int, joints: int) -> str:
@@ -113,7 +138,7 @@ def _joint(index: int, joints: int) -> str:
 
 def _plot_lines(axes: Axes, time: np.ndarray, values: np.ndarray, labels: Sequence[str]) -> None:
     for i, label in enumerate(labels):
-        axes.plot(time, values[:, i], label=label, **line_look(i))
+        axes.plot(time, values[:, i], label=label, marker=point_if_alone(time), **line_look(i))
     axes.margins(y=0.08)
 
 

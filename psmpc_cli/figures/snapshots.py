@@ -17,6 +17,7 @@ from psmpc_cli.figures.style import (
     BODY,
     COLUMN,
     EDGE,
+    LINE,
     PAGE,
     PALETTE,
     TEXT,
@@ -26,8 +27,8 @@ from psmpc_cli.figures.style import (
     text_width,
 )
 
-LINE, GAP, AXIS, LEGEND, AROUND = 0.12, 0.08, 0.3, 0.35, 0.45
-"""Heights of a line of a panel's title, of the gap above it, of the axis below the panels and of the legend; width of
+GAP, AXIS, LEGEND, AROUND = 0.08, 0.3, 0.35, 0.45
+"""Heights of the gap above a panel's title, of the axis below the panels and of the legend; width of
 the axis left of the panels [in]."""
 
 MOST = 10

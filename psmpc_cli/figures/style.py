@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.textpath import TextPath
 
@@ -30,8 +31,11 @@ DASHES: tuple[Any, ...] = (
 )
 """Line styles that go with the colours, so that a print in grey can be read as well."""
 
-LONGEST_NAME = 20
+LONGEST_NAME = 16
 """Characters of a name that are shown."""
+
+LINE = 0.125
+"""Height of a line of text [in]."""
 
 HANDLE, LEGEND_GAP = 1.7, 0.12
 """Length of the lines in a legend [em]; of the gap between two entries [in]."""
@@ -97,15 +101,23 @@ def new_figure(height: float, width: float = COLUMN) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def grow(axes: Axes, more: float) -> None:
+    """Make the figure of these axes taller [in], for what is written around them."""
+    figure = axes.get_figure(root=True)
+    if figure is not None:
+        figure.set_figheight(figure.get_figheight() + more)
+
+
 def line_look(index: int) -> dict[str, Any]:
     """Return colour and line style of the line at this place of its panel."""
     return {"color": PALETTE[index % len(PALETTE)], "linestyle": DASHES[index % len(DASHES)]}
 
 
 def readable(name: str) -> str:
-    """Return a name from a specification as words, such as arm 1 for arm_1, cut where it is very long."""
+    """Return a name from a specification as words, such as arm 1 for arm_1; a very long one without its middle."""
     words = name.replace("_", " ")
-    return words if len(words) <= LONGEST_NAME else f"{words[: LONGEST_NAME - 1].rstrip()}…"
+    half = LONGEST_NAME // 2
+    return words if len(words) <= LONGEST_NAME else f"{words[:half].rstrip()}…{words[1 - half :].lstrip()}"
 
 
 def text_width(text: str) -> float:

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
+from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures.run import Run, Span
 from psmpc_cli.figures.style import (
@@ -15,17 +16,19 @@ from psmpc_cli.figures.style import (
     COLUMN,
     EARLY,
     EDGE,
+    LINE,
     STAGE,
     SWITCH,
     TEXT,
+    grow,
     legend_columns,
     new_figure,
     readable,
     text_width,
 )
 
-STRIP, MARGINS = 0.3, 0.75
-"""Height of the strip; of everything else but the panels [in]."""
+STRIP, MARGINS = 0.3, 0.5
+"""Height of the strip; of everything else but panels and legend [in]."""
 
 ROOM = 0.012
 """Free space at either end of the time axis, as a part of the run: its first and last values must be seen."""
@@ -46,6 +49,7 @@ class Timeline:
         every = [*handles, *self.handles]
         if every:
             columns = legend_columns((str(handle.get_label()) for handle in every), COLUMN - 0.1)
+            grow(self.panels[0], -(-len(every) // columns) * LINE)
             self.figure.legend(handles=every, loc="outside lower center", ncols=columns)
         return self.figure
 
@@ -60,6 +64,7 @@ def open_timeline(run: Run, panels: int, height: float) -> Timeline:
     for panel in axes[1:]:
         shade(panel, run.spans)
     axes[-1].set_xlabel("Time (s)")
+    axes[-1].xaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 2, 5, 10]))
     figure.align_ylabels(axes[1:])
     return Timeline(figure, axes[1:], (*_stage_handles(run.spans), *keys))
 

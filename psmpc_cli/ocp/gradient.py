@@ -103,7 +103,7 @@ class Rollout:
                 k -= 1
                 slope = np.asarray(stage.flow_jacobian(X[k], u)).T @ costate
                 costate = costate + dt * (slope + np.asarray(stage.cost_gradient(X[k], u)).ravel())
-        return gradient + self._pending()
+        return np.asarray(gradient + self._pending())
 
     def cost(self, tau: np.ndarray, U: list[np.ndarray]) -> float:
         """Return J over the window's largest priority, end conditions and limits aside."""

@@ -74,6 +74,8 @@ def _expected(detail: ErrorDetails, model: type[BaseModel]) -> str:
         return counted(length_at(model, detail["loc"][:-1]), "entry", "entries")
     if detail["type"] in ("model_type", "model_attributes_type"):
         return f"a mapping with the keys {', '.join(keys_at(model, detail['loc']))}"
+    if detail["type"] in ("dict_type", "mapping_type"):
+        return f"a mapping ({meaning_at(model, detail['loc'])})"
     wording = _WORDINGS.get(detail["type"])
     return wording(detail.get("ctx", {})) if wording else detail["msg"]
 
@@ -83,8 +85,6 @@ _WORDINGS: dict[str, Callable[[dict[str, Any]], str]] = {
     "string_type": lambda context: "a text (in quotes if it looks like a number)",
     "bool_type": lambda context: "true or false",
     "tuple_type": lambda context: "a list",
-    "dict_type": lambda context: "a mapping",
-    "mapping_type": lambda context: "a mapping",
     "greater_than": lambda context: f"a number greater than {context['gt']:g}",
     "greater_than_equal": lambda context: f"a number of at least {context['ge']:g}",
     "less_than_equal": lambda context: f"a number of at most {context['le']:g}",

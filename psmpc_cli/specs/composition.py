@@ -87,7 +87,7 @@ def refuse_beyond_bounds(depth: int, values: int, mark: Mark) -> None:
         )
     if values > MOST_VALUES:
         raise RefusedError(
-            Problem((), f"found more than {MOST_VALUES} values, expected at most so many", place_of(mark))
+            Problem((), f"found more than {MOST_VALUES} values with aliases expanded, expected fewer", place_of(mark))
         )
 
 

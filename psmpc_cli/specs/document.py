@@ -86,9 +86,9 @@ def read(name: str, text: str) -> Document:
 def describe(value: Data, written: str | None = None) -> str:
     """Say what a value is: its kind and, for a scalar, how it was written."""
     if isinstance(value, dict):
-        return f"a mapping of {counted(len(value), 'key', 'keys')}"
+        return f"a mapping of {counted(len(value), 'key', 'keys')}" if value else "an empty mapping"
     if isinstance(value, list):
-        return f"a list of {counted(len(value), 'entry', 'entries')}"
+        return f"a list of {counted(len(value), 'entry', 'entries')}" if value else "an empty list"
     if value is None:
         return "nothing"
     if isinstance(value, str):
@@ -109,7 +109,7 @@ def _inside(value: Data, step: str | int) -> Data:
 
 def counted(number: int, one: str, many: str) -> str:
     """Write a number of things."""
-    return f"{number or 'no'} {one if number == 1 else many}"
+    return f"{number} {one if number == 1 else many}"
 
 
 class _Conversion:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, Field, Strict, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
-from psmpc_cli.specs.scalars import ANGLE_PATTERN, angle
+from psmpc_cli.specs.scalars import ANGLE_PATTERN, angle, resolve
 
 EXPECTED = "expected"
 """Error type of everything raised here; its message is what was expected."""
@@ -41,11 +41,19 @@ def expected(what: str) -> PydanticCustomError:
 def number(value: object) -> float:
     """Return a finite number as float; a text or a truth value is none."""
     if isinstance(value, bool) or not isinstance(value, int | float):
-        unit = isinstance(value, str) and angle(value) is not None
-        raise expected("a number without a unit" if unit else "a number")
+        raise expected(_a_number(value))
     if not math.isfinite(value):
         raise expected("a finite number (a float ends at 1.8e308)")
     return float(value)
+
+
+def _a_number(instead_of: object) -> str:
+    """Say that a number was expected, and what keeps a text from being one."""
+    if not isinstance(instead_of, str):
+        return "a number"
+    if angle(instead_of) is not None:
+        return "a number without a unit"
+    return "a number" if isinstance(resolve(instead_of), bool | str | None) else "a number without quotes"
 
 
 def number_or_angle(value: object) -> float:
@@ -53,7 +61,7 @@ def number_or_angle(value: object) -> float:
     if isinstance(value, str):
         radians = angle(value)
         if radians is None:
-            raise expected("a number, or an angle such as 30 deg")
+            raise expected(f"{_a_number(value)}, or an angle such as 30 deg")
         return number(radians)
     return number(value)
 
@@ -109,6 +117,8 @@ def around_rest(bounds: Pair) -> Pair:
 
 def alone_or_list(value: object) -> object:
     """Return a list; a text alone is a list of one."""
+    if not isinstance(value, str | list | tuple):
+        raise expected("a name, or a list of names")
     return [value] if isinstance(value, str) else value
 
 

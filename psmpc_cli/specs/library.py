@@ -42,7 +42,7 @@ def look_up(kind: Kind, reference: str | Path, beside: Path | None = None) -> Pa
     """
     path = Path(reference) if beside is None else beside / reference
     known = built_ins(kind)
-    if _exists(path) and not (path.is_dir() and str(reference) in known):
+    if _exists(path) and not (os.path.isdir(path) and str(reference) in known):
         return path
     if str(reference) in known:
         return known[str(reference)]

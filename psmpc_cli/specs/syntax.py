@@ -59,7 +59,7 @@ def _stray_colon(match: re.Match[str], error: MarkedYAMLError) -> Problem:
 
 
 def _tab(match: re.Match[str], error: MarkedYAMLError) -> Problem:
-    return _at(error.problem_mark, "found a tab, expected spaces: YAML does not indent with tabs")
+    return _at(error.problem_mark, "found a tab, expected spaces")
 
 
 def _reserved(match: re.Match[str], error: MarkedYAMLError) -> Problem:

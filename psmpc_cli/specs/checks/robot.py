@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from psmpc_cli.specs.checks.limits import check_layer
 from psmpc_cli.specs.cursor import Cursor
-from psmpc_cli.specs.problem import Problem
+from psmpc_cli.specs.problem import Problem, quoted
 
 RESERVED = ("base", "arms", "all", "control")
 """Names that mean something else wherever arms are named."""
@@ -12,9 +12,10 @@ RESERVED = ("base", "arms", "all", "control")
 
 def check_robot(robot: Cursor) -> Iterator[Problem]:
     """Give what does not fit together in a robot description."""
-    for name, arm in robot["arms"].items():
-        if name in RESERVED:
-            yield arm.problem(f'found the reserved name "{name}", expected none of {", ".join(RESERVED)}', True)
-    lengths = {name: arm["links"].length for name, arm in robot["arms"].items()}
-    if lengths and None not in lengths.values():
-        yield from check_layer(robot["limits"], {"base": 3, **{name: n for name, n in lengths.items() if n}})
+    lengths = {name: arm["links"].length or 0 for name, arm in robot["arms"].items()}
+    reserved = [name for name in lengths if name in RESERVED]
+    for name in reserved:
+        found = f"found the reserved name {quoted(name)}, expected none of {', '.join(RESERVED)}"
+        yield robot["arms"][name].problem(found, aims_at_key=True)
+    if lengths and all(lengths.values()) and not reserved:
+        yield from check_layer(robot["limits"], {"base": 3, **lengths})

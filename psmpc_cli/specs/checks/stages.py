@@ -47,7 +47,7 @@ def _instants(task: Cursor, stages: list[Cursor]) -> Iterator[Problem]:
     earliest, because = 0.0, "the start"
     for stage in stages:
         at, dwell = stage["at"].number, max(stage["dwell"].number or 0.0, 0.0)
-        after = f"{earliest + dwell:g} s ({because}{' and the dwell' if dwell else ''})"
+        after = f"{earliest + dwell:g} s ({'dwell after ' if dwell else ''}{because})"
         earliest += dwell
         if at is None:
             because = f"the dwell of {dotted(stage.path)}" if dwell else because

@@ -1,0 +1,55 @@
+"""Measures the transport task under every controller and writes the table that later work compares itself with.
+
+    python benchmarks/baseline.py          writes benchmarks/baseline.yaml
+
+`make baseline` does the same. A change that moves this table says why, in docs/decisions.md.
+"""
+
+import tempfile
+from pathlib import Path
+
+import yaml
+
+from psmpc_cli.experiment.run import run
+from psmpc_cli.experiment.summary import Summary, summarize
+from psmpc_cli.logs.read import read_log
+from psmpc_cli.specs.load import load_task
+
+RUNS = {
+    "psmpc": [],
+    "psmpc, ideal plant": ["plant.kind=ideal"],
+    "smpc": ["controller.kind=smpc"],
+    "hard": ["controller.kind=hard"],
+}
+HEADER = "# Transport task, N_s = 100. Written by `make baseline`; times [s], distances [m], efforts as in docs/log.md.\n"
+
+
+def measure(changes: list[str], directory: Path) -> Summary:
+    """Run the transport task with keys changed and return its summary."""
+    path = directory / "run.h5"
+    run(load_task("transport", changes), path, force=True)
+    return summarize(read_log(path))
+
+
+def row(summary: Summary) -> dict[str, object]:
+    """Return a summary's numbers, rounded to what a rerun repeats."""
+    stages = summary.stages
+    return {
+        "completed": summary.completed,
+        "mission": "succeeded" if summary.succeeded else "failed",
+        "switch_time": {stage.name: round(stage.switch_time, 3) for stage in stages},
+        "actual_start": {stage.name: round(stage.actual_start, 3) for stage in stages},
+        "gripper_distance": {s.name: round(d, 3) for s, d in zip(stages, summary.distances, strict=True)},
+        "control_effort": round(summary.control_effort, 2),
+        "base_force": round(summary.base_force, 2),
+        "base_torque": round(summary.base_torque, 2),
+        "fallbacks": summary.fallbacks,
+        "postponed": summary.postponed,
+    }
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as directory:
+        table = {name: row(measure(changes, Path(directory))) for name, changes in RUNS.items()}
+    text = HEADER + yaml.safe_dump(table, sort_keys=False, default_flow_style=None, width=120)
+    Path(__file__).with_suffix(".yaml").write_text(text, encoding="utf-8")

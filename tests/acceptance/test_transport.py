@@ -1,0 +1,144 @@
+"""The main job at the paper's mesh: what the transport task must come to, and that it stays where it was measured."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from psmpc_cli.experiment.monitors import signal
+from psmpc_cli.experiment.run import run
+from psmpc_cli.experiment.summary import Summary, summarize
+from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.specs.load import load_task
+
+PROTOTYPE = {"approach": 10.1, "capture": 13.1, "transport": 23.2, "release": 29.6}
+PUBLISHED = {"approach": 10.3, "capture": 13.8, "transport": 24.4, "release": 31.3}
+BASELINE = yaml.safe_load((Path(__file__).parents[2] / "benchmarks" / "baseline.yaml").read_text(encoding="utf-8"))
+RUNS = {"psmpc": (), "psmpc, ideal plant": ("plant.kind=ideal",), "smpc": ("controller.kind=smpc",)}
+
+
+@pytest.fixture(scope="module")
+def log_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Log]:
+    """Run each variant once."""
+    logs: dict[str, Log] = {}
+
+    def get(name: str) -> Log:
+        if name not in logs:
+            path = tmp_path_factory.mktemp("runs") / "run.h5"
+            run(load_task("transport", (*RUNS[name], "log.plans=true")), path)
+            logs[name] = read_log(path)
+        return logs[name]
+
+    return get
+
+
+@pytest.fixture(scope="module")
+def psmpc(log_of: Callable[[str], Log]) -> Summary:
+    return summarize(log_of("psmpc"))
+
+
+def ends(summary: Summary) -> dict[str, float]:
+    return {stage.name: stage.switch_time for stage in summary.stages}
+
+
+def starts(summary: Summary) -> dict[str, float]:
+    return {stage.name: stage.actual_start for stage in summary.stages}
+
+
+def test_instants_are_the_prototypes_and_no_later_than_published(psmpc: Summary) -> None:
+    for stage, instant in ends(psmpc).items():
+        assert abs(instant - PROTOTYPE[stage]) <= 0.5
+        assert instant <= PUBLISHED[stage] + 0.2
+
+
+def test_capture_starts_as_soon_as_its_switch_is_seen(psmpc: Summary) -> None:
+    capture = psmpc.stages[1]
+    assert capture.premature
+    assert abs(capture.actual_start - 6.2) <= 0.5
+
+
+def test_release_waits_for_its_instant(psmpc: Summary) -> None:
+    assert ends(psmpc)["transport"] - starts(psmpc)["release"] < 1.0
+
+
+def test_transport_does_not_start_early(psmpc: Summary) -> None:
+    assert not psmpc.stages[2].premature
+
+
+def test_the_mission_succeeds_without_fall_backs(psmpc: Summary) -> None:
+    assert psmpc.succeeded
+    assert psmpc.fallbacks <= 3
+    assert psmpc.monitors[0].held
+
+
+def test_limits_hold_in_the_plant(psmpc: Summary) -> None:
+    assert {limit.kind for limit in psmpc.limits} == {"position", "velocity"}
+    assert all(limit.relative >= -1e-3 for limit in psmpc.limits)
+
+
+def test_momentum_and_energy_balance(psmpc: Summary) -> None:
+    assert psmpc.momentum_error < 1e-9
+    assert psmpc.energy_error < 1e-9
+
+
+def test_the_plant_follows_the_ideal_one(psmpc: Summary, log_of: Callable[[str], Log]) -> None:
+    ideal = summarize(log_of("psmpc, ideal plant"))
+    for stage, instant in ends(ideal).items():
+        assert ends(psmpc)[stage] == pytest.approx(instant, abs=0.1)
+
+
+def longest_alternation(u: np.ndarray) -> int:
+    """Return the longest run of samples whose sign differs from the one before, both above 1 % of the peak."""
+    large = np.abs(u) > 0.01 * np.abs(u).max()
+    alternates = (u[1:] * u[:-1] < 0) & large[1:] & large[:-1]
+    longest = run = 0
+    for changed in alternates:
+        run = run + 1 if changed else 0
+        longest = max(longest, run)
+    return longest
+
+
+@pytest.mark.parametrize("name", ["psmpc", "smpc"])
+def test_no_control_chatters(log_of: Callable[[str], Log], name: str) -> None:
+    assert max(longest_alternation(u) for u in log_of(name)["control/u"].T) <= 3
+
+
+def test_the_alternation_counter_counts() -> None:
+    assert longest_alternation(np.array([1, -1, 1, -1, 1, 1, -1.0])) == 4
+    assert longest_alternation(np.array([100, -0.5, 0.5, -0.5])) == 0
+
+
+@pytest.mark.parametrize("name", ["psmpc", "smpc"])
+def test_predicted_instants_stay_where_they_are(log_of: Callable[[str], Log], name: str) -> None:
+    log = log_of(name)
+    instants, first, count = log["window/instants"], log["window/first"], log["window/count"]
+    approach = instants[:, 0][np.isfinite(instants[:, 0])]
+    assert len(approach) > 30
+    assert np.ptp(approach) < 0.1
+    same = (np.diff(first) == 0) & (np.diff(count) == 0) & (count[1:] > 1)
+    ahead = instants[np.arange(len(first)), first]
+    assert np.abs(np.diff(ahead)[same]).max() <= 0.3
+
+
+def test_smpc_opens_the_grippers_early_and_fails(log_of: Callable[[str], Log]) -> None:
+    smpc = summarize(log_of("smpc"))
+    assert smpc.completed
+    assert not smpc.succeeded
+    assert not smpc.monitors[0].held
+    log, monitor = log_of("smpc"), load_task("transport").spec.monitors[0]
+    during = log["window/first"] == 2
+    opening_from = log.time[during][np.argmin(signal(monitor, log)[during])]
+    assert ends(smpc)["transport"] - opening_from > 1.0
+
+
+@pytest.mark.parametrize("name", list(RUNS))
+def test_the_runs_are_where_the_baseline_has_them(log_of: Callable[[str], Log], name: str) -> None:
+    summary, baseline = summarize(log_of(name)), BASELINE[name]
+    assert ends(summary) == pytest.approx(baseline["switch_time"], abs=0.05)
+    assert starts(summary) == pytest.approx(baseline["actual_start"], abs=0.15)
+    assert summary.control_effort == pytest.approx(baseline["control_effort"], rel=0.03)
+    assert summary.base_force == pytest.approx(baseline["base_force"], rel=0.03)
+    distances = dict(zip(ends(summary), summary.distances, strict=True))
+    assert distances == pytest.approx(baseline["gripper_distance"], abs=0.02)

@@ -76,6 +76,7 @@ def load_run(log: Log) -> Run:
     """
     if not len(log.time):
         raise LogError(f"{log.path}: holds no sample, the run ended before its first one; there is nothing to draw")
+    _check_complete(log)
     loaded = _loaded(log)
     model = build_model(loaded.robot)
     if (model.n, model.m, len(loaded.spec.stages)) != (
@@ -110,6 +111,16 @@ def stage_spans(log: Log, end: float) -> tuple[Span, ...]:
         spans.append(Span(index, name, start, switch if np.isfinite(switch) else end, early))
         start = spans[-1].end
     return tuple(spans)
+
+
+def _check_complete(log: Log) -> None:
+    wanted = {
+        "stages": (log.stages, ("name", "switch_time", "actual_start", "premature")),
+        "final": (log.final, ("time", "Q", "Qdot", "xi")),
+    }
+    lacking = [f"{group}/{name}" for group, (found, names) in wanted.items() for name in names if name not in found]
+    if lacking:
+        raise LogError(f"{log.path}: lacks {', '.join(lacking)}; expected a log as psmpc simulate writes it")
 
 
 def _loaded(log: Log) -> LoadedTask:

@@ -1,4 +1,4 @@
-"""The HDF5 layout of a log: every dataset with its shape, units and long name. Documented in docs/log.md."""
+"""The HDF5 layout of a log: every dataset with its dimensions, units and long name. Documented in docs/log.md."""
 
 from dataclasses import dataclass
 
@@ -8,11 +8,11 @@ FORMAT_VERSION = 1
 
 @dataclass(frozen=True)
 class Column:
-    """One dataset with a row a sample.
+    """One dataset with a row a sample or a tick.
 
     Attributes:
         path: Where it stands.
-        scale: Name of the dimension scale of its second dimension; empty for one value a sample.
+        scale: Path of the dimension scale of its second dimension; empty for one value a row.
         units: SI units.
         long_name: What it is, for a plot's axis or a reader.
         dtype: NumPy type.
@@ -25,7 +25,49 @@ class Column:
     dtype: str = "f8"
 
 
+@dataclass(frozen=True)
+class Table:
+    """One dataset whose size is known before the run.
+
+    Attributes:
+        path: Where it stands.
+        scales: Paths of the dimension scales of its dimensions.
+        units: SI units.
+        long_name: What it is.
+        dtype: NumPy type, or `text`.
+        unknown: What stands where there is no value (yet).
+    """
+
+    path: str
+    scales: tuple[str, ...]
+    units: str
+    long_name: str
+    dtype: str = "f8"
+    unknown: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Scale:
+    """One dimension scale whose size is known before the run; `name` is that of the dimension."""
+
+    path: str
+    name: str
+    long_name: str
+
+
 Q_UNITS, V_UNITS, A_UNITS, F_UNITS = "m, rad", "m/s, rad/s", "m/s^2, rad/s^2", "N, N m"
+
+SCALES = (
+    Scale("coordinate", "coordinate", "generalized coordinate"),
+    Scale("pose_coordinate", "pose_coordinate", "pose coordinate"),
+    Scale("stage", "stage", "stage"),
+    Scale("momentum", "momentum", "component of momentum"),
+    Scale("stages/epsilon", "epsilon", "threshold on the control that marks an actual start"),
+    Scale("monitors/name", "name", "monitor"),
+)
+"""What runs along every dimension but time."""
+
+TIME = Column("time", "", "s", "sample time")
 
 COLUMNS = (
     Column("state/Q", "coordinate", Q_UNITS, "generalized coordinates, measured"),
@@ -41,7 +83,7 @@ COLUMNS = (
     Column("events/postponed", "", "1", "a stage was seen, but the window with it had no solution yet", "i1"),
     Column("events/fallback", "", "1", "the solve failed and the shifted plan went on", "i1"),
     Column("events/braking", "", "1", "the plan was used up and the robot braked to rest", "i1"),
-    Column("solver/status", "", "", "outcome of the solve", "S16"),
+    Column("solver/status", "", "1", "outcome of the solve", "S16"),
     Column("solver/iterations", "", "1", "iterations of the solve", "i4"),
     Column("solver/wall_time", "", "s", "wall time of the solve alone"),
     Column("solver/objective", "", "1", "objective J"),
@@ -57,6 +99,8 @@ COLUMNS = (
 )
 """Every dataset with one row a sample, along /time."""
 
+TICK_TIME = Column("ticks/time", "", "s", "tick time")
+
 TICKS = (
     Column("ticks/Q", "coordinate", Q_UNITS, "generalized coordinates at every tick"),
     Column("ticks/Qdot", "coordinate", V_UNITS, "generalized velocities at every tick"),
@@ -64,10 +108,26 @@ TICKS = (
 )
 """Every dataset with one row a low-level tick, along /ticks/time."""
 
+TABLES = (
+    Table("stages/name", ("stage",), "1", "name of the stage", "text"),
+    Table("stages/priority", ("stage",), "1", "priority omega of the stage"),
+    Table("stages/switch_time", ("stage",), "s", "instant that ends the stage; NaN if it never ended"),
+    Table("stages/actual_start", ("stage",), "s", "first sample at which the stage acts on the control; NaN if never"),
+    Table("stages/premature", ("stage",), "1", "whether it acts before the stage before it has ended", "i1", 0),
+    Table("stages/actual_start_by_epsilon", ("stage", "stages/epsilon"), "s", "actual start for each threshold"),
+    Table("final/time", (), "s", "end of the run; NaN if it was stopped before"),
+    Table("final/Q", ("coordinate",), Q_UNITS, "generalized coordinates at the end of the run"),
+    Table("final/Qdot", ("coordinate",), V_UNITS, "generalized velocities at the end of the run"),
+    Table("final/xi", ("pose_coordinate",), Q_UNITS, "poses of base and end-effectors at the end of the run"),
+    Table("monitors/held", ("monitors/name",), "1", "1 if the monitor held, 0 if not, -1 if not known", "i1", -1),
+    Table("monitors/margin", ("monitors/name",), "m, m/s", "smallest distance of the signal to its bounds"),
+)
+"""Every dataset that does not grow."""
+
 PLANS = (
     ("plan/guess", "primal point each solve started from"),
     ("plan/guess_multipliers", "multipliers of bounds and rows each solve started from; empty where it took none"),
     ("plan/parameters", "parameter vector of each window's NLP"),
     ("plan/solution", "primal solution of each solve"),
 )
-"""Vectors whose length changes from sample to sample: flat, with the offset of each sample in <path>_offset."""
+"""Vectors whose length changes from sample to sample: a row a sample, NaN behind its <path>_length elements."""

@@ -12,6 +12,17 @@ OUTCOMES: dict[object, Outcome] = {
     "Solved_To_Acceptable_Level": Outcome.ITERATION_LIMIT,
 }
 
+WARM = {
+    "warm_start_init_point": "yes",
+    "mu_init": 1e-5,
+    "warm_start_bound_push": 1e-9,
+    "warm_start_bound_frac": 1e-9,
+    "warm_start_slack_bound_push": 1e-9,
+    "warm_start_slack_bound_frac": 1e-9,
+    "warm_start_mult_bound_push": 1e-9,
+}
+"""Options of a solve that starts from multipliers: the barrier starts low and the guess is not pushed off its bounds."""
+
 
 def build(nlp: Nlp, spec: SolverSpec) -> CasadiSolver:
     """Return IPOPT on this NLP."""
@@ -23,4 +34,4 @@ def build(nlp: Nlp, spec: SolverSpec) -> CasadiSolver:
         "mu_init": 1e-2,
         "acceptable_iter": 0,
     }
-    return CasadiSolver("ipopt", nlp, {"ipopt": options}, OUTCOMES)
+    return CasadiSolver("ipopt", nlp, {"ipopt": options}, OUTCOMES, {"ipopt": {**options, **WARM}})

@@ -21,9 +21,10 @@ class _MisplacedError(Exception):
 
 @dataclass(frozen=True)
 class _Edit:
-    """One override, read: the steps of its path as given, and its value."""
+    """One override, read: its number, the steps of its path as given, and its value."""
 
     text: str
+    number: int
     steps: Path
     value: Document
 
@@ -31,15 +32,15 @@ class _Edit:
 def override(document: Document, texts: Sequence[str]) -> tuple[Document, tuple[str, ...]]:
     """Return the document with the overrides applied in their order, and what is wrong with those that could not be."""
     complaints = []
-    for text in texts:
+    for number, text in enumerate(texts, start=1):
         try:
-            document = _apply(document, _parse(text))
+            document = _apply(document, _parse(text, number))
         except _MisplacedError as error:
             complaints.append(f"--set {text}: {error}")
     return document, tuple(complaints)
 
 
-def _parse(text: str) -> _Edit:
+def _parse(text: str, number: int) -> _Edit:
     """Read `path=value`; the value is YAML."""
     path, separator, value = text.partition("=")
     if not separator:
@@ -52,7 +53,7 @@ def _parse(text: str) -> _Edit:
     if read_value.problems:
         raise _MisplacedError(read_value.problems[0].message)
     steps = tuple(int(index) if index else name for index, name in _STEP.findall(path.strip()))
-    return _Edit(text, steps, read_value)
+    return _Edit(text, number, steps, read_value)
 
 
 def _apply(document: Document, edit: _Edit) -> Document:
@@ -74,7 +75,7 @@ def _apply(document: Document, edit: _Edit) -> Document:
     _put(value, key, edit.value.data)
     entries = {at: entry for at, entry in entries.items() if at[: len(path)] != path}
     for at, entry in {(): Entry(Place(1, 1)), **edit.value.entries}.items():
-        entries[(*path, *at)] = replace(entry, override=edit.text)
+        entries[(*path, *at)] = replace(entry, place=Place(edit.number, entry.place.column), override=edit.text)
     return replace(document, data=data, entries=entries)
 
 
@@ -86,21 +87,26 @@ def _opened(document: Document, path: Path, text: str) -> dict[Path, Entry]:
 
 
 def _key(value: Data, step: str | int, path: Path) -> str | int:
-    """Return the key or index that a step means inside a value; an entry of a list may be given by its `name`."""
+    """Return the key or index that a step means inside a value."""
     if isinstance(value, dict) and isinstance(step, str):
         return step
     if isinstance(value, list):
-        names = [str(entry["name"]) for entry in value if isinstance(entry, dict) and "name" in entry]
-        if isinstance(step, int) and step < len(value):
-            return step
-        if step in names:
-            return next(i for i, entry in enumerate(value) if isinstance(entry, dict) and entry.get("name") == step)
-        if isinstance(step, str) and names:
-            raise _MisplacedError(f"{dotted(path)}: found no entry named {quoted(step)}{choice(step, names)}")
-        last = f"an index from [0] to [{len(value) - 1}]" if value else "no index, the list is empty"
-        raise _MisplacedError(f"{dotted(path)}: found {dotted((step,))}, expected {last}")
+        return _index(value, step, path)
     where = f"{dotted(path)}: " if path else ""
     raise _MisplacedError(f"{where}found {describe(value)}, expected a mapping or list to set {dotted((step,))} in")
+
+
+def _index(entries: list[Data], step: str | int, path: Path) -> int:
+    """Return the index of the entry that a step means: one with that `name`, or the index itself."""
+    names = {str(entry["name"]): i for i, entry in enumerate(entries) if isinstance(entry, dict) and "name" in entry}
+    if isinstance(step, str) and step in names:
+        return names[step]
+    if str(step).isdecimal() and int(step) < len(entries):
+        return int(step)
+    if isinstance(step, str) and names:
+        raise _MisplacedError(f"{dotted(path)}: found no entry named {quoted(step)}{choice(step, names)}")
+    last = f"an index from [0] to [{len(entries) - 1}]" if entries else "no index, the list is empty"
+    raise _MisplacedError(f"{dotted(path)}: found {dotted((step,))}, expected {last}")
 
 
 def _get(value: Data, key: str | int) -> Data:

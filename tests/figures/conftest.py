@@ -171,7 +171,9 @@ def _record(model: RobotModel, time: float, story: Story) -> Record:
         flags=frozenset({"fallback"} if abs(time - 20.0) < 1e-6 else ()),
         switches=(),
         presence={},
-        solve=SolveRecord("solved", 9 + 5 * len(instants), 0.012 * (1 + len(instants)), 1.0, empty, empty, empty, empty),
+        solve=SolveRecord(
+            "solved", 9 + 5 * len(instants), 0.012 * (1 + len(instants)), 1.0, empty, empty, empty, empty
+        ),
         stage_cost=1.0,
         position_margin=np.ones(model.n),
         velocity_margin=np.ones(model.n),
@@ -180,3 +182,51 @@ def _record(model: RobotModel, time: float, story: Story) -> Record:
         momentum_error=np.zeros(3),
         energy_error=0.0,
     )
+
+
+@pytest.fixture
+def one_arm() -> dict[str, Any]:
+    """A run of one stage by a robot with one arm, without an object."""
+    robot = """
+name: scout
+base: {mass: 10, inertia: 1}
+arms:
+  arm: {mount: {position: [0.2, 0]}, links: [{mass: 1, inertia: 0.1, a: 0.3, b: 0.3}, {mass: 1, inertia: 0.1, a: 0.2, b: 0.2}]}
+limits: {base: {velocity: [0.4, 0.6, 9]}, arms: {acceleration: [0.5, 0.5]}}
+"""
+    task = """
+robot: scout
+initial: {base: [0, 0, 0], arm: [0, 0]}
+skills: {go: {space: joint, weights: {base: [1, 1, 1], arm: [1, 1], control: 1}, limits: {base: {velocity: [0.3, 0.5, 8]}}}}
+stages: [{name: go, skill: go, target: {base: [1, 2, 0], arm: [0.5, 0.5]}, ends_when: {coordinates: [base], tolerance: 0.01}}]
+"""
+    points = (np.zeros(5), np.array([1.0, 2.0, 0.0, 0.5, 0.5]))
+    return {"task": task, "robot": robot, "ends": (6.0,), "points": points, "early": {}}
+
+
+@pytest.fixture
+def many_stages() -> dict[str, Any]:
+    """A run of 14 short stages with long names by a robot with four arms with long names, of seven joints each."""
+    arms = [f"manipulator_with_a_long_name_{k}" for k in range(4)]
+    links = ", ".join(["{mass: 2, inertia: 0.1, a: 0.1, b: 0.1}"] * 7)
+    mounts = [(0.5, 0, 0), (0, 0.5, 90), (-0.5, 0, 180), (0, -0.5, 270)]
+    robot = "name: octopus\nbase: {mass: 30, inertia: 1}\narms:\n" + "".join(
+        f"  {arm}: {{mount: {{position: [{x}, {y}], angle: {angle} deg}}, links: [{links}]}}\n"
+        for arm, (x, y, angle) in zip(arms, mounts, strict=True)
+    )
+    joints = ", ".join(f"{arm}: [0, 0, 0, 0, 0, 0, 0]" for arm in arms)
+    task = f"robot: octopus\ninitial: {{base: [0, 0, 0], {joints}}}\nskills:\n"
+    task += "  go: {space: joint, weights: {base: [1, 1, 1], arms: [1, 1, 1, 1, 1, 1, 1], control: 1}}\nstages:\n"
+    task += "".join(
+        f"  - {{name: inspect_the_far_side_of_panel_{k}, skill: go, target: {{base: [{k}, 1, 0], {joints}}}, "
+        "ends_when: {coordinates: [base], tolerance: 0.01}}\n"
+        for k in range(14)
+    )
+    points = tuple(np.r_[k - 1.0, k > 0, 0.0, 0.2 * np.sin(np.arange(28) + k)] for k in range(15))
+    return {
+        "task": task,
+        "robot": robot,
+        "ends": tuple(3.0 * (k + 1) for k in range(14)),
+        "points": points,
+        "early": {},
+    }

@@ -1,0 +1,109 @@
+"""What a referee would ask of every figure, of ordinary and of odd runs."""
+
+from collections.abc import Callable, Iterator
+from itertools import combinations
+from typing import Any
+
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
+
+from psmpc_cli.figures.registry import FIGURES
+from psmpc_cli.figures.run import Run
+from psmpc_cli.figures.style import COLUMN, PAGE, TEXT, in_style
+
+Load = Callable[..., Run]
+
+STORIES: dict[str, dict[str, Any]] = {
+    "object lost": {"early": {1: 6.4, 3: 19.0}},
+    "killed": {"last": 8.0},
+    "killed at once": {"last": 0.0},
+}
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_figure_is_fit_to_print(name: str, run: Run) -> None:
+    check_print(name, run)
+
+
+@pytest.mark.parametrize("story", STORIES)
+def test_the_figures_of_an_odd_run_are_fit_to_print(story: str, load: Load) -> None:
+    run = load(**STORIES[story])
+    for name in FIGURES:
+        check_print(name, run)
+
+
+def test_the_figures_of_many_long_names_are_fit_to_print(load: Load, many_stages: dict[str, Any]) -> None:
+    run = load(**many_stages)
+    for name in FIGURES:
+        check_print(name, run)
+
+
+def check_print(name: str, run: Run) -> None:
+    with in_style():
+        figure = FIGURES[name](run)
+        FigureCanvasAgg(figure).draw()
+        texts = list(visible_texts(figure))
+        assert figure.get_figwidth() in (COLUMN, PAGE)
+        assert min(text.get_fontsize() for text in texts) >= TEXT
+        check_inside(figure, texts)
+        check_apart(texts)
+        check_labels(figure)
+
+
+def visible_texts(figure: Figure) -> Iterator[Text]:
+    hidden = {label for axes in figure.axes for axis in (axes.xaxis, axes.yaxis) for label in unseen_labels(axis)}
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        in_hidden_axis = text.axes is not None and not text.axes.axison and text in axis_texts(text.axes)
+        if text.get_visible() and text.get_text().strip() and text not in hidden and not in_hidden_axis:
+            yield text
+
+
+def axis_texts(axes: Axes) -> set[Text]:
+    return {text for axis in (axes.xaxis, axes.yaxis) for text in axis.findobj(Text) if isinstance(text, Text)}
+
+
+def unseen_labels(axis: Axis) -> Iterator[Text]:
+    """Labels of ticks outside the view, which Matplotlib keeps but does not draw."""
+    low, high = sorted(axis.get_view_interval())
+    room = 1e-6 * (high - low)
+    for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
+        if not low - room <= tick.get_loc() <= high + room:
+            yield from (tick.label1, tick.label2)
+
+
+def check_inside(figure: Figure, texts: list[Text]) -> None:
+    page = figure.bbox
+    for text in texts:
+        box = text.get_window_extent()
+        assert page.x0 - 1 <= box.x0 and box.x1 <= page.x1 + 1, f"'{text.get_text()}' leaves the page"
+        assert page.y0 - 1 <= box.y0 and box.y1 <= page.y1 + 1, f"'{text.get_text()}' leaves the page"
+
+
+def check_apart(texts: list[Text]) -> None:
+    boxes = [(text.get_text(), text.get_window_extent()) for text in texts]
+    for (one, box), (other, box_of_other) in combinations(boxes, 2):
+        overlap = Bbox.intersection(box, box_of_other)
+        assert overlap is None or min(overlap.width, overlap.height) <= 1, f"'{one}' overlaps '{other}'"
+
+
+def check_labels(figure: Figure) -> None:
+    """Every axis with numbers has a label with a unit; a count has none."""
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            numbered = axes.axison and any(label.get_visible() for label in axis.get_ticklabels() if label.get_text())
+            outer = axis.get_tick_params().get("labelbottom", axis.get_tick_params().get("labelleft", True))
+            if numbered and outer:
+                label = axis.get_label_text() or shared_label(figure, axis)
+                assert label.endswith(")") or "Iterations" in label, f"'{label}' has no unit"
+
+
+def shared_label(figure: Figure, axis: Axis) -> str:
+    """The label of the axes this one shares its numbers with."""
+    kind = axis.axis_name
+    return next((text for axes in figure.axes if (text := getattr(axes, f"{kind}axis").get_label_text())), "")

@@ -1,0 +1,183 @@
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from psmpc_cli.errors import SpecError
+from psmpc_cli.ocp.feasibility import ensure_feasible, remarks, review
+from psmpc_cli.ocp.outlook import look_ahead
+from psmpc_cli.specs.library import built_ins
+from psmpc_cli.specs.load import LoadedTask, load_task, parse_task
+from psmpc_cli.specs.problem import dotted
+
+TRANSPORT = load_task("transport")
+
+
+def transport(*overrides: str) -> LoadedTask:
+    return load_task("transport", overrides)
+
+
+def found(task: LoadedTask) -> list[str]:
+    return [f"{dotted(problem.path)}: {problem.message}" for problem in review(task)]
+
+
+def stage(at: str) -> str:
+    return f"{{name: s, skill: move, target: {{base: [0, 0, 0], arms: [0, 0, 0]}}, {at}}}"
+
+
+@pytest.mark.parametrize("name", built_ins("task"))
+def test_built_in_tasks_are_feasible_and_without_remarks(name: str) -> None:
+    task = load_task(name)
+    ensure_feasible(task)
+    assert remarks(task, look_ahead(task)) == []
+
+
+def test_misprint_of_the_paper_names_arm_distance_and_reach() -> None:
+    misprinted = parse_task(
+        TRANSPORT.task_yaml.replace("base: [-2, 2, 30 deg]", "base: [-2, -2, 30 deg]"),
+        TRANSPORT.robot_yaml,
+        "paper.yaml",
+    )
+    with pytest.raises(SpecError) as raised:
+        ensure_feasible(misprinted)
+    source = "  22 |     target: {base: [-2, -2, 30 deg], arm_1: [-1.9334, 3.1677, 165 deg], arm_2: [-3.0446, 2.5261, -105 deg]}"
+    assert str(raised.value).splitlines() == [
+        "paper.yaml:22:45: stages[1].target.arm_1: found a pose 5.021 m from the shoulder of arm_1 with the base at "
+        "[-2, -2, 30 deg], expected at most its reach of 1.2 m",
+        source,
+        "     |                                             ^",
+        "paper.yaml:22:80: stages[1].target.arm_2: found a pose 4.741 m from the shoulder of arm_2 with the base at "
+        "[-2, -2, 30 deg], expected at most its reach of 1.2 m",
+        source,
+        "     |                                                                                ^",
+    ]
+
+
+def test_misprint_in_approach_alone_is_remarked() -> None:
+    task = transport("stages.approach.target.base=[-2, -2, 30 deg]")
+    assert review(task) == []
+    assert [f"{dotted(remark.path)}: {remark.message}" for remark in remarks(task, look_ahead(task))] == [
+        'stages[1].target.base: found the base 4 m from where "approach" leaves it, expected it there: '
+        "the target of arm_1 is then 5.021 m from its shoulder, its reach is 1.2 m"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "expected"),
+    [
+        (
+            ["initial.arm_1=[100 deg, 0, 0]"],
+            ["initial.arm_1[0]: found arm_1.1 at 100 deg, expected within its limits [-90 deg, 90 deg]"],
+        ),
+        (
+            ["initial_velocity={base: [0, -1, 0]}"],
+            ["initial_velocity.base[1]: found base.y at -1 m/s, expected within its limits [-0.2 m/s, 0.2 m/s]"],
+        ),
+        (
+            ["stages.approach.target.base=[-6, 2, 30 deg]"],
+            ["stages[0].target.base[0]: found base.x at -6 m, expected within its limits [-5 m, 5 m]"],
+        ),
+        (
+            ["stages.transport.target={base: [0, 0, 0], arms: [0, 0, 200 deg]}"],
+            [
+                "stages[2].target.arms[2]: found arm_1.3 at 200 deg, expected within its limits [-180 deg, 180 deg]",
+                "stages[2].target.arms[2]: found arm_2.3 at 200 deg, expected within its limits [-180 deg, 180 deg]",
+            ],
+        ),
+        (
+            ["stages.capture.target.arm_1=[-1.9334, 3.1677, -15 deg]"],
+            [
+                "stages[1].target.arm_1: found a pose that puts the last joint 1.137 m from the shoulder of arm_1 with "
+                "the base at [-2, 2, 30 deg], expected between 0 and 1 m, the reach of the links before the last"
+            ],
+        ),
+        (
+            ["skills.reach.limits={arm_2: {position: [[-10 deg, 10 deg], [-180 deg, 180 deg], [-180 deg, 180 deg]]}}"],
+            [
+                "stages[1].target.arm_2: found a pose that arm_2 can take only beyond its joint limits with the base at "
+                "[-2, 2, 30 deg] (1.036 m from its shoulder, within its reach of 1.2 m), expected one within them",
+            ],
+        ),
+        (
+            ["skills.reach.limits={base: {position: [[-1, 1], [-5, 5], [-180 deg, 180 deg]]}}"],
+            [
+                "stages[1].target.base[0]: found base.x at -2 m, expected within its limits [-1 m, 1 m]",
+                "stages[0].ends_when: found base.x at -2 m, expected within its limits [-1 m, 1 m], "
+                'where "capture" keeps it',
+            ],
+        ),
+        (
+            [
+                "skills.move.limits={arm_1: {position: [[-1, 0.5], [-180 deg, 180 deg], [-180 deg, 180 deg]]}}",
+                "stages.transport.target.arm_1=[0, 0, 0]",
+            ],
+            [
+                "stages[1].ends_when: found a pose of arm_1 that it can take only beyond its joint limits in "
+                '"transport", expected one within them'
+            ],
+        ),
+        (
+            [
+                "stages.approach.ends_when.coordinates=all",
+                "skills.reach.limits={base: {velocity: [0.1, [0, 0.1], 0.1]}}",
+                "stages.capture.target.base=[-2, 1.9, 30 deg]",
+            ],
+            [
+                "stages[1].ends_when: found base.y to be moved, expected velocity limits that allow it, "
+                "not [0 m/s, 0.1 m/s]"
+            ],
+        ),
+        (
+            ["time_limit=19.9"],
+            [
+                'time_limit: found 19.9 s, expected at least 19.95 s: "release" cannot end before under the velocity limits'
+            ],
+        ),
+    ],
+)
+def test_what_stands_against_a_task_is_named(overrides: Sequence[str], expected: list[str]) -> None:
+    assert found(transport(*overrides)) == expected
+
+
+def test_instant_before_the_stage_can_begin_is_named() -> None:
+    task = transport(f"stages.capture={stage('at: 8')}", "object=", "published=", "monitors=[]")
+    assert found(task) == [
+        "stages[1].at: found 8 s, expected later: stages[0] cannot end before 9.985 s under the velocity limits"
+    ]
+
+
+def test_base_angle_means_its_nearest_equivalent_unless_exact() -> None:
+    turned = "stages.approach.target.base=[-2, 2, 390 deg]"
+    assert found(transport(turned)) == []
+    assert found(transport(turned, "stages.approach.angles=exact"))[0] == (
+        "stages[0].target.base[2]: found base.theta at 390 deg, expected within its limits [-180 deg, 180 deg]"
+    )
+
+
+def test_target_that_nothing_asks_for_is_left_alone() -> None:
+    away = "stages.release.target.arm_1=[9, 9, 0]"
+    free = ["skills.reach.weights.arm_1=[0, 0, 0]", "stages.release.ends_when.coordinates=[base, arm_2]"]
+    assert found(transport(away, *free)) == []
+    assert len(found(transport(away))) == 1
+
+
+def test_earliest_ends_of_the_transport() -> None:
+    ends = [outlook.earliest_end for outlook in look_ahead(TRANSPORT)]
+    way = (2 - 3e-3) / 0.2
+    back = (2 - 6e-3) / 0.2
+    np.testing.assert_allclose(ends, [way, way, way + back, way + back])
+
+
+@given(st.floats(-4, 4), st.floats(-4, 4), st.floats(0.01, 0.2), st.floats(0, 30))
+def test_stage_ends_no_earlier_than_its_slowest_coordinate_and_its_dwell(
+    x: float, y: float, v: float, dwell: float
+) -> None:
+    task = transport(
+        f"limits={{base: {{velocity: [{v}, {v}, {v}]}}}}",
+        f"stages.approach.target.base=[{x}, {y}, 0]",
+        f"stages.approach.dwell={dwell}",
+    )
+    least = max(max(abs(x), abs(y)) - 3e-3, 0.0) / v
+    assert look_ahead(task)[0].earliest_end == pytest.approx(max(least, dwell))

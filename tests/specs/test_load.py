@@ -1,0 +1,140 @@
+import math
+from pathlib import Path
+
+import pytest
+
+from psmpc_cli.errors import SpecError
+from psmpc_cli.specs.library import built_ins
+from psmpc_cli.specs.load import kind_of_reference, load_robot, load_task, parse_task
+
+ROBOT = load_robot("planar_dual_arm").robot_yaml
+TASK = load_task("transport").task_yaml
+
+
+def write(folder: Path, name: str, text: str) -> Path:
+    path = folder / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_built_in_task_is_the_paper_s() -> None:
+    task = load_task("transport")
+    assert task.spec.name == "transport"
+    assert [stage.name for stage in task.spec.stages] == ["approach", "capture", "transport", "release"]
+    assert [stage.priority for stage in task.spec.stages] == [1, 100, 1, 0.01]
+    assert task.spec.stages[0].target["base"] == (-2, 2, math.radians(30))
+    assert task.spec.skills["move"].weights.parts["arm_1"] == (100, 100, 10)
+    assert task.robot.parts == {"base": 3, "arm_1": 3, "arm_2": 3}
+    assert task.robot.limits["base"].velocity == ((-0.2, 0.2),) * 3
+
+
+def test_weight_study_is_the_first_two_stages_of_the_transport() -> None:
+    study, whole = load_task("approach_capture").spec, load_task("transport").spec
+    assert study.stages == whole.stages[:2]
+    assert (study.skills, study.controller, study.initial) == (whole.skills, whole.controller, whole.initial)
+
+
+@pytest.mark.parametrize("name", built_ins("task"))
+def test_built_in_tasks_load_and_have_the_editor_s_mode_line(name: str) -> None:
+    assert load_task(name).task_yaml.startswith("# yaml-language-server: $schema=../docs/schema/task.json\n")
+
+
+@pytest.mark.parametrize("name", built_ins("robot"))
+def test_built_in_robots_load_and_have_the_editor_s_mode_line(name: str) -> None:
+    assert load_robot(name).robot_yaml.startswith("# yaml-language-server: $schema=../docs/schema/robot.json\n")
+
+
+def test_path_comes_before_built_in_name_but_a_directory_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "transport").mkdir()
+    assert load_task("transport").spec.seed == 0
+    (tmp_path / "transport").rmdir()
+    write(tmp_path, "transport", TASK + "seed: 7\n")
+    assert load_task("transport").spec.seed == 7
+
+
+def test_robot_is_found_beside_the_task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(tmp_path, "robots/heavy.yaml", ROBOT.replace("mass: 30", "mass: 300"))
+    task = write(tmp_path, "tasks/mine.yaml", TASK.replace("planar_dual_arm", "../robots/heavy.yaml"))
+    assert load_task(task).robot.base.mass == 300
+    monkeypatch.chdir("/")
+    assert load_task(str(task)).robot.base.mass == 300
+
+
+def test_problems_of_task_and_robot_come_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(
+        tmp_path, "r.yaml", "name: r\nbase: {mass: -1, inertia: 1}\narms: {a: {mount: {position: [0, 0]}, links: []}}\n"
+    )
+    write(tmp_path, "t.yaml", TASK.replace("planar_dual_arm", "r.yaml").replace("priority: 100", "priority: 0"))
+    with pytest.raises(SpecError) as raised:
+        load_task("t.yaml")
+    heads = [line for line in str(raised.value).splitlines() if line[0] != " "]
+    assert heads == [
+        "t.yaml:21:15: stages[1].priority: found 0, expected a number greater than 0",
+        "r.yaml:2:14: base.mass: found -1, expected a number greater than 0",
+        "r.yaml:3:46: arms.a.links: found an empty list, expected at least 1 entry",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("reference", "reason"),
+    [
+        ("gone.yaml", 'found no file "gone.yaml", expected a path or a built-in robot: planar_dual_arm'),
+        ("folder", "folder: found a directory, expected a YAML file"),
+        ("3", 'found no file "3", expected a path or a built-in robot: planar_dual_arm'),
+    ],
+)
+def test_robot_that_cannot_be_read_is_reported_where_the_task_names_it(
+    reference: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    write(tmp_path, "t.yaml", TASK.replace("robot: planar_dual_arm", f'robot: "{reference}"'))
+    with pytest.raises(SpecError) as raised:
+        load_task("t.yaml")
+    assert str(raised.value).splitlines()[0] == f"t.yaml:4:8: robot: {reason}"
+
+
+@pytest.mark.parametrize(
+    ("reference", "found"),
+    [
+        ("transprot", 'transprot: found no file "transprot" (did you mean "transport"?)'),
+        ("no/such.yaml", 'no/such.yaml: found no file "no/such.yaml"'),
+        ("\0", '\0: found no file "\\u0000"'),
+    ],
+)
+def test_task_that_is_not_there_is_met_with_the_built_in_names(reference: str, found: str) -> None:
+    with pytest.raises(SpecError) as raised:
+        load_task(reference)
+    assert str(raised.value) == f"{found}, expected a path or a built-in task: {', '.join(built_ins('task'))}"
+
+
+def test_stored_texts_need_no_file() -> None:
+    task = load_task("transport")
+    again = parse_task(task.task_yaml.replace("planar_dual_arm", "long/gone.yaml"), task.robot_yaml, "transport")
+    assert again.robot == task.robot
+    assert again.spec == task.spec.model_copy(update={"robot": "long/gone.yaml"})
+    with pytest.raises(SpecError, match=r"stored:20:12: stages\[1\].skill: "):
+        parse_task(task.task_yaml.replace("skill: reach", "skill: rich", 1), task.robot_yaml, "stored")
+
+
+def test_digest_tells_tasks_and_robots_apart_but_not_their_spelling() -> None:
+    task = load_task("transport")
+    spelt = parse_task(TASK.replace("1e-3", "0.001").replace("onset: base", "onset: [base]"), ROBOT, "transport")
+    heavier = parse_task(TASK, ROBOT.replace("mass: 30", "mass: 31"), "transport")
+    swapped = ROBOT.replace("arm_1", "arm_0").replace("arm_2", "arm_1").replace("arm_0", "arm_2")
+    assert spelt.digest == task.digest
+    assert len({task.digest, heavier.digest, load_task("transport", ["seed=1"]).digest}) == 3
+    assert parse_task(TASK, swapped, "transport").digest != task.digest
+
+
+def test_kind_is_known_by_its_keys(tmp_path: Path) -> None:
+    assert kind_of_reference("planar_dual_arm") == "robot"
+    assert kind_of_reference("transport") == "task"
+    assert kind_of_reference(write(tmp_path, "a.yaml", ROBOT)) == "robot"
+    assert kind_of_reference(write(tmp_path, "b.yaml", "seed: 1")) == "task"
+    assert kind_of_reference(write(tmp_path, "c.yaml", "a: [")) == "task"

@@ -1,0 +1,135 @@
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from psmpc_cli.errors import SpecError
+from psmpc_cli.specs.load import load_task, parse_task
+from psmpc_cli.specs.task import TaskSpec
+
+TRANSPORT = load_task("transport")
+
+
+def specified(*overrides: str) -> TaskSpec:
+    return load_task("transport", overrides).spec
+
+
+def refusal_of(*overrides: str) -> str:
+    with pytest.raises(SpecError) as raised:
+        load_task("transport", overrides)
+    return str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("override", "old", "new"),
+    [
+        ("controller.nodes=25", "nodes: 100", "nodes: 25"),
+        ("controller.zeta=1e-2", "zeta: 1e-3", "zeta: 1e-2"),
+        (
+            "controller=smpc",
+            "{kind: psmpc, horizon: 4.0, nodes: 100, sample_time: 0.1, pending_cost: 1.0, zeta: 1e-3}",
+            "smpc",
+        ),
+        ("stages[1].priority=10", "priority: 100", "priority: 10"),
+        ("stages.capture.priority=10", "priority: 100", "priority: 10"),
+        ("stages.1.priority=10", "priority: 100", "priority: 10"),
+        ("stages.approach.target.base=[-2, 1, 0.5 rad]", "base: [-2, 2, 30 deg]", "base: [-2, 1, 0.5 rad]"),
+        ("stages[0].target.base[2]=20 deg", "base: [-2, 2, 30 deg]", "base: [-2, 2, 20 deg]"),
+        ("plant.step=1e-4", "{kind: rk4, low_level_rate: 1000}", "{kind: rk4, low_level_rate: 1000, step: 1e-4}"),
+        ("log.ticks=true", "object:", "log: {ticks: true}\nobject:"),
+        ("monitors.object held.above_start_at_most=0.1", "above_start_at_most: 0.05", "above_start_at_most: 0.1"),
+        ("description=a = b", "On-orbit transport with four stages", "a = b"),
+    ],
+)
+def test_override_equals_editing_the_file(override: str, old: str, new: str, tmp_path: Path) -> None:
+    assert old in TRANSPORT.task_yaml
+    edited = tmp_path / "transport.yaml"
+    edited.write_text(TRANSPORT.task_yaml.replace(old, new, 1), encoding="utf-8")
+    assert specified(override) == load_task(edited).spec != TRANSPORT.spec
+
+
+@given(
+    st.sampled_from(["approach", "capture", "transport", "release"]),
+    st.floats(min_value=1e-9, max_value=1e9),
+    st.integers(2, 1000),
+    st.sampled_from(["psmpc", "smpc", "hard"]),
+)
+def test_effective_text_loads_again_to_the_same_task(stage: str, priority: float, nodes: int, kind: str) -> None:
+    overrides = (f"stages.{stage}.priority={priority!r}", f"controller.nodes={nodes}", f"controller.kind={kind}")
+    task = load_task("transport", overrides)
+    again = parse_task(task.task_yaml, task.robot_yaml, task.spec.name)
+    assert (again.spec, again.robot, again.digest) == (task.spec, task.robot, task.digest)
+    assert next(s.priority for s in again.spec.stages if s.name == stage) == priority
+
+
+def test_shorthand_opens_into_what_it_stands_for() -> None:
+    task = load_task("transport", ["controller=smpc", "controller.nodes=25", "plant=ideal"])
+    assert (task.spec.controller.kind, task.spec.controller.nodes, task.spec.plant.kind) == ("smpc", 25, "ideal")
+    assert "controller: {kind: smpc, nodes: 25}" in task.task_yaml
+
+
+def test_later_override_wins() -> None:
+    assert specified("controller.nodes=25", "controller.nodes=30").controller.nodes == 30
+
+
+def test_without_overrides_the_text_is_the_file() -> None:
+    assert TRANSPORT.task_yaml.startswith("# yaml-language-server: $schema=")
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("stages[1].priority=-3", "stages[1].priority: found -3, expected a number greater than 0"),
+        ("stages.capture.priority=-3", "stages[1].priority: found -3, expected a number greater than 0"),
+        ("nodes", 'found no "=", expected path=value, such as controller.nodes=25'),
+        ("=3", 'found the path "", expected one such as stages[1].priority or stages.capture.priority'),
+        (
+            "stages[x]=3",
+            'found the path "stages[x]", expected one such as stages[1].priority or stages.capture.priority',
+        ),
+        ("stages[7].priority=1", "stages: found [7], expected an index from [0] to [3]"),
+        (
+            "stages.captur.priority=1",
+            'stages: found no entry named "captur" (did you mean "capture"?), '
+            "expected one of approach, capture, transport, release",
+        ),
+        (
+            "controller.kind.x=1",
+            'controller.kind: found the text "psmpc", expected a mapping or list to set x in',
+        ),
+        ("controller[0]=1", "controller: found a mapping of 6 keys, expected a mapping or list to set [0] in"),
+        ("controller.nodes=", "controller.nodes: found nothing, expected a whole number"),
+        ("controller.nodes=[1", 'found the end of the file, expected "," or "]" in the list that starts in line 1'),
+        (
+            "solver.kindd=ipopt",
+            'solver.kindd: found an unknown key (did you mean "kind"?), '
+            "expected one of kind, tolerance, max_iterations",
+        ),
+        (
+            "stages.release.skill=reech",
+            'stages[3].skill: found the text "reech" (did you mean "reach"?), expected one of move, reach',
+        ),
+        ("controller.sample_time=5", "controller.sample_time: found 5 s, expected at most the horizon of 4 s"),
+    ],
+)
+def test_wrong_override_is_reported_as_it_was_given(override: str, message: str) -> None:
+    assert refusal_of(override) == f"--set {override}: {message}"
+
+
+def test_problem_that_an_override_causes_elsewhere_is_reported_there() -> None:
+    assert refusal_of("controller.horizon=0.05") == (
+        "tasks/transport.yaml:6:66: controller.sample_time: found 0.1 s, expected at most the horizon of 0.05 s\n"
+        "   6 | controller: {kind: psmpc, horizon: 4.0, nodes: 100, sample_time: 0.1, pending_cost: 1.0, zeta: 1e-3}\n"
+        "     |                                                                  ^"
+    )
+
+
+def test_all_wrong_overrides_are_reported_together() -> None:
+    text = refusal_of("stages[1].priority=-3", "seed=x", "nonsense", "controller.nodes=0")
+    assert [line.partition(":")[0] for line in text.splitlines()] == [
+        "--set stages[1].priority=-3",
+        "--set seed=x",
+        "--set controller.nodes=0",
+        "--set nonsense",
+    ]

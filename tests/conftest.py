@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.control.controller import Decision, SwitchingController
+from psmpc_cli.control.controller import SwitchingController
+from psmpc_cli.control.decision import Decision
 from psmpc_cli.experiment.loop import simulate
 from psmpc_cli.experiment.setup import Experiment, build_experiment
 from psmpc_cli.ocp.costs import StageCosts

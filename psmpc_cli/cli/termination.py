@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM end a run cleanly: both become a KeyboardInterrupt, told apart by the exit code."""
+"""Ctrl-C and SIGTERM end a run cleanly after the sample in hand; a second one ends the program at once."""
 
 import signal
 from collections.abc import Iterator
@@ -6,25 +6,40 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
+ENDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+"""The signals that end a run, and what its log says of it."""
+
 
 @dataclass
 class Interruption:
-    """Which signal ended the run; the exit code is the shell's for it."""
+    """Which signal asked the run to end; 0 while none did."""
 
-    exit_code: int = 130
+    number: int = 0
+
+    @property
+    def exit_code(self) -> int:
+        """What a shell gives for a program that this signal ended."""
+        return 128 + (self.number or signal.SIGINT)
+
+    def check(self) -> None:
+        """Raise KeyboardInterrupt if a signal came, with what to say of it."""
+        if self.number:
+            raise KeyboardInterrupt(ENDS[signal.Signals(self.number)])
 
 
 @contextmanager
-def raised_on_termination() -> Iterator[Interruption]:
-    """Raise KeyboardInterrupt on SIGTERM as Python does on Ctrl-C."""
+def noticing_signals() -> Iterator[Interruption]:
+    """Keep signals from breaking into a solve or a write: the first is only noted, the next has its usual effect."""
     interruption = Interruption()
 
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        interruption.exit_code = 128 + number
-        raise KeyboardInterrupt
+    def note(number: int, frame: FrameType | None) -> None:
+        interruption.number = number
+        for noticed in ENDS:
+            signal.signal(noticed, signal.SIG_DFL)
 
-    before = signal.signal(signal.SIGTERM, interrupt)
+    before = {number: signal.signal(number, note) for number in ENDS}
     try:
         yield interruption
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,9 +1,8 @@
 """The switching controllers. PSMPC, SMPC and hard switching are one piece of code with two switches."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.sequence import Sequence, Switch, detect, drop_met, drop_passed
 from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 from psmpc_cli.ocp.normalization import normalization
@@ -12,33 +11,11 @@ from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.specs.task import ControllerSpec
 
+ONE_STAGE = ("hard", "htmpc")
+"""Controllers whose window holds the current stage alone."""
+
 BRAKING_TIME = 0.5
 """Time within which a robot without a plan comes to rest [s], longer where acceleration limits ask for it."""
-
-
-@dataclass(frozen=True, eq=False)
-class Decision:
-    """What the controller decided at one sample.
-
-    Attributes:
-        plan: The plan in force.
-        sequence: The stages in the window.
-        solved: The solve behind the plan, or the failed one.
-        prediction: The shifted plan the solve started from.
-        appended: A stage entered the window at this sample.
-        postponed: The next stage was seen, but the window with it had no solution yet.
-        fallback: The solve failed and the shifted plan goes on.
-        exhausted: The plan is used up; `plan` brakes to rest.
-    """
-
-    plan: Plan
-    sequence: Sequence
-    solved: SolvedWindow
-    prediction: Plan
-    appended: bool
-    postponed: bool
-    fallback: bool
-    exhausted: bool
 
 
 class SwitchingController:
@@ -66,7 +43,7 @@ class SwitchingController:
     def decide(self, now: float, x: np.ndarray) -> Decision:
         """Return the decision at time now [s] from the measured state x (2n,)."""
         sequence, prediction = self._sequence, self._predict(now, x)
-        longer = None if self.spec.kind == "hard" else self._detect(sequence, prediction)
+        longer = None if self.spec.kind in ONE_STAGE else self._detect(sequence, prediction)
         solved = self._solve(longer or sequence, prediction, x)
         postponed = longer is not None and not solved.solution.outcome.usable
         if longer is not None and not postponed:
@@ -101,7 +78,7 @@ class SwitchingController:
     def window(self, sequence: Sequence, prediction: Plan, x: np.ndarray) -> Window:
         """Return the window over a sequence, its costs normalized from the prediction."""
         spec, stages = self.spec, self.stages[sequence.first : sequence.last + 1]
-        offset, scale = normalization(spec.normalization, spec.zeta, stages, self.costs, prediction, spec.sample_time)
+        offset, scale = self._normalization(stages, sequence.begins, prediction)
         return Window(
             stages=stages,
             start=prediction.start,
@@ -114,6 +91,12 @@ class SwitchingController:
             pending_cost=spec.pending_cost,
             terminal_cost=spec.terminal_cost,
         )
+
+    def _normalization(
+        self, stages: tuple[Stage, ...], begins: np.ndarray, prediction: Plan
+    ) -> tuple[np.ndarray, np.ndarray]:
+        spec = self.spec
+        return normalization(spec.normalization, spec.zeta, stages, begins, self.costs, prediction, spec.sample_time)
 
     def _predict(self, now: float, x: np.ndarray) -> Plan:
         if self._plan is None:

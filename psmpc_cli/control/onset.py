@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from psmpc_cli.control.controller import Decision, SwitchingController
+from psmpc_cli.control.controller import SwitchingController
+from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.sequence import Sequence
 from psmpc_cli.control.window_solver import SolvedWindow
 from psmpc_cli.ocp.plan import Plan, shift

@@ -30,6 +30,11 @@ class Sequence:
         return len(self.instants) + 1
 
     @property
+    def begins(self) -> np.ndarray:
+        """When each stage in the window begins [s], (count,)."""
+        return np.concatenate([[self.entered], self.instants])
+
+    @property
     def last(self) -> int:
         """Index of the window's last stage."""
         return self.first + len(self.instants)

@@ -63,6 +63,6 @@ class WindowSolver:
         nlp, solver = self.compiled(self.shape(window))
         z = pack_guess(nlp, window, prediction, instants, self.costs)
         guess = shift_multipliers(nlp, z, window, previous.window, previous.solution) if previous else Guess(z)
-        parameters = parameter_vector(nlp, window)
+        parameters = parameter_vector(nlp, window, instants)
         solution = solver.solve(guess, parameters, bounds(nlp, window))
         return SolvedWindow(window, guess, parameters, solution, unpack_plan(nlp, window, solution.z))

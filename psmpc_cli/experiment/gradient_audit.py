@@ -73,7 +73,9 @@ def _window(experiment: Experiment, first: int, random: np.random.Generator) -> 
     controller, n = experiment.task.controller, experiment.model.n
     x0 = experiment.x0 + np.r_[0.3 * random.standard_normal(n), 0.05 * random.standard_normal(n)]
     stages, plan = experiment.stages[first : first + 2], resting_plan(0.0, controller.horizon, controller.nodes, x0)
-    offset, scale = normalization("nadir", controller.zeta, stages, experiment.costs, plan, controller.sample_time)
+    offset, scale = normalization(
+        "nadir", controller.zeta, stages, np.zeros(2), experiment.costs, plan, controller.sample_time
+    )
     window = Window(
         stages=stages,
         start=0.0,
@@ -114,7 +116,7 @@ def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes:
     lbg, ubg = free.lbg.copy(), free.ubg.copy()
     for rows in nlp.end_rows.values():
         lbg[rows], ubg[rows] = -np.inf, np.inf
-    solution = solver.solve(Guess(z), parameter_vector(nlp, window), Bounds(lbx, ubx, lbg, ubg))
+    solution = solver.solve(Guess(z), parameter_vector(nlp, window, np.cumsum(tau)[:-1]), Bounds(lbx, ubx, lbg, ubg))
     U = [solution.z[nlp.layout.input_index(s)] for s in range(len(tau))]
     rollout = Rollout(experiment.model, shape, window)
     return float(np.abs(rollout.by_adjoint(tau, U) - rollout.by_costate(tau, U)).max())

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from psmpc_cli.control.controller import Decision
+from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.sequence import Switch
 from psmpc_cli.control.window_solver import SolvedWindow
 from psmpc_cli.experiment.setup import Experiment
@@ -43,7 +43,7 @@ def measure(
     """Return the record of a sample: u (M, n) was applied over its ticks."""
     n, x = experiment.model.n, ticks.X[0]
     stage = experiment.stages[decision.sequence.first]
-    tick = np.diff(ticks.time)
+    tick, since = np.diff(ticks.time), ticks.time[:1] - decision.sequence.entered
     base = experiment.model.parts["base"]
     position, velocity = _margins(experiment, decision, ticks)
     momentum_error, energy_error = balance.after(ticks)
@@ -61,7 +61,7 @@ def measure(
         switches=tuple((switch.stage, switch.time) for switch in switches),
         presence=presence,
         solve=_solve_record(experiment, decision.solved),
-        stage_cost=float(experiment.costs.at(stage, x[None], u[:1])[0]),
+        stage_cost=float(experiment.costs.at(stage, x[None], u[:1], since)[0]),
         position_margin=position,
         velocity_margin=velocity,
         control_effort=float(tick @ np.sum(u**2, axis=1)),

@@ -13,7 +13,7 @@ class Verdict:
     """Whether a monitor held, and by what margin: the smallest distance of the signal to its bounds.
 
     Attributes:
-        margin: In the signal's unit; negative where it was broken; NaN where the stage never ran.
+        margin: In the signal's unit; negative where it was broken; NaN where no sample falls into the stage.
         broken_at: First sample at which it was broken [s], NaN if it held.
     """
 
@@ -43,7 +43,7 @@ def _verdict(monitor: MonitorSpec, log: Log) -> Verdict:
     if monitor.at_least is not None:
         margins.append(values - monitor.at_least)
     margin = np.min(margins, axis=0)
-    broken = np.flatnonzero(margin < 0)
+    broken = np.flatnonzero(~(margin >= 0))  # a signal that is not a number holds no bound
     return Verdict(
         monitor.name, not len(broken), float(margin.min()), float(time[broken[0]]) if len(broken) else np.nan
     )

@@ -17,6 +17,7 @@ from psmpc_cli.experiment.stage_times import StageClock
 from psmpc_cli.logs.read import read_log
 from psmpc_cli.logs.record import Record
 from psmpc_cli.logs.write import Header, LogWriter, write_monitors
+from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.load import LoadedTask
 
@@ -37,22 +38,18 @@ def run(
 ) -> Ending | None:
     """Run a task, write its log, and return how it ended; None if it was interrupted.
 
-    An interruption (Ctrl-C) ends the run cleanly: the log holds everything up to then and says `finished = false`.
+    An interruption (KeyboardInterrupt, from anywhere or raised by the watcher) ends the run cleanly: the log holds
+    everything up to then and says `finished = false`.
 
     Raises:
         InputError: The log exists already or cannot be written.
+        RunError: The log could not be written any further.
     """
     experiment = build_experiment(loaded)
     with LogWriter(path, header(experiment), force) as writer:
         ending = _consume(experiment, writer, watch)
-    log = read_log(path)
-    if verdict := verdicts(loaded.spec, log):
-        write_monitors(
-            path,
-            tuple(v.name for v in verdict),
-            np.array([v.held for v in verdict]),
-            np.array([v.margin for v in verdict]),
-        )
+    if verdict := verdicts(loaded.spec, read_log(path)):
+        write_monitors(path, np.array([v.held for v in verdict]), np.array([v.margin for v in verdict]))
     return ending
 
 
@@ -62,19 +59,20 @@ def _consume(experiment: Experiment, writer: LogWriter, watch: Callable[[Progres
     clock = StageClock(len(experiment.stages), onset.epsilon, onset.series)
     samples = simulate(experiment)
     try:
+        writer.update_stages(clock.times)
         while True:
             record = next(samples)
             writer.append(record)
             if clock.update(record):
                 writer.update_stages(clock.times)
             fallbacks += "fallback" in record.flags
-            _report(record)
+            _report(record, experiment.stages)
             watch(Progress(record, experiment.stages[record.window_first].name, fallbacks))
     except StopIteration as stop:
         ending: Ending = stop.value
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interruption:
         writer.update_stages(clock.times)
-        writer.finish(False, "interrupted", *_nowhere(experiment))
+        writer.finish(False, str(interruption) or "interrupted", *_nowhere(experiment))
         return None
     clock.hand_over(tuple((switch.stage, switch.time) for switch in ending.switches))
     writer.update_stages(clock.times)
@@ -88,9 +86,19 @@ def _nowhere(experiment: Experiment) -> tuple[float, np.ndarray, np.ndarray]:
     return np.nan, np.full(2 * experiment.model.n, np.nan), np.full(experiment.model.m, np.nan)
 
 
-def _report(record: Record) -> None:
+def _report(record: Record, stages: tuple[Stage, ...]) -> None:
+    """Log what happened at a sample: what went wrong as a warning, the rest for who wants to know every event."""
+    for stage, instant in record.switches:
+        logger.info("%.2f s: %s ended at %.2f s", record.time, stages[stage].name, instant)
+    last = record.window_first + len(record.instants)
+    if "appended" in record.flags:
+        logger.info("%.2f s: %s entered the window", record.time, stages[last].name)
+    if "postponed" in record.flags:
+        logger.info("%.2f s: %s was seen but could not be solved for yet", record.time, stages[last + 1].name)
     if "fallback" in record.flags:
         logger.warning("%.2f s: solve failed (%s); the shifted plan goes on", record.time, record.solve.status)
+    if "braking" in record.flags:
+        logger.warning("%.2f s: the plan is used up; the robot brakes to rest", record.time)
 
 
 def header(experiment: Experiment) -> Header:
@@ -121,4 +129,5 @@ def header(experiment: Experiment) -> Header:
         epsilons=task.onset.series,
         ticks=task.log.ticks,
         plans=task.log.plans,
+        monitors=tuple(monitor.name for monitor in task.monitors),
     )

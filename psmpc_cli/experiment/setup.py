@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from psmpc_cli.control import build_controller
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.onset import OnsetObserver
 from psmpc_cli.control.window_solver import WindowSolver
@@ -39,7 +40,7 @@ def build_experiment(loaded: LoadedTask) -> Experiment:
     """Return the experiment a task describes."""
     task, model = loaded.spec, build_model(loaded.robot)
     stages, costs = build_stages(task, loaded.robot, model), StageCosts(model)
-    controller = SwitchingController(task.controller, stages, WindowSolver(task, model, costs))
+    controller = build_controller(task.controller, stages, WindowSolver(task, model, costs))
     Qdot = stack(task.initial_velocity, loaded.robot, "joint") if task.initial_velocity else np.zeros(model.n)
     return Experiment(
         loaded=loaded,

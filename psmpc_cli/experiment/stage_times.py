@@ -39,7 +39,7 @@ class StageClock:
         regular = np.r_[0.0, self.switch_time[:-1]]
         starts = np.where(np.isnan(self._early), regular[:, None], self._early)
         return StageTimes(
-            switch_time=self.switch_time,
+            switch_time=self.switch_time.copy(),
             actual_start=starts[:, -1],
             premature=~np.isnan(self._early[:, -1]),
             by_epsilon=starts[:, :-1],

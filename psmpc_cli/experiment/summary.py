@@ -4,10 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from psmpc_cli.errors import LogError, SpecError
 from psmpc_cli.experiment.monitors import Verdict, verdicts
 from psmpc_cli.logs.read import Log
 from psmpc_cli.ocp.stages import build_stages
 from psmpc_cli.robot.model import build_model
+from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.load import LoadedTask, parse_task
 
 
@@ -38,7 +40,7 @@ class SolveSummary:
 
 @dataclass(frozen=True)
 class LimitSummary:
-    """The largest violation of any limit at the ticks, and of which coordinate, relative to the limit's width."""
+    """The smallest margin to a kind of limit over all ticks, its coordinate, and it over half the limits' distance."""
 
     kind: str
     coordinate: str
@@ -51,6 +53,7 @@ class Summary:
     """What a run came to.
 
     Attributes:
+        ended: The run came to an end; it was neither killed nor interrupted.
         completed: The last stage met its end condition.
         succeeded: It did, and every monitor held.
         reason: Why the run stopped.
@@ -67,6 +70,7 @@ class Summary:
         distances: Distance between the first two end-effectors at the end of each stage [m]; NaN with one arm.
     """
 
+    ended: bool
     completed: bool
     succeeded: bool
     reason: str
@@ -96,9 +100,10 @@ def summarize(log: Log) -> Summary:
     switching = log["window/count"] > 1
     wall_time = log["solver/wall_time"]
     return Summary(
+        ended=bool(np.isfinite(log.final["time"])),
         completed=completed,
         succeeded=completed and all(verdict.held for verdict in monitored),
-        reason=str(log.attributes["end_reason"]) or "stopped before its end",
+        reason=str(log.attributes["end_reason"]) or "the run was killed",
         duration=_duration(log),
         stages=tuple(_stage(log, loaded, i) for i in range(len(log.stage_names))),
         solves=_solves(log, np.ones(len(wall_time), bool)),
@@ -119,9 +124,20 @@ def summarize(log: Log) -> Summary:
 
 
 def task_of(log: Log) -> LoadedTask:
-    """Return the task a log was made from, as it ran."""
-    attributes = log.attributes
-    return parse_task(str(attributes["task_yaml"]), str(attributes["robot_yaml"]), str(attributes["task_name"]))
+    """Return the task a log was made from, as it ran.
+
+    Raises:
+        LogError: Its texts are not a task and a robot of this version, or not those of the run it holds.
+    """
+    task_yaml, robot_yaml, name = (str(log.attributes[key]) for key in ("task_yaml", "robot_yaml", "task_name"))
+    try:
+        loaded = parse_task(task_yaml, robot_yaml, name)
+    except SpecError as error:
+        raise LogError(f"{log.path}: the task or robot in it does not hold in this version:\n{error}") from None
+    described = labels(loaded.robot, "joint"), tuple(stage.name for stage in loaded.spec.stages)
+    if described != (log.coordinates, log.stage_names):
+        raise LogError(f"{log.path}: the task and robot in it do not describe the run it holds")
+    return loaded
 
 
 def _duration(log: Log) -> float:
@@ -161,8 +177,10 @@ def _limits(log: Log, loaded: LoadedTask) -> tuple[LimitSummary, ...]:
         margin = log[f"margin/{kind}"]
         if not len(margin) or not np.isfinite(margin).any():
             continue
-        bound = np.array([np.abs(getattr(stages[s].limits, f"{kind}_high")) for s in first])
-        relative = np.where(np.isfinite(margin), margin / np.where(bound > 0, bound, 1.0), np.inf)
+        limits = [stages[s].limits for s in first]
+        width = np.array([getattr(limit, f"{kind}_high") - getattr(limit, f"{kind}_low") for limit in limits]) / 2
+        bounded = np.isfinite(width) & (width > 0)
+        relative = np.where(np.isfinite(margin), margin / np.where(bounded, width, 1.0), np.inf)
         row, column = np.unravel_index(np.argmin(relative), relative.shape)
         coordinate = log.coordinates[int(column)]
         tightest.append(LimitSummary(kind, coordinate, float(margin[row, column]), float(relative[row, column])))
@@ -177,9 +195,8 @@ def _distances(log: Log) -> tuple[float, ...]:
     arms = [name.removesuffix(".x") for name in log.pose_coordinates if name.endswith(".x") and name != "base.x"]
     if len(arms) < 2 or not len(log.time):
         return (np.nan,) * len(log.stage_names)
-    names, xi = list(log.pose_coordinates), log["pose/xi"]
+    names, xi = list(log.pose_coordinates), np.vstack([log["pose/xi"], log.final["xi"]])
     gap = [xi[:, names.index(f"{arms[0]}.{axis}")] - xi[:, names.index(f"{arms[1]}.{axis}")] for axis in "xy"]
-    distance = np.hypot(*gap)
-    return tuple(
-        float(np.interp(t, log.time, distance)) if np.isfinite(t) else np.nan for t in log.stages["switch_time"]
-    )
+    distance, time = np.hypot(*gap), np.append(log.time, log.final["time"])
+    known = np.isfinite(time)
+    return tuple(float(np.interp(t, time[known], distance[known])) for t in log.stages["switch_time"])

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.layout import COLUMNS
+from psmpc_cli.logs.layout import COLUMNS, MOMENTUM
 from psmpc_cli.logs.read import Log
 
 
@@ -41,12 +41,12 @@ def _samples(log: Log) -> Iterator[tuple[str, np.ndarray]]:
         "coordinate": log.coordinates,
         "pose_coordinate": log.pose_coordinates,
         "stage": log.stage_names,
-        "momentum": ("x", "y", "angular"),
+        "momentum": MOMENTUM,
     }
     for column in COLUMNS:
         values = log[column.path]
         if not column.scale:
-            yield column.path, values
+            yield column.path if column.units == "1" else f"{column.path} [{column.units}]", values
             continue
         for name, row in zip(names[column.scale], values.T, strict=True):
             yield f"{column.path}/{name}", row

@@ -48,24 +48,33 @@ class Table:
 
 @dataclass(frozen=True)
 class Scale:
-    """One dimension scale whose size is known before the run; `name` is that of the dimension."""
+    """One dimension scale whose size is known before the run.
+
+    Attributes:
+        path: Where it stands; its last part is the name of the dimension.
+        units: SI units.
+        long_name: What it is.
+    """
 
     path: str
-    name: str
+    units: str
     long_name: str
 
 
 Q_UNITS, V_UNITS, A_UNITS, F_UNITS = "m, rad", "m/s, rad/s", "m/s^2, rad/s^2", "N, N m"
 
 SCALES = (
-    Scale("coordinate", "coordinate", "generalized coordinate"),
-    Scale("pose_coordinate", "pose_coordinate", "pose coordinate"),
-    Scale("stage", "stage", "stage"),
-    Scale("momentum", "momentum", "component of momentum"),
-    Scale("stages/epsilon", "epsilon", "threshold on the control that marks an actual start"),
-    Scale("monitors/name", "name", "monitor"),
+    Scale("coordinate", "1", "generalized coordinate"),
+    Scale("pose_coordinate", "1", "pose coordinate"),
+    Scale("stage", "1", "stage"),
+    Scale("momentum", "1", "component of momentum"),
+    Scale("stages/epsilon", A_UNITS, "threshold on the control that marks an actual start"),
+    Scale("monitors/name", "1", "name of the monitor"),
 )
 """What runs along every dimension but time."""
+
+MOMENTUM = ("x", "y", "angular")
+"""Components of the momentum: linear, and angular about the inertial origin."""
 
 TIME = Column("time", "", "s", "sample time")
 

@@ -1,6 +1,7 @@
-"""Reads a log back."""
+"""Reads a log back, whole or cut short by a kill."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,7 +9,12 @@ import h5py
 import numpy as np
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.logs.layout import COLUMNS, FORMAT_VERSION, PLANS, TICKS
+from psmpc_cli.logs.layout import COLUMNS, FORMAT_VERSION, PLANS, SCALES, TABLES, TICK_TIME, TICKS, TIME
+
+EXPECTED = "expected a log written by psmpc simulate"
+
+ATTRIBUTES = ("finished", "end_reason", "controller", "task_name", "task_yaml", "robot_yaml")
+"""What a log cannot be understood without."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,8 +27,8 @@ class Log:
         columns: Every dataset with a row a sample, /time included, by path.
         stages: Datasets below /stages: name, priority, switch_time, actual_start, premature, epsilon, ...
         coordinates, pose_coordinates: Names of the rows of Q and xi.
-        final: time, Q, Qdot and xi at the end of the run; NaN in a run that was killed.
-        monitors: name, held, margin; empty in a run that was killed.
+        final: time, Q, Qdot and xi at the end of the run; NaN in a run that was killed or interrupted.
+        monitors: name, held (-1 in a run that was killed), margin.
         ticks: Datasets below /ticks, empty where none were logged.
         plans: Whether /plan was logged.
     """
@@ -58,65 +64,98 @@ def read_log(path: Path) -> Log:
     Raises:
         LogError: The file is missing, no HDF5 file, cut off, of another program or of another version.
     """
-    if not path.exists():
-        raise LogError(f"{path}: no such file; expected a log written by psmpc simulate")
-    if path.is_dir():
-        raise LogError(f"{path}: is a directory; expected a log written by psmpc simulate")
-    try:
-        with h5py.File(path, "r") as file:
-            _check(path, file)
-            return _load(path, file)
-    except (OSError, RuntimeError, KeyError, ValueError) as error:
-        raise LogError(
-            f"{path}: not readable as a log, it may be cut off or no HDF5 file ({_first_line(error)})"
-        ) from None
+    with _opened(path) as file:
+        return _load(path, file)
 
 
 def read_plan(path: Path, name: str, sample: int) -> np.ndarray:
-    """Return one sample's vector of a dataset below /plan, such as `solution`."""
-    with h5py.File(path, "r") as file:
-        offset, values = file[f"plan/{name}_offset"], file[f"plan/{name}"]
-        last = offset[sample + 1] if sample + 1 < len(offset) else len(values)
-        return np.asarray(values[offset[sample] : last])
+    """Return one sample's vector of a dataset below /plan, such as `solution`.
+
+    Raises:
+        LogError: As for `read_log`; or the log holds no plans, or not this sample's.
+    """
+    with _opened(path) as file:
+        if f"plan/{name}" not in file:
+            raise LogError(f"{path}: holds no plans; expected a log of a task with log: {{plans: true}}")
+        lengths, held = file[f"plan/{name}_length"], len(file["time"])
+        if not 0 <= sample < held:
+            choices = f"expected one from 0 to {held - 1}" if held else "it holds none"
+            raise LogError(f"{path}: found no sample {sample}; {choices}")
+        return np.asarray(file[f"plan/{name}"][sample, : lengths[sample]])
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    """Open a log of this version to read, while it is written too; whatever is wrong with it is a LogError."""
+    try:
+        if path.is_dir():
+            raise LogError(f"{path}: found a directory, {EXPECTED}")
+        if not path.exists():
+            raise LogError(f"{path}: found no such file, {EXPECTED}")
+        if not path.is_file():
+            raise LogError(f"{path}: found no regular file, {EXPECTED}")
+        if not path.stat().st_size:
+            raise LogError(f"{path}: found an empty file, {EXPECTED}")
+        with path.open("rb"):
+            pass
+    except OSError as error:
+        raise LogError(f"{path}: found no readable file ({error.strerror or error}), {EXPECTED}") from None
+    if not h5py.is_hdf5(path):
+        raise LogError(f"{path}: found no HDF5 file, {EXPECTED}")
+    try:
+        with h5py.File(path, "r", locking=False) as file:
+            _check(path, file)
+            yield file
+    except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError) as error:
+        reason = (str(error) or type(error).__name__).partition("\n")[0]
+        raise LogError(f"{path}: found an HDF5 file that is cut off or damaged ({reason}), {EXPECTED}") from None
 
 
 def _check(path: Path, file: h5py.File) -> None:
+    """Refuse what is no log of this version."""
     if "format_version" not in file.attrs or "psmpc_version" not in file.attrs:
-        raise LogError(f"{path}: an HDF5 file, but not a log of psmpc; expected one written by psmpc simulate")
-    found = int(file.attrs["format_version"])
+        raise LogError(f"{path}: found an HDF5 file of another program, {EXPECTED}")
+    found = file.attrs["format_version"]
     if found != FORMAT_VERSION:
         raise LogError(
-            f"{path}: log format {found}, written by psmpc {file.attrs['psmpc_version']}; this version reads format "
-            f"{FORMAT_VERSION}: read it with that version, or run the experiment again"
+            f"{path}: found log format {found}, written by psmpc {file.attrs['psmpc_version']}; this version reads "
+            f"format {FORMAT_VERSION}: read it with that version, or run the experiment again"
         )
+    for name in ATTRIBUTES:
+        if name not in file.attrs:
+            raise LogError(f"{path}: found no attribute {name}, {EXPECTED}")
 
 
 def _load(path: Path, file: h5py.File) -> Log:
-    rows = min(len(file[column.path]) for column in COLUMNS)
-    columns = {column.path: _array(file[column.path])[:rows] for column in COLUMNS}
-    has_ticks = "ticks" in file
+    columns = _along(file, TIME.path, *(column.path for column in COLUMNS))
+    ticks = _along(file, TICK_TIME.path, *(column.path for column in TICKS)) if TICK_TIME.path in file else {}
+    fixed = {entry.path: _array(file[entry.path]) for entry in (*SCALES, *TABLES)}
     return Log(
         path=path,
         attributes=dict(file.attrs),
-        columns={"time": file["time"][:rows], **columns},
-        stages={name: _array(dataset) for name, dataset in file["stages"].items()},
-        coordinates=tuple(_array(file["coordinate"])),
-        pose_coordinates=tuple(_array(file["pose_coordinate"])),
-        final={name: _array(dataset) for name, dataset in file["final"].items()},
-        monitors={name: _array(dataset) for name, dataset in file["monitors"].items()} if "monitors" in file else {},
-        ticks={name: _array(file[f"ticks/{name}"]) for name in _tick_names()} if has_ticks else {},
+        columns=columns,
+        stages=_below("stages", fixed),
+        coordinates=tuple(str(name) for name in fixed["coordinate"]),
+        pose_coordinates=tuple(str(name) for name in fixed["pose_coordinate"]),
+        final=_below("final", fixed),
+        monitors=_below("monitors", fixed),
+        ticks=_below("ticks", ticks),
         plans=PLANS[0][0] in file,
     )
 
 
-def _tick_names() -> tuple[str, ...]:
-    return ("time", *(column.path.removeprefix("ticks/") for column in TICKS))
+def _along(file: h5py.File, *paths: str) -> dict[str, np.ndarray]:
+    """Return datasets along one time, as many rows as all of them have: a kill may leave the last one half written."""
+    rows = min(len(file[path]) for path in paths)
+    return {path: _array(file[path])[:rows] for path in paths}
+
+
+def _below(group: str, datasets: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {path.removeprefix(f"{group}/"): values for path, values in datasets.items() if path.startswith(f"{group}/")}
 
 
 def _array(dataset: h5py.Dataset) -> np.ndarray:
-    values = np.asarray(dataset[()])
-    return np.char.decode(values, "utf-8") if values.dtype.kind == "S" else values
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
+    """Return a dataset in memory, text as text."""
+    if h5py.check_string_dtype(dataset.dtype) is None:
+        return np.asarray(dataset[()])
+    return np.asarray(dataset.asstr()[()], dtype=str)

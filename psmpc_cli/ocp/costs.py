@@ -29,25 +29,29 @@ class StageCosts:
         Q, Qdot, u = (ca.SX.sym(name, self.model.n) for name in ("Q", "Qdot", "u"))
         return ca.Function("a", [Q, Qdot, u], [self.model.J_C(Q) @ u + self.model.Jdot_Qdot(Q, Qdot)])
 
-    def errors(self, stage: Stage, X: np.ndarray) -> np.ndarray:
-        """Return the stage's error at each state (K, rows) [m, rad]; X is (K, 2n)."""
+    def errors(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
+        """Return the stage's error at each state (K, rows) [m, rad]; X is (K, 2n).
+
+        Against what its cost follows at times `since` its start (K,) [s]; without them against its target.
+        """
         error, _ = self._error(stage.space)
-        return np.asarray(error(X[:, : self.model.n].T, np.tile(stage.target[:, None], (1, len(X))))).T
+        reference = np.tile(stage.target, (len(X), 1)) if since is None else stage.reference(since)
+        return np.asarray(error(X[:, : self.model.n].T, reference.T)).T
 
     def rates(self, stage: Stage, X: np.ndarray) -> np.ndarray:
         """Return the rate of the stage's error at each state (K, rows) [m/s, rad/s]."""
         _, rate = self._error(stage.space)
         return np.asarray(rate(X[:, : self.model.n].T, X[:, self.model.n :].T)).T
 
-    def along(self, stage: Stage, X: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def along(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return Lbar at the nodes (K + 1,) of X (K + 1, 2n), u (K, n); the last control counts twice."""
-        return self.at(stage, X, np.vstack([u, u[-1:]]))
+        return self.at(stage, X, np.vstack([u, u[-1:]]), since)
 
-    def at(self, stage: Stage, X: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def at(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
         if stage.input == "task":
             u = self.task_acceleration(X, u)
-        error = self.errors(stage, X)
+        error = self.errors(stage, X, since)
         return np.asarray(error**2 @ stage.weights + u**2 @ stage.control_weights)
 
     def task_acceleration(self, X: np.ndarray, u: np.ndarray) -> np.ndarray:

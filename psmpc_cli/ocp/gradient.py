@@ -1,8 +1,8 @@
 """The gradient of a window's cost with respect to its switching instants, computed in three independent ways.
 
-All three take the controls as given and leave end conditions and limits aside: the cost is that of rolling the dynamics
-out. The discrete adjoint and algorithmic differentiation hold U fixed on the mesh, which stretches with the instants; the
-paper's costate formula holds u(t) fixed in physical time, so that it agrees with them where the control is stationary.
+All three take the controls as given and leave end conditions and limits aside: the cost is that of rolling the
+dynamics out. The discrete adjoint and algorithmic differentiation hold U fixed on the mesh, which stretches with the
+instants; the paper's costate formula holds u(t) fixed in physical time: it agrees where the control is stationary.
 """
 
 from dataclasses import dataclass

@@ -10,9 +10,15 @@ from psmpc_cli.ocp.stages import Stage
 
 
 def normalization(
-    kind: str, zeta: float, stages: Sequence[Stage], costs: StageCosts, prediction: Plan, step: float
+    kind: str,
+    zeta: float,
+    stages: Sequence[Stage],
+    begins: np.ndarray,
+    costs: StageCosts,
+    prediction: Plan,
+    step: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return offset and scale (S + 1,) of L = (Lbar - offset) / scale.
+    """Return offset and scale (S + 1,) of L = (Lbar - offset) / scale; the stages begin at `begins` (S + 1,) [s].
 
     The prediction is read on a uniform grid with the given step [s], its control averaged over each step: at the nodes
     the maximum would depend on the mesh, whose intervals shrink to nothing before a switch, and one tall control there
@@ -25,7 +31,7 @@ def normalization(
         return np.zeros(len(stages)), np.ones(len(stages))
     times = np.linspace(prediction.start, prediction.end, round((prediction.end - prediction.start) / step) + 1)
     X, u = prediction.states_at(times), prediction.mean_control(times)
-    over_time = [costs.along(stage, X, u) for stage in stages]
+    over_time = [costs.along(stage, X, u, times - begin) for stage, begin in zip(stages, begins, strict=True)]
     nadir = np.array([values.max() for values in over_time])
     if kind == "nadir":
         return np.zeros(len(stages)), nadir + zeta

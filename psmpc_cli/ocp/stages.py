@@ -16,11 +16,20 @@ Vector = np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A desired trajectory: values (T, rows) at times (T,) [s] since the stage began, interpolated between."""
+
+    times: Vector
+    values: Vector
+
+
+@dataclass(frozen=True, eq=False)
 class Stage:
     """One stage of the task, resolved for one robot.
 
     Attributes:
-        target: Target in the order of Q (n,) or xi (m,) [m, rad].
+        target: Target in the order of Q (n,) or xi (m,) [m, rad]; of a trajectory, its last value.
+        trajectory: The desired trajectory the cost follows, or None where it is the target throughout.
         weights: Diagonal of W_q or W_p, as `target`.
         control_weights: Diagonal of W_r, one per input.
         end_rows: Rows of the error on which the end condition (18) stands; empty where `at` is given.
@@ -37,6 +46,7 @@ class Stage:
     input: str
     priority: float
     target: Vector
+    trajectory: Trajectory | None
     weights: Vector
     control_weights: Vector
     end_rows: tuple[int, ...]
@@ -46,6 +56,13 @@ class Stage:
     dwell: float
     limits: Limits
     onset_rows: tuple[int, ...]
+
+    def reference(self, since: Vector) -> Vector:
+        """Return what the cost follows at times since the stage began (K,) [s]: (K, rows)."""
+        if self.trajectory is None:
+            return np.tile(self.target, (len(since), 1))
+        times, values = self.trajectory.times, self.trajectory.values
+        return np.column_stack([np.interp(since, times, column) for column in values.T])
 
 
 def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[Stage, ...]:
@@ -65,6 +82,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, targ
         input=skill.input,
         priority=spec.priority,
         target=target,
+        trajectory=None,
         weights=stack(skill.weights.parts, robot, skill.space),
         control_weights=_control_weights(skill, robot, model),
         end_rows=() if end is None else rows(end.coordinates, robot, skill.space),

@@ -70,8 +70,11 @@ def window_shape(stages: Sequence[Stage], nodes: int, discretization: str) -> Wi
     )
 
 
-def parameter_vector(nlp: Nlp, window: Window) -> np.ndarray:
-    """Return the numbers of the NLP's parameter vector for this window."""
+def parameter_vector(nlp: Nlp, window: Window, instants: np.ndarray) -> np.ndarray:
+    """Return the numbers of the NLP's parameter vector for this window.
+
+    Desired trajectories are read at the nodes of the mesh that the guessed instants (S,) [s] give.
+    """
     largest = float(np.max(window.omega))
     stages = window.stages
     numbers = Parameters(
@@ -84,11 +87,21 @@ def parameter_vector(nlp: Nlp, window: Window) -> np.ndarray:
         scale=window.scale,
         weights=tuple(stage.weights for stage in stages),
         control_weights=tuple(stage.control_weights for stage in stages),
-        targets=tuple(
-            np.repeat(stage.target[:, None], N + 1, axis=1) for stage, N in zip(stages, nlp.layout.nodes, strict=True)
-        ),
+        targets=_references(nlp, window, instants),
     )
     return np.concatenate([np.ravel(piece, order="F") for piece in numbers.pieces()])
+
+
+def _references(nlp: Nlp, window: Window, instants: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return what each stage's cost follows at its nodes, (rows, N_s + 1) by stage."""
+    layout = nlp.layout
+    times = window.start + mesh(durations(instants, window.start, window.horizon), layout.nodes)
+    begins = np.concatenate([[window.start - window.elapsed], instants])
+    nodes = zip(layout.first_node[:-1], layout.first_node[1:] + 1, strict=True)
+    return tuple(
+        stage.reference(times[first:last] - begin).T
+        for stage, begin, (first, last) in zip(window.stages, begins, nodes, strict=True)
+    )
 
 
 def bounds(nlp: Nlp, window: Window) -> Bounds:

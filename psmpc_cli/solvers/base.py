@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
+import casadi as ca
 import numpy as np
 
 from psmpc_cli.ocp.window import Bounds
@@ -57,8 +58,32 @@ class Solution:
     wall_time: float
 
 
+class StructuredNlp(Protocol):
+    """What a back-end needs of an NLP: the problem, and the sizes of state, input and path rows at each node."""
+
+    @property
+    def problem(self) -> dict[str, ca.SX]:
+        """The NLP as CasADi's solvers take it."""
+        ...
+
+    @property
+    def nx(self) -> tuple[int, ...]:
+        """Size of the state at each node."""
+        ...
+
+    @property
+    def nu(self) -> tuple[int, ...]:
+        """Size of the input at each node; 0 at the last."""
+        ...
+
+    @property
+    def ng(self) -> tuple[int, ...]:
+        """Number of path rows at each node."""
+        ...
+
+
 class Solver(Protocol):
-    """A compiled NLP of one window shape."""
+    """A compiled NLP."""
 
     def solve(self, guess: Guess, p: np.ndarray, bounds: Bounds) -> Solution:
         """Solve for the parameters p from the guess."""

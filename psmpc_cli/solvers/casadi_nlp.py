@@ -8,9 +8,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.transcription import Nlp
 from psmpc_cli.ocp.window import Bounds
-from psmpc_cli.solvers.base import Guess, Outcome, Solution
+from psmpc_cli.solvers.base import Guess, Outcome, Solution, StructuredNlp
 
 
 class CasadiSolver:
@@ -22,7 +21,7 @@ class CasadiSolver:
     def __init__(
         self,
         plugin: str,
-        nlp: Nlp,
+        nlp: StructuredNlp,
         options: Mapping[str, Any],
         outcomes: Mapping[object, Outcome],
         warm_options: Mapping[str, Any] | None = None,

@@ -1,7 +1,6 @@
 """IPOPT: the general interior-point method, from the CasADi wheel, warm started with multipliers where there are any."""
 
-from psmpc_cli.ocp.transcription import Nlp
-from psmpc_cli.solvers.base import Outcome
+from psmpc_cli.solvers.base import Outcome, StructuredNlp
 from psmpc_cli.solvers.casadi_nlp import CasadiSolver
 from psmpc_cli.specs.task import SolverSpec
 
@@ -24,7 +23,7 @@ WARM = {
 """Options of a solve that starts from multipliers: the barrier starts low and the guess is not pushed off its bounds."""
 
 
-def build(nlp: Nlp, spec: SolverSpec) -> CasadiSolver:
+def build(nlp: StructuredNlp, spec: SolverSpec) -> CasadiSolver:
     """Return IPOPT on this NLP."""
     options = {
         "print_level": 0,

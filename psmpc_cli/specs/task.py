@@ -49,10 +49,18 @@ class Choice(Spec):
         return {"anyOf": [{"enum": mapping["properties"]["kind"]["enum"]}, mapping]}
 
 
+class HtmpcSpec(Spec):
+    """The lexicographic controller, eq. (32)."""
+
+    depth: Whole | None = Field(None, ge=1, description="levels a sample solves; default all remaining stages")
+    constraint: Literal["cost", "error"] = Field("cost", description="what may not get worse: costs, or errors by node")
+    tolerance: Positive = Field(1e-3, description="by how much a normalized cost, or an error, may get worse")
+
+
 class ControllerSpec(Choice):
     """The controller and its objective; symbols as in docs/formulation.md."""
 
-    kind: Literal["psmpc", "smpc", "hard"] = Field("psmpc", description="which controller")
+    kind: Literal["psmpc", "smpc", "hard", "htmpc"] = Field("psmpc", description="which controller")
     horizon: Positive = Field(4.0, description="prediction horizon T_h [s]")
     nodes: Whole = Field(100, ge=2, le=1000, description="intervals a stage, N_s")
     sample_time: Positive = Field(0.1, description="time between two solves [s]")
@@ -62,6 +70,7 @@ class ControllerSpec(Choice):
     normalization: Literal["nadir", "range", "none"] = Field("nadir", description="how costs are normalized, eq. (12)")
     discretization: Literal["exact", "euler"] = Field("exact", description="zero-order hold, or Euler as in eq. (20)")
     detection_margin: Number = Field(10.0, ge=1, description="tolerances within which a stage is predicted to end")
+    htmpc: HtmpcSpec = HtmpcSpec()
 
 
 class SolverSpec(Choice):

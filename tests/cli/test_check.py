@@ -59,7 +59,7 @@ arm_2  at -0.3, 0 m, 180 deg  4.2        0.35              0.25 + 0.25
                               4.2        0.35              0.25 + 0.25
                               2          0.0267            0.1 + 0.1
 
-coordinate  position         velocity           acceleration
+coordinate  position         velocity             acceleration
 base.x      -5 to 5 m        -0.2 to 0.2 m/s
 base.y      -5 to 5 m        -0.2 to 0.2 m/s
 base.theta  -180 to 180 deg  -0.2 to 0.2 rad/s

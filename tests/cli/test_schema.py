@@ -10,7 +10,7 @@ from psmpc_cli.specs.schema import json_schema
 
 
 def run(*arguments: str) -> Result:
-    app = typer.Typer()
+    app = typer.Typer(rich_markup_mode=None)
     app.command()(schema)
     return CliRunner().invoke(app, arguments)
 

@@ -4,7 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.control.controller import Decision, SwitchingController
+from psmpc_cli.control.controller import SwitchingController
+from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.window_solver import WindowSolver
 from psmpc_cli.experiment.loop import Ending, simulate
 from psmpc_cli.experiment.setup import Experiment

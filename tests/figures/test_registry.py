@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from itertools import combinations
 from typing import Any
 
+import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -21,7 +22,7 @@ Load = Callable[..., Run]
 STORIES: dict[str, dict[str, Any]] = {
     "object lost": {"early": {1: 6.4, 3: 19.0}},
     "killed": {"last": 8.0},
-    "killed at once": {"last": 0.0},
+    "killed at once": {"last": 0.2},
 }
 
 
@@ -70,10 +71,11 @@ def axis_texts(axes: Axes) -> set[Text]:
 
 def unseen_labels(axis: Axis) -> Iterator[Text]:
     """Labels of ticks outside the view, which Matplotlib keeps but does not draw."""
-    low, high = sorted(axis.get_view_interval())
+    scale = axis.get_transform().transform
+    low, high = sorted(scale(axis.get_view_interval()))
     room = 1e-6 * (high - low)
     for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
-        if not low - room <= tick.get_loc() <= high + room:
+        if not low - room <= scale(np.array([tick.get_loc()]))[0] <= high + room:
             yield from (tick.label1, tick.label2)
 
 
@@ -96,14 +98,6 @@ def check_labels(figure: Figure) -> None:
     """Every axis with numbers has a label with a unit; a count has none."""
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
-            numbered = axes.axison and any(label.get_visible() for label in axis.get_ticklabels() if label.get_text())
-            outer = axis.get_tick_params().get("labelbottom", axis.get_tick_params().get("labelleft", True))
-            if numbered and outer:
-                label = axis.get_label_text() or shared_label(figure, axis)
-                assert label.endswith(")") or "Iterations" in label, f"'{label}' has no unit"
-
-
-def shared_label(figure: Figure, axis: Axis) -> str:
-    """The label of the axes this one shares its numbers with."""
-    kind = axis.axis_name
-    return next((text for axes in figure.axes if (text := getattr(axes, f"{kind}axis").get_label_text())), "")
+            numbers = [label for label in axis.get_ticklabels() if label.get_visible() and label.get_text()]
+            label = axis.get_label_text()
+            assert not axes.axison or not numbers or label.endswith(")") or label == "Iterations\nof the solve", label

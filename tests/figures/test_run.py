@@ -55,7 +55,7 @@ def test_a_log_without_a_sample_is_refused(load: Load) -> None:
 
 
 def test_a_log_of_one_sample_is_a_run(load: Load) -> None:
-    run = load(last=0.0)
+    run = load(last=0.2)
     assert [(span.name, span.start, span.end) for span in run.spans] == [("approach", 0.0, 0.0)]
 
 

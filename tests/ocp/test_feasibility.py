@@ -2,7 +2,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
@@ -42,7 +42,8 @@ def test_misprint_of_the_paper_names_arm_distance_and_reach() -> None:
     )
     with pytest.raises(SpecError) as raised:
         ensure_feasible(misprinted)
-    source = "  22 |     target: {base: [-2, -2, 30 deg], arm_1: [-1.9334, 3.1677, 165 deg], arm_2: [-3.0446, 2.5261, -105 deg]}"
+    target = "{base: [-2, -2, 30 deg], arm_1: [-1.9334, 3.1677, 165 deg], arm_2: [-3.0446, 2.5261, -105 deg]}"
+    source = f"  22 |     target: {target}"
     assert str(raised.value).splitlines() == [
         "paper.yaml:22:45: stages[1].target.arm_1: found a pose 5.021 m from the shoulder of arm_1 with the base at "
         "[-2, -2, 30 deg], expected at most its reach of 1.2 m",
@@ -96,8 +97,8 @@ def test_misprint_in_approach_alone_is_remarked() -> None:
         (
             ["skills.reach.limits={arm_2: {position: [[-10 deg, 10 deg], [-180 deg, 180 deg], [-180 deg, 180 deg]]}}"],
             [
-                "stages[1].target.arm_2: found a pose that arm_2 can take only beyond its joint limits with the base at "
-                "[-2, 2, 30 deg] (1.036 m from its shoulder, within its reach of 1.2 m), expected one within them",
+                "stages[1].target.arm_2: found a pose that arm_2 can take only beyond its joint limits with the base "
+                "at [-2, 2, 30 deg] (1.036 m from its shoulder, within its reach of 1.2 m), expected one within them",
             ],
         ),
         (
@@ -119,20 +120,17 @@ def test_misprint_in_approach_alone_is_remarked() -> None:
             ],
         ),
         (
+            ["skills.move.limits={base: {velocity: [0.1, [-0.1, 0], 0.1]}}"],
             [
-                "stages.approach.ends_when.coordinates=all",
-                "skills.reach.limits={base: {velocity: [0.1, [0, 0.1], 0.1]}}",
-                "stages.capture.target.base=[-2, 1.9, 30 deg]",
-            ],
-            [
-                "stages[1].ends_when: found base.y to be moved, expected velocity limits that allow it, "
-                "not [0 m/s, 0.1 m/s]"
+                "stages[0].ends_when: found base.y to be moved, expected velocity limits that allow it, "
+                "not [-0.1 m/s, 0 m/s]"
             ],
         ),
         (
             ["time_limit=19.9"],
             [
-                'time_limit: found 19.9 s, expected at least 19.95 s: "release" cannot end before under the velocity limits'
+                'time_limit: found 19.9 s, expected at least 19.95 s: "release" cannot end before '
+                "under the velocity limits"
             ],
         ),
     ],
@@ -142,7 +140,7 @@ def test_what_stands_against_a_task_is_named(overrides: Sequence[str], expected:
 
 
 def test_instant_before_the_stage_can_begin_is_named() -> None:
-    task = transport(f"stages.capture={stage('at: 8')}", "object=", "published=", "monitors=[]")
+    task = transport(f"stages.capture={stage('at: 8')}", "object=", "published={}", "monitors=[]")
     assert found(task) == [
         "stages[1].at: found 8 s, expected later: stages[0] cannot end before 9.985 s under the velocity limits"
     ]
@@ -170,6 +168,7 @@ def test_earliest_ends_of_the_transport() -> None:
     np.testing.assert_allclose(ends, [way, way, way + back, way + back])
 
 
+@settings(max_examples=30)
 @given(st.floats(-4, 4), st.floats(-4, 4), st.floats(0.01, 0.2), st.floats(0, 30))
 def test_stage_ends_no_earlier_than_its_slowest_coordinate_and_its_dwell(
     x: float, y: float, v: float, dwell: float

@@ -19,7 +19,7 @@ def moving_plan(nodes: int) -> Plan:
 
 def test_nadir_is_the_largest_cost_of_the_prediction(stages: tuple[Stage, ...], costs: StageCosts) -> None:
     plan = moving_plan(40)
-    offset, scale = normalization("nadir", 1e-3, stages[:2], costs, plan, STEP)
+    offset, scale = normalization("nadir", 1e-3, stages[:2], np.zeros(2), costs, plan, STEP)
     largest = [costs.along(stage, plan.X, plan.u).max() for stage in stages[:2]]
     np.testing.assert_allclose(scale, np.array(largest) + 1e-3, rtol=1e-9)
     assert not offset.any()
@@ -27,14 +27,14 @@ def test_nadir_is_the_largest_cost_of_the_prediction(stages: tuple[Stage, ...], 
 
 def test_range_subtracts_the_smallest_cost(stages: tuple[Stage, ...], costs: StageCosts) -> None:
     plan = moving_plan(40)
-    offset, scale = normalization("range", 1e-3, stages[:2], costs, plan, STEP)
+    offset, scale = normalization("range", 1e-3, stages[:2], np.zeros(2), costs, plan, STEP)
     over_nodes = [costs.along(stage, plan.X, plan.u) for stage in stages[:2]]
     np.testing.assert_allclose(offset, [values.min() for values in over_nodes], rtol=1e-9)
     np.testing.assert_allclose(scale, [np.ptp(values) + 1e-3 for values in over_nodes], rtol=1e-9)
 
 
 def test_none_leaves_the_cost_as_it_is(stages: tuple[Stage, ...], costs: StageCosts) -> None:
-    offset, scale = normalization("none", 1e-3, stages[:2], costs, moving_plan(4), STEP)
+    offset, scale = normalization("none", 1e-3, stages[:2], np.zeros(2), costs, moving_plan(4), STEP)
     assert offset.tolist() == [0, 0]
     assert scale.tolist() == [1, 1]
 
@@ -50,6 +50,6 @@ def test_a_short_tall_control_counts_by_what_it_does_to_the_velocity(
     X = np.zeros((4, 18))
     X[2:, 12] = 0.1
     X[3, 3] = 0.1 * (4 - 1.02 - width)
-    _, scale = normalization("nadir", 1e-3, stages[:1], costs, Plan(times, X, u, np.zeros(0)), STEP)
+    _, scale = normalization("nadir", 1e-3, stages[:1], np.zeros(1), costs, Plan(times, X, u, np.zeros(0)), STEP)
     at_start = costs.along(stages[0], X[:1], u[:1])[0]
     assert scale[0] < at_start + 100 * 0.3**2 + 1.0 + 1.0

@@ -25,9 +25,7 @@ def test_states_between_nodes_continue_the_node_before_them(plan: Plan) -> None:
     half = (np.diff(plan.times) / 2)[:, None]
     X = plan.states_at(middle)
     np.testing.assert_allclose(X[:, 2:], plan.X[:-1, 2:] + half * plan.u, atol=1e-9)
-    np.testing.assert_allclose(
-        X[:, :2], plan.X[:-1, :2] + half * plan.X[:-1, 2:] + half**2 / 2 * plan.u, atol=1e-9
-    )
+    np.testing.assert_allclose(X[:, :2], plan.X[:-1, :2] + half * plan.X[:-1, 2:] + half**2 / 2 * plan.u, atol=1e-9)
 
 
 @given(plans(), st.integers(1, 60))

@@ -11,6 +11,7 @@ from psmpc_cli.ocp.window import Window, bounds, durations, pack_guess, paramete
 from psmpc_cli.robot.model import RobotModel
 
 N = 4
+INSTANTS = np.array([2.5])
 
 
 def window_over(stages: tuple[Stage, ...], **changes: object) -> Window:
@@ -36,7 +37,7 @@ def nlp(model: RobotModel, stages: tuple[Stage, ...]) -> Nlp:
 
 def random_point(nlp: Nlp, window: Window, costs: StageCosts) -> np.ndarray:
     """A point of the NLP: a coasting plan with other controls."""
-    z = pack_guess(nlp, window, resting_plan(1.0, 4.0, N, window.x0), np.array([2.5]), costs)
+    z = pack_guess(nlp, window, resting_plan(1.0, 4.0, N, window.x0), INSTANTS, costs)
     random = np.random.default_rng(0)
     for s in range(2):
         inputs = nlp.layout.input_index(s)
@@ -63,7 +64,7 @@ def test_objective_is_the_weighted_sum_of_the_stage_costs_and_the_pending_cost(
         nodes = slice(s * N, (s + 1) * N)
         running = costs.at(stage, plan.X[:-1][nodes], plan.u[nodes]) / window.scale[s]
         J += stage.priority / 100 * float(running @ np.diff(plan.times)[nodes])
-    assert objective(nlp, z, parameter_vector(nlp, window)) == pytest.approx(J + 1.5, rel=1e-12)
+    assert objective(nlp, z, parameter_vector(nlp, window, INSTANTS)) == pytest.approx(J + 1.5, rel=1e-12)
 
 
 def test_terminal_cost_is_that_of_the_last_stage_at_the_last_node(
@@ -72,20 +73,22 @@ def test_terminal_cost_is_that_of_the_last_stage_at_the_last_node(
     without, with_it = window_over(stages[:2]), window_over(stages[:2], terminal_cost=2.0)
     z = random_point(nlp, without, costs)
     X = unpack_plan(nlp, without, z).X[-1:]
-    added = objective(nlp, z, parameter_vector(nlp, with_it)) - objective(nlp, z, parameter_vector(nlp, without))
+    added = objective(nlp, z, parameter_vector(nlp, with_it, INSTANTS)) - objective(
+        nlp, z, parameter_vector(nlp, without, INSTANTS)
+    )
     assert added == pytest.approx(2.0 * float(costs.at(stages[1], X, np.zeros((1, 9)))[0]) / 50.0, rel=1e-9)
 
 
 def test_scaling_all_priorities_changes_nothing(nlp: Nlp, stages: tuple[Stage, ...]) -> None:
     omega = np.array([2.0, 0.3])
-    once, scaled = (parameter_vector(nlp, window_over(stages[:2], omega=k * omega)) for k in (1.0, 512.0))
+    once, scaled = (parameter_vector(nlp, window_over(stages[:2], omega=k * omega), INSTANTS) for k in (1.0, 512.0))
     np.testing.assert_array_equal(once, scaled)
 
 
 def test_gaps_vanish_on_a_rollout_and_only_there(nlp: Nlp, stages: tuple[Stage, ...], costs: StageCosts) -> None:
     window = window_over(stages[:2])
-    p = parameter_vector(nlp, window)
-    coasting = pack_guess(nlp, window, resting_plan(1.0, 4.0, N, window.x0), np.array([2.5]), costs)
+    p = parameter_vector(nlp, window, INSTANTS)
+    coasting = pack_guess(nlp, window, resting_plan(1.0, 4.0, N, window.x0), INSTANTS, costs)
     np.testing.assert_allclose(rows_of(nlp, coasting, p)[nlp.gap_rows], 0, atol=1e-12)
     assert np.abs(rows_of(nlp, random_point(nlp, window, costs), p)[nlp.gap_rows]).max() > 1e-3
 
@@ -97,7 +100,9 @@ def test_end_rows_are_the_named_coordinates_error_at_the_end_of_the_stage(
     z = random_point(nlp, window, costs)
     X = unpack_plan(nlp, window, z).X[N : N + 1]
     expected = costs.errors(stages[0], X)[0, list(stages[0].end_rows)]
-    np.testing.assert_allclose(rows_of(nlp, z, parameter_vector(nlp, window))[nlp.end_rows[0]], expected, atol=1e-12)
+    np.testing.assert_allclose(
+        rows_of(nlp, z, parameter_vector(nlp, window, INSTANTS))[nlp.end_rows[0]], expected, atol=1e-12
+    )
 
 
 def test_rows_and_variables_follow_the_order_structured_solvers_need(nlp: Nlp) -> None:
@@ -114,8 +119,8 @@ def test_bounds_hold_every_stages_limits_tolerance_and_dwell(nlp: Nlp, stages: t
     limits = bounds(nlp, window_over(stages[:2]))
     state = nlp.layout.state_index
     assert np.isinf(limits.lbx[state[0]]).all()
-    np.testing.assert_allclose(limits.ubx[state[1:], ][:, 9:12], 0.2)
-    np.testing.assert_allclose(limits.lbx[state[1:], ][:, 12:], -0.15)
+    np.testing.assert_allclose(limits.ubx[state[1:],][:, 9:12], 0.2)
+    np.testing.assert_allclose(limits.lbx[state[1:],][:, 12:], -0.15)
     np.testing.assert_allclose(limits.ubg[nlp.end_rows[0]], 3e-3)
     assert limits.lbx[nlp.layout.duration_index[0, 0]] == 1e-3
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.control.controller import Decision
+from psmpc_cli.control.decision import Decision
 from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.transcription import transcribe
 from psmpc_cli.ocp.window import bounds, window_shape

@@ -1,0 +1,109 @@
+"""Hierarchical task MPC: at each sample the remaining stages one after another, none at an earlier one's expense.
+
+Paper eq. (32), with J_i <= J_i* for all earlier stages. The first level is the window over the current stage alone;
+stages advance one by one when their end condition holds.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from psmpc_cli.control.controller import SwitchingController
+from psmpc_cli.control.decision import Decision, LevelResult
+from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
+from psmpc_cli.ocp.lexicographic import (
+    Level,
+    LevelNlp,
+    LevelShape,
+    level_bounds,
+    level_guess,
+    level_parameters,
+    level_plan,
+    transcribe_level,
+)
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.solvers import Guess, Solver, build_solver
+from psmpc_cli.specs.task import ControllerSpec, HtmpcSpec
+
+
+class HierarchicalController(SwitchingController):
+    """Strict priorities in the order of the sequence; the window holds the current stage, the levels look further."""
+
+    def __init__(
+        self, spec: ControllerSpec, htmpc: HtmpcSpec, stages: tuple[Stage, ...], windows: WindowSolver
+    ) -> None:
+        super().__init__(spec, stages, windows)
+        self.htmpc = htmpc
+        self._compiled: dict[LevelShape, tuple[LevelNlp, Solver]] = {}
+
+    def decide(self, now: float, x: np.ndarray) -> Decision:
+        """Return the decision at time now [s] from the measured state x (2n,)."""
+        first = super().decide(now, x)
+        if first.fallback:
+            return first
+        plan, levels = self._descend(first, x)
+        self._plan = plan
+        return replace(first, plan=plan, levels=tuple(levels))
+
+    def _descend(self, first: Decision, x: np.ndarray) -> tuple[Plan, list[LevelResult]]:
+        """Solve level after level, each from the plan of the one before; a level that fails ends the descent."""
+        plan, levels = first.plan, [_first_level(first.solved)]
+        remaining = self.stages[first.sequence.first :]
+        depth = len(remaining) if self.htmpc.depth is None else min(self.htmpc.depth, len(remaining))
+        bounds = [self._bound(remaining[:1], levels[-1], plan)]
+        for count in range(2, depth + 1):
+            level = self._level(first, remaining[:count], tuple(bounds), x)
+            found, result = self._solve_level(level, plan)
+            levels.append(result)
+            if not result.solved:
+                break
+            plan = found
+            bounds.append(self._bound(remaining[:count], result, plan))
+        return plan, levels
+
+    def _level(
+        self, first: Decision, stages: tuple[Stage, ...], bounds: tuple[np.ndarray, ...], x: np.ndarray
+    ) -> Level:
+        prediction, spec = first.prediction, self.spec
+        _, scale = self._normalization(stages, np.full(len(stages), first.sequence.entered), prediction)
+        return Level(
+            stages=stages,
+            x0=x,
+            start=prediction.start,
+            horizon=spec.horizon,
+            elapsed=prediction.start - first.sequence.entered,
+            scale=scale,
+            bounds=bounds,
+            tolerance=self.htmpc.tolerance,
+        )
+
+    def _solve_level(self, level: Level, plan: Plan) -> tuple[Plan, LevelResult]:
+        nlp, solver = self._compile(tuple(stage.space for stage in level.stages))
+        parameters = level_parameters(nlp, level)
+        solution = solver.solve(Guess(level_guess(nlp, level, plan)), parameters, level_bounds(nlp, level))
+        costs = np.asarray(nlp.costs(solution.z, parameters)).ravel()
+        result = LevelResult(
+            level.stages[-1].index, solution.objective, solution.wall_time, solution.outcome.usable, costs
+        )
+        return level_plan(nlp, level, solution.z), result
+
+    def _bound(self, stages: tuple[Stage, ...], result: LevelResult, plan: Plan) -> np.ndarray:
+        """Return what later levels must keep of the last stage: its cost, or its errors at the nodes."""
+        if self.htmpc.constraint == "cost":
+            return np.array([result.objective])
+        return self.costs.errors(stages[-1], plan.X[1:])
+
+    def _compile(self, spaces: tuple[str, ...]) -> tuple[LevelNlp, Solver]:
+        shape = LevelShape(spaces, self.htmpc.constraint, self.spec.nodes, self.spec.discretization)
+        if shape not in self._compiled:
+            nlp = transcribe_level(self.windows.model, shape)
+            self._compiled[shape] = nlp, build_solver(nlp, self.windows.task.solver)
+        return self._compiled[shape]
+
+
+def _first_level(solved: SolvedWindow) -> LevelResult:
+    solution = solved.solution
+    return LevelResult(
+        solved.window.stages[0].index, solution.objective, solution.wall_time, True, np.array([solution.objective])
+    )

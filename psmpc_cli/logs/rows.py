@@ -1,0 +1,55 @@
+"""A record as the row it leaves in each dataset along /time."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from psmpc_cli.logs.record import Record
+
+Row = Mapping[str, object]
+
+
+def row(record: Record, stages: int) -> Row:
+    """Return what a record leaves in /time and in every column, by path, in a task with so many stages."""
+    happened = {name: name in record.flags for name in ("appended", "postponed", "fallback", "braking")}
+    solve = record.solve
+    return {
+        "time": record.time,
+        "state/Q": record.Q,
+        "state/Qdot": record.Qdot,
+        "control/u": record.u,
+        "force/F": record.F,
+        "pose/xi": record.xi,
+        "window/first": record.window_first,
+        "window/count": len(record.instants) + 1,
+        "window/instants": _at_their_stages(stages, record.window_first, record.instants),
+        "window/presence": _presence(stages, record.presence),
+        **{f"events/{name}": yes for name, yes in happened.items()},
+        "solver/status": solve.status,
+        "solver/iterations": solve.iterations,
+        "solver/wall_time": solve.wall_time,
+        "solver/objective": solve.objective,
+        "normalization/nadir": _at_their_stages(stages, record.window_first, record.nadir),
+        "cost/current_stage": record.stage_cost,
+        "margin/position": record.position_margin,
+        "margin/velocity": record.velocity_margin,
+        "effort/control": record.control_effort,
+        "effort/base_force": record.thruster_effort[0],
+        "effort/base_torque": record.thruster_effort[1],
+        "balance/momentum": record.momentum_error,
+        "balance/energy": record.energy_error,
+    }
+
+
+def _at_their_stages(stages: int, first: int, values: np.ndarray) -> np.ndarray:
+    """Return the window's values at their stages' places (S,); NaN elsewhere."""
+    placed = np.full(stages, np.nan)
+    placed[first : first + len(values)] = values
+    return placed
+
+
+def _presence(stages: int, presence: Mapping[int, float]) -> np.ndarray:
+    """Return the presences at their stages' places (S,); NaN elsewhere."""
+    placed = np.full(stages, np.nan)
+    placed[list(presence)] = list(presence.values())
+    return placed

@@ -1,0 +1,201 @@
+"""One level of a lexicographic OCP: minimize one stage's cost without making the earlier ones worse. Paper eq. (32).
+
+The earlier stages' costs are carried as extra states (`constraint: cost`), or their errors are bounded node by node by what
+their own level reached (`constraint: error`); either way the stage structure that solvers exploit stays.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from psmpc_cli.ocp.discretization import step_function
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.skills import SKILLS
+from psmpc_cli.ocp.skills.base import quadratic_cost
+from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.window import Bounds
+from psmpc_cli.robot.model import RobotModel
+
+
+@dataclass(frozen=True)
+class LevelShape:
+    """What decides the structure of a level: the spaces of its stages, the minimized one last, and the mesh."""
+
+    spaces: tuple[str, ...]
+    constraint: str  # cost or error
+    nodes: int
+    discretization: str
+
+    @property
+    def earlier(self) -> int:
+        """Number of stages that must not get worse."""
+        return len(self.spaces) - 1
+
+    @property
+    def accumulators(self) -> int:
+        """Number of extra states, one a cost that is bounded."""
+        return self.earlier if self.constraint == "cost" else 0
+
+
+@dataclass(frozen=True, eq=False)
+class LevelNlp:
+    """A level's NLP, structured node by node as the window's is.
+
+    Attributes:
+        problem: The NLP as CasADi's solvers take it.
+        nx, nu, ng: Sizes of state, input and path rows at each node, (K + 1,).
+        states, inputs: Indices of [Q; Qdot] at the nodes (K + 1, 2n) and of u over the intervals (K, n).
+        accumulated: Indices of the accumulated costs at the nodes (K + 1, accumulators).
+        bound_rows: Rows of g with an earlier stage's cost at the end (`cost`), or with its error at each node (`error`).
+        costs: (x, p) -> J_i of every stage of the level, (stages,).
+    """
+
+    shape: LevelShape
+    problem: dict[str, ca.SX]
+    nx: tuple[int, ...]
+    nu: tuple[int, ...]
+    ng: tuple[int, ...]
+    states: np.ndarray
+    inputs: np.ndarray
+    accumulated: np.ndarray
+    bound_rows: tuple[np.ndarray, ...]
+    costs: ca.Function
+
+
+def transcribe_level(model: RobotModel, shape: LevelShape) -> LevelNlp:
+    """Return the NLP of a level of this shape."""
+    n, K, A = model.n, shape.nodes, shape.accumulators
+    x0, dt, scale = ca.SX.sym("x0", 2 * n), ca.SX.sym("dt"), ca.SX.sym("scale", len(shape.spaces))
+    stages = [_StageTerms(model, space, scale[i], K) for i, space in enumerate(shape.spaces)]
+    xs = [ca.SX.sym(f"x{k}", 2 * n + A) for k in range(K + 1)]
+    us = [ca.SX.sym(f"u{k}", n) for k in range(K)]
+    step = step_function(model, "joint", shape.discretization)
+    rows: list[ca.SX] = []
+    path_rows: list[int] = []
+    bound_rows: list[list[np.ndarray]] = [[] for _ in range(shape.earlier)]
+    for k in range(K + 1):
+        x = xs[k][: 2 * n]
+        if k < K:
+            grown = [xs[k][2 * n + i] + dt * stages[i].cost(x, us[k], k) for i in range(A)]
+            rows.append(xs[k + 1] - ca.vertcat(step(x, us[k], dt), *grown))
+        path = _path_rows(shape, stages, xs, x0, k)
+        first = sum(row.shape[0] for row in rows)
+        for i, expression in path:
+            if i is not None:
+                bound_rows[i].append(np.arange(first, first + expression.shape[0]))
+            first += expression.shape[0]
+            rows.append(expression)
+        path_rows.append(sum(expression.shape[0] for _, expression in path))
+    J = [sum((dt * s.cost(xs[k][: 2 * n], us[k], k) for k in range(K)), ca.SX(0)) for s in stages]
+    z = ca.vertcat(*(v for pair in zip(xs, us, strict=False) for v in pair), xs[-1])
+    p = ca.vertcat(x0, dt, scale, *(ca.vec(piece) for stage in stages for piece in stage.parameters))
+    offsets = (3 * n + A) * np.arange(K + 1)
+    return LevelNlp(
+        shape=shape,
+        problem={"x": z, "p": p, "f": J[-1], "g": ca.vertcat(*rows)},
+        nx=(2 * n + A,) * (K + 1),
+        nu=(*(n for _ in range(K)), 0),
+        ng=tuple(path_rows),
+        states=offsets[:, None] + np.arange(2 * n),
+        inputs=offsets[:-1, None] + 2 * n + A + np.arange(n),
+        accumulated=offsets[:, None] + 2 * n + np.arange(A),
+        bound_rows=tuple(np.concatenate(found) for found in bound_rows),
+        costs=ca.Function("costs", [z, p], [ca.vertcat(*J)]),
+    )
+
+
+class _StageTerms:
+    """A stage's normalized cost and error as expressions of its own parameters."""
+
+    def __init__(self, model: RobotModel, space: str, scale: ca.SX, K: int) -> None:
+        self._model, self._skill, self._scale = model, SKILLS[space], scale
+        rows = self._skill.rows(model)
+        self._weights, self._control_weights = ca.SX.sym("W", rows), ca.SX.sym("W_r", model.n)
+        self._targets = ca.SX.sym("target", rows, K + 1)
+
+    @property
+    def parameters(self) -> tuple[ca.SX, ...]:
+        return self._weights, self._control_weights, self._targets
+
+    def error(self, x: ca.SX, k: int) -> ca.SX:
+        return self._skill.error(self._model, x[: self._model.n], self._targets[:, k])
+
+    def cost(self, x: ca.SX, u: ca.SX, k: int) -> ca.SX:
+        return quadratic_cost(self.error(x, k), u, self._weights, self._control_weights) / self._scale
+
+
+def _path_rows(
+    shape: LevelShape, stages: list[_StageTerms], xs: list[ca.SX], x0: ca.SX, k: int
+) -> list[tuple[int | None, ca.SX]]:
+    """Return node k's path rows: the initial state, and the bounds on the stage they belong to."""
+    if k == 0:
+        return [(None, xs[0] - ca.vertcat(x0, ca.SX.zeros(shape.accumulators)))]
+    if shape.constraint == "error":
+        return [(i, stages[i].error(xs[k], k)) for i in range(shape.earlier)]
+    if k == shape.nodes:
+        return [(i, xs[k][x0.shape[0] + i]) for i in range(shape.earlier)]
+    return []
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """The numbers of one level.
+
+    Attributes:
+        stages: The stages, the minimized one last.
+        x0: Measured state (2n,).
+        start, horizon, elapsed: Of the level's horizon, and since the current stage began [s].
+        scale: Normalization of each stage's cost, (stages,).
+        bounds: What each earlier stage must keep to: its cost (`cost`), or its errors at the nodes (K, rows) (`error`).
+        tolerance: Added to every bound.
+    """
+
+    stages: tuple[Stage, ...]
+    x0: np.ndarray
+    start: float
+    horizon: float
+    elapsed: float
+    scale: np.ndarray
+    bounds: tuple[np.ndarray, ...]
+    tolerance: float
+
+
+def level_parameters(nlp: LevelNlp, level: Level) -> np.ndarray:
+    """Return the numbers of the level's parameter vector."""
+    K = nlp.shape.nodes
+    grid = level.horizon * np.arange(K + 1) / K
+    pieces = [level.x0, np.array([level.horizon / K]), level.scale]
+    for i, stage in enumerate(level.stages):
+        since = level.elapsed + grid if i == 0 else np.zeros(K + 1)  # a later stage's trajectory has not begun
+        pieces += [stage.weights, stage.control_weights, stage.reference(since).ravel()]
+    return np.concatenate(pieces)
+
+
+def level_bounds(nlp: LevelNlp, level: Level) -> Bounds:
+    """Return the bounds of the level's NLP; the limits are those of the current stage."""
+    size, rows = nlp.problem["x"].shape[0], nlp.problem["g"].shape[0]
+    lbx, ubx, lbg, ubg = np.full(size, -np.inf), np.full(size, np.inf), np.zeros(rows), np.zeros(rows)
+    limits = level.stages[0].limits
+    lbx[nlp.states[1:]] = np.concatenate([limits.position_low, limits.velocity_low])
+    ubx[nlp.states[1:]] = np.concatenate([limits.position_high, limits.velocity_high])
+    lbx[nlp.inputs], ubx[nlp.inputs] = limits.acceleration_low, limits.acceleration_high
+    for found, bound in zip(nlp.bound_rows, level.bounds, strict=True):
+        allowed = np.abs(bound).ravel() + level.tolerance
+        lbg[found], ubg[found] = -np.inf if nlp.shape.constraint == "cost" else -allowed, allowed
+    return Bounds(lbx, ubx, lbg, ubg)
+
+
+def level_guess(nlp: LevelNlp, level: Level, plan: Plan) -> np.ndarray:
+    """Return the decision vector that follows a plan, the costs accumulated along it."""
+    K = nlp.shape.nodes
+    times = level.start + level.horizon * np.arange(K + 1) / K
+    z = np.zeros(nlp.problem["x"].shape[0])
+    z[nlp.states], z[nlp.inputs] = plan.states_at(times), plan.control_at(times[:-1])
+    return z
+
+
+def level_plan(nlp: LevelNlp, level: Level, z: np.ndarray) -> Plan:
+    """Return the plan a decision vector stands for."""
+    times = level.start + level.horizon * np.arange(nlp.shape.nodes + 1) / nlp.shape.nodes
+    return Plan(times, z[nlp.states], z[nlp.inputs], np.zeros(0))

@@ -7,20 +7,25 @@ from psmpc_cli.errors import PsmpcError, SpecError
 
 def check(
     files: list[str] = typer.Argument(..., help="Robots or tasks: YAML files or built-in names.", show_default=False),
+    changes: list[str] = typer.Option(
+        [], "--set", metavar="PATH=VALUE", help="Change any key of the tasks; repeatable."
+    ),
+    gradients: bool = typer.Option(False, "--gradients", help="Audit the gradients of the tasks' switching instants."),
 ) -> None:
     """Report every problem of robots and tasks by file, line and column; print what is right as a table."""
     complaints = []
     for reference in files:
         try:
-            present(reference)
+            present(reference, changes, gradients)
         except PsmpcError as error:
             complaints.append(str(error))
     if complaints:
         raise SpecError("\n".join(complaints))
 
 
-def present(reference: str) -> None:
-    """Print the table of one robot or task; SpecError if something is wrong with it."""
+def present(reference: str, changes: list[str], gradients: bool) -> None:
+    """Print the table of one robot or task, and its gradients if asked for; SpecError if something is wrong with it."""
+    from psmpc_cli.cli.gradients import print_gradients
     from psmpc_cli.cli.tables import print_robot, print_task
     from psmpc_cli.ocp.feasibility import remarks, review
     from psmpc_cli.ocp.outlook import look_ahead
@@ -30,7 +35,7 @@ def present(reference: str) -> None:
     if kind_of_reference(reference) == "robot":
         print_robot(load_robot(reference).spec)
         return
-    task = load_task(reference)
+    task = load_task(reference, changes)
     outlooks = look_ahead(task)
     problems = review(task, outlooks)
     if problems:
@@ -39,3 +44,5 @@ def present(reference: str) -> None:
     doubtful = remarks(task, outlooks)
     if doubtful:
         typer.echo(f"probably not meant:\n{report(task.source, doubtful)}\n")
+    if gradients and not print_gradients(task):
+        raise typer.Exit(1)

@@ -7,7 +7,7 @@ import typer
 
 from psmpc_cli import __version__
 from psmpc_cli.cli import check, init, plot, schema, show, simulate
-from psmpc_cli.errors import PsmpcError
+from psmpc_cli.errors import PsmpcError, SpecError
 
 app = typer.Typer(
     name="psmpc",
@@ -20,6 +20,14 @@ app = typer.Typer(
 )
 for command in (simulate.simulate, check.check, plot.plot, show.show, init.init, schema.schema):
     app.command()(command)
+
+
+class EchoHandler(logging.Handler):
+    """Writes what the library reports to whatever standard error is now: a live display stands in for it at times."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write one message as one line."""
+        typer.echo(f"{record.levelname.lower()}: {record.getMessage()}", err=True)
 
 
 def print_version(wanted: bool) -> None:
@@ -40,9 +48,10 @@ def options(
 
 def main() -> None:
     """Run the command line; exit codes: 0 done, 1 a check asked for fails, 2 bad input, 3 the run could not go on."""
-    logging.basicConfig(format="%(levelname)s: %(message)s", level=logging.WARNING)
+    logging.basicConfig(handlers=[EchoHandler()], level=logging.WARNING)
     try:
         app()
     except PsmpcError as error:
-        typer.echo(f"psmpc: {error}", err=True)
+        located = isinstance(error, SpecError)  # begins with file:line:column, which terminals and editors can follow
+        typer.echo(str(error) if located else f"psmpc: {error}", err=True)
         sys.exit(error.exit_code)

@@ -1,45 +1,48 @@
-"""A run's summary as tables."""
+"""A run's summary: a table of its stages, a table of what was measured, and how the mission went."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
+import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from psmpc_cli.experiment.monitors import Verdict
 from psmpc_cli.experiment.summary import SolveSummary, Summary
+
+PLAIN_WIDTH = 160
+"""Columns of a table that goes into a file."""
+
+STAGE_HEADINGS = ("stage", "priority", "actual start [s]", "published", "ends [s]", "published", "grippers apart [m]")
 
 
 def print_summary(summary: Summary, path: Path) -> None:
     """Print the summary of a run."""
-    console = Console(highlight=False)
-    console.print(_stages(summary))
-    console.print(_measures(summary))
-    mission = "succeeded" if summary.succeeded else "failed"
-    console.print(f"mission {mission}: {_reasons(summary)}, after {summary.duration:.1f} s", soft_wrap=True)
-    console.print(f"log: {path}", soft_wrap=True, markup=False)
+    _print(STAGE_HEADINGS, _stages(summary))
+    _print(None, _measures(summary))
+    typer.echo(f"mission {_outcome(summary)}: {_reasons(summary)}, after {summary.duration:.1f} s")
+    typer.echo(f"log: {path}")
 
 
-def _stages(summary: Summary) -> Table:
-    table = Table("stage", "priority", box=None, title_justify="left", pad_edge=False)
-    for heading in ("actual start [s]", "published", "ends [s]", "published", "grippers apart [m]"):
-        table.add_column(heading, justify="right")
-    for stage, distance in zip(summary.stages, summary.distances, strict=True):
-        early = " (early)" if stage.premature else ""
-        table.add_row(
+def _stages(summary: Summary) -> list[Sequence[str]]:
+    return [
+        (
             stage.name,
             f"{stage.priority:g}",
-            _number(stage.actual_start, 2) + early,
+            _number(stage.actual_start, 2) + (" (early)" if stage.premature else ""),
             _number(stage.published_start, 1),
             _number(stage.switch_time, 2),
             _number(stage.published_switch, 1),
             _number(distance, 3),
         )
-    return table
+        for stage, distance in zip(summary.stages, summary.distances, strict=True)
+    ]
 
 
-def _measures(summary: Summary) -> Table:
-    table = Table(box=None, show_header=False, pad_edge=False)
-    rows = [
+def _measures(summary: Summary) -> list[Sequence[str]]:
+    return [
         ("solve time, all windows", _solves(summary.solves)),
         ("solve time, windows with a switch", _solves(summary.switching_solves)),
         ("solves longer than a sample", str(summary.missed)),
@@ -51,23 +54,31 @@ def _measures(summary: Summary) -> Table:
         ),
         ("control effort, integral of |u|^2", f"{summary.control_effort:.2f}"),
         ("base thrusters, force / torque", f"{summary.base_force:.2f} N s / {summary.base_torque:.2f} N m s"),
-        ("drift of momentum / energy balance", f"{summary.momentum_error:.1e} N s / {summary.energy_error:.1e} J"),
+        (
+            "drift of momentum / energy balance",
+            f"{_drift(summary.momentum_error)} N s / {_drift(summary.energy_error)} J",
+        ),
+        *((f"monitor: {verdict.name}", _verdict(verdict)) for verdict in summary.monitors),
     ]
-    for verdict in summary.monitors:
-        state = f"held, margin {verdict.margin:.3f}" if verdict.held else _broken(verdict.broken_at, verdict.margin)
-        rows.append((f"monitor: {verdict.name}", state))
-    for row in rows:
-        table.add_row(*row)
-    return table
+
+
+def _outcome(summary: Summary) -> str:
+    if not summary.ended:
+        return "not finished"
+    return "succeeded" if summary.succeeded else "failed"
 
 
 def _reasons(summary: Summary) -> str:
-    broken = [verdict.name for verdict in summary.monitors if not verdict.held]
+    broken = [verdict.name for verdict in summary.monitors if not (verdict.held or math.isnan(verdict.broken_at))]
     return summary.reason + (f"; monitor did not hold: {', '.join(broken)}" if broken else "")
 
 
-def _broken(at: float, margin: float) -> str:
-    return "its stage never ran" if math.isnan(at) else f"BROKEN at {at:.1f} s, by up to {-margin:.3f}"
+def _verdict(verdict: Verdict) -> str:
+    if verdict.held:
+        return f"held, margin {verdict.margin:.3f}"
+    if math.isnan(verdict.broken_at):
+        return "not judged, no sample in its stage"
+    return f"BROKEN at {verdict.broken_at:.1f} s, by up to {-verdict.margin:.3f}"
 
 
 def _limit(coordinate: str, margin: float, relative: float) -> str:
@@ -83,3 +94,21 @@ def _solves(solves: SolveSummary) -> str:
 
 def _number(value: float, digits: int) -> str:
     return "-" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def _drift(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.1e}"
+
+
+def _print(headings: Sequence[str] | None, rows: Sequence[Sequence[str]]) -> None:
+    """Print a table: as wide as the terminal, or wide into a file."""
+    table = Table(box=None, show_header=headings is not None, pad_edge=False)
+    for column, heading in enumerate(headings or ("", "")):
+        table.add_column(Text(heading), justify="right" if headings and column > 1 else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    terminal = Console()
+    console = terminal if terminal.is_terminal else Console(width=PLAIN_WIDTH)
+    with console.capture() as capture:
+        console.print(table)
+    typer.echo("\n".join(line.rstrip() for line in capture.get().splitlines()))

@@ -58,8 +58,8 @@ def draw(
 
 
 def default_directory(log: Path) -> Path:
-    """Return where the figures of a log go by default: beside it."""
-    return log.with_name(f"{log.stem}_figures")
+    """Return where the figures of a log go by default: beside it, into a folder of its name."""
+    return log.with_suffix("") if log.suffix else log.with_name(f"{log.name}_figures")
 
 
 def _save(figure: Figure, paths: Iterable[Path]) -> None:

@@ -76,7 +76,6 @@ def load_run(log: Log) -> Run:
     """
     if not len(log.time):
         raise LogError(f"{log.path}: holds no sample, the run ended before its first one; there is nothing to draw")
-    _check_complete(log)
     loaded = _loaded(log)
     model = build_model(loaded.robot)
     if (model.n, model.m, len(loaded.spec.stages)) != (
@@ -113,24 +112,10 @@ def stage_spans(log: Log, end: float) -> tuple[Span, ...]:
     return tuple(spans)
 
 
-def _check_complete(log: Log) -> None:
-    wanted = {
-        "stages": (log.stages, ("name", "switch_time", "actual_start", "premature")),
-        "final": (log.final, ("time", "Q", "Qdot", "xi")),
-    }
-    lacking = [f"{group}/{name}" for group, (found, names) in wanted.items() for name in names if name not in found]
-    if lacking:
-        raise LogError(f"{log.path}: lacks {', '.join(lacking)}; expected a log as psmpc simulate writes it")
-
-
 def _loaded(log: Log) -> LoadedTask:
+    texts = (str(log.attributes[name]) for name in ("task_yaml", "robot_yaml", "task_name"))
     try:
-        task_yaml, robot_yaml = str(log.attributes["task_yaml"]), str(log.attributes["robot_yaml"])
-        return parse_task(task_yaml, robot_yaml, str(log.attributes.get("task_name", "")))
-    except KeyError as error:
-        raise LogError(
-            f"{log.path}: lacks the attribute {error}; the texts of task and robot are needed to draw"
-        ) from None
+        return parse_task(*texts)
     except SpecError as error:
         raise LogError(
             f"{log.path}: the texts of task and robot it carries do not hold in this version:\n{error}"

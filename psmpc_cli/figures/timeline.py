@@ -58,7 +58,7 @@ def open_timeline(run: Run, panels: int, height: float) -> Timeline:
     """Return a figure of `panels` empty panels, each `height` [in] tall, along the time of the run."""
     figure = new_figure(STRIP + MARGINS + panels * height)
     axes = figure.subplots(panels + 1, 1, sharex=True, height_ratios=[STRIP] + [height] * panels)
-    room = ROOM * (run.end - float(run.time[0])) or run.task.controller.sample_time
+    room = ROOM * (run.end - float(run.time[0])) or 0.55 * run.task.controller.sample_time
     axes[0].set_xlim(float(run.time[0]) - room, run.end + room)
     keys = _draw_strip(axes[0], run)
     for panel in axes[1:]:
@@ -100,7 +100,8 @@ def _draw_strip(axes: Axes, run: Run) -> tuple[Artist, ...]:
     for span in run.spans:
         row, face = span.index % 2, STAGE if span.index % 2 else "white"
         left, bottom, height = _left(span), row + 0.07, 0.86
-        axes.add_patch(Rectangle((left, bottom), span.start - left, height, facecolor=EARLY))
+        if span.early is not None:
+            axes.add_patch(Rectangle((left, bottom), span.start - left, height, facecolor=EARLY))
         axes.add_patch(Rectangle((span.start, bottom), span.end - span.start, height, facecolor=face))
         outline = Rectangle((left, bottom), span.end - left, height, fill=False, edgecolor=EDGE, linewidth=0.5)
         outline.set_clip_on(False)

@@ -15,7 +15,7 @@ from psmpc_cli.logs.layout import (
     PLANS,
     SCALES,
     TABLES,
-    TICK_TIME,
+    TICK,
     TICKS,
     TIME,
     Column,
@@ -88,7 +88,7 @@ def _image(header: Header) -> bytes:
         _create_tables(file, header)
         _create_columns(file, TIME, COLUMNS, ROWS_IN_A_CHUNK)
         if header.ticks:
-            _create_columns(file, TICK_TIME, TICKS, TICKS_IN_A_CHUNK)
+            _create_columns(file, TICK, TICKS, TICKS_IN_A_CHUNK)
         if header.plans:
             for path, long_name in PLANS:
                 _create_plan(file, path, long_name)
@@ -129,13 +129,13 @@ def _create_tables(file: h5py.File, header: Header) -> None:
     file["stages/priority"][...] = header.priorities
 
 
-def _create_columns(file: h5py.File, time: Column, columns: tuple[Column, ...], chunk: int) -> None:
-    """Create a dimension of time and the datasets along it."""
-    _create_growing(file, time, (), chunk).make_scale("time")
+def _create_columns(file: h5py.File, along: Column, columns: tuple[Column, ...], chunk: int) -> None:
+    """Create a growing dimension and the datasets along it."""
+    _create_growing(file, along, (), chunk).make_scale(along.path.rpartition("/")[2])
     for column in columns:
         width = (len(file[column.scale]),) if column.scale else ()
         dataset = _create_growing(file, column, width, chunk)
-        dataset.dims[0].attach_scale(file[time.path])
+        dataset.dims[0].attach_scale(file[along.path])
         if column.scale:
             dataset.dims[1].attach_scale(file[column.scale])
 

@@ -108,14 +108,15 @@ COLUMNS = (
 )
 """Every dataset with one row a sample, along /time."""
 
-TICK_TIME = Column("ticks/time", "", "s", "tick time")
+TICK = Column("ticks/tick", "", "1", "number of the tick, from 0", "i8")
 
 TICKS = (
+    Column("ticks/time", "", "s", "tick time"),
     Column("ticks/Q", "coordinate", Q_UNITS, "generalized coordinates at every tick"),
     Column("ticks/Qdot", "coordinate", V_UNITS, "generalized velocities at every tick"),
     Column("ticks/F", "coordinate", F_UNITS, "generalized force held from the tick on"),
 )
-"""Every dataset with one row a low-level tick, along /ticks/time."""
+"""Every dataset with one row a low-level tick, along /ticks/tick."""
 
 TABLES = (
     Table("stages/name", ("stage",), "1", "name of the stage", "text"),
@@ -124,7 +125,8 @@ TABLES = (
     Table("stages/actual_start", ("stage",), "s", "first sample at which the stage acts on the control; NaN if never"),
     Table("stages/premature", ("stage",), "1", "whether it acts before the stage before it has ended", "i1", 0),
     Table("stages/actual_start_by_epsilon", ("stage", "stages/epsilon"), "s", "actual start for each threshold"),
-    Table("final/time", (), "s", "end of the run; NaN if it was stopped before"),
+    # not `time`: netCDF readers would take it for the dimension of that name
+    Table("final/end_time", (), "s", "end of the run; NaN if it was stopped before"),
     Table("final/Q", ("coordinate",), Q_UNITS, "generalized coordinates at the end of the run"),
     Table("final/Qdot", ("coordinate",), V_UNITS, "generalized velocities at the end of the run"),
     Table("final/xi", ("pose_coordinate",), Q_UNITS, "poses of base and end-effectors at the end of the run"),

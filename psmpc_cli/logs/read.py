@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.logs.layout import COLUMNS, FORMAT_VERSION, PLANS, SCALES, TABLES, TICK_TIME, TICKS, TIME
+from psmpc_cli.logs.layout import COLUMNS, FORMAT_VERSION, PLANS, SCALES, TABLES, TICKS, TIME
 
 EXPECTED = "expected a log written by psmpc simulate"
 
@@ -29,7 +29,7 @@ class Log:
         coordinates, pose_coordinates: Names of the rows of Q and xi.
         final: time, Q, Qdot and xi at the end of the run; NaN in a run that was killed or interrupted.
         monitors: name, held (-1 in a run that was killed), margin.
-        ticks: Datasets below /ticks, empty where none were logged.
+        ticks: time, Q, Qdot and F at every tick, empty where none were logged.
         plans: Whether /plan was logged.
     """
 
@@ -128,7 +128,7 @@ def _check(path: Path, file: h5py.File) -> None:
 
 def _load(path: Path, file: h5py.File) -> Log:
     columns = _along(file, TIME.path, *(column.path for column in COLUMNS))
-    ticks = _along(file, TICK_TIME.path, *(column.path for column in TICKS)) if TICK_TIME.path in file else {}
+    ticks = _along(file, *(column.path for column in TICKS)) if TICKS[0].path in file else {}
     fixed = {entry.path: _array(file[entry.path]) for entry in (*SCALES, *TABLES)}
     return Log(
         path=path,
@@ -137,7 +137,7 @@ def _load(path: Path, file: h5py.File) -> Log:
         stages=_below("stages", fixed),
         coordinates=tuple(str(name) for name in fixed["coordinate"]),
         pose_coordinates=tuple(str(name) for name in fixed["pose_coordinate"]),
-        final=_below("final", fixed),
+        final={"time": fixed["final/end_time"], **_below("final", fixed)},
         monitors=_below("monitors", fixed),
         ticks=_below("ticks", ticks),
         plans=PLANS[0][0] in file,
@@ -146,16 +146,25 @@ def _load(path: Path, file: h5py.File) -> Log:
 
 def _along(file: h5py.File, *paths: str) -> dict[str, np.ndarray]:
     """Return datasets along one time, as many rows as all of them have: a kill may leave the last one half written."""
-    rows = min(len(file[path]) for path in paths)
-    return {path: _array(file[path])[:rows] for path in paths}
+    datasets = {path: file[path] for path in paths}
+    rows = min(len(dataset) for dataset in datasets.values())
+    try:
+        return {path: _array(dataset)[:rows] for path, dataset in datasets.items()}
+    except OSError:
+        if file.attrs["end_reason"]:
+            raise
+    # killed in the very moment in which space was set aside for this row and those to come
+    rows = (rows - 1) // datasets[paths[0]].chunks[0] * datasets[paths[0]].chunks[0]
+    return {path: _array(dataset, rows) for path, dataset in datasets.items()}
 
 
 def _below(group: str, datasets: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {path.removeprefix(f"{group}/"): values for path, values in datasets.items() if path.startswith(f"{group}/")}
 
 
-def _array(dataset: h5py.Dataset) -> np.ndarray:
-    """Return a dataset in memory, text as text."""
+def _array(dataset: h5py.Dataset, rows: int | None = None) -> np.ndarray:
+    """Return a dataset, or its first rows, in memory, text as text."""
+    part = () if rows is None else slice(rows)
     if h5py.check_string_dtype(dataset.dtype) is None:
-        return np.asarray(dataset[()])
-    return np.asarray(dataset.asstr()[()], dtype=str)
+        return np.asarray(dataset[part])
+    return np.asarray(dataset.asstr()[part], dtype=str)

@@ -12,7 +12,7 @@ import numpy as np
 from psmpc_cli.errors import RunError
 from psmpc_cli.logs.create import Header, create_log
 from psmpc_cli.logs.growing import GrowingDataset
-from psmpc_cli.logs.layout import COLUMNS, PLANS, TICK_TIME, TICKS, TIME
+from psmpc_cli.logs.layout import COLUMNS, PLANS, TICK, TICKS, TIME
 from psmpc_cli.logs.record import Record, SolveRecord, TickRecord
 from psmpc_cli.logs.rows import row
 
@@ -48,7 +48,7 @@ class LogWriter:
         self._file = h5py.File(path, "r+", locking=False)
         self._stages = len(header.stages)
         self._columns = self._growing(TIME.path, *(column.path for column in COLUMNS))
-        self._ticks = self._growing(TICK_TIME.path, *(column.path for column in TICKS)) if header.ticks else {}
+        self._ticks = self._growing(TICK.path, *(column.path for column in TICKS)) if header.ticks else {}
         vectors = [f"{path}{part}" for path, _ in PLANS for part in ("", "_length", "_element")]
         self._plans = self._growing(*vectors) if header.plans else {}
         self._rows, self._tick_rows = 0, 0
@@ -94,7 +94,7 @@ class LogWriter:
             for dataset in self._columns.values():
                 dataset.cut(self._rows)
             self._file.attrs.update({"finished": finished, "end_reason": reason})
-            for name, value in (("time", time_end), ("Q", x[:n]), ("Qdot", x[n:]), ("xi", xi)):
+            for name, value in (("end_time", time_end), ("Q", x[:n]), ("Qdot", x[n:]), ("xi", xi)):
                 self._file[f"final/{name}"][...] = value
             self._file.flush()
 
@@ -124,8 +124,10 @@ class LogWriter:
             self._plans[f"{path}_element"].write(before, np.arange(before, after))
 
     def _write_ticks(self, ticks: TickRecord) -> None:
-        for path, dataset in self._ticks.items():
-            dataset.write(self._tick_rows, getattr(ticks, path.removeprefix("ticks/")))
+        first = self._tick_rows
+        self._ticks[TICK.path].write(first, np.arange(first, first + len(ticks.time)))
+        for column in TICKS:
+            self._ticks[column.path].write(first, getattr(ticks, column.path.removeprefix("ticks/")))
 
 
 def write_monitors(path: Path, held: np.ndarray, margin: np.ndarray) -> None:

@@ -70,7 +70,7 @@ class ControllerSpec(Choice):
     normalization: Literal["nadir", "range", "none"] = Field("nadir", description="how costs are normalized, eq. (12)")
     discretization: Literal["exact", "euler"] = Field("exact", description="zero-order hold, or Euler as in eq. (20)")
     detection_margin: Number = Field(10.0, ge=1, description="tolerances within which a stage is predicted to end")
-    htmpc: HtmpcSpec = HtmpcSpec()
+    htmpc: HtmpcSpec = Field(HtmpcSpec(), description="what only the lexicographic controller needs")
 
 
 class SolverSpec(Choice):

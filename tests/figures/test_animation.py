@@ -41,9 +41,7 @@ def test_titles_say_what_goes_on(load: Load) -> None:
 
 
 @pytest.mark.parametrize(("there", "names"), [(False, ["animation.gif"]), (True, ["animation.gif", "animation.mp4"])])
-def test_an_mp4_is_written_where_ffmpeg_is_there(
-    monkeypatch: pytest.MonkeyPatch, there: bool, names: list[str]
-) -> None:
+def test_an_mp4_is_written_with_ffmpeg(monkeypatch: pytest.MonkeyPatch, there: bool, names: list[str]) -> None:
     monkeypatch.setattr(FFMpegWriter, "isAvailable", lambda: there)
     assert [path.name for path in animation_files(Path())] == names
 

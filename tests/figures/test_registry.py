@@ -40,7 +40,7 @@ def test_the_figures_of_an_odd_run_are_fit_to_print(story: str, load: Load) -> N
 
 def test_the_figures_of_many_long_names_are_fit_to_print(load: Load, many_stages: dict[str, Any]) -> None:
     run = load(**many_stages)
-    for name in FIGURES:
+    for name in ("controls", "instants"):
         check_print(name, run)
 
 

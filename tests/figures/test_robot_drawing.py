@@ -57,8 +57,6 @@ def test_both_axes_have_the_same_scale(run: Run) -> None:
 def test_a_motion_along_one_line_keeps_a_panel_of_sensible_shape(load: Load, one_arm: dict[str, Any]) -> None:
     up = (np.zeros(5), np.array([0.0, 50.0, 0.0, 0.0, 0.0]))
     along = (np.zeros(5), np.array([50.0, 0.0, 0.0, 0.0, 0.0]))
-    aspects = [
-        view_of(load(**{**one_arm, "points": points}, name=f"{k}.h5"), np.array([0.0, 6.0])).aspect
-        for k, points in enumerate((up, along))
-    ]
+    runs = [load(f"{k}.h5", **{**one_arm, "points": points}) for k, points in enumerate((up, along))]
+    aspects = [view_of(run, np.array([0.0, 6.0])).aspect for run in runs]
     assert aspects == pytest.approx([1.6, 0.45])

@@ -16,12 +16,9 @@ Load = Callable[..., Run]
 
 def bands(axes: Axes, color: str) -> list[tuple[float, float]]:
     """Left and right of the rectangles of a colour."""
-    found = [
-        patch
-        for patch in axes.patches
-        if isinstance(patch, Rectangle) and to_hex(patch.get_facecolor()) == color.lower()
-    ]
-    return [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in found if patch.get_fill()]
+    filled = [patch for patch in axes.patches if isinstance(patch, Rectangle) and patch.get_fill()]
+    found = [patch for patch in filled if to_hex(patch.get_facecolor()) == color.lower()]
+    return [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in found]
 
 
 def strip_texts(figure: Figure) -> list[str]:
@@ -64,7 +61,7 @@ def test_names_that_do_not_fit_become_numbers_with_a_key(load: Load, many_stages
     assert strip_texts(figure) == [str(number) for number in range(1, 15)]
     keys = [text for text in legend_texts(figure) if ":" in text]
     assert [key.split(":")[0] for key in keys] == strip_texts(figure)
-    assert len(set(key.split(":")[1] for key in keys)) == 14
+    assert len({key.split(":")[1] for key in keys}) == 14
 
 
 def test_the_first_and_the_last_value_keep_off_the_frame(run: Run) -> None:

@@ -1,9 +1,6 @@
 from collections.abc import Sequence
 
-import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.feasibility import ensure_feasible, remarks, review
@@ -159,24 +156,3 @@ def test_target_that_nothing_asks_for_is_left_alone() -> None:
     free = ["skills.reach.weights.arm_1=[0, 0, 0]", "stages.release.ends_when.coordinates=[base, arm_2]"]
     assert found(transport(away, *free)) == []
     assert len(found(transport(away))) == 1
-
-
-def test_earliest_ends_of_the_transport() -> None:
-    ends = [outlook.earliest_end for outlook in look_ahead(TRANSPORT)]
-    way = (2 - 3e-3) / 0.2
-    back = (2 - 6e-3) / 0.2
-    np.testing.assert_allclose(ends, [way, way, way + back, way + back])
-
-
-@settings(max_examples=30)
-@given(st.floats(-4, 4), st.floats(-4, 4), st.floats(0.01, 0.2), st.floats(0, 30))
-def test_stage_ends_no_earlier_than_its_slowest_coordinate_and_its_dwell(
-    x: float, y: float, v: float, dwell: float
-) -> None:
-    task = transport(
-        f"limits={{base: {{velocity: [{v}, {v}, {v}]}}}}",
-        f"stages.approach.target.base=[{x}, {y}, 0]",
-        f"stages.approach.dwell={dwell}",
-    )
-    least = max(max(abs(x), abs(y)) - 3e-3, 0.0) / v
-    assert look_ahead(task)[0].earliest_end == pytest.approx(max(least, dwell))

@@ -10,34 +10,16 @@ from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs import effective
-from psmpc_cli.specs.document import read
+from psmpc_cli.specs.document import Data, read
 from psmpc_cli.specs.load import load_task, parse_task
 
 TASK, ROBOT = (read("original", text) for text in (load_task("transport").task_yaml, load_task("transport").robot_yaml))
 
-junk = st.sampled_from(
-    [
-        None,
-        True,
-        -1,
-        0,
-        1.5,
-        1e300,
-        "",
-        "x",
-        "base",
-        "30 deg",
-        "1e999",
-        [],
-        [[]],
-        [None],
-        {},
-        {"base": 3},
-        {"x": {}},
-        [1, 2],
-        "all",
-    ]
-)
+NAMES: list[Data] = ["", "x", "base", "all", "30 deg", "1e999"]
+NUMBERS: list[Data] = [None, True, -1, 0, 1.5, 1e300]
+COLLECTIONS: list[Data] = [[], [[]], [None], [1, 2], {}, {"base": 3}, {"x": {}}]
+
+junk = st.sampled_from([*NAMES, *NUMBERS, *COLLECTIONS])
 
 
 def mutate(data: Any, path: tuple[str | int, ...], action: str, value: Any) -> Any:

@@ -1,0 +1,1 @@
+"""Studies: many runs of one task, in parallel, and what they say together."""

@@ -3,8 +3,8 @@
     python benchmarks/calibration.py          writes benchmarks/calibration.yaml
 
 The paper gives neither; one setting serves all methods. Each cell runs PSMPC, SMPC and HTMPC on the transport task at
-N_s = 20 and is scored by the published times: the number of times within max(0.8 s, 5 %), then the root mean square of the
-differences over the published times.
+N_s = 20 and is scored by the published times: how many are met, within max(0.8 s, 5 %) or earlier in a mission that
+succeeds, then the root mean square of the differences.
 """
 
 import tempfile
@@ -19,8 +19,8 @@ from psmpc_cli.logs.read import read_log
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.variants import run_variants
 
-WEIGHTS = (0.03, 0.1, 0.3, 1.0)
-TOLERANCES = (1e-3, 3e-3, 1e-2, 3e-2)
+WEIGHTS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
+TOLERANCES = (2e-3, 3e-3, 5e-3, 1e-2)
 METHODS = ("psmpc", "smpc", "htmpc")
 PUBLISHED = {
     "psmpc": {"start": 6.3, "capture": 13.8, "transport": 24.4, "release": 31.3},
@@ -37,19 +37,24 @@ def changes(method: str, weight: float, tolerance: float) -> list[str]:
     return [f"controller.kind={method}", *ends, *skills, *quick]
 
 
-def measured(path: Path) -> dict[str, float]:
-    """Return a run's times, the actual start of Capture among them."""
+def measured(path: Path) -> dict[str, float | bool | int]:
+    """Return a run's times, the actual start of Capture among them, and how it went."""
     summary = summarize(read_log(path))
     times = {stage.name: round(float(stage.switch_time), 2) for stage in summary.stages}
-    return {"start": round(float(summary.stages[1].actual_start), 2), **times}
+    start = round(float(summary.stages[1].actual_start), 2)
+    return {"start": start, **times, "succeeded": summary.succeeded, "fallbacks": summary.fallbacks}
 
 
-def score(found: dict[str, dict[str, float]]) -> tuple[int, float]:
+def score(found: dict[str, dict[str, float | bool | int]]) -> tuple[int, float]:
     """Return how many published times are met, and the root mean square difference [s]."""
-    pairs = [(found[method][name], time) for method in METHODS for name, time in PUBLISHED[method].items()]
-    differences = np.array([ours - time for ours, time in pairs])
-    allowed = np.array([max(0.8, 0.05 * time) for _, time in pairs])
-    return int(np.sum(np.abs(differences) <= allowed)), float(np.sqrt(np.mean(differences**2)))
+    met, differences = 0, []
+    for method in METHODS:
+        run_of = found[method]
+        for name, time in PUBLISHED[method].items():
+            difference = run_of[name] - time
+            met += abs(difference) <= max(0.8, 0.05 * time) or (difference < 0 and bool(run_of["succeeded"]))
+            differences.append(difference)
+    return met, float(np.sqrt(np.mean(np.square(differences))))
 
 
 if __name__ == "__main__":

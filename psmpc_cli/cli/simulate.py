@@ -90,7 +90,7 @@ def _refuse_old_figures(directory: Path, force: bool) -> None:
         )
     if not force and directory.is_dir() and any(directory.iterdir()):
         raise InputError(
-            f"{directory} holds figures already: choose another log with -o, overwrite with --force, or use --no-figures"
+            f"{directory} holds files already: choose another log with -o, overwrite with --force, or use --no-figures"
         )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from psmpc_cli.control.sequence import Sequence
 from psmpc_cli.control.window_solver import SolvedWindow
 from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.solvers import Outcome
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,17 +16,29 @@ class LevelResult:
 
     Attributes:
         stage: Index of the stage it minimizes.
-        objective: Its optimum J_i*, normalized.
+        outcome: How its solve ended; if it did not converge, the level before it stands.
+        costs: J_i of all levels up to this one at its solution, normalized (levels,).
+        iterations: Iterations used.
         wall_time: Time of the solve alone [s].
-        solved: Whether the solve converged; if not, the level before it stands.
-        costs: J_i of this and all earlier levels at the level's solution, normalized as there (levels,).
+        plan: The plan after this level.
     """
 
     stage: int
-    objective: float
-    wall_time: float
-    solved: bool
+    outcome: Outcome
     costs: np.ndarray
+    iterations: int
+    wall_time: float
+    plan: Plan
+
+    @property
+    def solved(self) -> bool:
+        """Whether the solve converged."""
+        return self.outcome.usable
+
+    @property
+    def objective(self) -> float:
+        """Its optimum J_i*, normalized."""
+        return float(self.costs[-1])
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,25 +42,33 @@ class HierarchicalController(SwitchingController):
         first = super().decide(now, x)
         if first.fallback:
             return first
-        plan, levels = self._descend(first, x)
-        self._plan = plan
-        return replace(first, plan=plan, levels=tuple(levels))
+        levels = self._descend(first, x)
+        self._plan = levels[-1].plan
+        return replace(first, plan=levels[-1].plan, levels=tuple(levels))
 
-    def _descend(self, first: Decision, x: np.ndarray) -> tuple[Plan, list[LevelResult]]:
+    def _descend(self, first: Decision, x: np.ndarray) -> list[LevelResult]:
         """Solve level after level, each from the plan of the one before; a level that fails ends the descent."""
-        plan, levels = first.plan, [_first_level(first.solved)]
+        levels = [self._first_level(first.solved)]
         remaining = self.stages[first.sequence.first :]
         depth = len(remaining) if self.htmpc.depth is None else min(self.htmpc.depth, len(remaining))
-        bounds = [self._bound(remaining[:1], levels[-1], plan)]
+        bounds = [self._bound(remaining[0], levels[0])]
         for count in range(2, depth + 1):
             level = self._level(first, remaining[:count], tuple(bounds), x)
-            found, result = self._solve_level(level, plan)
-            levels.append(result)
-            if not result.solved:
+            levels.append(self._solve_level(level, levels[-1].plan))
+            if not levels[-1].solved:
                 break
-            plan = found
-            bounds.append(self._bound(remaining[:count], result, plan))
-        return plan, levels
+            bounds.append(self._bound(remaining[count - 1], levels[-1]))
+        return levels
+
+    def _first_level(self, solved: SolvedWindow) -> LevelResult:
+        """Return the window over the current stage as a level; its cost as the levels have it, without offset."""
+        window, solution = solved.window, solved.solution
+        nlp, _ = self.windows.compiled(self.windows.shape(window))
+        cost = np.asarray(nlp.stage_costs(solution.z, solved.parameters)).ravel()
+        cost += window.offset / window.scale * window.horizon
+        return LevelResult(
+            window.stages[0].index, solution.outcome, cost, solution.iterations, solution.wall_time, solved.plan
+        )
 
     def _level(
         self, first: Decision, stages: tuple[Stage, ...], bounds: tuple[np.ndarray, ...], x: np.ndarray
@@ -78,21 +86,24 @@ class HierarchicalController(SwitchingController):
             tolerance=self.htmpc.tolerance,
         )
 
-    def _solve_level(self, level: Level, plan: Plan) -> tuple[Plan, LevelResult]:
+    def _solve_level(self, level: Level, plan: Plan) -> LevelResult:
         nlp, solver = self._compile(tuple(stage.space for stage in level.stages))
         parameters = level_parameters(nlp, level)
         solution = solver.solve(Guess(level_guess(nlp, level, plan)), parameters, level_bounds(nlp, level))
-        costs = np.asarray(nlp.costs(solution.z, parameters)).ravel()
-        result = LevelResult(
-            level.stages[-1].index, solution.objective, solution.wall_time, solution.outcome.usable, costs
+        return LevelResult(
+            stage=level.stages[-1].index,
+            outcome=solution.outcome,
+            costs=np.asarray(nlp.costs(solution.z, parameters)).ravel(),
+            iterations=solution.iterations,
+            wall_time=solution.wall_time,
+            plan=level_plan(nlp, level, solution.z) if solution.outcome.usable else plan,
         )
-        return level_plan(nlp, level, solution.z), result
 
-    def _bound(self, stages: tuple[Stage, ...], result: LevelResult, plan: Plan) -> np.ndarray:
-        """Return what later levels must keep of the last stage: its cost, or its errors at the nodes."""
+    def _bound(self, stage: Stage, result: LevelResult) -> np.ndarray:
+        """Return what later levels must keep of a level's stage: its cost, or its errors at the nodes."""
         if self.htmpc.constraint == "cost":
             return np.array([result.objective])
-        return self.costs.errors(stages[-1], plan.X[1:])
+        return self.costs.errors(stage, result.plan.X[1:])
 
     def _compile(self, spaces: tuple[str, ...]) -> tuple[LevelNlp, Solver]:
         shape = LevelShape(spaces, self.htmpc.constraint, self.spec.nodes, self.spec.discretization)
@@ -100,10 +111,3 @@ class HierarchicalController(SwitchingController):
             nlp = transcribe_level(self.windows.model, shape)
             self._compiled[shape] = nlp, build_solver(nlp, self.windows.task.solver)
         return self._compiled[shape]
-
-
-def _first_level(solved: SolvedWindow) -> LevelResult:
-    solution = solved.solution
-    return LevelResult(
-        solved.window.stages[0].index, solution.objective, solution.wall_time, True, np.array([solution.objective])
-    )

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psmpc_cli.control.sequence import Switch
+from psmpc_cli.control.shares import control_shares
 from psmpc_cli.experiment.measures import Balance, measure
 from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.logs.record import Record
@@ -47,8 +48,9 @@ def simulate(experiment: Experiment) -> Generator[Record, None, Ending]:
         edges = now + np.arange(_ticks(experiment) + 1) / task.plant.low_level_rate
         u = decision.plan.mean_control(edges)
         presence = experiment.observer.observe(decision, x, edges[:2])
+        shares = control_shares(experiment.aside, decision, x, edges[:2]) if task.log.shares else {}
         ticks = plant.advance(now, x, u)
-        yield measure(experiment, decision, switches, presence, u, ticks, balance)
+        yield measure(experiment, decision, switches, presence, shares, u, ticks, balance)
         x, sample = ticks.X[-1], sample + 1
 
 

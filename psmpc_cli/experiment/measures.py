@@ -4,9 +4,8 @@ import numpy as np
 
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.sequence import Switch
-from psmpc_cli.control.window_solver import SolvedWindow
 from psmpc_cli.experiment.setup import Experiment
-from psmpc_cli.logs.record import Record, SolveRecord, TickRecord
+from psmpc_cli.logs.record import LevelsRecord, Record, SolveRecord, TickRecord
 from psmpc_cli.plant import Ticks
 from psmpc_cli.robot.model import RobotModel
 
@@ -36,6 +35,7 @@ def measure(
     decision: Decision,
     switches: tuple[Switch, ...],
     presence: dict[int, float],
+    shares: dict[int, float],
     u: np.ndarray,
     ticks: Ticks,
     balance: Balance,
@@ -60,7 +60,7 @@ def measure(
         flags=_flags(decision),
         switches=tuple((switch.stage, switch.time) for switch in switches),
         presence=presence,
-        solve=_solve_record(experiment, decision.solved),
+        solve=_solve_record(decision),
         stage_cost=float(experiment.costs.at(stage, x[None], u[:1], since)[0]),
         position_margin=position,
         velocity_margin=velocity,
@@ -76,6 +76,9 @@ def measure(
         ticks=TickRecord(ticks.time[:-1], ticks.X[:-1, :n], ticks.X[:-1, n:], ticks.F)
         if experiment.task.log.ticks
         else None,
+        window_cost=_window_cost(experiment, decision),
+        shares=shares,
+        levels=_levels_record(experiment, decision),
     )
 
 
@@ -98,14 +101,44 @@ def _flags(decision: Decision) -> frozenset[str]:
     return frozenset(name for name, yes in happened.items() if yes)
 
 
-def _solve_record(experiment: Experiment, solved: SolvedWindow) -> SolveRecord:
-    """Return the record of a solve; the objective is in the task's own priorities."""
+def _window_cost(experiment: Experiment, decision: Decision) -> np.ndarray:
+    """Return the normalized cost integral of each stage in the window, (S + 1,); none after a failed solve."""
+    if decision.fallback:
+        return np.zeros(0)
+    solved, windows = decision.solved, experiment.controller.windows
+    nlp, _ = windows.compiled(windows.shape(solved.window))
+    return np.asarray(nlp.stage_costs(solved.solution.z, solved.parameters)).ravel()
+
+
+def _levels_record(experiment: Experiment, decision: Decision) -> LevelsRecord | None:
+    """Return the record of the levels of a lexicographic controller; None under any other."""
+    if not decision.levels:
+        return None
+    stages = len(experiment.stages)
+    objective, cost, wall_time = (np.full(stages, np.nan) for _ in range(3))
+    solved = np.full(stages, -1)
+    for level in decision.levels:
+        wall_time[level.stage], solved[level.stage] = level.wall_time, level.solved
+        if level.solved:
+            objective[level.stage] = level.objective
+            cost[level.stage + 1 - len(level.costs) : level.stage + 1] = level.costs
+    return LevelsRecord(objective, cost, wall_time, solved)
+
+
+def _solve_record(decision: Decision) -> SolveRecord:
+    """Return the record of a solve; the objective is in the task's own priorities.
+
+    Under lexicographic control time, iterations and status are those of all levels together; the last one is the one
+    that may have failed. The rest is the first level's.
+    """
+    solved = decision.solved
     solution, guess = solved.solution, solved.guess
     multipliers = [lam for lam in (guess.lam_x, guess.lam_g) if lam is not None]
+    levels = decision.levels or (solution,)
     return SolveRecord(
-        status=solution.outcome.name.lower(),
-        iterations=solution.iterations,
-        wall_time=solution.wall_time,
+        status=levels[-1].outcome.name.lower(),
+        iterations=sum(level.iterations for level in levels),
+        wall_time=sum(level.wall_time for level in levels),
         objective=solution.objective * float(np.max(solved.window.omega)),
         guess=guess.z,
         guess_multipliers=np.concatenate(multipliers) if multipliers else np.zeros(0),

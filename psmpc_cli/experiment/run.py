@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli import __version__
+from psmpc_cli.errors import RunError
 from psmpc_cli.experiment.loop import Ending, simulate
 from psmpc_cli.experiment.monitors import verdicts
 from psmpc_cli.experiment.setup import Experiment, build_experiment
@@ -74,6 +76,10 @@ def _consume(experiment: Experiment, writer: LogWriter, watch: Callable[[Progres
         writer.update_stages(clock.times)
         writer.finish(False, str(interruption) or "interrupted", *_nowhere(experiment))
         return None
+    except RunError as error:
+        with suppress(RunError):
+            writer.finish(False, str(error), *_nowhere(experiment))
+        raise
     clock.hand_over(tuple((switch.stage, switch.time) for switch in ending.switches))
     writer.update_stages(clock.times)
     xi = np.asarray(experiment.model.g(ending.x[: experiment.model.n])).ravel()
@@ -130,4 +136,5 @@ def header(experiment: Experiment) -> Header:
         ticks=task.log.ticks,
         plans=task.log.plans,
         monitors=tuple(monitor.name for monitor in task.monitors),
+        levels=task.controller.kind == "htmpc",
     )

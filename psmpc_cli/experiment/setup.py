@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from psmpc_cli.control import build_controller
+from psmpc_cli.control.aside import WindowsAside
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.onset import OnsetObserver
 from psmpc_cli.control.window_solver import WindowSolver
@@ -26,6 +27,7 @@ class Experiment:
     stages: tuple[Stage, ...]
     costs: StageCosts
     controller: SwitchingController
+    aside: WindowsAside
     observer: OnsetObserver
     plant: Plant
     x0: np.ndarray
@@ -41,6 +43,7 @@ def build_experiment(loaded: LoadedTask) -> Experiment:
     task, model = loaded.spec, build_model(loaded.robot)
     stages, costs = build_stages(task, loaded.robot, model), StageCosts(model)
     controller = build_controller(task.controller, stages, WindowSolver(task, model, costs))
+    aside = WindowsAside(controller)
     Qdot = stack(task.initial_velocity, loaded.robot, "joint") if task.initial_velocity else np.zeros(model.n)
     return Experiment(
         loaded=loaded,
@@ -48,7 +51,8 @@ def build_experiment(loaded: LoadedTask) -> Experiment:
         stages=stages,
         costs=costs,
         controller=controller,
-        observer=OnsetObserver(controller, max(task.onset.epsilon, *task.onset.series)),
+        aside=aside,
+        observer=OnsetObserver(aside, max(task.onset.epsilon, *task.onset.series)),
         plant=build_plant(task.plant, model),
         x0=np.r_[stack(task.initial, loaded.robot, "joint"), Qdot],
     )

@@ -103,7 +103,7 @@ def summarize(log: Log) -> Summary:
         ended=bool(np.isfinite(log.final["time"])),
         completed=completed,
         succeeded=completed and all(verdict.held for verdict in monitored),
-        reason=str(log.attributes["end_reason"]) or "the run was killed",
+        reason=str(log.attributes["end_reason"]) or "the run was killed, or goes on",
         duration=_duration(log),
         stages=tuple(_stage(log, loaded, i) for i in range(len(log.stage_names))),
         solves=_solves(log, np.ones(len(wall_time), bool)),

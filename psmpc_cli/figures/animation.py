@@ -59,12 +59,12 @@ def frame_times(run: Run) -> np.ndarray:
 def _draw_frame(axes: Axes, run: Run, time: float, view: View) -> None:
     draw_scene(axes, run, time, width=1.6)
     show(axes, view)
-    axes.set_title(f"t = {time:.1f} s: {', '.join(_events(run, time))}", loc="left")
+    axes.set_title(f"t = {time:.1f} s: {', '.join(events_at(run, time))}", loc="left")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
 
 
-def _events(run: Run, time: float) -> list[str]:
+def events_at(run: Run, time: float) -> list[str]:
     """Return what goes on at a time [s]: the current stage, those acting early, whether the object is lost."""
     current = [span for span in run.spans if span.start <= time]
     early = [span for span in run.spans if span.early is not None and span.early <= time < span.start]

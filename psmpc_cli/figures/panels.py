@@ -110,7 +110,7 @@ def plot_coordinates(
 
 
 def panel_legend(axes: Axes, note: str = "", line: float = HANDLE) -> None:
-    """Write the panel's legend, and a note, above it, so that they never cover a curve; `line` is their length [em]."""
+    """Write a note and the legend, with lines of length `line` [em], above a panel, where they cover no curve."""
     axes.set_title(note, loc="left", pad=3.5, fontsize=TEXT)
     handles, labels = axes.get_legend_handles_labels()
     if handles:

@@ -117,9 +117,7 @@ def _loaded(log: Log) -> LoadedTask:
     try:
         return parse_task(*texts)
     except SpecError as error:
-        raise LogError(
-            f"{log.path}: the texts of task and robot it carries do not hold in this version:\n{error}"
-        ) from None
+        raise LogError(f"{log.path}: its texts of task and robot do not hold in this version:\n{error}") from None
 
 
 def _with_final(log: Log) -> tuple[Array, Array, Array, Array]:

@@ -116,19 +116,25 @@ def _draw_strip(axes: Axes, run: Run) -> tuple[Artist, ...]:
 
 
 def _strip_names(run: Run) -> dict[int, tuple[float, str]]:
-    """Return where each stage's name stands on the strip, and the name; its number where the name does not fit."""
+    """Return where each stage's name stands on the strip, and the name.
+
+    In place of a name that does not fit stands the stage's number, and nothing where not even that fits.
+    """
     first, last = float(run.time[0]), run.end
     per_inch = (last - first) / AXIS_WIDTH
-    names = {}
+    names, written = {}, [first, first]  # up to where each row is written
     for span in run.spans:
-        name = readable(span.name)
-        half = (text_width(name) + 0.06) * per_inch / 2
-        centre = min(max(_middle(span), first + half), max(last - half, first + half))
-        same_row = [other for other in run.spans if other is not span and (other.index - span.index) % 2 == 0]
-        clear = all(centre + half <= _left(other) or other.end <= centre - half for other in same_row)
-        names[span.index] = (
-            (centre, name) if clear and half * 2 <= last - first else (_middle(span), str(span.index + 1))
-        )
+        row = span.index % 2
+        others = [other for other in run.spans if other is not span and other.index % 2 == row]
+        for text in (readable(span.name), str(span.index + 1), ""):
+            half = (text_width(text) + 0.06) * per_inch / 2
+            centre = min(max(_middle(span), first + half), max(last - half, first + half))
+            left, right = centre - half, centre + half
+            clear = all(right <= _left(other) or other.end <= left for other in others)
+            if (clear and right - left <= last - first and written[row] <= left) or not text:
+                break
+        names[span.index] = (centre, text)
+        written[row] = right if text else written[row]
     return names
 
 

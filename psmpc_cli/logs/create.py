@@ -11,8 +11,10 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.logs.layout import (
     COLUMNS,
     FORMAT_VERSION,
+    LEVELS,
     MOMENTUM,
     PLANS,
+    RUN,
     SCALES,
     TABLES,
     TICK,
@@ -36,6 +38,7 @@ class Header:
         epsilons: Thresholds of the actual start.
         ticks, plans: Whether ticks and plans are logged.
         monitors: Names of the monitors.
+        levels: Whether the controller has levels to log.
     """
 
     attributes: Mapping[str, str | int | float | bool]
@@ -47,6 +50,7 @@ class Header:
     ticks: bool
     plans: bool
     monitors: tuple[str, ...] = ()
+    levels: bool = False
 
 
 def create_log(path: Path, header: Header, force: bool = False) -> None:
@@ -61,11 +65,22 @@ def create_log(path: Path, header: Header, force: bool = False) -> None:
         _refuse(path, force)
         if force:
             target.unlink(missing_ok=True)
-        with target.open("xb") as file:
-            file.write(image)
+        _write_new(target, image)
+    except (FileExistsError, NotADirectoryError):
+        raise InputError(f"{path} cannot be written: {path.parent} is no directory") from None
     except OSError as error:
-        culprit = f"{error.filename}: " if error.filename not in (None, str(path), str(target)) else ""
-        raise InputError(f"{path} cannot be written: {culprit}{error.strerror or error}") from None
+        raise InputError(f"{path} cannot be written: {error.strerror or error}") from None
+
+
+def _write_new(path: Path, content: bytes) -> None:
+    """Write a new file; leave none if there is no room for it."""
+    with path.open("xb") as file:
+        try:
+            file.write(content)
+            file.flush()
+        except OSError:
+            path.unlink()
+            raise
 
 
 def _refuse(path: Path, force: bool) -> None:
@@ -83,10 +98,12 @@ def _refuse(path: Path, force: bool) -> None:
 def _image(header: Header) -> bytes:
     """Return the empty log as it stands in its file."""
     with h5py.File("log", "w", driver="core", backing_store=False) as file:
-        file.attrs.update({"format_version": FORMAT_VERSION, "finished": False, "end_reason": "", **header.attributes})
+        file.attrs.update(
+            {"kind": RUN, "format_version": FORMAT_VERSION, "finished": False, "end_reason": "", **header.attributes}
+        )
         _create_scales(file, header)
         _create_tables(file, header)
-        _create_columns(file, TIME, COLUMNS, ROWS_IN_A_CHUNK)
+        _create_columns(file, TIME, COLUMNS + LEVELS if header.levels else COLUMNS, ROWS_IN_A_CHUNK)
         if header.ticks:
             _create_columns(file, TICK, TICKS, TICKS_IN_A_CHUNK)
         if header.plans:

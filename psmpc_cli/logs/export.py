@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.layout import COLUMNS, MOMENTUM
+from psmpc_cli.logs.layout import COLUMNS, LEVELS, MOMENTUM
 from psmpc_cli.logs.read import Log
 
 
@@ -30,6 +30,8 @@ def export_csv(log: Log, directory: Path, force: bool = False) -> list[Path]:
                 writer = csv.writer(file)
                 writer.writerow(table)
                 writer.writerows(zip(*table.values(), strict=True))
+    except (FileExistsError, NotADirectoryError):
+        raise InputError(f"{directory} cannot be written: it is no directory") from None
     except OSError as error:
         raise InputError(f"{directory} cannot be written: {error.strerror}") from None
     return paths
@@ -43,7 +45,7 @@ def _samples(log: Log) -> Iterator[tuple[str, np.ndarray]]:
         "stage": log.stage_names,
         "momentum": MOMENTUM,
     }
-    for column in COLUMNS:
+    for column in (*COLUMNS, *(column for column in LEVELS if column.path in log.columns)):
         values = log[column.path]
         if not column.scale:
             yield column.path if column.units == "1" else f"{column.path} [{column.units}]", values

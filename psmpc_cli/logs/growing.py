@@ -1,5 +1,6 @@
 """A dataset of an open log that grows row by row."""
 
+import math
 from typing import Any
 
 import h5py
@@ -10,12 +11,15 @@ from h5py import h5s
 class GrowingDataset:
     """Rows go in where they belong, so that writing a row again after an interruption does no harm.
 
-    It speaks to HDF5 directly: a sample writes some thirty datasets, and h5py's indexing would cost three times as much.
+    `chunk_size` is the room it takes at a time [bytes].
+
+    It speaks to HDF5 directly: a sample writes some thirty datasets, and h5py's indexing costs three times as much.
     """
 
     def __init__(self, dataset: h5py.Dataset) -> None:
         self._id, self._dtype = dataset.id, dataset.dtype
         self._width: tuple[int, ...] = dataset.shape[1:]
+        self.chunk_size: int = math.prod(dataset.chunks) * dataset.dtype.itemsize
 
     @property
     def width(self) -> tuple[int, ...]:

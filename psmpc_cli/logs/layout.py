@@ -6,6 +6,10 @@ FORMAT_VERSION = 1
 """Changes when a reader of the old layout would misread the new one."""
 
 
+RUN, COMPARISON = "run", "comparison"
+"""Attribute `kind` of the log of one run (also where it is missing), and of a file of several."""
+
+
 @dataclass(frozen=True)
 class Column:
     """One dataset with a row a sample or a tick.
@@ -87,7 +91,9 @@ COLUMNS = (
     Column("window/first", "", "1", "index of the current stage", "i4"),
     Column("window/count", "", "1", "number of stages in the window", "i4"),
     Column("window/instants", "stage", "s", "optimized instant that ends each stage; NaN outside the window"),
+    Column("window/cost", "stage", "1", "normalized cost integral of each stage; NaN outside the window"),
     Column("window/presence", "stage", A_UNITS, "norm of the control a waiting stage adds; NaN where not looked at"),
+    Column("window/share", "stage", "1", "share of each stage in the applied control; NaN where it has none"),
     Column("events/appended", "", "1", "a stage entered the window", "i1"),
     Column("events/postponed", "", "1", "a stage was seen, but the window with it had no solution yet", "i1"),
     Column("events/fallback", "", "1", "the solve failed and the shifted plan went on", "i1"),
@@ -107,6 +113,14 @@ COLUMNS = (
     Column("balance/energy", "", "J", "kinetic energy less the work of the generalized forces"),
 )
 """Every dataset with one row a sample, along /time."""
+
+LEVELS = (
+    Column("levels/objective", "stage", "1", "optimum of the cost each level minimizes; NaN where none converged"),
+    Column("levels/cost", "stage", "1", "cost of each level's stage at the last level that converged"),
+    Column("levels/wall_time", "stage", "s", "wall time of each level's solve alone; NaN where there was none"),
+    Column("levels/solved", "stage", "1", "1 if the level converged, 0 if not, -1 where there was none", "i1"),
+)
+"""Every dataset with one row a sample of a lexicographic controller's levels, along /time."""
 
 TICK = Column("ticks/tick", "", "1", "number of the tick, from 0", "i8")
 

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.logs.layout import COLUMNS, FORMAT_VERSION, PLANS, SCALES, TABLES, TICKS, TIME
+from psmpc_cli.logs.layout import COLUMNS, FORMAT_VERSION, LEVELS, PLANS, SCALES, TABLES, TICKS, TIME
 
 EXPECTED = "expected a log written by psmpc simulate"
 
@@ -127,7 +127,8 @@ def _check(path: Path, file: h5py.File) -> None:
 
 
 def _load(path: Path, file: h5py.File) -> Log:
-    columns = _along(file, TIME.path, *(column.path for column in COLUMNS))
+    logged = COLUMNS + LEVELS if LEVELS[0].path in file else COLUMNS
+    columns = _along(file, TIME.path, *(column.path for column in logged))
     ticks = _along(file, *(column.path for column in TICKS)) if TICKS[0].path in file else {}
     fixed = {entry.path: _array(file[entry.path]) for entry in (*SCALES, *TABLES)}
     return Log(

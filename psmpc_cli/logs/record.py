@@ -1,6 +1,7 @@
 """A record: everything one sample leaves behind."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,6 +18,23 @@ class SolveRecord:
     guess_multipliers: np.ndarray
     parameters: np.ndarray
     solution: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class LevelsRecord:
+    """What the levels of a lexicographic controller came to, by stage (S,).
+
+    Attributes:
+        objective: Optimum J_i* of the level, normalized; NaN where there was no level or it did not converge.
+        cost: J_i of the stage at the last level that converged; NaN where there was none.
+        wall_time: Of the level's solve alone [s]; NaN where there was none.
+        solved: 1 if it converged, 0 if not, -1 if there was none.
+    """
+
+    objective: np.ndarray
+    cost: np.ndarray
+    wall_time: np.ndarray
+    solved: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +71,9 @@ class Record:
         momentum_error: p(t) - p(0) - integral of the external wrench, at the next sample (3,).
         energy_error: T - T(0) - integral of F' Qdot, at the next sample [J].
         ticks: Every tick, where asked for.
+        window_cost: Normalized cost integral of each window stage, (S + 1,); empty after a failed solve.
+        shares: By stage index, its share in the applied control. See `control_shares`.
+        levels: Under lexicographic control, unless its first level failed.
     """
 
     time: float
@@ -76,3 +97,6 @@ class Record:
     momentum_error: np.ndarray
     energy_error: float
     ticks: TickRecord | None = None
+    window_cost: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    shares: Mapping[int, float] = field(default_factory=dict)
+    levels: LevelsRecord | None = None

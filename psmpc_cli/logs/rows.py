@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from psmpc_cli.logs.record import Record
+from psmpc_cli.logs.record import LevelsRecord, Record
 
 Row = Mapping[str, object]
 
@@ -23,7 +23,9 @@ def row(record: Record, stages: int) -> Row:
         "window/first": record.window_first,
         "window/count": len(record.instants) + 1,
         "window/instants": _at_their_stages(stages, record.window_first, record.instants),
-        "window/presence": _presence(stages, record.presence),
+        "window/cost": _at_their_stages(stages, record.window_first, record.window_cost),
+        "window/presence": _by_stage(stages, record.presence),
+        "window/share": _by_stage(stages, record.shares),
         **{f"events/{name}": yes for name, yes in happened.items()},
         "solver/status": solve.status,
         "solver/iterations": solve.iterations,
@@ -41,6 +43,13 @@ def row(record: Record, stages: int) -> Row:
     }
 
 
+def levels_row(levels: LevelsRecord | None, stages: int) -> Row:
+    """Return what the levels leave in every column of LEVELS, by path; where there are none, that they are not there."""
+    unknown = np.full(stages, np.nan)
+    levels = levels or LevelsRecord(unknown, unknown, unknown, np.full(stages, -1))
+    return {f"levels/{name}": getattr(levels, name) for name in ("objective", "cost", "wall_time", "solved")}
+
+
 def _at_their_stages(stages: int, first: int, values: np.ndarray) -> np.ndarray:
     """Return the window's values at their stages' places (S,); NaN elsewhere."""
     placed = np.full(stages, np.nan)
@@ -48,8 +57,8 @@ def _at_their_stages(stages: int, first: int, values: np.ndarray) -> np.ndarray:
     return placed
 
 
-def _presence(stages: int, presence: Mapping[int, float]) -> np.ndarray:
-    """Return the presences at their stages' places (S,); NaN elsewhere."""
+def _by_stage(stages: int, values: Mapping[int, float]) -> np.ndarray:
+    """Return values by stage index at their stages' places (S,); NaN elsewhere."""
     placed = np.full(stages, np.nan)
-    placed[list(presence)] = list(presence.values())
+    placed[list(values)] = list(values.values())
     return placed

@@ -1,5 +1,6 @@
 """Writes a log while the run goes on: every record is in the file before the next one begins."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,9 +13,12 @@ import numpy as np
 from psmpc_cli.errors import RunError
 from psmpc_cli.logs.create import Header, create_log
 from psmpc_cli.logs.growing import GrowingDataset
-from psmpc_cli.logs.layout import COLUMNS, PLANS, TICK, TICKS, TIME
+from psmpc_cli.logs.layout import COLUMNS, LEVELS, PLANS, TICK, TICKS, TIME
 from psmpc_cli.logs.record import Record, SolveRecord, TickRecord
-from psmpc_cli.logs.rows import row
+from psmpc_cli.logs.rows import levels_row, row
+
+SPARE = 2**17
+"""Room kept free for what HDF5 itself adds [bytes]."""
 
 __all__ = ["Header", "LogWriter", "StageTimes", "write_monitors"]
 
@@ -47,10 +51,13 @@ class LogWriter:
         create_log(path, header, force)
         self._file = h5py.File(path, "r+", locking=False)
         self._stages = len(header.stages)
-        self._columns = self._growing(TIME.path, *(column.path for column in COLUMNS))
+        self._levels = header.levels
+        columns = COLUMNS + LEVELS if self._levels else COLUMNS
+        self._columns = self._growing(TIME.path, *(column.path for column in columns))
         self._ticks = self._growing(TICK.path, *(column.path for column in TICKS)) if header.ticks else {}
         vectors = [f"{path}{part}" for path, _ in PLANS for part in ("", "_length", "_element")]
         self._plans = self._growing(*vectors) if header.plans else {}
+        self._chunks = sum(dataset.chunk_size for dataset in (*self._columns.values(), *self._ticks.values()))
         self._rows, self._tick_rows = 0, 0
 
     def __enter__(self) -> "LogWriter":
@@ -66,13 +73,16 @@ class LogWriter:
             RunError: The file cannot be written any further, for example because the disk is full.
         """
         with self._writing():
+            self._reserve(self._chunks + 2 * sum(vector.nbytes for vector in _vectors(record.solve).values()))
             if self._plans:
                 self._write_plans(record.solve)
             if self._ticks and record.ticks is not None:
                 self._write_ticks(record.ticks)
             if self._plans or self._ticks:
                 self._file.flush()
-            for path, value in row(record, self._stages).items():
+            # what the row speaks of stands in the file before the row does
+            levels = levels_row(record.levels, self._stages) if self._levels else {}
+            for path, value in {**row(record, self._stages), **levels}.items():
                 self._columns[path].write(self._rows, np.asarray(value)[None])
             self._file.flush()
         self._rows += 1
@@ -91,6 +101,7 @@ class LogWriter:
         """Write how the run ended, and the state (2n,) and poses (m,) it ended in; half a record is dropped."""
         n = len(x) // 2
         with self._writing():
+            self._reserve()
             for dataset in self._columns.values():
                 dataset.cut(self._rows)
             self._file.attrs.update({"finished": finished, "end_reason": reason})
@@ -99,8 +110,10 @@ class LogWriter:
             self._file.flush()
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file, and give back the room it did not need."""
         with self._writing():
+            self._file.flush()
+            os.ftruncate(self._file.id.get_vfd_handle(), self._file.id.get_filesize())
             self._file.close()
 
     def _growing(self, *paths: str) -> dict[str, GrowingDataset]:
@@ -111,12 +124,20 @@ class LogWriter:
         try:
             yield
         except (OSError, RuntimeError) as error:
-            reason = str(error).partition("\n")[0]
-            raise RunError(f"{self.path} cannot be written any further, it holds the run up to then: {reason}") from None
+            reason = (isinstance(error, OSError) and error.strerror) or str(error).partition("\n")[0]
+            raise RunError(
+                f"{self.path} cannot be written any further, it holds the run up to then: {reason}"
+            ) from None
+
+    def _reserve(self, size: int = 0) -> None:
+        """Make sure of room for so many bytes more: HDF5 does not survive a full disk, so it must never meet one."""
+        descriptor, end = self._file.id.get_vfd_handle(), self._file.id.get_filesize()
+        if hasattr(os, "posix_fallocate") and os.fstat(descriptor).st_size < end + size + SPARE:
+            os.posix_fallocate(descriptor, end, size + SPARE)
 
     def _write_plans(self, solve: SolveRecord) -> None:
-        for path, _ in PLANS:
-            values, dataset = getattr(solve, path.removeprefix("plan/")), self._plans[path]
+        for path, values in _vectors(solve).items():
+            dataset = self._plans[path]
             (before,) = dataset.width
             dataset.write(self._rows, values[None])
             self._plans[f"{path}_length"].write(self._rows, [len(values)])
@@ -128,6 +149,11 @@ class LogWriter:
         self._ticks[TICK.path].write(first, np.arange(first, first + len(ticks.time)))
         for column in TICKS:
             self._ticks[column.path].write(first, getattr(ticks, column.path.removeprefix("ticks/")))
+
+
+def _vectors(solve: SolveRecord) -> dict[str, np.ndarray]:
+    """Return the vectors of a solve by their paths below /plan."""
+    return {path: getattr(solve, path.removeprefix("plan/")) for path, _ in PLANS}
 
 
 def write_monitors(path: Path, held: np.ndarray, margin: np.ndarray) -> None:

@@ -27,7 +27,8 @@ class Outlook:
     Attributes:
         stage: The stage.
         reaches: By arm, how far its target is with the base at its own, under the limits in force; empty in joint
-            space, and for arms (or with a base) whose place neither weights nor the end condition ask for.
+            space, and for arms (or with a base) whose place neither weights nor the end condition ask for. Of a
+            trajectory, the last row's.
         earliest_end: Time before which the stage cannot end [s]: from velocity limits, dwells and fixed times.
         stuck: Rows of Q that its end condition wants elsewhere but velocity limits let not move that way.
     """
@@ -52,7 +53,7 @@ def look_ahead(task: LoadedTask) -> tuple[Outlook, ...]:
     """Return the outlook of every stage of a task."""
     stages = build_stages(task.spec, task.robot, build_model(task.robot))
     ends = earliest_ends(stages, stack(task.spec.initial, task.robot, "joint"))
-    reaches = (_reaches(stage, task.robot) for stage in stages)
+    reaches = (reaches_of(stage, task.robot, stage.target) for stage in stages)
     return tuple(Outlook(stage, reach, *end) for stage, reach, end in zip(stages, reaches, ends, strict=True))
 
 
@@ -108,18 +109,18 @@ def pose_rows(robot: RobotSpec, arm: str) -> slice:
     return slice(first, first + BASE.stop)
 
 
-def reach_with(stage: Stage, robot: RobotSpec, arm: str, limits: Limits, base: Vector | None = None) -> Reach:
-    """Return how far the target of an arm is, with the base (3,) at its own or elsewhere, under some limits."""
-    base = stage.target[BASE] if base is None else base
-    return reach_of(under(robot, limits), arm, base.tolist(), stage.target[pose_rows(robot, arm)].tolist())
+def reach_with(robot: RobotSpec, arm: str, limits: Limits, xi: Vector, base: Vector | None = None) -> Reach:
+    """Return how far an arm's pose in xi (m,) is, with the base (3,) at its own or elsewhere, under some limits."""
+    base = xi[BASE] if base is None else base
+    return reach_of(under(robot, limits), arm, base.tolist(), xi[pose_rows(robot, arm)].tolist())
 
 
-def _reaches(stage: Stage, robot: RobotSpec) -> dict[str, Reach]:
-    """Return how far the targets of a stage are that count."""
+def reaches_of(stage: Stage, robot: RobotSpec, xi: Vector) -> dict[str, Reach]:
+    """Return how far poses xi (m,) of a stage's target are, of the arms whose poses count."""
     if stage.space == "joint" or not counts(stage, BASE):
         return {}
     arms = [arm for arm in robot.arms if counts(stage, pose_rows(robot, arm))]
-    return {arm: reach_with(stage, robot, arm, stage.limits) for arm in arms}
+    return {arm: reach_with(robot, arm, stage.limits, xi) for arm in arms}
 
 
 def _arrival(stages: Sequence[Stage], stage: Stage, row: int, tolerance: float, before: _Known) -> float:

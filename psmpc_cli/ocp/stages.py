@@ -7,10 +7,10 @@ import numpy as np
 
 from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.robot.model import RobotModel, angle_rows, nearest_equivalent
-from psmpc_cli.specs.coordinates import rows, stack, tolerances
+from psmpc_cli.specs.coordinates import Space, rows, stack, stack_rows, tolerances
 from psmpc_cli.specs.limits import Limits, resolve
 from psmpc_cli.specs.robot import RobotSpec
-from psmpc_cli.specs.task import SkillSpec, StageSpec, TaskSpec
+from psmpc_cli.specs.task import SkillSpec, StageSpec, TaskSpec, TrajectorySpec
 
 Vector = np.ndarray
 
@@ -36,7 +36,7 @@ class Stage:
         tolerance: Its tolerance, one per end row [m, rad].
         end_velocity: Bound on the rate of those rows [m/s, rad/s], or None.
         at: Fixed switching time [s], or None.
-        dwell: Minimum duration [s].
+        dwell: Minimum duration [s], that of the trajectory at least.
         onset_rows: Rows of the control whose norm marks the actual start.
     """
 
@@ -57,6 +57,11 @@ class Stage:
     limits: Limits
     onset_rows: tuple[int, ...]
 
+    @property
+    def waypoints(self) -> Vector:
+        """What the target leads through (T, rows) [m, rad]: the rows of the trajectory, or the target alone."""
+        return self.target[None] if self.trajectory is None else self.trajectory.values
+
     def reference(self, since: Vector) -> Vector:
         """Return what the cost follows at times since the stage began (K,) [s]: (K, rows)."""
         if self.trajectory is None:
@@ -67,12 +72,13 @@ class Stage:
 
 def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[Stage, ...]:
     """Return the task's stages, resolved; target angles become the nearest equivalent ones along the sequence."""
-    targets = _unwrapped_targets(task, robot, model)
-    return tuple(_stage(i, task, robot, model, target) for i, target in enumerate(targets))
+    waypoints = _unwrapped_waypoints(task, robot, model)
+    return tuple(_stage(i, task, robot, model, values) for i, values in enumerate(waypoints))
 
 
-def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, target: Vector) -> Stage:
+def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, waypoints: Vector) -> Stage:
     spec = task.stages[index]
+    trajectory = Trajectory(np.array(spec.target.times), waypoints) if isinstance(spec.target, TrajectorySpec) else None
     skill = task.skills[spec.skill]
     end = spec.ends_when if spec.at is None else None
     return Stage(
@@ -81,15 +87,15 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, targ
         space=skill.space,
         input=skill.input,
         priority=spec.priority,
-        target=target,
-        trajectory=None,
+        target=waypoints[-1],
+        trajectory=trajectory,
         weights=stack(skill.weights.parts, robot, skill.space),
         control_weights=_control_weights(skill, robot, model),
         end_rows=() if end is None else rows(end.coordinates, robot, skill.space),
         tolerance=np.zeros(0) if end is None else tolerances(end, robot, skill.space),
         end_velocity=None if end is None else end.velocity,
         at=spec.at,
-        dwell=spec.dwell,
+        dwell=spec.dwell if trajectory is None else max(spec.dwell, float(trajectory.times[-1])),
         limits=resolve(robot, task.limits, skill.limits),
         onset_rows=_onset_rows(task.stages, index, task, robot),
     )
@@ -108,26 +114,46 @@ def _onset_rows(stages: Sequence[StageSpec], index: int, task: TaskSpec, robot: 
     return rows(names if names is not None else ("all",), robot, "joint")
 
 
-def _unwrapped_targets(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> list[Vector]:
-    """Return every stage's target, each angle moved to the equivalent nearest to where the sequence stands before."""
+def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> list[Vector]:
+    """Return what every stage's target leads through, (T, rows) each.
+
+    Each angle is moved to the equivalent nearest to where the sequence stands before: for the first row that is where
+    the stage before leads to, for every other row it is the row before.
+    """
     Q = stack(task.initial, robot, "joint")
     xi = np.asarray(model.g(Q)).ravel()
     angles = angle_rows(model)
-    targets = []
+    found = []
     for spec in task.stages:
         space = task.skills[spec.skill].space
-        target = stack(spec.target, robot, space)
-        before, rows_of_angles = (Q, angles.Q) if space == "joint" else (xi, angles.xi)
+        waypoints = _waypoints(spec, robot, space)
+        before, turning = (Q, list(angles.Q)) if space == "joint" else (xi, list(angles.xi))
         if spec.angles == "nearest":
-            turning = list(rows_of_angles)
-            target[turning] = nearest_equivalent(before[turning], target[turning])
-        targets.append(target)
+            waypoints[:, turning] = _unwrapped(before[turning], waypoints[:, turning])
+        found.append(waypoints)
+        target = waypoints[-1]
         if space == "joint":
             Q, xi = target, np.asarray(model.g(target)).ravel()
         else:
             base = model.poses["base"]
             xi, Q = target, np.r_[target[base], Q[model.parts["base"].stop :]]
-    return targets
+    return found
+
+
+def _waypoints(spec: StageSpec, robot: RobotSpec, space: Space) -> Vector:
+    """Return the rows of a stage's target as given, (T, rows)."""
+    if isinstance(spec.target, TrajectorySpec):
+        return stack_rows(spec.target, robot, space)
+    return stack(spec.target, robot, space)[None]
+
+
+def _unwrapped(before: Vector, rows: Vector) -> Vector:
+    """Return rows of angles (T, angles) [rad], each moved to the equivalents nearest to the row before it."""
+    moved = []
+    for row in rows:
+        before = nearest_equivalent(before, row)
+        moved.append(before)
+    return np.array(moved)
 
 
 def error_rows(stage: Stage, model: RobotModel) -> int:

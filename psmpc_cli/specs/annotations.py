@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
-from pydantic import BaseModel
+from pydantic import BaseModel, Tag
 
 Location = tuple[str | int, ...]
 """Pydantic's way to a value: keys, indices, and names of the branches of a union."""
@@ -24,6 +24,8 @@ def length_at(model: type[BaseModel], location: Location) -> int:
 def meaning_at(model: type[BaseModel], location: Location) -> str:
     """Return what the field at a location means."""
     owner = _at(model, location[:-1])
+    if get_origin(owner) in (Union, UnionType):
+        return meaning_at(model, location[:-1])
     field = owner.model_fields.get(location[-1]) if _is_model(owner) else None
     return (field.description if field else None) or "this key"
 
@@ -51,11 +53,13 @@ def _plain(kind: Any) -> Any:
 
 
 def _inside(kind: Any, step: str | int) -> Any:
-    """Return the annotation one step inside; a step that only names a branch leads nowhere."""
+    """Return the annotation one step inside; the name of a union's branch leads to that branch."""
     if _is_model(kind):
         field = kind.model_fields.get(step)
         return field.annotation if field else kind
     origin, arguments = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        return next((option for option in arguments if Tag(str(step)) in getattr(option, "__metadata__", ())), kind)
     if origin is tuple and isinstance(step, int):
         return arguments[0] if Ellipsis in arguments else arguments[step]
     if isinstance(origin, type) and issubclass(origin, Mapping):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.problem import choice
 from psmpc_cli.specs.robot import RobotSpec
-from psmpc_cli.specs.task import EndCondition, Parts
+from psmpc_cli.specs.task import EndCondition, Parts, TrajectorySpec
 
 Space = Literal["joint", "task"]
 Vector = NDArray[np.float64]
@@ -65,6 +65,16 @@ def stack(parts: Parts, robot: RobotSpec, space: Space, missing: float | None = 
         SpecError: A part is missing or has the wrong length.
     """
     return np.concatenate([_part(parts, part, size, missing) for part, size in sizes(robot, space).items()])
+
+
+def stack_rows(trajectory: TrajectorySpec, robot: RobotSpec, space: Space) -> Vector:
+    """Return the rows of a trajectory (times, n) or (times, m) in the order of Q or xi.
+
+    Raises:
+        SpecError: A part is missing, or a row has the wrong length.
+    """
+    moments = range(len(trajectory.times))
+    return np.array([stack({part: rows[i] for part, rows in trajectory.parts.items()}, robot, space) for i in moments])
 
 
 def tolerances(condition: EndCondition, robot: RobotSpec, space: Space) -> Vector:

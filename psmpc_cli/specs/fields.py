@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, Field, Strict, WithJsonSchema
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, Strict, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from psmpc_cli.specs.scalars import ANGLE_PATTERN, angle, resolve
@@ -127,6 +127,28 @@ def number_alone_or_list(value: object) -> object:
     return value if isinstance(value, list | tuple | dict) else [value]
 
 
+def row(value: object) -> object:
+    """Return a list that may be one row of a trajectory."""
+    if not isinstance(value, list | tuple):
+        raise expected("a list of numbers, one row of values for every time")
+    return value
+
+
+def comparison(value: object) -> object:
+    """Return a list that may be a paired comparison."""
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise expected("a comparison [stage, stage, ratio]")
+    return value
+
+
+def way_of(value: object) -> str:
+    """Tell a target that moves from one that stands still."""
+    if not isinstance(value, Mapping):
+        return "trajectory" if isinstance(value, BaseModel) else "parts"
+    rows = any(isinstance(item, list | tuple) and item and isinstance(item[0], list | tuple) for item in value.values())
+    return "trajectory" if "times" in value or rows else "parts"
+
+
 def shape_of(value: object) -> str:
     """Tell a mapping by part from a single number."""
     return "parts" if isinstance(value, Mapping) else "number"
@@ -160,3 +182,5 @@ Widths = Annotated[
     BeforeValidator(number_alone_or_list),
     WithJsonSchema({"anyOf": [*_POSITIVE["anyOf"], _listed(_POSITIVE)]}),
 ]
+Row = Annotated[tuple[Angle, ...], BeforeValidator(row)]
+Comparison = Annotated[tuple[str, str, Positive], BeforeValidator(comparison)]

@@ -1,27 +1,29 @@
 """What a task is: skills, stages, and how to run them. Plain validated data, SI units throughout."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import Discriminator, Field, GetJsonSchemaHandler, Tag, model_validator
-from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
+from pydantic import Discriminator, Field, Tag
 
 from psmpc_cli.specs.fields import (
     Angle,
+    Comparison,
     Coordinates,
     Flag,
     Name,
     NotNegative,
     Number,
     Positive,
+    Row,
     Size,
     Whole,
     Width,
     Widths,
     shape_of,
+    way_of,
 )
 from psmpc_cli.specs.robot import PartLimits, Spec
+from psmpc_cli.specs.shorthands import Choice, SideBySide
 
 Parts = Mapping[str, tuple[float, ...]]
 """Numbers keyed by part name (`base`, then each arm's name, or `arms` for every arm)."""
@@ -32,21 +34,6 @@ _Control = Annotated[Annotated[Size, Tag("number")] | Annotated[_Weights, Tag("p
 _Tolerance = Annotated[
     Annotated[Width, Tag("number")] | Annotated[Mapping[str, Widths], Tag("parts")], Discriminator(shape_of)
 ]
-
-
-class Choice(Spec):
-    """A part of a task with a `kind`; the kind alone stands for it with all else at its default."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _kind_alone(cls, value: object) -> object:
-        return {"kind": value} if isinstance(value, str) else value
-
-    @classmethod
-    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """Allow the kind alone."""
-        mapping = handler.resolve_ref_schema(handler(core_schema))
-        return {"anyOf": [{"enum": mapping["properties"]["kind"]["enum"]}, mapping]}
 
 
 class HtmpcSpec(Spec):
@@ -89,30 +76,14 @@ class PlantSpec(Choice):
     step: Positive | None = Field(None, description="step of the integrator [s]; default one tick of the loop")
 
 
-class SkillWeights(Spec):
+class SkillWeights(SideBySide):
     """W_q or W_p by part, and W_r: one number for all controls, or numbers by part.
 
     In YAML the parts and `control` stand side by side.
     """
 
     parts: _Weights
-    control: _Control = 1.0
-
-    @model_validator(mode="before")
-    @classmethod
-    def _side_by_side(cls, value: object) -> object:
-        if not isinstance(value, Mapping) or isinstance(value.get("parts"), Mapping):
-            return value
-        parts = {key: item for key, item in value.items() if key != "control"}
-        return {"parts": parts, **{key: value[key] for key in ("control",) if key in value}}
-
-    @classmethod
-    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """Write the parts side by side with `control`."""
-        schema = handler.resolve_ref_schema(handler(core_schema))
-        parts, control = schema["properties"]["parts"], schema["properties"]["control"]
-        kept: dict[str, Any] = {"type": "object", "description": schema["description"]}
-        return {**kept, "properties": {"control": control}, "additionalProperties": parts["additionalProperties"]}
+    control: _Control = Field(1.0, description="weights of the control, one number or numbers by part")
 
 
 class SkillSpec(Spec):
@@ -135,19 +106,44 @@ class EndCondition(Spec):
     velocity: Width | None = Field(None, description="how much at rest [m/s, rad/s]")
 
 
+class TrajectorySpec(SideBySide):
+    """A target that moves: values by part at times since the stage began, linear between, the last one held.
+
+    In YAML the parts and `times` stand side by side. Paper eq. (30), "along a desired trajectory".
+    """
+
+    times: tuple[Number, ...] = Field(min_length=2, description="times since the stage began, rising from 0 [s]")
+    parts: Mapping[str, tuple[Row, ...]]
+
+
+Target = Annotated[
+    Annotated[_Coordinates, Tag("parts")] | Annotated[TrajectorySpec, Tag("trajectory")], Discriminator(way_of)
+]
+
+
 class StageSpec(Spec):
     """One activation of a skill."""
 
     name: Name = Field(description="name of the stage")
     skill: str = Field(description="the skill to run, by name")
     priority: Positive = Field(1.0, description="relative importance omega, eq. (11)")
-    target: _Coordinates = Field(description="joint: base pose and joint angles; task: base and end-effector poses")
+    target: Target = Field(
+        description="joint: base pose and joint angles; task: base and end-effector poses; or a trajectory of them"
+    )
     ends_when: EndCondition | None = Field(None, description="the condition that ends the stage, eq. (18)")
     at: Positive | None = Field(None, description="fixed time that ends the stage [s], instead of a condition")
     dwell: NotNegative = Field(0.0, description="shortest duration [s]")
     onset: Coordinates | None = Field(None, description="coordinates whose control marks the stage's actual start")
     angles: Literal["nearest", "exact"] = Field(
         "nearest", description="nearest: a target angle means the nearest equivalent one; exact: itself"
+    )
+
+
+class PrioritiesSpec(Spec):
+    """Priorities of all stages from paired comparisons, instead of one at each stage; the first stage's is 1."""
+
+    compare: tuple[Comparison, ...] = Field(
+        min_length=1, description="[a, b, r]: stage a is r times as important as stage b"
     )
 
 
@@ -194,6 +190,7 @@ class LogSpec(Spec):
 
     ticks: Flag = Field(False, description="every tick of the low-level loop")
     plans: Flag = Field(True, description="every horizon's plan, for replay")
+    shares: Flag = Field(True, description="each stage's share in the control, for some more solves a sample")
 
 
 class TaskSpec(Spec):
@@ -210,6 +207,7 @@ class TaskSpec(Spec):
     limits: Mapping[str, PartLimits] = Field({}, description="limits of this task, within the robot's")
     skills: Mapping[Name, SkillSpec] = Field(min_length=1, description="the skills by name")
     stages: tuple[StageSpec, ...] = Field(min_length=1, description="the stages in their order")
+    priorities: PrioritiesSpec | None = Field(None, description="priorities of the stages, compared in pairs")
     onset: OnsetSpec = Field(OnsetSpec(), description="what counts as the actual start of a stage")
     object: ObjectSpec | None = Field(None, description="the target object")
     monitors: tuple[MonitorSpec, ...] = Field((), description="what must hold for the mission to succeed")

@@ -8,13 +8,16 @@ from pydantic import BaseModel, ValidationError
 from psmpc_cli.specs.checks.limits import check_limits
 from psmpc_cli.specs.checks.names import check_coordinates, check_names
 from psmpc_cli.specs.checks.parts import check_parts
+from psmpc_cli.specs.checks.priorities import check_priorities
 from psmpc_cli.specs.checks.robot import check_robot
 from psmpc_cli.specs.checks.stages import check_stages
 from psmpc_cli.specs.checks.timing import check_timing
+from psmpc_cli.specs.checks.trajectories import check_times, check_trajectories
 from psmpc_cli.specs.complaints import complain
 from psmpc_cli.specs.cursor import Cursor
 from psmpc_cli.specs.document import Document
 from psmpc_cli.specs.library import Kind
+from psmpc_cli.specs.priorities import prioritize
 from psmpc_cli.specs.problem import Problem
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import TaskSpec
@@ -42,12 +45,12 @@ def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Problem,
 def validate_task(document: Document, robot: RobotSpec | None) -> tuple[TaskSpec | None, tuple[Problem, ...]]:
     """Return the task a document describes, None if it is not valid, and every problem of the document.
 
-    Without a robot what depends on it is not checked.
+    Without a robot what depends on it is not checked. Priorities that are compared in pairs are resolved.
     """
     task, problems = _validate(document, "task", TaskSpec)
     if isinstance(document.data, dict) and kind_of(document) == "task":
         problems = (*problems, *_check_task(Cursor(document), robot))
-    return (None if problems else task), problems
+    return (None if problems or task is None else prioritize(task)), problems
 
 
 def _check_task(task: Cursor, robot: RobotSpec | None) -> Iterator[Problem]:
@@ -55,8 +58,11 @@ def _check_task(task: Cursor, robot: RobotSpec | None) -> Iterator[Problem]:
     yield from check_names(task)
     yield from check_stages(task)
     yield from check_timing(task)
+    yield from check_times(task)
+    yield from check_priorities(task)
     if robot is not None:
         yield from check_parts(task, robot)
+        yield from check_trajectories(task, robot)
         yield from check_coordinates(task, robot)
         yield from check_limits(task, robot)
 

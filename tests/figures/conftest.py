@@ -67,9 +67,12 @@ skills:
     weights: {base: [1, 1, 1], arm: [1, 1], control: 1}
     limits: {base: {velocity: [0.3, 0.5, 8]}}
 stages:
-  - {name: go, skill: go, target: {base: [1, 2, 0], arm: [0.5, 0.5]}, ends_when: {coordinates: [base], tolerance: 0.01}}
+  - name: go
+    skill: go
+    target: {base: [1, 2, 0.1], arm: [0.5, 0.5]}
+    ends_when: {coordinates: [base], tolerance: 0.01}
 """
-    points = (np.zeros(5), np.array([1.0, 2.0, 0.0, 0.5, 0.5]))
+    points = (np.zeros(5), np.array([1.0, 2.0, 0.1, 0.5, 0.5]))
     return {"task": task, "robot": robot, "ends": (6.0,), "points": points, "early": {}}
 
 

@@ -62,7 +62,7 @@ def write_story(path: Path, story: Story) -> Path:
 
 
 def _header(loaded: LoadedTask, story: Story) -> Header:
-    usual = {
+    usual: dict[str, str | int | float] = {
         "psmpc_version": "0.1.0",
         "controller": "psmpc",
         "plant": "rk4",

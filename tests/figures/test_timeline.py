@@ -11,6 +11,8 @@ from psmpc_cli.figures.run import Run
 from psmpc_cli.figures.style import EARLY, STAGE
 from psmpc_cli.figures.timeline import open_timeline
 
+from .drawn import common_legend, points
+
 Load = Callable[..., Run]
 
 
@@ -25,10 +27,6 @@ def strip_texts(figure: Figure) -> list[str]:
     return [text.get_text() for text in figure.axes[0].texts]
 
 
-def legend_texts(figure: Figure) -> list[str]:
-    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
-
-
 def test_every_other_stage_is_shaded_in_every_panel(run: Run) -> None:
     for panel in open_timeline(run, 3, 1.0).panels:
         assert bands(panel, STAGE) == [(10.0, 13.0), (23.0, pytest.approx(29.6))]
@@ -38,18 +36,18 @@ def test_a_premature_start_is_marked_in_panels_strip_and_legend(run: Run) -> Non
     timeline = open_timeline(run, 1, 1.0)
     figure = timeline.finish()
     assert bands(timeline.panels[0], EARLY) == bands(figure.axes[0], EARLY) == [(6.4, 10.0)]
-    assert 6.4 in [line.get_xdata()[0] for line in timeline.panels[0].lines]
-    assert {"next stage acts already", "premature start"} < set(legend_texts(figure))
+    assert 6.4 in [points(line)[0, 0] for line in timeline.panels[0].lines]
+    assert {"next stage acts already", "premature start"} < set(common_legend(figure))
 
 
 def test_nothing_is_marked_where_no_stage_is_premature(load: Load) -> None:
     figure = open_timeline(load(early={}), 1, 1.0).finish()
-    assert legend_texts(figure) == ["every other stage"]
+    assert common_legend(figure) == ["every other stage"]
     assert not any(bands(axes, EARLY) for axes in figure.axes)
 
 
 def test_a_run_of_one_stage_needs_no_legend(load: Load, one_arm: dict[str, Any]) -> None:
-    assert legend_texts(open_timeline(load(**one_arm), 1, 1.0).finish()) == []
+    assert common_legend(open_timeline(load(**one_arm), 1, 1.0).finish()) == []
 
 
 def test_the_strip_names_the_stages(run: Run) -> None:
@@ -59,7 +57,7 @@ def test_the_strip_names_the_stages(run: Run) -> None:
 def test_names_that_do_not_fit_become_numbers_with_a_key(load: Load, many_stages: dict[str, Any]) -> None:
     figure = open_timeline(load(**many_stages), 1, 1.0).finish()
     assert strip_texts(figure) == [str(number) for number in range(1, 15)]
-    keys = [text for text in legend_texts(figure) if ":" in text]
+    keys = [text for text in common_legend(figure) if ":" in text]
     assert [key.split(":")[0] for key in keys] == strip_texts(figure)
     assert len({key.split(":")[1] for key in keys}) == 14
 

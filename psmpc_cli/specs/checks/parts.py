@@ -10,6 +10,9 @@ from psmpc_cli.specs.robot import RobotSpec
 
 SPACES: dict[str, Space] = {"joint": "joint", "task": "task"}
 
+TIMES = "times"
+"""The key that stands beside the parts of a target that moves."""
+
 
 def check_parts(task: Cursor, robot: RobotSpec) -> Iterator[Problem]:
     """Give unknown and missing parts and wrong lengths wherever a task gives numbers by part."""
@@ -24,7 +27,8 @@ def check_parts(task: Cursor, robot: RobotSpec) -> Iterator[Problem]:
     for stage in task["stages"].entries():
         space = space_of_stage(task, stage)
         if space is not None:
-            yield from _check(stage["target"], sizes(robot, space))
+            if not moves(stage["target"]):
+                yield from _check(stage["target"], sizes(robot, space))
             yield from _check(stage["ends_when"]["tolerance"], sizes(robot, space), complete=False, shortest=1)
 
 
@@ -37,6 +41,12 @@ def space_of_stage(task: Cursor, stage: Cursor) -> Space | None:
     """Return the space of a stage's skill, None if it is not known."""
     name = stage["skill"].text
     return None if name is None else space_of(task["skills"][name])
+
+
+def moves(target: Cursor) -> bool:
+    """Tell whether a target is a trajectory: it has times, or rows of values."""
+    rows = (entry for _, part in target.items() for entry in part.entries() if entry.length is not None)
+    return isinstance(target.value, dict) and (TIMES in target.value or any(True for _ in rows))
 
 
 def joints(key: str, parts: Mapping[str, int]) -> tuple[str, ...]:
@@ -55,23 +65,28 @@ def _check(
     place: Cursor, parts: Mapping[str, int], complete: bool = True, beside: tuple[str, ...] = (), shortest: int = 0
 ) -> Iterator[Problem]:
     """Give what is wrong with one mapping by part; lists of the length `shortest` are right for every part."""
+    yield from check_keys(place, parts, complete, beside)
     keys = [key for key, _ in place.items() if key not in beside]
     for key in keys:
-        problem = check_key(place[key], key, parts)
-        if problem is not None:
-            yield problem
-            continue
         length = place[key].length
         for part in joints(key, parts):
             if length is not None and length not in (parts[part], shortest) and not (key == "arms" and part in keys):
-                yield place[key].problem(f"found {place[key].found}, expected {_wanted(part, parts[part])}")
+                yield place[key].problem(f"found {place[key].found}, expected {wanted_length(part, parts[part])}")
                 break
+
+
+def check_keys(
+    place: Cursor, parts: Mapping[str, int], complete: bool = True, beside: tuple[str, ...] = ()
+) -> Iterator[Problem]:
+    """Give the keys of one mapping by part that are no parts, and the parts that are missing."""
+    keys = [key for key, _ in place.items() if key not in beside]
+    yield from (problem for key in keys if (problem := check_key(place[key], key, parts)) is not None)
     missing = [part for part in parts if not any(part in joints(key, parts) for key in keys)]
     if complete and missing and isinstance(place.value, dict):
         yield place.problem(f"found {', '.join(keys) or 'no part'}, expected also {', '.join(missing)}", True)
 
 
-def _wanted(part: str, size: int) -> str:
+def wanted_length(part: str, size: int) -> str:
     """Say how long the list of a part must be."""
     axes = f" ({', '.join(AXES)})" if part == "base" else ""
     return f"{counted(size, 'entry', 'entries')} for {part}{axes}"

@@ -6,7 +6,7 @@ from psmpc_cli.specs.checks.limits import check_layer
 from psmpc_cli.specs.cursor import Cursor
 from psmpc_cli.specs.problem import Problem, quoted
 
-RESERVED = ("base", "arms", "all", "control")
+RESERVED = ("base", "arms", "all", "control", "times")
 """Names that mean something else wherever arms are named."""
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from psmpc_cli.specs.checks.names import stage_names
+from psmpc_cli.specs.checks.trajectories import lasts
 from psmpc_cli.specs.cursor import Cursor
 from psmpc_cli.specs.problem import Problem, dotted, quoted
 from psmpc_cli.specs.task import TaskSpec
@@ -46,11 +47,11 @@ def _instants(task: Cursor, stages: list[Cursor]) -> Iterator[Problem]:
     limit = task["time_limit"].number if task["time_limit"].exists else TaskSpec.model_fields["time_limit"].default
     earliest, because = 0.0, "the start"
     for stage in stages:
-        at, dwell = stage["at"].number, max(stage["dwell"].number or 0.0, 0.0)
-        after = f"{earliest + dwell:g} s ({'dwell after ' if dwell else ''}{because})"
+        at, (dwell, key) = stage["at"].number, lasts(stage)
+        after = f"{earliest + dwell:g} s ({f'{key} after ' if dwell else ''}{because})"
         earliest += dwell
         if at is None:
-            because = f"the dwell of {dotted(stage.path)}" if dwell else because
+            because = f"the {key} of {dotted(stage.path)}" if dwell else because
             continue
         if at <= earliest - dwell or at < earliest:
             yield stage["at"].problem(f"found {at:g} s, expected a time after {after}")

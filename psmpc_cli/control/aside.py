@@ -1,0 +1,49 @@
+"""Windows solved aside: what other stages than those of the decision would make of the same sample."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.control.controller import SwitchingController
+from psmpc_cli.control.decision import Decision
+from psmpc_cli.control.sequence import Sequence
+from psmpc_cli.control.window_solver import SolvedWindow
+from psmpc_cli.ocp.plan import Plan, shift
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """What came out at a sample: the plan in force, whether it is a solution, and the solve."""
+
+    now: float
+    plan: Plan
+    solution: bool
+    window: SolvedWindow
+
+
+class WindowsAside:
+    """Solves windows for what is measured, never for what is applied; each starts from its own last plan."""
+
+    def __init__(self, controller: SwitchingController) -> None:
+        self.controller = controller
+        self._last: dict[tuple[int, int], _Solved] = {}
+
+    def plan(self, sequence: Sequence, decision: Decision, x: np.ndarray) -> tuple[Plan, bool]:
+        """Return what a window over the sequence would plan from x (2n,), and whether it could be solved.
+
+        Where it could not, its own last plan goes on.
+        """
+        key, now = (sequence.first, sequence.last), decision.prediction.start
+        before = self._last.get(key)
+        if before is None or before.now < now:
+            self._last[key] = before = self._solve(sequence, decision, x, before)
+        return before.plan, before.solution
+
+    def _solve(self, sequence: Sequence, decision: Decision, x: np.ndarray, before: _Solved | None) -> _Solved:
+        now, prediction = decision.prediction.start, decision.prediction
+        if before is not None:
+            prediction = shift(before.plan, now, self.controller.spec.horizon, x)
+        window = self.controller.window(sequence, prediction, x)
+        solved = self.controller.windows.solve(window, prediction, sequence.instants, before and before.window)
+        usable = solved.solution.outcome.usable
+        return _Solved(now, solved.plan if usable else prediction, usable, solved)

@@ -1,0 +1,286 @@
+import resource
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from psmpc_cli.errors import InputError, RunError
+from psmpc_cli.logs.create import ROWS_IN_A_CHUNK, create_log
+from psmpc_cli.logs.layout import COLUMNS, PLANS
+from psmpc_cli.logs.read import Log, read_log, read_plan
+from psmpc_cli.logs.record import Record
+from psmpc_cli.logs.rows import row
+from psmpc_cli.logs.write import LogWriter, StageTimes, write_monitors
+
+from .records import COORDINATES, HEADER, LEAN, POSES, SAMPLE, STAGES, TICKS, record
+
+END = SAMPLE * 4, np.arange(6.0), np.arange(3.0)
+
+
+def write(path: Path, records: Sequence[Record], finish: bool = True) -> Log:
+    path.unlink(missing_ok=True)
+    with LogWriter(path, HEADER) as log:
+        for one in records:
+            log.append(one)
+        if finish:
+            log.finish(True, "d met its end condition", *END)
+    return read_log(path)
+
+
+def assert_same_rows(log: Log, records: Sequence[Record]) -> None:
+    expected = [row(one, len(STAGES)) for one in records]
+    for path, values in log.columns.items():
+        assert len(values) == len(records)
+        np.testing.assert_array_equal(values, np.array([one[path] for one in expected]).reshape(values.shape))
+
+
+def copy_at_a_kill(path: Path) -> Path:
+    """What a kill at this moment would leave."""
+    return Path(shutil.copy(path, path.with_name("killed.h5")))
+
+
+windows = st.integers(0, 3).flatmap(lambda first: st.tuples(st.just(first), st.integers(1, 4 - first)))
+records = st.lists(st.tuples(windows, st.integers(0, 20), st.integers(0, 30)), max_size=6).map(
+    lambda rows: [record(k, first, count, *lengths) for k, ((first, count), *lengths) in enumerate(rows)]
+)
+
+
+@given(records)
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_what_is_written_is_read_back(tmp_path: Path, made: list[Record]) -> None:
+    log = write(tmp_path / "log.h5", made)
+    assert_same_rows(log, made)
+    for k, one in enumerate(made):
+        for name in ("guess", "guess_multipliers", "parameters", "solution"):
+            np.testing.assert_array_equal(read_plan(log.path, name, k), getattr(one.solve, name))
+    ticks = [one.ticks for one in made if one.ticks is not None]
+    assert len(log.ticks["time"]) == TICKS * len(made)
+    for name, values in log.ticks.items():
+        np.testing.assert_array_equal(values.ravel(), [x for tick in ticks for x in np.ravel(getattr(tick, name))])
+
+
+def test_a_row_has_every_column_and_no_other() -> None:
+    assert set(row(record(0), len(STAGES))) == {"time", *(column.path for column in COLUMNS)}
+
+
+def test_window_values_stand_at_their_stages() -> None:
+    values = row(record(0, first=1, count=2), len(STAGES))
+    for path, known in (("window/instants", [1]), ("window/presence", [2]), ("normalization/nadir", [1, 2])):
+        assert np.flatnonzero(np.isfinite(np.asarray(values[path], float))).tolist() == known
+
+
+def test_header_and_ending_are_read_back(tmp_path: Path) -> None:
+    log = write(tmp_path / "log.h5", [record(0)])
+    assert (log.coordinates, log.pose_coordinates, log.stage_names) == (COORDINATES, POSES, STAGES)
+    assert log.stages["priority"].tolist() == [1.0, 100.0, 1.0, 0.01]
+    assert log.stages["epsilon"].tolist() == [1e-3, 1e-1]
+    assert log.plans
+    assert (log.attributes["finished"], log.attributes["end_reason"]) == (True, "d met its end condition")
+    assert log.attributes["task_yaml"] == "not: a task"
+    assert log.final["time"] == 0.4
+    assert [log.final[name].tolist() for name in ("Q", "Qdot", "xi")] == [[0, 1, 2], [3, 4, 5], [0, 1, 2]]
+
+
+def test_stage_times_are_read_back(tmp_path: Path) -> None:
+    path, by_epsilon = tmp_path / "log.h5", np.arange(8.0).reshape(4, 2)
+    with LogWriter(path, LEAN) as log:
+        log.update_stages(StageTimes(np.arange(4.0), np.arange(4.0) / 2, np.array([0, 1, 0, 1], bool), by_epsilon))
+    stages = read_log(path).stages
+    assert stages["switch_time"].tolist() == [0, 1, 2, 3]
+    assert stages["actual_start"].tolist() == [0, 0.5, 1, 1.5]
+    assert stages["premature"].tolist() == [0, 1, 0, 1]
+    assert stages["actual_start_by_epsilon"].tolist() == by_epsilon.tolist()
+
+
+def test_monitors_are_unknown_until_they_are_judged(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    monitors = write(path, []).monitors
+    assert monitors["name"].tolist() == list(HEADER.monitors)
+    assert monitors["held"].tolist() == [-1, -1]
+    assert np.isnan(monitors["margin"]).all()
+    write_monitors(path, np.array([True, False]), np.array([0.1, -0.2]))
+    monitors = read_log(path).monitors
+    assert (monitors["held"].tolist(), monitors["margin"].tolist()) == ([1, 0], [0.1, -0.2])
+
+
+def test_a_log_without_ticks_and_plans_has_neither(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    with LogWriter(path, LEAN) as log:
+        log.append(record(0))
+    read = read_log(path)
+    assert (read.plans, read.ticks, len(read.time)) == (False, {}, 1)
+
+
+def test_a_long_task_text_fits(tmp_path: Path) -> None:
+    path, text = tmp_path / "log.h5", "stages: []\n" * 100_000
+    create_log(path, replace(LEAN, attributes={**LEAN.attributes, "task_yaml": text}))
+    assert read_log(path).attributes["task_yaml"] == text
+
+
+@pytest.mark.parametrize("samples", [0, 3])
+def test_every_dataset_describes_itself(tmp_path: Path, samples: int) -> None:
+    path, seen = tmp_path / "log.h5", []
+    write(path, [record(k, count=2, multipliers=4) for k in range(samples)])
+
+    def check(name: str, item: h5py.Group | h5py.Dataset) -> None:
+        if not isinstance(item, h5py.Dataset):
+            return
+        seen.append(name)
+        for key in ("units", "long_name"):
+            assert isinstance(item.attrs[key], str), name
+            assert item.attrs[key], name
+        for dimension, length in zip(item.dims, item.shape, strict=True):
+            if not item.is_scale:
+                assert len(dimension) == 1, name
+                assert len(dimension[0]) == length, name
+
+    with h5py.File(path) as file:
+        file.visititems(check)
+    assert {column.path for column in COLUMNS} | {path for path, _ in PLANS} < set(seen)
+    assert {"time", "stages/epsilon", "final/Q", "monitors/held", "plan/solution", "ticks/F"} < set(seen)
+
+
+def test_every_record_is_in_the_file_before_the_next_begins(tmp_path: Path) -> None:
+    path, made = tmp_path / "log.h5", [record(k, count=1 + k % 3, length=5 + k) for k in range(5)]
+    with LogWriter(path, HEADER) as log:
+        for k, one in enumerate(made):
+            assert len(read_log(copy_at_a_kill(path)).time) == k
+            log.append(one)
+            killed = copy_at_a_kill(path)
+            assert_same_rows(read_log(killed), made[: k + 1])
+            assert read_log(killed).attributes["finished"] is np.False_
+            np.testing.assert_array_equal(read_plan(killed, "solution", k), one.solve.solution)
+        log.update_stages(StageTimes(np.arange(4.0), np.arange(4.0), np.ones(4, bool), np.ones((4, 2))))
+        assert read_log(copy_at_a_kill(path)).stages["switch_time"].tolist() == [0, 1, 2, 3]
+
+
+def test_half_a_record_is_dropped_at_the_end(tmp_path: Path) -> None:
+    path, made = tmp_path / "log.h5", [record(0), record(1)]
+    broken = replace(made[1], energy_error=np.zeros(2))  # the last dataset of a row cannot take it
+    with LogWriter(path, HEADER) as log:
+        log.append(made[0])
+        with pytest.raises(ValueError, match="zip"):
+            log.append(broken)
+        assert_same_rows(read_log(copy_at_a_kill(path)), made[:1])
+        log.finish(False, "interrupted", *END)
+    with h5py.File(path) as file:
+        assert {len(file[column.path]) for column in COLUMNS} == {1}
+    assert_same_rows(read_log(path), made[:1])
+
+
+def test_a_record_may_be_written_again_after_an_interruption(tmp_path: Path) -> None:
+    path, made = tmp_path / "log.h5", [record(0), record(1, count=2, length=9)]
+    with LogWriter(path, HEADER) as log:
+        log.append(made[0])
+        with pytest.raises(ValueError, match="zip"):
+            log.append(replace(record(7, length=30), energy_error=np.zeros(2)))
+        log.append(made[1])
+    read = read_log(path)
+    assert_same_rows(read, made)
+    np.testing.assert_array_equal(read_plan(path, "solution", 1), made[1].solve.solution)
+    assert len(read.ticks["time"]) == 2 * TICKS
+
+
+def test_rows_beyond_a_chunk_are_kept(tmp_path: Path) -> None:
+    path, count = tmp_path / "log.h5", ROWS_IN_A_CHUNK + 2
+    with LogWriter(path, LEAN) as log:
+        for k in range(count):
+            log.append(record(k))
+    assert_same_rows(read_log(path), [record(k) for k in range(count)])
+
+
+def test_existing_log_is_kept_without_force(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    write(path, [record(0)])
+    before = path.read_bytes()
+    with pytest.raises(InputError) as refused:
+        LogWriter(path, HEADER)
+    assert str(refused.value) == f"{path} exists already: choose another file with -o, or overwrite it with --force"
+    assert path.read_bytes() == before
+
+
+def test_force_replaces_a_log(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    write(path, [record(0)])
+    with LogWriter(path, LEAN, force=True):
+        pass
+    assert not len(read_log(path).time)
+
+
+def test_force_replaces_what_a_link_points_to(tmp_path: Path) -> None:
+    path, link = tmp_path / "log.h5", tmp_path / "latest.h5"
+    write(path, [record(0)])
+    link.symlink_to(path)
+    with LogWriter(link, LEAN, force=True):
+        pass
+    assert link.is_symlink()
+    assert not len(read_log(path).time)
+
+
+def test_force_replaces_logs_only(tmp_path: Path) -> None:
+    path = tmp_path / "task.yaml"
+    path.write_text("robot: mine")
+    with pytest.raises(InputError) as refused:
+        LogWriter(path, HEADER, force=True)
+    assert str(refused.value) == f"{path} is no log: --force overwrites logs only; choose another file with -o"
+    assert path.read_text() == "robot: mine"
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_directory_is_no_log(tmp_path: Path, force: bool) -> None:
+    with pytest.raises(InputError) as refused:
+        LogWriter(tmp_path, HEADER, force)
+    assert str(refused.value) == f"{tmp_path} is a directory: name a file in it with -o, such as {tmp_path}/run.h5"
+
+
+@pytest.mark.parametrize("below", ["log.h5", "deeper/log.h5"])
+def test_log_below_a_file_cannot_be_written(tmp_path: Path, below: str) -> None:
+    (tmp_path / "file").touch()
+    path = tmp_path / "file" / below
+    with pytest.raises(InputError) as refused:
+        LogWriter(path, HEADER)
+    assert str(refused.value) == f"{path} cannot be written: {path.parent} is no directory"
+
+
+def test_missing_directories_are_made(tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "new" / "folder" / "log.h5", LEAN) as log:
+        assert log.path.is_file()
+
+
+@contextmanager
+def files_of_at_most(size: int) -> Iterator[None]:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_no_room_for_a_log_leaves_none(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    with files_of_at_most(10_000), pytest.raises(InputError) as refused:
+        LogWriter(path, HEADER)
+    assert str(refused.value) == f"{path} cannot be written: File too large"
+    assert not path.exists()
+
+
+def test_no_room_for_a_record_ends_the_run_and_keeps_the_log(tmp_path: Path) -> None:
+    path, made = tmp_path / "log.h5", [record(k, length=3000) for k in range(100)]
+    written = 0
+    with files_of_at_most(2_000_000), pytest.raises(RunError) as refused, LogWriter(path, HEADER) as log:
+        for one in made:
+            log.append(one)
+            written += 1
+    assert str(refused.value) == (f"{path} cannot be written any further, it holds the run up to then: File too large")
+    assert refused.value.exit_code == 3
+    assert 0 < written < 100
+    assert_same_rows(read_log(path), made[:written])
+    np.testing.assert_array_equal(read_plan(path, "guess", written - 1), made[written - 1].solve.guess)

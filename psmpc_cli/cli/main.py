@@ -27,7 +27,7 @@ class EchoHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write one message as one line."""
-        typer.echo(f"{record.levelname.lower()}: {record.getMessage()}", err=True)
+        sys.stderr.write(f"{record.levelname.lower()}: {record.getMessage()}\n")
 
 
 def print_version(wanted: bool) -> None:
@@ -55,3 +55,8 @@ def main() -> None:
         located = isinstance(error, SpecError)  # begins with file:line:column, which terminals and editors can follow
         typer.echo(str(error) if located else f"psmpc: {error}", err=True)
         sys.exit(error.exit_code)
+    except OSError as error:
+        if error.filename is None:
+            raise
+        typer.echo(f"psmpc: {error.filename}: {error.strerror}", err=True)
+        sys.exit(PsmpcError.exit_code)

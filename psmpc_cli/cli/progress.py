@@ -21,7 +21,7 @@ def watching(quiet: bool) -> Iterator[Watcher]:
     from rich.live import Live
     from rich.text import Text
 
-    console, line = Console(stderr=True), _Line()
+    console, line = Console(stderr=True), Line()
     if quiet:
         yield lambda progress: None
     elif not console.is_terminal:
@@ -31,7 +31,7 @@ def watching(quiet: bool) -> Iterator[Watcher]:
             yield lambda progress: live.update(Text(line.of(progress), overflow="ellipsis", no_wrap=True))
 
 
-def _plain(line: "_Line") -> Watcher:
+def _plain(line: "Line") -> Watcher:
     """Return a watcher that prints a line every few simulated seconds and at every switch."""
     due = 0.0
 
@@ -45,7 +45,7 @@ def _plain(line: "_Line") -> Watcher:
     return watch
 
 
-class _Line:
+class Line:
     """Writes progress as one line; the real-time factor counts from the first sample on."""
 
     def __init__(self) -> None:
@@ -60,6 +60,6 @@ class _Line:
         factor = f"{record.time / elapsed:.1f}" if elapsed > 0 and record.time > 0 else "-"
         ahead = ", ".join(f"{instant:.2f}" for instant in record.instants) or "none"
         return (
-            f"{record.time:6.1f} s  {progress.stage:<12} switches ahead [s]: {ahead:<14} "
+            f"{record.time:5.1f} s  {progress.stage:<10} switches at: {ahead:<12} "
             f"{factor:>5} x real time  fall-backs: {progress.fallbacks}"
         )

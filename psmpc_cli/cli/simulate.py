@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from psmpc_cli.errors import InputError, RunError
+
 if TYPE_CHECKING:
     from psmpc_cli.experiment.loop import Ending
     from psmpc_cli.logs.read import Log
@@ -30,9 +32,9 @@ def simulate(
     import logging
 
     from psmpc_cli.cli.summary import print_summary
-    from psmpc_cli.errors import InputError, RunError
     from psmpc_cli.experiment.summary import summarize
     from psmpc_cli.figures.draw import default_directory
+    from psmpc_cli.logs.create import refuse
     from psmpc_cli.logs.read import read_log
     from psmpc_cli.ocp.feasibility import ensure_feasible
     from psmpc_cli.specs.load import load_task
@@ -44,20 +46,20 @@ def simulate(
     overrides = [*(changes or []), *(f"{path}={value}" for path, value in chosen.items() if value is not None)]
     loaded = load_task(task, overrides)
     path = output or _default_path(loaded.spec.name, controller, plant)
-    directory = default_directory(path)
+    refuse(path, force)
     if figures:
-        _refuse_old_figures(directory, force)
+        _refuse_old_figures(default_directory(path), force)
     ensure_feasible(loaded)
     ending, exit_code = _run(loaded, path, force, quiet)
     log = read_log(path)
     if not quiet:
         print_summary(summarize(log), path)
     if figures and len(log.time):
-        _draw(log, directory, force, quiet)
+        _draw(log, default_directory(path), force, quiet)
     if ending is None:
         raise typer.Exit(exit_code)
     if ending.stuck:
-        raise RunError(f"{ending.reason}; {path} holds the run up to then")
+        raise _stuck(ending, log)
 
 
 def _default_path(name: str, *variants: str | None) -> Path:
@@ -80,10 +82,16 @@ def _run(loaded: "LoadedTask", path: Path, force: bool, quiet: bool) -> "tuple[E
         return run(loaded, path, force, watch), interruption.exit_code
 
 
+def _stuck(ending: "Ending", log: "Log") -> RunError:
+    """Return the error of a run that could not go on, with what the last solve's outcome advises."""
+    from psmpc_cli.solvers import Outcome
+
+    advice = Outcome[str(log["solver/status"][-1]).upper()].value
+    return RunError(f"{ending.reason} ({advice}); {log.path} holds the run up to then")
+
+
 def _refuse_old_figures(directory: Path, force: bool) -> None:
     """Find out before the run, not after it, that figures would be overwritten."""
-    from psmpc_cli.errors import InputError
-
     if directory.exists() and not directory.is_dir():
         raise InputError(
             f"{directory} is no directory, but the figures would go there: choose another log with -o, or --no-figures"

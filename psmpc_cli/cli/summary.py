@@ -20,9 +20,9 @@ STAGE_HEADINGS = ("stage", "priority", "actual start [s]", "published", "ends [s
 
 def print_summary(summary: Summary, path: Path) -> None:
     """Print the summary of a run."""
-    _print(STAGE_HEADINGS, _stages(summary))
-    _print(None, _measures(summary))
-    typer.echo(f"mission {_outcome(summary)}: {_reasons(summary)}, after {summary.duration:.1f} s")
+    print_table(STAGE_HEADINGS, _stages(summary))
+    print_table(None, _measures(summary))
+    typer.echo(f"mission {outcome(summary)}: {reasons(summary)}, after {summary.duration:.1f} s")
     typer.echo(f"log: {path}")
 
 
@@ -31,11 +31,11 @@ def _stages(summary: Summary) -> list[Sequence[str]]:
         (
             stage.name,
             f"{stage.priority:g}",
-            _number(stage.actual_start, 2) + (" (early)" if stage.premature else ""),
-            _number(stage.published_start, 1),
-            _number(stage.switch_time, 2),
-            _number(stage.published_switch, 1),
-            _number(distance, 3),
+            number(stage.actual_start, 2) + (" (early)" if stage.premature else ""),
+            number(stage.published_start, 1),
+            number(stage.switch_time, 2),
+            number(stage.published_switch, 1),
+            number(distance, 3),
         )
         for stage, distance in zip(summary.stages, summary.distances, strict=True)
     ]
@@ -48,12 +48,14 @@ def _measures(summary: Summary) -> list[Sequence[str]]:
         ("solves longer than a sample", str(summary.missed)),
         ("stages appended / postponed", f"{summary.appended} / {summary.postponed}"),
         ("fall-backs to the shifted plan", str(summary.fallbacks)),
+        *([] if summary.unsolved_levels is None else [("levels not solved", str(summary.unsolved_levels))]),
         *(
             (f"tightest {limit.kind} margin", _limit(limit.coordinate, limit.margin, limit.relative))
             for limit in summary.limits
         ),
         ("control effort, integral of |u|^2", f"{summary.control_effort:.2f}"),
         ("base thrusters, force / torque", f"{summary.base_force:.2f} N s / {summary.base_torque:.2f} N m s"),
+        ("variation of the control", _variation(summary)),
         (
             "drift of momentum / energy balance",
             f"{_drift(summary.momentum_error)} N s / {_drift(summary.energy_error)} J",
@@ -62,13 +64,23 @@ def _measures(summary: Summary) -> list[Sequence[str]]:
     ]
 
 
-def _outcome(summary: Summary) -> str:
+def _variation(summary: Summary) -> str:
+    variation = summary.variation
+    return (
+        f"base {variation.base_position:.2f} m/s^2 and {variation.base_angle:.2f} rad/s^2, "
+        f"joints {variation.joints:.2f} rad/s^2"
+    )
+
+
+def outcome(summary: Summary) -> str:
+    """Return how the mission went, in a word."""
     if not summary.ended:
         return "not finished"
     return "succeeded" if summary.succeeded else "failed"
 
 
-def _reasons(summary: Summary) -> str:
+def reasons(summary: Summary) -> str:
+    """Return why the run ended, and which monitors did not hold."""
     broken = [verdict.name for verdict in summary.monitors if not (verdict.held or math.isnan(verdict.broken_at))]
     return summary.reason + (f"; monitor did not hold: {', '.join(broken)}" if broken else "")
 
@@ -92,7 +104,8 @@ def _solves(solves: SolveSummary) -> str:
     return f"median / p95 / p99 / max {times} ms, {solves.iterations:.0f} iterations, {solves.count} solves"
 
 
-def _number(value: float, digits: int) -> str:
+def number(value: float, digits: int) -> str:
+    """Return a number with so many digits, a dash where there is none."""
     return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
@@ -100,11 +113,11 @@ def _drift(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.1e}"
 
 
-def _print(headings: Sequence[str] | None, rows: Sequence[Sequence[str]]) -> None:
-    """Print a table: as wide as the terminal, or wide into a file."""
+def print_table(headings: Sequence[str] | None, rows: Sequence[Sequence[str]], left: int = 2) -> None:
+    """Print a table: as wide as the terminal, or wide into a file; its first `left` columns begin at the left."""
     table = Table(box=None, show_header=headings is not None, pad_edge=False)
     for column, heading in enumerate(headings or ("", "")):
-        table.add_column(Text(heading), justify="right" if headings and column > 1 else "left", overflow="fold")
+        table.add_column(Text(heading), justify="right" if headings and column >= left else "left", overflow="fold")
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     terminal = Console()

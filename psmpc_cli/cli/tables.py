@@ -11,11 +11,14 @@ from rich.table import Table
 from rich.text import Text
 
 from psmpc_cli.ocp.outlook import Outlook
+from psmpc_cli.specs.comparisons import ACCEPTABLE
 from psmpc_cli.specs.coordinates import AXES, Space, labels
+from psmpc_cli.specs.document import counted
 from psmpc_cli.specs.limits import resolve
 from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.priorities import weigh_stages
 from psmpc_cli.specs.robot import RobotSpec
-from psmpc_cli.specs.task import StageSpec
+from psmpc_cli.specs.task import PrioritiesSpec, StageSpec
 
 PLAIN_WIDTH = 160
 """Columns of a table that goes into a file."""
@@ -32,6 +35,8 @@ def print_task(task: LoadedTask, outlooks: Sequence[Outlook]) -> None:
         f"{controller.nodes} nodes a stage, sample time {controller.sample_time:g} s; "
         f"solver {spec.solver.kind}; plant {spec.plant.kind}"
     )
+    if spec.priorities is not None:
+        typer.echo(_comparisons(spec.priorities, [stage.name for stage in spec.stages]))
     sections = [_stage(task, outlook) for outlook in outlooks]
     _print(("stage", "part", "target", "ends within", "distance of reach", "not before"), sections)
 
@@ -48,11 +53,22 @@ def print_robot(robot: RobotSpec) -> None:
     _print(("coordinate", "position", "velocity", "acceleration"), [_limits(robot)])
 
 
+def _comparisons(priorities: PrioritiesSpec, stages: list[str]) -> str:
+    """Say what the priorities are from, and how well that agrees."""
+    found, count = weigh_stages(priorities, stages), len(priorities.compare)
+    if found.surplus > 0:
+        agreement = f"consistency ratio {found.ratio:.2g}, acceptable up to {ACCEPTABLE:g}"
+    else:
+        agreement = "no more than they need, so nothing tells whether they are consistent"
+    return f"priorities from {counted(count, 'comparison', 'comparisons')}: {agreement}"
+
+
 def _stage(task: LoadedTask, outlook: Outlook) -> Rows:
     """Return the rows of one stage, one a part."""
     spec = task.spec.stages[outlook.stage.index]
     space = task.spec.skills[spec.skill].space
     about = [spec.name, f"{spec.skill} ({space})", f"priority {spec.priority:g}"]
+    about += [f"follows {outlook.stage.trajectory.times[-1]:g} s"] if outlook.stage.trajectory else []
     about += [f"at least {spec.dwell:g} s"] if spec.dwell else []
     values, ends = _targets(task.robot, outlook, space), _ends(task.robot, outlook, spec, space)
     parts = [(part, values[part], ends[part], _reach(outlook, part)) for part in task.robot.parts]
@@ -62,7 +78,7 @@ def _stage(task: LoadedTask, outlook: Outlook) -> Rows:
 
 
 def _targets(robot: RobotSpec, outlook: Outlook, space: Space) -> dict[str, str]:
-    """Return the target of every part, angles in degrees."""
+    """Return the target of every part, of a trajectory its last row, angles in degrees."""
     lengths: dict[str, list[str]] = {part: [] for part in robot.parts}
     angles: dict[str, list[str]] = {part: [] for part in robot.parts}
     for label, value in zip(labels(robot, space), outlook.stage.target, strict=True):
@@ -71,10 +87,10 @@ def _targets(robot: RobotSpec, outlook: Outlook, space: Space) -> dict[str, str]
             lengths[part].append(f"{value:g}")
         else:
             angles[part].append(f"{degrees(value):.4g}")
+    to = "to " if outlook.stage.trajectory else ""
     return {
-        part: ", ".join(
-            [*([f"{', '.join(lengths[part])} m"] if lengths[part] else []), f"{', '.join(angles[part])} deg"]
-        )
+        part: to
+        + ", ".join([*([f"{', '.join(lengths[part])} m"] if lengths[part] else []), f"{', '.join(angles[part])} deg"])
         for part in robot.parts
     }
 

@@ -51,13 +51,13 @@ class HierarchicalController(SwitchingController):
         levels = [self._first_level(first.solved)]
         remaining = self.stages[first.sequence.first :]
         depth = len(remaining) if self.htmpc.depth is None else min(self.htmpc.depth, len(remaining))
-        bounds = [self._bound(remaining[0], levels[0])]
+        bounds = [self._bound(remaining[0], levels[0], first.sequence.entered)]
         for count in range(2, depth + 1):
             level = self._level(first, remaining[:count], tuple(bounds), x)
             levels.append(self._solve_level(level, levels[-1].plan))
             if not levels[-1].solved:
                 break
-            bounds.append(self._bound(remaining[count - 1], levels[-1]))
+            bounds.append(self._bound(remaining[count - 1], levels[-1], first.prediction.end))
         return levels
 
     def _first_level(self, solved: SolvedWindow) -> LevelResult:
@@ -74,7 +74,9 @@ class HierarchicalController(SwitchingController):
         self, first: Decision, stages: tuple[Stage, ...], bounds: tuple[np.ndarray, ...], x: np.ndarray
     ) -> Level:
         prediction, spec = first.prediction, self.spec
-        _, scale = self._normalization(stages, np.full(len(stages), first.sequence.entered), prediction)
+        begins = np.full(len(stages), prediction.end)  # a later stage's trajectory has not begun
+        begins[0] = first.sequence.entered
+        _, scale = self._normalization(stages, begins, prediction)
         return Level(
             stages=stages,
             x0=x,
@@ -99,11 +101,14 @@ class HierarchicalController(SwitchingController):
             plan=level_plan(nlp, level, solution.z) if solution.outcome.usable else plan,
         )
 
-    def _bound(self, stage: Stage, result: LevelResult) -> np.ndarray:
-        """Return what later levels must keep of a level's stage: its cost, or its errors at the nodes."""
+    def _bound(self, stage: Stage, result: LevelResult, begins: float) -> np.ndarray:
+        """Return what later levels must keep of a level's stage: its cost, or its errors at the nodes.
+
+        The stage begins at `begins` [s], at the end of the horizon if it is yet to begin.
+        """
         if self.htmpc.constraint == "cost":
             return np.array([result.objective])
-        return self.costs.errors(stage, result.plan.X[1:])
+        return self.costs.errors(stage, result.plan.X[1:], result.plan.times[1:] - begins)
 
     def _compile(self, spaces: tuple[str, ...]) -> tuple[LevelNlp, Solver]:
         shape = LevelShape(spaces, self.htmpc.constraint, self.spec.nodes, self.spec.discretization)

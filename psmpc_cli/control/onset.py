@@ -1,37 +1,76 @@
-"""When a stage actually starts: first when it changes the control. See docs/formulation.md, actual start."""
+"""When a stage actually starts: first when it makes itself felt in the control. See docs/formulation.md, section 8."""
 
 import numpy as np
 
 from psmpc_cli.control.aside import WindowsAside
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.sequence import Sequence
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.specs.task import OnsetSpec
+
+DISTINCT = 1e-3
+"""Controls with and without a stage nearer to each other than this say nothing of it [m/s^2, rad/s^2]."""
 
 
 class OnsetObserver:
-    """Compares the applied control with what the window without a pending stage would apply.
+    """Compares the control with what the window without a waiting stage would apply, and with the stage's own optimum.
 
-    For each stage that waits in the window the window up to the stage before it is solved as well, from the same
-    measured state; the norm of the difference in the waiting stage's onset coordinates is its presence.
+    For each stage that waits in the window the window up to the stage before it is solved aside from the same measured
+    state; for the closeness form the window over the waiting stage alone as well.
     """
 
-    def __init__(self, aside: WindowsAside, largest: float) -> None:
-        self.aside, self.largest = aside, largest
+    def __init__(self, aside: WindowsAside, onset: OnsetSpec) -> None:
+        self.aside, self.onset = aside, onset
         self._started: set[int] = set()
 
     def observe(self, decision: Decision, x: np.ndarray, edges: np.ndarray) -> dict[int, float]:
-        """Return by stage index the norm [m/s^2, rad/s^2] of the control it adds in the first tick (edges (2,) [s]).
+        """Return by stage index how much of it is in the control from x (2n,) on; edges (2,) [s] of the first tick.
 
-        Only stages that wait in the window are looked at, and only until their presence reaches the largest threshold.
+        With `kind: control` the norm of what it adds in the first tick [m/s^2, rad/s^2], with `kind: closeness` the
+        `closeness` of the first sample [1], each in the stage's onset coordinates. Only stages that wait in the window
+        are looked at, and only until they reach the largest threshold.
         """
         sequence, presence = decision.sequence, {}
         for stage in range(sequence.first + 1, sequence.last + 1):
             if stage in self._started or decision.exhausted:
                 continue
             shorter = Sequence(sequence.first, sequence.instants[: stage - sequence.first - 1], sequence.entered)
-            plan, _ = self.aside.plan(shorter, decision, x)
-            added = (decision.plan.mean_control(edges) - plan.mean_control(edges))[0]
-            rows = list(self.aside.controller.stages[stage].onset_rows)
-            presence[stage] = float(np.linalg.norm(added[rows]))
-            if presence[stage] >= self.largest:
+            without, _ = self.aside.plan(shorter, decision, x)
+            found = self._presence(stage, decision, without, x, edges)
+            if found is None:
+                continue
+            presence[stage] = found
+            if found >= max(self.onset.epsilon, *self.onset.series):
                 self._started.add(stage)
         return presence
+
+    def _presence(
+        self, stage: int, decision: Decision, without: Plan, x: np.ndarray, edges: np.ndarray
+    ) -> float | None:
+        """Return how much of a stage there is in the control; None where its own optimum is not known."""
+        controller = self.aside.controller
+        rows = list(controller.stages[stage].onset_rows)
+        if self.onset.kind == "control":
+            applied, other = (plan.mean_control(edges)[0, rows] for plan in (decision.plan, without))
+            return float(np.linalg.norm(applied - other))
+        alone, solved = self.aside.plan(Sequence(stage, np.zeros(0), decision.prediction.start), decision, x)
+        if not solved:
+            return None
+        sample = edges[0] + np.array([0.0, controller.spec.sample_time])
+        return closeness(*(plan.mean_control(sample)[0, rows] for plan in (decision.plan, without, alone)))
+
+
+def closeness(applied: np.ndarray, without: np.ndarray, own: np.ndarray) -> float:
+    """Return how far the applied control has come from the one without a stage towards the stage's own optimum.
+
+    0 where it is as far from the own optimum as without the stage, 1 where it is the own optimum, negative where it
+    is farther away than without the stage; never more than what the stage adds over the distance of the two. Paper
+    section III-E, made a number.
+
+    Args:
+        applied: Control of the window's solution in the onset coordinates [m/s^2, rad/s^2].
+        without: Control of the window without the stage.
+        own: Control of the window over the stage alone.
+    """
+    distance = float(np.linalg.norm(without - own))
+    return (distance - float(np.linalg.norm(applied - own))) / max(distance, DISTINCT)

@@ -54,7 +54,7 @@ def _audit(experiment: Experiment, first: int) -> Audit:
     window, instants = _window(experiment, first, random)
     tau = durations(instants, window.start, window.horizon)
     windows = _with_nodes(experiment, experiment.task.controller.nodes)
-    rollout = Rollout(experiment.model, windows.shape(window), window)
+    rollout = Rollout(experiment.model, windows.shape(window), window, instants)
     U = [0.1 * random.standard_normal((N, inputs)) for N, inputs in _mesh(windows, window)]
     adjoint = rollout.by_adjoint(tau, U)
     scale = max(1e-3, float(np.abs(adjoint).max()))
@@ -118,5 +118,5 @@ def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes:
         lbg[rows], ubg[rows] = -np.inf, np.inf
     solution = solver.solve(Guess(z), parameter_vector(nlp, window, np.cumsum(tau)[:-1]), Bounds(lbx, ubx, lbg, ubg))
     U = [solution.z[nlp.layout.input_index(s)] for s in range(len(tau))]
-    rollout = Rollout(experiment.model, shape, window)
+    rollout = Rollout(experiment.model, shape, window, np.cumsum(tau)[:-1])
     return float(np.abs(rollout.by_adjoint(tau, U) - rollout.by_costate(tau, U)).max())

@@ -102,9 +102,8 @@ def _report(record: Record, stages: tuple[Stage, ...]) -> None:
     if "postponed" in record.flags:
         logger.info("%.2f s: %s was seen but could not be solved for yet", record.time, stages[last + 1].name)
     if "fallback" in record.flags:
-        logger.warning("%.2f s: solve failed (%s); the shifted plan goes on", record.time, record.solve.status)
-    if "braking" in record.flags:
-        logger.warning("%.2f s: the plan is used up; the robot brakes to rest", record.time)
+        goes_on = "the robot brakes to rest" if "braking" in record.flags else "the shifted plan goes on"
+        logger.warning("%.2f s: solve failed (%s); %s", record.time, record.solve.status, goes_on)
 
 
 def header(experiment: Experiment) -> Header:
@@ -123,6 +122,7 @@ def header(experiment: Experiment) -> Header:
             "sample_time": task.controller.sample_time,
             "horizon": task.controller.horizon,
             "nodes": task.controller.nodes,
+            "onset": task.onset.kind,
             "seed": task.seed,
             "digest": loaded.digest,
             "task_yaml": loaded.task_yaml,
@@ -137,4 +137,5 @@ def header(experiment: Experiment) -> Header:
         plans=task.log.plans,
         monitors=tuple(monitor.name for monitor in task.monitors),
         levels=task.controller.kind == "htmpc",
+        units={path: "1" for path in ("window/presence", "stages/epsilon") if task.onset.kind == "closeness"},
     )

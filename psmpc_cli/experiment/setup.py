@@ -52,7 +52,7 @@ def build_experiment(loaded: LoadedTask) -> Experiment:
         costs=costs,
         controller=controller,
         aside=aside,
-        observer=OnsetObserver(aside, max(task.onset.epsilon, *task.onset.series)),
+        observer=OnsetObserver(aside, task.onset),
         plant=build_plant(task.plant, model),
         x0=np.r_[stack(task.initial, loaded.robot, "joint"), Qdot],
     )

@@ -6,6 +6,7 @@ import numpy as np
 
 from psmpc_cli.errors import LogError, SpecError
 from psmpc_cli.experiment.monitors import Verdict, verdicts
+from psmpc_cli.experiment.smoothness import Variation, total_variation
 from psmpc_cli.logs.read import Log
 from psmpc_cli.ocp.stages import build_stages
 from psmpc_cli.robot.model import build_model
@@ -15,7 +16,10 @@ from psmpc_cli.specs.load import LoadedTask, parse_task
 
 @dataclass(frozen=True)
 class StageSummary:
-    """One stage: when it started and ended [s], and the published values where there are any; NaN where unknown."""
+    """One stage: when it started and ended [s], and the published values where there are any; NaN where unknown.
+
+    `duration` is the time from the instant that ended the stage before it to the one that ended it [s].
+    """
 
     name: str
     priority: float
@@ -24,6 +28,7 @@ class StageSummary:
     premature: bool
     switch_time: float
     published_switch: float
+    duration: float
 
 
 @dataclass(frozen=True)
@@ -62,9 +67,11 @@ class Summary:
         solves, switching_solves: All solves, and those of windows with a switch.
         missed: Samples whose solve took longer than the sample time.
         appended, postponed, fallbacks: How often each happened.
+        unsolved_levels: Levels of a lexicographic controller that did not converge; None under any other.
         limits: The tightest position and velocity margins.
         control_effort: Integral of |u|^2.
         base_force, base_torque: Integrals of their norms [N s], [N m s].
+        variation: Total variation of the control.
         momentum_error, energy_error: Largest drift of the physics' balance.
         monitors: The verdicts.
         distances: Distance between the first two end-effectors at the end of each stage [m]; NaN with one arm.
@@ -82,10 +89,12 @@ class Summary:
     appended: int
     postponed: int
     fallbacks: int
+    unsolved_levels: int | None
     limits: tuple[LimitSummary, ...]
     control_effort: float
     base_force: float
     base_torque: float
+    variation: Variation
     momentum_error: float
     energy_error: float
     monitors: tuple[Verdict, ...]
@@ -112,10 +121,12 @@ def summarize(log: Log) -> Summary:
         appended=int(log["events/appended"].sum()),
         postponed=int(log["events/postponed"].sum()),
         fallbacks=int(log["events/fallback"].sum()),
+        unsolved_levels=int(np.sum(log["levels/solved"] == 0)) if "levels/solved" in log.columns else None,
         limits=_limits(log, loaded),
         control_effort=float(log["effort/control"].sum()),
         base_force=float(log["effort/base_force"].sum()),
         base_torque=float(log["effort/base_torque"].sum()),
+        variation=total_variation(log),
         momentum_error=_largest(log["balance/momentum"]),
         energy_error=_largest(log["balance/energy"]),
         monitors=monitored,
@@ -157,6 +168,7 @@ def _stage(log: Log, loaded: LoadedTask, index: int) -> StageSummary:
         premature=bool(stages["premature"][index]),
         switch_time=float(stages["switch_time"][index]),
         published_switch=published.switch_time.get(name, np.nan) if published else np.nan,
+        duration=float(stages["switch_time"][index] - (stages["switch_time"][index - 1] if index else 0.0)),
     )
 
 

@@ -11,7 +11,6 @@ from psmpc_cli.figures.panels import panel_legend, point_if_alone
 from psmpc_cli.figures.run import Run, Span
 from psmpc_cli.figures.style import EDGE, PALETTE, line_look, readable
 from psmpc_cli.figures.timeline import open_timeline
-from psmpc_cli.ocp.stages import Stage
 
 HEIGHT, SMALLEST = 1.35, 1e-5
 """Height of one panel [in]; smaller errors are not shown [m, rad]."""
@@ -20,7 +19,8 @@ HEIGHT, SMALLEST = 1.35, 1e-5
 def plot_errors(run: Run) -> Figure:
     """Return position errors [m] and angle errors [rad] of base and end-effectors against the current stage's target.
 
-    The target poses of a joint-space stage are those of its target coordinates. Logarithmic; a line a stage shows the
+    Where the target is a trajectory, it is where that has got to; the target poses of a joint-space stage are those of
+    its target coordinates. Logarithmic; a line a stage shows the
     widest tolerance its end condition allows any coordinate of that panel.
     """
     timeline = open_timeline(run, 2, HEIGHT)
@@ -37,24 +37,20 @@ def plot_errors(run: Run) -> Figure:
     return timeline.finish([line] if tolerance else [])
 
 
-def pose_errors(run: Run, stage: Stage, xi: np.ndarray) -> np.ndarray:
-    """Return xi - xi_d (K, m) [m, rad] of poses xi (K, m) against a stage's target."""
-    target = stage.target if stage.space == "task" else np.asarray(run.model.g(stage.target)).ravel()
-    return np.asarray(xi - target)
+def pose_errors(run: Run, span: Span, time: np.ndarray) -> np.ndarray:
+    """Return xi - xi_d (K, m) [m, rad] at times (K,) [s] against what a stage follows."""
+    stage = run.stages[span.index]
+    desired = stage.reference(time - span.start)
+    return np.asarray(run.poses_at(time) - (desired if stage.space == "task" else np.asarray(run.model.g(desired.T)).T))
 
 
 def _plot_span(axes: Axes, run: Run, span: Span, angular: bool) -> None:
     inside = run.time[(run.time > span.start) & (run.time < span.end)]
-    time = np.r_[span.start, inside, span.end]
-    error = pose_errors(run, run.stages[span.index], run.poses_at(time))
+    time, d = np.r_[span.start, inside, span.end], run.model.dimension
+    error = pose_errors(run, span, time)
     for i, (name, rows) in enumerate(run.model.poses.items()):
-        part = (
-            error[:, rows.start + run.model.dimension : rows.stop]
-            if angular
-            else error[:, rows][:, : run.model.dimension]
-        )
+        size = np.linalg.norm(error[:, rows][:, d:] if angular else error[:, rows][:, :d], axis=1)
         label = readable(name) if span.index == 0 else "_"
-        size = np.linalg.norm(part, axis=1)
         axes.plot(time, np.where(size > 0, size, np.nan), label=label, marker=point_if_alone(time), **frame_look(i))
 
 

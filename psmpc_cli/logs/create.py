@@ -1,7 +1,7 @@
 """The empty log: every dataset in place before the run begins."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import h5py
@@ -39,6 +39,7 @@ class Header:
         ticks, plans: Whether ticks and plans are logged.
         monitors: Names of the monitors.
         levels: Whether the controller has levels to log.
+        units: Units of datasets that the task decides, by path.
     """
 
     attributes: Mapping[str, str | int | float | bool]
@@ -51,6 +52,7 @@ class Header:
     plans: bool
     monitors: tuple[str, ...] = ()
     levels: bool = False
+    units: Mapping[str, str] = field(default_factory=dict)
 
 
 def create_log(path: Path, header: Header, force: bool = False) -> None:
@@ -62,7 +64,7 @@ def create_log(path: Path, header: Header, force: bool = False) -> None:
     image, target = _image(header), path.resolve()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        _refuse(path, force)
+        refuse(path, force)
         if force:
             target.unlink(missing_ok=True)
         _write_new(target, image)
@@ -83,8 +85,12 @@ def _write_new(path: Path, content: bytes) -> None:
             raise
 
 
-def _refuse(path: Path, force: bool) -> None:
-    """Refuse to write where something else stands."""
+def refuse(path: Path, force: bool) -> None:
+    """Refuse to write where something else stands.
+
+    Raises:
+        InputError: The path is taken; with `force`, by what is no log.
+    """
     if path.is_dir():
         raise InputError(f"{path} is a directory: name a file in it with -o, such as {path / 'run.h5'}")
     if not path.exists():
@@ -109,6 +115,8 @@ def _image(header: Header) -> bytes:
         if header.plans:
             for path, long_name in PLANS:
                 _create_plan(file, path, long_name)
+        for path, units in header.units.items():
+            file[path].attrs["units"] = units
         file.flush()
         image: bytes = file.id.get_file_image()
     return image

@@ -72,7 +72,7 @@ SCALES = (
     Scale("pose_coordinate", "1", "pose coordinate"),
     Scale("stage", "1", "stage"),
     Scale("momentum", "1", "component of momentum"),
-    Scale("stages/epsilon", A_UNITS, "threshold on the control that marks an actual start"),
+    Scale("stages/epsilon", A_UNITS, "threshold on a stage's presence that marks its actual start"),
     Scale("monitors/name", "1", "name of the monitor"),
 )
 """What runs along every dimension but time."""
@@ -92,7 +92,7 @@ COLUMNS = (
     Column("window/count", "", "1", "number of stages in the window", "i4"),
     Column("window/instants", "stage", "s", "optimized instant that ends each stage; NaN outside the window"),
     Column("window/cost", "stage", "1", "normalized cost integral of each stage; NaN outside the window"),
-    Column("window/presence", "stage", A_UNITS, "norm of the control a waiting stage adds; NaN where not looked at"),
+    Column("window/presence", "stage", A_UNITS, "how much of a waiting stage is in the control; NaN if not looked at"),
     Column("window/share", "stage", "1", "share of each stage in the applied control; NaN where it has none"),
     Column("events/appended", "", "1", "a stage entered the window", "i1"),
     Column("events/postponed", "", "1", "a stage was seen, but the window with it had no solution yet", "i1"),

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.logs.layout import COLUMNS, FORMAT_VERSION, LEVELS, PLANS, SCALES, TABLES, TICKS, TIME
+from psmpc_cli.logs.layout import COLUMNS, FORMAT_VERSION, LEVELS, PLANS, RUN, SCALES, TABLES, TICKS, TIME
 
 EXPECTED = "expected a log written by psmpc simulate"
 
@@ -64,8 +64,25 @@ def read_log(path: Path) -> Log:
     Raises:
         LogError: The file is missing, no HDF5 file, cut off, of another program or of another version.
     """
-    with _opened(path) as file:
-        return _load(path, file)
+    with opened(path) as file:
+        if kind_in(file) != RUN:
+            raise LogError(f"{path}: found a {kind_in(file)} of several runs, expected the log of one")
+        return log_in(path, file)
+
+
+def kind_of(path: Path) -> str:
+    """Return what a file of this version holds, RUN or COMPARISON.
+
+    Raises:
+        LogError: As for `read_log`.
+    """
+    with opened(path) as file:
+        return kind_in(file)
+
+
+def kind_in(file: h5py.File) -> str:
+    """Return what an open file holds; one that does not say is a run."""
+    return str(file.attrs.get("kind", RUN))
 
 
 def read_plan(path: Path, name: str, sample: int) -> np.ndarray:
@@ -74,7 +91,7 @@ def read_plan(path: Path, name: str, sample: int) -> np.ndarray:
     Raises:
         LogError: As for `read_log`; or the log holds no plans, or not this sample's.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         if f"plan/{name}" not in file:
             raise LogError(f"{path}: holds no plans; expected a log of a task with log: {{plans: true}}")
         lengths, held = file[f"plan/{name}_length"], len(file["time"])
@@ -85,8 +102,8 @@ def read_plan(path: Path, name: str, sample: int) -> np.ndarray:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[h5py.File]:
-    """Open a log of this version to read, while it is written too; whatever is wrong with it is a LogError."""
+def opened(path: Path) -> Iterator[h5py.File]:
+    """Open a file of this version to read, while it is written too; whatever is wrong with it is a LogError."""
     try:
         if path.is_dir():
             raise LogError(f"{path}: found a directory, {EXPECTED}")
@@ -121,12 +138,17 @@ def _check(path: Path, file: h5py.File) -> None:
             f"{path}: found log format {found}, written by psmpc {file.attrs['psmpc_version']}; this version reads "
             f"format {FORMAT_VERSION}: read it with that version, or run the experiment again"
         )
+
+
+def log_in(path: Path, file: h5py.Group) -> Log:
+    """Return the log of a run that stands in a file, or in a group of it.
+
+    Raises:
+        LogError: It lacks an attribute.
+    """
     for name in ATTRIBUTES:
         if name not in file.attrs:
             raise LogError(f"{path}: found no attribute {name}, {EXPECTED}")
-
-
-def _load(path: Path, file: h5py.File) -> Log:
     logged = COLUMNS + LEVELS if LEVELS[0].path in file else COLUMNS
     columns = _along(file, TIME.path, *(column.path for column in logged))
     ticks = _along(file, *(column.path for column in TICKS)) if TICKS[0].path in file else {}
@@ -145,7 +167,7 @@ def _load(path: Path, file: h5py.File) -> Log:
     )
 
 
-def _along(file: h5py.File, *paths: str) -> dict[str, np.ndarray]:
+def _along(file: h5py.Group, *paths: str) -> dict[str, np.ndarray]:
     """Return datasets along one time, as many rows as all of them have: a kill may leave the last one half written."""
     datasets = {path: file[path] for path in paths}
     rows = min(len(dataset) for dataset in datasets.values())

@@ -62,7 +62,7 @@ class Record:
         nadir: Scale of each window stage's normalized cost, (S + 1,).
         flags: Names of what happened: appended, postponed, fallback, braking.
         switches: Stage index and instant [s] of each hand-over since the last sample.
-        presence: By stage index, the norm of the control a waiting stage adds. See `OnsetObserver`.
+        presence: By stage index, how much of a waiting stage is in the control. See `OnsetObserver`.
         solve: The solve.
         stage_cost: Lbar of the current stage.
         position_margin, velocity_margin: Smallest distance to a limit over all ticks until the next sample (n,).

@@ -15,12 +15,14 @@ from psmpc_cli.ocp.outlook import (
     look_ahead,
     pose_rows,
     reach_with,
+    reaches_of,
 )
 from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.wording import beyond, moment_of, path_of_part, path_of_row, span_of, target_path
 from psmpc_cli.robot.reach import Reach
 from psmpc_cli.specs.coordinates import labels, stack
 from psmpc_cli.specs.load import LoadedTask
-from psmpc_cli.specs.problem import Path, Problem, dotted, quoted
+from psmpc_cli.specs.problem import Problem, dotted, quoted
 from psmpc_cli.specs.report import refusal, report
 from psmpc_cli.specs.robot import RobotSpec
 
@@ -58,29 +60,6 @@ def review(task: LoadedTask, outlooks: Sequence[Outlook] | None = None) -> list[
     ]
 
 
-def remarks(task: LoadedTask, outlooks: Sequence[Outlook]) -> list[Problem]:
-    """Return what does not stand against a task but is probably not meant.
-
-    A stage in task space keeps the base. If it wants it elsewhere than the stage before leaves it, and so far that an
-    arm does not reach its target from there, one of the two may be a misprint.
-    """
-    found = []
-    for before, outlook in pairwise(outlooks):
-        stage, left = outlook.stage, before.stage.target[BASE]
-        if not set(range(BASE.stop)) <= set(before.stage.end_rows):
-            continue
-        reaches = {arm: reach_with(stage, task.robot, arm, stage.limits, left) for arm in outlook.reaches}
-        far = [arm for arm, reach in reaches.items() if reach.distance > reach.full_reach and not reach.reachable]
-        for arm in (arm for arm in far[:1] if outlook.reaches[arm].reachable):
-            message = (
-                f"found the base {np.hypot(*(stage.target[:2] - left[:2])):.4g} m from where "
-                f"{quoted(before.stage.name)} leaves it, expected it there: the target of {arm} is then "
-                f"{reaches[arm].distance:.4g} m from its shoulder, its reach is {reaches[arm].full_reach:.4g} m"
-            )
-            found.append(Problem(_key(task, ("stages", stage.index, "target"), "base"), message))
-    return found
-
-
 def _initial(task: LoadedTask, first: Stage) -> Iterator[Problem]:
     """Give what of the initial state the first stage does not allow."""
     limits = first.limits
@@ -91,34 +70,37 @@ def _initial(task: LoadedTask, first: Stage) -> Iterator[Problem]:
         ("initial_velocity", velocity, limits.velocity_low, limits.velocity_high),
     ):
         for row in _outside(values, low, high):
-            path = _path(task, (key,), row, "joint")
+            path = path_of_row(task, (key,), row, "joint")
             unit = "/s" if key == "initial_velocity" else ""
-            yield Problem(path, _beyond(task.robot, row, values[row], low[row], high[row], unit))
+            yield Problem(path, beyond(task.robot, row, values[row], low[row], high[row], unit))
 
 
 def _targets(task: LoadedTask, outlook: Outlook) -> Iterator[Problem]:
-    """Give what of a stage's target lies outside its limits, or out of reach."""
+    """Give what of a stage's target, or of any row of its trajectory, lies outside its limits, or out of reach."""
     stage, low, high = outlook.stage, outlook.stage.limits.position_low, outlook.stage.limits.position_high
-    for row in _targets_outside(stage):
-        path = _path(task, ("stages", stage.index, "target"), row, stage.space)
-        yield Problem(path, _beyond(task.robot, row, stage.target[row], low[row], high[row]))
-    for arm, reach in outlook.reaches.items():
-        found = _out_of_reach(arm, reach, stage, len(task.robot.arms[arm].links))
-        if found:
-            yield Problem(_key(task, ("stages", stage.index, "target"), arm), found)
+    for index, values in enumerate(stage.waypoints):
+        moment = moment_of(stage, index)
+        for row in _rows_outside(stage, values):
+            path = path_of_row(task, target_path(stage), row, stage.space, moment)
+            yield Problem(path, beyond(task.robot, row, values[row], low[row], high[row]))
+        last = index == len(stage.waypoints) - 1
+        for arm, reach in (outlook.reaches if last else reaches_of(stage, task.robot, values)).items():
+            found = _out_of_reach(arm, reach, values[BASE], len(task.robot.arms[arm].links))
+            if found:
+                yield Problem(path_of_part(task, target_path(stage), arm, moment), found)
 
 
-def _targets_outside(stage: Stage) -> list[int]:
-    """Return the rows of Q whose targets the stage asks for but its limits forbid."""
-    last = len(stage.target) if stage.space == "joint" else BASE.stop
+def _rows_outside(stage: Stage, values: Vector) -> list[int]:
+    """Return the rows of Q whose values (n,) or (m,) the stage asks for but its limits forbid."""
+    last = len(values) if stage.space == "joint" else BASE.stop
     limits = stage.limits
-    rows = _outside(stage.target[:last], limits.position_low[:last], limits.position_high[:last])
+    rows = _outside(values[:last], limits.position_low[:last], limits.position_high[:last])
     return [row for row in rows if counts(stage, slice(row, row + 1))]
 
 
-def _out_of_reach(arm: str, reach: Reach, stage: Stage, links: int) -> str | None:
-    """Say why an arm cannot take its target; None if it can, or if that cannot be told."""
-    x, y, theta = stage.target[BASE]
+def _out_of_reach(arm: str, reach: Reach, pose: Vector, links: int) -> str | None:
+    """Say why an arm cannot take its target with the base at its pose (3,); None if it can, or if nobody can tell."""
+    x, y, theta = pose
     base = f"with the base at [{x:g}, {y:g}, {np.degrees(theta):g} deg]"
     if reach.distance > reach.full_reach and not reach.reachable:
         return (
@@ -143,14 +125,14 @@ def _handover(task: LoadedTask, now: Outlook, then: Outlook) -> Iterator[Problem
     """Give what a stage leaves behind at its end that the limits of the next one do not allow."""
     stage, limits, path = now.stage, then.stage.limits, ("stages", now.stage.index, "ends_when")
     for row, tolerance in end_tolerances(stage).items():
-        if not is_coordinate(stage, row) or row in _targets_outside(stage):
+        if not is_coordinate(stage, row) or row in _rows_outside(stage, stage.target):
             continue
         value, low, high = stage.target[row], limits.position_low[row], limits.position_high[row]
         if value + tolerance < low - SLACK or value - tolerance > high + SLACK:
-            message = _beyond(task.robot, row, value, low, high)
+            message = beyond(task.robot, row, value, low, high)
             yield Problem(path, f"{message}, where {quoted(then.stage.name)} keeps it")
     for arm in _pinned(now, task.robot):
-        if not reach_with(stage, task.robot, arm, limits).reachable:
+        if not reach_with(task.robot, arm, limits, stage.target).reachable:
             message = (
                 f"found a pose of {arm} that it can take only beyond its joint limits in {quoted(then.stage.name)}"
             )
@@ -178,7 +160,7 @@ def _times(task: LoadedTask, outlooks: Sequence[Outlook]) -> Iterator[Problem]:
             message = (
                 f"found {labels(task.robot, 'joint')[row]} to be moved, expected velocity limits that allow it, not"
             )
-            yield Problem((*path, "ends_when"), f"{message} {_span(task.robot, row, low, high, '/s')}")
+            yield Problem((*path, "ends_when"), f"{message} {span_of(task.robot, row, low, high, '/s')}")
         if stage.at is not None and stage.at < before + stage.dwell:
             since = dotted(("stages", stage.index - 1))
             message = f"found {stage.at:g} s, expected later: {since} cannot end before {before:.4g} s"
@@ -196,34 +178,3 @@ def _times(task: LoadedTask, outlooks: Sequence[Outlook]) -> Iterator[Problem]:
 def _outside(values: Vector, low: Vector, high: Vector) -> list[int]:
     """Return the rows whose values are out of bounds."""
     return [int(row) for row in np.flatnonzero((values < low - SLACK) | (values > high + SLACK))]
-
-
-def _beyond(robot: RobotSpec, row: int, value: float, low: float, high: float, per: str = "") -> str:
-    """Say that a coordinate is out of bounds."""
-    name, found = labels(robot, "joint")[row], _value(robot, row, value, per)
-    return f"found {name} at {found}, expected within its limits {_span(robot, row, low, high, per)}"
-
-
-def _value(robot: RobotSpec, row: int, value: float, per: str = "") -> str:
-    """Write a value of Q with its unit, angles in degrees."""
-    lengths = ("base.x", "base.y")
-    return f"{value:.6g} m{per}" if labels(robot, "joint")[row] in lengths else f"{np.degrees(value):.6g} deg{per}"
-
-
-def _span(robot: RobotSpec, row: int, low: float, high: float, per: str = "") -> str:
-    """Write a pair of bounds with their unit."""
-    return f"[{_value(robot, row, low, per)}, {_value(robot, row, high, per)}]"
-
-
-def _path(task: LoadedTask, parts: Path, row: int, space: str) -> Path:
-    """Return where a row of Q or xi is in numbers by part."""
-    part = labels(task.robot, "joint" if space == "joint" else "task")[row].rpartition(".")[0]
-    sizes = task.robot.parts if space == "joint" else dict.fromkeys(task.robot.parts, BASE.stop)
-    before = sum(size for name, size in sizes.items() if list(sizes).index(name) < list(sizes).index(part))
-    return (*_key(task, parts, part), row - before)
-
-
-def _key(task: LoadedTask, parts: Path, part: str) -> Path:
-    """Return where the numbers of a part are: under its own name or under `arms`."""
-    own = (*parts, part)
-    return own if own in task.source.entries or part == "base" else (*parts, "arms")

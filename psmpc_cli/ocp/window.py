@@ -87,20 +87,21 @@ def parameter_vector(nlp: Nlp, window: Window, instants: np.ndarray) -> np.ndarr
         scale=window.scale,
         weights=tuple(stage.weights for stage in stages),
         control_weights=tuple(stage.control_weights for stage in stages),
-        targets=_references(nlp, window, instants),
+        targets=references(nlp.layout.nodes, window, instants),
     )
     return np.concatenate([np.ravel(piece, order="F") for piece in numbers.pieces()])
 
 
-def _references(nlp: Nlp, window: Window, instants: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return what each stage's cost follows at its nodes, (rows, N_s + 1) by stage."""
-    layout = nlp.layout
-    times = window.start + mesh(durations(instants, window.start, window.horizon), layout.nodes)
+def references(nodes: tuple[int, ...], window: Window, instants: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return what each stage's cost follows at its nodes, (rows, N_s + 1) by stage.
+
+    A trajectory's time counts from where its stage begins, by the guessed instants (S,) [s] where it is yet to begin.
+    """
+    times = window.start + mesh(durations(instants, window.start, window.horizon), nodes)
     begins = np.concatenate([[window.start - window.elapsed], instants])
-    nodes = zip(layout.first_node[:-1], layout.first_node[1:] + 1, strict=True)
+    first = np.concatenate([[0], np.cumsum(nodes)])
     return tuple(
-        stage.reference(times[first:last] - begin).T
-        for stage, begin, (first, last) in zip(window.stages, begins, nodes, strict=True)
+        stage.reference(times[first[s] : first[s + 1] + 1] - begins[s]).T for s, stage in enumerate(window.stages)
     )
 
 

@@ -11,7 +11,7 @@ from psmpc_cli.specs.problem import Path, Place, choice, dotted, quoted
 _PATH = re.compile(r"[^.\[\]=]+(?:\.[^.\[\]=]+|\[\d+\])*")
 _STEP = re.compile(r"\[(\d+)\]|([^.\[\]=]+)")
 
-SHORTHANDS: tuple[Path, ...] = (("controller",), ("solver",), ("plant",))
+SHORTHANDS: tuple[Path, ...] = (("controller",), ("solver",), ("plant",), ("onset",))
 """Where a text alone stands for a mapping with that `kind`."""
 
 

@@ -147,10 +147,11 @@ class PrioritiesSpec(Spec):
     )
 
 
-class OnsetSpec(Spec):
-    """Thresholds on the control that mark a stage's actual start."""
+class OnsetSpec(Choice):
+    """What marks a stage's actual start: what it adds to the control, or how near the control is to its own optimum."""
 
-    epsilon: Positive = Field(0.1, description="threshold [m/s^2, rad/s^2]")
+    kind: Literal["control", "closeness"] = Field("control", description="what must reach the threshold")
+    epsilon: Positive = Field(0.1, description="threshold, of a control [m/s^2, rad/s^2] or of closeness [1]")
     series: tuple[Positive, ...] = Field(
         (1e-4, 1e-3, 1e-2, 1e-1), description="further thresholds that are always evaluated"
     )

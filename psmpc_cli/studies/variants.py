@@ -1,13 +1,16 @@
 """Runs variants of a task in parallel processes, one thread each."""
 
+import logging
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from joblib import Parallel, delayed
+from joblib import Parallel, delayed, parallel_config
+from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from psmpc_cli.experiment.run import run
+from psmpc_cli.errors import RunError
+from psmpc_cli.experiment.run import Progress, run
 from psmpc_cli.specs.load import LoadedTask
 
 
@@ -33,14 +36,45 @@ def run_variants(
         directory: Where the logs go; existing ones of the same name are overwritten.
         jobs: Processes at once; default as many as there are cores.
         done: Told the name of each variant as it ends.
+
+    Raises:
+        RunError: A log could not be written, or a process ended without a word.
     """
-    chosen = [Variant(name, task, directory / f"{number}.h5") for number, (name, task) in enumerate(variants.items())]
-    workers = Parallel(n_jobs=jobs or os.cpu_count() or 1, backend="loky", return_as="generator_unordered")
-    for name in workers(delayed(_run)(variant) for variant in chosen):
-        done(name)
-    return {variant.name: variant.path for variant in chosen}
+    paths = log_paths(variants, directory)
+    chosen = [Variant(name, task, paths[name]) for name, task in variants.items()]
+    try:
+        with parallel_config("loky", n_jobs=jobs or os.cpu_count() or 1, inner_max_num_threads=1):
+            workers = Parallel(return_as="generator_unordered")
+            for name in workers(delayed(_run)(variant) for variant in chosen):
+                done(name)
+    except TerminatedWorkerError:
+        raise RunError("a process was ended from outside, for want of memory perhaps: try fewer with --jobs") from None
+    return paths
+
+
+def log_paths(names: Iterable[str], directory: Path) -> dict[str, Path]:
+    """Return by name where the logs of variants go."""
+    return {name: directory / f"{number}.h5" for number, name in enumerate(names)}
+
+
+def simulated_times(paths: Mapping[str, Path]) -> dict[str, float]:
+    """Return how far each run has come [s]; those that have not begun are left out."""
+    notes = {name: _note(path) for name, path in paths.items()}
+    return {name: float(text) for name, note in notes.items() if note.exists() and (text := note.read_text())}
 
 
 def _run(variant: Variant) -> str:
-    run(variant.task, variant.path, force=True)
+    """Run one variant in a process of its own; its warnings are counted in its log, and said there."""
+    logging.getLogger("psmpc_cli").setLevel(logging.ERROR)
+    note = _note(variant.path)
+
+    def watch(progress: Progress) -> None:
+        note.write_text(f"{progress.record.time:.3f}")
+
+    run(variant.task, variant.path, True, watch)
     return variant.name
+
+
+def _note(path: Path) -> Path:
+    """Return where a run notes how far it has come, beside its log."""
+    return path.with_suffix(".time")

@@ -8,7 +8,7 @@ import pytest
 
 from psmpc_cli.cli.main import app
 
-HEAVY = {"casadi", "h5py", "matplotlib", "mujoco", "numpy", "pydantic", "rich", "yaml"}
+HEAVY = {"casadi", "h5py", "joblib", "matplotlib", "mujoco", "numpy", "pydantic", "rich", "yaml"}
 
 REPORT = """
 import json, sys

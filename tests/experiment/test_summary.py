@@ -42,7 +42,8 @@ def changed(log: Log, **columns: np.ndarray | float) -> Log:
 def test_a_run_up_to_its_time_limit(log: Log) -> None:
     summary = summarize(log)
     assert (summary.ended, summary.completed, summary.succeeded) == (True, False, False)
-    assert (summary.reason, summary.duration) == ("time limit of 2 s reached", pytest.approx(2.0))
+    assert summary.reason == "time limit of 2 s reached"
+    assert summary.duration == pytest.approx(2.0)
     assert [stage.name for stage in summary.stages] == ["approach", "capture", "transport", "release"]
     assert [stage.priority for stage in summary.stages] == [1, 100, 1, 0.01]
     assert summary.solves.count == 20
@@ -97,10 +98,12 @@ def test_the_tightest_limit_is_relative_to_its_width(log: Log) -> None:
     margin = np.full((20, 9), np.inf)
     margin[4, 0], margin[7, 5] = 0.5, 0.4  # of 5 m, and of pi
     (position, velocity) = summarize(changed(log, margin_position=margin)).limits
-    assert (position.coordinate, position.margin, position.relative) == ("base.x", 0.5, pytest.approx(0.1))
+    assert (position.coordinate, position.margin) == ("base.x", 0.5)
+    assert position.relative == pytest.approx(0.1)
     margin[7, 5] = -1e-3
     (position, velocity) = summarize(changed(log, margin_position=margin)).limits
-    assert (position.coordinate, position.margin, position.relative) == ("arm_1.3", -1e-3, pytest.approx(-1e-3 / np.pi))
+    assert (position.coordinate, position.margin) == ("arm_1.3", -1e-3)
+    assert position.relative == pytest.approx(-1e-3 / np.pi)
     assert velocity.kind == "velocity"
 
 
@@ -155,7 +158,7 @@ def test_texts_of_another_version_are_named(nothing: Log, name: str, text: str, 
 
 
 def test_texts_of_another_run_are_refused(nothing: Log) -> None:
-    other = load_task("transport", ["stages.approach.name=go"]).task_yaml
+    other = load_task("approach_capture").task_yaml
     with pytest.raises(LogError) as refused:
         summarize(replace(nothing, attributes={**nothing.attributes, "task_yaml": other}))
     assert str(refused.value) == f"{nothing.path}: the task and robot in it do not describe the run it holds"

@@ -12,17 +12,23 @@ Load = Callable[..., Run]
 
 
 def test_the_error_of_a_task_space_stage_is_against_its_poses(run: Run) -> None:
-    capture = run.stages[1]
-    error = pose_errors(run, capture, run.poses_at(np.array([13.0])))
-    assert np.max(np.abs(error)) < 0.05  # interpolated between samples 0.4 s apart
-    np.testing.assert_array_equal(pose_errors(run, capture, capture.target[None]), np.zeros((1, run.model.m)))
+    start, end = pose_errors(run, run.spans[1], np.array([10.0, 13.0]))
+    assert np.max(np.abs(end)) < 0.05  # interpolated between samples 0.4 s apart
+    np.testing.assert_allclose(start, run.poses_at(np.array([10.0]))[0] - run.stages[1].target)
 
 
 def test_the_error_of_a_joint_space_stage_is_against_the_poses_of_its_target(run: Run) -> None:
-    approach = run.stages[0]
-    start = pose_errors(run, approach, run.xi[:1])[0]
-    np.testing.assert_allclose(start[:3], [2.0, -2.0, -np.pi / 6])
-    assert np.max(np.abs(pose_errors(run, run.stages[2], run.poses_at(np.array([23.0]))))) < 0.05
+    start, end = pose_errors(run, run.spans[2], np.array([13.0, 23.0]))
+    np.testing.assert_allclose(start[:3], [-2.0, 2.0, np.pi / 6], atol=0.05)
+    assert np.max(np.abs(end)) < 0.05
+
+
+def test_the_error_of_a_moving_target_is_against_where_it_has_got_to(load: Load, one_arm: dict[str, Any]) -> None:
+    moving = "target: {times: [0, 6], base: [[0, 0, 0], [1, 2, 0.1]], arm: [[0, 0], [0.5, 0.5]]}"
+    task = one_arm["task"].replace("target: {base: [1, 2, 0.1], arm: [0.5, 0.5]}", moving)
+    run = load(**{**one_arm, "task": task, "sample": 0.5})
+    first, halfway, last = pose_errors(run, run.spans[0], np.array([0.0, 3.0, 6.0]))
+    np.testing.assert_allclose([first, halfway, last], np.zeros((3, run.model.m)), atol=1e-9)
 
 
 def test_curves_start_anew_with_every_stage(run: Run) -> None:

@@ -68,7 +68,7 @@ def _disagreeing(comparisons: Cursor, valid: PrioritiesSpec, stages: list[str]) 
         return
     weighing = weigh_stages(valid, stages)
     if weighing.worst is not None and weighing.ratio > ACCEPTABLE:
-        yield comparisons[weighing.worst].problem(_contradiction(valid, weighing, weighing.worst))
+        yield comparisons[weighing.worst][2].problem(_contradiction(valid, weighing, weighing.worst))
     elif np.abs(weighing.logarithms).max() > WIDEST:
         extreme = int(np.abs(weighing.logarithms).argmax())
         power = weighing.logarithms[extreme] / np.log(10)

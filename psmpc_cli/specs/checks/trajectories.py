@@ -9,6 +9,7 @@ from psmpc_cli.specs.document import counted
 from psmpc_cli.specs.problem import Problem
 from psmpc_cli.specs.robot import RobotSpec
 
+
 def check_times(task: Cursor) -> Iterator[Problem]:
     """Give times of trajectories that do not rise from 0."""
     for stage in task["stages"].entries():

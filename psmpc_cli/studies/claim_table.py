@@ -1,0 +1,96 @@
+"""The judged claims as plain data and as words: what `psmpc reproduce` prints, writes and reports."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from psmpc_cli import __version__
+from psmpc_cli.studies.findings import Finding, Value
+from psmpc_cli.studies.reproduce import TASK, JudgedClaim, Reproduction
+
+FORMAT = 1
+"""Version of `as_data`; grows when a key changes its meaning or goes."""
+
+HEADINGS = ("claim", "published", "reproduced", "difference", "tolerance", "holds")
+
+
+def as_data(reproduction: Reproduction, created: str) -> dict[str, Any]:
+    """Return the claim table as JSON takes it; what is not known, or has no sense, is null. Keys: docs/reproduce.md."""
+    return {
+        "format": FORMAT,
+        "psmpc_version": __version__,
+        "created": created,
+        "task": TASK,
+        "changes": list(reproduction.changes),
+        "digests": {name: str(log.attributes["digest"]) for name, log in reproduction.logs.items()},
+        "claims": [_claim_data(judged) for judged in reproduction.judged],
+        "held": len(reproduction.judged) - len(reproduction.failing),
+        "failed": len(reproduction.failing),
+    }
+
+
+def cells(judged: JudgedClaim) -> Mapping[str, str]:
+    """Return a claim's row as text, by heading."""
+    finding = judged.finding
+    texts = (
+        judged.claim.id,
+        shown(finding.published, finding.unit),
+        shown(finding.reproduced, finding.unit),
+        _signed(finding),
+        _tolerance(finding),
+        verdict(finding),
+    )
+    return dict(zip(HEADINGS, texts, strict=True))
+
+
+def verdict(finding: Finding) -> str:
+    """Return in words whether a claim holds."""
+    if finding.earlier:
+        return "yes, earlier"
+    return "yes" if finding.holds else "no"
+
+
+def shown(value: Value, unit: str) -> str:
+    """Return a published or reproduced value as text."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, tuple):
+        between = ", " if any(isinstance(entry, str) for entry in value) else " < "
+        return between.join(shown(entry, unit) for entry in value) or "none"
+    return f"{_number(value)} {unit}".rstrip() if math.isfinite(value) else "never"
+
+
+def _number(value: float) -> str:
+    """Return a number with two digits, or one less where the last is 0."""
+    return f"{value:.0f}" if float(value).is_integer() and abs(value) >= 20 else f"{value:.2f}".removesuffix("0")
+
+
+def _signed(finding: Finding) -> str:
+    return f"{finding.difference:+.2f} {finding.unit}".rstrip() if math.isfinite(finding.difference) else "-"
+
+
+def _tolerance(finding: Finding) -> str:
+    return f"{finding.tolerance:.2f} {finding.unit}".rstrip() if math.isfinite(finding.tolerance) else "exact"
+
+
+def _claim_data(judged: JudgedClaim) -> dict[str, Any]:
+    claim, finding = judged.claim, judged.finding
+    return {
+        "id": claim.id,
+        "statement": claim.statement,
+        "source": claim.source,
+        "unit": finding.unit or None,
+        "published": _plain(finding.published),
+        "reproduced": _plain(finding.reproduced),
+        "difference": _plain(finding.difference),
+        "tolerance": _plain(finding.tolerance),
+        "holds": finding.holds,
+        "earlier": finding.earlier,
+        "cause": finding.cause or None,
+    }
+
+
+def _plain(value: Value) -> Any:
+    if isinstance(value, tuple):
+        return [_plain(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,99 @@
+"""What one run has to say on the claims: its summary, and how each stage came to act on the control."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.experiment.summary import StageSummary, Summary, summarize, task_of
+from psmpc_cli.logs.read import Log
+from psmpc_cli.ocp.outlook import look_ahead
+from psmpc_cli.studies.claims import Moment
+
+
+@dataclass(frozen=True, eq=False)
+class Onset:
+    """How a waiting stage came to act on the control.
+
+    Attributes:
+        time: Samples at which it waited in the window (W,) [s].
+        presence: Norm of the control it added in its onset coordinates (W,) [m/s^2, rad/s^2].
+        starts: Its actual start [s] for each threshold [m/s^2, rad/s^2] that the log follows.
+        postponed: Samples at which the window with it had no solution yet.
+    """
+
+    time: np.ndarray
+    presence: np.ndarray
+    starts: Mapping[float, float]
+    postponed: int
+
+    def largest(self, before: float = np.inf) -> float:
+        """Return the largest presence at samples before a time [s]; 0 if there is none."""
+        return float(np.max(self.presence[self.time < before], initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a run has to say.
+
+    Attributes:
+        summary: Its summary.
+        horizon, nodes, sample_time: As it ran.
+        epsilon: Threshold that marks an actual start [m/s^2, rad/s^2].
+        onsets: By stage; those that waited in a window.
+        earliest_ends: By stage, the time before which velocity limits let none end [s].
+    """
+
+    summary: Summary
+    horizon: float
+    nodes: float
+    sample_time: float
+    epsilon: float
+    onsets: Mapping[str, Onset]
+    earliest_ends: Mapping[str, float]
+
+    def stage(self, name: str) -> StageSummary | None:
+        """Return the summary of a stage; None if the run knows none of this name."""
+        return next((stage for stage in self.summary.stages if stage.name == name), None)
+
+    def time_of(self, moment: Moment) -> float:
+        """Return when something happened [s]; NaN if it did not."""
+        stage = self.stage(moment.stage)
+        if stage is None:
+            return float("nan")
+        return stage.switch_time if moment.event == "end" else stage.actual_start
+
+    def regular_start(self, name: str) -> float:
+        """Return when the stage before this one ended [s]; NaN if it did not, 0 for the first."""
+        ends = [0.0, *(stage.switch_time for stage in self.summary.stages)]
+        names = [stage.name for stage in self.summary.stages]
+        return ends[names.index(name)] if name in names else float("nan")
+
+
+def gather_evidence(log: Log) -> Evidence:
+    """Return what a log has to say."""
+    task = task_of(log)
+    controller = task.spec.controller
+    return Evidence(
+        summary=summarize(log),
+        horizon=controller.horizon,
+        nodes=controller.nodes,
+        sample_time=controller.sample_time,
+        epsilon=task.spec.onset.epsilon,
+        onsets=dict(_onsets(log)),
+        earliest_ends={outlook.stage.name: outlook.earliest_end for outlook in look_ahead(task)},
+    )
+
+
+def _onsets(log: Log) -> list[tuple[str, Onset]]:
+    presence, seen = log["window/presence"], log["window/first"] + log["window/count"]
+    postponed = log["events/postponed"].astype(bool)
+    found = []
+    for index, name in enumerate(log.stage_names):
+        waited = np.isfinite(presence[:, index])
+        starts = zip(log.stages["epsilon"], log.stages["actual_start_by_epsilon"][index], strict=True)
+        if waited.any():
+            tried = int(np.sum(postponed & (seen == index)))
+            by_epsilon = {float(epsilon): float(start) for epsilon, start in starts}
+            found.append((name, Onset(log.time[waited], presence[waited, index], by_epsilon, tried)))
+    return found

@@ -1,0 +1,76 @@
+import csv
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner, Result
+
+from psmpc_cli.cli.show import show
+from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.experiment.run import header, run
+from psmpc_cli.experiment.setup import build_experiment
+from psmpc_cli.logs.write import LogWriter
+from psmpc_cli.specs.load import load_task
+
+CHANGES = ("controller.nodes=5", "plant.kind=ideal", "time_limit=1", "log.plans=false")
+
+
+def invoke(*arguments: str | Path) -> Result:
+    app = typer.Typer()
+    app.command()(show)
+    return CliRunner().invoke(app, list(map(str, arguments)))
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("runs") / "log.h5"
+    run(load_task("transport", CHANGES), path)
+    return path
+
+
+def test_the_summary_is_printed_again(log: Path) -> None:
+    result = invoke(log)
+    assert result.exit_code == 0
+    lines = result.stdout.splitlines()
+    assert [line.split()[0] for line in lines[:5]] == ["stage", "approach", "capture", "transport", "release"]
+    assert lines[0].endswith("actual start [s]  published  ends [s]  published  grippers apart [m]")
+    assert lines[2].split() == ["capture", "100", "-", "6.3", "-", "13.8", "-"]
+    assert lines[-3:] == [
+        "monitor: object held                not judged, no sample in its stage",
+        "mission failed: time limit of 1 s reached, after 1.0 s",
+        f"log: {log}",
+    ]
+    assert result.stderr == ""
+
+
+def test_a_run_that_was_killed_at_once_has_a_summary(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    LogWriter(path, header(build_experiment(load_task("transport", CHANGES)))).close()
+    lines = invoke(path).stdout.splitlines()
+    assert "solve time, all windows             none" in lines
+    assert "drift of momentum / energy balance  - N s / - J" in lines
+    assert lines[-2] == "mission not finished: the run was killed, or goes on, after 0.0 s"
+
+
+def test_tables_are_exported(log: Path, tmp_path: Path) -> None:
+    result = invoke(log, "--csv", tmp_path / "tables")
+    assert result.exit_code == 0
+    assert result.stdout.splitlines() == [str(tmp_path / "tables" / name) for name in ("samples.csv", "stages.csv")]
+    with (tmp_path / "tables" / "samples.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["time [s]"]) for row in rows] == pytest.approx([0.1 * k for k in range(10)])
+    again = invoke(log, "--csv", tmp_path / "tables")
+    assert isinstance(again.exception, InputError)
+    assert again.exception.exit_code == 2
+    assert invoke(log, "--csv", tmp_path / "tables", "--force").exit_code == 0
+
+
+def test_what_is_no_log_is_refused(log: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.h5"
+    cut.write_bytes(log.read_bytes()[:5000])
+    for path, found in ((cut, "an HDF5 file that is cut off or damaged"), (tmp_path / "none.h5", "no such file")):
+        result = invoke(path)
+        assert isinstance(result.exception, LogError)
+        assert result.exception.exit_code == 2
+        assert str(result.exception).startswith(f"{path}: found {found}")
+        assert result.stdout == ""

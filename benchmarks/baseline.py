@@ -21,7 +21,9 @@ RUNS = {
     "smpc": ["controller.kind=smpc"],
     "hard": ["controller.kind=hard"],
 }
-HEADER = "# Transport task, N_s = 100. Written by `make baseline`; times [s], distances [m], efforts as in docs/log.md.\n"
+HEADER = (
+    "# Transport task, N_s = 100. Written by `make baseline`; times [s], distances [m], efforts as in docs/log.md.\n"
+)
 
 
 def measure(changes: list[str], directory: Path) -> Summary:

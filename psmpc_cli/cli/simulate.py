@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from psmpc_cli.cli.outputs import refuse_old_figures
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -88,18 +89,6 @@ def _stuck(ending: "Ending", log: "Log") -> RunError:
 
     advice = Outcome[str(log["solver/status"][-1]).upper()].value
     return RunError(f"{ending.reason} ({advice}); {log.path} holds the run up to then")
-
-
-def _refuse_old_figures(directory: Path, force: bool) -> None:
-    """Find out before the run, not after it, that figures would be overwritten."""
-    if directory.exists() and not directory.is_dir():
-        raise InputError(
-            f"{directory} is no directory, but the figures would go there: choose another log with -o, or --no-figures"
-        )
-    if not force and directory.is_dir() and any(directory.iterdir()):
-        raise InputError(
-            f"{directory} holds files already: choose another log with -o, overwrite with --force, or use --no-figures"
-        )
 
 
 def _draw(log: "Log", directory: Path, force: bool, quiet: bool) -> None:

@@ -43,3 +43,20 @@ def noticing_signals() -> Iterator[Interruption]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def stopping_on_signals() -> Iterator[Interruption]:
+    """Let both signals break into what goes on as KeyboardInterrupt, with what to say of it."""
+    interruption = Interruption()
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        interruption.number = number
+        interruption.check()
+
+    before = {number: signal.signal(number, stop) for number in ENDS}
+    try:
+        yield interruption
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -47,7 +47,7 @@ def simulate(experiment: Experiment) -> Generator[Record, None, Ending]:
         braking_until = decision.plan.end if decision.exhausted else np.inf
         edges = now + np.arange(_ticks(experiment) + 1) / task.plant.low_level_rate
         u = decision.plan.mean_control(edges)
-        presence = experiment.observer.observe(decision, x, edges[:2])
+        presence = experiment.observer.observe(decision, x, edges[[0, -1]])
         shares = control_shares(experiment.aside, decision, x, edges[:2]) if task.log.shares else {}
         ticks = plant.advance(now, x, u)
         yield measure(experiment, decision, switches, presence, shares, u, ticks, balance)

@@ -97,13 +97,13 @@ def plot_coordinates(
     drawn = False
     for axes, panel in zip(timeline.panels, panels, strict=True):
         notes: list[str] = []
-        _plot_lines(axes, time, values[:, panel.rows], panel.labels)
+        plot_lines(axes, time, values[:, panel.rows], panel.labels)
         if limits is not None:
             seen, notes = _plot_limits(axes, run, limits, panel.rows, values)
             drawn |= seen
         if quantity.peaked:
             notes += _compress(axes, values[:, panel.rows])
-        axes.set_ylabel(_axis_label(panel, quantity))
+        axes.set_ylabel(axis_label(panel, quantity))
         panel_legend(axes, ", ".join(notes))
     limit = [Line2D([], [], color=EDGE, linewidth=0.7, label="limit")] if drawn else []
     return timeline.finish(limit)
@@ -121,7 +121,7 @@ def panel_legend(axes: Axes, note: str = "", line: float = HANDLE) -> None:
         axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=columns, handlelength=line)
 
 
-def _axis_label(panel: Panel, quantity: Quantity) -> str:
+def axis_label(panel: Panel, quantity: Quantity) -> str:
     """Return name, quantity and unit on two lines, broken so that they fit the panel's height."""
     name, word, unit = panel.name.capitalize(), quantity.words[panel.angular], f"({quantity.units[panel.angular]})"
     return f"{name} {word}\n{unit}" if text_width(f"{name} {word}") < HEIGHT else f"{name}\n{word} {unit}"
@@ -136,7 +136,8 @@ def _joint(index: int, joints: int) -> str:
     return f"joint {index + 1}" if joints <= 4 else f"{index + 1}"
 
 
-def _plot_lines(axes: Axes, time: np.ndarray, values: np.ndarray, labels: Sequence[str]) -> None:
+def plot_lines(axes: Axes, time: np.ndarray, values: np.ndarray, labels: Sequence[str]) -> None:
+    """Plot values (K, len(labels)) over time (K,) [s], a line a column."""
     for i, label in enumerate(labels):
         axes.plot(time, values[:, i], label=label, marker=point_if_alone(time), **line_look(i))
     axes.margins(y=0.08)

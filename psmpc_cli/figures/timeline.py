@@ -60,13 +60,13 @@ def open_timeline(run: Run, panels: int, height: float) -> Timeline:
     axes = figure.subplots(panels + 1, 1, sharex=True, height_ratios=[STRIP] + [height] * panels)
     room = ROOM * (run.end - float(run.time[0])) or 0.55 * run.task.controller.sample_time
     axes[0].set_xlim(float(run.time[0]) - room, run.end + room)
-    keys = _draw_strip(axes[0], run)
+    keys = draw_strip(axes[0], run)
     for panel in axes[1:]:
         shade(panel, run.spans)
     axes[-1].set_xlabel("Time (s)")
     axes[-1].xaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 2, 5, 10]))
     figure.align_ylabels(axes[1:])
-    return Timeline(figure, axes[1:], (*_stage_handles(run.spans), *keys))
+    return Timeline(figure, axes[1:], (*stage_handles(run.spans), *keys))
 
 
 def shade(axes: Axes, spans: Sequence[Span]) -> None:
@@ -82,7 +82,8 @@ def shade(axes: Axes, spans: Sequence[Span]) -> None:
             axes.axvline(span.early, color="black", linestyle=DOTTED, linewidth=0.8, zorder=0.2)
 
 
-def _stage_handles(spans: Sequence[Span]) -> tuple[Artist, ...]:
+def stage_handles(spans: Sequence[Span]) -> tuple[Artist, ...]:
+    """Return what a legend says of the shades."""
     handles: list[Artist] = []
     if len(spans) > 1:
         handles.append(Patch(facecolor=STAGE, edgecolor=EDGE, linewidth=0.4, label="every other stage"))
@@ -92,11 +93,17 @@ def _stage_handles(spans: Sequence[Span]) -> tuple[Artist, ...]:
     return tuple(handles)
 
 
-def _draw_strip(axes: Axes, run: Run) -> tuple[Artist, ...]:
-    """Draw the stages as bars, alternately on two rows; return legend entries of those whose names do not fit."""
+def draw_strip(axes: Axes, run: Run, width: float = AXIS_WIDTH) -> tuple[Artist, ...]:
+    """Draw the stages as bars, alternately on two rows; return legend entries of those whose names do not fit.
+
+    Args:
+        axes: Along the time of the run; its limits are set.
+        run: The run.
+        width: About the width of the axes [in].
+    """
     axes.set_ylim(2, 0)
     axes.set_axis_off()
-    names = _strip_names(run)
+    names = _strip_names(run, axes.get_xlim(), width)
     for span in run.spans:
         row, face = span.index % 2, STAGE if span.index % 2 else "white"
         left, bottom, height = _left(span), row + 0.07, 0.86
@@ -115,13 +122,13 @@ def _draw_strip(axes: Axes, run: Run) -> tuple[Artist, ...]:
     )
 
 
-def _strip_names(run: Run) -> dict[int, tuple[float, str]]:
+def _strip_names(run: Run, limits: tuple[float, float], width: float) -> dict[int, tuple[float, str]]:
     """Return where each stage's name stands on the strip, and the name.
 
     In place of a name that does not fit stands the stage's number, and nothing where not even that fits.
     """
-    first, last = float(run.time[0]), run.end
-    per_inch = (last - first) / AXIS_WIDTH
+    first, last = limits
+    per_inch = (last - first) / width
     names, written = {}, [first, first]  # up to where each row is written
     for span in run.spans:
         row = span.index % 2

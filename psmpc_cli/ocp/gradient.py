@@ -2,8 +2,7 @@
 
 All three take the controls as given and leave end conditions and limits aside: the cost is that of rolling the
 dynamics out. The discrete adjoint and algorithmic differentiation hold U fixed on the mesh, which stretches with the
-instants; the paper's costate formula holds u(t) fixed in physical time: it agrees where the control is stationary. What
-a desired trajectory wants at the nodes is fixed on the mesh too, as in the NLP.
+instants; the paper's costate formula holds u(t) fixed in physical time: it agrees where the control is stationary.
 """
 
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ import numpy as np
 
 from psmpc_cli.ocp.layout import WindowShape
 from psmpc_cli.ocp.transcription import stage_functions
-from psmpc_cli.ocp.window import Window, references
+from psmpc_cli.ocp.window import Window, desired_paths
 from psmpc_cli.robot.model import RobotModel
 
 
@@ -45,12 +44,12 @@ class Rollout:
         model: The robot.
         shape: The window's shape.
         window: The window.
-        instants: Guessed instants (S,) [s], which say what trajectories want at the nodes.
+        instants: Guessed instants (S,) [s], about which trajectories are linear.
     """
 
     def __init__(self, model: RobotModel, shape: WindowShape, window: Window, instants: np.ndarray) -> None:
         self.window, self.nodes = window, shape.nodes
-        self.references = references(shape.nodes, window, instants)
+        self.paths = desired_paths(shape.nodes, window, instants)
         self.stages = [_rolled(model, shape, window, s) for s in range(len(shape.nodes))]
 
     @property
@@ -71,12 +70,15 @@ class Rollout:
         X, k = self.states(tau, U), sum(self.nodes)
         costate, by_duration = np.zeros(len(self.window.x0)), np.zeros(len(tau))
         for s in reversed(range(len(tau))):
-            stage, N, reference = self.stages[s], self.nodes[s], self.references[s].T
-            for u, r in zip(U[s][::-1], reference[-2::-1], strict=True):
+            stage, N, r = self.stages[s], self.nodes[s], self._wanted(s, tau[s])
+            for i in reversed(range(N)):
                 k -= 1
-                F_x, F_dt = (np.asarray(block) for block in stage.step_jacobians(X[k], u, tau[s] / N))
-                by_duration[s] += (F_dt.ravel() @ costate + float(stage.cost(X[k], u, r))) / N
-                costate = F_x.T @ costate + np.asarray(stage.cost_gradients(X[k], u, r)[0]).ravel() * tau[s] / N
+                u, dt = U[s][i], tau[s] / N
+                F_x, F_dt = (np.asarray(block) for block in stage.step_jacobians(X[k], u, dt))
+                by_x, by_r = (np.asarray(block).ravel() for block in stage.cost_gradients(X[k], u, r[i]))
+                by_duration[s] += (F_dt.ravel() @ costate + float(stage.cost(X[k], u, r[i]))) / N
+                by_duration[s] += dt * by_r @ self.paths[s].slopes[i]
+                costate = F_x.T @ costate + by_x * dt
         return self._by_instants(by_duration)
 
     def by_differentiation(self, tau: np.ndarray, U: list[np.ndarray]) -> np.ndarray:
@@ -84,8 +86,8 @@ class Rollout:
         symbol = ca.MX.sym("tau", len(tau))
         J, x = ca.MX(0), ca.MX(self.window.x0)
         for s, (stage, N) in enumerate(zip(self.stages, self.nodes, strict=True)):
-            for u, r in zip(U[s], self.references[s].T[:-1], strict=True):
-                J += stage.cost(x, u, r) * symbol[s] / N
+            for i, u in enumerate(U[s]):
+                J += stage.cost(x, u, self.paths[s].values[i] + symbol[s] * self.paths[s].slopes[i]) * symbol[s] / N
                 x = stage.step(x, u, symbol[s] / N)
         gradient = ca.Function("gradient", [symbol], [ca.gradient(J, symbol)])
         return self._by_instants(np.asarray(gradient(tau)).ravel())
@@ -105,35 +107,39 @@ class Rollout:
         X, k = self.states(tau, U), sum(self.nodes)
         costate, gradient = np.zeros(len(self.window.x0)), np.zeros(self.switches)
         for s in reversed(range(len(tau))):
-            stage, N, dt, reference = self.stages[s], self.nodes[s], tau[s] / self.nodes[s], self.references[s].T
+            stage, dt, r = self.stages[s], tau[s] / self.nodes[s], self._wanted(s, tau[s])
             if s < self.switches:
-                gradient[s] += self._jump(s, X[k], (U[s][-1], U[s + 1][0]), costate)
-            for i in reversed(range(N)):
+                gradient[s] += self._jump(s, X[k], tau, (U[s][-1], U[s + 1][0]), costate)
+            for i in reversed(range(self.nodes[s])):
                 k -= 1
-                by_x, by_r = (np.asarray(g).ravel() for g in stage.cost_gradients(X[k], U[s][i], reference[i]))
+                by_x, by_r = (np.asarray(block).ravel() for block in stage.cost_gradients(X[k], U[s][i], r[i]))
                 costate = costate + dt * (np.asarray(stage.flow_jacobian(X[k], U[s][i])).T @ costate + by_x)
-                drag = float(by_r @ (reference[i + 1] - reference[i]))  # the mesh takes the trajectory along
-                gradient[s : s + 1] -= drag * i / N
-                gradient[s - 1 : s] -= drag * (1 - i / N)
+                gradient[s - 1 : s] -= by_r @ (r[i + 1] - r[i])  # a trajectory begins with its stage, and later with it
         return np.asarray(gradient + self._pending())
 
     def cost(self, tau: np.ndarray, U: list[np.ndarray]) -> float:
         """Return J over the window's largest priority, end conditions and limits aside."""
         X, k, J = self.states(tau, U), 0, float(self._pending() @ np.cumsum(tau)[:-1])
         for s, N in enumerate(self.nodes):
-            L = np.asarray(self.stages[s].cost(X[k : k + N].T, U[s].T, self.references[s][:, :-1]))
+            L = np.asarray(self.stages[s].cost(X[k : k + N].T, U[s].T, self._wanted(s, tau[s])[:-1].T))
             J += float(L.sum() * tau[s] / N)
             k += N
         return J
 
-    def _jump(self, s: int, x: np.ndarray, u: tuple[np.ndarray, np.ndarray], costate: np.ndarray) -> float:
+    def _wanted(self, s: int, tau: float) -> np.ndarray:
+        """Return what the cost of a stage that lasts tau [s] follows at its nodes, (N_s + 1, rows)."""
+        return self.paths[s].values + tau * self.paths[s].slopes
+
+    def _jump(
+        self, s: int, x: np.ndarray, tau: np.ndarray, u: tuple[np.ndarray, np.ndarray], costate: np.ndarray
+    ) -> float:
         """Return the jump of the Hamiltonian at the switch after stage s, each side with its own control.
 
         Eq. (25) assumes a continuous control; at an optimum it jumps, because the weight on it does.
         """
         before, after = self.stages[s], self.stages[s + 1]
         flow = np.asarray(before.flow(x, u[0]) - after.flow(x, u[1])).ravel()
-        ends, begins = self.references[s][:, -1], self.references[s + 1][:, 0]
+        ends, begins = self._wanted(s, tau[s])[-1], self._wanted(s + 1, tau[s + 1])[0]
         return float(costate @ flow) + float(before.cost(x, u[0], ends) - after.cost(x, u[1], begins))
 
     def _by_instants(self, by_duration: np.ndarray) -> np.ndarray:

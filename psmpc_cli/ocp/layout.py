@@ -15,6 +15,7 @@ class StageShape:
     end_rows: tuple[int, ...]  # rows of the error with an end condition at the stage's end; empty: none
     end_velocity: bool  # the rates of those rows are bounded too
     fixed_end: bool  # the stage switches at a given instant
+    moving: bool  # the cost follows a desired trajectory
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,15 @@ class Stage:
         times, values = self.trajectory.times, self.trajectory.values
         return np.column_stack([np.interp(since, times, column) for column in values.T])
 
+    def rate(self, since: Vector) -> Vector:
+        """Return how fast that moves just after times since the stage began (K,) [s]: (K, rows) [m/s, rad/s]."""
+        if self.trajectory is None:
+            return np.zeros((len(since), len(self.target)))
+        times, values = self.trajectory.times, self.trajectory.values
+        rates = np.diff(values, axis=0) / np.diff(times)[:, None]
+        rest = np.zeros((1, values.shape[1]))
+        return np.asarray(np.vstack([rest, rates, rest])[np.searchsorted(times, since, side="right")])
+
 
 def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[Stage, ...]:
     """Return the task's stages, resolved; target angles become the nearest equivalent ones along the sequence."""

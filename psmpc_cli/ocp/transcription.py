@@ -6,49 +6,16 @@ that structure-exploiting solvers apply. Nothing but the shape is baked in.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Generic, TypeVar
 
 import casadi as ca
 import numpy as np
 
 from psmpc_cli.ocp.discretization import step_function
 from psmpc_cli.ocp.layout import Layout, StageShape, WindowShape
+from psmpc_cli.ocp.parameters import Parameters, reference, symbolic_parameters
 from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.ocp.skills.base import quadratic_cost
 from psmpc_cli.robot.model import RobotModel
-
-T = TypeVar("T")
-
-
-@dataclass(frozen=True, eq=False)
-class Parameters(Generic[T]):
-    """The NLP's parameters, symbolic or numeric, in the order of its parameter vector.
-
-    Attributes:
-        x0: Measured state (2n,).
-        horizon: T_h [s].
-        pending, terminal: delta and kappa.
-        omega: Priorities over the window's largest, (S + 1,).
-        offset, scale: Normalization L = (Lbar - offset) / scale, (S + 1,) each. Paper eq. (12).
-        weights, control_weights: Of each stage, (rows,) and (inputs,).
-        targets: Of each stage, (rows, N_s + 1): one column a node.
-    """
-
-    x0: T
-    horizon: T
-    pending: T
-    terminal: T
-    omega: T
-    offset: T
-    scale: T
-    weights: tuple[T, ...]
-    control_weights: tuple[T, ...]
-    targets: tuple[T, ...]
-
-    def pieces(self) -> tuple[T, ...]:
-        """Return all of them in order; matrices are meant column by column."""
-        head = (self.x0, self.horizon, self.pending, self.terminal, self.omega, self.offset, self.scale)
-        return (*head, *self.weights, *self.control_weights, *self.targets)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,27 +102,10 @@ def window_layout(model: RobotModel, shape: WindowShape) -> Layout:
     )
 
 
-def symbolic_parameters(layout: Layout) -> Parameters[ca.SX]:
-    """Return the parameters as symbols."""
-    stages = range(layout.switches + 1)
-    return Parameters(
-        x0=ca.SX.sym("x0", 2 * layout.n),
-        horizon=ca.SX.sym("T_h"),
-        pending=ca.SX.sym("delta"),
-        terminal=ca.SX.sym("kappa"),
-        omega=ca.SX.sym("omega", layout.switches + 1),
-        offset=ca.SX.sym("offset", layout.switches + 1),
-        scale=ca.SX.sym("scale", layout.switches + 1),
-        weights=tuple(ca.SX.sym(f"W_{s}", layout.rows[s]) for s in stages),
-        control_weights=tuple(ca.SX.sym(f"W_r_{s}", layout.inputs[s]) for s in stages),
-        targets=tuple(ca.SX.sym(f"target_{s}", layout.rows[s], layout.nodes[s] + 1) for s in stages),
-    )
-
-
 def transcribe(model: RobotModel, shape: WindowShape) -> Nlp:
     """Return the NLP of a window of this shape. Paper eq. (20), with the departures of docs/formulation.md."""
     layout = window_layout(model, shape)
-    parameters = symbolic_parameters(layout)
+    parameters = symbolic_parameters(shape, layout)
     functions = [stage_functions(model, stage, shape.discretization) for stage in shape.stages]
     xs = [ca.SX.sym(f"x{k}", layout.nx) for k in range(layout.K + 1)]
     us = [ca.SX.sym(f"u{k}", layout.inputs[layout.stage_of[k]]) for k in range(layout.K)]
@@ -197,9 +147,10 @@ def _stage_costs(
     costs = [ca.SX(0) for _ in layout.nodes]
     for k, u in enumerate(us):
         s = int(layout.stage_of[k])
-        target = p.targets[s][:, k - int(layout.first_node[s])]
-        Lbar = functions[s].cost(xs[k][: 2 * layout.n], u, target, p.weights[s], p.control_weights[s])
-        costs[s] += (Lbar - p.offset[s]) / p.scale[s] * duration(layout, p, xs[k], s) / layout.nodes[s]
+        tau = duration(layout, p, xs[k], s)
+        wanted = reference(p, layout, s, k - int(layout.first_node[s]), tau)
+        Lbar = functions[s].cost(xs[k][: 2 * layout.n], u, wanted, p.weights[s], p.control_weights[s])
+        costs[s] += (Lbar - p.offset[s]) / p.scale[s] * tau / layout.nodes[s]
     return costs
 
 
@@ -210,8 +161,8 @@ def _objective(
     S = layout.switches
     tau = xs[0][2 * layout.n :]
     pending = sum((ca.sum1(tau[:s]) for s in range(1, S + 1)), ca.SX(0))
-    u = ca.SX.zeros(layout.inputs[S])
-    last = functions[S].cost(xs[-1][: 2 * layout.n], u, p.targets[S][:, -1], p.weights[S], p.control_weights[S])
+    u, wanted = ca.SX.zeros(layout.inputs[S]), reference(p, layout, S, layout.nodes[S], duration(layout, p, xs[-1], S))
+    last = functions[S].cost(xs[-1][: 2 * layout.n], u, wanted, p.weights[S], p.control_weights[S])
     terminal = p.omega[S] * (last - p.offset[S]) / p.scale[S]
     return ca.dot(p.omega, ca.vertcat(*costs)) + p.pending * pending + p.terminal * terminal
 
@@ -267,5 +218,5 @@ class _Rows:
 
     def _add_end_condition(self, s: int, x: ca.SX) -> None:
         if self.shape.stages[s].end_rows:
-            h = self.functions[s].end(x[: 2 * self.layout.n], self.p.targets[s][:, -1])
+            h = self.functions[s].end(x[: 2 * self.layout.n], self.p.targets[s])
             self.end_rows[s] = self._add(h, equality=False)

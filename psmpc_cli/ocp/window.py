@@ -7,9 +7,10 @@ import numpy as np
 
 from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.layout import Layout, StageShape, WindowShape, mesh
+from psmpc_cli.ocp.parameters import Parameters
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.stages import Stage
-from psmpc_cli.ocp.transcription import Nlp, Parameters
+from psmpc_cli.ocp.transcription import Nlp
 
 SHORTEST = 1e-3
 """Shortest duration of a stage in a window [s], eps of (14)."""
@@ -62,6 +63,7 @@ def window_shape(stages: Sequence[Stage], nodes: int, discretization: str) -> Wi
                 end_rows=stage.end_rows if i < last else (),
                 end_velocity=stage.end_velocity is not None and i < last,
                 fixed_end=stage.at is not None and i < last,
+                moving=stage.trajectory is not None,
             )
             for i, stage in enumerate(stages)
         ),
@@ -71,12 +73,9 @@ def window_shape(stages: Sequence[Stage], nodes: int, discretization: str) -> Wi
 
 
 def parameter_vector(nlp: Nlp, window: Window, instants: np.ndarray) -> np.ndarray:
-    """Return the numbers of the NLP's parameter vector for this window.
-
-    Desired trajectories are read at the nodes of the mesh that the guessed instants (S,) [s] give.
-    """
+    """Return the numbers of the NLP's parameter vector for this window, its instants guessed at (S,) [s]."""
     largest = float(np.max(window.omega))
-    stages = window.stages
+    stages, paths = window.stages, desired_paths(nlp.layout.nodes, window, instants)
     numbers = Parameters(
         x0=window.x0,
         horizon=np.array(window.horizon),
@@ -87,22 +86,47 @@ def parameter_vector(nlp: Nlp, window: Window, instants: np.ndarray) -> np.ndarr
         scale=window.scale,
         weights=tuple(stage.weights for stage in stages),
         control_weights=tuple(stage.control_weights for stage in stages),
-        targets=references(nlp.layout.nodes, window, instants),
+        targets=tuple(stage.target for stage in stages),
+        paths=tuple(
+            path.columns if stage.trajectory is not None else np.zeros((len(stage.target), 0))
+            for stage, path in zip(stages, paths, strict=True)
+        ),
     )
     return np.concatenate([np.ravel(piece, order="F") for piece in numbers.pieces()])
 
 
-def references(nodes: tuple[int, ...], window: Window, instants: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return what each stage's cost follows at its nodes, (rows, N_s + 1) by stage.
+@dataclass(frozen=True, eq=False)
+class DesiredPath:
+    """What a stage's cost follows at its nodes if the stage lasts tau [s]: `values + tau slopes`, (N_s + 1, rows).
 
-    A trajectory's time counts from where its stage begins, by the guessed instants (S,) [s] where it is yet to begin.
+    A node moves along the trajectory as the stage gets longer. Between two of its times the trajectory is straight, and
+    so is this; a node that passes one of them is put right by the next solve.
     """
-    times = window.start + mesh(durations(instants, window.start, window.horizon), nodes)
-    begins = np.concatenate([[window.start - window.elapsed], instants])
-    first = np.concatenate([[0], np.cumsum(nodes)])
-    return tuple(
-        stage.reference(times[first[s] : first[s + 1] + 1] - begins[s]).T for s, stage in enumerate(window.stages)
-    )
+
+    values: np.ndarray
+    slopes: np.ndarray
+
+    @property
+    def columns(self) -> np.ndarray:
+        """Both as the NLP's parameters have them, (rows, 2 (N_s + 1))."""
+        return np.vstack([self.values, self.slopes]).T
+
+
+def desired_paths(nodes: tuple[int, ...], window: Window, instants: np.ndarray) -> tuple[DesiredPath, ...]:
+    """Return what each stage's cost follows, about the durations that the guessed instants (S,) [s] give.
+
+    A trajectory's time counts from where its stage begins: for the current stage in the past, for others at an instant.
+    """
+    tau = durations(instants, window.start, window.horizon)
+    elapsed = [window.elapsed, *np.zeros(len(instants))]
+    stages = zip(window.stages, nodes, tau, elapsed, strict=True)
+    return tuple(_desired_path(stage, N, duration, before) for stage, N, duration, before in stages)
+
+
+def _desired_path(stage: Stage, N: int, tau: float, elapsed: float) -> DesiredPath:
+    share = np.arange(N + 1) / N
+    slopes = stage.rate(elapsed + share * tau) * share[:, None]
+    return DesiredPath(stage.reference(elapsed + share * tau) - tau * slopes, slopes)
 
 
 def bounds(nlp: Nlp, window: Window) -> Bounds:

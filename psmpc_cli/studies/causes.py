@@ -11,54 +11,61 @@ from psmpc_cli.studies.evidence import Evidence, Onset
 
 UNIT = "m/s^2, rad/s^2"
 
+Cause = tuple[str, ...]
+"""What there is to say, point by point."""
+
 NEAR = 1e-6
 """Times closer than this are the same [s]."""
 
 
-def of_time(claim: TimeClaim, evidence: Evidence, tolerance: float) -> str:
+def of_time(claim: TimeClaim, evidence: Evidence, tolerance: float) -> Cause:
     """Return why something does not happen at its published time, to within the tolerance [s]."""
     moment, time = claim.moment, evidence.time_of(claim.moment)
     if np.isnan(time):
-        return _never(moment, evidence)
+        return (_never(moment, evidence),)
     parts = [] if time > claim.published else [_earlier(evidence.summary)]
     if moment.event == "start":
         parts += _threshold(moment, evidence, claim.published - tolerance, claim.published + tolerance)
     else:
         parts += [_increments(claim, evidence), _floor(moment, claim.published, evidence)]
-    return _joined(parts)
+    return _told(*parts)
 
 
-def of_start(claim: StartClaim, expected: float, evidence: Evidence) -> str:
+def of_start(claim: StartClaim, expected: float, evidence: Evidence) -> Cause:
     """Return why a stage does not start when it is expected to [s]."""
     for moment in (claim.start, claim.end):
         if np.isnan(evidence.time_of(moment)):
-            return _never(moment, evidence)
+            return (_never(moment, evidence),)
     earliest, latest = expected - evidence.sample_time, expected + evidence.sample_time
     parts = [_times(claim.start, claim.end, evidence), *_threshold(claim.start, evidence, earliest, latest)]
-    return _joined([*parts, _monitors(evidence.summary) if claim.when == "on time" else ""])
+    if claim.when == "on time":
+        return _told(*parts, _monitors(evidence.summary))
+    return _told(*parts, _postponed(claim.start, evidence))
 
 
-def of_floor(claim: FloorClaim, evidence: Evidence) -> str:
+def of_floor(claim: FloorClaim, evidence: Evidence) -> Cause:
     """Return which stages start before the end of the one before them comes into the horizon."""
     parts = []
     for start, end in claim.pairs:
         slack = evidence.time_of(start) - evidence.time_of(end) + evidence.horizon
         if slack < 0:
             parts.append(f"{start.stage} starts {-slack:.2f} s before {end.symbol} - T_h; predicted was an earlier end")
-    return _joined(parts or [f"no stage ended: {evidence.summary.reason}"])
+    return tuple(parts) or (f"no stage ended: {evidence.summary.reason}",)
 
 
-def of_no_early_start(missing: Collection[str], evidence: Evidence) -> str:
+def of_no_early_start(missing: Collection[str], evidence: Evidence) -> Cause:
     """Return how little the stages that do not start early add to the control before their time."""
     parts = []
     for name in sorted(missing):
         onset = evidence.onsets.get(name)
-        added = "never waits in a window" if onset is None else f"adds {onset.largest():.2g} {UNIT} at most before its time"
+        added = (
+            "never waits in a window" if onset is None else f"adds {onset.largest():.2g} {UNIT} at most before its time"
+        )
         parts.append(f"{name} {added}; epsilon = {evidence.epsilon:g}")
-    return _joined(parts)
+    return _told(*parts)
 
 
-def of_order(claim: OrderClaim, runs: Mapping[str, Evidence]) -> str:
+def of_order(claim: OrderClaim, runs: Mapping[str, Evidence]) -> Cause:
     """Return which times are out of order, and which of the published ones no run could have."""
     parts = []
     for one, other in pairwise(claim.moments):
@@ -68,32 +75,34 @@ def of_order(claim: OrderClaim, runs: Mapping[str, Evidence]) -> str:
     for moment, published in zip(claim.moments, claim.published, strict=True):
         if floor := _floor(moment, published, runs[moment.run]):
             parts.append(f"{_of(moment)}: {floor}")
-    return _joined(parts)
+    return _told(*parts)
 
 
-def of_mission(summary: Summary) -> str:
+def of_mission(summary: Summary) -> Cause:
     """Return how the mission went."""
-    return _joined([summary.reason, _monitors(summary)])
+    return _told(summary.reason, _monitors(summary))
 
 
-def of_no_release(claim: ReleaseClaim, evidence: Evidence) -> str:
+def of_no_release(claim: ReleaseClaim, evidence: Evidence) -> Cause:
     """Return what happens instead of the object's early release."""
-    return _joined([_times(claim.start, claim.end, evidence), _monitors(evidence.summary)])
+    return _told(_times(claim.start, claim.end, evidence), _monitors(evidence.summary))
 
 
 def _earlier(summary: Summary) -> str:
     if summary.succeeded:
         return "earlier than published, and the mission succeeded"
-    return f"earlier than published does not count, for the mission failed ({of_mission(summary)})"
+    return f"earlier than published does not count, for the mission failed ({'; '.join(of_mission(summary))})"
 
 
 def _never(moment: Moment, evidence: Evidence) -> str:
     known = evidence.stage(moment.stage) is not None
-    return f"{moment.stage} did not {moment.event}: " + (evidence.summary.reason if known else "the task has no such stage")
+    return f"{moment.stage} did not {moment.event}: " + (
+        evidence.summary.reason if known else "the task has no such stage"
+    )
 
 
 def _threshold(start: Moment, evidence: Evidence, earliest: float, latest: float) -> list[str]:
-    """Return which thresholds would give a start between two times [s], and how the start depends on it."""
+    """Return which thresholds would give a start between two times [s], and how the start depends on them."""
     onset = evidence.onsets.get(start.stage)
     if onset is None:
         return [f"{start.stage} never waits in a window"]
@@ -102,8 +111,14 @@ def _threshold(start: Moment, evidence: Evidence, earliest: float, latest: float
         f"{start.stage} starts where the control it adds reaches epsilon = {evidence.epsilon:g} {UNIT}",
         _needed(onset, evidence.regular_start(start.stage), earliest, latest),
         f"by epsilon it starts at {starts}" if starts else "",
-        f"{onset.postponed} windows with it had no solution" if onset.postponed else "",
     ]
+
+
+def _postponed(start: Moment, evidence: Evidence) -> str:
+    onset = evidence.onsets.get(start.stage)
+    if onset is None or not onset.postponed:
+        return ""
+    return f"it was seen at {onset.postponed} samples at which the window with it had no solution yet"
 
 
 def _needed(onset: Onset, regular: float, earliest: float, latest: float) -> str:
@@ -122,10 +137,12 @@ def _increments(claim: TimeClaim, evidence: Evidence) -> str:
     known = [*claim.before, (claim.moment, claim.published)]
     if len(known) == 1:
         return ""
-    off = [evidence.time_of(moment) - published for moment, published in known]
+    off = [0.0, *(evidence.time_of(moment) - published for moment, published in known)]
     names = ["the start", *(moment.symbol for moment, _ in known)]
-    parts = (f"{gained:+.2f} s from {one} to {other}" for gained, (one, other) in zip(np.diff([0, *off]), pairwise(names)))
-    return "the difference arises " + ", ".join(parts)
+    gains = zip(pairwise(off), pairwise(names), strict=True)
+    return "the difference arises " + ", ".join(
+        f"{there - here:+.2f} s from {one} to {other}" for (here, there), (one, other) in gains
+    )
 
 
 def _floor(moment: Moment, published: float, evidence: Evidence) -> str:
@@ -133,7 +150,8 @@ def _floor(moment: Moment, published: float, evidence: Evidence) -> str:
     earliest = evidence.earliest_ends.get(moment.stage, -np.inf)
     if moment.event == "start" or published >= earliest:
         return ""
-    return f"published is {published:g} s, but within its velocity limits {moment.stage} cannot end before {earliest:.2f} s"
+    limited = f"within its velocity limits {moment.stage} cannot end before {earliest:.2f} s"
+    return f"published is {published:g} s, but {limited}"
 
 
 def _monitors(summary: Summary) -> str:
@@ -159,5 +177,6 @@ def _seconds(time: float) -> str:
     return "never" if np.isnan(time) else f"{time:.2f} s"
 
 
-def _joined(parts: Collection[str]) -> str:
-    return "; ".join(part for part in parts if part)
+def _told(*points: str) -> Cause:
+    """Return the points that say something."""
+    return tuple(point for point in points if point)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 from psmpc_cli import __version__
@@ -51,13 +52,17 @@ def verdict(finding: Finding) -> str:
 
 
 def shown(value: Value, unit: str) -> str:
-    """Return a published or reproduced value as text."""
+    """Return a published or reproduced value as text; times in a row with the relation they stand in."""
     if isinstance(value, str):
         return value
-    if isinstance(value, tuple):
-        between = ", " if any(isinstance(entry, str) for entry in value) else " < "
-        return between.join(shown(entry, unit) for entry in value) or "none"
-    return f"{_number(value)} {unit}".rstrip() if math.isfinite(value) else "never"
+    if isinstance(value, float):
+        return f"{_number(value)} {unit}".rstrip() if math.isfinite(value) else "never"
+    texts, times = ([entry for entry in value if isinstance(entry, kind)] for kind in (str, float))
+    if not times:
+        return ", ".join(texts) or "none"
+    relations = ("<" if one < other else ">=" for one, other in pairwise(times))
+    rest = (f" {relation} {shown(time, unit)}" for relation, time in zip(relations, times[1:], strict=True))
+    return shown(times[0], unit) + "".join(rest)
 
 
 def _number(value: float) -> str:
@@ -86,7 +91,7 @@ def _claim_data(judged: JudgedClaim) -> dict[str, Any]:
         "tolerance": _plain(finding.tolerance),
         "holds": finding.holds,
         "earlier": finding.earlier,
-        "cause": finding.cause or None,
+        "cause": "; ".join(finding.cause) or None,
     }
 
 

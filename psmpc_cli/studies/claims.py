@@ -143,7 +143,9 @@ def moment_of(published: Published, name: str) -> Moment:
 def _settings(published: Published) -> Iterator[Claim]:
     words = {"horizon": "the prediction horizon T_h is {:g} s", "nodes": "each stage has N_s = {:g} intervals"}
     for name, value in published.setting.items():
-        yield SettingClaim(f"setting.{name}", "setting", "setting", words[name].format(value), "section IV", name, value)
+        yield SettingClaim(
+            f"setting.{name}", "setting", "setting", words[name].format(value), "section IV", name, value
+        )
 
 
 def _of_run(published: Published, run: str) -> Iterator[Claim]:
@@ -198,4 +200,4 @@ def _order(published: Published, names: tuple[str, ...]) -> Claim:
     moments = tuple(moment_of(published, name) for name in names)
     times = tuple(published.runs[moment.run].times[moment.symbol] for moment in moments)
     words = " < ".join(f"{moment.symbol} of {TITLES[moment.run]}" for moment in moments)
-    return OrderClaim(f"order.{'<'.join(names)}", "order", "order", words, "section IV-C", moments, times)
+    return OrderClaim(f"order.{moments[0].symbol}", "order", "order", words, "section IV-C", moments, times)

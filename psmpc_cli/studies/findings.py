@@ -1,4 +1,7 @@
-"""Judges the claims: each kind has one pure function from the runs' evidence to a finding. Rules in docs/reproduce.md."""
+"""Judges the claims: each kind has one pure function from the runs' evidence to a finding.
+
+The rules are explained in docs/reproduce.md.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -39,7 +42,7 @@ class Finding:
         tolerance: Largest difference at which the claim holds; NaN where it has to hold exactly.
         holds: Whether it does.
         earlier: It does although the difference is larger: earlier than published, and the mission succeeded.
-        cause: Why it does not hold, or what makes it earlier; empty otherwise.
+        cause: Why it does not hold, or is earlier, point by point; empty otherwise.
     """
 
     published: Value
@@ -49,7 +52,7 @@ class Finding:
     tolerance: float
     holds: bool
     earlier: bool = False
-    cause: str = ""
+    cause: causes.Cause = ()
 
 
 @singledispatch
@@ -61,10 +64,10 @@ def judge(claim: Claim, runs: Runs) -> Finding:
 @judge.register
 def judge_setting(claim: SettingClaim, runs: Runs) -> Finding:
     """A setting holds if all runs have it."""
-    found = sorted({getattr(evidence, claim.name) for evidence in runs.values()})
+    found = sorted({float(getattr(evidence, claim.name)) for evidence in runs.values()})
     holds = found == [claim.published]
-    cause = "" if holds else f"the runs were made with {', '.join(f'{value:g}' for value in found)}"
-    reproduced = float(next((value for value in found if value != claim.published), claim.published))
+    cause = () if holds else (f"the runs were made with {', '.join(f'{value:g}' for value in found)}",)
+    reproduced = next((value for value in found if value != claim.published), claim.published)
     unit = "s" if claim.name == "horizon" else ""
     return Finding(claim.published, reproduced, unit, reproduced - claim.published, 0.0, holds, cause=cause)
 
@@ -77,7 +80,7 @@ def judge_time(claim: TimeClaim, runs: Runs) -> Finding:
     difference, tolerance = reproduced - claim.published, max(ABSOLUTE, RELATIVE * claim.published)
     near = abs(difference) <= tolerance + 1e-9
     earlier = not near and difference < 0 and evidence.summary.succeeded
-    cause = "" if near else causes.of_time(claim, evidence, tolerance)
+    cause = () if near else causes.of_time(claim, evidence, tolerance)
     return Finding(claim.published, reproduced, "s", difference, tolerance, near or earlier, earlier, cause)
 
 
@@ -88,7 +91,7 @@ def judge_start(claim: StartClaim, runs: Runs) -> Finding:
     lead = evidence.horizon if claim.when == "once seen" else 0.0
     expected, found = evidence.time_of(claim.end) - lead, evidence.time_of(claim.start)
     holds = abs(found - expected) <= evidence.sample_time + 1e-9
-    cause = "" if holds else causes.of_start(claim, expected, evidence)
+    cause = () if holds else causes.of_start(claim, expected, evidence)
     return Finding(0.0, found - expected, "s", found - expected, evidence.sample_time, holds, cause=cause)
 
 
@@ -100,7 +103,7 @@ def judge_floor(claim: FloorClaim, runs: Runs) -> Finding:
     known = [slack for slack in slacks if np.isfinite(slack)]
     least = min(known, default=float("nan"))
     holds = bool(least >= -evidence.sample_time - 1e-9)
-    cause = "" if holds else causes.of_floor(claim, evidence)
+    cause = () if holds else causes.of_floor(claim, evidence)
     return Finding("not below 0", least, "s", min(least, 0.0), evidence.sample_time, holds, cause=cause)
 
 
@@ -110,7 +113,7 @@ def judge_early(claim: EarlyClaim, runs: Runs) -> Finding:
     evidence = runs[claim.starts[0].run]
     names = tuple(moment.stage for moment in claim.starts)
     early = tuple(name for name in names if (stage := evidence.stage(name)) is not None and stage.premature)
-    cause = "" if early == names else causes.of_no_early_start(set(names) - set(early), evidence)
+    cause = () if early == names else causes.of_no_early_start(set(names) - set(early), evidence)
     return Finding(names, early, "", float("nan"), float("nan"), early == names, cause=cause)
 
 
@@ -119,7 +122,7 @@ def judge_order(claim: OrderClaim, runs: Runs) -> Finding:
     """The times come one after another, however little lies between them."""
     times = tuple(runs[moment.run].time_of(moment) for moment in claim.moments)
     holds = all(one < next_one for one, next_one in pairwise(times))
-    cause = "" if holds else causes.of_order(claim, runs)
+    cause = () if holds else causes.of_order(claim, runs)
     return Finding(claim.published, times, "s", float("nan"), float("nan"), holds, cause=cause)
 
 
@@ -129,7 +132,7 @@ def judge_mission(claim: MissionClaim, runs: Runs) -> Finding:
     summary = runs[claim.run].summary
     words = {True: "succeeds", False: "fails"}
     holds = summary.succeeded == claim.succeeds
-    cause = "" if holds else causes.of_mission(summary)
+    cause = () if holds else causes.of_mission(summary)
     published, reproduced = words[claim.succeeds], words[summary.succeeded]
     return Finding(published, reproduced, "", float("nan"), float("nan"), holds, cause=cause)
 
@@ -139,16 +142,13 @@ def judge_release(claim: ReleaseClaim, runs: Runs) -> Finding:
     """A monitor breaks before the destination is reached and after the stage that lets go has started early."""
     evidence = runs[claim.start.run]
     start, end = evidence.time_of(claim.start), evidence.time_of(claim.end)
-    broken = [verdict for verdict in evidence.summary.monitors if np.isfinite(verdict.broken_at)]
-    holds = any(start <= verdict.broken_at < end for verdict in broken)
-    lost = min((verdict.broken_at for verdict in broken), default=float("nan"))
-    reproduced = f"{claim.start.stage} starts at {start:.1f} s, the object is lost at {lost:.1f} s, {end - lost:.1f} s early"
-    return Finding(
-        "the object is released before its destination",
-        reproduced if broken else "the object is not lost",
-        "",
-        float("nan"),
-        float("nan"),
-        holds,
-        cause="" if holds else causes.of_no_release(claim, evidence),
-    )
+    losses = [verdict.broken_at for verdict in evidence.summary.monitors if np.isfinite(verdict.broken_at)]
+    lost = min(losses, default=float("nan"))
+    holds = bool(start <= lost < end)
+    if losses:
+        reproduced = f"{claim.start.stage} starts at {start:.1f} s, the object is lost at {lost:.1f} s"
+    else:
+        reproduced = "the object is not lost"
+    published, nothing = "the object is lost before its destination", float("nan")
+    cause = () if holds else causes.of_no_release(claim, evidence)
+    return Finding(published, reproduced, "", nothing, nothing, holds, cause=cause)

@@ -1,8 +1,10 @@
+import os
 import re
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -174,7 +176,7 @@ REFUSED = [
     (("--set", "controler.nodes=5"), 'found an unknown key (did you mean "controller"?)'),
     (
         ("--controller", "mpc"),
-        '--set controller.kind=mpc: controller.kind: found the text "mpc", expected one of psmpc',
+        '--set controller.kind=mpc: controller.kind: found the text "mpc" (did you mean "smpc"?)',
     ),
     (("--plant", "mars"), '--set plant.kind=mars: plant.kind: found the text "mars", expected one of ideal'),
     (("--set", "time_limit=0.1"), '"back" cannot end before under the velocity limits'),
@@ -322,6 +324,25 @@ def test_an_interrupted_process_leaves_log_summary_and_figures(
     assert drawn == (sorted(FIGURES) if number == signal.SIGINT else [])
     with h5py.File(tmp_path / "log.h5") as file:
         assert len(file["time"]) == len(log.time)
+
+
+def test_a_terminal_shows_one_live_line_and_every_event_above_it(tmp_path: Path) -> None:
+    task, terminal = tmp_path / "task.yaml", os.openpty()
+    task.write_text(TASK)
+    arguments = ["simulate", str(task), "--no-figures", "-o", str(tmp_path / "log.h5"), "--verbose"]
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
+    command = [sys.executable, "-c", PSMPC, *arguments]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=terminal[1]) as child:
+        os.close(terminal[1])
+        shown = b""
+        with suppress(OSError):  # the end of a terminal
+            while part := os.read(terminal[0], 4096):
+                shown += part
+    os.close(terminal[0])
+    assert child.returncode == 0
+    lines = [re.sub(r"\x1b\[[?\d]*[a-zA-Z]", "", line) for line in shown.decode().splitlines()]
+    assert {"info: 0.10 s: back entered the window", "info: 0.80 s: go ended at 0.73 s"} <= set(lines)
+    assert any(re.search(r"\d s  back +switches at: none +[\d.]+ x real time  fall-backs: 0$", line) for line in lines)
 
 
 def test_warnings_of_a_process_are_lines_of_their_own(tmp_path: Path) -> None:

@@ -1,0 +1,57 @@
+"""Files that figures are written into, and nothing is overwritten unasked."""
+
+from collections.abc import Collection, Iterable
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from psmpc_cli.errors import InputError
+
+FORMATS = ("png", "pdf", "svg")
+
+_UNDATED: dict[str, dict[str, Any]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+"""Metadata that keep the same log giving the same file."""
+
+
+def save(figure: Figure, paths: Iterable[Path]) -> None:
+    """Write a figure into files, each in the format of its ending.
+
+    Raises:
+        InputError: One cannot be written.
+    """
+    for path in paths:
+        try:
+            figure.savefig(path, metadata=_UNDATED[path.suffix[1:]])
+        except OSError as error:
+            raise InputError(f"{path} cannot be written: {error.strerror or error}") from None
+
+
+def prepare(directory: Path, files: Iterable[Path], force: bool) -> None:
+    """Make a directory and make sure that nothing is overwritten unasked.
+
+    Raises:
+        InputError: It cannot be made, or a file exists; with `force`, a file may exist.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        taken = [path.name for path in files if path.exists()]
+    except OSError as error:
+        raise InputError(f"{directory} cannot be made: {error.strerror or error}; choose another with -o") from None
+    if taken and not force:
+        raise InputError(
+            f"{directory} holds {', '.join(taken)} already: choose another directory with -o, or overwrite with --force"
+        )
+
+
+def chosen(kind: str, wanted: Iterable[str], known: Collection[str]) -> list[str]:
+    """Return what is wanted, each once and in the order of what is known.
+
+    Raises:
+        InputError: Something unknown is wanted.
+    """
+    wanted = list(wanted)
+    unknown = [name for name in wanted if name not in known]
+    if unknown:
+        raise InputError(f"found no {kind} '{unknown[0]}', expected one of {', '.join(known)}")
+    return [name for name in known if name in wanted]

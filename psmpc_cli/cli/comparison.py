@@ -50,7 +50,9 @@ def _solves(runs: Sequence[Summary]) -> Iterator[Row]:
     yield _row("solves longer than a sample", runs, lambda run: str(run.missed))
     yield _row("fall-backs to the shifted plan", runs, lambda run: str(run.fallbacks))
     if any(run.unsolved_levels is not None for run in runs):
-        yield _row("levels not solved", runs, lambda run: "-" if run.unsolved_levels is None else str(run.unsolved_levels))
+        yield _row(
+            "levels not solved", runs, lambda run: "-" if run.unsolved_levels is None else str(run.unsolved_levels)
+        )
 
 
 def _monitors(runs: Sequence[Summary]) -> Iterator[Row]:

@@ -49,7 +49,7 @@ def simulate(
     path = output or _default_path(loaded.spec.name, controller, plant)
     refuse(path, force)
     if figures:
-        _refuse_old_figures(default_directory(path), force)
+        refuse_old_figures(default_directory(path), force)
     ensure_feasible(loaded)
     ending, exit_code = _run(loaded, path, force, quiet)
     log = read_log(path)

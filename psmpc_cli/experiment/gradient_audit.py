@@ -73,8 +73,9 @@ def _window(experiment: Experiment, first: int, random: np.random.Generator) -> 
     controller, n = experiment.task.controller, experiment.model.n
     x0 = experiment.x0 + np.r_[0.3 * random.standard_normal(n), 0.05 * random.standard_normal(n)]
     stages, plan = experiment.stages[first : first + 2], resting_plan(0.0, controller.horizon, controller.nodes, x0)
+    instants = np.array([0.4 * controller.horizon])
     offset, scale = normalization(
-        "nadir", controller.zeta, stages, np.zeros(2), experiment.costs, plan, controller.sample_time
+        "nadir", controller.zeta, stages, np.r_[0.0, instants], experiment.costs, plan, controller.sample_time
     )
     window = Window(
         stages=stages,
@@ -88,7 +89,7 @@ def _window(experiment: Experiment, first: int, random: np.random.Generator) -> 
         pending_cost=controller.pending_cost,
         terminal_cost=0.0,
     )
-    return window, np.array([0.4 * controller.horizon])
+    return window, instants
 
 
 def _with_nodes(experiment: Experiment, nodes: int) -> WindowSolver:

@@ -32,7 +32,13 @@ def object_pose(run: Run, time: float) -> np.ndarray | None:
     pose, hold = np.array(spec.pose, float), held_between(run)
     if time <= hold.start:
         return pose
-    before, after = (grasp(run.model, run.coordinates_at(at)) for at in (hold.start, min(time, hold.end)))
+    Q = (run.coordinates_at(at) for at in (hold.start, min(time, hold.end)))
+    return carried(run.model, pose, *Q)
+
+
+def carried(model: RobotModel, pose: np.ndarray, taken: np.ndarray, now: np.ndarray) -> np.ndarray:
+    """Return where an object taken at `pose` (3,) with the robot at `taken` (n,) is with the robot at `now` (n,)."""
+    before, after = grasp(model, taken), grasp(model, now)
     turned = after[2] - before[2]
     c, s = np.cos(turned), np.sin(turned)
     offset = pose[:2] - before[:2]

@@ -9,6 +9,7 @@ from psmpc_cli.figures.errors import plot_errors
 from psmpc_cli.figures.forces import plot_forces
 from psmpc_cli.figures.instants import plot_instants
 from psmpc_cli.figures.run import Run
+from psmpc_cli.figures.shares import plot_shares
 from psmpc_cli.figures.snapshots import plot_snapshots
 from psmpc_cli.figures.solve_time import plot_solve_time
 from psmpc_cli.figures.states import plot_states
@@ -21,6 +22,7 @@ FIGURES: Mapping[str, Callable[[Run], Figure]] = {
     "forces": plot_forces,
     "errors": plot_errors,
     "instants": plot_instants,
+    "shares": plot_shares,
     "snapshots": plot_snapshots,
     "solve_time": plot_solve_time,
 }

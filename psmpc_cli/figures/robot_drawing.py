@@ -48,7 +48,11 @@ class View:
 def view_of(run: Run, times: np.ndarray) -> View:
     """Return the smallest view, with a margin, that shows everything at all of these times [s]."""
     points = [_everything(run, float(time)) for time in times]
-    inside = np.vstack([*points, run.Q[:, :2]])
+    return view_around(np.vstack([*points, run.Q[:, :2]]))
+
+
+def view_around(inside: np.ndarray) -> View:
+    """Return the smallest view, with a margin, that shows these points (., 2) [m]."""
     low, high = inside.min(axis=0), inside.max(axis=0)
     size = (high - low) + 0.08 * float(np.max(high - low))
     size = np.maximum(size, [size[1] / TALLEST, size[0] * FLATTEST])
@@ -60,26 +64,31 @@ def draw_scene(axes: Axes, run: Run, time: float, width: float = 1.0) -> None:
     """Draw object, trail, base, arms and grippers at a time [s]; `width` scales the lines."""
     Q, pose = run.coordinates_at(time), object_pose(run, time)
     if pose is not None and run.task.object is not None:
-        corners = _rectangle(pose, run.task.object.shape)
+        corners = rectangle(pose, run.task.object.shape)
         hold = held_between(run)
         axes.add_patch(Polygon(corners, zorder=1, **object_look(hold.lost and time >= hold.end, width)))
     past = run.time <= time
     trail = np.vstack([run.Q[past, :2], Q[:2]])
     axes.plot(*trail.T, color=EDGE, linewidth=0.7 * width, linestyle=TRAIL, zorder=1.2)
-    axes.add_patch(
-        Polygon(base_outline(run.model, Q), facecolor=BODY, edgecolor="black", linewidth=0.7 * width, zorder=2)
-    )
-    for i, points in enumerate(arm_points(run.model, Q).values()):
+    draw_robot(axes, run.model, Q, width)
+
+
+def draw_robot(axes: Axes, model: RobotModel, Q: np.ndarray, width: float = 1.0, alpha: float = 1.0) -> None:
+    """Draw base, arms and grippers at Q (n,); `width` scales the lines, `alpha` their opacity."""
+    look: dict[str, Any] = {"facecolor": BODY, "edgecolor": "black", "linewidth": 0.7 * width, "alpha": alpha}
+    axes.add_patch(Polygon(base_outline(model, Q), zorder=2, **look))
+    for i, points in enumerate(arm_points(model, Q).values()):
         color = PALETTE[i % len(PALETTE)]
-        axes.plot(*points.T, color=color, linewidth=1.5 * width, solid_joinstyle="round", zorder=3)
+        axes.plot(*points.T, color=color, linewidth=1.5 * width, solid_joinstyle="round", alpha=alpha, zorder=3)
         joints: dict[str, Any] = {
             "linestyle": "none",
             "marker": "o",
             "markerfacecolor": "white",
             "markeredgecolor": color,
+            "alpha": alpha,
         }
         axes.plot(*points[:-1].T, markersize=2.2 * width, markeredgewidth=0.7 * width, zorder=3.1, **joints)
-        axes.plot(*_fingers(points, reach(run.model)).T, color=color, linewidth=1.0 * width, zorder=3)
+        axes.plot(*_fingers(points, reach(model)).T, color=color, linewidth=1.0 * width, alpha=alpha, zorder=3)
 
 
 def object_look(lost: bool, width: float = 1.0) -> dict[str, Any]:
@@ -106,7 +115,7 @@ def base_outline(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     mounts = np.abs([arm.mount.position for arm in model.spec.arms.values()])
     half = np.maximum(mounts.max(axis=0), 0.1 * reach(model))
     half = np.maximum(half, 0.6 * half.max())
-    return _rectangle(Q[:3], (2 * half[0], 2 * half[1]))
+    return rectangle(Q[:3], (2 * half[0], 2 * half[1]))
 
 
 def reach(model: RobotModel) -> float:
@@ -117,14 +126,17 @@ def reach(model: RobotModel) -> float:
 def _everything(run: Run, time: float) -> np.ndarray:
     """Return points (., 2) [m] whose hull holds the robot and the object at a time [s]."""
     Q, pose = run.coordinates_at(time), object_pose(run, time)
-    arms = arm_points(run.model, Q).values()
-    points = [base_outline(run.model, Q), *(_fingers(points, reach(run.model)) for points in arms), *arms]
-    if pose is not None and run.task.object is not None:
-        points.append(_rectangle(pose, run.task.object.shape))
-    return np.vstack(points)
+    shape = None if run.task.object is None else run.task.object.shape
+    return np.vstack([outline(run.model, Q), *([] if pose is None or shape is None else [rectangle(pose, shape)])])
 
 
-def _rectangle(pose: np.ndarray, shape: tuple[float, float]) -> np.ndarray:
+def outline(model: RobotModel, Q: np.ndarray) -> np.ndarray:
+    """Return points (., 2) [m] whose hull holds the robot at Q (n,)."""
+    arms = arm_points(model, Q).values()
+    return np.vstack([base_outline(model, Q), *(_fingers(points, reach(model)) for points in arms), *arms])
+
+
+def rectangle(pose: np.ndarray, shape: tuple[float, float]) -> np.ndarray:
     """Return the corners (4, 2) [m] of a rectangle, length by width, at a pose (3,)."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * np.array(shape) / 2

@@ -65,7 +65,7 @@ def plot_snapshots(run: Run) -> Figure:
     view = view_of(run, np.array([key.time for key in keys]))
     width, columns = (COLUMN, min(2, len(keys))) if len(keys) <= MOST else (PAGE, 4)
     across = (width - AROUND) / columns
-    titles = [_wrapped(f"({_letters(i)}) {key.time:.1f} s: {key.event}", across) for i, key in enumerate(keys)]
+    titles = [_wrapped(f"({letters(i)}) {key.time:.1f} s: {key.event}", across) for i, key in enumerate(keys)]
     rows, lines = -(-len(keys) // columns), 1 + max(title.count("\n") for title in titles)
     below = LEGEND if rows * columns == len(keys) else 0.0
     figure = new_figure(rows * (across * view.aspect + lines * LINE + GAP) + below + AXIS, width)
@@ -78,7 +78,7 @@ def plot_snapshots(run: Run) -> Figure:
             axes.set_ylabel("y (m)")
         if i >= (rows - 1) * columns:
             axes.set_xlabel("x (m)")
-    _place_legend(figure, list(grid[len(keys) :]), _handles(run))
+    _place_legend(figure, list(grid[len(keys) :]), handles_of(run))
     return figure
 
 
@@ -104,7 +104,8 @@ def _place_legend(figure: Figure, vacant: list[Axes], handles: Sequence[Patch | 
         figure.legend(handles=handles, loc="outside lower center", ncols=columns)
 
 
-def _handles(run: Run) -> list[Patch | Line2D]:
+def handles_of(run: Run) -> list[Patch | Line2D]:
+    """Return what a legend says of the drawings of a run."""
     body = Patch(facecolor=BODY, edgecolor="black", linewidth=0.7, label="base")
     trail = Line2D([], [], color=EDGE, linewidth=0.7, linestyle=TRAIL, label="path of the base")
     arms = [
@@ -129,6 +130,6 @@ def _wrapped(text: str, width: float) -> str:
     return "\n".join(lines)
 
 
-def _letters(index: int) -> str:
+def letters(index: int) -> str:
     """Return a, b, ..., z, aa, ab, ..."""
-    return ascii_lowercase[index] if index < 26 else _letters(index // 26 - 1) + ascii_lowercase[index % 26]
+    return ascii_lowercase[index] if index < 26 else letters(index // 26 - 1) + ascii_lowercase[index % 26]

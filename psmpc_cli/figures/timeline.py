@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures.run import Run, Span
@@ -34,6 +35,9 @@ ROOM = 0.012
 """Free space at either end of the time axis, as a part of the run: its first and last values must be seen."""
 
 DOTTED = (0, (1, 1.5))
+
+HALO = (withStroke(linewidth=1.5, foreground="white"),)
+"""Around a stage's name, which may be wider than its bar."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +118,7 @@ def draw_strip(axes: Axes, run: Run, width: float = AXIS_WIDTH) -> tuple[Artist,
         outline.set_clip_on(False)
         axes.add_patch(outline)
         centre, text = names[span.index]
-        axes.text(centre, row + 0.54, text, fontsize=TEXT, ha="center", va="center")
+        axes.text(centre, row + 0.54, text, fontsize=TEXT, ha="center", va="center", path_effects=HALO)
     return tuple(
         Line2D([], [], linestyle="none", label=f"{span.index + 1}: {readable(span.name)}")
         for span in run.spans

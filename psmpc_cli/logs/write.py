@@ -17,10 +17,10 @@ from psmpc_cli.logs.layout import COLUMNS, LEVELS, PLANS, TICK, TICKS, TIME
 from psmpc_cli.logs.record import Record, SolveRecord, TickRecord
 from psmpc_cli.logs.rows import levels_row, row
 
+__all__ = ["Header", "LogWriter", "StageTimes", "write_monitors"]
+
 SPARE = 2**17
 """Room kept free for what HDF5 itself adds [bytes]."""
-
-__all__ = ["Header", "LogWriter", "StageTimes", "write_monitors"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,9 @@ def of_time(claim: TimeClaim, evidence: Evidence, tolerance: float) -> Cause:
     if moment.event == "start":
         parts += _threshold(moment, evidence, claim.published - tolerance, claim.published + tolerance)
     else:
-        parts += [_increments(claim, evidence), _floor(moment, claim.published, evidence)]
+        late = time > claim.published
+        parts += [_increments(claim, evidence), _remoteness(moment, claim.published, evidence) if late else ""]
+        parts += [_floor(moment, claim.published, evidence)]
     return _told(*parts)
 
 
@@ -143,6 +145,14 @@ def _increments(claim: TimeClaim, evidence: Evidence) -> str:
     return "the difference arises " + ", ".join(
         f"{there - here:+.2f} s from {one} to {other}" for (here, there), (one, other) in gains
     )
+
+
+def _remoteness(moment: Moment, published: float, evidence: Evidence) -> str:
+    """Return how far a stage was from its end condition when it is published to have ended [s]."""
+    nearness = evidence.nearness.get(moment.stage)
+    if nearness is None:
+        return ""
+    return f"at {published:g} s {moment.stage} was {nearness.at(published):.2g} tolerances away from its target"
 
 
 def _floor(moment: Moment, published: float, evidence: Evidence) -> str:

@@ -1,7 +1,7 @@
 """The judged claims as plain data and as words: what `psmpc reproduce` prints, writes and reports."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -57,9 +57,13 @@ def shown(value: Value, unit: str) -> str:
         return value
     if isinstance(value, float):
         return f"{_number(value)} {unit}".rstrip() if math.isfinite(value) else "never"
-    texts, times = ([entry for entry in value if isinstance(entry, kind)] for kind in (str, float))
-    if not times:
-        return ", ".join(texts) or "none"
+    texts = [entry for entry in value if isinstance(entry, str)]
+    times = [entry for entry in value if isinstance(entry, float)]
+    return _related(times, unit) if times else ", ".join(texts) or "none"
+
+
+def _related(times: Sequence[float], unit: str) -> str:
+    """Return times with the relation each stands in to the one before it."""
     relations = ("<" if one < other else ">=" for one, other in pairwise(times))
     rest = (f" {relation} {shown(time, unit)}" for relation, time in zip(relations, times[1:], strict=True))
     return shown(times[0], unit) + "".join(rest)

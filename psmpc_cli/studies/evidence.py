@@ -1,13 +1,17 @@
 """What one run has to say on the claims: its summary, and how each stage came to act on the control."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from psmpc_cli.experiment.summary import StageSummary, Summary, summarize, task_of
 from psmpc_cli.logs.read import Log
+from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.outlook import look_ahead
+from psmpc_cli.ocp.stages import build_stages
+from psmpc_cli.robot.model import build_model
+from psmpc_cli.specs.load import LoadedTask
 from psmpc_cli.studies.claims import Moment
 
 
@@ -33,6 +37,23 @@ class Onset:
 
 
 @dataclass(frozen=True, eq=False)
+class Nearness:
+    """How near a stage is to its end condition.
+
+    Attributes:
+        time: Samples, and the end of the run (K,) [s].
+        tolerances: Largest error of the condition's coordinates, in tolerances (K,) [1].
+    """
+
+    time: np.ndarray
+    tolerances: np.ndarray
+
+    def at(self, time: float) -> float:
+        """Return the largest error at a time [s], in tolerances."""
+        return float(np.interp(time, self.time, self.tolerances))
+
+
+@dataclass(frozen=True, eq=False)
 class Evidence:
     """What a run has to say.
 
@@ -41,6 +62,7 @@ class Evidence:
         horizon, nodes, sample_time: As it ran.
         epsilon: Threshold that marks an actual start [m/s^2, rad/s^2].
         onsets: By stage; those that waited in a window.
+        nearness: By stage; those with an end condition.
         earliest_ends: By stage, the time before which velocity limits let none end [s].
     """
 
@@ -50,6 +72,7 @@ class Evidence:
     sample_time: float
     epsilon: float
     onsets: Mapping[str, Onset]
+    nearness: Mapping[str, Nearness]
     earliest_ends: Mapping[str, float]
 
     def stage(self, name: str) -> StageSummary | None:
@@ -81,19 +104,36 @@ def gather_evidence(log: Log) -> Evidence:
         sample_time=controller.sample_time,
         epsilon=task.spec.onset.epsilon,
         onsets=dict(_onsets(log)),
+        nearness=dict(_nearness(log, task)),
         earliest_ends={outlook.stage.name: outlook.earliest_end for outlook in look_ahead(task)},
     )
 
 
-def _onsets(log: Log) -> list[tuple[str, Onset]]:
-    presence, seen = log["window/presence"], log["window/first"] + log["window/count"]
+def _onsets(log: Log) -> Iterator[tuple[str, Onset]]:
+    presence, beyond = log["window/presence"], log["window/first"] + log["window/count"]
     postponed = log["events/postponed"].astype(bool)
-    found = []
     for index, name in enumerate(log.stage_names):
         waited = np.isfinite(presence[:, index])
-        starts = zip(log.stages["epsilon"], log.stages["actual_start_by_epsilon"][index], strict=True)
         if waited.any():
-            tried = int(np.sum(postponed & (seen == index)))
-            by_epsilon = {float(epsilon): float(start) for epsilon, start in starts}
-            found.append((name, Onset(log.time[waited], presence[waited, index], by_epsilon, tried)))
-    return found
+            starts = zip(log.stages["epsilon"], log.stages["actual_start_by_epsilon"][index], strict=True)
+            yield (
+                name,
+                Onset(
+                    time=log.time[waited],
+                    presence=presence[waited, index],
+                    starts={float(epsilon): float(start) for epsilon, start in starts},
+                    postponed=int(np.sum(postponed & (beyond == index))),
+                ),
+            )
+
+
+def _nearness(log: Log, task: LoadedTask) -> Iterator[tuple[str, Nearness]]:
+    model = build_model(task.robot)
+    costs = StageCosts(model)
+    known = np.isfinite(log.final["time"])
+    time = np.append(log.time, log.final["time"])[: len(log.time) + known]
+    Q = np.vstack([log["state/Q"], log.final["Q"]])[: len(time)]
+    for stage in build_stages(task.spec, task.robot, model):
+        if stage.end_rows and len(time):
+            error = costs.errors(stage, np.hstack([Q, np.zeros_like(Q)]))[:, list(stage.end_rows)]
+            yield stage.name, Nearness(time, np.max(np.abs(error) / stage.tolerance, axis=1))

@@ -5,20 +5,24 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.logs.comparison import read_comparison
+from psmpc_cli.logs.read import Log
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import LoadedTask, load_task
 from psmpc_cli.studies.claims import Claim, published_claims
+from psmpc_cli.studies.compare import compare
 from psmpc_cli.studies.evidence import Evidence, gather_evidence
 from psmpc_cli.studies.findings import Finding, judge
 from psmpc_cli.studies.published import load_published
-from psmpc_cli.studies.variants import run_variants
 
 TASK = "transport"
 
-METHODS = ("psmpc", "smpc", "htmpc")
-"""The controllers whose results are published."""
+METHODS = ("htmpc", "smpc", "psmpc")
+"""The controllers whose results are published, in the order of the paper; the slowest one first."""
+
+LOGS = "runs.h5"
+"""The file with the logs of all runs; psmpc plot and psmpc show read it."""
 
 FOLLOWED = (1.0, 10.0)
 """Thresholds beyond the task's own up to which a waiting stage is followed, for what they say on a start's cause."""
@@ -71,26 +75,33 @@ def load_variants(changes: Sequence[str] = ()) -> dict[str, LoadedTask]:
 def run_reproduction(
     directory: Path,
     changes: Sequence[str] = (),
+    force: bool = False,
     jobs: int | None = None,
+    began: Callable[[Mapping[str, Path]], None] = lambda paths: None,
     done: Callable[[str], None] = lambda name: None,
 ) -> Reproduction:
-    """Run every method into a log of its own below a directory, and judge the claims.
+    """Run every method, keep their logs in one file of a directory, and judge the claims.
 
     Args:
-        directory: Where the logs go; existing ones of the same name are overwritten.
+        directory: Where the logs go.
         changes: Keys of the task to change, each `path=value`.
+        force: Overwrite logs.
         jobs: Processes at once; default as many as there are cores.
+        began: Told where the logs stand meanwhile.
         done: Told the name of each run as it ends.
 
     Raises:
-        InputError, SpecError: As for `load_variants`.
+        InputError: As for `load_variants`; or the logs exist already or cannot be written.
+        SpecError: As for `load_variants`.
+        RunError: A log could not be written.
     """
-    paths = run_variants(load_variants(changes), directory, jobs, done)
-    return judge_logs({name: read_log(path) for name, path in paths.items()}, changes)
+    path = directory / LOGS
+    compare(load_variants(changes), path, force, jobs, began, done)
+    return judge_claims(read_comparison(path), changes)
 
 
-def judge_logs(logs: Mapping[str, Log], changes: Sequence[str] = ()) -> Reproduction:
-    """Judge the claims on logs that are there already, by method."""
+def judge_claims(logs: Mapping[str, Log], changes: Sequence[str] = ()) -> Reproduction:
+    """Judge every claim on the logs of all methods; `changes` of the task are noted."""
     runs: dict[str, Evidence] = {name: gather_evidence(log) for name, log in logs.items()}
     claims = published_claims(load_published())
     return Reproduction(tuple(changes), logs, tuple(JudgedClaim(claim, judge(claim, runs)) for claim in claims))

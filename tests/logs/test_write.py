@@ -17,20 +17,19 @@ from psmpc_cli.logs.layout import COLUMNS, PLANS
 from psmpc_cli.logs.read import Log, read_log, read_plan
 from psmpc_cli.logs.record import Record
 from psmpc_cli.logs.rows import row
-from psmpc_cli.logs.write import LogWriter, StageTimes, write_monitors
+from psmpc_cli.logs.write import Header, LogWriter, StageTimes, write_monitors
 
 from .records import COORDINATES, HEADER, LEAN, POSES, SAMPLE, STAGES, TICKS, record
 
 END = SAMPLE * 4, np.arange(6.0), np.arange(3.0)
 
 
-def write(path: Path, records: Sequence[Record], finish: bool = True) -> Log:
+def write(path: Path, records: Sequence[Record], header: Header = HEADER) -> Log:
     path.unlink(missing_ok=True)
-    with LogWriter(path, HEADER) as log:
+    with LogWriter(path, header) as log:
         for one in records:
             log.append(one)
-        if finish:
-            log.finish(True, "d met its end condition", *END)
+        log.finish(True, "d met its end condition", *END)
     return read_log(path)
 
 
@@ -127,7 +126,7 @@ def test_a_long_task_text_fits(tmp_path: Path) -> None:
 @pytest.mark.parametrize("samples", [0, 3])
 def test_every_dataset_describes_itself(tmp_path: Path, samples: int) -> None:
     path, seen = tmp_path / "log.h5", []
-    write(path, [record(k, count=2, multipliers=4) for k in range(samples)])
+    write(path, [record(k, count=2, multipliers=4) for k in range(samples)], replace(HEADER, levels=True))
 
     def check(name: str, item: h5py.Group | h5py.Dataset) -> None:
         if not isinstance(item, h5py.Dataset):
@@ -144,7 +143,25 @@ def test_every_dataset_describes_itself(tmp_path: Path, samples: int) -> None:
     with h5py.File(path) as file:
         file.visititems(check)
     assert {column.path for column in COLUMNS} | {path for path, _ in PLANS} < set(seen)
-    assert {"time", "stages/epsilon", "final/Q", "monitors/held", "plan/solution", "ticks/F"} < set(seen)
+    assert {"time", "stages/epsilon", "final/Q", "monitors/held", "plan/solution", "ticks/F", "levels/cost"} < set(seen)
+
+
+@pytest.mark.parametrize("samples", [0, 3])
+def test_xarray_opens_a_log_as_a_tree(tmp_path: Path, samples: int) -> None:
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    path = tmp_path / "log.h5"
+    log = write(path, [record(k, count=2) for k in range(samples)], replace(HEADER, levels=True))
+    with xarray.open_datatree(path, engine="h5netcdf") as tree:
+        tree.load()
+        assert tree["state/Q"].dims == ("time", "coordinate")
+        assert tree["state/Q"].sel(coordinate="arm_1.1").values.tolist() == log["state/Q"][:, 2].tolist()
+        assert tree["window/instants"].sel(stage="b").dims == ("time",)
+        assert tree["ticks/F"].sizes == {"tick": TICKS * samples, "coordinate": len(COORDINATES)}
+        assert tree["stages/actual_start_by_epsilon"].sel(stage="a", epsilon=0.1).shape == ()
+        assert tree["monitors/held"].sel(name="object held") == -1
+        assert tree["final/end_time"] == END[0]
+        assert tree["plan/solution"].dims == ("time", "solution_element")
 
 
 def test_every_record_is_in_the_file_before_the_next_begins(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from psmpc_cli.figures.comparison.names import title_of
 from psmpc_cli.figures.run import Run
-from psmpc_cli.figures.style import EDGE, LINE, PAGE, PALETTE, TEXT, legend_columns, new_figure, readable
+from psmpc_cli.figures.style import EDGE, LINE, PAGE, TEXT, legend_columns, line_look, new_figure, readable
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
@@ -55,7 +55,7 @@ def _plot_overview(axes: Axes, runs: Mapping[str, Run]) -> None:
             which = _optimized(run, stage)
             axes.plot(run.log.time[which], run.log["window/instants"][which, stage], **_look(i))
         switches = run.log.stages["switch_time"]
-        axes.plot(switches, switches, linestyle="none", markerfacecolor="white", zorder=3, **_marker(i))
+        axes.plot(switches, switches, linestyle="none", zorder=3, **_marker(i))
     axes.set_xlim(0.0, end * 1.012)
     axes.set_ylim(0.0, end * 1.05)
     axes.set_xlabel("Time (s)")
@@ -77,21 +77,21 @@ def _optimized(run: Run, stage: int) -> np.ndarray:
 
 
 def _look(index: int) -> dict[str, Any]:
-    return {"color": PALETTE[index % len(PALETTE)], "linewidth": 1.2}
+    return {**line_look(index), "linewidth": 1.3}
 
 
 def _marker(index: int) -> dict[str, Any]:
-    return {"color": PALETTE[index % len(PALETTE)], "marker": MARKERS[index % len(MARKERS)], "markersize": 4.0}
+    return {"marker": MARKERS[index % len(MARKERS)], "markersize": 4.5, **_hollow(line_look(index)["color"])}
+
+
+def _hollow(color: str) -> dict[str, Any]:
+    return {"color": color, "markeredgecolor": color, "markerfacecolor": "none", "markeredgewidth": 0.9}
 
 
 def _legend(figure: Figure, runs: Mapping[str, Run]) -> None:
-    handles = [
-        Line2D([], [], markerfacecolor="white", label=title_of(name), **(_look(i) | _marker(i)))
-        for i, name in enumerate(runs)
-    ]
+    handles = [Line2D([], [], label=title_of(name), **(_look(i) | _marker(i))) for i, name in enumerate(runs)]
     handles += [
-        Line2D([], [], color=EDGE, linestyle="none", marker="o", markerfacecolor="white", label="marker: actual end"),
-        Line2D([], [], color=EDGE, linewidth=0.7, label="present time"),
+        Line2D([], [], color=EDGE, linewidth=0.7, label="present time (markers: actual ends)"),
     ]
     columns = legend_columns((str(handle.get_label()) for handle in handles), PAGE - 0.1)
     figure.legend(handles=handles, loc="outside lower center", ncols=columns)

@@ -2,7 +2,7 @@
 
 from psmpc_cli.figures.style import readable
 
-TITLES = {"psmpc": "PSMPC", "smpc": "SMPC", "htmpc": "HTMPC", "hard": "hard switching"}
+TITLES = {"psmpc": "PSMPC", "smpc": "SMPC", "htmpc": "HTMPC", "hard": "Hard switching"}
 
 
 def title_of(controller: str) -> str:

@@ -1,0 +1,1 @@
+"""Reports: claims and figures in one self-contained HTML page."""

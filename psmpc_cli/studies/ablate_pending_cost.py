@@ -1,0 +1,103 @@
+"""The objective as printed, delta = 0, against ours: the instants it gives, the control, and J(t_s) itself."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from psmpc_cli.logs.read import Log
+from psmpc_cli.studies.ablation import JUMP, OURS, Ablation, Curve, ahead, ending, joined, measured, variation
+from psmpc_cli.studies.one_window import OneWindow, Scan, instant_grid, optimize_instants, scan_instants
+
+PRINTED = "printed"
+"""The run with the objective as printed."""
+
+PRIORITIES: Mapping[str, tuple[float, float]] = {"1 : 1": (1.0, 1.0), "1 : 100": (1.0, 100.0)}
+"""Priorities of the two stages for which J(t_s) is scanned."""
+
+GUESSES = (0.3, 0.5, 0.975)
+"""Where in the horizon the free optimizer starts."""
+
+PROMINENT = 0.01
+"""How deep a minimum of J(t_s) is at least, as a part of the range of J."""
+
+Numbers = Mapping[str, float]
+
+
+def ablate_pending_cost(logs: Mapping[str, Log], one: OneWindow, points: int) -> Ablation:
+    """Compare the runs `PRINTED` and `OURS`, and their objectives in one window at so many instants."""
+    runs = (PRINTED, OURS)
+    panels: dict[str, dict[str, Curve]] = {
+        "instant": {name: ahead(logs[name]) for name in runs},
+        "variation": {name: variation(logs[name]) for name in runs},
+        **{f"{what}, {name}": {} for what in ("J", "found") for name in runs},
+    }
+    numbers = measured(logs, runs)
+    delta, grid = {PRINTED: 0.0, OURS: one.window.pending_cost}, instant_grid(one.window.horizon, points)
+    for label, priorities in PRIORITIES.items():
+        scan = scan_instants(one, priorities, grid)
+        numbers[f"earliest, {label}"] = float(scan.instants[0])
+        for name in runs:
+            cost = scan.with_pending(delta[name])
+            found = optimize_instants(one, priorities, delta[name], [part * one.window.horizon for part in GUESSES])
+            panels[f"J, {name}"][label] = scan.instants, cost / cost[0]
+            panels[f"found, {name}"][label] = found, np.interp(found, scan.instants, cost / cost[0])
+            numbers |= _enumerated(f"minimum of J for {label}, {name}", minima(replace(scan, cost=cost)))
+            numbers |= _enumerated(f"found for {label}, {name}", found.tolist())
+    return Ablation("pending_cost", _sentence(numbers, one), panels, numbers)
+
+
+def minima(scan: Scan) -> list[float]:
+    """Return the instants after T0 [s] at which J has a minimum, the lowest first; shallow ones are left out."""
+    J = np.r_[np.inf, scan.cost, np.inf]
+    places = [i for i in range(len(scan.cost)) if J[i] > J[i + 1] <= J[i + 2]]
+    places.sort(key=lambda i: float(scan.cost[i]))
+    lowest, least = places[0], PROMINENT * float(np.ptp(scan.cost))
+    deep = [i for i in places[1:] if _ridge(scan.cost, lowest, i) - float(scan.cost[i]) >= least]
+    return [float(scan.instants[i]) for i in (lowest, *deep)]
+
+
+def _ridge(J: np.ndarray, i: int, k: int) -> float:
+    """Return the highest J on the way between two places."""
+    return float(J[min(i, k) : max(i, k) + 1].max())
+
+
+def _enumerated(what: str, values: Sequence[float]) -> dict[str, float]:
+    return {f"{what}, {i}": value for i, value in enumerate(values, start=1)}
+
+
+def _sentence(numbers: Numbers, one: OneWindow) -> str:
+    """Say what the pending cost changes."""
+
+    def runs(quantity: str, form: str) -> str:
+        return f"{numbers[f'{quantity}, {PRINTED}']:{form}} ({numbers[f'{quantity}, {OURS}']:{form}})"
+
+    return (
+        "With the objective as printed (in parentheses: ours) the optimized instant of the current stage lies at T_f "
+        f"in {runs('at T_f', '.0%')} of the samples that have one and jumps {runs('jumps', '.0f')} times by more than "
+        f"{JUMP:g} s, the joints' control varies by {runs('variation', '.1f')} rad/s^2, and the run "
+        f"{ending(numbers[f'end, {PRINTED}'])} ({ending(numbers[f'end, {OURS}'])}); in the window at "
+        f"{one.window.start:.1f} s, with T_f {one.window.horizon:g} s after T0, J with all but t_s optimized has its "
+        f"minimum {_minima(numbers, PRINTED)} ({_minima(numbers, OURS)}), and from {len(GUESSES)} guesses the solver "
+        f"returns {_found(numbers, PRINTED)} ({_found(numbers, OURS)})."
+    )
+
+
+def _minima(numbers: Numbers, name: str) -> str:
+    """Name the minima of J for each ratio of priorities, the lowest first."""
+    found = {label: _numbered(numbers, f"minimum of J for {label}, {name}") for label in PRIORITIES}
+    parts = []
+    for label, (lowest, *others) in found.items():
+        also = f" and a higher one at {joined(f'{value:.2f}' for value in others)} s" if others else ""
+        parts.append(f"at {lowest:.2f} s{also} for {label}")
+    return joined(parts)
+
+
+def _found(numbers: Numbers, name: str) -> str:
+    """Name what the solver returns, each value once."""
+    found = [value for label in PRIORITIES for value in _numbered(numbers, f"found for {label}, {name}")]
+    return f"{joined(sorted({f'{value:.2f}' for value in found}))} s"
+
+
+def _numbered(numbers: Numbers, what: str) -> list[float]:
+    return [value for key, value in numbers.items() if key.startswith(f"{what}, ")]

@@ -1,0 +1,82 @@
+"""What our departures from the paper are good for: a task as it is, and with each of them taken back.
+
+Nothing here draws: an `Ablation` carries plain arrays for whoever does.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+from psmpc_cli.logs.read import read_log
+from psmpc_cli.specs.document import read
+from psmpc_cli.specs.effective import write
+from psmpc_cli.specs.load import LoadedTask, parse_task
+from psmpc_cli.specs.overrides import override
+from psmpc_cli.studies.ablate_discretization import KINDS, ablate_discretization, meshes, run_on_mesh
+from psmpc_cli.studies.ablate_normalization import ALL_PRINTED, NONE, RANGE, ablate_normalization
+from psmpc_cli.studies.ablate_pending_cost import PRINTED, ablate_pending_cost
+from psmpc_cli.studies.ablation import OURS, Ablation
+from psmpc_cli.studies.one_window import pick_window
+from psmpc_cli.studies.variants import run_variants
+
+__all__ = ["Ablation", "run_ablations"]
+
+EVERY_RUN = ("controller.kind=psmpc", "log.plans=false")
+
+CHANGES: Mapping[str, tuple[str, ...]] = {
+    OURS: ("log.plans=true",),
+    PRINTED: ("controller.pending_cost=0",),
+    NONE: ("controller.normalization=none",),
+    RANGE: ("controller.normalization=range",),
+    ALL_PRINTED: ("controller.normalization=range", "controller.pending_cost=0"),
+}
+"""The runs on the task's own mesh, by what is taken back."""
+
+POINTS = 40
+"""Instants at which J(t_s) is scanned."""
+
+
+def run_ablations(
+    task: LoadedTask,
+    directory: Path,
+    jobs: int | None = None,
+    done: Callable[[str], None] = lambda name: None,
+    points: int = POINTS,
+) -> list[Ablation]:
+    """Run a task of several stages under PSMPC as it is and with each departure taken back, and compare.
+
+    Args:
+        task: The task.
+        directory: Where the logs go; existing ones of the same name are overwritten.
+        jobs: Processes at once; default as many as there are cores.
+        done: Told the name of each run as it ends.
+        points: Instants at which J(t_s) is scanned.
+
+    Raises:
+        LogError: The task has a single stage.
+        RunError: A log could not be written.
+    """
+    nodes = task.spec.controller.nodes
+    tasks = {name: _changed(task, changes) for name, changes in _variants(nodes).items()}
+    logs = {name: read_log(path) for name, path in run_variants(tasks, directory, jobs, done).items()}
+    one = pick_window(logs[OURS])
+    return [
+        ablate_pending_cost(logs, one, points),
+        ablate_normalization(logs),
+        ablate_discretization(logs, one, nodes),
+    ]
+
+
+def _variants(nodes: int) -> dict[str, tuple[str, ...]]:
+    """Return the changes of every run by its name."""
+    variants = {name: (*EVERY_RUN, *changes) for name, changes in CHANGES.items()}
+    for count in meshes(nodes):
+        for kind in KINDS:
+            mesh = (f"controller.nodes={count}", f"controller.discretization={kind}")
+            variants.setdefault(run_on_mesh(kind, count, nodes), (*EVERY_RUN, *mesh))
+    return variants
+
+
+def _changed(task: LoadedTask, changes: Iterable[str]) -> LoadedTask:
+    """Return a task with keys changed."""
+    document, _ = override(read(task.spec.name, task.task_yaml), tuple(changes))
+    return parse_task(write(document.data), task.robot_yaml, task.spec.name)

@@ -1,0 +1,100 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from psmpc_cli.ocp.costs import StageCosts
+from psmpc_cli.ocp.stages import Stage, Trajectory, build_stages
+from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.specs.load import load_task
+
+TRACKING = load_task("tracking")
+
+
+@pytest.fixture(scope="module")
+def trace(model: RobotModel) -> Stage:
+    """The stage of the tracking task that follows a trajectory."""
+    return build_stages(TRACKING.spec, TRACKING.robot, model)[1]
+
+
+def turning(model: RobotModel, degrees: list[float], *changes: str) -> Stage:
+    """A stage whose base turns through some angles [deg]."""
+    rows = ", ".join(f"[0, 0, {angle} deg]" for angle in degrees)
+    still = ", ".join("[0, 0, 0]" for _ in degrees)
+    target = f"{{times: {list(range(len(degrees)))}, base: [{rows}], arms: [{still}]}}"
+    task = load_task("transport", [f"stages.approach.target={target}", *changes])
+    return build_stages(task.spec, task.robot, model)[0]
+
+
+def test_reference_is_linear_between_the_times_and_held_after_the_last(trace: Stage) -> None:
+    assert trace.trajectory is not None
+    times, values = trace.trajectory.times, trace.trajectory.values
+    np.testing.assert_allclose(trace.reference(times), values)
+    np.testing.assert_allclose(trace.reference((times[:-1] + times[1:]) / 2), (values[:-1] + values[1:]) / 2)
+    np.testing.assert_allclose(trace.reference(times[-1] + np.array([0.0, 1.0, 50.0])), np.tile(values[-1], (3, 1)))
+    np.testing.assert_allclose(trace.reference(np.array([-3.0])), values[:1])
+
+
+def test_end_condition_and_target_are_about_the_last_row(trace: Stage, costs: StageCosts, model: RobotModel) -> None:
+    assert trace.trajectory is not None
+    np.testing.assert_array_equal(trace.target, trace.trajectory.values[-1])
+    X = np.zeros((1, 2 * model.n))
+    np.testing.assert_allclose(costs.errors(trace, X), np.asarray(model.g(X[0, : model.n])).T - trace.target)
+    there = replace(trace, space="joint", target=X[0, : model.n], end_rows=(0, 1))
+    assert costs.met(there, X)[0]
+
+
+@given(since=st.floats(-1, 20))
+def test_rate_is_the_slope_of_the_reference_just_after(trace: Stage, since: float) -> None:
+    h = 1e-6
+    ahead, now = trace.reference(np.array([since + h])), trace.reference(np.array([since]))
+    if np.ceil(since) - since > h:
+        np.testing.assert_allclose(trace.rate(np.array([since])), (ahead - now) / h, atol=1e-6)
+
+
+@pytest.mark.parametrize(("dwell", "least"), [(0, 16), (3, 16), (20, 20)])
+def test_stage_lasts_as_long_as_its_trajectory(dwell: float, least: float, model: RobotModel) -> None:
+    task = load_task("tracking", [f"stages.trace.dwell={dwell}"])
+    assert build_stages(task.spec, task.robot, model)[1].dwell == least
+
+
+@pytest.mark.parametrize(
+    ("given_angles", "meant"),
+    [
+        ([170, -170, -100], [170, 190, 260]),
+        ([350, 340, 10], [-10, -20, 10]),
+        ([0, 120, 240, 360], [0, 120, 240, 360]),
+        ([0, 120, 240, 0, 120], [0, 120, 240, 360, 480]),
+    ],
+)
+def test_every_row_of_angles_is_nearest_to_the_row_before(
+    given_angles: list[float], meant: list[float], model: RobotModel
+) -> None:
+    nearest = turning(model, given_angles)
+    np.testing.assert_allclose(np.degrees(nearest.waypoints[:, 2]), meant, atol=1e-9)
+    np.testing.assert_array_equal(nearest.target, nearest.waypoints[-1])
+    exact = turning(model, given_angles, "stages.approach.angles=exact")
+    np.testing.assert_allclose(np.degrees(exact.waypoints[:, 2]), given_angles, atol=1e-9)
+
+
+def test_the_stage_after_a_trajectory_counts_angles_from_its_last_row(model: RobotModel) -> None:
+    rows = "base: [[0, 0, 0], [0, 0, 120 deg], [0, 0, 240 deg]], arms: [[0, 0, 0], [0, 0, 0], [0, 0, 0]]"
+    task = load_task("transport", [f"stages.approach.target={{times: [0, 1, 2], {rows}}}"])
+    after = build_stages(task.spec, task.robot, model)[1]
+    assert np.degrees(after.target[2]) == pytest.approx(390)  # 30 deg, from 240
+
+
+def test_target_that_stands_still_is_a_waypoint_without_a_rate(stages: tuple[Stage, ...]) -> None:
+    assert stages[0].trajectory is None
+    np.testing.assert_array_equal(stages[0].waypoints, stages[0].target[None])
+    assert not stages[0].rate(np.array([0.0, 1.0])).any()
+
+
+def test_trajectory_of_one_value_costs_what_the_target_costs(stages: tuple[Stage, ...]) -> None:
+    model = build_model(TRACKING.robot)
+    costs, X = StageCosts(model), np.random.default_rng(0).standard_normal((4, 2 * model.n))
+    u = np.ones((4, model.n))
+    still = replace(stages[1], trajectory=Trajectory(np.array([0.0, 5.0]), np.tile(stages[1].target, (2, 1))))
+    np.testing.assert_allclose(costs.at(still, X, u, np.arange(4.0)), costs.at(stages[1], X, u))

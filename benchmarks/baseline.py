@@ -20,6 +20,12 @@ RUNS = {
     "psmpc, ideal plant": ["plant.kind=ideal"],
     "smpc": ["controller.kind=smpc"],
     "hard": ["controller.kind=hard"],
+    "htmpc": ["controller.kind=htmpc"],
+    "psmpc, W_r = 1, tolerance 3e-3": [
+        "skills.move.weights.control=1",
+        "skills.reach.weights.control=1",
+        *(f"stages.{stage}.ends_when.tolerance=3e-3" for stage in ("approach", "capture", "transport")),
+    ],
 }
 HEADER = (
     "# Transport task, N_s = 100. Written by `make baseline`; times [s], distances [m], efforts as in docs/log.md.\n"

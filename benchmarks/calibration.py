@@ -3,9 +3,9 @@
     python benchmarks/calibration.py          writes benchmarks/calibration.yaml
 
 The paper gives neither; one setting serves all methods. Each cell runs PSMPC, SMPC and HTMPC on the transport task at
-N_s = 20 and is scored by what is published: how many times are met, within max(0.8 s, 5 %) or earlier in a mission that
-succeeds, and whether PSMPC's Transport and Release start at their instants, within a sample; then the root mean square of the
-differences of the times.
+N_s = 20 and is scored by what is published: how many times are met, within max(0.8 s, 5 %) or earlier in a mission
+that succeeds, and whether PSMPC's Transport and Release start at their instants, within a sample; then the root mean
+square of the differences of the times.
 """
 
 import tempfile
@@ -76,6 +76,6 @@ if __name__ == "__main__":
             met, rms = score(found)
             rows.append({"W_r": weight, "tolerance": tolerance, "met": met, "rms": round(rms, 3), **found})
     rows.sort(key=lambda row: (-row["met"], row["rms"]))
-    head = "# Written by `make calibration`, best first; `met` of 11 published times and 2 starts, rms of the times' differences [s].\n"
+    head = "# Written by `make calibration`, best first; `met` of 11 published times and 2 starts, rms of differences [s].\n"
     text = head + yaml.safe_dump(rows, sort_keys=False, default_flow_style=None, width=160)
     Path(__file__).with_suffix(".yaml").write_text(text, encoding="utf-8")

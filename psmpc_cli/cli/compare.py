@@ -37,6 +37,7 @@ def compare(
     from psmpc_cli.figures.comparison.draw import draw_comparison
     from psmpc_cli.figures.draw import default_directory
     from psmpc_cli.logs.comparison import read_comparison
+    from psmpc_cli.logs.create import refuse
     from psmpc_cli.ocp.feasibility import ensure_feasible
     from psmpc_cli.studies.compare import compared_tasks, controllers_in
 
@@ -44,6 +45,7 @@ def compare(
     first = next(iter(tasks.values()))
     path = output or Path("runs") / f"{first.spec.name}-comparison.h5"
     directory = default_directory(path)
+    refuse(path, force)
     if figures:
         refuse_old_figures(directory, force)
     ensure_feasible(first)

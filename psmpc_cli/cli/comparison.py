@@ -1,7 +1,7 @@
 """A comparison as one table: a row a measure, a column a controller."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import typer
@@ -16,7 +16,8 @@ Row = Sequence[str]
 def print_comparison(summaries: Mapping[str, Summary], path: Path) -> None:
     """Print the summaries of several runs of one task side by side."""
     runs = list(summaries.values())
-    rows = [*_stages(runs), *_measures(runs), *_solves(runs), *_monitors(runs), _row("mission", runs, outcome)]
+    mission = ("mission", *(outcome(run) for run in runs))
+    rows = [*_stages(runs), *_measures(runs), *_solves(runs), *_monitors(runs), mission]
     print_table(("", *summaries), rows, left=1)
     if any("[" in cell for row in rows for cell in row[1:]):
         typer.echo("in brackets: published")
@@ -27,41 +28,35 @@ def print_comparison(summaries: Mapping[str, Summary], path: Path) -> None:
 
 def _stages(runs: Sequence[Summary]) -> Iterator[Row]:
     for i, stage in enumerate(runs[0].stages):
-        yield _row(f"{stage.name} actually starts [s]", runs, lambda run, i=i: _start(run.stages[i]))
-        yield _row(f"{stage.name} ends [s]", runs, lambda run, i=i: _end(run.stages[i]))
-        yield _row(f"{stage.name} lasts [s]", runs, lambda run, i=i: number(run.stages[i].duration, 2))
+        yield f"{stage.name} actually starts [s]", *(_start(run.stages[i]) for run in runs)
+        yield f"{stage.name} ends [s]", *(_end(run.stages[i]) for run in runs)
+        yield f"{stage.name} lasts [s]", *(number(run.stages[i].duration, 2) for run in runs)
 
 
 def _measures(runs: Sequence[Summary]) -> Iterator[Row]:
-    yield _row("end of the run [s]", runs, lambda run: f"{run.duration:.2f}")
-    yield _row("control effort, integral of |u|^2", runs, lambda run: f"{run.control_effort:.2f}")
-    yield _row("base thrusters, force [N s]", runs, lambda run: f"{run.base_force:.2f}")
-    yield _row("base thrusters, torque [N m s]", runs, lambda run: f"{run.base_torque:.2f}")
-    yield _row("variation of u, base position [m/s^2]", runs, lambda run: f"{run.variation.base_position:.2f}")
-    yield _row("variation of u, base angle [rad/s^2]", runs, lambda run: f"{run.variation.base_angle:.2f}")
-    yield _row("variation of u, joints [rad/s^2]", runs, lambda run: f"{run.variation.joints:.2f}")
+    yield "end of the run [s]", *(f"{run.duration:.2f}" for run in runs)
+    yield "control effort, integral of |u|^2", *(f"{run.control_effort:.2f}" for run in runs)
+    yield "base thrusters, force [N s]", *(f"{run.base_force:.2f}" for run in runs)
+    yield "base thrusters, torque [N m s]", *(f"{run.base_torque:.2f}" for run in runs)
+    yield "variation of u, base position [m/s^2]", *(f"{run.variation.base_position:.2f}" for run in runs)
+    yield "variation of u, base angle [rad/s^2]", *(f"{run.variation.base_angle:.2f}" for run in runs)
+    yield "variation of u, joints [rad/s^2]", *(f"{run.variation.joints:.2f}" for run in runs)
     for kind in ("position", "velocity"):
-        yield _row(f"tightest {kind} margin, of the limit", runs, lambda run, kind=kind: _margin(run, kind))
+        yield f"tightest {kind} margin, of the limit", *(_margin(run, kind) for run in runs)
 
 
 def _solves(runs: Sequence[Summary]) -> Iterator[Row]:
     for name, label in (("median", "median"), ("p95", "p95"), ("p99", "p99"), ("largest", "maximum")):
-        yield _row(f"solve time, {label} [ms]", runs, lambda run, name=name: number(1e3 * getattr(run.solves, name), 1))
-    yield _row("solves longer than a sample", runs, lambda run: str(run.missed))
-    yield _row("fall-backs to the shifted plan", runs, lambda run: str(run.fallbacks))
+        yield f"solve time, {label} [ms]", *(number(1e3 * getattr(run.solves, name), 1) for run in runs)
+    yield "solves longer than a sample", *(str(run.missed) for run in runs)
+    yield "fall-backs to the shifted plan", *(str(run.fallbacks) for run in runs)
     if any(run.unsolved_levels is not None for run in runs):
-        yield _row(
-            "levels not solved", runs, lambda run: "-" if run.unsolved_levels is None else str(run.unsolved_levels)
-        )
+        yield "levels not solved", *("-" if run.unsolved_levels is None else str(run.unsolved_levels) for run in runs)
 
 
 def _monitors(runs: Sequence[Summary]) -> Iterator[Row]:
     for i, monitor in enumerate(runs[0].monitors):
-        yield _row(f"monitor: {monitor.name}", runs, lambda run, i=i: _verdict(run.monitors[i]))
-
-
-def _row(label: str, runs: Sequence[Summary], cell: Callable[[Summary], str]) -> Row:
-    return (label, *(cell(run) for run in runs))
+        yield f"monitor: {monitor.name}", *(_verdict(run.monitors[i]) for run in runs)
 
 
 def _start(stage: StageSummary) -> str:

@@ -35,8 +35,8 @@ def print_gradients(task: LoadedTask) -> bool:
     console = Console(highlight=False)
     console.print(table)
     console.print(
-        f"Differences are relative; asked for: {AD_TOLERANCE:g} and {DIFFERENCE_TOLERANCE:g}. The costate formula's gap, taken "
-        "at an optimum without limits and end conditions, halves with twice the nodes.",
+        f"Differences are relative; asked for: {AD_TOLERANCE:g} and {DIFFERENCE_TOLERANCE:g}. The costate formula's "
+        "gap, taken at an optimum without limits and end conditions, halves with twice the nodes.",
         soft_wrap=True,
     )
     return all(audit.holds for audit in audits)

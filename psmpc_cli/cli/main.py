@@ -6,7 +6,7 @@ import sys
 import typer
 
 from psmpc_cli import __version__
-from psmpc_cli.cli import check, compare, init, plot, schema, show, simulate
+from psmpc_cli.cli import check, compare, init, plot, reproduce, schema, show, simulate
 from psmpc_cli.errors import PsmpcError, SpecError
 
 app = typer.Typer(
@@ -18,7 +18,16 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (simulate.simulate, compare.compare, check.check, plot.plot, show.show, init.init, schema.schema):
+for command in (
+    simulate.simulate,
+    compare.compare,
+    check.check,
+    plot.plot,
+    reproduce.reproduce,
+    show.show,
+    init.init,
+    schema.schema,
+):
     app.command()(command)
 
 

@@ -44,6 +44,6 @@ class WindowsAside:
         if before is not None:
             prediction = shift(before.plan, now, self.controller.spec.horizon, x)
         window = self.controller.window(sequence, prediction, x)
-        solved = self.controller.windows.solve(window, prediction, sequence.instants, before and before.window)
+        solved = self.controller.windows.solve(window, prediction, sequence.instants, before.window if before else None)
         usable = solved.solution.outcome.usable
         return _Solved(now, solved.plan if usable else prediction, usable, solved)

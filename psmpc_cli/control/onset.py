@@ -24,11 +24,11 @@ class OnsetObserver:
         self._started: set[int] = set()
 
     def observe(self, decision: Decision, x: np.ndarray, edges: np.ndarray) -> dict[int, float]:
-        """Return by stage index how much of it is in the control from x (2n,) on; edges (2,) [s] of the first tick.
+        """Return by stage index how much of it is in the mean control from x (2n,) on over the sample, edges (2,) [s].
 
-        With `kind: control` the norm of what it adds in the first tick [m/s^2, rad/s^2], with `kind: closeness` the
-        `closeness` of the first sample [1], each in the stage's onset coordinates. Only stages that wait in the window
-        are looked at, and only until they reach the largest threshold.
+        With `kind: control` the norm of what it adds [m/s^2, rad/s^2], with `kind: closeness` the `closeness` to its
+        own optimum [1], each in the stage's onset coordinates. Only stages that wait in the window are looked at, and
+        only until they reach the largest threshold.
         """
         sequence, presence = decision.sequence, {}
         for stage in range(sequence.first + 1, sequence.last + 1):
@@ -48,16 +48,12 @@ class OnsetObserver:
         self, stage: int, decision: Decision, without: Plan, x: np.ndarray, edges: np.ndarray
     ) -> float | None:
         """Return how much of a stage there is in the control; None where its own optimum is not known."""
-        controller = self.aside.controller
-        rows = list(controller.stages[stage].onset_rows)
+        rows = list(self.aside.controller.stages[stage].onset_rows)
+        applied, other = (plan.mean_control(edges)[0, rows] for plan in (decision.plan, without))
         if self.onset.kind == "control":
-            applied, other = (plan.mean_control(edges)[0, rows] for plan in (decision.plan, without))
             return float(np.linalg.norm(applied - other))
         alone, solved = self.aside.plan(Sequence(stage, np.zeros(0), decision.prediction.start), decision, x)
-        if not solved:
-            return None
-        sample = edges[0] + np.array([0.0, controller.spec.sample_time])
-        return closeness(*(plan.mean_control(sample)[0, rows] for plan in (decision.plan, without, alone)))
+        return closeness(applied, other, alone.mean_control(edges)[0, rows]) if solved else None
 
 
 def closeness(applied: np.ndarray, without: np.ndarray, own: np.ndarray) -> float:

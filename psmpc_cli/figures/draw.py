@@ -51,4 +51,5 @@ def draw(
 
 def default_directory(log: Path) -> Path:
     """Return where the figures of a log go by default: beside it, into a folder of its name."""
-    return log.with_suffix("") if log.suffix else log.with_name(f"{log.name}_figures")
+    log = log if log.name else log.resolve()
+    return log.with_suffix("") if log.suffix else log.parent / f"{log.name}_figures"

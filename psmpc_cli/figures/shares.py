@@ -28,9 +28,9 @@ HANDLE = 1.2
 def plot_shares(run: Run) -> Figure:
     """Return each stage's share [%] in the window's weighted cost, and in the applied control, over time.
 
-    The cost is omega_s J_s of the window's stages; the pending cost, which belongs to no stage, is left out. The share in
-    the control is the stage's weight in that combination of the controls all stages in the window would apply on their
-    own which comes nearest to the applied one.
+    The cost is omega_s J_s of the window's stages; the pending cost, which belongs to no stage, is left out. The share
+    in the control is the stage's weight in that combination of the controls all stages in the window would apply on
+    their own which comes nearest to the applied one.
     """
     timeline = open_timeline(run, 2, HEIGHT)
     above, below = timeline.panels

@@ -65,7 +65,7 @@ def plot_snapshots(run: Run) -> Figure:
     view = view_of(run, np.array([key.time for key in keys]))
     width, columns = (COLUMN, min(2, len(keys))) if len(keys) <= MOST else (PAGE, 4)
     across = (width - AROUND) / columns
-    titles = [_wrapped(f"({letters(i)}) {key.time:.1f} s: {key.event}", across) for i, key in enumerate(keys)]
+    titles = [wrapped(f"({letters(i)}) {key.time:.1f} s: {key.event}", across) for i, key in enumerate(keys)]
     rows, lines = -(-len(keys) // columns), 1 + max(title.count("\n") for title in titles)
     below = LEGEND if rows * columns == len(keys) else 0.0
     figure = new_figure(rows * (across * view.aspect + lines * LINE + GAP) + below + AXIS, width)
@@ -118,10 +118,10 @@ def handles_of(run: Run) -> list[Patch | Line2D]:
     return [body, *arms, *things, trail]
 
 
-def _wrapped(text: str, width: float) -> str:
+def wrapped(text: str, width: float) -> str:
     """Return a text broken between words into lines no wider than this [in], where its words allow."""
     lines = [""]
-    for word in text.split():
+    for word in text.split(" "):
         longer = f"{lines[-1]} {word}".lstrip()
         if lines[-1] and text_width(longer) > width:
             lines.append(word)

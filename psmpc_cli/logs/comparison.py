@@ -68,7 +68,9 @@ def _copy(source: h5py.File, target: h5py.Group) -> None:
     target.attrs.update(source.attrs)
     datasets = dict(_datasets(source))
     for path, dataset in datasets.items():
-        source.copy(dataset, target.require_group(path.rpartition("/")[0] or "."), path.rpartition("/")[2], without_attrs=True)
+        source.copy(
+            dataset, target.require_group(path.rpartition("/")[0] or "."), path.rpartition("/")[2], without_attrs=True
+        )
         target[path].attrs.update({key: value for key, value in dataset.attrs.items() if key not in OF_DIMENSIONS})
         if dataset.is_scale:
             target[path].make_scale(dataset.attrs["NAME"])

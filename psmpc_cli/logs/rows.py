@@ -44,7 +44,7 @@ def row(record: Record, stages: int) -> Row:
 
 
 def levels_row(levels: LevelsRecord | None, stages: int) -> Row:
-    """Return what the levels leave in every column of LEVELS, by path; where there are none, that they are not there."""
+    """Return what the levels leave in every column of LEVELS, by path; that there are none, without any."""
     unknown = np.full(stages, np.nan)
     levels = levels or LevelsRecord(unknown, unknown, unknown, np.full(stages, -1))
     return {f"levels/{name}": getattr(levels, name) for name in ("objective", "cost", "wall_time", "solved")}

@@ -1,7 +1,7 @@
 """One level of a lexicographic OCP: minimize one stage's cost without making the earlier ones worse. Paper eq. (32).
 
-The earlier stages' costs are carried as extra states (`constraint: cost`), or their errors are bounded node by node by what
-their own level reached (`constraint: error`); either way the stage structure that solvers exploit stays.
+The earlier stages' costs are carried as extra states (`constraint: cost`), or their errors are bounded node by node by
+what their own level reached (`constraint: error`); either way the stage structure that solvers exploit stays.
 """
 
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ class LevelNlp:
         nx, nu, ng: Sizes of state, input and path rows at each node, (K + 1,).
         states, inputs: Indices of [Q; Qdot] at the nodes (K + 1, 2n) and of u over the intervals (K, n).
         accumulated: Indices of the accumulated costs at the nodes (K + 1, accumulators).
-        bound_rows: Rows of g with an earlier stage's cost at the end (`cost`), or with its error at each node (`error`).
+        bound_rows: Rows of g with an earlier stage's cost at the end (`cost`), or its error at each node (`error`).
         costs: (x, p) -> J_i of every stage of the level, (stages,).
     """
 

@@ -1,4 +1,4 @@
-"""The normalization of the stage costs from the previous prediction. Paper eq. (12), departures in docs/formulation.md."""
+"""The normalization of stage costs from the previous prediction. Paper eq. (12), departures in docs/formulation.md."""
 
 from collections.abc import Sequence
 

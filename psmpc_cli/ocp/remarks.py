@@ -17,7 +17,10 @@ SLACK = 1e-6
 
 
 def remarks(task: LoadedTask, outlooks: Sequence[Outlook]) -> list[Problem]:
-    """Return what is probably not meant: a base kept where it is not left, and trajectories the robot cannot follow."""
+    """Return what is probably not meant.
+
+    A base kept where it is not left, trajectories the robot cannot follow, a time limit no run can keep.
+    """
     return [
         *(
             problem
@@ -25,7 +28,19 @@ def remarks(task: LoadedTask, outlooks: Sequence[Outlook]) -> list[Problem]:
             for problem in _far_base(task, before.stage, outlook.stage)
         ),
         *(problem for outlook in outlooks for problem in _too_fast(task, outlook.stage)),
+        *_too_short(task, outlooks),
     ]
+
+
+def _too_short(task: LoadedTask, outlooks: Sequence[Outlook]) -> Iterator[Problem]:
+    """Give a time limit that stops every run before its last stage can end."""
+    earliest = max(outlook.earliest_end for outlook in outlooks)
+    if earliest > task.spec.time_limit:
+        message = (
+            f"found {task.spec.time_limit:g} s, expected at least {earliest:.4g} s: "
+            f"{quoted(outlooks[-1].stage.name)} cannot end before under the velocity limits"
+        )
+        yield Problem(("time_limit",), message)
 
 
 def _far_base(task: LoadedTask, before: Stage, stage: Stage) -> Iterator[Problem]:

@@ -1,4 +1,4 @@
-"""The full rigid-body dynamics under the computed-torque loop (7): force held over a tick, Runge-Kutta steps between."""
+"""The full rigid-body dynamics under the computed-torque loop (7): force held over a tick, Runge-Kutta between."""
 
 import casadi as ca
 import numpy as np

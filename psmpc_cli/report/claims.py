@@ -1,5 +1,6 @@
 """Claims as tables of a page."""
 
+import re
 from collections.abc import Iterable, Sequence
 
 from psmpc_cli.report.html import Html, element, joined
@@ -11,11 +12,11 @@ from psmpc_cli.studies.reproduce import JudgedClaim
 def claim_table(caption: str, judged: Sequence[JudgedClaim]) -> Html:
     """Return claims as a table; the cause of one that does not hold stands in a row below it."""
     rows = [row for one in judged for row in _rows(one)]
-    return table(caption, ("claim", *HEADINGS[1:]), rows)
+    return table(caption, ("claim", *HEADINGS[1:]), rows, "claims")
 
 
-def table(caption: str, headings: Iterable[str], rows: Iterable[Html]) -> Html:
-    """Return a table of rows; its roles are named, for a narrow page lays it out as blocks."""
+def table(caption: str, headings: Iterable[str], rows: Iterable[Html], kind: str) -> Html:
+    """Return a table of a class; its roles are named, for a narrow page lays it out as blocks."""
     head = (element("th", heading, scope="col", role="columnheader") for heading in headings)
     return element(
         "table",
@@ -23,6 +24,7 @@ def table(caption: str, headings: Iterable[str], rows: Iterable[Html]) -> Html:
         element("thead", element("tr", *head, role="row"), role="rowgroup"),
         element("tbody", *rows, role="rowgroup"),
         role="table",
+        class_=kind,
     )
 
 
@@ -39,7 +41,7 @@ def row(head: Html, texts: Iterable[tuple[str, str]], kind: str = "", anchor: st
     pairs = list(texts)
     classes = [""] * (len(pairs) - 1) + [last]
     made = [
-        element("td", text, role="cell", data_label=heading, **({"class_": name} if name else {}))
+        element("td", _unbroken(text), role="cell", data_label=heading, **({"class_": name} if name else {}))
         for (heading, text), name in zip(pairs, classes, strict=True)
     ]
     given = {key: value for key, value in {"class_": kind, "id": anchor}.items() if value}
@@ -49,7 +51,7 @@ def row(head: Html, texts: Iterable[tuple[str, str]], kind: str = "", anchor: st
 def verdict_in_words(finding: Finding) -> str:
     """Return whether a claim holds, with a sign."""
     if finding.earlier:
-        return "✓ holds: earlier than published, mission succeeded"
+        return "✓ holds: earlier, and the mission succeeded"
     return "✓ holds" if finding.holds else "✗ does not hold"
 
 
@@ -58,17 +60,18 @@ def points(texts: Iterable[str], kind: str) -> Html:
     return element("ul", *(element("li", text) for text in texts), class_=kind)
 
 
+def _unbroken(text: str) -> str:
+    """Return a text whose numbers stay with their units."""
+    return re.sub(r"(\d) (s)\b", "\\1\N{NO-BREAK SPACE}\\2", text)
+
+
 def _rows(judged: JudgedClaim) -> Iterable[Html]:
     claim, finding = judged.claim, judged.finding
     kind = "holds" if finding.holds else "fails"
-    head = joined(_capitalized(claim.statement), element("code", claim.id), element("small", claim.source))
+    head = joined(claim.statement, element("small", element("code", claim.id), f", {claim.source}"))
     texts = {**cells(judged), "holds": verdict_in_words(finding)}
     pairs = [(heading, texts[heading]) for heading in HEADINGS[1:]]
     yield row(head, pairs, f"{kind} reason" if finding.cause else kind, claim.id, "verdict")
     if finding.cause:
         why = element("td", points(finding.cause, "cause"), colspan=len(HEADINGS), role="cell")
         yield element("tr", why, class_=f"{kind} why", role="row")
-
-
-def _capitalized(text: str) -> str:
-    return text[:1].upper() + text[1:]

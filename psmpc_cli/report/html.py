@@ -16,7 +16,7 @@ class Html(str):
     __slots__ = ()
 
 
-def element(name: str, *content: str, **attributes: Attribute) -> Html:
+def element(name: str, /, *content: str, **attributes: Attribute) -> Html:
     """Return an element.
 
     Args:

@@ -15,6 +15,9 @@ DPI = 200
 CSS_DPI = 96
 """Pixels an inch on a page."""
 
+NARROW, WIDE = "narrow", "wide"
+"""Kinds of figures: one column and a page wide."""
+
 
 @dataclass(frozen=True)
 class Picture:
@@ -32,10 +35,12 @@ class Picture:
 
 
 def embed(picture: Picture, kind: str) -> Html:
-    """Return a picture as an element of a class."""
+    """Return a picture as an element, narrow or wide."""
     with in_style():
         figure, file = picture.draw(), BytesIO()
         figure.savefig(file, format="png", dpi=DPI)
     width, height = (round(inches * CSS_DPI) for inches in figure.get_size_inches())
-    caption = element("figcaption", picture.caption)
-    return element("figure", image(file.getvalue(), picture.alt, width, height), caption, class_=kind)
+    shown = image(file.getvalue(), picture.alt, width, height)
+    if kind == WIDE:  # on a narrow page it is scrolled, by keyboard too
+        shown = element("div", shown, class_="scroll", role="region", tabindex=0, aria_label=picture.caption)
+    return element("figure", shown, element("figcaption", picture.caption), class_=kind)

@@ -9,6 +9,7 @@ from psmpc_cli.figures.comparison.names import title_of
 from psmpc_cli.logs.read import Log
 from psmpc_cli.report.claims import points, row, table
 from psmpc_cli.report.html import Html, element, joined
+from psmpc_cli.studies.causes import of_mission
 from psmpc_cli.studies.findings import ABSOLUTE, RELATIVE
 from psmpc_cli.studies.reproduce import Reproduction
 
@@ -37,8 +38,9 @@ def how_made(reproduction: Reproduction, created: str) -> Iterator[Html]:
     pairs = ((element("dt", key), element("dd", element("code", value))) for key, value in facts.items())
     yield element("h2", "How this was made")
     yield element("dl", *(part for pair in pairs for part in pair), class_="facts")
+    rows = (_run(name, log) for name, log in reproduction.logs.items())
     yield element("h3", "The runs")
-    yield table("What each run came to", HEADINGS, (_run(name, log) for name, log in reproduction.logs.items()))
+    yield table("What each run came to", HEADINGS, rows, "runs")
     yield element("h3", "The rules")
     yield points(RULES, "rules")
 
@@ -52,7 +54,7 @@ def _versions(log: Log) -> str:
 def _run(name: str, log: Log) -> Html:
     summary = summarize(log)
     texts = (
-        f"{'succeeded' if summary.succeeded else 'failed'}: {summary.reason}",
+        "succeeded" if summary.succeeded else "; ".join(("failed", *of_mission(summary))),
         f"{summary.duration:.1f} s",
         str(len(log.time)),
         str(summary.fallbacks),

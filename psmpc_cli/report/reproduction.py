@@ -2,8 +2,10 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from math import isfinite
 
 from psmpc_cli.experiment.summary import summarize
+from psmpc_cli.figures.ablations import plot_ablation
 from psmpc_cli.figures.claims.monitors import plot_monitors
 from psmpc_cli.figures.claims.presence import plot_presence
 from psmpc_cli.figures.claims.schedule import plot_schedule
@@ -14,8 +16,9 @@ from psmpc_cli.figures.run import Run, load_run
 from psmpc_cli.figures.states import plot_states
 from psmpc_cli.report.claims import claim_table
 from psmpc_cli.report.html import Html, element, page
-from psmpc_cli.report.images import Picture, embed
+from psmpc_cli.report.images import NARROW, WIDE, Picture, embed
 from psmpc_cli.report.making import how_made
+from psmpc_cli.studies.ablation import Ablation
 from psmpc_cli.studies.claims import TimeClaim
 from psmpc_cli.studies.reproduce import METHODS, JudgedClaim, Reproduction
 
@@ -37,7 +40,8 @@ def build_report(reproduction: Reproduction, created: str) -> Html:
             *_plain_section("The setting", "setting", reproduction),
             *(part for method in METHODS for part in _method(method, reproduction, runs[method])),
             *_plain_section("The methods against each other", "order", reproduction, _schedule(reproduction, runs)),
-            *(embed(picture, "wide") for picture in _comparison(runs)),
+            *(embed(picture, WIDE) for picture in _comparison(runs)),
+            *_ablations(reproduction.ablations),
             *how_made(reproduction, created),
         ),
     )
@@ -80,7 +84,7 @@ def _method(method: str, reproduction: Reproduction, run: Run) -> Iterator[Html]
 
 
 def _topic(caption: str, judged: Sequence[JudgedClaim], picture: Picture | None) -> Html:
-    parts = [claim_table(caption, judged)] + ([] if picture is None else [embed(picture, "narrow")])
+    parts = [claim_table(caption, judged)] + ([] if picture is None else [embed(picture, NARROW)])
     return element("div", *parts, class_="topic" if picture is None else "topic beside")
 
 
@@ -102,15 +106,14 @@ def _picture(topic: str, title: str, run: Run, judged: Sequence[JudgedClaim]) ->
         early = ", ".join(f"{span.name} at {span.early:.1f} s" for span in run.spans if span.early is not None)
         return Picture(
             partial(plot_presence, run, starts),
-            f"{title}: control that each waiting stage adds, over time, and the threshold; early starts: {early or 'none'}.",
+            f"{title}: control that waiting stages add, over time, and the threshold; early starts: {early or 'none'}.",
             f"{title}: what each waiting stage adds to the control. It starts where that reaches the threshold.",
         )
-    broken = [
-        f"{v.name} broke at {v.broken_at:.1f} s" for v in summarize(run.log).monitors if v.broken_at == v.broken_at
-    ]
+    monitors = summarize(run.log).monitors
+    broken = ", ".join(f"{one.name} broke at {one.broken_at:.1f} s" for one in monitors if isfinite(one.broken_at))
     return Picture(
         partial(plot_monitors, run),
-        f"{title}: the monitored distance over time with its bound; {', '.join(broken) or 'it stays within'}.",
+        f"{title}: what the monitors watch, over time, with their bounds; {broken or 'none broke'}.",
         f"{title}: what the monitors of the task watch.",
     )
 
@@ -145,3 +148,17 @@ def _comparison(runs: Mapping[str, Run]) -> Iterator[Picture]:
         "The robot and the object at the end of every stage, a row for each method.",
         "The robot at the switching instants (Fig. 5 of the paper).",
     )
+
+
+def _ablations(ablations: Sequence[Ablation]) -> Iterator[Html]:
+    """Give the section on what becomes of the task without each departure from the paper, if that was asked for."""
+    if not ablations:
+        return
+    yield element("h2", "What the departures from the paper are good for")
+    for ablation in ablations:
+        name = ablation.name.replace("_", " ")
+        draw = partial(plot_ablation, ablation.name, ablation.panels)
+        picture = Picture(draw, f"Ablation of the {name}: {ablation.sentence}", f"With and without the {name}.")
+        yield element("h3", name.capitalize())
+        said = element("p", ablation.sentence)
+        yield element("div", said, embed(picture, NARROW), class_="topic beside")

@@ -1,4 +1,4 @@
-"""IPOPT: the general interior-point method, from the CasADi wheel, warm started with multipliers where there are any."""
+"""IPOPT: the general interior-point method in the CasADi wheel, warm started with multipliers where there are any."""
 
 from psmpc_cli.solvers.base import Outcome, StructuredNlp
 from psmpc_cli.solvers.casadi_nlp import CasadiSolver
@@ -20,7 +20,7 @@ WARM = {
     "warm_start_slack_bound_frac": 1e-9,
     "warm_start_mult_bound_push": 1e-9,
 }
-"""Options of a solve that starts from multipliers: the barrier starts low and the guess is not pushed off its bounds."""
+"""Options of a solve that starts from multipliers: a low barrier, and the guess is not pushed off its bounds."""
 
 
 def build(nlp: StructuredNlp, spec: SolverSpec) -> CasadiSolver:

@@ -132,7 +132,7 @@ class StageSpec(Spec):
     )
     ends_when: EndCondition | None = Field(None, description="the condition that ends the stage, eq. (18)")
     at: Positive | None = Field(None, description="fixed time that ends the stage [s], instead of a condition")
-    dwell: NotNegative = Field(0.0, description="shortest duration [s]")
+    dwell: NotNegative = Field(0.0, description="shortest duration, that of a trajectory at least [s]")
     onset: Coordinates | None = Field(None, description="coordinates whose control marks the stage's actual start")
     angles: Literal["nearest", "exact"] = Field(
         "nearest", description="nearest: a target angle means the nearest equivalent one; exact: itself"
@@ -208,7 +208,9 @@ class TaskSpec(Spec):
     limits: Mapping[str, PartLimits] = Field({}, description="limits of this task, within the robot's")
     skills: Mapping[Name, SkillSpec] = Field(min_length=1, description="the skills by name")
     stages: tuple[StageSpec, ...] = Field(min_length=1, description="the stages in their order")
-    priorities: PrioritiesSpec | None = Field(None, description="priorities of the stages, compared in pairs")
+    priorities: PrioritiesSpec | None = Field(
+        None, description="priorities of all stages from paired comparisons, instead of one at each stage"
+    )
     onset: OnsetSpec = Field(OnsetSpec(), description="what counts as the actual start of a stage")
     object: ObjectSpec | None = Field(None, description="the target object")
     monitors: tuple[MonitorSpec, ...] = Field((), description="what must hold for the mission to succeed")

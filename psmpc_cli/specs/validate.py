@@ -6,7 +6,7 @@ from typing import TypeVar
 from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.specs.checks.limits import check_limits
-from psmpc_cli.specs.checks.names import check_coordinates, check_names
+from psmpc_cli.specs.checks.names import check_coordinates, check_input, check_names
 from psmpc_cli.specs.checks.parts import check_parts
 from psmpc_cli.specs.checks.priorities import check_priorities
 from psmpc_cli.specs.checks.robot import check_robot
@@ -56,6 +56,7 @@ def validate_task(document: Document, robot: RobotSpec | None) -> tuple[TaskSpec
 def _check_task(task: Cursor, robot: RobotSpec | None) -> Iterator[Problem]:
     """Give what does not fit together."""
     yield from check_names(task)
+    yield from check_input(task)
     yield from check_stages(task)
     yield from check_timing(task)
     yield from check_times(task)

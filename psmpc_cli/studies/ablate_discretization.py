@@ -1,4 +1,4 @@
-"""Euler's discretization, eq. (20), against the exact one over N_s: prediction, instant and run."""
+"""Euler's discretization, eq. (20), against the exact one over N_s: the prediction in one window, and the run."""
 
 from collections.abc import Mapping
 
@@ -28,12 +28,12 @@ def run_on_mesh(kind: str, count: int, nodes: int) -> str:
 def ablate_discretization(logs: Mapping[str, Log], one: OneWindow, nodes: int) -> Ablation:
     """Compare the runs with either discretization over N_s, and their predictions in one window."""
     counts = meshes(nodes)
-    panels: dict[str, dict[str, Curve]] = {"error": {}, "instant": {}, "end": {}}
+    panels: dict[str, dict[str, Curve]] = {"error": {}, "missed": {}, "end": {}}
     numbers: dict[str, float] = {}
     for kind in KINDS:
-        instants, errors = np.array([on_mesh(one, count, kind) for count in counts]).T
+        errors, missed = np.array([on_mesh(one, count, kind) for count in counts]).T
         ends = np.array([end_of(summarize(logs[run_on_mesh(kind, count, nodes)])) for count in counts])
-        for panel, values in (("error", errors), ("instant", instants), ("end", ends)):
+        for panel, values in (("error", errors), ("missed", missed), ("end", ends)):
             panels[panel][kind] = np.array(counts, float), values
             numbers |= {f"{panel}, {kind}, {c} nodes": float(v) for c, v in zip(counts, values, strict=True)}
     return Ablation("discretization", _sentence(numbers, counts, one.window.start), panels, numbers)
@@ -43,15 +43,16 @@ def _sentence(numbers: Mapping[str, float], counts: list[int], start: float) -> 
     """Say what Euler's discretization costs with the fewest nodes and with all."""
     few, many = counts[0], counts[-1]
 
-    def error(kind: str, count: int) -> str:
-        return f"{numbers[f'error, {kind}, {count} nodes']:.1e}"
+    def of(quantity: str, kind: str) -> str:
+        return f"{numbers[f'{quantity}, {kind}, {few} nodes']:.2g} ({numbers[f'{quantity}, {kind}, {many} nodes']:.2g})"
 
     def end(kind: str, count: int) -> str:
         return ending(numbers[f"end, {kind}, {count} nodes"])
 
     return (
-        f"Within the window at {start:.1f} s Euler's prediction of a coordinate is off by up to "
-        f"{error('euler', few)} m or rad with N_s = {few} and {error('euler', many)} with {many}, the exact one by "
-        f"{error('exact', few)} and {error('exact', many)}; with N_s = {few} the run {end('euler', few)} (exact: it "
-        f"{end('exact', few)}), with {many} it {end('euler', many)} ({end('exact', many)})."
+        f"With N_s = {few} ({many}) and in the window at {start:.1f} s Euler's prediction of a coordinate is off by "
+        f"{of('error', 'euler')} m or rad and its control leads at t_s to {of('missed', 'euler')} tolerances from the "
+        f"target, the exact one by {of('error', 'exact')} m or rad and to {of('missed', 'exact')} tolerances; the run "
+        f"{end('euler', few)} ({end('euler', many)}) with Euler's discretization and {end('exact', few)} "
+        f"({end('exact', many)}) with the exact one."
     )

@@ -7,8 +7,8 @@ from psmpc_cli.studies.ablation import (
     JUMP,
     OURS,
     Ablation,
-    ahead,
     ending,
+    instants,
     joined,
     measured,
     starting,
@@ -33,7 +33,7 @@ def ablate_normalization(logs: Mapping[str, Log]) -> Ablation:
     numbers = measured(logs, FORMS)
     panels = {
         "stages": {name: starts_and_ends(logs[name]) for name in FORMS},
-        "instant": {name: ahead(logs[name]) for name in FORMS},
+        "instant": instants(logs, FORMS),
         "variation": {name: variation(logs[name]) for name in FORMS},
     }
     return Ablation("normalization", _sentence(numbers, logs[OURS].stage_names[1:]), panels, numbers)

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from psmpc_cli.logs.read import Log
-from psmpc_cli.studies.ablation import JUMP, OURS, Ablation, Curve, ahead, ending, joined, measured, variation
-from psmpc_cli.studies.one_window import OneWindow, Scan, instant_grid, optimize_instants, scan_instants
+from psmpc_cli.studies.ablation import JUMP, OURS, Ablation, Curve, ending, instants, joined, measured, variation
+from psmpc_cli.studies.one_window import OneWindow, Scan, instant_grid, optimize_instants, scan_instants, under
 
 PRINTED = "printed"
 """The run with the objective as printed."""
@@ -28,21 +28,24 @@ def ablate_pending_cost(logs: Mapping[str, Log], one: OneWindow, points: int) ->
     """Compare the runs `PRINTED` and `OURS`, and their objectives in one window at so many instants."""
     runs = (PRINTED, OURS)
     panels: dict[str, dict[str, Curve]] = {
-        "instant": {name: ahead(logs[name]) for name in runs},
+        "instant": instants(logs, runs),
         "variation": {name: variation(logs[name]) for name in runs},
-        **{f"{what}, {name}": {} for what in ("J", "found") for name in runs},
+        **{f"{what}, {name}": {} for what in ("J", "minima", "found") for name in runs},
     }
     numbers = measured(logs, runs)
     delta, grid = {PRINTED: 0.0, OURS: one.window.pending_cost}, instant_grid(one.window.horizon, points)
     for label, priorities in PRIORITIES.items():
-        scan = scan_instants(one, priorities, grid)
+        weighed = under(one, priorities)
+        scan = scan_instants(weighed, grid)
         numbers[f"earliest, {label}"] = float(scan.instants[0])
         for name in runs:
             cost = scan.with_pending(delta[name])
-            found = optimize_instants(one, priorities, delta[name], [part * one.window.horizon for part in GUESSES])
+            found = optimize_instants(weighed, delta[name], [part * one.window.horizon for part in GUESSES])
+            lowest = np.array(minima(replace(scan, cost=cost)))
             panels[f"J, {name}"][label] = scan.instants, cost / cost[0]
-            panels[f"found, {name}"][label] = found, np.interp(found, scan.instants, cost / cost[0])
-            numbers |= _enumerated(f"minimum of J for {label}, {name}", minima(replace(scan, cost=cost)))
+            for what, places in (("minima", lowest), ("found", found)):
+                panels[f"{what}, {name}"][label] = places, np.interp(places, scan.instants, cost / cost[0])
+            numbers |= _enumerated(f"minimum of J for {label}, {name}", lowest.tolist())
             numbers |= _enumerated(f"found for {label}, {name}", found.tolist())
     return Ablation("pending_cost", _sentence(numbers, one), panels, numbers)
 

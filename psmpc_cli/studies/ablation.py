@@ -14,6 +14,9 @@ Curves = Mapping[str, Curve]
 OURS = "ours"
 """The run of the task as it is."""
 
+END = "T_f"
+"""The curve that says how far ahead the horizon ends."""
+
 JUMP = 0.3
 """An optimized instant that moves by more between two samples jumps [s]."""
 
@@ -39,6 +42,14 @@ def ahead(log: Log) -> Curve:
     """Return how far ahead the optimized instant of the current stage is [s] over time [s]; NaN where there is none."""
     instants, first = log["window/instants"], log["window/first"]
     return log.time, instants[np.arange(len(first)), first] - log.time
+
+
+def instants(logs: Mapping[str, Log], names: Iterable[str]) -> dict[str, Curve]:
+    """Return for runs how far ahead the optimized instant is, and in the same way the end of their common horizon."""
+    runs = {name: ahead(logs[name]) for name in names}
+    horizons = [float(np.asarray(logs[name].attributes["horizon"])) for name in runs]
+    latest = max(float(time[-1]) for time, _ in runs.values())
+    return {**runs, END: (np.array([0.0, latest]), np.full(2, max(horizons)))}
 
 
 def variation(log: Log) -> Curve:
@@ -79,8 +90,8 @@ def end_of(summary: Summary) -> float:
 
 
 def ending(time: float) -> str:
-    """Say when a run ends [s], or that it does not."""
-    return f"ends at {time:.1f} s" if np.isfinite(time) else "does not end"
+    """Say when a run ends [s], or that it never does."""
+    return f"ends after {time:.1f} s" if np.isfinite(time) else "never ends"
 
 
 def starting(times: Iterable[float]) -> str:

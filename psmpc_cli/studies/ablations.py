@@ -20,7 +20,7 @@ from psmpc_cli.studies.variants import run_variants
 
 __all__ = ["Ablation", "run_ablations"]
 
-EVERY_RUN = ("controller.kind=psmpc", "log.plans=false")
+EVERY_RUN = ("controller.kind=psmpc", "log.plans=false", "log.shares=false")
 
 CHANGES: Mapping[str, tuple[str, ...]] = {
     OURS: ("log.plans=true",),

@@ -14,9 +14,6 @@ UNIT = "m/s^2, rad/s^2"
 Cause = tuple[str, ...]
 """What there is to say, point by point."""
 
-NEAR = 1e-6
-"""Times closer than this are the same [s]."""
-
 
 def of_time(claim: TimeClaim, evidence: Evidence, tolerance: float) -> Cause:
     """Return why something does not happen at its published time, to within the tolerance [s]."""
@@ -98,9 +95,8 @@ def _earlier(summary: Summary) -> str:
 
 def _never(moment: Moment, evidence: Evidence) -> str:
     known = evidence.stage(moment.stage) is not None
-    return f"{moment.stage} did not {moment.event}: " + (
-        evidence.summary.reason if known else "the task has no such stage"
-    )
+    reason = evidence.summary.reason if known else "the task has no such stage"
+    return f"{moment.stage} did not {moment.event}: {reason}"
 
 
 def _threshold(start: Moment, evidence: Evidence, earliest: float, latest: float) -> list[str]:
@@ -125,7 +121,7 @@ def _postponed(start: Moment, evidence: Evidence) -> str:
 
 def _needed(onset: Onset, regular: float, earliest: float, latest: float) -> str:
     """Return the thresholds that give a start between two times; above its largest presence a stage starts on time."""
-    above, at_most = onset.largest(before=earliest - NEAR), onset.largest(before=latest + NEAR)
+    above, at_most = onset.thresholds(earliest, latest)
     between = f"a start from {earliest:.2f} s to {latest:.2f} s"
     if latest >= regular:
         return f"{between} takes an epsilon above {above:.2g}"
@@ -136,9 +132,8 @@ def _needed(onset: Onset, regular: float, earliest: float, latest: float) -> str
 
 def _increments(claim: TimeClaim, evidence: Evidence) -> str:
     """Return how much of a difference arises between one published time and the next."""
-    known = [*claim.before, (claim.moment, claim.published)]
-    if len(known) == 1:
-        return ""
+    times = [*claim.before, (claim.moment, claim.published)]
+    known = [(moment, published) for moment, published in times if np.isfinite(evidence.time_of(moment))]
     off = [0.0, *(evidence.time_of(moment) - published for moment, published in known)]
     names = ["the start", *(moment.symbol for moment, _ in known)]
     gains = zip(pairwise(off), pairwise(names), strict=True)
@@ -152,7 +147,8 @@ def _remoteness(moment: Moment, published: float, evidence: Evidence) -> str:
     nearness = evidence.nearness.get(moment.stage)
     if nearness is None:
         return ""
-    return f"at {published:g} s {moment.stage} was {nearness.at(published):.2g} tolerances away from its target"
+    tolerances = nearness.at(published)
+    return f"at {published:g} s {moment.stage} was still {tolerances:.{0 if tolerances >= 10 else 1}f} tolerances away"
 
 
 def _floor(moment: Moment, published: float, evidence: Evidence) -> str:

@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import Any
 
 from psmpc_cli import __version__
+from psmpc_cli.studies.ablation import Ablation
 from psmpc_cli.studies.findings import Finding, Value
 from psmpc_cli.studies.reproduce import TASK, JudgedClaim, Reproduction
 
@@ -25,6 +26,7 @@ def as_data(reproduction: Reproduction, created: str) -> dict[str, Any]:
         "changes": list(reproduction.changes),
         "digests": {name: str(log.attributes["digest"]) for name, log in reproduction.logs.items()},
         "claims": [_claim_data(judged) for judged in reproduction.judged],
+        "ablations": [_ablation_data(ablation) for ablation in reproduction.ablations],
         "held": len(reproduction.judged) - len(reproduction.failing),
         "failed": len(reproduction.failing),
     }
@@ -56,7 +58,7 @@ def shown(value: Value, unit: str) -> str:
     if isinstance(value, str):
         return value
     if isinstance(value, float):
-        return f"{_number(value)} {unit}".rstrip() if math.isfinite(value) else "never"
+        return f"{_number(value, unit)} {unit}".rstrip() if math.isfinite(value) else "never"
     texts = [entry for entry in value if isinstance(entry, str)]
     times = [entry for entry in value if isinstance(entry, float)]
     return _related(times, unit) if times else ", ".join(texts) or "none"
@@ -69,17 +71,19 @@ def _related(times: Sequence[float], unit: str) -> str:
     return shown(times[0], unit) + "".join(rest)
 
 
-def _number(value: float) -> str:
-    """Return a number with two digits, or one less where the last is 0."""
-    return f"{value:.0f}" if float(value).is_integer() and abs(value) >= 20 else f"{value:.2f}".removesuffix("0")
+def _number(value: float, unit: str) -> str:
+    """Return a time with one or two digits, another number with as many as it has."""
+    return f"{value:.2f}".removesuffix("0") if unit else f"{value:g}"
 
 
 def _signed(finding: Finding) -> str:
-    return f"{finding.difference:+.2f} {finding.unit}".rstrip() if math.isfinite(finding.difference) else "-"
+    if not math.isfinite(finding.difference):
+        return "-"
+    return f"{finding.difference:+.2f} {finding.unit}" if finding.unit else f"{finding.difference:+g}"
 
 
 def _tolerance(finding: Finding) -> str:
-    return f"{finding.tolerance:.2f} {finding.unit}".rstrip() if math.isfinite(finding.tolerance) else "exact"
+    return f"{finding.tolerance:.2f} {finding.unit}" if finding.tolerance > 0 else "exact"
 
 
 def _claim_data(judged: JudgedClaim) -> dict[str, Any]:
@@ -97,6 +101,11 @@ def _claim_data(judged: JudgedClaim) -> dict[str, Any]:
         "earlier": finding.earlier,
         "cause": "; ".join(finding.cause) or None,
     }
+
+
+def _ablation_data(ablation: Ablation) -> dict[str, Any]:
+    numbers = {name: _plain(float(value)) for name, value in ablation.numbers.items()}
+    return {"name": ablation.name, "sentence": ablation.sentence, "numbers": numbers}
 
 
 def _plain(value: Value) -> Any:

@@ -14,6 +14,9 @@ from psmpc_cli.robot.model import build_model
 from psmpc_cli.specs.load import LoadedTask
 from psmpc_cli.studies.claims import Moment
 
+NEAR = 1e-6
+"""Times closer than this are the same [s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Onset:
@@ -30,6 +33,10 @@ class Onset:
     presence: np.ndarray
     starts: Mapping[float, float]
     postponed: int
+
+    def thresholds(self, earliest: float, latest: float) -> tuple[float, float]:
+        """Return between which thresholds, the upper one included, it starts from `earliest` to `latest` [s]."""
+        return self.largest(earliest - NEAR), self.largest(latest + NEAR)
 
     def largest(self, before: float = np.inf) -> float:
         """Return the largest presence at samples before a time [s]; 0 if there is none."""

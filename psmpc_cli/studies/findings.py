@@ -27,6 +27,9 @@ from psmpc_cli.studies.evidence import Evidence
 ABSOLUTE, RELATIVE = 0.8, 0.05
 """Tolerance of a published time: so many seconds or this part of it, whichever is larger."""
 
+EXACTLY, NOTHING = 0.0, float("nan")
+"""Tolerance of what holds as stated or not at all; the difference of what is no number."""
+
 Value = float | str | tuple[float, ...] | tuple[str, ...]
 Runs = Mapping[str, Evidence]
 
@@ -39,7 +42,7 @@ class Finding:
         published, reproduced: What is compared, in the claim's unit; NaN where it never happened.
         unit: `s`, or empty.
         difference: Reproduced less published; NaN where there is none.
-        tolerance: Largest difference at which the claim holds; NaN where it has to hold exactly.
+        tolerance: Largest difference at which the claim holds; 0 where it holds exactly or not at all.
         holds: Whether it does.
         earlier: It does although the difference is larger: earlier than published, and the mission succeeded.
         cause: Why it does not hold, or is earlier, point by point; empty otherwise.
@@ -69,7 +72,7 @@ def judge_setting(claim: SettingClaim, runs: Runs) -> Finding:
     cause = () if holds else (f"the runs were made with {', '.join(f'{value:g}' for value in found)}",)
     reproduced = next((value for value in found if value != claim.published), claim.published)
     unit = "s" if claim.name == "horizon" else ""
-    return Finding(claim.published, reproduced, unit, reproduced - claim.published, 0.0, holds, cause=cause)
+    return Finding(claim.published, reproduced, unit, reproduced - claim.published, EXACTLY, holds, cause=cause)
 
 
 @judge.register
@@ -114,7 +117,7 @@ def judge_early(claim: EarlyClaim, runs: Runs) -> Finding:
     names = tuple(moment.stage for moment in claim.starts)
     early = tuple(name for name in names if (stage := evidence.stage(name)) is not None and stage.premature)
     cause = () if early == names else causes.of_no_early_start(set(names) - set(early), evidence)
-    return Finding(names, early, "", float("nan"), float("nan"), early == names, cause=cause)
+    return Finding(names, early, "", NOTHING, EXACTLY, early == names, cause=cause)
 
 
 @judge.register
@@ -123,7 +126,7 @@ def judge_order(claim: OrderClaim, runs: Runs) -> Finding:
     times = tuple(runs[moment.run].time_of(moment) for moment in claim.moments)
     holds = all(one < next_one for one, next_one in pairwise(times))
     cause = () if holds else causes.of_order(claim, runs)
-    return Finding(claim.published, times, "s", float("nan"), float("nan"), holds, cause=cause)
+    return Finding(claim.published, times, "s", NOTHING, EXACTLY, holds, cause=cause)
 
 
 @judge.register
@@ -134,7 +137,7 @@ def judge_mission(claim: MissionClaim, runs: Runs) -> Finding:
     holds = summary.succeeded == claim.succeeds
     cause = () if holds else causes.of_mission(summary)
     published, reproduced = words[claim.succeeds], words[summary.succeeded]
-    return Finding(published, reproduced, "", float("nan"), float("nan"), holds, cause=cause)
+    return Finding(published, reproduced, "", NOTHING, EXACTLY, holds, cause=cause)
 
 
 @judge.register
@@ -145,10 +148,6 @@ def judge_release(claim: ReleaseClaim, runs: Runs) -> Finding:
     losses = [verdict.broken_at for verdict in evidence.summary.monitors if np.isfinite(verdict.broken_at)]
     lost = min(losses, default=float("nan"))
     holds = bool(start <= lost < end)
-    if losses:
-        reproduced = f"{claim.start.stage} starts at {start:.1f} s, the object is lost at {lost:.1f} s"
-    else:
-        reproduced = "the object is not lost"
-    published, nothing = "the object is lost before its destination", float("nan")
+    reproduced = f"lost at {lost:.1f} s, {claim.end.symbol} = {end:.1f} s" if losses else "not lost"
     cause = () if holds else causes.of_no_release(claim, evidence)
-    return Finding(published, reproduced, "", nothing, nothing, holds, cause=cause)
+    return Finding("lost too early", reproduced, "", NOTHING, EXACTLY, holds, cause=cause)

@@ -10,6 +10,7 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.experiment.setup import Experiment, build_experiment
 from psmpc_cli.experiment.summary import task_of
 from psmpc_cli.logs.read import Log, read_plan
+from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import SHORTEST, Bounds, Window, bounds, pack_guess, parameter_vector, unpack_plan
 from psmpc_cli.solvers import Guess
@@ -95,9 +96,24 @@ def _window_at(log: Log, experiment: Experiment, sample: int) -> OneWindow:
     return OneWindow(experiment, window, unpack_plan(nlp, window, read_plan(log.path, "solution", sample)))
 
 
-def scan_instants(one: OneWindow, priorities: tuple[float, float], grid: Vector) -> Scan:
-    """Return J over the instant for other priorities, on a grid (G,) [s] after T0 down to the earliest feasible one."""
-    window = replace(one.window, omega=np.array(priorities), pending_cost=0.0)
+def under(one: OneWindow, priorities: tuple[float, float]) -> OneWindow:
+    """Return the window under other priorities, normalized from the optimum they have with the old normalization.
+
+    What a cost is divided by comes from a prediction: that of other priorities would weigh the stages anew.
+    """
+    experiment, window = one.experiment, replace(one.window, omega=np.array(priorities))
+    controller, windows = experiment.task.controller, experiment.controller.windows
+    plan = windows.solve(window, one.plan, one.plan.instants).plan
+    begins = np.r_[window.start - window.elapsed, plan.instants]
+    kind, zeta, step = controller.normalization, controller.zeta, controller.sample_time
+    offset, scale = normalization(kind, zeta, window.stages, begins, experiment.costs, plan, step)
+    window = replace(window, offset=offset, scale=scale)
+    return OneWindow(experiment, window, windows.solve(window, plan, plan.instants).plan)
+
+
+def scan_instants(one: OneWindow, grid: Vector) -> Scan:
+    """Return J over the instant, on a grid (G,) [s] after T0 down to the earliest feasible one."""
+    window = replace(one.window, pending_cost=0.0)
     plan, scanned, tried = one.plan, {}, sorted(map(float, grid), reverse=True)
     infeasible = 0.0
     for instant in tried:
@@ -133,11 +149,9 @@ def _solve_fixed(one: OneWindow, window: Window, instant: float, plan: Plan) -> 
     return None
 
 
-def optimize_instants(
-    one: OneWindow, priorities: tuple[float, float], pending_cost: float, guesses: Sequence[float]
-) -> Vector:
+def optimize_instants(one: OneWindow, pending_cost: float, guesses: Sequence[float]) -> Vector:
     """Return the instants after T0 (len(guesses),) [s] that the solver returns from guesses [s]; NaN if it fails."""
-    window = replace(one.window, omega=np.array(priorities), pending_cost=pending_cost)
+    window = replace(one.window, pending_cost=pending_cost)
     found = []
     for guess in guesses:
         solved = one.experiment.controller.windows.solve(window, one.plan, np.array([window.start + guess]))
@@ -147,28 +161,30 @@ def optimize_instants(
 
 
 def on_mesh(one: OneWindow, nodes: int, discretization: str) -> tuple[float, float]:
-    """Return the optimized instant after T0 [s] on another mesh, and how far its prediction is from what happens.
+    """Return how far the prediction of a plan on another mesh is from where its control leads.
 
-    The latter is the largest difference of a coordinate at a node from where the plan's control leads [m, rad]. Both
-    are NaN if there is no solution.
+    First the largest difference of a coordinate at a node [m, rad], then the largest error at the switch over the
+    tolerance of the end condition [1]; both NaN if there is no solution.
     """
-    task = one.experiment.task
+    task, costs = one.experiment.task, one.experiment.costs
     controller = task.controller.model_copy(update={"nodes": nodes, "discretization": discretization})
-    task = task.model_copy(update={"controller": controller})
-    windows = WindowSolver(task, one.experiment.model, one.experiment.costs)
+    windows = WindowSolver(task.model_copy(update={"controller": controller}), one.experiment.model, costs)
     solved = windows.solve(one.window, one.plan, one.plan.instants)
     if not solved.solution.outcome.usable:
         return np.nan, np.nan
-    return float(solved.plan.instants[0]) - one.window.start, prediction_error(solved.plan)
+    real, stage = led_to(solved.plan), one.window.stages[0]
+    n = one.experiment.model.n
+    missed = np.abs(costs.errors(stage, real[nodes : nodes + 1])[0, list(stage.end_rows)]) / stage.tolerance
+    return float(np.abs(solved.plan.X[:, :n] - real[:, :n]).max()), float(np.max(missed, initial=0.0))
 
 
-def prediction_error(plan: Plan) -> float:
-    """Return the largest difference of a plan's coordinates from where its control leads [m, rad]."""
+def led_to(plan: Plan) -> Vector:
+    """Return the states at the nodes (K + 1, 2n) to which the plan's control leads from its first one."""
     n, dt = plan.u.shape[1], np.diff(plan.times)[:, None]
-    Q, Qdot = plan.X[0, :n], plan.X[0, n:]
-    rates = Qdot + np.vstack([np.zeros(n), np.cumsum(dt * plan.u, axis=0)])
-    happens = Q + np.cumsum(dt * rates[:-1] + dt**2 / 2 * plan.u, axis=0)
-    return float(np.abs(plan.X[1:, :n] - happens).max())
+    nothing = np.zeros((1, n))
+    Qdot = plan.X[0, n:] + np.vstack([nothing, np.cumsum(dt * plan.u, axis=0)])
+    Q = plan.X[0, :n] + np.vstack([nothing, np.cumsum(dt * Qdot[:-1] + dt**2 / 2 * plan.u, axis=0)])
+    return np.hstack([Q, Qdot])
 
 
 def instant_grid(horizon: float, points: int) -> Vector:

@@ -1,8 +1,9 @@
 """Runs what the paper's claims on its simulations need, and judges them. Documented in docs/reproduce.md."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.comparison import read_comparison
@@ -10,6 +11,7 @@ from psmpc_cli.logs.read import Log
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import LoadedTask, load_task
+from psmpc_cli.studies.ablations import Ablation, run_ablations
 from psmpc_cli.studies.claims import Claim, published_claims
 from psmpc_cli.studies.compare import compare
 from psmpc_cli.studies.evidence import Evidence, gather_evidence
@@ -44,11 +46,13 @@ class Reproduction:
         changes: Keys of the task that were changed.
         logs: The runs, by method.
         judged: The claims.
+        ablations: What each departure from the paper is good for, where that was asked for.
     """
 
     changes: tuple[str, ...]
     logs: Mapping[str, Log]
     judged: tuple[JudgedClaim, ...]
+    ablations: tuple[Ablation, ...] = ()
 
     @property
     def failing(self) -> tuple[JudgedClaim, ...]:
@@ -100,8 +104,25 @@ def run_reproduction(
     return judge_claims(read_comparison(path), changes)
 
 
+def add_ablations(
+    reproduction: Reproduction,
+    directory: Path,
+    jobs: int | None = None,
+    done: Callable[[str], None] = lambda name: None,
+) -> Reproduction:
+    """Return the reproduction with the ablations of its PSMPC run; their logs stay in a directory no longer than that.
+
+    Raises:
+        RunError: A log could not be written.
+    """
+    task = load_variants(reproduction.changes)["psmpc"]
+    with TemporaryDirectory(prefix=".ablations-", dir=directory) as meanwhile:
+        return replace(reproduction, ablations=tuple(run_ablations(task, Path(meanwhile), jobs, done)))
+
+
 def judge_claims(logs: Mapping[str, Log], changes: Sequence[str] = ()) -> Reproduction:
     """Judge every claim on the logs of all methods; `changes` of the task are noted."""
     runs: dict[str, Evidence] = {name: gather_evidence(log) for name, log in logs.items()}
     claims = published_claims(load_published())
-    return Reproduction(tuple(changes), logs, tuple(JudgedClaim(claim, judge(claim, runs)) for claim in claims))
+    judged = tuple(JudgedClaim(claim, judge(claim, runs)) for claim in claims)
+    return Reproduction(tuple(changes), logs, judged)

@@ -64,14 +64,18 @@ def simulated_times(paths: Mapping[str, Path]) -> dict[str, float]:
 
 
 def _run(variant: Variant) -> str:
-    """Run one variant in a process of its own; its warnings are counted in its log, and said there."""
-    logging.getLogger("psmpc_cli").setLevel(logging.ERROR)
-    note = _note(variant.path)
+    """Run one variant, in a process of its own as a rule; its warnings are counted in its log, and said there."""
+    package, note = logging.getLogger("psmpc_cli"), _note(variant.path)
+    level = package.level
 
     def watch(progress: Progress) -> None:
         note.write_text(f"{progress.record.time:.3f}")
 
-    run(variant.task, variant.path, True, watch)
+    package.setLevel(logging.ERROR)
+    try:
+        run(variant.task, variant.path, True, watch)
+    finally:
+        package.setLevel(level)
     return variant.name
 
 

@@ -26,16 +26,16 @@ def test_valid_task_is_a_table() -> None:
 transport: On-orbit transport with four stages
 robot planar_dual_arm; controller psmpc, horizon 4 s, 100 nodes a stage, sample time 0.1 s; solver fatrop; plant rk4
 stage          part   target                       ends within  distance of reach  not before
-approach       base   -2, 2 m, 30 deg              0.003                           9.98 s
+approach       base   -2, 2 m, 30 deg              0.002                           9.99 s
 move (joint)   arm_1  0, 0, 0 deg
 priority 1     arm_2  0, 0, 0 deg
-capture        base   -2, 2 m, 30 deg              0.003                           9.98 s
-reach (task)   arm_1  -1.9334, 3.1677 m, 165 deg   0.003        1.036 of 1.200 m
-priority 100   arm_2  -3.0446, 2.5261 m, -105 deg  0.003        1.036 of 1.200 m
-transport      base   0, 0 m, 0 deg                0.003                           19.95 s
+capture        base   -2, 2 m, 30 deg              0.002                           9.99 s
+reach (task)   arm_1  -1.9334, 3.1677 m, 165 deg   0.002        1.036 of 1.200 m
+priority 100   arm_2  -3.0446, 2.5261 m, -105 deg  0.002        1.036 of 1.200 m
+transport      base   0, 0 m, 0 deg                0.002                           19.97 s
 move (joint)   arm_1  45, 45, 60 deg
 priority 1     arm_2  -45, -45, -60 deg
-release        base   0, 0 m, 0 deg                0.05                            19.95 s
+release        base   0, 0 m, 0 deg                0.05                            19.97 s
 reach (task)   arm_1  1.5, 0 m, 0 deg              0.05         1.200 of 1.200 m
 priority 0.01  arm_2  -1.5, 0 m, 0 deg             0.05         1.200 of 1.200 m
 
@@ -72,6 +72,20 @@ arm_2.3     -180 to 180 deg  -0.15 to 0.15 rad/s
 
 """
     )
+
+
+def test_comparisons_and_trajectories_are_in_the_table() -> None:
+    result = run("tracking", "--set", "priorities.compare=[[trace, unfold, 90], [trace, stow, 100], [unfold, stow, 1]]")
+    assert result.exit_code == 0
+    lines = [line.split() for line in result.stdout.splitlines()]
+    assert "priorities from 3 comparisons: consistency ratio 0.0012, acceptable up to 0.1" in result.stdout.splitlines()
+    assert ["trace", "base", "to", "0.8,", "0", "m,", "0", "deg", "0.01", "21.16", "s"] in lines
+    assert "priority 93.217    arm_2  to -0.062, 0.933 m, -90 deg  0.01         1.089 of 1.200 m" in result.stdout
+    assert ["follows", "16", "s"] in lines
+
+
+def test_comparisons_without_redundancy_tell_nothing_of_consistency() -> None:
+    assert "priorities from 2 comparisons: no more than they need, so nothing tells" in run("tracking").stdout
 
 
 def test_fixed_time_dwell_and_partial_conditions_are_in_the_table(tmp_path: Path) -> None:

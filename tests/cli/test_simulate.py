@@ -179,7 +179,6 @@ REFUSED = [
         '--set controller.kind=mpc: controller.kind: found the text "mpc" (did you mean "smpc"?)',
     ),
     (("--plant", "mars"), '--set plant.kind=mars: plant.kind: found the text "mars", expected one of ideal'),
-    (("--set", "time_limit=0.1"), '"back" cannot end before under the velocity limits'),
     (("--quiet", "--verbose"), "psmpc: found both --quiet and --verbose, expected at most one of them"),
     (("-o", "task.yaml"), "psmpc: task.yaml exists already: choose another file with -o, or overwrite it with --force"),
     (("-o", "task.yaml", "--force"), "psmpc: task.yaml is no log: --force overwrites logs only; choose another file"),

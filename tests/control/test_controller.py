@@ -1,5 +1,6 @@
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -159,7 +160,7 @@ def test_multipliers_start_a_solve_of_the_same_stages(decisions: list[Decision])
     """Without an append or a drop every solve starts from the last one's multipliers, moved in time."""
     same = [
         (before, after)
-        for before, after in zip(decisions[:-1], decisions[1:], strict=True)
+        for before, after in pairwise(decisions)
         if [s.index for s in before.solved.window.stages] == [s.index for s in after.solved.window.stages]
     ]
     assert len(same) > 100

@@ -45,8 +45,7 @@ class Aside:
 
     @property
     def controller(self) -> object:
-        stages = (SimpleNamespace(onset_rows=()), SimpleNamespace(onset_rows=ROWS))
-        return SimpleNamespace(stages=stages, spec=SimpleNamespace(sample_time=0.1))
+        return SimpleNamespace(stages=(SimpleNamespace(onset_rows=()), SimpleNamespace(onset_rows=ROWS)))
 
     def plan(self, sequence: Sequence, decision: Decision, x: np.ndarray) -> tuple[Plan, bool]:
         self.asked.append((sequence.first, sequence.last))

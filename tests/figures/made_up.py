@@ -147,7 +147,15 @@ def _record(model: RobotModel, time: float, story: Story) -> Record:
         momentum_error=np.zeros(3),
         energy_error=0.0,
         ticks=_ticks(model, time, story) if story.ticks else None,
+        window_cost=2.0 ** -np.arange(len(instants) + 1),
+        shares=_shares(first, time, instants),
     )
+
+
+def _shares(first: int, time: float, instants: np.ndarray) -> dict[int, float]:
+    """The stages of the window take over one after another, each over a horizon."""
+    handed = [1.0, *np.clip(1.0 - (instants - time) / HORIZON, 0.0, 1.0), 0.0]
+    return {first + k: float(handed[k] - handed[k + 1]) for k in range(len(handed) - 1)}
 
 
 def _ticks(model: RobotModel, time: float, story: Story) -> TickRecord:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.gradient import Rollout
 from psmpc_cli.ocp.layout import mesh
+from psmpc_cli.ocp.lexicographic import Level, LevelShape, level_parameters, transcribe_level
 from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.stages import Stage, Trajectory
@@ -33,6 +34,11 @@ def windows(stages: tuple[Stage, ...]) -> Window:
         for stage, path in zip(stages[1:3], straight, strict=True)
     ]
     return window_over((stages[0], *moving), terminal_cost=0.5)
+
+
+def of_two(window: Window, *stages: Stage) -> Window:
+    """A window over two stages only."""
+    return replace(window, stages=stages, omega=window.omega[:2], offset=window.offset[:2], scale=window.scale[:2])
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +84,7 @@ def test_running_trajectory_goes_on_from_where_it_is(model: RobotModel, windows:
 
 def test_path_bends_where_the_trajectory_does(windows: Window) -> None:
     bent = Trajectory(np.array([0.0, 1.0, 2.0]), np.outer([0.0, 1.0, 5.0], np.ones(9)))
-    window = replace(windows, stages=(windows.stages[0], replace(windows.stages[1], trajectory=bent)))
+    window = of_two(windows, windows.stages[0], replace(windows.stages[1], trajectory=bent))
     _, path = desired_paths((4, 4), window, np.array([3.0]))
     np.testing.assert_allclose(path.values[:, 0] + 2.0 * path.slopes[:, 0], [0, 0.5, 1, 3, 5])
     np.testing.assert_allclose(path.slopes[:, 0], [0, 0.25, 2, 3, 0])
@@ -87,7 +93,7 @@ def test_path_bends_where_the_trajectory_does(windows: Window) -> None:
 def test_end_condition_is_about_the_last_row_even_if_the_guess_ends_the_stage_before(
     model: RobotModel, windows: Window, costs: StageCosts
 ) -> None:
-    window = replace(windows, stages=(windows.stages[1], windows.stages[0]))
+    window = of_two(windows, windows.stages[1], windows.stages[0])
     nlp = transcribe(model, window_shape(window.stages, N, "exact"))
     guess = np.array([1.2])
     z = pack_guess(nlp, window, resting_plan(1.0, 4.0, 40, window.x0), guess, costs)
@@ -100,6 +106,18 @@ def test_end_condition_is_about_the_last_row_even_if_the_guess_ends_the_stage_be
 def test_only_a_moving_target_adds_parameters(model: RobotModel, stages: tuple[Stage, ...], nlp: Nlp) -> None:
     still = transcribe(model, window_shape(stages[:3], N, "exact"))
     assert nlp.p.shape[0] - still.p.shape[0] == 2 * (9 * 2 * (N + 1))
+
+
+def test_level_follows_the_running_trajectory_and_draws_a_waiting_one_to_its_first_row(
+    model: RobotModel, windows: Window
+) -> None:
+    shape = LevelShape(("task", "joint"), "error", N, "exact")
+    stages = windows.stages[1:]
+    level = Level(stages, windows.x0, 1.0, 4.0, 7.5, np.ones(2), (np.zeros((N, 9)),), 1e-3)
+    p = level_parameters(transcribe_level(model, shape), level)
+    first, second = (piece[18:].reshape(N + 1, 9) for piece in np.split(p[18 + 1 + 2 :], 2))
+    np.testing.assert_allclose(first, stages[0].reference(7.5 + np.linspace(0, 4, N + 1)))
+    np.testing.assert_allclose(second, np.tile(stages[1].waypoints[0], (N + 1, 1)))
 
 
 @pytest.mark.parametrize("begins", [0.0, 2.0, 9.0])

@@ -42,3 +42,9 @@ def test_instants_and_dwells_carry_over_to_later_stages() -> None:
     timed = ["stages.approach.dwell=12", "stages.capture.dwell=2"]
     ends = [outlook.earliest_end for outlook in look_ahead(load_task("transport", timed))]
     np.testing.assert_allclose(ends, [12, 14, 14 + (2 - 6e-3) / 0.2, 14 + (2 - 6e-3) / 0.2])
+
+
+def test_stage_does_not_end_before_its_trajectory() -> None:
+    unfold, trace, stow = look_ahead(load_task("tracking"))
+    assert trace.earliest_end == pytest.approx(unfold.earliest_end + 16)
+    assert stow.earliest_end >= trace.earliest_end

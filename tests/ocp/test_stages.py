@@ -40,10 +40,11 @@ def test_reference_is_linear_between_the_times_and_held_after_the_last(trace: St
 def test_end_condition_and_target_are_about_the_last_row(trace: Stage, costs: StageCosts, model: RobotModel) -> None:
     assert trace.trajectory is not None
     np.testing.assert_array_equal(trace.target, trace.trajectory.values[-1])
-    X = np.zeros((1, 2 * model.n))
-    np.testing.assert_allclose(costs.errors(trace, X), np.asarray(model.g(X[0, : model.n])).T - trace.target)
-    there = replace(trace, space="joint", target=X[0, : model.n], end_rows=(0, 1))
-    assert costs.met(there, X)[0]
+    X = np.zeros((2, 2 * model.n))
+    X[1, :3] = trace.target[:3]
+    np.testing.assert_allclose(costs.errors(trace, X), np.asarray(model.g(X[:, : model.n].T)).T - trace.target)
+    base = replace(trace, end_rows=(0, 1, 2), tolerance=np.full(3, 0.01))
+    assert costs.met(base, X).tolist() == [False, True]
 
 
 @given(since=st.floats(-1, 20))

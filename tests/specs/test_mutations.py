@@ -14,6 +14,8 @@ from psmpc_cli.specs.document import Data, read
 from psmpc_cli.specs.load import load_task, parse_task
 
 TASK, ROBOT = (read("original", text) for text in (load_task("transport").task_yaml, load_task("transport").robot_yaml))
+TWO_ROWS = "times: [0, 16], base: [[0, 0, 0], [0.8, 0, 0]], arms: [[0, 1, 0], [1, 1, 0]]"
+MOVING = read("original", load_task("tracking", [f"stages.trace.target={{{TWO_ROWS}}}"]).task_yaml)
 
 NAMES: list[Data] = ["", "x", "base", "all", "30 deg", "1e999"]
 NUMBERS: list[Data] = [None, True, -1, 0, 1.5, 1e300]
@@ -36,8 +38,8 @@ def mutate(data: Any, path: tuple[str | int, ...], action: str, value: Any) -> A
     return changed
 
 
-@pytest.mark.parametrize("document", [TASK, ROBOT], ids=["task", "robot"])
-@settings(max_examples=150, deadline=None)
+@pytest.mark.parametrize("document", [TASK, MOVING, ROBOT], ids=["task", "moving", "robot"])
+@settings(max_examples=70, deadline=None)
 @given(data=st.data())
 def test_mutated_description_is_loaded_or_refused(document: Any, data: st.DataObject) -> None:
     changed = document.data
@@ -49,7 +51,7 @@ def test_mutated_description_is_loaded_or_refused(document: Any, data: st.DataOb
                 changed, path, data.draw(st.sampled_from(["remove", "rename", "replace"])), data.draw(junk)
             )
     text = effective.write(changed)
-    texts = (text, ROBOT.text) if document is TASK else (TASK.text, text)
+    texts = (TASK.text, text) if document is ROBOT else (text, ROBOT.text)
     try:
         parse_task(*texts, "mutated")
     except SpecError as error:

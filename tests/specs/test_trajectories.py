@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.specs.coordinates import stack_rows
@@ -17,7 +17,8 @@ skills: {move: {space: joint, weights: {base: [1, 1, 1], arms: [1, 1, 1]}}}
 stages:
   - name: follow
     skill: move
-    target: {times: [0, 4], base: [[0, 0, 0], [0.5, 0, 30 deg]], arm_1: [[0, 0, 0], [1, 2, 3]], arms: [[0, 0, 0], [4, 5, 6]]}
+    target:
+      {times: [0, 4], base: [[0, 0, 0], [0.5, 0, 30 deg]], arm_1: [[0, 0, 0], [1, 2, 3]], arms: [[0, 0, 0], [4, 5, 6]]}
     ends_when: {coordinates: base}
 """
 
@@ -48,6 +49,7 @@ def test_task_is_the_same_after_a_round_trip_through_plain_data() -> None:
     assert StageSpec(name="again", skill="follow", target=target).target == target
 
 
+@settings(max_examples=20, deadline=None)
 @given(st.integers(0, 16), st.sampled_from(["base", "arm_1", "arm_2"]), st.integers(0, 2), st.floats(-1e3, 1e3))
 def test_one_number_is_overridden_and_the_effective_text_keeps_it(
     moment: int, part: str, axis: int, value: float

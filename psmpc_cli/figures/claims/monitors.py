@@ -34,6 +34,7 @@ def plot_monitors(run: Run) -> Figure:
         axes.set_ylabel(_label(monitor))
         panel_legend(axes, f"{readable(monitor.name)} during {readable(monitor.during)}")
     if not run.task.monitors:
+        timeline.panels[0].set_yticks([])
         panel_legend(timeline.panels[0], "the task has no monitor")
         return timeline.finish()
     bound = Line2D([], [], color=EDGE, linewidth=0.9, linestyle=BOUND, label="bound")

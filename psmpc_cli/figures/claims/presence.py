@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from psmpc_cli.figures.claims.marks import published_mark
 from psmpc_cli.figures.panels import panel_legend, point_if_alone
 from psmpc_cli.figures.run import Run
 from psmpc_cli.figures.style import EDGE, line_look, readable
@@ -32,13 +33,13 @@ def plot_presence(run: Run, published: Mapping[str, float]) -> Figure:
             _plot_stage(axes, run, stage, readable(name))
     axes.axhline(run.task.onset.epsilon, color=EDGE, linewidth=0.7, zorder=1.5)
     for time in published.values():
-        axes.plot(time, run.task.onset.epsilon, **_published())
+        axes.plot(time, run.task.onset.epsilon, **published_mark())
     axes.set_yscale("log")
     axes.set_ylim(bottom=SMALLEST)
     axes.set_ylabel("Control added by a waiting stage\n(m/s², rad/s²)")
     panel_legend(axes, "" if waited else "no stage waits: one at a time")
     threshold = Line2D([], [], color=EDGE, linewidth=0.7, label="threshold")
-    marks = [Line2D([], [], label="published start", **_published())] if published else []
+    marks = [Line2D([], [], label="published start", **published_mark())] if published else []
     return timeline.finish([threshold, *marks])
 
 
@@ -48,7 +49,3 @@ def _plot_stage(axes: Axes, run: Run, stage: int, name: str) -> None:
     seen = np.isfinite(values)
     shown = np.maximum(values[seen], SMALLEST)
     axes.plot(run.log.time[seen], shown, label=name, marker=point_if_alone(run.log.time[seen]), **line_look(stage))
-
-
-def _published() -> dict[str, object]:
-    return {"marker": "v", "color": "black", "markerfacecolor": "white", "markersize": 5.0, "linestyle": "none"}

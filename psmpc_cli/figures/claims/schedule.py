@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from psmpc_cli.figures.claims.marks import published_mark
 from psmpc_cli.figures.comparison.names import title_of
 from psmpc_cli.figures.run import Run, Span
 from psmpc_cli.figures.style import (
@@ -41,17 +41,17 @@ def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, 
     axes.set_xlim(0.0, latest * 1.02)
     axes.set_ylim(len(runs) - 0.4, -0.6)
     for row, (name, run) in enumerate(runs.items()):
+        axes.annotate(title_of(name), (0.0, row), (-3, 0), textcoords="offset points", ha="right", va="center")
         for span in run.spans:
             _draw_span(axes, row, span)
         for time in published.get(name, {}).values():
-            axes.plot(time, row - BAR / 2 - 0.1, **_mark())
-    axes.set_yticks(np.arange(len(runs)), [title_of(name) for name in runs])
-    axes.tick_params(axis="y", length=0)
+            axes.plot(time, row - BAR / 2 - 0.1, **published_mark())
+    axes.set_yticks([])
     axes.set_xlabel("Time (s)")
     axes.set_title(_key(runs), loc="left", pad=4, fontsize=TEXT)
     handles = [
         Patch(facecolor=EARLY, edgecolor=EDGE, linewidth=0.4, label="next stage acts already"),
-        Line2D([], [], label="published end", **_mark()),
+        Line2D([], [], label="published end", **published_mark()),
     ]
     columns = legend_columns((str(handle.get_label()) for handle in handles), COLUMN - 0.1)
     figure.legend(handles=handles, loc="outside lower center", ncols=columns)
@@ -73,7 +73,3 @@ def _key(runs: Mapping[str, Run]) -> str:
     """Return what the numbers stand for."""
     names = next(iter(runs.values())).log.stage_names
     return ", ".join(f"{number} {readable(name)}" for number, name in enumerate(names, start=1))
-
-
-def _mark() -> dict[str, object]:
-    return {"marker": "v", "color": "black", "markerfacecolor": "white", "markersize": 5.0, "linestyle": "none"}

@@ -1,4 +1,4 @@
-"""The frame of figures over time with a column a controller: its name, a strip of its stages, panels shaded by stage."""
+"""The frame of figures over time with a column a controller: its name, a strip of its stages, shaded panels."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

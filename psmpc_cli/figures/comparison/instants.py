@@ -73,7 +73,7 @@ def _plot_detail(axes: Axes, runs: Mapping[str, Run], stage: int) -> None:
 
 def _optimized(run: Run, stage: int) -> np.ndarray:
     """Return at which samples (K,) the end of a stage was optimized."""
-    return np.isfinite(run.log["window/instants"][:, stage])
+    return np.asarray(np.isfinite(run.log["window/instants"][:, stage]))
 
 
 def _look(index: int) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from psmpc_cli.figures.shares import HEIGHT, blanks, cost_shares, plot_stack
 
 
 def plot_shares(runs: Mapping[str, Run]) -> Figure:
-    """Return each stage's share [%] in the window's weighted cost, and in the applied control, under each controller."""
+    """Return each stage's share [%] in the window's weighted cost and in the applied control, by controller."""
     grid = open_grid(runs, 2, HEIGHT)
     found = []
     for (above, below), run in zip(grid.panels.T, runs.values(), strict=True):

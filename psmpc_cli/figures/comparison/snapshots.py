@@ -12,12 +12,15 @@ from matplotlib.patches import Polygon
 from psmpc_cli.figures.comparison.names import title_of
 from psmpc_cli.figures.robot_drawing import View, base_outline, draw_scene, show, view_of
 from psmpc_cli.figures.run import Run, Span
-from psmpc_cli.figures.snapshots import AROUND, AXIS, GAP, handles_of, letters
+from psmpc_cli.figures.snapshots import AROUND, AXIS, GAP, handles_of, letters, wrapped
 from psmpc_cli.figures.style import LINE, PAGE, TEXT, legend_columns, new_figure, readable
 from psmpc_cli.robot.model import arm_points
 
 ACROSS = 4
 """Stages side by side; of a task with more, a controller takes several rows."""
+
+NO_BREAK = "\N{NO-BREAK SPACE}"
+"""Between a number and its unit."""
 
 GHOST = "#9A9A9A"
 """Colour of the robot at an early start."""
@@ -33,15 +36,18 @@ def plot_snapshots(runs: Mapping[str, Run]) -> Figure:
     rows = -(-len(names) // across)
     view = _common_view(runs.values())
     width = (PAGE - AROUND) / across
-    figure = new_figure(len(runs) * rows * (width * view.aspect + 2 * LINE + GAP) + AXIS, PAGE)
+    titles = _titles(runs.values(), width - 0.1)
+    lines = 1 + max(title.count("\n") for title in titles)
+    figure = new_figure(len(runs) * rows * (width * view.aspect + lines * LINE + GAP) + AXIS, PAGE)
     grid = figure.subplots(len(runs) * rows, across, sharex=True, sharey=True, squeeze=False)
-    letter = iter(range(len(runs) * len(names)))
     for k, (name, run) in enumerate(runs.items()):
         block = grid[k * rows : (k + 1) * rows]
         for stage, axes in enumerate(block.ravel()):
             if stage < len(names):
-                _plot_cell(axes, run, stage, letters(next(letter)))
+                _plot_cell(axes, run, stage)
                 show(axes, view)
+                title = titles[k * len(names) + stage]
+                axes.set_title(title + "\n " * (lines - 1 - title.count("\n")), loc="left", pad=2, fontsize=TEXT)
             else:
                 axes.set_axis_off()
         for axes in block[:, 0]:
@@ -52,28 +58,33 @@ def plot_snapshots(runs: Mapping[str, Run]) -> Figure:
     return figure
 
 
-def _plot_cell(axes: Axes, run: Run, stage: int, letter: str) -> None:
-    """Draw the robot at the end of a stage, and at the early start of the next."""
-    end = float(run.log.stages["switch_time"][stage])
-    name = readable(run.log.stage_names[stage])
+def _titles(runs: Collection[Run], width: float) -> list[str]:
+    """Return every panel's title, in lines no wider than this [in]: when a stage ends, and when the next one starts."""
+    titles: list[str] = []
+    for run in runs:
+        for stage, name in enumerate(run.log.stage_names):
+            end, start = float(run.log.stages["switch_time"][stage]), _next_start(run, stage)
+            ended = f"ends at {end:.1f}{NO_BREAK}s" if np.isfinite(end) else "did not end"
+            lines = [wrapped(f"({letters(len(titles))}) {readable(name)} {ended}", width)]
+            if np.isfinite(end) and start is not None:
+                begun = "starts then" if start.early is None else f"starts at {start.early:.1f}{NO_BREAK}s"
+                lines.append(wrapped(f"{readable(start.name)} {begun}", width))
+            titles.append("\n".join(lines))
+    return titles
+
+
+def _plot_cell(axes: Axes, run: Run, stage: int) -> None:
+    """Draw the robot at the end of a stage, if it ended, and at the early start of the next."""
+    end, start = float(run.log.stages["switch_time"][stage]), _next_start(run, stage)
     if not np.isfinite(end):
-        axes.set_title(f"({letter}) {name} did not end\n ", loc="left", pad=2, fontsize=TEXT)
         return
-    start = _next_start(run, stage)
     if start is not None and start.early is not None:
         _draw_ghost(axes, run, start.early)
     draw_scene(axes, run, end)
-    axes.set_title(f"({letter}) {name} ends at {end:.1f} s\n{_start_text(start)}", loc="left", pad=2, fontsize=TEXT)
 
 
 def _next_start(run: Run, stage: int) -> Span | None:
     return next((span for span in run.spans if span.index == stage + 1), None)
-
-
-def _start_text(span: Span | None) -> str:
-    if span is None:
-        return " "
-    return f"{readable(span.name)} starts " + ("then" if span.early is None else f"at {span.early:.1f} s")
 
 
 def _draw_ghost(axes: Axes, run: Run, time: float) -> None:
@@ -96,7 +107,7 @@ def _times(run: Run) -> np.ndarray:
     """Return the times a run is drawn at [s]."""
     ends = run.log.stages["switch_time"]
     early = [span.early for span in run.spans if span.early is not None]
-    return np.r_[run.time[0], ends[np.isfinite(ends)], early]
+    return np.concatenate([run.time[:1], ends[np.isfinite(ends)], early])
 
 
 def _legend(figure: Figure, runs: Collection[Run]) -> None:

@@ -7,6 +7,7 @@ from psmpc_cli.specs.coordinates import Space, labels, names, rows
 from psmpc_cli.specs.cursor import Cursor
 from psmpc_cli.specs.problem import Problem, choice, dotted, quoted
 from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.task import SolverSpec
 
 CONTROLLERS = ("psmpc", "smpc", "hard", "htmpc")
 """Controllers that published runs may be of."""
@@ -35,6 +36,17 @@ def check_names(task: Cursor) -> Iterator[Problem]:
             for name, instant in run[key].items():
                 if name not in stages:
                     yield instant.problem(f"found no such stage{choice(name, stages)}", aims_at_key=True)
+
+
+def check_input(task: Cursor) -> Iterator[Problem]:
+    """Give skills in task-space input where the solver does not come back from their windows."""
+    solver = task["solver"].valid(SolverSpec) if task["solver"].exists else SolverSpec()
+    if solver is None or solver.kind != "fatrop":
+        return
+    for _, skill in task["skills"].items():
+        if skill["input"].text == "task":
+            found = 'found "task" with solver fatrop, which does not come back from its windows'
+            yield skill["input"].problem(f'{found}; expected "joint", or solver: ipopt')
 
 
 def check_coordinates(task: Cursor, robot: RobotSpec) -> Iterator[Problem]:

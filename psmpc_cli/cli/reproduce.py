@@ -1,0 +1,104 @@
+"""`psmpc reproduce`: run what the paper's claims need, and lay published and reproduced side by side."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from psmpc_cli.studies.reproduce import Reproduction
+
+REPORT = "report.html"
+
+
+def reproduce(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Directory of the report and the logs.")
+    ] = Path("runs/reproduce"),
+    json: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write the claim table as JSON as well.")
+    ] = None,
+    ablations: Annotated[
+        bool, typer.Option("--ablations", help="Also run the task without each of our departures from the paper.")
+    ] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 if a claim does not hold.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier reproduction.")] = False,
+    changes: Annotated[
+        list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change any key of the task; repeatable.")
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Processes at once. Default: one a core.", show_default=False)
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no table.")] = False,
+) -> None:
+    """Run what the paper's claims need: a table of published against reproduced, and a report with the figures."""
+    from datetime import UTC, datetime
+    from json import dumps
+
+    from psmpc_cli.cli.claims import print_claims
+    from psmpc_cli.figures.ablations import draw_ablation
+    from psmpc_cli.report.reproduction import build_report
+    from psmpc_cli.studies.claim_table import as_data
+    from psmpc_cli.studies.reproduce import LOGS
+
+    report = output / REPORT
+    _refuse_old([output / LOGS, report, *([] if json is None else [json])], force)
+    reproduction = _run(output, changes or [], ablations, force, jobs, quiet)
+    created = datetime.now(UTC).isoformat(timespec="seconds")
+    _write(report, build_report(reproduction, created))
+    for ablation in reproduction.ablations:
+        draw_ablation(ablation.name, ablation.panels, output / f"ablation_{ablation.name}.png")
+    if json is not None:
+        _write(json, dumps(as_data(reproduction, created), indent=2, allow_nan=False) + "\n")
+    if not quiet:
+        print_claims(reproduction)
+        typer.echo(f"report: {report}")
+    if strict and reproduction.failing:
+        raise typer.Exit(1)
+
+
+def _run(
+    directory: Path, changes: list[str], ablations: bool, force: bool, jobs: int | None, quiet: bool
+) -> "Reproduction":
+    """Run under the eyes of the progress display; a signal ends it, and no report is written."""
+    from psmpc_cli.cli.parallel import watching_runs
+    from psmpc_cli.cli.termination import stopping_on_signals
+    from psmpc_cli.studies.reproduce import add_ablations, run_reproduction
+
+    def ablated(name: str) -> None:
+        if not quiet:
+            typer.echo(f"ablations: {name} done", err=True)
+
+    with stopping_on_signals() as interruption:
+        try:
+            with watching_runs(quiet) as runs:
+                reproduction = run_reproduction(directory, changes, force, jobs, runs.began, runs.done)
+            return add_ablations(reproduction, directory, jobs, ablated) if ablations else reproduction
+        except KeyboardInterrupt as reason:
+            typer.echo(f"psmpc: {reason}; no report was written", err=True)
+            raise typer.Exit(interruption.exit_code) from None
+
+
+def _refuse_old(files: list[Path], force: bool) -> None:
+    """Find out before the runs, not after them, what would be overwritten or could not be written."""
+    from psmpc_cli.errors import InputError
+
+    for path in files:
+        if path.is_dir():
+            raise InputError(f"{path} is a directory, expected a file or nothing")
+        if path.exists() and not force:
+            raise InputError(
+                f"{path} exists already: choose another place with -o or --json, or overwrite with --force"
+            )
+        if path.parent.exists() and not path.parent.is_dir():
+            raise InputError(f"{path.parent} is no directory: choose another place with -o or --json")
+
+
+def _write(path: Path, text: str) -> None:
+    from psmpc_cli.errors import InputError
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror or error}") from None

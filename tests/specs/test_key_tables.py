@@ -1,0 +1,69 @@
+"""docs/tasks.md and docs/robots.md say what the models say, and their examples load."""
+
+import re
+from collections.abc import Iterator
+
+import pytest
+
+from psmpc_cli.specs import effective
+from psmpc_cli.specs.document import Data, read
+from psmpc_cli.specs.load import load_robot, load_task, parse_task
+from psmpc_cli.specs.task import StageSpec, TaskSpec
+from psmpc_cli.specs.validate import validate_robot
+
+from .key_tables import DOCS, ROOTS, documented, models_of, with_tables
+
+TRANSPORT = load_task("transport")
+PAGES = {name: (DOCS / name).read_text(encoding="utf-8") for name in ROOTS}
+
+
+def examples(page: str) -> Iterator[dict[str, Data]]:
+    for text in re.findall(r"^```yaml\n(.*?)^```", PAGES[page], re.DOTALL | re.MULTILINE):
+        data = read(page, text).data
+        assert isinstance(data, dict)
+        yield data
+
+
+@pytest.mark.parametrize("page", ROOTS)
+def test_tables_are_those_of_the_models(page: str) -> None:
+    assert PAGES[page] == with_tables(page, PAGES[page]), "python tests/specs/key_tables.py writes the tables anew"
+
+
+@pytest.mark.parametrize("page", ROOTS)
+def test_every_model_has_its_table(page: str) -> None:
+    assert documented(PAGES[page]) == models_of(page)
+
+
+def test_links_lead_to_headings() -> None:
+    headings = {
+        name: {
+            re.sub(r"[^\w -]", "", line).strip().lower().replace(" ", "-")
+            for line in re.findall(r"^#+ (.*)", text, re.M)
+        }
+        for name, text in PAGES.items()
+    }
+    for page, text in PAGES.items():
+        for target, anchor in re.findall(r"\]\(([\w./-]*)#([\w-]+)\)", text):
+            assert anchor in headings[target or page], f"{page}: {target}#{anchor}"
+
+
+@pytest.mark.parametrize("number", range(len(list(examples("tasks.md")))))
+def test_examples_of_tasks_load(number: int) -> None:
+    example = list(examples("tasks.md"))[number]
+    task = read("transport", TRANSPORT.task_yaml).data
+    assert isinstance(task, dict) and isinstance(task["stages"], list)
+    stages = [{key: value for key, value in stage.items() if key != "priority"} for stage in task["stages"]]
+    if example.keys() <= StageSpec.model_fields.keys() - TaskSpec.model_fields.keys():
+        example = {"stages": [{**stages[0], **example}, *stages[1:]]}
+    dropped = ("object", "monitors", "published") if "stages" in example else ()
+    kept = {key: value for key, value in task.items() if key not in dropped}
+    parse_task(effective.write({**kept, "stages": stages, **example}), TRANSPORT.robot_yaml, "example")
+
+
+@pytest.mark.parametrize("number", range(len(list(examples("robots.md")))))
+def test_examples_of_robots_load(number: int) -> None:
+    robot = read("robot", load_robot("planar_dual_arm").robot_yaml).data
+    assert isinstance(robot, dict)
+    found, problems = validate_robot(read("example", effective.write({**robot, **list(examples("robots.md"))[number]})))
+    assert problems == ()
+    assert found is not None

@@ -1,0 +1,133 @@
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+from psmpc_cli.errors import InputError, RunError
+from psmpc_cli.experiment.run import run
+from psmpc_cli.logs.comparison import read_comparison
+from psmpc_cli.logs.read import read_log
+from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.studies import variants
+from psmpc_cli.studies.compare import CONTROLLERS, compare, compared_tasks, controllers_in
+from psmpc_cli.studies.variants import log_paths, run_variants, simulated_times
+
+from ..there_and_back import TASK
+
+
+@pytest.fixture
+def reference(tmp_path: Path) -> str:
+    path = tmp_path / "task.yaml"
+    path.write_text(TASK)
+    return str(path)
+
+
+@pytest.fixture
+def tasks(reference: str) -> dict[str, LoadedTask]:
+    return compared_tasks(reference, ("smpc", "hard"), ["log.plans=false"])
+
+
+@pytest.mark.parametrize(
+    ("text", "controllers"),
+    [
+        ("psmpc,smpc,htmpc,hard", CONTROLLERS),
+        (" hard , psmpc", ("hard", "psmpc")),
+        ("smpc,smpc,", ("smpc",)),
+    ],
+)
+def test_controllers_are_named_between_commas(text: str, controllers: tuple[str, ...]) -> None:
+    assert controllers_in(text) == controllers
+
+
+@pytest.mark.parametrize(
+    ("text", "found"), [("psmpc,mpc", "controller 'mpc'"), ("", "controller"), (",", "controller")]
+)
+def test_what_is_no_list_of_controllers_is_refused(text: str, found: str) -> None:
+    with pytest.raises(InputError, match=f"found no {found}, expected one or more of psmpc, smpc"):
+        controllers_in(text)
+
+
+def test_tasks_differ_in_the_controller_alone(reference: str) -> None:
+    tasks = compared_tasks(reference, CONTROLLERS, ["controller.nodes=7", "plant.kind=rk4"])
+    assert [task.spec.controller.kind for task in tasks.values()] == list(CONTROLLERS)
+    alike = []
+    for task in tasks.values():
+        controller = task.spec.controller.model_copy(update={"kind": "psmpc"})
+        alike.append(task.spec.model_copy(update={"controller": controller}))
+    assert all(spec == alike[0] for spec in alike)
+    assert (alike[0].controller.nodes, alike[0].plant.kind) == (7, "rk4")
+
+
+def test_the_controller_is_not_changed_from_outside(reference: str) -> None:
+    with pytest.raises(InputError, match="choose with --controllers"):
+        compared_tasks(reference, CONTROLLERS, ["controller.kind=smpc"])
+    tasks = compared_tasks(reference, CONTROLLERS, ["controller=smpc"])
+    assert [task.spec.controller.kind for task in tasks.values()] == list(CONTROLLERS)
+
+
+def test_runs_in_parallel_are_the_runs_alone(tmp_path: Path, tasks: dict[str, LoadedTask]) -> None:
+    began: list[dict[str, Path]] = []
+    done: list[str] = []
+    path = tmp_path / "new" / "comparison.h5"
+    compare(tasks, path, jobs=2, began=lambda paths: began.append(dict(paths)), done=done.append)
+    found = read_comparison(path)
+    assert list(found) == ["smpc", "hard"]
+    assert sorted(done) == ["hard", "smpc"]
+    assert list(began[0]) == ["smpc", "hard"]
+    assert list(path.parent.iterdir()) == [path]  # the logs it was made from are gone
+    for name, task in tasks.items():
+        run(task, tmp_path / "alone.h5", force=True)
+        alone = read_log(tmp_path / "alone.h5")
+        assert alone.columns.keys() == found[name].columns.keys()
+        for column in ("state/Q", "control/u", "window/instants", "window/share"):
+            np.testing.assert_array_equal(found[name][column], alone[column])
+
+
+def test_nothing_runs_where_something_would_be_overwritten(tmp_path: Path, tasks: dict[str, LoadedTask]) -> None:
+    path = tmp_path / "comparison.h5"
+    path.write_text("precious")
+
+    def began(paths: object) -> None:
+        raise AssertionError("it ran")
+
+    with pytest.raises(InputError, match="exists already"):
+        compare(tasks, path, began=began)
+    with pytest.raises(InputError, match="is no log"):
+        compare(tasks, path, force=True, began=began)
+    assert path.read_text() == "precious"
+    with pytest.raises(InputError, match="cannot be written"):
+        compare(tasks, path / "below.h5", began=began)
+
+
+def test_an_interruption_leaves_nothing(tmp_path: Path, tasks: dict[str, LoadedTask]) -> None:
+    def done(name: str) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        compare(tasks, tmp_path / "comparison.h5", jobs=1, done=done)
+    assert [path.name for path in tmp_path.iterdir()] == ["task.yaml"]
+
+
+def test_a_process_that_dies_is_an_error(
+    tmp_path: Path, tasks: dict[str, LoadedTask], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Dying:
+        def __init__(self, **options: object) -> None: ...
+
+        def __call__(self, calls: object) -> None:
+            raise TerminatedWorkerError
+
+    monkeypatch.setattr(variants, "Parallel", Dying)
+    with pytest.raises(RunError, match="--jobs"):
+        run_variants(tasks, tmp_path)
+
+
+def test_progress_is_told_by_simulated_times(tmp_path: Path, tasks: dict[str, LoadedTask]) -> None:
+    paths, level = log_paths(tasks, tmp_path), logging.getLogger("psmpc_cli").level
+    assert simulated_times(paths) == {}
+    assert run_variants(tasks, tmp_path, jobs=1) == paths
+    last = {name: float(read_log(path).time[-1]) for name, path in paths.items()}
+    assert simulated_times(paths) == pytest.approx(last)
+    assert logging.getLogger("psmpc_cli").level == level

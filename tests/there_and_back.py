@@ -1,0 +1,25 @@
+"""A task of two seconds for tests of what is built upon runs: ten centimetres there and back."""
+
+TASK = """\
+robot: planar_dual_arm
+initial: {base: [0, 0, 0], arm_1: [0, 0, 0], arm_2: [0, 0, 0]}
+controller: {horizon: 1, nodes: 5}
+plant: {kind: ideal, low_level_rate: 100}
+skills:
+  move: {space: joint, weights: {base: [100, 100, 10], arm_1: [1, 1, 1], arm_2: [1, 1, 1]}}
+stages:
+  - name: go
+    skill: move
+    target: {base: [0.1, 0, 0], arm_1: [0.02, 0, 0], arm_2: [0, 0, 0]}
+    ends_when: {coordinates: [base], tolerance: 5e-3}
+  - name: back
+    skill: move
+    target: {base: [0, 0, 0], arm_1: [0, 0, 0], arm_2: [0, 0, 0]}
+    ends_when: {coordinates: [base], tolerance: 5e-3}
+object: {shape: [0.4, 0.2], pose: [0, 1, 0], taken_by: go, let_go_by: back}
+monitors:
+  - {name: far apart, quantity: distance, of: [arm_1, arm_2], during: back, at_least: 1.0}
+published:
+  smpc: {switch_time: {go: 0.9}, actual_start: {back: 0.8}}
+time_limit: 4
+"""

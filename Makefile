@@ -14,7 +14,7 @@ OLD_ENOUGH := import sys; \
 	sys.version_info >= (3, 11) or sys.exit("psmpc needs Python 3.11 or newer, and this is " \
 	+ sys.version.split()[0] + " at " + sys.executable + "; choose another: make PYTHON=python3.11 ...")
 
-.PHONY: help setup demo test check build pin clean
+.PHONY: help setup demo test check build baseline calibration pin clean
 
 help:
 	@echo 'make setup   the environment in $(VENV), from the pinned versions'
@@ -22,6 +22,8 @@ help:
 	@echo 'make test    the tests'
 	@echo 'make check   format, lint, types and the import rules'
 	@echo 'make build   the wheel, tried out in an empty environment'
+	@echo 'make baseline     benchmarks/baseline.yaml anew: the table changes are compared with (some 3 minutes)'
+	@echo 'make calibration  benchmarks/calibration.yaml anew: the scan behind the transport task (some 10 minutes)'
 	@echo 'make pin     constraints.txt anew, from the newest versions'
 	@echo 'make clean   removes the environment, the wheel and the caches (runs/ stays)'
 
@@ -51,6 +53,12 @@ build: $(READY)
 	rm -rf dist
 	$(BIN)/python -m hatchling build --target wheel --directory dist
 	.ci/smoke $(PYTHON) dist/*.whl
+
+baseline: $(READY)
+	$(BIN)/python benchmarks/baseline.py
+
+calibration: $(READY)
+	$(BIN)/python benchmarks/calibration.py
 
 pin:
 	.ci/pin $(PYTHON)

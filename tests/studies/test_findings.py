@@ -136,7 +136,7 @@ def test_thresholds_give_the_starts_they_are_said_to(values: list[float], a: int
     times = [round(6.0 + 0.1 * i, 1) for i in range(len(values))]
     earliest, latest = sorted(round(6.0 + 0.1 * i, 1) for i in (a, b))
     above, at_most = onset(dict(zip(times, values, strict=True))).thresholds(earliest, latest)
-    epsilon = above + (1 - share) * (at_most - above)
+    epsilon = min(above + (1 - share) * (at_most - above), at_most)
     if at_most > above and epsilon > above:
         first = next(time for time, value in zip(times, values, strict=True) if value >= epsilon)
         assert earliest <= first <= latest

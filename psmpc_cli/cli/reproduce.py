@@ -8,7 +8,7 @@ import typer
 if TYPE_CHECKING:
     from psmpc_cli.studies.reproduce import Reproduction
 
-REPORT = "report.html"
+REPORT, ABLATION = "report.html", "ablation_{}.png"
 
 
 def reproduce(
@@ -42,12 +42,13 @@ def reproduce(
     from psmpc_cli.studies.reproduce import LOGS
 
     report = output / REPORT
-    _refuse_old([output / LOGS, report, *([] if json is None else [json])], force)
+    drawn = output.glob(ABLATION.format("*")) if ablations else ()
+    _refuse_old([output / LOGS, report, *([] if json is None else [json]), *drawn], force)
     reproduction = _run(output, changes or [], ablations, force, jobs, quiet)
     created = datetime.now(UTC).isoformat(timespec="seconds")
     _write(report, build_report(reproduction, created))
     for ablation in reproduction.ablations:
-        draw_ablation(ablation.name, ablation.panels, output / f"ablation_{ablation.name}.png")
+        draw_ablation(ablation.name, ablation.panels, output / ABLATION.format(ablation.name))
     if json is not None:
         _write(json, dumps(as_data(reproduction, created), indent=2, allow_nan=False) + "\n")
     if not quiet:

@@ -51,7 +51,7 @@ def row(head: Html, texts: Iterable[tuple[str, str]], kind: str = "", anchor: st
 def verdict_in_words(finding: Finding) -> str:
     """Return whether a claim holds, with a sign."""
     if finding.earlier:
-        return "✓ holds: earlier, and the mission succeeded"
+        return "✓ holds, earlier"
     return "✓ holds" if finding.holds else "✗ does not hold"
 
 

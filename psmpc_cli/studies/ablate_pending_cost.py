@@ -7,13 +7,13 @@ import numpy as np
 
 from psmpc_cli.logs.read import Log
 from psmpc_cli.studies.ablation import JUMP, OURS, Ablation, Curve, ending, instants, joined, measured, variation
-from psmpc_cli.studies.one_window import OneWindow, Scan, instant_grid, optimize_instants, scan_instants, under
+from psmpc_cli.studies.one_window import OneWindow, Scan, instant_grid, optimize_instants, scan_instants
 
 PRINTED = "printed"
 """The run with the objective as printed."""
 
-PRIORITIES: Mapping[str, tuple[float, float]] = {"1 : 1": (1.0, 1.0), "1 : 100": (1.0, 100.0)}
-"""Priorities of the two stages for which J(t_s) is scanned."""
+EQUAL = "equal priorities"
+"""The run in which all priorities are 1."""
 
 GUESSES = (0.3, 0.5, 0.975)
 """Where in the horizon the free optimizer starts."""
@@ -24,8 +24,8 @@ PROMINENT = 0.01
 Numbers = Mapping[str, float]
 
 
-def ablate_pending_cost(logs: Mapping[str, Log], one: OneWindow, points: int) -> Ablation:
-    """Compare the runs `PRINTED` and `OURS`, and their objectives in one window at so many instants."""
+def ablate_pending_cost(logs: Mapping[str, Log], windows: Sequence[OneWindow], points: int) -> Ablation:
+    """Compare the runs `PRINTED` and `OURS`, and both objectives in windows of other runs at so many instants."""
     runs = (PRINTED, OURS)
     panels: dict[str, dict[str, Curve]] = {
         "instant": instants(logs, runs),
@@ -33,21 +33,20 @@ def ablate_pending_cost(logs: Mapping[str, Log], one: OneWindow, points: int) ->
         **{f"{what}, {name}": {} for what in ("J", "minima", "found") for name in runs},
     }
     numbers = measured(logs, runs)
-    delta, grid = {PRINTED: 0.0, OURS: one.window.pending_cost}, instant_grid(one.window.horizon, points)
-    for label, priorities in PRIORITIES.items():
-        weighed = under(one, priorities)
-        scan = scan_instants(weighed, grid)
-        numbers[f"earliest, {label}"] = float(scan.instants[0])
-        for name in runs:
-            cost = scan.with_pending(delta[name])
-            found = optimize_instants(weighed, delta[name], [part * one.window.horizon for part in GUESSES])
+    for one in windows:
+        label, window = one.ratio, one.window
+        scan = scan_instants(one, instant_grid(window.horizon, points))
+        numbers |= {f"T0, {label}": window.start, f"earliest, {label}": float(scan.instants[0])}
+        for name, delta in ((PRINTED, 0.0), (OURS, window.pending_cost)):
+            cost = scan.with_pending(delta)
+            found = optimize_instants(one, delta, [part * window.horizon for part in GUESSES])
             lowest = np.array(minima(replace(scan, cost=cost)))
             panels[f"J, {name}"][label] = scan.instants, cost / cost[0]
             for what, places in (("minima", lowest), ("found", found)):
                 panels[f"{what}, {name}"][label] = places, np.interp(places, scan.instants, cost / cost[0])
             numbers |= _enumerated(f"minimum of J for {label}, {name}", lowest.tolist())
             numbers |= _enumerated(f"found for {label}, {name}", found.tolist())
-    return Ablation("pending_cost", _sentence(numbers, one), panels, numbers)
+    return Ablation("pending_cost", _sentence(numbers, windows), panels, numbers)
 
 
 def minima(scan: Scan) -> list[float]:
@@ -69,8 +68,10 @@ def _enumerated(what: str, values: Sequence[float]) -> dict[str, float]:
     return {f"{what}, {i}": value for i, value in enumerate(values, start=1)}
 
 
-def _sentence(numbers: Numbers, one: OneWindow) -> str:
+def _sentence(numbers: Numbers, windows: Sequence[OneWindow]) -> str:
     """Say what the pending cost changes."""
+    ratios = list(dict.fromkeys(one.ratio for one in windows))
+    horizon, starts = windows[0].window.horizon, joined(f"{numbers[f'T0, {ratio}']:.1f}" for ratio in ratios)
 
     def runs(quantity: str, form: str) -> str:
         return f"{numbers[f'{quantity}, {PRINTED}']:{form}} ({numbers[f'{quantity}, {OURS}']:{form}})"
@@ -79,16 +80,17 @@ def _sentence(numbers: Numbers, one: OneWindow) -> str:
         "With the objective as printed (in parentheses: ours) the optimized instant of the current stage lies at T_f "
         f"in {runs('at T_f', '.0%')} of the samples that have one and jumps {runs('jumps', '.0f')} times by more than "
         f"{JUMP:g} s, the joints' control varies by {runs('variation', '.1f')} rad/s^2, and the run "
-        f"{ending(numbers[f'end, {PRINTED}'])} ({ending(numbers[f'end, {OURS}'])}); in the window at "
-        f"{one.window.start:.1f} s, with T_f {one.window.horizon:g} s after T0, J with all but t_s optimized has its "
-        f"minimum {_minima(numbers, PRINTED)} ({_minima(numbers, OURS)}), and from {len(GUESSES)} guesses the solver "
-        f"returns {_found(numbers, PRINTED)} ({_found(numbers, OURS)})."
+        f"{ending(numbers[f'end, {PRINTED}'])} ({ending(numbers[f'end, {OURS}'])}); in windows at "
+        f"{starts} s of runs with priorities {joined(ratios)}, with T_f {horizon:g} s after T0, J with all but t_s "
+        f"optimized has its minimum {_minima(numbers, ratios, PRINTED)} ({_minima(numbers, ratios, OURS)}), and from "
+        f"{len(GUESSES)} guesses each the solver returns {_found(numbers, ratios, PRINTED)} "
+        f"({_found(numbers, ratios, OURS)})."
     )
 
 
-def _minima(numbers: Numbers, name: str) -> str:
+def _minima(numbers: Numbers, ratios: Sequence[str], name: str) -> str:
     """Name the minima of J for each ratio of priorities, the lowest first."""
-    found = {label: _numbered(numbers, f"minimum of J for {label}, {name}") for label in PRIORITIES}
+    found = {label: _numbered(numbers, f"minimum of J for {label}, {name}") for label in ratios}
     parts = []
     for label, (lowest, *others) in found.items():
         also = f" and a higher one at {joined(f'{value:.2f}' for value in others)} s" if others else ""
@@ -96,9 +98,9 @@ def _minima(numbers: Numbers, name: str) -> str:
     return joined(parts)
 
 
-def _found(numbers: Numbers, name: str) -> str:
+def _found(numbers: Numbers, ratios: Sequence[str], name: str) -> str:
     """Name what the solver returns, each value once."""
-    found = [value for label in PRIORITIES for value in _numbered(numbers, f"found for {label}, {name}")]
+    found = [value for label in ratios for value in _numbered(numbers, f"found for {label}, {name}")]
     return f"{joined(sorted({f'{value:.2f}' for value in found}))} s"
 
 

@@ -13,7 +13,7 @@ from psmpc_cli.specs.load import LoadedTask, parse_task
 from psmpc_cli.specs.overrides import override
 from psmpc_cli.studies.ablate_discretization import KINDS, ablate_discretization, meshes, run_on_mesh
 from psmpc_cli.studies.ablate_normalization import ALL_PRINTED, NONE, RANGE, ablate_normalization
-from psmpc_cli.studies.ablate_pending_cost import PRINTED, ablate_pending_cost
+from psmpc_cli.studies.ablate_pending_cost import EQUAL, PRINTED, ablate_pending_cost
 from psmpc_cli.studies.ablation import OURS, Ablation
 from psmpc_cli.studies.one_window import pick_window
 from psmpc_cli.studies.variants import run_variants
@@ -24,6 +24,7 @@ EVERY_RUN = ("controller.kind=psmpc", "log.plans=false", "log.shares=false")
 
 CHANGES: Mapping[str, tuple[str, ...]] = {
     OURS: ("log.plans=true",),
+    EQUAL: ("controller.kind=smpc", "log.plans=true"),
     PRINTED: ("controller.pending_cost=0",),
     NONE: ("controller.normalization=none",),
     RANGE: ("controller.normalization=range",),
@@ -58,11 +59,11 @@ def run_ablations(
     nodes = task.spec.controller.nodes
     tasks = {name: _changed(task, changes) for name, changes in _variants(nodes).items()}
     logs = {name: read_log(path) for name, path in run_variants(tasks, directory, jobs, done).items()}
-    one = pick_window(logs[OURS])
+    equal, ours = pick_window(logs[EQUAL]), pick_window(logs[OURS])
     return [
-        ablate_pending_cost(logs, one, points),
+        ablate_pending_cost(logs, (equal, ours), points),
         ablate_normalization(logs),
-        ablate_discretization(logs, one, nodes),
+        ablate_discretization(logs, ours, nodes),
     ]
 
 

@@ -10,7 +10,6 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.experiment.setup import Experiment, build_experiment
 from psmpc_cli.experiment.summary import task_of
 from psmpc_cli.logs.read import Log, read_plan
-from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import SHORTEST, Bounds, Window, bounds, pack_guess, parameter_vector, unpack_plan
 from psmpc_cli.solvers import Guess
@@ -37,6 +36,11 @@ class OneWindow:
     experiment: Experiment
     window: Window
     plan: Plan
+
+    @property
+    def ratio(self) -> str:
+        """Priorities of its stages, the first one's as 1."""
+        return " : ".join(f"{omega:.3g}" for omega in self.window.omega / self.window.omega[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,21 +98,6 @@ def _window_at(log: Log, experiment: Experiment, sample: int) -> OneWindow:
     windows = experiment.controller.windows
     nlp, _ = windows.compiled(windows.shape(window))
     return OneWindow(experiment, window, unpack_plan(nlp, window, read_plan(log.path, "solution", sample)))
-
-
-def under(one: OneWindow, priorities: tuple[float, float]) -> OneWindow:
-    """Return the window under other priorities, normalized from the optimum they have with the old normalization.
-
-    What a cost is divided by comes from a prediction: that of other priorities would weigh the stages anew.
-    """
-    experiment, window = one.experiment, replace(one.window, omega=np.array(priorities))
-    controller, windows = experiment.task.controller, experiment.controller.windows
-    plan = windows.solve(window, one.plan, one.plan.instants).plan
-    begins = np.r_[window.start - window.elapsed, plan.instants]
-    kind, zeta, step = controller.normalization, controller.zeta, controller.sample_time
-    offset, scale = normalization(kind, zeta, window.stages, begins, experiment.costs, plan, step)
-    window = replace(window, offset=offset, scale=scale)
-    return OneWindow(experiment, window, windows.solve(window, plan, plan.instants).plan)
 
 
 def scan_instants(one: OneWindow, grid: Vector) -> Scan:

@@ -126,4 +126,12 @@ def test_ablations_join_the_report(tmp_path: Path) -> None:
     for ablation in ablations:
         assert ablation["sentence"] in ran.stdout
         assert f"Ablation of the {ablation['name'].replace('_', ' ')}" in report
-    assert {path.name for path in tmp_path.iterdir()} == {"report.html", "runs.h5", "claims.json"}
+    figures = {f"ablation_{ablation['name']}.png" for ablation in ablations}
+    assert {path.name for path in tmp_path.iterdir()} == {"report.html", "runs.h5", "claims.json", *figures}
+
+
+def test_figures_of_ablations_are_not_overwritten_unasked(tmp_path: Path) -> None:
+    (tmp_path / "ablation_pending_cost.png").write_text("kept")
+    refused = psmpc("-o", tmp_path, "--ablations", *near())
+    assert isinstance(refused.exception, InputError)
+    assert [path.name for path in tmp_path.iterdir()] == ["ablation_pending_cost.png"]

@@ -22,7 +22,7 @@ OVERVIEW, DETAIL, MARGINS = 2.2, 1.5, 0.9
 
 
 def plot_instants(runs: Mapping[str, Run]) -> Figure:
-    """Return every optimized instant [s] over time, and stage by stage how far it is off the end that came true [s]."""
+    """Return every optimized instant [s] over time, and by stage how far it is off the end that came true [ms]."""
     first = next(iter(runs.values()))
     seen = [s for s in range(len(first.stages)) if any(_optimized(run, s).any() for run in runs.values())]
     across = min(ACROSS, len(seen)) or 1
@@ -37,9 +37,9 @@ def plot_instants(runs: Mapping[str, Run]) -> Figure:
         shared = shared or axes
         _plot_detail(axes, runs, stage)
         axes.set_title(f"end of {readable(first.log.stage_names[stage])}", fontsize=TEXT, pad=3)
-        axes.set_xlabel("Time to the actual end (s)")
+        axes.set_xlabel("Time minus actual end (s)")
         if i % across == 0:
-            axes.set_ylabel("Optimized minus\nactual end (s)")
+            axes.set_ylabel("Optimized minus\nactual end (ms)")
         else:
             axes.tick_params(labelleft=False)
     _legend(figure, runs)
@@ -68,7 +68,7 @@ def _plot_detail(axes: Axes, runs: Mapping[str, Run], stage: int) -> None:
     for i, run in enumerate(runs.values()):
         which, end = _optimized(run, stage), float(run.log.stages["switch_time"][stage])
         if which.any() and np.isfinite(end):
-            axes.plot(run.log.time[which] - end, run.log["window/instants"][which, stage] - end, **_look(i))
+            axes.plot(run.log.time[which] - end, 1e3 * (run.log["window/instants"][which, stage] - end), **_look(i))
 
 
 def _optimized(run: Run, stage: int) -> np.ndarray:

@@ -21,6 +21,7 @@ from psmpc_cli.ocp.lexicographic import (
     level_plan,
     transcribe_level,
 )
+from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.solvers import Guess, Solver, build_solver
@@ -69,6 +70,16 @@ class HierarchicalController(SwitchingController):
         return LevelResult(
             window.stages[0].index, solution.outcome, cost, solution.iterations, solution.wall_time, solved.plan
         )
+
+    def _normalization(
+        self, stages: tuple[Stage, ...], begins: np.ndarray, prediction: Plan
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return offset and scale by the nadir, whatever the task says: strict priorities do not depend on the scale.
+
+        The printed range is 0 for a robot at rest, which leaves a cost divided by zeta alone and no solver an answer.
+        """
+        spec = self.spec
+        return normalization("nadir", spec.zeta, stages, begins, self.costs, prediction, spec.sample_time)
 
     def _level(
         self, first: Decision, stages: tuple[Stage, ...], bounds: tuple[np.ndarray, ...], x: np.ndarray

@@ -76,6 +76,6 @@ if __name__ == "__main__":
             met, rms = score(found)
             rows.append({"W_r": weight, "tolerance": tolerance, "met": met, "rms": round(rms, 3), **found})
     rows.sort(key=lambda row: (-row["met"], row["rms"]))
-    head = "# Written by `make calibration`, best first; `met` of 11 published times and 2 starts, rms of differences [s].\n"
+    head = "# Written by `make calibration`, best first; `met` of 11 times and 2 starts, rms of the differences [s].\n"
     text = head + yaml.safe_dump(rows, sort_keys=False, default_flow_style=None, width=160)
     Path(__file__).with_suffix(".yaml").write_text(text, encoding="utf-8")

@@ -75,8 +75,9 @@ def plot_pending_cost(panels: Panels) -> Figure:
     for axes, objective, letter in ((printed, "printed", "c"), (ours, "ours", "d")):
         curves, minima, found = (panels[f"{what}, {objective}"] for what in ("J", "minima", "found"))
         _plot_scan(axes, curves, minima, found, end)
-        axes.set_ylabel("$J / J_{\\mathrm{earliest}}$\n" + ("ours" if objective == "ours" else "δ = 0"))
-        panel_legend(axes, f"({letter})")
+        axes.set_ylabel(f"$J$, {'ours' if objective == 'ours' else 'δ = 0'}\n(relative)")
+        axes.set_title(f"({letter})", loc="left", pad=3.5, fontsize=TEXT)
+    panel_legend(printed, "(c)")
     printed.tick_params(labelbottom=False)
     ours.set_xlabel("Instant $t_s$ after $T_0$ (s)")
     figure.align_ylabels()
@@ -145,7 +146,7 @@ def _count_nodes(axes: Axes, curves: Curves) -> None:
     axes.xaxis.set_major_locator(FixedLocator(counts))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axes.set_xlabel("Intervals of a stage $N_s$")
+    axes.set_xlabel("Intervals of a stage ($N_s$)")
 
 
 def _make_logarithmic(axes: Axes, ticks: tuple[float, ...] = (1.0, 2.0, 5.0)) -> None:

@@ -34,7 +34,7 @@ def ablate_pending_cost(logs: Mapping[str, Log], windows: Sequence[OneWindow], p
     }
     numbers = measured(logs, runs)
     for one in windows:
-        label, window = one.ratio, one.window
+        label, window = one.label, one.window
         scan = scan_instants(one, instant_grid(window.horizon, points))
         numbers |= {f"T0, {label}": window.start, f"earliest, {label}": float(scan.instants[0])}
         for name, delta in ((PRINTED, 0.0), (OURS, window.pending_cost)):
@@ -70,8 +70,8 @@ def _enumerated(what: str, values: Sequence[float]) -> dict[str, float]:
 
 def _sentence(numbers: Numbers, windows: Sequence[OneWindow]) -> str:
     """Say what the pending cost changes."""
-    ratios = list(dict.fromkeys(one.ratio for one in windows))
-    horizon, starts = windows[0].window.horizon, joined(f"{numbers[f'T0, {ratio}']:.1f}" for ratio in ratios)
+    labels = [one.label for one in windows]
+    horizon, starts = windows[0].window.horizon, joined(f"{numbers[f'T0, {label}']:.1f}" for label in labels)
 
     def runs(quantity: str, form: str) -> str:
         return f"{numbers[f'{quantity}, {PRINTED}']:{form}} ({numbers[f'{quantity}, {OURS}']:{form}})"
@@ -80,28 +80,33 @@ def _sentence(numbers: Numbers, windows: Sequence[OneWindow]) -> str:
         "With the objective as printed (in parentheses: ours) the optimized instant of the current stage lies at T_f "
         f"in {runs('at T_f', '.0%')} of the samples that have one and jumps {runs('jumps', '.0f')} times by more than "
         f"{JUMP:g} s, the joints' control varies by {runs('variation', '.1f')} rad/s^2, and the run "
-        f"{ending(numbers[f'end, {PRINTED}'])} ({ending(numbers[f'end, {OURS}'])}); in windows at "
-        f"{starts} s of runs with priorities {joined(ratios)}, with T_f {horizon:g} s after T0, J with all but t_s "
-        f"optimized has its minimum {_minima(numbers, ratios, PRINTED)} ({_minima(numbers, ratios, OURS)}), and from "
-        f"{len(GUESSES)} guesses each the solver returns {_found(numbers, ratios, PRINTED)} "
-        f"({_found(numbers, ratios, OURS)})."
+        f"{ending(numbers[f'end, {PRINTED}'])} ({ending(numbers[f'end, {OURS}'])}); in windows "
+        f"at {starts} s with priorities {joined(labels)}, T_f {horizon:g} s after T0, J with all but t_s optimized has "
+        f"its minimum {_minima(numbers, labels, PRINTED)} ({_minima(numbers, labels, OURS)}), and from {len(GUESSES)} "
+        f"guesses the solver returns {_found(numbers, labels, PRINTED)} ({_found(numbers, labels, OURS)})."
     )
 
 
-def _minima(numbers: Numbers, ratios: Sequence[str], name: str) -> str:
-    """Name the minima of J for each ratio of priorities, the lowest first."""
-    found = {label: _numbered(numbers, f"minimum of J for {label}, {name}") for label in ratios}
-    parts = []
-    for label, (lowest, *others) in found.items():
+def _minima(numbers: Numbers, labels: Sequence[str], name: str) -> str:
+    """Name the minima of J in each window, the lowest first."""
+    said = {}
+    for label in labels:
+        lowest, *others = _numbered(numbers, f"minimum of J for {label}, {name}")
         also = f" and a higher one at {joined(f'{value:.2f}' for value in others)} s" if others else ""
-        parts.append(f"at {lowest:.2f} s{also} for {label}")
-    return joined(parts)
+        said[label] = f"at {lowest:.2f} s{also}"
+    return _by_label(said)
 
 
-def _found(numbers: Numbers, ratios: Sequence[str], name: str) -> str:
-    """Name what the solver returns, each value once."""
-    found = [value for label in ratios for value in _numbered(numbers, f"found for {label}, {name}")]
-    return f"{joined(sorted({f'{value:.2f}' for value in found}))} s"
+def _found(numbers: Numbers, labels: Sequence[str], name: str) -> str:
+    """Name what the solver returns in each window, each value once."""
+    found = {label: _numbered(numbers, f"found for {label}, {name}") for label in labels}
+    return _by_label({label: f"{joined(sorted({f'{t:.2f}' for t in times}))} s" for label, times in found.items()})
+
+
+def _by_label(said: Mapping[str, str]) -> str:
+    """Return what is said of every label, once if it is the same of all."""
+    different = set(said.values())
+    return different.pop() if len(different) == 1 else joined(f"{words} for {label}" for label, words in said.items())
 
 
 def _numbered(numbers: Numbers, what: str) -> list[float]:

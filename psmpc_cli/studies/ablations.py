@@ -15,7 +15,7 @@ from psmpc_cli.studies.ablate_discretization import KINDS, ablate_discretization
 from psmpc_cli.studies.ablate_normalization import ALL_PRINTED, NONE, RANGE, ablate_normalization
 from psmpc_cli.studies.ablate_pending_cost import EQUAL, PRINTED, ablate_pending_cost
 from psmpc_cli.studies.ablation import OURS, Ablation
-from psmpc_cli.studies.one_window import pick_window
+from psmpc_cli.studies.one_window import pick_window, with_priorities
 from psmpc_cli.studies.variants import run_variants
 
 __all__ = ["Ablation", "run_ablations"]
@@ -61,7 +61,7 @@ def run_ablations(
     logs = {name: read_log(path) for name, path in run_variants(tasks, directory, jobs, done).items()}
     equal, ours = pick_window(logs[EQUAL]), pick_window(logs[OURS])
     return [
-        ablate_pending_cost(logs, (equal, ours), points),
+        ablate_pending_cost(logs, (equal, ours, with_priorities(ours, (1.0, 1.0))), points),
         ablate_normalization(logs),
         ablate_discretization(logs, ours, nodes),
     ]

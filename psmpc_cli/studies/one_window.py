@@ -10,6 +10,7 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.experiment.setup import Experiment, build_experiment
 from psmpc_cli.experiment.summary import task_of
 from psmpc_cli.logs.read import Log, read_plan
+from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import SHORTEST, Bounds, Window, bounds, pack_guess, parameter_vector, unpack_plan
 from psmpc_cli.solvers import Guess
@@ -28,19 +29,16 @@ class OneWindow:
     """A window with one switch in it, and the plan the run made of it.
 
     Attributes:
+        label: Priorities of its stages, the first one's as 1, such as 1 : 100.
         experiment: The run's experiment, built anew.
         window: The window.
         plan: Its optimum.
     """
 
+    label: str
     experiment: Experiment
     window: Window
     plan: Plan
-
-    @property
-    def ratio(self) -> str:
-        """Priorities of its stages, the first one's as 1."""
-        return " : ".join(f"{omega:.3g}" for omega in self.window.omega / self.window.omega[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +95,28 @@ def _window_at(log: Log, experiment: Experiment, sample: int) -> OneWindow:
     )
     windows = experiment.controller.windows
     nlp, _ = windows.compiled(windows.shape(window))
-    return OneWindow(experiment, window, unpack_plan(nlp, window, read_plan(log.path, "solution", sample)))
+    plan = unpack_plan(nlp, window, read_plan(log.path, "solution", sample))
+    return OneWindow(_ratio(omega), experiment, window, plan)
+
+
+def _ratio(omega: Vector) -> str:
+    return " : ".join(f"{part:.3g}" for part in omega / omega[0])
+
+
+def with_priorities(one: OneWindow, priorities: tuple[float, float]) -> OneWindow:
+    """Return the window with other priorities, in the state to which its own have led.
+
+    It is normalized from the optimum they have with the old normalization, as at the sample after they were changed.
+    """
+    experiment, window = one.experiment, replace(one.window, omega=np.array(priorities))
+    controller, windows = experiment.task.controller, experiment.controller.windows
+    plan = windows.solve(window, one.plan, one.plan.instants).plan
+    begins = np.r_[window.start - window.elapsed, plan.instants]
+    kind, zeta, step = controller.normalization, controller.zeta, controller.sample_time
+    offset, scale = normalization(kind, zeta, window.stages, begins, experiment.costs, plan, step)
+    window = replace(window, offset=offset, scale=scale)
+    optimum = windows.solve(window, plan, plan.instants).plan
+    return OneWindow(f"{_ratio(window.omega)} from {one.label}", experiment, window, optimum)
 
 
 def scan_instants(one: OneWindow, grid: Vector) -> Scan:

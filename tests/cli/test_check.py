@@ -90,8 +90,8 @@ def test_comparisons_without_redundancy_tell_nothing_of_consistency() -> None:
 
 def test_fixed_time_dwell_and_partial_conditions_are_in_the_table(tmp_path: Path) -> None:
     path = tmp_path / "t.yaml"
-    text = TASK.replace("ends_when: {coordinates: [base], tolerance: 3e-3}", "at: 12\n    dwell: 2", 1)
-    text = text.replace("{coordinates: [base], tolerance: 3e-3}", "{coordinates: [base.x, arm_1], velocity: 0.01}", 1)
+    text = TASK.replace("ends_when: {coordinates: [base], tolerance: 2e-3}", "at: 12\n    dwell: 2", 1)
+    text = text.replace("{coordinates: [base], tolerance: 2e-3}", "{coordinates: [base.x, arm_1], velocity: 0.01}", 1)
     path.write_text(text.replace("name: approach", 'name: "[bold]approach"').replace("approach:", "'[bold]approach':"))
     with pytest.raises(SpecError, match="expected a name"):
         raise run(str(path)).exception or AssertionError

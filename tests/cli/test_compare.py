@@ -151,7 +151,6 @@ def test_nothing_is_overwritten_without_force(compare: Psmpc) -> None:
         (["--controllers", "psmpc,spmc"], "found no controller 'spmc', expected one or more of"),
         (["--set", "controller.kind=smpc"], "choose with --controllers"),
         (["--set", "controller.nods=3"], 'did you mean "nodes"?'),
-        (["--set", "time_limit=0.2"], "cannot end before"),
         (["--jobs", "0"], "Invalid value for '--jobs'"),
         (["-o", "."], "is a directory"),
         (["-o", "task.yaml/a.h5"], "task.yaml/a.h5"),

@@ -6,9 +6,10 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from psmpc_cli.figures.ablations import EARLY, PLOTS, draw_ablation, plot_ablation
-from psmpc_cli.figures.style import COLUMN, TEXT
+from psmpc_cli.figures.style import COLUMN, TEXT, in_style
 
 from .drawn import curves, legend
+from .fit_to_print import check_figure
 
 TIME = np.linspace(0.0, 20.0, 41)
 INSTANTS = np.linspace(1.2, 4.0, 15)
@@ -54,6 +55,12 @@ def test_a_figure_fits_a_column_and_is_legible(name: str, tmp_path: Path) -> Non
         assert image.width == round(300 * COLUMN)
     texts = [text for axes in figure(name).axes for text in axes.texts]
     assert all(text.get_fontsize() >= TEXT for text in texts)
+
+
+@pytest.mark.parametrize("name", list(PLOTS))
+def test_a_figure_is_fit_to_print(name: str) -> None:
+    with in_style():
+        check_figure(figure(name))
 
 
 @pytest.mark.parametrize("name", list(PLOTS))

@@ -26,6 +26,7 @@ from psmpc_cli.studies.one_window import (
     optimize_instants,
     pick_window,
     scan_instants,
+    with_priorities,
 )
 
 NODES = 8
@@ -111,9 +112,18 @@ def test_the_window_is_the_run_s(log: Log, one: OneWindow) -> None:
 
 
 def test_the_windows_are_of_runs_with_other_priorities(ablations: Mapping[str, Ablation], one: OneWindow) -> None:
-    assert one.ratio == "1 : 10"
+    assert one.label == "1 : 10"
     for objective in ("printed", "ours"):
-        assert list(ablations["pending_cost"].panels[f"J, {objective}"]) == ["1 : 1", "1 : 10"]
+        assert list(ablations["pending_cost"].panels[f"J, {objective}"]) == ["1 : 1", "1 : 10", "1 : 1 from 1 : 10"]
+
+
+def test_other_priorities_are_normalized_by_their_own_optimum(one: OneWindow) -> None:
+    other = with_priorities(one, (1.0, 1e-3))
+    np.testing.assert_array_equal(other.window.omega, [1.0, 1e-3])
+    assert not np.array_equal(other.window.scale, one.window.scale)
+    at_rest = np.zeros((1, one.experiment.model.n))
+    for stage, scale in zip(other.window.stages, other.window.scale, strict=True):
+        assert scale >= one.experiment.costs.at(stage, one.window.x0[None], at_rest)[0]
 
 
 def test_a_run_of_one_stage_has_no_window_to_look_at(tmp_path: Path) -> None:

@@ -62,11 +62,10 @@ class HierarchicalController(SwitchingController):
         return levels
 
     def _first_level(self, solved: SolvedWindow) -> LevelResult:
-        """Return the window over the current stage as a level; its cost as the levels have it, without offset."""
+        """Return the window over the current stage as a level; its cost without the terminal one."""
         window, solution = solved.window, solved.solution
         nlp, _ = self.windows.compiled(self.windows.shape(window))
         cost = np.asarray(nlp.stage_costs(solution.z, solved.parameters)).ravel()
-        cost += window.offset / window.scale * window.horizon
         return LevelResult(
             window.stages[0].index, solution.outcome, cost, solution.iterations, solution.wall_time, solved.plan
         )

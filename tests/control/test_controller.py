@@ -150,7 +150,7 @@ def test_an_append_that_cannot_be_solved_is_postponed(experiment_of: Callable[..
     records, ending = run(
         replace(experiment, controller=SwitchingController(controller.spec, controller.stages, windows))
     )
-    postponed = [record for record in records if "postponed" in record.flags]
+    postponed = [record for record in records if "postponed" in record.flags and record.time < 0.95]
     assert postponed
     assert all(record.solve.status == "optimal" and len(record.instants) == 0 for record in postponed)
     assert ending.completed

@@ -49,7 +49,7 @@ def test_the_next_stage_is_detected_at_the_predicted_hitting_time_within_the_mar
 ) -> None:
     longer = detect(Sequence(0, np.zeros(0), 0.0), stages, costs, arriving(2.0), 10)
     assert longer is not None
-    assert abs(longer.instants[0] - (2.0 - 0.03 / 0.2)) < 0.02
+    assert abs(longer.instants[0] - (2.0 - 0.02 / 0.2)) < 0.02
     assert detect(Sequence(0, np.zeros(0), 0.0), stages, costs, arriving(4.5), 10) is None
 
 

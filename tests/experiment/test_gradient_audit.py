@@ -9,7 +9,7 @@ from psmpc_cli.experiment.setup import Experiment
 def test_costate_formula_meets_the_adjoint_at_unconstrained_optima_with_first_order(
     experiment_of: Callable[..., Experiment],
 ) -> None:
-    audits = audit_gradients(experiment_of("controller.nodes=25"))
+    audits = audit_gradients(experiment_of("controller.nodes=50"))
     assert [audit.switch for audit in audits] == [
         ("approach", "capture"),
         ("capture", "transport"),

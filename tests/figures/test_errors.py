@@ -38,7 +38,7 @@ def test_curves_start_anew_with_every_stage(run: Run) -> None:
 
 def test_tolerances_are_drawn_over_their_stages(run: Run) -> None:
     for axes in plot_errors(run).axes[1:]:
-        assert bars(axes) == [(0.0, 10.0, 3e-3), (10.0, 13.0, 3e-3), (13.0, 23.0, 3e-3), (23.0, 29.6, 0.05)]
+        assert bars(axes) == [(0.0, 10.0, 2e-3), (10.0, 13.0, 2e-3), (13.0, 23.0, 2e-3), (23.0, 29.6, 0.05)]
 
 
 def test_base_and_arms_are_named_once(run: Run) -> None:

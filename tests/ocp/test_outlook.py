@@ -11,8 +11,8 @@ TRANSPORT = load_task("transport")
 
 def test_earliest_ends_of_the_transport() -> None:
     ends = [outlook.earliest_end for outlook in look_ahead(TRANSPORT)]
-    way = (2 - 3e-3) / 0.2
-    back = (2 - 6e-3) / 0.2
+    way = (2 - 2e-3) / 0.2
+    back = (2 - 4e-3) / 0.2
     np.testing.assert_allclose(ends, [way, way, way + back, way + back])
 
 
@@ -26,7 +26,7 @@ def test_stage_ends_no_earlier_than_its_slowest_coordinate_and_its_dwell(
         f"stages.approach.target.base=[{x}, {y}, 0]",
         f"stages.approach.dwell={dwell}",
     ]
-    least = max(max(abs(x), abs(y)) - 3e-3, 0.0) / v
+    least = max(max(abs(x), abs(y)) - 2e-3, 0.0) / v
     assert look_ahead(load_task("transport", overrides))[0].earliest_end == pytest.approx(max(least, dwell))
 
 
@@ -41,7 +41,7 @@ def test_reach_is_known_where_the_target_asks_for_poses_and_a_base() -> None:
 def test_instants_and_dwells_carry_over_to_later_stages() -> None:
     timed = ["stages.approach.dwell=12", "stages.capture.dwell=2"]
     ends = [outlook.earliest_end for outlook in look_ahead(load_task("transport", timed))]
-    np.testing.assert_allclose(ends, [12, 14, 14 + (2 - 6e-3) / 0.2, 14 + (2 - 6e-3) / 0.2])
+    np.testing.assert_allclose(ends, [12, 14, 14 + (2 - 4e-3) / 0.2, 14 + (2 - 4e-3) / 0.2])
 
 
 def test_stage_does_not_end_before_its_trajectory() -> None:

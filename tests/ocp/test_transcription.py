@@ -121,7 +121,7 @@ def test_bounds_hold_every_stages_limits_tolerance_and_dwell(nlp: Nlp, stages: t
     assert np.isinf(limits.lbx[state[0]]).all()
     np.testing.assert_allclose(limits.ubx[state[1:],][:, 9:12], 0.2)
     np.testing.assert_allclose(limits.lbx[state[1:],][:, 12:], -0.15)
-    np.testing.assert_allclose(limits.ubg[nlp.end_rows[0]], 3e-3)
+    np.testing.assert_allclose(limits.ubg[nlp.end_rows[0]], 2e-3)
     assert limits.lbx[nlp.layout.duration_index[0, 0]] == 1e-3
 
 

@@ -1,5 +1,7 @@
 """The switching controllers. PSMPC, SMPC and hard switching are one piece of code with two switches."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from psmpc_cli.control.decision import Decision
@@ -49,7 +51,7 @@ class SwitchingController:
         if longer is not None and not postponed:
             sequence = longer
         elif postponed:
-            solved = self._solve(sequence, prediction, x)
+            solved = _after(solved, self._solve(sequence, prediction, x))
         usable = solved.solution.outcome.usable
         if usable:
             sequence = Sequence(sequence.first, solved.plan.instants, sequence.entered)
@@ -114,3 +116,9 @@ class SwitchingController:
         Qdot, limits = x[len(x) // 2 :], self.stages[self._sequence.first].limits
         strongest = np.minimum(limits.acceleration_high, -limits.acceleration_low)
         return braking_plan(now, x, max(BRAKING_TIME, float(np.max(np.abs(Qdot) / strongest))))
+
+
+def _after(failed: SolvedWindow, solved: SolvedWindow) -> SolvedWindow:
+    """Return a solve whose wall time counts the failed one before it in the same sample."""
+    solution = replace(solved.solution, wall_time=failed.solution.wall_time + solved.solution.wall_time)
+    return replace(solved, solution=solution)

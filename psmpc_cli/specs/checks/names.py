@@ -7,7 +7,7 @@ from psmpc_cli.specs.coordinates import Space, labels, names, rows
 from psmpc_cli.specs.cursor import Cursor
 from psmpc_cli.specs.problem import Problem, choice, dotted, quoted
 from psmpc_cli.specs.robot import RobotSpec
-from psmpc_cli.specs.task import SolverSpec
+from psmpc_cli.specs.task import ControllerSpec, SolverSpec
 
 CONTROLLERS = ("psmpc", "smpc", "hard", "htmpc")
 """Controllers that published runs may be of."""
@@ -39,14 +39,18 @@ def check_names(task: Cursor) -> Iterator[Problem]:
 
 
 def check_input(task: Cursor) -> Iterator[Problem]:
-    """Give skills in task-space input where the solver does not come back from their windows."""
+    """Give skills in task-space input where solver or controller cannot do with them."""
     solver = task["solver"].valid(SolverSpec) if task["solver"].exists else SolverSpec()
-    if solver is None or solver.kind != "fatrop":
-        return
+    controller = task["controller"].valid(ControllerSpec) if task["controller"].exists else ControllerSpec()
     for _, skill in task["skills"].items():
-        if skill["input"].text == "task":
+        if skill["input"].text != "task":
+            continue
+        if solver is not None and solver.kind == "fatrop":
             found = 'found "task" with solver fatrop, which does not come back from its windows'
             yield skill["input"].problem(f'{found}; expected "joint", or solver: ipopt')
+        if controller is not None and controller.kind == "htmpc":
+            found = 'found "task" with controller htmpc, whose levels share the acceleration of Q'
+            yield skill["input"].problem(f'{found}; expected "joint"')
 
 
 def check_coordinates(task: Cursor, robot: RobotSpec) -> Iterator[Problem]:

@@ -86,7 +86,7 @@ class SwitchingController:
             start=prediction.start,
             elapsed=prediction.start - sequence.entered,
             x0=x,
-            omega=np.array([1.0 if spec.kind == "smpc" else stage.priority for stage in stages]),
+            omega=priorities_in_force(spec, stages),
             offset=offset,
             scale=scale,
             horizon=spec.horizon,
@@ -116,6 +116,11 @@ class SwitchingController:
         Qdot, limits = x[len(x) // 2 :], self.stages[self._sequence.first].limits
         strongest = np.minimum(limits.acceleration_high, -limits.acceleration_low)
         return braking_plan(now, x, max(BRAKING_TIME, float(np.max(np.abs(Qdot) / strongest))))
+
+
+def priorities_in_force(spec: ControllerSpec, stages: tuple[Stage, ...]) -> np.ndarray:
+    """Return omega of each stage (stages,); SMPC knows none but 1."""
+    return np.array([1.0 if spec.kind == "smpc" else stage.priority for stage in stages])
 
 
 def _after(failed: SolvedWindow, solved: SolvedWindow) -> SolvedWindow:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli import __version__
+from psmpc_cli.control.controller import priorities_in_force
 from psmpc_cli.errors import RunError
 from psmpc_cli.experiment.loop import Ending, simulate
 from psmpc_cli.experiment.monitors import verdicts
@@ -131,7 +132,7 @@ def header(experiment: Experiment) -> Header:
         coordinates=labels(loaded.robot, "joint"),
         pose_coordinates=labels(loaded.robot, "task"),
         stages=tuple(stage.name for stage in experiment.stages),
-        priorities=tuple(stage.priority for stage in experiment.stages),
+        priorities=tuple(priorities_in_force(task.controller, experiment.stages)),
         epsilons=task.onset.series,
         ticks=task.log.ticks,
         plans=task.log.plans,

@@ -1,7 +1,7 @@
 """Ctrl-C and SIGTERM end a run cleanly after the sample in hand; a second one ends the program at once."""
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
@@ -37,12 +37,8 @@ def noticing_signals() -> Iterator[Interruption]:
         for noticed in ENDS:
             signal.signal(noticed, signal.SIG_DFL)
 
-    before = {number: signal.signal(number, note) for number in ENDS}
-    try:
+    with _handled_by(note):
         yield interruption
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager
@@ -54,9 +50,16 @@ def stopping_on_signals() -> Iterator[Interruption]:
         interruption.number = number
         interruption.check()
 
-    before = {number: signal.signal(number, stop) for number in ENDS}
-    try:
+    with _handled_by(stop):
         yield interruption
+
+
+@contextmanager
+def _handled_by(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Give both signals a handler for a while."""
+    before = {number: signal.signal(number, handler) for number in ENDS}
+    try:
+        yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, earlier in before.items():
+            signal.signal(number, earlier)

@@ -60,8 +60,8 @@ class Finding:
 
 @singledispatch
 def judge(claim: Claim, runs: Runs) -> Finding:
-    """Return what becomes of a claim on runs, by method."""
-    raise NotImplementedError(type(claim).__name__)
+    """Return what becomes of a claim on runs, by method; each kind of claim registers its own rule below."""
+    raise TypeError(f"found a claim of kind {type(claim).__name__}, expected one with a rule in {__name__}")
 
 
 @judge.register

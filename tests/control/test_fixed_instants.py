@@ -8,11 +8,13 @@ import pytest
 
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
-from psmpc_cli.experiment.loop import Ending, simulate
+from psmpc_cli.experiment.loop import Ending
 from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.logs.record import Record
 from psmpc_cli.ocp.window import Bounds, bounds, pack_guess
 from psmpc_cli.solvers import Guess, Solution
+
+from .test_controller import run
 
 ELSEWHERE = 0.3
 """Where the solve with fixed instants starts: the states of a guess whose instants are so much later [s]."""
@@ -34,15 +36,6 @@ def timed(**at: float) -> tuple[str, ...]:
     return tuple(
         change for name, time in at.items() for change in (f"stages.{name}.ends_when=null", f"stages.{name}.at={time}")
     )
-
-
-def run(experiment: Experiment) -> tuple[list[Record], Ending]:
-    records, samples = [], simulate(experiment)
-    while True:
-        try:
-            records.append(next(samples))
-        except StopIteration as stop:
-            return records, stop.value
 
 
 def switches(records: list[Record], ending: Ending) -> dict[int, float]:

@@ -245,5 +245,5 @@ def test_a_setting_holds_if_all_runs_have_it() -> None:
 
 
 def test_a_claim_of_no_known_kind_is_not_judged() -> None:
-    with pytest.raises(NotImplementedError, match="Claim"):
+    with pytest.raises(TypeError, match="found a claim of kind Claim"):
         judge(Claim(*ABOUT), {})

@@ -1,5 +1,6 @@
 """Windows solved aside: what other stages than those of the decision would make of the same sample."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from psmpc_cli.ocp.plan import Plan, shift
 
 
 @dataclass(frozen=True, eq=False)
-class _Solved:
+class SolvedAside:
     """What came out at a sample: the plan in force, whether it is a solution, and the solve."""
 
     now: float
@@ -21,12 +22,25 @@ class _Solved:
     window: SolvedWindow
 
 
+AsideMemory = Mapping[tuple[int, int], SolvedAside]
+"""What came out last, by the first and the last stage of the window."""
+
+
 class WindowsAside:
     """Solves windows for what is measured, never for what is applied; each starts from its own last plan."""
 
     def __init__(self, controller: SwitchingController) -> None:
         self.controller = controller
-        self._last: dict[tuple[int, int], _Solved] = {}
+        self._last: dict[tuple[int, int], SolvedAside] = {}
+
+    @property
+    def memory(self) -> AsideMemory:
+        """What it remembers."""
+        return dict(self._last)
+
+    @memory.setter
+    def memory(self, memory: AsideMemory) -> None:
+        self._last = dict(memory)
 
     def plan(self, sequence: Sequence, decision: Decision, x: np.ndarray) -> tuple[Plan, bool]:
         """Return what a window over the sequence would plan from x (2n,), and whether it could be solved.
@@ -39,11 +53,11 @@ class WindowsAside:
             self._last[key] = before = self._solve(sequence, decision, x, before)
         return before.plan, before.solution
 
-    def _solve(self, sequence: Sequence, decision: Decision, x: np.ndarray, before: _Solved | None) -> _Solved:
+    def _solve(self, sequence: Sequence, decision: Decision, x: np.ndarray, before: SolvedAside | None) -> SolvedAside:
         now, prediction = decision.prediction.start, decision.prediction
         if before is not None:
             prediction = shift(before.plan, now, self.controller.spec.horizon, x)
         window = self.controller.window(sequence, prediction, x)
         solved = self.controller.windows.solve(window, prediction, sequence.instants, before.window if before else None)
         usable = solved.solution.outcome.usable
-        return _Solved(now, solved.plan if usable else prediction, usable, solved)
+        return SolvedAside(now, solved.plan if usable else prediction, usable, solved)

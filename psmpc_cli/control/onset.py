@@ -21,7 +21,7 @@ class OnsetObserver:
 
     def __init__(self, aside: WindowsAside, onset: OnsetSpec) -> None:
         self.aside, self.onset = aside, onset
-        self._started: set[int] = set()
+        self.started: frozenset[int] = frozenset()
 
     def observe(self, decision: Decision, x: np.ndarray, edges: np.ndarray) -> dict[int, float]:
         """Return by stage index how much of it is in the mean control from x (2n,) on over the sample, edges (2,) [s].
@@ -32,7 +32,7 @@ class OnsetObserver:
         """
         sequence, presence = decision.sequence, {}
         for stage in range(sequence.first + 1, sequence.last + 1):
-            if stage in self._started or decision.exhausted:
+            if stage in self.started or decision.exhausted:
                 continue
             shorter = Sequence(sequence.first, sequence.instants[: stage - sequence.first - 1], sequence.entered)
             without, _ = self.aside.plan(shorter, decision, x)
@@ -41,7 +41,7 @@ class OnsetObserver:
                 continue
             presence[stage] = found
             if found >= max(self.onset.epsilon, *self.onset.series):
-                self._started.add(stage)
+                self.started |= {stage}
         return presence
 
     def _presence(

@@ -1,0 +1,60 @@
+"""A checkpoint: everything a closed loop needs to go on from the beginning of a sample."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.control.aside import AsideMemory
+from psmpc_cli.control.controller import ControllerMemory
+from psmpc_cli.experiment.measures import Balance
+from psmpc_cli.experiment.setup import Experiment
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """Where a closed loop stands before a sample; any experiment of the same robot and stages can go on from it.
+
+    Attributes:
+        sample: Number of the sample that comes next.
+        x: Measured state (2n,).
+        braking_until: When the robot will have come to rest without a plan [s]; infinite as long as there is one.
+        controller: What the controller remembers.
+        aside: What the windows solved aside remember.
+        started: Stages whose start has been found.
+        balance: Impulse and work so far, with momentum and energy at the start.
+    """
+
+    sample: int
+    x: np.ndarray
+    braking_until: float
+    controller: ControllerMemory
+    aside: AsideMemory
+    started: frozenset[int]
+    balance: Balance
+
+
+def take_checkpoint(
+    experiment: Experiment, sample: int, x: np.ndarray, braking_until: float, balance: Balance
+) -> Checkpoint:
+    """Return where the closed loop of an experiment stands."""
+    return Checkpoint(
+        sample=sample,
+        x=x,
+        braking_until=braking_until,
+        controller=experiment.controller.memory,
+        aside=experiment.aside.memory,
+        started=experiment.observer.started,
+        balance=balance,
+    )
+
+
+def first_checkpoint(experiment: Experiment) -> Checkpoint:
+    """Return where an experiment stands before its first sample."""
+    return take_checkpoint(experiment, 0, experiment.x0, np.inf, Balance.at(experiment.quantities, experiment.x0))
+
+
+def restore(experiment: Experiment, checkpoint: Checkpoint) -> None:
+    """Give the parts of an experiment what they remember at a checkpoint."""
+    experiment.controller.memory = checkpoint.controller
+    experiment.aside.memory = checkpoint.aside
+    experiment.observer.started = checkpoint.started

@@ -37,7 +37,7 @@ def compare(
     from psmpc_cli.figures.comparison.draw import draw_comparison
     from psmpc_cli.figures.draw import default_directory
     from psmpc_cli.logs.comparison import read_comparison
-    from psmpc_cli.logs.create import refuse
+    from psmpc_cli.logs.new_file import refuse
     from psmpc_cli.ocp.feasibility import ensure_feasible
     from psmpc_cli.studies.compare import compared_tasks, controllers_in
 

@@ -9,8 +9,8 @@ import h5py
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError, LogError, RunError
-from psmpc_cli.logs.create import refuse
 from psmpc_cli.logs.layout import COMPARISON, FORMAT_VERSION
+from psmpc_cli.logs.new_file import refuse
 from psmpc_cli.logs.read import Log, kind_in, log_in, opened
 
 OF_DIMENSIONS = ("CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "_Netcdf4Dimid")
@@ -54,6 +54,22 @@ def read_comparison(path: Path) -> dict[str, Log]:
         return {str(name): log_in(path, file[f"runs/{name}"]) for name in file.attrs["runs"]}
 
 
+def extract_log(path: Path, name: str, log: Path) -> None:
+    """Write a run of a comparison into a file of its own, as the log it was.
+
+    Raises:
+        LogError: The comparison has no such run.
+        InputError: The file cannot be written.
+    """
+    try:
+        with h5py.File(path, "r", locking=False) as source, h5py.File(log, "w") as target:
+            if f"runs/{name}" not in source:
+                raise LogError(f"{path}: found no run {name}, expected one of {', '.join(source.get('runs', ()))}")
+            _copy(source[f"runs/{name}"], target)
+    except OSError as error:
+        raise InputError(f"{log} cannot be written: {error.strerror or error}") from None
+
+
 def _write(logs: Mapping[str, Path], path: Path) -> None:
     with h5py.File(path, "w") as file:
         file.attrs.update({"kind": COMPARISON, "psmpc_version": __version__, "format_version": FORMAT_VERSION})
@@ -63,7 +79,7 @@ def _write(logs: Mapping[str, Path], path: Path) -> None:
                 _copy(source, file.create_group(f"runs/{name}"))
 
 
-def _copy(source: h5py.File, target: h5py.Group) -> None:
+def _copy(source: h5py.Group, target: h5py.Group) -> None:
     """Copy a log into a group; its dimension scales are made anew there."""
     target.attrs.update(source.attrs)
     datasets = dict(_datasets(source))
@@ -77,7 +93,7 @@ def _copy(source: h5py.File, target: h5py.Group) -> None:
     for path, dataset in datasets.items():
         for i, dimension in enumerate(dataset.dims):
             for scale in dimension.values():
-                target[path].dims[i].attach_scale(target[scale.name.lstrip("/")])
+                target[path].dims[i].attach_scale(target[scale.name.removeprefix(source.name).lstrip("/")])
 
 
 def _datasets(group: h5py.Group) -> Iterator[tuple[str, h5py.Dataset]]:

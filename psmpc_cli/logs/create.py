@@ -7,7 +7,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from psmpc_cli.errors import InputError
 from psmpc_cli.logs.layout import (
     COLUMNS,
     FORMAT_VERSION,
@@ -22,6 +21,7 @@ from psmpc_cli.logs.layout import (
     TIME,
     Column,
 )
+from psmpc_cli.logs.new_file import write_new
 
 ROWS_IN_A_CHUNK, TICKS_IN_A_CHUNK, ELEMENTS_IN_A_CHUNK = 256, 4096, 4096
 """Chunks are large: space is set aside rarely, and between those times a killed run can only lose its last row."""
@@ -61,44 +61,7 @@ def create_log(path: Path, header: Header, force: bool = False) -> None:
     Raises:
         InputError: The file exists already or cannot be written; with `force`, it exists and is no HDF5 file.
     """
-    image, target = _image(header), path.resolve()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        refuse(path, force)
-        if force:
-            target.unlink(missing_ok=True)
-        _write_new(target, image)
-    except (FileExistsError, NotADirectoryError):
-        raise InputError(f"{path} cannot be written: {path.parent} is no directory") from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror or error}") from None
-
-
-def _write_new(path: Path, content: bytes) -> None:
-    """Write a new file; leave none if there is no room for it."""
-    with path.open("xb") as file:
-        try:
-            file.write(content)
-            file.flush()
-        except OSError:
-            path.unlink()
-            raise
-
-
-def refuse(path: Path, force: bool) -> None:
-    """Refuse to write where something else stands.
-
-    Raises:
-        InputError: The path is taken; with `force`, by what is no log.
-    """
-    if path.is_dir():
-        raise InputError(f"{path} is a directory: name a file in it with -o, such as {path / 'run.h5'}")
-    if not path.exists():
-        return
-    if not force:
-        raise InputError(f"{path} exists already: choose another file with -o, or overwrite it with --force")
-    if not (path.is_file() and (path.stat().st_size == 0 or h5py.is_hdf5(path))):
-        raise InputError(f"{path} is no log: --force overwrites logs only; choose another file with -o")
+    write_new(path, _image(header), force)
 
 
 def _image(header: Header) -> bytes:

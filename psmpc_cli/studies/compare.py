@@ -7,7 +7,7 @@ from typing import get_args
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.comparison import merge_logs
-from psmpc_cli.logs.create import refuse
+from psmpc_cli.logs.new_file import refuse
 from psmpc_cli.specs.load import LoadedTask, load_task
 from psmpc_cli.specs.task import ControllerSpec
 from psmpc_cli.studies.variants import log_paths, run_variants

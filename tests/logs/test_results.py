@@ -1,0 +1,112 @@
+"""Results files of studies."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.logs.layout import PARETO, SWEEP
+from psmpc_cli.logs.results import TEXT_LENGTH, Quantity, ResultsWriter, create_results, read_results
+
+QUANTITIES = (
+    Quantity("start", ("row", "column"), np.full((2, 3), np.nan), "s", "actual start"),
+    Quantity("row", ("row",), np.array([10.0, 20.0]), "1", "number of the row"),
+    Quantity("column", ("column",), np.array(["a", "b", "ü"]), "1", "name of the column"),
+    Quantity("status", ("row", "column"), np.zeros((2, 3), "i4"), "1", "status", ("waiting", "done")),
+    Quantity("reason", ("row", "column"), np.full((2, 3), ""), "1", "why"),
+    Quantity("spent", (), np.array(0.0), "s", "time spent"),
+)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path = tmp_path / "results.h5"
+    create_results(path, SWEEP, {"task_name": "test"}, QUANTITIES, False)
+    return path
+
+
+def test_what_was_written_is_read_back_with_names_units_and_meanings(path: Path) -> None:
+    results = read_results(path, SWEEP)
+    assert results.attributes["task_name"] == "test"
+    for quantity in QUANTITIES:
+        found = results.quantities[quantity.name]
+        assert (found.dims, found.units, found.long_name, found.meanings) == (
+            quantity.dims,
+            quantity.units,
+            quantity.long_name,
+            quantity.meanings,
+        )
+        np.testing.assert_array_equal(found.values, quantity.values)
+
+
+def test_a_cell_is_filled_in_and_no_other(path: Path) -> None:
+    with ResultsWriter(path) as writer:
+        writer.write((1, 2), {"start": 6.1, "status": 1, "reason": "because of ü"})
+        writer.write((), {"spent": 3.5})
+    results = read_results(path, SWEEP)
+    assert results["start"][1, 2] == 6.1
+    assert results["reason"][1, 2] == "because of ü"
+    assert results["spent"] == 3.5
+    assert np.count_nonzero(results["status"]) == 1
+    assert np.isnan(results["start"]).sum() == 5
+
+
+def test_filling_a_cell_in_changes_no_byte_but_its_own(path: Path) -> None:
+    before = path.read_bytes()
+    with ResultsWriter(path) as writer:
+        writer.write((0, 1), {"start": 6.1, "status": 1})
+    after = path.read_bytes()
+    changed = [i for i, (old, new) in enumerate(zip(before, after, strict=True)) if old != new]
+    assert len(changed) <= 8 + 4
+    assert max(changed) - min(changed) < len(before)
+
+
+def test_a_cell_is_in_the_file_as_soon_as_it_is_written(path: Path) -> None:
+    with ResultsWriter(path) as writer:
+        writer.write((0, 0), {"start": 7.8})
+        assert read_results(path, SWEEP)["start"][0, 0] == 7.8
+
+
+def test_a_long_text_is_cut_at_a_whole_character(path: Path) -> None:
+    with ResultsWriter(path) as writer:
+        writer.write((0, 0), {"reason": "ü" * TEXT_LENGTH})
+        writer.write((0, 1), {"reason": "x" + "ü" * TEXT_LENGTH})
+    reasons = read_results(path, SWEEP)["reason"][0]
+    assert reasons[0] == "ü" * (TEXT_LENGTH // 2)
+    assert reasons[1] == "x" + "ü" * (TEXT_LENGTH // 2 - 1)
+
+
+def test_an_existing_file_is_not_overwritten_unasked(path: Path) -> None:
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="exists already"):
+        create_results(path, SWEEP, {}, QUANTITIES, False)
+    assert path.read_bytes() == before
+    create_results(path, SWEEP, {"task_name": "other"}, QUANTITIES, True)
+    assert read_results(path, SWEEP).attributes["task_name"] == "other"
+
+
+def test_a_file_of_another_kind_is_refused(path: Path) -> None:
+    with pytest.raises(LogError, match="found a sweep, expected a pareto"):
+        read_results(path, PARETO)
+
+
+def test_a_cut_off_file_is_refused(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:1500])
+    with pytest.raises(LogError, match="cut off or damaged"):
+        read_results(path, SWEEP)
+
+
+def test_dimension_scales_name_every_dimension(path: Path) -> None:
+    with h5py.File(path) as file:
+        assert [dimension[0].name for dimension in file["start"].dims] == ["/row", "/column"]
+
+
+def test_xarray_opens_it_with_named_coordinates(path: Path) -> None:
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    with xarray.open_dataset(path, engine="h5netcdf") as dataset:
+        assert dataset["start"].dims == ("row", "column")
+        assert dataset["start"].sel(row=20.0, column="ü").size == 1
+        assert dataset["start"].attrs["units"] == "s"

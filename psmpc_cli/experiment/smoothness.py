@@ -24,7 +24,11 @@ class Variation:
 
 def total_variation(log: Log) -> Variation:
     """Return the total variation of the control: 0 where it never changes, and the less the smoother."""
-    by_coordinate = np.abs(np.diff(log["control/u"], axis=0)).sum(axis=0)
-    base = np.array([name.startswith("base.") for name in log.coordinates], bool)
-    position = np.array([name in ("base.x", "base.y", "base.z") for name in log.coordinates], bool)
-    return Variation(*(float(by_coordinate[group].sum()) for group in (position, base & ~position, ~base)))
+    return by_group(np.abs(np.diff(log["control/u"], axis=0)).sum(axis=0), log.coordinates)
+
+
+def by_group(variation: np.ndarray, coordinates: tuple[str, ...]) -> Variation:
+    """Return the total variation of each coordinate (n,), summed over the groups."""
+    base = np.array([name.startswith("base.") for name in coordinates], bool)
+    position = np.array([name in ("base.x", "base.y", "base.z") for name in coordinates], bool)
+    return Variation(*(float(variation[group].sum()) for group in (position, base & ~position, ~base)))

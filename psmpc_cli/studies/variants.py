@@ -1,17 +1,13 @@
 """Runs variants of a task in parallel processes, one thread each."""
 
 import logging
-import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from joblib import Parallel, delayed, parallel_config
-from joblib.externals.loky.process_executor import TerminatedWorkerError
-
-from psmpc_cli.errors import RunError
 from psmpc_cli.experiment.run import Progress, run
 from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.studies.parallel import LocalCalls
 
 
 @dataclass(frozen=True)
@@ -38,17 +34,12 @@ def run_variants(
         done: Told the name of each variant as it ends.
 
     Raises:
-        RunError: A log could not be written, or a process ended without a word.
+        RunError: A log could not be written, or processes are ended from outside again and again.
     """
     paths = log_paths(variants, directory)
     chosen = [Variant(name, task, paths[name]) for name, task in variants.items()]
-    try:
-        with parallel_config("loky", n_jobs=jobs or os.cpu_count() or 1, inner_max_num_threads=1):
-            workers = Parallel(return_as="generator_unordered")
-            for name in workers(delayed(_run)(variant) for variant in chosen):
-                done(name)
-    except TerminatedWorkerError:
-        raise RunError("a process was ended from outside, for want of memory perhaps: try fewer with --jobs") from None
+    for _, name in LocalCalls(jobs).each(_run, chosen):
+        done(name)
     return paths
 
 

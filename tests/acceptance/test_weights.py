@@ -1,0 +1,52 @@
+"""The weight study: how the ratio of the priorities decides when Capture starts. Paper section IV-B, Fig. 6."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from psmpc_cli.logs.results import Results
+from psmpc_cli.studies.parallel import LocalCalls
+from psmpc_cli.studies.sampling import grid_sampling
+from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, run_sweep
+from psmpc_cli.studies.sweep_file import COMPUTED, Sweep, read_sweep
+
+BASELINE = yaml.safe_load((Path(__file__).parents[2] / "benchmarks" / "weights.yaml").read_text(encoding="utf-8"))
+
+SAMPLE = 0.1 + 1e-9
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    """Seven ratios from 1e-6 to 1e6 on a coarse mesh."""
+    path = tmp_path_factory.mktemp("weights") / "sweep.h5"
+    task = load_sweep_task(DEFAULT_TASK, ("controller.nodes=25",), ())
+    run_sweep(Sweep(task, (0, 1), grid_sampling("7", (1e-3, 1e3)), False), path, LocalCalls(2))
+    return read_sweep(path)
+
+
+def test_no_cell_and_no_solve_fails_at_any_ratio(sweep: Results) -> None:
+    assert np.all(sweep["status"] == COMPUTED)
+    assert not sweep["fallbacks"].any()
+
+
+def test_capture_starts_the_earlier_the_higher_the_ratio(sweep: Results) -> None:
+    assert np.all(np.diff(sweep["actual_start"], axis=0) <= SAMPLE)
+    assert np.all(sweep["actual_start"][0, -1] - sweep["actual_start"][-1, -1] > 3.5)
+
+
+def test_capture_never_starts_before_its_switch_can_be_seen(sweep: Results) -> None:
+    floor = sweep["switch_time"][:, :1] - float(sweep.attributes["horizon"])
+    assert np.all(sweep["actual_start"] >= floor - 1e-9)
+
+
+def test_the_instant_stays_where_the_condition_can_first_be_met(sweep: Results) -> None:
+    assert np.ptp(sweep["switch_time"][:, 0]) < 0.05
+    np.testing.assert_allclose(sweep["instant_at_detection"], sweep["switch_time"][:, 0], atol=0.05)
+
+
+def test_the_starts_are_where_the_baseline_has_them(sweep: Results) -> None:
+    rows = BASELINE["as shipped, N_s = 100"]["actual_start"]
+    expected = np.array([rows[float(f"{ratio:.3g}")] for ratio in sweep["ratio"]])
+    np.testing.assert_allclose(sweep["actual_start"], expected, atol=0.3 + 1e-9)

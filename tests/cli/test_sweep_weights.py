@@ -1,0 +1,124 @@
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from psmpc_cli.cli.main import main
+from psmpc_cli.studies import sweep as sweep_module
+from psmpc_cli.studies.sweep_file import COMPUTED, SHARED, WAITING, read_sweep
+
+from ..there_and_back import TASK
+
+Psmpc = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def psmpc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Psmpc:
+    """The command line, in a folder with a small task."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "task.yaml").write_text(TASK)
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["psmpc", *arguments])
+        with pytest.raises(SystemExit) as left:
+            main()
+        return int(left.value.code or 0), *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def sweep(psmpc: Psmpc) -> Psmpc:
+    """`psmpc sweep-weights --jobs 1`, and more."""
+    return lambda *arguments: psmpc("sweep-weights", *arguments, "--jobs", "1")
+
+
+def test_a_grid_gives_a_table_a_file_and_figures(sweep: Psmpc, psmpc: Psmpc, tmp_path: Path) -> None:
+    code, out, err = sweep("2x2", "task.yaml", "--range", "0.1:10")
+    assert code == 0
+    assert "4 cells: 3 computed, 1 shared" in out
+    assert "3 of 3 runs" in err
+    results = read_sweep(tmp_path / "runs" / "task-sweep.h5")
+    assert results["status"].ravel().tolist() == [COMPUTED, COMPUTED, COMPUTED, SHARED]
+    assert list((tmp_path / "runs" / "task-sweep").glob("*.png"))
+    assert psmpc("plot", "runs/task-sweep.h5", "-o", "again")[0] == 0
+    assert {path.name for path in (tmp_path / "again").iterdir()} == {
+        path.name for path in (tmp_path / "runs" / "task-sweep").iterdir()
+    }
+    before = (tmp_path / "runs" / "task-sweep.h5").read_bytes()
+    code, _, err = sweep("2x2", "task.yaml", "--range", "0.1:10")
+    assert code == 2
+    assert "exists already" in err
+    code, out, _ = sweep("2x2", "task.yaml", "--range", "0.1:10", "--resume")
+    assert code == 0
+    assert "3 computed" in out
+    code, _, err = sweep("3x3", "task.yaml", "--range", "0.1:10", "--resume")
+    assert code == 2
+    assert "holds another sweep" in err
+    assert (tmp_path / "runs" / "task-sweep.h5").read_bytes() == before
+
+
+def test_random_draws_need_no_grid(sweep: Psmpc, tmp_path: Path) -> None:
+    code, out, _ = sweep("task.yaml", "--sampling", "random:2", "-o", "draws.h5", "--no-figures")
+    assert code == 0
+    assert "2 cells: 2 computed" in out
+    assert read_sweep(tmp_path / "draws.h5")["omega_1"].shape == (2,)
+
+
+def test_thresholds_are_those_asked_for(sweep: Psmpc, tmp_path: Path) -> None:
+    assert sweep("2", "task.yaml", "--epsilon", "0.5,1e-3", "-o", "two.h5", "--no-figures", "-q")[0] == 0
+    results = read_sweep(tmp_path / "two.h5")
+    assert results["epsilon"].tolist() == [1e-3, 0.5]
+    assert results["actual_start"].shape == (2, 2)
+
+
+def test_an_interrupted_sweep_keeps_what_is_done(sweep: Psmpc, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Interrupted(sweep_module.ResultsWriter):
+        def write(self, index: tuple[int, ...], values: object) -> None:
+            super().write(index, values)  # type: ignore[arg-type]
+            if not index:
+                os.kill(os.getpid(), 15)
+
+    monkeypatch.setattr(sweep_module, "ResultsWriter", Interrupted)
+    code, _, err = sweep("2x2", "task.yaml", "-o", "sweep.h5", "--no-figures")
+    assert code == 143
+    assert "terminated; sweep.h5 holds what was done: go on with --resume" in err
+    assert COMPUTED in read_sweep(tmp_path / "sweep.h5")["status"]
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path)
+    assert sweep("2x2", "task.yaml", "-o", "sweep.h5", "--no-figures", "--resume")[0] == 0
+    assert WAITING not in read_sweep(tmp_path / "sweep.h5")["status"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "neither a grid nor --sampling"),
+        (("task.yaml",), "neither a grid nor --sampling"),
+        (("3x3", "task.yaml", "--sampling", "random:5"), "both a grid and --sampling"),
+        (("25y25", "task.yaml"), "found '25y25', expected two sizes of at least 2 such as 25x25"),
+        (("1x5", "task.yaml"), "found '1x5'"),
+        (("3x3", "task.yaml", "--sampling", "sobol:5"), "both a grid and --sampling"),
+        (("task.yaml", "--sampling", "sobol:5"), "--sampling: found 'sobol:5', expected random:N"),
+        (("3x3", "task.yaml", "--range", "1:0.1"), "--range: found '1:0.1'"),
+        (("3x3", "task.yaml", "--epsilon", "0"), "--epsilon: found '0'"),
+        (("3x3", "task.yaml", "--stages", "2,3"), "--stages: found '2,3', expected two in a row"),
+        (("3x3", "task.yaml", "--set", "controller.kind=smpc"), "which knows no priorities"),
+        (("3x3", "task.yaml", "--resume"), "--resume: found no file runs/task-sweep.h5"),
+        (("3x3", "task.yaml", "--resume", "--force"), "both --resume and --force"),
+        (("3x3", "task.yaml", "--dask", "tcp://127.0.0.1:9"), "both --jobs and --dask"),
+        (("3x3", "nowhere.yaml"), "nowhere.yaml"),
+        (("3x3", "task.yaml", "--set", "controller.nodes=none"), "controller.nodes"),
+    ],
+)
+def test_bad_input_is_named_and_leaves_nothing(
+    sweep: Psmpc, tmp_path: Path, arguments: tuple[str, ...], said: str
+) -> None:
+    code, out, err = sweep(*arguments)
+    assert code == 2
+    assert said in err
+    assert "Traceback" not in err
+    assert not out
+    assert not (tmp_path / "runs").exists()

@@ -1,5 +1,7 @@
 import logging
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,11 +12,13 @@ from psmpc_cli.experiment.run import run
 from psmpc_cli.logs.comparison import read_comparison
 from psmpc_cli.logs.read import read_log
 from psmpc_cli.specs.load import LoadedTask
-from psmpc_cli.studies import variants
+from psmpc_cli.studies import parallel
 from psmpc_cli.studies.compare import CONTROLLERS, compare, compared_tasks, controllers_in
 from psmpc_cli.studies.variants import log_paths, run_variants, simulated_times
 
 from ..there_and_back import TASK
+
+Call = tuple[Callable[..., object], tuple[Any, ...], dict[str, Any]]
 
 
 @pytest.fixture
@@ -110,16 +114,35 @@ def test_an_interruption_leaves_nothing(tmp_path: Path, tasks: dict[str, LoadedT
     assert [path.name for path in tmp_path.iterdir()] == ["task.yaml"]
 
 
-def test_a_process_that_dies_is_an_error(
+class Dying:
+    """Stands in for joblib's processes: the first so many of them are killed, and the calls of the others made here."""
+
+    def __init__(self, deaths: int) -> None:
+        self.deaths = deaths
+
+    def __call__(self, **options: object) -> Callable[[Iterable[Call]], Iterator[object]]:
+        return self._make
+
+    def _make(self, calls: Iterable[Call]) -> Iterator[object]:
+        self.deaths -= 1
+        if self.deaths >= 0:
+            raise TerminatedWorkerError
+        for _, (function, index, item), _ in calls:
+            yield index, function(item)
+
+
+def test_a_process_that_is_killed_costs_no_run(
     tmp_path: Path, tasks: dict[str, LoadedTask], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Dying:
-        def __init__(self, **options: object) -> None: ...
+    monkeypatch.setattr(parallel, "Parallel", Dying(deaths=1))
+    paths = run_variants(tasks, tmp_path)
+    assert [str(read_log(path).attributes["controller"]) for path in paths.values()] == ["smpc", "hard"]
 
-        def __call__(self, calls: object) -> None:
-            raise TerminatedWorkerError
 
-    monkeypatch.setattr(variants, "Parallel", Dying)
+def test_processes_that_are_killed_again_and_again_are_an_error(
+    tmp_path: Path, tasks: dict[str, LoadedTask], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(parallel, "Parallel", Dying(deaths=10**6))
     with pytest.raises(RunError, match="--jobs"):
         run_variants(tasks, tmp_path)
 

@@ -1,0 +1,74 @@
+"""A sweep that is killed, all its processes at once, and goes on."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from psmpc_cli.studies.sweep_file import COMPUTED, SHARED, WAITING, read_sweep
+
+from ..there_and_back import TASK
+
+COMMAND = [sys.executable, "-c", "from psmpc_cli.cli.main import main; main()"]
+
+Start = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Start:
+    """Start a small sweep into a file in a process group of its own."""
+    (tmp_path / "task.yaml").write_text(TASK)
+
+    def run(file: str, *arguments: str) -> subprocess.Popen[str]:
+        sweep = ["sweep-weights", "3x3", str(tmp_path / "task.yaml"), "--jobs", "2", "--no-figures"]
+        return subprocess.Popen(
+            [*COMMAND, *sweep, "-o", str(tmp_path / file), *arguments],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+
+    return run
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
+    _, err = process.communicate(timeout=120)
+    return process.returncode, err
+
+
+def kill_after(process: subprocess.Popen[str], runs: int) -> int:
+    """Kill a sweep and all its processes after so many runs, and return how many it had told of."""
+    assert process.stderr is not None
+    for line in process.stderr:
+        if line.startswith(f"{runs} of "):
+            break
+    os.killpg(process.pid, signal.SIGKILL)
+    ended = [int(found[1]) for found in re.finditer(r"^(\d+) of ", process.stderr.read(), re.MULTILINE)]
+    process.stderr.close()
+    assert process.wait() == -signal.SIGKILL
+    return max([runs, *ended])
+
+
+def test_a_killed_sweep_loses_no_run_that_has_ended_and_goes_on_to_the_same_file(start: Start, tmp_path: Path) -> None:
+    told = kill_after(start("killed.h5"), runs=2)
+    stopped = read_sweep(tmp_path / "killed.h5")["status"]
+    computed = np.count_nonzero(stopped == COMPUTED)
+    assert told <= computed < 5
+    assert WAITING in stopped
+    code, err = finish(start("killed.h5", "--resume"))
+    assert code == 0
+    assert err.startswith(f"0 of {5 - computed} runs")
+    assert finish(start("whole.h5"))[0] == 0
+    killed, whole = read_sweep(tmp_path / "killed.h5"), read_sweep(tmp_path / "whole.h5")
+    assert np.count_nonzero(whole["status"] == SHARED) == 4
+    assert killed.quantities.keys() == whole.quantities.keys()
+    for name, quantity in whole.quantities.items():
+        if "wall time" not in quantity.long_name:
+            np.testing.assert_array_equal(killed[name], quantity.values, err_msg=name)

@@ -34,7 +34,7 @@ def visible_texts(figure: Figure) -> Iterator[Text]:
 
 def unseen_texts(axes: Axes) -> Iterator[Text]:
     """Texts Matplotlib keeps but does not draw: of axes switched off, of ticks outside the view."""
-    for axis in (axes.xaxis, axes.yaxis):
+    for axis in (axes.xaxis, axes.yaxis, getattr(axes, "zaxis", axes.yaxis)):
         if not axes.axison:
             yield from (text for text in axis.findobj(Text) if isinstance(text, Text))
         scale = axis.get_transform().transform

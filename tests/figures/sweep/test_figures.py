@@ -1,0 +1,172 @@
+"""What the figures show, read back from the drawing."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.collections import QuadMesh
+from matplotlib.contour import QuadContourSet
+from matplotlib.figure import Figure
+
+from psmpc_cli.experiment.recommendation import recommend
+from psmpc_cli.experiment.sweep_cells import SweepCells, sweep_cells
+from psmpc_cli.figures.sweep.draws import plot_draws
+from psmpc_cli.figures.sweep.heat_map import edges, plot_heat_map
+from psmpc_cli.figures.sweep.sensitivity import plot_sensitivity
+from psmpc_cli.figures.sweep.starts import plot_starts
+from psmpc_cli.figures.sweep.surface import plot_surface
+
+from ...made_up_sweep import T_H, T_S, Numbers, made_up_sweep, numbers
+from ..drawn import common_legend, curves, legend, points
+
+Sweep = Callable[..., SweepCells]
+
+
+@pytest.fixture
+def sweep(tmp_path: Path) -> Sweep:
+    return lambda sampling, **given: sweep_cells(made_up_sweep(tmp_path / "sweep.h5", sampling, **given))
+
+
+def never_early(ratio: float) -> Numbers:
+    """A cell without any premature start: Capture starts at t_s, whatever the threshold."""
+    return {**numbers(ratio), "actual_start": [T_S, T_S]}
+
+
+def mesh(figure: Figure) -> np.ma.MaskedArray:
+    """The colours of the heat map as times (omega_2, omega_1) [s]."""
+    found, *_ = [collection for collection in figure.axes[0].collections if isinstance(collection, QuadMesh)]
+    return np.ma.asarray(found.get_array())
+
+
+def contours(figure: Figure) -> list[np.ndarray]:
+    sets = [collection for collection in figure.axes[0].collections if isinstance(collection, QuadContourSet)]
+    return [path.vertices for one in sets[:1] for path in one.get_paths()]
+
+
+def test_the_heat_map_has_omega_1_to_the_right_and_omega_2_up(sweep: Sweep) -> None:
+    figure = plot_heat_map(sweep("5x7"))
+    expected = [
+        [numbers(omega_2 / omega_1)["actual_start"][1] for omega_1 in np.logspace(-3, 3, 5)]  # type: ignore[index]
+        for omega_2 in np.logspace(-3, 3, 7)
+    ]
+    np.testing.assert_allclose(mesh(figure), expected)
+    axes = figure.axes[0]
+    assert "approach, ω₁" in axes.get_xlabel()
+    assert "capture, ω₂" in axes.get_ylabel()
+
+
+def test_the_shown_threshold_is_named(sweep: Sweep) -> None:
+    cells, draws = sweep("3x3"), sweep("random:5")
+    assert "ε = 0.1 " in plot_heat_map(cells).axes[1].get_ylabel()
+    assert "ε = 0.1 " in plot_surface(cells).axes[0].get_zlabel()  # type: ignore[attr-defined]
+    assert "ε = 0.1 " in plot_draws(draws).axes[1].get_ylabel()
+
+
+def test_the_contour_is_where_starts_come_down_to_t_s_less_the_horizon(sweep: Sweep) -> None:
+    figure = plot_heat_map(sweep("7x7"))
+    (line,) = contours(figure)
+    decades = line[:, 1] - line[:, 0]
+    # of the made-up starts 6.2 s is the first sample after t_s - T_h = 6.14 s; they are there from 10^3 on, not at 10^2
+    assert np.all((decades > 2) & (decades <= 3))
+    assert any("t_s - T_h" in text for text in common_legend(figure))
+
+
+def test_without_premature_start_nothing_is_early(sweep: Sweep) -> None:
+    cells = sweep("5x5", of=never_early)
+    figure = plot_heat_map(cells)
+    assert np.all(mesh(figure) == T_S)
+    assert not contours(figure)
+    assert any("nowhere" in text for text in common_legend(figure))
+    lines = curves(plot_starts(cells).axes[0])
+    for name in ("ε = 0.001", "ε = 0.1", "$t_s$"):
+        np.testing.assert_allclose(lines[name][:, 1], T_S)
+
+
+def test_where_all_start_at_once_seen_the_heat_map_says_so(sweep: Sweep) -> None:
+    figure = plot_heat_map(sweep("3x3", of=lambda ratio: {**numbers(ratio), "actual_start": [6.2, 6.2]}))
+    assert not contours(figure)
+    assert any("everywhere" in text for text in common_legend(figure))
+
+
+def test_cells_that_wait_are_blank_and_failed_ones_are_marked(sweep: Sweep) -> None:
+    cells = sweep("3x3", waiting=(1,), failed=(5,))
+    figure = plot_heat_map(cells)
+    masked = np.ma.getmaskarray(mesh(figure))
+    assert list(zip(*np.nonzero(masked), strict=True)) == [(0, 1), (1, 2)]
+    (marks,) = figure.axes[0].lines
+    np.testing.assert_allclose(points(marks), [[3.0, 0.0]])
+    assert {"failed", "waiting"} <= set(common_legend(figure))
+    for plot in (plot_starts, plot_sensitivity):
+        axes = plot(cells).axes[0]
+        np.testing.assert_allclose(curves(axes)["failed"][:, 0], 1e-3)
+
+
+def test_the_plane_of_draws_shows_every_draw_once(sweep: Sweep) -> None:
+    cells = sweep("random:12", waiting=(1,), failed=(5,))
+    figure = plot_draws(cells)
+    axes = figure.axes[0]
+    (ended,) = axes.collections
+    np.testing.assert_allclose(ended.get_offsets(), np.log10(cells.omega[cells.ended]))
+    np.testing.assert_allclose(ended.get_array(), cells.of("actual_start")[cells.ended, cells.chosen])  # type: ignore[arg-type]
+    failed, waiting = axes.lines
+    np.testing.assert_allclose(points(failed), np.log10(cells.omega[[5]]))
+    np.testing.assert_allclose(points(waiting), np.log10(cells.omega[[1]]))
+    assert common_legend(figure) == ["failed", "waiting"]
+
+
+def test_starts_are_drawn_by_threshold_between_t_s_and_t_s_less_the_horizon(sweep: Sweep) -> None:
+    axes = plot_starts(sweep("7")).axes[0]
+    ratios = np.logspace(-6, 6, 7)
+    lines = curves(axes)
+    assert legend(axes) == list(lines)
+    for i, name in enumerate(("ε = 0.001", "ε = 0.1")):
+        starts = [numbers(ratio)["actual_start"][i] for ratio in ratios]  # type: ignore[index]
+        np.testing.assert_allclose(lines[name], np.column_stack([ratios, starts]))
+    np.testing.assert_allclose(lines["$t_s$"][:, 1], T_S)
+    np.testing.assert_allclose(lines["$t_s - T_h$"][:, 1], T_S - T_H)
+
+
+def test_cells_of_one_ratio_that_differ_are_a_band(sweep: Sweep) -> None:
+    cells = sweep("3x3")
+    alike = len(plot_starts(cells).axes[0].collections)
+    cells.results["actual_start"][0, 0] += 0.1
+    assert len(plot_starts(cells).axes[0].collections) > alike
+
+
+def test_the_recommended_ratio_is_marked_in_every_panel(sweep: Sweep) -> None:
+    cells = sweep("13")
+    best = recommend(cells)
+    assert best is not None
+    rows = plot_sensitivity(cells).axes
+    assert len(rows) == 3
+    for axes in rows:
+        (line,) = [line for line in axes.lines if str(line.get_label()).startswith("recommended")]
+        np.testing.assert_allclose(points(line)[:, 0], best.ratio)
+    assert "recommended 10" in legend(rows[0])
+    assert "task's 100" in legend(rows[0])
+
+
+def test_a_stage_without_end_condition_has_no_panel_of_errors(sweep: Sweep) -> None:
+    cells = sweep("5", of=lambda ratio: {**numbers(ratio), "final_error": float("nan")})
+    assert len(plot_sensitivity(cells).axes) == 2
+
+
+def test_the_task_is_not_marked_where_the_sweep_does_not_come_by(sweep: Sweep) -> None:
+    cells = sweep("random:1")
+    assert cells.ratio[0] != cells.own_ratio
+    assert not any(text.startswith("task") for text in legend(plot_sensitivity(cells).axes[0]))
+
+
+def test_the_surface_is_framed_by_t_s_and_t_s_less_the_horizon(sweep: Sweep) -> None:
+    cells = sweep("5x5", failed=(0,), waiting=(24,))
+    figure = plot_surface(cells)
+    axes = figure.axes[0]
+    heights = {str(line.get_label()): set(np.round(line.get_data_3d()[2], 9)) for line in axes.lines}  # type: ignore[attr-defined]
+    assert heights["$t_s$"] == {T_S}
+    assert heights["$t_s - T_h$"] == {round(T_S - T_H, 9)}
+    assert {"failed", "blank: waiting"} <= set(common_legend(figure))
+
+
+def test_edges_lie_between_centres() -> None:
+    np.testing.assert_allclose(edges(np.array([0.0, 1.0, 3.0])), [-0.5, 0.5, 2.0, 4.0])

@@ -1,0 +1,62 @@
+"""Sweeps as if they had been run: the same file, made-up numbers."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from psmpc_cli.logs.results import Results, ResultsWriter
+from psmpc_cli.studies.sampling import Sampling, grid_sampling, random_sampling
+from psmpc_cli.studies.sweep import load_sweep_task, parse_stages
+from psmpc_cli.studies.sweep_file import COMPUTED, FAILED, Sweep, create_sweep, read_sweep
+
+T_S, T_H = 10.14, 4.0
+
+EPSILONS = (1e-3, 1e-1)
+
+Numbers = Mapping[str, float | list[float]]
+
+
+def numbers(ratio: float) -> Numbers:
+    """What a cell comes to: the larger the ratio, the earlier everything, at more effort from 100 on."""
+    decades = float(np.log10(ratio))
+    starts = [float(np.clip(round(8.2 - 0.8 * (decades + shift), 1), 6.2, T_S)) for shift in (1.0, 0.0)]
+    completion = round(14.0 + 2.0 / (1.0 + ratio), 1)
+    return {
+        "switch_time": [T_S, completion],
+        "actual_start": starts,
+        "completion_time": completion,
+        "final_error": 0.9,
+        "control_effort": 1.0 + ratio / 100,
+        "solves": 100.0,
+        "fallbacks": 0.0,
+    }
+
+
+def sampling_of(text: str) -> Sampling:
+    """A grid, ratios, or random draws, between 1e-3 and 1e3."""
+    bounds = (1e-3, 1e3)
+    return random_sampling(text, bounds, 0) if text.startswith("random") else grid_sampling(text, bounds)
+
+
+def made_up_sweep(
+    path: Path,
+    sampling: str = "7x7",
+    waiting: tuple[int, ...] = (),
+    failed: tuple[int, ...] = (),
+    of: Callable[[float], Numbers] = numbers,
+    epsilons: tuple[float, ...] = EPSILONS,
+) -> Results:
+    """A sweep of approach_capture in which these cells wait and those failed."""
+    task = load_sweep_task("approach_capture", (), epsilons)
+    sweep = Sweep(task, parse_stages("1,2", task), sampling_of(sampling), False)
+    create_sweep(path, sweep, True)
+    with ResultsWriter(path) as writer:
+        for cell, ratio in enumerate(sweep.sampling.ratio):
+            index = sweep.sampling.index(cell)
+            if cell in failed:
+                writer.write(index, {"reason": "time limit of 30 s reached", "origin": cell, "status": FAILED})
+            elif cell not in waiting:
+                values = {name: np.asarray(value) for name, value in of(float(ratio)).items()}
+                writer.write(index, {**values, "origin": cell, "status": COMPUTED})
+    return read_sweep(path)

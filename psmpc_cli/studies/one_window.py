@@ -1,17 +1,20 @@
 """One window of a run, taken from its log and solved again: instant fixed, from other guesses, on other meshes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from psmpc_cli.control.sequence import Sequence
 from psmpc_cli.control.window_solver import WindowSolver
 from psmpc_cli.errors import LogError
+from psmpc_cli.experiment.logged_window import logged_solve
 from psmpc_cli.experiment.setup import Experiment, build_experiment
 from psmpc_cli.experiment.summary import task_of
-from psmpc_cli.logs.read import Log, read_plan
+from psmpc_cli.logs.read import Log
 from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.transcription import Nlp
 from psmpc_cli.ocp.window import SHORTEST, Bounds, Window, bounds, pack_guess, parameter_vector, unpack_plan
 from psmpc_cli.solvers import Guess
 
@@ -26,7 +29,7 @@ CLOSE = 0.005
 
 @dataclass(frozen=True, eq=False)
 class OneWindow:
-    """A window with one switch in it, and the plan the run made of it.
+    """A window with a switch in it, and the plan the run made of it.
 
     Attributes:
         label: Priorities of its stages, the first one's as 1, such as 1 : 100.
@@ -72,31 +75,20 @@ def pick_window(log: Log) -> OneWindow:
     with_one = with_one[first[with_one] == first[with_one[0]]]
     ahead = log["window/instants"][with_one, first[with_one[0]]] - log.time[with_one]
     sample = int(with_one[np.argmin(np.abs(ahead - LATE_IN_HORIZON * experiment.task.controller.horizon))])
-    return _window_at(log, experiment, sample)
+    return window_at(log, experiment, sample)
 
 
-def _window_at(log: Log, experiment: Experiment, sample: int) -> OneWindow:
-    """Return the window of a sample from what its solve was given."""
-    n, first = experiment.model.n, int(log["window/first"][sample])
-    head = read_plan(log.path, "parameters", sample)[: 2 * n + 9]
-    x0, (horizon, pending, terminal), omega, offset, scale = np.split(head, [2 * n, 2 * n + 3, 2 * n + 5, 2 * n + 7])
-    start, entered = float(log.time[sample]), float(log.stages["switch_time"][first - 1]) if first else 0.0
-    window = Window(
-        stages=experiment.stages[first : first + 2],
-        start=start,
-        elapsed=start - entered,
-        x0=x0,
-        omega=omega,
-        offset=offset,
-        scale=scale,
-        horizon=float(horizon),
-        pending_cost=float(pending),
-        terminal_cost=float(terminal),
-    )
-    windows = experiment.controller.windows
-    nlp, _ = windows.compiled(windows.shape(window))
-    plan = unpack_plan(nlp, window, read_plan(log.path, "solution", sample))
-    return OneWindow(_ratio(omega), experiment, window, plan)
+def window_at(log: Log, experiment: Experiment, sample: int) -> OneWindow:
+    """Return the window of a sample from what its solve was given, and its plan.
+
+    Raises:
+        LogError: The log has no plans, or what it holds is not of this window.
+    """
+    first, count = int(log["window/first"][sample]), int(log["window/count"][sample])
+    instants = log["window/instants"][sample, first : first + count - 1]
+    entered = float(log.stages["switch_time"][first - 1]) if first else 0.0
+    solve = logged_solve(log, experiment, Sequence(first, instants, entered), sample)
+    return OneWindow(_ratio(solve.window.omega), experiment, solve.window, solve.plan)
 
 
 def _ratio(omega: Vector) -> str:
@@ -145,19 +137,23 @@ def _solve_fixed(one: OneWindow, window: Window, instant: float, plan: Plan) -> 
     """Return cost and plan with the instant [s] after T0 fixed; None if there is no solution from either guess."""
     windows = one.experiment.controller.windows
     nlp, solver = windows.compiled(windows.shape(window))
-    at, free, row = np.array([window.start + instant]), bounds(nlp, window), nlp.layout.duration_index[0]
-    lbx, ubx = free.lbx.copy(), free.ubx.copy()
-    lbx[row] = ubx[row] = instant
+    at, fixed = np.array([window.start + instant]), held(nlp, bounds(nlp, window), instant)
     for guess in (plan, one.plan):
         z = pack_guess(nlp, window, guess, at, one.experiment.costs)
-        fixed = Bounds(lbx, ubx, free.lbg, free.ubg)
         solution = solver.solve(Guess(z), parameter_vector(nlp, window, at), fixed)
         if solution.outcome.usable:
             return solution.objective, unpack_plan(nlp, window, solution.z)
     return None
 
 
-def optimize_instants(one: OneWindow, pending_cost: float, guesses: Sequence[float]) -> Vector:
+def held(nlp: Nlp, free: Bounds, instant: float) -> Bounds:
+    """Return the bounds of a window with one switch, its instant held so long after T0 [s]."""
+    lbx, ubx, row = free.lbx.copy(), free.ubx.copy(), nlp.layout.duration_index[0]
+    lbx[row] = ubx[row] = instant
+    return Bounds(lbx, ubx, free.lbg, free.ubg)
+
+
+def optimize_instants(one: OneWindow, pending_cost: float, guesses: Iterable[float]) -> Vector:
     """Return the instants after T0 (len(guesses),) [s] that the solver returns from guesses [s]; NaN if it fails."""
     window = replace(one.window, pending_cost=pending_cost)
     found = []

@@ -1,0 +1,184 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from PIL import Image
+
+from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.figures.pareto import draw_pareto, plot_fronts
+from psmpc_cli.figures.pareto_in_space import plot_in_space
+from psmpc_cli.figures.style import COLUMN, PAGE, in_style
+from psmpc_cli.logs.results import Quantity, Results
+
+from .drawn import common_legend, legend, points
+from .fit_to_print import check_figure
+
+RATIOS = np.geomspace(1e-3, 1e3, 9)
+INSTANTS = np.array([6.1, 7.1, 8.0])
+
+
+def fronts(narrow: bool = False) -> np.ndarray:
+    """J_1 and J_2 (instants, ratios, 2); narrow ones fit a linear axis."""
+    along = np.linspace(0.2, 1.0, len(RATIOS))
+    low = 0.5 if narrow else 0.01
+    return np.array(
+        [np.column_stack([1.5 * along**2 / (i + 1) + low, i / 3 + (1 - along) ** 2 + low]) for i in range(3)]
+    )
+
+
+def made_up(
+    narrow: bool = False, later: int = 0, method: str = "both", ratio: tuple[float, ...] = (100,) * 3
+) -> Results:
+    """A study of three instants, with the instant held at `later` further times."""
+    J = fronts(narrow)
+    held = np.repeat(J[:, None], later + 1, axis=1) * (1 + 0.2 * np.arange(later + 1))[:, None, None]
+    values = held if later else J
+    dims = ("instant", *(("later",) if later else ()))
+    marks = np.zeros(values.shape[:-1], "i1")
+    marks[0, ..., 2] = 1
+    found = [
+        Quantity("instant", ("instant",), INSTANTS, "s", ""),
+        Quantity("stage", ("stage",), np.array(["approach", "capture"]), "1", ""),
+        Quantity("t_s", ("instant",), np.full(3, 10.0), "s", ""),
+        Quantity("chosen_ratio", ("instant",), np.array(ratio, float), "1", ""),
+        Quantity("chosen_J_1", ("instant",), J[:, 6, 0], "s", ""),
+        Quantity("chosen_J_2", ("instant",), J[:, 6, 1], "s", ""),
+        Quantity("hypervolume", ("instant",), np.array([1.0, 2.0, 3.0]), "s^2", ""),
+    ]
+    wait = np.broadcast_to((10.0 - INSTANTS)[:, None, None] + 0.3 * np.arange(later + 1)[:, None], held.shape[:-1])
+    for name in ("weighted", "constrained"):
+        if method in (name, "both"):
+            along = (*dims, "ratio" if name == "weighted" else "bound")
+            found += [Quantity(f"{name}_J_{s + 1}", along, values[..., s], "s", "") for s in range(2)]
+            found += [Quantity(f"{name}_dominated", along, marks, "1", "")]
+            found += [Quantity(f"{name}_wait", along, wait, "s", "")] if later else []
+    if later:
+        found += [Quantity("later", ("later",), np.linspace(0.0, 0.8, later + 1), "1", "")]
+        found += [Quantity(f"free_J_{s + 1}", ("instant", "ratio"), J[..., s], "s", "") for s in range(2)]
+        found += [Quantity("free_wait", ("instant", "ratio"), wait[:, 0], "s", "")]
+    return Results(Path("made_up.h5"), {}, {quantity.name: quantity for quantity in found})
+
+
+def figure(results: Results) -> Figure:
+    with in_style():
+        return plot_fronts(results)
+
+
+@pytest.mark.parametrize("narrow", [True, False])
+@pytest.mark.parametrize("method", ["weighted", "constrained", "both"])
+def test_the_fronts_are_fit_to_print(narrow: bool, method: str) -> None:
+    with in_style():
+        check_figure(plot_fronts(made_up(narrow, method=method)))
+
+
+def test_a_logarithmic_panel_is_added_where_a_linear_one_hides_what_is_small() -> None:
+    assert len(figure(made_up(narrow=True)).axes) == 1
+    linear, logarithmic = figure(made_up(narrow=False)).axes
+    assert (linear.get_xscale(), logarithmic.get_xscale()) == ("linear", "log")
+    assert logarithmic.get_yscale() == "log"
+
+
+def test_the_second_cost_lies_to_the_right_and_the_first_up() -> None:
+    (axes,) = figure(made_up(narrow=True)).axes
+    assert "capture" in axes.get_xlabel() and "J_2" in axes.get_xlabel()
+    assert "approach" in axes.get_ylabel() and "J_1" in axes.get_ylabel()
+    J, kept = fronts(narrow=True), np.arange(len(RATIOS)) != 2
+    np.testing.assert_allclose(points(axes.lines[0]), J[0, kept][:, ::-1])
+
+
+def test_one_curve_a_sample_with_its_hypervolume() -> None:
+    (axes,) = figure(made_up(narrow=True)).axes
+    assert [entry.split(":")[0] for entry in legend(axes)] == ["6.1 s", "7.1 s", "8.0 s"]
+    assert legend(axes)[1].split(": ")[1].startswith("2")
+
+
+def test_arrows_point_to_larger_ratios() -> None:
+    (axes,) = figure(made_up(narrow=True)).axes
+    arrows = [text for text in axes.texts if text.arrow_patch is not None]  # type: ignore[attr-defined]
+    assert len(arrows) >= len(INSTANTS)
+    for arrow in arrows:
+        head, tail = np.array(arrow.xy), np.array(arrow.get_position())  # type: ignore[attr-defined]
+        assert head[0] < tail[0] and head[1] > tail[1]
+
+
+def test_dominated_points_are_crossed_out_and_the_run_s_weights_named() -> None:
+    drawn = figure(made_up(narrow=True))
+    (axes,) = drawn.axes
+    crosses = np.vstack(
+        [points(line) for line in axes.lines if line.get_marker() == "x" and line.get_linestyle() == "None"]
+    )
+    np.testing.assert_allclose(np.unique(crosses, axis=0), fronts(narrow=True)[0, 2:3, ::-1])
+    stars = np.vstack([points(line) for line in axes.lines if line.get_marker() == "*"])
+    np.testing.assert_allclose(stars, fronts(narrow=True)[:, 6, ::-1])
+    assert "dominated" in common_legend(drawn)
+    assert "$ω_2/ω_1$ = 100" in common_legend(drawn)
+    assert "weights of the run" in common_legend(figure(made_up(narrow=True, ratio=(1, 10, 100))))
+
+
+def test_what_is_not_there_is_not_explained() -> None:
+    entries = common_legend(figure(made_up(narrow=True, method="weighted")))
+    assert "$J_2$ bounded" not in entries
+
+
+def test_points_that_could_not_be_solved_for_leave_a_gap() -> None:
+    results = made_up(narrow=True, method="weighted")
+    for s in (1, 2):
+        results[f"weighted_J_{s}"][1] = np.nan
+        results[f"weighted_J_{s}"][0, 4] = np.nan
+    with in_style():
+        check_figure(plot_fronts(results))
+
+
+@pytest.mark.parametrize("method", ["weighted", "constrained"])
+def test_the_fronts_in_space_are_fit_to_print(method: str) -> None:
+    with in_style():
+        check_figure(plot_in_space(made_up(later=3, method=method)))
+
+
+def test_the_third_criterion_gets_a_figure_of_its_own(tmp_path: Path) -> None:
+    drawn = draw_pareto(made_up(later=3), tmp_path / "new")
+    assert [path.name for path in drawn] == ["front.png", "front_3d.png"]
+    with Image.open(drawn[1]) as image:
+        assert image.width == round(300 * PAGE)
+    with in_style():
+        panels = plot_in_space(made_up(later=3)).axes
+    assert [axes.get_title() for axes in panels] == [f"$T_0$ = {instant:.1f} s" for instant in INSTANTS]
+
+
+def test_a_held_instant_without_points_is_left_out() -> None:
+    results = made_up(later=2, method="weighted")
+    for name in ("J_1", "J_2", "wait"):
+        values = results[f"weighted_{name}"].copy()
+        values[:, 2] = np.nan
+        results.quantities[f"weighted_{name}"] = Quantity(  # type: ignore[index]
+            f"weighted_{name}", results.quantities[f"weighted_{name}"].dims, values, "s", ""
+        )
+    with in_style():
+        plot_in_space(results).draw_without_rendering()
+
+
+def test_files_are_chosen_and_not_overwritten_unasked(tmp_path: Path) -> None:
+    drawn = draw_pareto(made_up(), tmp_path, formats=("pdf", "svg"))
+    assert [path.name for path in drawn] == ["front.pdf", "front.svg"]
+    with pytest.raises(InputError, match="already"):
+        draw_pareto(made_up(), tmp_path, formats=("svg",))
+    draw_pareto(made_up(), tmp_path, formats=("svg",), force=True)
+    with pytest.raises(InputError, match="no figure 'front_3d', expected one of front"):
+        draw_pareto(made_up(), tmp_path, only=("front_3d",))
+
+
+def test_the_same_results_give_the_same_file(tmp_path: Path) -> None:
+    one, other = (draw_pareto(made_up(later=1), tmp_path / str(i)) for i in range(2))
+    assert [path.read_bytes() for path in one] == [path.read_bytes() for path in other]
+    with Image.open(one[0]) as image:
+        assert image.width == round(300 * COLUMN)
+
+
+def test_a_study_without_a_single_point_cannot_be_drawn(tmp_path: Path) -> None:
+    results = made_up(method="weighted")
+    for s in (1, 2):
+        results[f"weighted_J_{s}"][:] = np.nan
+    with pytest.raises(LogError, match="no point that could be solved for"):
+        draw_pareto(results, tmp_path / "new")
+    assert not (tmp_path / "new").exists()

@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from psmpc_cli.studies.fronts import CLEARLY, dominated, extents, hypervolume, off_weighted_sums
+
+CLOUDS = st.integers(2, 3).flatmap(
+    lambda count: arrays(float, st.tuples(st.integers(1, 12), st.just(count)), elements=st.integers(0, 6).map(float))
+)
+"""Points on a coarse lattice, so that ties are frequent."""
+
+
+@given(CLOUDS)
+def test_what_is_not_dominated_is_never_better_in_every_criterion(points: np.ndarray) -> None:
+    kept = points[~dominated(points)]
+    assert len(kept)
+    for one in kept:
+        assert not np.any(np.all(points < one, axis=1))
+
+
+@given(CLOUDS)
+def test_every_dominated_point_is_worse_than_one_that_is_not(points: np.ndarray) -> None:
+    marks = dominated(points)
+    for one in points[marks]:
+        assert np.any(np.all(points[~marks] <= one, axis=1) & np.any(points[~marks] < one, axis=1))
+
+
+def test_the_last_digits_of_a_solver_decide_nothing() -> None:
+    front = np.array([[0.0, 1.0], [0.5, 0.5], [1.0, 0.0]])
+    noise = CLEARLY / 2 * np.array([[0, 0], [1, 1], [0, 0]])
+    assert not dominated(np.vstack([front, front + noise])).any()
+    assert dominated(np.vstack([front, front + 4 * noise])).tolist() == [False] * 4 + [True, False]
+
+
+def test_equal_in_one_criterion_and_better_in_the_others_dominates() -> None:
+    assert dominated(np.array([[1.0, 2.0, 3.0], [1.0, 1.0, 3.0]])).tolist() == [True, False]
+
+
+def test_what_could_not_be_solved_for_neither_dominates_nor_is_dominated() -> None:
+    assert dominated(np.array([[np.nan, np.nan], [1.0, 1.0], [2.0, 2.0]])).tolist() == [False, False, True]
+    assert hypervolume(np.array([[np.nan, np.nan], [1.0, 1.0]]), np.array([2.0, 3.0])) == 2.0
+
+
+@given(CLOUDS)
+def test_the_hypervolume_is_that_of_the_boxes_counted_one_by_one(points: np.ndarray) -> None:
+    reference = np.full(points.shape[1], 6.0)
+    cells = np.stack(np.meshgrid(*[np.arange(6.0)] * points.shape[1], indexing="ij"), axis=-1)
+    covered = np.any([np.all(cells >= one, axis=-1) for one in points], axis=0)
+    assert hypervolume(points, reference) == pytest.approx(covered.sum())
+
+
+@given(CLOUDS)
+def test_dominated_points_add_nothing_to_the_hypervolume(points: np.ndarray) -> None:
+    reference = np.full(points.shape[1], 7.0)
+    assert hypervolume(points, reference) == pytest.approx(hypervolume(points[~dominated(points)], reference))
+
+
+def convex_front(ratios: np.ndarray) -> np.ndarray:
+    """The optima of J_1 + r J_2 on J_1 J_2 = 1."""
+    return np.column_stack([np.sqrt(ratios), 1 / np.sqrt(ratios)])
+
+
+RATIOS = np.geomspace(0.1, 10.0, 7)
+
+
+@given(st.floats(0.1, 10.0))
+def test_a_point_of_a_convex_front_agrees_with_the_weighted_sums(ratio: float) -> None:
+    off = off_weighted_sums(convex_front(np.array([ratio])), convex_front(RATIOS), RATIOS)
+    assert abs(off[0]) < 1e-12
+
+
+def test_a_front_between_two_optima_that_rises_above_their_chord_is_found() -> None:
+    ends, ratios = np.array([[0.0, 1.0], [1.0, 0.0]]), np.array([0.1, 10.0])
+    t = np.linspace(0.1, 0.9, 9)
+    circle = np.column_stack([np.sqrt(1 - t**2), t])
+    off = off_weighted_sums(circle, ends, ratios)
+    np.testing.assert_allclose(off, (circle.sum(axis=1) - 1) / np.sqrt(2))
+
+
+def test_a_weighted_sum_that_missed_its_optimum_is_found() -> None:
+    sums = convex_front(RATIOS)
+    sums[3] *= 1.1
+    off = off_weighted_sums(convex_front(RATIOS), sums, RATIOS)
+    assert np.argmin(off) == 3
+    assert off[3] < -0.01
+
+
+def test_without_points_nothing_is_known() -> None:
+    nothing = np.full((2, 2), np.nan)
+    assert np.isnan(off_weighted_sums(np.ones((3, 2)), nothing, np.ones(2))).all()
+    assert np.isnan(off_weighted_sums(nothing, convex_front(RATIOS), RATIOS)).all()
+    np.testing.assert_array_equal(extents(nothing), 1.0)

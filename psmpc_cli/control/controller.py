@@ -1,10 +1,11 @@
 """The switching controllers. PSMPC, SMPC and hard switching are one piece of code with two switches."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from psmpc_cli.control.decision import Decision
+from psmpc_cli.control.multistart import solve_from_several
 from psmpc_cli.control.sequence import Sequence, Switch, detect, drop_met, drop_passed
 from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 from psmpc_cli.ocp.normalization import normalization
@@ -20,6 +21,23 @@ BRAKING_TIME = 0.5
 """Time within which a robot without a plan comes to rest [s], longer where acceleration limits ask for it."""
 
 
+@dataclass(frozen=True, eq=False)
+class ControllerMemory:
+    """What a controller remembers from one sample to the next.
+
+    Attributes:
+        sequence: The stages in the window.
+        plan: The plan in force; None before the first sample.
+        braking: The plan that brakes to rest, once the other is used up.
+        solved: The last solve, whose multipliers start the next one.
+    """
+
+    sequence: Sequence
+    plan: Plan | None
+    braking: Plan | None
+    solved: SolvedWindow | None
+
+
 class SwitchingController:
     """Priority-based switching MPC and what it is compared with. Paper Algorithm 1."""
 
@@ -30,6 +48,16 @@ class SwitchingController:
         self._plan: Plan | None = None
         self._braking: Plan | None = None
         self._solved: SolvedWindow | None = None
+
+    @property
+    def memory(self) -> ControllerMemory:
+        """What it remembers; another controller of the same task that is given this decides alike from here on."""
+        return ControllerMemory(self._sequence, self._plan, self._braking, self._solved)
+
+    @memory.setter
+    def memory(self, memory: ControllerMemory) -> None:
+        self._sequence, self._plan = memory.sequence, memory.plan
+        self._braking, self._solved = memory.braking, memory.solved
 
     @property
     def sequence(self) -> Sequence:
@@ -110,7 +138,8 @@ class SwitchingController:
 
     def _solve(self, sequence: Sequence, prediction: Plan, x: np.ndarray) -> SolvedWindow:
         window = self.window(sequence, prediction, x)
-        return self.windows.solve(window, prediction, sequence.instants, self._solved)
+        starts = self.spec.multistart or 1
+        return solve_from_several(self.windows, window, prediction, sequence.instants, self._solved, starts)
 
     def _brake(self, now: float, x: np.ndarray) -> Plan:
         Qdot, limits = x[len(x) // 2 :], self.stages[self._sequence.first].limits

@@ -9,7 +9,7 @@ from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.layout import WindowShape
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.transcription import Nlp, transcribe
-from psmpc_cli.ocp.window import Window, bounds, pack_guess, parameter_vector, unpack_plan, window_shape
+from psmpc_cli.ocp.window import Bounds, Window, bounds, pack_guess, parameter_vector, unpack_plan, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import Guess, Solution, Solver, build_solver
 from psmpc_cli.specs.task import TaskSpec
@@ -25,6 +25,7 @@ class SolvedWindow:
         parameters: The NLP's parameter vector.
         solution: What the back-end returned.
         plan: The solution as a plan.
+        basin: Which guess of the instants won, 0 the shifted plan's own; -1 where there was no other. See `multistart`.
     """
 
     window: Window
@@ -32,6 +33,7 @@ class SolvedWindow:
     parameters: np.ndarray
     solution: Solution
     plan: Plan
+    basin: int = -1
 
 
 class WindowSolver:
@@ -54,15 +56,28 @@ class WindowSolver:
         return self._compiled[shape]
 
     def solve(
-        self, window: Window, prediction: Plan, instants: np.ndarray, previous: SolvedWindow | None = None
+        self,
+        window: Window,
+        prediction: Plan,
+        instants: np.ndarray,
+        previous: SolvedWindow | None = None,
+        within: float = np.inf,
     ) -> SolvedWindow:
         """Solve a window, started from a predicted plan with the given instants (S,) [s].
 
-        The multipliers of `previous`, shifted in time, start the solve too where its stages are the same.
+        The multipliers of `previous`, shifted in time, start the solve too where its stages are the same. Durations are
+        kept within so many seconds of those between the given instants.
         """
         nlp, solver = self.compiled(self.shape(window))
         z = pack_guess(nlp, window, prediction, instants, self.costs)
         guess = shift_multipliers(nlp, z, window, previous.window, previous.solution) if previous else Guess(z)
         parameters = parameter_vector(nlp, window, instants)
-        solution = solver.solve(guess, parameters, bounds(nlp, window))
+        solution = solver.solve(guess, parameters, _kept_near(bounds(nlp, window), z, nlp, within))
         return SolvedWindow(window, guess, parameters, solution, unpack_plan(nlp, window, solution.z))
+
+
+def _kept_near(free: Bounds, z: np.ndarray, nlp: Nlp, within: float) -> Bounds:
+    """Return the bounds with durations within so many seconds of those of z."""
+    lbx, ubx, rows = free.lbx.copy(), free.ubx.copy(), nlp.layout.duration_index[0]
+    lbx[rows], ubx[rows] = np.maximum(lbx[rows], z[rows] - within), np.minimum(ubx[rows], z[rows] + within)
+    return Bounds(lbx, ubx, free.lbg, free.ubg)

@@ -1,0 +1,129 @@
+"""Multistart: a window solved from several guesses of its instants, since one solve may end in the lesser basin.
+
+See docs/formulation.md, section 6.
+"""
+
+from dataclasses import replace
+from itertools import combinations_with_replacement
+from math import comb
+
+import numpy as np
+
+from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.window import SHORTEST, Window, shortest_durations
+from psmpc_cli.solvers import Outcome
+from psmpc_cli.specs.task import ControllerSpec
+
+BETTER = 1e-4
+"""By what part of its J the last plan's own basin must be beaten: two solves of one basin differ by up to 2e-5."""
+
+HURRY = 2.0
+"""Pending cost on top of the window's own that makes the earliest instants the optimum."""
+
+IN_SWEEPS = 3
+"""Guesses a window is solved from in a sweep whose pending cost allows of several basins."""
+
+
+def multistart_for(controller: ControllerSpec) -> int:
+    """Return from how many guesses a sweep solves each window: what the task says, else 3 with delta < 1, else 1.
+
+    With delta = 1 no instant was found that is better than the one a single solve returns.
+    """
+    if controller.multistart is not None:
+        return controller.multistart
+    return IN_SWEEPS if controller.pending_cost < 1 else 1
+
+
+def solve_from_several(
+    windows: WindowSolver,
+    window: Window,
+    prediction: Plan,
+    instants: np.ndarray,
+    previous: SolvedWindow | None,
+    starts: int,
+) -> SolvedWindow:
+    """Return the best solve of a window from so many guesses of its instants: those predicted (S,) [s], then others.
+
+    The others are spread from the earliest instants that can be met to the latest, each solved with the durations kept
+    near the guess: set free, an interior-point method leaves an early basin for the end of the horizon, uphill. That is
+    why the prediction's own basin is looked at twice where the free solve has left it. It is given up only for one that
+    is `BETTER`. A window without a free instant is solved once; so is
+    one without a solution from the prediction, because none of the others finds one then. Wall time and iterations are
+    those of all solves.
+    """
+    own = windows.solve(window, prediction, instants, previous)
+    if starts == 1 or not own.solution.outcome.usable or all(stage.at is not None for stage in window.stages[:-1]):
+        return own
+    earliest = windows.solve(replace(window, pending_cost=window.pending_cost + HURRY), prediction, instants)
+    room = _room(window, earliest.plan.instants)
+    if not _comparable(earliest) or room.max() < 10 * SHORTEST:
+        return _counting(own, own, earliest)
+    shares, half_step = even_shares(len(instants), starts - 1)
+    within = half_step * float(room.max())
+    solves, mine = [own, earliest], own
+    if np.abs(own.plan.instants - instants).max() > within:
+        solves.append(_solve_near(windows, window, replace(prediction, instants=instants), instants, within))
+        mine = solves[-1] if _best(own, solves[-1:]) else own
+    guesses = earliest.plan.instants + shares * room
+    others = [_solve_near(windows, window, earliest.plan, guess, within) for guess in guesses]
+    basin = _best(mine, others)
+    return replace(_counting((mine, *others)[basin], *solves, *others), basin=basin)
+
+
+def even_shares(switches: int, count: int) -> tuple[np.ndarray, float]:
+    """Return so many nondecreasing sequences of numbers from 0 to 1, (count, S), and half the step between them.
+
+    They are picked evenly from the grid of all such sequences, 0 ... 0 first, 1 ... 1 last.
+    """
+    levels = next(n for n in range(1, count + 2) if comb(n + switches - 1, switches) >= count)
+    grid = list(combinations_with_replacement(np.linspace(0.0, 1.0, levels), switches))
+    picked = np.array([grid[round(k)] for k in np.linspace(0, len(grid) - 1, count)])
+    return picked, 0.5 / max(levels - 1, 1)
+
+
+def _room(window: Window, earliest: np.ndarray) -> np.ndarray:
+    """Return how much later than the earliest instants (S,) [s] each may be, dwell times and fixed times heeded [s]."""
+    latest, bound = np.zeros(len(earliest)), window.start + window.horizon
+    shortest = shortest_durations(window)
+    for s in reversed(range(len(earliest))):
+        at = window.stages[s].at
+        bound = latest[s] = bound - shortest[s + 1] if at is None else at
+    return np.asarray(np.maximum(latest - earliest, 0.0))
+
+
+def _solve_near(windows: WindowSolver, window: Window, plan: Plan, guess: np.ndarray, within: float) -> SolvedWindow:
+    """Solve a window from a plan stretched to guessed instants (S,) [s], durations kept within so many seconds of them.
+
+    A moving target is known about the guessed instants alone, so the window is solved again about those it found.
+    """
+    solved = windows.solve(window, _stretched(plan, guess), guess, None, within)
+    if _comparable(solved) and any(stage.trajectory is not None for stage in window.stages):
+        again = windows.solve(window, solved.plan, solved.plan.instants, None, within)
+        return _counting(again, solved, again)
+    return solved
+
+
+def _stretched(plan: Plan, instants: np.ndarray) -> Plan:
+    """Return a plan in which the robot is at other instants where the plan is at its own; velocities stay."""
+    old, new = (np.r_[plan.start, marks, plan.end] for marks in (plan.instants, instants))
+    return Plan(np.interp(plan.times, old, new), plan.X, plan.u, instants)
+
+
+def _best(own: SolvedWindow, others: list[SolvedWindow]) -> int:
+    """Return which guess wins: 0 for the prediction's own, unless one of the others has a `BETTER` basin."""
+    objectives = [one.solution.objective if _comparable(one) else np.inf for one in others]
+    best, beaten = int(np.argmin(objectives)), own.solution.objective
+    return best + 1 if objectives[best] < beaten - BETTER * abs(beaten) else 0
+
+
+def _comparable(solved: SolvedWindow) -> bool:
+    """Tell whether a solve came to its optimum, so that its objective says something of its basin."""
+    return solved.solution.outcome is Outcome.OPTIMAL
+
+
+def _counting(solved: SolvedWindow, *all_solves: SolvedWindow) -> SolvedWindow:
+    """Return a solve with the iterations and the wall time of all that were made for it."""
+    solutions = [one.solution for one in all_solves]
+    iterations, wall_time = sum(one.iterations for one in solutions), sum(one.wall_time for one in solutions)
+    return replace(solved, solution=replace(solved.solution, iterations=iterations, wall_time=wall_time))

@@ -1,5 +1,6 @@
 """The robot moving, as an animated GIF, and as MP4 where ffmpeg is there."""
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from subprocess import CalledProcessError
 
@@ -22,9 +23,9 @@ WIDTH, DPI = 4.0, 120
 """Width [in] and resolution of a frame."""
 
 
-def animation_files(directory: Path) -> list[Path]:
+def animation_files(directory: Path, name: str = "animation") -> list[Path]:
     """Return the files of an animation: animation.gif, and animation.mp4 where ffmpeg is there."""
-    return [directory / f"animation.{ending}" for ending in ("gif", "mp4")[: 1 + FFMpegWriter.isAvailable()]]
+    return [directory / f"{name}.{ending}" for ending in ("gif", "mp4")[: 1 + FFMpegWriter.isAvailable()]]
 
 
 def write_animation(run: Run, path: Path) -> None:
@@ -40,12 +41,25 @@ def write_animation(run: Run, path: Path) -> None:
     _draw_frame(axes, run, run.end, view)
     figure.canvas.draw()
     figure.set_layout_engine("none")  # as it is now: laid out anew, the axes would jitter from frame to frame
+
+    def draw_frame(time: float) -> None:
+        axes.clear()
+        _draw_frame(axes, run, time, view)
+
+    encode(figure, path, times.tolist(), draw_frame)
+
+
+def encode(figure: Figure, path: Path, times: Sequence[float], draw_frame: Callable[[float], None]) -> None:
+    """Write a figure as it is drawn at each of these times [s], the last one held, GIF or MP4 by the file's ending.
+
+    Raises:
+        RunError: It could not be encoded or written.
+    """
     writer = PillowWriter(fps=RATE) if path.suffix == ".gif" else FFMpegWriter(fps=RATE)
     try:
         with writer.saving(figure, str(path), DPI):
-            for time in np.r_[times, np.full(HOLD, times[-1])]:
-                axes.clear()
-                _draw_frame(axes, run, float(time), view)
+            for time in [*times, *[times[-1]] * HOLD]:
+                draw_frame(time)
                 writer.grab_frame()
     except (OSError, CalledProcessError) as error:
         raise RunError(f"{path} could not be written: {error}") from None

@@ -6,6 +6,7 @@ from pathlib import Path
 from psmpc_cli.figures.animation import animation_files, write_animation
 from psmpc_cli.figures.files import FORMATS, chosen, prepare, save
 from psmpc_cli.figures.registry import FIGURES
+from psmpc_cli.figures.rendering import offscreen_driver, write_rendering
 from psmpc_cli.figures.run import load_run
 from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.read import Log
@@ -18,6 +19,7 @@ def draw(
     only: Collection[str] | None = None,
     force: bool = False,
     animate: bool = False,
+    render: bool = False,
 ) -> list[Path]:
     """Draw figures of a log, each into a file a format, and return the files.
 
@@ -28,17 +30,21 @@ def draw(
         only: Names of the figures to draw; all by default.
         force: Overwrite files that exist.
         animate: Write an animation of the robot as well.
+        render: Write a film of it in three dimensions, by MuJoCo's renderer, as well.
 
     Raises:
-        InputError: A name or format is unknown, a file exists or cannot be written.
+        InputError: A name or format is unknown, a file exists or cannot be written, or there is no renderer.
         LogError: There is nothing to draw, or the log does not say what ran.
-        RunError: The animation could not be encoded.
+        RunError: A film could not be rendered or encoded.
     """
     names = chosen("figure", FIGURES if only is None else only, FIGURES)
     endings = chosen("format", formats, FORMATS)
     figures = [(name, [directory / f"{name}.{ending}" for ending in endings]) for name in names]
     films = animation_files(directory) if animate else []
-    files = [*(path for _, paths in figures for path in paths), *films]
+    rendered = animation_files(directory, "render") if render else []
+    files = [*(path for _, paths in figures for path in paths), *films, *rendered]
+    if render:
+        offscreen_driver()
     run = load_run(log)
     prepare(directory, files, force)
     with in_style():
@@ -46,6 +52,8 @@ def draw(
             save(FIGURES[name](run), paths)
         for path in films:
             write_animation(run, path)
+        if render:
+            write_rendering(run, rendered)
     return files
 
 

@@ -10,8 +10,9 @@ def mjcf(spec: RobotSpec) -> str:
 
     No gravity, damping, contact or joint limits. The base slides along x and y and turns; joints are named
     `<part>.<coordinate>` (`base.x`, `base.y`, `base.angle`, `arm_1.1`, ...), end-effector frames are the sites `<arm>`,
-    the base frame is the site `base`. MuJoCo wants three moments of inertia; all are the planar one, and the two about
-    axes in the plane never act. MuJoCo takes a tool angle of less than about 1e-5 rad for none.
+    the base frame is the site `base`, and every arm joint has a motor of its name; a force on the base is the user's to
+    apply. MuJoCo wants three moments of inertia; all are the planar one, and the two about axes in the plane never act.
+    MuJoCo takes a tool angle of less than about 1e-5 rad for none.
     """
     root = ElementTree.Element("mujoco", model=spec.name)
     ElementTree.SubElement(root, "compiler", angle="radian")
@@ -23,8 +24,11 @@ def mjcf(spec: RobotSpec) -> str:
         _add_joint(base, f"base.{name}", kind, axis)
     _add_inertia(base, spec.base.mass, spec.base.inertia, 0.0)
     ElementTree.SubElement(base, "site", name="base")
+    motors = ElementTree.SubElement(root, "actuator")
     for name, arm in spec.arms.items():
         _add_arm(base, name, arm)
+        for number in range(1, len(arm.links) + 1):
+            ElementTree.SubElement(motors, "motor", name=f"{name}.{number}", joint=f"{name}.{number}")
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 

@@ -1,0 +1,96 @@
+"""Compares the plant rk4 with MuJoCo on the transport task: the table of docs/reliability.md, on standard output.
+
+    python benchmarks/independent_physics.py [NODES]
+
+NODES is the intervals a stage, 100 by default.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from psmpc_cli.experiment.run import run
+from psmpc_cli.experiment.summary import Summary, summarize
+from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.plant.mujoco_plant import MujocoPlant
+from psmpc_cli.robot.model import RobotModel, angle_rows, build_model
+from psmpc_cli.specs.load import load_task
+
+WINDOW = 5.0
+"""Length of an open-loop replay [s]."""
+
+REPLAYS = {
+    "Runge-Kutta, a step a tick": (mujoco.mjtIntegrator.mjINT_RK4, 1),
+    "Runge-Kutta, four steps a tick": (mujoco.mjtIntegrator.mjINT_RK4, 4),
+    "semi-implicit Euler, MuJoCo's default": (mujoco.mjtIntegrator.mjINT_EULER, 1),
+}
+
+
+def simulate(plant: str, nodes: int, directory: Path) -> Log:
+    """Run the transport task on a plant and return its log, with every tick."""
+    changes = [f"plant.kind={plant}", f"controller.nodes={nodes}", "log.ticks=true", "log.plans=false"]
+    path = directory / f"{plant}.h5"
+    run(load_task("transport", [*changes, "log.shares=false"]), path)
+    return read_log(path)
+
+
+def deviation(log: Log, model: RobotModel, integrator: mujoco.mjtIntegrator, substeps: int, window: float) -> float:
+    """Return by how much a coordinate or rate leaves the log's when its forces are replayed, anew every window [s]."""
+    ticks, X = log.ticks, np.hstack([log.ticks["Q"], log.ticks["Qdot"]])
+    tick = float(ticks["time"][1] - ticks["time"][0])
+    plant, length = MujocoPlant(model, tick, substeps), min(round(window / tick), len(X))
+    plant.engine.opt.integrator = integrator
+    starts = range(0, len(X) - 1, length)
+    replayed = {start: plant.replay(X[start], ticks["F"][start : start + length]) for start in starts}
+    return max(float(np.abs(new[: len(X) - start] - X[start:][: len(new)]).max()) for start, new in replayed.items())
+
+
+def pose_differences(first: Log, second: Log, model: RobotModel) -> tuple[float, float]:
+    """Return the largest differences of final positions [m] and angles [rad], of base and end-effectors."""
+    difference = np.abs(first.final["xi"] - second.final["xi"])
+    angles = list(angle_rows(model).xi)
+    return float(np.delete(difference, angles).max()), float(difference[angles].max())
+
+
+def instants(summary: Summary) -> np.ndarray:
+    """Return the instants that end the stages, and their actual starts [s]."""
+    return np.array([[stage.switch_time, stage.actual_start] for stage in summary.stages])
+
+
+def rows(rk4: Log, engine: Log, model: RobotModel) -> dict[str, str]:
+    """Return the table, by what was compared."""
+    summaries = summarize(rk4), summarize(engine)
+    position, angle = pose_differences(rk4, engine, model)
+    ends, starts = np.abs(instants(summaries[0]) - instants(summaries[1])).max(axis=0)
+    drifts = [f"{s.momentum_error:.1e} N s, {s.energy_error:.1e} J" for s in summaries]
+    return {
+        **{
+            f"open loop, {WINDOW:g} s: {name}": f"{deviation(rk4, model, *how, WINDOW):.1e}"
+            for name, how in REPLAYS.items()
+        },
+        "open loop, the whole run: Runge-Kutta, a step a tick": (
+            f"{deviation(rk4, model, mujoco.mjtIntegrator.mjINT_RK4, 1, rk4.ticks['time'][-1]):.1e}"
+        ),
+        "closed loop: final pose": f"{position:.1e} m, {angle:.1e} rad",
+        "closed loop: instants that end the stages": f"{ends:.1e} s",
+        "closed loop: actual starts": f"{starts:.1e} s",
+        "balance of momentum and energy, rk4": drifts[0],
+        "balance of momentum and energy, MuJoCo": drifts[1],
+    }
+
+
+def main(nodes: int) -> None:
+    """Write the table."""
+    with tempfile.TemporaryDirectory() as directory:
+        logs = [simulate(plant, nodes, Path(directory)) for plant in ("rk4", "mujoco")]
+    lines = rows(*logs, build_model(load_task("transport").robot))
+    width = max(map(len, lines))
+    sys.stdout.write(f"N_s = {nodes}, MuJoCo {mujoco.__version__}\n\n")
+    sys.stdout.writelines(f"| {name:{width}} | {value} |\n" for name, value in lines.items())
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if sys.argv[1:] else 100)

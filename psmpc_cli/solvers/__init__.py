@@ -2,13 +2,17 @@
 
 from collections.abc import Callable
 
-from psmpc_cli.solvers import fatrop, ipopt
+from psmpc_cli.solvers import fatrop, ipopt, sqp
 from psmpc_cli.solvers.base import Guess, Outcome, Solution, Solver, StructuredNlp
 from psmpc_cli.specs.task import SolverSpec
 
 __all__ = ["Guess", "Outcome", "Solution", "Solver", "StructuredNlp", "build_solver"]
 
-_BUILD: dict[str, Callable[[StructuredNlp, SolverSpec], Solver]] = {"fatrop": fatrop.build, "ipopt": ipopt.build}
+_BUILD: dict[str, Callable[[StructuredNlp, SolverSpec], Solver]] = {
+    "fatrop": fatrop.build,
+    "ipopt": ipopt.build,
+    "sqp": sqp.build,
+}
 
 
 def build_solver(nlp: StructuredNlp, spec: SolverSpec) -> Solver:

@@ -9,23 +9,31 @@ import numpy as np
 
 from psmpc_cli.ocp.window import Bounds
 
+FEASIBLE = 1e-4
+"""By how much an iterate that is not converged may violate a constraint and still count [m, rad, m/s, rad/s, s]."""
+
 
 class Outcome(Enum):
     """How a solve ended; the value is advice to the user."""
 
     OPTIMAL = "converged"
+    FEASIBLE = "not iterated to convergence, but within 1e-4 of every constraint: the plan counts"
     INFEASIBLE = (
         "no point meets all constraints: lengthen the horizon, loosen the end condition's tolerance or the limits"
     )
     ITERATION_LIMIT = (
         "not converged: raise solver.max_iterations, loosen solver.tolerance, or look for conflicting limits"
     )
+    DEADLINE = (
+        "constraints were still violated by more than 1e-4 at the deadline: raise solver.deadline, or lower "
+        "controller.nodes"
+    )
     FAILED = "the solver broke down numerically: look for weights or priorities many orders of magnitude apart"
 
     @property
     def usable(self) -> bool:
         """Whether the point may be applied."""
-        return self is Outcome.OPTIMAL
+        return self in (Outcome.OPTIMAL, Outcome.FEASIBLE)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,10 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.ocp.window import Bounds
-from psmpc_cli.solvers.base import Guess, Outcome, Solution, StructuredNlp
+from psmpc_cli.solvers.base import FEASIBLE, Guess, Outcome, Solution, StructuredNlp
+
+PRINT_LEVEL = 5
+"""From this level on both plug-ins write a line an iteration."""
 
 
 class CasadiSolver:
@@ -41,6 +44,19 @@ class CasadiSolver:
         silent: dict[str, Any] = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
         return ca.nlpsol("window", self._plugin, self._nlp.problem, {**silent, **options})
 
+    def options_from(self, guess: Guess) -> tuple[str, Mapping[str, Any]]:
+        """Return the plug-in and its options in a solve that starts from the guess."""
+        warm = guess.lam_x is not None and guess.lam_g is not None
+        return self._plugin, self._warm_options if warm else self._options
+
+    def printing(self) -> "CasadiSolver":
+        """Return the same solver, which writes its table of iterations to standard output."""
+
+        def loud(options: Mapping[str, Any]) -> dict[str, Any]:
+            return {**options, self._plugin: {**options[self._plugin], "print_level": PRINT_LEVEL}}
+
+        return CasadiSolver(self._plugin, self._nlp, loud(self._options), self._outcomes, loud(self._warm_options))
+
     def solve(self, guess: Guess, p: np.ndarray, bounds: Bounds) -> Solution:
         """Solve for the parameters p from the guess."""
         start, solver = {"x0": guess.z}, self._cold
@@ -51,8 +67,11 @@ class CasadiSolver:
         wall_time = time.perf_counter() - began
         stats = solver.stats()
         z = np.asarray(result["x"]).ravel()
+        outcome = self._outcome(stats, z)
+        if outcome is Outcome.DEADLINE and _violation(z, np.asarray(result["g"]).ravel(), bounds) <= FEASIBLE:
+            outcome = Outcome.FEASIBLE
         return Solution(
-            outcome=self._outcome(stats, z),
+            outcome=outcome,
             z=z,
             lam_x=np.asarray(result["lam_x"]).ravel(),
             lam_g=np.asarray(result["lam_g"]).ravel(),
@@ -67,3 +86,9 @@ class CasadiSolver:
         if stats["success"]:
             return Outcome.OPTIMAL
         return self._outcomes.get(stats["return_status"], Outcome.FAILED)
+
+
+def _violation(x: np.ndarray, g: np.ndarray, bounds: Bounds) -> float:
+    """Return by how much x and g(x) violate their bounds at worst."""
+    past = (bounds.lbx - x, x - bounds.ubx, bounds.lbg - g, g - bounds.ubg)
+    return float(max(piece.max(initial=0.0) for piece in past))

@@ -9,6 +9,7 @@ OUTCOMES: dict[object, Outcome] = {
     "Restoration_Failed": Outcome.INFEASIBLE,
     "Maximum_Iterations_Exceeded": Outcome.ITERATION_LIMIT,
     "Solved_To_Acceptable_Level": Outcome.ITERATION_LIMIT,
+    "Maximum_WallTime_Exceeded": Outcome.DEADLINE,
 }
 
 WARM = {
@@ -25,7 +26,7 @@ WARM = {
 
 def build(nlp: StructuredNlp, spec: SolverSpec) -> CasadiSolver:
     """Return IPOPT on this NLP."""
-    options = {
+    options: dict[str, object] = {
         "print_level": 0,
         "sb": "yes",
         "tol": spec.tolerance,
@@ -33,4 +34,6 @@ def build(nlp: StructuredNlp, spec: SolverSpec) -> CasadiSolver:
         "mu_init": 1e-2,
         "acceptable_iter": 0,
     }
+    if spec.deadline is not None:
+        options["max_wall_time"] = spec.deadline
     return CasadiSolver("ipopt", nlp, {"ipopt": options}, OUTCOMES, {"ipopt": {**options, **WARM}})

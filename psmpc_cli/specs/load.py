@@ -108,18 +108,20 @@ def kind_of_reference(reference: str | Path) -> Kind:
     return kind_of(read(shown(path), read_text(path)))
 
 
-def parse_task(task_yaml: str, robot_yaml: str, name: str) -> LoadedTask:
+def parse_task(task_yaml: str, robot_yaml: str, name: str, overrides: Sequence[str] = ()) -> LoadedTask:
     """Rebuild a task from texts stored elsewhere, such as in a log; no file is touched.
 
     Args:
         task_yaml: The effective text of the task.
         robot_yaml: The text of its robot.
         name: What the task is called if it does not say so itself.
+        overrides: Keys of the task to change, each `path=value`.
 
     Raises:
-        SpecError: Something is wrong with the texts.
+        SpecError: Something is wrong with the texts or an override.
     """
-    return _task(read(name, task_yaml), read(f"{name} (robot)", robot_yaml), name)
+    document, complaints = override(read(name, task_yaml), overrides)
+    return _task(document, read(f"{name} (robot)", robot_yaml), name, complaints)
 
 
 def _robot_of(task: Document, folder: Path) -> tuple[Document | None, Problem | None]:

@@ -57,21 +57,29 @@ class ControllerSpec(Choice):
     normalization: Literal["nadir", "range", "none"] = Field("nadir", description="how costs are normalized, eq. (12)")
     discretization: Literal["exact", "euler"] = Field("exact", description="zero-order hold, or Euler as in eq. (20)")
     detection_margin: Number = Field(10.0, ge=1, description="tolerances within which a stage is predicted to end")
+    multistart: Whole | None = Field(
+        None, ge=1, le=100, description="guesses of the instants a window is solved from; default 1, the last plan's"
+    )
     htmpc: HtmpcSpec = Field(HtmpcSpec(), description="what only the lexicographic controller needs")
 
 
 class SolverSpec(Choice):
     """The NLP back-end."""
 
-    kind: Literal["fatrop", "ipopt"] = Field("fatrop", description="which solver")
+    kind: Literal["fatrop", "ipopt", "sqp"] = Field("fatrop", description="which solver")
     tolerance: Positive = Field(1e-8, le=1e-2, description="optimality tolerance of the scaled problem")
     max_iterations: Whole = Field(200, ge=1, description="iterations after which it gives up")
+    iterations: Whole = Field(1, ge=1, description="sqp: iterations a sample from the shifted plan")
+    deadline: Positive | None = Field(
+        None, description="time after which a solve stops [s], sqp and ipopt; default none"
+    )
+    compiled: Flag = Field(True, description="sqp and plant rk4 as compiled C, where there is a compiler")
 
 
 class PlantSpec(Choice):
     """The simulated physics."""
 
-    kind: Literal["ideal", "rk4"] = Field("rk4", description="which physics")
+    kind: Literal["ideal", "rk4", "mujoco"] = Field("rk4", description="which physics")
     low_level_rate: Positive = Field(1000.0, description="rate of the computed-torque loop [Hz]")
     step: Positive | None = Field(None, description="step of the integrator [s]; default one tick of the loop")
 

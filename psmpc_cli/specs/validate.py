@@ -10,6 +10,7 @@ from psmpc_cli.specs.checks.names import check_coordinates, check_input, check_n
 from psmpc_cli.specs.checks.parts import check_parts
 from psmpc_cli.specs.checks.priorities import check_priorities
 from psmpc_cli.specs.checks.robot import check_robot
+from psmpc_cli.specs.checks.solver import check_solver
 from psmpc_cli.specs.checks.stages import check_stages
 from psmpc_cli.specs.checks.timing import check_timing
 from psmpc_cli.specs.checks.trajectories import check_times, check_trajectories
@@ -57,6 +58,7 @@ def _check_task(task: Cursor, robot: RobotSpec | None) -> Iterator[Problem]:
     """Give what does not fit together."""
     yield from check_names(task)
     yield from check_input(task)
+    yield from check_solver(task)
     yield from check_stages(task)
     yield from check_timing(task)
     yield from check_times(task)

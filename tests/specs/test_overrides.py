@@ -104,7 +104,7 @@ def test_without_overrides_the_text_is_the_file() -> None:
         (
             "solver.kindd=ipopt",
             'solver.kindd: found an unknown key (did you mean "kind"?), '
-            "expected one of kind, tolerance, max_iterations",
+            "expected one of kind, tolerance, max_iterations, iterations, deadline",
         ),
         (
             "stages.release.skill=reech",

@@ -12,6 +12,12 @@ from psmpc_cli.specs.task import ControllerSpec, SolverSpec
 CONTROLLERS = ("psmpc", "smpc", "hard", "htmpc")
 """Controllers that published runs may be of."""
 
+_JOINT_INPUT_ONLY = {
+    "fatrop": "which does not come back from its windows",
+    "sqp": "whose unknowns are the velocities between constant accelerations of Q",
+}
+"""Why solvers cannot do with task-space input."""
+
 
 def stage_names(task: Cursor) -> list[str]:
     """Return the names of the stages that have one."""
@@ -45,8 +51,8 @@ def check_input(task: Cursor) -> Iterator[Problem]:
     for _, skill in task["skills"].items():
         if skill["input"].text != "task":
             continue
-        if solver is not None and solver.kind == "fatrop":
-            found = 'found "task" with solver fatrop, which does not come back from its windows'
+        if solver is not None and solver.kind in _JOINT_INPUT_ONLY:
+            found = f'found "task" with solver {solver.kind}, {_JOINT_INPUT_ONLY[solver.kind]}'
             yield skill["input"].problem(f'{found}; expected "joint", or solver: ipopt')
         if controller is not None and controller.kind == "htmpc":
             found = 'found "task" with controller htmpc, whose levels share the acceleration of Q'

@@ -1,0 +1,249 @@
+"""The quadratic programs of a window, solved by PIQP's back-end for multistage problems.
+
+Unknowns are the steps of x_1 .. x_K = [Q; Qdot] node by node, then those of the durations; x_0 is measured. The
+durations couple all nodes, which PIQP knows as an arrow. The sparsity is set up once; from one program to the next only
+values change.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import piqp
+from scipy.sparse import csc_matrix
+
+from psmpc_cli.ocp.gauss_newton import Linearization
+from psmpc_cli.ocp.velocity_form import Point, VelocityForm
+from psmpc_cli.solvers.sqp_limits import Limits, QpShape
+
+MAX_ITERATIONS = 60
+"""Interior-point iterations of one program; a solvable one takes 8 to 25."""
+
+
+class QpStatus(Enum):
+    """How a quadratic program ended."""
+
+    SOLVED = "solved"
+    INFEASIBLE = "no step meets the linearized constraints"
+    FAILED = "not solved"
+
+
+SMALLEST_REGULARIZATION = 1e-10
+"""PIQP lowers its regularization to 1e-13 where it gets stuck; with tiny intervals that loses the digits it needs."""
+
+NEARLY = 1e-6
+"""Residuals and duality gap at which a program that ran out of iterations counts as solved."""
+
+
+@dataclass(frozen=True, eq=False)
+class QpSolution:
+    """A program's step and multipliers.
+
+    Attributes:
+        status: How it ended.
+        shape: Which rows it has.
+        step: The step; that of x_0 is 0.
+        gaps: Multipliers of the gaps, (K, n).
+        until: Of given sums of durations, in the order of `QpShape.tied`.
+        fixed: Of given durations, in the order of `QpShape.fixed`.
+        together: Of the last stage's shortest duration.
+        ends: Of the end rows by stage.
+        inputs: Of the limits on acceleration, as multipliers of `Qdot+ - Qdot - h u`, (K, n).
+        X: Of the limits of x_1 .. x_K, (K, 2n).
+        tau: Of those of the durations, (S,).
+        iterations: Interior-point iterations.
+    """
+
+    status: QpStatus
+    shape: QpShape
+    step: Point
+    gaps: np.ndarray
+    until: np.ndarray
+    fixed: np.ndarray
+    together: float
+    ends: dict[int, np.ndarray]
+    inputs: np.ndarray
+    X: np.ndarray
+    tau: np.ndarray
+    iterations: int
+
+    @property
+    def largest(self) -> float:
+        """The largest multiplier of all."""
+        pieces = [self.gaps, self.until, self.fixed, np.array([self.together]), *self.ends.values()]
+        return float(max(np.abs(piece).max(initial=0.0) for piece in [*pieces, self.inputs, self.X, self.tau]))
+
+
+class _Pattern:
+    """A sparse matrix put together from pieces whose places never change."""
+
+    def __init__(self, places: list[tuple[np.ndarray, np.ndarray]], shape: tuple[int, int]) -> None:
+        row, column = (np.concatenate([np.ravel(place[i]) for place in places]) for i in (0, 1))
+        self._order = np.lexsort((row, column))
+        self._indptr = np.r_[0, np.cumsum(np.bincount(column, minlength=shape[1]))].astype(np.int32)
+        self._indices, self._shape = row[self._order].astype(np.int32), shape
+
+    def matrix(self, values: list[np.ndarray]) -> csc_matrix:
+        data = np.concatenate([np.ravel(piece) for piece in values])[self._order]
+        return csc_matrix((data, self._indices, self._indptr), shape=self._shape)
+
+
+class MultistageQp:
+    """The programs of windows of one shape."""
+
+    def __init__(self, form: VelocityForm, shape: QpShape, tolerance: float) -> None:
+        self.form, self.shape = form, shape
+        layout = form.layout
+        self._n, self._K, self._S = layout.n, layout.K, layout.switches
+        self._x = 2 * self._n * np.arange(self._K)[:, None] + np.arange(2 * self._n)
+        self._tau = self._x.size + np.arange(self._S)
+        self._P, self._A, self._G = self._place_hessian(), self._place_equalities(), self._place_inequalities()
+        self._solver = piqp.SparseSolver()
+        settings = self._solver.settings
+        settings.kkt_solver = piqp.KKTSolver.sparse_multistage
+        settings.max_iter = MAX_ITERATIONS
+        settings.reg_finetune_lower_limit = SMALLEST_REGULARIZATION
+        settings.eps_abs = settings.eps_duality_gap_abs = tolerance
+        self._ready = False
+
+    def solve(self, model: Linearization, limits: Limits, point: Point, horizon: float) -> QpSolution:
+        """Solve the program about a point."""
+        low, high = self._inequality_bounds(model, limits, point, horizon)
+        tied = np.array([limits.until[s] - point.tau[: s + 1].sum() for s in self.shape.tied])
+        fixed = (limits.tau_low - point.tau)[list(self.shape.fixed)]
+        free = np.isin(np.arange(self._S), self.shape.fixed, invert=True)
+        tau_low = np.where(free, limits.tau_low - point.tau, -np.inf)
+        tau_high = np.where(free, limits.tau_high - point.tau, np.inf)
+        rows = {"G": self._G.matrix(self._inequalities(model, limits)), "h_l": low, "h_u": high} if len(low) else {}
+        (self._solver.update if self._ready else self._solver.setup)(
+            P=self._P.matrix(self._hessian(model)),
+            c=np.r_[model.gradient[1:].ravel(), model.gradient_tau],
+            A=self._A.matrix(self._equalities(model)),
+            b=np.r_[-model.at.gaps.ravel(), tied, fixed],
+            x_l=np.r_[(limits.X_low - point.X[1:]).ravel(), tau_low],
+            x_u=np.r_[(limits.X_high - point.X[1:]).ravel(), tau_high],
+            **rows,
+        )
+        self._ready = True
+        return self._solution(self._solver.solve())
+
+    def _place_hessian(self) -> _Pattern:
+        Q, v = self._x[:, : self._n], self._x[:, self._n :]
+        places = [
+            (Q[self._nodes(s)][:, terms.hessian[0]], Q[self._nodes(s)][:, terms.hessian[1]])
+            for s, terms in enumerate(self.form.terms)
+        ]
+        places += [(v, v), (v[:-1], v[1:]), (np.repeat(self._x, self._S), np.tile(self._tau, self._x.size))]
+        i, j = np.triu_indices(self._S)
+        return _Pattern([*places, (self._tau[i], self._tau[j])], (self._size, self._size))
+
+    def _hessian(self, model: Linearization) -> list[np.ndarray]:
+        positions = [
+            model.positions[1:][self._nodes(s)][:, terms.hessian[0], terms.hessian[1]]
+            for s, terms in enumerate(self.form.terms)
+        ]
+        i, j = np.triu_indices(self._S)
+        return [*positions, model.velocities[1:], model.coupling[1:], model.arrow[1:], model.durations[i, j]]
+
+    @property
+    def _size(self) -> int:
+        return int(self._x.size + self._S)
+
+    def _nodes(self, s: int) -> slice:
+        """Nodes of a stage's cost, counted from node 1; the last stage's include the window's last."""
+        first = self.form.layout.first_node
+        return slice(max(first[s] - 1, 0), first[s + 1] - 1 if s < self._S else self._K)
+
+    def _place_equalities(self) -> _Pattern:
+        n, K = self._n, self._K
+        row, Q, v = np.arange(K * n).reshape(K, n), self._x[:, : self._n], self._x[:, self._n :]
+        places = [(row, Q), (row, v), (row[1:], Q[:-1]), (row[1:], v[:-1])]
+        places.append((np.repeat(row, self._S), np.tile(self._tau, K * n)))
+        given = [self._tau[: s + 1] for s in self.shape.tied] + [self._tau[[s]] for s in self.shape.fixed]
+        places += [(np.full(len(taus), K * n + i), taus) for i, taus in enumerate(given)]
+        return _Pattern(places, (K * n + len(given), self._size))
+
+    def _equalities(self, model: Linearization) -> list[np.ndarray]:
+        n, K, by_v = self._n, self._K, model.gap_velocity
+        values = [np.ones(K * n), np.repeat(by_v[:, 1], n), -np.ones((K - 1) * n), np.repeat(by_v[1:, 0], n)]
+        return [*values, model.gap_tau, np.ones(sum(s + 1 for s in self.shape.tied) + len(self.shape.fixed))]
+
+    def _place_inequalities(self) -> _Pattern:
+        """Rows: the last stage's duration, end conditions by stage, accelerations from below and from above."""
+        n, at, places = self._n, min(self._S, 1), [(np.zeros(self._S, int), self._tau)]
+        for s, terms in enumerate(self.form.terms):
+            if rows := terms.end_rows:
+                row, column = terms.end_derivatives
+                places.append((at + row, self._x[self.form.layout.first_node[s + 1] - 1][column]))
+                at += rows
+        for index in (np.array(self.shape.input_low, int), np.array(self.shape.input_high, int)):
+            row, v = at + np.arange(len(index)), self._x[:, n:].ravel()
+            places += [(row, v[index]), (row[index >= n], v[index[index >= n] - n])]
+            places.append((np.repeat(row, self._S), np.tile(self._tau, len(index))))
+            at += len(index)
+        return _Pattern(places, (at, self._size))
+
+    def _inequalities(self, model: Linearization, limits: Limits) -> list[np.ndarray]:
+        values = [np.ones(self._S), *model.end_derivatives.values()]
+        share = (self.form.stage_durations / self.form.nodes[:, None])[self.form.layout.stage_of]
+        for index, limit in self._limited(limits):
+            values += [np.ones(len(index)), -np.ones(int((index >= self._n).sum()))]
+            values.append(-limit.ravel()[index][:, None] * share[index // self._n])
+        return values
+
+    def _limited(self, limits: Limits) -> list[tuple[np.ndarray, np.ndarray]]:
+        shape = self.shape
+        return [
+            (np.array(shape.input_low, int), limits.input_low),
+            (np.array(shape.input_high, int), limits.input_high),
+        ]
+
+    def _inequality_bounds(
+        self, model: Linearization, limits: Limits, point: Point, horizon: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return low and high of the rows' change."""
+        low, high = [np.full(min(self._S, 1), -np.inf)], [np.full(min(self._S, 1), limits.together - point.tau.sum())]
+        for s, rows in model.at.ends.items():
+            low.append(limits.ends[s][0] - rows)
+            high.append(limits.ends[s][1] - rows)
+        if self.shape.input_low or self.shape.input_high:
+            h = self.form.steps(point, horizon)
+            dv = np.diff(point.X[:, self._n :], axis=0)
+            (from_low, _), (from_high, _) = self._limited(limits)
+            low += [(h * limits.input_low - dv).ravel()[from_low], np.full(len(from_high), -np.inf)]
+            high += [np.full(len(from_low), np.inf), (h * limits.input_high - dv).ravel()[from_high]]
+        return np.concatenate(low), np.concatenate(high)
+
+    def _solution(self, status: piqp.Status) -> QpSolution:
+        result, n, K, shape = self._solver.result, self._n, self._K, self.shape
+        x, y, z = np.array(result.x), np.array(result.y), np.array(result.z_u) - np.array(result.z_l)
+        bound, given, at, ends = np.array(result.z_bu) - np.array(result.z_bl), K * n + len(shape.tied), 0, {}
+        together, at = (float(z[0]), 1) if self._S else (0.0, 0)
+        for s, terms in enumerate(self.form.terms):
+            if rows := terms.end_rows:
+                ends[s], at = z[at : at + rows], at + rows
+        inputs = np.zeros(K * n)
+        for index in (list(shape.input_low), list(shape.input_high)):
+            inputs[index] += z[at : at + len(index)]
+            at += len(index)
+        return QpSolution(
+            status=_status(status, result.info),
+            shape=shape,
+            step=Point(np.vstack([np.zeros(2 * n), x[: 2 * n * K].reshape(K, 2 * n)]), x[2 * n * K :]),
+            gaps=y[: K * n].reshape(K, n),
+            until=y[K * n : given],
+            fixed=y[given:],
+            together=together,
+            ends=ends,
+            inputs=inputs.reshape(K, n),
+            X=bound[: 2 * n * K].reshape(K, 2 * n),
+            tau=bound[2 * n * K :],
+            iterations=int(result.info.iter),
+        )
+
+
+def _status(status: piqp.Status, info: piqp.Info) -> QpStatus:
+    if status == piqp.Status.PIQP_PRIMAL_INFEASIBLE:
+        return QpStatus.INFEASIBLE
+    nearly = max(info.primal_res, info.dual_res, abs(info.duality_gap)) <= NEARLY
+    return QpStatus.SOLVED if status == piqp.Status.PIQP_SOLVED or nearly else QpStatus.FAILED

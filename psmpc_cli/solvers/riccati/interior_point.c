@@ -1,0 +1,210 @@
+/* A primal-dual interior-point method for the quadratic programs of a window, on the recursion in recursion.c.
+ *
+ * Mehrotra's predictor and corrector, with step lengths of their own for primal and dual. States follow from the steps
+ * of velocities and durations by the dynamics, and the multipliers of the gaps from the costs by their adjoint: both
+ * hold to rounding at every iterate.
+ */
+
+#define STIFFEST 1e9      /* greatest weight a row gets */
+#define SOFTEST 1e4       /* the same where rounding has made a Hessian indefinite */
+#define NARROW 1e-8       /* rows with low and high nearer than this are equations */
+#define TO_BOUNDARY 0.995 /* share of the way to the boundary */
+#define CENTER 0.1        /* share of the tolerance that the complementarities are steered to at the end */
+#define SHORTEST 1e-9     /* share of a step that gets no further */
+#define LONGEST 1e3       /* step of an unbounded unknown that an infeasible program is not asked about */
+
+enum { SOLVED, INFEASIBLE, FAILED };
+
+static double primal_residual(const Solver *s, const double *tau) {
+    const Rows *r = &s->rows;
+    const Program *p = s->p;
+    double worst = 0.0;
+#pragma omp simd reduction(max : worst)
+    for (int64_t i = 0; i < r->count; i++) {
+        double l = r->below[i] * fabs(r->v[i] - r->low[i] - r->sl[i]);
+        double u = r->above[i] * fabs(r->high[i] - r->v[i] - r->su[i]);
+        double e = r->equal[i] * fabs(r->v[i] - r->low[i]);
+        l = l > u ? l : u;
+        l = l > e ? l : e;
+        worst = worst > l ? worst : l;
+    }
+    for (int e = 0; e < (int)p->given; e++) worst = fmax(worst, fabs(given_left(p, tau, e)));
+    return worst;
+}
+
+/* Largest derivative of the Lagrangian by a velocity or a duration, infinite where one is no number; leaves the
+ * multipliers of the gaps. */
+static double dual_residual(Solver *s) {
+    const Program *p = s->p;
+    Rows *r = &s->rows;
+    double worst = 0.0, sum = 0.0;
+    for (int64_t i = 0; i < r->count; i++) r->q[i] = r->zu[i] - r->zl[i] + r->y[i];
+    memcpy(s->lin, s->cost, p->K * M * sizeof(double));
+    memcpy(s->u, s->cost_tau, S * sizeof(double));
+    add_rows(p, r->q, s->lin, s->u);
+    reduce(p, s->lin, s->u, s->adjoint, p->gap_multipliers);
+    add_given(p, s->nu, s->u);
+    for (int c = 0; c < S; c++) worst = fmax(worst, fabs(s->u[c])), sum += s->u[c];
+#pragma omp simd reduction(max : worst) reduction(+ : sum)
+    for (int64_t i = 0; i < p->K * N; i++) {
+        double size = fabs(s->adjoint[i]);
+        worst = worst > size ? worst : size;
+        sum += size;
+    }
+    return isfinite(sum) ? worst : INFINITY;
+}
+
+/* Whether the multipliers prove that no point meets all rows: their combination of the rows is violated at the
+ * iterate by more than any step inside the bounds can mend. Farkas' lemma, with room for rounding. */
+static int proves_infeasible(Solver *s, const double *tau) {
+    const Program *p = s->p;
+    const Rows *r = &s->rows;
+    double violated = 0.0, mendable = 0.0;
+    for (int64_t i = 0; i < r->count; i++)
+        violated += r->zl[i] * r->below[i] * (r->low[i] - r->v[i]) + r->zu[i] * r->above[i] * (r->v[i] - r->high[i]) +
+                    r->y[i] * r->equal[i] * (r->v[i] - r->low[i]);
+    for (int e = 0; e < (int)p->given; e++) violated -= s->nu[e] * given_left(p, tau, e);
+    if (!(violated > 0.0)) return 0;
+    memset(s->lin, 0, p->K * M * sizeof(double));
+    memset(s->u, 0, S * sizeof(double));
+    add_rows(p, r->q, s->lin, s->u);
+    reduce(p, s->lin, s->u, s->adjoint, s->y);
+    for (int64_t k = 0; k < p->K; k++)
+        for (int i = 0; i < N; i++) {
+            int64_t row = k * M + N + i;
+            double room = LONGEST;
+            if (r->equal[row] != 0.0) room = fabs(r->low[row] - r->v[row]);
+            else if (r->below[row] * r->above[row] != 0.0)
+                room = fmax(fabs(r->high[row] - r->v[row]), fabs(r->v[row] - r->low[row]));
+            mendable += room * fabs(s->adjoint[k * N + i]);
+        }
+    add_given(p, s->nu, s->u);
+    for (int c = 0; c < S; c++) mendable += LONGEST * fabs(s->u[c]);
+    return violated > 2.0 * mendable;
+}
+
+static double *take(double **work, int64_t count) {
+    double *at = *work;
+    *work += PADDED(count + WIDTH);
+    return at;
+}
+
+/* Lay out the memory; returns how many numbers it takes. */
+static int64_t lay_out(Solver *s, const Program *p, double *work) {
+    double *begin = work;
+    int64_t count = row_count(p), K = p->K;
+    Rows *r = &s->rows;
+    double **arrays[] = {&r->low, &r->high, &r->below, &r->above, &r->equal, &r->v,   &r->dv,
+                         &r->weight, &r->q, &r->sl, &r->su, &r->zl, &r->zu, &r->dsl,
+                         &r->dsu, &r->dzl, &r->dzu, &r->il, &r->iu, &r->y, &r->dy};
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) *arrays[i] = take(&work, count);
+    r->count = count;
+    s->p = p;
+    s->intervals = (Interval *)take(&work, K * (int64_t)(sizeof(Interval) / sizeof(double)));
+    s->positions = (vec *)take(&work, K * N * NC);
+    s->y = take(&work, K * NC);
+    s->cost = take(&work, K * M);
+    s->lin = take(&work, K * M);
+    s->dX = take(&work, K * M);
+    s->adjoint = take(&work, K * N);
+    s->difference = take(&work, K * N);
+    s->arrow = take(&work, K * M * S);
+    double **small[] = {&s->cost_tau, &s->u, &s->dtau, &s->nu, &s->dnu, &s->U, &s->durations};
+    for (size_t i = 0; i < sizeof small / sizeof *small; i++) *small[i] = take(&work, (S + 1) * (S + 1) + 2 * S);
+    return work - begin;
+}
+
+static void begin(Solver *s) {
+    const Program *p = s->p;
+    Rows *r = &s->rows;
+    double shift[N] = {0};
+    s->stiffness = STIFFEST;
+    s->stages = (Stages){.K = p->K, .positions = s->positions, .arrow = p->inputs ? s->arrow : p->arrow,
+                         .durations = s->durations, .difference = s->difference, .gap_velocity = p->gap_velocity,
+                         .gap_tau = p->gap_tau, .ends = p->ends, .end_node = p->end_node, .end_rows = p->end_rows};
+    memset(s->positions, 0, p->K * N * NC * sizeof(double));
+    for (int64_t k = 0; k < p->K; k++)
+        for (int i = 0; i < N; i++)
+            for (int j = i; j < N; j++)
+                numbers(s->positions + (k * N + i) * NV)[j] = numbers(s->positions + (k * N + j) * NV)[i] =
+                    p->positions[(k * N + i) * N + j];
+    memset(p->X, 0, p->K * M * sizeof(double));
+    memset(p->tau, 0, S * sizeof(double));
+    memset(s->nu, 0, p->given * sizeof(double));
+    for (int64_t k = 0; k < p->K; k++)
+        for (int i = 0; i < N; i++) p->X[k * M + i] = shift[i] -= p->gaps[k * N + i];
+    rows_of(p, p->X, p->tau, r->v);
+    double push = p->push, barrier = p->barrier;
+    for (int64_t i = 0; i < r->count; i++) push = fmax(push, fmax(p->low[i] - r->v[i], r->v[i] - p->high[i]));
+    barrier *= push / p->push;
+    for (int64_t i = 0; i < r->count; i++) {
+        double low = p->low[i], high = p->high[i], width = high - low;
+        r->equal[i] = width <= NARROW;
+        r->below[i] = low > -INFINITY && width > NARROW;
+        r->above[i] = high < INFINITY && width > NARROW;
+        r->low[i] = r->equal[i] != 0.0 ? (low + high) / 2 : r->below[i] != 0.0 ? low : 0.0;
+        r->high[i] = r->above[i] != 0.0 ? high : 0.0;
+        double slack = fmin(push, width / 4);
+        r->sl[i] = r->below[i] != 0.0 ? fmax(r->v[i] - low, slack) : 1.0;
+        r->su[i] = r->above[i] != 0.0 ? fmax(high - r->v[i], slack) : 1.0;
+        r->zl[i] = r->below[i] * barrier / r->sl[i];
+        r->zu[i] = r->above[i] * barrier / r->su[i];
+        r->y[i] = r->dsl[i] = r->dsu[i] = r->dzl[i] = r->dzu[i] = r->dy[i] = 0.0;
+    }
+}
+
+int64_t psmpc_qp_memory(const Program *p) {
+    Solver s;
+    return lay_out(&s, p, NULL);
+}
+
+/* Factorize the Hessian with the rows' weights, looser ones where rounding has made it indefinite. */
+static int factorize_safely(Solver *s) {
+    for (; s->stiffness > SOFTEST; s->stiffness /= 10.0) {
+        weigh(s);
+        if (factorize(&s->stages, s->intervals, s->U)) return 1;
+    }
+    return 0;
+}
+
+/* Predictor, corrector and step, of one length where `alike`. Returns 0 where rounding has left no direction. */
+static int iterate(Solver *s, double limits, double gap, int alike) {
+    const Program *p = s->p;
+    double primal, dual, mu = gap / limits;
+    if (!factorize_safely(s) || !direction(s, p->tau, 0.0, 0.0)) return 0;
+    longest(&s->rows, &primal, &dual);
+    double share = gap > 0.0 ? complementarity(&s->rows, primal, dual) / gap : 0.0;
+    if (!direction(s, p->tau, fmax(share * share * share * mu, CENTER * p->tolerance / limits), 1.0)) return 0;
+    longest(&s->rows, &primal, &dual);
+    primal = primal < 1.0 ? TO_BOUNDARY * primal : 1.0;
+    dual = dual < 1.0 ? TO_BOUNDARY * dual : 1.0;
+    if (alike) primal = dual = fmin(primal, dual);
+    move(s, primal, dual, p->X, p->tau);
+    return primal > SHORTEST || dual > SHORTEST;
+}
+
+int64_t psmpc_qp_solve(const Program *p) {
+    Solver s;
+    Rows *r = &s.rows;
+    double limits = 0.0, before = INFINITY;
+    int alike = 0;
+    lay_out(&s, p, p->work);
+    begin(&s);
+    for (int64_t i = 0; i < r->count; i++) limits += r->below[i] + r->above[i];
+    for (int64_t count = 0;; count++) {
+        cost_gradient(&s, p->X, p->tau);
+        double gap = complementarity(r, 0.0, 0.0), primal = primal_residual(&s, p->tau), dual = dual_residual(&s);
+        double worst = fmax(fmax(primal, dual), gap);
+        p->report[0] = (double)count, p->report[1] = primal, p->report[2] = dual, p->report[3] = gap;
+        memcpy(p->multipliers, r->q, r->count * sizeof(double));
+        memcpy(p->given_multipliers, s.nu, p->given * sizeof(double));
+        if (!isfinite(worst)) return FAILED;
+        if (worst <= p->tolerance) return SOLVED;
+        if (primal > p->tolerance && proves_infeasible(&s, p->tau)) return INFEASIBLE;
+        /* Steps of two lengths may throw the gradient about; steps of one length lessen every residual. */
+        alike |= primal <= p->nearly && fmax(dual, gap) > before;
+        before = fmax(dual, gap);
+        if (count == p->limit || !iterate(&s, fmax(limits, 1.0), gap, alike))
+            return worst <= p->nearly ? SOLVED : FAILED;
+    }
+}

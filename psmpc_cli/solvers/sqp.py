@@ -1,0 +1,182 @@
+"""Sequential quadratic programming with the Gauss-Newton Hessian: one iteration a sample on the shifted plan.
+
+A window whose guess comes with multipliers is the last one, shifted: it gets the iterations the task asks for. Any
+other guess is cold (an append, a drop, another shape) and is iterated until the step is small. Steps that bring nothing
+are halved. The levels of HTMPC, where earlier costs are constraints and need their curvature, are left to fatrop.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.ocp.gauss_newton import Linearization, linearize
+from psmpc_cli.ocp.parameters import Parameters
+from psmpc_cli.ocp.transcription import Nlp
+from psmpc_cli.ocp.velocity_form import Point, Residuals, VelocityForm
+from psmpc_cli.ocp.window import Bounds
+from psmpc_cli.solvers import fatrop
+from psmpc_cli.solvers.base import FEASIBLE, Guess, Outcome, Solution, Solver, StructuredNlp
+from psmpc_cli.solvers.qp_multistage import MultistageQp, QpSolution, QpStatus
+from psmpc_cli.solvers.riccati.kernel import load_kernel
+from psmpc_cli.solvers.riccati.program import RiccatiQp
+from psmpc_cli.solvers.sqp_limits import Limits, QpShape, Violation, limits, violation
+from psmpc_cli.solvers.sqp_multipliers import multipliers
+from psmpc_cli.specs.task import SolverSpec
+
+SMALL = 1e-2
+"""Step at which a cold start is iterated enough [m, rad, m/s, rad/s, s]: what is left after it is a tenth and less."""
+
+DECREASE = 1e-4
+"""Share of the predicted decrease of the merit function that a step must bring (Armijo)."""
+
+NOISE = 1e-9
+"""Relative rise of the objective that is taken for rounding."""
+
+SHARPER = 0.1
+"""Our own method's tolerance in units of the solver's: its last iterations are cheap, and flat directions gain."""
+
+SHORTEST_STEP = 1 / 32
+"""The shortest share of a step that is tried."""
+
+
+def build(nlp: StructuredNlp, spec: SolverSpec) -> Solver:
+    """Return the solver of a window; of anything else fatrop."""
+    return SqpSolver(nlp, spec) if isinstance(nlp, Nlp) else fatrop.build(nlp, spec)
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """One window: its numbers, its limits and the quadratic programs of its structure."""
+
+    p: Parameters[np.ndarray]
+    limits: Limits
+    qp: MultistageQp | RiccatiQp
+
+
+@dataclass(frozen=True, eq=False)
+class _Iterate:
+    """A point with what holds there, and the step that led to it.
+
+    Attributes:
+        step: Largest component of the program's full step [m, rad, m/s, rad/s, s].
+        qp: The program's solution, None at the guess.
+    """
+
+    point: Point
+    at: Residuals
+    violation: Violation
+    step: float = np.inf
+    qp: QpSolution | None = None
+
+
+class SqpSolver:
+    """The windows of one shape."""
+
+    def __init__(self, nlp: Nlp, spec: SolverSpec) -> None:
+        self._nlp, self._spec = nlp, spec
+        self._form = VelocityForm(nlp.model, nlp.shape, nlp.layout, spec.compiled)
+        self._kernel = load_kernel(nlp.layout.n, nlp.layout.switches) if spec.compiled else None
+        self._programs: dict[QpShape, MultistageQp | RiccatiQp] = {}
+
+    def solve(self, guess: Guess, p: np.ndarray, bounds: Bounds) -> Solution:
+        """Solve for the parameters p from the guess."""
+        began = time.perf_counter()
+        numbers = self._form.numbers(p)
+        problem = self._problem(numbers, limits(self._nlp, bounds, float(numbers.horizon)))
+        point = self._form.point(guess.z, numbers)
+        model = linearize(self._form, point, numbers)
+        iterate = _Iterate(point, model.at, self._violation(problem, point, model.at))
+        iterate, outcome, count = self._iterate(problem, iterate, model, began, warm=guess.lam_g is not None)
+        lam_x, lam_g = multipliers(self._nlp, self._form, iterate.point, numbers, iterate.qp)
+        return Solution(
+            outcome=outcome,
+            z=self._form.decision(iterate.point, numbers),
+            lam_x=lam_x,
+            lam_g=lam_g,
+            objective=iterate.at.objective,
+            iterations=count,
+            wall_time=time.perf_counter() - began,
+        )
+
+    def _problem(self, p: Parameters[np.ndarray], limits: Limits) -> _Problem:
+        shape = limits.shape
+        if shape not in self._programs:
+            self._programs[shape] = self._quadratic_programs(shape)
+        return _Problem(p, limits, self._programs[shape])
+
+    def _quadratic_programs(self, shape: QpShape) -> MultistageQp | RiccatiQp:
+        """Return our own method where it can be compiled, else PIQP."""
+        tolerance = self._spec.tolerance
+        if self._kernel is None:
+            return MultistageQp(self._form, shape, tolerance)
+        return RiccatiQp(self._form, shape, SHARPER * tolerance, self._kernel)
+
+    def _iterate(
+        self, problem: _Problem, iterate: _Iterate, model: Linearization, began: float, warm: bool
+    ) -> tuple[_Iterate, Outcome, int]:
+        """Return the last iterate, how it is to be taken, and the number of iterations."""
+        for count in range(1, self._spec.max_iterations + 1):
+            qp = problem.qp.solve(model, problem.limits, iterate.point, float(problem.p.horizon))
+            if qp.status is QpStatus.INFEASIBLE:
+                return iterate, Outcome.INFEASIBLE, count
+            if qp.status is QpStatus.FAILED:
+                return iterate, self._unfinished(iterate, Outcome.FAILED), count
+            before, iterate = iterate, self._step(problem, iterate, model, qp)
+            if iterate.step <= np.sqrt(self._spec.tolerance) and iterate.violation.worst <= FEASIBLE:
+                return iterate, Outcome.OPTIMAL, count
+            if iterate.point is before.point:
+                return iterate, self._unfinished(iterate, Outcome.FAILED), count
+            enough = count >= self._spec.iterations and (warm or iterate.step <= SMALL)
+            if enough and iterate.violation.worst <= FEASIBLE:
+                return iterate, Outcome.FEASIBLE, count
+            if self._spec.deadline is not None and time.perf_counter() - began >= self._spec.deadline:
+                return iterate, self._unfinished(iterate, Outcome.DEADLINE), count
+            if count < self._spec.max_iterations:
+                model = linearize(self._form, iterate.point, problem.p)
+        return iterate, self._unfinished(iterate, Outcome.ITERATION_LIMIT), self._spec.max_iterations
+
+    def _unfinished(self, iterate: _Iterate, otherwise: Outcome) -> Outcome:
+        """Return how an iterate that is not settled is to be taken."""
+        stepped = iterate.qp is not None
+        return Outcome.FEASIBLE if stepped and iterate.violation.worst <= FEASIBLE else otherwise
+
+    def _step(self, problem: _Problem, iterate: _Iterate, model: Linearization, qp: QpSolution) -> _Iterate:
+        """Return the iterate after the longest tried share of the step that counts; the point itself, if none does."""
+        step = float(max(np.abs(qp.step.X).max(), np.abs(qp.step.tau).max(initial=0.0)))
+        slope = float((model.gradient * qp.step.X).sum() + model.gradient_tau @ qp.step.tau)
+        share = 1.0
+        while share >= SHORTEST_STEP:
+            point = iterate.point.moved(qp.step, share)
+            at = self._form.residuals(point, problem.p)
+            found = _Iterate(point, at, self._violation(problem, point, at), step, qp)
+            if _counts(found, iterate, share * slope, share, 2 * qp.largest):
+                return found
+            share /= 2
+        return _Iterate(iterate.point, iterate.at, iterate.violation, step, qp)
+
+    def _violation(self, problem: _Problem, point: Point, at: Residuals) -> Violation:
+        return violation(self._form, problem.limits, point, at, float(problem.p.horizon))
+
+
+def _counts(found: _Iterate, before: _Iterate, slope: float, share: float, penalty: float) -> bool:
+    """Tell whether a step brings enough: worst violation, objective or merit.
+
+    The merit function alone would cut the long steps of a cold start: it adds up the gaps that a longer stage leaves at
+    each of its nodes, each of them a second-order term that the next iteration closes.
+
+    Args:
+        found: After the step.
+        before: Before it.
+        slope: Change of the objective that its gradient predicts for the step.
+        share: Share of the program's step that it is.
+        penalty: Weight of the violation in the merit function, above every multiplier.
+    """
+    noise = NOISE * (1 + abs(before.at.objective))
+    rise = found.at.objective - before.at.objective
+    if found.violation.worst <= before.violation.worst / 2 and before.violation.worst > FEASIBLE:
+        return True
+    if found.violation.worst <= FEASIBLE and rise <= DECREASE * slope + noise:
+        return True
+    predicted = slope - penalty * share * before.violation.total
+    return rise + penalty * (found.violation.total - before.violation.total) <= DECREASE * predicted + noise

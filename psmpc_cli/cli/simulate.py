@@ -1,5 +1,6 @@
-"""`psmpc simulate`: run a task in closed loop, write its log, draw its figures."""
+"""`psmpc simulate`: run a task in closed loop, or finish a run, write its log, draw its figures."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,12 +11,17 @@ from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
     from psmpc_cli.experiment.loop import Ending
+    from psmpc_cli.experiment.run import Progress
     from psmpc_cli.logs.read import Log
-    from psmpc_cli.specs.load import LoadedTask
+
+    Run = Callable[[Callable[[Progress], None]], Ending | None]
 
 
 def simulate(
-    task: Annotated[str, typer.Argument(help="Task file, or the name of a built-in task such as 'transport'.")],
+    task: Annotated[
+        str | None,
+        typer.Argument(help="Task file, or the name of a built-in task such as 'transport'.", show_default=False),
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Log file. Default: runs/<task>.h5.")
     ] = None,
@@ -26,6 +32,13 @@ def simulate(
     controller: Annotated[str | None, typer.Option(help="Short for --set controller.kind=...")] = None,
     plant: Annotated[str | None, typer.Option(help="Short for --set plant.kind=...")] = None,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures beside the log.")] = True,
+    render: Annotated[
+        bool, typer.Option("--render", help="Film the run with MuJoCo's renderer: render.gif, and an MP4 with ffmpeg.")
+    ] = False,
+    unfinished: Annotated[
+        Path | None,
+        typer.Option("--continue", metavar="LOG", help="Finish a run that was killed or interrupted, in its log."),
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no summary.")] = False,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Report every event of the run.")] = False,
 ) -> None:
@@ -35,28 +48,30 @@ def simulate(
     from psmpc_cli.cli.summary import print_summary
     from psmpc_cli.experiment.summary import summarize
     from psmpc_cli.figures.draw import default_directory
-    from psmpc_cli.logs.create import refuse
+    from psmpc_cli.figures.rendering import offscreen_driver
     from psmpc_cli.logs.read import read_log
-    from psmpc_cli.ocp.feasibility import ensure_feasible
-    from psmpc_cli.specs.load import load_task
 
     if quiet and verbose:
         raise InputError("found both --quiet and --verbose, expected at most one of them")
     logging.getLogger("psmpc_cli").setLevel(logging.INFO if verbose else logging.ERROR if quiet else logging.WARNING)
     chosen = {"controller.kind": controller, "plant.kind": plant}
     overrides = [*(changes or []), *(f"{path}={value}" for path, value in chosen.items() if value is not None)]
-    loaded = load_task(task, overrides)
-    path = output or _default_path(loaded.spec.name, controller, plant)
-    refuse(path, force)
-    if figures:
+    if unfinished is not None:
+        path, run = unfinished, _continued(unfinished, alone=not (task or overrides or output))
+    elif task is not None:
+        path, run = _new(task, overrides, output, (controller, plant), force)
+    else:
+        raise InputError("found no task: expected a task file, a built-in name such as transport, or --continue LOG")
+    if figures or render:
         refuse_old_figures(default_directory(path), force)
-    ensure_feasible(loaded)
-    ending, exit_code = _run(loaded, path, force, quiet)
+    if render:
+        offscreen_driver()
+    ending, exit_code = _watched(run, quiet)
     log = read_log(path)
     if not quiet:
         print_summary(summarize(log), path)
-    if figures and len(log.time):
-        _draw(log, default_directory(path), force, quiet)
+    if (figures or render) and len(log.time):
+        _draw(log, default_directory(path), force, quiet, figures, render)
     if ending is None:
         raise typer.Exit(exit_code)
     if ending.stuck:
@@ -68,19 +83,53 @@ def _default_path(name: str, *variants: str | None) -> Path:
     return Path("runs") / ("-".join([name, *(v for v in variants if v is not None)]) + ".h5")
 
 
-def _run(loaded: "LoadedTask", path: Path, force: bool, quiet: bool) -> "tuple[Ending | None, int]":
-    """Run a task under the eyes of the progress display; return its ending, and the exit code if there is none."""
+def _new(
+    task: str, overrides: list[str], output: Path | None, variants: tuple[str | None, ...], force: bool
+) -> "tuple[Path, Run]":
+    """Return the log of a new run, and the run itself."""
+    from psmpc_cli.experiment.run import run
+    from psmpc_cli.logs.new_file import refuse
+    from psmpc_cli.ocp.feasibility import ensure_feasible
+    from psmpc_cli.specs.load import load_task
+
+    loaded = load_task(task, overrides)
+    path = output or _default_path(loaded.spec.name, *variants)
+    refuse(path, force)
+
+    def begin(watch: "Callable[[Progress], None]") -> "Ending | None":
+        ensure_feasible(loaded)
+        return run(loaded, path, force, watch)
+
+    return path, begin
+
+
+def _continued(path: Path, alone: bool) -> "Run":
+    """Return the rest of an unfinished run."""
+    from psmpc_cli.experiment.resume import continue_run, unfinished
+    from psmpc_cli.logs.read import read_log
+
+    if not alone:
+        raise InputError(
+            "--continue goes on with the task in the log: expected no task, --set, --controller, "
+            "--plant or -o beside it"
+        )
+    log = read_log(path)
+    unfinished(log)
+    return lambda watch: continue_run(log, watch)
+
+
+def _watched(run: "Run", quiet: bool) -> "tuple[Ending | None, int]":
+    """Run under the eyes of the progress display; return the ending, and the exit code if there is none."""
     from psmpc_cli.cli.progress import watching
     from psmpc_cli.cli.termination import noticing_signals
-    from psmpc_cli.experiment.run import Progress, run
 
     with noticing_signals() as interruption, watching(quiet) as show:
 
-        def watch(progress: Progress) -> None:
+        def watch(progress: "Progress") -> None:
             show(progress)
             interruption.check()
 
-        return run(loaded, path, force, watch), interruption.exit_code
+        return run(watch), interruption.exit_code
 
 
 def _stuck(ending: "Ending", log: "Log") -> RunError:
@@ -91,10 +140,10 @@ def _stuck(ending: "Ending", log: "Log") -> RunError:
     return RunError(f"{ending.reason} ({advice}); {log.path} holds the run up to then")
 
 
-def _draw(log: "Log", directory: Path, force: bool, quiet: bool) -> None:
-    """Draw every figure of the log."""
+def _draw(log: "Log", directory: Path, force: bool, quiet: bool, figures: bool, render: bool) -> None:
+    """Draw every figure of the log, film it, or both."""
     from psmpc_cli.figures.draw import draw
 
-    drawn = draw(log, directory, force=force)
+    drawn = draw(log, directory, only=None if figures else (), force=force, render=render)
     if not quiet:
-        typer.echo(f"{len(drawn)} figures in {directory}")
+        typer.echo(f"{len(drawn)} figures in {directory}" if figures else f"film in {directory}")

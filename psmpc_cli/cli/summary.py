@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from psmpc_cli.experiment.deviations import Deviations, Largest
 from psmpc_cli.experiment.monitors import Verdict
 from psmpc_cli.experiment.summary import SolveSummary, Summary
 
@@ -48,11 +49,13 @@ def _measures(summary: Summary) -> list[Sequence[str]]:
         ("solves longer than a sample", str(summary.missed)),
         ("stages appended / postponed", f"{summary.appended} / {summary.postponed}"),
         ("fall-backs to the shifted plan", str(summary.fallbacks)),
+        *([] if summary.basins is None else [("basins", f"changed {summary.basins} times")]),
         *([] if summary.unsolved_levels is None else [("levels not solved", str(summary.unsolved_levels))]),
         *(
             (f"tightest {limit.kind} margin", _limit(limit.coordinate, limit.margin, limit.relative))
             for limit in summary.limits
         ),
+        *_deviations(summary.deviations),
         ("control effort, integral of |u|^2", f"{summary.control_effort:.2f}"),
         ("base thrusters, force / torque", f"{summary.base_force:.2f} N s / {summary.base_torque:.2f} N m s"),
         ("variation of the control", _variation(summary)),
@@ -62,6 +65,23 @@ def _measures(summary: Summary) -> list[Sequence[str]]:
         ),
         *((f"monitor: {verdict.name}", _verdict(verdict)) for verdict in summary.monitors),
     ]
+
+
+def _deviations(deviations: Deviations) -> list[Sequence[str]]:
+    """Return what the motion has of its own: off the plan, beyond a limit, off an end condition."""
+    rows: list[Sequence[str]] = []
+    if deviations.off_plan:
+        rows.append(("farthest off the plan in a sample", " / ".join(map(_largest, deviations.off_plan))))
+    beyond = " / ".join(map(_largest, deviations.beyond_limits)) or "none"
+    rows.append(("farthest beyond a limit, any tick", beyond))
+    if (end := deviations.end_condition) is not None:
+        said = f"{end.where}: {end.value:.4f} of its tolerance at {end.time:.1f} s"
+        rows.append(("end error at a planned hand-over", said))
+    return rows
+
+
+def _largest(largest: Largest) -> str:
+    return f"{largest.where}: {largest.value:.1e} at {largest.time:.1f} s"
 
 
 def _variation(summary: Summary) -> str:

@@ -1,13 +1,14 @@
 """The closed loop: a generator of records."""
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from psmpc_cli.control.sequence import Switch
 from psmpc_cli.control.shares import control_shares
-from psmpc_cli.experiment.measures import Balance, measure
+from psmpc_cli.experiment.checkpoint import Checkpoint, first_checkpoint, restore, take_checkpoint
+from psmpc_cli.experiment.measures import measure
 from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.logs.record import Record
 
@@ -33,12 +34,24 @@ class Ending:
     stuck: bool = False
 
 
-def simulate(experiment: Experiment) -> Generator[Record, None, Ending]:
-    """Run the closed loop, one record a sample, and return how it ended."""
+def simulate(
+    experiment: Experiment,
+    start: Checkpoint | None = None,
+    mark: Callable[[Checkpoint], None] = lambda checkpoint: None,
+) -> Generator[Record, None, Ending]:
+    """Run the closed loop, one record a sample, and return how it ended.
+
+    Args:
+        experiment: The experiment, built for this run.
+        start: Where to go on from; by default its beginning.
+        mark: Told before each sample where the loop stands.
+    """
     controller, plant, task = experiment.controller, experiment.plant, experiment.task
-    balance = Balance(experiment.model, experiment.x0)
-    x, sample, braking_until = experiment.x0, 0, np.inf
+    start = first_checkpoint(experiment) if start is None else start
+    restore(experiment, start)
+    sample, x, braking_until, balance = start.sample, start.x, start.braking_until, start.balance
     while True:
+        mark(take_checkpoint(experiment, sample, x, braking_until, balance))
         now = sample * task.controller.sample_time
         switches = controller.hand_over(now, x)
         if (ending := _ending(experiment, now, x, braking_until)) is not None:
@@ -50,6 +63,7 @@ def simulate(experiment: Experiment) -> Generator[Record, None, Ending]:
         presence = experiment.observer.observe(decision, x, edges[[0, -1]])
         shares = control_shares(experiment.aside, decision, x, edges[:2]) if task.log.shares else {}
         ticks = plant.advance(now, x, u)
+        balance = balance.after(ticks)
         yield measure(experiment, decision, switches, presence, shares, u, ticks, balance)
         x, sample = ticks.X[-1], sample + 1
 

@@ -1,33 +1,49 @@
 """What one sample measures: margins to limits, efforts, the physics' own balance."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.sequence import Switch
 from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.logs.record import LevelsRecord, Record, SolveRecord, TickRecord
+from psmpc_cli.ocp.stage_integrals import stage_integrals
+from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.window import SHORTEST, end_tolerance
 from psmpc_cli.plant import Ticks
-from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.quantities import Quantities
 
 
+@dataclass(frozen=True, eq=False)
 class Balance:
-    """Momentum less the impulse of the external wrench, energy less the work: constant if the physics is right."""
+    """Momentum less the impulse of the external wrench, energy less the work: constant if the physics is right.
 
-    def __init__(self, model: RobotModel, x0: np.ndarray) -> None:
-        self.model = model
-        self._impulse, self._work = np.zeros(3), 0.0
-        self._momentum, self._energy = self._state(x0)
+    Attributes:
+        momentum: At the start of the run (3,) [N s], [N m s].
+        energy: At the start of the run [J].
+        impulse: Of the external wrench since then (3,) [N s], [N m s].
+        work: Of the generalized force since then [J].
+    """
 
-    def after(self, ticks: Ticks) -> tuple[np.ndarray, float]:
-        """Return the drift of momentum (3,) [N s, N m s] and of energy [J] since the start of the run."""
-        self._impulse = self._impulse + ticks.impulse
-        self._work += ticks.work
-        momentum, energy = self._state(ticks.X[-1])
-        return momentum - self._momentum - self._impulse, energy - self._energy - self._work
+    momentum: np.ndarray
+    energy: float
+    impulse: np.ndarray
+    work: float
 
-    def _state(self, x: np.ndarray) -> tuple[np.ndarray, float]:
-        Q, Qdot = x[: self.model.n], x[self.model.n :]
-        return np.asarray(self.model.momentum(Q, Qdot)).ravel(), float(self.model.kinetic_energy(Q, Qdot))
+    @classmethod
+    def at(cls, quantities: Quantities, x: np.ndarray) -> "Balance":
+        """Return the balance of a run that starts at x (2n,)."""
+        return cls(*quantities.momentum_and_energy(x), np.zeros(3), 0.0)
+
+    def after(self, ticks: Ticks) -> "Balance":
+        """Return the balance after a sample."""
+        return replace(self, impulse=self.impulse + ticks.impulse, work=self.work + ticks.work)
+
+    def drift(self, quantities: Quantities, x: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return the drift of momentum (3,) [N s, N m s] and of energy [J] at x (2n,)."""
+        momentum, energy = quantities.momentum_and_energy(x)
+        return momentum - self.momentum - self.impulse, energy - self.energy - self.work
 
 
 def measure(
@@ -40,20 +56,20 @@ def measure(
     ticks: Ticks,
     balance: Balance,
 ) -> Record:
-    """Return the record of a sample: u (M, n) was applied over its ticks."""
+    """Return the record of a sample: u (M, n) was applied over its ticks, after which the balance stands."""
     n, x = experiment.model.n, ticks.X[0]
     stage = experiment.stages[decision.sequence.first]
     tick, since = np.diff(ticks.time), ticks.time[:1] - decision.sequence.entered
     base = experiment.model.parts["base"]
     position, velocity = _margins(experiment, decision, ticks)
-    momentum_error, energy_error = balance.after(ticks)
+    momentum_error, energy_error = balance.drift(experiment.quantities, ticks.X[-1])
     return Record(
         time=float(ticks.time[0]),
         Q=x[:n],
         Qdot=x[n:],
         u=u[0],
         F=ticks.F[0],
-        xi=np.asarray(experiment.model.g(x[:n])).ravel(),
+        xi=experiment.quantities.poses(x),
         window_first=decision.sequence.first,
         instants=decision.sequence.instants,
         nadir=decision.solved.window.scale[: decision.sequence.count],
@@ -79,6 +95,9 @@ def measure(
         window_cost=_window_cost(experiment, decision),
         shares=shares,
         levels=_levels_record(experiment, decision),
+        basin=decision.solved.basin,
+        plan_deviation=ticks.X[-1] - decision.plan.states_at(ticks.time[-1:])[0],
+        end_errors=_end_errors(experiment, decision, ticks),
     )
 
 
@@ -89,6 +108,42 @@ def _margins(experiment: Experiment, decision: Decision, ticks: Ticks) -> tuple[
     position = np.minimum(Q - limits.position_low, limits.position_high - Q).min(axis=0)
     velocity = np.minimum(Qdot - limits.velocity_low, limits.velocity_high - Qdot).min(axis=0)
     return position, velocity
+
+
+def end_error(experiment: Experiment, stage: Stage, x: np.ndarray) -> float:
+    """Return the largest error of a stage's end condition at x (2n,) over its tolerance; NaN without one. Eq. (18)."""
+    rows, costs = list(stage.end_rows), experiment.costs
+    if not rows:
+        return np.nan
+    errors = costs.errors(stage, x[None])[0, rows]
+    if stage.end_velocity is not None:
+        errors = np.concatenate([errors, costs.rates(stage, x[None])[0, rows]])
+    return float(np.max(np.abs(errors) / end_tolerance(stage)))
+
+
+def state_at(times: np.ndarray, X: np.ndarray, time: float) -> np.ndarray:
+    """Return the state (2n,) at a time [s] among or soon after the times (M,) of states X (M, 2n).
+
+    Between two of them the acceleration is taken for constant, and after the last it stays what it was.
+    """
+    k = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 2))
+    n, since = X.shape[1] // 2, time - times[k]
+    acceleration = (X[k + 1, n:] - X[k, n:]) / (times[k + 1] - times[k])
+    Qdot = X[k, n:] + since * acceleration
+    return np.concatenate([X[k, :n] + since / 2 * (X[k, n:] + Qdot), Qdot])
+
+
+def _end_errors(experiment: Experiment, decision: Decision, ticks: Ticks) -> dict[int, float]:
+    """Return the end errors of stages that hand over by the plan before the next sample, by stage index.
+
+    At their instants, which may lie up to `SHORTEST` after it: so far the motion is carried on as it is.
+    """
+    found = {}
+    for index, instant in enumerate(decision.sequence.instants, start=decision.sequence.first):
+        if instant <= ticks.time[-1] + SHORTEST:
+            x = state_at(ticks.time, ticks.X, float(instant))
+            found[index] = end_error(experiment, experiment.stages[index], x)
+    return found
 
 
 def _flags(decision: Decision) -> frozenset[str]:
@@ -107,7 +162,7 @@ def _window_cost(experiment: Experiment, decision: Decision) -> np.ndarray:
         return np.zeros(0)
     solved, windows = decision.solved, experiment.controller.windows
     nlp, _ = windows.compiled(windows.shape(solved.window))
-    return np.asarray(nlp.stage_costs(solved.solution.z, solved.parameters)).ravel()
+    return stage_integrals(nlp, experiment.costs, solved.solution.z, solved.parameters)
 
 
 def _levels_record(experiment: Experiment, decision: Decision) -> LevelsRecord | None:

@@ -13,6 +13,7 @@ import numpy as np
 from psmpc_cli import __version__
 from psmpc_cli.control.controller import priorities_in_force
 from psmpc_cli.errors import RunError
+from psmpc_cli.experiment.checkpoint import Checkpoint
 from psmpc_cli.experiment.loop import Ending, simulate
 from psmpc_cli.experiment.monitors import verdicts
 from psmpc_cli.experiment.setup import Experiment, build_experiment
@@ -50,17 +51,42 @@ def run(
     """
     experiment = build_experiment(loaded)
     with LogWriter(path, header(experiment), force) as writer:
-        ending = _consume(experiment, writer, watch)
-    if verdict := verdicts(loaded.spec, read_log(path)):
-        write_monitors(path, np.array([v.held for v in verdict]), np.array([v.margin for v in verdict]))
+        ending = write_records(experiment, writer, watch, new_clock(experiment))
+    judge(loaded, path)
     return ending
 
 
-def _consume(experiment: Experiment, writer: LogWriter, watch: Callable[[Progress], None]) -> Ending | None:
-    """Write every record of the closed loop and tell the watcher, until the run ends or is interrupted."""
-    onset, fallbacks = experiment.task.onset, 0
-    clock = StageClock(len(experiment.stages), onset.epsilon, onset.series)
-    samples = simulate(experiment)
+def judge(loaded: LoadedTask, path: Path) -> None:
+    """Write the verdicts of the task's monitors into a closed log."""
+    if verdict := verdicts(loaded.spec, read_log(path)):
+        write_monitors(path, np.array([v.held for v in verdict]), np.array([v.margin for v in verdict]))
+
+
+def new_clock(experiment: Experiment) -> StageClock:
+    """Return the clock of an experiment's stages."""
+    onset = experiment.task.onset
+    return StageClock(len(experiment.stages), onset.epsilon, onset.series)
+
+
+def write_records(
+    experiment: Experiment,
+    writer: LogWriter,
+    watch: Callable[[Progress], None],
+    clock: StageClock,
+    start: Checkpoint | None = None,
+    fallbacks: int = 0,
+) -> Ending | None:
+    """Write every record of the closed loop and tell the watcher, until the run ends or is interrupted.
+
+    Args:
+        experiment: The experiment.
+        writer: Its log.
+        watch: Told after each sample.
+        clock: When the stages ended and started, up to the start.
+        start: Where to go on from; by default the beginning.
+        fallbacks: How many samples before had no solution.
+    """
+    samples = simulate(experiment, start)
     try:
         writer.update_stages(clock.times)
         while True:
@@ -119,6 +145,7 @@ def header(experiment: Experiment) -> Header:
             "task_name": task.name,
             "controller": task.controller.kind,
             "solver": task.solver.kind,
+            "compiled": experiment.compiled,
             "plant": task.plant.kind,
             "sample_time": task.controller.sample_time,
             "horizon": task.controller.horizon,

@@ -20,11 +20,15 @@ class StageClock:
 
     def update(self, record: Record) -> bool:
         """Take in one record; return whether anything changed."""
-        self.hand_over(record.switches)
-        thresholds, changed = np.array([*self.series, self.epsilon]), bool(record.switches)
-        for stage, presence in record.presence.items():
-            starts = (presence >= thresholds) & np.isnan(self._early[stage])
-            self._early[stage, starts] = record.time
+        return self.note(record.time, record.switches, record.presence)
+
+    def note(self, time: float, switches: tuple[tuple[int, float], ...], presence: dict[int, float]) -> bool:
+        """Take in the hand-overs and the presences at a sample [s]; return whether anything changed."""
+        self.hand_over(switches)
+        thresholds, changed = np.array([*self.series, self.epsilon]), bool(switches)
+        for stage, found in presence.items():
+            starts = (found >= thresholds) & np.isnan(self._early[stage])
+            self._early[stage, starts] = time
             changed |= bool(starts.any())
         return changed
 

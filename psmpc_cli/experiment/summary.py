@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from psmpc_cli.errors import LogError, SpecError
+from psmpc_cli.experiment.deviations import Deviations, largest_deviations
 from psmpc_cli.experiment.monitors import Verdict, verdicts
 from psmpc_cli.experiment.smoothness import Variation, total_variation
 from psmpc_cli.logs.read import Log
@@ -67,6 +68,7 @@ class Summary:
         solves, switching_solves: All solves, and those of windows with a switch.
         missed: Samples whose solve took longer than the sample time.
         appended, postponed, fallbacks: How often each happened.
+        basins: How often another guess of the instants than the last plan's won; None where there was no other.
         unsolved_levels: Levels of a lexicographic controller that did not converge; None under any other.
         limits: The tightest position and velocity margins.
         control_effort: Integral of |u|^2.
@@ -75,6 +77,7 @@ class Summary:
         momentum_error, energy_error: Largest drift of the physics' balance.
         monitors: The verdicts.
         distances: Distance between the first two end-effectors at the end of each stage [m]; NaN with one arm.
+        deviations: How far the motion came from the plans, and beyond the limits.
     """
 
     ended: bool
@@ -89,6 +92,7 @@ class Summary:
     appended: int
     postponed: int
     fallbacks: int
+    basins: int | None
     unsolved_levels: int | None
     limits: tuple[LimitSummary, ...]
     control_effort: float
@@ -99,6 +103,7 @@ class Summary:
     energy_error: float
     monitors: tuple[Verdict, ...]
     distances: tuple[float, ...]
+    deviations: Deviations
 
 
 def summarize(log: Log) -> Summary:
@@ -121,6 +126,7 @@ def summarize(log: Log) -> Summary:
         appended=int(log["events/appended"].sum()),
         postponed=int(log["events/postponed"].sum()),
         fallbacks=int(log["events/fallback"].sum()),
+        basins=_basins(log),
         unsolved_levels=int(np.sum(log["levels/solved"] == 0)) if "levels/solved" in log.columns else None,
         limits=_limits(log, loaded),
         control_effort=float(log["effort/control"].sum()),
@@ -131,6 +137,7 @@ def summarize(log: Log) -> Summary:
         energy_error=_largest(log["balance/energy"]),
         monitors=monitored,
         distances=_distances(log),
+        deviations=largest_deviations(log),
     )
 
 
@@ -197,6 +204,11 @@ def _limits(log: Log, loaded: LoadedTask) -> tuple[LimitSummary, ...]:
         coordinate = log.coordinates[int(column)]
         tightest.append(LimitSummary(kind, coordinate, float(margin[row, column]), float(relative[row, column])))
     return tuple(tightest)
+
+
+def _basins(log: Log) -> int | None:
+    basin = log.columns.get("window/basin", np.full(len(log.time), -1))
+    return int(np.sum(basin > 0)) if np.any(basin >= 0) else None
 
 
 def _largest(values: np.ndarray) -> float:

@@ -45,7 +45,7 @@ def _samples(log: Log) -> Iterator[tuple[str, np.ndarray]]:
         "stage": log.stage_names,
         "momentum": MOMENTUM,
     }
-    for column in (*COLUMNS, *(column for column in LEVELS if column.path in log.columns)):
+    for column in (column for column in COLUMNS + LEVELS if column.path in log.columns):
         values = log[column.path]
         if not column.scale:
             yield column.path if column.units == "1" else f"{column.path} [{column.units}]", values

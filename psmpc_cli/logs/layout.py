@@ -6,8 +6,8 @@ FORMAT_VERSION = 1
 """Changes when a reader of the old layout would misread the new one."""
 
 
-RUN, COMPARISON = "run", "comparison"
-"""Attribute `kind` of the log of one run (also where it is missing), and of a file of several."""
+RUN, COMPARISON, SWEEP, PARETO = "run", "comparison", "sweep", "pareto"
+"""Attribute `kind`: the log of one run (also where it is missing), a file of several, and the results of studies."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +82,18 @@ MOMENTUM = ("x", "y", "angular")
 
 TIME = Column("time", "", "s", "sample time")
 
+DEVIATIONS = (
+    Column("deviation/Q", "coordinate", Q_UNITS, "generalized coordinates at the next sample less the plan's"),
+    Column("deviation/Qdot", "coordinate", V_UNITS, "generalized velocities at the next sample less the plan's"),
+    Column("deviation/end", "stage", "1", "error of an end condition over its tolerance, where its stage hands over"),
+)
+"""How far the motion is from the plan in force; logs of an earlier version lack them."""
+
+BASIN = (
+    Column("window/basin", "", "1", "guess of the instants that won, 0 the last plan's; -1 if the only one", "i4"),
+)
+"""Which of several solves of a window stands; logs of an earlier version lack it."""
+
 COLUMNS = (
     Column("state/Q", "coordinate", Q_UNITS, "generalized coordinates, measured"),
     Column("state/Qdot", "coordinate", V_UNITS, "generalized velocities, measured"),
@@ -92,6 +104,7 @@ COLUMNS = (
     Column("window/count", "", "1", "number of stages in the window", "i4"),
     Column("window/instants", "stage", "s", "optimized instant that ends each stage; NaN outside the window"),
     Column("window/cost", "stage", "1", "normalized cost integral of each stage; NaN outside the window"),
+    *BASIN,
     Column("window/presence", "stage", A_UNITS, "how much of a waiting stage is in the control; NaN if not looked at"),
     Column("window/share", "stage", "1", "share of each stage in the applied control; NaN where it has none"),
     Column("events/appended", "", "1", "a stage entered the window", "i1"),
@@ -109,6 +122,7 @@ COLUMNS = (
     Column("effort/control", "", "m^2/s^3, rad^2/s^3", "integral of |u|^2 until the next sample"),
     Column("effort/base_force", "", "N s", "integral of the norm of the base force until the next sample"),
     Column("effort/base_torque", "", "N m s", "integral of the magnitude of the base torque until the next sample"),
+    *DEVIATIONS,
     Column("balance/momentum", "momentum", "N s, N m s", "momentum less the integral of the external wrench"),
     Column("balance/energy", "", "J", "kinetic energy less the work of the generalized forces"),
 )

@@ -9,7 +9,19 @@ import h5py
 import numpy as np
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.logs.layout import COLUMNS, FORMAT_VERSION, LEVELS, PLANS, RUN, SCALES, TABLES, TICKS, TIME
+from psmpc_cli.logs.layout import (
+    BASIN,
+    COLUMNS,
+    DEVIATIONS,
+    FORMAT_VERSION,
+    LEVELS,
+    PLANS,
+    RUN,
+    SCALES,
+    TABLES,
+    TICKS,
+    TIME,
+)
 
 EXPECTED = "expected a log written by psmpc simulate"
 
@@ -24,7 +36,7 @@ class Log:
     Attributes:
         path: The file.
         attributes: The file's attributes (versions, effective YAML texts, `finished`, `end_reason`, ...).
-        columns: Every dataset with a row a sample, /time included, by path.
+        columns: Every dataset with a row a sample, /time included, by path; an older log may lack some.
         stages: Datasets below /stages: name, priority, switch_time, actual_start, premature, epsilon, ...
         coordinates, pose_coordinates: Names of the rows of Q and xi.
         final: time, Q, Qdot and xi at the end of the run; NaN in a run that was killed or interrupted.
@@ -149,8 +161,8 @@ def log_in(path: Path, file: h5py.Group) -> Log:
     for name in ATTRIBUTES:
         if name not in file.attrs:
             raise LogError(f"{path}: found no attribute {name}, {EXPECTED}")
-    logged = COLUMNS + LEVELS if LEVELS[0].path in file else COLUMNS
-    columns = _along(file, TIME.path, *(column.path for column in logged))
+    lacking = [column for group in (LEVELS, DEVIATIONS, BASIN) if group[0].path not in file for column in group]
+    columns = _along(file, TIME.path, *(column.path for column in COLUMNS + LEVELS if column not in lacking))
     ticks = _along(file, *(column.path for column in TICKS)) if TICKS[0].path in file else {}
     fixed = {entry.path: _array(file[entry.path]) for entry in (*SCALES, *TABLES)}
     return Log(

@@ -73,7 +73,11 @@ class Record:
         ticks: Every tick, where asked for.
         window_cost: Normalized cost integral of each window stage, (S + 1,); empty after a failed solve.
         shares: By stage index, its share in the applied control. See `control_shares`.
+        plan_deviation: State at the next sample less the plan's (2n,); empty where it is not known.
+        end_errors: By stage index, the error of its end condition over its tolerance, of stages that hand over at an
+            instant before the next sample.
         levels: Under lexicographic control, unless its first level failed.
+        basin: Which guess of the window's instants won, 0 the last plan's; -1 if it was the only one.
     """
 
     time: float
@@ -100,3 +104,6 @@ class Record:
     window_cost: np.ndarray = field(default_factory=lambda: np.zeros(0))
     shares: Mapping[int, float] = field(default_factory=dict)
     levels: LevelsRecord | None = None
+    plan_deviation: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    end_errors: Mapping[int, float] = field(default_factory=dict)
+    basin: int = -1

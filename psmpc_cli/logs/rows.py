@@ -12,7 +12,8 @@ Row = Mapping[str, object]
 def row(record: Record, stages: int) -> Row:
     """Return what a record leaves in /time and in every column, by path, in a task with so many stages."""
     happened = {name: name in record.flags for name in ("appended", "postponed", "fallback", "braking")}
-    solve = record.solve
+    solve, n = record.solve, len(record.Q)
+    deviation = record.plan_deviation if len(record.plan_deviation) else np.full(2 * n, np.nan)
     return {
         "time": record.time,
         "state/Q": record.Q,
@@ -24,6 +25,7 @@ def row(record: Record, stages: int) -> Row:
         "window/count": len(record.instants) + 1,
         "window/instants": _at_their_stages(stages, record.window_first, record.instants),
         "window/cost": _at_their_stages(stages, record.window_first, record.window_cost),
+        "window/basin": record.basin,
         "window/presence": _by_stage(stages, record.presence),
         "window/share": _by_stage(stages, record.shares),
         **{f"events/{name}": yes for name, yes in happened.items()},
@@ -38,6 +40,9 @@ def row(record: Record, stages: int) -> Row:
         "effort/control": record.control_effort,
         "effort/base_force": record.thruster_effort[0],
         "effort/base_torque": record.thruster_effort[1],
+        "deviation/Q": deviation[:n],
+        "deviation/Qdot": deviation[n:],
+        "deviation/end": _by_stage(stages, record.end_errors),
         "balance/momentum": record.momentum_error,
         "balance/energy": record.energy_error,
     }

@@ -1,6 +1,8 @@
 """Writes a log while the run goes on: every record is in the file before the next one begins."""
 
+import errno
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -41,15 +43,17 @@ class StageTimes:
 
 
 class LogWriter:
-    """An open log. Use as a context manager; `close` without `finish` leaves `finished = false`.
+    """An open log, new or one that goes on. Use as a context manager; `close` without `finish` leaves it unfinished.
 
     The file may be read while it is written: it is not locked, and what a row refers to is in it before the row.
     """
 
-    def __init__(self, path: Path, header: Header, force: bool = False) -> None:
+    def __init__(self, path: Path, header: Header, force: bool = False, goes_on: bool = False) -> None:
         self.path = path
-        create_log(path, header, force)
+        if not goes_on:
+            create_log(path, header, force)
         self._file = h5py.File(path, "r+", locking=False)
+        claimed(self._file.id.get_vfd_handle())
         self._stages = len(header.stages)
         self._levels = header.levels
         columns = COLUMNS + LEVELS if self._levels else COLUMNS
@@ -58,7 +62,8 @@ class LogWriter:
         vectors = [f"{path}{part}" for path, _ in PLANS for part in ("", "_length", "_element")]
         self._plans = self._growing(*vectors) if header.plans else {}
         self._chunks = sum(dataset.chunk_size for dataset in (*self._columns.values(), *self._ticks.values()))
-        self._rows, self._tick_rows = 0, 0
+        self._rows = len(self._file[TIME.path])
+        self._tick_rows = len(self._file[TICK.path]) if header.ticks else 0
 
     def __enter__(self) -> "LogWriter":
         return self
@@ -149,6 +154,19 @@ class LogWriter:
         self._ticks[TICK.path].write(first, np.arange(first, first + len(ticks.time)))
         for column in TICKS:
             self._ticks[column.path].write(first, getattr(ticks, column.path.removeprefix("ticks/")))
+
+
+def claimed(descriptor: int) -> bool:
+    """Claim an open file for this process; return whether no other has. Readers do not notice."""
+    if sys.platform == "win32":
+        return True
+    import fcntl
+
+    try:
+        fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno not in (errno.EACCES, errno.EAGAIN)
+    return True
 
 
 def _vectors(solve: SolveRecord) -> dict[str, np.ndarray]:

@@ -17,7 +17,9 @@ from psmpc_cli.cli import progress
 from psmpc_cli.cli import simulate as module
 from psmpc_cli.cli.main import main
 from psmpc_cli.experiment.run import Progress
+from psmpc_cli.figures import rendering
 from psmpc_cli.figures.registry import FIGURES
+from psmpc_cli.figures.rendering import offscreen_driver
 from psmpc_cli.logs.read import read_log
 
 TASK = """\
@@ -231,7 +233,7 @@ def no_run(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*arguments: object) -> None:
         raise AssertionError("the run has started")
 
-    monkeypatch.setattr(module, "_run", fail)
+    monkeypatch.setattr(module, "_watched", fail)
 
 
 @pytest.mark.usefixtures("no_run")
@@ -258,6 +260,37 @@ def test_a_file_in_the_place_of_the_figures_is_found_before_the_run(psmpc: Psmpc
         "psmpc: runs/task is no directory, but the figures would go there: choose another log with -o, or "
         "--no-figures\n"
     )
+
+
+def test_a_plant_without_its_package_is_found_before_a_log_is_touched(
+    simulate: Psmpc, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulate("--quiet")
+    before = Path("runs/task.h5").read_bytes()
+    monkeypatch.delitem(sys.modules, "psmpc_cli.plant.mujoco_plant", raising=False)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    ran = simulate("--plant", "mujoco", "-o", "runs/task.h5", "--force")
+    assert (ran.code, ran.stdout) == (2, "")
+    assert "pip install 'psmpc[mujoco]'" in ran.stderr.splitlines()[-1]
+    assert Path("runs/task.h5").read_bytes() == before
+
+
+@pytest.mark.usefixtures("no_run")
+def test_a_film_nobody_can_draw_is_found_before_the_run(simulate: Psmpc, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "crayons")
+    offscreen_driver.cache_clear()
+    ran = simulate("--render")
+    assert (ran.code, ran.stdout, len(ran.stderr.splitlines())) == (2, "", 1)
+    assert ran.stderr.startswith("psmpc: --render: found no driver with which MuJoCo draws off screen (crayons: ")
+    assert sorted(Path().iterdir()) == [Path("task.yaml")]
+
+
+def test_a_film_is_written_beside_the_log(simulate: Psmpc, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = []
+    monkeypatch.setattr(module, "_draw", lambda log, directory, *flags: drawn.append((directory, *flags)))
+    monkeypatch.setattr(rendering, "offscreen_driver", lambda: "a driver")
+    assert simulate("--render").code == 0
+    assert drawn == [(Path("runs/task"), False, False, False, True)]
 
 
 def test_an_unwritable_folder_is_named(simulate: Psmpc, monkeypatch: pytest.MonkeyPatch) -> None:

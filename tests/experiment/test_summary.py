@@ -82,6 +82,14 @@ def test_solve_times_are_told_apart_by_windows_with_a_switch(log: Log) -> None:
     assert 19 < summary.solves.p95 < summary.solves.p99 < 20
 
 
+def test_basins_that_changed_are_counted_where_there_were_several_guesses(log: Log) -> None:
+    assert summarize(log).basins is None
+    assert summarize(changed(log, window_basin=np.r_[np.full(10, -1), np.zeros(7), 1, 0, 2])).basins == 2
+    assert summarize(changed(log, window_basin=np.zeros(20))).basins == 0
+    older = {path: values for path, values in log.columns.items() if path != "window/basin"}
+    assert summarize(replace(log, columns=older)).basins is None
+
+
 def test_a_solve_that_outlasts_its_sample_is_missed(log: Log) -> None:
     times = np.full(20, 0.09)
     times[3:5] = 0.11

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import InputError, LogError, RunError
-from psmpc_cli.logs.comparison import merge_logs, read_comparison
+from psmpc_cli.logs.comparison import extract_log, merge_logs, read_comparison
 from psmpc_cli.logs.layout import COMPARISON, RUN
 from psmpc_cli.logs.read import kind_of, read_log
 from psmpc_cli.logs.record import LevelsRecord
@@ -57,6 +57,21 @@ def test_every_dataset_keeps_its_dimensions_and_attributes(merged: Path, logs: d
                 alone.visit(places.append)
                 for place in places:
                     same_dataset(alone[place], file[f"runs/{name}/{place}"], f"/runs/{name}")
+
+
+def test_a_run_can_be_taken_out_as_the_log_it_was(merged: Path, logs: dict[str, Path], tmp_path: Path) -> None:
+    extract_log(merged, "smpc", tmp_path / "out.h5")
+    with h5py.File(tmp_path / "out.h5") as file, h5py.File(logs["smpc"]) as alone:
+        assert dict(file.attrs) == dict(alone.attrs)
+        places: list[str] = []
+        alone.visit(places.append)
+        for place in places:
+            same_dataset(alone[place], file[place], "")
+    assert read_log(tmp_path / "out.h5").plans == read_log(logs["smpc"]).plans
+    with pytest.raises(LogError, match="found no run psmpc, expected one of"):
+        extract_log(merged, "psmpc", tmp_path / "none.h5")
+    with pytest.raises(InputError, match="cannot be written"):
+        extract_log(merged, "smpc", tmp_path / "nowhere" / "out.h5")
 
 
 def same_dataset(one: h5py.Dataset | h5py.Group, other: h5py.Dataset | h5py.Group, root: str) -> None:

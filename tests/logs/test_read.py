@@ -102,6 +102,14 @@ def test_missing_dataset_is_damage(path: Path, name: str) -> None:
     assert refusal(path).startswith(f"{path}: found an HDF5 file that is cut off or damaged (")
 
 
+def test_a_log_from_before_basins_were_logged_is_read(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["window/basin"]
+    log = read_log(path)
+    assert "window/basin" not in log.columns
+    assert len(log["window/first"]) == SAMPLES
+
+
 @pytest.mark.parametrize("name", ["time", "state/Q", "ticks/F", "stages/name"])
 def test_group_in_place_of_a_dataset_is_damage(path: Path, name: str) -> None:
     with h5py.File(path, "r+") as file:

@@ -1,0 +1,102 @@
+"""The full rigid-body dynamics by an adaptive integrator of a library: SUNDIALS CVODES, as CasADi ships it.
+
+Only for checking: the plants step at the rate of the low-level loop. The order adapts too (Adams methods), and the
+control is constant over each piece, so that nothing the integrator looks at ever jumps.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from psmpc_cli.robot.model import RobotModel
+
+TOLERANCE = 1e-12
+"""Absolute and relative tolerance of a step [m, rad, m/s, rad/s]."""
+
+INSIDE = 4
+"""Parts of a piece at whose ends its states are known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Flow:
+    """States over consecutive pieces.
+
+    Attributes:
+        times: (pieces * INSIDE + 1,) [s], the first and every `INSIDE`-th after it between two pieces.
+        X: States at those times, (len(times), 2n).
+    """
+
+    times: np.ndarray
+    X: np.ndarray
+
+    @property
+    def between_pieces(self) -> np.ndarray:
+        """The states at the beginning and after each piece (pieces + 1, 2n)."""
+        return self.X[::INSIDE]
+
+
+class AdaptiveDynamics:
+    """Integrates the full dynamics piece by piece, under the low-level law or under a held force."""
+
+    def __init__(self, model: RobotModel) -> None:
+        n = model.n
+        x, u, F = ca.MX.sym("x", 2 * n), ca.MX.sym("u", n), ca.MX.sym("F", n)
+        dt = ca.MX.sym("dt")
+        lawful, held = _integrator(model, lawful=True), _integrator(model, lawful=False)
+        ticking = held(x0=x, p=ca.vertcat(model.low_level(x[:n], x[n:], u), dt))["xf"]
+        self._lawful = _piece(lawful(x0=x, p=ca.vertcat(u, dt))["xf"], x, u, dt)
+        self._ticking = _piece(ticking, x, u, dt)
+        self._held = _piece(held(x0=x, p=ca.vertcat(F, dt))["xf"], x, F, dt)
+        self._chains: dict[tuple[str, int], ca.Function] = {}
+
+    def under_law(self, x: np.ndarray, times: np.ndarray, u: np.ndarray) -> Flow:
+        """Return the states from x (2n,) on while the law (7) follows the accelerations u (K, n) at every instant.
+
+        Args:
+            x: State at the first of the times.
+            times: Ends of the pieces (K + 1,) [s].
+            u: Accelerations (K, n).
+        """
+        return self._flow("law", self._lawful, x, times, u)
+
+    def under_ticks(self, x: np.ndarray, times: np.ndarray, u: np.ndarray) -> Flow:
+        """Return the states while the law (7) sets the force once a tick; arguments as of `under_law`."""
+        return self._flow("ticks", self._ticking, x, times, u)
+
+    def under_force(self, x: np.ndarray, times: np.ndarray, F: np.ndarray) -> Flow:
+        """Return the states under generalized forces F (K, n), each held over its piece."""
+        return self._flow("force", self._held, x, times, F)
+
+    def _flow(self, name: str, piece: ca.Function, x: np.ndarray, times: np.ndarray, inputs: np.ndarray) -> Flow:
+        K, dt = len(inputs), np.diff(times)
+        if (name, K) not in self._chains:
+            self._chains[name, K] = piece.mapaccum(K)
+        _, inside = self._chains[name, K](x, inputs.T, dt[None])
+        parts = np.arange(1, INSIDE + 1) / INSIDE
+        at = (times[:-1, None] + dt[:, None] * parts).ravel()
+        return Flow(np.concatenate([times[:1], at]), np.vstack([x, np.asarray(inside).T]))
+
+
+def _integrator(model: RobotModel, lawful: bool) -> ca.Function:
+    """Return the integrator of one piece, its time scaled to 1, under the law or under a held force."""
+    n = model.n
+    x, p = ca.SX.sym("x", 2 * n), ca.SX.sym("p", n + 1)
+    Q, Qdot = x[:n], x[n:]
+    F = model.low_level(Q, Qdot, p[:n]) if lawful else p[:n]
+    ode = p[n] * ca.vertcat(Qdot, model.forward_dynamics(Q, Qdot, F))
+    options: dict[str, Any] = {
+        "abstol": TOLERANCE,
+        "reltol": TOLERANCE,
+        "linear_multistep_method": "adams",
+        "nonlinear_solver_iteration": "functional",
+    }
+    parts = [float(part) for part in np.arange(1, INSIDE + 1) / INSIDE]
+    problem: dict[str, ca.SX] = {"x": x, "p": p, "ode": ode}
+    return ca.integrator("piece", "cvodes", problem, 0.0, parts, options)
+
+
+def _piece(states: ca.MX, x: ca.MX, inputs: ca.MX, dt: ca.MX) -> ca.Function:
+    """Return x, inputs, dt -> state after the piece, states inside it and after it."""
+    return ca.Function("piece", [x, inputs, dt], [states[:, -1], states])

@@ -1,0 +1,62 @@
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from psmpc_cli.logs.read import read_log
+
+from .on_a_log import COMPARISON, Psmpc, is_refused, part, psmpc
+
+__all__ = ["part", "psmpc"]
+
+
+def test_a_replay_shows_iterations_and_what_is_equal(psmpc: Psmpc, part: Path) -> None:
+    ran = psmpc("replay", "part.h5", "--step", "3")
+    assert (ran.code, ran.stderr) == (0, "")
+    lines = ran.stdout.splitlines()
+    assert lines[0] == "sample 3 of 6, 0.30 s: window of go, back; solver fatrop"
+    assert lines[1].split()[:4] == ["iter", "objective", "inf_pr", "inf_du"]
+    rows = {line.rpartition("  ")[0].split("  ")[0]: line.split()[-1] for line in lines}
+    assert [rows[name] for name in ("objective J", "go ends [s]", "control of base.x")] == ["0.0e+00"] * 3
+    count = read_log(part)["solver/iterations"][3]
+    assert lines[-1] == f"the log is repeated to 1e-06: optimal after {count} iterations, again optimal after {count}"
+
+
+def test_another_solver_is_said_to_be_one(psmpc: Psmpc, part: Path) -> None:
+    ran = psmpc("replay", "part.h5", "--step", "3", "--solver", "ipopt")
+    assert ran.code == 0
+    assert "solver ipopt" in ran.stdout.splitlines()[0]
+    assert ", by another solver: optimal after " in ran.stdout.splitlines()[-1]
+
+
+def test_a_problem_is_exported(psmpc: Psmpc, part: Path) -> None:
+    ran = psmpc("replay", "part.h5", "--step", "5", "--export", "bugs/problem.npz")
+    assert ran.stdout.splitlines()[-1] == "problem: bugs/problem.npz"
+    with np.load("bugs/problem.npz") as data:
+        assert "Sample 5 of a run of task, at 0.5 s: window of go, back." in data["README.txt"].decode()
+    again = psmpc("replay", "part.h5", "--step", "5", "--export", "bugs/problem.npz")
+    assert (again.code, again.stdout) == (2, "")
+    assert again.stderr == "psmpc: bugs/problem.npz exists already: choose another file with --export\n"
+
+
+REFUSED = [
+    (("replay", "part.h5", "--step", "6"), "part.h5: found no sample 6; expected one from 0 to 5"),
+    (("replay", "part.h5", "--step", "2", "--solver", "nlp"), 'solver.kind: found the text "nlp", expected one of'),
+    (("replay", "part.h5", "--step", "2", "--solver", "a=b"), "--solver: found 'a=b', expected the name of a solver"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), REFUSED, ids=[" ".join(arguments) for arguments, _ in REFUSED])
+def test_bad_input_is_refused_in_one_message(
+    psmpc: Psmpc, part: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    before = part.read_bytes()
+    assert is_refused(psmpc(*arguments), message)
+    assert part.read_bytes() == before
+
+
+def test_a_comparison_is_no_log(psmpc: Psmpc, part: Path) -> None:
+    with h5py.File(part, "r+") as file:
+        file.attrs["kind"] = "comparison"
+    assert is_refused(psmpc("replay", "part.h5", "--step", "0"), COMPARISON)

@@ -3,6 +3,7 @@
 import typer
 
 from psmpc_cli.cli.summary import print_table
+from psmpc_cli.experiment.recommendation import recommend
 from psmpc_cli.studies.claim_table import HEADINGS, cells
 from psmpc_cli.studies.reproduce import Reproduction
 
@@ -17,6 +18,8 @@ def print_claims(reproduction: Reproduction) -> None:
             typer.echo(f"\n{judged.claim.id} {holds}: {judged.claim.statement}")
             for point in judged.finding.cause:
                 typer.echo(f"  - {point}")
+    if reproduction.weights is not None and (best := recommend(reproduction.weights)):
+        typer.echo(f"\nweights: {best}")
     for ablation in reproduction.ablations:
         typer.echo(f"\nwithout our {ablation.name.replace('_', ' ')}: {ablation.sentence}")
     count = len(reproduction.judged)

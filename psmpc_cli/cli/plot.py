@@ -1,15 +1,19 @@
-"""`psmpc plot`: the figures, and an animation, of any log, or of a comparison."""
+"""`psmpc plot`: the figures, and an animation, of any log, of a comparison, or of a study's results."""
 
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from psmpc_cli.errors import InputError
+from psmpc_cli.errors import InputError, LogError
+
+Draw = Callable[[Path, Path, Sequence[str], Collection[str] | None, bool], list[Path]]
+"""Draws the figures of a file into a directory, in some formats, only some of them, overwriting what exists."""
 
 
 def plot(
-    log: Annotated[Path, typer.Argument(help="A log written by psmpc simulate, or a file written by psmpc compare.")],
+    log: Annotated[Path, typer.Argument(help="A log, or a file written by psmpc compare or psmpc pareto.")],
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help="Directory of the figures. Default: beside the log."),
@@ -24,6 +28,9 @@ def plot(
     animate: Annotated[
         bool, typer.Option("--animate", help="Write a GIF of the robot moving as well, and an MP4 if ffmpeg is there.")
     ] = False,
+    render: Annotated[
+        bool, typer.Option("--render", help="Film the run with MuJoCo's renderer as well; needs psmpc[mujoco].")
+    ] = False,
     run: Annotated[
         str | None, typer.Option("--run", metavar="NAME", help="Draw the figures of this run of a comparison.")
     ] = None,
@@ -31,12 +38,12 @@ def plot(
 ) -> None:
     """Draw the figures of a log: states, velocities, controls, forces, errors, instants, shares, snapshots, solve_time.
 
-    Of a comparison: states, instants, shares and snapshots side by side.
+    Of a comparison: states, instants, shares and snapshots side by side. Of a Pareto study: its fronts. Of a
+    sweep: surface, heat_map (of random draws: draws), starts and sensitivity.
     """
-    from psmpc_cli.figures.comparison.draw import draw_comparison
     from psmpc_cli.figures.draw import default_directory, draw
     from psmpc_cli.logs.comparison import read_comparison
-    from psmpc_cli.logs.layout import COMPARISON
+    from psmpc_cli.logs.layout import COMPARISON, RUN
     from psmpc_cli.logs.read import kind_of, read_log
 
     directory, endings = output or default_directory(log), formats or ("png",)
@@ -44,12 +51,33 @@ def plot(
         logs = read_comparison(log)
         if run not in logs:
             raise InputError(f"--run: found no run '{run}' in {log}, expected one of {', '.join(logs)}")
-        drawn = draw(logs[run], output or directory / run, endings, only or None, force, animate)
-    elif kind_of(log) == COMPARISON:
-        if animate:
-            raise InputError("--animate: a comparison is not animated, but a run of it is: choose one with --run")
-        drawn = draw_comparison(read_comparison(log), directory, endings, only or None, force)
+        drawn = draw(logs[run], output or directory / run, endings, only or None, force, animate, render)
+    elif (kind := kind_of(log)) == RUN:
+        drawn = draw(read_log(log), directory, endings, only or None, force, animate, render)
+    elif animate or render:
+        instead = "but a run of it is: choose one with --run" if kind == COMPARISON else "but the log of a run is"
+        raise InputError(f"--{'animate' if animate else 'render'}: a {kind} is not animated, {instead}")
     else:
-        drawn = draw(read_log(log), directory, endings, only or None, force, animate)
+        drawing = _drawing()
+        if kind not in drawing:
+            raise LogError(f"{log}: found a {kind}, expected a log or one of: {', '.join(drawing)}")
+        drawn = drawing[kind](log, directory, endings, only or None, force)
     for path in drawn:
         typer.echo(str(path))
+
+
+def _drawing() -> Mapping[str, Draw]:
+    """Return what draws each kind of file but the log of a run."""
+    from psmpc_cli.figures.comparison.draw import draw_comparison
+    from psmpc_cli.figures.pareto import draw_pareto
+    from psmpc_cli.figures.sweep.draw import draw_sweep
+    from psmpc_cli.logs.comparison import read_comparison
+    from psmpc_cli.logs.layout import COMPARISON, PARETO, SWEEP
+    from psmpc_cli.studies.pareto_file import read_pareto
+    from psmpc_cli.studies.sweep_file import read_sweep
+
+    return {
+        COMPARISON: lambda path, *rest: draw_comparison(read_comparison(path), *rest),
+        PARETO: lambda path, *rest: draw_pareto(read_pareto(path), *rest),
+        SWEEP: lambda path, *rest: draw_sweep(read_sweep(path), *rest),
+    }

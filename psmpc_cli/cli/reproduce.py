@@ -21,6 +21,13 @@ def reproduce(
     ablations: Annotated[
         bool, typer.Option("--ablations", help="Also run the task without each of our departures from the paper.")
     ] = False,
+    weights: Annotated[
+        str,
+        typer.Option(metavar="AxB", help="Points of the weights of Approach and Capture that are tried, for Fig. 6."),
+    ] = "7x7",
+    fronts: Annotated[
+        int, typer.Option(min=3, metavar="N", help="Points of each Pareto front of Approach and Capture, for Fig. 7.")
+    ] = 13,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 if a claim does not hold.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier reproduction.")] = False,
     changes: Annotated[
@@ -39,12 +46,14 @@ def reproduce(
     from psmpc_cli.figures.ablations import draw_ablation
     from psmpc_cli.report.reproduction import build_report
     from psmpc_cli.studies.claim_table import as_data
-    from psmpc_cli.studies.reproduce import LOGS
+    from psmpc_cli.studies.reproduce import FRONTS, LOGS, WEIGHTS, load_weights_sweep
 
+    load_weights_sweep(changes or [], weights)
     report = output / REPORT
     drawn = output.glob(ABLATION.format("*")) if ablations else ()
-    _refuse_old([output / LOGS, report, *([] if json is None else [json]), *drawn], force)
-    reproduction = _run(output, changes or [], ablations, force, jobs, quiet)
+    results = (output / name for name in (LOGS, WEIGHTS, FRONTS))
+    _refuse_old([*results, report, *([] if json is None else [json]), *drawn], force)
+    reproduction = _run(output, changes or [], weights, fronts, ablations, force, jobs, quiet)
     created = datetime.now(UTC).isoformat(timespec="seconds")
     _write(report, build_report(reproduction, created))
     for ablation in reproduction.ablations:
@@ -59,12 +68,24 @@ def reproduce(
 
 
 def _run(
-    directory: Path, changes: list[str], ablations: bool, force: bool, jobs: int | None, quiet: bool
+    directory: Path,
+    changes: list[str],
+    weights: str,
+    fronts: int,
+    ablations: bool,
+    force: bool,
+    jobs: int | None,
+    quiet: bool,
 ) -> "Reproduction":
     """Run under the eyes of the progress display; a signal ends it, and no report is written."""
     from psmpc_cli.cli.parallel import watching_runs
+    from psmpc_cli.cli.sweep_progress import watching_sweep
     from psmpc_cli.cli.termination import stopping_on_signals
-    from psmpc_cli.studies.reproduce import add_ablations, run_reproduction
+    from psmpc_cli.studies.reproduce import add_ablations, add_fronts, add_weights, run_reproduction
+
+    def found(instant: float, ended: int, count: int) -> None:
+        if not quiet:
+            typer.echo(f"fronts: {instant:.1f} s done, {ended} of {count}", err=True)
 
     def ablated(name: str) -> None:
         if not quiet:
@@ -74,6 +95,9 @@ def _run(
         try:
             with watching_runs(quiet) as runs:
                 reproduction = run_reproduction(directory, changes, force, jobs, runs.began, runs.done)
+            with watching_sweep(quiet) as watch:
+                reproduction = add_weights(reproduction, directory, weights, force, jobs, watch)
+            reproduction = add_fronts(reproduction, directory, fronts, force, jobs, found)
             return add_ablations(reproduction, directory, jobs, ablated) if ablations else reproduction
         except KeyboardInterrupt as reason:
             typer.echo(f"psmpc: {reason}; no report was written", err=True)

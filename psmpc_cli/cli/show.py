@@ -1,34 +1,78 @@
-"""`psmpc show`: what a log holds."""
+"""`psmpc show`: what a file written by psmpc holds."""
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from psmpc_cli.errors import InputError
+
 
 def show(
-    log: Annotated[Path, typer.Argument(help="A log written by psmpc simulate, or a file written by psmpc compare.")],
+    log: Annotated[Path, typer.Argument(help="A file written by psmpc simulate, compare, sweep-weights or pareto.")],
     csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="DIR", help="Export the log's tables as CSV files.")
+        Path | None, typer.Option("--csv", metavar="DIR", help="Export a log's tables as CSV files.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite exported tables.")] = False,
 ) -> None:
-    """Print the summary of a log or the table of a comparison again, or export tables."""
-    from psmpc_cli.cli.comparison import print_comparison
+    """Print the summary of a log, or the table of a comparison or a study, again, or export tables of logs."""
+    from psmpc_cli.logs.layout import COMPARISON, PARETO, RUN, SWEEP
+    from psmpc_cli.logs.read import kind_of
+
+    shown: Mapping[str, Callable[[Path], None]] = {
+        RUN: _show_run,
+        COMPARISON: _show_comparison,
+        SWEEP: _show_sweep,
+        PARETO: _show_fronts,
+    }
+    kind = kind_of(log)
+    if csv is None:
+        shown.get(kind, _show_run)(log)  # which refuses what it does not know
+    elif kind in (RUN, COMPARISON):
+        _export(log, kind, csv, force)
+    else:
+        raise InputError(f"--csv: {log} holds a {kind}, expected logs; other programs open its file, such as xarray")
+
+
+def _show_run(log: Path) -> None:
     from psmpc_cli.cli.summary import print_summary
     from psmpc_cli.experiment.summary import summarize
+    from psmpc_cli.logs.read import read_log
+
+    print_summary(summarize(read_log(log)), log)
+
+
+def _show_comparison(log: Path) -> None:
+    from psmpc_cli.cli.comparison import print_comparison
+    from psmpc_cli.experiment.summary import summarize
+    from psmpc_cli.logs.comparison import read_comparison
+
+    print_comparison({name: summarize(run) for name, run in read_comparison(log).items()}, log)
+
+
+def _show_sweep(log: Path) -> None:
+    from psmpc_cli.cli.sweep_table import print_sweep
+    from psmpc_cli.studies.sweep_file import read_sweep
+
+    print_sweep(read_sweep(log))
+
+
+def _show_fronts(log: Path) -> None:
+    from psmpc_cli.cli.fronts import print_fronts
+    from psmpc_cli.studies.pareto_file import read_pareto
+
+    print_fronts(read_pareto(log), log)
+
+
+def _export(log: Path, kind: str, directory: Path, force: bool) -> None:
+    """Write the tables of a log, or those of every log of a comparison below their names."""
     from psmpc_cli.logs.comparison import read_comparison
     from psmpc_cli.logs.export import export_csv
-    from psmpc_cli.logs.layout import COMPARISON
-    from psmpc_cli.logs.read import kind_of, read_log
+    from psmpc_cli.logs.layout import RUN
+    from psmpc_cli.logs.read import read_log
 
-    compared = read_comparison(log) if kind_of(log) == COMPARISON else {}
-    loaded = None if compared else read_log(log)
-    if csv is not None:
-        exports = [(run, csv / name) for name, run in compared.items()] if loaded is None else [(loaded, csv)]
-        for path in (path for run, directory in exports for path in export_csv(run, directory, force)):
+    logs = {"": read_log(log)} if kind == RUN else read_comparison(log)
+    for name, run in logs.items():
+        for path in export_csv(run, directory / name, force):
             typer.echo(str(path))
-    elif loaded is None:
-        print_comparison({name: summarize(run) for name, run in compared.items()}, log)
-    else:
-        print_summary(summarize(loaded), log)

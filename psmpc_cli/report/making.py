@@ -18,6 +18,8 @@ RULES = (
     "A time earlier than published holds as well if the mission succeeded; such a time is marked.",
     "A start that coincides with an instant does so to one sample, for it is known no better.",
     "Orders, settings and how missions end hold exactly as stated or not at all.",
+    "An actual start that falls with the weights does so to one sample, for every threshold that is followed.",
+    "A front moves as the mean of its points does, in costs normalized by (12), from every sample to the next.",
     "The rules stood before the runs and no claim has one of its own.",
 )
 
@@ -26,14 +28,21 @@ HEADINGS = ("run", "mission", "ended at", "samples", "fall-backs", "postponed", 
 
 def how_made(reproduction: Reproduction, created: str) -> Iterator[Html]:
     """Give the section, made at a time as ISO 8601 has it."""
-    changes = [word for change in reproduction.changes for word in ("--set", change)]
+    options = [word for change in reproduction.changes for word in ("--set", change)]
+    digests = {title_of(name): str(log.attributes["digest"]) for name, log in reproduction.logs.items()}
+    if reproduction.weights is not None:
+        attributes = reproduction.weights.results.attributes
+        options += ["--weights", str(attributes["sampling"])]
+        digests["weights"] = str(attributes["digest"])
+    if reproduction.fronts is not None:
+        options += ["--fronts", str(len(reproduction.fronts["ratio"]))]
     first = next(iter(reproduction.logs.values()))
     facts = {
-        "command": shlex.join(["psmpc", "reproduce", *changes]),
+        "command": shlex.join(["psmpc", "reproduce", *options]),
         "date": created,
         "versions": _versions(first),
         "plant": str(first.attributes["plant"]),
-        **{f"task digest, {title_of(name)}": str(log.attributes["digest"]) for name, log in reproduction.logs.items()},
+        **{f"task digest, {name}": digest for name, digest in digests.items()},
     }
     pairs = ((element("dt", key), element("dd", element("code", value))) for key, value in facts.items())
     yield element("h2", "How this was made")

@@ -15,9 +15,11 @@ from psmpc_cli.figures.comparison.snapshots import plot_snapshots
 from psmpc_cli.figures.run import Run, load_run
 from psmpc_cli.figures.states import plot_states
 from psmpc_cli.report.claims import claim_table
+from psmpc_cli.report.fronts import fronts_section
 from psmpc_cli.report.html import Html, element, page
 from psmpc_cli.report.images import NARROW, WIDE, Picture, embed
 from psmpc_cli.report.making import how_made
+from psmpc_cli.report.weights import weights_section
 from psmpc_cli.studies.ablation import Ablation
 from psmpc_cli.studies.claims import TimeClaim
 from psmpc_cli.studies.reproduce import METHODS, JudgedClaim, Reproduction
@@ -41,6 +43,8 @@ def build_report(reproduction: Reproduction, created: str) -> Html:
             *(part for method in METHODS for part in _method(method, reproduction, runs[method])),
             *_plain_section("The methods against each other", "order", reproduction, _schedule(reproduction, runs)),
             *(embed(picture, WIDE) for picture in _comparison(runs)),
+            *weights_section(reproduction),
+            *fronts_section(reproduction),
             *_ablations(reproduction.ablations),
             *how_made(reproduction, created),
         ),

@@ -2,12 +2,17 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from itertools import pairwise
 from typing import Any
 
 from psmpc_cli import __version__
+from psmpc_cli.experiment.recommendation import recommend
+from psmpc_cli.experiment.sweep_cells import SweepCells
+from psmpc_cli.logs.results import Results
 from psmpc_cli.studies.ablation import Ablation
 from psmpc_cli.studies.findings import Finding, Value
+from psmpc_cli.studies.front_table import front_rows
 from psmpc_cli.studies.reproduce import TASK, JudgedClaim, Reproduction
 
 FORMAT = 1
@@ -25,6 +30,8 @@ def as_data(reproduction: Reproduction, created: str) -> dict[str, Any]:
         "task": TASK,
         "changes": list(reproduction.changes),
         "digests": {name: str(log.attributes["digest"]) for name, log in reproduction.logs.items()},
+        "weights": _weights_data(reproduction.weights),
+        "fronts": _fronts_data(reproduction.fronts),
         "claims": [_claim_data(judged) for judged in reproduction.judged],
         "ablations": [_ablation_data(ablation) for ablation in reproduction.ablations],
         "held": len(reproduction.judged) - len(reproduction.failing),
@@ -101,6 +108,27 @@ def _claim_data(judged: JudgedClaim) -> dict[str, Any]:
         "earlier": finding.earlier,
         "cause": "; ".join(finding.cause) or None,
     }
+
+
+def _weights_data(cells: SweepCells | None) -> dict[str, Any] | None:
+    if cells is None:
+        return None
+    best = recommend(cells)
+    return {
+        "task": cells.task.spec.name,
+        "digest": str(cells.results.attributes["digest"]),
+        "sampling": str(cells.results.attributes["sampling"]),
+        "failed_cells": int(cells.failed.sum()),
+        "failed_solves": cells.count("fallbacks"),
+        "recommended": None if best is None else best.ratio,
+    }
+
+
+def _fronts_data(results: Results | None) -> dict[str, Any] | None:
+    if results is None:
+        return None
+    samples = [{key: _plain(value) for key, value in asdict(row).items()} for row in front_rows(results)]
+    return {"stages": results["stage"].tolist(), "method": str(results.attributes["method"]), "samples": samples}
 
 
 def _ablation_data(ablation: Ablation) -> dict[str, Any]:

@@ -12,7 +12,7 @@ REAL = "_real"
 TITLES = {"htmpc": "HTMPC", "smpc": "SMPC", "psmpc": "PSMPC"}
 """The methods as the paper writes them."""
 
-Topic = Literal["setting", "times", "starts", "mission", "order"]
+Topic = Literal["setting", "times", "starts", "mission", "order", "weights", "fronts"]
 
 TIMES: Topic = "times"
 STARTS: Topic = "starts"
@@ -44,7 +44,7 @@ class Claim:
 
     Attributes:
         id: Names it for good.
-        group: The method it is about, `setting`, or `order`.
+        group: The method it is about, `setting`, `order`, `weights` or `fronts`.
         topic: What about it.
         statement: What it says.
         source: Where the paper says so.

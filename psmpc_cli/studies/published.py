@@ -32,6 +32,30 @@ class PublishedRun(_Frozen):
     starts_on_time: tuple[str, ...] = ()
 
 
+class PublishedWeights(_Frozen):
+    """What is published of the actual start over the ratio of two stages' weights.
+
+    Attributes:
+        settles: Where it stabilizes at large ratios [s].
+        chosen: The ratio that is recommended.
+    """
+
+    settles: float
+    chosen: float
+
+
+class PublishedFronts(_Frozen):
+    """What is published of the Pareto fronts of two stages' costs, J_2 to the right and J_1 up.
+
+    Attributes:
+        with_ratio: Where the optimum moves as the ratio of the weights grows.
+        with_time: Where the front moves as sampling time passes.
+    """
+
+    with_ratio: Literal["upper left"]
+    with_time: Literal["upper left"]
+
+
 class Published(_Frozen):
     """What is published.
 
@@ -40,12 +64,16 @@ class Published(_Frozen):
         stages: The stage that each time ends, by symbol.
         runs: By method.
         orders: Times (method.symbol) that come one after another.
+        weights: On the weights of the first two stages.
+        fronts: On the Pareto fronts of their costs.
     """
 
     setting: Mapping[Literal["horizon", "nodes"], float]
     stages: Mapping[str, str]
     runs: Mapping[str, PublishedRun]
     orders: tuple[tuple[str, ...], ...]
+    weights: PublishedWeights
+    fronts: PublishedFronts
 
 
 def load_published() -> Published:

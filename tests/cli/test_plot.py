@@ -12,6 +12,7 @@ from psmpc_cli.cli.plot import plot
 from psmpc_cli.errors import InputError, LogError, PsmpcError
 
 from ..figures.made_up import Story, write_story
+from ..made_up_sweep import made_up_sweep
 
 
 @pytest.fixture(scope="module")
@@ -98,3 +99,12 @@ def test_a_log_without_samples_is_refused(tmp_path: Path) -> None:
     path = write_story(tmp_path / "killed.h5", Story(last=-1.0))
     with pytest.raises(LogError, match="holds no sample"):
         lines(path)
+
+
+def test_a_sweep_is_drawn_as_what_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "sweep.h5"
+    made_up_sweep(path, "2x2")
+    names = ("surface", "heat_map", "starts", "sensitivity")
+    assert lines(path) == [str(tmp_path / "sweep" / f"{name}.png") for name in names]
+    with pytest.raises(InputError, match="a sweep is not animated"):
+        lines(path, "--animate")

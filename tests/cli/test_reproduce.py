@@ -11,8 +11,11 @@ from typer.testing import CliRunner
 
 from psmpc_cli.cli.reproduce import reproduce
 from psmpc_cli.errors import InputError
+from psmpc_cli.experiment.sweep_cells import sweep_cells
 from psmpc_cli.logs.comparison import read_comparison
+from psmpc_cli.studies.pareto_file import read_pareto
 from psmpc_cli.studies.reproduce import METHODS
+from psmpc_cli.studies.sweep_file import read_sweep
 
 NEAR = (
     "controller.nodes=4",
@@ -37,7 +40,7 @@ def psmpc(*arguments: object) -> Result:
 
 
 def near() -> list[str]:
-    return [word for change in NEAR for word in ("--set", change)]
+    return ["--weights", "2x2", "--fronts", "3", *(word for change in NEAR for word in ("--set", change))]
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +65,12 @@ def test_claims_that_do_not_hold_are_a_result(ran: Result, data: dict[str, Any])
 
 
 def test_it_leaves_a_report_and_the_logs_and_nothing_else(ran: Result, folder: Path) -> None:
-    assert {path.name for path in (folder / "out").iterdir()} == {"report.html", "runs.h5"}
+    assert {path.name for path in (folder / "out").iterdir()} == {
+        "report.html",
+        "runs.h5",
+        "weights.h5",
+        "fronts.h5",
+    }
     assert list(read_comparison(folder / "out" / "runs.h5")) == list(METHODS)
 
 
@@ -82,6 +90,38 @@ def test_the_report_says_the_same(ran: Result, data: dict[str, Any], folder: Pat
 def test_the_changes_are_told(ran: Result, data: dict[str, Any], folder: Path) -> None:
     assert data["changes"] == list(NEAR)
     assert "--set controller.nodes=4" in (folder / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_sweep_of_the_weights_is_one_like_any_other(ran: Result, data: dict[str, Any], folder: Path) -> None:
+    cells = sweep_cells(read_sweep(folder / "out" / "weights.h5"))
+    assert cells.omega.tolist() == [[1e-3, 1e-3], [1e3, 1e-3], [1e-3, 1e3], [1e3, 1e3]]
+    assert not cells.waiting.any()
+    assert data["weights"]["digest"] == cells.results.attributes["digest"]
+    assert "--weights 2x2" in (folder / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_fronts_are_a_study_of_the_psmpc_run(ran: Result, data: dict[str, Any], folder: Path) -> None:
+    results, log = read_pareto(folder / "out" / "fronts.h5"), read_comparison(folder / "out" / "runs.h5")["psmpc"]
+    assert results.attributes["digest"] == log.attributes["digest"]
+    assert set(results["instant"]) <= set(log.time)
+    assert [sample["instant"] for sample in data["fronts"]["samples"]] == results["instant"].tolist()
+    assert [claim["id"] for claim in data["claims"]][-2:] == ["fronts.with_ratio", "fronts.with_time"]
+    report = (folder / "out" / "report.html").read_text(encoding="utf-8")
+    assert "--fronts 3" in report
+    assert "Fig. 7 of the paper" in report
+
+
+def test_two_points_are_no_front(tmp_path: Path) -> None:
+    refused = psmpc("-o", tmp_path / "out", "--fronts", "2")
+    assert refused.exit_code == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_no_grid_of_weights_is_refused_before_the_runs(tmp_path: Path) -> None:
+    refused = psmpc("-o", tmp_path / "out", "--weights", "many")
+    assert isinstance(refused.exception, InputError)
+    assert "25x25" in str(refused.exception)
+    assert not (tmp_path / "out").exists()
 
 
 def test_nothing_is_overwritten_unasked(ran: Result, folder: Path) -> None:
@@ -127,7 +167,14 @@ def test_ablations_join_the_report(tmp_path: Path) -> None:
         assert ablation["sentence"] in ran.stdout
         assert f"Ablation of the {ablation['name'].replace('_', ' ')}" in report
     figures = {f"ablation_{ablation['name']}.png" for ablation in ablations}
-    assert {path.name for path in tmp_path.iterdir()} == {"report.html", "runs.h5", "claims.json", *figures}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "report.html",
+        "runs.h5",
+        "weights.h5",
+        "fronts.h5",
+        "claims.json",
+        *figures,
+    }
 
 
 def test_figures_of_ablations_are_not_overwritten_unasked(tmp_path: Path) -> None:

@@ -7,10 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from psmpc_cli.experiment.sweep_cells import sweep_cells
 from psmpc_cli.logs.read import Log, read_log
-from psmpc_cli.studies.reproduce import Reproduction, judge_claims
+from psmpc_cli.studies.reproduce import Reproduction, judge_claims, judge_pareto, judge_sweep
 
 from ..figures.made_up import Story, write_story
+from ..made_up_fronts import made_up_fronts
+from ..made_up_sweep import made_up_sweep
 
 CREATED = "2030-01-02T03:04:05+00:00"
 
@@ -38,4 +41,6 @@ def made_up(path: Path, method: str) -> Log:
 @pytest.fixture(scope="session")
 def reproduction(tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
     folder = tmp_path_factory.mktemp("made_up")
-    return judge_claims({name: made_up(folder / f"{name}.h5", name) for name in STORIES}, (HOSTILE,))
+    judged = judge_claims({name: made_up(folder / f"{name}.h5", name) for name in STORIES}, (HOSTILE,))
+    judged = judge_sweep(judged, sweep_cells(made_up_sweep(folder / "weights.h5", "5x5", failed=(3,))))
+    return judge_pareto(judged, made_up_fronts(folder / "fronts.h5", failed=(1,)))

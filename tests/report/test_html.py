@@ -91,7 +91,7 @@ def test_the_page_is_whole(text: str, tree: Node) -> None:
 
 def test_every_image_is_in_the_page_and_described(tree: Node) -> None:
     images = list(tree.all("img"))
-    assert len(images) == 11
+    assert len(images) == 16
     for image in images:
         kind, _, data = image.attributes["src"].partition(",")
         assert kind == "data:image/png;base64"

@@ -7,11 +7,27 @@ from typing import Any
 import pytest
 
 from psmpc_cli.errors import InputError, SpecError
+from psmpc_cli.experiment.sweep_cells import sweep_cells
+from psmpc_cli.logs.comparison import merge_logs, read_comparison
+from psmpc_cli.logs.read import read_log
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.claim_table import HEADINGS, as_data, cells, shown
 from psmpc_cli.studies.claims import Claim
 from psmpc_cli.studies.findings import Finding
-from psmpc_cli.studies.reproduce import METHODS, JudgedClaim, Reproduction, load_variants
+from psmpc_cli.studies.reproduce import (
+    METHODS,
+    JudgedClaim,
+    Reproduction,
+    add_fronts,
+    judge_pareto,
+    judge_sweep,
+    load_variants,
+    load_weights_sweep,
+)
+
+from ..made_up_fronts import made_up_fronts
+from ..made_up_sweep import made_up_sweep
+from .there_and_back_run import run_there_and_back
 
 CLAIM = Claim("a.b", "a", "times", "a happens", "section IV")
 
@@ -34,6 +50,54 @@ def test_the_runs_differ_in_the_controller_alone() -> None:
     assert {task.spec.controller.nodes for task in tasks.values()} == {7}
     own = {task.spec.model_copy(update={"controller": None}).model_dump_json() for task in tasks.values()}
     assert len(own) == 1
+
+
+def test_the_sweep_takes_the_changes_that_are_about_how_tasks_are_run() -> None:
+    changes = ["controller.nodes=7", "plant={kind: ideal}", "stages.transport.priority=3", "time_limit=5"]
+    sweep = load_weights_sweep(changes, "3x3")
+    spec, own = sweep.task.spec, load_task("approach_capture").spec
+    assert (spec.controller.nodes, spec.plant.kind) == (7, "ideal")
+    assert (spec.stages, spec.time_limit) == (own.stages, own.time_limit)
+    assert sweep.stages == (0, 1)
+    assert (sweep.sampling.omega.min(), sweep.sampling.omega.max()) == (1e-3, 1e3)
+
+
+def test_the_sweep_is_in_the_json(tmp_path: Path) -> None:
+    cells = sweep_cells(made_up_sweep(tmp_path / "weights.h5", "3x3", failed=(1,)))
+    found = as_data(judge_sweep(Reproduction((), {}, ()), cells), "now")
+    assert found["weights"]["failed_cells"] == 1
+    assert found["weights"]["sampling"] == "3x3"
+    assert found["weights"]["recommended"] == pytest.approx(1e3)
+    assert [claim["id"].partition(".")[0] for claim in found["claims"]] == ["weights"] * 4
+
+
+def test_the_fronts_are_in_the_json(tmp_path: Path) -> None:
+    results = made_up_fronts(tmp_path / "fronts.h5", failed=(1,))
+    found = json.loads(json.dumps(as_data(judge_pareto(Reproduction((), {}, ()), results), "now"), allow_nan=False))
+    assert found["fronts"]["stages"] == ["approach", "capture"]
+    assert [sample["failed"] for sample in found["fronts"]["samples"]] == [0, 7, 0]
+    assert found["fronts"]["samples"][1]["J_1"] is None
+    assert [claim["id"] for claim in found["claims"]] == ["fronts.with_ratio", "fronts.with_time"]
+
+
+def test_the_fronts_are_found_from_the_run_there_is(tmp_path: Path) -> None:
+    merge_logs({"psmpc": run_there_and_back(tmp_path)}, tmp_path / "out" / "runs.h5")
+    reproduction = Reproduction((), read_comparison(tmp_path / "out" / "runs.h5"), ())
+    found = add_fronts(reproduction, tmp_path / "out", 3, jobs=1)
+    assert found.fronts is not None
+    assert found.fronts["weighted_J_1"].shape == (5, 3)
+    assert len(found.judged) == 2
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"runs.h5", "fronts.h5"}
+
+
+def test_a_run_without_such_a_window_has_no_fronts_and_none_of_an_earlier_run(tmp_path: Path) -> None:
+    made_up_fronts(tmp_path / "fronts.h5")
+    log = read_log(run_there_and_back(tmp_path, "controller.kind=hard"))
+    found = add_fronts(Reproduction((), {"psmpc": log}, ()), tmp_path, 3, force=True, jobs=1)
+    assert found.fronts is None
+    assert [judged.finding.holds for judged in found.judged] == [False, False]
+    assert as_data(found, "now")["fronts"] is None
+    assert not (tmp_path / "fronts.h5").exists()
 
 
 def test_the_runs_follow_starts_beyond_the_thresholds_of_the_task() -> None:
@@ -59,6 +123,8 @@ def test_a_file_of_the_same_name_does_not_stand_in_for_the_task(
 def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(InputError, match=r"controller\.kind"):
         load_variants(["controller.kind=hard"])
+    with pytest.raises(InputError, match=r"log\.plans"):
+        load_variants(["log.plans=false"])
     with pytest.raises(SpecError, match="nodse"):
         load_variants(["controller.nodse=7"])
     with pytest.raises(SpecError):

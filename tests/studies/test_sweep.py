@@ -176,4 +176,4 @@ def test_with_a_small_pending_cost_every_window_is_solved_from_several_guesses(t
     results = read_sweep(path)
     assert np.all(results["status"] == COMPUTED)
     assert np.all(results["basin_changes"] >= 0)
-    assert np.any(results["basin_changes"] > 0), "with a high ratio the last plan's own basin is the lesser one at first"
+    assert np.any(results["basin_changes"] > 0), "a high ratio makes the last plan's basin the lesser one"

@@ -22,7 +22,7 @@ help:
 	@echo 'make test    the tests'
 	@echo 'make check   format, lint, types and the import rules'
 	@echo 'make build   the wheel, tried out in an empty environment'
-	@echo 'make baseline     benchmarks/baseline.yaml anew: the table changes are compared with (some 3 minutes)'
+	@echo 'make baseline     benchmarks/{baseline,weights}.yaml anew: the tables changes are compared with (some 5 minutes)'
 	@echo 'make calibration  benchmarks/calibration.yaml anew: the scan behind the transport task (some 10 minutes)'
 	@echo 'make pin     constraints.txt anew, from the newest versions'
 	@echo 'make clean   removes the environment, the wheel and the caches (runs/ stays)'
@@ -56,6 +56,7 @@ build: $(READY)
 
 baseline: $(READY)
 	$(BIN)/python benchmarks/baseline.py
+	$(BIN)/python benchmarks/weights.py
 
 calibration: $(READY)
 	$(BIN)/python benchmarks/calibration.py

@@ -1,4 +1,4 @@
-"""Measures when Capture starts under different ratios of the priorities, and writes the table later work is held against.
+"""Measures when Capture starts under different ratios of the priorities: the table later work is held against.
 
     python benchmarks/weights.py          writes benchmarks/weights.yaml
 
@@ -28,7 +28,10 @@ SETTINGS = {
         *(f"stages.{stage}.ends_when.tolerance=3e-3" for stage in ("approach", "capture")),
     ],
 }
-HEADER = "# Actual start of Capture [s] by omega_2/omega_1, one column a threshold epsilon [rad/s^2]. Written by `make baseline`.\n"
+HEADER = (
+    "# Actual start of Capture [s] by omega_2/omega_1, one column a threshold epsilon [rad/s^2].\n"
+    "# Written by `make baseline`.\n"
+)
 
 
 def table(results: Results) -> dict[str, object]:

@@ -6,7 +6,22 @@ import sys
 import typer
 
 from psmpc_cli import __version__
-from psmpc_cli.cli import check, compare, init, plot, reproduce, schema, show, simulate
+from psmpc_cli.cli import (
+    check,
+    compare,
+    compile,
+    init,
+    pareto,
+    plot,
+    replay,
+    reproduce,
+    rerun,
+    schema,
+    show,
+    simulate,
+    sweep_weights,
+    verify,
+)
 from psmpc_cli.errors import PsmpcError, SpecError
 
 app = typer.Typer(
@@ -21,9 +36,15 @@ app = typer.Typer(
 for command in (
     simulate.simulate,
     compare.compare,
+    pareto.pareto,
+    sweep_weights.sweep_weights,
     check.check,
+    compile.compile,
     plot.plot,
     reproduce.reproduce,
+    replay.replay,
+    rerun.rerun,
+    verify.verify,
     show.show,
     init.init,
     schema.schema,

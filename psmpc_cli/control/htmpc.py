@@ -23,6 +23,7 @@ from psmpc_cli.ocp.lexicographic import (
 )
 from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.stage_integrals import stage_integrals
 from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.solvers import Guess, Solver, build_solver
 from psmpc_cli.specs.task import ControllerSpec, HtmpcSpec
@@ -65,7 +66,7 @@ class HierarchicalController(SwitchingController):
         """Return the window over the current stage as a level; its cost without the terminal one."""
         window, solution = solved.window, solved.solution
         nlp, _ = self.windows.compiled(self.windows.shape(window))
-        cost = np.asarray(nlp.stage_costs(solution.z, solved.parameters)).ravel()
+        cost = stage_integrals(nlp, self.costs, solution.z, solved.parameters)
         return LevelResult(
             window.stages[0].index, solution.outcome, cost, solution.iterations, solution.wall_time, solved.plan
         )

@@ -27,7 +27,7 @@ def shift_multipliers(nlp: Nlp, z: np.ndarray, window: Window, before: Window, s
 
 def _node_times(layout: Layout, window: Window, z: np.ndarray) -> np.ndarray:
     tau = z[layout.duration_index[0]]
-    return window.start + mesh(np.r_[tau, window.horizon - tau.sum()], layout.nodes)
+    return window.start + mesh(np.append(tau, window.horizon - tau.sum()), layout.nodes)
 
 
 def _same_node(layout: Layout, old: np.ndarray, new: np.ndarray) -> np.ndarray:

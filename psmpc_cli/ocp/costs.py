@@ -5,6 +5,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
+from psmpc_cli.native.arrays import RowFunction
 from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.robot.model import RobotModel
@@ -18,30 +19,35 @@ class StageCosts:
         self._error = cache(self._build_error)
         self._pose_acceleration = cache(self._build_pose_acceleration)
 
-    def _build_error(self, space: str) -> tuple[ca.Function, ca.Function]:
+    def _build_error(self, space: str) -> tuple[RowFunction, RowFunction]:
         skill, n = SKILLS[space], self.model.n
         Q, Qdot = ca.SX.sym("Q", n), ca.SX.sym("Qdot", n)
         target = ca.SX.sym("target", skill.rows(self.model))
-        error = ca.Function("error", [Q, target], [skill.error(self.model, Q, target)])
-        return error, ca.Function("rate", [Q, Qdot], [skill.rate(self.model, Q, Qdot)])
+        error = ca.Function("error", [Q, target], [ca.densify(skill.error(self.model, Q, target))])
+        rate = ca.Function("rate", [Q, Qdot], [ca.densify(skill.rate(self.model, Q, Qdot))])
+        return RowFunction(error), RowFunction(rate)
 
-    def _build_pose_acceleration(self) -> ca.Function:
+    def _build_pose_acceleration(self) -> RowFunction:
         Q, Qdot, u = (ca.SX.sym(name, self.model.n) for name in ("Q", "Qdot", "u"))
-        return ca.Function("a", [Q, Qdot, u], [self.model.J_C(Q) @ u + self.model.Jdot_Qdot(Q, Qdot)])
+        acceleration = self.model.J_C(Q) @ u + self.model.Jdot_Qdot(Q, Qdot)
+        return RowFunction(ca.Function("a", [Q, Qdot, u], [ca.densify(acceleration)]))
 
     def errors(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return the stage's error at each state (K, rows) [m, rad]; X is (K, 2n).
 
         Against what its cost follows at times `since` its start (K,) [s]; without them against its target.
         """
-        error, _ = self._error(stage.space)
-        reference = np.tile(stage.target, (len(X), 1)) if since is None else stage.reference(since)
-        return np.asarray(error(X[:, : self.model.n].T, reference.T)).T
+        return self.errors_from(stage.space, X, stage.target if since is None else stage.reference(since))
+
+    def errors_from(self, space: str, X: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """Return the error in a space at each state (K, rows) [m, rad], from a reference (K, rows) or (rows,)."""
+        error, _ = self._error(space)
+        return error(X[:, : self.model.n], reference, rows=len(X))[0]
 
     def rates(self, stage: Stage, X: np.ndarray) -> np.ndarray:
         """Return the rate of the stage's error at each state (K, rows) [m/s, rad/s]."""
         _, rate = self._error(stage.space)
-        return np.asarray(rate(X[:, : self.model.n].T, X[:, self.model.n :].T)).T
+        return rate(X[:, : self.model.n], X[:, self.model.n :], rows=len(X))[0]
 
     def along(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return Lbar at the nodes (K + 1,) of X (K + 1, 2n), u (K, n); the last control counts twice."""
@@ -57,7 +63,7 @@ class StageCosts:
     def task_acceleration(self, X: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return the acceleration of xi (K, m) that Qddot = u means: J_C u + Jdot_C Qdot."""
         n = self.model.n
-        return np.asarray(self._pose_acceleration()(X[:, :n].T, X[:, n:].T, u.T)).T
+        return self._pose_acceleration()(X[:, :n], X[:, n:], u, rows=len(X))[0]
 
     def met(self, stage: Stage, X: np.ndarray, margin: float = 1.0) -> np.ndarray:
         """Return whether the end condition (18) holds at each state (K,), its tolerances widened by `margin`."""

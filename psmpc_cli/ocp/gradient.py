@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.ocp.layout import WindowShape
-from psmpc_cli.ocp.transcription import stage_functions
+from psmpc_cli.ocp.stage_functions import stage_functions
 from psmpc_cli.ocp.window import Window, desired_paths
 from psmpc_cli.robot.model import RobotModel
 

@@ -97,6 +97,6 @@ class Layout:
 
 def mesh(durations: np.ndarray, nodes: tuple[int, ...]) -> np.ndarray:
     """Return the node times (K + 1,) [s] from the start of the window; `durations` of all stages. Paper eq. (19)."""
-    ends = np.r_[0.0, np.cumsum(durations)]
+    ends = np.concatenate([[0.0], np.cumsum(durations)])
     pieces = [a + (b - a) * np.arange(1, N + 1) / N for a, b, N in zip(ends[:-1], ends[1:], nodes, strict=True)]
     return np.concatenate([[0.0], *pieces])

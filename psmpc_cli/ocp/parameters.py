@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import casadi as ca
+import numpy as np
 
 from psmpc_cli.ocp.layout import Layout, WindowShape
 
@@ -60,6 +61,29 @@ def symbolic_parameters(shape: WindowShape, layout: Layout) -> Parameters[ca.SX]
         control_weights=tuple(ca.SX.sym(f"W_r_{s}", layout.inputs[s]) for s in stages),
         targets=tuple(ca.SX.sym(f"target_{s}", layout.rows[s]) for s in stages),
         paths=tuple(ca.SX.sym(f"path_{s}", layout.rows[s], columns[s]) for s in stages),
+    )
+
+
+def split_parameters(p: np.ndarray, shape: WindowShape, layout: Layout) -> Parameters[np.ndarray]:
+    """Return the pieces of a parameter vector: scalars, vectors and, column by column as they stand, matrices."""
+    S1, moving = layout.switches + 1, [stage.moving for stage in shape.stages]
+    columns = [2 * (N + 1) if moves else 0 for N, moves in zip(shape.nodes, moving, strict=True)]
+    sizes = [2 * layout.n, 1, 1, 1, S1, S1, S1, *layout.rows, *layout.inputs, *layout.rows]
+    sizes += [rows * count for rows, count in zip(layout.rows, columns, strict=True)]
+    x0, horizon, pending, terminal, omega, offset, scale, *rest = np.split(p, np.cumsum(sizes)[:-1])
+    paths = [piece.reshape(-1, rows).T for piece, rows in zip(rest[3 * S1 :], layout.rows, strict=True)]
+    return Parameters(
+        x0=x0,
+        horizon=horizon[0],
+        pending=pending[0],
+        terminal=terminal[0],
+        omega=omega,
+        offset=offset,
+        scale=scale,
+        weights=tuple(rest[:S1]),
+        control_weights=tuple(rest[S1 : 2 * S1]),
+        targets=tuple(rest[2 * S1 : 3 * S1]),
+        paths=tuple(paths),
     )
 
 

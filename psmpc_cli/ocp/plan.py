@@ -33,7 +33,7 @@ class Plan:
 
     def intervals_at(self, times: np.ndarray) -> np.ndarray:
         """Return the interval that holds just after each time, clipped to the plan's."""
-        return np.clip(np.searchsorted(self.times, times + 1e-12, side="right") - 1, 0, len(self.u) - 1)
+        return np.asarray(np.searchsorted(self.times[1:-1], times + 1e-12, side="right"))
 
     def control_at(self, times: np.ndarray) -> np.ndarray:
         """Return the acceleration just after each time (len(times), n); zero past the plan's end."""
@@ -43,21 +43,24 @@ class Plan:
 
     def states_at(self, times: np.ndarray) -> np.ndarray:
         """Return the states (len(times), 2n), exact between the nodes; past its end the robot coasts."""
-        n = self.u.shape[1]
-        k = self.intervals_at(times)
+        n, k = self.u.shape[1], self.intervals_at(times)
+        X, u, since = self.X[k], self.u[k], (times - self.times[k])[:, None]
         past = times >= self.end - 1e-12
-        since = np.where(past, times - self.end, times - self.times[k])[:, None]
-        X, u = np.where(past[:, None], self.X[-1], self.X[k]), np.where(past[:, None], 0.0, self.u[k])
-        Q, Qdot = X[:, :n], X[:, n:]
-        return np.hstack([Q + since * Qdot + since**2 / 2 * u, Qdot + since * u])
+        if past.any():
+            X[past], u[past], since[past, 0] = self.X[-1], 0.0, times[past] - self.end
+        X[:, :n] += since * X[:, n:] + since**2 / 2 * u
+        X[:, n:] += since * u
+        return np.asarray(X)
 
     def mean_control(self, edges: np.ndarray) -> np.ndarray:
         """Return the mean acceleration between consecutive edges (len(edges) - 1, n); zero past the plan's end.
 
         Nodes and ticks do not align; the mean keeps the velocities at the ticks equal to the plan's.
         """
-        impulse = np.vstack([np.zeros(self.u.shape[1]), np.cumsum(np.diff(self.times)[:, None] * self.u, axis=0)])
-        at = np.column_stack([np.interp(edges, self.times, column) for column in impulse.T])
+        impulse = np.zeros_like(self.u)
+        np.cumsum(np.diff(self.times)[:-1, None] * self.u[:-1], axis=0, out=impulse[1:])
+        k = self.intervals_at(edges)
+        at = impulse[k] + (np.minimum(edges, self.end) - self.times[k])[:, None] * self.u[k]
         return np.asarray(np.diff(at, axis=0) / np.diff(edges)[:, None])
 
 
@@ -74,7 +77,7 @@ def shift(plan: Plan, now: float, horizon: float, x: np.ndarray) -> Plan:
     """Return the plan from now on, begun at the measured state x (2n,) and extended to the horizon's new end."""
     end = now + horizon
     inside = plan.times[(plan.times > now + 1e-9) & (plan.times < end - 1e-9)]
-    times = np.r_[now, inside, end]
+    times = np.concatenate([[now], inside, [end]])
     X = plan.states_at(times)
     X[0] = x
     return Plan(times, X, plan.control_at(times[:-1]), plan.instants[plan.instants > now])

@@ -135,14 +135,14 @@ def bounds(nlp: Nlp, window: Window) -> Bounds:
     lbx, ubx = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
     for s, stage in enumerate(window.stages):
         nodes = layout.state_index[layout.first_node[s] : layout.first_node[s + 1] + 1]
-        lbx[nodes] = np.maximum(lbx[nodes], np.r_[stage.limits.position_low, stage.limits.velocity_low])
-        ubx[nodes] = np.minimum(ubx[nodes], np.r_[stage.limits.position_high, stage.limits.velocity_high])
+        lbx[nodes] = np.maximum(lbx[nodes], np.concatenate([stage.limits.position_low, stage.limits.velocity_low]))
+        ubx[nodes] = np.minimum(ubx[nodes], np.concatenate([stage.limits.position_high, stage.limits.velocity_high]))
         if stage.input == "joint":
             inputs = layout.input_index(s)
             lbx[inputs], ubx[inputs] = stage.limits.acceleration_low, stage.limits.acceleration_high
     lbx[layout.state_index[0]], ubx[layout.state_index[0]] = -np.inf, np.inf
-    lbx[layout.duration_index[0]] = _shortest(window)[:-1]
-    lbg, ubg = np.zeros(nlp.g.shape[0]), np.zeros(nlp.g.shape[0])
+    lbx[layout.duration_index[0]] = shortest_durations(window)[:-1]
+    lbg, ubg = np.zeros(len(nlp.equality)), np.zeros(len(nlp.equality))
     if nlp.last_duration_row is not None:
         lbg[nlp.last_duration_row], ubg[nlp.last_duration_row] = SHORTEST, np.inf
     for s, row in nlp.instant_rows.items():
@@ -161,7 +161,7 @@ def end_tolerance(stage: Stage) -> np.ndarray:
     return np.concatenate([stage.tolerance, np.full(len(stage.end_rows), stage.end_velocity)])
 
 
-def _shortest(window: Window) -> np.ndarray:
+def shortest_durations(window: Window) -> np.ndarray:
     """Return the shortest duration of each stage (S + 1,): eps, or what is left of its dwell time."""
     dwell = np.array([stage.dwell for stage in window.stages])
     dwell[0] -= window.elapsed
@@ -171,7 +171,7 @@ def _shortest(window: Window) -> np.ndarray:
 
 def durations(instants: np.ndarray, start: float, horizon: float) -> np.ndarray:
     """Return the durations (S + 1,) [s] between start, the instants and the end of the horizon."""
-    return np.asarray(np.diff(np.r_[start, instants, start + horizon]))
+    return np.asarray(np.diff(instants, prepend=start, append=start + horizon))
 
 
 def pack_guess(nlp: Nlp, window: Window, guess: Plan, instants: np.ndarray, costs: StageCosts) -> np.ndarray:
@@ -197,7 +197,7 @@ def unpack_plan(nlp: Nlp, window: Window, z: np.ndarray) -> Plan:
     layout: Layout = nlp.layout
     tau = z[layout.duration_index[0]]
     instants = window.start + np.cumsum(tau)
-    times = window.start + mesh(np.r_[tau, window.horizon - tau.sum()], layout.nodes)
+    times = window.start + mesh(np.append(tau, window.horizon - tau.sum()), layout.nodes)
     X = z[layout.state_index]
     u = np.zeros((layout.K, layout.n))
     for s, stage in enumerate(window.stages):

@@ -8,7 +8,7 @@ import pytest
 
 from psmpc_cli.cli.main import app
 
-HEAVY = {"casadi", "h5py", "joblib", "matplotlib", "mujoco", "numpy", "pydantic", "rich", "yaml"}
+HEAVY = {"casadi", "dask", "distributed", "h5py", "joblib", "matplotlib", "mujoco", "numpy", "pydantic", "rich", "yaml"}
 
 REPORT = """
 import json, sys
@@ -21,7 +21,11 @@ finally:
 """
 """Runs the command line; its last line names the packages imported by then."""
 
-COMMANDS = [command.name or command.callback.__name__ for command in app.registered_commands if command.callback]
+COMMANDS = [
+    command.name or command.callback.__name__.replace("_", "-")
+    for command in app.registered_commands
+    if command.callback
+]
 
 
 def imported_by(*arguments: str) -> set[str]:

@@ -1,10 +1,11 @@
-"""A sweep that is killed, all its processes at once, and goes on."""
+"""A sweep that is ended from outside, all its processes at once, and goes on."""
 
 import os
 import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -72,3 +73,16 @@ def test_a_killed_sweep_loses_no_run_that_has_ended_and_goes_on_to_the_same_file
     for name, quantity in whole.quantities.items():
         if "wall time" not in quantity.long_name:
             np.testing.assert_array_equal(killed[name], quantity.values, err_msg=name)
+
+
+def test_ctrl_c_ends_a_sweep_in_the_midst_of_a_solve(start: Start, tmp_path: Path) -> None:
+    process = start("sweep.h5")
+    assert process.stderr is not None
+    assert process.stderr.readline() == "0 of 5 runs\n"
+    time.sleep(1)
+    os.killpg(process.pid, signal.SIGINT)
+    code, err = finish(process)
+    assert code == 130
+    assert err.splitlines()[-1].endswith("sweep.h5 holds what was done: go on with --resume")
+    assert "Traceback" not in err
+    assert WAITING in read_sweep(tmp_path / "sweep.h5")["status"]

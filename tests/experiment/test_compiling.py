@@ -25,7 +25,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 def first_samples(experiment: Experiment) -> list[Record]:
-    return list(islice(simulate(experiment), 60))
+    return list(islice(simulate(experiment), 80))
 
 
 def test_compiled_and_interpreted_runs_agree(experiment_of: Callable[..., Experiment]) -> None:

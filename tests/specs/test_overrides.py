@@ -104,7 +104,7 @@ def test_without_overrides_the_text_is_the_file() -> None:
         (
             "solver.kindd=ipopt",
             'solver.kindd: found an unknown key (did you mean "kind"?), '
-            "expected one of kind, tolerance, max_iterations, iterations, deadline",
+            "expected one of kind, tolerance, max_iterations, iterations, deadline, compiled",
         ),
         (
             "stages.release.skill=reech",

@@ -41,7 +41,7 @@ demo: $(READY)
 	@ls -1 runs/transport.h5 runs/transport/*.png
 
 test: $(READY)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
 
 check: $(READY)
 	$(BIN)/ruff format --check .

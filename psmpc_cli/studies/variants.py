@@ -36,7 +36,7 @@ def run_variants(
     Raises:
         RunError: A log could not be written, or processes are ended from outside again and again.
     """
-    paths = log_paths(variants, directory)
+    paths = log_paths(variants, directory.absolute())  # processes kept from before may stand elsewhere
     chosen = [Variant(name, task, paths[name]) for name, task in variants.items()]
     for _, name in LocalCalls(jobs).each(_run, chosen):
         done(name)

@@ -29,6 +29,10 @@ RUNS = {
 }
 
 
+SOLVED_TO_THE_END = ("psmpc", "smpc")
+"""The variants with the shipped solver; the others with one iteration a sample have to come out the same."""
+
+
 @pytest.fixture(scope="module")
 def log_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Log]:
     """Run each variant once."""
@@ -37,7 +41,8 @@ def log_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Log]:
     def get(name: str) -> Log:
         if name not in logs:
             path = tmp_path_factory.mktemp("runs") / "run.h5"
-            run(load_task("transport", (*RUNS[name], "log.plans=false")), path)
+            solver = () if name in SOLVED_TO_THE_END else ("solver.kind=sqp",)
+            run(load_task("transport", (*RUNS[name], *solver, "log.plans=false")), path)
             logs[name] = read_log(path)
         return logs[name]
 
@@ -156,7 +161,8 @@ def test_the_runs_are_where_the_baseline_has_them(log_of: Callable[[str], Log], 
     summary, baseline = summarize(log_of(name)), BASELINE[name]
     assert ends(summary) == pytest.approx(baseline["switch_time"], abs=0.05)
     assert starts(summary) == pytest.approx(baseline["actual_start"], abs=0.15)
-    assert summary.control_effort == pytest.approx(baseline["control_effort"], rel=0.03)
+    effort = baseline["control_effort"]
+    assert summary.control_effort == pytest.approx(effort, rel=0.03 if name in SOLVED_TO_THE_END else 0.05)
     assert summary.base_force == pytest.approx(baseline["base_force"], rel=0.03)
     distances = dict(zip(ends(summary), summary.distances, strict=True))
     assert distances == pytest.approx(baseline["gripper_distance"], abs=0.02)

@@ -1,12 +1,10 @@
 from pathlib import Path
 
-import h5py
 import numpy as np
-import pytest
 
 from psmpc_cli.logs.read import read_log
 
-from .on_a_log import COMPARISON, Psmpc, is_refused, part, psmpc
+from .on_a_log import Psmpc, part, psmpc
 
 __all__ = ["part", "psmpc"]
 
@@ -38,25 +36,3 @@ def test_a_problem_is_exported(psmpc: Psmpc, part: Path) -> None:
     again = psmpc("replay", "part.h5", "--step", "5", "--export", "bugs/problem.npz")
     assert (again.code, again.stdout) == (2, "")
     assert again.stderr == "psmpc: bugs/problem.npz exists already: choose another file with --export\n"
-
-
-REFUSED = [
-    (("replay", "part.h5", "--step", "6"), "part.h5: found no sample 6; expected one from 0 to 5"),
-    (("replay", "part.h5", "--step", "2", "--solver", "nlp"), 'solver.kind: found the text "nlp", expected one of'),
-    (("replay", "part.h5", "--step", "2", "--solver", "a=b"), "--solver: found 'a=b', expected the name of a solver"),
-]
-
-
-@pytest.mark.parametrize(("arguments", "message"), REFUSED, ids=[" ".join(arguments) for arguments, _ in REFUSED])
-def test_bad_input_is_refused_in_one_message(
-    psmpc: Psmpc, part: Path, arguments: tuple[str, ...], message: str
-) -> None:
-    before = part.read_bytes()
-    assert is_refused(psmpc(*arguments), message)
-    assert part.read_bytes() == before
-
-
-def test_a_comparison_is_no_log(psmpc: Psmpc, part: Path) -> None:
-    with h5py.File(part, "r+") as file:
-        file.attrs["kind"] = "comparison"
-    assert is_refused(psmpc("replay", "part.h5", "--step", "0"), COMPARISON)

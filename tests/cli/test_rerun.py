@@ -1,9 +1,8 @@
 from pathlib import Path
 
 import h5py
-import pytest
 
-from .on_a_log import COMPARISON, Psmpc, is_refused, part, psmpc
+from .on_a_log import Psmpc, part, psmpc
 
 __all__ = ["part", "psmpc"]
 
@@ -20,23 +19,3 @@ def test_a_rerun_says_whether_everything_is_equal(psmpc: Psmpc, part: Path) -> N
     assert "differs: 1 of " in ran.stdout
     assert psmpc("rerun", "again.h5", "--quiet", "--strict").code == 1
     assert sorted(path.name for path in Path().glob("*.h5")) == ["again.h5", "part.h5"]
-
-
-REFUSED = [
-    (("rerun", "part.h5", "-o", "part.h5"), "part.h5 exists already"),
-]
-
-
-@pytest.mark.parametrize(("arguments", "message"), REFUSED, ids=[" ".join(arguments) for arguments, _ in REFUSED])
-def test_bad_input_is_refused_in_one_message(
-    psmpc: Psmpc, part: Path, arguments: tuple[str, ...], message: str
-) -> None:
-    before = part.read_bytes()
-    assert is_refused(psmpc(*arguments), message)
-    assert part.read_bytes() == before
-
-
-def test_a_comparison_is_no_log(psmpc: Psmpc, part: Path) -> None:
-    with h5py.File(part, "r+") as file:
-        file.attrs["kind"] = "comparison"
-    assert is_refused(psmpc("rerun", "part.h5"), COMPARISON)

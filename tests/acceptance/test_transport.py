@@ -42,7 +42,7 @@ def log_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Log]:
         if name not in logs:
             path = tmp_path_factory.mktemp("runs") / "run.h5"
             solver = () if name in SOLVED_TO_THE_END else ("solver.kind=sqp",)
-            run(load_task("transport", (*RUNS[name], *solver, "log.plans=false")), path)
+            run(load_task("transport", (*RUNS[name], *solver, "log.plans=false", "log.shares=false")), path)
             logs[name] = read_log(path)
         return logs[name]
 

@@ -5,7 +5,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -79,7 +78,7 @@ def test_ctrl_c_ends_a_sweep_in_the_midst_of_a_solve(start: Start, tmp_path: Pat
     process = start("sweep.h5")
     assert process.stderr is not None
     assert process.stderr.readline() == "0 of 5 runs\n"
-    time.sleep(1)
+    assert process.stderr.readline().startswith("1 of 5 runs")  # the processes have started, and solve
     os.killpg(process.pid, signal.SIGINT)
     code, err = finish(process)
     assert code == 130

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from psmpc_cli.cli.options import Changes, Figures, Jobs
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -21,13 +23,9 @@ def compare(
         typer.Option("-o", "--output", metavar="FILE", help="File of all logs. Default: runs/<task>-comparison.h5."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier comparison and its figures.")] = False,
-    changes: Annotated[
-        list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change any key of the task; repeatable.")
-    ] = None,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Processes at once. Default: one a core.", show_default=False)
-    ] = None,
-    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures beside the file.")] = True,
+    changes: Changes = None,
+    jobs: Jobs = None,
+    figures: Figures = True,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no table.")] = False,
 ) -> None:
     """Run controllers on the identical task, and lay their results side by side: a table, one file, figures."""

@@ -5,12 +5,12 @@ from typing import Annotated
 
 import typer
 
+from psmpc_cli.cli.options import Changes
+
 
 def compile(
     task: Annotated[str, typer.Argument(help="A task: YAML file or built-in name.", show_default=False)],
-    changes: Annotated[
-        list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change any key of the task; repeatable.")
-    ] = None,
+    changes: Changes = None,
 ) -> None:
     """Compile what a task's solver and plant need, and say where it is, how large, and how long it took."""
     from psmpc_cli.cli.summary import print_table

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from psmpc_cli.cli.options import Changes, Figures, Jobs
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -38,13 +39,9 @@ def pareto(
     ] = None,
     log: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep the log of the closed loop here.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results and figures.")] = False,
-    changes: Annotated[
-        list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change any key of the task; repeatable.")
-    ] = None,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Processes at once. Default: one a core.", show_default=False)
-    ] = None,
-    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures beside the file.")] = True,
+    changes: Changes = None,
+    jobs: Jobs = None,
+    figures: Figures = True,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no table.")] = False,
 ) -> None:
     """Find what two stages cost at each other's expense: Pareto fronts at several samples of a run."""

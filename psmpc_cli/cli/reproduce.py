@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from psmpc_cli.cli.options import Changes, Jobs
+
 if TYPE_CHECKING:
     from psmpc_cli.studies.reproduce import Reproduction
 
@@ -30,12 +32,8 @@ def reproduce(
     ] = 13,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 if a claim does not hold.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier reproduction.")] = False,
-    changes: Annotated[
-        list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change any key of the task; repeatable.")
-    ] = None,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Processes at once. Default: one a core.", show_default=False)
-    ] = None,
+    changes: Changes = None,
+    jobs: Jobs = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no table.")] = False,
 ) -> None:
     """Run what the paper's claims need: a table of published against reproduced, and a report with the figures."""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from psmpc_cli.cli.options import Changes
 from psmpc_cli.cli.outputs import refuse_old_figures
 from psmpc_cli.errors import InputError, RunError
 
@@ -26,9 +27,7 @@ def simulate(
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Log file. Default: runs/<task>.h5.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the log and figures of an earlier run.")] = False,
-    changes: Annotated[
-        list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change any key of the task; repeatable.")
-    ] = None,
+    changes: Changes = None,
     controller: Annotated[str | None, typer.Option(help="Short for --set controller.kind=...")] = None,
     plant: Annotated[str | None, typer.Option(help="Short for --set plant.kind=...")] = None,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures beside the log.")] = True,

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from psmpc_cli.cli.options import Changes, Figures, Jobs
 from psmpc_cli.errors import InputError
 
 if TYPE_CHECKING:
@@ -42,43 +43,51 @@ def sweep_weights(
     ] = False,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with a sweep that was stopped.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier sweep and its figures.")] = False,
-    changes: Annotated[
-        list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change any key of the task; repeatable.")
-    ] = None,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Processes at once. Default: one a core.", show_default=False)
-    ] = None,
+    changes: Changes = None,
+    jobs: Jobs = None,
     dask: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster with its scheduler there.")
     ] = None,
-    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures beside the file.")] = True,
+    figures: Figures = True,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no table.")] = False,
 ) -> None:
     """Run the closed loop under many pairs of priorities: how they decide the actual start. Paper Fig. 6."""
-    from psmpc_cli.cli.outputs import refuse_old_figures
-    from psmpc_cli.cli.sweep_table import print_sweep
-    from psmpc_cli.figures.draw import default_directory
-    from psmpc_cli.figures.sweep.draw import draw_sweep
-    from psmpc_cli.logs.new_file import refuse
     from psmpc_cli.ocp.feasibility import ensure_feasible
-    from psmpc_cli.studies.sweep_file import read_sweep
 
     if resume and force:
         raise InputError("found both --resume and --force, expected at most one of them")
     sweep = _asked_for(grid, task, stages, bounds, epsilon, sampling, every_cell, tuple(changes or ()))
     path = output or Path("runs") / f"{sweep.task.spec.name}-sweep.h5"
-    directory = default_directory(path)
     if not resume:
-        refuse(path, force)
-        if figures:
-            refuse_old_figures(directory, force)
+        _refuse_what_stands(path, force, figures)
     ensure_feasible(sweep.task)
     _run(sweep, path, _calls(jobs, dask), force, resume, quiet)
-    results = read_sweep(path)
+    _show(path, figures, force or resume, quiet)
+
+
+def _refuse_what_stands(path: Path, force: bool, figures: bool) -> None:
+    """Refuse to write over an earlier sweep or its figures."""
+    from psmpc_cli.cli.outputs import refuse_old_figures
+    from psmpc_cli.figures.draw import default_directory
+    from psmpc_cli.logs.new_file import refuse
+
+    refuse(path, force)
+    if figures:
+        refuse_old_figures(default_directory(path), force)
+
+
+def _show(path: Path, figures: bool, force: bool, quiet: bool) -> None:
+    """Print the table of a sweep and draw its figures."""
+    from psmpc_cli.cli.sweep_table import print_sweep
+    from psmpc_cli.figures.draw import default_directory
+    from psmpc_cli.figures.sweep.draw import draw_sweep
+    from psmpc_cli.studies.sweep_file import read_sweep
+
+    results, directory = read_sweep(path), default_directory(path)
     if not quiet:
         print_sweep(results)
     if figures:
-        drawn = draw_sweep(results, directory, force=force or resume)
+        drawn = draw_sweep(results, directory, force=force)
         if not quiet:
             typer.echo(f"{len(drawn)} figures in {directory}")
 

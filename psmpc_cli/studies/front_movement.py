@@ -136,7 +136,7 @@ def front_movement(results: Results) -> FrontMovement:
         raise InputError(f"{results.path}: holds no weighted sums, whose ratios alone can be followed")
     instants, J = results["instant"], costs_of(results, WEIGHTED)
     first = results["t_s"] - instants
-    parts = np.column_stack([first, float(results.attributes["horizon"]) - first])  # type: ignore[arg-type]
+    parts = np.column_stack([first, float(np.asarray(results.attributes["horizon"])) - first])
     followed: dict[Measure, Vector] = {
         "normalized": J,
         "per second": J / parts[:, None, :],

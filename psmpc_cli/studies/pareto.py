@@ -171,7 +171,7 @@ def choose_samples(log: Log, stages: tuple[int, int], at: Sequence[float]) -> li
     if not at:
         places = np.linspace(0, len(possible) - 1, min(SAMPLES, len(possible)))
         return [int(sample) for sample in possible[np.round(places).astype(int)]]
-    times, half = log.time[possible], float(log.attributes["sample_time"]) / 2  # type: ignore[arg-type]
+    times, half = log.time[possible], float(np.asarray(log.attributes["sample_time"])) / 2
     nearest = [int(np.argmin(np.abs(times - time))) for time in at]
     for time, place in zip(at, nearest, strict=True):
         if abs(times[place] - time) > half + 1e-9:

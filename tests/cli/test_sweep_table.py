@@ -8,7 +8,7 @@ from ..made_up_sweep import T_S, made_up_sweep, numbers
 
 
 def printed(capsys: pytest.CaptureFixture[str], *arguments: object, **given: object) -> list[str]:
-    print_sweep(made_up_sweep(*arguments, **given))  # type: ignore[arg-type]
+    print_sweep(made_up_sweep(*arguments, **given))
     return capsys.readouterr().out.splitlines()
 
 
@@ -19,7 +19,7 @@ def test_a_row_a_ratio_says_what_became_of_it(tmp_path: Path, capsys: pytest.Cap
     assert names.split()[:3] == ["omega_2/omega_1", "0.001", "0.1"]
     assert [row.split()[0] for row in rows[:5]] == ["1e-06", "0.001", "1", "1000", "1e+06"]
     cell = numbers(1.0)
-    fine, coarse = cell["actual_start"]  # type: ignore[misc]
+    fine, coarse = cell["actual_start"]
     assert rows[2].split() == ["1", f"{fine}", f"{coarse}", f"{T_S}", f"{cell['completion_time']:.2f}", "1.01", "0.90"]
     assert rows[5] == "9 cells: 9 computed; 900 solves, 0 of them failed"
     assert rows[6].startswith("recommended omega_2/omega_1: ")

@@ -77,7 +77,7 @@ def test_thresholds_are_those_asked_for(sweep: Psmpc, tmp_path: Path) -> None:
 def test_an_interrupted_sweep_keeps_what_is_done(sweep: Psmpc, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Interrupted(sweep_module.ResultsWriter):
         def write(self, index: tuple[int, ...], values: object) -> None:
-            super().write(index, values)  # type: ignore[arg-type]
+            super().write(index, values)
             if not index:
                 os.kill(os.getpid(), 15)
 

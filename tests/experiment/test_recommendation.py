@@ -17,7 +17,7 @@ SEVEN = "7"
 @pytest.fixture
 def recommended(tmp_path: Path) -> Recommend:
     def of(sampling: str = SEVEN, **given: object) -> Recommendation | None:
-        return recommend(sweep_cells(made_up_sweep(tmp_path / "sweep.h5", sampling, **given)))  # type: ignore[arg-type]
+        return recommend(sweep_cells(made_up_sweep(tmp_path / "sweep.h5", sampling, **given)))
 
     return of
 
@@ -32,7 +32,7 @@ def test_it_is_the_smallest_ratio_that_completes_early_enough(recommended: Recom
     assert best is not None
     assert best.ratio == pytest.approx(10.0)
     assert best.completion <= (1 + WITHIN) * best.earliest
-    assert numbers(1.0)["completion_time"] > (1 + WITHIN) * best.earliest  # type: ignore[operator]
+    assert numbers(1.0)["completion_time"] > (1 + WITHIN) * best.earliest
     assert best.effort == pytest.approx(1.1)
     assert best.efforts == pytest.approx((1.0, 1.0 + 1e4))
     assert not best.preliminary

@@ -47,7 +47,7 @@ def contours(figure: Figure) -> list[np.ndarray]:
 def test_the_heat_map_has_omega_1_to_the_right_and_omega_2_up(sweep: Sweep) -> None:
     figure = plot_heat_map(sweep("5x7"))
     expected = [
-        [numbers(omega_2 / omega_1)["actual_start"][1] for omega_1 in np.logspace(-3, 3, 5)]  # type: ignore[index]
+        [numbers(omega_2 / omega_1)["actual_start"][1] for omega_1 in np.logspace(-3, 3, 5)]
         for omega_2 in np.logspace(-3, 3, 7)
     ]
     np.testing.assert_allclose(mesh(figure), expected)
@@ -59,7 +59,7 @@ def test_the_heat_map_has_omega_1_to_the_right_and_omega_2_up(sweep: Sweep) -> N
 def test_the_shown_threshold_is_named(sweep: Sweep) -> None:
     cells, draws = sweep("3x3"), sweep("random:5")
     assert "ε = 0.1 " in plot_heat_map(cells).axes[1].get_ylabel()
-    assert "ε = 0.1 " in plot_surface(cells).axes[0].get_zlabel()  # type: ignore[attr-defined]
+    assert "ε = 0.1 " in plot_surface(cells).axes[0].get_zlabel()
     assert "ε = 0.1 " in plot_draws(draws).axes[1].get_ylabel()
 
 
@@ -108,7 +108,7 @@ def test_the_plane_of_draws_shows_every_draw_once(sweep: Sweep) -> None:
     axes = figure.axes[0]
     (ended,) = axes.collections
     np.testing.assert_allclose(ended.get_offsets(), np.log10(cells.omega[cells.ended]))
-    np.testing.assert_allclose(ended.get_array(), cells.of("actual_start")[cells.ended, cells.chosen])  # type: ignore[arg-type]
+    np.testing.assert_allclose(ended.get_array(), cells.of("actual_start")[cells.ended, cells.chosen])
     failed, waiting = axes.lines
     np.testing.assert_allclose(points(failed), np.log10(cells.omega[[5]]))
     np.testing.assert_allclose(points(waiting), np.log10(cells.omega[[1]]))
@@ -121,7 +121,7 @@ def test_starts_are_drawn_by_threshold_between_t_s_and_t_s_less_the_horizon(swee
     lines = curves(axes)
     assert legend(axes) == list(lines)
     for i, name in enumerate(("ε = 0.001", "ε = 0.1")):
-        starts = [numbers(ratio)["actual_start"][i] for ratio in ratios]  # type: ignore[index]
+        starts = [numbers(ratio)["actual_start"][i] for ratio in ratios]
         np.testing.assert_allclose(lines[name], np.column_stack([ratios, starts]))
     np.testing.assert_allclose(lines["$t_s$"][:, 1], T_S)
     np.testing.assert_allclose(lines["$t_s - T_h$"][:, 1], T_S - T_H)
@@ -162,7 +162,7 @@ def test_the_surface_is_framed_by_t_s_and_t_s_less_the_horizon(sweep: Sweep) -> 
     cells = sweep("5x5", failed=(0,), waiting=(24,))
     figure = plot_surface(cells)
     axes = figure.axes[0]
-    heights = {str(line.get_label()): set(np.round(line.get_data_3d()[2], 9)) for line in axes.lines}  # type: ignore[attr-defined]
+    heights = {str(line.get_label()): set(np.round(line.get_data_3d()[2], 9)) for line in axes.lines}
     assert heights["$t_s$"] == {T_S}
     assert heights["$t_s - T_h$"] == {round(T_S - T_H, 9)}
     assert {"failed", "blank: waiting"} <= set(common_legend(figure))

@@ -1,0 +1,18 @@
+"""Options that several commands have in common."""
+
+from typing import Annotated
+
+import typer
+
+Changes = Annotated[
+    list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change any key of the task; repeatable.")
+]
+"""Keys of the task given on the command line."""
+
+Jobs = Annotated[
+    int | None, typer.Option(min=1, metavar="N", help="Processes at once. Default: one a core.", show_default=False)
+]
+"""How many processes run at once."""
+
+Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures beside the file.")]
+"""Whether figures are drawn."""

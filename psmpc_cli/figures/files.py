@@ -1,12 +1,13 @@
 """Files that figures are written into, and nothing is overwritten unasked."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
 
 from psmpc_cli.errors import InputError
+from psmpc_cli.figures.style import in_style
 
 FORMATS = ("png", "pdf", "svg")
 
@@ -25,6 +26,23 @@ def save(figure: Figure, paths: Iterable[Path]) -> None:
             figure.savefig(path, metadata=_UNDATED[path.suffix[1:]])
         except OSError as error:
             raise InputError(f"{path} cannot be written: {error.strerror or error}") from None
+
+
+def write_figures(
+    plots: Mapping[str, Callable[[], Figure]], directory: Path, endings: Sequence[str], force: bool
+) -> list[Path]:
+    """Draw figures by name, each into a file an ending, and return the files.
+
+    Raises:
+        InputError: A file exists or cannot be written.
+    """
+    figures = {name: [directory / f"{name}.{ending}" for ending in endings] for name in plots}
+    files = [path for paths in figures.values() for path in paths]
+    prepare(directory, files, force)
+    with in_style():
+        for name, paths in figures.items():
+            save(plots[name](), paths)
+    return files
 
 
 def prepare(directory: Path, files: Iterable[Path], force: bool) -> None:

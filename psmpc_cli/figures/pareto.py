@@ -1,6 +1,7 @@
 """Pareto fronts at several samples of a run, one curve a sample. Fig. 7 of the paper."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,10 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.figures.files import FORMATS, chosen, prepare, save
+from psmpc_cli.figures.files import FORMATS, chosen, write_figures
 from psmpc_cli.figures.pareto_in_space import plot_in_space
 from psmpc_cli.figures.pareto_points import DOMINATED, MARKERS, Points, chosen_label, in_plane, stage_words
-from psmpc_cli.figures.style import AXIS_WIDTH, PALETTE, TEXT, in_style, legend_columns, new_figure
+from psmpc_cli.figures.style import AXIS_WIDTH, PALETTE, TEXT, legend_columns, new_figure
 from psmpc_cli.logs.results import Results
 
 HEIGHT, AROUND = 2.1, 0.35
@@ -57,15 +58,9 @@ def draw_pareto(
     figures = FIGURES if "later" in results.quantities else {"front": plot_fronts}
     names = chosen("figure", figures if only is None else only, figures)
     endings = chosen("format", formats, FORMATS)
-    paths = {name: [directory / f"{name}.{ending}" for ending in endings] for name in names}
-    files = [path for name in names for path in paths[name]]
     if not any(np.isfinite(one.J).any() for points in in_plane(results) for one in points):
         raise LogError(f"{results.path}: holds no point that could be solved for, so there is nothing to draw")
-    prepare(directory, files, force)
-    with in_style():
-        for name in names:
-            save(figures[name](results), paths[name])
-    return files
+    return write_figures({name: partial(figures[name], results) for name in names}, directory, endings, force)
 
 
 def plot_fronts(results: Results) -> Figure:

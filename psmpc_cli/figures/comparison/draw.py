@@ -1,12 +1,12 @@
 """Draws the figures of a comparison into a directory."""
 
 from collections.abc import Collection, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from psmpc_cli.figures.comparison.registry import FIGURES
-from psmpc_cli.figures.files import FORMATS, chosen, prepare, save
+from psmpc_cli.figures.files import FORMATS, chosen, write_figures
 from psmpc_cli.figures.run import load_run
-from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.read import Log
 
 
@@ -32,11 +32,5 @@ def draw_comparison(
     """
     names = chosen("figure", FIGURES if only is None else only, FIGURES)
     endings = chosen("format", formats, FORMATS)
-    figures = [(name, [directory / f"{name}.{ending}" for ending in endings]) for name in names]
-    files = [path for _, paths in figures for path in paths]
     runs = {name: load_run(log) for name, log in logs.items()}
-    prepare(directory, files, force)
-    with in_style():
-        for name, paths in figures:
-            save(FIGURES[name](runs), paths)
-    return files
+    return write_figures({name: partial(FIGURES[name], runs) for name in names}, directory, endings, force)

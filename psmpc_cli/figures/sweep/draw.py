@@ -1,12 +1,12 @@
 """Draws the figures of a sweep into a directory."""
 
 from collections.abc import Collection, Sequence
+from functools import partial
 from pathlib import Path
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.experiment.sweep_cells import sweep_cells
-from psmpc_cli.figures.files import FORMATS, chosen, prepare, save
-from psmpc_cli.figures.style import in_style
+from psmpc_cli.figures.files import FORMATS, chosen, write_figures
 from psmpc_cli.figures.sweep.registry import FIGURES
 from psmpc_cli.logs.results import Results
 
@@ -37,10 +37,4 @@ def draw_sweep(
     endings = chosen("format", formats, FORMATS)
     if cells.waiting.all():
         raise LogError(f"{results.path}: found no cell that was run, expected one at least to draw")
-    figures = [(name, [directory / f"{name}.{ending}" for ending in endings]) for name in names]
-    files = [path for _, paths in figures for path in paths]
-    prepare(directory, files, force)
-    with in_style():
-        for name, paths in figures:
-            save(known[name](cells), paths)
-    return files
+    return write_figures({name: partial(known[name], cells) for name in names}, directory, endings, force)

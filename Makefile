@@ -14,7 +14,7 @@ OLD_ENOUGH := import sys; \
 	sys.version_info >= (3, 11) or sys.exit("psmpc needs Python 3.11 or newer, and this is " \
 	+ sys.version.split()[0] + " at " + sys.executable + "; choose another: make PYTHON=python3.11 ...")
 
-.PHONY: help setup demo test check build baseline calibration pin clean
+.PHONY: help setup demo test check build baseline calibration reliability random-tasks peers pin clean
 
 help:
 	@echo 'make setup   the environment in $(VENV), from the pinned versions'
@@ -24,6 +24,9 @@ help:
 	@echo 'make build   the wheel, tried out in an empty environment'
 	@echo 'make baseline     benchmarks/{baseline,weights}.yaml anew: the tables changes are compared with (some 5 minutes)'
 	@echo 'make calibration  benchmarks/calibration.yaml anew: the scan behind the transport task (some 10 minutes)'
+	@echo 'make reliability  the tables of docs/reliability.md on faults anew (some 5 minutes)'
+	@echo 'make random-tasks benchmarks/random_tasks.yaml anew: one iteration of sqp a sample against fatrop (some 15 minutes)'
+	@echo 'make peers        the table of docs/peers.md anew: the same windows in rockit and do-mpc (some 5 minutes)'
 	@echo 'make pin     constraints.txt anew, from the newest versions'
 	@echo 'make clean   removes the environment, the wheel and the caches (runs/ stays)'
 
@@ -60,6 +63,22 @@ baseline: $(READY)
 
 calibration: $(READY)
 	$(BIN)/python benchmarks/calibration.py
+
+reliability: $(READY)
+	$(BIN)/python benchmarks/reliability.py
+
+random-tasks: $(READY)
+	$(BIN)/python benchmarks/random_tasks.py
+
+PEERS := benchmarks/peers
+
+$(PEERS)/.venv-%/.ready: $(PEERS)/requirements-%.txt
+	$(PYTHON) -m venv --clear $(@D)
+	PIP_CONSTRAINT= $(@D)/bin/python -m pip install --quiet --requirement $<
+	@touch $@
+
+peers: $(READY) $(PEERS)/.venv-rockit/.ready $(PEERS)/.venv-do-mpc/.ready
+	$(BIN)/python $(PEERS)/compare.py
 
 pin:
 	.ci/pin $(PYTHON)

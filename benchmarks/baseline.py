@@ -17,8 +17,11 @@ from psmpc_cli.specs.load import load_task
 
 RUNS = {
     "psmpc": [],
+    "psmpc, converged (fatrop)": ["solver.kind=fatrop"],
+    "psmpc, nodes: auto": ["controller.nodes=auto"],
     "psmpc, ideal plant": ["plant.kind=ideal"],
     "smpc": ["controller.kind=smpc"],
+    "smpc, converged (fatrop)": ["controller.kind=smpc", "solver.kind=fatrop"],
     "hard": ["controller.kind=hard"],
     "htmpc": ["controller.kind=htmpc"],
     "psmpc, W_r = 1, tolerance 3e-3": [

@@ -50,7 +50,10 @@ def time_sweep(jobs: int, changes: tuple[str, ...]) -> float:
 
 def main(changes: tuple[str, ...]) -> None:
     """Measure and print."""
-    timed: dict[str, Callable[[int], float]] = {"arithmetic": time_loop, "sweep": lambda jobs: time_sweep(jobs, changes)}
+    timed: dict[str, Callable[[int], float]] = {
+        "arithmetic": time_loop,
+        "sweep": lambda jobs: time_sweep(jobs, changes),
+    }
     times: dict[tuple[str, int], list[float]] = {(name, jobs): [] for name in timed for jobs in (1, 2)}
     time_sweep(2, changes)  # whatever is compiled is compiled now
     for _ in range(ROUNDS):

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.decision import Decision
@@ -14,6 +15,9 @@ from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.stages import Stage, build_stages
 from psmpc_cli.robot.model import RobotModel, build_model
 from psmpc_cli.specs.load import LoadedTask, load_task
+
+settings.register_profile("psmpc", deadline=None)  # no test is about time
+settings.load_profile("psmpc")
 
 
 @pytest.fixture(scope="session")

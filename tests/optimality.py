@@ -6,7 +6,7 @@ import numpy as np
 
 from psmpc_cli.ocp.gauss_newton import Linearization
 from psmpc_cli.ocp.velocity_form import Point
-from psmpc_cli.solvers.qp_multistage import QpSolution
+from psmpc_cli.solvers.qp_solution import QpSolution
 
 from .random_programs import Task
 

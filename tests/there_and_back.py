@@ -22,4 +22,5 @@ monitors:
 published:
   smpc: {switch_time: {go: 0.9}, actual_start: {back: 0.8}}
 time_limit: 4
+solver: {kind: fatrop}
 """

@@ -1,7 +1,7 @@
 """The audit of a task's gradients as a table."""
 
 from psmpc_cli.experiment.gradient_audit import AD_TOLERANCE, DIFFERENCE_TOLERANCE, audit_gradients
-from psmpc_cli.experiment.setup import build_experiment
+from psmpc_cli.experiment.setup import build_experiment, converging
 from psmpc_cli.specs.load import LoadedTask
 
 
@@ -10,8 +10,8 @@ def print_gradients(task: LoadedTask) -> bool:
     from rich.console import Console
     from rich.table import Table
 
-    audits = audit_gradients(build_experiment(task))
-    nodes = task.spec.controller.nodes
+    audits = audit_gradients(build_experiment(converging(task)))
+    nodes = task.spec.controller.uniform_nodes
     table = Table(box=None, pad_edge=False, title="Gradient of the cost by the switching instant", title_justify="left")
     table.add_column("switch")
     for heading in (

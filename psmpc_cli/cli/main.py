@@ -7,6 +7,7 @@ import typer
 
 from psmpc_cli import __version__
 from psmpc_cli.cli import (
+    bench,
     check,
     compare,
     compile,
@@ -38,6 +39,7 @@ for command in (
     compare.compare,
     pareto.pareto,
     sweep_weights.sweep_weights,
+    bench.bench,
     check.check,
     compile.compile,
     plot.plot,
@@ -76,6 +78,14 @@ def options(
     """Priority-based switching MPC for space robots: YAML task specs in, HDF5 logs and figures out."""
 
 
+def complain(message: str) -> None:
+    """Write what is wrong to standard error; nothing in a file or its name can command the terminal."""
+    from psmpc_cli.specs.problem import printable
+
+    shown = "\n".join("\t".join(map(printable, line.split("\t"))) for line in message.split("\n"))
+    typer.echo(shown, err=True)
+
+
 def main() -> None:
     """Run the command line; exit codes: 0 done, 1 a check asked for fails, 2 bad input, 3 the run could not go on."""
     logging.basicConfig(handlers=[EchoHandler()], level=logging.WARNING)
@@ -83,10 +93,10 @@ def main() -> None:
         app()
     except PsmpcError as error:
         located = isinstance(error, SpecError)  # begins with file:line:column, which terminals and editors can follow
-        typer.echo(str(error) if located else f"psmpc: {error}", err=True)
+        complain(str(error) if located else f"psmpc: {error}")
         sys.exit(error.exit_code)
     except OSError as error:
         if error.filename is None:
             raise
-        typer.echo(f"psmpc: {error.filename}: {error.strerror}", err=True)
+        complain(f"psmpc: {error.filename}: {error.strerror}")
         sys.exit(PsmpcError.exit_code)

@@ -14,5 +14,11 @@ Jobs = Annotated[
 ]
 """How many processes run at once."""
 
+Dask = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster with its scheduler there.")]
+"""Which cluster runs are made on."""
+
+Resume = Annotated[bool, typer.Option("--resume", help="Go on with one that was stopped.")]
+"""Whether a study goes on with its file."""
+
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures beside the file.")]
 """Whether figures are drawn."""

@@ -135,8 +135,9 @@ def _stuck(ending: "Ending", log: "Log") -> RunError:
     """Return the error of a run that could not go on, with what the last solve's outcome advises."""
     from psmpc_cli.solvers import Outcome
 
-    advice = Outcome[str(log["solver/status"][-1]).upper()].value
-    return RunError(f"{ending.reason} ({advice}); {log.path} holds the run up to then")
+    outcome = Outcome[str(log["solver/status"][-1]).upper()]
+    advice = "" if outcome.usable else f" ({outcome.value})"
+    return RunError(f"{ending.reason}{advice}; {log.path} holds the run up to then")
 
 
 def _draw(log: "Log", directory: Path, force: bool, quiet: bool, figures: bool, render: bool) -> None:

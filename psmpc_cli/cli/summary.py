@@ -49,6 +49,7 @@ def _measures(summary: Summary) -> list[Sequence[str]]:
         ("solves longer than a sample", str(summary.missed)),
         ("stages appended / postponed", f"{summary.appended} / {summary.postponed}"),
         ("fall-backs to the shifted plan", str(summary.fallbacks)),
+        *([("samples not measured", str(summary.unmeasured))] if summary.unmeasured else []),
         *([] if summary.basins is None else [("basins", f"changed {summary.basins} times")]),
         *([] if summary.unsolved_levels is None else [("levels not solved", str(summary.unsolved_levels))]),
         *(
@@ -56,6 +57,7 @@ def _measures(summary: Summary) -> list[Sequence[str]]:
             for limit in summary.limits
         ),
         *_deviations(summary.deviations),
+        *_end(summary),
         ("control effort, integral of |u|^2", f"{summary.control_effort:.2f}"),
         ("base thrusters, force / torque", f"{summary.base_force:.2f} N s / {summary.base_torque:.2f} N m s"),
         ("variation of the control", _variation(summary)),
@@ -78,6 +80,14 @@ def _deviations(deviations: Deviations) -> list[Sequence[str]]:
         said = f"{end.where}: {end.value:.4f} of its tolerance at {end.time:.1f} s"
         rows.append(("end error at a planned hand-over", said))
     return rows
+
+
+def _end(summary: Summary) -> list[Sequence[str]]:
+    """Return how near the end the last stage came, where what was measured is not all that is true."""
+    if summary.end_errors is None:
+        return []
+    measured, true = summary.end_errors
+    return [("end error at the end", f"{measured:.4f} of its tolerance measured, {true:.4f} true")]
 
 
 def _largest(largest: Largest) -> str:

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from psmpc_cli.cli.options import Changes, Figures, Jobs
+from psmpc_cli.cli.options import Changes, Dask, Figures, Jobs, Resume
+from psmpc_cli.cli.study import calls_of, refuse_both, refuse_what_stands, resumable
 from psmpc_cli.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,39 +42,25 @@ def sweep_weights(
     every_cell: Annotated[
         bool, typer.Option("--every-cell", help="Compute every cell from its beginning: share no runs, no beginnings.")
     ] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with a sweep that was stopped.")] = False,
+    resume: Resume = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier sweep and its figures.")] = False,
     changes: Changes = None,
     jobs: Jobs = None,
-    dask: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster with its scheduler there.")
-    ] = None,
+    dask: Dask = None,
     figures: Figures = True,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no table.")] = False,
 ) -> None:
     """Run the closed loop under many pairs of priorities: how they decide the actual start. Paper Fig. 6."""
     from psmpc_cli.ocp.feasibility import ensure_feasible
 
-    if resume and force:
-        raise InputError("found both --resume and --force, expected at most one of them")
+    refuse_both(resume, force)
     sweep = _asked_for(grid, task, stages, bounds, epsilon, sampling, every_cell, tuple(changes or ()))
     path = output or Path("runs") / f"{sweep.task.spec.name}-sweep.h5"
     if not resume:
-        _refuse_what_stands(path, force, figures)
+        refuse_what_stands(path, force, figures)
     ensure_feasible(sweep.task)
-    _run(sweep, path, _calls(jobs, dask), force, resume, quiet)
+    _run(sweep, path, calls_of(jobs, dask), force, resume, quiet)
     _show(path, figures, force or resume, quiet)
-
-
-def _refuse_what_stands(path: Path, force: bool, figures: bool) -> None:
-    """Refuse to write over an earlier sweep or its figures."""
-    from psmpc_cli.cli.outputs import refuse_old_figures
-    from psmpc_cli.figures.draw import default_directory
-    from psmpc_cli.logs.new_file import refuse
-
-    refuse(path, force)
-    if figures:
-        refuse_old_figures(default_directory(path), force)
 
 
 def _show(path: Path, figures: bool, force: bool, quiet: bool) -> None:
@@ -124,28 +111,10 @@ def _cells(grid: str | None, sampling: str | None, bounds: str, seed: int) -> "S
     return random_sampling(sampling, limits, seed) if sampling is not None else grid_sampling(str(grid), limits)
 
 
-def _calls(jobs: int | None, dask: str | None) -> "Calls":
-    """Return what makes the calls: processes of this machine, or a Dask cluster."""
-    from psmpc_cli.studies.parallel import LocalCalls
-
-    if dask is None:
-        return LocalCalls(jobs)
-    if jobs is not None:
-        raise InputError("found both --jobs and --dask, expected at most one: a cluster has as many workers as it has")
-    from psmpc_cli.studies.cluster import DaskCalls
-
-    return DaskCalls(dask)
-
-
 def _run(sweep: "Sweep", path: Path, calls: "Calls", force: bool, resume: bool, quiet: bool) -> None:
     """Run the sweep under the eyes of the progress display; a signal ends it, and what there is stays."""
     from psmpc_cli.cli.sweep_progress import watching_sweep
-    from psmpc_cli.cli.termination import stopping_on_signals
     from psmpc_cli.studies.sweep import run_sweep
 
-    with stopping_on_signals() as interruption, watching_sweep(quiet) as watch:
-        try:
-            run_sweep(sweep, path, calls, force, resume, watch)
-        except KeyboardInterrupt as reason:
-            typer.echo(f"psmpc: {reason}; {path} holds what was done: go on with --resume", err=True)
-            raise typer.Exit(interruption.exit_code) from None
+    with resumable(path), watching_sweep(quiet) as watch:
+        run_sweep(sweep, path, calls, force, resume, watch)

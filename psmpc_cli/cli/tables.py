@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from psmpc_cli.cli.uncertainty import uncertainty_in_words
 from psmpc_cli.ocp.outlook import Outlook
 from psmpc_cli.specs.comparisons import ACCEPTABLE
 from psmpc_cli.specs.coordinates import AXES, Space, labels
@@ -37,6 +38,8 @@ def print_task(task: LoadedTask, outlooks: Sequence[Outlook]) -> None:
     )
     if spec.priorities is not None:
         typer.echo(_comparisons(spec.priorities, [stage.name for stage in spec.stages]))
+    for line in uncertainty_in_words(spec.uncertainty, spec.object, spec.seed):
+        typer.echo(line)
     sections = [_stage(task, outlook) for outlook in outlooks]
     _print(("stage", "part", "target", "ends within", "distance of reach", "not before"), sections)
 

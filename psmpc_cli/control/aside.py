@@ -1,7 +1,7 @@
 """Windows solved aside: what other stages than those of the decision would make of the same sample."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.sequence import Sequence
 from psmpc_cli.control.window_solver import SolvedWindow
 from psmpc_cli.ocp.plan import Plan, shift
+from psmpc_cli.ocp.window import Window
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +58,20 @@ class WindowsAside:
         now, prediction = decision.prediction.start, decision.prediction
         if before is not None:
             prediction = shift(before.plan, now, self.controller.spec.horizon, x)
-        window = self.controller.window(sequence, prediction, x)
-        solved = self.controller.windows.solve(window, prediction, sequence.instants, before.window if before else None)
+        solved_before = None if before is None else before.window
+        window = _on_mesh_of(
+            decision.solved.window, self.controller.window(sequence, prediction, x, solved_before or decision.solved)
+        )
+        solved = self.controller.windows.solve(window, prediction, sequence.instants, solved_before)
         usable = solved.solution.outcome.usable
         return SolvedAside(now, solved.plan if usable else prediction, usable, solved)
+
+
+def _on_mesh_of(applied: Window, window: Window) -> Window:
+    """Return a window with the nodes of the applied one in all stages that end in both.
+
+    What a stage adds to a control is to be seen, not what a finer mesh does.
+    """
+    counts = {stage.index: N for stage, N in zip(applied.stages, applied.nodes, strict=True)}
+    ending = zip(window.stages[:-1], window.nodes, strict=False)
+    return replace(window, nodes=(*(counts.get(stage.index, N) for stage, N in ending), window.nodes[-1]))

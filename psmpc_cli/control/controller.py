@@ -8,10 +8,15 @@ from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.multistart import solve_from_several
 from psmpc_cli.control.sequence import Sequence, Switch, detect, drop_met, drop_passed
 from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
+from psmpc_cli.errors import RunError
+from psmpc_cli.ocp.node_counts import Along, first_counts, node_counts
 from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import Plan, braking_plan, resting_plan, shift
+from psmpc_cli.ocp.soft_limits import own_violations
 from psmpc_cli.ocp.stages import Stage
-from psmpc_cli.ocp.window import Window
+from psmpc_cli.ocp.window import SHORTEST, Window
+from psmpc_cli.solvers import Outcome
+from psmpc_cli.solvers.base import FEASIBLE
 from psmpc_cli.specs.task import ControllerSpec
 
 ONE_STAGE = ("hard", "htmpc")
@@ -30,12 +35,14 @@ class ControllerMemory:
         plan: The plan in force; None before the first sample.
         braking: The plan that brakes to rest, once the other is used up.
         solved: The last solve, whose multipliers start the next one.
+        trusted: End of the plan in force when the state was last measured whole [s]; infinite before the first sample.
     """
 
     sequence: Sequence
     plan: Plan | None
     braking: Plan | None
     solved: SolvedWindow | None
+    trusted: float = np.inf
 
 
 class SwitchingController:
@@ -48,16 +55,17 @@ class SwitchingController:
         self._plan: Plan | None = None
         self._braking: Plan | None = None
         self._solved: SolvedWindow | None = None
+        self._trusted = np.inf
 
     @property
     def memory(self) -> ControllerMemory:
         """What it remembers; another controller of the same task that is given this decides alike from here on."""
-        return ControllerMemory(self._sequence, self._plan, self._braking, self._solved)
+        return ControllerMemory(self._sequence, self._plan, self._braking, self._solved, self._trusted)
 
     @memory.setter
     def memory(self, memory: ControllerMemory) -> None:
         self._sequence, self._plan = memory.sequence, memory.plan
-        self._braking, self._solved = memory.braking, memory.solved
+        self._braking, self._solved, self._trusted = memory.braking, memory.solved, memory.trusted
 
     @property
     def sequence(self) -> Sequence:
@@ -66,50 +74,109 @@ class SwitchingController:
 
     def hand_over(self, now: float, x: np.ndarray) -> tuple[Switch, ...]:
         """Drop the stages that are over at time now [s], by the plan or by the measured state x (2n,)."""
-        sequence, passed = drop_passed(self._sequence, now)
+        sequence, passed = drop_passed(self._sequence if self._on_course(now, x) else self._sequence.alone, now)
         self._sequence, met = drop_met(sequence, self.stages, self.costs, now, x)
         return (*passed, *met)
 
     def decide(self, now: float, x: np.ndarray) -> Decision:
-        """Return the decision at time now [s] from the measured state x (2n,)."""
-        sequence, prediction = self._sequence, self._predict(now, x)
-        longer = None if self.spec.kind in ONE_STAGE else self._detect(sequence, prediction)
-        solved = self._solve(longer or sequence, prediction, x)
-        postponed = longer is not None and not solved.solution.outcome.usable
-        if longer is not None and not postponed:
-            sequence = longer
-        elif postponed:
-            solved = _after(solved, self._solve(sequence, prediction, x))
-        usable = solved.solution.outcome.usable
+        """Return the decision at time now [s] from the measured state x (2n,).
+
+        Where that is not finite the plan's own prediction stands in for it, but no longer than until the end of the
+        plan that was in force when the state was last measured whole.
+
+        Raises:
+            RunError: Nothing is measured, and there is no plan yet.
+        """
+        measured = bool(np.isfinite(x).all())
+        x = x if measured else self._stand_in(now, x)
+        before, prediction = self._sequence, self._predict(now, x)
+        longer = None if self.spec.kind in ONE_STAGE else self._detect(before, prediction)
+        sequence, solved = self._first_solvable(before, longer, prediction, x)
+        usable = solved.solution.outcome.usable and (measured or not self._used_up(now))
         if usable:
             sequence = Sequence(sequence.first, solved.plan.instants, sequence.entered)
         self._sequence, self._solved = sequence, solved
+        plan = self._plan_in_force(solved.plan if usable else None, prediction, now, x)
+        self._trusted = plan.end if measured and self._braking is None else self._trusted
         return Decision(
-            plan=self._plan_in_force(solved, prediction, now, x),
+            plan=plan,
             sequence=sequence,
             solved=solved,
             prediction=prediction,
-            appended=longer is not None and not postponed,
-            postponed=postponed,
+            appended=sequence.last > before.last,
+            postponed=sequence.last < (longer or before).last,
             fallback=not usable,
             exhausted=self._braking is not None,
+            unmeasured=not measured,
         )
 
-    def _plan_in_force(self, solved: SolvedWindow, prediction: Plan, now: float, x: np.ndarray) -> Plan:
+    def _first_solvable(
+        self, sequence: Sequence, longer: Sequence | None, prediction: Plan, x: np.ndarray
+    ) -> tuple[Sequence, SolvedWindow]:
+        """Return the longest sequence whose window has a solution, and the solve; `sequence` with its own if none has.
+
+        Where a stage has appeared that is the one with it. Where no point meets all constraints, a blow has put the end
+        condition of the current stage out of reach for example, the stages that wait are left to be seen again. Soft
+        limits make no difference: a window that violates them further than one with fewer stages has no solution.
+        """
+        solved = self._solve(longer or sequence, prediction, x)
+        if longer is not None:
+            usable = solved.solution.outcome.usable
+            if usable and _in_reach(solved):
+                return longer, solved
+            shorter = self._solve(sequence, prediction, x)
+            if usable and _in_reach(solved, shorter):
+                return longer, _after(shorter, solved)
+            solved = _after(solved, shorter)
+        infeasible = solved.solution.outcome is Outcome.INFEASIBLE
+        if sequence.count > 1 and (infeasible or not _in_reach(solved)):
+            alone = self._solve(sequence.alone, prediction, x)
+            if alone.solution.outcome.usable and (infeasible or not _in_reach(solved, alone)):
+                return sequence.alone, _after(solved, alone)
+            solved = _after(alone, solved)
+        return sequence, solved
+
+    def _on_course(self, now: float, x: np.ndarray) -> bool:
+        """Tell whether the plan may end the current stage at time now [s], if it wants to.
+
+        One that could not be renewed may not where the measured state x (2n,) is far from where it had the stage end.
+        """
+        sequence, stage = self._sequence, self.stages[self._sequence.first]
+        renewed = self._solved is None or self._solved.solution.outcome.usable
+        if renewed or stage.at is not None or sequence.count == 1 or sequence.instants[0] > now + SHORTEST:
+            return True
+        return bool(self.costs.met(stage, x[None], self.spec.detection_margin)[0])
+
+    def _plan_in_force(self, solved: Plan | None, prediction: Plan, now: float, x: np.ndarray) -> Plan:
         """Return the solved plan, else the one before it; when that is used up, one that brakes to rest."""
-        if solved.solution.outcome.usable:
-            self._plan, self._braking = solved.plan, None
+        if solved is not None:
+            self._plan, self._braking = solved, None
         elif self._plan is None:
             self._plan = prediction
-        elif self._braking is None and now > self._plan.end - self.spec.sample_time:
+        elif self._braking is None and self._used_up(now):
             self._braking = self._brake(now, x)
         return self._plan if self._braking is None else self._braking
 
-    def window(self, sequence: Sequence, prediction: Plan, x: np.ndarray) -> Window:
-        """Return the window over a sequence, its costs normalized from the prediction."""
+    def _used_up(self, now: float) -> bool:
+        """Tell whether the plan, or the trust in it, ends before the next sample."""
+        end = np.inf if self._plan is None else self._plan.end
+        return now > min(end, self._trusted) - self.spec.sample_time
+
+    def _stand_in(self, now: float, x: np.ndarray) -> np.ndarray:
+        """Return the measured state x (2n,) with the plan's wherever it is not finite."""
+        plan = self._plan if self._braking is None else self._braking
+        if plan is None:
+            raise RunError(f"nothing is measured at {now:g} s and there is no plan yet, so the robot does not move")
+        return np.where(np.isfinite(x), x, plan.states_at(np.array([now]))[0])
+
+    def window(self, sequence: Sequence, prediction: Plan, x: np.ndarray, before: SolvedWindow | None = None) -> Window:
+        """Return the window over a sequence, its costs normalized from the prediction.
+
+        An automatic mesh is for the costs along the prediction, where that comes from a solve `before`.
+        """
         spec, stages = self.spec, self.stages[sequence.first : sequence.last + 1]
         offset, scale = self._normalization(stages, sequence.begins, prediction)
-        return Window(
+        window = Window(
             stages=stages,
             start=prediction.start,
             elapsed=prediction.start - sequence.entered,
@@ -120,7 +187,22 @@ class SwitchingController:
             horizon=spec.horizon,
             pending_cost=spec.pending_cost,
             terminal_cost=spec.terminal_cost,
+            nodes=(spec.uniform_nodes,) * len(stages),
         )
+        return self._on_its_mesh(window, sequence.instants, prediction, before) if spec.nodes == "auto" else window
+
+    def _on_its_mesh(
+        self, window: Window, instants: np.ndarray, prediction: Plan, before: SolvedWindow | None
+    ) -> Window:
+        """Return a window with the nodes its stages need."""
+        spec = self.spec
+        if before is None:
+            counts = first_counts(window, instants, spec.mesh_tolerance, spec.sample_time)
+        else:
+            had = {stage.index: N for stage, N in zip(before.window.stages, before.window.nodes, strict=True)}
+            along = Along(prediction, self.costs, spec.sample_time)
+            counts = node_counts(window, instants, along, spec.mesh_tolerance, had)
+        return replace(window, nodes=counts)
 
     def _normalization(
         self, stages: tuple[Stage, ...], begins: np.ndarray, prediction: Plan
@@ -130,14 +212,14 @@ class SwitchingController:
 
     def _predict(self, now: float, x: np.ndarray) -> Plan:
         if self._plan is None:
-            return resting_plan(now, self.spec.horizon, self.spec.nodes, x)
+            return resting_plan(now, self.spec.horizon, self.spec.uniform_nodes, x)
         return shift(self._plan, now, self.spec.horizon, x)
 
     def _detect(self, sequence: Sequence, prediction: Plan) -> Sequence | None:
         return detect(sequence, self.stages, self.costs, prediction, self.spec.detection_margin)
 
     def _solve(self, sequence: Sequence, prediction: Plan, x: np.ndarray) -> SolvedWindow:
-        window = self.window(sequence, prediction, x)
+        window = self.window(sequence, prediction, x, self._solved)
         starts = self.spec.multistart or 1
         return solve_from_several(self.windows, window, prediction, sequence.instants, self._solved, starts)
 
@@ -152,7 +234,17 @@ def priorities_in_force(spec: ControllerSpec, stages: tuple[Stage, ...]) -> np.n
     return np.array([1.0 if spec.kind == "smpc" else stage.priority for stage in stages])
 
 
-def _after(failed: SolvedWindow, solved: SolvedWindow) -> SolvedWindow:
-    """Return a solve whose wall time counts the failed one before it in the same sample."""
-    solution = replace(solved.solution, wall_time=failed.solution.wall_time + solved.solution.wall_time)
+def _in_reach(solved: SolvedWindow, shorter: SolvedWindow | None = None) -> bool:
+    """Tell whether a window violates soft limits no further than the measured state, or than one with fewer stages."""
+    if not len(solved.violations):
+        return True
+    least = own_violations(solved.window.x0, solved.window.stages)
+    if shorter is not None and shorter.solution.outcome.usable:
+        least = np.maximum(least, shorter.violations)
+    return bool((solved.violations <= least + FEASIBLE).all())
+
+
+def _after(other: SolvedWindow, solved: SolvedWindow) -> SolvedWindow:
+    """Return a solve whose wall time counts another one in the same sample."""
+    solution = replace(solved.solution, wall_time=other.solution.wall_time + solved.solution.wall_time)
     return replace(solved, solution=solution)

@@ -55,6 +55,7 @@ class Decision:
         fallback: The solve failed and the shifted plan goes on.
         exhausted: The plan is used up; `plan` brakes to rest.
         levels: What each level came to, under lexicographic control.
+        unmeasured: The measured state was not finite; where it was not, the plan's own prediction stands in for it.
     """
 
     plan: Plan
@@ -66,3 +67,9 @@ class Decision:
     fallback: bool
     exhausted: bool
     levels: tuple[LevelResult, ...] = ()
+    unmeasured: bool = False
+
+    @property
+    def x(self) -> np.ndarray:
+        """The state it was made from (2n,)."""
+        return self.solved.window.x0

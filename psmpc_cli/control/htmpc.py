@@ -1,7 +1,8 @@
 """Hierarchical task MPC: at each sample the remaining stages one after another, none at an earlier one's expense.
 
 Paper eq. (32), with J_i <= J_i* for all earlier stages. The first level is the window over the current stage alone;
-stages advance one by one when their end condition holds.
+stages advance one by one when their end condition holds. Where limits are soft, the first level says how far they give
+way, and the later ones keep to that.
 """
 
 from dataclasses import replace
@@ -25,7 +26,7 @@ from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.stage_integrals import stage_integrals
 from psmpc_cli.ocp.stages import Stage
-from psmpc_cli.solvers import Guess, Solver, build_solver
+from psmpc_cli.solvers import Guess, Solver, attempt, build_solver
 from psmpc_cli.specs.task import ControllerSpec, HtmpcSpec
 
 
@@ -97,12 +98,13 @@ class HierarchicalController(SwitchingController):
             scale=scale,
             bounds=bounds,
             tolerance=self.htmpc.tolerance,
+            reached=first.solved.plan.X[1:] if self.windows.task.limits_are_soft else None,
         )
 
     def _solve_level(self, level: Level, plan: Plan) -> LevelResult:
         nlp, solver = self._compile(tuple(stage.space for stage in level.stages))
         parameters = level_parameters(nlp, level)
-        solution = solver.solve(Guess(level_guess(nlp, level, plan)), parameters, level_bounds(nlp, level))
+        solution = attempt(solver, Guess(level_guess(nlp, level, plan)), parameters, level_bounds(nlp, level))
         return LevelResult(
             stage=level.stages[-1].index,
             outcome=solution.outcome,
@@ -122,7 +124,7 @@ class HierarchicalController(SwitchingController):
         return self.costs.errors(stage, result.plan.X[1:], result.plan.times[1:] - begins)
 
     def _compile(self, spaces: tuple[str, ...]) -> tuple[LevelNlp, Solver]:
-        shape = LevelShape(spaces, self.htmpc.constraint, self.spec.nodes, self.spec.discretization)
+        shape = LevelShape(spaces, self.htmpc.constraint, self.spec.uniform_nodes, self.spec.discretization)
         if shape not in self._compiled:
             nlp = transcribe_level(self.windows.model, shape)
             self._compiled[shape] = nlp, build_solver(nlp, self.windows.task.solver)

@@ -35,6 +35,11 @@ class Sequence:
         return np.concatenate([[self.entered], self.instants])
 
     @property
+    def alone(self) -> "Sequence":
+        """The current stage without those that wait."""
+        return Sequence(self.first, np.zeros(0), self.entered)
+
+    @property
     def last(self) -> int:
         """Index of the window's last stage."""
         return self.first + len(self.instants)

@@ -1,17 +1,19 @@
 """Solves windows: one compiled NLP and back-end for each shape, kept for all later windows of that shape."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from psmpc_cli.control.multipliers import shift_multipliers
+from psmpc_cli.control.multipliers import Before, shift_multipliers
 from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.layout import WindowShape
 from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.soft_limits import worst_violations
+from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.ocp.transcription import Nlp, transcribe
 from psmpc_cli.ocp.window import Bounds, Window, bounds, pack_guess, parameter_vector, unpack_plan, window_shape
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.solvers import Guess, Solution, Solver, build_solver
+from psmpc_cli.solvers import Guess, Solution, Solver, attempt, build_solver
 from psmpc_cli.specs.task import TaskSpec
 
 
@@ -26,6 +28,7 @@ class SolvedWindow:
         solution: What the back-end returned.
         plan: The solution as a plan.
         basin: Which guess of the instants won, 0 the shifted plan's own; -1 where there was no other. See `multistart`.
+        violations: By how much nodes violate soft limits at worst, (2n,) [m, rad, m/s, rad/s]; (0,) if hard.
     """
 
     window: Window
@@ -34,6 +37,7 @@ class SolvedWindow:
     solution: Solution
     plan: Plan
     basin: int = -1
+    violations: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 class WindowSolver:
@@ -42,11 +46,14 @@ class WindowSolver:
     def __init__(self, task: TaskSpec, model: RobotModel, costs: StageCosts) -> None:
         self.task, self.model, self.costs = task, model, costs
         self._compiled: dict[WindowShape, tuple[Nlp, Solver]] = {}
+        self._shapes: dict[tuple[tuple[Stage, ...], tuple[int, ...]], WindowShape] = {}
 
     def shape(self, window: Window) -> WindowShape:
-        """Return the shape of a window on this task's mesh."""
-        controller = self.task.controller
-        return window_shape(window.stages, controller.nodes, controller.discretization)
+        """Return the shape of a window."""
+        key = window.stages, window.nodes
+        if key not in self._shapes:
+            self._shapes[key] = window_shape(*key, self.task.controller.discretization, self.task.limits_are_soft)
+        return self._shapes[key]
 
     def compiled(self, shape: WindowShape) -> tuple[Nlp, Solver]:
         """Return the NLP and back-end of a shape, compiled on first use."""
@@ -70,10 +77,15 @@ class WindowSolver:
         """
         nlp, solver = self.compiled(self.shape(window))
         z = pack_guess(nlp, window, prediction, instants, self.costs)
-        guess = shift_multipliers(nlp, z, window, previous.window, previous.solution) if previous else Guess(z)
+        guess = shift_multipliers(nlp, z, window, self._before(previous)) if previous else Guess(z)
         parameters = parameter_vector(nlp, window, instants)
-        solution = solver.solve(guess, parameters, _kept_near(bounds(nlp, window), z, nlp, within))
-        return SolvedWindow(window, guess, parameters, solution, unpack_plan(nlp, window, solution.z))
+        solution = attempt(solver, guess, parameters, _kept_near(bounds(nlp, window), z, nlp, within))
+        plan, violations = unpack_plan(nlp, window, solution.z), worst_violations(nlp.layout, solution.z)
+        return SolvedWindow(window, guess, parameters, solution, plan, violations=violations)
+
+    def _before(self, previous: SolvedWindow) -> Before:
+        nlp, _ = self.compiled(self.shape(previous.window))
+        return Before(nlp, previous.window, previous.solution)
 
 
 def _kept_near(free: Bounds, z: np.ndarray, nlp: Nlp, within: float) -> Bounds:

@@ -6,6 +6,7 @@ import numpy as np
 
 from psmpc_cli.control.aside import AsideMemory
 from psmpc_cli.control.controller import ControllerMemory
+from psmpc_cli.control.offset_free import Offset
 from psmpc_cli.experiment.measures import Balance
 from psmpc_cli.experiment.setup import Experiment
 
@@ -16,12 +17,14 @@ class Checkpoint:
 
     Attributes:
         sample: Number of the sample that comes next.
-        x: Measured state (2n,).
+        x: True state (2n,).
         braking_until: When the robot will have come to rest without a plan [s]; infinite as long as there is one.
         controller: What the controller remembers.
         aside: What the windows solved aside remember.
         started: Stages whose start has been found.
         balance: Impulse and work so far, with momentum and energy at the start.
+        commands: Controls decided that have not reached the robot yet, (M, n) each; as many as the delay has samples.
+        offset: What is known of the disturbance, under offset-free control.
     """
 
     sample: int
@@ -31,10 +34,18 @@ class Checkpoint:
     aside: AsideMemory
     started: frozenset[int]
     balance: Balance
+    commands: tuple[np.ndarray, ...] = ()
+    offset: Offset | None = None
 
 
 def take_checkpoint(
-    experiment: Experiment, sample: int, x: np.ndarray, braking_until: float, balance: Balance
+    experiment: Experiment,
+    sample: int,
+    x: np.ndarray,
+    braking_until: float,
+    balance: Balance,
+    commands: tuple[np.ndarray, ...] = (),
+    offset: Offset | None = None,
 ) -> Checkpoint:
     """Return where the closed loop of an experiment stands."""
     return Checkpoint(
@@ -45,12 +56,15 @@ def take_checkpoint(
         aside=experiment.aside.memory,
         started=experiment.observer.started,
         balance=balance,
+        commands=commands,
+        offset=offset,
     )
 
 
 def first_checkpoint(experiment: Experiment) -> Checkpoint:
     """Return where an experiment stands before its first sample."""
-    return take_checkpoint(experiment, 0, experiment.x0, np.inf, Balance.at(experiment.quantities, experiment.x0))
+    balance = Balance.at(*experiment.uncertainty.kept(0, experiment.x0))
+    return take_checkpoint(experiment, 0, experiment.x0, np.inf, balance, experiment.uncertainty.first_commands())
 
 
 def restore(experiment: Experiment, checkpoint: Checkpoint) -> None:

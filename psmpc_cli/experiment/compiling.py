@@ -10,12 +10,14 @@ from pathlib import Path
 
 import casadi as ca
 
+from psmpc_cli.experiment.uncertainty import disturbs
 from psmpc_cli.native.functions import FLAGS, source_of
 from psmpc_cli.native.library import library
 from psmpc_cli.ocp.layout import StageShape
 from psmpc_cli.ocp.stage_terms import stage_terms
 from psmpc_cli.ocp.stages import Stage, build_stages
 from psmpc_cli.plant import seconds_and_substeps
+from psmpc_cli.plant.disturbed_rk4 import disturbed_tick
 from psmpc_cli.plant.rk4 import tick_function
 from psmpc_cli.robot.model import RobotModel, build_model
 from psmpc_cli.solvers.riccati.kernel import kernel_library
@@ -56,7 +58,8 @@ def pieces(task: TaskSpec, model: RobotModel, stages: Sequence[Stage]) -> Iterat
             yield Piece(f"quadratic programs, {switches} instants", partial(kernel_library, model.n, switches))
     if task.plant.kind == "rk4":
         tick, substeps = seconds_and_substeps(task.plant)
-        yield _piece("a tick of the plant", tick_function(model, tick, substeps))
+        one_tick = disturbed_tick if disturbs(task) else tick_function
+        yield _piece("a tick of the plant", one_tick(model, tick, substeps))
 
 
 def _piece(purpose: str, function: ca.Function) -> Piece:

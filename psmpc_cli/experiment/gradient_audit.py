@@ -1,6 +1,6 @@
 """Audits the gradient with respect to the switching instants on a task's own windows. Paper eqs. (21) to (27)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,12 +54,12 @@ def _audit(experiment: Experiment, first: int) -> Audit:
     random = np.random.default_rng(experiment.task.seed)
     window, instants = _window(experiment, first, random)
     tau = durations(instants, window.start, window.horizon)
-    windows = _with_nodes(experiment, experiment.task.controller.nodes)
+    windows = experiment.controller.windows
     rollout = Rollout(experiment.model, windows.shape(window), window, instants)
     U = [0.1 * random.standard_normal((N, inputs)) for N, inputs in _mesh(windows, window)]
     adjoint = rollout.by_adjoint(tau, U)
     scale = max(1e-3, float(np.abs(adjoint).max()))
-    nodes = experiment.task.controller.nodes
+    nodes = experiment.task.controller.uniform_nodes
     return Audit(
         switch=(window.stages[0].name, window.stages[1].name),
         gradient=float(adjoint[0]),
@@ -73,7 +73,10 @@ def _window(experiment: Experiment, first: int, random: np.random.Generator) -> 
     """Return the window over two consecutive stages from a state near the initial one, and its instant (1,)."""
     controller, n = experiment.task.controller, experiment.model.n
     x0 = experiment.x0 + np.r_[0.3 * random.standard_normal(n), 0.05 * random.standard_normal(n)]
-    stages, plan = experiment.stages[first : first + 2], resting_plan(0.0, controller.horizon, controller.nodes, x0)
+    stages, plan = (
+        experiment.stages[first : first + 2],
+        resting_plan(0.0, controller.horizon, controller.uniform_nodes, x0),
+    )
     instants = np.array([0.4 * controller.horizon])
     offset, scale = normalization(
         "nadir", controller.zeta, stages, np.r_[0.0, instants], experiment.costs, plan, controller.sample_time
@@ -89,15 +92,9 @@ def _window(experiment: Experiment, first: int, random: np.random.Generator) -> 
         horizon=controller.horizon,
         pending_cost=controller.pending_cost,
         terminal_cost=0.0,
+        nodes=(controller.uniform_nodes,) * len(stages),
     )
     return window, instants
-
-
-def _with_nodes(experiment: Experiment, nodes: int) -> WindowSolver:
-    """Return a window solver on another mesh."""
-    task = experiment.task
-    controller = task.controller.model_copy(update={"nodes": nodes})
-    return WindowSolver(task.model_copy(update={"controller": controller}), experiment.model, experiment.costs)
 
 
 def _mesh(windows: WindowSolver, window: Window) -> list[tuple[int, int]]:
@@ -107,7 +104,7 @@ def _mesh(windows: WindowSolver, window: Window) -> list[tuple[int, int]]:
 
 def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes: int) -> float:
     """Return how far the costate formula is from the adjoint at the optimum without limits and end conditions."""
-    windows = _with_nodes(experiment, nodes)
+    windows, window = experiment.controller.windows, replace(window, nodes=(nodes,) * len(window.stages))
     shape = windows.shape(window)
     nlp, solver = windows.compiled(shape)
     plan = resting_plan(window.start, window.horizon, nodes, window.x0)
@@ -115,8 +112,9 @@ def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes:
     free = bounds(nlp, window)
     lbx, ubx = np.full(nlp.layout.size, -np.inf), np.full(nlp.layout.size, np.inf)
     lbx[nlp.layout.duration_index[0]] = ubx[nlp.layout.duration_index[0]] = tau[:-1]
+    lbx[nlp.layout.violation_index] = 0.0
     lbg, ubg = free.lbg.copy(), free.ubg.copy()
-    for rows in nlp.end_rows.values():
+    for rows in (nlp.limit_rows, *nlp.end_rows.values()):
         lbg[rows], ubg[rows] = -np.inf, np.inf
     solution = solver.solve(Guess(z), parameter_vector(nlp, window, np.cumsum(tau)[:-1]), Bounds(lbx, ubx, lbg, ubg))
     U = [solution.z[nlp.layout.input_index(s)] for s in range(len(tau))]

@@ -15,6 +15,9 @@ from psmpc_cli.ocp.transcription import Nlp, window_layout
 from psmpc_cli.ocp.window import Window, unpack_plan, window_shape
 from psmpc_cli.solvers import Guess, Outcome
 
+MOST_NODES = 1000
+"""Intervals a stage has at most; a log that says more is damaged."""
+
 
 @dataclass(frozen=True, eq=False)
 class LoggedSequence:
@@ -57,6 +60,13 @@ class LoggedSolve:
 def logged_state(log: Log, sample: int) -> np.ndarray:
     """Return the state measured at a sample (2n,)."""
     return np.concatenate([log["state/Q"][sample], log["state/Qdot"][sample]])
+
+
+def true_state(log: Log, sample: int) -> np.ndarray:
+    """Return the true state at a sample (2n,), which is the measured one where that has no noise."""
+    if "state/Q_true" not in log.columns:
+        return logged_state(log, sample)
+    return np.concatenate([log["state/Q_true"][sample], log["state/Qdot_true"][sample]])
 
 
 def ensure_sample(log: Log, sample: int) -> None:
@@ -121,13 +131,20 @@ def logged_solve(log: Log, experiment: Experiment, sequence: Sequence, sample: i
     return LoggedSolve(
         window=window,
         nlp=nlp,
-        guess=Guess(guess, *np.split(multipliers, [size])) if len(multipliers) else Guess(guess),
+        guess=_guess(log, sample, guess, multipliers),
         parameters=parameters,
         z=solution,
         plan=unpack_plan(nlp, window, solution),
         outcome=logged_outcome(log, sample),
         objective=float(log["solver/objective"][sample]),
     )
+
+
+def _guess(log: Log, sample: int, z: np.ndarray, multipliers: np.ndarray) -> Guess:
+    warm = log.columns.get("solver/warm")
+    shifted = bool(len(multipliers)) if warm is None else bool(warm[sample])
+    lam_x, lam_g = np.split(multipliers, [len(z)]) if len(multipliers) else (None, None)
+    return Guess(z, lam_x, lam_g, shifted)
 
 
 def logged_outcome(log: Log, sample: int) -> Outcome:
@@ -146,7 +163,8 @@ def logged_outcome(log: Log, sample: int) -> Outcome:
 def _window(log: Log, experiment: Experiment, sequence: Sequence, sample: int) -> tuple[Window, np.ndarray]:
     """Return the window of a sample and the parameter vector of its NLP."""
     spec, stages = experiment.task.controller, experiment.stages[sequence.first : sequence.last + 1]
-    shape = window_shape(stages, spec.nodes, spec.discretization)
+    nodes = _nodes(log, experiment, sequence, sample)
+    shape = window_shape(stages, nodes, spec.discretization, experiment.task.limits_are_soft)
     parameters = read_plan(log.path, "parameters", sample)
     try:
         p = split_parameters(parameters, shape, window_layout(experiment.model, shape))
@@ -164,8 +182,20 @@ def _window(log: Log, experiment: Experiment, sequence: Sequence, sample: int) -
         horizon=float(p.horizon),
         pending_cost=float(p.pending),
         terminal_cost=float(p.terminal),
+        nodes=nodes,
     )
     return window, parameters
+
+
+def _nodes(log: Log, experiment: Experiment, sequence: Sequence, sample: int) -> tuple[int, ...]:
+    """Return the intervals of each stage in the window of a sample."""
+    counts = log.columns.get("window/nodes")
+    if counts is None:
+        return (experiment.task.controller.uniform_nodes,) * sequence.count
+    found = counts[sample, sequence.first : sequence.last + 1]
+    if not (np.isfinite(found) & (found >= 1) & (found <= MOST_NODES)).all():
+        raise _not_of_the_window(log, sample)
+    return tuple(int(count) for count in found)
 
 
 def _not_of_the_window(log: Log, sample: int) -> LogError:

@@ -5,10 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from psmpc_cli.control.decision import Decision
+from psmpc_cli.control.offset_free import Offset, estimate
 from psmpc_cli.control.sequence import Switch
 from psmpc_cli.control.shares import control_shares
 from psmpc_cli.experiment.checkpoint import Checkpoint, first_checkpoint, restore, take_checkpoint
-from psmpc_cli.experiment.measures import measure
+from psmpc_cli.experiment.measures import Sample, measure
 from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.logs.record import Record
 
@@ -21,7 +23,8 @@ class Ending:
         completed: The last stage met its end condition.
         reason: Why the run stopped.
         time: When [s].
-        x: In which state (2n,).
+        x: As what state it was measured (2n,).
+        true: In which state (2n,).
         switches: Hand-overs since the last record, the end of the last stage among them.
         stuck: The run could not go on.
     """
@@ -30,6 +33,7 @@ class Ending:
     reason: str
     time: float
     x: np.ndarray
+    true: np.ndarray
     switches: tuple[Switch, ...] = ()
     stuck: bool = False
 
@@ -46,42 +50,63 @@ def simulate(
         start: Where to go on from; by default its beginning.
         mark: Told before each sample where the loop stands.
     """
-    controller, plant, task = experiment.controller, experiment.plant, experiment.task
+    controller, uncertainty, task = experiment.controller, experiment.uncertainty, experiment.task
     start = first_checkpoint(experiment) if start is None else start
     restore(experiment, start)
-    sample, x, braking_until, balance = start.sample, start.x, start.braking_until, start.balance
+    sample, x, braking_until = start.sample, start.x, start.braking_until
+    balance, commands, offset = start.balance, start.commands, start.offset
     while True:
-        mark(take_checkpoint(experiment, sample, x, braking_until, balance))
-        now = sample * task.controller.sample_time
-        switches = controller.hand_over(now, x)
-        if (ending := _ending(experiment, now, x, braking_until)) is not None:
+        mark(take_checkpoint(experiment, sample, x, braking_until, balance, commands, offset))
+        now, before = sample * task.controller.sample_time, controller.sequence.first
+        seen = uncertainty.measured(sample, x)
+        switches = controller.hand_over(now, seen)
+        if (ending := _ending(experiment, now, seen, x, braking_until)) is not None:
             return replace(ending, switches=(*switches, *ending.switches))
-        decision = controller.decide(now, x)
+        stage = controller.sequence.first
+        contact = uncertainty.contact(x, before, stage)
+        decision = controller.decide(now, seen)
         braking_until = decision.plan.end if decision.exhausted else np.inf
-        edges = now + np.arange(_ticks(experiment) + 1) / task.plant.low_level_rate
-        u = decision.plan.mean_control(edges)
-        presence = experiment.observer.observe(decision, x, edges[[0, -1]])
-        shares = control_shares(experiment.aside, decision, x, edges[:2]) if task.log.shares else {}
-        ticks = plant.advance(now, x, u)
-        balance = balance.after(ticks)
-        yield measure(experiment, decision, switches, presence, shares, u, ticks, balance)
+        edges = tick_edges(experiment, now)
+        commanded, offset = command(experiment, decision, offset)
+        u, *rest = *commands, commanded
+        commands = tuple(rest)
+        presence = experiment.observer.observe(decision, decision.x, edges[[0, -1]])
+        shares = control_shares(experiment.aside, decision, decision.x, edges[:2]) if task.log.shares else {}
+        ticks = uncertainty.advance(experiment.plant, sample, now, contact.x, u, stage)
+        balance = balance.after(contact).after(ticks)
+        happened = Sample(x, switches, contact, presence, shares, u, ticks, balance, offset)
+        yield measure(experiment, decision, happened)
         x, sample = ticks.X[-1], sample + 1
 
 
-def _ticks(experiment: Experiment) -> int:
-    """Return the number of low-level ticks in a sample."""
-    return round(experiment.task.controller.sample_time * experiment.task.plant.low_level_rate)
+def command(experiment: Experiment, decision: Decision, offset: Offset | None) -> tuple[np.ndarray, Offset | None]:
+    """Return the accelerations (M, n) commanded in a sample, and what is known then of the disturbance, if anything."""
+    spec, n = experiment.task.controller, experiment.model.n
+    u = decision.plan.mean_control(tick_edges(experiment, decision.prediction.start))
+    if not spec.offset_free:
+        return u, None
+    d = estimate(offset, decision.x[n:], spec.sample_time, spec.offset_gain)
+    return u - d, Offset(d, decision.x[n:], (u - d).mean(axis=0))
 
 
-def _ending(experiment: Experiment, now: float, x: np.ndarray, braking_until: float) -> Ending | None:
-    """Return the ending if the run is over: last stage at its target, time limit, or at rest without a plan."""
+def tick_edges(experiment: Experiment, now: float) -> np.ndarray:
+    """Return the beginnings of the low-level ticks in the sample at time now [s], and its end."""
+    rate = experiment.task.plant.low_level_rate
+    return np.asarray(now + np.arange(round(experiment.task.controller.sample_time * rate) + 1) / rate)
+
+
+def _ending(experiment: Experiment, now: float, x: np.ndarray, true: np.ndarray, braking_until: float) -> Ending | None:
+    """Return the ending if the run is over: last stage at its target, time limit, or at rest without a plan.
+
+    The target counts as reached when the measured state x (2n,) meets the end condition, as for every hand-over.
+    """
     sequence, last = experiment.controller.sequence, experiment.stages[-1]
     dwelt = now - sequence.entered >= last.dwell - 1e-9
     if sequence.first == last.index and dwelt and experiment.costs.met(last, x[None])[0]:
-        return Ending(True, f"{last.name} met its end condition", now, x, (Switch(last.index, now),))
+        return Ending(True, f"{last.name} met its end condition", now, x, true, (Switch(last.index, now),))
     if now >= braking_until - 1e-9:
-        reason = "no window could be solved and the plan was used up; the robot braked to rest"
-        return Ending(False, reason, now, x, stuck=True)
+        why = "no window could be solved" if np.isfinite(x).all() else "the state was not measured"
+        return Ending(False, f"{why} and the plan was used up; the robot braked to rest", now, x, true, stuck=True)
     if now >= experiment.task.time_limit - 1e-9:
-        return Ending(False, f"time limit of {experiment.task.time_limit:g} s reached", now, x)
+        return Ending(False, f"time limit of {experiment.task.time_limit:g} s reached", now, x, true)
     return None

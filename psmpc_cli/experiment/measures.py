@@ -5,14 +5,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psmpc_cli.control.decision import Decision
+from psmpc_cli.control.offset_free import Offset
 from psmpc_cli.control.sequence import Switch
+from psmpc_cli.experiment.end_error import end_error
 from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.logs.record import LevelsRecord, Record, SolveRecord, TickRecord
 from psmpc_cli.ocp.stage_integrals import stage_integrals
-from psmpc_cli.ocp.stages import Stage
-from psmpc_cli.ocp.window import SHORTEST, end_tolerance
+from psmpc_cli.ocp.window import SHORTEST
 from psmpc_cli.plant import Ticks
-from psmpc_cli.robot.quantities import Quantities
+from psmpc_cli.plant.payload import Contact
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,50 +33,69 @@ class Balance:
     work: float
 
     @classmethod
-    def at(cls, quantities: Quantities, x: np.ndarray) -> "Balance":
-        """Return the balance of a run that starts at x (2n,)."""
-        return cls(*quantities.momentum_and_energy(x), np.zeros(3), 0.0)
+    def at(cls, momentum: np.ndarray, energy: float) -> "Balance":
+        """Return the balance of a run that starts with this momentum (3,) and energy."""
+        return cls(momentum, energy, np.zeros(3), 0.0)
 
-    def after(self, ticks: Ticks) -> "Balance":
-        """Return the balance after a sample."""
-        return replace(self, impulse=self.impulse + ticks.impulse, work=self.work + ticks.work)
+    def after(self, happened: Ticks | Contact) -> "Balance":
+        """Return the balance after a sample, or after an object was taken up or let go."""
+        return replace(self, impulse=self.impulse + happened.impulse, work=self.work + happened.work)
 
-    def drift(self, quantities: Quantities, x: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return the drift of momentum (3,) [N s, N m s] and of energy [J] at x (2n,)."""
-        momentum, energy = quantities.momentum_and_energy(x)
+    def drift(self, momentum: np.ndarray, energy: float) -> tuple[np.ndarray, float]:
+        """Return the drift of momentum (3,) [N s, N m s] and of energy [J] where they are now this."""
         return momentum - self.momentum - self.impulse, energy - self.energy - self.work
 
 
-def measure(
-    experiment: Experiment,
-    decision: Decision,
-    switches: tuple[Switch, ...],
-    presence: dict[int, float],
-    shares: dict[int, float],
-    u: np.ndarray,
-    ticks: Ticks,
-    balance: Balance,
-) -> Record:
-    """Return the record of a sample: u (M, n) was applied over its ticks, after which the balance stands."""
-    n, x = experiment.model.n, ticks.X[0]
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """What happened at a sample around its decision.
+
+    Attributes:
+        x: True state (2n,), before anything is taken up or let go.
+        switches: Hand-overs since the last sample.
+        contact: What taking up or letting go did.
+        presence, shares: What was found aside, by stage index.
+        u: Accelerations applied over the ticks (M, n).
+        ticks: What the physics did.
+        balance: The balance after them.
+        offset: What is known of the disturbance, under offset-free control.
+    """
+
+    x: np.ndarray
+    switches: tuple[Switch, ...]
+    contact: Contact
+    presence: dict[int, float]
+    shares: dict[int, float]
+    u: np.ndarray
+    ticks: Ticks
+    balance: Balance
+    offset: Offset | None
+
+
+def measure(experiment: Experiment, decision: Decision, sample: Sample) -> Record:
+    """Return the record of a sample; how the motion went is of the true state where that is not the measured one."""
+    n, uncertainty, seen = experiment.model.n, experiment.uncertainty, decision.x
+    noisy, ticks, u = uncertainty.spec.measures_with_noise, sample.ticks, sample.u
+    x = sample.x if noisy else seen
     stage = experiment.stages[decision.sequence.first]
     tick, since = np.diff(ticks.time), ticks.time[:1] - decision.sequence.entered
     base = experiment.model.parts["base"]
     position, velocity = _margins(experiment, decision, ticks)
-    momentum_error, energy_error = balance.drift(experiment.quantities, ticks.X[-1])
+    momentum_error, energy_error = sample.balance.drift(*uncertainty.kept(stage.index, ticks.X[-1]))
     return Record(
         time=float(ticks.time[0]),
-        Q=x[:n],
-        Qdot=x[n:],
+        Q=seen[:n],
+        Qdot=seen[n:],
         u=u[0],
         F=ticks.F[0],
         xi=experiment.quantities.poses(x),
         window_first=decision.sequence.first,
         instants=decision.sequence.instants,
         nadir=decision.solved.window.scale[: decision.sequence.count],
+        nodes=np.array(decision.solved.window.nodes[: decision.sequence.count], float),
         flags=_flags(decision),
-        switches=tuple((switch.stage, switch.time) for switch in switches),
-        presence=presence,
+        switches=tuple((switch.stage, switch.time) for switch in sample.switches),
+        presence=sample.presence,
         solve=_solve_record(decision),
         stage_cost=float(experiment.costs.at(stage, x[None], u[:1], since)[0]),
         position_margin=position,
@@ -93,11 +113,14 @@ def measure(
         if experiment.task.log.ticks
         else None,
         window_cost=_window_cost(experiment, decision),
-        shares=shares,
+        shares=sample.shares,
         levels=_levels_record(experiment, decision),
         basin=decision.solved.basin,
         plan_deviation=ticks.X[-1] - decision.plan.states_at(ticks.time[-1:])[0],
         end_errors=_end_errors(experiment, decision, ticks),
+        true=sample.x if noisy else None,
+        disturbance=None if sample.offset is None else sample.offset.d,
+        payload=(uncertainty.holds(stage.index), sample.contact.work) if uncertainty.spec.payload else None,
     )
 
 
@@ -108,17 +131,6 @@ def _margins(experiment: Experiment, decision: Decision, ticks: Ticks) -> tuple[
     position = np.minimum(Q - limits.position_low, limits.position_high - Q).min(axis=0)
     velocity = np.minimum(Qdot - limits.velocity_low, limits.velocity_high - Qdot).min(axis=0)
     return position, velocity
-
-
-def end_error(experiment: Experiment, stage: Stage, x: np.ndarray) -> float:
-    """Return the largest error of a stage's end condition at x (2n,) over its tolerance; NaN without one. Eq. (18)."""
-    rows, costs = list(stage.end_rows), experiment.costs
-    if not rows:
-        return np.nan
-    errors = costs.errors(stage, x[None])[0, rows]
-    if stage.end_velocity is not None:
-        errors = np.concatenate([errors, costs.rates(stage, x[None])[0, rows]])
-    return float(np.max(np.abs(errors) / end_tolerance(stage)))
 
 
 def state_at(times: np.ndarray, X: np.ndarray, time: float) -> np.ndarray:
@@ -142,7 +154,7 @@ def _end_errors(experiment: Experiment, decision: Decision, ticks: Ticks) -> dic
     for index, instant in enumerate(decision.sequence.instants, start=decision.sequence.first):
         if instant <= ticks.time[-1] + SHORTEST:
             x = state_at(ticks.time, ticks.X, float(instant))
-            found[index] = end_error(experiment, experiment.stages[index], x)
+            found[index] = end_error(experiment.costs, experiment.stages[index], x)
     return found
 
 
@@ -152,6 +164,7 @@ def _flags(decision: Decision) -> frozenset[str]:
         "postponed": decision.postponed,
         "fallback": decision.fallback,
         "braking": decision.exhausted,
+        "unmeasured": decision.unmeasured,
     }
     return frozenset(name for name, yes in happened.items() if yes)
 
@@ -196,6 +209,7 @@ def _solve_record(decision: Decision) -> SolveRecord:
         wall_time=sum(level.wall_time for level in levels),
         objective=solution.objective * float(np.max(solved.window.omega)),
         guess=guess.z,
+        warm=guess.warm,
         guess_multipliers=np.concatenate(multipliers) if multipliers else np.zeros(0),
         parameters=solved.parameters,
         solution=solution.z,

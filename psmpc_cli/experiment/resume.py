@@ -14,6 +14,7 @@ import numpy as np
 
 from psmpc_cli.control.controller import ControllerMemory
 from psmpc_cli.control.decision import Decision
+from psmpc_cli.control.offset_free import Offset
 from psmpc_cli.control.shares import control_shares
 from psmpc_cli.control.window_solver import SolvedWindow
 from psmpc_cli.errors import LogError
@@ -24,8 +25,9 @@ from psmpc_cli.experiment.logged_window import (
     logged_sequences,
     logged_solve,
     logged_state,
+    true_state,
 )
-from psmpc_cli.experiment.loop import Ending
+from psmpc_cli.experiment.loop import Ending, command
 from psmpc_cli.experiment.measures import Balance
 from psmpc_cli.experiment.run import Progress, header, judge, new_clock, write_records
 from psmpc_cli.experiment.setup import Experiment, build_experiment
@@ -94,13 +96,17 @@ def checkpoint_at(log: Log, experiment: Experiment, sequences: Sequence[LoggedSe
     sample = len(sequences)
     counts = _first_that_counts(log, sample)
     experiment.observer.started = _started(log, experiment, counts)
-    braking_until, x = np.inf, logged_state(log, sample)
+    braking_until, commands = np.inf, experiment.uncertainty.first_commands()
+    offset: Offset | None = None
     for decision in _decisions(log, experiment, sequences):
         k = round(decision.prediction.start / experiment.task.controller.sample_time)
         if k >= counts:
             _look_aside(experiment, decision, logged_state(log, k))
         braking_until = decision.plan.end if decision.exhausted else np.inf
-    return take_checkpoint(experiment, sample, x, braking_until, _balance_at(log, experiment, sample))
+        commanded, offset = command(experiment, decision, offset)
+        commands = (*commands, commanded)[1:]
+    balance = _balance_at(log, experiment, sample)
+    return take_checkpoint(experiment, sample, true_state(log, sample), braking_until, balance, commands, offset)
 
 
 def _first_that_counts(log: Log, sample: int) -> int:
@@ -133,8 +139,9 @@ def _look_aside(experiment: Experiment, decision: Decision, x: np.ndarray) -> No
 
 def _balance_at(log: Log, experiment: Experiment, sample: int) -> Balance:
     """Return the balance before a sample: what has changed since the start less the drift that was logged."""
-    before = Balance.at(experiment.quantities, experiment.x0)
-    momentum, energy = before.drift(experiment.quantities, logged_state(log, sample))
+    uncertainty, stage = experiment.uncertainty, int(log["window/first"][sample - 1])
+    before = Balance.at(*uncertainty.kept(0, experiment.x0))
+    momentum, energy = before.drift(*uncertainty.kept(stage, true_state(log, sample)))
     return replace(
         before,
         impulse=momentum - log["balance/momentum"][sample - 1],
@@ -176,7 +183,7 @@ def _decisions(log: Log, experiment: Experiment, sequences: Sequence[LoggedSeque
 
 def _prediction(plan: Plan | None, experiment: Experiment, now: float, x: np.ndarray) -> Plan:
     spec = experiment.task.controller
-    return resting_plan(now, spec.horizon, spec.nodes, x) if plan is None else shift(plan, now, spec.horizon, x)
+    return resting_plan(now, spec.horizon, spec.uniform_nodes, x) if plan is None else shift(plan, now, spec.horizon, x)
 
 
 def _without_multipliers(solve: LoggedSolve) -> Solution:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from psmpc_cli.logs.read import read_log
 from psmpc_cli.logs.record import Record
 from psmpc_cli.logs.write import Header, LogWriter, write_monitors
 from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.robot.inertial import body_names
 from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.load import LoadedTask
 
@@ -109,8 +111,8 @@ def write_records(
         raise
     clock.hand_over(tuple((switch.stage, switch.time) for switch in ending.switches))
     writer.update_stages(clock.times)
-    xi = np.asarray(experiment.model.g(ending.x[: experiment.model.n])).ravel()
-    writer.finish(ending.completed, ending.reason, ending.time, ending.x, xi)
+    xi = experiment.quantities.poses(ending.true)
+    writer.finish(ending.completed, ending.reason, ending.time, ending.x, xi, ending.true)
     return ending
 
 
@@ -128,8 +130,11 @@ def _report(record: Record, stages: tuple[Stage, ...]) -> None:
         logger.info("%.2f s: %s entered the window", record.time, stages[last].name)
     if "postponed" in record.flags:
         logger.info("%.2f s: %s was seen but could not be solved for yet", record.time, stages[last + 1].name)
-    if "fallback" in record.flags:
-        goes_on = "the robot brakes to rest" if "braking" in record.flags else "the shifted plan goes on"
+    goes_on = "the robot brakes to rest" if "braking" in record.flags else "the shifted plan goes on"
+    if "unmeasured" in record.flags:
+        stands_in = goes_on if "braking" in record.flags else "the plan's prediction stands in for it"
+        logger.warning("%.2f s: the state was not measured; %s", record.time, stands_in)
+    elif "fallback" in record.flags:
         logger.warning("%.2f s: solve failed (%s); %s", record.time, record.solve.status, goes_on)
 
 
@@ -165,5 +170,31 @@ def header(experiment: Experiment) -> Header:
         plans=task.log.plans,
         monitors=tuple(monitor.name for monitor in task.monitors),
         levels=task.controller.kind == "htmpc",
+        offset_free=task.controller.offset_free,
+        **_uncertain(experiment),
         units={path: "1" for path in ("window/presence", "stages/epsilon") if task.onset.kind == "closeness"},
     )
+
+
+class _Uncertain(TypedDict):
+    """What a header says of an uncertainty."""
+
+    noisy: bool
+    payload: bool
+    bodies: tuple[str, ...]
+    drawn: dict[str, np.ndarray]
+
+
+def _uncertain(experiment: Experiment) -> _Uncertain:
+    spec, draw = experiment.uncertainty.spec, experiment.uncertainty.draw
+    drawn = {
+        "uncertainty/mass_factor": draw.mass_factor,
+        "uncertainty/inertia_factor": draw.inertia_factor,
+        "uncertainty/centre_of_mass": draw.offset,
+    }
+    return {
+        "noisy": spec.measures_with_noise,
+        "payload": spec.payload is not None,
+        "bodies": body_names(experiment.model.spec) if spec.in_force else (),
+        "drawn": drawn if spec.in_force else {},
+    }

@@ -1,6 +1,6 @@
 """An experiment: a loaded task with its model, controller and plant, ready to run."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.onset import OnsetObserver
 from psmpc_cli.control.window_solver import WindowSolver
 from psmpc_cli.experiment.compiling import compiled_in_force
+from psmpc_cli.experiment.uncertainty import Uncertainty, disturbs
 from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.stages import Stage, build_stages
 from psmpc_cli.plant import Plant, build_plant
@@ -17,7 +18,10 @@ from psmpc_cli.robot.model import RobotModel, build_model
 from psmpc_cli.robot.quantities import Quantities
 from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.load import LoadedTask
-from psmpc_cli.specs.task import TaskSpec
+from psmpc_cli.specs.task import SolverSpec, TaskSpec
+
+COMPARED = 30
+"""Iterations of `sqp` where windows are solved from several guesses: it rarely needs as many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +40,7 @@ class Experiment:
     aside: WindowsAside
     observer: OnsetObserver
     plant: Plant
+    uncertainty: Uncertainty
     x0: np.ndarray
     compiled: bool
 
@@ -50,21 +55,41 @@ def build_experiment(loaded: LoadedTask) -> Experiment:
     task, model = loaded.spec, build_model(loaded.robot)
     stages, costs = build_stages(task, loaded.robot, model), StageCosts(model)
     compiled = compiled_in_force(task, model, stages)
-    solver = task.solver.model_copy(update={"compiled": compiled})
-    windows = WindowSolver(task.model_copy(update={"solver": solver}), model, costs)
+    windows = WindowSolver(task.model_copy(update={"solver": _solver_in_force(task, compiled)}), model, costs)
     controller = build_controller(task.controller, stages, windows)
-    aside = WindowsAside(controller)
+    aside, quantities = WindowsAside(controller), Quantities(model)
     Qdot = stack(task.initial_velocity, loaded.robot, "joint") if task.initial_velocity else np.zeros(model.n)
     return Experiment(
         loaded=loaded,
         model=model,
         stages=stages,
         costs=costs,
-        quantities=Quantities(model),
+        quantities=quantities,
         controller=controller,
         aside=aside,
         observer=OnsetObserver(aside, task.onset),
-        plant=build_plant(task.plant, model, compiled),
+        plant=build_plant(task.plant, model, compiled and not disturbs(task)),
+        uncertainty=Uncertainty(task, model, quantities, compiled),
         x0=np.r_[stack(task.initial, loaded.robot, "joint"), Qdot],
         compiled=compiled,
     )
+
+
+def converging(loaded: LoadedTask) -> LoadedTask:
+    """Return the task with a solver that solves each window to its optimum, however long that takes.
+
+    What is asked of single windows, such as a front, is about their optima; in closed loop one iteration a sample is
+    enough because the next sample goes on from there.
+    """
+    solver = loaded.spec.solver
+    kind = "fatrop" if solver.kind == "sqp" else solver.kind
+    solver = solver.model_copy(update={"kind": kind, "deadline": None})
+    return replace(loaded, spec=loaded.spec.model_copy(update={"solver": solver}))
+
+
+def _solver_in_force(task: TaskSpec, compiled: bool) -> SolverSpec:
+    """Return the solver of a run: objectives of several guesses can be compared at their optima alone."""
+    solver = task.solver.model_copy(update={"compiled": compiled})
+    if solver.kind != "sqp" or (task.controller.multistart or 1) == 1:
+        return solver
+    return solver.model_copy(update={"iterations": max(solver.iterations, COMPARED)})

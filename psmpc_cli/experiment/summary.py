@@ -6,9 +6,11 @@ import numpy as np
 
 from psmpc_cli.errors import LogError, SpecError
 from psmpc_cli.experiment.deviations import Deviations, largest_deviations
+from psmpc_cli.experiment.end_error import end_error
 from psmpc_cli.experiment.monitors import Verdict, verdicts
 from psmpc_cli.experiment.smoothness import Variation, total_variation
 from psmpc_cli.logs.read import Log
+from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.stages import build_stages
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.specs.coordinates import labels
@@ -68,6 +70,7 @@ class Summary:
         solves, switching_solves: All solves, and those of windows with a switch.
         missed: Samples whose solve took longer than the sample time.
         appended, postponed, fallbacks: How often each happened.
+        unmeasured: Samples whose state was not measured, at least in part.
         basins: How often another guess of the instants than the last plan's won; None where there was no other.
         unsolved_levels: Levels of a lexicographic controller that did not converge; None under any other.
         limits: The tightest position and velocity margins.
@@ -78,6 +81,8 @@ class Summary:
         monitors: The verdicts.
         distances: Distance between the first two end-effectors at the end of each stage [m]; NaN with one arm.
         deviations: How far the motion came from the plans, and beyond the limits.
+        end_errors: Error of the last stage's end condition over its tolerance at the end, of the measured and of the
+            true state; None without noise.
     """
 
     ended: bool
@@ -92,6 +97,7 @@ class Summary:
     appended: int
     postponed: int
     fallbacks: int
+    unmeasured: int
     basins: int | None
     unsolved_levels: int | None
     limits: tuple[LimitSummary, ...]
@@ -104,6 +110,7 @@ class Summary:
     monitors: tuple[Verdict, ...]
     distances: tuple[float, ...]
     deviations: Deviations
+    end_errors: tuple[float, float] | None = None
 
 
 def summarize(log: Log) -> Summary:
@@ -126,6 +133,7 @@ def summarize(log: Log) -> Summary:
         appended=int(log["events/appended"].sum()),
         postponed=int(log["events/postponed"].sum()),
         fallbacks=int(log["events/fallback"].sum()),
+        unmeasured=int(log.columns.get("events/unmeasured", np.zeros(0)).sum()),
         basins=_basins(log),
         unsolved_levels=int(np.sum(log["levels/solved"] == 0)) if "levels/solved" in log.columns else None,
         limits=_limits(log, loaded),
@@ -138,6 +146,7 @@ def summarize(log: Log) -> Summary:
         monitors=monitored,
         distances=_distances(log),
         deviations=largest_deviations(log),
+        end_errors=_end_errors(log, loaded),
     )
 
 
@@ -209,6 +218,17 @@ def _limits(log: Log, loaded: LoadedTask) -> tuple[LimitSummary, ...]:
 def _basins(log: Log) -> int | None:
     basin = log.columns.get("window/basin", np.full(len(log.time), -1))
     return int(np.sum(basin > 0)) if np.any(basin >= 0) else None
+
+
+def _end_errors(log: Log, loaded: LoadedTask) -> tuple[float, float] | None:
+    """Return the last stage's end errors of the final state, measured and true."""
+    if "Q_true" not in log.final or np.isnan(log.final["time"]):
+        return None
+    model = build_model(loaded.robot)
+    stage, costs = build_stages(loaded.spec, loaded.robot, model)[-1], StageCosts(model)
+    states = (np.concatenate([log.final[f"Q{of}"], log.final[f"Qdot{of}"]]) for of in ("", "_true"))
+    measured, true = (end_error(costs, stage, x) for x in states)
+    return measured, true
 
 
 def _largest(values: np.ndarray) -> float:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from psmpc_cli.errors import LogError
+from psmpc_cli.experiment.end_error import end_error
 from psmpc_cli.experiment.logged_window import LoggedSequence, logged_sequences, logged_solve, logged_state
-from psmpc_cli.experiment.measures import end_error, state_at
+from psmpc_cli.experiment.measures import state_at
 from psmpc_cli.experiment.setup import Experiment, build_experiment
 from psmpc_cli.experiment.summary import task_of
 from psmpc_cli.logs.read import Log
@@ -98,6 +99,8 @@ class _Verifier:
         self._log, self._experiment = log, experiment
         self._physics = AdaptiveDynamics(experiment.model)
         self._levels = "levels/solved" in log.columns
+        task = experiment.task
+        self._uncertain = task.uncertainty.in_force or task.controller.offset_free
         self._horizons: Peaks = {}
         self._loop: Peaks = {}
         self._count, self._samples, self._left_out = 0, 0, 0
@@ -111,13 +114,19 @@ class _Verifier:
             self._plan = solve.plan
             if horizon:
                 self._take_horizon(sample, solve.plan, solve.nlp.layout, solve.window.stages)
-        self._take_loop(sample, self._experiment.stages[logged.sequence.first])
+        if not self._uncertain:
+            self._take_loop(sample, self._experiment.stages[logged.sequence.first])
 
     def result(self) -> Verification:
         """Return what was found."""
         remarks = []
         if self._levels:
             remarks.append("the log of HTMPC holds the windows of the first levels alone, and those were integrated")
+        if self._uncertain:
+            remarks.append(
+                "the closed loop was left out: its robot is not the one the plans are made for, or its controls are "
+                "not theirs"
+            )
         if self._left_out:
             why = "without the plan that was applied in the log; log: {ticks: true} logs the forces"
             remarks.append(f"{self._left_out} samples of the closed loop were left out, {why}")
@@ -194,7 +203,7 @@ class _Verifier:
 
     def _note_end(self, peaks: Peaks, sample: int, stage: Stage, x: Vector, time: float) -> None:
         """Note the error of a stage's end condition over its tolerance. Paper eq. (18)."""
-        error = end_error(self._experiment, stage, x)
+        error = end_error(self._experiment.costs, stage, x)
         if np.isfinite(error):
             self._note(peaks, "end condition", sample, np.array([[error]]), np.array([time]), [stage.name])
 

@@ -12,9 +12,8 @@ from psmpc_cli.errors import InputError, LogError, RunError
 from psmpc_cli.logs.layout import COMPARISON, FORMAT_VERSION
 from psmpc_cli.logs.new_file import refuse
 from psmpc_cli.logs.read import Log, kind_in, log_in, opened
-
-OF_DIMENSIONS = ("CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "_Netcdf4Dimid")
-"""Attributes in which HDF5 keeps dimension scales; they hold references, which point nowhere in another file."""
+from psmpc_cli.logs.seal import seal
+from psmpc_cli.logs.structure import OF_DIMENSIONS
 
 SPARE = 1.1
 """Room wanted for a comparison, in sizes of the logs it is made from."""
@@ -35,6 +34,7 @@ def merge_logs(logs: Mapping[str, Path], path: Path, force: bool = False) -> Non
             raise RunError(f"{path} cannot be written: no space left on device")
         try:
             _write(logs, part)
+            seal(part)
             os.replace(part, path)
         finally:
             part.unlink(missing_ok=True)
@@ -51,7 +51,16 @@ def read_comparison(path: Path) -> dict[str, Log]:
     with opened(path) as file:
         if kind_in(file) != COMPARISON:
             raise LogError(f"{path}: found the log of one run, expected a comparison written by psmpc compare")
-        return {str(name): log_in(path, file[f"runs/{name}"]) for name in file.attrs["runs"]}
+        return logs_in(path, file)
+
+
+def logs_in(path: Path, file: h5py.File) -> dict[str, Log]:
+    """Return the logs in an open comparison by name.
+
+    Raises:
+        LogError: As for `log_in`.
+    """
+    return {str(name): log_in(path, file[f"runs/{name}"]) for name in file.attrs["runs"]}
 
 
 def extract_log(path: Path, name: str, log: Path) -> None:

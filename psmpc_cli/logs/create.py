@@ -8,10 +8,16 @@ import h5py
 import numpy as np
 
 from psmpc_cli.logs.layout import (
+    AXES,
     COLUMNS,
+    DISTURBANCE,
+    DRAWN,
+    DRAWN_SCALES,
+    FINAL_TRUE,
     FORMAT_VERSION,
     LEVELS,
     MOMENTUM,
+    PAYLOAD,
     PLANS,
     RUN,
     SCALES,
@@ -19,7 +25,10 @@ from psmpc_cli.logs.layout import (
     TICK,
     TICKS,
     TIME,
+    TRUE_STATE,
     Column,
+    Scale,
+    Table,
 )
 from psmpc_cli.logs.new_file import write_new
 
@@ -40,6 +49,11 @@ class Header:
         monitors: Names of the monitors.
         levels: Whether the controller has levels to log.
         units: Units of datasets that the task decides, by path.
+        noisy: Whether the true state is another than the measured one.
+        payload: Whether the object has a mass.
+        offset_free: Whether the controller estimates a disturbance.
+        bodies: Names of the bodies; none without drawn numbers.
+        drawn: What was drawn for them, by path.
     """
 
     attributes: Mapping[str, str | int | float | bool]
@@ -53,6 +67,28 @@ class Header:
     monitors: tuple[str, ...] = ()
     levels: bool = False
     units: Mapping[str, str] = field(default_factory=dict)
+    noisy: bool = False
+    payload: bool = False
+    offset_free: bool = False
+    bodies: tuple[str, ...] = ()
+    drawn: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Every dataset with a row a sample."""
+        levels, true = LEVELS if self.levels else (), TRUE_STATE if self.noisy else ()
+        disturbance = DISTURBANCE if self.offset_free else ()
+        return (*COLUMNS, *levels, *true, *(PAYLOAD if self.payload else ()), *disturbance)
+
+    @property
+    def scales(self) -> tuple[Scale, ...]:
+        """Every dimension scale whose size is known before the run."""
+        return (*SCALES, *(DRAWN_SCALES if self.drawn else ()))
+
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """Every dataset that does not grow."""
+        return (*TABLES, *(FINAL_TRUE if self.noisy else ()), *(DRAWN if self.drawn else ()))
 
 
 def create_log(path: Path, header: Header, force: bool = False) -> None:
@@ -72,7 +108,7 @@ def _image(header: Header) -> bytes:
         )
         _create_scales(file, header)
         _create_tables(file, header)
-        _create_columns(file, TIME, COLUMNS + LEVELS if header.levels else COLUMNS, ROWS_IN_A_CHUNK)
+        _create_columns(file, TIME, header.columns, ROWS_IN_A_CHUNK)
         if header.ticks:
             _create_columns(file, TICK, TICKS, TICKS_IN_A_CHUNK)
         if header.plans:
@@ -93,8 +129,10 @@ def _create_scales(file: h5py.File, header: Header) -> None:
         "momentum": MOMENTUM,
         "stages/epsilon": header.epsilons,
         "monitors/name": header.monitors,
+        "uncertainty/body": header.bodies,
+        "uncertainty/axis": AXES,
     }
-    for scale in SCALES:
+    for scale in header.scales:
         dtype = "f8" if scale.path == "stages/epsilon" else h5py.string_dtype()
         dataset = file.create_dataset(scale.path, data=np.array(values[scale.path], dtype))
         dataset.make_scale(scale.path.rpartition("/")[2])
@@ -102,7 +140,7 @@ def _create_scales(file: h5py.File, header: Header) -> None:
 
 
 def _create_tables(file: h5py.File, header: Header) -> None:
-    for table in TABLES:
+    for table in header.tables:
         text = table.dtype == "text"
         dataset = file.create_dataset(
             table.path,
@@ -115,6 +153,8 @@ def _create_tables(file: h5py.File, header: Header) -> None:
             dimension.attach_scale(file[scale])
     file["stages/name"][...] = header.stages
     file["stages/priority"][...] = header.priorities
+    for path, values in header.drawn.items():
+        file[path][...] = values
 
 
 def _create_columns(file: h5py.File, along: Column, columns: tuple[Column, ...], chunk: int) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.layout import COLUMNS, LEVELS, MOMENTUM
+from psmpc_cli.logs.layout import COLUMNS, MOMENTUM, OPTIONAL
 from psmpc_cli.logs.read import Log
 
 
@@ -45,7 +45,7 @@ def _samples(log: Log) -> Iterator[tuple[str, np.ndarray]]:
         "stage": log.stage_names,
         "momentum": MOMENTUM,
     }
-    for column in (column for column in COLUMNS + LEVELS if column.path in log.columns):
+    for column in (column for column in sum(OPTIONAL, COLUMNS) if column.path in log.columns):
         values = log[column.path]
         if not column.scale:
             yield column.path if column.units == "1" else f"{column.path} [{column.units}]", values

@@ -6,7 +6,7 @@ FORMAT_VERSION = 1
 """Changes when a reader of the old layout would misread the new one."""
 
 
-RUN, COMPARISON, SWEEP, PARETO = "run", "comparison", "sweep", "pareto"
+RUN, COMPARISON, SWEEP, PARETO, MONTE_CARLO = "run", "comparison", "sweep", "pareto", "monte-carlo"
 """Attribute `kind`: the log of one run (also where it is missing), a file of several, and the results of studies."""
 
 
@@ -80,6 +80,9 @@ SCALES = (
 MOMENTUM = ("x", "y", "angular")
 """Components of the momentum: linear, and angular about the inertial origin."""
 
+AXES = ("x", "y")
+"""Axes of a body."""
+
 TIME = Column("time", "", "s", "sample time")
 
 DEVIATIONS = (
@@ -94,6 +97,32 @@ BASIN = (
 )
 """Which of several solves of a window stands; logs of an earlier version lack it."""
 
+UNMEASURED = (
+    Column("events/unmeasured", "", "1", "the measured state was not finite, and the plan's stood in for it", "i1"),
+)
+"""Where the state is not the measured one; logs of an earlier version lack it."""
+
+NODES = (Column("window/nodes", "stage", "1", "intervals N_s of each stage; NaN outside the window"),)
+"""The mesh of each window; logs of an earlier version lack it, and have the task's everywhere."""
+
+WARM = (Column("solver/warm", "", "1", "the solve started from the last solution, shifted", "i1"),)
+"""How each solve started; logs of an earlier version lack it, and it did where multipliers are logged."""
+
+TRUE_STATE = (
+    Column("state/Q_true", "coordinate", Q_UNITS, "generalized coordinates, true"),
+    Column("state/Qdot_true", "coordinate", V_UNITS, "generalized velocities, true"),
+)
+"""Where measurements have noise, along /time."""
+
+PAYLOAD = (
+    Column("payload/held", "", "1", "whether the grippers hold the payload from the sample on", "i1"),
+    Column("payload/energy", "", "J", "kinetic energy gained at the sample by taking it up or letting it go"),
+)
+"""Where the object has a mass, along /time."""
+
+DISTURBANCE = (Column("control/disturbance", "coordinate", A_UNITS, "estimated disturbance, taken off the control"),)
+"""Under offset-free control, along /time."""
+
 COLUMNS = (
     Column("state/Q", "coordinate", Q_UNITS, "generalized coordinates, measured"),
     Column("state/Qdot", "coordinate", V_UNITS, "generalized velocities, measured"),
@@ -105,13 +134,16 @@ COLUMNS = (
     Column("window/instants", "stage", "s", "optimized instant that ends each stage; NaN outside the window"),
     Column("window/cost", "stage", "1", "normalized cost integral of each stage; NaN outside the window"),
     *BASIN,
+    *NODES,
     Column("window/presence", "stage", A_UNITS, "how much of a waiting stage is in the control; NaN if not looked at"),
     Column("window/share", "stage", "1", "share of each stage in the applied control; NaN where it has none"),
     Column("events/appended", "", "1", "a stage entered the window", "i1"),
     Column("events/postponed", "", "1", "a stage was seen, but the window with it had no solution yet", "i1"),
     Column("events/fallback", "", "1", "the solve failed and the shifted plan went on", "i1"),
     Column("events/braking", "", "1", "the plan was used up and the robot braked to rest", "i1"),
+    *UNMEASURED,
     Column("solver/status", "", "1", "outcome of the solve", "S16"),
+    *WARM,
     Column("solver/iterations", "", "1", "iterations of the solve", "i4"),
     Column("solver/wall_time", "", "s", "wall time of the solve alone"),
     Column("solver/objective", "", "1", "objective J"),
@@ -135,6 +167,9 @@ LEVELS = (
     Column("levels/solved", "stage", "1", "1 if the level converged, 0 if not, -1 where there was none", "i1"),
 )
 """Every dataset with one row a sample of a lexicographic controller's levels, along /time."""
+
+OPTIONAL = (LEVELS, TRUE_STATE, PAYLOAD, DISTURBANCE)
+"""Datasets along /time that only some logs have, each group as a whole."""
 
 TICK = Column("ticks/tick", "", "1", "number of the tick, from 0", "i8")
 
@@ -162,6 +197,30 @@ TABLES = (
     Table("monitors/margin", ("monitors/name",), "m, m/s", "smallest distance of the signal to its bounds"),
 )
 """Every dataset that does not grow."""
+
+FINAL_TRUE = (
+    Table("final/Q_true", ("coordinate",), Q_UNITS, "generalized coordinates at the end of the run, true"),
+    Table("final/Qdot_true", ("coordinate",), V_UNITS, "generalized velocities at the end of the run, true"),
+)
+"""Where measurements have noise."""
+
+DRAWN_SCALES = (
+    Scale("uncertainty/body", "1", "body"),
+    Scale("uncertainty/axis", "1", "axis of the body"),
+)
+"""What runs along the dimensions of the drawn numbers."""
+
+DRAWN = (
+    Table("uncertainty/mass_factor", ("uncertainty/body",), "1", "true mass over the described one"),
+    Table("uncertainty/inertia_factor", ("uncertainty/body",), "1", "true inertia over the described one"),
+    Table(
+        "uncertainty/centre_of_mass",
+        ("uncertainty/body", "uncertainty/axis"),
+        "m",
+        "offset of the true centre of mass from the described one",
+    ),
+)
+"""Where a task has an uncertainty, what was drawn for it."""
 
 PLANS = (
     ("plan/guess", "primal point each solve started from"),

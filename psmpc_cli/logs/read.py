@@ -2,31 +2,44 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import h5py
 import numpy as np
 
 from psmpc_cli.errors import LogError
+from psmpc_cli.logs.guard import ensure_readable
 from psmpc_cli.logs.layout import (
     BASIN,
     COLUMNS,
     DEVIATIONS,
+    DRAWN,
+    DRAWN_SCALES,
+    FINAL_TRUE,
     FORMAT_VERSION,
-    LEVELS,
+    NODES,
+    OPTIONAL,
     PLANS,
     RUN,
     SCALES,
     TABLES,
     TICKS,
     TIME,
+    UNMEASURED,
+    WARM,
 )
+from psmpc_cli.logs.sound import ensure_sound
+from psmpc_cli.logs.structure import RefusedError, damaged
+from psmpc_cli.specs.problem import shortened
 
 EXPECTED = "expected a log written by psmpc simulate"
 
 ATTRIBUTES = ("finished", "end_reason", "controller", "task_name", "task_yaml", "robot_yaml")
 """What a log cannot be understood without."""
+
+DAMAGE = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, ArithmeticError, MemoryError)
+"""What h5py and NumPy raise over a file that is not what it says."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +52,12 @@ class Log:
         columns: Every dataset with a row a sample, /time included, by path; an older log may lack some.
         stages: Datasets below /stages: name, priority, switch_time, actual_start, premature, epsilon, ...
         coordinates, pose_coordinates: Names of the rows of Q and xi.
-        final: time, Q, Qdot and xi at the end of the run; NaN in a run that was killed or interrupted.
+        final: time, Q, Qdot and xi at the end of the run; NaN in a run that was killed or interrupted. With noise Q and
+            Qdot are measured, Q_true and Qdot_true stand beside them.
         monitors: name, held (-1 in a run that was killed), margin.
         ticks: time, Q, Qdot and F at every tick, empty where none were logged.
         plans: Whether /plan was logged.
+        uncertainty: body, mass_factor, inertia_factor, centre_of_mass as drawn; empty without an uncertainty.
     """
 
     path: Path
@@ -55,6 +70,7 @@ class Log:
     monitors: Mapping[str, np.ndarray]
     ticks: Mapping[str, np.ndarray]
     plans: bool
+    uncertainty: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __getitem__(self, path: str) -> np.ndarray:
         return self.columns[path]
@@ -132,12 +148,14 @@ def opened(path: Path) -> Iterator[h5py.File]:
     if not h5py.is_hdf5(path):
         raise LogError(f"{path}: found no HDF5 file, {EXPECTED}")
     try:
+        ensure_readable(path)
         with h5py.File(path, "r", locking=False) as file:
             _check(path, file)
             yield file
-    except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError) as error:
-        reason = (str(error) or type(error).__name__).partition("\n")[0]
-        raise LogError(f"{path}: found an HDF5 file that is cut off or damaged ({reason}), {EXPECTED}") from None
+    except RefusedError as refused:
+        raise LogError(f"{path}: found {refused}, {EXPECTED}") from None
+    except DAMAGE as error:
+        raise LogError(f"{path}: found {damaged(error)}, {EXPECTED}") from None
 
 
 def _check(path: Path, file: h5py.File) -> None:
@@ -146,8 +164,9 @@ def _check(path: Path, file: h5py.File) -> None:
         raise LogError(f"{path}: found an HDF5 file of another program, {EXPECTED}")
     found = file.attrs["format_version"]
     if found != FORMAT_VERSION:
+        version, writer = (shortened(ascii(str(value))[1:-1]) for value in (found, file.attrs["psmpc_version"]))
         raise LogError(
-            f"{path}: found log format {found}, written by psmpc {file.attrs['psmpc_version']}; this version reads "
+            f"{path}: found log format {version}, written by psmpc {writer}; this version reads "
             f"format {FORMAT_VERSION}: read it with that version, or run the experiment again"
         )
 
@@ -161,10 +180,13 @@ def log_in(path: Path, file: h5py.Group) -> Log:
     for name in ATTRIBUTES:
         if name not in file.attrs:
             raise LogError(f"{path}: found no attribute {name}, {EXPECTED}")
-    lacking = [column for group in (LEVELS, DEVIATIONS, BASIN) if group[0].path not in file for column in group]
-    columns = _along(file, TIME.path, *(column.path for column in COLUMNS + LEVELS if column not in lacking))
+    groups = (DEVIATIONS, BASIN, NODES, UNMEASURED, WARM, *OPTIONAL)
+    lacking = [column for group in groups if group[0].path not in file for column in group]
+    columns = _along(file, TIME.path, *(column.path for column in sum(OPTIONAL, COLUMNS) if column not in lacking))
     ticks = _along(file, *(column.path for column in TICKS)) if TICKS[0].path in file else {}
-    fixed = {entry.path: _array(file[entry.path]) for entry in (*SCALES, *TABLES)}
+    drawn = [entry for entry in (*FINAL_TRUE, *DRAWN_SCALES, *DRAWN) if entry.path in file]
+    fixed = {entry.path: _array(file[entry.path]) for entry in (*SCALES, *TABLES, *drawn)}
+    ensure_sound(file.attrs, {**fixed, **columns, **ticks})
     return Log(
         path=path,
         attributes=dict(file.attrs),
@@ -174,6 +196,7 @@ def log_in(path: Path, file: h5py.Group) -> Log:
         pose_coordinates=tuple(str(name) for name in fixed["pose_coordinate"]),
         final={"time": fixed["final/end_time"], **_below("final", fixed)},
         monitors=_below("monitors", fixed),
+        uncertainty=_below("uncertainty", fixed),
         ticks=_below("ticks", ticks),
         plans=PLANS[0][0] in file,
     )

@@ -15,6 +15,7 @@ class SolveRecord:
     wall_time: float  # [s], the solve alone
     objective: float  # J, in the task's own priorities
     guess: np.ndarray
+    warm: bool
     guess_multipliers: np.ndarray
     parameters: np.ndarray
     solution: np.ndarray
@@ -60,7 +61,8 @@ class Record:
         window_first: Index of the current stage.
         instants: Switching instants in the window (S,) [s], absolute.
         nadir: Scale of each window stage's normalized cost, (S + 1,).
-        flags: Names of what happened: appended, postponed, fallback, braking.
+        nodes: Intervals of each window stage, (S + 1,).
+        flags: Names of what happened: appended, postponed, fallback, braking, unmeasured.
         switches: Stage index and instant [s] of each hand-over since the last sample.
         presence: By stage index, how much of a waiting stage is in the control. See `OnsetObserver`.
         solve: The solve.
@@ -77,6 +79,10 @@ class Record:
         end_errors: By stage index, the error of its end condition over its tolerance, of stages that hand over at an
             instant before the next sample.
         levels: Under lexicographic control, unless its first level failed.
+        true: The true state (2n,), where the measured one has noise.
+        payload: Whether the payload is held from here on, and the energy that taking it up or letting it go at this
+            sample added [J]; None in a task without one.
+        disturbance: Estimated acceleration that no plan knows of (n,), under offset-free control.
         basin: Which guess of the window's instants won, 0 the last plan's; -1 if it was the only one.
     """
 
@@ -89,6 +95,7 @@ class Record:
     window_first: int
     instants: np.ndarray
     nadir: np.ndarray
+    nodes: np.ndarray
     flags: frozenset[str]
     switches: tuple[tuple[int, float], ...]
     presence: dict[int, float]
@@ -104,6 +111,9 @@ class Record:
     window_cost: np.ndarray = field(default_factory=lambda: np.zeros(0))
     shares: Mapping[int, float] = field(default_factory=dict)
     levels: LevelsRecord | None = None
+    true: np.ndarray | None = None
+    payload: tuple[bool, float] | None = None
+    disturbance: np.ndarray | None = None
     plan_deviation: np.ndarray = field(default_factory=lambda: np.zeros(0))
     end_errors: Mapping[int, float] = field(default_factory=dict)
     basin: int = -1

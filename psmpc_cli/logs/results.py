@@ -18,6 +18,8 @@ from psmpc_cli.errors import LogError, RunError
 from psmpc_cli.logs.layout import FORMAT_VERSION
 from psmpc_cli.logs.new_file import write_new
 from psmpc_cli.logs.read import kind_in, opened
+from psmpc_cli.logs.seal import seal, sealed, unseal
+from psmpc_cli.logs.sound import ensure_believable
 
 TEXT_LENGTH = 200
 """Room for a text that is filled in later [bytes]; longer ones are cut."""
@@ -59,6 +61,8 @@ class Results:
     quantities: Mapping[str, Quantity]
 
     def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self.quantities:
+            raise LogError(f"{self.path}: found no {name}, expected results as psmpc writes them")
         return self.quantities[name].values
 
 
@@ -76,7 +80,7 @@ def create_results(
             _create(file, quantity)
         file.flush()
         image: bytes = file.id.get_file_image()
-    write_new(path, image, force)
+    write_new(path, sealed(image), force)
 
 
 def _create(file: h5py.File, quantity: Quantity) -> None:
@@ -115,6 +119,7 @@ class ResultsWriter:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
+            unseal(path)
             self._file = h5py.File(path, "r+", locking=False)
         except OSError as error:
             raise RunError(f"{path} cannot be written any further: {error}") from None
@@ -126,6 +131,7 @@ class ResultsWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._file.close()
+        seal(self.path)
 
     def write(self, index: tuple[int, ...], values: Mapping[str, np.ndarray | float | str]) -> None:
         """Fill in the values of one cell; they are in the file when this returns.
@@ -151,14 +157,51 @@ def read_results(path: Path, kind: str) -> Results:
     with opened(path) as file:
         if (found := kind_in(file)) != kind:
             raise LogError(f"{path}: found a {found}, expected a {kind}")
-        quantities = {name: _quantity(name, dataset) for name, dataset in file.items()}
-        return Results(path, dict(file.attrs), quantities)
+        return results_in(path, file)
+
+
+def results_in(path: Path, file: h5py.File) -> Results:
+    """Return the results in an open file.
+
+    Raises:
+        OSError, RuntimeError, ValueError, KeyError, AttributeError: They are damaged.
+    """
+    quantities = {name: _quantity(name, dataset) for name, dataset in file.items()}
+    for quantity in quantities.values():
+        _check(quantity, quantities)
+    return Results(path, dict(file.attrs), quantities)
+
+
+def _check(quantity: Quantity, quantities: Mapping[str, Quantity]) -> None:
+    """Make sure that a quantity fits its coordinates and holds numbers, texts or codes that mean something.
+
+    Raises:
+        ValueError: It does not.
+        KeyError: It has no such coordinate.
+    """
+    if quantity.values.shape != tuple(quantities[name].values.size for name in quantity.dims):
+        raise ValueError(f"{quantity.name} does not fit its coordinates")
+    if quantity.values.dtype.kind not in "fiuU":
+        raise ValueError(f"{quantity.name} holds neither numbers nor texts")
+    if quantity.meanings and not np.isin(quantity.values, np.arange(len(quantity.meanings))).all():
+        raise ValueError(f"{quantity.name} holds a code without a meaning")
+    ensure_believable(quantity.name, quantity.values)
+
+
+def _dims(name: str, dataset: h5py.Dataset) -> tuple[str, ...]:
+    """Return the names of a dataset's coordinates.
+
+    They are looked up here and not by HDF5's functions for dimension scales, which crash or hang on damaged files.
+    """
+    if dataset.attrs.get("CLASS") == b"DIMENSION_SCALE":
+        return (name,)
+    references = dataset.attrs.get("DIMENSION_LIST", ())
+    return tuple(str(dataset.file[reference[0]].name).lstrip("/") for reference in references)
 
 
 def _quantity(name: str, dataset: h5py.Dataset) -> Quantity:
     text = h5py.check_string_dtype(dataset.dtype) is not None
     values = np.asarray(dataset.asstr()[()], dtype=str) if text else np.asarray(dataset)
-    dims = (name,) if dataset.is_scale else tuple(dimension[0].name.lstrip("/") for dimension in dataset.dims)
     meanings = tuple(str(dataset.attrs.get("flag_meanings", "")).split())
     units, long_name = str(dataset.attrs["units"]), str(dataset.attrs["long_name"])
-    return Quantity(name, dims, values, units, long_name, meanings)
+    return Quantity(name, _dims(name, dataset), values, units, long_name, meanings)

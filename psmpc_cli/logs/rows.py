@@ -11,7 +11,7 @@ Row = Mapping[str, object]
 
 def row(record: Record, stages: int) -> Row:
     """Return what a record leaves in /time and in every column, by path, in a task with so many stages."""
-    happened = {name: name in record.flags for name in ("appended", "postponed", "fallback", "braking")}
+    happened = {name: name in record.flags for name in ("appended", "postponed", "fallback", "braking", "unmeasured")}
     solve, n = record.solve, len(record.Q)
     deviation = record.plan_deviation if len(record.plan_deviation) else np.full(2 * n, np.nan)
     return {
@@ -26,10 +26,12 @@ def row(record: Record, stages: int) -> Row:
         "window/instants": _at_their_stages(stages, record.window_first, record.instants),
         "window/cost": _at_their_stages(stages, record.window_first, record.window_cost),
         "window/basin": record.basin,
+        "window/nodes": _at_their_stages(stages, record.window_first, record.nodes),
         "window/presence": _by_stage(stages, record.presence),
         "window/share": _by_stage(stages, record.shares),
         **{f"events/{name}": yes for name, yes in happened.items()},
         "solver/status": solve.status,
+        "solver/warm": solve.warm,
         "solver/iterations": solve.iterations,
         "solver/wall_time": solve.wall_time,
         "solver/objective": solve.objective,
@@ -53,6 +55,18 @@ def levels_row(levels: LevelsRecord | None, stages: int) -> Row:
     unknown = np.full(stages, np.nan)
     levels = levels or LevelsRecord(unknown, unknown, unknown, np.full(stages, -1))
     return {f"levels/{name}": getattr(levels, name) for name in ("objective", "cost", "wall_time", "solved")}
+
+
+def uncertain_row(record: Record) -> Row:
+    """Return what a record leaves in the columns of TRUE_STATE, PAYLOAD and DISTURBANCE that its log has."""
+    found: dict[str, object] = {}
+    if record.true is not None:
+        found |= dict(zip(("state/Q_true", "state/Qdot_true"), np.split(record.true, 2), strict=True))
+    if record.payload is not None:
+        found |= dict(zip(("payload/held", "payload/energy"), record.payload, strict=True))
+    if record.disturbance is not None:
+        found["control/disturbance"] = record.disturbance
+    return found
 
 
 def _at_their_stages(stages: int, first: int, values: np.ndarray) -> np.ndarray:

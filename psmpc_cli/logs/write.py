@@ -15,9 +15,10 @@ import numpy as np
 from psmpc_cli.errors import RunError
 from psmpc_cli.logs.create import Header, create_log
 from psmpc_cli.logs.growing import GrowingDataset
-from psmpc_cli.logs.layout import COLUMNS, LEVELS, PLANS, TICK, TICKS, TIME
+from psmpc_cli.logs.layout import PLANS, TICK, TICKS, TIME
 from psmpc_cli.logs.record import Record, SolveRecord, TickRecord
-from psmpc_cli.logs.rows import levels_row, row
+from psmpc_cli.logs.rows import levels_row, row, uncertain_row
+from psmpc_cli.logs.seal import seal, unseal
 
 __all__ = ["Header", "LogWriter", "StageTimes", "write_monitors"]
 
@@ -50,19 +51,20 @@ class LogWriter:
 
     def __init__(self, path: Path, header: Header, force: bool = False, goes_on: bool = False) -> None:
         self.path = path
-        if not goes_on:
+        if goes_on:
+            unseal(path)
+        else:
             create_log(path, header, force)
         self._file = h5py.File(path, "r+", locking=False)
         claimed(self._file.id.get_vfd_handle())
         self._stages = len(header.stages)
-        self._levels = header.levels
-        columns = COLUMNS + LEVELS if self._levels else COLUMNS
-        self._columns = self._growing(TIME.path, *(column.path for column in columns))
+        self._levels, self._noisy = header.levels, header.noisy
+        self._columns = self._growing(TIME.path, *(column.path for column in header.columns))
         self._ticks = self._growing(TICK.path, *(column.path for column in TICKS)) if header.ticks else {}
         vectors = [f"{path}{part}" for path, _ in PLANS for part in ("", "_length", "_element")]
         self._plans = self._growing(*vectors) if header.plans else {}
         self._chunks = sum(dataset.chunk_size for dataset in (*self._columns.values(), *self._ticks.values()))
-        self._rows = len(self._file[TIME.path])
+        self._rows, self._finished = len(self._file[TIME.path]), False
         self._tick_rows = len(self._file[TICK.path]) if header.ticks else 0
 
     def __enter__(self) -> "LogWriter":
@@ -75,8 +77,9 @@ class LogWriter:
         """Write one record and hand it to the operating system.
 
         Raises:
-            RunError: The file cannot be written any further, for example because the disk is full.
+            RunError: The file cannot be written any further, for example because the disk is full; or it is gone.
         """
+        self._ensure_there()
         with self._writing():
             self._reserve(self._chunks + 2 * sum(vector.nbytes for vector in _vectors(record.solve).values()))
             if self._plans:
@@ -87,7 +90,7 @@ class LogWriter:
                 self._file.flush()
             # what the row speaks of stands in the file before the row does
             levels = levels_row(record.levels, self._stages) if self._levels else {}
-            for path, value in {**row(record, self._stages), **levels}.items():
+            for path, value in {**row(record, self._stages), **levels, **uncertain_row(record)}.items():
                 self._columns[path].write(self._rows, np.asarray(value)[None])
             self._file.flush()
         self._rows += 1
@@ -102,8 +105,19 @@ class LogWriter:
             self._file["stages/actual_start_by_epsilon"][...] = times.by_epsilon
             self._file.flush()
 
-    def finish(self, finished: bool, reason: str, time_end: float, x: np.ndarray, xi: np.ndarray) -> None:
-        """Write how the run ended, and the state (2n,) and poses (m,) it ended in; half a record is dropped."""
+    def finish(
+        self,
+        finished: bool,
+        reason: str,
+        time_end: float,
+        x: np.ndarray,
+        xi: np.ndarray,
+        true: np.ndarray | None = None,
+    ) -> None:
+        """Write how the run ended, and the state (2n,) and poses (m,) it ended in; half a record is dropped.
+
+        In a log of noisy measurements `x` is the measured state; the true one (2n,) stands beside it.
+        """
         n = len(x) // 2
         with self._writing():
             self._reserve()
@@ -112,7 +126,10 @@ class LogWriter:
             self._file.attrs.update({"finished": finished, "end_reason": reason})
             for name, value in (("end_time", time_end), ("Q", x[:n]), ("Qdot", x[n:]), ("xi", xi)):
                 self._file[f"final/{name}"][...] = value
+            if self._noisy and true is not None:
+                self._file["final/Q_true"][...], self._file["final/Qdot_true"][...] = true[:n], true[n:]
             self._file.flush()
+        self._finished = True
 
     def close(self) -> None:
         """Close the file, and give back the room it did not need."""
@@ -120,6 +137,8 @@ class LogWriter:
             self._file.flush()
             os.ftruncate(self._file.id.get_vfd_handle(), self._file.id.get_filesize())
             self._file.close()
+        if self._finished:
+            seal(self.path)
 
     def _growing(self, *paths: str) -> dict[str, GrowingDataset]:
         return {path: GrowingDataset(self._file[path]) for path in paths}
@@ -133,6 +152,19 @@ class LogWriter:
             raise RunError(
                 f"{self.path} cannot be written any further, it holds the run up to then: {reason}"
             ) from None
+
+    def _ensure_there(self) -> None:
+        """Make sure that the file still has its name: what is written to one that has none is lost.
+
+        Raises:
+            RunError: It was removed, or another stands in its place.
+        """
+        try:
+            there = os.path.samestat(os.stat(self.path), os.fstat(self._file.id.get_vfd_handle()))
+        except OSError:
+            there = False
+        if not there:
+            raise RunError(f"{self.path} was removed or replaced while the run went on, and what it held is lost")
 
     def _reserve(self, size: int = 0) -> None:
         """Make sure of room for so many bytes more: HDF5 does not survive a full disk, so it must never meet one."""
@@ -176,6 +208,8 @@ def _vectors(solve: SolveRecord) -> dict[str, np.ndarray]:
 
 def write_monitors(path: Path, held: np.ndarray, margin: np.ndarray) -> None:
     """Write the verdict of each monitor and its margin (monitors,) into a closed log."""
+    unseal(path)
     with h5py.File(path, "r+", locking=False) as file:
         file["monitors/held"][...] = held
         file["monitors/margin"][...] = margin
+    seal(path)

@@ -25,23 +25,28 @@ class WindowShape:
     stages: tuple[StageShape, ...]
     nodes: tuple[int, ...]  # N_s, intervals of each stage
     discretization: str
+    soft: bool = False  # limits on the states may be violated, at a cost
 
 
 @dataclass(frozen=True)
 class Layout:
     """Offsets of the decision variables x_0, u_0, x_1, u_1, ..., x_K, each x_k = [Q; Qdot; tau_0 .. tau_{S-1}].
 
+    Where limits are soft, rho times the violations of [Q; Qdot], e_k, follow on u_k, and on x_K.
+
     Attributes:
         n: Generalized coordinates.
         nodes: N_s of each stage.
         inputs: Inputs of each stage.
         rows: Error rows of each stage.
+        soft: Limits on the states may be violated.
     """
 
     n: int
     nodes: tuple[int, ...]
     inputs: tuple[int, ...]
     rows: tuple[int, ...]
+    soft: bool = False
 
     @property
     def switches(self) -> int:
@@ -71,13 +76,18 @@ class Layout:
     @cached_property
     def offsets(self) -> np.ndarray:
         """Offset of x_k in the decision vector, (K + 1,)."""
-        sizes = [self.nx + self.inputs[s] for s in self.stage_of]
+        sizes = [self.nx + self.inputs[s] + self.violations for s in self.stage_of]
         return np.concatenate([[0], np.cumsum(sizes)]).astype(int)
 
     @property
     def size(self) -> int:
         """Size of the decision vector."""
-        return int(self.offsets[-1]) + self.nx
+        return int(self.offsets[-1]) + self.nx + self.violations
+
+    @property
+    def violations(self) -> int:
+        """Number of violations e_k at a node: 0 where limits are hard."""
+        return 2 * self.n if self.soft else 0
 
     @cached_property
     def state_index(self) -> np.ndarray:
@@ -88,6 +98,12 @@ class Layout:
     def duration_index(self) -> np.ndarray:
         """Indices of the durations at each node, (K + 1, S)."""
         return self.offsets[:, None] + 2 * self.n + np.arange(self.switches)[None, :]
+
+    @cached_property
+    def violation_index(self) -> np.ndarray:
+        """Indices of the violations e_k at the nodes, (K + 1, 2n); (K + 1, 0) where limits are hard."""
+        inputs = np.array([*(self.inputs[s] for s in self.stage_of), 0])
+        return np.asarray((self.offsets + self.nx + inputs)[:, None] + np.arange(self.violations))
 
     def input_index(self, stage: int) -> np.ndarray:
         """Return the indices of the inputs of a stage's intervals, (N_s, inputs)."""

@@ -149,6 +149,8 @@ class Level:
         scale: Normalization of each stage's cost, (stages,).
         bounds: What each earlier stage must keep to: its cost (`cost`), or its errors at the nodes (K, rows) (`error`).
         tolerance: Added to every bound.
+        reached: States at the nodes after the first (K, 2n) to which soft limits give way, those of the first level;
+            None where limits are hard.
     """
 
     stages: tuple[Stage, ...]
@@ -159,6 +161,7 @@ class Level:
     scale: np.ndarray
     bounds: tuple[np.ndarray, ...]
     tolerance: float
+    reached: np.ndarray | None = None
 
 
 def level_parameters(nlp: LevelNlp, level: Level) -> np.ndarray:
@@ -177,8 +180,10 @@ def level_bounds(nlp: LevelNlp, level: Level) -> Bounds:
     size, rows = nlp.problem["x"].shape[0], nlp.problem["g"].shape[0]
     lbx, ubx, lbg, ubg = np.full(size, -np.inf), np.full(size, np.inf), np.zeros(rows), np.zeros(rows)
     limits = level.stages[0].limits
-    lbx[nlp.states[1:]] = np.concatenate([limits.position_low, limits.velocity_low])
-    ubx[nlp.states[1:]] = np.concatenate([limits.position_high, limits.velocity_high])
+    low = np.concatenate([limits.position_low, limits.velocity_low])
+    high = np.concatenate([limits.position_high, limits.velocity_high])
+    lbx[nlp.states[1:]] = low if level.reached is None else np.minimum(low, level.reached)
+    ubx[nlp.states[1:]] = high if level.reached is None else np.maximum(high, level.reached)
     lbx[nlp.inputs], ubx[nlp.inputs] = limits.acceleration_low, limits.acceleration_high
     for found, bound in zip(nlp.bound_rows, level.bounds, strict=True):
         allowed = np.abs(bound).ravel() + level.tolerance

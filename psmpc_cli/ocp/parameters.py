@@ -1,6 +1,7 @@
 """The parameters of a window's NLP, symbolic or numeric, in the order of its parameter vector."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Generic, TypeVar
 
 import casadi as ca
@@ -66,11 +67,8 @@ def symbolic_parameters(shape: WindowShape, layout: Layout) -> Parameters[ca.SX]
 
 def split_parameters(p: np.ndarray, shape: WindowShape, layout: Layout) -> Parameters[np.ndarray]:
     """Return the pieces of a parameter vector: scalars, vectors and, column by column as they stand, matrices."""
-    S1, moving = layout.switches + 1, [stage.moving for stage in shape.stages]
-    columns = [2 * (N + 1) if moves else 0 for N, moves in zip(shape.nodes, moving, strict=True)]
-    sizes = [2 * layout.n, 1, 1, 1, S1, S1, S1, *layout.rows, *layout.inputs, *layout.rows]
-    sizes += [rows * count for rows, count in zip(layout.rows, columns, strict=True)]
-    x0, horizon, pending, terminal, omega, offset, scale, *rest = np.split(p, np.cumsum(sizes)[:-1])
+    S1 = layout.switches + 1
+    x0, horizon, pending, terminal, omega, offset, scale, *rest = (p[piece] for piece in _places(shape, layout))
     paths = [piece.reshape(-1, rows).T for piece, rows in zip(rest[3 * S1 :], layout.rows, strict=True)]
     return Parameters(
         x0=x0,
@@ -85,6 +83,17 @@ def split_parameters(p: np.ndarray, shape: WindowShape, layout: Layout) -> Param
         targets=tuple(rest[2 * S1 : 3 * S1]),
         paths=tuple(paths),
     )
+
+
+@lru_cache(maxsize=256)
+def _places(shape: WindowShape, layout: Layout) -> tuple[slice, ...]:
+    """Return where each piece stands in a parameter vector."""
+    S1, moving = layout.switches + 1, [stage.moving for stage in shape.stages]
+    columns = [2 * (N + 1) if moves else 0 for N, moves in zip(shape.nodes, moving, strict=True)]
+    sizes = [2 * layout.n, 1, 1, 1, S1, S1, S1, *layout.rows, *layout.inputs, *layout.rows]
+    sizes += [rows * count for rows, count in zip(layout.rows, columns, strict=True)]
+    ends = np.cumsum(sizes).tolist()
+    return tuple(slice(end - size, end) for end, size in zip(ends, sizes, strict=True))
 
 
 def reference(p: Parameters[ca.SX], layout: Layout, stage: int, node: int, tau: ca.SX) -> ca.SX:

@@ -19,6 +19,7 @@ class Rows:
         last_duration: Row with the last stage's duration, None with one stage.
         instants: Row with the cumulated duration to the end of a stage with a fixed switching time, by stage.
         ends: Rows with the end condition, error rows first, then rates, by stage of the window.
+        limits: Rows of soft limits on [Q; Qdot] at the nodes, below and above, (2, K + 1, 2n); (2, K + 1, 0) if hard.
     """
 
     equality: tuple[bool, ...]
@@ -28,6 +29,7 @@ class Rows:
     last_duration: int | None
     instants: dict[int, int]
     ends: dict[int, np.ndarray]
+    limits: np.ndarray
 
     @property
     def count(self) -> int:
@@ -42,12 +44,15 @@ def place_rows(layout: Layout, shape: WindowShape) -> Rows:
     path[0] = 2 * layout.n + bool(layout.switches) + len(fixed)
     for s, stage in enumerate(shape.stages[:-1]):
         path[layout.first_node[s + 1]] = len(stage.end_rows) * (2 if stage.end_velocity else 1)
+    ending = path.copy()
+    path += 2 * layout.violations
     first = layout.nx * np.arange(layout.K + 1) + np.r_[0, np.cumsum(path[:-1])]
     gaps = first[:-1, None] + np.arange(layout.nx)
     after = first + np.r_[np.full(layout.K, layout.nx), 0]
     start = int(after[0]) + 2 * layout.n
-    ends = {s: after[at] + np.arange(path[at]) for s, at in enumerate(layout.first_node[1:-1]) if path[at]}
+    ends = {s: after[at] + np.arange(ending[at]) for s, at in enumerate(layout.first_node[1:-1]) if ending[at]}
     instants = {s: start + 1 + i for i, s in enumerate(fixed)}
+    below = (after + ending)[:, None] + np.arange(layout.violations)
     equality = np.zeros(layout.K * layout.nx + path.sum(), bool)
     for rows in (gaps, after[0] + np.arange(2 * layout.n), list(instants.values())):
         equality[np.asarray(rows, int)] = True
@@ -59,4 +64,5 @@ def place_rows(layout: Layout, shape: WindowShape) -> Rows:
         last_duration=start if layout.switches else None,
         instants=instants,
         ends=ends,
+        limits=np.array([below, below + layout.violations]),
     )

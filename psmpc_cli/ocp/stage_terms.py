@@ -1,6 +1,7 @@
 """The functions of a stage that need a robot, with their derivatives; the rest of a window is arithmetic."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -33,6 +34,7 @@ class StageTerms:
     end_derivatives: tuple[np.ndarray, np.ndarray]
 
 
+@lru_cache(maxsize=64)
 def stage_terms(model: RobotModel, shape: StageShape, native: bool = False) -> StageTerms:
     """Return the functions of a stage of this shape, `native` ones as compiled C. Paper eqs. (10), (18)."""
     skill, n = SKILLS[shape.space], model.n

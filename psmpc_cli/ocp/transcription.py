@@ -14,6 +14,7 @@ from psmpc_cli.ocp.layout import Layout, WindowShape
 from psmpc_cli.ocp.parameters import Parameters, reference, symbolic_parameters
 from psmpc_cli.ocp.rows import place_rows
 from psmpc_cli.ocp.skills import SKILLS
+from psmpc_cli.ocp.soft_limits import PENALTY
 from psmpc_cli.ocp.stage_functions import StageFunctions, stage_functions
 from psmpc_cli.robot.model import RobotModel
 
@@ -46,6 +47,7 @@ class Nlp:
         last_duration_row: Row of g with the last stage's duration, None with one stage.
         instant_rows: Row of g with the cumulated duration to the end of a stage with a fixed switching time.
         end_rows: Rows of g with the end condition, error rows first, then rates, by stage of the window.
+        limit_rows: Rows of g with the soft limits at the nodes, below and above, (2, K + 1, 2n); (2, K + 1, 0) if hard.
     """
 
     model: RobotModel
@@ -58,6 +60,7 @@ class Nlp:
     last_duration_row: int | None
     instant_rows: dict[int, int]
     end_rows: dict[int, np.ndarray]
+    limit_rows: np.ndarray
 
     @cached_property
     def expressions(self) -> Expressions:
@@ -96,8 +99,9 @@ class Nlp:
 
     @property
     def nu(self) -> tuple[int, ...]:
-        """Size of the input at each node, (K + 1,); 0 at the last."""
-        return (*(self.layout.inputs[s] for s in self.layout.stage_of), 0)
+        """Size of the input at each node, violations of soft limits included, (K + 1,)."""
+        layout = self.layout
+        return tuple(inputs + layout.violations for inputs in (*(layout.inputs[s] for s in layout.stage_of), 0))
 
     @property
     def problem(self) -> dict[str, ca.SX]:
@@ -112,6 +116,7 @@ def window_layout(model: RobotModel, shape: WindowShape) -> Layout:
         nodes=shape.nodes,
         inputs=tuple(model.n if s.input == "joint" else model.m for s in shape.stages),
         rows=tuple(SKILLS[s.space].rows(model) for s in shape.stages),
+        soft=shape.soft,
     )
 
 
@@ -130,6 +135,7 @@ def transcribe(model: RobotModel, shape: WindowShape) -> Nlp:
         last_duration_row=rows.last_duration,
         instant_rows=rows.instants,
         end_rows=rows.ends,
+        limit_rows=rows.limits,
     )
 
 
@@ -139,14 +145,15 @@ def _write(model: RobotModel, shape: WindowShape, layout: Layout) -> Expressions
     functions = [stage_functions(model, stage, shape.discretization) for stage in shape.stages]
     xs = [ca.SX.sym(f"x{k}", layout.nx) for k in range(layout.K + 1)]
     us = [ca.SX.sym(f"u{k}", layout.inputs[layout.stage_of[k]]) for k in range(layout.K)]
-    variables = [v for pair in zip(xs, us, strict=False) for v in pair] + [xs[-1]]
+    es = [ca.SX.sym(f"e{k}", layout.violations) for k in range(layout.K + 1)]
+    variables = [v for node in zip(xs, [*us, ca.SX(0, 1)], es, strict=True) for v in node]
     costs = _stage_costs(layout, functions, parameters, xs, us)
     constraints = _Constraints(layout, shape, functions, parameters)
     return Expressions(
         x=ca.vertcat(*variables),
         p=ca.vertcat(*(ca.vec(piece) for piece in parameters.pieces())),
-        f=_objective(layout, functions, parameters, xs, costs),
-        g=ca.vertcat(*(row for k in range(layout.K + 1) for row in constraints.at_node(k, xs, us))),
+        f=_objective(layout, functions, parameters, xs, costs) + _penalty(layout, parameters, xs, es),
+        g=ca.vertcat(*(row for k in range(layout.K + 1) for row in constraints.at_node(k, xs, us, es))),
         costs=ca.vertcat(*costs),
     )
 
@@ -184,6 +191,16 @@ def _objective(
     return ca.dot(p.omega, ca.vertcat(*costs)) + p.pending * pending + p.terminal * terminal
 
 
+def _penalty(layout: Layout, p: Parameters[ca.SX], xs: list[ca.SX], es: list[ca.SX]) -> ca.SX:
+    """Return what violated soft limits cost: rho times the integral of the violations, by the trapezoidal rule."""
+    stage_of = [int(s) for s in layout.stage_of]
+    none = [ca.SX(0)]
+    before = [duration(layout, p, x, s) / layout.nodes[s] for x, s in zip(xs[1:], stage_of, strict=True)]
+    after = [duration(layout, p, x, s) / layout.nodes[s] for x, s in zip(xs[:-1], stage_of, strict=True)]
+    weights = [(one + other) / 2 for one, other in zip(none + before, after + none, strict=True)]
+    return sum((w * ca.sum1(e) for w, e in zip(weights, es, strict=True)), ca.SX(0))
+
+
 class _Constraints:
     """The rows of g node by node, in the order of `place_rows`."""
 
@@ -192,16 +209,21 @@ class _Constraints:
     ) -> None:
         self.layout, self.shape, self.functions, self.p = layout, shape, functions, p
 
-    def at_node(self, k: int, xs: list[ca.SX], us: list[ca.SX]) -> list[ca.SX]:
+    def at_node(self, k: int, xs: list[ca.SX], us: list[ca.SX], es: list[ca.SX]) -> list[ca.SX]:
         """Return the gap to the next node, then the path rows of node k."""
         rows = [self._gap(k, xs, us)] if k < self.layout.K else []
         if k == 0:
-            return rows + self._start(xs[0])
+            return rows + self._start(xs[0]) + self._limits(xs[0], es[0])
         if k in self.layout.first_node[1:-1]:
             s = int(self.layout.stage_of[k - 1])
             if self.shape.stages[s].end_rows:
                 rows.append(self.functions[s].end(xs[k][: 2 * self.layout.n], self.p.targets[s]))
-        return rows
+        return rows + self._limits(xs[k], es[k])
+
+    def _limits(self, x: ca.SX, e: ca.SX) -> list[ca.SX]:
+        """Return the rows of soft limits, none where they are hard."""
+        x, violated = x[: self.layout.violations], e / PENALTY
+        return [x + violated, x - violated]
 
     def _gap(self, k: int, xs: list[ca.SX], us: list[ca.SX]) -> ca.SX:
         layout, s = self.layout, int(self.layout.stage_of[k])

@@ -9,6 +9,7 @@ from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.layout import Layout, StageShape, WindowShape, mesh
 from psmpc_cli.ocp.parameters import Parameters
 from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.soft_limits import node_limits, scaled_violations
 from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.ocp.transcription import Nlp
 
@@ -28,6 +29,7 @@ class Window:
         omega: Priorities in force, (S + 1,).
         offset, scale: Normalization of each stage's cost, (S + 1,) each. Paper eq. (12).
         horizon, pending_cost, terminal_cost: T_h [s], delta, kappa.
+        nodes: N_s, intervals of each stage, (S + 1,).
     """
 
     stages: tuple[Stage, ...]
@@ -40,6 +42,7 @@ class Window:
     horizon: float
     pending_cost: float
     terminal_cost: float
+    nodes: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +55,9 @@ class Bounds:
     ubg: np.ndarray
 
 
-def window_shape(stages: Sequence[Stage], nodes: int, discretization: str) -> WindowShape:
+def window_shape(
+    stages: Sequence[Stage], nodes: tuple[int, ...], discretization: str, soft: bool = False
+) -> WindowShape:
     """Return the shape of a window over these stages; the last stage's end condition is not imposed."""
     last = len(stages) - 1
     return WindowShape(
@@ -67,15 +72,16 @@ def window_shape(stages: Sequence[Stage], nodes: int, discretization: str) -> Wi
             )
             for i, stage in enumerate(stages)
         ),
-        nodes=(nodes,) * len(stages),
+        nodes=nodes,
         discretization=discretization,
+        soft=soft,
     )
 
 
 def parameter_vector(nlp: Nlp, window: Window, instants: np.ndarray) -> np.ndarray:
     """Return the numbers of the NLP's parameter vector for this window, its instants guessed at (S,) [s]."""
     largest = float(np.max(window.omega))
-    stages, paths = window.stages, desired_paths(nlp.layout.nodes, window, instants)
+    stages = window.stages
     numbers = Parameters(
         x0=window.x0,
         horizon=np.array(window.horizon),
@@ -87,12 +93,19 @@ def parameter_vector(nlp: Nlp, window: Window, instants: np.ndarray) -> np.ndarr
         weights=tuple(stage.weights for stage in stages),
         control_weights=tuple(stage.control_weights for stage in stages),
         targets=tuple(stage.target for stage in stages),
-        paths=tuple(
-            path.columns if stage.trajectory is not None else np.zeros((len(stage.target), 0))
-            for stage, path in zip(stages, paths, strict=True)
-        ),
+        paths=_path_columns(nlp, window, instants),
     )
     return np.concatenate([np.ravel(piece, order="F") for piece in numbers.pieces()])
+
+
+def _path_columns(nlp: Nlp, window: Window, instants: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return what each stage's cost follows, (rows, 2 (N_s + 1)); (rows, 0) where the target stands still."""
+    still = [np.zeros((len(stage.target), 0)) for stage in window.stages]
+    if all(stage.trajectory is None for stage in window.stages):
+        return tuple(still)
+    paths = desired_paths(nlp.layout.nodes, window, instants)
+    stages = zip(window.stages, paths, still, strict=True)
+    return tuple(none if stage.trajectory is None else path.columns for stage, path, none in stages)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,16 +146,18 @@ def bounds(nlp: Nlp, window: Window) -> Bounds:
     """Return the bounds of the NLP for this window. Paper eqs. (14), (17), (18)."""
     layout = nlp.layout
     lbx, ubx = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
+    low, high = node_limits(layout, window.stages)
     for s, stage in enumerate(window.stages):
-        nodes = layout.state_index[layout.first_node[s] : layout.first_node[s + 1] + 1]
-        lbx[nodes] = np.maximum(lbx[nodes], np.concatenate([stage.limits.position_low, stage.limits.velocity_low]))
-        ubx[nodes] = np.minimum(ubx[nodes], np.concatenate([stage.limits.position_high, stage.limits.velocity_high]))
         if stage.input == "joint":
             inputs = layout.input_index(s)
             lbx[inputs], ubx[inputs] = stage.limits.acceleration_low, stage.limits.acceleration_high
-    lbx[layout.state_index[0]], ubx[layout.state_index[0]] = -np.inf, np.inf
     lbx[layout.duration_index[0]] = shortest_durations(window)[:-1]
     lbg, ubg = np.zeros(len(nlp.equality)), np.zeros(len(nlp.equality))
+    if layout.soft:
+        lbx[layout.violation_index] = 0.0
+        lbg[nlp.limit_rows], ubg[nlp.limit_rows] = [low, np.full_like(low, -np.inf)], [np.full_like(high, np.inf), high]
+    else:
+        lbx[layout.state_index[1:]], ubx[layout.state_index[1:]] = low[1:], high[1:]
     if nlp.last_duration_row is not None:
         lbg[nlp.last_duration_row], ubg[nlp.last_duration_row] = SHORTEST, np.inf
     for s, row in nlp.instant_rows.items():
@@ -189,6 +204,8 @@ def pack_guess(nlp: Nlp, window: Window, guess: Plan, instants: np.ndarray, cost
         first, last = layout.first_node[s], layout.first_node[s + 1]
         inputs = u[first:last] if stage.input == "joint" else costs.task_acceleration(X[first:last], u[first:last])
         z[layout.input_index(s)] = inputs
+    if layout.soft:
+        z[layout.violation_index] = scaled_violations(X, *node_limits(layout, window.stages))
     return z
 
 

@@ -47,7 +47,7 @@ def held_force(model: RobotModel, tick: float, substeps: int) -> ca.Function:
     start, held = ca.MX.sym("z", 2 * model.n + 4), ca.MX.sym("F", model.n)
     after = start
     for _ in range(substeps):
-        after = _runge_kutta(flow, after, held, tick / substeps)
+        after = runge_kutta(flow, after, held, tick / substeps)
     return ca.Function("held", [start, held], [after], ["z", "F"], ["z_next"])
 
 
@@ -59,7 +59,7 @@ def _flow(model: RobotModel, z: ca.SX, F: ca.SX) -> ca.SX:
     return ca.vertcat(Qdot, model.forward_dynamics(Q, Qdot, F), wrench, ca.dot(F, Qdot))
 
 
-def _runge_kutta(flow: ca.Function, z: ca.MX, F: ca.MX, h: float) -> ca.MX:
+def runge_kutta(flow: ca.Function, z: ca.MX, F: ca.MX, h: float) -> ca.MX:
     """Return z after one classical Runge-Kutta step."""
     k1 = flow(z, F)
     k2 = flow(z + h / 2 * k1, F)

@@ -47,10 +47,10 @@ class PlanarFrame:
         """The frame turned about its own origin by `angle` [rad]."""
         return PlanarFrame(self.position, self.angle + angle)
 
-    def moved(self, x: float, y: float = 0.0) -> "PlanarFrame":
+    def moved(self, x: float | ca.SX, y: float | ca.SX = 0.0) -> "PlanarFrame":
         """The frame moved by (x, y) [m] along its own axes."""
         c, s = ca.cos(self.angle), ca.sin(self.angle)
-        offset = ca.vertcat(x * c - y * s, x * s + y * c) if y else ca.vertcat(x * c, x * s)
+        offset = ca.vertcat(x * c - y * s, x * s + y * c) if isinstance(y, ca.SX) or y else ca.vertcat(x * c, x * s)
         return PlanarFrame(self.position + offset, self.angle)
 
     def pose(self) -> ca.SX:
@@ -70,8 +70,8 @@ class PlanarFrame:
 class Body:
     """A rigid body: mass [kg], inertia about its centre of mass [kg m^2] in the axes of `frame`, the frame there."""
 
-    mass: float
-    inertia: ca.DM
+    mass: float | ca.SX
+    inertia: ca.DM | ca.SX
     frame: Frame
 
     def velocity(self, Q: ca.SX, Qdot: ca.SX) -> ca.SX:

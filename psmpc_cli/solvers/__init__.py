@@ -3,10 +3,11 @@
 from collections.abc import Callable
 
 from psmpc_cli.solvers import fatrop, ipopt, sqp
+from psmpc_cli.solvers.attempt import attempt
 from psmpc_cli.solvers.base import Guess, Outcome, Solution, Solver, StructuredNlp
 from psmpc_cli.specs.task import SolverSpec
 
-__all__ = ["Guess", "Outcome", "Solution", "Solver", "StructuredNlp", "build_solver"]
+__all__ = ["Guess", "Outcome", "Solution", "Solver", "StructuredNlp", "attempt", "build_solver"]
 
 _BUILD: dict[str, Callable[[StructuredNlp, SolverSpec], Solver]] = {
     "fatrop": fatrop.build,

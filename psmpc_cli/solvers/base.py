@@ -38,11 +38,18 @@ class Outcome(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """Where a solve starts: primal point, and multipliers of the bounds and of g where there are any."""
+    """Where a solve starts.
+
+    Attributes:
+        z: Primal point.
+        lam_x, lam_g: Multipliers of the bounds and of g, where there are any.
+        warm: It is the last solution of the same stages, moved along by the time that has passed.
+    """
 
     z: np.ndarray
     lam_x: np.ndarray | None = None
     lam_g: np.ndarray | None = None
+    warm: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +58,8 @@ class Solution:
 
     Attributes:
         outcome: How it ended.
-        z, lam_x, lam_g: Primal point and multipliers.
+        z: Primal point.
+        lam_x, lam_g: Multipliers of the bounds and of g; empty where the back-end has none.
         objective: J over the window's largest priority.
         iterations: Iterations used.
         wall_time: Time of the solve alone [s].

@@ -68,7 +68,8 @@ class CasadiSolver:
         stats = solver.stats()
         z = np.asarray(result["x"]).ravel()
         outcome = self._outcome(stats, z)
-        if outcome is Outcome.DEADLINE and _violation(z, np.asarray(result["g"]).ravel(), bounds) <= FEASIBLE:
+        stepped = outcome is Outcome.DEADLINE and int(stats["iter_count"]) > 0  # else this is the guess
+        if stepped and _violation(z, np.asarray(result["g"]).ravel(), bounds) <= FEASIBLE:
             outcome = Outcome.FEASIBLE
         return Solution(
             outcome=outcome,

@@ -1,77 +1,32 @@
 """The quadratic programs of a window, solved by PIQP's back-end for multistage problems.
 
 Unknowns are the steps of x_1 .. x_K = [Q; Qdot] node by node, then those of the durations; x_0 is measured. The
-durations couple all nodes, which PIQP knows as an arrow. The sparsity is set up once; from one program to the next only
-values change.
+durations couple all nodes, which PIQP knows as an arrow. Soft limits on a node's state are rows of it, each with an
+unknown of its own for its violation. The sparsity is set up once; from one program to the next only values change.
 """
-
-from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 import piqp
 from scipy.sparse import csc_matrix
 
 from psmpc_cli.ocp.gauss_newton import Linearization
+from psmpc_cli.ocp.soft_limits import PENALTY, shares_of_time
 from psmpc_cli.ocp.velocity_form import Point, VelocityForm
+from psmpc_cli.solvers.qp_solution import QpSolution, QpStatus
 from psmpc_cli.solvers.sqp_limits import Limits, QpShape
 
 MAX_ITERATIONS = 60
 """Interior-point iterations of one program; a solvable one takes 8 to 25."""
 
 
-class QpStatus(Enum):
-    """How a quadratic program ended."""
-
-    SOLVED = "solved"
-    INFEASIBLE = "no step meets the linearized constraints"
-    FAILED = "not solved"
-
-
 SMALLEST_REGULARIZATION = 1e-10
 """PIQP lowers its regularization to 1e-13 where it gets stuck; with tiny intervals that loses the digits it needs."""
 
+FAR = 1e6
+"""Where a soft limit stands for which there is none: PIQP complains of rows without any."""
+
 NEARLY = 1e-6
 """Residuals and duality gap at which a program that ran out of iterations counts as solved."""
-
-
-@dataclass(frozen=True, eq=False)
-class QpSolution:
-    """A program's step and multipliers.
-
-    Attributes:
-        status: How it ended.
-        shape: Which rows it has.
-        step: The step; that of x_0 is 0.
-        gaps: Multipliers of the gaps, (K, n).
-        until: Of given sums of durations, in the order of `QpShape.tied`.
-        fixed: Of given durations, in the order of `QpShape.fixed`.
-        together: Of the last stage's shortest duration.
-        ends: Of the end rows by stage.
-        inputs: Of the limits on acceleration, as multipliers of `Qdot+ - Qdot - h u`, (K, n).
-        X: Of the limits of x_1 .. x_K, (K, 2n).
-        tau: Of those of the durations, (S,).
-        iterations: Interior-point iterations.
-    """
-
-    status: QpStatus
-    shape: QpShape
-    step: Point
-    gaps: np.ndarray
-    until: np.ndarray
-    fixed: np.ndarray
-    together: float
-    ends: dict[int, np.ndarray]
-    inputs: np.ndarray
-    X: np.ndarray
-    tau: np.ndarray
-    iterations: int
-
-    @property
-    def largest(self) -> float:
-        """The largest multiplier of all."""
-        pieces = [self.gaps, self.until, self.fixed, np.array([self.together]), *self.ends.values()]
-        return float(max(np.abs(piece).max(initial=0.0) for piece in [*pieces, self.inputs, self.X, self.tau]))
 
 
 class _Pattern:
@@ -95,8 +50,10 @@ class MultistageQp:
         self.form, self.shape = form, shape
         layout = form.layout
         self._n, self._K, self._S = layout.n, layout.K, layout.switches
-        self._x = 2 * self._n * np.arange(self._K)[:, None] + np.arange(2 * self._n)
-        self._tau = self._x.size + np.arange(self._S)
+        node = (4 if shape.soft else 2) * self._n
+        self._x = node * np.arange(self._K)[:, None] + np.arange(2 * self._n)
+        self._e = node * np.arange(self._K)[:, None] + np.arange(2 * self._n, node)
+        self._tau = node * self._K + np.arange(self._S)
         self._P, self._A, self._G = self._place_hessian(), self._place_equalities(), self._place_inequalities()
         self._solver = piqp.SparseSolver()
         settings = self._solver.settings
@@ -111,21 +68,33 @@ class MultistageQp:
         low, high = self._inequality_bounds(model, limits, point, horizon)
         tied = np.array([limits.until[s] - point.tau[: s + 1].sum() for s in self.shape.tied])
         fixed = (limits.tau_low - point.tau)[list(self.shape.fixed)]
-        free = np.isin(np.arange(self._S), self.shape.fixed, invert=True)
-        tau_low = np.where(free, limits.tau_low - point.tau, -np.inf)
-        tau_high = np.where(free, limits.tau_high - point.tau, np.inf)
+        x_low, x_high = self._bounds(limits, point)
+        cost = np.zeros(self._size)
+        cost[self._e] = PENALTY * shares_of_time(self.form.steps(point, horizon))[1:]
+        cost[self._x], cost[self._tau] = model.gradient[1:], model.gradient_tau
         rows = {"G": self._G.matrix(self._inequalities(model, limits)), "h_l": low, "h_u": high} if len(low) else {}
         (self._solver.update if self._ready else self._solver.setup)(
             P=self._P.matrix(self._hessian(model)),
-            c=np.r_[model.gradient[1:].ravel(), model.gradient_tau],
+            c=cost,
             A=self._A.matrix(self._equalities(model)),
             b=np.r_[-model.at.gaps.ravel(), tied, fixed],
-            x_l=np.r_[(limits.X_low - point.X[1:]).ravel(), tau_low],
-            x_u=np.r_[(limits.X_high - point.X[1:]).ravel(), tau_high],
+            x_l=x_low,
+            x_u=x_high,
             **rows,
         )
         self._ready = True
         return self._solution(self._solver.solve())
+
+    def _bounds(self, limits: Limits, point: Point) -> tuple[np.ndarray, np.ndarray]:
+        """Return low and high of the unknowns."""
+        low, high = np.full(self._size, -np.inf), np.full(self._size, np.inf)
+        free = np.isin(np.arange(self._S), self.shape.fixed, invert=True)
+        low[self._tau] = np.where(free, limits.tau_low - point.tau, -np.inf)
+        high[self._tau] = np.where(free, limits.tau_high - point.tau, np.inf)
+        low[self._e] = 0.0
+        if not limits.soft:
+            low[self._x], high[self._x] = limits.X_low - point.X[1:], limits.X_high - point.X[1:]
+        return low, high
 
     def _place_hessian(self) -> _Pattern:
         Q, v = self._x[:, : self._n], self._x[:, self._n :]
@@ -147,7 +116,7 @@ class MultistageQp:
 
     @property
     def _size(self) -> int:
-        return int(self._x.size + self._S)
+        return int(self._x.size + self._e.size + self._S)
 
     def _nodes(self, s: int) -> slice:
         """Nodes of a stage's cost, counted from node 1; the last stage's include the window's last."""
@@ -169,7 +138,7 @@ class MultistageQp:
         return [*values, model.gap_tau, np.ones(sum(s + 1 for s in self.shape.tied) + len(self.shape.fixed))]
 
     def _place_inequalities(self) -> _Pattern:
-        """Rows: the last stage's duration, end conditions by stage, accelerations from below and from above."""
+        """Rows: the last stage's duration, end conditions by stage, accelerations, soft limits, from both sides."""
         n, at, places = self._n, min(self._S, 1), [(np.zeros(self._S, int), self._tau)]
         for s, terms in enumerate(self.form.terms):
             if rows := terms.end_rows:
@@ -181,6 +150,10 @@ class MultistageQp:
             places += [(row, v[index]), (row[index >= n], v[index[index >= n] - n])]
             places.append((np.repeat(row, self._S), np.tile(self._tau, len(index))))
             at += len(index)
+        if self.shape.soft:
+            row = at + np.arange(2 * self._x.size).reshape(2, *self._x.shape)
+            places += [(row, np.array([self._x, self._x])), (row, np.array([self._e, self._e]))]
+            at += row.size
         return _Pattern(places, (at, self._size))
 
     def _inequalities(self, model: Linearization, limits: Limits) -> list[np.ndarray]:
@@ -189,6 +162,9 @@ class MultistageQp:
         for index, limit in self._limited(limits):
             values += [np.ones(len(index)), -np.ones(int((index >= self._n).sum()))]
             values.append(-limit.ravel()[index][:, None] * share[index // self._n])
+        if self.shape.soft:
+            violated = np.ones(self._e.size)
+            values += [np.ones(2 * self._x.size), violated, -violated]
         return values
 
     def _limited(self, limits: Limits) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -212,6 +188,9 @@ class MultistageQp:
             (from_low, _), (from_high, _) = self._limited(limits)
             low += [(h * limits.input_low - dv).ravel()[from_low], np.full(len(from_high), -np.inf)]
             high += [np.full(len(from_low), np.inf), (h * limits.input_high - dv).ravel()[from_high]]
+        if limits.soft:
+            low += [np.maximum(limits.X_low - point.X[1:], -FAR).ravel(), np.full(self._x.size, -np.inf)]
+            high += [np.full(self._x.size, np.inf), np.minimum(limits.X_high - point.X[1:], FAR).ravel()]
         return np.concatenate(low), np.concatenate(high)
 
     def _solution(self, status: piqp.Status) -> QpSolution:
@@ -226,18 +205,19 @@ class MultistageQp:
         for index in (list(shape.input_low), list(shape.input_high)):
             inputs[index] += z[at : at + len(index)]
             at += len(index)
+        states = bound[self._x] if not shape.soft else z[at:].reshape(2, K, 2 * n).sum(axis=0)
         return QpSolution(
             status=_status(status, result.info),
             shape=shape,
-            step=Point(np.vstack([np.zeros(2 * n), x[: 2 * n * K].reshape(K, 2 * n)]), x[2 * n * K :]),
+            step=Point(np.vstack([np.zeros(2 * n), x[self._x]]), x[self._tau]),
             gaps=y[: K * n].reshape(K, n),
             until=y[K * n : given],
             fixed=y[given:],
             together=together,
             ends=ends,
             inputs=inputs.reshape(K, n),
-            X=bound[: 2 * n * K].reshape(K, 2 * n),
-            tau=bound[2 * n * K :],
+            X=states,
+            tau=bound[self._tau],
             iterations=int(result.info.iter),
         )
 

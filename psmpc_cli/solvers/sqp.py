@@ -1,27 +1,31 @@
 """Sequential quadratic programming with the Gauss-Newton Hessian: one iteration a sample on the shifted plan.
 
-A window whose guess comes with multipliers is the last one, shifted: it gets the iterations the task asks for. Any
+A window whose guess is warm is the last one, shifted: it gets the iterations the task asks for. Any
 other guess is cold (an append, a drop, another shape) and is iterated until the step is small. Steps that bring nothing
 are halved. The levels of HTMPC, where earlier costs are constraints and need their curvature, are left to fatrop.
 """
 
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psmpc_cli.ocp.gauss_newton import Linearization, linearize
+from psmpc_cli.ocp.end_curvature import EndCurvature
+from psmpc_cli.ocp.gauss_newton import Linearization
 from psmpc_cli.ocp.parameters import Parameters
 from psmpc_cli.ocp.transcription import Nlp
 from psmpc_cli.ocp.velocity_form import Point, Residuals, VelocityForm
 from psmpc_cli.ocp.window import Bounds
 from psmpc_cli.solvers import fatrop
 from psmpc_cli.solvers.base import FEASIBLE, Guess, Outcome, Solution, Solver, StructuredNlp
-from psmpc_cli.solvers.qp_multistage import MultistageQp, QpSolution, QpStatus
+from psmpc_cli.solvers.qp_multistage import MultistageQp
+from psmpc_cli.solvers.qp_solution import QpSolution, QpStatus
 from psmpc_cli.solvers.riccati.kernel import load_kernel
 from psmpc_cli.solvers.riccati.program import RiccatiQp
+from psmpc_cli.solvers.sqp_guess import later
 from psmpc_cli.solvers.sqp_limits import Limits, QpShape, Violation, limits, violation
-from psmpc_cli.solvers.sqp_multipliers import multipliers
+from psmpc_cli.solvers.sqp_soft import beyond, change_of_violations, linearize_penalized, penalized
 from psmpc_cli.specs.task import SolverSpec
 
 SMALL = 1e-2
@@ -78,26 +82,76 @@ class SqpSolver:
         self._form = VelocityForm(nlp.model, nlp.shape, nlp.layout, spec.compiled)
         self._kernel = load_kernel(nlp.layout.n, nlp.layout.switches) if spec.compiled else None
         self._programs: dict[QpShape, MultistageQp | RiccatiQp] = {}
+        self._curvature = EndCurvature(self._form)
 
     def solve(self, guess: Guess, p: np.ndarray, bounds: Bounds) -> Solution:
         """Solve for the parameters p from the guess."""
         began = time.perf_counter()
         numbers = self._form.numbers(p)
         problem = self._problem(numbers, limits(self._nlp, bounds, float(numbers.horizon)))
-        point = self._form.point(guess.z, numbers)
-        model = linearize(self._form, point, numbers)
-        iterate = _Iterate(point, model.at, self._violation(problem, point, model.at))
-        iterate, outcome, count = self._iterate(problem, iterate, model, began, warm=guess.lam_g is not None)
-        lam_x, lam_g = multipliers(self._nlp, self._form, iterate.point, numbers, iterate.qp)
+        iterate, model = self._begin(problem, self._form.point(guess.z, numbers))
+        ends = self._end_multipliers(guess)
+        qp = self._program(problem, iterate, model, ends)
+        if qp.status is not QpStatus.SOLVED and not guess.warm:
+            point = later(self._form, problem.limits, iterate.point, float(numbers.horizon))
+            if point is not None:
+                iterate, model = self._begin(problem, point)
+                qp = self._program(problem, iterate, model, ends)
+        iterate, outcome, count = self._iterate(problem, iterate, model, qp, began, guess.warm)
+        lam_x, lam_g = self._multipliers(iterate.qp)
+        z = self._form.decision(iterate.point, numbers)
+        z[self._nlp.layout.violation_index] = beyond(problem.limits, iterate.point)
         return Solution(
             outcome=outcome,
-            z=self._form.decision(iterate.point, numbers),
+            z=z,
             lam_x=lam_x,
             lam_g=lam_g,
             objective=iterate.at.objective,
             iterations=count,
             wall_time=time.perf_counter() - began,
         )
+
+    def _begin(self, problem: _Problem, point: Point) -> tuple[_Iterate, Linearization]:
+        """Return the iterate at a guess, and the model there."""
+        model = linearize_penalized(self._form, problem.limits, point, problem.p)
+        return _Iterate(point, model.at, self._violation(problem, point, model.at)), model
+
+    def _end_multipliers(self, guess: Guess) -> Mapping[int, np.ndarray]:
+        """Return the multipliers of curved end conditions by stage, where the guess has any."""
+        if guess.lam_g is None:
+            return {}
+        return {s: guess.lam_g[self._nlp.end_rows[s]] for s in self._curvature.stages}
+
+    def _multipliers(self, qp: QpSolution | None) -> tuple[np.ndarray, np.ndarray]:
+        """Return the multipliers that the next solve starts from: of end conditions, if some are curved, else none."""
+        if qp is None or not self._curvature.stages:
+            return np.zeros(0), np.zeros(0)
+        lam_g = np.zeros(len(self._nlp.equality))
+        for s in self._curvature.stages:
+            lam_g[self._nlp.end_rows[s]] = qp.ends[s]
+        return np.zeros(self._nlp.layout.size), lam_g
+
+    def _program(
+        self, problem: _Problem, iterate: _Iterate, model: Linearization, ends: Mapping[int, np.ndarray]
+    ) -> QpSolution:
+        """Return the solution of the program at an iterate.
+
+        Our own method counts in the curvature of end conditions at the given multipliers. Where it finds that program
+        not convex, and with PIQP, which takes no other, the Gauss-Newton model stands alone. Where soft limits would be
+        violated so far that the numbers break down, hard ones say whether there is a solution.
+        """
+        horizon = float(problem.p.horizon)
+        if ends and isinstance(problem.qp, RiccatiQp):
+            curved = self._curvature.added_to(model, iterate.point, problem.p, ends)
+            qp = problem.qp.solve(curved, problem.limits, iterate.point, horizon)
+            if qp.status is QpStatus.SOLVED:
+                return qp
+        qp = problem.qp.solve(model, problem.limits, iterate.point, horizon)
+        if qp.status is QpStatus.FAILED and problem.limits.soft:
+            hard = self._problem(problem.p, replace(problem.limits, soft=False))
+            proof = hard.qp.solve(model, hard.limits, iterate.point, horizon)
+            return qp if proof.status is QpStatus.FAILED else proof
+        return qp
 
     def _problem(self, p: Parameters[np.ndarray], limits: Limits) -> _Problem:
         shape = limits.shape
@@ -113,11 +167,16 @@ class SqpSolver:
         return RiccatiQp(self._form, shape, SHARPER * tolerance, self._kernel)
 
     def _iterate(
-        self, problem: _Problem, iterate: _Iterate, model: Linearization, began: float, warm: bool
+        self,
+        problem: _Problem,
+        iterate: _Iterate,
+        model: Linearization,
+        qp: QpSolution,
+        began: float,
+        warm: bool,
     ) -> tuple[_Iterate, Outcome, int]:
         """Return the last iterate, how it is to be taken, and the number of iterations."""
         for count in range(1, self._spec.max_iterations + 1):
-            qp = problem.qp.solve(model, problem.limits, iterate.point, float(problem.p.horizon))
             if qp.status is QpStatus.INFEASIBLE:
                 return iterate, Outcome.INFEASIBLE, count
             if qp.status is QpStatus.FAILED:
@@ -133,7 +192,8 @@ class SqpSolver:
             if self._spec.deadline is not None and time.perf_counter() - began >= self._spec.deadline:
                 return iterate, self._unfinished(iterate, Outcome.DEADLINE), count
             if count < self._spec.max_iterations:
-                model = linearize(self._form, iterate.point, problem.p)
+                model = linearize_penalized(self._form, problem.limits, iterate.point, problem.p)
+                qp = self._program(problem, iterate, model, {s: qp.ends[s] for s in self._curvature.stages})
         return iterate, self._unfinished(iterate, Outcome.ITERATION_LIMIT), self._spec.max_iterations
 
     def _unfinished(self, iterate: _Iterate, otherwise: Outcome) -> Outcome:
@@ -145,10 +205,13 @@ class SqpSolver:
         """Return the iterate after the longest tried share of the step that counts; the point itself, if none does."""
         step = float(max(np.abs(qp.step.X).max(), np.abs(qp.step.tau).max(initial=0.0)))
         slope = float((model.gradient * qp.step.X).sum() + model.gradient_tau @ qp.step.tau)
+        horizon = float(problem.p.horizon)
+        slope += change_of_violations(self._form, problem.limits, iterate.point, qp.step, horizon)
         share = 1.0
         while share >= SHORTEST_STEP:
             point = iterate.point.moved(qp.step, share)
             at = self._form.residuals(point, problem.p)
+            at = penalized(self._form, problem.limits, point, at, horizon)
             found = _Iterate(point, at, self._violation(problem, point, at), step, qp)
             if _counts(found, iterate, share * slope, share, 2 * qp.largest):
                 return found
@@ -168,7 +231,7 @@ def _counts(found: _Iterate, before: _Iterate, slope: float, share: float, penal
     Args:
         found: After the step.
         before: Before it.
-        slope: Change of the objective that its gradient predicts for the step.
+        slope: Change of the objective that its gradient predicts for the step, penalties of soft limits included.
         share: Share of the program's step that it is.
         penalty: Weight of the violation in the merit function, above every multiplier.
     """

@@ -87,6 +87,7 @@ _WORDINGS: dict[str, Callable[[dict[str, Any]], str]] = {
     "tuple_type": lambda context: "a list",
     "greater_than": lambda context: f"a number greater than {context['gt']:g}",
     "greater_than_equal": lambda context: f"a number of at least {context['ge']:g}",
+    "less_than": lambda context: f"a number less than {context['lt']:g}",
     "less_than_equal": lambda context: f"a number of at most {context['le']:g}",
     "too_short": lambda context: f"at least {counted(context['min_length'], 'entry', 'entries')}",
     "too_long": lambda context: counted(context["max_length"], "entry", "entries"),

@@ -17,8 +17,8 @@ from psmpc_cli.specs.syntax import explain
 DEEPEST = 30
 """Levels of nesting; a task has seven."""
 
-MOST_VALUES = 50_000
-"""Values of a file once its aliases are expanded."""
+MOST_VALUES = 20_000
+"""Values of a file once its aliases are expanded; each may be a problem of its own, to be put in words."""
 
 
 class RefusedError(Exception):

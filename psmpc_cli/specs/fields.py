@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, Strict, WithJsonSchema
 from pydantic_core import PydanticCustomError
@@ -70,6 +70,15 @@ def whole(value: object) -> int:
     """Return a whole number as int."""
     if isinstance(value, bool) or not isinstance(value, int | float) or value != value // 1:
         raise expected("a whole number")
+    return int(value)
+
+
+def intervals(value: object) -> object:
+    """Return a number of intervals, or auto."""
+    if value == "auto":
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != value // 1 or not 2 <= value <= 1000:
+        raise expected("a whole number from 2 to 1000, or auto")
     return int(value)
 
 
@@ -159,6 +168,11 @@ Positive = Annotated[float, Field(gt=0), BeforeValidator(number)]
 NotNegative = Annotated[float, Field(ge=0), BeforeValidator(number)]
 Angle = Annotated[float, BeforeValidator(number_or_angle), WithJsonSchema(_NUMBER_OR_ANGLE)]
 Whole = Annotated[int, BeforeValidator(whole)]
+Intervals = Annotated[
+    int | Literal["auto"],
+    BeforeValidator(intervals),
+    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 2, "maximum": 1000}, {"const": "auto"}]}),
+]
 Flag = Annotated[bool, Strict()]
 Name = Annotated[str, BeforeValidator(name), WithJsonSchema({"type": "string", "pattern": NAME_PATTERN})]
 Interval = Annotated[tuple[Angle, Angle], BeforeValidator(pair), AfterValidator(ordered), WithJsonSchema(_PAIR)]

@@ -20,6 +20,9 @@ from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import TaskSpec
 from psmpc_cli.specs.validate import kind_of, validate_robot, validate_task
 
+LONGEST_PATH = 1000
+"""Characters of a path that a task refers to."""
+
 
 @dataclass(frozen=True)
 class LoadedRobot:
@@ -129,6 +132,11 @@ def _robot_of(task: Document, folder: Path) -> tuple[Document | None, Problem | 
     reference = Cursor(task)["robot"].text
     if not reference:
         return None, None
+    if len(reference) > LONGEST_PATH:
+        wrong = (
+            f"found {len(reference)} characters, expected a built-in robot's name or a path of at most {LONGEST_PATH}"
+        )
+        return None, Problem(("robot",), wrong)
     try:
         path = look_up("robot", reference, folder)
         return read(shown(path), read_text(path)), None

@@ -11,6 +11,9 @@ from psmpc_cli.specs.problem import Path, Place, choice, dotted, quoted
 _PATH = re.compile(r"[^.\[\]=]+(?:\.[^.\[\]=]+|\[\d+\])*")
 _STEP = re.compile(r"\[(\d+)\]|([^.\[\]=]+)")
 
+LONGEST = 20_000
+"""Characters of all overrides together."""
+
 SHORTHANDS: tuple[Path, ...] = (("controller",), ("solver",), ("plant",), ("onset",))
 """Where a text alone stands for a mapping with that `kind`."""
 
@@ -32,6 +35,8 @@ class _Edit:
 def override(document: Document, texts: Sequence[str]) -> tuple[Document, tuple[str, ...]]:
     """Return the document with the overrides applied in their order, and what is wrong with those that could not be."""
     complaints = []
+    if (length := sum(map(len, texts))) > LONGEST:
+        return document, (f"--set: found {length} characters, expected at most {LONGEST}: put them into the file",)
     for number, text in enumerate(texts, start=1):
         try:
             document = _apply(document, _parse(text, number))

@@ -12,6 +12,10 @@ LONGEST = 60
 """Characters of a value that a message repeats."""
 
 
+MOST_CHOICES = 60
+"""Names that a message offers."""
+
+
 @dataclass(frozen=True)
 class Place:
     """A position in a text, both counted from 1."""
@@ -39,13 +43,18 @@ class Problem:
 
 def dotted(path: Path) -> str:
     """Write a path the way messages and `--set` do: `stages[1].target.base`."""
-    steps = [f"[{step}]" if isinstance(step, int) else f".{step}" for step in path]
+    steps = [f"[{step}]" if isinstance(step, int) else f".{printable(shortened(step))}" for step in path]
     return "".join(steps).removeprefix(".")
 
 
 def quoted(text: str) -> str:
     """Write a text in double quotes, on one line and not too long."""
-    return json.dumps(shortened(text), ensure_ascii=False)
+    return printable(json.dumps(shortened(text), ensure_ascii=False))
+
+
+def printable(text: str) -> str:
+    """Write a text in one line that cannot command a terminal: with escapes for what is not printable."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 def shortened(text: str) -> str:
@@ -64,5 +73,7 @@ def choice(name: str, valid: Iterable[str]) -> str:
     """Write after what was found which names were expected, and before that the nearest one."""
     names = list(dict.fromkeys(valid))
     near = suggestion(name, names)
-    hint = f' (did you mean "{near}"?)' if near else ""
-    return f"{hint}, expected {'one of ' if len(names) > 1 else ''}{', '.join(names)}"
+    hint = f" (did you mean {quoted(near)}?)" if near else ""
+    listed = ", ".join(printable(shortened(each)) for each in names[:MOST_CHOICES])
+    more = f" and {len(names) - MOST_CHOICES} more" if len(names) > MOST_CHOICES else ""
+    return f"{hint}, expected {'one of ' if len(names) > 1 else ''}{listed}{more}"

@@ -10,6 +10,7 @@ from psmpc_cli.specs.fields import (
     Comparison,
     Coordinates,
     Flag,
+    Intervals,
     Name,
     NotNegative,
     Number,
@@ -24,6 +25,7 @@ from psmpc_cli.specs.fields import (
 )
 from psmpc_cli.specs.robot import PartLimits, Spec
 from psmpc_cli.specs.shorthands import Choice, SideBySide
+from psmpc_cli.specs.uncertainty import UncertaintySpec
 
 Parts = Mapping[str, tuple[float, ...]]
 """Numbers keyed by part name (`base`, then each arm's name, or `arms` for every arm)."""
@@ -49,7 +51,10 @@ class ControllerSpec(Choice):
 
     kind: Literal["psmpc", "smpc", "hard", "htmpc"] = Field("psmpc", description="which controller")
     horizon: Positive = Field(4.0, description="prediction horizon T_h [s]")
-    nodes: Whole = Field(100, ge=2, le=1000, description="intervals a stage, N_s")
+    nodes: Intervals = Field(100, description="intervals a stage, N_s; auto: as many as `mesh_tolerance` needs")
+    mesh_tolerance: Positive = Field(
+        5e-3, le=0.1, description="nodes auto: by what part of J the cost may change with twice the nodes"
+    )
     sample_time: Positive = Field(0.1, description="time between two solves [s]")
     pending_cost: NotNegative = Field(1.0, description="cost delta of every second a stage waits; 0 as printed")
     terminal_cost: NotNegative = Field(0.0, description="weight kappa of the last node's cost")
@@ -60,13 +65,23 @@ class ControllerSpec(Choice):
     multistart: Whole | None = Field(
         None, ge=1, le=100, description="guesses of the instants a window is solved from; default 1, the last plan's"
     )
+    soft_limits: Flag | None = Field(
+        None, description="limits on states give way where they must; default: where measurements are noisy"
+    )
+    offset_free: Flag = Field(False, description="estimate a constant disturbance and take it off the control")
+    offset_gain: Positive = Field(0.3, le=1, description="offset_free: gain of the estimate's filter a sample")
     htmpc: HtmpcSpec = Field(HtmpcSpec(), description="what only the lexicographic controller needs")
+
+    @property
+    def uniform_nodes(self) -> int:
+        """N_s where every stage is to have the same: as given, 100 as in the paper where it is automatic."""
+        return 100 if self.nodes == "auto" else self.nodes
 
 
 class SolverSpec(Choice):
     """The NLP back-end."""
 
-    kind: Literal["fatrop", "ipopt", "sqp"] = Field("fatrop", description="which solver")
+    kind: Literal["sqp", "fatrop", "ipopt"] = Field("sqp", description="which solver")
     tolerance: Positive = Field(1e-8, le=1e-2, description="optimality tolerance of the scaled problem")
     max_iterations: Whole = Field(200, ge=1, description="iterations after which it gives up")
     iterations: Whole = Field(1, ge=1, description="sqp: iterations a sample from the shifted plan")
@@ -221,8 +236,15 @@ class TaskSpec(Spec):
     )
     onset: OnsetSpec = Field(OnsetSpec(), description="what counts as the actual start of a stage")
     object: ObjectSpec | None = Field(None, description="the target object")
+    uncertainty: UncertaintySpec = Field(UncertaintySpec(), description="what the controller does not know")
     monitors: tuple[MonitorSpec, ...] = Field((), description="what must hold for the mission to succeed")
     published: Mapping[str, PublishedRun] = Field({}, description="published runs to compare with, by controller")
     log: LogSpec = Field(LogSpec(), description="what the log holds beyond the samples")
     time_limit: Positive = Field(60.0, description="time after which the run is stopped [s]")
     seed: Whole = Field(0, ge=0, description="seed of everything random")
+
+    @property
+    def limits_are_soft(self) -> bool:
+        """Whether limits on the states may be violated at a cost."""
+        soft = self.controller.soft_limits
+        return self.uncertainty.measures_with_noise if soft is None else soft

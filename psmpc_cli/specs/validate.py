@@ -10,10 +10,11 @@ from psmpc_cli.specs.checks.names import check_coordinates, check_input, check_n
 from psmpc_cli.specs.checks.parts import check_parts
 from psmpc_cli.specs.checks.priorities import check_priorities
 from psmpc_cli.specs.checks.robot import check_robot
-from psmpc_cli.specs.checks.solver import check_solver
+from psmpc_cli.specs.checks.solver import check_mesh, check_solver
 from psmpc_cli.specs.checks.stages import check_stages
 from psmpc_cli.specs.checks.timing import check_timing
 from psmpc_cli.specs.checks.trajectories import check_times, check_trajectories
+from psmpc_cli.specs.checks.uncertainty import check_uncertain_parts, check_uncertainty
 from psmpc_cli.specs.complaints import complain
 from psmpc_cli.specs.cursor import Cursor
 from psmpc_cli.specs.document import Document
@@ -59,15 +60,18 @@ def _check_task(task: Cursor, robot: RobotSpec | None) -> Iterator[Problem]:
     yield from check_names(task)
     yield from check_input(task)
     yield from check_solver(task)
+    yield from check_mesh(task)
     yield from check_stages(task)
     yield from check_timing(task)
     yield from check_times(task)
     yield from check_priorities(task)
+    yield from check_uncertainty(task)
     if robot is not None:
         yield from check_parts(task, robot)
         yield from check_trajectories(task, robot)
         yield from check_coordinates(task, robot)
         yield from check_limits(task, robot)
+        yield from check_uncertain_parts(task, robot)
 
 
 def _validate(document: Document, kind: Kind, model: type[Model]) -> tuple[Model | None, tuple[Problem, ...]]:

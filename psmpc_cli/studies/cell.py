@@ -2,8 +2,10 @@
 
 import logging
 import time
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -62,16 +64,21 @@ class Outcome:
 
 def run_cell(cell: Cell) -> Outcome:
     """Run a cell; whatever goes wrong in it is its outcome."""
+    return outcome_of(partial(_run, cell))
+
+
+def outcome_of(run: Callable[[], tuple[Values, str]]) -> Outcome:
+    """Make a run, which returns its numbers and why it failed; whatever goes wrong in it is its outcome."""
     began = time.perf_counter()
     try:
-        values, failure = _run(cell)
-    except Exception as error:  # one cell never ends a sweep
-        logger.exception("a cell failed")
+        values, failure = run()
+    except Exception as error:  # one run never ends a study
+        logger.exception("a run failed")
         values, failure = {}, f"{type(error).__name__}: {error}"
     return Outcome(values, failure, time.perf_counter() - began)
 
 
-def lost_cell(cell: Cell) -> Outcome:
+def lost_cell(cell: object) -> Outcome:
     """Return the outcome of a cell that ends the process it runs in."""
     return Outcome({}, "its process was ended from outside every time, for want of memory perhaps", np.nan)
 

@@ -107,7 +107,7 @@ def gather_evidence(log: Log) -> Evidence:
     return Evidence(
         summary=summarize(log),
         horizon=controller.horizon,
-        nodes=controller.nodes,
+        nodes=np.nan if controller.nodes == "auto" else controller.nodes,
         sample_time=controller.sample_time,
         epsilon=task.spec.onset.epsilon,
         onsets=dict(_onsets(log)),

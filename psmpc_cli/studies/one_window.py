@@ -9,7 +9,7 @@ from psmpc_cli.control.sequence import Sequence
 from psmpc_cli.control.window_solver import WindowSolver
 from psmpc_cli.errors import LogError
 from psmpc_cli.experiment.logged_window import logged_solve
-from psmpc_cli.experiment.setup import Experiment, build_experiment
+from psmpc_cli.experiment.setup import Experiment, build_experiment, converging
 from psmpc_cli.experiment.summary import task_of
 from psmpc_cli.logs.read import Log
 from psmpc_cli.ocp.normalization import normalization
@@ -67,7 +67,7 @@ def pick_window(log: Log) -> OneWindow:
     Raises:
         LogError: The log has no plans, or no window with one switch.
     """
-    experiment = build_experiment(task_of(log))
+    experiment = build_experiment(converging(task_of(log)))
     count, first = log["window/count"], log["window/first"]
     with_one = np.flatnonzero(count == 2)
     if not len(with_one):
@@ -171,9 +171,10 @@ def on_mesh(one: OneWindow, nodes: int, discretization: str) -> tuple[float, flo
     tolerance of the end condition [1]; both NaN if there is no solution.
     """
     task, costs = one.experiment.task, one.experiment.costs
-    controller = task.controller.model_copy(update={"nodes": nodes, "discretization": discretization})
+    controller = task.controller.model_copy(update={"discretization": discretization})
     windows = WindowSolver(task.model_copy(update={"controller": controller}), one.experiment.model, costs)
-    solved = windows.solve(one.window, one.plan, one.plan.instants)
+    window = replace(one.window, nodes=(nodes,) * len(one.window.stages))
+    solved = windows.solve(window, one.plan, one.plan.instants)
     if not solved.solution.outcome.usable:
         return np.nan, np.nan
     real, stage = led_to(solved.plan), one.window.stages[0]

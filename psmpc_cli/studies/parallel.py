@@ -3,11 +3,14 @@
 import os
 import signal
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import islice
+from multiprocessing import resource_tracker
 from typing import NoReturn, Protocol, TypeVar
 
 from joblib import Parallel, delayed, parallel_config
+from joblib.externals.loky.backend import resource_tracker as loky_resource_tracker
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from psmpc_cli.errors import RunError
@@ -90,8 +93,10 @@ class LocalCalls:
         with parallel_config("loky", n_jobs=processes, inner_max_num_threads=1):
             ahead = 1 if self.jobs == 1 else 2 * self.jobs
             workers = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch=ahead)
-            results = workers(delayed(_numbered)(function, index, item) for index, item in items.items())
+            results: Generator[tuple[int, Result], None, None] = _nothing()
             try:
+                with _deaf_to_ctrl_c():
+                    results = workers(delayed(_numbered)(function, index, item) for index, item in items.items())
                 while (numbered := next(results, None)) is not None:
                     yield numbered
             finally:
@@ -100,7 +105,31 @@ class LocalCalls:
                     results.close()
 
 
+@contextmanager
+def _deaf_to_ctrl_c() -> Iterator[None]:
+    """Start processes that Ctrl-C does not reach from their first instruction on; here it waits until they are started.
+
+    A terminal sends it to all processes, and one that imports would say so at length: to end it is up to this one. A
+    process inherits what is blocked, and so do the threads that start further ones.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    for tracker in (resource_tracker, loky_resource_tracker):
+        tracker.ensure_running()  # which unblocks the signals it blocks meanwhile
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _nothing() -> Generator[tuple[int, Result], None, None]:
+    """Give no result."""
+    yield from ()
+
+
 def _numbered(function: Callable[[Item], Result], index: int, item: Item) -> tuple[int, Result]:
-    """Make a call in a process of its own, which Ctrl-C reaches as well: to end it is up to the one that made it."""
+    """Make a call in a process of its own, which Ctrl-C reaches as well where it cannot be blocked."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     return index, function(item)

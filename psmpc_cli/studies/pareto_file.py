@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from psmpc_cli.errors import LogError
 from psmpc_cli.logs.layout import PARETO
 from psmpc_cli.logs.results import Quantity, Results, create_results, read_results
 from psmpc_cli.solvers import Outcome
@@ -65,7 +66,11 @@ def read_pareto(path: Path) -> Results:
     Raises:
         LogError: The file is missing, damaged, of another version, or holds something else.
     """
-    return read_results(path, PARETO)
+    results = read_results(path, PARETO)
+    horizon = results.attributes.get("horizon")
+    if not isinstance(horizon, int | float | np.integer | np.floating) or not 0 < horizon < np.inf:
+        raise LogError(f"{path}: found no horizon, expected a study written by psmpc pareto")
+    return results
 
 
 def held_at_optimum(results: Results, name: str) -> Vector:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from psmpc_cli.experiment.setup import build_experiment
+from psmpc_cli.experiment.setup import build_experiment, converging
 from psmpc_cli.experiment.summary import task_of
 from psmpc_cli.logs.read import read_log
 from psmpc_cli.ocp.plan import Plan
@@ -103,7 +103,7 @@ class SampleTask:
 def solve_sample(task: SampleTask) -> SampleFronts:
     """Return the fronts at one sample."""
     log, grid = read_log(task.log), task.grid
-    trade_off = TradeOff(window_at(log, build_experiment(task_of(log)), task.sample))
+    trade_off = TradeOff(window_at(log, build_experiment(converging(task_of(log))), task.sample))
     window, plan = trade_off.one.window, trade_off.one.plan
     wait = float(plan.instants[0]) - window.start
     ratio = float(window.omega[1] / window.omega[0])

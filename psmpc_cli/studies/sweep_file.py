@@ -1,6 +1,5 @@
 """The file of a sweep: what is in it, and how a sweep goes on that was stopped."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,6 +11,7 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.logs.layout import SWEEP
 from psmpc_cli.logs.results import Quantity, Results, create_results, read_results
 from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.studies.per_cell import Identity, PerCell, ensure_same, unfilled
 from psmpc_cli.studies.sampling import Sampling
 
 WAITING, COMPUTED, SHARED, FAILED = range(4)
@@ -36,7 +36,7 @@ class Sweep:
     every_cell: bool
 
     @property
-    def identity(self) -> Mapping[str, str | int | float]:
+    def identity(self) -> Identity:
         """What two sweeps must have in common for one to go on where the other stopped, by its name for a user."""
         low, high = self.sampling.omega.min(), self.sampling.omega.max()
         return {
@@ -49,40 +49,29 @@ class Sweep:
         }
 
 
-@dataclass(frozen=True)
-class _PerCell:
-    """A quantity with a value in every cell, or one for each entry of a further coordinate."""
-
-    name: str
-    units: str
-    long_name: str
-    along: str = ""
-    whole: bool = False
-
-
 CELL_QUANTITIES = (
-    _PerCell("detection_time", "s", "first sample with the switch in the window"),
-    _PerCell("instant_at_detection", "s", "optimized switching instant at that sample"),
-    _PerCell("switch_time", "s", "instant that ended each stage", "stage"),
-    _PerCell("actual_start", "s", "actual start of the second stage", "epsilon"),
-    _PerCell("completion_time", "s", "instant that ended the second stage"),
-    _PerCell("stage_cost", "s", "integral of the cost Lbar of each stage while it was the current one", "stage"),
-    _PerCell("final_error", "1", "largest error of the second stage's end condition at its end, over its tolerance"),
-    _PerCell("control_effort", "m^2/s^3, rad^2/s^3", "integral of |u|^2"),
-    _PerCell("base_force", "N s", "integral of the norm of the base force"),
-    _PerCell("base_torque", "N m s", "integral of the magnitude of the base torque"),
-    _PerCell("variation_base_position", "m/s^2", "total variation of the base's linear acceleration"),
-    _PerCell("variation_base_angle", "rad/s^2", "total variation of the base's angular acceleration"),
-    _PerCell("variation_joints", "rad/s^2", "total variation of the joints' acceleration"),
-    _PerCell("solves", "1", "number of solves", whole=True),
-    _PerCell("iterations_median", "1", "median of the iterations of a solve"),
-    _PerCell("iterations_largest", "1", "largest number of iterations of a solve", whole=True),
-    _PerCell("solve_time_median", "s", "median wall time of a solve"),
-    _PerCell("solve_time_largest", "s", "longest wall time of a solve"),
-    _PerCell("appended", "1", "stages that entered the window", whole=True),
-    _PerCell("postponed", "1", "samples at which a stage was seen, but the window with it had no solution", whole=True),
-    _PerCell("fallbacks", "1", "failed solves after which the shifted plan went on", whole=True),
-    _PerCell(
+    PerCell("detection_time", "s", "first sample with the switch in the window"),
+    PerCell("instant_at_detection", "s", "optimized switching instant at that sample"),
+    PerCell("switch_time", "s", "instant that ended each stage", "stage"),
+    PerCell("actual_start", "s", "actual start of the second stage", "epsilon"),
+    PerCell("completion_time", "s", "instant that ended the second stage"),
+    PerCell("stage_cost", "s", "integral of the cost Lbar of each stage while it was the current one", "stage"),
+    PerCell("final_error", "1", "largest error of the second stage's end condition at its end, over its tolerance"),
+    PerCell("control_effort", "m^2/s^3, rad^2/s^3", "integral of |u|^2"),
+    PerCell("base_force", "N s", "integral of the norm of the base force"),
+    PerCell("base_torque", "N m s", "integral of the magnitude of the base torque"),
+    PerCell("variation_base_position", "m/s^2", "total variation of the base's linear acceleration"),
+    PerCell("variation_base_angle", "rad/s^2", "total variation of the base's angular acceleration"),
+    PerCell("variation_joints", "rad/s^2", "total variation of the joints' acceleration"),
+    PerCell("solves", "1", "number of solves", whole=True),
+    PerCell("iterations_median", "1", "median of the iterations of a solve"),
+    PerCell("iterations_largest", "1", "largest number of iterations of a solve", whole=True),
+    PerCell("solve_time_median", "s", "median wall time of a solve"),
+    PerCell("solve_time_largest", "s", "longest wall time of a solve"),
+    PerCell("appended", "1", "stages that entered the window", whole=True),
+    PerCell("postponed", "1", "samples at which a stage was seen, but the window with it had no solution", whole=True),
+    PerCell("fallbacks", "1", "failed solves after which the shifted plan went on", whole=True),
+    PerCell(
         "basin_changes", "1", "windows in which another guess of the instants than the last plan's won", whole=True
     ),
 )
@@ -162,13 +151,8 @@ def _quantities(sweep: Sweep) -> list[Quantity]:
             "cell_time", dims, np.full(shape, np.nan), "s", "wall time of the cell's run, with all that is around"
         ),
     ]
-    for quantity in CELL_QUANTITIES:
-        extra = (quantity.along,) if quantity.along else ()
-        size = (*shape, *(along[name] for name in extra))
-        values = np.full(size, -1, "i4") if quantity.whole else np.full(size, np.nan)
-        filled.append(Quantity(quantity.name, (*dims, *extra), values, quantity.units, quantity.long_name))
     spent = Quantity("wall_time", (), np.array(0.0), "s", "wall time spent on the sweep")
-    return [*filled, spent]
+    return [*filled, *unfilled(CELL_QUANTITIES, dims, shape, along), spent]
 
 
 def read_sweep(path: Path) -> Results:
@@ -190,11 +174,5 @@ def resume_sweep(path: Path, sweep: Sweep) -> Results:
     if not path.exists():
         raise InputError(f"--resume: found no file {path}, expected a sweep that was stopped; leave --resume out")
     results = read_sweep(path)
-    for name, wanted in sweep.identity.items():
-        found = results.attributes.get(name)
-        if found != wanted:
-            raise InputError(
-                f"--resume: {path} holds another sweep: found {name.replace('_', ' ')} {found}, this one has {wanted}; "
-                "give the same task and options, or choose another file with -o"
-            )
+    ensure_same(results, sweep.identity, "sweep")
     return results

@@ -11,7 +11,7 @@ from psmpc_cli.experiment.stage_times import StageClock
 from psmpc_cli.logs.record import Record
 from psmpc_cli.specs.coordinates import labels
 
-Values = Mapping[str, np.ndarray | float | int]
+Values = Mapping[str, np.ndarray | float | int | str]
 
 
 class Tally:

@@ -24,7 +24,7 @@ def test_valid_task_is_a_table() -> None:
         result.stdout
         == """\
 transport: On-orbit transport with four stages
-robot planar_dual_arm; controller psmpc, horizon 4 s, 100 nodes a stage, sample time 0.1 s; solver fatrop; plant rk4
+robot planar_dual_arm; controller psmpc, horizon 4 s, 100 nodes a stage, sample time 0.1 s; solver sqp; plant rk4
 stage          part   target                       ends within  distance of reach  not before
 approach       base   -2, 2 m, 30 deg              0.002                           9.99 s
 move (joint)   arm_1  0, 0, 0 deg

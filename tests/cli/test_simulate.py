@@ -135,7 +135,7 @@ def test_published_values_stand_beside_ours(simulate: Psmpc) -> None:
 
 
 def test_a_run_that_cannot_go_on_says_why(simulate: Psmpc) -> None:
-    ran = simulate("--set", "solver.max_iterations=1", "--set", "controller.horizon=1")
+    ran = simulate("--set", "solver={kind: fatrop, max_iterations: 1}", "--set", "controller.horizon=1")
     assert ran.code == 3
     assert ran.stderr.splitlines()[-1] == (
         "psmpc: no window could be solved and the plan was used up; the robot braked to rest (not converged: raise "
@@ -172,7 +172,8 @@ def test_controller_and_plant_are_those_asked_for(simulate: Psmpc) -> None:
 REFUSED = [
     (
         ("--set", "controller.nodes=many"),
-        '--set controller.nodes=many: controller.nodes: found the text "many", expected a whole number',
+        '--set controller.nodes=many: controller.nodes: found the text "many", '
+        "expected a whole number from 2 to 1000, or auto",
     ),
     (("--set", "controller.nodes"), '--set controller.nodes: found no "=", expected path=value, such as'),
     (("--set", "controler.nodes=5"), 'found an unknown key (did you mean "controller"?)'),
@@ -381,7 +382,7 @@ def test_warnings_of_a_process_are_lines_of_their_own(tmp_path: Path) -> None:
     task = tmp_path / "task.yaml"
     task.write_text(TASK)
     arguments = ["simulate", str(task), "--no-figures", "-o", str(tmp_path / "log.h5")]
-    arguments += ["--set", "solver.max_iterations=1", "--set", "time_limit=1.4"]
+    arguments += ["--set", "solver={kind: fatrop, max_iterations: 1}", "--set", "time_limit=1.4"]
     ran = subprocess.run([sys.executable, "-c", PSMPC, *arguments], capture_output=True, text=True, check=False)
     lines = ran.stderr.splitlines()
     assert (ran.returncode, lines[0]) == (

@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -72,6 +73,19 @@ def test_a_killed_sweep_loses_no_run_that_has_ended_and_goes_on_to_the_same_file
     for name, quantity in whole.quantities.items():
         if "wall time" not in quantity.long_name:
             np.testing.assert_array_equal(killed[name], quantity.values, err_msg=name)
+
+
+@pytest.mark.parametrize("delay", [0.5, 1.1])
+def test_ctrl_c_ends_a_sweep_whose_processes_only_start(start: Start, tmp_path: Path, delay: float) -> None:
+    process = start("sweep.h5")
+    assert process.stderr is not None
+    assert process.stderr.readline() == "0 of 5 runs\n"
+    time.sleep(delay)
+    os.killpg(process.pid, signal.SIGINT)
+    code, err = finish(process)
+    assert code == 130
+    assert err.splitlines()[-1].endswith("sweep.h5 holds what was done: go on with --resume")
+    assert "Traceback" not in err
 
 
 def test_ctrl_c_ends_a_sweep_in_the_midst_of_a_solve(start: Start, tmp_path: Path) -> None:

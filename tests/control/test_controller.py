@@ -152,21 +152,15 @@ def test_an_append_that_cannot_be_solved_is_postponed(experiment_of: Callable[..
     )
     postponed = [record for record in records if "postponed" in record.flags and record.time < 0.95]
     assert postponed
-    assert all(record.solve.status == "optimal" and len(record.instants) == 0 for record in postponed)
+    assert all(record.solve.status in ("optimal", "feasible") and len(record.instants) == 0 for record in postponed)
     assert ending.completed
 
 
-def test_multipliers_start_a_solve_of_the_same_stages(decisions: list[Decision]) -> None:
-    """Without an append or a drop every solve starts from the last one's multipliers, moved in time."""
-    same = [
-        (before, after)
-        for before, after in pairwise(decisions)
-        if [s.index for s in before.solved.window.stages] == [s.index for s in after.solved.window.stages]
-    ]
-    assert len(same) > 100
-    for before, after in same:
-        assert after.solved.guess.lam_g is not None
-        assert after.solved.guess.lam_g.shape == before.solved.solution.lam_g.shape
+def test_a_solve_of_the_same_stages_is_warm(decisions: list[Decision]) -> None:
+    """Without an append or a drop every solve starts from the last solution, moved in time."""
+    for before, after in pairwise(decisions):
+        stages, stages_before = ([s.index for s in d.solved.window.stages] for d in (after, before))
+        assert after.solved.guess.warm == (stages == stages_before)
 
 
 def test_the_warm_start_is_the_shifted_plan(decisions: list[Decision]) -> None:

@@ -21,7 +21,7 @@ from psmpc_cli.studies.one_window import OneWindow, instant_grid, scan_instants,
 from ..conftest import Recorder
 from .test_controller import SHORT, Unreliable, run
 
-COARSE = ("controller.nodes=20", "plant.kind=ideal", "log.plans=false", "log.shares=false")
+COARSE = ("controller.nodes=20", "solver.kind=fatrop", "plant.kind=ideal", "log.plans=false", "log.shares=false")
 
 Runs = Callable[..., tuple[Experiment, list[Decision]]]
 
@@ -143,7 +143,7 @@ def test_time_and_iterations_count_every_solve(
     experiment_of: Callable[..., Experiment], decisions: list[Decision], starts: int
 ) -> None:
     decision = next(d for d in decisions if len(d.plan.instants) == 1 and not d.appended)
-    windows, instants = Counting(experiment_of("controller.nodes=20").controller.windows), decision.prediction.instants
+    windows, instants = Counting(experiment_of(*COARSE).controller.windows), decision.prediction.instants
     best = solve_from_several(windows, decision.solved.window, decision.prediction, instants, None, starts)
     assert len(windows.solved) >= starts
     assert best.solution.iterations == sum(one.solution.iterations for one in windows.solved)
@@ -155,7 +155,7 @@ def test_several_switches_are_guessed_in_their_order(
     experiment_of: Callable[..., Experiment], decisions: list[Decision]
 ) -> None:
     decision = next(d for d in decisions if len(d.plan.instants) == 2 and not d.appended)
-    windows, instants = Counting(experiment_of("controller.nodes=20").controller.windows), decision.prediction.instants
+    windows, instants = Counting(experiment_of(*COARSE).controller.windows), decision.prediction.instants
     window = replace(decision.solved.window, pending_cost=0.0)
     best = solve_from_several(windows, window, decision.prediction, instants, None, 4)
     own = windows.solved[0]
@@ -170,7 +170,7 @@ def test_a_window_without_a_solution_is_not_scanned(
     experiment_of: Callable[..., Experiment], decisions: list[Decision]
 ) -> None:
     decision = next(d for d in decisions if len(d.plan.instants) == 1 and not d.appended)
-    windows = Unreliable(experiment_of("controller.nodes=20").controller.windows, lambda now: True)
+    windows = Unreliable(experiment_of(*COARSE).controller.windows, lambda now: True)
     instants = decision.prediction.instants
     best = solve_from_several(windows, decision.solved.window, decision.prediction, instants, None, 3)
     assert best.basin == -1
@@ -183,7 +183,7 @@ def test_a_fixed_time_leaves_nothing_to_guess(
     decision = next(d for d in decisions if len(d.plan.instants) == 1 and not d.appended)
     first, second = decision.solved.window.stages
     timed = replace(decision.solved.window, stages=(replace(first, at=float(decision.plan.instants[0])), second))
-    windows = Counting(experiment_of("controller.nodes=20").controller.windows)
+    windows = Counting(experiment_of(*COARSE).controller.windows)
     solve_from_several(windows, timed, decision.prediction, decision.prediction.instants, None, 3)
     assert len(windows.solved) == 1
 

@@ -49,9 +49,7 @@ def test_another_solver_finds_the_same_optimum(log: Log) -> None:
 
 
 def test_a_solver_that_does_not_exist_is_refused(log: Log) -> None:
-    with pytest.raises(
-        SpecError, match=r'--set solver\.kind=simplex: .*found the text "simplex", expected one of fatrop'
-    ):
+    with pytest.raises(SpecError, match=r'--set solver\.kind=simplex: .*found the text "simplex", expected one of sqp'):
         replay(log, 0, "simplex")
 
 

@@ -133,11 +133,12 @@ def _record(model: RobotModel, time: float, story: Story) -> Record:
         window_first=first,
         instants=instants,
         nadir=np.ones(len(instants) + 1),
+        nodes=np.full(len(instants) + 1, 25.0),
         flags=frozenset({"fallback"} if abs(time - 20.0) < 1e-6 else ()),
         switches=(),
         presence={},
         solve=SolveRecord(
-            "solved", 9 + 5 * len(instants), 0.012 * (1 + len(instants)), 1.0, empty, empty, empty, empty
+            "solved", 9 + 5 * len(instants), 0.012 * (1 + len(instants)), 1.0, empty, False, empty, empty, empty
         ),
         stage_cost=1.0,
         position_margin=np.ones(model.n),

@@ -5,7 +5,20 @@ python tests/logs/layout_tables.py          writes docs/log.md anew between its 
 
 from pathlib import Path
 
-from psmpc_cli.logs.layout import COLUMNS, LEVELS, PLANS, TABLES, TICKS, Column
+from psmpc_cli.logs.layout import (
+    COLUMNS,
+    DISTURBANCE,
+    DRAWN,
+    FINAL_TRUE,
+    LEVELS,
+    PAYLOAD,
+    PLANS,
+    TABLES,
+    TICKS,
+    TRUE_STATE,
+    Column,
+    Table,
+)
 
 PAGE = Path(__file__).parents[2] / "docs" / "log.md"
 SIZES = {"": "", "coordinate": ", n", "pose_coordinate": ", m", "stage": ", S", "momentum": ", 3"}
@@ -22,15 +35,24 @@ def columns(chosen: tuple[Column, ...], length: str) -> str:
     return table([(f"`{c.path}`", f"({length}{SIZES[c.scale] or ','})", c.units, c.long_name) for c in chosen])
 
 
+def fixed(chosen: tuple[Table, ...]) -> str:
+    """Return the table of datasets that do not grow."""
+    return table([(f"`{t.path}`", f"({', '.join(t.scales)})", t.units, t.long_name) for t in chosen])
+
+
 def tables() -> dict[str, str]:
     """Return every table of the page by its marker."""
-    fixed = [(f"`{t.path}`", f"({', '.join(t.scales)})", t.units, t.long_name) for t in TABLES]
     plans = [(f"`{path}`", "(K, its longest)", "1", long_name) for path, long_name in PLANS]
     return {
         "samples": columns(COLUMNS, "K"),
         "levels": columns(LEVELS, "K"),
+        "true state": columns(TRUE_STATE, "K"),
+        "payload": columns(PAYLOAD, "K"),
+        "disturbance": columns(DISTURBANCE, "K"),
         "ticks": columns(TICKS, "M"),
-        "tables": table(fixed),
+        "tables": fixed(TABLES),
+        "final true": fixed(FINAL_TRUE),
+        "drawn": fixed(DRAWN),
         "plans": table(plans),
     }
 

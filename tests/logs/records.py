@@ -47,6 +47,7 @@ def record(k: int, first: int = 0, count: int = 1, length: int = 7, multipliers:
         window_first=first,
         instants=draw(count - 1),
         nadir=draw(count),
+        nodes=10.0 + np.arange(count),
         flags=frozenset(
             name for bit, name in enumerate(("appended", "postponed", "fallback", "braking")) if k >> bit & 1
         ),
@@ -58,6 +59,7 @@ def record(k: int, first: int = 0, count: int = 1, length: int = 7, multipliers:
             wall_time=float(draw(1)[0]),
             objective=float(draw(1)[0]),
             guess=draw(length),
+            warm=k % 2 == 1,
             guess_multipliers=draw(multipliers),
             parameters=draw(length + 1),
             solution=draw(length),

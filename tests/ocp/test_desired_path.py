@@ -43,7 +43,7 @@ def of_two(window: Window, *stages: Stage) -> Window:
 
 @pytest.fixture(scope="module")
 def nlp(model: RobotModel, windows: Window) -> Nlp:
-    return transcribe(model, window_shape(windows.stages, N, "exact"))
+    return transcribe(model, window_shape(windows.stages, (N,) * len(windows.stages), "exact"))
 
 
 def objective(nlp: Nlp, window: Window, instants: np.ndarray, guess: np.ndarray, costs: StageCosts) -> float:
@@ -77,7 +77,7 @@ def test_waiting_trajectory_begins_with_its_stage_wherever_the_optimizer_moves_i
 
 def test_running_trajectory_goes_on_from_where_it_is(model: RobotModel, windows: Window, costs: StageCosts) -> None:
     window = replace(windows, stages=windows.stages[::-1], elapsed=7.5)
-    nlp = transcribe(model, window_shape(window.stages, N, "exact"))
+    nlp = transcribe(model, window_shape(window.stages, (N,) * len(window.stages), "exact"))
     for instants in (GUESS, np.array([1.6, 4.4])):
         assert objective(nlp, window, instants, GUESS, costs) == pytest.approx(by_hand(window, instants, costs))
 
@@ -94,7 +94,7 @@ def test_end_condition_is_about_the_last_row_even_if_the_guess_ends_the_stage_be
     model: RobotModel, windows: Window, costs: StageCosts
 ) -> None:
     window = of_two(windows, windows.stages[1], windows.stages[0])
-    nlp = transcribe(model, window_shape(window.stages, N, "exact"))
+    nlp = transcribe(model, window_shape(window.stages, (N,) * len(window.stages), "exact"))
     guess = np.array([1.2])
     z = pack_guess(nlp, window, resting_plan(1.0, 4.0, 40, window.x0), guess, costs)
     g = np.asarray(ca.Function("g", [nlp.x, nlp.p], [nlp.g])(z, parameter_vector(nlp, window, guess))).ravel()
@@ -104,7 +104,7 @@ def test_end_condition_is_about_the_last_row_even_if_the_guess_ends_the_stage_be
 
 
 def test_only_a_moving_target_adds_parameters(model: RobotModel, stages: tuple[Stage, ...], nlp: Nlp) -> None:
-    still = transcribe(model, window_shape(stages[:3], N, "exact"))
+    still = transcribe(model, window_shape(stages[:3], (N,) * 3, "exact"))
     assert nlp.p.shape[0] - still.p.shape[0] == 2 * (9 * 2 * (N + 1))
 
 
@@ -137,7 +137,7 @@ def test_nadir_of_a_trajectory_counts_from_where_its_stage_begins(
 def test_gradient_with_trajectories_is_the_same_three_ways(
     model: RobotModel, windows: Window, seed: int, shares: tuple[float, ...]
 ) -> None:
-    rollout = Rollout(model, window_shape(windows.stages, N, "exact"), windows, GUESS)
+    rollout = Rollout(model, window_shape(windows.stages, (N,) * len(windows.stages), "exact"), windows, GUESS)
     tau = 4.0 * np.array(shares) / sum(shares)
     U = list(0.1 * np.random.default_rng(seed).standard_normal((3, N, 9)))
     adjoint = rollout.by_adjoint(tau, U)

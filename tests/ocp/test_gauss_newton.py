@@ -21,7 +21,7 @@ class Case:
 
     def __init__(self, model: RobotModel, decision: Decision, discretization: str, seed: int) -> None:
         window, random = decision.solved.window, np.random.default_rng(seed)
-        shape = window_shape(window.stages, 20, discretization)
+        shape = window_shape(window.stages, (20,) * len(window.stages), discretization)
         moving = tuple(replace(stage, moving=True, end_velocity=bool(stage.end_rows)) for stage in shape.stages)
         self.nlp: Nlp = transcribe(model, replace(shape, stages=moving))
         self.form = VelocityForm(model, self.nlp.shape, self.nlp.layout)

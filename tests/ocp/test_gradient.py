@@ -17,7 +17,7 @@ def test_adjoint_equals_differentiation_and_differences(
 ) -> None:
     """Three stages, two instants, any controls. Paper eq. (25), with U fixed on the mesh."""
     window = window_over(stages[:3])
-    rollout = Rollout(model, window_shape(stages[:3], 4, "exact"), window, np.array([2.0, 3.0]))
+    rollout = Rollout(model, window_shape(stages[:3], (4,) * 3, "exact"), window, np.array([2.0, 3.0]))
     tau = 4.0 * np.array(shares) / sum(shares)
     U = list(np.random.default_rng(seed).standard_normal((3, 4, 9)))
     adjoint = rollout.by_adjoint(tau, U)

@@ -16,7 +16,7 @@ from psmpc_cli.robot.model import RobotModel
 def test_they_are_the_costs_of_the_objective(
     model: RobotModel, stages: tuple[Stage, ...], costs: StageCosts, changes: dict[str, object]
 ) -> None:
-    shape = window_shape(stages[:2], 4, "exact")
+    shape = window_shape(stages[:2], (4, 4), "exact")
     nlp = transcribe(model, replace(shape, stages=tuple(replace(s, **changes) for s in shape.stages)))  # type: ignore[arg-type]
     random = np.random.default_rng(0)
     z, p = random.random(nlp.x.shape[0]), 0.5 + random.random(nlp.p.shape[0])

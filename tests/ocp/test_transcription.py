@@ -26,13 +26,14 @@ def window_over(stages: tuple[Stage, ...], **changes: object) -> Window:
         "horizon": 4.0,
         "pending_cost": 1.0,
         "terminal_cost": 0.0,
+        "nodes": (N,) * len(stages),
     }
     return Window(**{**numbers, **changes})
 
 
 @pytest.fixture(scope="module")
 def nlp(model: RobotModel, stages: tuple[Stage, ...]) -> Nlp:
-    return transcribe(model, window_shape(stages[:2], N, "exact"))
+    return transcribe(model, window_shape(stages[:2], (N, N), "exact"))
 
 
 def random_point(nlp: Nlp, window: Window, costs: StageCosts) -> np.ndarray:

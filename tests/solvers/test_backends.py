@@ -23,7 +23,7 @@ def window_with(decisions: list[Decision], stages: int) -> Decision:
 
 def solve(model: RobotModel, decision: Decision, spec: SolverSpec, **bounds_changes: np.ndarray):
     window = decision.solved.window
-    nlp = transcribe(model, window_shape(window.stages, 20, "exact"))
+    nlp = transcribe(model, window_shape(window.stages, (20,) * len(window.stages), "exact"))
     limits = replace(bounds(nlp, window), **bounds_changes)
     solution = build_solver(nlp, spec).solve(Guess(decision.solved.guess.z), decision.solved.parameters, limits)
     return nlp, solution
@@ -46,7 +46,7 @@ def test_a_window_that_cannot_be_solved_says_so_with_advice(
 ) -> None:
     """An end condition 10 m away in a 4 s horizon."""
     decision = window_with(decisions, 2)
-    nlp = transcribe(model, window_shape(decision.solved.window.stages, 20, "exact"))
+    nlp = transcribe(model, window_shape(decision.solved.window.stages, decision.solved.window.nodes, "exact"))
     limits = bounds(nlp, decision.solved.window)
     lbg, ubg = limits.lbg.copy(), limits.ubg.copy()
     lbg[nlp.end_rows[0]], ubg[nlp.end_rows[0]] = 10.0, 10.1

@@ -13,7 +13,8 @@ from psmpc_cli.ocp.velocity_form import VelocityForm
 from psmpc_cli.ocp.window import bounds, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import Outcome, build_solver, sqp
-from psmpc_cli.solvers.qp_multistage import MultistageQp, QpSolution, QpStatus
+from psmpc_cli.solvers.qp_multistage import MultistageQp
+from psmpc_cli.solvers.qp_solution import QpSolution, QpStatus
 from psmpc_cli.solvers.riccati.kernel import load_kernel
 from psmpc_cli.solvers.riccati.program import RiccatiQp
 from psmpc_cli.solvers.sqp_limits import limits
@@ -42,7 +43,7 @@ def piqp(task: Task, tolerance: float = 1e-9) -> QpSolution:
 def recorded(model: RobotModel, decision: Decision) -> Task:
     """The program at the guess of a window of a run."""
     solved = decision.solved
-    nlp = transcribe(model, window_shape(solved.window.stages, 20, "exact"))
+    nlp = transcribe(model, window_shape(solved.window.stages, solved.window.nodes, "exact"))
     form = VelocityForm(nlp.model, nlp.shape, nlp.layout)
     numbers = form.numbers(solved.parameters)
     horizon, point = float(numbers.horizon), form.point(solved.guess.z, numbers)
@@ -131,7 +132,7 @@ def test_without_a_compiler_piqp_solves_the_programs(
     model: RobotModel, decisions: list[Decision], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solved = next(d.solved for d in decisions if len(d.solved.window.stages) == 2)
-    nlp = transcribe(model, window_shape(solved.window.stages, 20, "exact"))
+    nlp = transcribe(model, window_shape(solved.window.stages, solved.window.nodes, "exact"))
     held, spec = bounds(nlp, solved.window), SolverSpec(kind="sqp", iterations=50)
     compiled = build_solver(nlp, spec).solve(solved.guess, solved.parameters, held)
     monkeypatch.setattr(sqp, "load_kernel", lambda coordinates, durations: None)

@@ -24,7 +24,7 @@ class Recorded:
     def __init__(self, model: RobotModel, decision: Decision) -> None:
         window = decision.solved.window
         self.guess, self.parameters = decision.solved.guess, decision.solved.parameters
-        self.nlp: Nlp = transcribe(model, window_shape(window.stages, 20, "exact"))
+        self.nlp: Nlp = transcribe(model, window_shape(window.stages, (20,) * len(window.stages), "exact"))
         self.bounds = bounds(self.nlp, window)
         self._evaluate = ca.Function("nlp", [self.nlp.x, self.nlp.p], [self.nlp.f, self.nlp.g])
 
@@ -51,7 +51,7 @@ class Recorded:
 
 def chosen(decisions: list[Decision], stages: int) -> Decision:
     """A sample whose guess is warm, in the midst of the windows over that many stages."""
-    warm = [d for d in decisions if len(d.solved.window.stages) == stages and d.solved.guess.lam_g is not None]
+    warm = [d for d in decisions if len(d.solved.window.stages) == stages and d.solved.guess.warm]
     return warm[len(warm) // 2]
 
 
@@ -79,18 +79,9 @@ def test_iterated_to_convergence_it_reaches_the_optimum_of_fatrop(recorded: Reco
     assert recorded.violation(solution.z) < 1e-8
 
 
-def test_its_multipliers_make_the_lagrangian_of_the_nlp_stationary(recorded: Recorded) -> None:
-    solution, nlp = recorded.solve(CONVERGED), recorded.nlp
-    lam_g = ca.SX.sym("lam_g", nlp.g.shape[0])
-    gradient = ca.Function("L_x", [nlp.x, nlp.p, lam_g], [ca.gradient(nlp.f + ca.dot(lam_g, nlp.g), nlp.x)])
-    by_x = np.asarray(gradient(solution.z, recorded.parameters, solution.lam_g)).ravel() + solution.lam_x
-    assert np.abs(solution.lam_g).max() > 0.1
-    assert np.abs(by_x).max() < 1e-5  # steps of 1e-4 are small enough for the objective, and gain a digit by the next
-
-
 def test_one_iteration_on_the_shifted_plan_decreases_the_merit_function(recorded: Recorded) -> None:
-    solution = recorded.solve(ONE)
-    penalty = 2 * float(np.abs(np.r_[solution.lam_g, solution.lam_x]).max())
+    solution, optimum = recorded.solve(ONE), recorded.solve(SolverSpec(kind="fatrop"))
+    penalty = 2 * float(np.abs(np.r_[optimum.lam_g, optimum.lam_x]).max())
     assert solution.iterations == 1
     assert solution.outcome.usable
     assert recorded.merit(solution.z, penalty) < recorded.merit(recorded.guess.z, penalty)
@@ -98,7 +89,7 @@ def test_one_iteration_on_the_shifted_plan_decreases_the_merit_function(recorded
 
 
 def test_a_cold_start_is_iterated_until_the_step_is_small(two_stages: Recorded) -> None:
-    """Without multipliers the guess is no shifted plan, however good it is."""
+    """What is not marked as the shifted plan is none, however good it is."""
     z = two_stages.guess.z.copy()
     z[two_stages.nlp.layout.duration_index] += 0.2
     spoiled = Recorded.__new__(Recorded)

@@ -17,7 +17,24 @@ DOCS = Path(__file__).parents[2] / "docs"
 ROOTS: dict[str, type[BaseModel]] = {"tasks.md": TaskSpec, "robots.md": RobotSpec}
 
 MARKED = re.compile(r"(?<=<!-- keys of )(\w+)( -->\n).*?(?=<!-- end -->)", re.DOTALL)
-UNITS = {"m", "rad", "s", "kg", "kg m^2", "Hz", "m/s", "rad/s", "m/s^2", "rad/s^2", "1"}
+UNITS = {
+    "m",
+    "rad",
+    "s",
+    "kg",
+    "kg m^2",
+    "Hz",
+    "m/s",
+    "rad/s",
+    "m/s^2",
+    "rad/s^2",
+    "1",
+    "N",
+    "N m",
+    "N s",
+    "N m s",
+    "N m s/rad",
+}
 NOT_WRITTEN = "parts"
 """Stands for keys that are parts of the robot."""
 
@@ -36,6 +53,11 @@ SECTIONS = {
     "OnsetSpec": "#actual-starts",
     "ObjectSpec": "#object-and-monitors",
     "MonitorSpec": "#object-and-monitors",
+    "UncertaintySpec": "#uncertainty",
+    "FrictionSpec": "#uncertainty",
+    "NoiseSpec": "#uncertainty",
+    "ImpulseSpec": "#uncertainty",
+    "PayloadSpec": "#uncertainty",
     "PublishedRun": "#published-and-log",
     "LogSpec": "#published-and-log",
     "Base": "#bodies",
@@ -146,7 +168,7 @@ def _list(value: Mapping[str, Any], models: Mapping[str, Any]) -> str:
 def _bounds(value: Mapping[str, Any]) -> str:
     if value["type"] == "boolean":
         return ""
-    texts = {"exclusiveMinimum": "> {:g}", "minimum": ">= {:g}", "maximum": "<= {:g}"}
+    texts = {"exclusiveMinimum": "> {:g}", "minimum": ">= {:g}", "maximum": "<= {:g}", "exclusiveMaximum": "< {:g}"}
     found = [text.format(value[key]) for key, text in texts.items() if key in value]
     return f" {' and '.join(found)}" if found else ""
 

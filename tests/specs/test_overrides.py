@@ -99,7 +99,7 @@ def test_without_overrides_the_text_is_the_file() -> None:
             'controller.kind: found the text "psmpc", expected a mapping or list to set x in',
         ),
         ("controller[0]=1", "controller: found a mapping of 6 keys, expected a mapping or list to set [0] in"),
-        ("controller.nodes=", "controller.nodes: found nothing, expected a whole number"),
+        ("controller.nodes=", "controller.nodes: found nothing, expected a whole number from 2 to 1000, or auto"),
         ("controller.nodes=[1", 'found the end of the file, expected "," or "]" in the list that starts in line 1'),
         (
             "solver.kindd=ipopt",

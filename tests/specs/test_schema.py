@@ -30,7 +30,7 @@ def test_numbers_and_angles() -> None:
 
 def test_shorthands_are_allowed() -> None:
     task = json_schema("task")["$defs"]
-    assert task["SolverSpec"]["anyOf"][0] == {"enum": ["fatrop", "ipopt", "sqp"]}
+    assert task["SolverSpec"]["anyOf"][0] == {"enum": ["sqp", "fatrop", "ipopt"]}
     assert task["SkillWeights"]["properties"].keys() == {"control"}
     assert task["SkillWeights"]["additionalProperties"]["type"] == "array"
 

@@ -14,7 +14,7 @@ def edited(old: str, new: str) -> TaskSpec:
 
 def test_kind_alone_stands_for_a_mapping() -> None:
     assert SolverSpec.model_validate("ipopt") == SolverSpec(kind="ipopt")
-    assert edited("solver: {kind: fatrop}", "solver: ipopt").solver == SolverSpec(kind="ipopt")
+    assert edited("solver: {kind: sqp}", "solver: ipopt").solver == SolverSpec(kind="ipopt")
 
 
 def test_weights_stand_beside_control() -> None:

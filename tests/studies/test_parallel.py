@@ -69,6 +69,15 @@ def test_each_process_has_one_thread() -> None:
     assert dict(LocalCalls(2).each(threads, range(2))) == {0: "1", 1: "1"}
 
 
+@pytest.mark.skipif(os.name == "nt", reason="signals cannot be blocked there")
+def test_ctrl_c_reaches_no_process_from_its_first_instruction_on() -> None:
+    def blocked(item: int) -> bool:
+        return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+    assert dict(LocalCalls(2).each(blocked, range(4))) == dict.fromkeys(range(4), True)
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
 def test_a_killed_process_costs_no_result(tmp_path: Path) -> None:
     note = tmp_path / "note"
     assert made(LocalCalls(2), fatal_once(note)) == doubled()

@@ -18,9 +18,9 @@ enum { SOLVED, INFEASIBLE, FAILED };
 static double primal_residual(const Solver *s, const double *tau) {
     const Rows *r = &s->rows;
     const Program *p = s->p;
-    double worst = 0.0;
+    double worst = soft_residual(r);
 #pragma omp simd reduction(max : worst)
-    for (int64_t i = 0; i < r->count; i++) {
+    for (int64_t i = r->soft; i < r->count; i++) {
         double l = r->below[i] * fabs(r->v[i] - r->low[i] - r->sl[i]);
         double u = r->above[i] * fabs(r->high[i] - r->v[i] - r->su[i]);
         double e = r->equal[i] * fabs(r->v[i] - r->low[i]);
@@ -60,13 +60,14 @@ static int proves_infeasible(Solver *s, const double *tau) {
     const Program *p = s->p;
     const Rows *r = &s->rows;
     double violated = 0.0, mendable = 0.0;
-    for (int64_t i = 0; i < r->count; i++)
+    for (int64_t i = r->soft; i < r->count; i++)
         violated += r->zl[i] * r->below[i] * (r->low[i] - r->v[i]) + r->zu[i] * r->above[i] * (r->v[i] - r->high[i]) +
                     r->y[i] * r->equal[i] * (r->v[i] - r->low[i]);
     for (int e = 0; e < (int)p->given; e++) violated -= s->nu[e] * given_left(p, tau, e);
     if (!(violated > 0.0)) return 0;
     memset(s->lin, 0, p->K * M * sizeof(double));
     memset(s->u, 0, S * sizeof(double));
+    memset(r->q, 0, r->soft * sizeof(double)); /* a soft row makes nothing infeasible, and bounds no step */
     add_rows(p, r->q, s->lin, s->u);
     reduce(p, s->lin, s->u, s->adjoint, s->y);
     for (int64_t k = 0; k < p->K; k++)
@@ -74,7 +75,7 @@ static int proves_infeasible(Solver *s, const double *tau) {
             int64_t row = k * M + N + i;
             double room = LONGEST;
             if (r->equal[row] != 0.0) room = fabs(r->low[row] - r->v[row]);
-            else if (r->below[row] * r->above[row] != 0.0)
+            else if (row >= r->soft && r->below[row] * r->above[row] != 0.0)
                 room = fmax(fabs(r->high[row] - r->v[row]), fabs(r->v[row] - r->low[row]));
             mendable += room * fabs(s->adjoint[k * N + i]);
         }
@@ -96,9 +97,12 @@ static int64_t lay_out(Solver *s, const Program *p, double *work) {
     Rows *r = &s->rows;
     double **arrays[] = {&r->low, &r->high, &r->below, &r->above, &r->equal, &r->v,   &r->dv,
                          &r->weight, &r->q, &r->sl, &r->su, &r->zl, &r->zu, &r->dsl,
-                         &r->dsu, &r->dzl, &r->dzu, &r->il, &r->iu, &r->y, &r->dy};
+                         &r->dsu, &r->dzl, &r->dzu, &r->il, &r->iu, &r->y, &r->dy, &r->from, &r->to};
+    double **soft[] = {&r->el, &r->eu, &r->wl, &r->wu, &r->del, &r->deu, &r->gl, &r->gu};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) *arrays[i] = take(&work, count);
     r->count = count;
+    r->soft = p->soft ? K * M : 0;
+    for (size_t i = 0; i < sizeof soft / sizeof *soft; i++) *soft[i] = take(&work, r->soft);
     s->p = p;
     s->intervals = (Interval *)take(&work, K * (int64_t)(sizeof(Interval) / sizeof(double)));
     s->positions = (vec *)take(&work, K * N * NC);
@@ -135,15 +139,18 @@ static void begin(Solver *s) {
         for (int i = 0; i < N; i++) p->X[k * M + i] = shift[i] -= p->gaps[k * N + i];
     rows_of(p, p->X, p->tau, r->v);
     double push = p->push, barrier = p->barrier;
-    for (int64_t i = 0; i < r->count; i++) push = fmax(push, fmax(p->low[i] - r->v[i], r->v[i] - p->high[i]));
+    for (int64_t i = r->soft; i < r->count; i++)
+        push = fmax(push, fmax(p->low[i] - r->v[i], r->v[i] - p->high[i]));
     barrier *= push / p->push;
     for (int64_t i = 0; i < r->count; i++) {
         double low = p->low[i], high = p->high[i], width = high - low;
-        r->equal[i] = width <= NARROW;
-        r->below[i] = low > -INFINITY && width > NARROW;
-        r->above[i] = high < INFINITY && width > NARROW;
+        r->equal[i] = i >= r->soft && width <= NARROW;
+        r->below[i] = low > -INFINITY && r->equal[i] == 0.0;
+        r->above[i] = high < INFINITY && r->equal[i] == 0.0;
         r->low[i] = r->equal[i] != 0.0 ? (low + high) / 2 : r->below[i] != 0.0 ? low : 0.0;
         r->high[i] = r->above[i] != 0.0 ? high : 0.0;
+        r->from[i] = r->low[i];
+        r->to[i] = r->high[i];
         double slack = fmin(push, width / 4);
         r->sl[i] = r->below[i] != 0.0 ? fmax(r->v[i] - low, slack) : 1.0;
         r->su[i] = r->above[i] != 0.0 ? fmax(high - r->v[i], slack) : 1.0;
@@ -151,6 +158,7 @@ static void begin(Solver *s) {
         r->zu[i] = r->above[i] * barrier / r->su[i];
         r->y[i] = r->dsl[i] = r->dsu[i] = r->dzl[i] = r->dzu[i] = r->dy[i] = 0.0;
     }
+    begin_soft(r, p->penalty, p->push, barrier);
 }
 
 int64_t psmpc_qp_memory(const Program *p) {
@@ -190,7 +198,7 @@ int64_t psmpc_qp_solve(const Program *p) {
     int alike = 0;
     lay_out(&s, p, p->work);
     begin(&s);
-    for (int64_t i = 0; i < r->count; i++) limits += r->below[i] + r->above[i];
+    for (int64_t i = 0; i < r->count; i++) limits += (r->below[i] + r->above[i]) * (i < r->soft ? 2.0 : 1.0);
     for (int64_t count = 0;; count++) {
         cost_gradient(&s, p->X, p->tau);
         double gap = complementarity(r, 0.0, 0.0), primal = primal_residual(&s, p->tau), dual = dual_residual(&s);

@@ -10,7 +10,7 @@ import numpy as np
 
 from psmpc_cli.native.library import library
 
-SOURCES = ("recursion.c", "program.c", "newton.c", "interior_point.c")
+SOURCES = ("recursion.c", "program.c", "soft.c", "newton.c", "interior_point.c")
 
 FLAGS = ("-O3", "-march=native", "-fopenmp-simd", "-fno-math-errno")
 """Without -ffast-math: a step that is not finite has to be noticed."""
@@ -23,12 +23,12 @@ class Program(ctypes.Structure):
     """A quadratic program as the C code takes it; see `Program` in program.c."""
 
     _fields_ = (
-        [(name, ctypes.c_int64) for name in ("K", "ends", "given", "inputs", "limit")]
+        [(name, ctypes.c_int64) for name in ("K", "ends", "given", "inputs", "limit", "soft")]
         + [(name, ctypes.c_double) for name in ("tolerance", "nearly", "barrier", "push")]
         + [(name, ctypes.c_void_p) for name in ("positions", "gradient", "gradient_tau", "coupling", "arrow")]
         + [(name, ctypes.c_void_p) for name in ("durations", "gap_velocity", "gap_tau", "gaps", "end_node")]
         + [(name, ctypes.c_void_p) for name in ("end_rows", "given_rows", "given_change", "low", "high")]
-        + [(name, ctypes.c_void_p) for name in ("input_low", "input_high", "share", "work", "X", "tau")]
+        + [(name, ctypes.c_void_p) for name in ("input_low", "input_high", "share", "penalty", "work", "X", "tau")]
         + [(name, ctypes.c_void_p) for name in ("gap_multipliers", "multipliers", "given_multipliers", "report")]
     )
 

@@ -13,6 +13,7 @@ static void weigh(Solver *s) {
         r->iu[i] = 1.0 / (r->su[i] + r->zu[i] / s->stiffness);
         r->weight[i] = r->zl[i] * r->il[i] + r->zu[i] * r->iu[i] + r->equal[i] * s->stiffness;
     }
+    weigh_soft(r, s->stiffness);
     const double *w = s->rows.weight + p->K * M;
     memcpy(s->durations, p->durations, S * S * sizeof(double));
     for (int c = 0; c < S; c++) {
@@ -81,11 +82,12 @@ static int direction(Solver *s, const double *tau, double target, double correct
     const Program *p = s->p;
     Rows *r = &s->rows;
     double residual[2 * S + 1];
+    give_way(r, target, corrected);
     for (int64_t i = 0; i < r->count; i++) {
         double cl = r->below[i] * (target - corrected * r->dsl[i] * r->dzl[i]);
         double cu = r->above[i] * (target - corrected * r->dsu[i] * r->dzu[i]);
-        double l = (cl - r->zl[i] * (r->v[i] - r->low[i])) * r->il[i];
-        double u = (cu - r->zu[i] * (r->high[i] - r->v[i])) * r->iu[i];
+        double l = (cl - r->zl[i] * (r->v[i] - r->from[i])) * r->il[i];
+        double u = (cu - r->zu[i] * (r->to[i] - r->v[i])) * r->iu[i];
         r->q[i] = r->zu[i] + u - r->zl[i] - l + r->equal[i] * (r->y[i] + (r->v[i] - r->low[i]) * s->stiffness);
     }
     memcpy(s->lin, s->cost, p->K * M * sizeof(double));
@@ -100,13 +102,14 @@ static int direction(Solver *s, const double *tau, double target, double correct
     for (int64_t i = 0; i < r->count; i++) {
         double cl = r->below[i] * (target - corrected * r->dsl[i] * r->dzl[i]);
         double cu = r->above[i] * (target - corrected * r->dsu[i] * r->dzu[i]);
-        double above_low = r->v[i] - r->low[i] + r->dv[i], below_high = r->high[i] - r->v[i] - r->dv[i];
+        double above_low = r->v[i] - r->from[i] + r->dv[i], below_high = r->to[i] - r->v[i] - r->dv[i];
         r->dzl[i] = (cl - r->zl[i] * above_low) * r->il[i];
         r->dzu[i] = (cu - r->zu[i] * below_high) * r->iu[i];
         r->dsl[i] = r->below[i] * (above_low - r->sl[i]) + r->dzl[i] / s->stiffness;
         r->dsu[i] = r->above[i] * (below_high - r->su[i]) + r->dzu[i] / s->stiffness;
         r->dy[i] = r->equal[i] * above_low * s->stiffness;
     }
+    direct_soft(r);
     return 1;
 }
 
@@ -122,6 +125,7 @@ static void longest(const Rows *r, double *primal, double *dual) {
         s = s > a ? s : a;
         z = z > c ? z : c;
     }
+    shrink_soft(r, &s, &z);
     *primal = 1.0 / (s > 1.0 ? s : 1.0);
     *dual = 1.0 / (z > 1.0 ? z : 1.0);
 }
@@ -132,11 +136,12 @@ static double complementarity(const Rows *r, double primal, double dual) {
     for (int64_t i = 0; i < r->count; i++)
         sum += (r->sl[i] + primal * r->dsl[i]) * (r->zl[i] + dual * r->dzl[i]) +
                (r->su[i] + primal * r->dsu[i]) * (r->zu[i] + dual * r->dzu[i]);
-    return sum;
+    return sum + soft_complementarity(r, primal, dual);
 }
 
 static void move(Solver *s, double primal, double dual, double *X, double *tau) {
     Rows *r = &s->rows;
+    move_soft(r, primal, dual);
     for (int64_t i = 0; i < s->p->K * M; i++) X[i] += primal * s->dX[i];
     for (int c = 0; c < S; c++) tau[c] += primal * s->dtau[c];
     for (int e = 0; e < (int)s->p->given; e++) s->nu[e] += dual * s->dnu[e];

@@ -5,21 +5,23 @@
  */
 
 typedef struct {
-    int64_t K, ends, given, inputs, limit;
+    int64_t K, ends, given, inputs, limit, soft; /* the last: the bounds of [Q; v] are */
     double tolerance, nearly, barrier, push;
     const double *positions, *gradient, *gradient_tau, *coupling, *arrow, *durations, *gap_velocity, *gap_tau, *gaps;
     const int64_t *end_node;
     const double *end_rows, *given_rows, *given_change, *low, *high, *input_low, *input_high, *share;
+    const double *penalty; /* of soft rows by node, (K,) */
     double *work;
     double *X, *tau, *gap_multipliers, *multipliers, *given_multipliers, *report;
 } Program;
 
 /* One array for each row's number. */
 typedef struct {
-    int64_t count;
+    int64_t count, soft; /* the first of them are soft */
     double *low, *high, *below, *above, *equal; /* the last three: 1 where there is such a limit, else 0 */
     double *v, *dv, *weight, *q;
-    double *sl, *su, *zl, *zu, *dsl, *dsu, *dzl, *dzu, *il, *iu, *y, *dy;
+    double *sl, *su, *zl, *zu, *dsl, *dsu, *dzl, *dzu, *il, *iu, *y, *dy, *from, *to;
+    double *el, *eu, *wl, *wu, *del, *deu, *gl, *gu; /* of the soft rows, see soft.c */
 } Rows;
 
 typedef struct {

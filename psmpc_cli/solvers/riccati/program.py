@@ -3,15 +3,17 @@
 import numpy as np
 
 from psmpc_cli.ocp.gauss_newton import Linearization
+from psmpc_cli.ocp.soft_limits import PENALTY, shares_of_time
 from psmpc_cli.ocp.velocity_form import Point, VelocityForm
-from psmpc_cli.solvers.qp_multistage import MAX_ITERATIONS, NEARLY, QpSolution, QpStatus
+from psmpc_cli.solvers.qp_multistage import MAX_ITERATIONS, NEARLY
+from psmpc_cli.solvers.qp_solution import QpSolution, QpStatus
 from psmpc_cli.solvers.riccati.kernel import FAILED, INFEASIBLE, SOLVED, Kernel, Program
 from psmpc_cli.solvers.sqp_limits import Limits, QpShape
 
 STATUS = {SOLVED: QpStatus.SOLVED, INFEASIBLE: QpStatus.INFEASIBLE, FAILED: QpStatus.FAILED}
 
 BARRIER = 1e-2
-"""Product of slack and multiplier it starts from: between 1e-4 and 1e-1 the number of iterations hardly changes."""
+"""Product of slack and multiplier it starts from: 1e-2 was best of 1e-5 to 1e-2."""
 
 PUSH = 3e-3
 """The smallest slack it starts from [m, rad, m/s, rad/s, s]."""
@@ -41,6 +43,7 @@ class RiccatiQp:
             nearly=max(NEARLY, tolerance),
             barrier=BARRIER,
             push=PUSH,
+            soft=shape.soft,
         )
         self._memory = kernel.memory(self._program)
 
@@ -71,6 +74,7 @@ class RiccatiQp:
             "given_rows": self._given_rows,
             "given_change": np.array([*tied, *(limits.tau_low - point.tau)[list(self.shape.fixed)]]),
             "low": low,
+            "penalty": PENALTY * shares_of_time(self.form.steps(point, horizon))[1:],
             "high": high,
             "share": self._share,
             "work": self._memory,

@@ -8,7 +8,7 @@ from psmpc_cli.specs.checks.names import stage_names
 from psmpc_cli.specs.comparisons import ACCEPTABLE, Weighing, groups
 from psmpc_cli.specs.cursor import Cursor
 from psmpc_cli.specs.priorities import weigh_stages
-from psmpc_cli.specs.problem import Problem, choice, dotted, quoted
+from psmpc_cli.specs.problem import Problem, choice, dotted, quoted, shortened
 from psmpc_cli.specs.task import PrioritiesSpec
 
 WIDEST = 600.0
@@ -61,7 +61,7 @@ def _repeated(comparisons: Cursor) -> Iterator[Problem]:
 def _disagreeing(comparisons: Cursor, valid: PrioritiesSpec, stages: list[str]) -> Iterator[Problem]:
     """Give comparisons that leave stages unconnected, contradict each other, or lead beyond all numbers."""
     pairs = [(stages.index(a), stages.index(b)) for a, b, _ in valid.compare]
-    islands = [", ".join(stages[i] for i in group) for group in groups(len(stages), pairs)]
+    islands = [", ".join(shortened(stages[i]) for i in group) for group in groups(len(stages), pairs)]
     if len(islands) > 1:
         message = f"found nothing that compares {' with '.join(islands)}, expected comparisons that connect all stages"
         yield comparisons.problem(message, aims_at_key=True)

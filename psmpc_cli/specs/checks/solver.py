@@ -1,10 +1,18 @@
-"""What a solver cannot do."""
+"""What a solver or a controller cannot do."""
 
 from collections.abc import Iterator
 
 from psmpc_cli.specs.cursor import Cursor
 from psmpc_cli.specs.problem import Problem
 from psmpc_cli.specs.task import ControllerSpec, SolverSpec
+
+
+def check_mesh(task: Cursor) -> Iterator[Problem]:
+    """Give an automatic mesh under a controller whose levels share one."""
+    controller = task["controller"].valid(ControllerSpec) if task["controller"].exists else None
+    if controller is not None and controller.kind == "htmpc" and controller.nodes == "auto":
+        why = "whose levels are compared node by node"
+        yield task["controller"]["nodes"].problem(f"found auto with controller htmpc, {why}; expected a whole number")
 
 
 def check_solver(task: Cursor) -> Iterator[Problem]:

@@ -1,0 +1,240 @@
+"""Feeds psmpc wrong descriptions, command lines and HDF5 files, and counts what came of them: docs/reliability.md.
+
+    python benchmarks/fuzz.py [COUNT] [KIND ...] [--from SEED] [--notes N]
+
+COUNT is the number of mutations, 100000 by default, spread over the kinds: yaml, lines, hdf5, commands. Every case has
+a seed and is made again with `python benchmarks/fuzz.py 1 KIND --from SEED`. Each kind runs in a process of its own,
+which is started again where a case ends it or hangs. The exit code is 1 if anything was met that must not happen.
+"""
+
+import argparse
+import hashlib
+import multiprocessing
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from multiprocessing.connection import Connection
+from pathlib import Path
+from random import Random
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from psmpc_cli.errors import LogError, SpecError
+from psmpc_cli.logs.comparison import read_comparison
+from psmpc_cli.logs.layout import COMPARISON, PARETO, SWEEP
+from psmpc_cli.logs.read import kind_of, read_log
+from psmpc_cli.logs.seal import MARK, SIZE, unseal
+from psmpc_cli.specs.load import load_robot, load_task
+from psmpc_cli.studies.pareto_file import read_pareto
+from psmpc_cli.studies.sweep_file import read_sweep
+from tests.bad_input import LINES, Verdict, judged, prepare, states, tidy
+from tests.mutated_files import mutated_bytes, mutated_file
+from tests.mutated_text import mutated_description, mutated_line
+
+SHARES = {"yaml": 0.80, "lines": 0.05, "hdf5": 0.14, "commands": 0.01}
+
+SLOW, HANGS = 10.0, 120.0
+"""What may take this long: a refusal, and a command that was accepted after all [s]."""
+
+LOGS = ("ended.h5", "part.h5", "compared.h5", "sweep.h5", "fronts.h5")
+
+ON_LOGS: tuple[tuple[str, ...], ...] = (
+    ("show", "bad.h5"),
+    ("show", "bad.h5"),
+    ("show", "bad.h5"),
+    ("replay", "bad.h5", "--step", "2"),
+    ("verify", "bad.h5", "--every", "5"),
+    ("rerun", "bad.h5"),
+    ("simulate", "--continue", "bad.h5", "--no-figures"),
+    ("plot", "bad.h5", "-o", "new"),
+    ("show", "bad.h5", "--csv", "new"),
+    ("pareto", "bad.h5", "--stages", "1,2", "--points", "3", "--jobs", "1", "-o", "new.h5", "--no-figures"),
+)
+
+
+ON_RESULTS = (("show", "bad.h5"), ("plot", "bad.h5", "-o", "new"))
+"""Those of them for files of every kind."""
+
+READERS: dict[str, Callable[[Path], object]] = {
+    COMPARISON: read_comparison,
+    SWEEP: read_sweep,
+    PARETO: read_pareto,
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case: its seed, what came of it, how long it took [s], and a digest of what was fed."""
+
+    seed: int
+    verdict: Verdict
+    seconds: float
+    digest: str
+
+
+original = cache(load_task)
+
+
+def described(random: Random, folder: Path) -> tuple[bytes, Verdict]:
+    """Load a task with a mutated task or robot file."""
+    task = original(random.choice(["transport", "tracking", "approach_capture", str(folder / "task.yaml")]))
+    texts = {"bad.yaml": task.task_yaml, "planar_dual_arm": task.robot_yaml}
+    wrong = "bad.yaml" if random.random() < 0.75 else "planar_dual_arm"
+    content = {name: text.encode() for name, text in texts.items()} | {wrong: mutated_description(texts[wrong], random)}
+    for name, data in content.items():
+        (folder / name).write_bytes(data)
+    try:
+        load_task(folder / "bad.yaml")
+        if wrong != "bad.yaml":
+            load_robot(folder / wrong)
+    except SpecError as error:
+        short = len(str(error)) < 30_000 and ":" in str(error)
+        return content[wrong], Verdict("refused", "" if short else f"no clear message: {str(error)[:300]}")
+    except Exception as error:
+        return content[wrong], Verdict("traceback", f"{type(error).__name__}: {error}")
+    return content[wrong], Verdict("accepted")
+
+
+def told(random: Random, folder: Path) -> tuple[bytes, Verdict]:
+    """Run a mutated command line."""
+    arguments = mutated_line(random.choice(LINES), random)
+    return repr(arguments).encode(), judged(arguments)
+
+
+def opened(random: Random, folder: Path) -> tuple[bytes, Verdict]:
+    """Read a mutated HDF5 file as what it says it is."""
+    fed, path = spoilt(random, folder, LOGS), Path("bad.h5")
+    try:
+        READERS.get(kind_of(path), read_log)(path)
+    except LogError as error:
+        clear = len(str(error)) < 1000 and str(error).startswith("bad.h5: ")
+        return fed, Verdict("refused", "" if clear else f"no clear message: {str(error)[:300]}")
+    except Exception as error:
+        return fed, Verdict("traceback", f"{type(error).__name__}: {error}")
+    return fed, Verdict("accepted")
+
+
+def begun(random: Random, folder: Path) -> tuple[bytes, Verdict]:
+    """Give a mutated log to any other command."""
+    line = random.choice(ON_LOGS)
+    fed = spoilt(random, folder, LOGS if line in ON_RESULTS else ("part.h5", "ended.h5"))
+    return fed, judged(list(line))
+
+
+def spoilt(random: Random, folder: Path, names: tuple[str, ...]) -> bytes:
+    """Write a mutated file and return its content: its seal broken, taken off, or made anew by a stranger."""
+    path = folder / "bad.h5"
+    shutil.copy(folder / random.choice(names), path)
+    if random.random() < 0.25:
+        mutated_file(path, random)
+    else:
+        if unsealed := random.random() < 0.9:
+            unseal(path)
+        content = mutated_bytes(path.read_bytes(), random)
+        path.write_bytes(content + foreign_seal(content) if unsealed and random.random() < 0.3 else content)
+    return path.read_bytes()
+
+
+def foreign_seal(content: bytes) -> bytes:
+    """Return the seal that a stranger can make."""
+    return MARK + hashlib.sha256(content).digest() + bytes(range(SIZE))
+
+
+KINDS: dict[str, Callable[[Random, Path], tuple[bytes, Verdict]]] = {
+    "yaml": described,
+    "lines": told,
+    "hdf5": opened,
+    "commands": begun,
+}
+
+
+def serve(kind: str, first: int, count: int, folder: Path, answers: Connection) -> None:
+    """Run cases one after another and tell each."""
+    os.chdir(folder)
+    kept = states(folder)
+    originals = {name: (folder / name).read_bytes() for name in LOGS}
+    for seed in range(first, first + count):
+        random = Random(f"{kind} {seed}")
+        began = time.perf_counter()
+        fed, verdict = KINDS[kind](random, folder)
+        seconds = time.perf_counter() - began
+        changed = tidy(folder, kept)
+        if changed:
+            if kind != "lines" or not ({b"--force", b"--continue"} & set(fed.replace(b"'", b" ").split())):
+                verdict = Verdict("changed a file", ", ".join(changed))
+            for name, content in originals.items():
+                (folder / name).write_bytes(content)
+            kept = states(folder)
+        if verdict.word == "refused" and seconds > SLOW:
+            verdict = Verdict("slow", f"{seconds:.1f} s")
+        answers.send(Case(seed, verdict, seconds, hashlib.sha256(fed).hexdigest()))
+
+
+def cases(kind: str, first: int, count: int) -> Iterator[Case]:
+    """Give every case of a kind; the process that runs them is started again where one ends it or hangs."""
+    spawn = multiprocessing.get_context("spawn")
+    seed, end = first, first + count
+    while seed < end:
+        with tempfile.TemporaryDirectory(prefix="psmpc-fuzz-") as name:
+            prepare(Path(name))
+            mine, theirs = spawn.Pipe(duplex=False)
+            process = spawn.Process(target=serve, args=(kind, seed, end - seed, Path(name), theirs), daemon=False)
+            process.start()
+            theirs.close()
+            try:
+                while seed < end:
+                    if not mine.poll(HANGS):
+                        raise TimeoutError
+                    yield mine.recv()
+                    seed += 1
+            except TimeoutError:
+                yield Case(seed, Verdict("hang", f"more than {HANGS} s"), HANGS, "")
+                seed += 1
+            except EOFError:
+                process.join()
+                yield Case(seed, Verdict("crash", f"exit code {process.exitcode}"), 0.0, "")
+                seed += 1
+            finally:
+                process.kill()
+                process.join()
+
+
+def main() -> int:
+    """Run all and print what came of it."""
+    parser = argparse.ArgumentParser(description="Feeds psmpc wrong input and counts what came of it.")
+    parser.add_argument("count", type=int, nargs="?", default=100_000)
+    parser.add_argument("kinds", nargs="*", choices=[*KINDS, []], default=[])
+    parser.add_argument("--from", dest="first", type=int, default=0, metavar="SEED")
+    parser.add_argument("--notes", type=int, default=10, help="Findings of a kind that are written out.")
+    asked = parser.parse_args()
+    kinds = asked.kinds or list(KINDS)
+    share = sum(SHARES[kind] for kind in kinds)
+    findings = 0
+    for kind in kinds:
+        words: Counter[str] = Counter()
+        digests: set[str] = set()
+        longest, began = Counter[str](), time.perf_counter()
+        for case in cases(kind, asked.first, max(1, round(asked.count * SHARES[kind] / share))):
+            words[case.verdict.word] += 1
+            digests.add(case.digest)
+            longest[case.verdict.word] = max(longest[case.verdict.word], case.seconds)
+            if sum(words.values()) % 2000 == 0:
+                print(f"  {kind}: {dict(words)} after {time.perf_counter() - began:.0f} s", flush=True)
+            if case.verdict.is_finding:
+                findings += 1
+                if findings <= asked.notes:
+                    print(f"  {kind} {case.seed}: {case.verdict.word}: {case.verdict.note}", flush=True)
+        counts = ", ".join(f"{count} {word} (at most {longest[word]:.1f} s)" for word, count in words.most_common())
+        spent = time.perf_counter() - began
+        print(f"{kind}: {sum(words.values())} cases, {len(digests)} distinct: {counts}; {spent:.0f} s", flush=True)
+    return 1 if findings else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,120 @@
+"""Solves the exported windows with rockit: one stage object a stage, free durations, multiple shooting, IPOPT.
+
+python rockit_peer.py DIRECTORY          reads windows.json, writes rockit.json
+"""
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rockit import FreeTime, MultipleShooting, Ocp
+from window import Start, Window, read_windows
+
+QUIET = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+VARIANTS = {"rockit": {}, "rockit, expand": {"expand": True}}
+"""Its defaults, and the option that its examples use where speed matters: IPOPT sees scalar expressions."""
+
+
+class Problem:
+    """A window at N_s intervals a stage."""
+
+    def __init__(self, window: Window, nodes: int, options: dict[str, object]) -> None:
+        self.window, self.nodes, self.ocp = window, nodes, Ocp()
+        self.stages, self.states, self.controls = [], [], []
+        for index in range(len(window.stages)):
+            self._add_stage(index)
+        last = self.stages[-1]
+        self.ocp.subject_to(last.tf == window.horizon)
+        self.ocp.solver("ipopt", QUIET | options)
+        self.ocp.transcribe()
+
+    def _add_stage(self, index: int) -> None:
+        window, spec = self.window, self.window.stages[index]
+        share = window.horizon / len(window.stages)
+        stage = self.ocp.stage(t0=FreeTime(share * index), T=FreeTime(share))
+        Q, Qdot, u = stage.state(window.n), stage.state(window.n), stage.control(window.n)
+        stage.set_der(Q, Qdot)
+        stage.set_der(Qdot, u)
+        stage.method(MultipleShooting(N=self.nodes, M=1, intg="rk"))
+        for rows, x in ((slice(0, window.n), Q), (slice(window.n, None), Qdot)):
+            stage.subject_to((spec.low[rows] <= x) <= spec.high[rows], include_first=False)
+        stage.add_objective(stage.T / self.nodes * stage.sum(window.cost(spec, Q, u)))
+        self.ocp.subject_to(spec.shortest <= stage.T)
+        if index == 0:
+            self.ocp.subject_to(stage.t0 == 0)
+            self.ocp.subject_to(stage.at_t0(Q) == window.x0[: window.n])
+            self.ocp.subject_to(stage.at_t0(Qdot) == window.x0[window.n :])
+        else:
+            before, (Q_before, Qdot_before) = self.stages[-1], self.states[-1]
+            self.ocp.subject_to(stage.t0 == before.tf)
+            self.ocp.subject_to(stage.at_t0(Q) == before.at_tf(Q_before))
+            self.ocp.subject_to(stage.at_t0(Qdot) == before.at_tf(Qdot_before))
+            stage.add_objective(window.pending_cost * stage.t0)
+        if spec.end_rows:
+            error = window.end_error(spec, stage.at_tf(Q))
+            stage.subject_to((-spec.tolerance <= error) <= spec.tolerance)
+        self.stages.append(stage)
+        self.states.append((Q, Qdot))
+        self.controls.append(u)
+
+    def start_from(self, start: Start) -> None:
+        """Set the guess of all solves from now on."""
+        tau = np.append(start.durations, self.window.horizon - start.durations.sum())
+        begins = np.concatenate([[0.0], np.cumsum(tau)[:-1]])
+        for index, (stage, (Q, Qdot), u) in enumerate(zip(self.stages, self.states, self.controls, strict=True)):
+            first = index * self.nodes
+            X = start.X[first : first + self.nodes + 1]
+            stage.set_initial(stage.t0, begins[index])
+            stage.set_initial(stage.T, tau[index])
+            stage.set_initial(Q, X[:, : self.window.n].T)
+            stage.set_initial(Qdot, X[:, self.window.n :].T)
+            stage.set_initial(u, start.u[first : first + self.nodes].T)
+
+    def solve(self) -> dict[str, Any]:
+        """Solve from the guess and return what came out."""
+        began = time.process_time()
+        solution = self.ocp.solve()
+        elapsed = time.process_time() - began
+        stats = solution.stats
+        instants = [float(solution(stage).value(stage.tf)) for stage in self.stages[:-1]]
+        return {
+            "status": stats["return_status"],
+            "objective": sum(float(solution(stage).value(stage.objective)) for stage in self.stages),
+            "instants": instants,
+            "iterations": stats["iter_count"],
+            "time": elapsed,
+        }
+
+
+def result(window: Window, nodes: int, options: dict[str, object]) -> dict[str, Any]:
+    """Return what rockit makes of a window from each of its starts."""
+    began = time.process_time()
+    problem = Problem(window, nodes, options)
+    build = time.process_time() - began
+    found = {}
+    for name, start in window.starts[nodes].items():
+        problem.start_from(start)
+        solved = [problem.solve() for _ in range(window.repeats + 1)]
+        again = float(np.median([each["time"] for each in solved[1:]]))
+        if not found:
+            build += solved[0]["time"] - again  # the first solve builds the solver
+        found[name] = solved[0] | {"time": again}
+    return {"build": build, **found}
+
+
+def main(directory: Path) -> None:
+    """Solve every window with every variant and write the results."""
+    results = []
+    for name, window in read_windows(directory / "windows.json").items():
+        for nodes in window.starts:
+            for program, options in VARIANTS.items():
+                print(f"{program}, {name}, N_s = {nodes}", flush=True)
+                results.append({"program": program, "window": name, "nodes": nodes, **result(window, nodes, options)})
+    (directory / "rockit.json").write_text(json.dumps(results), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -13,7 +13,7 @@ Draw = Callable[[Path, Path, Sequence[str], Collection[str] | None, bool], list[
 
 
 def plot(
-    log: Annotated[Path, typer.Argument(help="A log, or a file written by psmpc compare or psmpc pareto.")],
+    log: Annotated[Path, typer.Argument(help="A log, or results of any study.")],
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help="Directory of the figures. Default: beside the log."),
@@ -39,7 +39,7 @@ def plot(
     """Draw the figures of a log: states, velocities, controls, forces, errors, instants, shares, snapshots, solve_time.
 
     Of a comparison: states, instants, shares and snapshots side by side. Of a Pareto study: its fronts. Of a
-    sweep: surface, heat_map (of random draws: draws), starts and sensitivity.
+    sweep: surface, heat_map (of random draws: draws), starts and sensitivity. Of a Monte Carlo study: success and runs.
     """
     from psmpc_cli.figures.draw import default_directory, draw
     from psmpc_cli.logs.comparison import read_comparison
@@ -68,11 +68,13 @@ def plot(
 
 def _drawing() -> Mapping[str, Draw]:
     """Return what draws each kind of file but the log of a run."""
+    from psmpc_cli.experiment.monte_carlo_runs import read_monte_carlo
     from psmpc_cli.figures.comparison.draw import draw_comparison
+    from psmpc_cli.figures.monte_carlo import draw_monte_carlo
     from psmpc_cli.figures.pareto import draw_pareto
     from psmpc_cli.figures.sweep.draw import draw_sweep
     from psmpc_cli.logs.comparison import read_comparison
-    from psmpc_cli.logs.layout import COMPARISON, PARETO, SWEEP
+    from psmpc_cli.logs.layout import COMPARISON, MONTE_CARLO, PARETO, SWEEP
     from psmpc_cli.studies.pareto_file import read_pareto
     from psmpc_cli.studies.sweep_file import read_sweep
 
@@ -80,4 +82,5 @@ def _drawing() -> Mapping[str, Draw]:
         COMPARISON: lambda path, *rest: draw_comparison(read_comparison(path), *rest),
         PARETO: lambda path, *rest: draw_pareto(read_pareto(path), *rest),
         SWEEP: lambda path, *rest: draw_sweep(read_sweep(path), *rest),
+        MONTE_CARLO: lambda path, *rest: draw_monte_carlo(read_monte_carlo(path), *rest),
     }

@@ -10,14 +10,14 @@ from psmpc_cli.errors import InputError
 
 
 def show(
-    log: Annotated[Path, typer.Argument(help="A file written by psmpc simulate, compare, sweep-weights or pareto.")],
+    log: Annotated[Path, typer.Argument(help="A log, or results of any study.")],
     csv: Annotated[
         Path | None, typer.Option("--csv", metavar="DIR", help="Export a log's tables as CSV files.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite exported tables.")] = False,
 ) -> None:
     """Print the summary of a log, or the table of a comparison or a study, again, or export tables of logs."""
-    from psmpc_cli.logs.layout import COMPARISON, PARETO, RUN, SWEEP
+    from psmpc_cli.logs.layout import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
     from psmpc_cli.logs.read import kind_of
 
     shown: Mapping[str, Callable[[Path], None]] = {
@@ -25,6 +25,7 @@ def show(
         COMPARISON: _show_comparison,
         SWEEP: _show_sweep,
         PARETO: _show_fronts,
+        MONTE_CARLO: _show_monte_carlo,
     }
     kind = kind_of(log)
     if csv is None:
@@ -63,6 +64,13 @@ def _show_fronts(log: Path) -> None:
     from psmpc_cli.studies.pareto_file import read_pareto
 
     print_fronts(read_pareto(log), log)
+
+
+def _show_monte_carlo(log: Path) -> None:
+    from psmpc_cli.cli.monte_carlo_table import print_monte_carlo
+    from psmpc_cli.experiment.monte_carlo_runs import read_monte_carlo
+
+    print_monte_carlo(read_monte_carlo(log))
 
 
 def _export(log: Path, kind: str, directory: Path, force: bool) -> None:

@@ -66,7 +66,7 @@ class HierarchicalController(SwitchingController):
     def _first_level(self, solved: SolvedWindow) -> LevelResult:
         """Return the window over the current stage as a level; its cost without the terminal one."""
         window, solution = solved.window, solved.solution
-        nlp, _ = self.windows.compiled(self.windows.shape(window))
+        nlp, _ = self.windows.compiled_for(window)
         cost = stage_integrals(nlp, self.costs, solution.z, solved.parameters)
         return LevelResult(
             window.stages[0].index, solution.outcome, cost, solution.iterations, solution.wall_time, solved.plan

@@ -46,14 +46,19 @@ class WindowSolver:
     def __init__(self, task: TaskSpec, model: RobotModel, costs: StageCosts) -> None:
         self.task, self.model, self.costs = task, model, costs
         self._compiled: dict[WindowShape, tuple[Nlp, Solver]] = {}
-        self._shapes: dict[tuple[tuple[Stage, ...], tuple[int, ...]], WindowShape] = {}
+        self._by_stages: dict[tuple[tuple[Stage, ...], tuple[int, ...]], tuple[Nlp, Solver]] = {}
 
     def shape(self, window: Window) -> WindowShape:
         """Return the shape of a window."""
+        controller = self.task.controller
+        return window_shape(window.stages, window.nodes, controller.discretization, self.task.limits_are_soft)
+
+    def compiled_for(self, window: Window) -> tuple[Nlp, Solver]:
+        """Return the NLP and back-end of a window, compiled on first use."""
         key = window.stages, window.nodes
-        if key not in self._shapes:
-            self._shapes[key] = window_shape(*key, self.task.controller.discretization, self.task.limits_are_soft)
-        return self._shapes[key]
+        if key not in self._by_stages:
+            self._by_stages[key] = self.compiled(self.shape(window))
+        return self._by_stages[key]
 
     def compiled(self, shape: WindowShape) -> tuple[Nlp, Solver]:
         """Return the NLP and back-end of a shape, compiled on first use."""
@@ -75,7 +80,7 @@ class WindowSolver:
         The multipliers of `previous`, shifted in time, start the solve too where its stages are the same. Durations are
         kept within so many seconds of those between the given instants.
         """
-        nlp, solver = self.compiled(self.shape(window))
+        nlp, solver = self.compiled_for(window)
         z = pack_guess(nlp, window, prediction, instants, self.costs)
         guess = shift_multipliers(nlp, z, window, self._before(previous)) if previous else Guess(z)
         parameters = parameter_vector(nlp, window, instants)
@@ -84,7 +89,7 @@ class WindowSolver:
         return SolvedWindow(window, guess, parameters, solution, plan, violations=violations)
 
     def _before(self, previous: SolvedWindow) -> Before:
-        nlp, _ = self.compiled(self.shape(previous.window))
+        nlp, _ = self.compiled_for(previous.window)
         return Before(nlp, previous.window, previous.solution)
 
 

@@ -98,7 +98,7 @@ def _window(experiment: Experiment, first: int, random: np.random.Generator) -> 
 
 
 def _mesh(windows: WindowSolver, window: Window) -> list[tuple[int, int]]:
-    layout = windows.compiled(windows.shape(window))[0].layout
+    layout = windows.compiled_for(window)[0].layout
     return list(zip(layout.nodes, layout.inputs, strict=True))
 
 

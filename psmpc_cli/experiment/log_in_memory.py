@@ -76,7 +76,8 @@ def _columns(described: Header, rows: list[Row]) -> dict[str, np.ndarray]:
 def _final(experiment: Experiment, noisy: bool, ending: Ending) -> dict[str, np.ndarray]:
     """Return time, state and poses at the end; with noise the state is the measured one, the true one beside it."""
     states = {"": ending.x, "_true": ending.true} if noisy else {"": ending.x}
-    found = {"time": np.array(ending.time), "xi": experiment.quantities.poses(ending.true)}
+    time = np.array(ending.time)
+    found = {"time": time, "end_time": time, "xi": experiment.quantities.poses(ending.true)}
     for of, x in states.items():
         found |= dict(zip((f"Q{of}", f"Qdot{of}"), np.split(x, 2), strict=True))
     return found

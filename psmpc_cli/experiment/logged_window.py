@@ -121,7 +121,7 @@ def logged_solve(log: Log, experiment: Experiment, sequence: Sequence, sample: i
     """
     window, parameters = _window(log, experiment, sequence, sample)
     windows = experiment.controller.windows
-    nlp, _ = windows.compiled(windows.shape(window))
+    nlp, _ = windows.compiled_for(window)
     size, rows = nlp.layout.size, len(nlp.equality)
     guess, solution, multipliers = (
         read_plan(log.path, name, sample) for name in ("guess", "solution", "guess_multipliers")

@@ -174,7 +174,7 @@ def _window_cost(experiment: Experiment, decision: Decision) -> np.ndarray:
     if decision.fallback:
         return np.zeros(0)
     solved, windows = decision.solved, experiment.controller.windows
-    nlp, _ = windows.compiled(windows.shape(solved.window))
+    nlp, _ = windows.compiled_for(solved.window)
     return stage_integrals(nlp, experiment.costs, solved.solution.z, solved.parameters)
 
 

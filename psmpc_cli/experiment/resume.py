@@ -193,7 +193,7 @@ def _without_multipliers(solve: LoggedSolve) -> Solution:
 
 def _multipliers(log: Log, experiment: Experiment, solve: LoggedSolve, sample: int) -> Solution:
     """Return a logged solution with its multipliers, which come out when it is solved again from the same guess."""
-    _, solver = experiment.controller.windows.compiled(experiment.controller.windows.shape(solve.window))
+    _, solver = experiment.controller.windows.compiled_for(solve.window)
     again = solver.solve(solve.guess, solve.parameters, bounds(solve.nlp, solve.window))
     apart = float(np.abs(again.z - solve.z).max())
     if not apart <= REPEATED:

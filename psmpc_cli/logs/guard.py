@@ -109,7 +109,11 @@ class Worker:
             self._process = _started(self._program)
             _said(self._process, "", START_LIMIT)
         limit = self._patience * seconds(os.path.getsize(path))
-        line = _said(self._process, json.dumps(path) + "\n", limit)
+        try:
+            line = _said(self._process, json.dumps(path) + "\n", limit)
+        except KeyboardInterrupt:  # its answer must not be taken for the next one
+            self.close()
+            raise
         if not line.endswith("\n"):
             self.close()
             return None

@@ -103,7 +103,7 @@ class Mesh:
         counts = {stage.index: N for stage, N in zip(had.stages, had.nodes, strict=True)}
         window = self._on_it(recorded.window, replace(prediction, instants=instants), counts)
         solved = self._windows.solve(window, prediction, instants, previous)
-        nlp, _ = self._windows.compiled(self._windows.shape(window))
+        nlp, _ = self._windows.compiled_for(window)
         problem = Problem(
             index=index,
             nodes=str(self.spec.nodes),

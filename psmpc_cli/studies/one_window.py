@@ -136,7 +136,7 @@ def scan_instants(one: OneWindow, grid: Vector) -> Scan:
 def _solve_fixed(one: OneWindow, window: Window, instant: float, plan: Plan) -> tuple[float, Plan] | None:
     """Return cost and plan with the instant [s] after T0 fixed; None if there is no solution from either guess."""
     windows = one.experiment.controller.windows
-    nlp, solver = windows.compiled(windows.shape(window))
+    nlp, solver = windows.compiled_for(window)
     at, fixed = np.array([window.start + instant]), held(nlp, bounds(nlp, window), instant)
     for guess in (plan, one.plan):
         z = pack_guess(nlp, window, guess, at, one.experiment.costs)

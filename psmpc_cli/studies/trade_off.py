@@ -83,7 +83,7 @@ class TradeOff:
     def __init__(self, one: OneWindow) -> None:
         self.one = one
         self._windows = one.experiment.controller.windows
-        self._nlp, self._solver = self._windows.compiled(self._windows.shape(one.window))
+        self._nlp, self._solver = self._windows.compiled_for(one.window)
         self._objective = ca.Function("J", [self._nlp.x, self._nlp.p], [self._nlp.f])
 
     @cached_property

@@ -57,7 +57,7 @@ def optimum(request: pytest.FixtureRequest, decisions: list[Decision]) -> Solved
 
 def solve_fixed(windows: WindowSolver, optimum: SolvedWindow) -> Solution:
     """Solve the window again from another guess, its durations bounded to those of the optimum."""
-    nlp, solver = windows.compiled(windows.shape(optimum.window))
+    nlp, solver = windows.compiled_for(optimum.window)
     free, durations = bounds(nlp, optimum.window), nlp.layout.duration_index[0]
     lbx, ubx = free.lbx.copy(), free.ubx.copy()
     lbx[durations] = ubx[durations] = optimum.solution.z[durations]
@@ -74,7 +74,7 @@ def test_instants_fixed_at_the_optimum_give_the_optimal_cost(windows: WindowSolv
 def test_other_instants_cost_more(windows: WindowSolver, optimum: SolvedWindow) -> None:
     """So the test above compares with what it must."""
     later = optimum.solution.z.copy()
-    later[windows.compiled(windows.shape(optimum.window))[0].layout.duration_index[0]] += 0.1
+    later[windows.compiled_for(optimum.window)[0].layout.duration_index[0]] += 0.1
     solution = solve_fixed(windows, replace(optimum, solution=replace(optimum.solution, z=later)))
     assert solution.outcome.usable
     assert solution.objective > optimum.solution.objective + 1e-3

@@ -30,7 +30,7 @@ def solved(windows: WindowSolver, decisions: list[Decision]) -> SolvedWindow:
 def moved(windows: WindowSolver, solved: SolvedWindow, nodes: tuple[int, ...]) -> Guess:
     """The guess that follows a solution on another mesh, at the same time."""
     window = replace(solved.window, nodes=nodes)
-    (nlp, _), (before, _) = (windows.compiled(windows.shape(one)) for one in (window, solved.window))
+    (nlp, _), (before, _) = (windows.compiled_for(one) for one in (window, solved.window))
     z = pack_guess(nlp, window, solved.plan, solved.plan.instants, windows.costs)
     return shift_multipliers(nlp, z, window, Before(before, solved.window, solved.solution))
 
@@ -39,7 +39,7 @@ def test_without_a_move_they_stay_what_they_are(windows: WindowSolver, solved: S
     guess = moved(windows, solved, solved.window.nodes)
     assert guess.warm
     np.testing.assert_array_equal(guess.lam_g, solved.solution.lam_g)
-    nlp, _ = windows.compiled(windows.shape(solved.window))
+    nlp, _ = windows.compiled_for(solved.window)
     states = np.hstack([nlp.layout.state_index, nlp.layout.duration_index])
     assert guess.lam_x is not None
     np.testing.assert_array_equal(guess.lam_x[states], solved.solution.lam_x[states])
@@ -56,7 +56,7 @@ def test_on_a_finer_mesh_bounds_keep_what_they_cost(windows: WindowSolver, solve
 
 def test_other_stages_and_failed_solves_start_cold(windows: WindowSolver, solved: SolvedWindow) -> None:
     window = solved.window
-    nlp, _ = windows.compiled(windows.shape(window))
+    nlp, _ = windows.compiled_for(window)
     failed = replace(solved.solution, outcome=Outcome.FAILED)
     fewer = replace(window, stages=window.stages[:1])
     for before in (Before(nlp, window, failed), Before(nlp, fewer, solved.solution)):

@@ -48,7 +48,7 @@ class Reaching:
         windows = experiment.controller.windows
         solved = [decision.solved for decision in decided(experiment, 1.5)]
         self.cold, self.warm = (next(s for s in solved if self.holds(s, warm)) for warm in (False, True))
-        self.nlp, _ = windows.compiled(windows.shape(self.warm.window))
+        self.nlp, _ = windows.compiled_for(self.warm.window)
 
     def holds(self, solved: SolvedWindow, warm: bool) -> bool:
         return len(solved.window.stages) == 2 and solved.guess.warm == warm

@@ -1,6 +1,5 @@
 """The weight study on coarse meshes."""
 
-from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,20 +15,9 @@ from psmpc_cli.studies.sampling import grid_sampling
 from psmpc_cli.studies.sweep import SweepProgress, load_sweep_task, origins, parse_stages, run_sweep
 from psmpc_cli.studies.sweep_file import COMPUTED, FAILED, SHARED, WAITING, Sweep, read_sweep
 
+from .here_calls import HereCalls
+
 COARSE = ("controller.nodes=12", "plant.kind=ideal")
-
-
-class HereCalls:
-    """Calls in this process, at most so many."""
-
-    def __init__(self, most: int = 10**6) -> None:
-        self.most = most
-
-    def each(self, function: Callable, items: Sequence, *_: object) -> Iterator:  # type: ignore[type-arg]
-        for index, item in enumerate(items):
-            if index == self.most:
-                raise KeyboardInterrupt
-            yield index, function(item)
 
 
 def sweep_of(grid: str = "2x2", every_cell: bool = False, task: str = "approach_capture", stages: str = "1,2") -> Sweep:

@@ -1,0 +1,129 @@
+"""Runs the transport task many times with an uncertainty, controller by controller: the table of docs/monte_carlo.md.
+
+    python benchmarks/monte_carlo.py [CONTROLLER=RUNS ...] [--jobs N] [-o DIR]
+    python benchmarks/monte_carlo.py psmpc=200 smpc=200 htmpc=50 hard=50        the default, some 45 minutes
+
+The results of each controller go to a file in DIR, by default runs/. Stopped, it goes on where it was.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from psmpc_cli.experiment.monte_carlo_runs import MonteCarloRuns, read_monte_carlo
+from psmpc_cli.studies.monte_carlo import load_monte_carlo, run_monte_carlo
+from psmpc_cli.studies.parallel import LocalCalls
+from psmpc_cli.studies.sweep import SweepProgress
+
+PAGE = Path(__file__).parents[1] / "docs" / "monte_carlo.md"
+BEGIN, END = "<!-- results -->\n", "<!-- end of results -->"
+
+RUNS = {"psmpc": 200, "smpc": 200, "htmpc": 50, "hard": 50}
+"""How many runs of each controller."""
+
+UNCERTAINTY = (
+    "uncertainty={mass: 0.1, inertia: 0.1, payload: {mass: 5, inertia: 0.67}, noise: {position: 1e-3, angle: 1e-3}}"
+)
+
+HEADINGS = (
+    "controller",
+    "succeeded",
+    "rate, 95 % interval",
+    "ends [s]",
+    "final error [tolerances]",
+    "velocity margin [%]",
+    "object held [m]",
+    "effort",
+    "failed solves a run",
+    "a run takes [s]",
+)
+
+
+def measure(controller: str, count: int, directory: Path, jobs: int) -> MonteCarloRuns:
+    """Make the runs of a controller that its file lacks, and return all of them."""
+    changes = ("controller.nodes=25", f"controller.kind={controller}", UNCERTAINTY)
+    study, path = load_monte_carlo("transport", changes, count), directory / f"monte-carlo-{controller}.h5"
+
+    def told(progress: SweepProgress) -> None:
+        sys.stderr.write(f"{controller}: {progress.ended} of {progress.runs} runs, {progress.failed} failed\n")
+
+    run_monte_carlo(study, path, LocalCalls(jobs), resume=path.exists(), watch=told)
+    return read_monte_carlo(path)
+
+
+def row(controller: str, runs: MonteCarloRuns) -> tuple[str, ...]:
+    """Return what became of the runs of a controller."""
+    made, succeeded = int(runs.made.sum()), int(runs.succeeded.sum())
+    low, high = runs.interval
+    return (
+        f"`{controller}`",
+        f"{succeeded} of {made}",
+        f"{100 * succeeded / made:.1f} %, {100 * low:.1f} to {100 * high:.1f} %",
+        spread(runs.end_time, 1),
+        spread(runs["final_error"], 2),
+        spread(100 * runs["relative_velocity_margin"], 0),
+        spread(runs["monitor_margin"][:, 0], 3),
+        spread(runs["control_effort"], 0),
+        f"{np.maximum(runs['fallbacks'], 0).mean():.2f}",
+        spread(runs["run_time"], 1),
+    )
+
+
+def spread(values: np.ndarray, digits: int) -> str:
+    """Return the 5, 50 and 95 % quantiles of what is known."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return "-"
+    return " / ".join(f"{value:.{digits}f}" for value in np.quantile(known, (0.05, 0.5, 0.95)))
+
+
+def table(rows: Mapping[str, MonteCarloRuns]) -> Iterator[str]:
+    """Give the lines of the table, and of why runs failed."""
+    yield f"| {' | '.join(HEADINGS)} |"
+    yield "|---" * len(HEADINGS) + "|"
+    for controller, runs in rows.items():
+        yield f"| {' | '.join(row(controller, runs))} |"
+    yield ""
+    yield "Spreads are 5 / 50 / 95 % quantiles; those of the end are over completed runs."
+    for controller, runs in rows.items():
+        for reason, seeds in failures(runs).items():
+            named = ", ".join(map(str, seeds[:5])) + (", ..." if len(seeds) > 5 else "")
+            yield f"- `{controller}`, {len(seeds)} failed: {reason} (seed {named})"
+
+
+def failures(runs: MonteCarloRuns) -> Mapping[str, list[int]]:
+    """Return the seeds of the runs that failed, by the reason."""
+    found: dict[str, list[int]] = {}
+    for number in np.flatnonzero(runs.failed):
+        found.setdefault(runs.why(int(number)), []).append(int(runs["seed"][number]))
+    return found
+
+
+def write(lines: Iterator[str]) -> None:
+    """Write the table between its markers."""
+    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    _, _, after = rest.partition(END)
+    PAGE.write_text(before + BEGIN + "".join(f"{line}\n" for line in lines) + END + after, encoding="utf-8")
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("counts", nargs="*", metavar="CONTROLLER=RUNS")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("-o", dest="directory", type=Path, default=Path("runs"))
+    parser.add_argument("--print", action="store_true", help="print the table and leave the page alone")
+    given = parser.parse_args()
+    counts = {name: int(count) for name, _, count in (each.partition("=") for each in given.counts)} or RUNS
+    measured = {name: measure(name, count, given.directory, given.jobs) for name, count in counts.items()}
+    if given.print:
+        print("\n".join(table(measured)))
+    else:
+        write(table(measured))
+
+
+if __name__ == "__main__":
+    main()

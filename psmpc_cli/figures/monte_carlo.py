@@ -1,0 +1,155 @@
+"""The runs of a Monte Carlo study: how often they succeed, when their stages end, how near limits they come."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from psmpc_cli.errors import LogError
+from psmpc_cli.experiment.monte_carlo_runs import MonteCarloRuns
+from psmpc_cli.figures.files import FORMATS, chosen, write_figures
+from psmpc_cli.figures.panels import panel_legend
+from psmpc_cli.figures.style import EDGE, PALETTE, line_look, new_figure, readable
+
+RATE_HEIGHT, INSTANTS_HEIGHT = 0.45, 1.9
+"""Heights of the panels of the success rate and of the instants [in]."""
+
+PANEL_HEIGHT, AROUND = 1.15, 0.65
+"""Height of a panel over the runs, and of what is around all of them [in]."""
+
+SIZE, RING = 3.0, 5.5
+"""Sizes of the marks of runs, and of what marks those that failed [pt]."""
+
+WIDE = 30.0
+"""Errors of which the largest is so many times the smallest have an axis of logarithms."""
+
+MARKS = ("o", "^", "s", "D")
+
+CROSS: Mapping[str, Any] = {"color": "black", "marker": "x", "markersize": RING, "linestyle": "none", "zorder": 3}
+"""What marks a run that failed."""
+
+LOST: Mapping[str, Any] = {**CROSS, "marker": "^", "markersize": SIZE + 1, "clip_on": False}
+"""What marks one without a value, on the lower edge of a panel."""
+
+
+def draw_monte_carlo(
+    runs: MonteCarloRuns,
+    directory: Path,
+    formats: Sequence[str] = ("png",),
+    only: Collection[str] | None = None,
+    force: bool = False,
+) -> list[Path]:
+    """Draw figures of a study, complete or not, each into a file a format, and return the files.
+
+    Raises:
+        InputError: A name or format is unknown, a file exists or cannot be written.
+        LogError: All runs wait, or the file lacks what a study has.
+    """
+    names = chosen("figure", FIGURES if only is None else only, FIGURES)
+    endings = chosen("format", formats, FORMATS)
+    if not runs.made.any():
+        raise LogError(f"{runs.results.path}: found no run that was made, expected one at least to draw")
+    return write_figures({name: partial(FIGURES[name], runs) for name in names}, directory, endings, force)
+
+
+def plot_success(runs: MonteCarloRuns) -> Figure:
+    """Return the success rate with its interval, and the part of the runs whose stages have ended over time [s].
+
+    The times of a stage are told from their median, which the legend names; those of the last one are the ends of the
+    mission. A curve that ends below 1 belongs to a stage that not every run has ended.
+    """
+    figure = new_figure(RATE_HEIGHT + INSTANTS_HEIGHT + AROUND)
+    rate, instants = figure.subplots(2, 1, height_ratios=(RATE_HEIGHT, INSTANTS_HEIGHT))
+    _plot_rate(rate, runs)
+    times = runs["switch_time"]
+    for number, stage in enumerate(runs.stages):
+        ended = np.sort(times[np.isfinite(times[:, number]), number])
+        if len(ended):
+            _plot_distribution(instants, ended, int(runs.made.sum()), readable(stage), **line_look(number))
+    instants.set_xlabel("Instant that ends the stage, less its median (s)")
+    instants.set_ylabel("Part of the runs (1)")
+    instants.set_ylim(-0.04, 1.04)
+    panel_legend(instants)
+    return figure
+
+
+def _plot_rate(axes: Axes, runs: MonteCarloRuns) -> None:
+    """Plot the success rate with Wilson's interval."""
+    made, succeeded = int(runs.made.sum()), int(runs.succeeded.sum())
+    rate, (low, high) = succeeded / made, runs.interval
+    axes.errorbar(rate, 0.0, xerr=[[rate - low], [high - rate]], marker="o", color=PALETTE[0], capsize=3.0)
+    axes.set_xlim(-0.02, 1.02)
+    axes.set_yticks([])
+    axes.set_xlabel("Success rate with its 95 % interval (1)")
+    axes.set_title(f"{succeeded} of {made} runs succeeded", loc="right", pad=3.0)
+
+
+def _plot_distribution(axes: Axes, ended: np.ndarray, made: int, name: str, **look: Any) -> None:
+    """Plot the part of the runs (., ) [s] that have ended a stage by a time."""
+    median = float(np.median(ended))
+    part = np.arange(len(ended) + 1) / made
+    axes.step(np.r_[ended[0], ended] - median, part, where="post", label=f"{name}, {median:.1f} s", **look)
+
+
+def plot_runs(runs: MonteCarloRuns) -> Figure:
+    """Return final error [tolerances], tightest margins [%] and those of the monitors [m, m/s] of every run."""
+    panels: list[Callable[[Axes, MonteCarloRuns], None]] = [_plot_errors, _plot_margins]
+    panels += [_plot_monitors] if runs.monitors else []
+    figure = new_figure(len(panels) * PANEL_HEIGHT + AROUND)
+    rows = figure.subplots(len(panels), 1, sharex=True)
+    for axes, plot in zip(rows, panels, strict=True):
+        plot(axes, runs)
+        panel_legend(axes)
+    rows[-1].set_xlabel("Seed of the run (1)")
+    rows[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
+    figure.align_ylabels()
+    return figure
+
+
+def _plot_errors(axes: Axes, runs: MonteCarloRuns) -> None:
+    error = runs["final_error"]
+    _plot_by_run(axes, runs, {"": error})
+    known = error[np.isfinite(error) & (error > 0)]
+    if len(known) and known.max() > WIDE * known.min():
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(0.0, 1.12 * max(1.0, float(np.nanmax(error, initial=0.0))))
+    axes.axhline(1.0, color=EDGE, linewidth=0.7, zorder=1.5)
+    axes.set_ylabel("Final error\n(tolerances)")
+
+
+def _plot_margins(axes: Axes, runs: MonteCarloRuns) -> None:
+    _plot_by_run(axes, runs, {kind: 100 * runs[f"relative_{kind}_margin"] for kind in ("position", "velocity")})
+    axes.axhline(0.0, color=EDGE, linewidth=0.7, zorder=1.5)
+    axes.set_ylabel("Tightest margin\n(% of the limit)")
+
+
+def _plot_monitors(axes: Axes, runs: MonteCarloRuns) -> None:
+    margins = runs["monitor_margin"].T
+    _plot_by_run(axes, runs, {readable(name): margin for name, margin in zip(runs.monitors, margins, strict=True)})
+    axes.axhline(0.0, color=EDGE, linewidth=0.7, zorder=1.5)
+    axes.set_ylabel("Margin of monitor\n(m, m/s)")
+
+
+def _plot_by_run(axes: Axes, runs: MonteCarloRuns, values: Mapping[str, np.ndarray]) -> None:
+    """Plot quantities (runs,) over the seed; failed runs are crossed, at the lower edge where they have no value."""
+    seed, failed = runs["seed"], runs.failed
+    for number, (name, value) in enumerate(values.items()):
+        look = line_look(number) | {"marker": MARKS[number % len(MARKS)], "linestyle": "none"}
+        axes.plot(seed, value, markersize=SIZE, markeredgewidth=0, label=name or "_all", **look)
+        axes.plot(seed[failed], value[failed], **CROSS)
+    known = np.isfinite(list(values.values())).any(axis=0)
+    if (failed & known).any():
+        axes.plot([], [], label="failed", **CROSS)
+    if (lost := seed[failed & ~known]).size:
+        below = axes.get_xaxis_transform()
+        axes.plot(lost, np.zeros(len(lost)), transform=below, label="failed, no value", **LOST)
+
+
+FIGURES: Mapping[str, Callable[[MonteCarloRuns], Figure]] = {"success": plot_success, "runs": plot_runs}
+"""Every figure of a study by its name, which is also its file's stem."""

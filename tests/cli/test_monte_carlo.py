@@ -1,0 +1,93 @@
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from psmpc_cli.cli.main import main
+from psmpc_cli.experiment.monte_carlo_runs import ENDED, WAITING, read_monte_carlo
+from psmpc_cli.studies import monte_carlo as study_module
+
+from ..there_and_back import TASK
+
+Psmpc = Callable[..., tuple[int, str, str]]
+
+NOISY = ("task.yaml", "--set", "uncertainty.noise.position=1e-3", "--jobs", "1")
+
+
+@pytest.fixture
+def psmpc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Psmpc:
+    """The command line, in a folder with a small task."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "task.yaml").write_text(TASK)
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["psmpc", *arguments])
+        with pytest.raises(SystemExit) as left:
+            main()
+        return int(left.value.code or 0), *capsys.readouterr()
+
+    return run
+
+
+def test_runs_give_tables_a_file_and_figures(psmpc: Psmpc, tmp_path: Path) -> None:
+    code, out, err = psmpc("monte-carlo", *NOISY, "--runs", "2")
+    assert code == 0
+    assert "2 of 2 runs succeeded" in out
+    assert "2 of 2 runs" in err
+    path, figures = tmp_path / "runs" / "task-monte-carlo.h5", tmp_path / "runs" / "task-monte-carlo"
+    assert {figure.name for figure in figures.iterdir()} == {"success.png", "runs.png"}
+    before = path.read_bytes()
+    code, shown, _ = psmpc("show", str(path))
+    assert code == 0
+    assert "2 of 2 runs succeeded" in shown
+    assert psmpc("plot", str(path), "-o", "again", "--only", "runs")[0] == 0
+    assert (tmp_path / "again" / "runs.png").read_bytes() == (figures / "runs.png").read_bytes()
+    code, _, err = psmpc("monte-carlo", *NOISY, "--runs", "2")
+    assert code == 2
+    assert "exists already" in err
+    assert path.read_bytes() == before
+    code, out, err = psmpc("monte-carlo", *NOISY, "--runs", "3", "--resume")
+    assert code == 0
+    assert "1 of 1 runs" in err
+    assert "3 of 3 runs succeeded" in out
+
+
+def test_an_interrupted_study_keeps_what_is_done(psmpc: Psmpc, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Interrupted(study_module.ResultsWriter):
+        def write(self, index: tuple[int, ...], values: object) -> None:
+            super().write(index, values)  # type: ignore[arg-type]
+            if not index:
+                os.kill(os.getpid(), 15)
+
+    monkeypatch.setattr(study_module, "ResultsWriter", Interrupted)
+    code, _, err = psmpc("monte-carlo", *NOISY, "--runs", "2", "-o", "study.h5", "--no-figures")
+    assert code == 143
+    assert "terminated; study.h5 holds what was done: go on with --resume" in err
+    assert sorted(read_monte_carlo(tmp_path / "study.h5")["status"]) == [WAITING, ENDED]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("task.yaml",), "--runs"),
+        (("task.yaml", "--runs", "0"), "--runs"),
+        (("task.yaml", "--runs", "2"), "task.yaml: found nothing random below uncertainty, all runs would be alike"),
+        ((*NOISY, "--runs", "2", "--resume"), "--resume: found no file runs/task-monte-carlo.h5"),
+        ((*NOISY, "--runs", "2", "--resume", "--force"), "both --resume and --force"),
+        ((*NOISY, "--runs", "2", "--dask", "tcp://127.0.0.1:9"), "both --jobs and --dask"),
+        (("nowhere.yaml", "--runs", "2"), "nowhere.yaml"),
+        ((*NOISY, "--runs", "2", "--set", "controller.nodes=none"), "controller.nodes"),
+        ((*NOISY, "--runs", "2", "-o", "task.yaml"), "task.yaml exists already"),
+    ],
+)
+def test_bad_input_is_named_and_leaves_nothing(
+    psmpc: Psmpc, tmp_path: Path, arguments: tuple[str, ...], said: str
+) -> None:
+    code, out, err = psmpc("monte-carlo", *arguments)
+    assert code == 2
+    assert said in err
+    assert "Traceback" not in err
+    assert not out
+    assert not (tmp_path / "runs").exists()

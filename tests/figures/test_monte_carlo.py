@@ -1,0 +1,62 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.figures.monte_carlo import FIGURES, draw_monte_carlo, plot_runs, plot_success
+from psmpc_cli.figures.style import in_style
+
+from ..made_up_monte_carlo import made_up_monte_carlo
+from .drawn import curves, legend, points
+from .fit_to_print import check_figure
+
+CASES = {
+    "complete": {},
+    "many": {"runs": 200, "late": (3, 90), "dropped": (50, 51)},
+    "with failures": {"waiting": (0, 11), "crashed": (2,), "late": (5,), "dropped": (7,)},
+    "one run": {"runs": 1},
+    "one crash": {"runs": 1, "crashed": (0,)},
+    "all late": {"runs": 4, "late": (0, 1, 2, 3)},
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_figure_is_fit_to_print(tmp_path: Path, case: str) -> None:
+    runs = made_up_monte_carlo(tmp_path / "study.h5", **CASES[case])  # type: ignore[arg-type]
+    with in_style():
+        for plot in FIGURES.values():
+            check_figure(plot(runs))
+
+
+def test_a_curve_ends_at_the_part_of_the_runs_that_ended_the_stage(tmp_path: Path) -> None:
+    runs = made_up_monte_carlo(tmp_path / "study.h5", 10, waiting=(9,), crashed=(1,), late=(2, 3))
+    drawn = curves(plot_success(runs).axes[1])
+    assert list(drawn) == ["approach, 7.0 s", "capture, 14.0 s", "transport, 21.0 s", "release, 28.1 s"]
+    for name, curve in drawn.items():
+        assert curve[-1, 1] == pytest.approx(6 / 9 if name.startswith("release") else 8 / 9)
+        assert np.all(np.diff(curve, axis=0) >= 0)
+        assert curve[0, 1] == 0
+
+
+def test_failed_runs_are_crossed_even_those_without_values(tmp_path: Path) -> None:
+    figure = plot_runs(made_up_monte_carlo(tmp_path / "study.h5", crashed=(2,), late=(5,)))
+    for axes in figure.axes:
+        assert legend(axes)[-2:] == ["failed", "failed, no value"]
+        assert [points(line).tolist() for line in axes.lines if line.get_label() == "failed, no value"] == [[[12, 0]]]
+        crossed = np.vstack([points(line) for line in axes.lines if line.get_marker() == "x"])
+        assert set(crossed[np.isfinite(crossed[:, 1]), 0]) == {15.0}
+
+
+def test_figures_are_chosen_by_name_and_nothing_is_overwritten(tmp_path: Path) -> None:
+    runs = made_up_monte_carlo(tmp_path / "study.h5", 3)
+    assert draw_monte_carlo(runs, tmp_path / "figures", ("svg",), ["runs"]) == [tmp_path / "figures" / "runs.svg"]
+    with pytest.raises(InputError, match="--force"):
+        draw_monte_carlo(runs, tmp_path / "figures", ("svg",))
+    with pytest.raises(InputError, match="no figure 'states', expected one of success, runs"):
+        draw_monte_carlo(runs, tmp_path, only=["states"])
+
+
+def test_a_study_that_has_not_begun_has_nothing_to_draw(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="no run that was made"):
+        draw_monte_carlo(made_up_monte_carlo(tmp_path / "study.h5", 2, waiting=(0, 1)), tmp_path / "figures")

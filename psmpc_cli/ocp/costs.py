@@ -37,7 +37,9 @@ class StageCosts:
 
         Against what its cost follows at times `since` its start (K,) [s]; without them against its target.
         """
-        return self.errors_from(stage.space, X, stage.target if since is None else stage.reference(since))
+        if since is None or stage.trajectory is None:
+            return self.errors_from(stage.space, X, stage.target)
+        return self.errors_from(stage.space, X, stage.reference(since))
 
     def errors_from(self, space: str, X: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Return the error in a space at each state (K, rows) [m, rad], from a reference (K, rows) or (rows,)."""

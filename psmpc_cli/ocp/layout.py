@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -105,10 +106,15 @@ class Layout:
         inputs = np.array([*(self.inputs[s] for s in self.stage_of), 0])
         return np.asarray((self.offsets + self.nx + inputs)[:, None] + np.arange(self.violations))
 
+    @cached_property
+    def input_indices(self) -> tuple[np.ndarray, ...]:
+        """Indices of the inputs of each stage's intervals, (N_s, inputs)."""
+        first = [self.offsets[a:b] for a, b in pairwise(self.first_node)]
+        return tuple(k[:, None] + self.nx + np.arange(inputs) for k, inputs in zip(first, self.inputs, strict=True))
+
     def input_index(self, stage: int) -> np.ndarray:
         """Return the indices of the inputs of a stage's intervals, (N_s, inputs)."""
-        first = self.offsets[self.first_node[stage] : self.first_node[stage + 1]]
-        return first[:, None] + self.nx + np.arange(self.inputs[stage])[None, :]
+        return self.input_indices[stage]
 
 
 def mesh(durations: np.ndarray, nodes: tuple[int, ...]) -> np.ndarray:

@@ -1,6 +1,7 @@
 """A plan: what one solve predicts and intends, and how it is read at other times."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -52,15 +53,20 @@ class Plan:
         X[:, n:] += since * u
         return np.asarray(X)
 
+    @cached_property
+    def _impulse(self) -> np.ndarray:
+        """Integral of the acceleration up to the beginning of each interval, (K, n)."""
+        impulse = np.zeros_like(self.u)
+        np.cumsum(np.diff(self.times)[:-1, None] * self.u[:-1], axis=0, out=impulse[1:])
+        return impulse
+
     def mean_control(self, edges: np.ndarray) -> np.ndarray:
         """Return the mean acceleration between consecutive edges (len(edges) - 1, n); zero past the plan's end.
 
         Nodes and ticks do not align; the mean keeps the velocities at the ticks equal to the plan's.
         """
-        impulse = np.zeros_like(self.u)
-        np.cumsum(np.diff(self.times)[:-1, None] * self.u[:-1], axis=0, out=impulse[1:])
         k = self.intervals_at(edges)
-        at = impulse[k] + (np.minimum(edges, self.end) - self.times[k])[:, None] * self.u[k]
+        at = self._impulse[k] + (np.minimum(edges, self.end) - self.times[k])[:, None] * self.u[k]
         return np.asarray(np.diff(at, axis=0) / np.diff(edges)[:, None])
 
 

@@ -57,7 +57,7 @@ def test_runs_give_tables_a_file_and_figures(psmpc: Psmpc, tmp_path: Path) -> No
 def test_an_interrupted_study_keeps_what_is_done(psmpc: Psmpc, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Interrupted(study_module.ResultsWriter):
         def write(self, index: tuple[int, ...], values: object) -> None:
-            super().write(index, values)  # type: ignore[arg-type]
+            super().write(index, values)
             if not index:
                 os.kill(os.getpid(), 15)
 

@@ -8,7 +8,7 @@ from ..made_up_monte_carlo import made_up_monte_carlo
 
 
 def printed(capsys: pytest.CaptureFixture[str], path: Path, **given: object) -> list[str]:
-    print_monte_carlo(made_up_monte_carlo(path, **given))  # type: ignore[arg-type]
+    print_monte_carlo(made_up_monte_carlo(path, **given))
     return capsys.readouterr().out.splitlines()
 
 

@@ -23,7 +23,7 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_every_figure_is_fit_to_print(tmp_path: Path, case: str) -> None:
-    runs = made_up_monte_carlo(tmp_path / "study.h5", **CASES[case])  # type: ignore[arg-type]
+    runs = made_up_monte_carlo(tmp_path / "study.h5", **CASES[case])
     with in_style():
         for plot in FIGURES.values():
             check_figure(plot(runs))

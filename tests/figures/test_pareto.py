@@ -95,10 +95,10 @@ def test_one_curve_a_sample_with_its_hypervolume() -> None:
 
 def test_arrows_point_to_larger_ratios() -> None:
     (axes,) = figure(made_up(narrow=True)).axes
-    arrows = [text for text in axes.texts if text.arrow_patch is not None]  # type: ignore[attr-defined]
+    arrows = [text for text in axes.texts if text.arrow_patch is not None]
     assert len(arrows) >= len(INSTANTS)
     for arrow in arrows:
-        head, tail = np.array(arrow.xy), np.array(arrow.get_position())  # type: ignore[attr-defined]
+        head, tail = np.array(arrow.xy), np.array(arrow.get_position())
         assert head[0] < tail[0] and head[1] > tail[1]
 
 
@@ -151,7 +151,7 @@ def test_a_held_instant_without_points_is_left_out() -> None:
     for name in ("J_1", "J_2", "wait"):
         values = results[f"weighted_{name}"].copy()
         values[:, 2] = np.nan
-        results.quantities[f"weighted_{name}"] = Quantity(  # type: ignore[index]
+        results.quantities[f"weighted_{name}"] = Quantity(
             f"weighted_{name}", results.quantities[f"weighted_{name}"].dims, values, "s", ""
         )
     with in_style():

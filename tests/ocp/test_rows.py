@@ -13,7 +13,7 @@ CHANGES = {"as they are": {}, "at rest": {"end_velocity": True}, "timed": {"end_
 
 def shapes(stages: tuple[Stage, ...], count: int, **changes: object) -> WindowShape:
     shape = window_shape(stages[:count], (3,) * count, "exact")
-    ended = tuple(replace(stage, **changes) for stage in shape.stages[:-1])  # type: ignore[arg-type]
+    ended = tuple(replace(stage, **changes) for stage in shape.stages[:-1])
     return replace(shape, stages=(*ended, shape.stages[-1]))
 
 

@@ -17,7 +17,7 @@ def test_they_are_the_costs_of_the_objective(
     model: RobotModel, stages: tuple[Stage, ...], costs: StageCosts, changes: dict[str, object]
 ) -> None:
     shape = window_shape(stages[:2], (4, 4), "exact")
-    nlp = transcribe(model, replace(shape, stages=tuple(replace(s, **changes) for s in shape.stages)))  # type: ignore[arg-type]
+    nlp = transcribe(model, replace(shape, stages=tuple(replace(s, **changes) for s in shape.stages)))
     random = np.random.default_rng(0)
     z, p = random.random(nlp.x.shape[0]), 0.5 + random.random(nlp.p.shape[0])
     expected = np.asarray(ca.Function("costs", [nlp.x, nlp.p], [nlp.costs])(z, p)).ravel()

@@ -9,7 +9,7 @@ class HereCalls:
     def __init__(self, most: int = 10**6) -> None:
         self.most = most
 
-    def each(self, function: Callable, items: Sequence, *_: object) -> Iterator:  # type: ignore[type-arg]
+    def each(self, function: Callable, items: Sequence, *_: object) -> Iterator:
         for index, item in enumerate(items):
             if index == self.most:
                 raise KeyboardInterrupt

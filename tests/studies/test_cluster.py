@@ -102,7 +102,7 @@ def test_work_that_is_left_leaves_nothing_behind(cluster: DaskCluster, tmp_path:
 
     results = DaskCalls(cluster.address).each(call, range(50))
     next(results)
-    results.close()  # type: ignore[attr-defined]
+    results.close()
     time.sleep(0.6)
     begun = len(list(tmp_path.iterdir()))
     time.sleep(0.6)

@@ -87,9 +87,9 @@ def crashing(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
     build = monte_carlo_run.build_experiment
 
     def build_or_raise(loaded: object) -> object:
-        if loaded.spec.seed == 5:  # type: ignore[attr-defined]
+        if loaded.spec.seed == 5:
             raise ZeroDivisionError("by zero")
-        return build(loaded)  # type: ignore[arg-type]
+        return build(loaded)
 
     monkeypatch.setattr(monte_carlo_run, "build_experiment", build_or_raise)
     yield monkeypatch
@@ -165,7 +165,7 @@ def test_the_lost_have_their_reason(tmp_path: Path) -> None:
     study = study_of(tmp_path, 1)
 
     class Lost(HereCalls):
-        def each(self, function, items, lost):  # type: ignore[no-untyped-def]
+        def each(self, function, items, lost):
             yield 0, lost(items[0])
 
     run_monte_carlo(study, tmp_path / "study.h5", Lost())

@@ -139,4 +139,4 @@ def test_work_that_is_left_ends_without_a_word() -> None:
 
     results = LocalCalls(2).each(call, range(20))
     next(results)
-    results.close()  # type: ignore[attr-defined]
+    results.close()

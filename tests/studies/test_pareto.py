@@ -19,7 +19,7 @@ POINTS = 6
 
 def question(**changes: object) -> Question:
     asked: dict[str, object] = {"stages": "1,2", "at": (), "points": POINTS, "method": "both", "free": False}
-    return Question(**(asked | changes))  # type: ignore[arg-type]
+    return Question(**(asked | changes))
 
 
 @pytest.fixture(scope="module")

@@ -52,7 +52,7 @@ def test_trends_are_by_threshold_from_the_smallest_ratio_to_the_largest(sweep: S
 
 def test_a_start_that_comes_later_at_a_larger_ratio_breaks_the_trend(sweep: Sweep) -> None:
     def rising(by: float) -> Callable[[float], Numbers]:
-        return starting(lambda ratio: [6.2, numbers(ratio)["actual_start"][1] + by * (ratio > 1e5)])  # type: ignore[index]
+        return starting(lambda ratio: [6.2, numbers(ratio)["actual_start"][1] + by * (ratio > 1e5)])
 
     within, beyond = judged("trend", sweep(of=rising(0.1))), judged("trend", sweep(of=rising(0.2)))
     assert within.difference == pytest.approx(0.1)
@@ -80,7 +80,7 @@ def test_a_start_that_stays_where_it_is_does_not_advance(sweep: Sweep) -> None:
 def test_the_floor_is_broken_more_than_a_sample_before_it(sweep: Sweep) -> None:
     floor = T_S - T_H
     for start, holds in ((floor - 0.09, True), (floor - 0.11, False)):
-        cells = sweep(of=starting(lambda ratio, start=start: [start if ratio > 1e5 else 7.0, 8.0]))  # type: ignore[misc]
+        cells = sweep(of=starting(lambda ratio, start=start: [start if ratio > 1e5 else 7.0, 8.0]))
         found, finding = least_slack(cells), judged("floor", cells)
         assert found.slack == pytest.approx(start - floor)
         assert (found.ratio, found.epsilon) == (pytest.approx(1e6), EPSILONS[0])

@@ -1,7 +1,7 @@
 """Runs the transport task many times with an uncertainty, controller by controller: the table of docs/monte_carlo.md.
 
     python benchmarks/monte_carlo.py [CONTROLLER=RUNS ...] [--jobs N] [-o DIR]
-    python benchmarks/monte_carlo.py psmpc=200 smpc=200 htmpc=50 hard=50        the default, some 45 minutes
+    python benchmarks/monte_carlo.py psmpc=200 smpc=200 htmpc=50 hard=50        the default, some 13 minutes
 
 The results of each controller go to a file in DIR, by default runs/. Stopped, it goes on where it was.
 """

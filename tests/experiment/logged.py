@@ -9,10 +9,10 @@ from psmpc_cli.specs.load import load_task
 from ..there_and_back import TASK
 
 
-def there_and_back(folder: Path, *changes: str, samples: int | None = None, name: str = "log") -> Log:
-    """Return the log of a run there and back, interrupted after so many samples."""
+def there_and_back(folder: Path, *changes: str, samples: int | None = None, name: str = "log", text: str = TASK) -> Log:
+    """Return the log of a run there and back, or of another text, interrupted after so many samples."""
     task, path, told = folder / "task.yaml", folder / f"{name}.h5", []
-    task.write_text(TASK)
+    task.write_text(text)
 
     def watch(progress: Progress) -> None:
         told.append(progress)

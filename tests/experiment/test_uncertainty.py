@@ -9,18 +9,18 @@ import pytest
 from psmpc_cli.errors import InputError
 from psmpc_cli.experiment.compiling import pieces
 from psmpc_cli.experiment.resume import continue_run
-from psmpc_cli.experiment.run import Progress, run
 from psmpc_cli.experiment.setup import build_experiment
 from psmpc_cli.experiment.summary import summarize
 from psmpc_cli.experiment.verify import verify
 from psmpc_cli.logs.differences import compare_logs
-from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.logs.read import Log
 from psmpc_cli.ocp.stages import build_stages
 from psmpc_cli.plant.draw import measurement_noise
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.specs.load import load_task
 
 from ..there_and_back import TASK
+from .logged import there_and_back
 
 CARRY = """\
   - name: carry
@@ -39,17 +39,8 @@ NOISE = "uncertainty.noise={position: 1e-3, angle: 1e-3, velocity: 1e-3, angular
 
 
 def logged(folder: Path, *changes: str, samples: int | None = None, name: str = "log") -> Log:
-    """Return the log of a run, interrupted after so many samples."""
-    task, path, told = folder / "task.yaml", folder / f"{name}.h5", []
-    task.write_text(THREE_STAGES)
-
-    def watch(progress: Progress) -> None:
-        told.append(progress)
-        if len(told) == samples:
-            raise KeyboardInterrupt
-
-    run(load_task(task, changes), path, watch=watch)
-    return read_log(path)
+    """Return the log of a run of three stages, interrupted after so many samples."""
+    return there_and_back(folder, *changes, samples=samples, name=name, text=THREE_STAGES)
 
 
 def held(log: Log) -> np.ndarray:

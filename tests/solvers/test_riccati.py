@@ -13,31 +13,15 @@ from psmpc_cli.ocp.velocity_form import VelocityForm
 from psmpc_cli.ocp.window import bounds, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import Outcome, build_solver, sqp
-from psmpc_cli.solvers.qp_multistage import MultistageQp
 from psmpc_cli.solvers.qp_solution import QpSolution, QpStatus
-from psmpc_cli.solvers.riccati.kernel import load_kernel
-from psmpc_cli.solvers.riccati.program import RiccatiQp
 from psmpc_cli.solvers.sqp_limits import limits
 from psmpc_cli.specs.task import SolverSpec
 
 from ..optimality import energy, objective, optimality
 from ..random_programs import Task, random_task, unattainable
+from .both_methods import our_method, ours, piqp
 
 FEATURES = ("equal", "fixed", "inputs", "tied")
-
-
-def ours(task: Task, tolerance: float = 1e-9) -> QpSolution:
-    layout = task.form.layout
-    kernel = load_kernel(layout.n, layout.switches)
-    if kernel is None:
-        pytest.skip("no C compiler")
-    qp = RiccatiQp(task.form, task.limits.shape, tolerance, kernel)
-    return qp.solve(task.model, task.limits, task.point, task.horizon)
-
-
-def piqp(task: Task, tolerance: float = 1e-9) -> QpSolution:
-    qp = MultistageQp(task.form, task.limits.shape, tolerance)
-    return qp.solve(task.model, task.limits, task.point, task.horizon)
 
 
 def recorded(model: RobotModel, decision: Decision) -> Task:
@@ -117,10 +101,7 @@ def test_a_program_with_numbers_that_are_none_fails(tasks: Sequence[Task]) -> No
 def test_solving_again_gives_the_same(tasks: Sequence[Task]) -> None:
     """No memory is left over from the program before."""
     task, other = tasks[-1], tasks[0]
-    kernel = load_kernel(task.form.layout.n, task.form.layout.switches)
-    if kernel is None:
-        pytest.skip("no C compiler")
-    qp = RiccatiQp(task.form, task.limits.shape, 1e-9, kernel)
+    qp = our_method(task)
     first = qp.solve(task.model, task.limits, task.point, task.horizon)
     qp.solve(other.model, other.limits, other.point, other.horizon)
     again = qp.solve(task.model, task.limits, task.point, task.horizon)

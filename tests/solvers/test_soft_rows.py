@@ -9,14 +9,12 @@ from hypothesis import strategies as st
 
 from psmpc_cli.ocp.soft_limits import PENALTY, scaled_violations, shares_of_time
 from psmpc_cli.ocp.velocity_form import Point
-from psmpc_cli.solvers.qp_multistage import MultistageQp
 from psmpc_cli.solvers.qp_solution import QpSolution, QpStatus
-from psmpc_cli.solvers.riccati.kernel import load_kernel
-from psmpc_cli.solvers.riccati.program import RiccatiQp
 from psmpc_cli.solvers.sqp_limits import NARROWEST_SOFT, moved_apart
 
 from ..optimality import objective
 from ..random_programs import Task, random_task, unattainable
+from .both_methods import ours, piqp
 
 SEEDS, FEATURES = st.integers(0, 2**32 - 1), st.sets(st.sampled_from(("equal", "fixed", "inputs", "tied")))
 NODES = st.sampled_from([(1,), (4,), (3, 2), (2, 3, 2)])
@@ -32,20 +30,6 @@ def moved(task: Task, rng: np.random.Generator) -> Task:
     away = np.where(rng.random(task.limits.X_low.shape) < 1 / 3, rng.normal(size=task.limits.X_low.shape), 0.0)
     limits = replace(task.limits, X_low=task.limits.X_low + away, X_high=task.limits.X_high + away)
     return replace(task, limits=limits)
-
-
-def ours(task: Task, tolerance: float = 1e-9) -> QpSolution:
-    layout = task.form.layout
-    kernel = load_kernel(layout.n, layout.switches)
-    if kernel is None:
-        pytest.skip("no C compiler")
-    qp = RiccatiQp(task.form, task.limits.shape, tolerance, kernel)
-    return qp.solve(task.model, task.limits, task.point, task.horizon)
-
-
-def piqp(task: Task) -> QpSolution:
-    qp = MultistageQp(task.form, task.limits.shape, 1e-9)
-    return qp.solve(task.model, task.limits, task.point, task.horizon)
 
 
 def shares(task: Task) -> np.ndarray:

@@ -15,6 +15,7 @@ import shutil
 import sys
 import tempfile
 import time
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -157,6 +158,7 @@ KINDS: dict[str, Callable[[Random, Path], tuple[bytes, Verdict]]] = {
 def serve(kind: str, first: int, count: int, folder: Path, answers: Connection) -> None:
     """Run cases one after another and tell each."""
     os.chdir(folder)
+    warnings.simplefilter("error")
     kept = states(folder)
     originals = {name: (folder / name).read_bytes() for name in LOGS}
     for seed in range(first, first + count):

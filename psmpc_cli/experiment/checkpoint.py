@@ -7,6 +7,7 @@ import numpy as np
 from psmpc_cli.control.aside import AsideMemory
 from psmpc_cli.control.controller import ControllerMemory
 from psmpc_cli.control.offset_free import Offset
+from psmpc_cli.experiment.delays import Delays
 from psmpc_cli.experiment.measures import Balance
 from psmpc_cli.experiment.setup import Experiment
 
@@ -23,7 +24,7 @@ class Checkpoint:
         aside: What the windows solved aside remember.
         started: Stages whose start has been found.
         balance: Impulse and work so far, with momentum and energy at the start.
-        commands: Controls decided that have not reached the robot yet, (M, n) each; as many as the delay has samples.
+        delays: What is under way between controller and robot.
         offset: What is known of the disturbance, under offset-free control.
     """
 
@@ -34,7 +35,7 @@ class Checkpoint:
     aside: AsideMemory
     started: frozenset[int]
     balance: Balance
-    commands: tuple[np.ndarray, ...] = ()
+    delays: Delays
     offset: Offset | None = None
 
 
@@ -44,7 +45,7 @@ def take_checkpoint(
     x: np.ndarray,
     braking_until: float,
     balance: Balance,
-    commands: tuple[np.ndarray, ...] = (),
+    delays: Delays,
     offset: Offset | None = None,
 ) -> Checkpoint:
     """Return where the closed loop of an experiment stands."""
@@ -56,7 +57,7 @@ def take_checkpoint(
         aside=experiment.aside.memory,
         started=experiment.observer.started,
         balance=balance,
-        commands=commands,
+        delays=delays,
         offset=offset,
     )
 
@@ -64,7 +65,8 @@ def take_checkpoint(
 def first_checkpoint(experiment: Experiment) -> Checkpoint:
     """Return where an experiment stands before its first sample."""
     balance = Balance.at(*experiment.uncertainty.kept(0, experiment.x0))
-    return take_checkpoint(experiment, 0, experiment.x0, np.inf, balance, experiment.uncertainty.first_commands())
+    delays = Delays.at_start(experiment.task, experiment.x0)
+    return take_checkpoint(experiment, 0, experiment.x0, np.inf, balance, delays)
 
 
 def restore(experiment: Experiment, checkpoint: Checkpoint) -> None:

@@ -54,11 +54,12 @@ def simulate(
     start = first_checkpoint(experiment) if start is None else start
     restore(experiment, start)
     sample, x, braking_until = start.sample, start.x, start.braking_until
-    balance, commands, offset = start.balance, start.commands, start.offset
+    balance, delays, offset = start.balance, start.delays, start.offset
     while True:
-        mark(take_checkpoint(experiment, sample, x, braking_until, balance, commands, offset))
+        mark(take_checkpoint(experiment, sample, x, braking_until, balance, delays, offset))
         now, before = sample * task.controller.sample_time, controller.sequence.first
-        seen = uncertainty.measured(sample, x)
+        measured = uncertainty.measured(sample, x)
+        seen = delays.foreseen(measured)
         switches = controller.hand_over(now, seen)
         if (ending := _ending(experiment, now, seen, x, braking_until)) is not None:
             return replace(ending, switches=(*switches, *ending.switches))
@@ -68,8 +69,7 @@ def simulate(
         braking_until = decision.plan.end if decision.exhausted else np.inf
         edges = tick_edges(experiment, now)
         commanded, offset = command(experiment, decision, offset)
-        u, *rest = *commands, commanded
-        commands = tuple(rest)
+        u, delays = delays.after(measured, commanded, offset)
         presence = experiment.observer.observe(decision, decision.x, edges[[0, -1]])
         shares = control_shares(experiment.aside, decision, decision.x, edges[:2]) if task.log.shares else {}
         ticks = uncertainty.advance(experiment.plant, sample, now, contact.x, u, stage)

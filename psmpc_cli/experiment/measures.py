@@ -75,8 +75,8 @@ class Sample:
 def measure(experiment: Experiment, decision: Decision, sample: Sample) -> Record:
     """Return the record of a sample; how the motion went is of the true state where that is not the measured one."""
     n, uncertainty, seen = experiment.model.n, experiment.uncertainty, decision.x
-    noisy, ticks, u = uncertainty.spec.measures_with_noise, sample.ticks, sample.u
-    x = sample.x if noisy else seen
+    exact, ticks, u = experiment.task.sees_the_state, sample.ticks, sample.u
+    x = seen if exact else sample.x
     stage = experiment.stages[decision.sequence.first]
     tick, since = np.diff(ticks.time), ticks.time[:1] - decision.sequence.entered
     base = experiment.model.parts["base"]
@@ -118,7 +118,7 @@ def measure(experiment: Experiment, decision: Decision, sample: Sample) -> Recor
         basin=decision.solved.basin,
         plan_deviation=ticks.X[-1] - decision.plan.states_at(ticks.time[-1:])[0],
         end_errors=_end_errors(experiment, decision, ticks),
-        true=sample.x if noisy else None,
+        true=None if exact else sample.x,
         disturbance=None if sample.offset is None else sample.offset.d,
         payload=(uncertainty.holds(stage.index), sample.contact.work) if uncertainty.spec.payload else None,
     )

@@ -19,6 +19,7 @@ from psmpc_cli.control.shares import control_shares
 from psmpc_cli.control.window_solver import SolvedWindow
 from psmpc_cli.errors import LogError
 from psmpc_cli.experiment.checkpoint import Checkpoint, first_checkpoint, take_checkpoint
+from psmpc_cli.experiment.delays import Delays
 from psmpc_cli.experiment.logged_window import (
     LoggedSequence,
     LoggedSolve,
@@ -96,7 +97,8 @@ def checkpoint_at(log: Log, experiment: Experiment, sequences: Sequence[LoggedSe
     sample = len(sequences)
     counts = _first_that_counts(log, sample)
     experiment.observer.started = _started(log, experiment, counts)
-    braking_until, commands = np.inf, experiment.uncertainty.first_commands()
+    uncertainty, braking_until = experiment.uncertainty, np.inf
+    delays = Delays.at_start(experiment.task, experiment.x0)
     offset: Offset | None = None
     for decision in _decisions(log, experiment, sequences):
         k = round(decision.prediction.start / experiment.task.controller.sample_time)
@@ -104,9 +106,9 @@ def checkpoint_at(log: Log, experiment: Experiment, sequences: Sequence[LoggedSe
             _look_aside(experiment, decision, logged_state(log, k))
         braking_until = decision.plan.end if decision.exhausted else np.inf
         commanded, offset = command(experiment, decision, offset)
-        commands = (*commands, commanded)[1:]
+        _, delays = delays.after(uncertainty.measured(k, true_state(log, k)), commanded, offset)
     balance = _balance_at(log, experiment, sample)
-    return take_checkpoint(experiment, sample, true_state(log, sample), braking_until, balance, commands, offset)
+    return take_checkpoint(experiment, sample, true_state(log, sample), braking_until, balance, delays, offset)
 
 
 def _first_that_counts(log: Log, sample: int) -> int:

@@ -193,7 +193,7 @@ def _uncertain(experiment: Experiment) -> _Uncertain:
         "uncertainty/centre_of_mass": draw.offset,
     }
     return {
-        "noisy": spec.measures_with_noise,
+        "noisy": not experiment.task.sees_the_state,
         "payload": spec.payload is not None,
         "bodies": body_names(experiment.model.spec) if spec.in_force else (),
         "drawn": drawn if spec.in_force else {},

@@ -51,10 +51,6 @@ class Uncertainty:
         free, holding = self._true, self._with_payload(self._true)
         return (take_up if self.holds(after) else let_go)(self._robot, x, free, holding)
 
-    def first_commands(self) -> tuple[np.ndarray, ...]:
-        """Return the controls on their way to the robot before the first sample, none of them any (M, n) each."""
-        return (np.zeros((self._ticks, self._model.n)),) * self.spec.delay
-
     def advance(self, plant: Plant, sample: int, start: float, x: np.ndarray, u: np.ndarray, stage: int) -> Ticks:
         """Advance over a sample of a stage from the true state x (2n,), u (M, n) applied one a tick.
 

@@ -183,6 +183,8 @@ def _check(quantity: Quantity, quantities: Mapping[str, Quantity]) -> None:
         raise ValueError(f"{quantity.name} does not fit its coordinates")
     if quantity.values.dtype.kind not in "fiuU":
         raise ValueError(f"{quantity.name} holds neither numbers nor texts")
+    if quantity.values.dtype.kind == "f" and quantity.values.dtype != np.float64:
+        raise ValueError(f"{quantity.name} has type {quantity.values.dtype}, not float64")
     if quantity.meanings and not np.isin(quantity.values, np.arange(len(quantity.meanings))).all():
         raise ValueError(f"{quantity.name} holds a code without a meaning")
     ensure_believable(quantity.name, quantity.values)

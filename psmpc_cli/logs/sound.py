@@ -83,8 +83,9 @@ def _check_names(path: str, names: np.ndarray) -> None:
 
 def _check(entry: Column | Table, values: np.ndarray, shape: tuple[int, ...]) -> None:
     """Check kind, size and numbers of an array."""
-    kind = "U" if entry.dtype in ("text", "S16") else np.dtype(entry.dtype).kind
-    if values.dtype.kind != kind or values.shape != shape:
+    text = entry.dtype in ("text", "S16")
+    right = values.dtype.kind == "U" if text else values.dtype == np.dtype(entry.dtype)
+    if not right or values.shape != shape:
         raise ValueError(
             f"{entry.path} has shape {values.shape} and type {values.dtype}, not {shape} and {entry.dtype}"
         )

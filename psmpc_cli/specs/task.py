@@ -68,6 +68,9 @@ class ControllerSpec(Choice):
     soft_limits: Flag | None = Field(
         None, description="limits on states give way where they must; default: where measurements are noisy"
     )
+    known_delay: Whole = Field(
+        0, ge=0, description="samples of `uncertainty.delay` that the controller foresees the state over"
+    )
     offset_free: Flag = Field(False, description="estimate a constant disturbance and take it off the control")
     offset_gain: Positive = Field(0.3, le=1, description="offset_free: gain of the estimate's filter a sample")
     htmpc: HtmpcSpec = Field(HtmpcSpec(), description="what only the lexicographic controller needs")
@@ -242,6 +245,11 @@ class TaskSpec(Spec):
     log: LogSpec = Field(LogSpec(), description="what the log holds beyond the samples")
     time_limit: Positive = Field(60.0, description="time after which the run is stopped [s]")
     seed: Whole = Field(0, ge=0, description="seed of everything random")
+
+    @property
+    def sees_the_state(self) -> bool:
+        """Whether the controller decides from the true state."""
+        return not (self.uncertainty.measures_with_noise or self.controller.known_delay)
 
     @property
     def limits_are_soft(self) -> bool:

@@ -14,7 +14,7 @@ from psmpc_cli.specs.checks.solver import check_mesh, check_solver
 from psmpc_cli.specs.checks.stages import check_stages
 from psmpc_cli.specs.checks.timing import check_timing
 from psmpc_cli.specs.checks.trajectories import check_times, check_trajectories
-from psmpc_cli.specs.checks.uncertainty import check_uncertain_parts, check_uncertainty
+from psmpc_cli.specs.checks.uncertainty import check_known_delay, check_uncertain_parts, check_uncertainty
 from psmpc_cli.specs.complaints import complain
 from psmpc_cli.specs.cursor import Cursor
 from psmpc_cli.specs.document import Document
@@ -66,6 +66,7 @@ def _check_task(task: Cursor, robot: RobotSpec | None) -> Iterator[Problem]:
     yield from check_times(task)
     yield from check_priorities(task)
     yield from check_uncertainty(task)
+    yield from check_known_delay(task)
     if robot is not None:
         yield from check_parts(task, robot)
         yield from check_trajectories(task, robot)

@@ -166,6 +166,36 @@ def test_a_delay_shifts_the_controls(tmp_path: Path, plant: str) -> None:
     assert np.abs(late["control/u"][3] - prompt["control/u"][1]).max() > 1e-3
 
 
+@pytest.mark.parametrize("offset_free", ["false", "true"])
+def test_a_known_delay_is_foreseen_exactly_by_the_plant_of_the_plans(tmp_path: Path, offset_free: str) -> None:
+    changes = ("plant.kind=ideal", "log.shares=false", f"controller.offset_free={offset_free}")
+    prompt = logged(tmp_path, *changes)
+    known = logged(tmp_path, *changes, "uncertainty.delay=3", "controller.known_delay=3", name="known")
+    assert len(prompt.time) == len(known.time)
+    np.testing.assert_allclose(known["state/Q"], known["state/Q_true"], atol=1e-12)
+    np.testing.assert_allclose(known["state/Q_true"], prompt["state/Q"], atol=1e-7)
+
+
+def test_a_known_delay_is_told_late_of_what_is_not_foreseen(tmp_path: Path) -> None:
+    """A blow in the second sample is measured at the third, which a delay of one sample makes the fourth."""
+    blow = ("uncertainty.impulse={at: 0.15, linear: [0, 2]}", "plant.kind=rk4", *LIGHT)
+    known = ("uncertainty.delay=1", "controller.known_delay=1")
+    log, quiet = (
+        logged(tmp_path, *changes, samples=5, name=name)
+        for changes, name in (((*blow, *known), "blow"), ((*blow[1:], *known), "quiet"))
+    )
+    seen, true = (np.abs(log[name] - quiet[name]).max(axis=1) for name in ("state/Qdot", "state/Qdot_true"))
+    assert true[1] < 1e-9 < 1e-2 < true[2]
+    assert seen[2] < 1e-9 < 1e-2 < seen[3]
+
+
+def test_what_is_known_of_a_delay_may_be_less_than_it_is(tmp_path: Path) -> None:
+    changes = ("plant.kind=ideal", "log.shares=false", "uncertainty.delay=3")
+    part = logged(tmp_path, *changes, "controller.known_delay=1", samples=5)
+    assert (part["control/u"][:2] == 0).all()
+    assert np.abs(part["control/u"][2]).max() > 1e-3
+
+
 def test_an_impulse_comes_at_its_tick(tmp_path: Path) -> None:
     blow = "uncertainty.impulse={at: 0.23, linear: [0, 2], angular: 0.1}"
     log, quiet = (
@@ -181,6 +211,12 @@ GOES_ON = {
     "noise and a payload": ((BODIES, PAYLOAD, NOISE), 14),
     "before the take-up": ((PAYLOAD, NOISE), 6),
     "delayed controls": ((PAYLOAD, NOISE, "uncertainty.delay=2"), 5),
+    "a known delay": ((BODIES, PAYLOAD, NOISE, "uncertainty.delay=3", "controller.known_delay=2"), 6),
+    "a known delay, from the first sample on": (("uncertainty.delay=2", "controller.known_delay=2"), 1),
+    "integral action over a known delay": (
+        (PAYLOAD, "controller.offset_free=true", "uncertainty.delay=1", "controller.known_delay=1"),
+        8,
+    ),
     "integral action": ((PAYLOAD, NOISE, "controller.offset_free=true", "uncertainty.delay=1"), 8),
     "a blow": (("uncertainty.impulse={at: 0.55, linear: [0, 2]}", BODIES), 4),
 }

@@ -99,6 +99,16 @@ def test_a_cut_off_file_is_refused(path: Path) -> None:
         read_results(path, SWEEP)
 
 
+def test_numbers_of_another_width_are_refused(path: Path) -> None:
+    """They would overflow where ours do not."""
+    with h5py.File(path, "r+") as file:
+        del file["spent"]
+        file["spent"] = np.float32(3e38)
+        file["spent"].attrs.update({"units": "s", "long_name": "time spent"})
+    with pytest.raises(LogError, match="spent has type float32, not float64"):
+        read_results(path, SWEEP)
+
+
 def test_dimension_scales_name_every_dimension(path: Path) -> None:
     with h5py.File(path) as file:
         assert [dimension[0].name for dimension in file["start"].dims] == ["/row", "/column"]

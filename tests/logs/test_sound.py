@@ -45,6 +45,7 @@ UNSOUND: list[tuple[Change, str]] = [
     (attribute("task_yaml", 5), "the attribute task_yaml is no text"),
     (attribute("finished", "yes"), "the attribute finished is neither true nor false"),
     (other("state/Q", np.zeros((3, 7))), "state/Q has shape (3, 7) and type float64, not (3, 3) and f8"),
+    (other("state/Q", np.full((3, 3), 3e38, "f4")), "state/Q has shape (3, 3) and type float32, not (3, 3) and f8"),
     (other("window/count", np.ones(3)), "window/count has shape (3,) and type float64, not (3,) and i4"),
     (other("final/Q", np.zeros(4)), "final/Q has shape (4,) and type float64, not (3,) and f8"),
     (entry("time", 1, 0.0), "time does not rise"),

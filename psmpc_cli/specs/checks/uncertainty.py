@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 from psmpc_cli.specs.checks.names import stage_names
 from psmpc_cli.specs.checks.parts import check_keys, joints, wanted_length
 from psmpc_cli.specs.cursor import Cursor
+from psmpc_cli.specs.document import counted
 from psmpc_cli.specs.problem import Problem, quoted
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import ControllerSpec, PlantSpec, TaskSpec
@@ -33,6 +34,17 @@ def check_uncertainty(task: Cursor) -> Iterator[Problem]:
     if spec.payload is not None:
         yield from _payload(task)
     yield from _times(task, spec)
+
+
+def check_known_delay(task: Cursor) -> Iterator[Problem]:
+    """Give a delay that the controller knows of and that is not there."""
+    controller, place = task["controller"].valid(ControllerSpec), task["uncertainty"]
+    spec = place.valid(UncertaintySpec) if place.exists else UncertaintySpec()
+    if controller is not None and spec is not None and controller.known_delay > spec.delay:
+        yield task["controller"]["known_delay"].problem(
+            f"found {controller.known_delay}, expected at most the {counted(spec.delay, 'sample', 'samples')} of "
+            "uncertainty.delay"
+        )
 
 
 def check_uncertain_parts(task: Cursor, robot: RobotSpec) -> Iterator[Problem]:

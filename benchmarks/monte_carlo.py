@@ -12,14 +12,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
+from pages import write_between
 
 from psmpc_cli.experiment.monte_carlo_runs import MonteCarloRuns, read_monte_carlo
 from psmpc_cli.studies.monte_carlo import load_monte_carlo, run_monte_carlo
 from psmpc_cli.studies.parallel import LocalCalls
 from psmpc_cli.studies.sweep import SweepProgress
-
-PAGE = Path(__file__).parents[1] / "docs" / "monte_carlo.md"
-BEGIN, END = "<!-- results -->\n", "<!-- end of results -->"
 
 RUNS = {"psmpc": 200, "smpc": 200, "htmpc": 50, "hard": 50}
 """How many runs of each controller."""
@@ -102,13 +100,6 @@ def failures(runs: MonteCarloRuns) -> Mapping[str, list[int]]:
     return found
 
 
-def write(lines: Iterator[str]) -> None:
-    """Write the table between its markers."""
-    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-    _, _, after = rest.partition(END)
-    PAGE.write_text(before + BEGIN + "".join(f"{line}\n" for line in lines) + END + after, encoding="utf-8")
-
-
 def main() -> None:
     """Measure and write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -122,7 +113,7 @@ def main() -> None:
     if given.print:
         print("\n".join(table(measured)))
     else:
-        write(table(measured))
+        write_between("monte_carlo.md", "results", table(measured))
 
 
 if __name__ == "__main__":

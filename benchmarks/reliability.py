@@ -21,11 +21,11 @@ from pathlib import Path
 
 import numpy as np
 from faults import Fault, Struck, during, meaningless, not_converging, pushed, raising, simulate, strike, unmeasured
+from pages import write_between
 
 from psmpc_cli.experiment.summary import summarize
 from psmpc_cli.logs.read import Log, read_log
 
-PAGE = Path(__file__).parents[1] / "docs" / "reliability.md"
 TASK = ("controller.nodes=25", "log.shares=false")
 SQP = (*TASK, "solver.kind=sqp")
 WEAK = (*SQP, "limits={base: {acceleration: [0.1, 0.1, 0.1]}}")
@@ -243,11 +243,7 @@ def main() -> int:
             lines = list(table(Path(folder), told))
         unsafe += sum(not safe for _, safe in lines)
         sys.stderr.writelines(f"NOT AS IT SHOULD BE: {line}\n" for line, safe in lines if not safe)
-        begin, end = f"<!-- {marker} -->\n", f"<!-- end of {marker} -->"
-        before, _, rest = PAGE.read_text(encoding="utf-8").partition(begin)
-        _, _, after = rest.partition(end)
-        page = before + begin + "".join(f"{line}\n" for line, _ in lines) + end + after
-        PAGE.write_text(page, encoding="utf-8")
+        write_between("reliability.md", marker, [line for line, _ in lines])
     return unsafe
 
 

@@ -38,7 +38,7 @@ def print_task(task: LoadedTask, outlooks: Sequence[Outlook]) -> None:
     )
     if spec.priorities is not None:
         typer.echo(_comparisons(spec.priorities, [stage.name for stage in spec.stages]))
-    for line in uncertainty_in_words(spec.uncertainty, spec.object, spec.seed):
+    for line in uncertainty_in_words(spec):
         typer.echo(line)
     sections = [_stage(task, outlook) for outlook in outlooks]
     _print(("stage", "part", "target", "ends within", "distance of reach", "not before"), sections)

@@ -3,18 +3,22 @@
 from collections.abc import Iterator, Mapping
 
 from psmpc_cli.specs.document import counted
-from psmpc_cli.specs.task import ObjectSpec
+from psmpc_cli.specs.task import ObjectSpec, TaskSpec
 from psmpc_cli.specs.uncertainty import FrictionSpec, PayloadSpec, UncertaintySpec
 
 NOISE_UNITS = {"position": "m", "angle": "rad", "velocity": "m/s", "angular_velocity": "rad/s"}
 
 
-def uncertainty_in_words(spec: UncertaintySpec, target: ObjectSpec | None, seed: int) -> list[str]:
-    """Return a line for everything the controller of a task does not know; none where there is nothing."""
-    found = [*_robot(spec), *_measurement(spec), *_forces(spec)]
-    if spec.payload is not None and target is not None:
-        found.append(_payload(spec.payload, target))
-    return [f"unknown to the controller (seed {seed}): {found[0]}", *found[1:]] if found else []
+def uncertainty_in_words(task: TaskSpec) -> list[str]:
+    """Return a line for all the controller of a task does not know, and for delays; none where there is nothing."""
+    spec = task.uncertainty
+    unknown = [*_robot(spec), *_measurement(spec), *_forces(spec)]
+    if spec.payload is not None and task.object is not None:
+        unknown.append(_payload(spec.payload, task.object))
+    late = list(_delay(spec.delay, task.controller.known_delay))
+    if unknown:
+        unknown[0] = f"unknown to the controller (seed {task.seed}): {unknown[0]}"
+    return [*unknown, *late]
 
 
 def _robot(spec: UncertaintySpec) -> Iterator[str]:
@@ -40,8 +44,13 @@ def _measurement(spec: UncertaintySpec) -> Iterator[str]:
     if spec.measures_with_noise:
         said = [f"{name.replace('_', ' ')} {noise[name]:g} {unit}" for name, unit in NOISE_UNITS.items() if noise[name]]
         yield f"noise of the measurement, standard deviation of {', '.join(said)}"
-    if spec.delay:
-        yield f"controls reach the robot {counted(spec.delay, 'sample', 'samples')} late"
+
+
+def _delay(delay: int, known: int) -> Iterator[str]:
+    if delay:
+        foreseen = {0: "unknown to the controller", delay: "as the controller foresees"}
+        some = f"{known} of which the controller foresees"
+        yield f"controls reach the robot {counted(delay, 'sample', 'samples')} late, {foreseen.get(known, some)}"
 
 
 def _forces(spec: UncertaintySpec) -> Iterator[str]:

@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -14,9 +14,13 @@ import pytest
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError, RunError
+from psmpc_cli.experiment.monte_carlo_runs import ENDED
+from psmpc_cli.logs.layout import MONTE_CARLO
+from psmpc_cli.logs.results import Quantity, read_results
 from psmpc_cli.studies import cluster as cluster_module
 from psmpc_cli.studies import cluster_client
 from psmpc_cli.studies.cluster import DaskCalls
+from psmpc_cli.studies.monte_carlo import load_monte_carlo, run_monte_carlo
 from psmpc_cli.studies.parallel import LocalCalls
 from psmpc_cli.studies.sampling import grid_sampling
 from psmpc_cli.studies.sweep import load_sweep_task, run_sweep
@@ -62,17 +66,33 @@ def pretended(cluster: DaskCluster, version: str, *, module: str) -> Iterator[No
             client.run(tell, __version__)
 
 
+def assert_alike(here: Mapping[str, Quantity], there: Mapping[str, Quantity]) -> None:
+    """Assert that the results of two studies are equal but for times that were measured."""
+    for name, quantity in here.items():
+        if "wall time" not in quantity.long_name:
+            np.testing.assert_array_equal(there[name].values, quantity.values, err_msg=name)
+
+
 def test_a_sweep_on_a_cluster_is_the_sweep_on_this_machine(tmp_path: Path, cluster: DaskCluster) -> None:
     (tmp_path / "task.yaml").write_text(TASK)
     task = load_sweep_task(str(tmp_path / "task.yaml"), ("controller.nodes=12",), ())
     sweep = Sweep(task, (0, 1), grid_sampling("3", (0.1, 10.0)), False)
     run_sweep(sweep, tmp_path / "here.h5", LocalCalls(1))
     run_sweep(sweep, tmp_path / "there.h5", DaskCalls(cluster.address))
-    here, there = read_sweep(tmp_path / "here.h5"), read_sweep(tmp_path / "there.h5")
+    there = read_sweep(tmp_path / "there.h5")
     assert there["status"].tolist() == [COMPUTED] * 3
-    for name, quantity in here.quantities.items():
-        if "wall time" not in quantity.long_name:
-            np.testing.assert_array_equal(there[name], quantity.values, err_msg=name)
+    assert_alike(read_sweep(tmp_path / "here.h5").quantities, there.quantities)
+
+
+def test_monte_carlo_runs_on_a_cluster_are_those_on_this_machine(tmp_path: Path, cluster: DaskCluster) -> None:
+    (tmp_path / "task.yaml").write_text(TASK)
+    noise = ("uncertainty.noise={position: 1e-3, angle: 1e-3}", "controller.nodes=12")
+    study = load_monte_carlo(str(tmp_path / "task.yaml"), noise, 3)
+    run_monte_carlo(study, tmp_path / "here.h5", LocalCalls(1))
+    run_monte_carlo(study, tmp_path / "there.h5", DaskCalls(cluster.address))
+    here, there = (read_results(tmp_path / name, MONTE_CARLO) for name in ("here.h5", "there.h5"))
+    assert there["status"].tolist() == [ENDED] * 3
+    assert_alike(here.quantities, there.quantities)
 
 
 def test_a_killed_worker_costs_no_result(tmp_path: Path, cluster: DaskCluster) -> None:

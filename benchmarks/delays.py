@@ -1,0 +1,80 @@
+"""Runs the transport task with late controls, known and not: the table of docs/reliability.md on delays.
+
+    python benchmarks/delays.py [--runs N] [--jobs N] [-o DIR]          20 runs a row, some 3 minutes on two cores
+
+The results go to files in DIR, by default runs/. Stopped, it goes on where it was.
+"""
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from monte_carlo import UNCERTAINTY, failures, spread
+from pages import write_between
+
+from psmpc_cli.experiment.monte_carlo_runs import MonteCarloRuns, read_monte_carlo
+from psmpc_cli.studies.monte_carlo import load_monte_carlo, run_monte_carlo
+from psmpc_cli.studies.parallel import LocalCalls
+
+ROWS = ((0, 0, 0.03), (1, 0, 0.03), (1, 0, 1.0), (1, 1, 0.03), (2, 1, 0.03), (2, 2, 0.03), (5, 5, 0.03), (10, 10, 0.03))
+"""Samples of delay, how many of them the controller knows of, and W_r."""
+
+HEADINGS = (
+    "delay [samples]",
+    "known",
+    "W_r",
+    "succeeded",
+    "ends [s]",
+    "final error [tolerances]",
+    "effort",
+    "failed solves a run",
+    "why runs fail",
+)
+
+
+def measure(delay: int, known: int, weight: float, count: int, directory: Path, jobs: int) -> MonteCarloRuns:
+    """Make the runs of a row that its file lacks, and return all of them."""
+    weights = (f"skills.{skill}.weights.control={weight}" for skill in ("move", "reach"))
+    late = (f"uncertainty.delay={delay}", f"controller.known_delay={known}")
+    study = load_monte_carlo("transport", ("controller.nodes=25", UNCERTAINTY, *late, *weights), count)
+    path = directory / f"delay-{delay}-{known}-{weight:g}.h5"
+    run_monte_carlo(study, path, LocalCalls(jobs), resume=path.exists())
+    return read_monte_carlo(path)
+
+
+def row(delay: int, known: int, weight: float, runs: MonteCarloRuns) -> tuple[str, ...]:
+    """Return what became of the runs of a row."""
+    return (
+        str(delay),
+        str(known),
+        f"{weight:g}",
+        f"{int(runs.succeeded.sum())} of {int(runs.made.sum())}",
+        spread(runs.end_time, 1),
+        spread(runs["final_error"], 2),
+        spread(runs["control_effort"], 0),
+        f"{np.maximum(runs['fallbacks'], 0).mean():.1f}",
+        "; ".join(f"{len(seeds)}: {reason}" for reason, seeds in failures(runs).items()),
+    )
+
+
+def table(count: int, directory: Path, jobs: int) -> Iterator[str]:
+    """Give the lines of the table."""
+    yield f"| {' | '.join(HEADINGS)} |"
+    yield "|---" * len(HEADINGS) + "|"
+    for delay, known, weight in ROWS:
+        yield f"| {' | '.join(row(delay, known, weight, measure(delay, known, weight, count, directory, jobs)))} |"
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("-o", dest="directory", type=Path, default=Path("runs"))
+    given = parser.parse_args()
+    write_between("reliability.md", "delays", list(table(given.runs, given.directory, given.jobs)))
+
+
+if __name__ == "__main__":
+    main()

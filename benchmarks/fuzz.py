@@ -27,14 +27,15 @@ from random import Random
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from psmpc_cli.errors import LogError, SpecError
+from psmpc_cli.experiment.monte_carlo_runs import read_monte_carlo
 from psmpc_cli.logs.comparison import read_comparison
-from psmpc_cli.logs.layout import COMPARISON, PARETO, SWEEP
+from psmpc_cli.logs.layout import COMPARISON, MONTE_CARLO, PARETO, SWEEP
 from psmpc_cli.logs.read import kind_of, read_log
 from psmpc_cli.logs.seal import MARK, SIZE, unseal
 from psmpc_cli.specs.load import load_robot, load_task
 from psmpc_cli.studies.pareto_file import read_pareto
 from psmpc_cli.studies.sweep_file import read_sweep
-from tests.bad_input import LINES, Verdict, judged, prepare, states, tidy
+from tests.bad_input import LINES, RESULTS, Verdict, judged, prepare, states, tidy
 from tests.mutated_files import mutated_bytes, mutated_file
 from tests.mutated_text import mutated_description, mutated_line
 
@@ -42,8 +43,6 @@ SHARES = {"yaml": 0.80, "lines": 0.05, "hdf5": 0.14, "commands": 0.01}
 
 SLOW, HANGS = 10.0, 120.0
 """What may take this long: a refusal, and a command that was accepted after all [s]."""
-
-LOGS = ("ended.h5", "part.h5", "compared.h5", "sweep.h5", "fronts.h5")
 
 ON_LOGS: tuple[tuple[str, ...], ...] = (
     ("show", "bad.h5"),
@@ -59,13 +58,14 @@ ON_LOGS: tuple[tuple[str, ...], ...] = (
 )
 
 
-ON_RESULTS = (("show", "bad.h5"), ("plot", "bad.h5", "-o", "new"))
+ON_ANY = (("show", "bad.h5"), ("plot", "bad.h5", "-o", "new"))
 """Those of them for files of every kind."""
 
 READERS: dict[str, Callable[[Path], object]] = {
     COMPARISON: read_comparison,
     SWEEP: read_sweep,
     PARETO: read_pareto,
+    MONTE_CARLO: read_monte_carlo,
 }
 
 
@@ -110,7 +110,7 @@ def told(random: Random, folder: Path) -> tuple[bytes, Verdict]:
 
 def opened(random: Random, folder: Path) -> tuple[bytes, Verdict]:
     """Read a mutated HDF5 file as what it says it is."""
-    fed, path = spoilt(random, folder, LOGS), Path("bad.h5")
+    fed, path = spoilt(random, folder, RESULTS), Path("bad.h5")
     try:
         READERS.get(kind_of(path), read_log)(path)
     except LogError as error:
@@ -124,7 +124,7 @@ def opened(random: Random, folder: Path) -> tuple[bytes, Verdict]:
 def begun(random: Random, folder: Path) -> tuple[bytes, Verdict]:
     """Give a mutated log to any other command."""
     line = random.choice(ON_LOGS)
-    fed = spoilt(random, folder, LOGS if line in ON_RESULTS else ("part.h5", "ended.h5"))
+    fed = spoilt(random, folder, RESULTS if line in ON_ANY else ("part.h5", "ended.h5"))
     return fed, judged(list(line))
 
 
@@ -160,7 +160,7 @@ def serve(kind: str, first: int, count: int, folder: Path, answers: Connection) 
     os.chdir(folder)
     warnings.simplefilter("error")
     kept = states(folder)
-    originals = {name: (folder / name).read_bytes() for name in LOGS}
+    originals = {name: (folder / name).read_bytes() for name in RESULTS}
     for seed in range(first, first + count):
         random = Random(f"{kind} {seed}")
         began = time.perf_counter()

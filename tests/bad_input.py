@@ -19,8 +19,14 @@ from psmpc_cli.logs.comparison import merge_logs
 from psmpc_cli.specs.load import load_task
 
 from .made_up_fronts import made_up_fronts
+from .made_up_monte_carlo import made_up_monte_carlo
 from .made_up_sweep import made_up_sweep
 from .there_and_back import TASK
+
+NOISE, SHORT = "uncertainty.noise.position=1e-3", "time_limit=0.3"
+
+RESULTS = ("ended.h5", "part.h5", "compared.h5", "sweep.h5", "fronts.h5", "runs.h5")
+"""Logs and results of every kind."""
 
 LINES: tuple[tuple[str, ...], ...] = (
     ("show", "ended.h5"),
@@ -44,6 +50,13 @@ LINES: tuple[tuple[str, ...], ...] = (
     ("pareto", "ended.h5", "--stages", "1,9", "--at", "0.5", "--points", "3", "-o", "new.h5"),
     ("sweep-weights", "2x2", "task.yaml", "--stages", "2,9", "--range", "1:10", "--epsilon", "1e-3", "-o", "new.h5"),
     ("sweep-weights", "task.yaml", "--sampling", "random:0", "--jobs", "1"),
+    ("monte-carlo", "task.yaml", "--runs", "2", "--jobs", "1", "-o", "new.h5", "--set", NOISE, "--set", SHORT),
+    ("monte-carlo", "task.yaml", "--runs", "0", "--jobs", "0", "-o", "new.h5"),
+    ("monte-carlo", "task.yaml", "--runs", "9", "--resume", "-o", "runs.h5", "--no-figures"),
+    ("show", "runs.h5"),
+    ("plot", "runs.h5", "--only", "success", "-o", "new"),
+    ("reproduce", "--weights", "0x0", "--fronts", "1", "--jobs", "0", "-o", "new"),
+    ("bench", "--nodes", "0", "--solvers", "pid", "--repeat", "0", "--json", "new.json"),
     ("init", "new"),
     ("schema", "task"),
     ("compile", "nothing.yaml"),
@@ -84,6 +97,7 @@ def prepare(folder: Path) -> None:
     merge_logs({"one": folder / "ended.h5", "two": folder / "part.h5"}, folder / "compared.h5")
     made_up_sweep(folder / "sweep.h5", "3x3", waiting=(1,), failed=(2,))
     made_up_fronts(folder / "fronts.h5", failed=(1,))
+    made_up_monte_carlo(folder / "runs.h5", 5, waiting=(1,), crashed=(2,), task=str(folder / "task.yaml"))
     (folder / "empty.h5").touch()
     (folder / "text.h5").write_text(TASK)
     (folder / "noise.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + Random(0).randbytes(4000))

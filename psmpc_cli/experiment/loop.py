@@ -13,6 +13,10 @@ from psmpc_cli.experiment.checkpoint import Checkpoint, first_checkpoint, restor
 from psmpc_cli.experiment.measures import Sample, measure
 from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.logs.record import Record
+from psmpc_cli.plant import Ticks
+
+BOUND = 1e9
+"""Coordinates, rates and forces beyond it are those of a motion that diverged, in any unit of the SI."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +77,10 @@ def simulate(
         presence = experiment.observer.observe(decision, decision.x, edges[[0, -1]])
         shares = control_shares(experiment.aside, decision, decision.x, edges[:2]) if task.log.shares else {}
         ticks = uncertainty.advance(experiment.plant, sample, now, contact.x, u, stage)
+        if not _is_bounded(ticks):
+            return Ending(
+                False, "the motion diverged, faster than it can be simulated", now, seen, x, switches, stuck=True
+            )
         balance = balance.after(contact).after(ticks)
         happened = Sample(x, switches, contact, presence, shares, u, ticks, balance, offset)
         yield measure(experiment, decision, happened)
@@ -93,6 +101,11 @@ def tick_edges(experiment: Experiment, now: float) -> np.ndarray:
     """Return the beginnings of the low-level ticks in the sample at time now [s], and its end."""
     rate = experiment.task.plant.low_level_rate
     return np.asarray(now + np.arange(round(experiment.task.controller.sample_time * rate) + 1) / rate)
+
+
+def _is_bounded(ticks: Ticks) -> bool:
+    """Tell whether a motion can be simulated and logged: numbers that are finite, and whose squares have a meaning."""
+    return bool((np.abs(ticks.X) < BOUND).all() and (np.abs(ticks.F) < BOUND).all())
 
 
 def _ending(experiment: Experiment, now: float, x: np.ndarray, true: np.ndarray, braking_until: float) -> Ending | None:

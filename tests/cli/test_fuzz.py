@@ -8,19 +8,16 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from ..bad_input import LINES, judged, prepare, states, tidy
+from ..bad_input import LINES, RESULTS, judged, prepare, states, tidy
+from ..fuzzing import fuzzing
 from ..mutated_files import mutated_bytes, mutated_file
 from ..mutated_text import mutated_line
 
 CHANGES = {"--force", "--continue"}
 """What lets psmpc change a file that is there."""
-
-fuzzing = settings(
-    max_examples=30, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +35,7 @@ def inside(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     assert tidy(folder, kept) == []
 
 
-@fuzzing
+@fuzzing(120)
 @given(st.integers(0, 2**32))
 def test_mutated_command_line_is_done_or_refused(inside: Path, seed: int) -> None:
     random = Random(seed)
@@ -49,9 +46,10 @@ def test_mutated_command_line_is_done_or_refused(inside: Path, seed: int) -> Non
         assert tidy(inside, kept) == []
 
 
-@fuzzing
+@fuzzing(120)
 @given(
-    seed=st.integers(0, 2**32), name=st.sampled_from(["part.h5", "ended.h5", "compared.h5", "sweep.h5", "fronts.h5"])
+    seed=st.integers(0, 2**32),
+    name=st.sampled_from(RESULTS),
 )
 def test_mutated_file_is_shown_or_refused(inside: Path, seed: int, name: str) -> None:
     random, path = Random(seed), inside / "bad.h5"

@@ -206,3 +206,12 @@ def test_a_log_that_is_removed_ends_the_run(faulty: Start, tmp_path: Path) -> No
     with pytest.raises(RunError, match="was removed or replaced while the run went on"):
         faulty(Fault(push=remove), path=log)
     assert not log.exists()
+
+
+@pytest.mark.parametrize("rate", [1e12, np.inf, np.nan])
+def test_a_motion_that_diverges_ends_the_run_before_its_numbers_lose_their_meaning(faulty: Start, rate: float) -> None:
+    run = faulty(pushed(1.0, x=rate))
+    assert run.stuck and not run.summary.completed
+    assert run.summary.reason == "the motion diverged, faster than it can be simulated"
+    assert run.log.final["time"] == run.log.time[-1] + 0.1 == pytest.approx(0.9)
+    assert all(np.isfinite(run.log.final[name]).all() for name in ("Q", "Qdot", "xi"))

@@ -5,10 +5,11 @@ from random import Random
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import LogError
+from psmpc_cli.experiment.monte_carlo_runs import read_monte_carlo
 from psmpc_cli.logs.comparison import merge_logs, read_comparison
 from psmpc_cli.logs.layout import PARETO, SWEEP
 from psmpc_cli.logs.read import read_log
@@ -16,7 +17,9 @@ from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.seal import unseal
 from psmpc_cli.logs.write import LogWriter
 
+from ..fuzzing import fuzzing
 from ..made_up_fronts import made_up_fronts
+from ..made_up_monte_carlo import made_up_monte_carlo
 from ..made_up_sweep import made_up_sweep
 from ..mutated_files import mutated_bytes, mutated_file
 from .records import HEADER, LEAN, record
@@ -26,11 +29,8 @@ READERS = {
     "comparison": read_comparison,
     "sweep": lambda path: read_results(path, SWEEP),
     "fronts": lambda path: read_results(path, PARETO),
+    "runs": read_monte_carlo,
 }
-
-fuzzing = settings(
-    max_examples=25, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +45,7 @@ def contents(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     merge_logs({"one": folder / "log", "two": folder / "lean"}, folder / "comparison")
     made_up_sweep(folder / "sweep", "3x3")
     made_up_fronts(folder / "fronts")
+    made_up_monte_carlo(folder / "runs")
     return {name: (folder / name).read_bytes() for name in READERS}
 
 
@@ -59,7 +60,7 @@ def is_read_or_refused(kind: str, path: Path) -> bool:
 
 
 @pytest.mark.parametrize("kind", READERS)
-@fuzzing
+@fuzzing(100)
 @given(seed=st.integers(0, 2**32), sealed=st.booleans())
 def test_damaged_bytes_are_read_or_refused(
     tmp_path: Path, contents: dict[str, bytes], kind: str, seed: int, sealed: bool
@@ -73,7 +74,7 @@ def test_damaged_bytes_are_read_or_refused(
 
 
 @pytest.mark.parametrize("kind", READERS)
-@fuzzing
+@fuzzing(100)
 @given(seed=st.integers(0, 2**32))
 def test_what_a_stranger_makes_of_a_file_is_read_or_refused(
     tmp_path: Path, contents: dict[str, bytes], kind: str, seed: int

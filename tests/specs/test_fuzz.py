@@ -3,7 +3,7 @@
 from random import Random
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
@@ -12,6 +12,7 @@ from psmpc_cli.specs.files import LARGEST
 from psmpc_cli.specs.load import load_robot, load_task, parse_task
 from psmpc_cli.specs.overrides import LONGEST
 
+from ..fuzzing import fuzzing
 from ..mutated_text import mutated_description
 
 TRANSPORT = load_task("transport")
@@ -35,9 +36,7 @@ def is_clear(error: SpecError) -> bool:
     return len(str(error)) < 30_000 and all(line.replace("\t", " ").isprintable() for line in str(error).split("\n"))
 
 
-@settings(
-    max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@fuzzing(600)
 @given(seed=st.integers(0, 2**32), of_robot=st.booleans())
 def test_mutated_file_is_loaded_or_refused(tmp_path_factory: pytest.TempPathFactory, seed: int, of_robot: bool) -> None:
     path = tmp_path_factory.getbasetemp() / "mutated.yaml"

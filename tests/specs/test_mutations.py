@@ -5,13 +5,15 @@ import re
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs import effective
 from psmpc_cli.specs.document import Data, read
 from psmpc_cli.specs.load import load_task, parse_task
+
+from ..fuzzing import fuzzing
 
 TASK, ROBOT = (read("original", text) for text in (load_task("transport").task_yaml, load_task("transport").robot_yaml))
 TWO_ROWS = "times: [0, 16], base: [[0, 0, 0], [0.8, 0, 0]], arms: [[0, 1, 0], [1, 1, 0]]"
@@ -39,7 +41,7 @@ def mutate(data: Any, path: tuple[str | int, ...], action: str, value: Any) -> A
 
 
 @pytest.mark.parametrize("document", [TASK, MOVING, ROBOT], ids=["task", "moving", "robot"])
-@settings(max_examples=70, deadline=None)
+@fuzzing(300)
 @given(data=st.data())
 def test_mutated_description_is_loaded_or_refused(document: Any, data: st.DataObject) -> None:
     changed = document.data
@@ -66,7 +68,7 @@ steps = st.sampled_from(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@fuzzing(600)
 @given(st.lists(st.lists(steps, min_size=1, max_size=6).map("".join), min_size=1, max_size=3))
 def test_any_override_is_applied_or_refused_as_it_was_given(overrides: list[str]) -> None:
     try:

@@ -2,13 +2,14 @@
 
     python benchmarks/fuzz.py [COUNT] [KIND ...] [--from SEED] [--notes N]
 
-COUNT is the number of mutations, 100000 by default, spread over the kinds: yaml, lines, hdf5, commands. Every case has
-a seed and is made again with `python benchmarks/fuzz.py 1 KIND --from SEED`. Each kind runs in a process of its own,
-which is started again where a case ends it or hangs. The exit code is 1 if anything was met that must not happen.
+COUNT is the number of distinct mutations, 100000 by default, spread over the kinds: yaml, lines, hdf5, commands. Every
+case has a seed and is made again with `python benchmarks/fuzz.py 1 KIND --from SEED`; what was fed before is not counted
+again. Each kind runs in a process of its own, which is started again where a case ends it or hangs. The exit code is 1 if anything was met that must not happen.
 """
 
 import argparse
 import hashlib
+import itertools
 import multiprocessing
 import os
 import shutil
@@ -155,13 +156,13 @@ KINDS: dict[str, Callable[[Random, Path], tuple[bytes, Verdict]]] = {
 }
 
 
-def serve(kind: str, first: int, count: int, folder: Path, answers: Connection) -> None:
+def serve(kind: str, first: int, folder: Path, answers: Connection) -> None:
     """Run cases one after another and tell each."""
     os.chdir(folder)
     warnings.simplefilter("error")
     kept = states(folder)
     originals = {name: (folder / name).read_bytes() for name in RESULTS}
-    for seed in range(first, first + count):
+    for seed in itertools.count(first):
         random = Random(f"{kind} {seed}")
         began = time.perf_counter()
         fed, verdict = KINDS[kind](random, folder)
@@ -178,19 +179,19 @@ def serve(kind: str, first: int, count: int, folder: Path, answers: Connection) 
         answers.send(Case(seed, verdict, seconds, hashlib.sha256(fed).hexdigest()))
 
 
-def cases(kind: str, first: int, count: int) -> Iterator[Case]:
+def cases(kind: str, first: int) -> Iterator[Case]:
     """Give every case of a kind; the process that runs them is started again where one ends it or hangs."""
     spawn = multiprocessing.get_context("spawn")
-    seed, end = first, first + count
-    while seed < end:
+    seed = first
+    while True:
         with tempfile.TemporaryDirectory(prefix="psmpc-fuzz-") as name:
             prepare(Path(name))
             mine, theirs = spawn.Pipe(duplex=False)
-            process = spawn.Process(target=serve, args=(kind, seed, end - seed, Path(name), theirs), daemon=False)
+            process = spawn.Process(target=serve, args=(kind, seed, Path(name), theirs), daemon=False)
             process.start()
             theirs.close()
             try:
-                while seed < end:
+                while True:
                     if not mine.poll(HANGS):
                         raise TimeoutError
                     yield mine.recv()
@@ -222,9 +223,12 @@ def main() -> int:
         words: Counter[str] = Counter()
         digests: set[str] = set()
         longest, began = Counter[str](), time.perf_counter()
-        for case in cases(kind, asked.first, max(1, round(asked.count * SHARES[kind] / share))):
+        wanted = max(1, round(asked.count * SHARES[kind] / share))
+        for case in cases(kind, asked.first):
+            if case.digest in digests:
+                continue
             words[case.verdict.word] += 1
-            digests.add(case.digest)
+            digests |= {case.digest} if case.digest else set()
             longest[case.verdict.word] = max(longest[case.verdict.word], case.seconds)
             if sum(words.values()) % 2000 == 0:
                 print(f"  {kind}: {dict(words)} after {time.perf_counter() - began:.0f} s", flush=True)
@@ -232,9 +236,11 @@ def main() -> int:
                 findings += 1
                 if findings <= asked.notes:
                     print(f"  {kind} {case.seed}: {case.verdict.word}: {case.verdict.note}", flush=True)
+            if sum(words.values()) == wanted:
+                break
         counts = ", ".join(f"{count} {word} (at most {longest[word]:.1f} s)" for word, count in words.most_common())
         spent = time.perf_counter() - began
-        print(f"{kind}: {sum(words.values())} cases, {len(digests)} distinct: {counts}; {spent:.0f} s", flush=True)
+        print(f"{kind}: {sum(words.values())} distinct cases: {counts}; {spent:.0f} s", flush=True)
     return 1 if findings else 0
 
 

@@ -3,8 +3,9 @@
     python benchmarks/fuzz.py [COUNT] [KIND ...] [--from SEED] [--notes N]
 
 COUNT is the number of distinct mutations, 100000 by default, spread over the kinds: yaml, lines, hdf5, commands. Every
-case has a seed and is made again with `python benchmarks/fuzz.py 1 KIND --from SEED`; what was fed before is not counted
-again. Each kind runs in a process of its own, which is started again where a case ends it or hangs. The exit code is 1 if anything was met that must not happen.
+case has a seed and is made again with `python benchmarks/fuzz.py 1 KIND --from SEED`; what was fed before counts
+once. Each kind runs in a process of its own, which is started again where a case ends it or hangs. The exit code is 1
+if anything was met that must not happen.
 """
 
 import argparse

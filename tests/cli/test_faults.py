@@ -4,7 +4,8 @@ import signal
 from pathlib import Path
 
 import pytest
-from faults import Fault, during, psmpc, simulate, strike, unmeasured
+from faults import Fault, during, psmpc, simulate, unmeasured
+from signals import strike
 
 from psmpc_cli.logs.read import read_log
 

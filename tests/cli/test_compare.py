@@ -4,55 +4,30 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 from psmpc_cli.cli import parallel
-from psmpc_cli.cli.main import main
 from psmpc_cli.figures.comparison.registry import FIGURES
 from psmpc_cli.logs.comparison import read_comparison
 
 from ..there_and_back import TASK
+from .command import Psmpc, Ran
 
 ROW = re.compile(r"(?P<label>.+?) {2,}(?P<cells>.+)")
 
 
-@dataclass(frozen=True)
-class Ran:
-    code: int
-    stdout: str
-    stderr: str
-
-    def rows(self) -> dict[str, list[str]]:
-        """The cells of the table by the label of their row."""
-        found = (ROW.fullmatch(line) for line in self.stdout.splitlines()[1:])
-        return {match["label"]: re.split(" {2,}", match["cells"].strip()) for match in found if match}
-
-
-Psmpc = Callable[..., Ran]
+def rows(ran: Ran) -> dict[str, list[str]]:
+    """The cells of the table that was printed, by the label of their row."""
+    found = (ROW.fullmatch(line) for line in ran.stdout.splitlines()[1:])
+    return {match["label"]: re.split(" {2,}", match["cells"].strip()) for match in found if match}
 
 
 @pytest.fixture
-def psmpc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Psmpc:
-    """The command line, in a folder with a small task."""
-    monkeypatch.chdir(tmp_path)
+def compare(psmpc: Psmpc, tmp_path: Path) -> Psmpc:
+    """`psmpc compare` of a small task, `--jobs 1`, and more."""
     (tmp_path / "task.yaml").write_text(TASK)
-
-    def run(*arguments: str) -> Ran:
-        monkeypatch.setattr(sys, "argv", ["psmpc", *arguments])
-        with pytest.raises(SystemExit) as left:
-            main()
-        return Ran(int(left.value.code or 0), *capsys.readouterr())
-
-    return run
-
-
-@pytest.fixture
-def compare(psmpc: Psmpc) -> Psmpc:
-    """`psmpc compare task.yaml --jobs 1`, and more."""
     return lambda *arguments: psmpc("compare", "task.yaml", "--jobs", "1", *arguments)
 
 
@@ -60,8 +35,8 @@ def test_one_table_one_file_and_the_figures(compare: Psmpc, psmpc: Psmpc) -> Non
     ran = compare("--set", "log.plans=false")
     assert ran.code == 0
     assert ran.stdout.splitlines()[0].split() == ["psmpc", "smpc", "htmpc", "hard"]
-    rows = ran.rows()
-    assert all(len(cells) == 4 for cells in rows.values())
+    table = rows(ran)
+    assert all(len(cells) == 4 for cells in table.values())
     for label in (
         "go ends [s]",
         "back actually starts [s]",
@@ -79,9 +54,9 @@ def test_one_table_one_file_and_the_figures(compare: Psmpc, psmpc: Psmpc) -> Non
         "solve time, maximum [ms]",
         "monitor: far apart",
     ):
-        assert label in rows
-    assert rows["mission"] == ["succeeded"] * 4
-    assert rows["levels not solved"][:2] == ["-", "-"]
+        assert label in table
+    assert table["mission"] == ["succeeded"] * 4
+    assert table["levels not solved"][:2] == ["-", "-"]
     assert list(read_comparison(Path("runs/task-comparison.h5"))) == ["psmpc", "smpc", "htmpc", "hard"]
     assert {path.stem for path in Path("runs/task-comparison").iterdir()} == set(FIGURES)
     assert max(map(len, ran.stdout.splitlines())) < 160
@@ -90,21 +65,21 @@ def test_one_table_one_file_and_the_figures(compare: Psmpc, psmpc: Psmpc) -> Non
 
 
 def test_the_table_says_what_the_logs_say(compare: Psmpc) -> None:
-    rows = compare("--controllers", "smpc,hard", "--no-figures").rows()
+    table = rows(compare("--controllers", "smpc,hard", "--no-figures"))
     logs = read_comparison(Path("runs/task-comparison.h5"))
-    for cell, log in zip(rows["back ends [s]"], logs.values(), strict=True):
+    for cell, log in zip(table["back ends [s]"], logs.values(), strict=True):
         assert cell == f"{log.stages['switch_time'][1]:.2f}"
-    assert rows["go ends [s]"][0].endswith("[0.9]")
-    assert "[" not in rows["go ends [s]"][1]
-    assert rows["back actually starts [s]"][0].startswith("early ")
+    assert table["go ends [s]"][0].endswith("[0.9]")
+    assert "[" not in table["go ends [s]"][1]
+    assert table["back actually starts [s]"][0].startswith("early ")
 
 
 def test_a_failed_mission_is_a_result(compare: Psmpc) -> None:
     far = "monitors=[{name: far apart, quantity: distance, of: [arm_1, arm_2], during: back, at_least: 9}]"
     ran = compare("--controllers", "hard", "--no-figures", "--set", far)
     assert ran.code == 0
-    assert ran.rows()["mission"] == ["failed"]
-    assert ran.rows()["monitor: far apart"][0].startswith("BROKEN at")
+    assert rows(ran)["mission"] == ["failed"]
+    assert rows(ran)["monitor: far apart"][0].startswith("BROKEN at")
     assert "hard: mission failed: back met its end condition; monitor did not hold: far apart" in ran.stdout
 
 

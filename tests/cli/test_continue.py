@@ -4,9 +4,7 @@ import numpy as np
 
 from psmpc_cli.logs.read import read_log
 
-from .on_a_log import Psmpc, part, psmpc
-
-__all__ = ["part", "psmpc"]
+from .command import Psmpc
 
 
 def test_an_interrupted_run_is_finished(psmpc: Psmpc, part: Path) -> None:

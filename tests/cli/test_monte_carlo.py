@@ -1,34 +1,21 @@
 import os
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from psmpc_cli.cli.main import main
 from psmpc_cli.experiment.monte_carlo_runs import ENDED, WAITING, read_monte_carlo
 from psmpc_cli.studies import monte_carlo as study_module
 
 from ..there_and_back import TASK
-
-Psmpc = Callable[..., tuple[int, str, str]]
+from .command import Psmpc
 
 NOISY = ("task.yaml", "--set", "uncertainty.noise.position=1e-3", "--jobs", "1")
 
 
-@pytest.fixture
-def psmpc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Psmpc:
-    """The command line, in a folder with a small task."""
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(autouse=True)
+def task(tmp_path: Path) -> None:
+    """A small task in the folder of the test."""
     (tmp_path / "task.yaml").write_text(TASK)
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["psmpc", *arguments])
-        with pytest.raises(SystemExit) as left:
-            main()
-        return int(left.value.code or 0), *capsys.readouterr()
-
-    return run
 
 
 def test_runs_give_tables_a_file_and_figures(psmpc: Psmpc, tmp_path: Path) -> None:

@@ -5,9 +5,9 @@ from pathlib import Path
 import h5py
 import pytest
 
-from .on_a_log import COMPARISON, Psmpc, is_refused, part, psmpc
+from .command import Psmpc, Ran
 
-__all__ = ["part", "psmpc"]
+COMPARISON = "part.h5: found a comparison of several runs, expected the log of one"
 
 REFUSED = [
     (("rerun", "part.h5", "-o", "part.h5"), "part.h5 exists already"),
@@ -20,6 +20,11 @@ REFUSED = [
     (("replay", "part.h5", "--step", "2", "--solver", "nlp"), 'solver.kind: found the text "nlp", expected one of'),
     (("replay", "part.h5", "--step", "2", "--solver", "a=b"), "--solver: found 'a=b', expected the name of a solver"),
 ]
+
+
+def is_refused(ran: Ran, message: str) -> bool:
+    """Return whether bad input was refused in one message, and nothing else was said."""
+    return (ran.code, ran.stdout) == (2, "") and message in ran.stderr and "Traceback" not in ran.stderr
 
 
 @pytest.mark.parametrize(("arguments", "message"), REFUSED, ids=[" ".join(arguments) for arguments, _ in REFUSED])

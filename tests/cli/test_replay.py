@@ -4,9 +4,7 @@ import numpy as np
 
 from psmpc_cli.logs.read import read_log
 
-from .on_a_log import Psmpc, part, psmpc
-
-__all__ = ["part", "psmpc"]
+from .command import Psmpc
 
 
 def test_a_replay_shows_iterations_and_what_is_equal(psmpc: Psmpc, part: Path) -> None:

@@ -2,9 +2,7 @@ from pathlib import Path
 
 import h5py
 
-from .on_a_log import Psmpc, part, psmpc
-
-__all__ = ["part", "psmpc"]
+from .command import Psmpc
 
 
 def test_a_rerun_says_whether_everything_is_equal(psmpc: Psmpc, part: Path) -> None:

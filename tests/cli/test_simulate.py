@@ -3,9 +3,7 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
@@ -15,12 +13,13 @@ import pytest
 from psmpc_cli import __version__
 from psmpc_cli.cli import progress
 from psmpc_cli.cli import simulate as module
-from psmpc_cli.cli.main import main
 from psmpc_cli.experiment.run import Progress
 from psmpc_cli.figures import rendering
 from psmpc_cli.figures.registry import FIGURES
 from psmpc_cli.figures.rendering import offscreen_driver
 from psmpc_cli.logs.read import read_log
+
+from .command import Psmpc, Ran
 
 TASK = """\
 robot: planar_dual_arm
@@ -45,35 +44,11 @@ log: {plans: false}
 OPEN = "monitors=[{name: closed, quantity: distance, of: [arm_1, arm_2], during: back, at_most: 1.0}]"
 
 
-@dataclass(frozen=True)
-class Ran:
-    code: int
-    stdout: str
-    stderr: str
-
-
-Psmpc = Callable[..., Ran]
-
-
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path) -> Path:
     """A folder with a small task, and the one to work in."""
-    monkeypatch.chdir(tmp_path)
     (tmp_path / "task.yaml").write_text(TASK)
     return tmp_path
-
-
-@pytest.fixture
-def psmpc(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Psmpc:
-    """The command line."""
-
-    def run(*arguments: str) -> Ran:
-        monkeypatch.setattr(sys, "argv", ["psmpc", *arguments])
-        with pytest.raises(SystemExit) as left:
-            main()
-        return Ran(int(left.value.code or 0), *capsys.readouterr())
-
-    return run
 
 
 @pytest.fixture

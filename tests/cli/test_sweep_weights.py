@@ -1,32 +1,19 @@
 import os
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from psmpc_cli.cli.main import main
 from psmpc_cli.studies import sweep as sweep_module
 from psmpc_cli.studies.sweep_file import COMPUTED, SHARED, WAITING, read_sweep
 
 from ..there_and_back import TASK
+from .command import Psmpc
 
-Psmpc = Callable[..., tuple[int, str, str]]
 
-
-@pytest.fixture
-def psmpc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Psmpc:
-    """The command line, in a folder with a small task."""
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(autouse=True)
+def task(tmp_path: Path) -> None:
+    """A small task in the folder of the test."""
     (tmp_path / "task.yaml").write_text(TASK)
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["psmpc", *arguments])
-        with pytest.raises(SystemExit) as left:
-            main()
-        return int(left.value.code or 0), *capsys.readouterr()
-
-    return run
 
 
 @pytest.fixture

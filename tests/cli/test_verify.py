@@ -1,8 +1,6 @@
 from pathlib import Path
 
-from .on_a_log import Psmpc, part, psmpc
-
-__all__ = ["part", "psmpc"]
+from .command import Psmpc
 
 
 def test_a_verification_names_what_where_and_when(psmpc: Psmpc, part: Path) -> None:

@@ -1,8 +1,6 @@
-"""The command line on the log of a short run, for the tests of commands that start from one."""
+"""The command line, and a log to start from, for every command's tests."""
 
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -10,23 +8,12 @@ import pytest
 from psmpc_cli.cli.main import main
 
 from ..experiment.logged import there_and_back
-
-
-@dataclass(frozen=True)
-class Ran:
-    code: int
-    stdout: str
-    stderr: str
-
-
-Psmpc = Callable[..., Ran]
-
-COMPARISON = "part.h5: found a comparison of several runs, expected the log of one"
+from .command import Psmpc, Ran
 
 
 @pytest.fixture
 def psmpc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Psmpc:
-    """The command line, in a folder of its own."""
+    """The command line in this process, in a folder of the test's own."""
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments: str) -> Ran:
@@ -43,8 +30,3 @@ def psmpc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
 def part(tmp_path: Path) -> Path:
     """The log of a run that was interrupted after six samples."""
     return there_and_back(tmp_path, samples=6, name="part").path
-
-
-def is_refused(ran: Ran, message: str) -> bool:
-    """Return whether bad input was refused in one message, and nothing else was said."""
-    return (ran.code, ran.stdout) == (2, "") and message in ran.stderr and "Traceback" not in ran.stderr

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from matplotlib.figure import Figure
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.figures.style import in_style
+
+T = TypeVar("T")
 
 FORMATS = ("png", "pdf", "svg")
 
@@ -28,20 +30,35 @@ def save(figure: Figure, paths: Iterable[Path]) -> None:
             raise InputError(f"{path} cannot be written: {error.strerror or error}") from None
 
 
-def write_figures(
-    plots: Mapping[str, Callable[[], Figure]], directory: Path, endings: Sequence[str], force: bool
+def draw_chosen(
+    known: Mapping[str, Callable[[T], Figure]],
+    of: T,
+    directory: Path,
+    formats: Sequence[str],
+    only: Collection[str] | None,
+    force: bool,
 ) -> list[Path]:
-    """Draw figures by name, each into a file an ending, and return the files.
+    """Draw figures of something, each into a file a format, and return the files.
+
+    Args:
+        known: What draws them, by name.
+        of: What they are of.
+        directory: Where the files go; made where it does not exist.
+        formats: Of png, pdf, svg.
+        only: Names of the figures to draw; None for all.
+        force: Overwrite files that exist.
 
     Raises:
-        InputError: A file exists or cannot be written.
+        InputError: A name or format is unknown, a file exists or cannot be written.
     """
-    figures = {name: [directory / f"{name}.{ending}" for ending in endings] for name in plots}
+    names = chosen("figure", known if only is None else only, known)
+    endings = chosen("format", formats, FORMATS)
+    figures = {name: [directory / f"{name}.{ending}" for ending in endings] for name in names}
     files = [path for paths in figures.values() for path in paths]
     prepare(directory, files, force)
     with in_style():
         for name, paths in figures.items():
-            save(plots[name](), paths)
+            save(known[name](of), paths)
     return files
 
 

@@ -1,7 +1,6 @@
 """The runs of a Monte Carlo study: how often they succeed, when their stages end, how near limits they come."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.experiment.monte_carlo_runs import MonteCarloRuns
-from psmpc_cli.figures.files import FORMATS, chosen, write_figures
+from psmpc_cli.figures.files import draw_chosen
 from psmpc_cli.figures.panels import panel_legend
 from psmpc_cli.figures.style import EDGE, PALETTE, line_look, new_figure, readable
 
@@ -50,11 +49,9 @@ def draw_monte_carlo(
         InputError: A name or format is unknown, a file exists or cannot be written.
         LogError: All runs wait, or the file lacks what a study has.
     """
-    names = chosen("figure", FIGURES if only is None else only, FIGURES)
-    endings = chosen("format", formats, FORMATS)
     if not runs.made.any():
         raise LogError(f"{runs.results.path}: found no run that was made, expected one at least to draw")
-    return write_figures({name: partial(FIGURES[name], runs) for name in names}, directory, endings, force)
+    return draw_chosen(FIGURES, runs, directory, formats, only, force)
 
 
 def plot_success(runs: MonteCarloRuns) -> Figure:

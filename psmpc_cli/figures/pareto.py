@@ -1,7 +1,6 @@
 """Pareto fronts at several samples of a run, one curve a sample. Fig. 7 of the paper."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.figures.files import FORMATS, chosen, write_figures
+from psmpc_cli.figures.files import draw_chosen
 from psmpc_cli.figures.pareto_in_space import plot_in_space
 from psmpc_cli.figures.pareto_points import DOMINATED, MARKERS, Points, chosen_label, in_plane, stage_words
 from psmpc_cli.figures.style import AXIS_WIDTH, PALETTE, TEXT, legend_columns, new_figure
@@ -42,25 +41,16 @@ def draw_pareto(
     only: Collection[str] | None = None,
     force: bool = False,
 ) -> list[Path]:
-    """Draw the figures of a Pareto study, each into a file a format, and return the files.
-
-    Args:
-        results: The study's results.
-        directory: Where the files go; made where it does not exist.
-        formats: Of png, pdf, svg.
-        only: Names of the figures to draw; all by default.
-        force: Overwrite files that exist.
+    """Draw figures of a Pareto study, each into a file a format, and return the files.
 
     Raises:
         InputError: A name or format is unknown, a file exists or cannot be written.
         LogError: No point of the study could be solved for.
     """
     figures = FIGURES if "later" in results.quantities else {"front": plot_fronts}
-    names = chosen("figure", figures if only is None else only, figures)
-    endings = chosen("format", formats, FORMATS)
     if not any(np.isfinite(one.J).any() for points in in_plane(results) for one in points):
         raise LogError(f"{results.path}: holds no point that could be solved for, so there is nothing to draw")
-    return write_figures({name: partial(figures[name], results) for name in names}, directory, endings, force)
+    return draw_chosen(figures, results, directory, formats, only, force)
 
 
 def plot_fronts(results: Results) -> Figure:

@@ -1,11 +1,9 @@
 import logging
-import resource
 import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 
@@ -19,6 +17,8 @@ from psmpc_cli.experiment.run import Progress, run
 from psmpc_cli.experiment.summary import summarize, task_of
 from psmpc_cli.logs.read import Log, read_log, read_plan
 from psmpc_cli.specs.load import LoadedTask, load_task
+
+from ..little_room import files_of_at_most
 
 COARSE = ("controller.nodes=5", "plant.kind=ideal")
 
@@ -163,16 +163,6 @@ def test_events_are_reported_to_who_asks(finished: Log, told: Kept) -> None:
     assert [text for text in happened if "entered" in text] == [
         f"{stage} entered the window" for stage in finished.stage_names[1:]
     ]
-
-
-@contextmanager
-def files_of_at_most(size: int) -> Iterator[None]:
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_a_run_whose_log_finds_no_room_ends_with_what_it_has(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
-import resource
 import shutil
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +17,7 @@ from psmpc_cli.logs.record import Record
 from psmpc_cli.logs.rows import row
 from psmpc_cli.logs.write import Header, LogWriter, StageTimes, write_monitors
 
+from ..little_room import files_of_at_most
 from .records import COORDINATES, HEADER, LEAN, POSES, SAMPLE, STAGES, TICKS, record
 
 END = SAMPLE * 4, np.arange(6.0), np.arange(3.0)
@@ -269,16 +268,6 @@ def test_log_below_a_file_cannot_be_written(tmp_path: Path, below: str) -> None:
 def test_missing_directories_are_made(tmp_path: Path) -> None:
     with LogWriter(tmp_path / "new" / "folder" / "log.h5", LEAN) as log:
         assert log.path.is_file()
-
-
-@contextmanager
-def files_of_at_most(size: int) -> Iterator[None]:
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_no_room_for_a_log_leaves_none(tmp_path: Path) -> None:

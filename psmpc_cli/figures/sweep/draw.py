@@ -1,12 +1,11 @@
 """Draws the figures of a sweep into a directory."""
 
 from collections.abc import Collection, Sequence
-from functools import partial
 from pathlib import Path
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.experiment.sweep_cells import sweep_cells
-from psmpc_cli.figures.files import FORMATS, chosen, write_figures
+from psmpc_cli.figures.files import draw_chosen
 from psmpc_cli.figures.sweep.registry import FIGURES
 from psmpc_cli.logs.results import Results
 
@@ -18,23 +17,13 @@ def draw_sweep(
     only: Collection[str] | None = None,
     force: bool = False,
 ) -> list[Path]:
-    """Draw figures of a sweep, complete or not, each into a file a format, and return the files.
-
-    Args:
-        results: What the sweep's file holds.
-        directory: Where the files go; made where it does not exist.
-        formats: Of png, pdf, svg.
-        only: Names of the figures to draw; by default all that go with its sampling.
-        force: Overwrite files that exist.
+    """Draw figures of a sweep, complete or not, by default all that go with its sampling, and return the files.
 
     Raises:
         InputError: A name or format is unknown, a file exists or cannot be written.
         LogError: All cells wait, or the file does not say what ran.
     """
     cells = sweep_cells(results)
-    known = FIGURES[cells.sampling]
-    names = chosen("figure", known if only is None else only, known)
-    endings = chosen("format", formats, FORMATS)
     if cells.waiting.all():
         raise LogError(f"{results.path}: found no cell that was run, expected one at least to draw")
-    return write_figures({name: partial(known[name], cells) for name in names}, directory, endings, force)
+    return draw_chosen(FIGURES[cells.sampling], cells, directory, formats, only, force)

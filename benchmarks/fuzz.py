@@ -2,8 +2,8 @@
 
     python benchmarks/fuzz.py [COUNT] [KIND ...] [--from SEED] [--notes N]
 
-COUNT is the number of distinct mutations, 100000 by default, spread over the kinds: yaml, lines, hdf5, commands. Every
-case has a seed and is made again with `python benchmarks/fuzz.py 1 KIND --from SEED`; what was fed before counts
+COUNT is the number of distinct mutations, 100000 by default, spread over the kinds: yaml, lines, hdf5, commands, runs.
+Every case has a seed and is made again with `python benchmarks/fuzz.py 1 KIND --from SEED`; what was fed before counts
 once. Each kind runs in a process of its own, which is started again where a case ends it or hangs. The exit code is 1
 if anything was met that must not happen.
 """
@@ -37,11 +37,11 @@ from psmpc_cli.logs.seal import MARK, SIZE, unseal
 from psmpc_cli.specs.load import load_robot, load_task
 from psmpc_cli.studies.pareto_file import read_pareto
 from psmpc_cli.studies.sweep_file import read_sweep
-from tests.bad_input import LINES, RESULTS, Verdict, judged, prepare, states, tidy
+from tests.bad_input import LINES, RESULTS, Verdict, judged, prepare, simulated, states, tidy
 from tests.mutated_files import mutated_bytes, mutated_file
-from tests.mutated_text import mutated_description, mutated_line
+from tests.mutated_text import mutated_description, mutated_line, mutated_settings
 
-SHARES = {"yaml": 0.80, "lines": 0.05, "hdf5": 0.14, "commands": 0.01}
+SHARES = {"yaml": 0.79, "lines": 0.05, "hdf5": 0.14, "commands": 0.01, "runs": 0.01}
 
 SLOW, HANGS = 10.0, 120.0
 """What may take this long: a refusal, and a command that was accepted after all [s]."""
@@ -130,6 +130,12 @@ def begun(random: Random, folder: Path) -> tuple[bytes, Verdict]:
     return fed, judged(list(line))
 
 
+def run(random: Random, folder: Path) -> tuple[bytes, Verdict]:
+    """Run a task with numbers of any magnitude."""
+    settings = mutated_settings(random)
+    return repr(settings).encode(), simulated(settings)
+
+
 def spoilt(random: Random, folder: Path, names: tuple[str, ...]) -> bytes:
     """Write a mutated file and return its content: its seal broken, taken off, or made anew by a stranger."""
     path = folder / "bad.h5"
@@ -154,6 +160,7 @@ KINDS: dict[str, Callable[[Random, Path], tuple[bytes, Verdict]]] = {
     "lines": told,
     "hdf5": opened,
     "commands": begun,
+    "runs": run,
 }
 
 

@@ -133,6 +133,17 @@ def judged(arguments: list[str]) -> Verdict:
     return _of_code(code, said)
 
 
+def simulated(settings: list[str]) -> Verdict:
+    """Run the small task for three samples with settings, and return how that was taken; a log must be readable."""
+    brief = ["plant.kind=rk4", "solver.compiled=false", "log.shares=false", "time_limit=0.3", *settings]
+    words = [word for setting in brief for word in ("--set", setting)]
+    verdict = judged(["simulate", "task.yaml", "-o", "new.h5", "--no-figures", "--quiet", *words])
+    if verdict.word in ("accepted", "could not go on"):
+        shown = judged(["show", "new.h5"])
+        return verdict if shown.word == "accepted" else Verdict("unreadable", f"{shown.word}: {shown.note}")
+    return verdict
+
+
 def _of_code(code: object, said: str) -> Verdict:
     """Return the verdict on an exit code and what was written to standard error."""
     if "Traceback" in said:

@@ -73,6 +73,23 @@ TOWER = "z0: &z0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
 )
 """Aliases that expand to nine to the power of nine values."""
 
+KEYS = (
+    *("controller.horizon", "controller.sample_time", "controller.nodes", "controller.pending_cost", "controller.zeta"),
+    *("controller.terminal_cost", "controller.detection_margin", "controller.offset_gain", "controller.multistart"),
+    *("solver.tolerance", "solver.max_iterations", "solver.iterations", "solver.deadline"),
+    *("plant.low_level_rate", "plant.step", "seed", "time_limit", "onset.epsilon", "stages.go.dwell", "stages.go.at"),
+    *("stages.go.priority", "stages.back.priority", "stages.go.target.base[0]", "stages.go.target.arm_1[0]"),
+    *("stages.go.ends_when.tolerance", "stages.go.ends_when.velocity", "skills.move.weights.base[1]"),
+    *("skills.move.weights.control", "initial.base[0]", "initial.arm_1[1]", "initial_velocity.base[0]"),
+    *("uncertainty.mass", "uncertainty.inertia", "uncertainty.centre_of_mass", "uncertainty.friction.viscous"),
+    *("uncertainty.friction.coulomb", "uncertainty.friction.width", "uncertainty.noise.position"),
+    *("uncertainty.noise.angle", "uncertainty.noise.velocity", "uncertainty.noise.angular_velocity"),
+    *("uncertainty.delay", "controller.known_delay", "uncertainty.force_limits.base", "uncertainty.force_limits.arms"),
+    *("uncertainty.impulse.at", "uncertainty.impulse.angular", "uncertainty.payload.mass"),
+    *("uncertainty.payload.inertia", "limits.base.velocity[0]", "limits.base.acceleration[0]"),
+)
+"""Numbers of the small task that a setting can change."""
+
 ARGUMENTS = (
     *(
         "",
@@ -172,6 +189,16 @@ def mutated_line(arguments: Sequence[str], random: Random) -> list[str]:
         else:
             changed[at : at + 1] = [random.choice(ARGUMENTS)]
     return changed
+
+
+def mutated_settings(random: Random) -> list[str]:
+    """Return settings of one or two numbers of a task, each of any magnitude."""
+    return [f"{key}={_magnitude(random)}" for key in random.sample(KEYS, random.randint(1, 2))]
+
+
+def _magnitude(random: Random) -> str:
+    number = 10.0 ** (random.uniform(-13, 13) if random.random() < 0.4 else random.uniform(-3, 3))
+    return f"{random.choice([1, 1, 1, 1, 1, -1]) * (number if random.random() < 0.7 else round(number)):.3g}"
 
 
 def _new_value(text: str, random: Random) -> str:

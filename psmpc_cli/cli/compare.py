@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from psmpc_cli.cli.options import Changes, Figures, Jobs
+from psmpc_cli.cli.options import FOLDERS, Changes, Figures, Jobs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -20,7 +20,9 @@ def compare(
     ] = "psmpc,smpc,htmpc,hard",
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="File of all logs. Default: runs/<task>-comparison.h5."),
+        typer.Option(
+            "-o", "--output", metavar="FILE", help=f"File of all logs. {FOLDERS} Default: runs/<task>-comparison.h5."
+        ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier comparison and its figures.")] = False,
     changes: Changes = None,

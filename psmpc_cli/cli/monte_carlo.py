@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from psmpc_cli.cli.options import Changes, Dask, Figures, Jobs, Resume
+from psmpc_cli.cli.options import FOLDERS, Changes, Dask, Figures, Jobs, Resume
 from psmpc_cli.cli.study import calls_of, refuse_both, refuse_what_stands, resumable
 
 MOST = 100_000
@@ -18,7 +18,8 @@ def monte_carlo(
         int, typer.Option(min=1, max=MOST, metavar="N", help="How many runs, each with a seed of its own.")
     ],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Default: runs/<task>-monte-carlo.h5.")
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help=f"Results. {FOLDERS} Default: runs/<task>-monte-carlo.h5."),
     ] = None,
     resume: Resume = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results and their figures.")] = False,

@@ -4,6 +4,9 @@ from typing import Annotated
 
 import typer
 
+FOLDERS = "Missing folders are made."
+"""What becomes of an -o in a folder that does not exist."""
+
 Changes = Annotated[
     list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change any key of the task; repeatable.")
 ]

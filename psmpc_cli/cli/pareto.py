@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from psmpc_cli.cli.options import Changes, Figures, Jobs
+from psmpc_cli.cli.options import FOLDERS, Changes, Figures, Jobs
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -35,7 +35,8 @@ def pareto(
         bool, typer.Option("--free-instant", help="Make the switching instant a third criterion.")
     ] = False,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Results. Default: runs/<task>-pareto.h5.")
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help=f"Results. {FOLDERS} Default: runs/<task>-pareto.h5."),
     ] = None,
     log: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep the log of the closed loop here.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results and figures.")] = False,

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from psmpc_cli.cli.options import FOLDERS
 from psmpc_cli.errors import InputError, LogError
 
 Draw = Callable[[Path, Path, Sequence[str], Collection[str] | None, bool], list[Path]]
@@ -16,7 +17,9 @@ def plot(
     log: Annotated[Path, typer.Argument(help="A log, or results of any study.")],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="DIR", help="Directory of the figures. Default: beside the log."),
+        typer.Option(
+            "-o", "--output", metavar="DIR", help=f"Directory of the figures. {FOLDERS} Default: beside the log."
+        ),
     ] = None,
     formats: Annotated[
         list[str] | None, typer.Option("--format", metavar="png|pdf|svg", help="File format; repeatable. Default: png.")

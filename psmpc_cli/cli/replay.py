@@ -40,7 +40,9 @@ def replay(
     )
     for remark in replayed.remarks:
         typer.echo(f"note: {remark}")
-    typer.echo("\n".join(replayed.iterations) or "this solver writes no table of iterations")
+    typer.echo("\n".join(replayed.iterations))
+    if replayed.largest_priority != 1:
+        typer.echo(f"objective in the lines above: J over the largest priority, {replayed.largest_priority:g}")
     rows = [
         (each.name, f"{each.logged:.9g}", f"{each.again:.9g}", f"{each.difference:.1e}") for each in replayed.compared
     ]

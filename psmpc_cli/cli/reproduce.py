@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from psmpc_cli.cli.options import Changes, Jobs
+from psmpc_cli.cli.options import FOLDERS, Changes, Jobs
 
 if TYPE_CHECKING:
     from psmpc_cli.studies.reproduce import Reproduction
@@ -15,7 +15,7 @@ REPORT, ABLATION = "report.html", "ablation_{}.png"
 
 def reproduce(
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Directory of the report and the logs.")
+        Path, typer.Option("-o", "--output", metavar="DIR", help=f"Directory of the report and the logs. {FOLDERS}")
     ] = Path("runs/reproduce"),
     json: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the claim table as JSON as well.")

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from psmpc_cli.cli.options import FOLDERS
+
 if TYPE_CHECKING:
     from psmpc_cli.logs.differences import Comparison, Difference
     from psmpc_cli.logs.read import Log
@@ -14,7 +16,8 @@ if TYPE_CHECKING:
 def rerun(
     log: Annotated[Path, typer.Argument(help="A log written by psmpc simulate.")],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Keep the new log. Default: it is dropped.")
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help=f"Keep the new log. {FOLDERS} Default: it is dropped."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the log named with -o.")] = False,
     strict: Annotated[bool, typer.Option("--strict", help="Exit code 1 if anything differs.")] = False,

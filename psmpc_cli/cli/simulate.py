@@ -1,12 +1,12 @@
 """`psmpc simulate`: run a task in closed loop, or finish a run, write its log, draw its figures."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from psmpc_cli.cli.options import Changes
+from psmpc_cli.cli.options import FOLDERS, Changes
 from psmpc_cli.cli.outputs import refuse_old_figures
 from psmpc_cli.errors import InputError, RunError
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from psmpc_cli.experiment.loop import Ending
     from psmpc_cli.experiment.run import Progress
     from psmpc_cli.logs.read import Log
+    from psmpc_cli.specs.overrides import Change
 
     Run = Callable[[Callable[[Progress], None]], Ending | None]
 
@@ -24,7 +25,8 @@ def simulate(
         typer.Argument(help="Task file, or the name of a built-in task such as 'transport'.", show_default=False),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Log file. Default: runs/<task>.h5.")
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help=f"Log file. {FOLDERS} Default: runs/<task>.h5."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the log and figures of an earlier run.")] = False,
     changes: Changes = None,
@@ -49,12 +51,14 @@ def simulate(
     from psmpc_cli.figures.draw import default_directory
     from psmpc_cli.figures.rendering import offscreen_driver
     from psmpc_cli.logs.read import read_log
+    from psmpc_cli.specs.overrides import Short
 
     if quiet and verbose:
         raise InputError("found both --quiet and --verbose, expected at most one of them")
     logging.getLogger("psmpc_cli").setLevel(logging.INFO if verbose else logging.ERROR if quiet else logging.WARNING)
-    chosen = {"controller.kind": controller, "plant.kind": plant}
-    overrides = [*(changes or []), *(f"{path}={value}" for path, value in chosen.items() if value is not None)]
+    short = {"controller": controller, "plant": plant}
+    chosen = [Short(f"--{name}", f"{name}.kind", value) for name, value in short.items() if value is not None]
+    overrides: list[Change] = [*(changes or []), *chosen]
     if unfinished is not None:
         path, run = unfinished, _continued(unfinished, alone=not (task or overrides or output))
     elif task is not None:
@@ -83,7 +87,7 @@ def _default_path(name: str, *variants: str | None) -> Path:
 
 
 def _new(
-    task: str, overrides: list[str], output: Path | None, variants: tuple[str | None, ...], force: bool
+    task: str, overrides: "Sequence[Change]", output: Path | None, variants: tuple[str | None, ...], force: bool
 ) -> "tuple[Path, Run]":
     """Return the log of a new run, and the run itself."""
     from psmpc_cli.experiment.run import run
@@ -135,8 +139,8 @@ def _stuck(ending: "Ending", log: "Log") -> RunError:
     """Return the error of a run that could not go on, with what the last solve's outcome advises."""
     from psmpc_cli.solvers import Outcome
 
-    outcome = Outcome[str(log["solver/status"][-1]).upper()]
-    advice = "" if outcome.usable else f" ({outcome.value})"
+    outcomes = [Outcome[str(status).upper()] for status in log["solver/status"][-1:]]
+    advice = "".join(f" ({outcome.value})" for outcome in outcomes if not outcome.usable)
     return RunError(f"{ending.reason}{advice}; {log.path} holds the run up to then")
 
 

@@ -83,11 +83,11 @@ def _deviations(deviations: Deviations) -> list[Sequence[str]]:
 
 
 def _end(summary: Summary) -> list[Sequence[str]]:
-    """Return how near the end the last stage came, where what was measured is not all that is true."""
+    """Return how near the end the last stage came, where what the controller saw is not what is true."""
     if summary.end_errors is None:
         return []
-    measured, true = summary.end_errors
-    return [("end error at the end", f"{measured:.4f} of its tolerance measured, {true:.4f} true")]
+    seen, true = summary.end_errors
+    return [("end error at the end", f"{seen:.4f} of its tolerance as the controller saw it, {true:.4f} true")]
 
 
 def _largest(largest: Largest) -> str:

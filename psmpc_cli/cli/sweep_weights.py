@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from psmpc_cli.cli.options import Changes, Dask, Figures, Jobs, Resume
+from psmpc_cli.cli.options import FOLDERS, Changes, Dask, Figures, Jobs, Resume
 from psmpc_cli.cli.study import calls_of, refuse_both, refuse_what_stands, resumable
 from psmpc_cli.errors import InputError
 
@@ -37,7 +37,8 @@ def sweep_weights(
         str | None, typer.Option(metavar="random:N", help="N random draws from the range (the task's seed), no grid.")
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Default: runs/<task>-sweep.h5.")
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help=f"Results. {FOLDERS} Default: runs/<task>-sweep.h5."),
     ] = None,
     every_cell: Annotated[
         bool, typer.Option("--every-cell", help="Compute every cell from its beginning: share no runs, no beginnings.")

@@ -12,13 +12,10 @@ NOISE_UNITS = {"position": "m", "angle": "rad", "velocity": "m/s", "angular_velo
 def uncertainty_in_words(task: TaskSpec) -> list[str]:
     """Return a line for all the controller of a task does not know, and for delays; none where there is nothing."""
     spec = task.uncertainty
-    unknown = [*_robot(spec), *_measurement(spec), *_forces(spec)]
+    found = [*_robot(spec), *_measurement(spec), *_delay(spec.delay, task.controller.known_delay), *_forces(spec)]
     if spec.payload is not None and task.object is not None:
-        unknown.append(_payload(spec.payload, task.object))
-    late = list(_delay(spec.delay, task.controller.known_delay))
-    if unknown:
-        unknown[0] = f"unknown to the controller (seed {task.seed}): {unknown[0]}"
-    return [*unknown, *late]
+        found.append(_payload(spec.payload, task.object))
+    return [f"uncertain (seed {task.seed}): {found[0]}", *found[1:]] if found else []
 
 
 def _robot(spec: UncertaintySpec) -> Iterator[str]:

@@ -24,9 +24,11 @@ def verify(
     began = time.perf_counter()
     found = integrate(read_log(log), every)
     typer.echo(f"{found.count} horizons, the low-level law acting at every instant")
-    _print(found.horizons)
-    typer.echo(f"\nclosed loop, {found.samples} samples, each from its logged state, the force held over a tick")
-    _print(found.loop)
+    if found.count:
+        _print(found.horizons)
+    if found.samples:
+        typer.echo(f"\nclosed loop, {found.samples} samples, each from its logged state, the force held over a tick")
+        _print(found.loop)
     for remark in found.remarks:
         typer.echo(f"note: {remark}")
     typer.echo(f"integrated in {time.perf_counter() - began:.1f} s")

@@ -42,6 +42,10 @@ class Delays:
         measured = tuple(x0 - back * drift for back in range(known, 0, -1))
         return cls(tick, (none,) * (task.uncertainty.delay - known), measured, (none,) * known)
 
+    def told(self, measured: np.ndarray) -> np.ndarray:
+        """Return the measured state (2n,) behind a decision where this one is measured now."""
+        return self.measured[0] if self.measured else measured
+
     def foreseen(self, measured: np.ndarray) -> np.ndarray:
         """Return the state (2n,) to decide from where this one is measured now; itself where no delay is known."""
         if not self.measured:

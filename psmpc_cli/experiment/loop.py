@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.control.offset_free import Offset, estimate
+from psmpc_cli.control.offset_free import Offset
 from psmpc_cli.control.sequence import Switch
 from psmpc_cli.control.shares import control_shares
 from psmpc_cli.experiment.checkpoint import Checkpoint, first_checkpoint, restore, take_checkpoint
@@ -27,8 +27,8 @@ class Ending:
         completed: The last stage met its end condition.
         reason: Why the run stopped.
         time: When [s].
-        x: As what state it was measured (2n,).
-        true: In which state (2n,).
+        x: In which state, as the controller saw it (2n,).
+        true: In which state it was (2n,).
         switches: Hand-overs since the last record, the end of the last stage among them.
         stuck: The run could not go on.
     """
@@ -72,7 +72,7 @@ def simulate(
         decision = controller.decide(now, seen)
         braking_until = decision.plan.end if decision.exhausted else np.inf
         edges = tick_edges(experiment, now)
-        commanded, offset = command(experiment, decision, offset)
+        commanded, offset = command(experiment, decision, delays.told(measured), offset)
         u, delays = delays.after(measured, commanded, offset)
         presence = experiment.observer.observe(decision, decision.x, edges[[0, -1]])
         shares = control_shares(experiment.aside, decision, decision.x, edges[:2]) if task.log.shares else {}
@@ -87,14 +87,24 @@ def simulate(
         x, sample = ticks.X[-1], sample + 1
 
 
-def command(experiment: Experiment, decision: Decision, offset: Offset | None) -> tuple[np.ndarray, Offset | None]:
-    """Return the accelerations (M, n) commanded in a sample, and what is known then of the disturbance, if anything."""
-    spec, n = experiment.task.controller, experiment.model.n
+def command(
+    experiment: Experiment, decision: Decision, told: np.ndarray, offset: Offset | None
+) -> tuple[np.ndarray, Offset | None]:
+    """Return the accelerations (M, n) commanded in a sample, and what is known then of the disturbance, if anything.
+
+    Args:
+        experiment: The experiment.
+        decision: What was decided at the sample.
+        told: The measured state behind it (2n,).
+        offset: What was known a sample earlier; None at the first.
+    """
+    spec, Qdot = experiment.task.controller, told[experiment.model.n :]
     u = decision.plan.mean_control(tick_edges(experiment, decision.prediction.start))
     if not spec.offset_free:
         return u, None
-    d = estimate(offset, decision.x[n:], spec.sample_time, spec.offset_gain)
-    return u - d, Offset(d, decision.x[n:], (u - d).mean(axis=0))
+    known = Offset.unknown(Qdot, spec.known_delay)
+    known = known if offset is None else offset.after(Qdot, spec.sample_time, spec.offset_gain)
+    return u - known.d, known.commanding(u - known.d)
 
 
 def tick_edges(experiment: Experiment, now: float) -> np.ndarray:
@@ -111,7 +121,8 @@ def _is_bounded(ticks: Ticks) -> bool:
 def _ending(experiment: Experiment, now: float, x: np.ndarray, true: np.ndarray, braking_until: float) -> Ending | None:
     """Return the ending if the run is over: last stage at its target, time limit, or at rest without a plan.
 
-    The target counts as reached when the measured state x (2n,) meets the end condition, as for every hand-over.
+    The target counts as reached when the state x (2n,) that the controller sees meets the end condition, as in every
+    hand-over.
     """
     sequence, last = experiment.controller.sequence, experiment.stages[-1]
     dwelt = now - sequence.entered >= last.dwell - 1e-9

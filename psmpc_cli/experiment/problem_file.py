@@ -2,8 +2,10 @@
 
 import json
 import zipfile
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,7 +15,7 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.experiment.replay import Replay
 from psmpc_cli.logs.read import Log
 from psmpc_cli.ocp.window import bounds
-from psmpc_cli.solvers import build_solver
+from psmpc_cli.solvers import build_solver, ipopt
 from psmpc_cli.solvers.casadi_nlp import CasadiSolver
 
 FUNCTION, README, SOLVER = "nlp.casadi", "README.txt", "solver.json"
@@ -33,18 +35,40 @@ Everything in this file is data; no part of psmpc is needed to read it:
     import numpy
     data = numpy.load("{name}")
     nlp = casadi.Function.deserialize(data["{function}"].decode())  # (x, p) -> (f, g)
-    solver = json.loads(data["{solver}"])  # plug-in and options of the run
+    solver = json.loads(data["{solver}"])  # plug-in of CasADi, its options
     solve = casadi.nlpsol("solve", solver["plugin"], nlp, solver["options"])
     start = {{name: data[name] for name in ("x0", "lam_x0", "lam_g0") if len(data[name])}}
     limits = {{name: data[name] for name in ("lbx", "ubx", "lbg", "ubg")}}
     result = solve(p=data["p"], **start, **limits)
-    print(float(result["f"]), abs(result["x"].full().ravel() - data["x_logged"]).max())
+    J = float(result["f"]) * float(data["largest_priority"])  # f is J over the largest priority
+    print("J", J, "in the log", float(data["J_logged"]))
+    print("largest difference of x", abs(result["x"].full().ravel() - data["x_logged"]).max())
+
+{solved_by}
 
 x0, lam_x0, lam_g0   where the solve started; no multipliers if they are empty
 p                    parameters
 lbx, ubx, lbg, ubg   bounds
-x_logged, f_logged   what the run's solver returned; its outcome was: {outcome}
+largest_priority     the largest priority of a stage in the window: f times it is J
+x_logged, J_logged   what the run's solver, {kind}, returned; its outcome was: {outcome}
 """
+
+SAME = """\
+The run's solver was {kind}, and so is this one: with the build that wrote the log the last number is 0, unless a
+deadline stopped the run's."""
+
+OTHER = """\
+The run's solver was {kind}, this one is {plugin}. Two solvers stop at different points within their tolerances, so that
+the last number is not 0."""
+
+STAND_IN = """\
+The run's solver was {kind}, which is psmpc's own and no plug-in of CasADi: {plugin} stands in for it, and a fault
+of {kind} itself does not show here. The last number is not 0, for two reasons: {kind} need not have converged, since
+from the plan of the sample before it is asked for solver.iterations: {iterations}; and {plugin} stops at its tolerance,
+which may leave controls far off that hardly count in J. A smaller one, tol in the options, tells the two apart."""
+
+PLUGINS = ("fatrop", "ipopt")
+"""Solvers that CasADi has."""
 
 
 def write_problem(replay: Replay, log: Log, sample: int, path: Path) -> None:
@@ -71,6 +95,7 @@ def write_problem(replay: Replay, log: Log, sample: int, path: Path) -> None:
 
 def _texts(replay: Replay, log: Log, sample: int, name: str) -> dict[str, str]:
     logged, problem = replay.logged, replay.logged.nlp.problem
+    plugin, options = _plugin(replay)
     function = ca.Function("nlp", [problem["x"], problem["p"]], [problem["f"], problem["g"]], ["x", "p"], ["f", "g"])
     stages = ", ".join(stage.name for stage in logged.window.stages)
     what = (
@@ -83,16 +108,28 @@ def _texts(replay: Replay, log: Log, sample: int, name: str) -> dict[str, str]:
         name=name,
         function=FUNCTION,
         solver=SOLVER,
+        solved_by=_solved_by(replay, plugin),
+        kind=replay.run_solver,
         outcome=f"{logged.outcome.name.lower()}, {logged.outcome.value}",
     )
-    return {README: about, FUNCTION: function.serialize(), SOLVER: json.dumps(_solver(replay), indent=1)}
+    chosen = {"plugin": plugin, "options": options}
+    return {README: about, FUNCTION: function.serialize(), SOLVER: json.dumps(chosen, indent=1)}
 
 
-def _solver(replay: Replay) -> dict[str, object]:
-    """Return plug-in and options of the solve; IPOPT's own defaults where the solver is no plug-in of CasADi."""
-    solver = build_solver(replay.logged.nlp, replay.experiment.task.solver)
-    plugin, options = solver.options_from(replay.logged.guess) if isinstance(solver, CasadiSolver) else ("ipopt", {})
-    return {"plugin": plugin, "options": options}
+def _plugin(replay: Replay) -> tuple[str, Mapping[str, Any]]:
+    """Return plug-in and options of the solve without a deadline; those of IPOPT where the solver is our own."""
+    spec, nlp = replay.experiment.task.solver.model_copy(update={"deadline": None}), replay.logged.nlp
+    solver = build_solver(nlp, spec)
+    if not isinstance(solver, CasadiSolver):
+        solver = ipopt.build(nlp, spec)
+    return solver.options_from(replay.logged.guess)
+
+
+def _solved_by(replay: Replay, plugin: str) -> str:
+    """Say which solver the run had, which one the file has, and what that means for the difference."""
+    text = SAME if plugin == replay.run_solver else OTHER if replay.run_solver in PLUGINS else STAND_IN
+    iterations = replay.experiment.task.solver.iterations
+    return text.format(kind=replay.run_solver, plugin=plugin, iterations=iterations)
 
 
 def _arrays(replay: Replay) -> dict[str, np.ndarray]:
@@ -108,5 +145,6 @@ def _arrays(replay: Replay) -> dict[str, np.ndarray]:
         "lbg": limits.lbg,
         "ubg": limits.ubg,
         "x_logged": logged.z,
-        "f_logged": np.array(logged.objective / float(np.max(logged.window.omega))),
+        "largest_priority": np.array(replay.largest_priority),
+        "J_logged": np.array(logged.objective),
     }

@@ -16,10 +16,13 @@ from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import bounds, unpack_plan
 from psmpc_cli.solvers import Solution, build_solver
 from psmpc_cli.solvers.casadi_nlp import CasadiSolver
+from psmpc_cli.solvers.sqp import SqpSolver
+from psmpc_cli.solvers.sqp_table import IterationTable
 from psmpc_cli.specs.load import LoadedTask, parse_task
+from psmpc_cli.specs.overrides import Short
 
 ITERATION = re.compile(r"iter\s|\s*\d+[rRsS]?\s+[-+\d.]+e")
-"""What the lines of a solver's table of iterations begin with."""
+"""What the lines of a plug-in's table of iterations begin with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +47,11 @@ class Replay:
         experiment: The run's experiment, built anew; its solver may be another one.
         logged: The solve as it was logged.
         solution: What came out again.
-        iterations: The solver's table of iterations, line by line; empty if it writes none.
+        iterations: The solver's table of iterations, line by line; its objective is J over the largest priority.
         compared: Objective, instants and the control of the first tick.
         apart: Largest difference of a control in the plan [m/s^2, rad/s^2].
         remarks: What was logged that is not the solve behind the applied control.
-        same_solver: Whether the solver is the run's.
+        run_solver: Name of the solver that the run had.
     """
 
     experiment: Experiment
@@ -58,7 +61,17 @@ class Replay:
     compared: tuple[Compared, ...]
     apart: float
     remarks: tuple[str, ...]
-    same_solver: bool
+    run_solver: str
+
+    @property
+    def same_solver(self) -> bool:
+        """Whether the solver is the run's."""
+        return self.experiment.task.solver.kind == self.run_solver
+
+    @property
+    def largest_priority(self) -> float:
+        """What the objective is divided by in the NLP."""
+        return float(np.max(self.logged.window.omega))
 
     @property
     def largest(self) -> float:
@@ -90,27 +103,29 @@ def replay(log: Log, sample: int, solver: str | None = None) -> Replay:
         compared=tuple(_compared(log, experiment, logged, solution, plan)),
         apart=float(np.abs(plan.u - logged.plan.u).max()),
         remarks=tuple(_remarks(log, experiment, sample)),
-        same_solver=chosen.spec.solver.kind == loaded.spec.solver.kind,
+        run_solver=loaded.spec.solver.kind,
     )
 
 
 def _with_solver(loaded: LoadedTask, solver: str) -> LoadedTask:
-    changes = [f"solver.kind={solver}"]
     if re.fullmatch(r"[\w-]+", solver) is None:
         raise InputError(f"--solver: found {solver!r}, expected the name of a solver such as ipopt")
-    return parse_task(loaded.task_yaml, loaded.robot_yaml, loaded.spec.name, changes)
+    return parse_task(loaded.task_yaml, loaded.robot_yaml, loaded.spec.name, [Short("--solver", "solver.kind", solver)])
 
 
 def _solve(experiment: Experiment, logged: LoggedSolve) -> tuple[Solution, tuple[str, ...]]:
     """Solve without a deadline, and catch the table of iterations."""
     spec = experiment.task.solver.model_copy(update={"deadline": None})
-    solver = build_solver(logged.nlp, spec)
+    solver, table = build_solver(logged.nlp, spec), IterationTable()
     if isinstance(solver, CasadiSolver):
         solver = solver.printing()
+    elif isinstance(solver, SqpSolver):
+        solver = solver.watched(table.take)
     with redirect_stdout(io.StringIO()) as written:
         solution = solver.solve(logged.guess, logged.parameters, bounds(logged.nlp, logged.window))
-    lines = written.getvalue().splitlines()
-    return solution, tuple(line for line in lines if ITERATION.match(line))
+    if isinstance(solver, SqpSolver):
+        return solution, tuple(table.lines)
+    return solution, tuple(line for line in written.getvalue().splitlines() if ITERATION.match(line))
 
 
 def _compared(log: Log, experiment: Experiment, logged: LoggedSolve, solution: Solution, plan: Plan) -> list[Compared]:

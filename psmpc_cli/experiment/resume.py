@@ -105,8 +105,9 @@ def checkpoint_at(log: Log, experiment: Experiment, sequences: Sequence[LoggedSe
         if k >= counts:
             _look_aside(experiment, decision, logged_state(log, k))
         braking_until = decision.plan.end if decision.exhausted else np.inf
-        commanded, offset = command(experiment, decision, offset)
-        _, delays = delays.after(uncertainty.measured(k, true_state(log, k)), commanded, offset)
+        measured = uncertainty.measured(k, true_state(log, k))
+        commanded, offset = command(experiment, decision, delays.told(measured), offset)
+        _, delays = delays.after(measured, commanded, offset)
     balance = _balance_at(log, experiment, sample)
     return take_checkpoint(experiment, sample, true_state(log, sample), braking_until, balance, delays, offset)
 

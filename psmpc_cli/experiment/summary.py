@@ -81,7 +81,7 @@ class Summary:
         monitors: The verdicts.
         distances: Distance between the first two end-effectors at the end of each stage [m]; NaN with one arm.
         deviations: How far the motion came from the plans, and beyond the limits.
-        end_errors: Error of the last stage's end condition over its tolerance at the end, of the measured and of the
+        end_errors: Error of the last stage's end condition over its tolerance at the end, of the state seen and of the
             true state; None without noise.
     """
 
@@ -221,14 +221,14 @@ def _basins(log: Log) -> int | None:
 
 
 def _end_errors(log: Log, loaded: LoadedTask) -> tuple[float, float] | None:
-    """Return the last stage's end errors of the final state, measured and true."""
+    """Return the last stage's end errors of the final state, as the controller saw it and true."""
     if "Q_true" not in log.final or np.isnan(log.final["time"]):
         return None
     model = build_model(loaded.robot)
     stage, costs = build_stages(loaded.spec, loaded.robot, model)[-1], StageCosts(model)
     states = (np.concatenate([log.final[f"Q{of}"], log.final[f"Qdot{of}"]]) for of in ("", "_true"))
-    measured, true = (end_error(costs, stage, x) for x in states)
-    return measured, true
+    seen, true = (end_error(costs, stage, x) for x in states)
+    return seen, true
 
 
 def _largest(values: np.ndarray) -> float:

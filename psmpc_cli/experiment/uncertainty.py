@@ -108,10 +108,20 @@ def _ensure_steps_are_short(task: TaskSpec, robot: WeighedRobot, weighed: Inerti
     n = len(way.viscous)
     step = task.plant.step or 1 / task.plant.low_level_rate
     damping = way.viscous + way.coulomb / way.width
-    rates = np.linalg.eigvals(np.linalg.solve(np.asarray(robot.H(np.zeros(n), weighed.vector)), np.diag(damping)))
-    if step * float(np.abs(rates).max()) > 1.0:
-        longest = 0.95 / float(np.abs(rates).max())
+    inertia = np.asarray(robot.H(np.zeros(n), weighed.vector))
+    if not np.linalg.cond(inertia) < 1 / np.finfo(float).eps:
         raise InputError(
-            f"uncertainty.friction: found a step of {step:g} s, expected at most {longest:.2g} s for this friction: "
-            "take a smaller plant.step, or a larger uncertainty.friction.width"
+            "uncertainty: found bodies whose inertia matrix no number can invert, expected masses and centres of mass "
+            "nearer to the described ones"
         )
+    if step * (fastest := _fastest(inertia, damping)) > 1.0:
+        wider = ", a larger uncertainty.friction.width" if step * _fastest(inertia, way.viscous) <= 1.0 else ""
+        raise InputError(
+            f"uncertainty.friction: found a step of {step:g} s, expected at most {0.95 / fastest:.2g} s for this "
+            f"friction: take a smaller plant.step{wider}, or less friction"
+        )
+
+
+def _fastest(inertia: np.ndarray, damping: np.ndarray) -> float:
+    """Return the largest rate [1/s] at which damping (n,) [N m s/rad] brakes an inertia (n, n)."""
+    return float(np.abs(np.linalg.eigvals(np.linalg.solve(inertia, np.diag(damping)))).max())

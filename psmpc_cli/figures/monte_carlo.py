@@ -13,7 +13,7 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.experiment.monte_carlo_runs import MonteCarloRuns
 from psmpc_cli.figures.files import draw_chosen
 from psmpc_cli.figures.panels import panel_legend
-from psmpc_cli.figures.style import EDGE, PALETTE, line_look, new_figure, readable
+from psmpc_cli.figures.style import EDGE, LINE, PALETTE, TEXT, grow, line_look, new_figure, readable
 
 RATE_HEIGHT, INSTANTS_HEIGHT = 0.45, 1.9
 """Heights of the panels of the success rate and of the instants [in]."""
@@ -21,18 +21,26 @@ RATE_HEIGHT, INSTANTS_HEIGHT = 0.45, 1.9
 PANEL_HEIGHT, AROUND = 1.15, 0.65
 """Height of a panel over the runs, and of what is around all of them [in]."""
 
-SIZE, RING = 3.0, 5.5
-"""Sizes of the marks of runs, and of what marks those that failed [pt]."""
+SIZE, RING = 3.0, 6.5
+"""Sizes of the marks of runs, and of the rings around those that failed [pt]."""
 
 WIDE = 30.0
 """Errors of which the largest is so many times the smallest have an axis of logarithms."""
 
 MARKS = ("o", "^", "s", "D")
 
-CROSS: Mapping[str, Any] = {"color": "black", "marker": "x", "markersize": RING, "linestyle": "none", "zorder": 3}
-"""What marks a run that failed."""
+FAILED: Mapping[str, Any] = {
+    "color": "black",
+    "marker": "o",
+    "markersize": RING,
+    "markeredgewidth": 0.6,
+    "markerfacecolor": "none",
+    "linestyle": "none",
+    "zorder": 1.8,
+}
+"""The ring around a run that failed, behind the marks."""
 
-LOST: Mapping[str, Any] = {**CROSS, "marker": "^", "markersize": SIZE + 1, "clip_on": False}
+LOST: Mapping[str, Any] = {"color": "black", "marker": "x", "markersize": SIZE + 1, "linestyle": "none"}
 """What marks one without a value, on the lower edge of a panel."""
 
 
@@ -72,6 +80,10 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
     instants.set_ylabel("Part of the runs (1)")
     instants.set_ylim(-0.04, 1.04)
     panel_legend(instants)
+    if (legend := instants.get_legend()) is not None:
+        grow(instants, LINE)
+        legend.set_title("Stage, median of its end", {"size": TEXT})
+        legend.set_alignment("left")
     return figure
 
 
@@ -116,36 +128,42 @@ def _plot_errors(axes: Axes, runs: MonteCarloRuns) -> None:
         axes.set_yscale("log")
     else:
         axes.set_ylim(0.0, 1.12 * max(1.0, float(np.nanmax(error, initial=0.0))))
-    axes.axhline(1.0, color=EDGE, linewidth=0.7, zorder=1.5)
+    _draw_line(axes, 1.0, "tolerance")
     axes.set_ylabel("Final error\n(tolerances)")
 
 
 def _plot_margins(axes: Axes, runs: MonteCarloRuns) -> None:
     _plot_by_run(axes, runs, {kind: 100 * runs[f"relative_{kind}_margin"] for kind in ("position", "velocity")})
-    axes.axhline(0.0, color=EDGE, linewidth=0.7, zorder=1.5)
+    _draw_line(axes, 0.0, "limit")
     axes.set_ylabel("Tightest margin\n(% of the limit)")
 
 
 def _plot_monitors(axes: Axes, runs: MonteCarloRuns) -> None:
     margins = runs["monitor_margin"].T
     _plot_by_run(axes, runs, {readable(name): margin for name, margin in zip(runs.monitors, margins, strict=True)})
-    axes.axhline(0.0, color=EDGE, linewidth=0.7, zorder=1.5)
+    _draw_line(axes, 0.0, "bound")
     axes.set_ylabel("Margin of monitor\n(m, m/s)")
 
 
+def _draw_line(axes: Axes, level: float, name: str) -> None:
+    """Draw what the values of a panel should stay on one side of."""
+    axes.axhline(level, color=EDGE, linewidth=0.7, zorder=1.5, label=name)
+
+
 def _plot_by_run(axes: Axes, runs: MonteCarloRuns, values: Mapping[str, np.ndarray]) -> None:
-    """Plot quantities (runs,) over the seed; failed runs are crossed, at the lower edge where they have no value."""
+    """Plot quantities (runs,) over the seed; failed runs are ringed, or crosses on the lower edge without values."""
     seed, failed = runs["seed"], runs.failed
     for number, (name, value) in enumerate(values.items()):
         look = line_look(number) | {"marker": MARKS[number % len(MARKS)], "linestyle": "none"}
         axes.plot(seed, value, markersize=SIZE, markeredgewidth=0, label=name or "_all", **look)
-        axes.plot(seed[failed], value[failed], **CROSS)
+        axes.plot(seed[failed], value[failed], **FAILED)
+    axes.margins(y=0.12)
     known = np.isfinite(list(values.values())).any(axis=0)
     if (failed & known).any():
-        axes.plot([], [], label="failed", **CROSS)
+        axes.plot([], [], label="failed", **FAILED)
     if (lost := seed[failed & ~known]).size:
         below = axes.get_xaxis_transform()
-        axes.plot(lost, np.zeros(len(lost)), transform=below, label="failed, no value", **LOST)
+        axes.plot(lost, np.zeros(len(lost)), transform=below, label="failed, no value", clip_on=False, **LOST)
 
 
 FIGURES: Mapping[str, Callable[[MonteCarloRuns], Figure]] = {"success": plot_success, "runs": plot_runs}

@@ -1,8 +1,8 @@
 """Panels of generalized coordinates: base position, base angles, then one panel an arm."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -34,6 +34,12 @@ FARTHEST = 4.0
 
 PEAK = 5.0
 """Peaks so many times as large as 19 in 20 values dwarf the rest."""
+
+APART = 1.5
+"""Distance of two lines that can be told apart in print [pt]: more than the width of one."""
+
+SEEN: Mapping[str, Any] = {"color": "#7A7A7A", "linewidth": 0.55}
+"""How that is drawn which the controller saw."""
 
 Kind = Literal["position", "velocity", "acceleration"]
 
@@ -81,7 +87,12 @@ def coordinate_panels(model: RobotModel) -> tuple[Panel, ...]:
 
 
 def plot_coordinates(
-    run: Run, time: np.ndarray, values: np.ndarray, quantity: Quantity, limits: Kind | None = None
+    run: Run,
+    time: np.ndarray,
+    values: np.ndarray,
+    quantity: Quantity,
+    limits: Kind | None = None,
+    seen: np.ndarray | None = None,
 ) -> Figure:
     """Return a figure of values (K, n) over time (K,) [s], with the limits of that kind in force.
 
@@ -91,22 +102,25 @@ def plot_coordinates(
         values: In the order of Q.
         quantity: What they are.
         limits: Which limits to draw.
+        seen: What the controller saw of the values (K, n), drawn where it can be told apart from them.
     """
     panels = coordinate_panels(run.model)
     timeline = open_timeline(run, len(panels), HEIGHT)
-    drawn = False
+    bounded = blurred = False
     for axes, panel in zip(timeline.panels, panels, strict=True):
         notes: list[str] = []
         plot_lines(axes, time, values[:, panel.rows], panel.labels)
         if limits is not None:
-            seen, notes = _plot_limits(axes, run, limits, panel.rows, values)
-            drawn |= seen
+            within, notes = _plot_limits(axes, run, limits, panel.rows, values)
+            bounded |= within
+        if seen is not None:
+            blurred |= _plot_seen(axes, time, values[:, panel.rows], seen[:, panel.rows])
         if quantity.peaked:
             notes += _compress(axes, values[:, panel.rows])
         axes.set_ylabel(axis_label(panel, quantity))
         panel_legend(axes, ", ".join(notes))
-    limit = [Line2D([], [], color=EDGE, linewidth=0.7, label="limit")] if drawn else []
-    return timeline.finish(limit)
+    limit = [Line2D([], [], color=EDGE, linewidth=0.7, label="limit")] if bounded else []
+    return timeline.finish([*limit, *([Line2D([], [], label="seen by the controller", **SEEN)] if blurred else [])])
 
 
 def panel_legend(axes: Axes, note: str = "", line: float = HANDLE) -> None:
@@ -118,7 +132,7 @@ def panel_legend(axes: Axes, note: str = "", line: float = HANDLE) -> None:
         rows = -(-len(handles) // fitting)
         columns = -(-len(handles) // rows)
         grow(axes, (rows - 1) * LINE)
-        axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=columns, handlelength=line)
+        axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, handlelength=line)
 
 
 def axis_label(panel: Panel, quantity: Quantity) -> str:
@@ -141,6 +155,15 @@ def plot_lines(axes: Axes, time: np.ndarray, values: np.ndarray, labels: Sequenc
     for i, label in enumerate(labels):
         axes.plot(time, values[:, i], label=label, marker=point_if_alone(time), **line_look(i))
     axes.margins(y=0.08)
+
+
+def _plot_seen(axes: Axes, time: np.ndarray, values: np.ndarray, seen: np.ndarray) -> bool:
+    """Draw what was seen (K, i) beneath those values (K, i) it can be told apart from; return whether there are any."""
+    low, high = axes.get_ylim()
+    apart = np.nanmax(np.abs(seen - values), axis=0, initial=0.0) * 72 * HEIGHT / (high - low) > APART
+    for column in np.flatnonzero(apart):
+        axes.plot(time, seen[:, column], label="_seen", zorder=1.4, **SEEN)
+    return bool(apart.any())
 
 
 def _compress(axes: Axes, values: np.ndarray) -> list[str]:

@@ -40,7 +40,8 @@ class Run:
         model: The robot that ran it.
         stages: The task's stages as numbers.
         time: Sample times, then the end of the run where it is known (K or K + 1,) [s].
-        Q, Qdot, xi: State and poses at these times.
+        Q, Qdot, xi: True state and poses at these times.
+        Q_seen, Qdot_seen: The state the controller saw: measured, or foreseen over a known delay.
         spans: The stages that were reached, in order; of one that only acted ahead of its time, `start` is the end.
     """
 
@@ -52,6 +53,8 @@ class Run:
     Q: Array
     Qdot: Array
     xi: Array
+    Q_seen: Array
+    Qdot_seen: Array
     spans: tuple[Span, ...]
 
     @property
@@ -84,17 +87,14 @@ def load_run(log: Log) -> Run:
         len(log.stages["name"]),
     ):
         raise LogError(f"{log.path}: its task_yaml and robot_yaml do not describe the run it holds")
-    time, Q, Qdot, xi = _with_final(log)
+    motion = _with_final(log)
     return Run(
         log=log,
         task=loaded.spec,
         model=model,
         stages=build_stages(loaded.spec, loaded.robot, model),
-        time=time,
-        Q=Q,
-        Qdot=Qdot,
-        xi=xi,
-        spans=stage_spans(log, float(time[-1])),
+        spans=stage_spans(log, float(motion["time"][-1])),
+        **motion,
     )
 
 
@@ -120,11 +120,18 @@ def _loaded(log: Log) -> LoadedTask:
         raise LogError(f"{log.path}: its texts of task and robot do not hold in this version:\n{error}") from None
 
 
-def _with_final(log: Log) -> tuple[Array, Array, Array, Array]:
-    """Return time, Q, Qdot and xi of all samples and of the end of the run, where it was reached."""
-    columns = log.time, log["state/Q"], log["state/Qdot"], log["pose/xi"]
-    final = log.final["time"], log.final["Q"], log.final["Qdot"], log.final["xi"]
-    if not (np.isfinite(final[0]) and final[0] > log.time[-1]):
-        return columns
-    time, Q, Qdot, xi = (np.concatenate([column, last[None]]) for column, last in zip(columns, final, strict=True))
-    return time, Q, Qdot, xi
+def _with_final(log: Log) -> dict[str, Array]:
+    """Return time, poses and states of all samples and of the end of the run, where it was reached."""
+    time, final = log.time, log.final
+    ended = np.isfinite(final["time"]) and final["time"] > time[-1]
+
+    def along(column: Array, last: Array) -> Array:
+        return np.concatenate([column, last[None]]) if ended else column
+
+    found = {"time": along(time, final["time"]), "xi": along(log["pose/xi"], final["xi"])}
+    known = "state/Q_true" in log.columns and "Q_true" in final
+    for name in ("Q", "Qdot"):
+        true = f"{name}_true" if known else name
+        found[name] = along(log[f"state/{true}"], final[true])
+        found[f"{name}_seen"] = along(log[f"state/{name}"], final[name])
+    return found

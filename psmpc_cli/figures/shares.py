@@ -9,7 +9,7 @@ from matplotlib.patches import Patch
 
 from psmpc_cli.figures.panels import panel_legend
 from psmpc_cli.figures.run import Run
-from psmpc_cli.figures.style import EDGE, PALETTE, TEXT, readable
+from psmpc_cli.figures.style import EDGE, PALETTE, readable
 from psmpc_cli.figures.timeline import DOTTED, open_timeline
 
 HEIGHT = 1.2
@@ -25,23 +25,30 @@ HANDLE = 1.2
 """Length of the patches in the legend [em]."""
 
 
+COST, CONTROL = "weighted cost", "applied control"
+"""What the stages have shares in."""
+
+
 def plot_shares(run: Run) -> Figure:
     """Return each stage's share [%] in the window's weighted cost, and in the applied control, over time.
 
     The cost is omega_s J_s of the window's stages; the pending cost, which belongs to no stage, is left out. The share
     in the control is the stage's weight in that combination of the controls all stages in the window would apply on
-    their own which comes nearest to the applied one.
+    their own which comes nearest to the applied one; its panel is there only if those shares were logged.
     """
-    timeline = open_timeline(run, 2, HEIGHT)
-    above, below = timeline.panels
-    cost, control = cost_shares(run), run.log["window/share"]
-    plot_stack(above, run, cost)
-    plot_stack(below, run, control)
-    above.set_ylabel("Share in the\nweighted cost (%)")
-    below.set_ylabel("Share in the\napplied control (%)")
-    panel_legend(above, "", HANDLE)
-    below.set_title("" if np.isfinite(control).any() else "not logged", loc="left", fontsize=TEXT)
-    return timeline.finish(blanks(cost, control))
+    shares = logged_shares(run)
+    timeline = open_timeline(run, len(shares), HEIGHT)
+    for axes, (whole, values) in zip(timeline.panels, shares.items(), strict=True):
+        plot_stack(axes, run, values)
+        axes.set_ylabel(f"Share in the\n{whole} (%)")
+    panel_legend(timeline.panels[0], "", HANDLE)
+    return timeline.finish(blanks(*shares.values()))
+
+
+def logged_shares(run: Run) -> dict[str, np.ndarray]:
+    """Return each stage's share (K, S) in the weighted cost and, where those were logged, in the applied control."""
+    shares, control = {COST: cost_shares(run)}, run.log["window/share"]
+    return shares | {CONTROL: control} if np.isfinite(control).any() else shares
 
 
 def cost_shares(run: Run) -> np.ndarray:

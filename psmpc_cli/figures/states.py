@@ -7,5 +7,5 @@ from psmpc_cli.figures.run import Run
 
 
 def plot_states(run: Run) -> Figure:
-    """Return base pose [m, rad] and joint angles [rad] over time."""
-    return plot_coordinates(run, run.time, run.Q, Quantity(("position", "angle"), ("m", "rad")))
+    """Return base pose [m, rad] and joint angles [rad] over time, and what the controller saw of them."""
+    return plot_coordinates(run, run.time, run.Q, Quantity(("position", "angle"), ("m", "rad")), seen=run.Q_seen)

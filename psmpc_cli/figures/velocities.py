@@ -7,7 +7,6 @@ from psmpc_cli.figures.run import Run
 
 
 def plot_velocities(run: Run) -> Figure:
-    """Return generalized velocities [m/s, rad/s] over time, with the limits in force."""
-    return plot_coordinates(
-        run, run.time, run.Qdot, Quantity(("velocity", "velocity"), ("m/s", "rad/s")), limits="velocity"
-    )
+    """Return generalized velocities [m/s, rad/s] over time, with the limits in force and what the controller saw."""
+    quantity = Quantity(("velocity", "velocity"), ("m/s", "rad/s"))
+    return plot_coordinates(run, run.time, run.Qdot, quantity, limits="velocity", seen=run.Qdot_seen)

@@ -100,7 +100,7 @@ BASIN = (
 UNMEASURED = (
     Column("events/unmeasured", "", "1", "the measured state was not finite, and the plan's stood in for it", "i1"),
 )
-"""Where the state is not the measured one; logs of an earlier version lack it."""
+"""Where the state is not the one that the controller sees; logs of an earlier version lack it."""
 
 NODES = (Column("window/nodes", "stage", "1", "intervals N_s of each stage; NaN outside the window"),)
 """The mesh of each window; logs of an earlier version lack it, and have the task's everywhere."""
@@ -124,8 +124,8 @@ DISTURBANCE = (Column("control/disturbance", "coordinate", A_UNITS, "estimated d
 """Under offset-free control, along /time."""
 
 COLUMNS = (
-    Column("state/Q", "coordinate", Q_UNITS, "generalized coordinates, measured"),
-    Column("state/Qdot", "coordinate", V_UNITS, "generalized velocities, measured"),
+    Column("state/Q", "coordinate", Q_UNITS, "generalized coordinates, as the controller saw them"),
+    Column("state/Qdot", "coordinate", V_UNITS, "generalized velocities, as the controller saw them"),
     Column("control/u", "coordinate", A_UNITS, "applied acceleration over the first tick"),
     Column("force/F", "coordinate", F_UNITS, "generalized force of the low-level controller at the sample"),
     Column("pose/xi", "pose_coordinate", Q_UNITS, "poses of base and end-effectors"),

@@ -53,7 +53,7 @@ class Log:
         stages: Datasets below /stages: name, priority, switch_time, actual_start, premature, epsilon, ...
         coordinates, pose_coordinates: Names of the rows of Q and xi.
         final: time, Q, Qdot and xi at the end of the run; NaN in a run that was killed or interrupted. With noise Q and
-            Qdot are measured, Q_true and Qdot_true stand beside them.
+            Qdot are what the controller saw, Q_true and Qdot_true stand beside them.
         monitors: name, held (-1 in a run that was killed), margin.
         ticks: time, Q, Qdot and F at every tick, empty where none were logged.
         plans: Whether /plan was logged.

@@ -6,7 +6,7 @@ are halved. The levels of HTMPC, where earlier costs are constraints and need th
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +24,7 @@ from psmpc_cli.solvers.qp_solution import QpSolution, QpStatus
 from psmpc_cli.solvers.riccati.kernel import load_kernel
 from psmpc_cli.solvers.riccati.program import RiccatiQp
 from psmpc_cli.solvers.sqp_guess import later
+from psmpc_cli.solvers.sqp_iterate import Iterate, counts
 from psmpc_cli.solvers.sqp_limits import Limits, QpShape, Violation, limits, violation
 from psmpc_cli.solvers.sqp_soft import beyond, change_of_violations, linearize_penalized, penalized
 from psmpc_cli.specs.task import SolverSpec
@@ -31,17 +32,15 @@ from psmpc_cli.specs.task import SolverSpec
 SMALL = 1e-2
 """Step at which a cold start is iterated enough [m, rad, m/s, rad/s, s]: what is left after it is a tenth and less."""
 
-DECREASE = 1e-4
-"""Share of the predicted decrease of the merit function that a step must bring (Armijo)."""
-
-NOISE = 1e-9
-"""Relative rise of the objective that is taken for rounding."""
-
 SHARPER = 0.1
 """Our own method's tolerance in units of the solver's: its last iterations are cheap, and flat directions gain."""
 
 SHORTEST_STEP = 1 / 32
 """The shortest share of a step that is tried."""
+
+
+Watch = Callable[[int, Iterate, QpSolution | None], None]
+"""Takes the number of an iteration, where it led, and its program; at the guess, number 0, there is none."""
 
 
 def build(nlp: StructuredNlp, spec: SolverSpec) -> Solver:
@@ -58,31 +57,19 @@ class _Problem:
     qp: MultistageQp | RiccatiQp
 
 
-@dataclass(frozen=True, eq=False)
-class _Iterate:
-    """A point with what holds there, and the step that led to it.
-
-    Attributes:
-        step: Largest component of the program's full step [m, rad, m/s, rad/s, s].
-        qp: The program's solution, None at the guess.
-    """
-
-    point: Point
-    at: Residuals
-    violation: Violation
-    step: float = np.inf
-    qp: QpSolution | None = None
-
-
 class SqpSolver:
-    """The windows of one shape."""
+    """The windows of one shape; `watch` is told of every iteration."""
 
-    def __init__(self, nlp: Nlp, spec: SolverSpec) -> None:
-        self._nlp, self._spec = nlp, spec
+    def __init__(self, nlp: Nlp, spec: SolverSpec, watch: Watch | None = None) -> None:
+        self._nlp, self._spec, self._watch = nlp, spec, watch
         self._form = VelocityForm(nlp.model, nlp.shape, nlp.layout, spec.compiled)
         self._kernel = load_kernel(nlp.layout.n, nlp.layout.switches) if spec.compiled else None
         self._programs: dict[QpShape, MultistageQp | RiccatiQp] = {}
         self._curvature = EndCurvature(self._form)
+
+    def watched(self, watch: Watch) -> "SqpSolver":
+        """Return the same solver, which tells of its iterations."""
+        return SqpSolver(self._nlp, self._spec, watch)
 
     def solve(self, guess: Guess, p: np.ndarray, bounds: Bounds) -> Solution:
         """Solve for the parameters p from the guess."""
@@ -111,10 +98,10 @@ class SqpSolver:
             wall_time=time.perf_counter() - began,
         )
 
-    def _begin(self, problem: _Problem, point: Point) -> tuple[_Iterate, Linearization]:
+    def _begin(self, problem: _Problem, point: Point) -> tuple[Iterate, Linearization]:
         """Return the iterate at a guess, and the model there."""
         model = linearize_penalized(self._form, problem.limits, point, problem.p)
-        return _Iterate(point, model.at, self._violation(problem, point, model.at)), model
+        return Iterate(point, model.at, self._violation(problem, point, model.at)), model
 
     def _end_multipliers(self, guess: Guess) -> Mapping[int, np.ndarray]:
         """Return the multipliers of curved end conditions by stage, where the guess has any."""
@@ -132,7 +119,7 @@ class SqpSolver:
         return np.zeros(self._nlp.layout.size), lam_g
 
     def _program(
-        self, problem: _Problem, iterate: _Iterate, model: Linearization, ends: Mapping[int, np.ndarray]
+        self, problem: _Problem, iterate: Iterate, model: Linearization, ends: Mapping[int, np.ndarray]
     ) -> QpSolution:
         """Return the solution of the program at an iterate.
 
@@ -169,19 +156,23 @@ class SqpSolver:
     def _iterate(
         self,
         problem: _Problem,
-        iterate: _Iterate,
+        iterate: Iterate,
         model: Linearization,
         qp: QpSolution,
         began: float,
         warm: bool,
-    ) -> tuple[_Iterate, Outcome, int]:
+    ) -> tuple[Iterate, Outcome, int]:
         """Return the last iterate, how it is to be taken, and the number of iterations."""
+        self._tell(0, iterate, None)
         for count in range(1, self._spec.max_iterations + 1):
+            before = iterate
+            if qp.status is QpStatus.SOLVED:
+                iterate = self._step(problem, iterate, model, qp)
+            self._tell(count, iterate, qp)
             if qp.status is QpStatus.INFEASIBLE:
                 return iterate, Outcome.INFEASIBLE, count
             if qp.status is QpStatus.FAILED:
                 return iterate, self._unfinished(iterate, Outcome.FAILED), count
-            before, iterate = iterate, self._step(problem, iterate, model, qp)
             if iterate.step <= np.sqrt(self._spec.tolerance) and iterate.violation.worst <= FEASIBLE:
                 return iterate, Outcome.OPTIMAL, count
             if iterate.point is before.point:
@@ -196,12 +187,16 @@ class SqpSolver:
                 qp = self._program(problem, iterate, model, {s: qp.ends[s] for s in self._curvature.stages})
         return iterate, self._unfinished(iterate, Outcome.ITERATION_LIMIT), self._spec.max_iterations
 
-    def _unfinished(self, iterate: _Iterate, otherwise: Outcome) -> Outcome:
+    def _tell(self, count: int, iterate: Iterate, qp: QpSolution | None) -> None:
+        if self._watch is not None:
+            self._watch(count, iterate, qp)
+
+    def _unfinished(self, iterate: Iterate, otherwise: Outcome) -> Outcome:
         """Return how an iterate that is not settled is to be taken."""
         stepped = iterate.qp is not None
         return Outcome.FEASIBLE if stepped and iterate.violation.worst <= FEASIBLE else otherwise
 
-    def _step(self, problem: _Problem, iterate: _Iterate, model: Linearization, qp: QpSolution) -> _Iterate:
+    def _step(self, problem: _Problem, iterate: Iterate, model: Linearization, qp: QpSolution) -> Iterate:
         """Return the iterate after the longest tried share of the step that counts; the point itself, if none does."""
         step = float(max(np.abs(qp.step.X).max(), np.abs(qp.step.tau).max(initial=0.0)))
         slope = float((model.gradient * qp.step.X).sum() + model.gradient_tau @ qp.step.tau)
@@ -212,34 +207,11 @@ class SqpSolver:
             point = iterate.point.moved(qp.step, share)
             at = self._form.residuals(point, problem.p)
             at = penalized(self._form, problem.limits, point, at, horizon)
-            found = _Iterate(point, at, self._violation(problem, point, at), step, qp)
-            if _counts(found, iterate, share * slope, share, 2 * qp.largest):
+            found = Iterate(point, at, self._violation(problem, point, at), step, share, qp)
+            if counts(found, iterate, share * slope, 2 * qp.largest):
                 return found
             share /= 2
-        return _Iterate(iterate.point, iterate.at, iterate.violation, step, qp)
+        return Iterate(iterate.point, iterate.at, iterate.violation, step, qp=qp)
 
     def _violation(self, problem: _Problem, point: Point, at: Residuals) -> Violation:
         return violation(self._form, problem.limits, point, at, float(problem.p.horizon))
-
-
-def _counts(found: _Iterate, before: _Iterate, slope: float, share: float, penalty: float) -> bool:
-    """Tell whether a step brings enough: worst violation, objective or merit.
-
-    The merit function alone would cut the long steps of a cold start: it adds up the gaps that a longer stage leaves at
-    each of its nodes, each of them a second-order term that the next iteration closes.
-
-    Args:
-        found: After the step.
-        before: Before it.
-        slope: Change of the objective that its gradient predicts for the step, penalties of soft limits included.
-        share: Share of the program's step that it is.
-        penalty: Weight of the violation in the merit function, above every multiplier.
-    """
-    noise = NOISE * (1 + abs(before.at.objective))
-    rise = found.at.objective - before.at.objective
-    if found.violation.worst <= before.violation.worst / 2 and before.violation.worst > FEASIBLE:
-        return True
-    if found.violation.worst <= FEASIBLE and rise <= DECREASE * slope + noise:
-        return True
-    predicted = slope - penalty * share * before.violation.total
-    return rise + penalty * (found.violation.total - before.violation.total) <= DECREASE * predicted + noise

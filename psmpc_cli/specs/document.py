@@ -20,7 +20,7 @@ SHORT = 4
 
 @dataclass(frozen=True)
 class Entry:
-    """One value of a document: its place and its key's, how it was written, and the `--set` it came from."""
+    """One value of a document: its place and its key's, how it was written, and the option it came from, as typed."""
 
     place: Place
     key: Place | None = None

@@ -18,6 +18,12 @@ NAME_PATTERN = r"^[^\s./\\\[\]=:,]+( [^\s./\\\[\]=:,]+)*$"
 
 LONGEST_NAME = 60
 
+LARGEST, SMALLEST = 1e12, 1e-12
+"""Magnitude of a number, and of one that must not be 0: what is computed from them stays far from a float's range."""
+
+LARGEST_WHOLE = 2**63 - 1
+"""What a file holds of whole numbers."""
+
 Pair = tuple[float, float]
 
 _WITH_UNIT: dict[str, Any] = {"type": "string", "pattern": ANGLE_PATTERN}
@@ -44,7 +50,16 @@ def number(value: object) -> float:
         raise expected(_a_number(value))
     if not math.isfinite(value):
         raise expected("a finite number (a float ends at 1.8e308)")
+    if abs(value) > LARGEST:
+        raise expected(f"a number of at most {LARGEST:g} in magnitude")
     return float(value)
+
+
+def not_tiny(value: float) -> float:
+    """Return a number above 0 that can be divided by."""
+    if 0 < value < SMALLEST:
+        raise expected(f"a number of at least {SMALLEST:g}")
+    return value
 
 
 def _a_number(instead_of: object) -> str:
@@ -70,6 +85,8 @@ def whole(value: object) -> int:
     """Return a whole number as int."""
     if isinstance(value, bool) or not isinstance(value, int | float) or value != value // 1:
         raise expected("a whole number")
+    if abs(value) > LARGEST_WHOLE:
+        raise expected(f"a whole number of at most {LARGEST_WHOLE}")
     return int(value)
 
 
@@ -164,7 +181,7 @@ def shape_of(value: object) -> str:
 
 
 Number = Annotated[float, BeforeValidator(number)]
-Positive = Annotated[float, Field(gt=0), BeforeValidator(number)]
+Positive = Annotated[float, Field(gt=0), BeforeValidator(number), AfterValidator(not_tiny)]
 NotNegative = Annotated[float, Field(ge=0), BeforeValidator(number)]
 Angle = Annotated[float, BeforeValidator(number_or_angle), WithJsonSchema(_NUMBER_OR_ANGLE)]
 Whole = Annotated[int, BeforeValidator(whole)]
@@ -190,7 +207,9 @@ Coordinates = Annotated[
     WithJsonSchema({"anyOf": [_TEXT, _listed(_TEXT)]}),
 ]
 Size = Annotated[float, Field(ge=0), BeforeValidator(number_or_angle), WithJsonSchema(_NOT_NEGATIVE)]
-Width = Annotated[float, Field(gt=0), BeforeValidator(number_or_angle), WithJsonSchema(_POSITIVE)]
+Width = Annotated[
+    float, Field(gt=0), BeforeValidator(number_or_angle), AfterValidator(not_tiny), WithJsonSchema(_POSITIVE)
+]
 Widths = Annotated[
     tuple[Width, ...],
     BeforeValidator(number_alone_or_list),

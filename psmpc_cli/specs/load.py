@@ -13,7 +13,7 @@ from psmpc_cli.specs.cursor import Cursor
 from psmpc_cli.specs.document import Document, read
 from psmpc_cli.specs.files import read_text
 from psmpc_cli.specs.library import Kind, built_ins, find, look_up, shown
-from psmpc_cli.specs.overrides import override
+from psmpc_cli.specs.overrides import Change, override
 from psmpc_cli.specs.problem import Problem
 from psmpc_cli.specs.report import refusal, report
 from psmpc_cli.specs.robot import RobotSpec
@@ -69,12 +69,12 @@ class LoadedTask:
         return hashlib.sha256(canonical.encode()).hexdigest()
 
 
-def load_task(reference: str | Path, overrides: Sequence[str] = ()) -> LoadedTask:
+def load_task(reference: str | Path, overrides: Sequence[Change] = ()) -> LoadedTask:
     """Load a task and its robot.
 
     Args:
         reference: A path, or the name of a built-in task.
-        overrides: Keys of the task to change, each `path=value`.
+        overrides: Keys of the task to change, each `path=value` or an option short for that.
 
     Raises:
         SpecError: Something is wrong with the file, the robot's file or an override; the message has all of it.
@@ -111,14 +111,14 @@ def kind_of_reference(reference: str | Path) -> Kind:
     return kind_of(read(shown(path), read_text(path)))
 
 
-def parse_task(task_yaml: str, robot_yaml: str, name: str, overrides: Sequence[str] = ()) -> LoadedTask:
+def parse_task(task_yaml: str, robot_yaml: str, name: str, overrides: Sequence[Change] = ()) -> LoadedTask:
     """Rebuild a task from texts stored elsewhere, such as in a log; no file is touched.
 
     Args:
         task_yaml: The effective text of the task.
         robot_yaml: The text of its robot.
         name: What the task is called if it does not say so itself.
-        overrides: Keys of the task to change, each `path=value`.
+        overrides: Keys of the task to change, each `path=value` or an option short for that.
 
     Raises:
         SpecError: Something is wrong with the texts or an override.

@@ -1,4 +1,4 @@
-"""`--set path=value`: one key of a task given on the command line instead of in the file."""
+"""`--set path=value`, or an option short for it: one key of a task given on the command line instead of in the file."""
 
 import copy
 import re
@@ -23,29 +23,55 @@ class _MisplacedError(Exception):
 
 
 @dataclass(frozen=True)
-class _Edit:
-    """One override, read: its number, the steps of its path as given, and its value."""
+class Short:
+    """An option that is short for `--set key=value`.
 
-    text: str
+    Attributes:
+        option: As it is typed, such as --plant.
+        key: Path of the key it sets.
+        value: What was typed after it.
+    """
+
+    option: str
+    key: str
+    value: str
+
+    @property
+    def text(self) -> str:
+        """What would stand after `--set`."""
+        return f"{self.key}={self.value}"
+
+
+Change = str | Short
+"""One key to change: `path=value`, or an option short for that."""
+
+
+@dataclass(frozen=True)
+class _Edit:
+    """One override, read: what the user typed, its number, the steps of its path as given, and its value."""
+
+    typed: str
     number: int
     steps: Path
     value: Document
 
 
-def override(document: Document, texts: Sequence[str]) -> tuple[Document, tuple[str, ...]]:
+def override(document: Document, changes: Sequence[Change]) -> tuple[Document, tuple[str, ...]]:
     """Return the document with the overrides applied in their order, and what is wrong with those that could not be."""
     complaints = []
+    texts = [change if isinstance(change, str) else change.text for change in changes]
     if (length := sum(map(len, texts))) > LONGEST:
         return document, (f"--set: found {length} characters, expected at most {LONGEST}: put them into the file",)
-    for number, text in enumerate(texts, start=1):
+    for number, (change, text) in enumerate(zip(changes, texts, strict=True), start=1):
+        typed = f"--set {change}" if isinstance(change, str) else f"{change.option} {change.value}"
         try:
-            document = _apply(document, _parse(text, number))
+            document = _apply(document, _parse(text, typed, number))
         except _MisplacedError as error:
-            complaints.append(f"--set {text}: {error}")
+            complaints.append(f"{typed}: {error}")
     return document, tuple(complaints)
 
 
-def _parse(text: str, number: int) -> _Edit:
+def _parse(text: str, typed: str, number: int) -> _Edit:
     """Read `path=value`; the value is YAML."""
     path, separator, value = text.partition("=")
     if not separator:
@@ -58,7 +84,7 @@ def _parse(text: str, number: int) -> _Edit:
     if read_value.problems:
         raise _MisplacedError(read_value.problems[0].message)
     steps = tuple(int(index) if index else name for index, name in _STEP.findall(path.strip()))
-    return _Edit(text, number, steps, read_value)
+    return _Edit(typed, number, steps, read_value)
 
 
 def _apply(document: Document, edit: _Edit) -> Document:
@@ -71,7 +97,7 @@ def _apply(document: Document, edit: _Edit) -> Document:
         path = (*path, key)
         child = _get(value, key)
         if child is None or (isinstance(child, str) and path in SHORTHANDS):
-            entries.update(_opened(document, path, edit.text))
+            entries.update(_opened(document, path, edit.typed))
             child = {} if child is None else {"kind": child}
             _put(value, key, child)
         value = child
@@ -80,14 +106,14 @@ def _apply(document: Document, edit: _Edit) -> Document:
     _put(value, key, edit.value.data)
     entries = {at: entry for at, entry in entries.items() if at[: len(path)] != path}
     for at, entry in {(): Entry(Place(1, 1)), **edit.value.entries}.items():
-        entries[(*path, *at)] = replace(entry, place=Place(edit.number, entry.place.column), override=edit.text)
+        entries[(*path, *at)] = replace(entry, place=Place(edit.number, entry.place.column), override=edit.typed)
     return replace(document, data=data, entries=entries)
 
 
-def _opened(document: Document, path: Path, text: str) -> dict[Path, Entry]:
+def _opened(document: Document, path: Path, typed: str) -> dict[Path, Entry]:
     """Return the entries of a mapping that takes the place of nothing, or of the shorthand for its `kind`."""
     entry = document.entry(path)
-    opened = {path: replace(entry, written=None, override=text)}
+    opened = {path: replace(entry, written=None, override=typed)}
     return opened | ({(*path, "kind"): entry} if entry.written else {})
 
 

@@ -14,7 +14,7 @@ WIDEST = 120
 
 
 def report(document: Document, problems: Iterable[Problem]) -> str:
-    """Write all problems of a document, in the order of its lines, those of `--set` last."""
+    """Write all problems of a document, in the order of its lines, those of the command line last."""
     ordered = sorted(dict.fromkeys(problems), key=lambda problem: _order(document, problem))
     lines = [render(document, problem) for problem in ordered[:MOST_PROBLEMS]]
     if len(ordered) > MOST_PROBLEMS:
@@ -27,7 +27,7 @@ def render(document: Document, problem: Problem) -> str:
     what = f"{dotted(problem.path)}: {problem.message}" if problem.path else problem.message
     override = document.entry(problem.path).override
     if override is not None:
-        return f"--set {override}: {what}"
+        return f"{override}: {what}"
     place = _place(document, problem)
     head = f"{document.name}:{place.line}:{place.column}: {what}"
     source = _source(document.text, place)

@@ -110,7 +110,7 @@ def resume_monte_carlo(path: Path, study: MonteCarlo) -> Results:
     if not path.exists():
         raise InputError(f"--resume: found no file {path}, expected a study that was stopped; leave --resume out")
     results = read_monte_carlo(path).results
-    ensure_same(results, study.identity, "study")
+    ensure_same(results, study.identity, study.task, "study")
     if (found := len(results["run"])) > study.runs:
         raise InputError(f"--resume: {path} has {found} runs, found --runs {study.runs}, expected at least as many")
     if found == study.runs:

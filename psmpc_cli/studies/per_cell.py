@@ -7,6 +7,8 @@ import numpy as np
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Quantity, Results
+from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.studies.other_task import difference
 
 Identity = Mapping[str, str | int | float]
 """What two studies must have in common for one to go on where the other stopped, by its name for a user."""
@@ -41,7 +43,7 @@ def unfilled(
         yield Quantity(quantity.name, (*dims, *extra), values, quantity.units, quantity.long_name)
 
 
-def ensure_same(results: Results, identity: Identity, study: str) -> None:
+def ensure_same(results: Results, identity: Identity, task: LoadedTask, study: str) -> None:
     """Make sure that a file holds this study.
 
     Raises:
@@ -50,7 +52,9 @@ def ensure_same(results: Results, identity: Identity, study: str) -> None:
     for name, wanted in identity.items():
         found = results.attributes.get(name)
         if found != wanted:
+            plainly = f"found {name.replace('_', ' ')} {found}, this one has {wanted}"
+            differs = difference(results, task) if name == "digest" else plainly
             raise InputError(
-                f"--resume: {results.path} holds another {study}: found {name.replace('_', ' ')} {found}, this one has "
-                f"{wanted}; give the same task and options, or choose another file with -o"
+                f"--resume: {results.path} holds another {study}: {differs}; give the same task and options, or choose "
+                "another file with -o"
             )

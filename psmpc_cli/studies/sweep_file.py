@@ -174,5 +174,5 @@ def resume_sweep(path: Path, sweep: Sweep) -> Results:
     if not path.exists():
         raise InputError(f"--resume: found no file {path}, expected a sweep that was stopped; leave --resume out")
     results = read_sweep(path)
-    ensure_same(results, sweep.identity, "sweep")
+    ensure_same(results, sweep.identity, sweep.task, "sweep")
     return results

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ..bad_input import LINES, RESULTS, judged, prepare, states, tidy
+from ..bad_input import LINES, RESULTS, judged, prepare, simulated, states, tidy
 from ..fuzzing import fuzzing
 from ..mutated_files import mutated_bytes, mutated_file
-from ..mutated_text import mutated_line
+from ..mutated_text import mutated_line, mutated_settings
 
 CHANGES = {"--force", "--continue"}
 """What lets psmpc change a file that is there."""
@@ -44,6 +44,13 @@ def test_mutated_command_line_is_done_or_refused(inside: Path, seed: int) -> Non
         kept = states(inside)
         assert judged(arguments).note == ""
         assert tidy(inside, kept) == []
+
+
+@fuzzing(60)
+@given(st.integers(0, 2**32))
+def test_numbers_of_any_magnitude_are_refused_or_give_a_readable_log(inside: Path, seed: int) -> None:
+    assert simulated(mutated_settings(Random(seed))).note == ""
+    (inside / "new.h5").unlink(missing_ok=True)
 
 
 @fuzzing(120)

@@ -4,6 +4,7 @@ import numpy as np
 
 from psmpc_cli.logs.read import read_log
 
+from ..experiment.logged import there_and_back
 from .command import Psmpc
 
 
@@ -17,6 +18,14 @@ def test_a_replay_shows_iterations_and_what_is_equal(psmpc: Psmpc, part: Path) -
     assert [rows[name] for name in ("objective J", "go ends [s]", "control of base.x")] == ["0.0e+00"] * 3
     count = read_log(part)["solver/iterations"][3]
     assert lines[-1] == f"the log is repeated to 1e-06: optimal after {count} iterations, again optimal after {count}"
+
+
+def test_our_own_solver_writes_its_table_and_says_what_its_objective_is(psmpc: Psmpc, tmp_path: Path) -> None:
+    there_and_back(tmp_path, "solver.kind=sqp", "stages.go.priority=50", samples=4, name="own")
+    lines = psmpc("replay", "own.h5", "--step", "3").stdout.splitlines()
+    assert lines[1].split() == ["iter", "objective", "inf_pr", "||d||", "alpha", "qp"]
+    assert lines[2].split()[0] == "0"
+    assert "objective in the lines above: J over the largest priority, 50" in lines
 
 
 def test_another_solver_is_said_to_be_one(psmpc: Psmpc, part: Path) -> None:

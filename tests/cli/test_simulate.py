@@ -135,9 +135,9 @@ REFUSED = [
     (("--set", "controler.nodes=5"), 'found an unknown key (did you mean "controller"?)'),
     (
         ("--controller", "mpc"),
-        '--set controller.kind=mpc: controller.kind: found the text "mpc" (did you mean "smpc"?)',
+        '--controller mpc: controller.kind: found the text "mpc" (did you mean "smpc"?)',
     ),
-    (("--plant", "mars"), '--set plant.kind=mars: plant.kind: found the text "mars", expected one of ideal'),
+    (("--plant", "mars"), '--plant mars: plant.kind: found the text "mars", expected one of ideal'),
     (("--quiet", "--verbose"), "psmpc: found both --quiet and --verbose, expected at most one of them"),
     (("-o", "task.yaml"), "psmpc: task.yaml exists already: choose another file with -o, or overwrite it with --force"),
     (("-o", "task.yaml", "--force"), "psmpc: task.yaml is no log: --force overwrites logs only; choose another file"),

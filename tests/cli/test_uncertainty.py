@@ -28,15 +28,15 @@ def test_everything_is_said_in_its_unit() -> None:
     for line, parts in zip(
         found,
         (
-            ("unknown to the controller (seed 0): masses within 10 %",),
+            ("uncertain (seed 0): masses within 10 %",),
             ("inertias within base 5 %; arms 20 %",),
             ("centres of mass within 0.01 m",),
             ("viscous 0.1 N m s/rad", "Coulomb arms 0.1, 0.1, 0.05 N m beyond 0.02 rad/s"),
             ("position 0.001 m, angular velocity 0.002 rad/s",),
+            ("2 samples late, unknown to the controller",),
             ("base 20, 20, 5 N, N m",),
             ("a blow to the base at 5 s: 1, 0 N s and 0 N m s",),
             ("5 kg and 0.67 kg m^2 in equal shares from the end of capture to the beginning of release", "counts in"),
-            ("2 samples late, unknown to the controller",),
         ),
         strict=True,
     ):
@@ -55,4 +55,4 @@ def test_a_payload_the_law_does_not_know_is_said_to_be_so() -> None:
 )
 def test_how_much_of_a_delay_is_foreseen_is_said(known: int, said: str) -> None:
     task = load_task("transport", ["uncertainty.delay=2", f"controller.known_delay={known}"]).spec
-    assert uncertainty_in_words(task) == [f"controls reach the robot 2 samples late, {said}"]
+    assert uncertainty_in_words(task) == [f"uncertain (seed 0): controls reach the robot 2 samples late, {said}"]

@@ -51,5 +51,5 @@ def test_a_robot_that_moves_at_the_start_was_moving_before() -> None:
 
 def test_what_was_taken_off_for_a_disturbance_is_expected_on_top_again() -> None:
     d = np.full(N, 0.25)
-    _, underway = delays(1, 1).after(np.zeros(2 * N), of(0) - d, Offset(d, np.zeros(N), np.zeros(N)))
+    _, underway = delays(1, 1).after(np.zeros(2 * N), of(0) - d, Offset(d, np.zeros(N), ()))
     np.testing.assert_allclose(underway.foreseen(np.zeros(2 * N))[N:], 0.1, atol=1e-12)

@@ -31,6 +31,18 @@ def test_the_same_solver_repeats_the_log(tmp_path: Path, solver: str) -> None:
         assert again.iterations[0].split()[:2] == ["iter", "objective"]
 
 
+def test_our_own_solver_repeats_the_log_and_shows_its_iterations(tmp_path: Path) -> None:
+    log = there_and_back(tmp_path, "solver.kind=sqp", "stages.go.priority=50", samples=6)
+    for sample in range(6):
+        again = replay(log, sample)
+        assert again.largest == 0.0
+        rows = [line.split() for line in again.iterations]
+        assert rows[0] == ["iter", "objective", "inf_pr", "||d||", "alpha", "qp"]
+        assert [int(row[0]) for row in rows[1:]] == list(range(log["solver/iterations"][sample] + 1))
+        objective = float(rows[-1][1]) * again.largest_priority
+        assert objective == pytest.approx(log["solver/objective"][sample], rel=1e-8)
+
+
 def test_objective_instants_and_control_are_compared(log: Log) -> None:
     sample = window_with_a_switch(log)
     compared = {each.name: each.logged for each in replay(log, sample).compared}
@@ -49,7 +61,9 @@ def test_another_solver_finds_the_same_optimum(log: Log) -> None:
 
 
 def test_a_solver_that_does_not_exist_is_refused(log: Log) -> None:
-    with pytest.raises(SpecError, match=r'--set solver\.kind=simplex: .*found the text "simplex", expected one of sqp'):
+    with pytest.raises(
+        SpecError, match=r'--solver simplex: solver\.kind: found the text "simplex", expected one of sqp'
+    ):
         replay(log, 0, "simplex")
 
 

@@ -242,6 +242,15 @@ WRIST = (
 """One joint turns whose friction is more than the torque that the plan has for it."""
 
 
+@pytest.mark.parametrize("known", [1, 6])
+def test_integral_action_bears_a_known_delay(tmp_path: Path, known: int) -> None:
+    """Six samples late, an estimate from what is foreseen instead of what was measured would diverge."""
+    late = (f"uncertainty.delay={known}", f"controller.known_delay={known}", "controller.offset_free=true")
+    log = logged(tmp_path, BODIES, "uncertainty.friction.viscous=0.1", *WRIST, *late, *LIGHT, "time_limit=12")
+    assert log.attributes["finished"]
+    assert np.abs(log["state/Qdot_true"]).max() < 0.3
+
+
 @pytest.mark.parametrize("offset_free", ["false", "true"])
 def test_integral_action_gets_over_friction(tmp_path: Path, offset_free: str) -> None:
     log = logged(tmp_path, STICKY, *WRIST, f"controller.offset_free={offset_free}", *LIGHT)

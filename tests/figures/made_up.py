@@ -33,6 +33,7 @@ class Story:
         last: When the log breaks off [s].
         sample: Sample time [s].
         ticks: Whether the log holds ticks, two a sample.
+        blur: How far off the true state, up and down, the controller sees every coordinate and velocity [SI].
         attributes: Further attributes of the log, in place of the usual ones.
     """
 
@@ -44,6 +45,7 @@ class Story:
     last: float = np.inf
     sample: float = 0.4
     ticks: bool = False
+    blur: float = 0.0
     attributes: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -57,7 +59,8 @@ def write_story(path: Path, story: Story) -> Path:
         log.update_stages(_stage_times(story))
         if story.last == np.inf:
             Q, Qdot, _ = _motion(story.ends[-1], story)
-            log.finish(True, "done", story.ends[-1], np.r_[Q, Qdot], _poses(model, Q))
+            true = np.r_[Q, Qdot]
+            log.finish(True, "done", story.ends[-1], true + story.blur, _poses(model, Q), true)
     return path
 
 
@@ -81,6 +84,7 @@ def _header(loaded: LoadedTask, story: Story) -> Header:
         epsilons=(0.1, 0.01),
         ticks=story.ticks,
         plans=False,
+        noisy=story.blur > 0,
     )
 
 
@@ -122,11 +126,11 @@ def _record(model: RobotModel, time: float, story: Story) -> Record:
     Q, Qdot, u = _motion(time, story)
     first = int(np.searchsorted(story.ends, time, side="right"))
     instants = np.array([end + 0.02 * (end - time) for end in story.ends[first:-1] if end < time + HORIZON])
-    empty = np.zeros(0)
+    empty, blur = np.zeros(0), story.blur * (-1) ** round(time / story.sample)
     return Record(
         time=time,
-        Q=Q,
-        Qdot=Qdot,
+        Q=Q + blur,
+        Qdot=Qdot + blur,
         u=u,
         F=np.asarray(model.low_level(Q, Qdot, u)).ravel(),
         xi=_poses(model, Q),
@@ -149,6 +153,7 @@ def _record(model: RobotModel, time: float, story: Story) -> Record:
         energy_error=0.0,
         ticks=_ticks(model, time, story) if story.ticks else None,
         window_cost=2.0 ** -np.arange(len(instants) + 1),
+        true=np.r_[Q, Qdot] if story.blur else None,
         shares=_shares(first, time, instants),
     )
 

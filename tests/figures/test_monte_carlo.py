@@ -39,13 +39,32 @@ def test_a_curve_ends_at_the_part_of_the_runs_that_ended_the_stage(tmp_path: Pat
         assert curve[0, 1] == 0
 
 
-def test_failed_runs_are_crossed_even_those_without_values(tmp_path: Path) -> None:
+def test_the_legend_says_what_its_times_are_and_keeps_off_the_frame(tmp_path: Path) -> None:
+    with in_style():
+        figure = plot_success(made_up_monte_carlo(tmp_path / "study.h5"))
+        figure.draw_without_rendering()
+    axes = figure.axes[1]
+    found = axes.get_legend()
+    assert found is not None
+    assert found.get_title().get_text() == "Stage, median of its end"
+    assert min(text.get_window_extent().y0 for text in found.get_texts()) > axes.get_window_extent().y1 + 1
+
+
+def test_failed_runs_are_ringed_behind_their_marks_even_those_without_values(tmp_path: Path) -> None:
     figure = plot_runs(made_up_monte_carlo(tmp_path / "study.h5", crashed=(2,), late=(5,)))
     for axes in figure.axes:
-        assert legend(axes)[-2:] == ["failed", "failed, no value"]
+        assert legend(axes)[-3:-1] == ["failed", "failed, no value"]
         assert [points(line).tolist() for line in axes.lines if line.get_label() == "failed, no value"] == [[[12, 0]]]
-        crossed = np.vstack([points(line) for line in axes.lines if line.get_marker() == "x"])
-        assert set(crossed[np.isfinite(crossed[:, 1]), 0]) == {15.0}
+        rings = [line for line in axes.lines if line.get_marker() == "o" and line.get_markerfacecolor() == "none"]
+        ringed = np.vstack([points(line) for line in rings if len(points(line))])
+        assert set(ringed[np.isfinite(ringed[:, 1]), 0]) == {15.0}
+        marks = [line for line in axes.lines if line.get_markeredgewidth() == 0]
+        assert max(ring.get_zorder() for ring in rings) < min(mark.get_zorder() for mark in marks)
+
+
+def test_lines_that_runs_are_judged_by_are_named(tmp_path: Path) -> None:
+    figure = plot_runs(made_up_monte_carlo(tmp_path / "study.h5"))
+    assert [legend(axes)[-1] for axes in figure.axes] == ["tolerance", "limit", "bound"]
 
 
 def test_figures_are_chosen_by_name_and_nothing_is_overwritten(tmp_path: Path) -> None:

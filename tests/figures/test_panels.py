@@ -4,17 +4,25 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from psmpc_cli.figures.controls import plot_controls
 from psmpc_cli.figures.forces import plot_forces
 from psmpc_cli.figures.panels import Quantity, coordinate_panels, limits_in_force, plot_coordinates
 from psmpc_cli.figures.run import Run
 from psmpc_cli.figures.states import plot_states
+from psmpc_cli.figures.style import in_style
 from psmpc_cli.figures.velocities import plot_velocities
 
 from .drawn import common_legend, curves, points
+from .fit_to_print import check_figure
 
 Load = Callable[..., Run]
+
+
+def seen_lines(figure: Figure) -> list[list[np.ndarray]]:
+    """What the controller saw, by panel."""
+    return [[points(line) for line in axes.lines if line.get_label() == "_seen"] for axes in figure.axes[1:]]
 
 
 def limit_lines(axes: Axes) -> set[float]:
@@ -39,6 +47,23 @@ def test_velocities_are_drawn_with_their_limits(run: Run) -> None:
     figure = plot_velocities(run)
     assert [limit_lines(axes) for axes in figure.axes[1:]] == [{-0.2, 0.2}, {-0.2, 0.2}, {-0.15, 0.15}, {-0.15, 0.15}]
     assert "limit" in common_legend(figure)
+
+
+def test_what_the_controller_saw_lies_beneath_the_true_state(load: Load, run: Run) -> None:
+    blurred = load(blur=0.1)
+    figure = plot_velocities(blurred)
+    np.testing.assert_array_equal(curves(figure.axes[1])["x"], np.column_stack([run.time, run.Qdot[:, 0]]))
+    seen = np.hstack([line[:, 1:] for lines in seen_lines(figure) for line in lines])
+    np.testing.assert_array_equal(seen, blurred.Qdot_seen)
+    assert "seen by the controller" in common_legend(figure)
+    with in_style():
+        check_figure(plot_velocities(blurred))
+
+
+def test_what_can_not_be_told_apart_in_print_is_not_drawn(load: Load) -> None:
+    figure = plot_states(load(blur=1e-4))
+    assert not any(seen_lines(figure))
+    assert "seen by the controller" not in common_legend(figure)
 
 
 def test_controls_without_limits_have_none_in_the_legend(run: Run) -> None:

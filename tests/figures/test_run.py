@@ -48,6 +48,16 @@ def test_states_between_samples_are_interpolated(run: Run) -> None:
     np.testing.assert_array_equal(run.coordinates_at(run.end), run.Q[-1])
 
 
+def test_the_state_is_the_true_one_beside_what_the_controller_saw(load: Load, run: Run) -> None:
+    blurred = load(blur=0.1)
+    for name in ("time", "Q", "Qdot", "xi"):
+        np.testing.assert_array_equal(getattr(blurred, name), getattr(run, name))
+    np.testing.assert_allclose(np.abs(blurred.Q_seen - run.Q), 0.1)
+    np.testing.assert_allclose(np.abs(blurred.Qdot_seen - run.Qdot), 0.1)
+    np.testing.assert_array_equal(blurred.coordinates_at(blurred.end), run.Q[-1])
+    np.testing.assert_array_equal((run.Q_seen, run.Qdot_seen), (run.Q, run.Qdot))
+
+
 def test_a_log_without_a_sample_is_refused(load: Load) -> None:
     with pytest.raises(LogError, match="holds no sample"):
         load(last=-1.0)

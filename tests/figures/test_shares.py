@@ -60,10 +60,16 @@ def test_stages_are_named_and_instants_marked(run: Run) -> None:
     assert set(marked) >= {10.0, 13.0, 23.0, 6.4}
 
 
-def test_what_was_not_logged_is_said(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shares_in_the_control_that_were_not_logged_have_no_panel(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     nothing = np.full_like(run.log["window/share"], np.nan)
     monkeypatch.setitem(run.log.columns, "window/share", nothing)
     figure = plot_shares(run)
-    assert figure.axes[2].get_title(loc="left") == "not logged"
-    assert stacks(figure.axes[2]) == {}
-    assert any(entry.startswith("no share") for entry in common_legend(figure))
+    assert [axes.get_ylabel() for axes in figure.axes[1:]] == ["Share in the\nweighted cost (%)"]
+    assert not any(entry.startswith("no share") for entry in common_legend(figure))
+
+
+def test_samples_without_shares_are_explained(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    some = run.log["window/share"].copy()
+    some[3] = np.nan
+    monkeypatch.setitem(run.log.columns, "window/share", some)
+    assert any(entry.startswith("no share") for entry in common_legend(plot_shares(run)))

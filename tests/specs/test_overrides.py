@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.load import load_task, parse_task
+from psmpc_cli.specs.overrides import Short
 from psmpc_cli.specs.task import TaskSpec
 
 TRANSPORT = load_task("transport")
@@ -67,6 +68,14 @@ def test_shorthand_opens_into_what_it_stands_for() -> None:
     task = load_task("transport", ["controller=smpc", "controller.nodes=25", "plant=ideal"])
     assert (task.spec.controller.kind, task.spec.controller.nodes, task.spec.plant.kind) == ("smpc", 25, "ideal")
     assert "controller: {kind: smpc, nodes: 25}" in task.task_yaml
+
+
+def test_an_option_short_for_a_key_sets_it_and_is_named_where_it_is_wrong() -> None:
+    assert load_task("transport", [Short("--plant", "plant.kind", "ideal")]).spec == specified("plant.kind=ideal")
+    with pytest.raises(SpecError, match=r"^--plant mars: plant\.kind: found the text \"mars\", expected one of"):
+        load_task("transport", [Short("--plant", "plant.kind", "mars")])
+    with pytest.raises(SpecError, match=r"^--plant \{: found "):
+        load_task("transport", [Short("--plant", "plant.kind", "{")])
 
 
 def test_later_override_wins() -> None:

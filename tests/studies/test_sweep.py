@@ -96,7 +96,10 @@ def test_a_sweep_that_was_stopped_goes_on_where_it_was(tmp_path: Path, shared: R
     [
         (sweep_of("3x3"), "sampling 2x2, this one has 3x3"),
         (sweep_of(every_cell=True), "every cell 0, this one has 1"),
-        (replace(sweep_of(), task=load_sweep_task("approach_capture", (), ())), "digest"),
+        (
+            replace(sweep_of(), task=load_sweep_task("approach_capture", ("controller.nodes=9",), ())),
+            "controller.nodes ",
+        ),
     ],
 )
 def test_the_file_of_another_sweep_is_not_gone_on_with(shared: Results, other: Sweep, named: str) -> None:

@@ -7,12 +7,13 @@ import numpy as np
 from psmpc_cli.specs.checks.names import stage_names
 from psmpc_cli.specs.comparisons import ACCEPTABLE, Weighing, groups
 from psmpc_cli.specs.cursor import Cursor
+from psmpc_cli.specs.fields import LARGEST
 from psmpc_cli.specs.priorities import weigh_stages
 from psmpc_cli.specs.problem import Problem, choice, dotted, quoted, shortened
 from psmpc_cli.specs.task import PrioritiesSpec
 
-WIDEST = 600.0
-"""Largest logarithm of a priority: a float holds its exponential, and a thousand times that."""
+WIDEST = float(np.log(LARGEST))
+"""Largest logarithm of a priority."""
 
 
 def check_priorities(task: Cursor) -> Iterator[Problem]:
@@ -73,7 +74,8 @@ def _disagreeing(comparisons: Cursor, valid: PrioritiesSpec, stages: list[str]) 
         extreme = int(np.abs(weighing.logarithms).argmax())
         power = weighing.logarithms[extreme] / np.log(10)
         message = f"found comparisons that make {quoted(stages[extreme])} 1e{power:+.0f} times as important as "
-        yield comparisons.problem(f"{message}{quoted(stages[0])}, expected a ratio of numbers", aims_at_key=True)
+        message += f"{quoted(stages[0])}, expected a ratio from {1 / LARGEST:g} to {LARGEST:g}"
+        yield comparisons.problem(message, aims_at_key=True)
 
 
 def _contradiction(valid: PrioritiesSpec, weighing: Weighing, worst: int) -> str:

@@ -41,10 +41,9 @@ def check_known_delay(task: Cursor) -> Iterator[Problem]:
     controller, place = task["controller"].valid(ControllerSpec), task["uncertainty"]
     spec = place.valid(UncertaintySpec) if place.exists else UncertaintySpec()
     if controller is not None and spec is not None and controller.known_delay > spec.delay:
-        yield task["controller"]["known_delay"].problem(
-            f"found {controller.known_delay}, expected at most the {counted(spec.delay, 'sample', 'samples')} of "
-            "uncertainty.delay"
-        )
+        known, most = controller.known_delay, counted(spec.delay, "sample", "samples")
+        there = f"at most the {most} of uncertainty.delay" if spec.delay else "an uncertainty.delay as long at least"
+        yield task["controller"]["known_delay"].problem(f"found {known}, expected {there}")
 
 
 def check_uncertain_parts(task: Cursor, robot: RobotSpec) -> Iterator[Problem]:
@@ -89,6 +88,8 @@ def _times(task: Cursor, spec: UncertaintySpec) -> Iterator[Problem]:
             f"{controller.horizon:g} s"
         )
     limit = task["time_limit"].number if task["time_limit"].exists else TaskSpec.model_fields["time_limit"].default
+    if spec.impulse is not None and not any((*spec.impulse.linear, spec.impulse.angular)):
+        yield place["impulse"].problem("found no impulse, expected linear: [x, y] in N s, or angular in N m s", True)
     if spec.impulse is not None and limit is not None and spec.impulse.at >= limit:
         yield place["impulse"]["at"].problem(
             f"found {spec.impulse.at:g} s, expected a time before the time_limit of {limit:g} s"

@@ -12,6 +12,7 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.figures.comparison.draw import draw_comparison
 from psmpc_cli.figures.comparison.instants import plot_instants
 from psmpc_cli.figures.comparison.registry import FIGURES
+from psmpc_cli.figures.comparison.shares import plot_shares
 from psmpc_cli.figures.comparison.snapshots import plot_snapshots
 from psmpc_cli.figures.comparison.states import plot_states
 from psmpc_cli.figures.run import Run
@@ -49,6 +50,15 @@ def columns(figure: Figure, runs: Runs) -> list[list[Axes]]:
     """The panels below each other, by controller, the strip first."""
     axes = np.array(figure.axes).reshape(-1, len(runs))
     return axes.T.tolist()
+
+
+def test_shares_in_the_control_have_a_row_only_where_they_were_logged(
+    runs: Runs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = len(columns(plot_shares(runs), runs)[0])
+    for run in runs.values():
+        monkeypatch.setitem(run.log.columns, "window/share", np.full_like(run.log["window/share"], np.nan))
+    assert len(columns(plot_shares(runs), runs)[0]) == rows - 1
 
 
 def test_a_column_holds_its_controllers_states(runs: Runs) -> None:

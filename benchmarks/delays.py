@@ -1,6 +1,6 @@
 """Runs the transport task with late controls, known and not: the table of docs/reliability.md on delays.
 
-    python benchmarks/delays.py [--runs N] [--jobs N] [-o DIR]          20 runs a row, some 3 minutes on two cores
+    python benchmarks/delays.py [--runs N] [--jobs N] [-o DIR]          20 runs a row, some 5 minutes on two cores
 
 The results go to files in DIR, by default runs/. Stopped, it goes on where it was.
 """
@@ -27,7 +27,7 @@ HEADINGS = (
     "succeeded",
     "ends [s]",
     "final error [tolerances]",
-    "effort",
+    "effort [m^2/s^3, rad^2/s^3]",
     "failed solves a run",
     "why runs fail",
 )

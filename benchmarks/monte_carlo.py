@@ -34,7 +34,7 @@ HEADINGS = (
     "final error [tolerances]",
     "velocity margin [%]",
     "object held [m]",
-    "effort",
+    "effort [m^2/s^3, rad^2/s^3]",
     "failed solves a run",
     "a run takes [s]",
 )

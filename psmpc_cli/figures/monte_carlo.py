@@ -78,6 +78,7 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
             _plot_distribution(instants, ended, int(runs.made.sum()), readable(stage), **line_look(number))
     instants.set_xlabel("Instant that ends the stage, less its median (s)")
     instants.set_ylabel("Part of the runs (1)")
+    instants.locator_params(axis="x", nbins=5)
     instants.set_ylim(-0.04, 1.04)
     panel_legend(instants)
     if (legend := instants.get_legend()) is not None:

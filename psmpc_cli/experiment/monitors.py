@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from psmpc_cli.logs.read import Log
-from psmpc_cli.specs.task import MonitorSpec, TaskSpec
+from psmpc_cli.specs.mission import MonitorSpec
+from psmpc_cli.specs.task import TaskSpec
 
 
 @dataclass(frozen=True)

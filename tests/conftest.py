@@ -1,6 +1,7 @@
 """What tests of several rooms share: the built-in tasks on small meshes."""
 
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,16 @@ from psmpc_cli.specs.load import LoadedTask, load_task
 
 settings.register_profile("psmpc", deadline=None)  # no test is about time
 settings.load_profile("psmpc")
+
+
+@pytest.fixture(autouse=True)
+def as_loud_as_before() -> Iterator[None]:
+    """Commands that are told to be quiet, or not, are so for one test."""
+    loggers = [logging.getLogger(name) for name in ("psmpc_cli", "psmpc_cli.native")]
+    levels = [logger.level for logger in loggers]
+    yield
+    for logger, level in zip(loggers, levels, strict=True):
+        logger.setLevel(level)
 
 
 @pytest.fixture(scope="session")

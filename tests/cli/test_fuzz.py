@@ -46,7 +46,7 @@ def test_mutated_command_line_is_done_or_refused(inside: Path, seed: int) -> Non
         assert tidy(inside, kept) == []
 
 
-@fuzzing(60)
+@fuzzing(30)
 @given(st.integers(0, 2**32))
 def test_numbers_of_any_magnitude_are_refused_or_give_a_readable_log(inside: Path, seed: int) -> None:
     assert simulated(mutated_settings(Random(seed))).note == ""

@@ -41,7 +41,7 @@ def mutate(data: Any, path: tuple[str | int, ...], action: str, value: Any) -> A
 
 
 @pytest.mark.parametrize("document", [TASK, MOVING, ROBOT], ids=["task", "moving", "robot"])
-@fuzzing(300)
+@fuzzing(200)
 @given(data=st.data())
 def test_mutated_description_is_loaded_or_refused(document: Any, data: st.DataObject) -> None:
     changed = document.data

@@ -1,4 +1,6 @@
 import importlib.util
+import os
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,6 +15,7 @@ from psmpc_cli.figures import rendering
 from psmpc_cli.figures.draw import draw
 from psmpc_cli.figures.rendering import offscreen_driver
 from psmpc_cli.figures.run import Run
+from psmpc_cli.figures.scene import Scene
 
 Load = Callable[..., Run]
 
@@ -26,21 +29,59 @@ def tried_anew(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     offscreen_driver.cache_clear()
 
 
-def test_a_film_shows_the_robot_in_every_frame(tmp_path: Path, load: Load, monkeypatch: pytest.MonkeyPatch) -> None:
-    try:
-        offscreen_driver()
-    except InputError as error:
-        pytest.skip(str(error))
+def mujoco_draws() -> bool:
+    """Whether MuJoCo itself makes an image off screen here, by any driver and without a line of ours."""
+    alone = "import mujoco; mujoco.Renderer(mujoco.MjModel.from_xml_string('<mujoco/>'), 16, 16).render()"
+    drivers = ("egl", "osmesa") if sys.platform == "linux" else ("",)
+    tried = (
+        subprocess.run([sys.executable, "-c", alone], env={**os.environ, "MUJOCO_GL": driver}, capture_output=True)
+        for driver in drivers
+    )
+    return any(ran.returncode == 0 for ran in tried)
+
+
+def frames_of(path: Path) -> list[np.ndarray]:
+    with Image.open(path) as film:
+        return [np.asarray(frame.convert("RGB"), int) for frame in ImageSequence.Iterator(film)]
+
+
+def test_a_film_shows_the_robot_in_every_frame_or_is_refused_where_mujoco_cannot_draw(
+    tmp_path: Path, load: Load, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(FFMpegWriter, "isAvailable", lambda: False)
     run = load(last=1.0)
+    if not mujoco_draws():
+        with pytest.raises(InputError, match="found no driver with which MuJoCo draws off screen"):
+            draw(run.log, tmp_path / "out", only=(), render=True)
+        assert not (tmp_path / "out").exists()
+        return
     (path,) = draw(run.log, tmp_path / "out", only=(), render=True)
     assert path == tmp_path / "out" / "render.gif"
-    with Image.open(path) as film:
-        frames = [np.asarray(frame.convert("RGB"), int) for frame in ImageSequence.Iterator(film)]
+    frames = frames_of(path)
     assert len(frames) == len(run.time)
     for blue in ((frame[..., 2] - frame[..., 0] > 60) for frame in frames):
         assert blue.sum() > 100
     assert np.abs(frames[-1] - frames[0]).max() > 60
+
+
+def test_a_film_has_every_frame_that_was_drawn_below_its_title(
+    tmp_path: Path, load: Load, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever draws: each frame gets one shade, by which it is found again in the film."""
+
+    def shaded(scene: Scene, driver: str, folder: Path) -> np.ndarray:
+        height, width = scene.size
+        shades = np.linspace(0, 255, len(scene.qpos)).astype(np.uint8)
+        return np.broadcast_to(shades[:, None, None, None], (len(shades), height, width, 3))
+
+    monkeypatch.setattr(FFMpegWriter, "isAvailable", lambda: False)
+    monkeypatch.setattr(rendering, "_draw", shaded)
+    run = load(last=1.0)
+    (path,) = draw(run.log, tmp_path / "out", only=(), render=True)
+    frames = frames_of(path)
+    middle = [frame[frame.shape[0] // 2 + 20, frame.shape[1] // 2].mean() for frame in frames]
+    np.testing.assert_allclose(middle, np.linspace(0, 255, len(run.time)), atol=6)
+    assert all(frame[:30].min() < 100 < 250 < frame[:30].max() for frame in frames)
 
 
 def test_a_driver_that_does_not_exist_is_refused_with_what_helps(

@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from psmpc_cli.cli.options import FOLDERS, Changes, Figures, Jobs
+from psmpc_cli.cli.study import present, refuse_what_stands
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from psmpc_cli.logs.read import Log
     from psmpc_cli.specs.load import LoadedTask
 
 
@@ -32,31 +34,23 @@ def compare(
 ) -> None:
     """Run controllers on the identical task, and lay their results side by side: a table, one file, figures."""
     from psmpc_cli.cli.comparison import print_comparison
-    from psmpc_cli.cli.outputs import refuse_old_figures
     from psmpc_cli.experiment.summary import summarize
     from psmpc_cli.figures.comparison.draw import draw_comparison
-    from psmpc_cli.figures.draw import default_directory
     from psmpc_cli.logs.comparison import read_comparison
-    from psmpc_cli.logs.new_file import refuse
     from psmpc_cli.ocp.feasibility import ensure_feasible
     from psmpc_cli.studies.compare import compared_tasks, controllers_in
 
     tasks = compared_tasks(task, controllers_in(controllers), changes or [])
     first = next(iter(tasks.values()))
     path = output or Path("runs") / f"{first.spec.name}-comparison.h5"
-    directory = default_directory(path)
-    refuse(path, force)
-    if figures:
-        refuse_old_figures(directory, force)
+    refuse_what_stands(path, force, figures)
     ensure_feasible(first)
     _compare(tasks, path, force, jobs, quiet)
-    logs = read_comparison(path)
-    if not quiet:
+
+    def table(logs: "Mapping[str, Log]") -> None:
         print_comparison({name: summarize(log) for name, log in logs.items()}, path)
-    if figures:
-        drawn = draw_comparison(logs, directory, force=force)
-        if not quiet:
-            typer.echo(f"{len(drawn)} figures in {directory}")
+
+    present(path, read_comparison(path), table, draw_comparison, figures, force, quiet)
 
 
 def _compare(tasks: "Mapping[str, LoadedTask]", path: Path, force: bool, jobs: int | None, quiet: bool) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from psmpc_cli.cli.options import FOLDERS, Changes, Dask, Figures, Jobs, Resume
-from psmpc_cli.cli.study import calls_of, refuse_both, refuse_what_stands, resumable
+from psmpc_cli.cli.study import calls_of, present, refuse_both, refuse_what_stands, resumable
 
 MOST = 100_000
 """Most runs of a study."""
@@ -50,13 +50,6 @@ def _show(path: Path, figures: bool, force: bool, quiet: bool) -> None:
     """Print the table of the runs and draw their figures."""
     from psmpc_cli.cli.monte_carlo_table import print_monte_carlo
     from psmpc_cli.experiment.monte_carlo_runs import read_monte_carlo
-    from psmpc_cli.figures.draw import default_directory
     from psmpc_cli.figures.monte_carlo import draw_monte_carlo
 
-    results, directory = read_monte_carlo(path), default_directory(path)
-    if not quiet:
-        print_monte_carlo(results)
-    if figures:
-        drawn = draw_monte_carlo(results, directory, force=force)
-        if not quiet:
-            typer.echo(f"{len(drawn)} figures in {directory}")
+    present(path, read_monte_carlo(path), print_monte_carlo, draw_monte_carlo, figures, force, quiet)

@@ -2,12 +2,14 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from psmpc_cli.cli.options import FOLDERS, Changes, Figures, Jobs
+from psmpc_cli.cli.study import present, refuse_what_stands
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -47,8 +49,6 @@ def pareto(
 ) -> None:
     """Find what two stages cost at each other's expense: Pareto fronts at several samples of a run."""
     from psmpc_cli.cli.fronts import print_fronts
-    from psmpc_cli.cli.outputs import refuse_old_figures
-    from psmpc_cli.figures.draw import default_directory
     from psmpc_cli.figures.pareto import draw_pareto
     from psmpc_cli.logs.new_file import refuse
     from psmpc_cli.studies.pareto import Question, ensure_answerable, parse_times
@@ -59,21 +59,13 @@ def pareto(
     subject = _subject(task, changes or [], log, stages)
     name = subject.stem if isinstance(subject, Path) else subject.spec.name
     path = output or Path("runs") / f"{name}-pareto.h5"
-    directory = default_directory(path)
-    refuse(path, force)
-    if figures:
-        refuse_old_figures(directory, force)
+    refuse_what_stands(path, force, figures)
     if log is not None:
         refuse(log, force)
     with _log_of(subject, log, quiet) as run:
         _solve(run, question, path, force, jobs, quiet)
-    results = read_pareto(path)
-    if not quiet:
-        print_fronts(results, path)
-    if figures:
-        drawn = draw_pareto(results, directory, force=force)
-        if not quiet:
-            typer.echo(f"{len(drawn)} figures in {directory}")
+    table = partial(print_fronts, path=path)
+    present(path, read_pareto(path), table, draw_pareto, figures, force, quiet)
 
 
 def _subject(reference: str, changes: list[str], log: Path | None, stages: str) -> "Path | LoadedTask":

@@ -1,9 +1,9 @@
 """What the commands of studies have in common: where calls are made, what is overwritten, how a signal ends it all."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import typer
 
@@ -11,6 +11,8 @@ from psmpc_cli.errors import InputError
 
 if TYPE_CHECKING:
     from psmpc_cli.studies.parallel import Calls
+
+T = TypeVar("T")
 
 
 def refuse_what_stands(path: Path, force: bool, figures: bool) -> None:
@@ -66,3 +68,24 @@ def resumable(path: Path) -> Iterator[None]:
         except KeyboardInterrupt as reason:
             typer.echo(f"psmpc: {reason}; {path} holds what was done: go on with --resume", err=True)
             raise typer.Exit(interruption.exit_code) from None
+
+
+def present(
+    path: Path,
+    results: T,
+    table: Callable[[T], None],
+    draw: Callable[..., list[Path]],
+    figures: bool,
+    force: bool,
+    quiet: bool,
+) -> None:
+    """Print the table of a study's results and draw their figures beside its file."""
+    from psmpc_cli.figures.draw import default_directory
+
+    if not quiet:
+        table(results)
+    if figures:
+        directory = default_directory(path)
+        drawn = draw(results, directory, force=force)
+        if not quiet:
+            typer.echo(f"{len(drawn)} figures in {directory}")

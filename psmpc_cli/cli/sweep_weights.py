@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from psmpc_cli.cli.options import FOLDERS, Changes, Dask, Figures, Jobs, Resume
-from psmpc_cli.cli.study import calls_of, refuse_both, refuse_what_stands, resumable
+from psmpc_cli.cli.study import calls_of, present, refuse_both, refuse_what_stands, resumable
 from psmpc_cli.errors import InputError
 
 if TYPE_CHECKING:
@@ -67,17 +67,10 @@ def sweep_weights(
 def _show(path: Path, figures: bool, force: bool, quiet: bool) -> None:
     """Print the table of a sweep and draw its figures."""
     from psmpc_cli.cli.sweep_table import print_sweep
-    from psmpc_cli.figures.draw import default_directory
     from psmpc_cli.figures.sweep.draw import draw_sweep
     from psmpc_cli.studies.sweep_file import read_sweep
 
-    results, directory = read_sweep(path), default_directory(path)
-    if not quiet:
-        print_sweep(results)
-    if figures:
-        drawn = draw_sweep(results, directory, force=force)
-        if not quiet:
-            typer.echo(f"{len(drawn)} figures in {directory}")
+    present(path, read_sweep(path), print_sweep, draw_sweep, figures, force, quiet)
 
 
 def _asked_for(

@@ -43,17 +43,17 @@ def measure(changes: list[str], directory: Path) -> Summary:
 
 
 def row(summary: Summary) -> dict[str, object]:
-    """Return a summary's numbers, rounded to what a rerun repeats."""
+    """Return a summary's numbers at full precision: a rerun on one machine repeats every digit."""
     stages = summary.stages
     return {
         "completed": summary.completed,
         "mission": "succeeded" if summary.succeeded else "failed",
-        "switch_time": {stage.name: round(stage.switch_time, 3) for stage in stages},
-        "actual_start": {stage.name: round(stage.actual_start, 3) for stage in stages},
-        "gripper_distance": {s.name: round(d, 3) for s, d in zip(stages, summary.distances, strict=True)},
-        "control_effort": round(summary.control_effort, 2),
-        "base_force": round(summary.base_force, 2),
-        "base_torque": round(summary.base_torque, 2),
+        "switch_time": {stage.name: float(stage.switch_time) for stage in stages},
+        "actual_start": {stage.name: float(stage.actual_start) for stage in stages},
+        "gripper_distance": {s.name: float(d) for s, d in zip(stages, summary.distances, strict=True)},
+        "control_effort": float(summary.control_effort),
+        "base_force": float(summary.base_force),
+        "base_torque": float(summary.base_torque),
         "fallbacks": summary.fallbacks,
         "postponed": summary.postponed,
     }

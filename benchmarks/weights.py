@@ -37,14 +37,14 @@ HEADER = (
 def table(results: Results) -> dict[str, object]:
     """Return a sweep's starts and ends by ratio."""
     rows = {
-        float(f"{ratio:.3g}"): [round(float(start), 1) for start in starts]
+        float(f"{ratio:.3g}"): [float(start) for start in starts]
         for ratio, starts in zip(results["ratio"], results["actual_start"], strict=True)
     }
     return {
         "epsilon": [float(epsilon) for epsilon in results["epsilon"]],
-        "approach_ends": round(float(np.median(results["switch_time"][:, 0])), 2),
+        "approach_ends": float(np.median(results["switch_time"][:, 0])),
         "actual_start": rows,
-        "capture_ends": [round(float(end), 1) for end in results["completion_time"]],
+        "capture_ends": [float(end) for end in results["completion_time"]],
         "failed_solves": int(results["fallbacks"].sum()),
     }
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import yaml
 
-from psmpc_cli.experiment.run import run
-from psmpc_cli.experiment.summary import Summary, summarize
 from psmpc_cli.logs.read import read_log
+from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.summary import Summary, summarize
 from psmpc_cli.specs.load import load_task
 
 RUNS = {

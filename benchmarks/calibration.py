@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from psmpc_cli.experiment.summary import summarize
 from psmpc_cli.logs.read import read_log
+from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.variants import run_variants
 

@@ -10,7 +10,7 @@ from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.robot.model import RobotModel, build_model
 from psmpc_cli.specs.effective import write
-from psmpc_cli.specs.load import LoadedRobot, LoadedTask, load_robot, parse_task
+from psmpc_cli.specs.load import LoadedRobot, Task, load_robot, parse_task
 
 ROBOT = "planar_dual_arm"
 STAGES = (2, 4)
@@ -33,7 +33,7 @@ ENDS = (["base"], ["arms"], ["all"])
 ATTEMPTS = 100
 
 
-def draw_task(seed: int) -> LoadedTask:
+def draw_task(seed: int) -> Task:
     """Return the task of a seed: 2 to 4 stages in joint or task space, each within a few seconds of the one before.
 
     Targets in task space are poses of configurations within the limits. What `psmpc check` would still refuse is drawn

@@ -13,14 +13,14 @@ import numpy as np
 
 from psmpc_cli.cli.main import main
 from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
-from psmpc_cli.experiment import run as running
-from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.ocp.layout import WindowShape
 from psmpc_cli.ocp.transcription import Nlp
 from psmpc_cli.ocp.window import Bounds, Window
 from psmpc_cli.plant import Plant, Ticks
+from psmpc_cli.simulation import run as running
+from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.solvers import Guess, Outcome, Solution, Solver
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.load import Task
 
 Spoil = Callable[[float, Callable[[], Solution]], Solution]
 """Given the time of a window [s] and its solve, returns what the controller gets instead."""
@@ -121,7 +121,7 @@ def psmpc(fault: Fault, *arguments: str) -> Ran:
     """Run a command of psmpc, in this process, on an experiment with a fault."""
     build, seen = running.build_experiment, Seen()
 
-    def faulty(loaded: LoadedTask) -> Experiment:
+    def faulty(loaded: Task) -> Experiment:
         return inject(build(loaded), fault, seen)
 
     out, err, code = io.StringIO(), io.StringIO(), 0

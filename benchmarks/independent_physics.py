@@ -12,11 +12,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from psmpc_cli.experiment.run import run
-from psmpc_cli.experiment.summary import Summary, summarize
 from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.plant.mujoco_plant import MujocoPlant
 from psmpc_cli.robot.model import RobotModel, angle_rows, build_model
+from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.summary import Summary, summarize
 from psmpc_cli.specs.load import load_task
 
 WINDOW = 5.0

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from pages import write_between
 
-from psmpc_cli.experiment.monte_carlo_runs import MonteCarloRuns, read_monte_carlo
+from psmpc_cli.simulation.monte_carlo_runs import MonteCarloRuns, read_monte_carlo
 from psmpc_cli.studies.monte_carlo import load_monte_carlo, run_monte_carlo
 from psmpc_cli.studies.parallel import LocalCalls
 from psmpc_cli.studies.sweep import SweepProgress

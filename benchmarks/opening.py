@@ -11,9 +11,9 @@ from resource import RUSAGE_CHILDREN, getrusage
 
 from pages import write_between
 
-from psmpc_cli.experiment.run import run
 from psmpc_cli.logs.guard import Worker, ensure_readable
 from psmpc_cli.logs.seal import unseal
+from psmpc_cli.simulation.run import run
 from psmpc_cli.specs.load import load_task
 
 

@@ -20,9 +20,9 @@ import numpy as np
 import yaml
 from drawn_tasks import draw_task
 
-from psmpc_cli.experiment.summary import Summary, summarize
 from psmpc_cli.logs.read import Log, read_log
-from psmpc_cli.specs.load import LoadedTask, load_task, parse_task
+from psmpc_cli.simulation.summary import Summary, summarize
+from psmpc_cli.specs.load import Task, load_task, parse_task
 from psmpc_cli.studies.variants import run_variants
 
 RESULTS = Path(__file__).with_suffix(".yaml")
@@ -145,21 +145,21 @@ def apart(one: list[float], other: list[float]) -> float:
     return float(np.nan_to_num(differences[known], nan=np.inf).max(initial=0.0))
 
 
-def random_tasks(nodes: int, seeds: Iterable[int]) -> dict[str, LoadedTask]:
+def random_tasks(nodes: int, seeds: Iterable[int]) -> dict[str, Task]:
     """Return the drawn tasks by name."""
     return {f"random {seed}": _changed(draw_task(seed), [f"controller.nodes={nodes}"]) for seed in seeds}
 
 
-def transport_tasks() -> dict[str, LoadedTask]:
+def transport_tasks() -> dict[str, Task]:
     """Return the transport task under the controllers whose windows sqp solves."""
     return {kind: load_task("transport", [f"controller.kind={kind}"]) for kind in CONTROLLERS}
 
 
-def _changed(task: LoadedTask, changes: list[str]) -> LoadedTask:
+def _changed(task: Task, changes: list[str]) -> Task:
     return parse_task(task.task_yaml, task.robot_yaml, task.spec.name, changes)
 
 
-def compared(tasks: Mapping[str, LoadedTask], extra: list[str], directory: Path, jobs: int) -> dict[str, object]:
+def compared(tasks: Mapping[str, Task], extra: list[str], directory: Path, jobs: int) -> dict[str, object]:
     """Run every task with both solvers, print a line for each, and return what was found by name."""
     variants = {
         f"{name}, {solver}": _changed(task, [*changes, *QUICK, *(extra if solver == "sqp" else [])])
@@ -229,7 +229,7 @@ def main() -> int:
 
 
 def _section(
-    name: str, tasks: Mapping[str, LoadedTask], extra: list[str], directory: Path, jobs: int
+    name: str, tasks: Mapping[str, Task], extra: list[str], directory: Path, jobs: int
 ) -> dict[str, dict[str, object]]:
     print(f"{name}:")
     (directory / name).mkdir(parents=True, exist_ok=True)

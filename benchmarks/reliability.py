@@ -24,8 +24,8 @@ from faults import Fault, during, meaningless, not_converging, pushed, raising, 
 from pages import write_between
 from signals import Struck, strike
 
-from psmpc_cli.experiment.summary import summarize
 from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.simulation.summary import summarize
 
 TASK = ("controller.nodes=25", "log.shares=false")
 SQP = (*TASK, "solver.kind=sqp")

@@ -12,7 +12,7 @@ from psmpc_cli.logs.read import read_log
 
 TELLING = """
 from psmpc_cli.cli.main import main
-from psmpc_cli.experiment import run as running
+from psmpc_cli.simulation import run as running
 write = running.write_records
 def telling(experiment, writer, watch, *rest):
     def tell(progress):

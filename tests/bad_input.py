@@ -14,8 +14,8 @@ from random import Random
 from unittest import mock
 
 from psmpc_cli.cli.main import main
-from psmpc_cli.experiment.run import Progress, run
 from psmpc_cli.logs.comparison import merge_logs
+from psmpc_cli.simulation.run import Progress, run
 from psmpc_cli.specs.load import load_task
 
 from .made_up_fronts import made_up_fronts

@@ -10,12 +10,12 @@ from hypothesis import settings
 
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.experiment.loop import simulate
-from psmpc_cli.experiment.setup import Experiment, build_experiment
 from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.stages import Stage, build_stages
 from psmpc_cli.robot.model import RobotModel, build_model
-from psmpc_cli.specs.load import LoadedTask, load_task
+from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.setup import Experiment, build_experiment
+from psmpc_cli.specs.load import Task, load_task
 
 settings.register_profile("psmpc", deadline=None)  # no test is about time
 settings.load_profile("psmpc")
@@ -32,19 +32,19 @@ def as_loud_as_before() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def transport() -> LoadedTask:
+def transport() -> Task:
     """The built-in transport task."""
     return load_task("transport")
 
 
 @pytest.fixture(scope="session")
-def model(transport: LoadedTask) -> RobotModel:
+def model(transport: Task) -> RobotModel:
     """The planar dual arm."""
     return build_model(transport.robot)
 
 
 @pytest.fixture(scope="session")
-def stages(transport: LoadedTask, model: RobotModel) -> tuple[Stage, ...]:
+def stages(transport: Task, model: RobotModel) -> tuple[Stage, ...]:
     """The stages of the transport task."""
     return build_stages(transport.spec, transport.robot, model)
 

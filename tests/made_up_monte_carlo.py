@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from psmpc_cli.experiment.monte_carlo_runs import CRASHED, ENDED, MonteCarloRuns, read_monte_carlo
 from psmpc_cli.logs.results import ResultsWriter
+from psmpc_cli.simulation.monte_carlo_runs import CRASHED, ENDED, MonteCarloRuns, read_monte_carlo
 from psmpc_cli.studies.monte_carlo import load_monte_carlo
 from psmpc_cli.studies.monte_carlo_file import create_monte_carlo
 

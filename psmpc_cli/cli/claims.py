@@ -3,7 +3,7 @@
 import typer
 
 from psmpc_cli.cli.summary import print_table
-from psmpc_cli.experiment.recommendation import recommend
+from psmpc_cli.simulation.recommendation import recommend
 from psmpc_cli.studies.claim_table import HEADINGS, cells
 from psmpc_cli.studies.reproduce import Reproduction
 

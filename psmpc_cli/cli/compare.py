@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from psmpc_cli.logs.read import Log
-    from psmpc_cli.specs.load import LoadedTask
+    from psmpc_cli.specs.load import Task
 
 
 def compare(
@@ -34,10 +34,10 @@ def compare(
 ) -> None:
     """Run controllers on the identical task, and lay their results side by side: a table, one file, figures."""
     from psmpc_cli.cli.comparison import print_comparison
-    from psmpc_cli.experiment.summary import summarize
     from psmpc_cli.figures.comparison.draw import draw_comparison
     from psmpc_cli.logs.comparison import read_comparison
     from psmpc_cli.ocp.feasibility import ensure_feasible
+    from psmpc_cli.simulation.summary import summarize
     from psmpc_cli.studies.compare import compared_tasks, controllers_in
 
     tasks = compared_tasks(task, controllers_in(controllers), changes or [])
@@ -53,7 +53,7 @@ def compare(
     present(path, read_comparison(path), table, draw_comparison, figures, force, quiet)
 
 
-def _compare(tasks: "Mapping[str, LoadedTask]", path: Path, force: bool, jobs: int | None, quiet: bool) -> None:
+def _compare(tasks: "Mapping[str, Task]", path: Path, force: bool, jobs: int | None, quiet: bool) -> None:
     """Run the comparison under the eyes of the progress display; a signal ends it, and nothing is written."""
     from psmpc_cli.cli.parallel import watching_runs
     from psmpc_cli.cli.termination import stopping_on_signals

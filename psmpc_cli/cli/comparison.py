@@ -7,8 +7,8 @@ from pathlib import Path
 import typer
 
 from psmpc_cli.cli.summary import number, outcome, print_table, reasons
-from psmpc_cli.experiment.monitors import Verdict
-from psmpc_cli.experiment.summary import StageSummary, Summary
+from psmpc_cli.simulation.monitors import Verdict
+from psmpc_cli.simulation.summary import StageSummary, Summary
 
 Row = Sequence[str]
 

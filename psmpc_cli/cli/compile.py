@@ -15,8 +15,8 @@ def compile(
     """Compile what a task's solver and plant need, and say where it is, how large, and how long it took."""
     from psmpc_cli.cli.summary import print_table
     from psmpc_cli.errors import InputError
-    from psmpc_cli.experiment.compiling import compile_ahead
     from psmpc_cli.native.cache import cache_directory
+    from psmpc_cli.simulation.compiling import compile_ahead
     from psmpc_cli.specs.load import load_task
 
     logging.getLogger("psmpc_cli.native").setLevel(logging.INFO)  # why a library could not be made

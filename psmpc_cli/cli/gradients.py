@@ -1,11 +1,11 @@
 """The audit of a task's gradients as a table."""
 
-from psmpc_cli.experiment.gradient_audit import AD_TOLERANCE, DIFFERENCE_TOLERANCE, audit_gradients
-from psmpc_cli.experiment.setup import build_experiment, converging
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.simulation.gradient_audit import AD_TOLERANCE, DIFFERENCE_TOLERANCE, audit_gradients
+from psmpc_cli.simulation.setup import build_experiment, converging
+from psmpc_cli.specs.load import Task
 
 
-def print_gradients(task: LoadedTask) -> bool:
+def print_gradients(task: Task) -> bool:
     """Audit the gradient at every switch of a task, print it, and return whether it holds."""
     from rich.console import Console
     from rich.table import Table

@@ -49,7 +49,7 @@ def monte_carlo(
 def _show(path: Path, figures: bool, force: bool, quiet: bool) -> None:
     """Print the table of the runs and draw their figures."""
     from psmpc_cli.cli.monte_carlo_table import print_monte_carlo
-    from psmpc_cli.experiment.monte_carlo_runs import read_monte_carlo
     from psmpc_cli.figures.monte_carlo import draw_monte_carlo
+    from psmpc_cli.simulation.monte_carlo_runs import read_monte_carlo
 
     present(path, read_monte_carlo(path), print_monte_carlo, draw_monte_carlo, figures, force, quiet)

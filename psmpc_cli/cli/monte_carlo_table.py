@@ -4,7 +4,7 @@ import numpy as np
 import typer
 
 from psmpc_cli.cli.summary import number, print_table
-from psmpc_cli.experiment.monte_carlo_runs import STATUS, MonteCarloRuns
+from psmpc_cli.simulation.monte_carlo_runs import STATUS, MonteCarloRuns
 
 WORST = 5
 """How many of the worst runs are named."""

@@ -13,7 +13,7 @@ from psmpc_cli.cli.study import present, refuse_what_stands
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
-    from psmpc_cli.specs.load import LoadedTask
+    from psmpc_cli.specs.load import Task
     from psmpc_cli.studies.pareto import Question
 
 PREPARED = ("log.plans=true", "log.shares=false")
@@ -68,7 +68,7 @@ def pareto(
     present(path, read_pareto(path), table, draw_pareto, figures, force, quiet)
 
 
-def _subject(reference: str, changes: list[str], log: Path | None, stages: str) -> "Path | LoadedTask":
+def _subject(reference: str, changes: list[str], log: Path | None, stages: str) -> "Path | Task":
     """Return the log or the task that is studied.
 
     Raises:
@@ -91,7 +91,7 @@ def _subject(reference: str, changes: list[str], log: Path | None, stages: str) 
 
 
 @contextmanager
-def _log_of(subject: "Path | LoadedTask", keep: Path | None, quiet: bool) -> Iterator[Path]:
+def _log_of(subject: "Path | Task", keep: Path | None, quiet: bool) -> Iterator[Path]:
     """Give the log to study: the one there is, or that of a closed loop, which is run now."""
     from tempfile import TemporaryDirectory
 
@@ -104,7 +104,7 @@ def _log_of(subject: "Path | LoadedTask", keep: Path | None, quiet: bool) -> Ite
         yield path
 
 
-def _run(loaded: "LoadedTask", path: Path, quiet: bool) -> None:
+def _run(loaded: "Task", path: Path, quiet: bool) -> None:
     """Run the closed loop; a signal ends it, and nothing is studied.
 
     Raises:
@@ -112,7 +112,7 @@ def _run(loaded: "LoadedTask", path: Path, quiet: bool) -> None:
     """
     from psmpc_cli.cli.progress import watching
     from psmpc_cli.cli.termination import noticing_signals
-    from psmpc_cli.experiment.run import Progress, run
+    from psmpc_cli.simulation.run import Progress, run
 
     with noticing_signals() as interruption, watching(quiet) as show:
 

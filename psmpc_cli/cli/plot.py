@@ -71,13 +71,13 @@ def plot(
 
 def _drawing() -> Mapping[str, Draw]:
     """Return what draws each kind of file but the log of a run."""
-    from psmpc_cli.experiment.monte_carlo_runs import read_monte_carlo
     from psmpc_cli.figures.comparison.draw import draw_comparison
     from psmpc_cli.figures.monte_carlo import draw_monte_carlo
     from psmpc_cli.figures.pareto import draw_pareto
     from psmpc_cli.figures.sweep.draw import draw_sweep
     from psmpc_cli.logs.comparison import read_comparison
     from psmpc_cli.logs.layout import COMPARISON, MONTE_CARLO, PARETO, SWEEP
+    from psmpc_cli.simulation.monte_carlo_runs import read_monte_carlo
     from psmpc_cli.studies.pareto_file import read_pareto
     from psmpc_cli.studies.sweep_file import read_sweep
 

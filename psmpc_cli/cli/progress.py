@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import typer
 
-from psmpc_cli.experiment.run import Progress
+from psmpc_cli.simulation.run import Progress
 
 PLAIN_INTERVAL = 5.0
 """Simulated time between two plain lines [s]."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from psmpc_cli.experiment.replay import Replay
+    from psmpc_cli.simulation.replay import Replay
 
 EQUAL = 1e-6
 """Up to which difference a solve counts as repeated."""
@@ -24,9 +24,9 @@ def replay(
 ) -> None:
     """Solve one horizon of a run again, from its log alone, and compare it with what was logged."""
     from psmpc_cli.cli.summary import print_table
-    from psmpc_cli.experiment.problem_file import write_problem
-    from psmpc_cli.experiment.replay import replay as solve_again
     from psmpc_cli.logs.read import read_log
+    from psmpc_cli.simulation.problem_file import write_problem
+    from psmpc_cli.simulation.replay import replay as solve_again
 
     loaded = read_log(log)
     replayed = solve_again(loaded, step, solver)

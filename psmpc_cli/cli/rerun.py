@@ -24,8 +24,8 @@ def rerun(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
 ) -> None:
     """Repeat a run from its log and say whether every dataset but the wall times is equal."""
-    from psmpc_cli.experiment.rerun import unequal_conditions
     from psmpc_cli.logs.read import read_log
+    from psmpc_cli.simulation.rerun import unequal_conditions
 
     loaded = read_log(log)
     with TemporaryDirectory(prefix="psmpc-") as directory:
@@ -44,8 +44,8 @@ def _repeat(log: "Log", path: Path, force: bool, quiet: bool) -> "Comparison":
     """Repeat a run under the eyes of the progress display."""
     from psmpc_cli.cli.progress import watching
     from psmpc_cli.cli.termination import noticing_signals
-    from psmpc_cli.experiment.rerun import rerun as repeat
-    from psmpc_cli.experiment.run import Progress
+    from psmpc_cli.simulation.rerun import rerun as repeat
+    from psmpc_cli.simulation.run import Progress
 
     with noticing_signals() as interruption, watching(quiet) as show:
 

@@ -38,16 +38,16 @@ def show(
 
 def _show_run(log: Path) -> None:
     from psmpc_cli.cli.summary import print_summary
-    from psmpc_cli.experiment.summary import summarize
     from psmpc_cli.logs.read import read_log
+    from psmpc_cli.simulation.summary import summarize
 
     print_summary(summarize(read_log(log)), log)
 
 
 def _show_comparison(log: Path) -> None:
     from psmpc_cli.cli.comparison import print_comparison
-    from psmpc_cli.experiment.summary import summarize
     from psmpc_cli.logs.comparison import read_comparison
+    from psmpc_cli.simulation.summary import summarize
 
     print_comparison({name: summarize(run) for name, run in read_comparison(log).items()}, log)
 
@@ -68,7 +68,7 @@ def _show_fronts(log: Path) -> None:
 
 def _show_monte_carlo(log: Path) -> None:
     from psmpc_cli.cli.monte_carlo_table import print_monte_carlo
-    from psmpc_cli.experiment.monte_carlo_runs import read_monte_carlo
+    from psmpc_cli.simulation.monte_carlo_runs import read_monte_carlo
 
     print_monte_carlo(read_monte_carlo(log))
 

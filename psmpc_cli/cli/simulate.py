@@ -11,9 +11,9 @@ from psmpc_cli.cli.outputs import refuse_old_figures
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
-    from psmpc_cli.experiment.loop import Ending
-    from psmpc_cli.experiment.run import Progress
     from psmpc_cli.logs.read import Log
+    from psmpc_cli.simulation.loop import Ending
+    from psmpc_cli.simulation.run import Progress
     from psmpc_cli.specs.overrides import Change
 
     Run = Callable[[Callable[[Progress], None]], Ending | None]
@@ -47,10 +47,10 @@ def simulate(
     import logging
 
     from psmpc_cli.cli.summary import print_summary
-    from psmpc_cli.experiment.summary import summarize
     from psmpc_cli.figures.draw import default_directory
     from psmpc_cli.figures.rendering import offscreen_driver
     from psmpc_cli.logs.read import read_log
+    from psmpc_cli.simulation.summary import summarize
     from psmpc_cli.specs.overrides import Short
 
     if quiet and verbose:
@@ -90,9 +90,9 @@ def _new(
     task: str, overrides: "Sequence[Change]", output: Path | None, variants: tuple[str | None, ...], force: bool
 ) -> "tuple[Path, Run]":
     """Return the log of a new run, and the run itself."""
-    from psmpc_cli.experiment.run import run
     from psmpc_cli.logs.new_file import refuse
     from psmpc_cli.ocp.feasibility import ensure_feasible
+    from psmpc_cli.simulation.run import run
     from psmpc_cli.specs.load import load_task
 
     loaded = load_task(task, overrides)
@@ -108,8 +108,8 @@ def _new(
 
 def _continued(path: Path, alone: bool) -> "Run":
     """Return the rest of an unfinished run."""
-    from psmpc_cli.experiment.resume import continue_run, unfinished
     from psmpc_cli.logs.read import read_log
+    from psmpc_cli.simulation.resume import continue_run, unfinished
 
     if not alone:
         raise InputError(

@@ -9,9 +9,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from psmpc_cli.experiment.deviations import Deviations, Largest
-from psmpc_cli.experiment.monitors import Verdict
-from psmpc_cli.experiment.summary import SolveSummary, Summary
+from psmpc_cli.simulation.deviations import Deviations, Largest
+from psmpc_cli.simulation.monitors import Verdict
+from psmpc_cli.simulation.summary import SolveSummary, Summary
 
 PLAIN_WIDTH = 160
 """Columns of a table that goes into a file."""

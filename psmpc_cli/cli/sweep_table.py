@@ -7,9 +7,9 @@ import numpy as np
 import typer
 
 from psmpc_cli.cli.summary import number, print_table
-from psmpc_cli.experiment.recommendation import recommend
-from psmpc_cli.experiment.sweep_cells import SweepCells, along_ratio, sweep_cells
 from psmpc_cli.logs.results import Results
+from psmpc_cli.simulation.recommendation import recommend
+from psmpc_cli.simulation.sweep_cells import SweepCells, along_ratio, sweep_cells
 
 MOST_ROWS = 49
 """Rows of the table; of more ratios so many are printed, evenly from the smallest to the largest."""

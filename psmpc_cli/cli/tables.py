@@ -16,7 +16,7 @@ from psmpc_cli.specs.comparisons import ACCEPTABLE
 from psmpc_cli.specs.coordinates import AXES, Space, labels
 from psmpc_cli.specs.document import counted
 from psmpc_cli.specs.limits import resolve
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.priorities import weigh_stages
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import PrioritiesSpec, StageSpec
@@ -27,7 +27,7 @@ PLAIN_WIDTH = 160
 Rows = list[Sequence[str]]
 
 
-def print_task(task: LoadedTask, outlooks: Sequence[Outlook]) -> None:
+def print_task(task: Task, outlooks: Sequence[Outlook]) -> None:
     """Print a task: what runs it, and its stages part by part."""
     spec, controller = task.spec, task.spec.controller
     typer.echo(f"{spec.name}: {spec.description}" if spec.description else spec.name)
@@ -66,7 +66,7 @@ def _comparisons(priorities: PrioritiesSpec, stages: list[str]) -> str:
     return f"priorities from {counted(count, 'comparison', 'comparisons')}: {agreement}"
 
 
-def _stage(task: LoadedTask, outlook: Outlook) -> Rows:
+def _stage(task: Task, outlook: Outlook) -> Rows:
     """Return the rows of one stage, one a part."""
     spec = task.spec.stages[outlook.stage.index]
     space = task.spec.skills[spec.skill].space

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from psmpc_cli.experiment.verify import Peaks
+    from psmpc_cli.simulation.verify import Peaks
 
 HEADINGS = ("", "largest", "of", "at [s]", "sample")
 
@@ -18,8 +18,8 @@ def verify(
     """Integrate the full dynamics along every plan of a log and along its closed loop, with an adaptive integrator."""
     import time
 
-    from psmpc_cli.experiment.verify import verify as integrate
     from psmpc_cli.logs.read import read_log
+    from psmpc_cli.simulation.verify import verify as integrate
 
     began = time.perf_counter()
     found = integrate(read_log(log), every)
@@ -36,7 +36,7 @@ def verify(
 
 def _print(peaks: "Peaks") -> None:
     from psmpc_cli.cli.summary import print_table
-    from psmpc_cli.experiment.verify import QUANTITIES
+    from psmpc_cli.simulation.verify import QUANTITIES
 
     rows = []
     for quantity, name in QUANTITIES.items():

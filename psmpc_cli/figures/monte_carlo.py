@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.experiment.monte_carlo_runs import MonteCarloRuns
 from psmpc_cli.figures.files import draw_chosen
 from psmpc_cli.figures.panels import panel_legend
 from psmpc_cli.figures.style import EDGE, LINE, PALETTE, TEXT, grow, line_look, new_figure, readable
+from psmpc_cli.simulation.monte_carlo_runs import MonteCarloRuns
 
 RATE_HEIGHT, INSTANTS_HEIGHT = 0.45, 1.9
 """Heights of the panels of the success rate and of the instants [in]."""

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psmpc_cli.experiment.monitors import verdicts
 from psmpc_cli.figures.run import Run
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.simulation.monitors import verdicts
 from psmpc_cli.specs.mission import MonitorSpec
 
 

@@ -8,7 +8,7 @@ from psmpc_cli.errors import LogError, SpecError
 from psmpc_cli.logs.read import Log
 from psmpc_cli.ocp.stages import Stage, build_stages
 from psmpc_cli.robot.model import RobotModel, build_model
-from psmpc_cli.specs.load import LoadedTask, parse_task
+from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.task import TaskSpec
 
 Array = np.ndarray
@@ -112,7 +112,7 @@ def stage_spans(log: Log, end: float) -> tuple[Span, ...]:
     return tuple(spans)
 
 
-def _loaded(log: Log) -> LoadedTask:
+def _loaded(log: Log) -> Task:
     texts = (str(log.attributes[name]) for name in ("task_yaml", "robot_yaml", "task_name"))
     try:
         return parse_task(*texts)

@@ -15,7 +15,7 @@ from psmpc_cli.ocp.stages import Stage, build_stages
 from psmpc_cli.robot.model import RobotModel, build_model
 from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.specs.coordinates import stack
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.load import Task
 
 FAINT = 0.25
 """Opacity of where a stage begins."""
@@ -24,7 +24,7 @@ AROUND, BELOW = 0.45, 0.75
 """Width of the axis left of the panels, height of axis and legend below them [in]."""
 
 
-def draw_scenario(task: LoadedTask, path: Path, force: bool = False) -> Path:
+def draw_scenario(task: Task, path: Path, force: bool = False) -> Path:
     """Draw a task's scenario into a file, in the format of its ending, and return it.
 
     Raises:
@@ -36,7 +36,7 @@ def draw_scenario(task: LoadedTask, path: Path, force: bool = False) -> Path:
     return path
 
 
-def plot_scenario(task: LoadedTask) -> Figure:
+def plot_scenario(task: Task) -> Figure:
     """Return one panel for each stage: the robot at its target, faint where the stage begins, and the object."""
     model = build_model(task.robot)
     stages = build_stages(task.spec, task.robot, model)
@@ -71,7 +71,7 @@ def plot_scenario(task: LoadedTask) -> Figure:
     return figure
 
 
-def configurations(task: LoadedTask, model: RobotModel, stages: tuple[Stage, ...]) -> list[np.ndarray]:
+def configurations(task: Task, model: RobotModel, stages: tuple[Stage, ...]) -> list[np.ndarray]:
     """Return the robot's coordinates at the start and at every stage's target, (n,) each.
 
     Where a target is in task space the arms are those of inverse kinematics; an arm that cannot reach stays as it was.
@@ -91,7 +91,7 @@ def configurations(task: LoadedTask, model: RobotModel, stages: tuple[Stage, ...
     return stops
 
 
-def object_poses(task: LoadedTask, model: RobotModel, stops: list[np.ndarray]) -> list[np.ndarray]:
+def object_poses(task: Task, model: RobotModel, stops: list[np.ndarray]) -> list[np.ndarray]:
     """Return the object's pose (3,) in each stage's panel: at rest, carried to the stage's target, or left there."""
     spec = task.spec.object
     if spec is None:
@@ -106,7 +106,7 @@ def object_poses(task: LoadedTask, model: RobotModel, stops: list[np.ndarray]) -
     return poses
 
 
-def _handles(task: LoadedTask) -> list[Patch | Line2D]:
+def _handles(task: Task) -> list[Patch | Line2D]:
     arms = [
         Line2D([], [], color=PALETTE[i % len(PALETTE)], linewidth=1.5, label=readable(name))
         for i, name in enumerate(task.robot.arms)

@@ -21,7 +21,7 @@ from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.ocp.wording import beyond, moment_of, path_of_part, path_of_row, span_of, target_path
 from psmpc_cli.robot.reach import Reach
 from psmpc_cli.specs.coordinates import labels, stack
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.problem import Problem, dotted, quoted
 from psmpc_cli.specs.report import refusal, report
 from psmpc_cli.specs.robot import RobotSpec
@@ -33,7 +33,7 @@ ALL_KNOWN = 3
 """Links of an arm up to which "not reachable" is certain."""
 
 
-def ensure_feasible(task: LoadedTask) -> None:
+def ensure_feasible(task: Task) -> None:
     """Make sure that nothing stands against a task.
 
     Raises:
@@ -44,7 +44,7 @@ def ensure_feasible(task: LoadedTask) -> None:
         raise refusal(report(task.source, problems))
 
 
-def review(task: LoadedTask, outlooks: Sequence[Outlook] | None = None) -> list[Problem]:
+def review(task: Task, outlooks: Sequence[Outlook] | None = None) -> list[Problem]:
     """Return everything that stands against a task.
 
     Args:
@@ -60,7 +60,7 @@ def review(task: LoadedTask, outlooks: Sequence[Outlook] | None = None) -> list[
     ]
 
 
-def _initial(task: LoadedTask, first: Stage) -> Iterator[Problem]:
+def _initial(task: Task, first: Stage) -> Iterator[Problem]:
     """Give what of the initial state the first stage does not allow."""
     limits = first.limits
     position = stack(task.spec.initial, task.robot, "joint")
@@ -75,7 +75,7 @@ def _initial(task: LoadedTask, first: Stage) -> Iterator[Problem]:
             yield Problem(path, beyond(task.robot, row, values[row], low[row], high[row], unit))
 
 
-def _targets(task: LoadedTask, outlook: Outlook) -> Iterator[Problem]:
+def _targets(task: Task, outlook: Outlook) -> Iterator[Problem]:
     """Give what of a stage's target, or of any row of its trajectory, lies outside its limits, or out of reach."""
     stage, low, high = outlook.stage, outlook.stage.limits.position_low, outlook.stage.limits.position_high
     for index, values in enumerate(stage.waypoints):
@@ -121,7 +121,7 @@ def _out_of_reach(arm: str, reach: Reach, pose: Vector, links: int) -> str | Non
     return None
 
 
-def _handover(task: LoadedTask, now: Outlook, then: Outlook) -> Iterator[Problem]:
+def _handover(task: Task, now: Outlook, then: Outlook) -> Iterator[Problem]:
     """Give what a stage leaves behind at its end that the limits of the next one do not allow."""
     stage, limits, path = now.stage, then.stage.limits, ("stages", now.stage.index, "ends_when")
     for row, tolerance in end_tolerances(stage).items():
@@ -150,7 +150,7 @@ def _pinned(outlook: Outlook, robot: RobotSpec) -> list[str]:
     ]
 
 
-def _times(task: LoadedTask, outlooks: Sequence[Outlook]) -> Iterator[Problem]:
+def _times(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Problem]:
     """Give end conditions that can never be met, and times that are too early for what comes before them."""
     before = 0.0
     for outlook in outlooks:

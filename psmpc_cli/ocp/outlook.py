@@ -11,7 +11,7 @@ from psmpc_cli.robot.model import build_model
 from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.limits import Limits
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import PartLimits, RobotSpec
 
 Vector = NDArray[np.float64]
@@ -49,7 +49,7 @@ class _Known:
     time: float
 
 
-def look_ahead(task: LoadedTask) -> tuple[Outlook, ...]:
+def look_ahead(task: Task) -> tuple[Outlook, ...]:
     """Return the outlook of every stage of a task."""
     stages = build_stages(task.spec, task.robot, build_model(task.robot))
     ends = earliest_ends(stages, stack(task.spec.initial, task.robot, "joint"))

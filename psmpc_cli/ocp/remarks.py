@@ -9,14 +9,14 @@ from psmpc_cli.ocp.outlook import BASE, Outlook, counts, reach_with, reaches_of
 from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.ocp.wording import moment_of, path_of_part, path_of_row, span_of, target_path, value_of
 from psmpc_cli.specs.coordinates import labels
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.problem import Problem, quoted
 
 SLACK = 1e-6
 """By which a trajectory may be faster than a velocity limit [m/s, rad/s]: values are written with a few digits."""
 
 
-def remarks(task: LoadedTask, outlooks: Sequence[Outlook]) -> list[Problem]:
+def remarks(task: Task, outlooks: Sequence[Outlook]) -> list[Problem]:
     """Return what is probably not meant.
 
     A base kept where it is not left, trajectories the robot cannot follow, a time limit no run can keep.
@@ -32,7 +32,7 @@ def remarks(task: LoadedTask, outlooks: Sequence[Outlook]) -> list[Problem]:
     ]
 
 
-def _too_short(task: LoadedTask, outlooks: Sequence[Outlook]) -> Iterator[Problem]:
+def _too_short(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Problem]:
     """Give a time limit that stops every run before its last stage can end."""
     earliest = max(outlook.earliest_end for outlook in outlooks)
     if earliest > task.spec.time_limit:
@@ -43,7 +43,7 @@ def _too_short(task: LoadedTask, outlooks: Sequence[Outlook]) -> Iterator[Proble
         yield Problem(("time_limit",), message)
 
 
-def _far_base(task: LoadedTask, before: Stage, stage: Stage) -> Iterator[Problem]:
+def _far_base(task: Task, before: Stage, stage: Stage) -> Iterator[Problem]:
     """Give a base that a stage in task space wants elsewhere than the stage before leaves it.
 
     And so far that an arm does not reach its first pose from there: one of the two may be a misprint.
@@ -63,7 +63,7 @@ def _far_base(task: LoadedTask, before: Stage, stage: Stage) -> Iterator[Problem
         yield Problem(path_of_part(task, target_path(stage), "base", moment_of(stage, 0)), message)
 
 
-def _too_fast(task: LoadedTask, stage: Stage) -> Iterator[Problem]:
+def _too_fast(task: Task, stage: Stage) -> Iterator[Problem]:
     """Give the coordinates of Q that a trajectory moves faster than their velocity limits, each where it is worst."""
     if stage.trajectory is None:
         return

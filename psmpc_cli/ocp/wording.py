@@ -5,7 +5,7 @@ import numpy as np
 from psmpc_cli.ocp.outlook import BASE
 from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.specs.coordinates import labels
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.problem import Path
 from psmpc_cli.specs.robot import RobotSpec
 
@@ -27,7 +27,7 @@ def span_of(robot: RobotSpec, row: int, low: float, high: float, per: str = "") 
     return f"[{value_of(robot, row, low, per)}, {value_of(robot, row, high, per)}]"
 
 
-def path_of_row(task: LoadedTask, parts: Path, row: int, space: str, moment: int | None = None) -> Path:
+def path_of_row(task: Task, parts: Path, row: int, space: str, moment: int | None = None) -> Path:
     """Return where a row of Q or xi is in numbers by part; of a trajectory at the `moment`-th of its times."""
     part = labels(task.robot, "joint" if space == "joint" else "task")[row].rpartition(".")[0]
     sizes = task.robot.parts if space == "joint" else dict.fromkeys(task.robot.parts, BASE.stop)
@@ -35,7 +35,7 @@ def path_of_row(task: LoadedTask, parts: Path, row: int, space: str, moment: int
     return (*path_of_part(task, parts, part, moment), row - before)
 
 
-def path_of_part(task: LoadedTask, parts: Path, part: str, moment: int | None = None) -> Path:
+def path_of_part(task: Task, parts: Path, part: str, moment: int | None = None) -> Path:
     """Return where the numbers of a part are, under its own name or under `arms`; of a trajectory at a moment."""
     own = (*parts, part)
     path = own if own in task.source.entries or part == "base" else (*parts, "arms")

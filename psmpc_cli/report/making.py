@@ -4,11 +4,11 @@ import platform
 import shlex
 from collections.abc import Iterator
 
-from psmpc_cli.experiment.summary import summarize
 from psmpc_cli.figures.comparison.names import title_of
 from psmpc_cli.logs.read import Log
 from psmpc_cli.report.claims import points, row, table
 from psmpc_cli.report.html import Html, element, joined
+from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.studies.causes import of_mission
 from psmpc_cli.studies.findings import ABSOLUTE, RELATIVE
 from psmpc_cli.studies.reproduce import Reproduction

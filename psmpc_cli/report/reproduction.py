@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from math import isfinite
 
-from psmpc_cli.experiment.summary import summarize
 from psmpc_cli.figures.ablations import plot_ablation
 from psmpc_cli.figures.claims.monitors import plot_monitors
 from psmpc_cli.figures.claims.presence import plot_presence
@@ -20,6 +19,7 @@ from psmpc_cli.report.html import Html, element, page
 from psmpc_cli.report.images import NARROW, WIDE, Picture, embed
 from psmpc_cli.report.making import how_made
 from psmpc_cli.report.weights import weights_section
+from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.studies.ablation import Ablation
 from psmpc_cli.studies.claims import TimeClaim
 from psmpc_cli.studies.reproduce import METHODS, JudgedClaim, Reproduction

@@ -3,12 +3,12 @@
 from collections.abc import Iterator
 from functools import partial
 
-from psmpc_cli.experiment.recommendation import recommend
-from psmpc_cli.experiment.sweep_cells import SweepCells
 from psmpc_cli.figures.sweep.registry import FIGURES
 from psmpc_cli.report.claims import claim_table
 from psmpc_cli.report.html import Html, element
 from psmpc_cli.report.images import NARROW, Picture, embed
+from psmpc_cli.simulation.recommendation import recommend
+from psmpc_cli.simulation.sweep_cells import SweepCells
 from psmpc_cli.studies.reproduce import Reproduction
 from psmpc_cli.studies.sweep_claims import WEIGHTS
 from psmpc_cli.studies.sweep_findings import settled

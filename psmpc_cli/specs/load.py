@@ -40,7 +40,7 @@ class LoadedRobot:
 
 
 @dataclass(frozen=True)
-class LoadedTask:
+class Task:
     """A task with its robot, and where they came from.
 
     Attributes:
@@ -69,7 +69,7 @@ class LoadedTask:
         return hashlib.sha256(canonical.encode()).hexdigest()
 
 
-def load_task(reference: str | Path, overrides: Sequence[Change] = ()) -> LoadedTask:
+def load_task(reference: str | Path, overrides: Sequence[Change] = ()) -> Task:
     """Load a task and its robot.
 
     Args:
@@ -111,7 +111,7 @@ def kind_of_reference(reference: str | Path) -> Kind:
     return kind_of(read(shown(path), read_text(path)))
 
 
-def parse_task(task_yaml: str, robot_yaml: str, name: str, overrides: Sequence[Change] = ()) -> LoadedTask:
+def parse_task(task_yaml: str, robot_yaml: str, name: str, overrides: Sequence[Change] = ()) -> Task:
     """Rebuild a task from texts stored elsewhere, such as in a log; no file is touched.
 
     Args:
@@ -150,14 +150,14 @@ def _task(
     name: str,
     complaints: Sequence[str] = (),
     problems: Sequence[Problem] = (),
-) -> LoadedTask:
+) -> Task:
     """Return the task of two documents, or raise everything that is wrong with them."""
     robot, robot_problems = (None, ()) if robot_document is None else validate_robot(robot_document)
     task, task_problems = validate_task(document, robot)
     if task is None or robot is None or robot_document is None or complaints or problems:
         robot_report = "" if robot_document is None else report(robot_document, robot_problems)
         raise refusal(report(document, (*task_problems, *problems)), *complaints, robot_report)
-    return LoadedTask(
+    return Task(
         spec=task if task.name else task.model_copy(update={"name": name}),
         robot=robot,
         task_yaml=_effective(document),

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from psmpc_cli.experiment.summary import summarize
 from psmpc_cli.logs.read import Log
+from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.studies.ablation import OURS, Ablation, Curve, end_of, ending
 from psmpc_cli.studies.one_window import OneWindow, on_mesh
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psmpc_cli.experiment.summary import Summary, summarize
 from psmpc_cli.logs.read import Log
+from psmpc_cli.simulation.summary import Summary, summarize
 
 Curve = tuple[np.ndarray, np.ndarray]
 Curves = Mapping[str, Curve]

@@ -9,7 +9,7 @@ from pathlib import Path
 from psmpc_cli.logs.read import read_log
 from psmpc_cli.specs.document import read
 from psmpc_cli.specs.effective import write
-from psmpc_cli.specs.load import LoadedTask, parse_task
+from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.overrides import override
 from psmpc_cli.studies.ablate_discretization import KINDS, ablate_discretization, meshes, run_on_mesh
 from psmpc_cli.studies.ablate_normalization import ALL_PRINTED, NONE, RANGE, ablate_normalization
@@ -37,7 +37,7 @@ POINTS = 40
 
 
 def run_ablations(
-    task: LoadedTask,
+    task: Task,
     directory: Path,
     jobs: int | None = None,
     done: Callable[[str], None] = lambda name: None,
@@ -77,7 +77,7 @@ def _variants(nodes: int) -> dict[str, tuple[str, ...]]:
     return variants
 
 
-def _changed(task: LoadedTask, changes: Iterable[str]) -> LoadedTask:
+def _changed(task: Task, changes: Iterable[str]) -> Task:
     """Return a task with keys changed, its windows solved to convergence.
 
     What the real-time solver finds from the last plan says nothing of where the optimum is.

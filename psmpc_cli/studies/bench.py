@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import partial
 
 from psmpc_cli.errors import InputError, RunError
-from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.ocp.feasibility import ensure_feasible
-from psmpc_cli.specs.load import LoadedTask, load_task
+from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.task import SolverSpec, TaskSpec
 from psmpc_cli.studies.bench_problems import Mesh, Optimum, Problem
 from psmpc_cli.studies.bench_solves import Solved, time_solves, ways_with
@@ -75,7 +75,7 @@ class Bench:
         solved: What each way came to in each of them.
     """
 
-    loaded: LoadedTask
+    loaded: Task
     choices: Choices
     compiled: bool
     windows: tuple[Recorded, ...]
@@ -120,7 +120,7 @@ class BenchTasks:
     """
 
     choices: Choices
-    recorded: tuple[LoadedTask, ...]
+    recorded: tuple[Task, ...]
     meshes: Mapping[str, TaskSpec]
 
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psmpc_cli.control.window_solver import WindowSolver
-from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.node_counts import Along, node_counts
 from psmpc_cli.ocp.plan import Plan, resting_plan, shift
 from psmpc_cli.ocp.transcription import Nlp
 from psmpc_cli.ocp.window import SHORTEST, Bounds, Window, bounds, pack_guess, unpack_plan
+from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.solvers import Guess, Outcome, Solution, Solver
 from psmpc_cli.solvers.casadi_nlp import CasadiSolver
 from psmpc_cli.solvers.ipopt import OUTCOMES

@@ -8,7 +8,7 @@ import numpy as np
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.specs.document import Data
 from psmpc_cli.specs.effective import write
-from psmpc_cli.specs.load import LoadedTask, load_robot, parse_task
+from psmpc_cli.specs.load import Task, load_robot, parse_task
 from psmpc_cli.specs.robot import Arm, RobotSpec
 
 PATTERN = "planar_dual_arm"
@@ -46,7 +46,7 @@ def _links(arm: Arm, joints: int) -> list[Data]:
     return [dict(rod) for _ in range(joints)]
 
 
-def task_with(arms: int, joints: int, nodes: int) -> LoadedTask:
+def task_with(arms: int, joints: int, nodes: int) -> Task:
     """Return the task of such a robot: its base goes somewhere, then its arms reach for poses seen from there."""
     robot = robot_with(arms, joints)
     names = [f"arm_{k + 1}" for k in range(arms)]

@@ -9,10 +9,10 @@ from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.sequence import detect
 from psmpc_cli.control.window_solver import SolvedWindow
-from psmpc_cli.experiment.loop import simulate
-from psmpc_cli.experiment.setup import Experiment, build_experiment
 from psmpc_cli.ocp.window import Window
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.setup import Experiment, build_experiment
+from psmpc_cli.specs.load import Task
 
 PHASES = ("before", "at", "after")
 """Which samples are kept around one whose window a stage enters."""
@@ -78,7 +78,7 @@ class _Recorder(SwitchingController):
 
 
 def record_windows(
-    loaded: LoadedTask, most: int | None = None, passed: Callable[[], None] = lambda: None
+    loaded: Task, most: int | None = None, passed: Callable[[], None] = lambda: None
 ) -> tuple[Experiment, list[Recorded]]:
     """Run the closed loop of a task and return its experiment with the windows around every append.
 

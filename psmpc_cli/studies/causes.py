@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from psmpc_cli.experiment.summary import Summary
+from psmpc_cli.simulation.summary import Summary
 from psmpc_cli.studies.claims import TITLES, FloorClaim, Moment, OrderClaim, ReleaseClaim, StartClaim, TimeClaim
 from psmpc_cli.studies.evidence import Evidence, Onset
 

@@ -9,11 +9,11 @@ from functools import partial
 
 import numpy as np
 
-from psmpc_cli.experiment.checkpoint import Checkpoint
-from psmpc_cli.experiment.loop import simulate
-from psmpc_cli.experiment.setup import Experiment, build_experiment
 from psmpc_cli.logs.record import Record
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.simulation.checkpoint import Checkpoint
+from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.setup import Experiment, build_experiment
+from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.tally import Tally, Values
 
 logger = logging.getLogger(__name__)
@@ -42,7 +42,7 @@ class Cell:
         prefix: Where to go on from; None from the beginning.
     """
 
-    task: LoadedTask
+    task: Task
     studied: int
     prefix: Prefix | None
 
@@ -97,7 +97,7 @@ def _run(cell: Cell) -> tuple[Values, str]:
     return tally.values(experiment), tally.failure
 
 
-def run_prefix(task: LoadedTask, studied: int) -> Prefix | None:
+def run_prefix(task: Task, studied: int) -> Prefix | None:
     """Run what does not depend on the priorities of the stage before `studied` and of itself; None if nothing does.
 
     In a window over one stage J is over that stage's own priority, and a window without either of the two does not know

@@ -7,9 +7,9 @@ from itertools import pairwise
 from typing import Any
 
 from psmpc_cli import __version__
-from psmpc_cli.experiment.recommendation import recommend
-from psmpc_cli.experiment.sweep_cells import SweepCells
 from psmpc_cli.logs.results import Results
+from psmpc_cli.simulation.recommendation import recommend
+from psmpc_cli.simulation.sweep_cells import SweepCells
 from psmpc_cli.studies.ablation import Ablation
 from psmpc_cli.studies.findings import Finding, Value
 from psmpc_cli.studies.front_table import front_rows

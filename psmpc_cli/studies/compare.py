@@ -8,7 +8,7 @@ from typing import get_args
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.comparison import merge_logs
 from psmpc_cli.logs.new_file import refuse
-from psmpc_cli.specs.load import LoadedTask, load_task
+from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.task import ControllerSpec
 from psmpc_cli.studies.variants import log_paths, run_variants
 
@@ -34,7 +34,7 @@ def controllers_in(text: str) -> tuple[str, ...]:
     return wanted
 
 
-def compared_tasks(reference: str, controllers: Iterable[str], changes: Sequence[str] = ()) -> dict[str, LoadedTask]:
+def compared_tasks(reference: str, controllers: Iterable[str], changes: Sequence[str] = ()) -> dict[str, Task]:
     """Return the task under each controller; nothing else differs.
 
     Raises:
@@ -47,7 +47,7 @@ def compared_tasks(reference: str, controllers: Iterable[str], changes: Sequence
 
 
 def compare(
-    tasks: Mapping[str, LoadedTask],
+    tasks: Mapping[str, Task],
     path: Path,
     force: bool = False,
     jobs: int | None = None,

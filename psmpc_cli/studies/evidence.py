@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psmpc_cli.experiment.summary import StageSummary, Summary, summarize, task_of
 from psmpc_cli.logs.read import Log
 from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.outlook import look_ahead
 from psmpc_cli.ocp.stages import build_stages
 from psmpc_cli.robot.model import build_model
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.simulation.summary import StageSummary, Summary, summarize, task_of
+from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.claims import Moment
 
 NEAR = 1e-6
@@ -134,7 +134,7 @@ def _onsets(log: Log) -> Iterator[tuple[str, Onset]]:
             )
 
 
-def _nearness(log: Log, task: LoadedTask) -> Iterator[tuple[str, Nearness]]:
+def _nearness(log: Log, task: Task) -> Iterator[tuple[str, Nearness]]:
     model = build_model(task.robot)
     costs = StageCosts(model)
     known = np.isfinite(log.final["time"])

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.experiment.monte_carlo_runs import CRASHED, ENDED
 from psmpc_cli.logs.results import ResultsWriter
+from psmpc_cli.simulation.monte_carlo_runs import CRASHED, ENDED
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.cell import Outcome, lost_cell
 from psmpc_cli.studies.monte_carlo_file import MonteCarlo, create_monte_carlo, resume_monte_carlo, todo

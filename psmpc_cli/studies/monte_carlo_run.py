@@ -6,11 +6,11 @@ from functools import partial
 
 import numpy as np
 
-from psmpc_cli.experiment.end_error import end_error
-from psmpc_cli.experiment.log_in_memory import run_in_memory
-from psmpc_cli.experiment.setup import build_experiment
-from psmpc_cli.experiment.summary import LimitSummary, Summary, summarize
-from psmpc_cli.specs.load import LoadedTask, parse_task
+from psmpc_cli.simulation.end_error import end_error
+from psmpc_cli.simulation.log_in_memory import run_in_memory
+from psmpc_cli.simulation.setup import build_experiment
+from psmpc_cli.simulation.summary import LimitSummary, Summary, summarize
+from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.studies.cell import Outcome, outcome_of
 from psmpc_cli.studies.tally import Values
 
@@ -19,7 +19,7 @@ from psmpc_cli.studies.tally import Values
 class Run:
     """What a run needs: the task, and the seed it has here."""
 
-    task: LoadedTask
+    task: Task
     seed: int
 
 

@@ -8,14 +8,14 @@ import numpy as np
 from psmpc_cli.control.sequence import Sequence
 from psmpc_cli.control.window_solver import WindowSolver
 from psmpc_cli.errors import LogError
-from psmpc_cli.experiment.logged_window import logged_solve
-from psmpc_cli.experiment.setup import Experiment, build_experiment, converging
-from psmpc_cli.experiment.summary import task_of
 from psmpc_cli.logs.read import Log
 from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.transcription import Nlp
 from psmpc_cli.ocp.window import SHORTEST, Bounds, Window, bounds, pack_guess, parameter_vector, unpack_plan
+from psmpc_cli.simulation.logged_window import logged_solve
+from psmpc_cli.simulation.setup import Experiment, build_experiment, converging
+from psmpc_cli.simulation.summary import task_of
 from psmpc_cli.solvers import Guess
 
 Vector = np.ndarray

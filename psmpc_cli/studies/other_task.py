@@ -7,14 +7,14 @@ from itertools import islice
 from psmpc_cli.errors import SpecError
 from psmpc_cli.logs.results import Results
 from psmpc_cli.specs.document import describe
-from psmpc_cli.specs.load import LoadedTask, parse_task
+from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.problem import Path, dotted, quoted, shortened
 
 MOST = 3
 """Keys that a message names."""
 
 
-def difference(results: Results, task: LoadedTask) -> str:
+def difference(results: Results, task: Task) -> str:
     """Say what a study's task has that this one has not: another name, or other values, the first few."""
     name = str(results.attributes.get("task_name", ""))
     if name != task.spec.name:
@@ -31,7 +31,7 @@ def difference(results: Results, task: LoadedTask) -> str:
     return f"found {'; '.join(named)}{rest}" if named else "found the arms of its robot in another order"
 
 
-def _described(task: LoadedTask) -> dict[str, object]:
+def _described(task: Task) -> dict[str, object]:
     """Return a task's keys, and below `robot` those of its robot."""
     return {**task.spec.model_dump(mode="json"), "robot": task.robot.model_dump(mode="json")}
 

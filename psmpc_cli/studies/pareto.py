@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.experiment.run import header
-from psmpc_cli.experiment.setup import build_experiment
-from psmpc_cli.experiment.summary import task_of
 from psmpc_cli.logs.read import Log, read_log
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.simulation.run import header
+from psmpc_cli.simulation.setup import build_experiment
+from psmpc_cli.simulation.summary import task_of
+from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.parallel import Calls
 from psmpc_cli.studies.pareto_file import write_pareto
 from psmpc_cli.studies.pareto_windows import Grid, SampleFronts, SampleTask, solve_sample
@@ -133,7 +133,7 @@ def solve_pareto(
     write_pareto(path, attributes, names, grid, [found[i] for i in range(len(tasks))], force)
 
 
-def _stages(question: Question, loaded: LoadedTask) -> tuple[int, int]:
+def _stages(question: Question, loaded: Task) -> tuple[int, int]:
     """Return the two stages; refuse a free instant where it is given."""
     stages = parse_stages(question.stages, loaded)
     first = loaded.spec.stages[stages[0]]

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from psmpc_cli.experiment.setup import build_experiment, converging
-from psmpc_cli.experiment.summary import task_of
 from psmpc_cli.logs.read import read_log
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import SHORTEST
+from psmpc_cli.simulation.setup import build_experiment, converging
+from psmpc_cli.simulation.summary import task_of
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.studies.one_window import window_at
 from psmpc_cli.studies.trade_off import Point, Scalarization, TradeOff, constrained, weighted_sum

@@ -7,7 +7,7 @@ import numpy as np
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Quantity, Results
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.other_task import difference
 
 Identity = Mapping[str, str | int | float]
@@ -43,7 +43,7 @@ def unfilled(
         yield Quantity(quantity.name, (*dims, *extra), values, quantity.units, quantity.long_name)
 
 
-def ensure_same(results: Results, identity: Identity, task: LoadedTask, study: str) -> None:
+def ensure_same(results: Results, identity: Identity, task: Task, study: str) -> None:
     """Make sure that a file holds this study.
 
     Raises:

@@ -6,13 +6,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.experiment.sweep_cells import SweepCells, sweep_cells
 from psmpc_cli.logs.comparison import extract_log, read_comparison
 from psmpc_cli.logs.read import Log
 from psmpc_cli.logs.results import Results
 from psmpc_cli.ocp.feasibility import ensure_feasible
+from psmpc_cli.simulation.sweep_cells import SweepCells, sweep_cells
 from psmpc_cli.specs.library import built_ins
-from psmpc_cli.specs.load import LoadedTask, load_task
+from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.ablations import Ablation, run_ablations
 from psmpc_cli.studies.claims import Claim, published_claims
 from psmpc_cli.studies.compare import compare
@@ -88,7 +88,7 @@ class Reproduction:
         return tuple(judged for judged in self.judged if not judged.finding.holds)
 
 
-def load_variants(changes: Sequence[str] = ()) -> dict[str, LoadedTask]:
+def load_variants(changes: Sequence[str] = ()) -> dict[str, Task]:
     """Return the tasks to run, by method.
 
     Raises:

@@ -11,7 +11,7 @@ import numpy as np
 from psmpc_cli.control.multistart import multistart_for
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import ResultsWriter
-from psmpc_cli.specs.load import LoadedTask, load_task
+from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.cell import Cell, Outcome, lost_cell, run_cell, run_prefix
 from psmpc_cli.studies.parallel import Calls
 from psmpc_cli.studies.sweep_file import COMPUTED, FAILED, SHARED, WAITING, Sweep, create_sweep, resume_sweep
@@ -41,7 +41,7 @@ class SweepProgress:
     elapsed: float
 
 
-def load_sweep_task(reference: str, changes: tuple[str, ...], epsilons: tuple[float, ...]) -> LoadedTask:
+def load_sweep_task(reference: str, changes: tuple[str, ...], epsilons: tuple[float, ...]) -> Task:
     """Return the task of a sweep: no shares, which cost solves and are not kept, and the thresholds asked for.
 
     Where the pending cost allows of several basins and the task does not say from how many guesses a window is solved,
@@ -56,7 +56,7 @@ def load_sweep_task(reference: str, changes: tuple[str, ...], epsilons: tuple[fl
     return load_task(reference, [*given, f"controller.multistart={multistart_for(controller)}"])
 
 
-def parse_stages(text: str, task: LoadedTask) -> tuple[int, int]:
+def parse_stages(text: str, task: Task) -> tuple[int, int]:
     """Return the indices of two stages in a row from their numbers or names, such as 1,2.
 
     Raises:
@@ -147,7 +147,7 @@ def _outcomes(sweep: Sweep, needed: np.ndarray, calls: Calls) -> Iterator[tuple[
         yield int(needed[number]), outcome
 
 
-def _with_priorities(sweep: Sweep, cell: int) -> LoadedTask:
+def _with_priorities(sweep: Sweep, cell: int) -> Task:
     """Return the task with the priorities of a cell."""
     spec = sweep.task.spec
     stages = list(spec.stages)

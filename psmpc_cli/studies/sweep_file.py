@@ -10,7 +10,7 @@ from psmpc_cli import __version__
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.layout import SWEEP
 from psmpc_cli.logs.results import Quantity, Results, create_results, read_results
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.per_cell import Identity, PerCell, ensure_same, unfilled
 from psmpc_cli.studies.sampling import Sampling
 
@@ -30,7 +30,7 @@ class Sweep:
         every_cell: Compute every cell from its beginning, nothing shared.
     """
 
-    task: LoadedTask
+    task: Task
     stages: tuple[int, int]
     sampling: Sampling
     every_cell: bool

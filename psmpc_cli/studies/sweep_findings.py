@@ -5,7 +5,7 @@ from functools import singledispatch
 
 import numpy as np
 
-from psmpc_cli.experiment.sweep_cells import SweepCells, along_ratio
+from psmpc_cli.simulation.sweep_cells import SweepCells, along_ratio
 from psmpc_cli.studies.claims import Claim
 from psmpc_cli.studies.findings import ABSOLUTE, EXACTLY, NOTHING, RELATIVE, Finding
 from psmpc_cli.studies.sweep_claims import ChosenClaim, SettlesClaim, TrendClaim, WeightsFloorClaim

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from psmpc_cli.experiment.loop import Ending
-from psmpc_cli.experiment.setup import Experiment
-from psmpc_cli.experiment.smoothness import by_group
-from psmpc_cli.experiment.stage_times import StageClock
 from psmpc_cli.logs.record import Record
+from psmpc_cli.simulation.loop import Ending
+from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.simulation.smoothness import by_group
+from psmpc_cli.simulation.stage_times import StageClock
 from psmpc_cli.specs.coordinates import labels
 
 Values = Mapping[str, np.ndarray | float | int | str]

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from psmpc_cli.experiment.run import Progress, run
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.simulation.run import Progress, run
+from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.parallel import LocalCalls
 
 
@@ -15,12 +15,12 @@ class Variant:
     """One run of a study: its name, its task, and where its log goes."""
 
     name: str
-    task: LoadedTask
+    task: Task
     path: Path
 
 
 def run_variants(
-    variants: Mapping[str, LoadedTask],
+    variants: Mapping[str, Task],
     directory: Path,
     jobs: int | None = None,
     done: Callable[[str], None] = lambda name: None,

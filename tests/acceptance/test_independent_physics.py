@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.experiment.run import run
-from psmpc_cli.experiment.summary import summarize
 from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.plant.mujoco_plant import MujocoPlant
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.specs.load import load_task
 
 CHANGES = ("controller.nodes=15", "log.plans=false", "log.shares=false", "log.ticks=true")

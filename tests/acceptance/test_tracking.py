@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from psmpc_cli.experiment.loop import simulate
-from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.logs.record import Record
+from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.setup import Experiment
 
 COARSE = ("controller.nodes=12", "plant.kind=ideal", "log.plans=false")
 

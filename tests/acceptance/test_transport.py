@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import yaml
 
-from psmpc_cli.experiment.monitors import signal
-from psmpc_cli.experiment.run import run
-from psmpc_cli.experiment.summary import Summary, summarize
 from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.simulation.monitors import signal
+from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.summary import Summary, summarize
 from psmpc_cli.specs.load import load_task
 
 PROTOTYPE = {"approach": 10.1, "capture": 13.1, "transport": 23.2, "release": 29.6}

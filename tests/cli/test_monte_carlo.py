@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from psmpc_cli.experiment.monte_carlo_runs import ENDED, WAITING, read_monte_carlo
+from psmpc_cli.simulation.monte_carlo_runs import ENDED, WAITING, read_monte_carlo
 from psmpc_cli.studies import monte_carlo as study_module
 
 from ..there_and_back import TASK

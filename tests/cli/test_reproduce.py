@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from psmpc_cli.cli.reproduce import reproduce
 from psmpc_cli.errors import InputError
-from psmpc_cli.experiment.sweep_cells import sweep_cells
 from psmpc_cli.logs.comparison import read_comparison
+from psmpc_cli.simulation.sweep_cells import sweep_cells
 from psmpc_cli.studies.pareto_file import read_pareto
 from psmpc_cli.studies.reproduce import METHODS
 from psmpc_cli.studies.sweep_file import read_sweep

@@ -7,9 +7,9 @@ from typer.testing import CliRunner, Result
 
 from psmpc_cli.cli.show import show
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.experiment.run import header, run
-from psmpc_cli.experiment.setup import build_experiment
 from psmpc_cli.logs.write import LogWriter
+from psmpc_cli.simulation.run import header, run
+from psmpc_cli.simulation.setup import build_experiment
 from psmpc_cli.specs.load import load_task
 
 from ..made_up_fronts import made_up_fronts

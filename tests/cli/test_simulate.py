@@ -13,11 +13,11 @@ import pytest
 from psmpc_cli import __version__
 from psmpc_cli.cli import progress
 from psmpc_cli.cli import simulate as module
-from psmpc_cli.experiment.run import Progress
 from psmpc_cli.figures import rendering
 from psmpc_cli.figures.registry import FIGURES
 from psmpc_cli.figures.rendering import offscreen_driver
 from psmpc_cli.logs.read import read_log
+from psmpc_cli.simulation.run import Progress
 
 from ..there_and_back import TASK
 from .command import Psmpc, Ran

@@ -8,11 +8,11 @@ import pytest
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.window_solver import WindowSolver
-from psmpc_cli.experiment.loop import Ending, simulate
-from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.logs.record import Record
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window
+from psmpc_cli.simulation.loop import Ending, simulate
+from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.solvers import Outcome
 
 QUICK = ("controller.nodes=8", "plant.kind=ideal", "log.plans=false")

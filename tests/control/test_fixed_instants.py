@@ -8,10 +8,10 @@ import pytest
 
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
-from psmpc_cli.experiment.loop import Ending
-from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.logs.record import Record
 from psmpc_cli.ocp.window import Bounds, bounds, pack_guess
+from psmpc_cli.simulation.loop import Ending
+from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.solvers import Guess, Solution
 
 from .test_controller import run

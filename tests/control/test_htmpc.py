@@ -8,10 +8,10 @@ import pytest
 
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.htmpc import HierarchicalController
-from psmpc_cli.experiment.loop import simulate
-from psmpc_cli.experiment.run import run
-from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.logs.read import read_log
+from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.specs.load import load_task
 
 from .test_controller import SHORT

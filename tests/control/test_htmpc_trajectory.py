@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.experiment.setup import Experiment
+from psmpc_cli.simulation.setup import Experiment
 
 TOLERANCE = 1e-3
 

@@ -10,12 +10,12 @@ from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.window import pack_guess
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import Guess, Outcome
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
 
 @pytest.fixture(scope="module")
-def windows(transport: LoadedTask, model: RobotModel, costs: StageCosts) -> WindowSolver:
+def windows(transport: Task, model: RobotModel, costs: StageCosts) -> WindowSolver:
     return WindowSolver(transport.spec.model_copy(update={"solver": SolverSpec(kind="ipopt")}), model, costs)
 
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.multistart import even_shares, multistart_for, solve_from_several
 from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
-from psmpc_cli.experiment.loop import simulate
-from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.ocp.window import Window
+from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.task import ControllerSpec
 from psmpc_cli.studies.one_window import OneWindow, instant_grid, scan_instants, with_priorities

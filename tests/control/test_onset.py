@@ -14,11 +14,11 @@ from psmpc_cli.control.aside import WindowsAside
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.onset import DISTINCT, OnsetObserver, closeness
 from psmpc_cli.control.sequence import Sequence
-from psmpc_cli.experiment.loop import simulate
-from psmpc_cli.experiment.run import header
-from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.logs.create import create_log
 from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.run import header
+from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.task import OnsetSpec
 

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from psmpc_cli.control.shares import combination
-from psmpc_cli.experiment.loop import simulate
-from psmpc_cli.experiment.setup import Experiment
+from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.setup import Experiment
 
 from .test_controller import SHORT
 

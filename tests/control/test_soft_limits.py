@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.experiment.loop import simulate
-from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.ocp.soft_limits import own_violations
+from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.setup import Experiment
 
 from ..conftest import Recorder
 

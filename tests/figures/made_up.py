@@ -12,7 +12,7 @@ from psmpc_cli.logs.write import Header, LogWriter, StageTimes
 from psmpc_cli.robot.model import RobotModel, build_model
 from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.library import find
-from psmpc_cli.specs.load import LoadedTask, parse_task
+from psmpc_cli.specs.load import Task, parse_task
 
 HORIZON = 4.0
 
@@ -64,7 +64,7 @@ def write_story(path: Path, story: Story) -> Path:
     return path
 
 
-def _header(loaded: LoadedTask, story: Story) -> Header:
+def _header(loaded: Task, story: Story) -> Header:
     usual: dict[str, str | int | float] = {
         "psmpc_version": "0.1.0",
         "controller": "psmpc",

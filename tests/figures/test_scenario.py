@@ -8,12 +8,10 @@ from psmpc_cli.figures.scenario import configurations, draw_scenario, object_pos
 from psmpc_cli.figures.style import in_style
 from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.load import Task
 
 
-def test_every_stage_is_drawn_at_its_target(
-    transport: LoadedTask, model: RobotModel, stages: tuple[Stage, ...]
-) -> None:
+def test_every_stage_is_drawn_at_its_target(transport: Task, model: RobotModel, stages: tuple[Stage, ...]) -> None:
     stops = configurations(transport, model, stages)
     assert len(stops) == 5
     for stage, Q in zip(stages, stops[1:], strict=True):
@@ -22,9 +20,7 @@ def test_every_stage_is_drawn_at_its_target(
         np.testing.assert_allclose(reached[:2], stage.target[:2], atol=1e-3)
 
 
-def test_the_object_rests_is_carried_and_is_left(
-    transport: LoadedTask, model: RobotModel, stages: tuple[Stage, ...]
-) -> None:
+def test_the_object_rests_is_carried_and_is_left(transport: Task, model: RobotModel, stages: tuple[Stage, ...]) -> None:
     approach, capture, transported, released = object_poses(transport, model, configurations(transport, model, stages))
     np.testing.assert_array_equal(approach, transport.spec.object.pose)
     np.testing.assert_array_equal(capture, approach)
@@ -32,7 +28,7 @@ def test_the_object_rests_is_carried_and_is_left(
     np.testing.assert_array_equal(released, transported)
 
 
-def test_one_panel_a_stage_with_its_name_and_priority(transport: LoadedTask) -> None:
+def test_one_panel_a_stage_with_its_name_and_priority(transport: Task) -> None:
     with in_style():
         figure = plot_scenario(transport)
     titles = [axes.get_title(loc="left") for axes in figure.axes]
@@ -44,7 +40,7 @@ def test_one_panel_a_stage_with_its_name_and_priority(transport: LoadedTask) -> 
     ]
 
 
-def test_nothing_is_overwritten(transport: LoadedTask, tmp_path: Path) -> None:
+def test_nothing_is_overwritten(transport: Task, tmp_path: Path) -> None:
     path = draw_scenario(transport, tmp_path / "scenario.png")
     before = path.read_bytes()
     with pytest.raises(InputError, match="overwrite with --force"):

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.experiment.monte_carlo_runs import read_monte_carlo
 from psmpc_cli.logs.comparison import merge_logs, read_comparison
 from psmpc_cli.logs.layout import PARETO, SWEEP
 from psmpc_cli.logs.read import read_log
 from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.seal import unseal
 from psmpc_cli.logs.write import LogWriter
+from psmpc_cli.simulation.monte_carlo_runs import read_monte_carlo
 
 from ..fuzzing import fuzzing
 from ..made_up_fronts import made_up_fronts

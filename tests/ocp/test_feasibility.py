@@ -7,17 +7,17 @@ from psmpc_cli.ocp.feasibility import ensure_feasible, review
 from psmpc_cli.ocp.outlook import look_ahead
 from psmpc_cli.ocp.remarks import remarks
 from psmpc_cli.specs.library import built_ins
-from psmpc_cli.specs.load import LoadedTask, load_task, parse_task
+from psmpc_cli.specs.load import Task, load_task, parse_task
 from psmpc_cli.specs.problem import dotted
 
 TRANSPORT = load_task("transport")
 
 
-def transport(*overrides: str) -> LoadedTask:
+def transport(*overrides: str) -> Task:
     return load_task("transport", overrides)
 
 
-def found(task: LoadedTask) -> list[str]:
+def found(task: Task) -> list[str]:
     return [f"{dotted(problem.path)}: {problem.message}" for problem in review(task)]
 
 

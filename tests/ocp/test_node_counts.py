@@ -9,14 +9,14 @@ from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.node_counts import COUNTS, Along, first_counts, node_counts
 from psmpc_cli.ocp.window import Window, durations
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
 TOLERANCE, STEP = 5e-3, 0.1
 
 
 @pytest.fixture(scope="module")
-def windows(transport: LoadedTask, model: RobotModel, costs: StageCosts) -> WindowSolver:
+def windows(transport: Task, model: RobotModel, costs: StageCosts) -> WindowSolver:
     """Solves to convergence."""
     spec = transport.spec.model_copy(update={"solver": SolverSpec(kind="sqp", iterations=50)})
     return WindowSolver(spec, model, costs)

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.experiment.loop import simulate
-from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.plant import build_plant
 from psmpc_cli.plant.mujoco_plant import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.specs.task import PlantSpec
 
 from ..robot.strategies import State, laws, moving_robots

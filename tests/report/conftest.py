@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from psmpc_cli.experiment.sweep_cells import sweep_cells
 from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.simulation.sweep_cells import sweep_cells
 from psmpc_cli.studies.reproduce import Reproduction, judge_claims, judge_pareto, judge_sweep
 
 from ..figures.made_up import Story, write_story

@@ -9,7 +9,7 @@ from psmpc_cli.ocp.transcription import transcribe
 from psmpc_cli.ocp.window import bounds, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import Guess, Outcome, build_solver
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
 BACKENDS = ("fatrop", "ipopt")
@@ -62,7 +62,7 @@ def test_too_few_iterations_are_reported_as_such(model: RobotModel, decisions: l
     assert "max_iterations" in solution.outcome.value
 
 
-def test_plan_keeps_every_limit_at_its_nodes(decisions: list[Decision], transport: LoadedTask) -> None:
+def test_plan_keeps_every_limit_at_its_nodes(decisions: list[Decision], transport: Task) -> None:
     high = np.r_[np.full(3, 0.2), np.full(6, 0.15)]
     worst = max(float((np.abs(d.plan.X[1:, 9:]) - high).max()) for d in decisions)
     assert worst < 1e-6

@@ -6,13 +6,13 @@ import pytest
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.window_solver import SolvedWindow
-from psmpc_cli.experiment.loop import simulate
-from psmpc_cli.experiment.setup import Experiment, build_experiment
 from psmpc_cli.ocp.end_curvature import EndCurvature
 from psmpc_cli.ocp.gauss_newton import Linearization
 from psmpc_cli.ocp.window import bounds
+from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.setup import Experiment, build_experiment
 from psmpc_cli.solvers import Guess, Outcome, Solution, build_solver
-from psmpc_cli.specs.load import LoadedTask, parse_task
+from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.task import SolverSpec
 
 CONVERGED = SolverSpec(kind="sqp", iterations=40, max_iterations=40)
@@ -43,7 +43,7 @@ stages:
 class Reaching:
     """A window of a closed loop, with what a back-end needs to solve it."""
 
-    def __init__(self, transport: LoadedTask) -> None:
+    def __init__(self, transport: Task) -> None:
         experiment = build_experiment(parse_task(TASK, transport.robot_yaml, "reach"))
         windows = experiment.controller.windows
         solved = [decision.solved for decision in decided(experiment, 1.5)]
@@ -75,7 +75,7 @@ def decided(experiment: Experiment, until: float) -> list[Decision]:
 
 
 @pytest.fixture(scope="module")
-def reaching(transport: LoadedTask) -> Reaching:
+def reaching(transport: Task) -> Reaching:
     return Reaching(transport)
 
 

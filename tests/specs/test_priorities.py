@@ -1,7 +1,7 @@
 import pytest
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.load import LoadedTask, load_robot, load_task, parse_task
+from psmpc_cli.specs.load import Task, load_robot, load_task, parse_task
 from psmpc_cli.specs.task import TaskSpec
 
 ROBOT = load_robot("planar_dual_arm").robot_yaml
@@ -9,7 +9,7 @@ NUMBERS = load_task("transport").task_yaml
 UNRATED = "\n".join(line for line in NUMBERS.splitlines() if not line.startswith("    priority:")) + "\n"
 
 
-def compared(*comparisons: str) -> LoadedTask:
+def compared(*comparisons: str) -> Task:
     text = UNRATED + f"priorities: {{compare: [{', '.join(comparisons)}]}}\n"
     return parse_task(text, ROBOT, "transport")
 

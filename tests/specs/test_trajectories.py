@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.specs.coordinates import stack_rows
-from psmpc_cli.specs.load import LoadedTask, load_robot, load_task, parse_task
+from psmpc_cli.specs.load import Task, load_robot, load_task, parse_task
 from psmpc_cli.specs.task import StageSpec, TaskSpec, TrajectorySpec
 
 ROBOT = load_robot("planar_dual_arm")
@@ -23,7 +23,7 @@ stages:
 """
 
 
-def follow(text: str = FOLLOW) -> LoadedTask:
+def follow(text: str = FOLLOW) -> Task:
     return parse_task(text, ROBOT.robot_yaml, "follow")
 
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from psmpc_cli.experiment.monitors import Verdict
-from psmpc_cli.experiment.summary import StageSummary, Summary
+from psmpc_cli.simulation.monitors import Verdict
+from psmpc_cli.simulation.summary import StageSummary, Summary
 from psmpc_cli.studies.evidence import Evidence, Nearness, Onset
 
 STAGES = ("approach", "capture", "transport", "release")

@@ -1,7 +1,7 @@
 """A bench of the task there and back, on coarse meshes."""
 
-from psmpc_cli.experiment.setup import Experiment
-from psmpc_cli.specs.load import LoadedTask, load_robot, parse_task
+from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.specs.load import Task, load_robot, parse_task
 from psmpc_cli.studies.bench import pose
 from psmpc_cli.studies.bench_problems import Problem
 from psmpc_cli.studies.bench_windows import RECORDED, Recorded, record_windows
@@ -12,7 +12,7 @@ FARTHER = "stages[0].target.base=[0.3, 0, 0]"
 """So far that the second stage enters the window after some samples, not at once."""
 
 
-def small_task(*changes: str) -> LoadedTask:
+def small_task(*changes: str) -> Task:
     """The task, run as a bench runs it."""
     return parse_task(TASK, load_robot("planar_dual_arm").robot_yaml, "small", [*RECORDED, FARTHER, *changes])
 

@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.experiment.run import run
 from psmpc_cli.figures.ablations import draw_ablation
 from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.specs.load import LoadedTask, load_task
+from psmpc_cli.simulation.run import run
+from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.ablate_discretization import meshes
 from psmpc_cli.studies.ablate_pending_cost import GUESSES, PROMINENT, minima
 from psmpc_cli.studies.ablation import Ablation, ahead, ending, variation
@@ -44,13 +44,13 @@ SMALL = (
 
 
 @pytest.fixture(scope="module")
-def small() -> LoadedTask:
+def small() -> Task:
     """Two stages that take less than 2 s."""
     return load_task("transport", SMALL)
 
 
 @pytest.fixture(scope="module")
-def log(small: LoadedTask, tmp_path_factory: pytest.TempPathFactory) -> Log:
+def log(small: Task, tmp_path_factory: pytest.TempPathFactory) -> Log:
     path = tmp_path_factory.mktemp("one") / "run.h5"
     run(small, path)
     return read_log(path)
@@ -67,7 +67,7 @@ def told() -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def ablations(small: LoadedTask, told: list[str], tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Ablation]:
+def ablations(small: Task, told: list[str], tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Ablation]:
     found = run_ablations(small, tmp_path_factory.mktemp("ablations"), jobs=1, done=told.append, points=8)
     return {ablation.name: ablation for ablation in found}
 

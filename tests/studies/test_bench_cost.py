@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.studies.bench_cost import cost_over_time
 from psmpc_cli.studies.bench_windows import Recorded
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.ocp.node_counts import COUNTS
+from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.studies.bench_problems import Problem, relative
 from psmpc_cli.studies.bench_windows import Recorded
 

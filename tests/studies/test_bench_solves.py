@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.ocp.window import SHORTEST
+from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.studies.bench_problems import Problem, relative
 from psmpc_cli.studies.bench_solves import COLD, REFERENCE, WARM, Solved, Way, time_solves, ways_with

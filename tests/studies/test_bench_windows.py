@@ -3,8 +3,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from psmpc_cli.experiment.setup import Experiment
 from psmpc_cli.ocp.plan import shift
+from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.studies.bench_windows import Recorded, distinct, record_windows
 
 from .small_bench import recorded_run, small_task

@@ -8,10 +8,10 @@ import pytest
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from psmpc_cli.errors import InputError, RunError
-from psmpc_cli.experiment.run import run
 from psmpc_cli.logs.comparison import read_comparison
 from psmpc_cli.logs.read import read_log
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.simulation.run import run
+from psmpc_cli.specs.load import Task
 from psmpc_cli.studies import parallel
 from psmpc_cli.studies.compare import CONTROLLERS, compare, compared_tasks, controllers_in
 from psmpc_cli.studies.variants import log_paths, run_variants, simulated_times
@@ -29,7 +29,7 @@ def reference(tmp_path: Path) -> str:
 
 
 @pytest.fixture
-def tasks(reference: str) -> dict[str, LoadedTask]:
+def tasks(reference: str) -> dict[str, Task]:
     return compared_tasks(reference, ("smpc", "hard"), ["log.plans=false"])
 
 
@@ -71,7 +71,7 @@ def test_the_controller_is_not_changed_from_outside(reference: str) -> None:
     assert [task.spec.controller.kind for task in tasks.values()] == list(CONTROLLERS)
 
 
-def test_runs_in_parallel_are_the_runs_alone(tmp_path: Path, tasks: dict[str, LoadedTask]) -> None:
+def test_runs_in_parallel_are_the_runs_alone(tmp_path: Path, tasks: dict[str, Task]) -> None:
     began: list[dict[str, Path]] = []
     done: list[str] = []
     path = tmp_path / "new" / "comparison.h5"
@@ -89,7 +89,7 @@ def test_runs_in_parallel_are_the_runs_alone(tmp_path: Path, tasks: dict[str, Lo
             np.testing.assert_array_equal(found[name][column], alone[column])
 
 
-def test_nothing_runs_where_something_would_be_overwritten(tmp_path: Path, tasks: dict[str, LoadedTask]) -> None:
+def test_nothing_runs_where_something_would_be_overwritten(tmp_path: Path, tasks: dict[str, Task]) -> None:
     path = tmp_path / "comparison.h5"
     path.write_text("precious")
 
@@ -105,7 +105,7 @@ def test_nothing_runs_where_something_would_be_overwritten(tmp_path: Path, tasks
         compare(tasks, path / "below.h5", began=began)
 
 
-def test_an_interruption_leaves_nothing(tmp_path: Path, tasks: dict[str, LoadedTask]) -> None:
+def test_an_interruption_leaves_nothing(tmp_path: Path, tasks: dict[str, Task]) -> None:
     def done(name: str) -> None:
         raise KeyboardInterrupt
 
@@ -132,7 +132,7 @@ class Dying:
 
 
 def test_a_process_that_is_killed_costs_no_run(
-    tmp_path: Path, tasks: dict[str, LoadedTask], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, tasks: dict[str, Task], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(parallel, "Parallel", Dying(deaths=1))
     paths = run_variants(tasks, tmp_path)
@@ -140,14 +140,14 @@ def test_a_process_that_is_killed_costs_no_run(
 
 
 def test_processes_that_are_killed_again_and_again_are_an_error(
-    tmp_path: Path, tasks: dict[str, LoadedTask], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, tasks: dict[str, Task], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(parallel, "Parallel", Dying(deaths=10**6))
     with pytest.raises(RunError, match="--jobs"):
         run_variants(tasks, tmp_path)
 
 
-def test_progress_is_told_by_simulated_times(tmp_path: Path, tasks: dict[str, LoadedTask]) -> None:
+def test_progress_is_told_by_simulated_times(tmp_path: Path, tasks: dict[str, Task]) -> None:
     paths, level = log_paths(tasks, tmp_path), logging.getLogger("psmpc_cli").level
     assert simulated_times(paths) == {}
     assert run_variants(tasks, tmp_path, jobs=1) == paths

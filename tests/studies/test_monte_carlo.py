@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.experiment.monte_carlo_runs import CRASHED, ENDED, WAITING, MonteCarloRuns, read_monte_carlo
-from psmpc_cli.experiment.run import run
-from psmpc_cli.experiment.summary import summarize
 from psmpc_cli.logs.read import read_log
+from psmpc_cli.simulation.monte_carlo_runs import CRASHED, ENDED, WAITING, MonteCarloRuns, read_monte_carlo
+from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies import monte_carlo_run
 from psmpc_cli.studies.monte_carlo import load_monte_carlo, run_monte_carlo

@@ -3,13 +3,13 @@ from pathlib import Path
 import pytest
 
 from psmpc_cli.logs.results import Results
-from psmpc_cli.specs.load import LoadedTask, load_task
+from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.other_task import difference
 
 CHANGES = ("controller.nodes=25", "controller.kind=smpc", "seed=3", "stages.capture.priority=5", "uncertainty.mass=0.1")
 
 
-def results_of(task: LoadedTask, **attributes: str) -> Results:
+def results_of(task: Task, **attributes: str) -> Results:
     texts = {"task_name": task.spec.name, "task_yaml": task.task_yaml, "robot_yaml": task.robot_yaml}
     return Results(Path("study.h5"), {**texts, **attributes}, {})
 

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from psmpc_cli.errors import InputError, SpecError
-from psmpc_cli.experiment.sweep_cells import sweep_cells
 from psmpc_cli.logs.comparison import merge_logs, read_comparison
 from psmpc_cli.logs.read import read_log
+from psmpc_cli.simulation.sweep_cells import sweep_cells
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.claim_table import HEADINGS, as_data, cells, shown
 from psmpc_cli.studies.claims import Claim

@@ -8,7 +8,7 @@ import pytest
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Results
-from psmpc_cli.specs.load import LoadedTask
+from psmpc_cli.specs.load import Task
 from psmpc_cli.studies import cell as cell_module
 from psmpc_cli.studies.parallel import LocalCalls
 from psmpc_cli.studies.sampling import grid_sampling
@@ -113,7 +113,7 @@ def test_the_file_of_another_sweep_is_not_gone_on_with(shared: Results, other: S
 def test_a_failed_cell_stays_visible_and_ends_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     build = cell_module.build_experiment
 
-    def broken(task: LoadedTask) -> object:
+    def broken(task: Task) -> object:
         if task.spec.stages[0].priority == 10.0:
             raise ArithmeticError("no such luck")
         return build(task)

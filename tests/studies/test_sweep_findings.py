@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from psmpc_cli.experiment.sweep_cells import SweepCells, sweep_cells
+from psmpc_cli.simulation.sweep_cells import SweepCells, sweep_cells
 from psmpc_cli.studies.claims import Claim
 from psmpc_cli.studies.findings import Finding
 from psmpc_cli.studies.published import load_published

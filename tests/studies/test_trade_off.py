@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.experiment.setup import build_experiment
-from psmpc_cli.experiment.summary import task_of
 from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.simulation.setup import build_experiment
+from psmpc_cli.simulation.summary import task_of
 from psmpc_cli.studies.one_window import window_at
 from psmpc_cli.studies.trade_off import Scalarization, TradeOff, constrained, weighted_sum
 

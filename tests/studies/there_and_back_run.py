@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from psmpc_cli.experiment.run import run
+from psmpc_cli.simulation.run import run
 from psmpc_cli.specs.load import load_task
 
 from ..there_and_back import TASK

@@ -5,11 +5,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from psmpc_cli.experiment.monitors import signal, verdicts
 from psmpc_cli.figures.panels import panel_legend
 from psmpc_cli.figures.run import Run
 from psmpc_cli.figures.style import EDGE, PALETTE, readable
 from psmpc_cli.figures.timeline import open_timeline
+from psmpc_cli.simulation.monitors import signal, verdicts
 from psmpc_cli.specs.mission import MonitorSpec
 
 HEIGHT = 1.6

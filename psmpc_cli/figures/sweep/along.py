@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullLocator
 
-from psmpc_cli.experiment.sweep_cells import AlongRatio, SweepCells
 from psmpc_cli.figures.sweep.plane import FAILED
+from psmpc_cli.simulation.sweep_cells import AlongRatio, SweepCells
 
 FEW = 60
 """Ratios up to this many are marked by points."""

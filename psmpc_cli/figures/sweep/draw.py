@@ -4,10 +4,10 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.experiment.sweep_cells import sweep_cells
 from psmpc_cli.figures.files import draw_chosen
 from psmpc_cli.figures.sweep.registry import FIGURES
 from psmpc_cli.logs.results import Results
+from psmpc_cli.simulation.sweep_cells import sweep_cells
 
 
 def draw_sweep(

@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from psmpc_cli.experiment.sweep_cells import SweepCells
 from psmpc_cli.figures.style import EDGE, new_figure
 from psmpc_cli.figures.sweep.plane import (
     COLORS,
@@ -21,6 +20,7 @@ from psmpc_cli.figures.sweep.plane import (
     start_scale,
     starts_of,
 )
+from psmpc_cli.simulation.sweep_cells import SweepCells
 
 HEIGHT = 2.95
 

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from psmpc_cli.experiment.sweep_cells import SweepCells
 from psmpc_cli.figures.style import COLUMN, TEXT, legend_columns, readable
+from psmpc_cli.simulation.sweep_cells import SweepCells
 
 COLORS = "viridis"
 

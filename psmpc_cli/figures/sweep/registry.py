@@ -4,12 +4,12 @@ from collections.abc import Callable, Mapping
 
 from matplotlib.figure import Figure
 
-from psmpc_cli.experiment.sweep_cells import GRID, RANDOM, RATIOS, SweepCells
 from psmpc_cli.figures.sweep.draws import plot_draws
 from psmpc_cli.figures.sweep.heat_map import plot_heat_map
 from psmpc_cli.figures.sweep.sensitivity import plot_sensitivity
 from psmpc_cli.figures.sweep.starts import plot_starts
 from psmpc_cli.figures.sweep.surface import plot_surface
+from psmpc_cli.simulation.sweep_cells import GRID, RANDOM, RATIOS, SweepCells
 
 Drawings = Mapping[str, Callable[[SweepCells], Figure]]
 

@@ -5,11 +5,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
 
-from psmpc_cli.experiment.recommendation import ALLOWED, WITHIN, Recommendation, recommend
-from psmpc_cli.experiment.sweep_cells import AlongRatio, SweepCells, along_ratio
 from psmpc_cli.figures.panels import panel_legend
 from psmpc_cli.figures.style import EDGE, PALETTE, STAGE, line_look, new_figure, readable
 from psmpc_cli.figures.sweep.along import label_ratio, mark_failed, plot_along, set_ratio
+from psmpc_cli.simulation.recommendation import ALLOWED, WITHIN, Recommendation, recommend
+from psmpc_cli.simulation.sweep_cells import AlongRatio, SweepCells, along_ratio
 
 HEIGHT, AROUND = 1.05, 0.6
 """Heights of a panel and of what stands around all of them [in]."""

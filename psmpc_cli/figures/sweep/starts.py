@@ -6,11 +6,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from psmpc_cli.experiment.sweep_cells import SweepCells, along_ratio
 from psmpc_cli.figures.panels import panel_legend
 from psmpc_cli.figures.style import EDGE, STAGE, line_look, new_figure, readable
 from psmpc_cli.figures.sweep.along import label_ratio, mark_failed, plot_along, set_ratio
 from psmpc_cli.figures.sweep.plane import SEEN
+from psmpc_cli.simulation.sweep_cells import SweepCells, along_ratio
 
 HEIGHT = 2.7
 

@@ -7,7 +7,6 @@ from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from psmpc_cli.experiment.sweep_cells import SweepCells
 from psmpc_cli.figures.style import EDGE, new_figure
 from psmpc_cli.figures.sweep.plane import (
     SEEN,
@@ -19,6 +18,7 @@ from psmpc_cli.figures.sweep.plane import (
     start_scale,
     starts_of,
 )
+from psmpc_cli.simulation.sweep_cells import SweepCells
 
 HEIGHT = 2.7
 

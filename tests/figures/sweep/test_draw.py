@@ -4,11 +4,11 @@ from pathlib import Path
 import pytest
 
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.experiment.sweep_cells import sweep_cells
 from psmpc_cli.figures.style import in_style
 from psmpc_cli.figures.sweep.draw import draw_sweep
 from psmpc_cli.figures.sweep.registry import FIGURES
 from psmpc_cli.logs.results import Results
+from psmpc_cli.simulation.sweep_cells import sweep_cells
 
 from ...made_up_sweep import made_up_sweep
 from ..fit_to_print import check_figure

@@ -9,13 +9,13 @@ from matplotlib.collections import QuadMesh
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 
-from psmpc_cli.experiment.recommendation import recommend
-from psmpc_cli.experiment.sweep_cells import SweepCells, sweep_cells
 from psmpc_cli.figures.sweep.draws import plot_draws
 from psmpc_cli.figures.sweep.heat_map import edges, plot_heat_map
 from psmpc_cli.figures.sweep.sensitivity import plot_sensitivity
 from psmpc_cli.figures.sweep.starts import plot_starts
 from psmpc_cli.figures.sweep.surface import plot_surface
+from psmpc_cli.simulation.recommendation import recommend
+from psmpc_cli.simulation.sweep_cells import SweepCells, sweep_cells
 
 from ...made_up_sweep import T_H, T_S, Numbers, made_up_sweep, numbers
 from ..drawn import common_legend, curves, legend, points

@@ -1,0 +1,122 @@
+"""Audits the gradient with respect to the switching instants on a task's own windows. Paper eqs. (21) to (27)."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from psmpc_cli.control.window_solver import WindowSolver
+from psmpc_cli.ocp.gradient import Rollout
+from psmpc_cli.ocp.normalization import normalization
+from psmpc_cli.ocp.plan import resting_plan
+from psmpc_cli.ocp.window import Bounds, Window, bounds, durations, pack_guess, parameter_vector
+from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.solvers import Guess
+
+AD_TOLERANCE, DIFFERENCE_TOLERANCE = 1e-8, 1e-6
+"""Largest relative difference of the discrete adjoint from algorithmic differentiation and from central differences."""
+
+SHRINKS = 1.5
+"""By how much the costate formula's gap shrinks at least when the mesh doubles: O(1/N_s) halves it, less the solver's
+tolerance."""
+
+
+@dataclass(frozen=True)
+class Audit:
+    """The gradient at one switch of the task.
+
+    Attributes:
+        switch: Names of the stages before and after.
+        gradient: dJ/dt_s by the discrete adjoint, over the window's largest priority [1/s].
+        to_differentiation, to_differences: Relative difference from AD and from central differences.
+        costate_gaps: Difference of the costate formula from it at an unconstrained optimum, with N_s and 2 N_s.
+    """
+
+    switch: tuple[str, str]
+    gradient: float
+    to_differentiation: float
+    to_differences: float
+    costate_gaps: tuple[float, float]
+
+    @property
+    def holds(self) -> bool:
+        """Whether adjoint, AD and differences agree, and the costate formula's gap shrinks with the mesh."""
+        coarse, fine = self.costate_gaps
+        agree = self.to_differentiation <= AD_TOLERANCE and self.to_differences <= DIFFERENCE_TOLERANCE
+        return agree and (coarse < 1e-9 or fine <= coarse / SHRINKS)
+
+
+def audit_gradients(experiment: Experiment) -> tuple[Audit, ...]:
+    """Audit every switch of the task, at a state drawn by the task's seed near its initial one."""
+    return tuple(_audit(experiment, first) for first in range(len(experiment.stages) - 1))
+
+
+def _audit(experiment: Experiment, first: int) -> Audit:
+    random = np.random.default_rng(experiment.task.seed)
+    window, instants = _window(experiment, first, random)
+    tau = durations(instants, window.start, window.horizon)
+    windows = experiment.controller.windows
+    rollout = Rollout(experiment.model, windows.shape(window), window, instants)
+    U = [0.1 * random.standard_normal((N, inputs)) for N, inputs in _mesh(windows, window)]
+    adjoint = rollout.by_adjoint(tau, U)
+    scale = max(1e-3, float(np.abs(adjoint).max()))
+    nodes = experiment.task.controller.uniform_nodes
+    return Audit(
+        switch=(window.stages[0].name, window.stages[1].name),
+        gradient=float(adjoint[0]),
+        to_differentiation=float(np.abs(adjoint - rollout.by_differentiation(tau, U)).max()) / scale,
+        to_differences=float(np.abs(adjoint - rollout.by_differences(tau, U)).max()) / scale,
+        costate_gaps=(_costate_gap(experiment, window, tau, nodes), _costate_gap(experiment, window, tau, 2 * nodes)),
+    )
+
+
+def _window(experiment: Experiment, first: int, random: np.random.Generator) -> tuple[Window, np.ndarray]:
+    """Return the window over two consecutive stages from a state near the initial one, and its instant (1,)."""
+    controller, n = experiment.task.controller, experiment.model.n
+    x0 = experiment.x0 + np.r_[0.3 * random.standard_normal(n), 0.05 * random.standard_normal(n)]
+    stages, plan = (
+        experiment.stages[first : first + 2],
+        resting_plan(0.0, controller.horizon, controller.uniform_nodes, x0),
+    )
+    instants = np.array([0.4 * controller.horizon])
+    offset, scale = normalization(
+        "nadir", controller.zeta, stages, np.r_[0.0, instants], experiment.costs, plan, controller.sample_time
+    )
+    window = Window(
+        stages=stages,
+        start=0.0,
+        elapsed=0.0,
+        x0=x0,
+        omega=np.array([stage.priority for stage in stages]),
+        offset=offset,
+        scale=scale,
+        horizon=controller.horizon,
+        pending_cost=controller.pending_cost,
+        terminal_cost=0.0,
+        nodes=(controller.uniform_nodes,) * len(stages),
+    )
+    return window, instants
+
+
+def _mesh(windows: WindowSolver, window: Window) -> list[tuple[int, int]]:
+    layout = windows.compiled_for(window)[0].layout
+    return list(zip(layout.nodes, layout.inputs, strict=True))
+
+
+def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes: int) -> float:
+    """Return how far the costate formula is from the adjoint at the optimum without limits and end conditions."""
+    windows, window = experiment.controller.windows, replace(window, nodes=(nodes,) * len(window.stages))
+    shape = windows.shape(window)
+    nlp, solver = windows.compiled(shape)
+    plan = resting_plan(window.start, window.horizon, nodes, window.x0)
+    z = pack_guess(nlp, window, plan, np.cumsum(tau)[:-1], experiment.costs)
+    free = bounds(nlp, window)
+    lbx, ubx = np.full(nlp.layout.size, -np.inf), np.full(nlp.layout.size, np.inf)
+    lbx[nlp.layout.duration_index[0]] = ubx[nlp.layout.duration_index[0]] = tau[:-1]
+    lbx[nlp.layout.violation_index] = 0.0
+    lbg, ubg = free.lbg.copy(), free.ubg.copy()
+    for rows in (nlp.limit_rows, *nlp.end_rows.values()):
+        lbg[rows], ubg[rows] = -np.inf, np.inf
+    solution = solver.solve(Guess(z), parameter_vector(nlp, window, np.cumsum(tau)[:-1]), Bounds(lbx, ubx, lbg, ubg))
+    U = [solution.z[nlp.layout.input_index(s)] for s in range(len(tau))]
+    rollout = Rollout(experiment.model, shape, window, np.cumsum(tau)[:-1])
+    return float(np.abs(rollout.by_adjoint(tau, U) - rollout.by_costate(tau, U)).max())

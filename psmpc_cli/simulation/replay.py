@@ -1,0 +1,167 @@
+"""Replay: one horizon of a run, its problem rebuilt from the log alone and solved again."""
+
+import io
+import re
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.errors import InputError
+from psmpc_cli.logs.read import Log
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.window import bounds, unpack_plan
+from psmpc_cli.simulation.logged_window import LoggedSolve, ensure_sample, logged_sequences, logged_solve
+from psmpc_cli.simulation.setup import Experiment, build_experiment
+from psmpc_cli.simulation.summary import task_of
+from psmpc_cli.solvers import Solution, build_solver
+from psmpc_cli.solvers.casadi_nlp import CasadiSolver
+from psmpc_cli.solvers.sqp import SqpSolver
+from psmpc_cli.solvers.sqp_table import IterationTable
+from psmpc_cli.specs.load import Task, parse_task
+from psmpc_cli.specs.overrides import Short
+
+ITERATION = re.compile(r"iter\s|\s*\d+[rRsS]?\s+[-+\d.]+e")
+"""What the lines of a plug-in's table of iterations begin with."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """One quantity as it was logged and as it came out again."""
+
+    name: str
+    logged: float
+    again: float
+
+    @property
+    def difference(self) -> float:
+        """How far they are apart."""
+        return abs(self.again - self.logged)
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """A solve done again.
+
+    Attributes:
+        experiment: The run's experiment, built anew; its solver may be another one.
+        logged: The solve as it was logged.
+        solution: What came out again.
+        iterations: The solver's table of iterations, line by line; its objective is J over the largest priority.
+        compared: Objective, instants and the control of the first tick.
+        apart: Largest difference of a control in the plan [m/s^2, rad/s^2].
+        remarks: What was logged that is not the solve behind the applied control.
+        run_solver: Name of the solver that the run had.
+    """
+
+    experiment: Experiment
+    logged: LoggedSolve
+    solution: Solution
+    iterations: tuple[str, ...]
+    compared: tuple[Compared, ...]
+    apart: float
+    remarks: tuple[str, ...]
+    run_solver: str
+
+    @property
+    def same_solver(self) -> bool:
+        """Whether the solver is the run's."""
+        return self.experiment.task.solver.kind == self.run_solver
+
+    @property
+    def largest_priority(self) -> float:
+        """What the objective is divided by in the NLP."""
+        return float(np.max(self.logged.window.omega))
+
+    @property
+    def largest(self) -> float:
+        """The largest of all differences."""
+        return max(self.apart, *(each.difference for each in self.compared))
+
+
+def replay(log: Log, sample: int, solver: str | None = None) -> Replay:
+    """Solve the horizon of a sample again, by default with the run's own solver.
+
+    Raises:
+        LogError: The log holds no plans, or not those of its windows.
+        InputError: It does not hold this sample.
+        SpecError: The solver does not exist or cannot solve this task.
+    """
+    ensure_sample(log, sample)
+    loaded = task_of(log)
+    chosen = loaded if solver is None else _with_solver(loaded, solver)
+    experiment = build_experiment(chosen)
+    sequence = logged_sequences(log, experiment)[sample].sequence
+    logged = logged_solve(log, experiment, sequence, sample)
+    solution, iterations = _solve(experiment, logged)
+    plan = unpack_plan(logged.nlp, logged.window, solution.z)
+    return Replay(
+        experiment=experiment,
+        logged=logged,
+        solution=solution,
+        iterations=iterations,
+        compared=tuple(_compared(log, experiment, logged, solution, plan)),
+        apart=float(np.abs(plan.u - logged.plan.u).max()),
+        remarks=tuple(_remarks(log, experiment, sample)),
+        run_solver=loaded.spec.solver.kind,
+    )
+
+
+def _with_solver(loaded: Task, solver: str) -> Task:
+    if re.fullmatch(r"[\w-]+", solver) is None:
+        raise InputError(f"--solver: found {solver!r}, expected the name of a solver such as ipopt")
+    return parse_task(loaded.task_yaml, loaded.robot_yaml, loaded.spec.name, [Short("--solver", "solver.kind", solver)])
+
+
+def _solve(experiment: Experiment, logged: LoggedSolve) -> tuple[Solution, tuple[str, ...]]:
+    """Solve without a deadline, and catch the table of iterations."""
+    spec = experiment.task.solver.model_copy(update={"deadline": None})
+    solver, table = build_solver(logged.nlp, spec), IterationTable()
+    if isinstance(solver, CasadiSolver):
+        solver = solver.printing()
+    elif isinstance(solver, SqpSolver):
+        solver = solver.watched(table.take)
+    with redirect_stdout(io.StringIO()) as written:
+        solution = solver.solve(logged.guess, logged.parameters, bounds(logged.nlp, logged.window))
+    if isinstance(solver, SqpSolver):
+        return solution, tuple(table.lines)
+    return solution, tuple(line for line in written.getvalue().splitlines() if ITERATION.match(line))
+
+
+def _compared(log: Log, experiment: Experiment, logged: LoggedSolve, solution: Solution, plan: Plan) -> list[Compared]:
+    window, names = logged.window, [stage.name for stage in logged.window.stages]
+    objective = solution.objective * float(np.max(window.omega))
+    found = [Compared("objective J", logged.objective, objective)]
+    for name, before, after in zip(names, logged.plan.instants, plan.instants, strict=False):
+        found.append(Compared(f"{name} ends [s]", float(before), float(after)))
+    tick = window.start + np.array([0.0, 1 / experiment.task.plant.low_level_rate])
+    controls = (each.mean_control(tick)[0] for each in (logged.plan, plan))
+    found += [
+        Compared(f"control of {name}", float(before), float(after))
+        for name, before, after in zip(log.coordinates, *controls, strict=True)
+    ]
+    return found
+
+
+def _remarks(log: Log, experiment: Experiment, sample: int) -> list[str]:
+    stages, found = experiment.stages, []
+    last = int(log["window/first"][sample] + log["window/count"][sample]) - 1
+    if log["events/postponed"][sample] and last + 1 < len(stages):
+        found.append(
+            f"{stages[last + 1].name} was seen, but the window with it had no solution: logged, and solved again, is "
+            "the window without it"
+        )
+    if log["events/braking"][sample]:
+        found.append("the solve failed and the plan was used up: compared is the last iterate of the failed solve")
+    elif log["events/fallback"][sample]:
+        found.append(
+            "the solve failed and the plan before it went on: compared is the last iterate of the failed solve"
+        )
+    if "levels/solved" in log.columns:
+        found.append(
+            f"the log of HTMPC holds the window of its first level alone, that of {stages[last].name}: the applied "
+            "control is that of the last level"
+        )
+    if experiment.task.solver.deadline is not None:
+        found.append("solves of the run had a deadline, this one has none")
+    return found

@@ -1,0 +1,224 @@
+"""Between the nodes: what the physics does along the plans of a log and along its closed loop."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.errors import LogError
+from psmpc_cli.logs.read import Log
+from psmpc_cli.ocp.layout import Layout
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.plant.adaptive import INSIDE, AdaptiveDynamics, Flow
+from psmpc_cli.simulation.end_error import end_error
+from psmpc_cli.simulation.logged_window import LoggedSequence, logged_sequences, logged_solve, logged_state
+from psmpc_cli.simulation.measures import state_at
+from psmpc_cli.simulation.setup import Experiment, build_experiment
+from psmpc_cli.simulation.summary import task_of
+
+Vector = np.ndarray
+
+QUANTITIES = {
+    "position": "position off the plan",
+    "velocity": "velocity off the plan",
+    "position limit": "beyond a position limit",
+    "velocity limit": "beyond a velocity limit",
+    "end condition": "end condition, over its tolerance",
+    "plant": "logged state off the integrated one",
+}
+"""What is measured, as it is called."""
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The largest value of a quantity.
+
+    Attributes:
+        value: Itself [m, rad, m/s, rad/s], or [1] for an end condition.
+        where: The coordinate or the stage.
+        time: When [s].
+        sample: In the horizon, or in the closed loop after the state, of which sample.
+    """
+
+    value: float
+    where: str
+    time: float
+    sample: int
+
+
+Peaks = dict[str, Peak]
+"""The largest values by the names of `QUANTITIES`; none of what could not be measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """What the physics did.
+
+    Attributes:
+        horizons: Along the plans of so many horizons.
+        count: Number of horizons integrated.
+        loop: Along the closed loop.
+        samples: Number of samples of it that were integrated.
+        remarks: What was left out.
+    """
+
+    horizons: Peaks
+    count: int
+    loop: Peaks
+    samples: int
+    remarks: tuple[str, ...]
+
+
+def verify(log: Log, every: int = 1, watch: Callable[[int], None] = lambda sample: None) -> Verification:
+    """Integrate every n-th logged horizon, and the whole closed loop.
+
+    Args:
+        log: A log with plans.
+        every: n.
+        watch: Told the number of each sample it has done with.
+
+    Raises:
+        LogError: The log holds no plans or no samples.
+    """
+    if not log.plans or not len(log.time):
+        missing = "samples" if log.plans else "plans"
+        raise LogError(f"{log.path}: holds no {missing}; expected a log of a task with log: {{plans: true}}")
+    experiment = build_experiment(task_of(log))
+    verifier = _Verifier(log, experiment)
+    for sample, logged in enumerate(logged_sequences(log, experiment)):
+        verifier.take(sample, logged, sample % every == 0)
+        watch(sample)
+    return verifier.result()
+
+
+class _Verifier:
+    """Goes through a log sample by sample and keeps the largest values."""
+
+    def __init__(self, log: Log, experiment: Experiment) -> None:
+        self._log, self._experiment = log, experiment
+        self._physics = AdaptiveDynamics(experiment.model)
+        self._levels = "levels/solved" in log.columns
+        task = experiment.task
+        self._uncertain = task.uncertainty.in_force or task.controller.offset_free
+        self._horizons: Peaks = {}
+        self._loop: Peaks = {}
+        self._count, self._samples, self._left_out = 0, 0, 0
+        self._plan: Plan | None = None
+
+    def take(self, sample: int, logged: LoggedSequence, horizon: bool) -> None:
+        """Integrate the closed loop after a sample, and its horizon if asked for."""
+        failed = bool(self._log["events/fallback"][sample])
+        if not failed:
+            solve = logged_solve(self._log, self._experiment, logged.sequence, sample)
+            self._plan = solve.plan
+            if horizon:
+                self._take_horizon(sample, solve.plan, solve.nlp.layout, solve.window.stages)
+        if not self._uncertain:
+            self._take_loop(sample, self._experiment.stages[logged.sequence.first])
+
+    def result(self) -> Verification:
+        """Return what was found."""
+        remarks = []
+        if self._levels:
+            remarks.append("the log of HTMPC holds the windows of the first levels alone, and those were integrated")
+        if self._uncertain:
+            remarks.append(
+                "the closed loop was left out: its robot is not the one the plans are made for, or its controls are "
+                "not theirs"
+            )
+        if self._left_out:
+            why = "without the plan that was applied in the log; log: {ticks: true} logs the forces"
+            remarks.append(f"{self._left_out} samples of the closed loop were left out, {why}")
+        return Verification(self._horizons, self._count, self._loop, self._samples, tuple(remarks))
+
+    def _take_horizon(self, sample: int, plan: Plan, layout: Layout, stages: tuple[Stage, ...]) -> None:
+        flow = self._physics.under_law(plan.X[0], plan.times, plan.u)
+        self._count += 1
+        self._note_deviation(self._horizons, sample, flow.between_pieces, plan.X, plan.times)
+        for s, stage in enumerate(stages):
+            first, last = layout.first_node[s], layout.first_node[s + 1]
+            inside = slice(first * INSIDE, last * INSIDE + 1)
+            self._note_limits(self._horizons, sample, stage, flow, inside)
+            if s < len(stages) - 1:
+                self._note_end(self._horizons, sample, stage, flow.between_pieces[last], plan.times[last])
+
+    def _take_loop(self, sample: int, stage: Stage) -> None:
+        log, task = self._log, self._experiment.task
+        ticks = round(task.controller.sample_time * task.plant.low_level_rate)
+        edges = log.time[sample] + np.arange(ticks + 1) / task.plant.low_level_rate
+        x, plan = logged_state(log, sample), self._plan
+        known = plan is not None and not self._levels and not log["events/braking"][sample]
+        if log.ticks:
+            held = log.ticks["F"][sample * ticks : (sample + 1) * ticks]
+            flow = self._physics.under_force(x, edges, held)
+        elif known and plan is not None:
+            flow = self._physics.under_ticks(x, edges, plan.mean_control(edges))
+        else:
+            self._left_out += 1
+            return
+        self._samples += 1
+        if known and plan is not None:
+            self._note_deviation(self._loop, sample, flow.X[-1:], plan.states_at(edges[-1:]), edges[-1:])
+        self._note_limits(self._loop, sample, stage, flow, slice(None))
+        self._note_plant(sample, flow)
+        self._note_hand_overs(sample, flow)
+
+    def _note_deviation(self, peaks: Peaks, sample: int, X: Vector, planned: Vector, times: Vector) -> None:
+        n, apart = self._experiment.model.n, np.abs(X - planned)
+        self._note(peaks, "position", sample, apart[:, :n], times)
+        self._note(peaks, "velocity", sample, apart[:, n:], times)
+
+    def _note_limits(self, peaks: Peaks, sample: int, stage: Stage, flow: Flow, part: slice) -> None:
+        """Note by how much more than at the measured state a limit is violated: the horizon leaves that state free."""
+        n, limits = self._experiment.model.n, stage.limits
+        low = np.concatenate([limits.position_low, limits.velocity_low])
+        high = np.concatenate([limits.position_high, limits.velocity_high])
+        beyond = np.maximum(np.maximum(low - flow.X, flow.X - high), 0.0)
+        if peaks is self._horizons:
+            beyond = np.maximum(beyond - beyond[0], 0.0)
+        self._note(peaks, "position limit", sample, beyond[part, :n], flow.times[part])
+        self._note(peaks, "velocity limit", sample, beyond[part, n:], flow.times[part])
+
+    def _note_plant(self, sample: int, flow: Flow) -> None:
+        """Note how far the next logged state is from the integrated one."""
+        log = self._log
+        if sample + 1 < len(log.time):
+            after = logged_state(log, sample + 1)
+        elif np.isfinite(log.final["time"]):
+            after = np.concatenate([log.final["Q"], log.final["Qdot"]])
+        else:
+            return
+        names = [*log.coordinates, *(f"{name} velocity" for name in log.coordinates)]
+        self._note(self._loop, "plant", sample, np.abs(flow.X[-1:] - after), flow.times[-1:], names)
+
+    def _note_hand_overs(self, sample: int, flow: Flow) -> None:
+        """Note the end conditions of stages that ended in the course of a sample."""
+        switch_times = self._log.stages["switch_time"]
+        start, end = flow.times[0], flow.times[-1]
+        for index in np.flatnonzero((switch_times > start + 1e-9) & (switch_times <= end + 1e-9)):
+            time = float(switch_times[index])
+            x = state_at(flow.times, flow.X, time)
+            self._note_end(self._loop, sample, self._experiment.stages[index], x, time)
+
+    def _note_end(self, peaks: Peaks, sample: int, stage: Stage, x: Vector, time: float) -> None:
+        """Note the error of a stage's end condition over its tolerance. Paper eq. (18)."""
+        error = end_error(self._experiment.costs, stage, x)
+        if np.isfinite(error):
+            self._note(peaks, "end condition", sample, np.array([[error]]), np.array([time]), [stage.name])
+
+    def _note(
+        self,
+        peaks: Peaks,
+        quantity: str,
+        sample: int,
+        values: Vector,
+        times: Vector,
+        names: list[str] | None = None,
+    ) -> None:
+        """Keep the largest of values (T, names) at times (T,) if it is larger than what is known."""
+        row, column = np.unravel_index(int(np.argmax(values)), values.shape)
+        value = float(values[row, column])
+        if quantity not in peaks or not value <= peaks[quantity].value:
+            where = (names or list(self._log.coordinates))[int(column)]
+            peaks[quantity] = Peak(value, where, float(times[row]), sample)

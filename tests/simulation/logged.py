@@ -1,0 +1,23 @@
+"""Logs of short runs, for tests of what starts from a log."""
+
+from pathlib import Path
+
+from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.simulation.run import Progress, run
+from psmpc_cli.specs.load import load_task
+
+from ..there_and_back import TASK
+
+
+def there_and_back(folder: Path, *changes: str, samples: int | None = None, name: str = "log", text: str = TASK) -> Log:
+    """Return the log of a run there and back, or of another text, interrupted after so many samples."""
+    task, path, told = folder / "task.yaml", folder / f"{name}.h5", []
+    task.write_text(text)
+
+    def watch(progress: Progress) -> None:
+        told.append(progress)
+        if len(told) == samples:
+            raise KeyboardInterrupt
+
+    run(load_task(task, changes), path, watch=watch)
+    return read_log(path)

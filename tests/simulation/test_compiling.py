@@ -1,0 +1,70 @@
+"""Solver and plant as compiled C: decided before the first sample, logged, and of no consequence for the results."""
+
+from collections.abc import Callable, Iterator
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from psmpc_cli.logs.record import Record
+from psmpc_cli.simulation.compiling import compile_ahead
+from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.run import header
+from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.specs.load import load_task
+
+COARSE = ("controller.nodes=10", "solver.kind=sqp", "log.shares=false")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """A cache of these tests' own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PSMPC_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+def first_samples(experiment: Experiment) -> list[Record]:
+    return list(islice(simulate(experiment), 80))
+
+
+def test_compiled_and_interpreted_runs_agree(experiment_of: Callable[..., Experiment]) -> None:
+    fast, slow = experiment_of(*COARSE), experiment_of(*COARSE, "solver.compiled=false")
+    assert (fast.compiled, slow.compiled) == (True, False)
+    pairs = list(zip(first_samples(fast), first_samples(slow), strict=True))
+    assert max(len(one.instants) for one, _ in pairs) == 1
+    for one, other in pairs:
+        np.testing.assert_allclose(one.instants, other.instants, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(one.Q, other.Q, rtol=0, atol=1e-5)
+
+
+def test_the_log_says_whether_compiled_code_ran(experiment_of: Callable[..., Experiment]) -> None:
+    assert header(experiment_of(*COARSE)).attributes["compiled"] is True
+    assert header(experiment_of(*COARSE, "solver.compiled=false")).attributes["compiled"] is False
+    assert header(experiment_of("solver.kind=fatrop", "plant.kind=ideal")).attributes["compiled"] is False
+
+
+def test_without_a_compiler_nothing_of_a_run_is_compiled(
+    experiment_of: Callable[..., Experiment], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", "/no/such/compiler")
+    experiment = experiment_of(*COARSE)
+    assert not experiment.compiled
+    assert not experiment.controller.windows.task.solver.compiled
+    assert len(list(islice(simulate(experiment), 2))) == 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "purposes"),
+    [
+        (("solver.kind=sqp",), {"cost", "quadratic programs", "a tick of the plant"}),
+        (("solver.kind=sqp", "plant.kind=ideal"), {"cost", "quadratic programs"}),
+        ((), {"a tick of the plant"}),
+        (("plant.kind=ideal",), set()),
+    ],
+    ids=["sqp and rk4", "sqp", "rk4", "neither"],
+)
+def test_what_a_task_needs_is_compiled(changes: tuple[str, ...], purposes: set[str]) -> None:
+    made = compile_ahead(load_task("approach_capture", ("solver.kind=fatrop", "plant.kind=rk4", *changes)))
+    assert all(each.path is not None and each.path.exists() for each in made)
+    assert {each.purpose.partition(",")[0].removesuffix(" and derivatives") for each in made} == purposes

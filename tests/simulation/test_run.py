@@ -1,0 +1,236 @@
+import logging
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from psmpc_cli import __version__
+from psmpc_cli.errors import InputError, RunError
+from psmpc_cli.logs.read import Log, read_log, read_plan
+from psmpc_cli.simulation.run import Progress, run
+from psmpc_cli.simulation.summary import summarize, task_of
+from psmpc_cli.specs.load import Task, load_task
+
+from ..little_room import files_of_at_most
+
+COARSE = ("controller.nodes=5", "plant.kind=ideal")
+
+
+def coarse(*changes: str) -> Task:
+    return load_task("transport", (*COARSE, *changes))
+
+
+def stopping_after(samples: int, *words: str) -> Callable[[Progress], None]:
+    """A watcher that interrupts the run once it has seen so many samples."""
+    seen: list[Progress] = []
+
+    def watch(progress: Progress) -> None:
+        seen.append(progress)
+        if len(seen) == samples:
+            raise KeyboardInterrupt(*words)
+
+    return watch
+
+
+class Kept(logging.Handler):
+    """Keeps what is reported."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.messages: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.messages.append(f"{record.levelname}: {record.getMessage()}")
+
+
+@pytest.fixture(scope="module")
+def told() -> Kept:
+    """What the finished run reported."""
+    return Kept()
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory, told: Kept) -> Log:
+    path, logger = tmp_path_factory.mktemp("runs") / "log.h5", logging.getLogger("psmpc_cli")
+    level = logger.level
+    logger.addHandler(told)
+    logger.setLevel(logging.INFO)
+    run(coarse(), path)
+    logger.removeHandler(told)
+    logger.setLevel(level)
+    return read_log(path)
+
+
+def test_the_log_of_a_finished_run_says_how_it_ended(finished: Log) -> None:
+    assert finished.attributes["finished"] is np.True_
+    assert finished.attributes["end_reason"] == "release met its end condition"
+    assert finished.final["time"] == pytest.approx(finished.stages["switch_time"][-1])
+    assert finished.final["time"] > finished.time[-1]
+    assert np.isfinite(finished.stages["switch_time"]).all()
+    assert np.all(np.diff(finished.stages["switch_time"]) > 0)
+    assert (finished.stages["actual_start"][1:] <= finished.stages["switch_time"][:-1]).all()
+
+
+def test_the_log_says_what_ran(finished: Log) -> None:
+    loaded, attributes = coarse(), finished.attributes
+    assert task_of(finished).digest == attributes["digest"] == loaded.digest
+    expected = {"psmpc_version": __version__, "casadi_version": version("casadi"), "numpy_version": np.__version__}
+    expected |= {"controller": "psmpc", "plant": "ideal", "solver": "sqp", "task_name": "transport"}
+    assert {name: attributes[name] for name in expected} == expected
+    assert (attributes["nodes"], attributes["sample_time"], attributes["horizon"], attributes["seed"]) == (5, 0.1, 4, 0)
+    assert str(attributes["created"]).endswith("+00:00")
+    assert finished.coordinates[2:4] == ("base.theta", "arm_1.1")
+
+
+def test_the_verdicts_of_the_monitors_are_in_the_log(finished: Log) -> None:
+    assert finished.monitors["name"].tolist() == ["object held"]
+    assert finished.monitors["held"].tolist() == [1]
+    assert finished.monitors["margin"][0] == pytest.approx(summarize(finished).monitors[0].margin)
+
+
+def test_every_plan_is_in_the_log(finished: Log) -> None:
+    first, last = (read_plan(finished.path, "solution", k) for k in (0, len(finished.time) - 1))
+    two_stages = np.flatnonzero(finished["window/count"] == 2)[0]
+    assert len(read_plan(finished.path, "solution", two_stages)) > len(first) == len(last) > 0
+    assert np.isfinite(first).all()
+
+
+def test_the_watcher_sees_every_sample(tmp_path: Path) -> None:
+    seen: list[Progress] = []
+    run(coarse("time_limit=1"), tmp_path / "log.h5", watch=seen.append)
+    assert [progress.record.time for progress in seen] == pytest.approx(0.1 * np.arange(10))
+    assert {(progress.stage, progress.fallbacks) for progress in seen} == {("approach", 0)}
+
+
+def test_the_time_limit_ends_a_run_that_is_not_finished(tmp_path: Path) -> None:
+    ending = run(coarse("time_limit=1"), tmp_path / "log.h5")
+    assert ending is not None
+    assert (ending.completed, ending.stuck, ending.reason) == (False, False, "time limit of 1 s reached")
+    log = read_log(tmp_path / "log.h5")
+    assert log.attributes["finished"] is np.False_
+    assert log.final["time"] == pytest.approx(1.0)
+    assert np.isfinite(log.final["Q"]).all()
+    assert log.monitors["held"].tolist() == [0]
+
+
+@pytest.mark.parametrize(("words", "reason"), [((), "interrupted"), (("terminated",), "terminated")])
+def test_an_interruption_leaves_a_whole_log(tmp_path: Path, words: tuple[str, ...], reason: str) -> None:
+    assert run(coarse(), tmp_path / "log.h5", watch=stopping_after(7, *words)) is None
+    log = read_log(tmp_path / "log.h5")
+    assert log.time == pytest.approx(0.1 * np.arange(7))
+    assert (log.attributes["finished"], log.attributes["end_reason"]) == (False, reason)
+    assert np.isnan(log.final["time"])
+    assert log.stages["actual_start"][0] == 0.0
+
+
+def test_an_existing_log_is_refused_before_the_first_sample(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    path.write_text("mine")
+    seen: list[Progress] = []
+    with pytest.raises(InputError, match="exists already"):
+        run(coarse(), path, watch=seen.append)
+    assert not seen
+    assert path.read_text() == "mine"
+
+
+def test_a_run_without_solutions_brakes_and_says_why(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    ending = run(coarse("solver.kind=fatrop", "solver.max_iterations=1", "controller.horizon=1"), tmp_path / "log.h5")
+    assert ending is not None
+    assert ending.stuck
+    assert ending.reason == "no window could be solved and the plan was used up; the robot braked to rest"
+    log = read_log(tmp_path / "log.h5")
+    assert log.attributes["end_reason"] == ending.reason
+    assert log["events/fallback"].all()
+    assert log["events/braking"][-1]
+    assert set(log["solver/status"]) == {"iteration_limit"}
+    messages = [entry.getMessage() for entry in caplog.records]
+    assert messages[0] == "0.00 s: solve failed (iteration_limit); the shifted plan goes on"
+    assert messages[-1] == "1.40 s: solve failed (iteration_limit); the robot brakes to rest"
+
+
+def test_events_are_reported_to_who_asks(finished: Log, told: Kept) -> None:
+    happened = [text.partition(" s: ")[2].partition(" at ")[0] for text in told.messages if text.startswith("INFO: ")]
+    assert [text for text in happened if text.endswith("ended")] == [
+        f"{stage} ended" for stage in finished.stage_names[:-1]
+    ]
+    assert [text for text in happened if "entered" in text] == [
+        f"{stage} entered the window" for stage in finished.stage_names[1:]
+    ]
+
+
+def test_a_run_whose_log_finds_no_room_ends_with_what_it_has(tmp_path: Path) -> None:
+    path, seen = tmp_path / "log.h5", list[Progress]()
+    with files_of_at_most(2_000_000), pytest.raises(RunError, match="cannot be written any further") as refused:
+        run(coarse("log.ticks=true"), path, watch=seen.append)
+    log = read_log(path)
+    assert len(log.time) == len(seen) > 0
+    assert log.attributes["end_reason"] == str(refused.value)
+    assert summarize(log).reason == str(refused.value)
+
+
+READ = "import h5py, sys; print(len(h5py.File(sys.argv[1])['time']))"
+
+
+def test_the_log_can_be_read_while_it_is_written(tmp_path: Path) -> None:
+    path, read = tmp_path / "log.h5", []
+
+    def watch(progress: Progress) -> None:
+        if progress.record.time > 0.45:
+            read.append(subprocess.check_output([sys.executable, "-c", READ, str(path)], text=True))
+            raise KeyboardInterrupt
+
+    run(coarse(), path, watch=watch)
+    assert read == ["6\n"]
+
+
+RUN = """
+import sys
+from pathlib import Path
+from psmpc_cli.simulation.run import run
+from psmpc_cli.specs.load import load_task
+run(load_task("transport", sys.argv[2:]), Path(sys.argv[1]), watch=lambda progress: print("sample", flush=True))
+"""
+
+
+@pytest.mark.parametrize(
+    ("samples", "delay", "plans"), [(0, 0.0, True), (1, 0.001, True), (13, 0.007, False), (50, 0.0233, True)]
+)
+def test_a_killed_run_leaves_every_sample_it_told_of(tmp_path: Path, samples: int, delay: float, plans: bool) -> None:
+    path = tmp_path / "log.h5"
+    command = [sys.executable, "-c", RUN, str(path), *COARSE, f"log.plans={str(plans).lower()}"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        told = "".join(child.stdout.readline() for _ in range(samples))
+        while not path.exists() and child.poll() is None:
+            time.sleep(0.001)
+        time.sleep(delay)
+        child.kill()
+        told += child.stdout.read()
+    log = read_log(path)
+    assert len(log.time) >= told.count("\n") >= samples
+    assert log.time == pytest.approx(0.1 * np.arange(len(log.time)))
+    assert (log.attributes["finished"], log.attributes["end_reason"]) == (False, "")
+    summary = summarize(log)
+    assert (summary.ended, summary.succeeded) == (False, False)
+    with h5py.File(path) as file:
+        assert len(file["state/Q"]) >= len(log.time)
+    for k in range(len(log.time) if plans else 0):
+        assert np.isfinite(read_plan(path, "solution", k)).all()
+
+
+def test_a_copy_of_a_log_in_the_making_is_a_log(tmp_path: Path) -> None:
+    path, held = tmp_path / "log.h5", []
+
+    def watch(progress: Progress) -> None:
+        copy = shutil.copy(path, tmp_path / "copy.h5")
+        held.append(len(read_log(Path(copy)).time))
+
+    run(coarse("time_limit=0.5"), path, watch=watch)
+    assert held == [1, 2, 3, 4, 5]

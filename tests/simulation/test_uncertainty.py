@@ -1,0 +1,290 @@
+"""Whole short runs of a robot that is not the one the controller knows."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from psmpc_cli.errors import InputError
+from psmpc_cli.logs.differences import compare_logs
+from psmpc_cli.logs.read import Log
+from psmpc_cli.ocp.stages import build_stages
+from psmpc_cli.plant.draw import measurement_noise
+from psmpc_cli.robot.model import build_model
+from psmpc_cli.simulation.compiling import pieces
+from psmpc_cli.simulation.resume import continue_run
+from psmpc_cli.simulation.setup import build_experiment
+from psmpc_cli.simulation.summary import summarize
+from psmpc_cli.simulation.verify import verify
+from psmpc_cli.specs.load import load_task
+
+from ..there_and_back import TASK
+from .logged import there_and_back
+
+CARRY = """\
+  - name: carry
+    skill: move
+    target: {base: [0.1, 0.02, 0], arm_1: [0, 0, 0], arm_2: [0, 0.02, 0]}
+    ends_when: {coordinates: [base], tolerance: 5e-3}
+"""
+THERE, BACK = TASK.replace("kind: ideal,", "kind: rk4, step: 2e-3,").split("  - name: back\n")
+THREE_STAGES = f"{THERE}{CARRY}  - name: back\n{BACK}"
+"""There, aside and back: what is taken up at the end of `go` is carried through one stage."""
+
+LIGHT = ("log.shares=false", "log.plans=false")
+BODIES = "uncertainty={mass: 0.2, inertia: 0.2, centre_of_mass: 0.01}"
+PAYLOAD = "uncertainty.payload={mass: 4, inertia: 0.3}"
+NOISE = "uncertainty.noise={position: 1e-3, angle: 1e-3, velocity: 1e-3, angular_velocity: 1e-3}"
+
+
+def logged(folder: Path, *changes: str, samples: int | None = None, name: str = "log") -> Log:
+    """Return the log of a run of three stages, interrupted after so many samples."""
+    return there_and_back(folder, *changes, samples=samples, name=name, text=THREE_STAGES)
+
+
+def held(log: Log) -> np.ndarray:
+    return log["payload/held"].astype(bool)
+
+
+def test_a_block_of_zeros_is_no_block(tmp_path: Path) -> None:
+    zeros = "uncertainty={mass: 0, inertia: {base: 0}, friction: {viscous: 0}, noise: {angle: 0}, delay: 0}"
+    one, other = logged(tmp_path), logged(tmp_path, zeros, name="zeros")
+    assert compare_logs(one.path, other.path).differences == ()
+    assert not other.uncertainty
+
+
+def test_other_bodies_make_another_run_whose_balance_closes(tmp_path: Path) -> None:
+    log, known = logged(tmp_path, BODIES, *LIGHT), logged(tmp_path, *LIGHT, name="known")
+    K = min(len(log.time), len(known.time))
+    assert np.abs(log["state/Q"][:K] - known["state/Q"][:K]).max() > 1e-4
+    assert np.abs(log["balance/momentum"]).max() < 1e-9
+    assert np.abs(log["balance/energy"]).max() < 1e-9
+
+
+def test_the_log_tells_what_was_drawn_with_units(tmp_path: Path) -> None:
+    log = logged(tmp_path, BODIES, *LIGHT, samples=1)
+    drawn = log.uncertainty
+    assert list(drawn["body"][:2]) == ["base", "arm_1.1"]
+    assert drawn["centre_of_mass"].shape == (7, 2)
+    for name in ("mass_factor", "inertia_factor"):
+        assert (np.abs(drawn[name] - 1) <= 0.2).all()
+        assert (drawn[name] != 1).all()
+    with h5py.File(log.path) as file:
+        assert file["uncertainty/centre_of_mass"].attrs["units"] == "m"
+        assert all(item.attrs["long_name"] for item in file["uncertainty"].values())
+
+
+def test_seeds_reproduce_a_run_and_differ_from_each_other(tmp_path: Path) -> None:
+    logs = [
+        logged(tmp_path, BODIES, NOISE, *LIGHT, f"seed={seed}", samples=4, name=name)
+        for seed, name in ((1, "one"), (1, "again"), (2, "other"))
+    ]
+    assert compare_logs(logs[0].path, logs[1].path).differences == ()
+    assert not np.array_equal(logs[0]["state/Q"], logs[2]["state/Q"])
+    assert not np.array_equal(logs[0].uncertainty["mass_factor"], logs[2].uncertainty["mass_factor"])
+
+
+def test_the_controller_sees_the_noise_and_the_margins_do_not(tmp_path: Path) -> None:
+    log = logged(tmp_path, NOISE, "log.ticks=true", *LIGHT)
+    loaded = load_task(tmp_path / "task.yaml", [NOISE])
+    noise = [measurement_noise(loaded.spec.uncertainty.noise, loaded.robot, 0, k, 10)[0] for k in range(len(log.time))]
+    seen, true = (np.hstack([log[f"state/Q{of}"], log[f"state/Qdot{of}"]]) for of in ("", "_true"))
+    np.testing.assert_allclose(seen - true, noise, atol=1e-15)
+    np.testing.assert_array_equal(true[:, :9], log.ticks["Q"][::10])
+    model = build_experiment(loaded).model
+    np.testing.assert_allclose(log["pose/xi"], np.asarray(model.g(true[:, :9].T)).T, atol=1e-12)
+    np.testing.assert_allclose(log.final["xi"], np.asarray(model.g(log.final["Q_true"])).ravel(), atol=1e-12)
+    assert (log.final["Q"] != log.final["Q_true"]).all()
+
+
+def test_a_run_without_noise_has_no_second_state(tmp_path: Path) -> None:
+    log = logged(tmp_path, BODIES, *LIGHT, samples=1)
+    assert not {"state/Q_true", "payload/held"} & set(log.columns)
+    assert "Q_true" not in log.final
+
+
+def test_a_payload_is_held_from_the_end_of_one_stage_to_the_beginning_of_another(tmp_path: Path) -> None:
+    log = logged(tmp_path, PAYLOAD, *LIGHT)
+    np.testing.assert_array_equal(held(log), log["window/first"] == 1)
+    assert held(log).any()
+    taken, let_go = np.flatnonzero(np.diff(held(log).astype(int))) + 1
+    energy = log["payload/energy"]
+    assert set(np.flatnonzero(energy)) == {taken, let_go}
+    assert energy[taken] < 0
+    assert np.abs(log["balance/momentum"]).max() < 1e-9
+    assert np.abs(log["balance/energy"]).max() < 1e-9
+
+
+def test_an_object_at_rest_stops_the_grippers_in_part(tmp_path: Path) -> None:
+    """Between the last tick before the take-up and the first one after it, only velocities change."""
+    log = logged(tmp_path, PAYLOAD, "log.ticks=true", *LIGHT)
+    taken = int(np.argmax(held(log)))
+    before, after = log["state/Qdot"][taken], log.ticks["Qdot"][10 * taken]
+    np.testing.assert_array_equal(log["state/Q"][taken], log.ticks["Q"][10 * taken])
+    assert np.abs(after - before).max() > 1e-3
+
+
+def test_knowing_the_payload_brings_the_robot_nearer_to_its_plans(tmp_path: Path) -> None:
+    off = [
+        np.abs(log["deviation/Qdot"][held(log)][1:]).max()
+        for log in (
+            logged(tmp_path, f"{PAYLOAD[:-1]}, known: {known}}}", *LIGHT, name=known) for known in ("true", "false")
+        )
+    ]
+    assert off[0] < 0.1 * off[1]
+
+
+@pytest.mark.parametrize("plant", ["rk4", "mujoco"])
+def test_forces_in_the_log_keep_their_limits(tmp_path: Path, plant: str) -> None:
+    limits = "uncertainty.force_limits={base: [5, 5, 1], arms: 0.5}"
+    log = logged(tmp_path, limits, f"plant.kind={plant}", "log.ticks=true", *LIGHT, samples=6)
+    largest = np.array([5, 5, 1] + 6 * [0.5])
+    assert (np.abs(log.ticks["F"]) <= largest).all()
+    assert (np.abs(log.ticks["F"]) == largest).any()
+    assert np.abs(log["balance/momentum"]).max() < 1e-8
+
+
+def test_the_engines_agree_on_an_uncertain_run(tmp_path: Path) -> None:
+    one, other = (
+        logged(tmp_path, BODIES, PAYLOAD, NOISE, f"plant.kind={plant}", *LIGHT, name=plant)
+        for plant in ("rk4", "mujoco")
+    )
+    np.testing.assert_array_equal(held(one), held(other))
+    np.testing.assert_allclose(one["state/Q_true"], other["state/Q_true"], atol=1e-6)
+    assert np.abs(other["balance/energy"]).max() < 1e-8
+
+
+@pytest.mark.parametrize("plant", ["ideal", "rk4"])
+def test_a_delay_shifts_the_controls(tmp_path: Path, plant: str) -> None:
+    """Nothing moves before the first control arrives; then it is the one of so many samples before."""
+    changes = (f"plant.kind={plant}", "log.shares=false")
+    prompt, late = logged(tmp_path, *changes), logged(tmp_path, *changes, "uncertainty.delay=2", name="late")
+    assert (late["control/u"][:2] == 0).all()
+    np.testing.assert_array_equal(late["state/Q"][:3], np.tile(late["state/Q"][0], (3, 1)))
+    np.testing.assert_array_equal(late["control/u"][2], prompt["control/u"][0])
+    assert np.abs(late["control/u"][3] - prompt["control/u"][1]).max() > 1e-3
+
+
+@pytest.mark.parametrize("offset_free", ["false", "true"])
+def test_a_known_delay_is_foreseen_exactly_by_the_plant_of_the_plans(tmp_path: Path, offset_free: str) -> None:
+    changes = ("plant.kind=ideal", "log.shares=false", f"controller.offset_free={offset_free}")
+    prompt = logged(tmp_path, *changes)
+    known = logged(tmp_path, *changes, "uncertainty.delay=3", "controller.known_delay=3", name="known")
+    assert len(prompt.time) == len(known.time)
+    np.testing.assert_allclose(known["state/Q"], known["state/Q_true"], atol=1e-12)
+    np.testing.assert_allclose(known["state/Q_true"], prompt["state/Q"], atol=1e-7)
+
+
+def test_a_known_delay_is_told_late_of_what_is_not_foreseen(tmp_path: Path) -> None:
+    """A blow in the second sample is measured at the third, which a delay of one sample makes the fourth."""
+    blow = ("uncertainty.impulse={at: 0.15, linear: [0, 2]}", "plant.kind=rk4", *LIGHT)
+    known = ("uncertainty.delay=1", "controller.known_delay=1")
+    log, quiet = (
+        logged(tmp_path, *changes, samples=5, name=name)
+        for changes, name in (((*blow, *known), "blow"), ((*blow[1:], *known), "quiet"))
+    )
+    seen, true = (np.abs(log[name] - quiet[name]).max(axis=1) for name in ("state/Qdot", "state/Qdot_true"))
+    assert true[1] < 1e-9 < 1e-2 < true[2]
+    assert seen[2] < 1e-9 < 1e-2 < seen[3]
+
+
+def test_what_is_known_of_a_delay_may_be_less_than_it_is(tmp_path: Path) -> None:
+    changes = ("plant.kind=ideal", "log.shares=false", "uncertainty.delay=3")
+    part = logged(tmp_path, *changes, "controller.known_delay=1", samples=5)
+    assert (part["control/u"][:2] == 0).all()
+    assert np.abs(part["control/u"][2]).max() > 1e-3
+
+
+def test_an_impulse_comes_at_its_tick(tmp_path: Path) -> None:
+    blow = "uncertainty.impulse={at: 0.23, linear: [0, 2], angular: 0.1}"
+    log, quiet = (
+        logged(tmp_path, *changes, "log.ticks=true", *LIGHT, samples=4, name=name)
+        for changes, name in (((blow,), "blow"), ((), "quiet"))
+    )
+    apart = np.abs(log.ticks["Qdot"] - quiet.ticks["Qdot"]).max(axis=1)
+    assert apart[23] < 1e-9 < 1e-2 < apart[24]
+    assert np.abs(log["balance/momentum"]).max() < 1e-6
+
+
+GOES_ON = {
+    "noise and a payload": ((BODIES, PAYLOAD, NOISE), 14),
+    "before the take-up": ((PAYLOAD, NOISE), 6),
+    "delayed controls": ((PAYLOAD, NOISE, "uncertainty.delay=2"), 5),
+    "a known delay": ((BODIES, PAYLOAD, NOISE, "uncertainty.delay=3", "controller.known_delay=2"), 6),
+    "a known delay, from the first sample on": (("uncertainty.delay=2", "controller.known_delay=2"), 1),
+    "integral action over a known delay": (
+        (PAYLOAD, "controller.offset_free=true", "uncertainty.delay=1", "controller.known_delay=1"),
+        8,
+    ),
+    "integral action": ((PAYLOAD, NOISE, "controller.offset_free=true", "uncertainty.delay=1"), 8),
+    "a blow": (("uncertainty.impulse={at: 0.55, linear: [0, 2]}", BODIES), 4),
+}
+
+
+@pytest.mark.parametrize(("changes", "samples"), GOES_ON.values(), ids=list(GOES_ON))
+def test_an_uncertain_run_goes_on_exactly(tmp_path: Path, changes: tuple[str, ...], samples: int) -> None:
+    whole = logged(tmp_path, *changes, "time_limit=3")
+    log = logged(tmp_path, *changes, "time_limit=3", samples=samples, name="part")
+    continue_run(log)
+    comparison = compare_logs(whole.path, log.path)
+    assert comparison.differences == ()
+    assert comparison.compared > 50
+
+
+STICKY = "uncertainty.friction.coulomb=0.1"
+WRIST = (
+    "skills.move.weights={base: [100, 100, 10], arms: [100, 100, 10], control: 0.03}",
+    "stages=[{name: turn, skill: move, target: {base: [0, 0, 0], arm_1: [0, 0, 0.2], arm_2: [0, 0, 0]}, "
+    "ends_when: {coordinates: all, tolerance: 2e-3}}]",
+    *("object=null", "monitors=[]", "published={}", "time_limit=6"),
+)
+"""One joint turns whose friction is more than the torque that the plan has for it."""
+
+
+@pytest.mark.parametrize("known", [1, 6])
+def test_integral_action_bears_a_known_delay(tmp_path: Path, known: int) -> None:
+    """Six samples late, an estimate from what is foreseen instead of what was measured would diverge."""
+    late = (f"uncertainty.delay={known}", f"controller.known_delay={known}", "controller.offset_free=true")
+    log = logged(tmp_path, BODIES, "uncertainty.friction.viscous=0.1", *WRIST, *late, *LIGHT, "time_limit=12")
+    assert log.attributes["finished"]
+    assert np.abs(log["state/Qdot_true"]).max() < 0.3
+
+
+@pytest.mark.parametrize("offset_free", ["false", "true"])
+def test_integral_action_gets_over_friction(tmp_path: Path, offset_free: str) -> None:
+    log = logged(tmp_path, STICKY, *WRIST, f"controller.offset_free={offset_free}", *LIGHT)
+    assert bool(log.attributes["finished"]) == (offset_free == "true")
+    assert ("control/disturbance" in log.columns) == (offset_free == "true")
+    assert np.abs(log["balance/energy"]).max() < 1e-6
+
+
+def test_what_remains_at_the_end_is_told_of_the_true_state_too(tmp_path: Path) -> None:
+    log = logged(tmp_path, NOISE, *LIGHT)
+    found = summarize(log).end_errors
+    assert found is not None
+    measured, true = found
+    assert measured <= 1
+    assert true != measured
+    assert summarize(logged(tmp_path, *LIGHT, samples=1, name="quiet")).end_errors is None
+
+
+def test_a_closed_loop_that_is_not_the_plans_is_not_verified_against_them(tmp_path: Path) -> None:
+    found = verify(logged(tmp_path, BODIES, "log.shares=false", samples=3))
+    assert found.count == 3
+    assert found.samples == 0
+    assert "the closed loop was left out" in found.remarks[0]
+
+
+def test_the_tick_that_is_compiled_is_that_of_the_uncertain_plant() -> None:
+    known, uncertain = load_task("transport"), load_task("transport", [BODIES])
+    model = build_model(known.robot)
+    stages = build_stages(known.spec, known.robot, model)
+    ticks = [list(pieces(loaded.spec, model, stages))[-1] for loaded in (known, uncertain)]
+    assert [piece.purpose for piece in ticks] == ["a tick of the plant"] * 2
+    assert ticks[0].make() != ticks[1].make()
+
+
+def test_friction_too_stiff_for_the_step_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"uncertainty\.friction: found a step of 0\.002 s, expected at most"):
+        logged(tmp_path, "uncertainty.friction={coulomb: 1, width: 1e-3}")

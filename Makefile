@@ -14,12 +14,13 @@ OLD_ENOUGH := import sys; \
 	sys.version_info >= (3, 11) or sys.exit("psmpc needs Python 3.11 or newer, and this is " \
 	+ sys.version.split()[0] + " at " + sys.executable + "; choose another: make PYTHON=python3.11 ...")
 
-.PHONY: help setup demo test check build baseline calibration reliability random-tasks peers pin clean
+.PHONY: help setup demo test test-all check build baseline calibration reliability random-tasks peers pin clean
 
 help:
 	@echo 'make setup   the environment in $(VENV), from the pinned versions'
 	@echo 'make demo    the transport task in closed loop, with its figures'
-	@echo 'make test    the tests'
+	@echo 'make test      the tests of every edit, some minutes'
+	@echo 'make test-all  all tests'
 	@echo 'make check   format, lint, types and the import rules'
 	@echo 'make build   the wheel, tried out in an empty environment'
 	@echo 'make baseline     benchmarks/{baseline,weights}.yaml anew: the tables changes are compared with (some 5 minutes)'
@@ -44,6 +45,9 @@ demo: $(READY)
 	@ls -1 runs/transport.h5 runs/transport/*.png
 
 test: $(READY)
+	$(BIN)/python -m pytest -m 'not slow' --numprocesses auto --dist loadfile
+
+test-all: $(READY)
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
 
 check: $(READY)

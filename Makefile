@@ -48,7 +48,8 @@ test: $(READY)
 	$(BIN)/python -m pytest -m 'not slow' --numprocesses auto --dist loadfile
 
 test-all: $(READY)
-	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile --cov --cov-report=
+	$(BIN)/coverage report --skip-covered
 
 check: $(READY)
 	$(BIN)/ruff format --check .

@@ -9,7 +9,7 @@ import yaml
 from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.robot.model import RobotModel, build_model
-from psmpc_cli.specs.effective import write
+from psmpc_cli.specs.document import write
 from psmpc_cli.specs.load import LoadedRobot, Task, load_robot, parse_task
 
 ROBOT = "planar_dual_arm"

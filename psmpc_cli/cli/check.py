@@ -53,7 +53,6 @@ def present(reference: str, changes: list[str], gradients: bool) -> None:
     from psmpc_cli.ocp.outlook import look_ahead
     from psmpc_cli.ocp.remarks import remarks
     from psmpc_cli.specs.load import kind_of_reference, load_robot, load_task
-    from psmpc_cli.specs.report import refusal, report
 
     if kind_of_reference(reference) == "robot":
         print_robot(load_robot(reference).spec)
@@ -62,10 +61,10 @@ def present(reference: str, changes: list[str], gradients: bool) -> None:
     outlooks = look_ahead(task)
     problems = review(task, outlooks)
     if problems:
-        raise refusal(report(task.source, problems))
+        raise SpecError(task.source.report(problems))
     print_task(task, outlooks)
     doubtful = remarks(task, outlooks)
     if doubtful:
-        typer.echo(f"probably not meant:\n{report(task.source, doubtful)}\n")
+        typer.echo(f"probably not meant:\n{task.source.report(doubtful)}\n")
     if gradients and not print_gradients(task):
         raise typer.Exit(1)

@@ -10,7 +10,7 @@ def init(
     force: bool = typer.Option(False, "--force", help="Overwrite files that exist."),
 ) -> None:
     """Copy the built-in robots and tasks, to edit them."""
-    from psmpc_cli.specs.starter import write_starter
+    from psmpc_cli.specs.library import write_starter
 
     for path in write_starter(directory, overwrite=force):
         typer.echo(str(path))

@@ -82,7 +82,7 @@ def options(
 
 def complain(message: str) -> None:
     """Write what is wrong to standard error; nothing in a file or its name can command the terminal."""
-    from psmpc_cli.specs.problem import printable
+    from psmpc_cli.specs.messages import printable
 
     shown = "\n".join("\t".join(map(printable, line.split("\t"))) for line in message.split("\n"))
     typer.echo(shown, err=True)

@@ -12,12 +12,10 @@ from rich.text import Text
 
 from psmpc_cli.cli.uncertainty import uncertainty_in_words
 from psmpc_cli.ocp.outlook import Outlook
-from psmpc_cli.specs.comparisons import ACCEPTABLE
-from psmpc_cli.specs.coordinates import AXES, Space, labels
-from psmpc_cli.specs.document import counted
-from psmpc_cli.specs.limits import resolve
+from psmpc_cli.specs.coordinates import AXES, Space, labels, resolve_limits
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.priorities import weigh_stages
+from psmpc_cli.specs.messages import counted
+from psmpc_cli.specs.priorities import ACCEPTABLE, weigh_stages
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import PrioritiesSpec, StageSpec
 
@@ -121,7 +119,7 @@ def _reach(outlook: Outlook, part: str) -> str:
 
 def _limits(robot: RobotSpec) -> Rows:
     """Return the limits of every coordinate."""
-    limits, rows = resolve(robot), Rows()
+    limits, rows = resolve_limits(robot), Rows()
     quantities = (
         (limits.position_low, limits.position_high, ""),
         (limits.velocity_low, limits.velocity_high, "/s"),

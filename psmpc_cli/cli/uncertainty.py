@@ -2,10 +2,8 @@
 
 from collections.abc import Iterator, Mapping
 
-from psmpc_cli.specs.document import counted
-from psmpc_cli.specs.mission import ObjectSpec
-from psmpc_cli.specs.task import TaskSpec
-from psmpc_cli.specs.uncertainty import FrictionSpec, PayloadSpec, UncertaintySpec
+from psmpc_cli.specs.messages import counted
+from psmpc_cli.specs.task import FrictionSpec, ObjectSpec, PayloadSpec, TaskSpec, UncertaintySpec
 
 NOISE_UNITS = {"position": "m", "angle": "rad", "velocity": "m/s", "angular_velocity": "rad/s"}
 

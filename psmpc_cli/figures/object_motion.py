@@ -7,7 +7,7 @@ import numpy as np
 from psmpc_cli.figures.run import Run
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.monitors import verdicts
-from psmpc_cli.specs.mission import MonitorSpec
+from psmpc_cli.specs.task import MonitorSpec
 
 
 @dataclass(frozen=True)

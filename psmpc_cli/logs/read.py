@@ -31,7 +31,7 @@ from psmpc_cli.logs.layout import (
 )
 from psmpc_cli.logs.sound import ensure_sound
 from psmpc_cli.logs.structure import RefusedError, damaged
-from psmpc_cli.specs.problem import shortened
+from psmpc_cli.specs.messages import shortened
 
 EXPECTED = "expected a log written by psmpc simulate"
 

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.outlook import (
     BASE,
     Outlook,
@@ -22,8 +23,7 @@ from psmpc_cli.ocp.wording import beyond, moment_of, path_of_part, path_of_row, 
 from psmpc_cli.robot.reach import Reach
 from psmpc_cli.specs.coordinates import labels, stack
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.problem import Problem, dotted, quoted
-from psmpc_cli.specs.report import refusal, report
+from psmpc_cli.specs.messages import Fault, dotted, quoted
 from psmpc_cli.specs.robot import RobotSpec
 
 SLACK = 1e-9
@@ -41,10 +41,10 @@ def ensure_feasible(task: Task) -> None:
     """
     problems = review(task)
     if problems:
-        raise refusal(report(task.source, problems))
+        raise SpecError(task.source.report(problems))
 
 
-def review(task: Task, outlooks: Sequence[Outlook] | None = None) -> list[Problem]:
+def review(task: Task, outlooks: Sequence[Outlook] | None = None) -> list[Fault]:
     """Return everything that stands against a task.
 
     Args:
@@ -60,7 +60,7 @@ def review(task: Task, outlooks: Sequence[Outlook] | None = None) -> list[Proble
     ]
 
 
-def _initial(task: Task, first: Stage) -> Iterator[Problem]:
+def _initial(task: Task, first: Stage) -> Iterator[Fault]:
     """Give what of the initial state the first stage does not allow."""
     limits = first.limits
     position = stack(task.spec.initial, task.robot, "joint")
@@ -72,22 +72,22 @@ def _initial(task: Task, first: Stage) -> Iterator[Problem]:
         for row in _outside(values, low, high):
             path = path_of_row(task, (key,), row, "joint")
             unit = "/s" if key == "initial_velocity" else ""
-            yield Problem(path, beyond(task.robot, row, values[row], low[row], high[row], unit))
+            yield Fault(path, beyond(task.robot, row, values[row], low[row], high[row], unit))
 
 
-def _targets(task: Task, outlook: Outlook) -> Iterator[Problem]:
+def _targets(task: Task, outlook: Outlook) -> Iterator[Fault]:
     """Give what of a stage's target, or of any row of its trajectory, lies outside its limits, or out of reach."""
     stage, low, high = outlook.stage, outlook.stage.limits.position_low, outlook.stage.limits.position_high
     for index, values in enumerate(stage.waypoints):
         moment = moment_of(stage, index)
         for row in _rows_outside(stage, values):
             path = path_of_row(task, target_path(stage), row, stage.space, moment)
-            yield Problem(path, beyond(task.robot, row, values[row], low[row], high[row]))
+            yield Fault(path, beyond(task.robot, row, values[row], low[row], high[row]))
         last = index == len(stage.waypoints) - 1
         for arm, reach in (outlook.reaches if last else reaches_of(stage, task.robot, values)).items():
             found = _out_of_reach(arm, reach, values[BASE], len(task.robot.arms[arm].links))
             if found:
-                yield Problem(path_of_part(task, target_path(stage), arm, moment), found)
+                yield Fault(path_of_part(task, target_path(stage), arm, moment), found)
 
 
 def _rows_outside(stage: Stage, values: Vector) -> list[int]:
@@ -121,7 +121,7 @@ def _out_of_reach(arm: str, reach: Reach, pose: Vector, links: int) -> str | Non
     return None
 
 
-def _handover(task: Task, now: Outlook, then: Outlook) -> Iterator[Problem]:
+def _handover(task: Task, now: Outlook, then: Outlook) -> Iterator[Fault]:
     """Give what a stage leaves behind at its end that the limits of the next one do not allow."""
     stage, limits, path = now.stage, then.stage.limits, ("stages", now.stage.index, "ends_when")
     for row, tolerance in end_tolerances(stage).items():
@@ -130,13 +130,13 @@ def _handover(task: Task, now: Outlook, then: Outlook) -> Iterator[Problem]:
         value, low, high = stage.target[row], limits.position_low[row], limits.position_high[row]
         if value + tolerance < low - SLACK or value - tolerance > high + SLACK:
             message = beyond(task.robot, row, value, low, high)
-            yield Problem(path, f"{message}, where {quoted(then.stage.name)} keeps it")
+            yield Fault(path, f"{message}, where {quoted(then.stage.name)} keeps it")
     for arm in _pinned(now, task.robot):
         if not reach_with(task.robot, arm, limits, stage.target).reachable:
             message = (
                 f"found a pose of {arm} that it can take only beyond its joint limits in {quoted(then.stage.name)}"
             )
-            yield Problem(path, f"{message}, expected one within them")
+            yield Fault(path, f"{message}, expected one within them")
 
 
 def _pinned(outlook: Outlook, robot: RobotSpec) -> list[str]:
@@ -150,7 +150,7 @@ def _pinned(outlook: Outlook, robot: RobotSpec) -> list[str]:
     ]
 
 
-def _times(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Problem]:
+def _times(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
     """Give end conditions that can never be met, and times that are too early for what comes before them."""
     before = 0.0
     for outlook in outlooks:
@@ -160,11 +160,11 @@ def _times(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Problem]:
             message = (
                 f"found {labels(task.robot, 'joint')[row]} to be moved, expected velocity limits that allow it, not"
             )
-            yield Problem((*path, "ends_when"), f"{message} {span_of(task.robot, row, low, high, '/s')}")
+            yield Fault((*path, "ends_when"), f"{message} {span_of(task.robot, row, low, high, '/s')}")
         if stage.at is not None and stage.at < before + stage.dwell:
             since = dotted(("stages", stage.index - 1))
             message = f"found {stage.at:g} s, expected later: {since} cannot end before {before:.4g} s"
-            yield Problem((*path, "at"), f"{message} under the velocity limits")
+            yield Fault((*path, "at"), f"{message} under the velocity limits")
         before = max(before, outlook.earliest_end)
 
 

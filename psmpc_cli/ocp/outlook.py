@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from psmpc_cli.ocp.stages import Stage, build_stages
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.robot.reach import Reach, reach_of
-from psmpc_cli.specs.coordinates import stack
-from psmpc_cli.specs.limits import Limits
+from psmpc_cli.specs.coordinates import Limits, stack
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import PartLimits, RobotSpec
 

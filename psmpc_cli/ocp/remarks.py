@@ -10,13 +10,13 @@ from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.ocp.wording import moment_of, path_of_part, path_of_row, span_of, target_path, value_of
 from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.problem import Problem, quoted
+from psmpc_cli.specs.messages import Fault, quoted
 
 SLACK = 1e-6
 """By which a trajectory may be faster than a velocity limit [m/s, rad/s]: values are written with a few digits."""
 
 
-def remarks(task: Task, outlooks: Sequence[Outlook]) -> list[Problem]:
+def remarks(task: Task, outlooks: Sequence[Outlook]) -> list[Fault]:
     """Return what is probably not meant.
 
     A base kept where it is not left, trajectories the robot cannot follow, a time limit no run can keep.
@@ -32,7 +32,7 @@ def remarks(task: Task, outlooks: Sequence[Outlook]) -> list[Problem]:
     ]
 
 
-def _too_short(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Problem]:
+def _too_short(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
     """Give a time limit that stops every run before its last stage can end."""
     earliest = max(outlook.earliest_end for outlook in outlooks)
     if earliest > task.spec.time_limit:
@@ -40,10 +40,10 @@ def _too_short(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Problem]:
             f"found {task.spec.time_limit:g} s, expected at least {earliest:.4g} s: "
             f"{quoted(outlooks[-1].stage.name)} cannot end before under the velocity limits"
         )
-        yield Problem(("time_limit",), message)
+        yield Fault(("time_limit",), message)
 
 
-def _far_base(task: Task, before: Stage, stage: Stage) -> Iterator[Problem]:
+def _far_base(task: Task, before: Stage, stage: Stage) -> Iterator[Fault]:
     """Give a base that a stage in task space wants elsewhere than the stage before leaves it.
 
     And so far that an arm does not reach its first pose from there: one of the two may be a misprint.
@@ -60,10 +60,10 @@ def _far_base(task: Task, before: Stage, stage: Stage) -> Iterator[Problem]:
             f"expected it there: the target of {arm} is then {reaches[arm].distance:.4g} m from its shoulder, "
             f"its reach is {reaches[arm].full_reach:.4g} m"
         )
-        yield Problem(path_of_part(task, target_path(stage), "base", moment_of(stage, 0)), message)
+        yield Fault(path_of_part(task, target_path(stage), "base", moment_of(stage, 0)), message)
 
 
-def _too_fast(task: Task, stage: Stage) -> Iterator[Problem]:
+def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     """Give the coordinates of Q that a trajectory moves faster than their velocity limits, each where it is worst."""
     if stage.trajectory is None:
         return
@@ -79,4 +79,4 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Problem]:
                 f"from {times[worst]:g} s to {times[worst + 1]:g} s, expected within its velocity limits "
                 f"{span_of(task.robot, row, low, high, '/s')}: the robot falls behind"
             )
-            yield Problem(path_of_row(task, target_path(stage), row, stage.space, worst + 1), message)
+            yield Fault(path_of_row(task, target_path(stage), row, stage.space, worst + 1), message)

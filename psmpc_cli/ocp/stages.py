@@ -7,8 +7,7 @@ import numpy as np
 
 from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.robot.model import RobotModel, angle_rows, nearest_equivalent
-from psmpc_cli.specs.coordinates import Space, rows, stack, stack_rows, tolerances
-from psmpc_cli.specs.limits import Limits, resolve
+from psmpc_cli.specs.coordinates import Limits, Space, resolve_limits, rows, stack, stack_rows, tolerances
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import SkillSpec, StageSpec, TaskSpec, TrajectorySpec
 
@@ -105,7 +104,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         end_velocity=None if end is None else end.velocity,
         at=spec.at,
         dwell=spec.dwell if trajectory is None else max(spec.dwell, float(trajectory.times[-1])),
-        limits=resolve(robot, task.limits, skill.limits),
+        limits=resolve_limits(robot, task.limits, skill.limits),
         onset_rows=_onset_rows(task.stages, index, task, robot),
     )
 

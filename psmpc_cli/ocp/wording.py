@@ -6,7 +6,7 @@ from psmpc_cli.ocp.outlook import BASE
 from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.problem import Path
+from psmpc_cli.specs.messages import Path
 from psmpc_cli.specs.robot import RobotSpec
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from psmpc_cli.plant.disturbance import Resistance
 from psmpc_cli.robot.inertial import Inertials, body_names, described
 from psmpc_cli.specs.robot import RobotSpec
-from psmpc_cli.specs.uncertainty import FrictionSpec, NoiseSpec, PayloadSpec, UncertaintySpec
+from psmpc_cli.specs.task import FrictionSpec, NoiseSpec, PayloadSpec, UncertaintySpec
 
 ByPart = float | Mapping[str, float] | Mapping[str, tuple[float, ...]]
 """One number for all, or numbers by part, `arms` for every arm that has none of its own."""

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from psmpc_cli.logs.read import Log
-from psmpc_cli.specs.mission import MonitorSpec
-from psmpc_cli.specs.task import TaskSpec
+from psmpc_cli.specs.task import MonitorSpec, TaskSpec
 
 
 @dataclass(frozen=True)

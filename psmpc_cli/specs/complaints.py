@@ -7,12 +7,12 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from psmpc_cli.specs.annotations import Location, keys_at, length_at, meaning_at
-from psmpc_cli.specs.document import Document, counted
+from psmpc_cli.specs.document import Document
 from psmpc_cli.specs.fields import EXPECTED
-from psmpc_cli.specs.problem import Path, Problem, choice, suggestion
+from psmpc_cli.specs.messages import Fault, Path, choice, counted, suggestion
 
 
-def complain(error: ValidationError, document: Document, model: type[BaseModel]) -> Iterator[Problem]:
+def complain(error: ValidationError, document: Document, model: type[BaseModel]) -> Iterator[Fault]:
     """Give every error of a validation as a problem of the document; a misspelt key is not also a missing one."""
     details = error.errors(include_url=False)
     misspelt = {key for detail in details if detail["type"] == "extra_forbidden" for key in _meant(detail, model)}
@@ -48,24 +48,24 @@ def _half_counted(detail: ErrorDetails) -> bool:
     return detail["type"] == "too_short" and len(detail["input"]) >= detail["ctx"]["min_length"]
 
 
-def _unknown_key(detail: ErrorDetails, document: Document, model: type[BaseModel]) -> Problem:
+def _unknown_key(detail: ErrorDetails, document: Document, model: type[BaseModel]) -> Fault:
     key = str(detail["loc"][-1])
     expected = choice(key, keys_at(model, detail["loc"][:-1]))
-    return Problem(locate(document, detail["loc"]), f"found an unknown key{expected}", aims_at_key=True)
+    return Fault(locate(document, detail["loc"]), f"found an unknown key{expected}", at_key=True)
 
 
-def _missing_key(detail: ErrorDetails, document: Document, model: type[BaseModel]) -> Problem:
+def _missing_key(detail: ErrorDetails, document: Document, model: type[BaseModel]) -> Fault:
     path = locate(document, detail["loc"])
     meaning = meaning_at(model, detail["loc"])
-    return Problem(path, f'found no key "{detail["loc"][-1]}", expected {meaning}', aims_at_key=True)
+    return Fault(path, f'found no key "{detail["loc"][-1]}", expected {meaning}', at_key=True)
 
 
-def _wrong_value(detail: ErrorDetails, document: Document, model: type[BaseModel]) -> Problem:
+def _wrong_value(detail: ErrorDetails, document: Document, model: type[BaseModel]) -> Fault:
     path = locate(document, detail["loc"])
     if detail["type"] == "literal_error":
         options = str(detail["ctx"]["expected"]).replace("'", "").replace(" or ", ", ").split(", ")
-        return Problem(path, f"found {document.found(path)}{choice(str(document.value(path)), options)}")
-    return Problem(path, f"found {document.found(path)}, expected {_expected(detail, model)}")
+        return Fault(path, f"found {document.found(path)}{choice(str(document.value(path)), options)}")
+    return Fault(path, f"found {document.found(path)}, expected {_expected(detail, model)}")
 
 
 def _expected(detail: ErrorDetails, model: type[BaseModel]) -> str:

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.specs.document import Data, Document
 from psmpc_cli.specs.fields import number_or_angle
-from psmpc_cli.specs.problem import Path, Problem
+from psmpc_cli.specs.messages import Fault, Path
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -73,6 +73,6 @@ class Cursor:
         except ValidationError:
             return None
 
-    def problem(self, message: str, aims_at_key: bool = False) -> Problem:
+    def problem(self, message: str, at_key: bool = False) -> Fault:
         """Return a problem here."""
-        return Problem(self.path, message, aims_at_key=aims_at_key)
+        return Fault(self.path, message, at_key=at_key)

@@ -1,26 +1,56 @@
-"""A YAML text as plain data that remembers where every value stands."""
+"""YAML 1.2 texts as plain data with the position of every value, and plain data as YAML.
 
+PyYAML parses; scalars are resolved here by the core schema of YAML 1.2, and syntax errors are explained for people who
+write YAML.
+"""
+
+import copy
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
-from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+import yaml
+from yaml.error import MarkedYAMLError
+from yaml.events import AliasEvent, MappingStartEvent, ScalarEvent, SequenceStartEvent
+from yaml.reader import ReaderError
 
-from psmpc_cli.specs.composition import RefusedError, compose, place_of, refuse_beyond_bounds
-from psmpc_cli.specs.problem import Path, Place, Problem, quoted, shortened
-from psmpc_cli.specs.scalars import resolve
+from psmpc_cli.specs.messages import Fault, Path, Place, counted, dotted, quoted, shortened
 
-Data = None | bool | int | float | str | list["Data"] | dict[str, "Data"]
+Scalar = None | bool | int | float | str
+Data = Scalar | list["Data"] | dict[str, "Data"]
 """What YAML holds."""
 
+DEEPEST = 30
+"""Levels of nesting; a task has seven."""
 
-SHORT = 4
-"""Entries of a list that a message repeats."""
+MOST_VALUES = 20_000
+"""Values of a file once its aliases are expanded."""
+
+MOST_FAULTS = 50
+"""Faults of one file that a report lists."""
+
+WIDEST = 120
+"""Columns of a source line that a report repeats."""
+
+MOST_DIGITS = 300
+"""Digits of an integer that is surely within the range of a float."""
+
+_WORDS: dict[str, Scalar] = {
+    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
+    **dict.fromkeys(("true", "True", "TRUE"), True),
+    **dict.fromkeys(("false", "False", "FALSE"), False),
+    **dict.fromkeys((".nan", ".NaN", ".NAN"), math.nan),
+}
+_INTEGER = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+_INFINITE = re.compile(r"[-+]?\.(inf|Inf|INF)")
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One value of a document: its place and its key's, how it was written, and the option it came from, as typed."""
+    """One value of a document: its position and its key's, how it was written, and the override it came from."""
 
     place: Place
     key: Place | None = None
@@ -33,19 +63,19 @@ class Document:
     """A robot or task description as it was read.
 
     Attributes:
-        name: What messages call it: the path as the user gave it.
+        name: Its name in messages: the path as the user gave it.
         text: The YAML text.
-        data: What it holds; None where `readable` is not.
-        entries: Where every value of `data` stands.
-        problems: What is wrong with it as YAML.
-        readable: Whether `data` can be looked at in spite of `problems`.
+        data: What it holds; None if it is not `readable`.
+        entries: The position of every value of `data`.
+        faults: What is wrong with it as YAML.
+        readable: Whether there are `data` in spite of `faults`.
     """
 
     name: str
     text: str
     data: Data = None
     entries: Mapping[Path, Entry] = field(default_factory=dict)
-    problems: tuple[Problem, ...] = ()
+    faults: tuple[Fault, ...] = ()
     readable: bool = True
 
     def entry(self, path: Path) -> Entry:
@@ -55,36 +85,98 @@ class Document:
         return self.entries.get(path, Entry(Place(1, 1)))
 
     def value(self, path: Path) -> Data:
-        """Return the value at a path that exists."""
-        value = self.data
+        """Return the value at a path of `entries`."""
+        value: Any = self.data
         for step in path:
-            value = _inside(value, step)
-        return value
+            value = value[step]
+        found: Data = value
+        return found
 
     def found(self, path: Path) -> str:
-        """Describe the value at a path that exists, as it was written."""
+        """Describe the value at a path of `entries` as it was written."""
         value = self.value(path)
-        if isinstance(value, list) and 0 < len(value) <= SHORT and not any(isinstance(x, list | dict) for x in value):
+        if isinstance(value, list) and 0 < len(value) <= 4 and not any(isinstance(x, list | dict) for x in value):
             written = (self.entries[(*path, i)].written for i in range(len(value)))
             return f"[{', '.join(shortened(word or 'null') for word in written)}]"
         return describe(value, self.entry(path).written)
 
+    def report(self, faults: Iterable[Fault]) -> str:
+        """Write faults as `file:line:column: path: message` with the line itself, in the order of the lines.
+
+        Faults of overrides come last and repeat the override instead.
+        """
+        ordered = sorted(dict.fromkeys(faults), key=self._order)
+        lines = [self._render(fault) for fault in ordered[:MOST_FAULTS]]
+        if len(ordered) > MOST_FAULTS:
+            lines.append(f"{self.name}: {len(ordered) - MOST_FAULTS} more problems")
+        return "\n".join(lines)
+
+    def _place(self, fault: Fault) -> Place:
+        entry = self.entry(fault.path)
+        return fault.place or (entry.key if fault.at_key and entry.key is not None else entry.place)
+
+    def _order(self, fault: Fault) -> tuple[bool, int, int]:
+        place = self._place(fault)
+        return self.entry(fault.path).override is not None, place.line, place.column
+
+    def _render(self, fault: Fault) -> str:
+        what = f"{dotted(fault.path)}: {fault.message}" if fault.path else fault.message
+        override = self.entry(fault.path).override
+        if override is not None:
+            return f"{override}: {what}"
+        place = self._place(fault)
+        return f"{self.name}:{place.line}:{place.column}: {what}{self._source(place)}"
+
+    def _source(self, place: Place) -> str:
+        """Write the line of a position with a caret below its column; nothing for a line that is not in the text."""
+        lines = self.text.splitlines()
+        if place.line > len(lines) or not lines[place.line - 1].strip():
+            return ""
+        line = lines[place.line - 1]
+        start = max(0, place.column - WIDEST // 2) if len(line) > WIDEST else 0
+        shown = "".join(c if c.isprintable() or c == "\t" else "?" for c in line[start : start + WIDEST]).rstrip()
+        before = place.column - 1 - start
+        pad = "".join("\t" if c == "\t" else " " for c in shown[:before]).ljust(before)
+        margin = f"{place.line:>4} | "
+        return f"\n{margin}{shown}\n{' ' * (len(margin) - 2)}| {pad}^"
+
 
 def read(name: str, text: str) -> Document:
-    """Read a YAML text into a document; what is wrong with the YAML is in its `problems`."""
+    """Read a YAML text; what is wrong with it as YAML is in the document's `faults`."""
+    reader = _Reader(text)
     try:
-        root = compose(text)
-        if root is None:
-            return Document(name, text)
-        conversion = _Conversion()
-        data = conversion.convert(root, (), None, 0)
-    except RefusedError as refused:
-        return Document(name, text, problems=(refused.problem,), readable=False)
-    return Document(name, text, data, conversion.entries, tuple(conversion.problems))
+        data = reader.read()
+    except _NotYamlError as error:
+        return Document(name, text, faults=(error.fault,), readable=False)
+    except MarkedYAMLError as error:
+        return Document(name, text, faults=(_explain(error),), readable=False)
+    except ReaderError as error:
+        start = text.rfind("\n", 0, error.position) + 1
+        place = Place(text.count("\n", 0, error.position) + 1, error.position - start + 1)
+        code = f"found the control character U+{ord(text[error.position]):04X}, expected printable text"
+        return Document(name, text, faults=(Fault((), code, place=place),), readable=False)
+    return Document(name, text, data, reader.entries, tuple(reader.faults))
+
+
+def write(data: Data) -> str:
+    """Write data as YAML that reads back as the same data, keys in their order, short lists on one line."""
+    return yaml.dump(data, Dumper=_Writer, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
+
+
+def resolve(word: str) -> Scalar:
+    """Return the meaning of an unquoted word in YAML 1.2; a number beyond a float's range is infinite."""
+    if word in _WORDS:
+        return _WORDS[word]
+    infinite = -math.inf if word.startswith("-") else math.inf
+    if _INTEGER.fullmatch(word):
+        return infinite if len(word) > MOST_DIGITS else int(word, {"0o": 8, "0x": 16}.get(word[:2], 10))
+    if _FLOAT.fullmatch(word):
+        return float(word)
+    return infinite if _INFINITE.fullmatch(word) else word
 
 
 def describe(value: Data, written: str | None = None) -> str:
-    """Say what a value is: its kind and, for a scalar, how it was written."""
+    """Describe a value: its kind and, for a scalar, how it was written."""
     if isinstance(value, dict):
         return f"a mapping of {counted(len(value), 'key', 'keys')}" if value else "an empty mapping"
     if isinstance(value, list):
@@ -98,53 +190,197 @@ def describe(value: Data, written: str | None = None) -> str:
     return shortened(written) if written else (f"{value:g}" if math.isfinite(value) else str(value))
 
 
-def _inside(value: Data, step: str | int) -> Data:
-    """Return what is one step inside."""
-    if isinstance(value, dict) and isinstance(step, str):
-        return value[step]
-    if isinstance(value, list) and isinstance(step, int):
-        return value[step]
-    raise KeyError(step)
+class _NotYamlError(Exception):
+    """A text is no YAML, or exceeds what a description can be."""
+
+    def __init__(self, message: str, mark: Any) -> None:
+        super().__init__(message)
+        self.fault = Fault((), message, place=_place_of(mark))
 
 
-def counted(number: int, one: str, many: str) -> str:
-    """Write a number of things."""
-    return f"{number} {one if number == 1 else many}"
+class _Reader:
+    """The events of one YAML text as plain data, the position of every value, and faults that do not end the text."""
 
-
-class _Conversion:
-    """Nodes to plain data, with the place of every value on the way."""
-
-    def __init__(self) -> None:
+    def __init__(self, text: str) -> None:
         self.entries: dict[Path, Entry] = {}
-        self.problems: list[Problem] = []
+        self.faults: list[Fault] = []
+        self._events: Iterator[Any] = yaml.parse(text, Loader=yaml.SafeLoader)
+        self._paths: list[Path] = []
+        self._anchors: dict[str, tuple[int, int, Data]] = {}
 
-    def convert(self, node: Node, path: Path, key: Place | None, depth: int) -> Data:
-        """Return a node and what is inside it as plain data; an alias is copied."""
-        refuse_beyond_bounds(depth, len(self.entries) + 1, node.start_mark)
-        written = node.value if isinstance(node, ScalarNode) else None
-        self.entries[path] = Entry(place_of(node.start_mark), key, written)
-        if isinstance(node, MappingNode):
-            return self._mapping(node, path, depth)
-        if isinstance(node, SequenceNode):
-            return [self.convert(item, (*path, i), None, depth + 1) for i, item in enumerate(node.value)]
-        plain = isinstance(node, ScalarNode) and node.style is None
-        return resolve(node.value) if plain else str(node.value)
+    def read(self) -> Data:
+        """Read the only document of the text; None if there is none."""
+        next(self._events)  # the start of the stream
+        if isinstance(next(self._events), yaml.StreamEndEvent):
+            return None
+        data = self._value(next(self._events), (), None)
+        next(self._events)  # the end of the document
+        event = next(self._events)
+        if not isinstance(event, yaml.StreamEndEvent):
+            wanted = 'expected one document (no "---" or "...")'
+            raise _NotYamlError(f"found more after the end of the document, {wanted}", event.start_mark)
+        return data
 
-    def _mapping(self, node: MappingNode, path: Path, depth: int) -> dict[str, Data]:
-        """Return a mapping; of a key that comes twice the first counts."""
+    def _value(self, event: Any, path: Path, key: Place | None) -> Data:
+        """Read the value that begins with an event."""
+        if isinstance(event, AliasEvent):
+            return self._copy(event, path, key)
+        if event.tag is not None:
+            tag = event.tag.replace("tag:yaml.org,2002:", "!!")
+            raise _NotYamlError(f"found the tag {quoted(tag)}, expected plain YAML without tags", event.start_mark)
+        start = len(self._paths)
+        written = event.value if isinstance(event, ScalarEvent) else None
+        self._enter(path, Entry(_place_of(event.start_mark), key, written), event.start_mark)
+        data: Data
+        if isinstance(event, MappingStartEvent):
+            data = self._mapping(path)
+        elif isinstance(event, SequenceStartEvent):
+            data = []
+            while not isinstance(inside := next(self._events), yaml.SequenceEndEvent):
+                data.append(self._value(inside, (*path, len(data)), None))
+        else:
+            data = resolve(event.value) if event.style is None else str(event.value)
+        if event.anchor is not None:
+            self._anchors[event.anchor] = (start, len(self._paths), data)
+        return data
+
+    def _mapping(self, path: Path) -> dict[str, Data]:
+        """Read the keys and values of a mapping; the first of equal keys counts."""
         mapping: dict[str, Data] = {}
-        for key_node, value_node in node.value:
-            place = place_of(key_node.start_mark)
-            if not isinstance(key_node, ScalarNode):
-                self.problems.append(Problem(path, "found a list or mapping as a key, expected a word", place))
-                continue
-            key = str(key_node.value)
-            if key in mapping:
-                first = self.entries[(*path, key)].key
-                line = "" if first is None else f" (first in line {first.line})"
+        while not isinstance(event := next(self._events), yaml.MappingEndEvent):
+            place = _place_of(event.start_mark)
+            if not isinstance(event, ScalarEvent):
+                self.faults.append(Fault(path, "found a list or mapping as a key, expected a word", place=place))
+                self._skip(event)
+                self._skip(next(self._events))
+            elif event.value in mapping:
+                first = self.entries[(*path, event.value)].key
+                line = f" (first in line {first.line})" if first else ""
                 message = f"found this key again{line}, expected every key once"
-                self.problems.append(Problem((*path, key), message, place))
-                continue
-            mapping[key] = self.convert(value_node, (*path, key), place, depth + 1)
+                self.faults.append(Fault((*path, event.value), message, place=place))
+                self._skip(next(self._events))
+            else:
+                mapping[event.value] = self._value(next(self._events), (*path, event.value), place)
         return mapping
+
+    def _copy(self, alias: Any, path: Path, key: Place | None) -> Data:
+        """Copy the value of an anchor with its positions."""
+        if alias.anchor not in self._anchors:
+            name = alias.anchor
+            raise _NotYamlError(f"found the alias *{name}, expected an anchor &{name} before it", alias.start_mark)
+        start, end, data = self._anchors[alias.anchor]
+        anchored = self._paths[start]
+        for at in self._paths[start:end]:
+            entry = self.entries[at]
+            copied = Entry(entry.place, key, entry.written) if at == anchored else entry
+            self._enter((*path, *at[len(anchored) :]), copied, alias.start_mark)
+        return copy.deepcopy(data)
+
+    def _enter(self, path: Path, entry: Entry, mark: Any) -> None:
+        """Keep the position of one more value within the bounds of a description."""
+        if len(path) > DEEPEST:
+            raise _NotYamlError(f"found a value nested deeper than {DEEPEST} levels, expected less", mark)
+        if len(self._paths) >= MOST_VALUES:
+            raise _NotYamlError(f"found more than {MOST_VALUES} values with aliases expanded, expected fewer", mark)
+        self.entries[path] = entry
+        self._paths.append(path)
+
+    def _skip(self, event: Any) -> None:
+        """Pass over the value that begins with an event."""
+        depth = int(isinstance(event, MappingStartEvent | SequenceStartEvent))
+        while depth:
+            event = next(self._events)
+            depth += isinstance(event, MappingStartEvent | SequenceStartEvent)
+            depth -= isinstance(event, yaml.MappingEndEvent | yaml.SequenceEndEvent)
+
+
+class _Writer(yaml.SafeDumper):
+    """PyYAML's writer without anchors; texts that YAML 1.2 would read as something else are quoted."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+    def represent_str(self, data: str) -> yaml.ScalarNode:
+        style = None if isinstance(resolve(data), str) else '"'
+        return self.represent_scalar("tag:yaml.org,2002:str", data, style=style)
+
+
+_Writer.add_representer(str, _Writer.represent_str)
+
+_TOKENS = {
+    "<stream end>": "the end of the file",
+    "<block end>": "the end of the block",
+    "<block mapping start>": "a line indented differently",
+    "<block sequence start>": "a list",
+    "<scalar>": "a word",
+    "?": "a key",
+    "-": 'an entry "- "',
+    "<alias>": "an alias",
+    "<anchor>": "an anchor",
+    "<tag>": "a tag",
+}
+_KINDS = {"]": "list", "}": "mapping", "collection": "list", "mapping": "mapping"}
+
+_SYNTAX: tuple[tuple[str, str, str], ...] = (
+    (
+        r"mapping values are not allowed here",
+        "problem",
+        'found ":" where no key can be, expected one "key: value" a line, indented like its neighbours '
+        '(and a space after ":")',
+    ),
+    (r"found character '\\t'", "problem", "found a tab, expected spaces"),
+    (
+        r"found character '(?P<word>.)' that cannot start any token",
+        "problem",
+        'found "{word}" at the start of a word, expected the word in quotes',
+    ),
+    (
+        r"expected ',' or '(?P<kind>[\]}])', but got '(?P<token><stream end>)'",
+        "context",
+        'found {token}, expected "," or "{word}" in the {kind} that starts in {line}',
+    ),
+    (
+        r"expected ',' or '(?P<kind>[\]}])', but got '(?P<token>.+)'",
+        "problem",
+        'found {token}, expected "," or "{word}" in the {kind} that starts in {line}',
+    ),
+    (
+        r"while parsing a block (?P<kind>collection|mapping) expected <block end>, but found '(?P<token>.+)'",
+        "problem",
+        "found {token}, expected the {kind} that starts in {line} to go on or to end "
+        "(is it indented like its neighbours?)",
+    ),
+    (r"could not find expected ':'", "context", 'found a word alone, expected "key: value"'),
+    (
+        r"quoted scalar found unexpected end of stream",
+        "context",
+        "found a quote that is never closed, expected a second one",
+    ),
+    (
+        r"expected '<document start>'",
+        "problem",
+        'found more after the end of the document, expected one document (no "---" or "...")',
+    ),
+)
+"""PyYAML's errors as patterns, the mark that locates each (where it began or where it shows), and their message."""
+
+
+def _explain(error: MarkedYAMLError) -> Fault:
+    """Say what a syntax error found and expected."""
+    began, shows = error.context_mark, error.problem_mark
+    line = f"line {began.line + 1}" if began else "its first line"
+    for pattern, where, message in _SYNTAX:
+        match = re.search(pattern, " ".join(part for part in (error.context, error.problem) if part))
+        if match:
+            groups = {"kind": "", "token": "", "word": match.groupdict().get("kind", ""), **match.groupdict()}
+            token, kind = _TOKENS.get(groups["token"], f'"{groups["token"]}"'), _KINDS.get(groups["kind"], "")
+            written = message.format(token=token, kind=kind, word=groups["word"], line=line)
+            mark = began if where == "context" else shows
+            return Fault((), written, place=_place_of(mark) if mark else None)
+    context = f" ({error.context} in {line})" if error.context and began else ""
+    return Fault((), f"found no valid YAML, {error.problem}{context}", place=_place_of(shows) if shows else None)
+
+
+def _place_of(mark: Any) -> Place:
+    """Return the position of a mark of PyYAML."""
+    return Place(mark.line + 1, mark.column + 1)

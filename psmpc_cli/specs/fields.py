@@ -5,10 +5,36 @@ import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, Strict, WithJsonSchema
-from pydantic_core import PydanticCustomError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    Strict,
+    WithJsonSchema,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError
 
-from psmpc_cli.specs.scalars import ANGLE_PATTERN, angle, resolve
+from psmpc_cli.specs.document import resolve
+
+_ANGLE = re.compile(r"([-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?) *(deg|rad|°)")
+
+ANGLE_PATTERN = r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)? *(deg|rad|°)$"
+"""`_ANGLE` as JSON Schema writes it."""
+
+
+def angle(word: str) -> float | None:
+    """Return the angle [rad] that a word such as `30 deg` means, or None if it is no angle."""
+    match = _ANGLE.fullmatch(word)
+    if match is None:
+        return None
+    number, unit = float(match[1]), match[2]
+    return number if unit == "rad" else math.radians(number)
+
 
 EXPECTED = "expected"
 """Error type of everything raised here; its message is what was expected."""
@@ -217,3 +243,47 @@ Widths = Annotated[
 ]
 Row = Annotated[tuple[Angle, ...], BeforeValidator(row)]
 Comparison = Annotated[tuple[str, str, Positive], BeforeValidator(comparison)]
+
+
+class Spec(BaseModel):
+    """Frozen, strict about unknown keys; the parent of every part of a specification."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Choice(Spec):
+    """A part of a task with a `kind`; the kind alone stands for it with all else at its default."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _kind_alone(cls, value: object) -> object:
+        return {"kind": value} if isinstance(value, str) else value
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Allow the kind alone."""
+        mapping = handler.resolve_ref_schema(handler(core_schema))
+        return {"anyOf": [{"enum": mapping["properties"]["kind"]["enum"]}, mapping]}
+
+
+class SideBySide(Spec):
+    """A model whose field `parts` is not written: its keys stand side by side with the other fields."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _gather_parts(cls, value: object) -> object:
+        if not isinstance(value, Mapping) or isinstance(value.get("parts"), Mapping):
+            return value
+        others = [key for key in cls.model_fields if key != "parts" and key in value]
+        parts = {key: item for key, item in value.items() if key not in others}
+        return {"parts": parts, **{key: value[key] for key in others}}
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Write the parts side by side with the other fields."""
+        schema = handler.resolve_ref_schema(handler(core_schema))
+        others = {key: item for key, item in schema["properties"].items() if key != "parts"}
+        required = [key for key in schema.get("required", ()) if key != "parts"]
+        kept: dict[str, Any] = {"type": "object", "description": schema["description"], "properties": others}
+        parts = {"additionalProperties": schema["properties"]["parts"]["additionalProperties"]}
+        return {**kept, **({"required": required} if required else {}), **parts}

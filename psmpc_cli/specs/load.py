@@ -8,14 +8,11 @@ from functools import cached_property
 from pathlib import Path
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs import effective
 from psmpc_cli.specs.cursor import Cursor
-from psmpc_cli.specs.document import Document, read
-from psmpc_cli.specs.files import read_text
-from psmpc_cli.specs.library import Kind, built_ins, find, look_up, shown
+from psmpc_cli.specs.document import Document, read, write
+from psmpc_cli.specs.library import Kind, built_ins, find, look_up, read_text, shown
+from psmpc_cli.specs.messages import Fault
 from psmpc_cli.specs.overrides import Change, override
-from psmpc_cli.specs.problem import Problem
-from psmpc_cli.specs.report import refusal, report
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import TaskSpec
 from psmpc_cli.specs.validate import kind_of, validate_robot, validate_task
@@ -69,18 +66,18 @@ class Task:
         return hashlib.sha256(canonical.encode()).hexdigest()
 
 
-def load_task(reference: str | Path, overrides: Sequence[Change] = ()) -> Task:
+def load_task(reference: str | Path, set: Sequence[Change] = ()) -> Task:
     """Load a task and its robot.
 
     Args:
         reference: A path, or the name of a built-in task.
-        overrides: Keys of the task to change, each `path=value` or an option short for that.
+        set: Keys of the task to change, each `path=value` or an option short for that.
 
     Raises:
         SpecError: Something is wrong with the file, the robot's file or an override; the message has all of it.
     """
     path = find("task", reference)
-    document, complaints = override(read(shown(path), read_text(path)), overrides)
+    document, complaints = override(read(shown(path), read_text(path)), set)
     robot, problem = _robot_of(document, path.parent)
     return _task(document, robot, path.stem, complaints, () if problem is None else (problem,))
 
@@ -95,7 +92,7 @@ def load_robot(reference: str | Path) -> LoadedRobot:
     document = read(shown(path), read_text(path))
     robot, problems = validate_robot(document)
     if robot is None:
-        raise refusal(report(document, problems))
+        raise SpecError(document.report(problems))
     return LoadedRobot(robot, document.text, document)
 
 
@@ -111,23 +108,23 @@ def kind_of_reference(reference: str | Path) -> Kind:
     return kind_of(read(shown(path), read_text(path)))
 
 
-def parse_task(task_yaml: str, robot_yaml: str, name: str, overrides: Sequence[Change] = ()) -> Task:
+def parse_task(task_yaml: str, robot_yaml: str, name: str, set: Sequence[Change] = ()) -> Task:
     """Rebuild a task from texts stored elsewhere, such as in a log; no file is touched.
 
     Args:
         task_yaml: The effective text of the task.
         robot_yaml: The text of its robot.
         name: What the task is called if it does not say so itself.
-        overrides: Keys of the task to change, each `path=value` or an option short for that.
+        set: Keys of the task to change, each `path=value` or an option short for that.
 
     Raises:
         SpecError: Something is wrong with the texts or an override.
     """
-    document, complaints = override(read(name, task_yaml), overrides)
+    document, complaints = override(read(name, task_yaml), set)
     return _task(document, read(f"{name} (robot)", robot_yaml), name, complaints)
 
 
-def _robot_of(task: Document, folder: Path) -> tuple[Document | None, Problem | None]:
+def _robot_of(task: Document, folder: Path) -> tuple[Document | None, Fault | None]:
     """Return the document of the robot a task refers to, or the problem with the reference."""
     reference = Cursor(task)["robot"].text
     if not reference:
@@ -136,12 +133,12 @@ def _robot_of(task: Document, folder: Path) -> tuple[Document | None, Problem | 
         wrong = (
             f"found {len(reference)} characters, expected a built-in robot's name or a path of at most {LONGEST_PATH}"
         )
-        return None, Problem(("robot",), wrong)
+        return None, Fault(("robot",), wrong)
     try:
         path = look_up("robot", reference, folder)
         return read(shown(path), read_text(path)), None
     except (LookupError, SpecError) as error:
-        return None, Problem(("robot",), str(error.args[0]))
+        return None, Fault(("robot",), str(error.args[0]))
 
 
 def _task(
@@ -149,14 +146,15 @@ def _task(
     robot_document: Document | None,
     name: str,
     complaints: Sequence[str] = (),
-    problems: Sequence[Problem] = (),
+    problems: Sequence[Fault] = (),
 ) -> Task:
     """Return the task of two documents, or raise everything that is wrong with them."""
     robot, robot_problems = (None, ()) if robot_document is None else validate_robot(robot_document)
     task, task_problems = validate_task(document, robot)
     if task is None or robot is None or robot_document is None or complaints or problems:
-        robot_report = "" if robot_document is None else report(robot_document, robot_problems)
-        raise refusal(report(document, (*task_problems, *problems)), *complaints, robot_report)
+        robot_report = "" if robot_document is None else robot_document.report(robot_problems)
+        reports = (document.report((*task_problems, *problems)), *complaints, robot_report)
+        raise SpecError("\n".join(text for text in reports if text))
     return Task(
         spec=task if task.name else task.model_copy(update={"name": name}),
         robot=robot,
@@ -169,4 +167,4 @@ def _task(
 def _effective(document: Document) -> str:
     """Return the text of a document; written anew if it has been overridden."""
     overridden = any(entry.override is not None for entry in document.entries.values())
-    return effective.write(document.data) if overridden else document.text
+    return write(document.data) if overridden else document.text

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from psmpc_cli.specs.document import Data, Document, Entry, describe, read
-from psmpc_cli.specs.problem import Path, Place, choice, dotted, quoted
+from psmpc_cli.specs.messages import Path, Place, choice, dotted, quoted
 
 _PATH = re.compile(r"[^.\[\]=]+(?:\.[^.\[\]=]+|\[\d+\])*")
 _STEP = re.compile(r"\[(\d+)\]|([^.\[\]=]+)")
@@ -81,8 +81,8 @@ def _parse(text: str, typed: str, number: int) -> _Edit:
             f"found the path {quoted(path)}, expected one such as stages[1].priority or stages.capture.priority"
         )
     read_value = read("--set", value)
-    if read_value.problems:
-        raise _MisplacedError(read_value.problems[0].message)
+    if read_value.faults:
+        raise _MisplacedError(read_value.faults[0].message)
     steps = tuple(int(index) if index else name for index, name in _STEP.findall(path.strip()))
     return _Edit(typed, number, steps, read_value)
 

@@ -2,17 +2,11 @@
 
 from collections.abc import Mapping
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from psmpc_cli.specs.fields import Angle, Interval, Name, NotNegative, Number, Pair, Positive, Rate
+from psmpc_cli.specs.fields import Angle, Interval, Name, NotNegative, Number, Pair, Positive, Rate, Spec
 
 __all__ = ["Arm", "Base", "Link", "Mount", "Pair", "PartLimits", "RobotSpec", "Spec", "Tool"]
-
-
-class Spec(BaseModel):
-    """Frozen, strict about unknown keys; the parent of every part of a specification."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class Base(Spec):

@@ -19,8 +19,8 @@ from psmpc_cli.specs.complaints import complain
 from psmpc_cli.specs.cursor import Cursor
 from psmpc_cli.specs.document import Document
 from psmpc_cli.specs.library import Kind
+from psmpc_cli.specs.messages import Fault
 from psmpc_cli.specs.priorities import prioritize
-from psmpc_cli.specs.problem import Problem
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import TaskSpec
 
@@ -36,7 +36,7 @@ def kind_of(document: Document) -> Kind:
     return "robot" if any(key in keys for key in MARKS["robot"]) and not _marked(keys, "task") else "task"
 
 
-def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Problem, ...]]:
+def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Fault, ...]]:
     """Return the robot a document describes, None if it is not valid, and every problem of the document."""
     robot, problems = _validate(document, "robot", RobotSpec)
     if isinstance(document.data, dict):
@@ -44,7 +44,7 @@ def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Problem,
     return (None if problems else robot), problems
 
 
-def validate_task(document: Document, robot: RobotSpec | None) -> tuple[TaskSpec | None, tuple[Problem, ...]]:
+def validate_task(document: Document, robot: RobotSpec | None) -> tuple[TaskSpec | None, tuple[Fault, ...]]:
     """Return the task a document describes, None if it is not valid, and every problem of the document.
 
     Without a robot what depends on it is not checked. Priorities that are compared in pairs are resolved.
@@ -55,7 +55,7 @@ def validate_task(document: Document, robot: RobotSpec | None) -> tuple[TaskSpec
     return (None if problems or task is None else prioritize(task)), problems
 
 
-def _check_task(task: Cursor, robot: RobotSpec | None) -> Iterator[Problem]:
+def _check_task(task: Cursor, robot: RobotSpec | None) -> Iterator[Fault]:
     """Give what does not fit together."""
     yield from check_names(task)
     yield from check_input(task)
@@ -75,22 +75,22 @@ def _check_task(task: Cursor, robot: RobotSpec | None) -> Iterator[Problem]:
         yield from check_uncertain_parts(task, robot)
 
 
-def _validate(document: Document, kind: Kind, model: type[Model]) -> tuple[Model | None, tuple[Problem, ...]]:
+def _validate(document: Document, kind: Kind, model: type[Model]) -> tuple[Model | None, tuple[Fault, ...]]:
     """Return a document as a model, None if it is none, and why."""
     if not document.readable:
-        return None, document.problems
+        return None, document.faults
     required = [name for name, field in model.model_fields.items() if field.is_required()]
     wanted = f"a {kind}: a mapping with the keys {', '.join(required)}"
     if document.data is None:
-        return None, (Problem((), f"found an empty file, expected {wanted}"),)
+        return None, (Fault((), f"found an empty file, expected {wanted}"),)
     if not isinstance(document.data, dict):
-        return None, (*document.problems, Problem((), f"found {document.found(())}, expected {wanted}"))
+        return None, (*document.faults, Fault((), f"found {document.found(())}, expected {wanted}"))
     if kind_of(document) != kind and not _marked(document.data, kind):
-        return None, (Problem((), f"found the description of a {kind_of(document)}, expected {wanted}"),)
+        return None, (Fault((), f"found the description of a {kind_of(document)}, expected {wanted}"),)
     try:
-        return model.model_validate(document.data), document.problems
+        return model.model_validate(document.data), document.faults
     except ValidationError as error:
-        return None, (*document.problems, *complain(error, document, model))
+        return None, (*document.faults, *complain(error, document, model))
 
 
 def _marked(keys: object, kind: Kind) -> bool:

@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from psmpc_cli.logs.read import read_log
-from psmpc_cli.specs.document import read
-from psmpc_cli.specs.effective import write
+from psmpc_cli.specs.document import read, write
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.overrides import override
 from psmpc_cli.studies.ablate_discretization import KINDS, ablate_discretization, meshes, run_on_mesh

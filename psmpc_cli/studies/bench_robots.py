@@ -6,8 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from psmpc_cli.robot.model import build_model
-from psmpc_cli.specs.document import Data
-from psmpc_cli.specs.effective import write
+from psmpc_cli.specs.document import Data, write
 from psmpc_cli.specs.load import Task, load_robot, parse_task
 from psmpc_cli.specs.robot import Arm, RobotSpec
 

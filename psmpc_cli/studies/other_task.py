@@ -8,7 +8,7 @@ from psmpc_cli.errors import SpecError
 from psmpc_cli.logs.results import Results
 from psmpc_cli.specs.document import describe
 from psmpc_cli.specs.load import Task, parse_task
-from psmpc_cli.specs.problem import Path, dotted, quoted, shortened
+from psmpc_cli.specs.messages import Path, dotted, quoted, shortened
 
 MOST = 3
 """Keys that a message names."""

@@ -5,8 +5,7 @@ import typer
 from typer.testing import CliRunner, Result
 
 from psmpc_cli.cli.schema import schema
-from psmpc_cli.specs.library import Kind
-from psmpc_cli.specs.schema import json_schema
+from psmpc_cli.specs.library import Kind, json_schema
 
 
 def run(*arguments: str) -> Result:

@@ -8,7 +8,7 @@ from psmpc_cli.ocp.outlook import look_ahead
 from psmpc_cli.ocp.remarks import remarks
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task, parse_task
-from psmpc_cli.specs.problem import dotted
+from psmpc_cli.specs.messages import dotted
 
 TRANSPORT = load_task("transport")
 

@@ -4,7 +4,7 @@ import pytest
 from psmpc_cli.plant.draw import draw, measurement_noise, resistance, shares
 from psmpc_cli.robot.inertial import body_names, described
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.uncertainty import NoiseSpec, PayloadSpec, UncertaintySpec
+from psmpc_cli.specs.task import NoiseSpec, PayloadSpec, UncertaintySpec
 
 
 def spec(**keys: object) -> UncertaintySpec:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from psmpc_cli.logs.read import Log
 from psmpc_cli.simulation.monitors import Verdict, signal, verdicts
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.mission import MonitorSpec
+from psmpc_cli.specs.task import MonitorSpec
 
 POSES = tuple(f"{part}.{axis}" for part in ("base", "arm_1", "arm_2") for axis in ("x", "y", "theta"))
 SAMPLE = 0.5

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.specs.comparisons import ACCEPTABLE, LARGEST_INDEX, LARGEST_INDEX_OF_MORE, Pair, groups, weigh
+from psmpc_cli.specs.priorities import ACCEPTABLE, LARGEST_INDEX, LARGEST_INDEX_OF_MORE, Pair, groups, weigh
 
 RANDOM_INDEX = {3: 0.525, 4: 0.882, 5: 1.115, 6: 1.252}
 """Saaty's random index, from simulations with his scale 1/9 .. 9."""

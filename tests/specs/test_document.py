@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.specs import effective
-from psmpc_cli.specs.document import Data, Document, read
+from psmpc_cli.specs.document import Data, Document, read, write
 
 texts = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc", "Co", "Cn")), max_size=12)
 scalars = st.none() | st.booleans() | st.integers(-(10**18), 10**18) | st.floats(allow_nan=False, allow_infinity=False)
@@ -19,15 +18,15 @@ data = st.recursive(
 
 @given(data)
 def test_written_data_reads_back_as_the_same(value: Data) -> None:
-    document = read("written", effective.write(value))
-    assert document.problems == ()
+    document = read("written", write(value))
+    assert document.faults == ()
     assert document.data == value
     assert json.dumps(document.data) == json.dumps(value)
 
 
 @given(data)
 def test_every_value_stands_where_its_entry_says(value: Data) -> None:
-    document = read("written", effective.write(value))
+    document = read("written", write(value))
     lines = document.text.splitlines()
     for path, entry in document.entries.items():
         assert 1 <= entry.place.line <= len(lines) + 1
@@ -38,7 +37,7 @@ def test_every_value_stands_where_its_entry_says(value: Data) -> None:
 @given(st.text(alphabet="ab:-[]{}&*!|>'\"%@`#,? \n\t~0\x07\x85\u2028é", max_size=40))
 def test_any_text_is_read_or_refused_with_a_reason(text: str) -> None:
     document = read("any", text)
-    assert document.readable or document.problems
+    assert document.readable or document.faults
 
 
 def test_aliases_are_copied() -> None:
@@ -50,7 +49,7 @@ def test_aliases_are_copied() -> None:
 def test_of_a_key_that_comes_twice_the_first_counts() -> None:
     document = read("twice", "a: 1\nb: 2\na: 3\n")
     assert document.data == {"a": 1, "b": 2}
-    assert [problem.path for problem in document.problems] == [("a",)]
+    assert [problem.path for problem in document.faults] == [("a",)]
 
 
 def test_path_that_is_not_there_is_looked_up_around_it() -> None:

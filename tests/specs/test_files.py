@@ -4,7 +4,8 @@ from pathlib import Path
 import pytest
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.files import LARGEST, read_text
+from psmpc_cli.specs.library import LARGEST_FILE as LARGEST
+from psmpc_cli.specs.library import read_text
 from psmpc_cli.specs.load import load_task
 
 

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.composition import MOST_VALUES
-from psmpc_cli.specs.files import LARGEST
+from psmpc_cli.specs.document import MOST_VALUES
+from psmpc_cli.specs.library import LARGEST_FILE as LARGEST
 from psmpc_cli.specs.load import load_robot, load_task, parse_task
 from psmpc_cli.specs.overrides import LONGEST
 

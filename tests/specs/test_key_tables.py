@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from psmpc_cli.specs import effective
-from psmpc_cli.specs.document import Data, read
+from psmpc_cli.specs.document import Data, read, write
 from psmpc_cli.specs.load import load_robot, load_task, parse_task
 from psmpc_cli.specs.task import StageSpec, TaskSpec
 from psmpc_cli.specs.validate import validate_robot
@@ -59,13 +58,13 @@ def test_examples_of_tasks_load(number: int) -> None:
         example = {"stages": [{**stages[0], **example}, *stages[1:]]}
     dropped = ("object", "monitors", "published") if "stages" in example else ()
     kept = {key: value for key, value in task.items() if key not in dropped}
-    parse_task(effective.write({**kept, "stages": stages, **example}), TRANSPORT.robot_yaml, "example")
+    parse_task(write({**kept, "stages": stages, **example}), TRANSPORT.robot_yaml, "example")
 
 
 @pytest.mark.parametrize("number", range(len(list(examples("robots.md")))))
 def test_examples_of_robots_load(number: int) -> None:
     robot = read("robot", load_robot("planar_dual_arm").robot_yaml).data
     assert isinstance(robot, dict)
-    found, problems = validate_robot(read("example", effective.write({**robot, **list(examples("robots.md"))[number]})))
+    found, problems = validate_robot(read("example", write({**robot, **list(examples("robots.md"))[number]})))
     assert problems == ()
     assert found is not None

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.specs.limits import resolve
+from psmpc_cli.specs.coordinates import resolve_limits as resolve
 from psmpc_cli.specs.load import load_robot
 from psmpc_cli.specs.robot import PartLimits
 

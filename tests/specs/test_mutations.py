@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs import effective
-from psmpc_cli.specs.document import Data, read
+from psmpc_cli.specs.document import Data, read, write
 from psmpc_cli.specs.load import load_task, parse_task
 
 from ..fuzzing import fuzzing
@@ -46,13 +45,13 @@ def mutate(data: Any, path: tuple[str | int, ...], action: str, value: Any) -> A
 def test_mutated_description_is_loaded_or_refused(document: Any, data: st.DataObject) -> None:
     changed = document.data
     for _ in range(data.draw(st.integers(1, 3))):
-        paths = [path for path in read("changed", effective.write(changed)).entries if path]
+        paths = [path for path in read("changed", write(changed)).entries if path]
         path = data.draw(st.sampled_from(paths)) if paths else None
         if path is not None:
             changed = mutate(
                 changed, path, data.draw(st.sampled_from(["remove", "rename", "replace"])), data.draw(junk)
             )
-    text = effective.write(changed)
+    text = write(changed)
     texts = (TASK.text, text) if document is ROBOT else (text, ROBOT.text)
     try:
         parse_task(*texts, "mutated")

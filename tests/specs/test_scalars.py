@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.specs.scalars import angle, resolve
+from psmpc_cli.specs.fields import angle, resolve
 
 
 @pytest.mark.parametrize(

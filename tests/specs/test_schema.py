@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from psmpc_cli.specs.library import Kind
-from psmpc_cli.specs.schema import json_schema, json_schemas
+from psmpc_cli.specs.library import Kind, json_schema, json_schemas
 
 COMMITTED = Path(__file__).parents[2] / "docs" / "schema"
 

@@ -2,7 +2,7 @@ import pytest
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.uncertainty import UncertaintySpec
+from psmpc_cli.specs.task import UncertaintySpec
 
 
 def uncertainty(*changes: str) -> UncertaintySpec:

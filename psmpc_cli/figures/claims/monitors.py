@@ -10,7 +10,7 @@ from psmpc_cli.figures.run import Run
 from psmpc_cli.figures.style import EDGE, PALETTE, readable
 from psmpc_cli.figures.timeline import open_timeline
 from psmpc_cli.simulation.monitors import signal, verdicts
-from psmpc_cli.specs.mission import MonitorSpec
+from psmpc_cli.specs.task import MonitorSpec
 
 HEIGHT = 1.6
 """Height of one panel [in]."""

@@ -3,16 +3,17 @@
 from collections.abc import Iterator, Mapping
 
 from psmpc_cli.specs.checks.parts import check_key, joints
+from psmpc_cli.specs.coordinates import QUANTITIES, of_part
 from psmpc_cli.specs.cursor import Cursor
-from psmpc_cli.specs.limits import QUANTITIES, of_part
-from psmpc_cli.specs.problem import Problem
-from psmpc_cli.specs.robot import Pair, PartLimits, RobotSpec
+from psmpc_cli.specs.fields import Pair
+from psmpc_cli.specs.messages import Fault
+from psmpc_cli.specs.robot import PartLimits, RobotSpec
 
 Layers = tuple[tuple[str, Mapping[str, PartLimits]], ...]
 """Limits by whose they are, such as `the robot's`."""
 
 
-def check_limits(task: Cursor, robot: RobotSpec) -> Iterator[Problem]:
+def check_limits(task: Cursor, robot: RobotSpec) -> Iterator[Fault]:
     """Give what is wrong with the limits of a task and its skills."""
     layers: Layers = (("the robot's", robot.limits),)
     yield from check_layer(task["limits"], robot.parts)
@@ -23,7 +24,7 @@ def check_limits(task: Cursor, robot: RobotSpec) -> Iterator[Problem]:
         yield from _looser(skill["limits"], robot, layers)
 
 
-def check_layer(limits: Cursor, parts: Mapping[str, int]) -> Iterator[Problem]:
+def check_layer(limits: Cursor, parts: Mapping[str, int]) -> Iterator[Fault]:
     """Give unknown parts and wrong lengths of one set of limits."""
     for key, part in limits.items():
         problem = check_key(part, key, parts)
@@ -51,7 +52,7 @@ def _valid(limits: Cursor) -> dict[str, PartLimits]:
     return {key: part for key, part in found.items() if part is not None}
 
 
-def _looser(limits: Cursor, robot: RobotSpec, before: Layers) -> Iterator[Problem]:
+def _looser(limits: Cursor, robot: RobotSpec, before: Layers) -> Iterator[Fault]:
     """Give the bounds of a set of limits that lie outside those before it."""
     for key, given in _valid(limits).items():
         for quantity in QUANTITIES:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from psmpc_cli.specs.checks.parts import joints, space_of_stage
 from psmpc_cli.specs.coordinates import Space, labels, names, rows
 from psmpc_cli.specs.cursor import Cursor
-from psmpc_cli.specs.problem import Problem, choice, dotted, quoted
+from psmpc_cli.specs.messages import Fault, choice, dotted, quoted
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import ControllerSpec, SolverSpec
 
@@ -24,7 +24,7 @@ def stage_names(task: Cursor) -> list[str]:
     return [name for stage in task["stages"].entries() if (name := stage["name"].text) is not None]
 
 
-def check_names(task: Cursor) -> Iterator[Problem]:
+def check_names(task: Cursor) -> Iterator[Fault]:
     """Give names of skills, stages and controllers that mean nothing, and names that are taken."""
     stages = stage_names(task)
     yield from _taken(task["stages"])
@@ -37,14 +37,14 @@ def check_names(task: Cursor) -> Iterator[Problem]:
         yield from _unknown(monitor["during"], stages)
     for controller, run in task["published"].items():
         if controller not in CONTROLLERS:
-            yield run.problem(f"found no such controller{choice(controller, CONTROLLERS)}", aims_at_key=True)
+            yield run.problem(f"found no such controller{choice(controller, CONTROLLERS)}", at_key=True)
         for key in ("switch_time", "actual_start"):
             for name, instant in run[key].items():
                 if name not in stages:
-                    yield instant.problem(f"found no such stage{choice(name, stages)}", aims_at_key=True)
+                    yield instant.problem(f"found no such stage{choice(name, stages)}", at_key=True)
 
 
-def check_input(task: Cursor) -> Iterator[Problem]:
+def check_input(task: Cursor) -> Iterator[Fault]:
     """Give skills in task-space input where solver or controller cannot do with them."""
     solver = task["solver"].valid(SolverSpec) if task["solver"].exists else SolverSpec()
     controller = task["controller"].valid(ControllerSpec) if task["controller"].exists else ControllerSpec()
@@ -59,7 +59,7 @@ def check_input(task: Cursor) -> Iterator[Problem]:
             yield skill["input"].problem(f'{found}; expected "joint"')
 
 
-def check_coordinates(task: Cursor, robot: RobotSpec) -> Iterator[Problem]:
+def check_coordinates(task: Cursor, robot: RobotSpec) -> Iterator[Fault]:
     """Give names of coordinates and frames that the robot does not have."""
     for stage in task["stages"].entries():
         space = space_of_stage(task, stage)
@@ -71,7 +71,7 @@ def check_coordinates(task: Cursor, robot: RobotSpec) -> Iterator[Problem]:
         yield from _unknown_entries(monitor["of"], tuple(robot.parts))
 
 
-def _without_tolerance(condition: Cursor, robot: RobotSpec, space: Space) -> Iterator[Problem]:
+def _without_tolerance(condition: Cursor, robot: RobotSpec, space: Space) -> Iterator[Fault]:
     """Give the parts that a condition speaks of but a tolerance by part leaves out."""
     valid = names(robot, space)
     chosen = [name.text for name in condition["coordinates"].entries() if name.text in valid]
@@ -83,7 +83,7 @@ def _without_tolerance(condition: Cursor, robot: RobotSpec, space: Space) -> Ite
         yield condition["tolerance"].problem(f"found {', '.join(sorted(given))}, expected also {missing}", True)
 
 
-def _taken(places: Cursor) -> Iterator[Problem]:
+def _taken(places: Cursor) -> Iterator[Fault]:
     """Give names of entries that an earlier entry has."""
     first: dict[str, Cursor] = {}
     for place in places.entries():
@@ -96,12 +96,12 @@ def _taken(places: Cursor) -> Iterator[Problem]:
         first.setdefault(name, place)
 
 
-def _unknown(place: Cursor, valid: Sequence[str]) -> Iterator[Problem]:
+def _unknown(place: Cursor, valid: Sequence[str]) -> Iterator[Fault]:
     """Give a text that is none of the valid ones."""
     if place.text is not None and valid and place.text not in valid:
         yield place.problem(f"found {place.found}{choice(place.text, valid)}")
 
 
-def _unknown_entries(places: Cursor, valid: Sequence[str]) -> Iterator[Problem]:
+def _unknown_entries(places: Cursor, valid: Sequence[str]) -> Iterator[Fault]:
     for place in places.entries():
         yield from _unknown(place, valid)

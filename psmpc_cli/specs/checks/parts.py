@@ -4,8 +4,7 @@ from collections.abc import Iterator, Mapping
 
 from psmpc_cli.specs.coordinates import AXES, Space, sizes
 from psmpc_cli.specs.cursor import Cursor
-from psmpc_cli.specs.document import counted
-from psmpc_cli.specs.problem import Problem, choice
+from psmpc_cli.specs.messages import Fault, choice, counted
 from psmpc_cli.specs.robot import RobotSpec
 
 SPACES: dict[str, Space] = {"joint": "joint", "task": "task"}
@@ -14,7 +13,7 @@ TIMES = "times"
 """The key that stands beside the parts of a target that moves."""
 
 
-def check_parts(task: Cursor, robot: RobotSpec) -> Iterator[Problem]:
+def check_parts(task: Cursor, robot: RobotSpec) -> Iterator[Fault]:
     """Give unknown and missing parts and wrong lengths wherever a task gives numbers by part."""
     yield from _check(task["initial"], sizes(robot, "joint"))
     yield from _check(task["initial_velocity"], sizes(robot, "joint"), complete=False)
@@ -54,16 +53,16 @@ def joints(key: str, parts: Mapping[str, int]) -> tuple[str, ...]:
     return tuple(part for part in parts if part == key or (key == "arms" and part != "base"))
 
 
-def check_key(part: Cursor, key: str, parts: Mapping[str, int]) -> Problem | None:
+def check_key(part: Cursor, key: str, parts: Mapping[str, int]) -> Fault | None:
     """Return a problem if a key is no part of the robot."""
     if joints(key, parts):
         return None
-    return part.problem(f"found no such part of the robot{choice(key, (*parts, 'arms'))}", aims_at_key=True)
+    return part.problem(f"found no such part of the robot{choice(key, (*parts, 'arms'))}", at_key=True)
 
 
 def _check(
     place: Cursor, parts: Mapping[str, int], complete: bool = True, beside: tuple[str, ...] = (), shortest: int = 0
-) -> Iterator[Problem]:
+) -> Iterator[Fault]:
     """Give what is wrong with one mapping by part; lists of the length `shortest` are right for every part."""
     yield from check_keys(place, parts, complete, beside)
     keys = [key for key, _ in place.items() if key not in beside]
@@ -77,7 +76,7 @@ def _check(
 
 def check_keys(
     place: Cursor, parts: Mapping[str, int], complete: bool = True, beside: tuple[str, ...] = ()
-) -> Iterator[Problem]:
+) -> Iterator[Fault]:
     """Give the keys of one mapping by part that are no parts, and the parts that are missing."""
     keys = [key for key, _ in place.items() if key not in beside]
     yield from (problem for key in keys if (problem := check_key(place[key], key, parts)) is not None)

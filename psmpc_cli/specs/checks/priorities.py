@@ -5,25 +5,24 @@ from collections.abc import Iterator
 import numpy as np
 
 from psmpc_cli.specs.checks.names import stage_names
-from psmpc_cli.specs.comparisons import ACCEPTABLE, Weighing, groups
 from psmpc_cli.specs.cursor import Cursor
 from psmpc_cli.specs.fields import LARGEST
-from psmpc_cli.specs.priorities import weigh_stages
-from psmpc_cli.specs.problem import Problem, choice, dotted, quoted, shortened
+from psmpc_cli.specs.messages import Fault, choice, dotted, quoted, shortened
+from psmpc_cli.specs.priorities import ACCEPTABLE, Weighing, groups, weigh_stages
 from psmpc_cli.specs.task import PrioritiesSpec
 
 WIDEST = float(np.log(LARGEST))
 """Largest logarithm of a priority."""
 
 
-def check_priorities(task: Cursor) -> Iterator[Problem]:
+def check_priorities(task: Cursor) -> Iterator[Fault]:
     """Give what is wrong with the comparisons of a task's stages."""
     if not task["priorities"].exists:
         return
     for stage in task["stages"].entries():
         if stage["priority"].exists:
             found = 'found "priority" at a stage and "priorities" in the task, expected one or the other'
-            yield stage["priority"].problem(found, aims_at_key=True)
+            yield stage["priority"].problem(found, at_key=True)
     stages, comparisons = stage_names(task), task["priorities"]["compare"]
     problems = [*_unknown(comparisons, stages), *_repeated(comparisons)]
     yield from problems
@@ -33,7 +32,7 @@ def check_priorities(task: Cursor) -> Iterator[Problem]:
         yield from _disagreeing(comparisons, valid, stages)
 
 
-def _unknown(comparisons: Cursor, stages: list[str]) -> Iterator[Problem]:
+def _unknown(comparisons: Cursor, stages: list[str]) -> Iterator[Fault]:
     """Give the names of stages that are not there."""
     for comparison in comparisons.entries():
         for place in (comparison[0], comparison[1]):
@@ -41,7 +40,7 @@ def _unknown(comparisons: Cursor, stages: list[str]) -> Iterator[Problem]:
                 yield place.problem(f"found no such stage{choice(place.text, stages)}")
 
 
-def _repeated(comparisons: Cursor) -> Iterator[Problem]:
+def _repeated(comparisons: Cursor) -> Iterator[Fault]:
     """Give the comparisons of a stage with itself, and of two stages that are compared before."""
     first: dict[frozenset[str], Cursor] = {}
     for comparison in comparisons.entries():
@@ -59,13 +58,13 @@ def _repeated(comparisons: Cursor) -> Iterator[Problem]:
         first.setdefault(pair, comparison)
 
 
-def _disagreeing(comparisons: Cursor, valid: PrioritiesSpec, stages: list[str]) -> Iterator[Problem]:
+def _disagreeing(comparisons: Cursor, valid: PrioritiesSpec, stages: list[str]) -> Iterator[Fault]:
     """Give comparisons that leave stages unconnected, contradict each other, or lead beyond all numbers."""
     pairs = [(stages.index(a), stages.index(b)) for a, b, _ in valid.compare]
     islands = [", ".join(shortened(stages[i]) for i in group) for group in groups(len(stages), pairs)]
     if len(islands) > 1:
         message = f"found nothing that compares {' with '.join(islands)}, expected comparisons that connect all stages"
-        yield comparisons.problem(message, aims_at_key=True)
+        yield comparisons.problem(message, at_key=True)
         return
     weighing = weigh_stages(valid, stages)
     if weighing.worst is not None and weighing.ratio > ACCEPTABLE:
@@ -75,7 +74,7 @@ def _disagreeing(comparisons: Cursor, valid: PrioritiesSpec, stages: list[str]) 
         power = weighing.logarithms[extreme] / np.log(10)
         message = f"found comparisons that make {quoted(stages[extreme])} 1e{power:+.0f} times as important as "
         message += f"{quoted(stages[0])}, expected a ratio from {1 / LARGEST:g} to {LARGEST:g}"
-        yield comparisons.problem(message, aims_at_key=True)
+        yield comparisons.problem(message, at_key=True)
 
 
 def _contradiction(valid: PrioritiesSpec, weighing: Weighing, worst: int) -> str:

@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 
 from psmpc_cli.specs.cursor import Cursor
-from psmpc_cli.specs.problem import Problem
+from psmpc_cli.specs.messages import Fault
 from psmpc_cli.specs.task import ControllerSpec, SolverSpec
 
 
-def check_mesh(task: Cursor) -> Iterator[Problem]:
+def check_mesh(task: Cursor) -> Iterator[Fault]:
     """Give an automatic mesh under a controller whose levels share one."""
     controller = task["controller"].valid(ControllerSpec) if task["controller"].exists else None
     if controller is not None and controller.kind == "htmpc" and controller.nodes == "auto":
@@ -15,7 +15,7 @@ def check_mesh(task: Cursor) -> Iterator[Problem]:
         yield task["controller"]["nodes"].problem(f"found auto with controller htmpc, {why}; expected a whole number")
 
 
-def check_solver(task: Cursor) -> Iterator[Problem]:
+def check_solver(task: Cursor) -> Iterator[Fault]:
     """Give a deadline for a back-end that cannot stop early."""
     solver = task["solver"].valid(SolverSpec) if task["solver"].exists else SolverSpec()
     controller = task["controller"].valid(ControllerSpec) if task["controller"].exists else ControllerSpec()

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from psmpc_cli.specs.checks.names import stage_names
 from psmpc_cli.specs.checks.trajectories import lasts
 from psmpc_cli.specs.cursor import Cursor
-from psmpc_cli.specs.problem import Problem, dotted, quoted
+from psmpc_cli.specs.messages import Fault, dotted, quoted
 from psmpc_cli.specs.task import TaskSpec
 
 BOUNDS = ("above_start_at_most", "below_start_at_most", "at_most", "at_least")
@@ -15,7 +15,7 @@ FRAMES = {"distance": 2, "speed": 1}
 """How many frames a monitored quantity is about."""
 
 
-def check_stages(task: Cursor) -> Iterator[Problem]:
+def check_stages(task: Cursor) -> Iterator[Fault]:
     """Give stages that never end or end twice, instants out of order, and an object let go before it is taken."""
     stages = list(task["stages"].entries())
     for stage in stages:
@@ -26,7 +26,7 @@ def check_stages(task: Cursor) -> Iterator[Problem]:
         yield from _monitor(monitor)
 
 
-def _end(stage: Cursor, last: bool) -> Iterator[Problem]:
+def _end(stage: Cursor, last: bool) -> Iterator[Fault]:
     """Give a stage without an end, or with two."""
     if not isinstance(stage.value, dict):
         return
@@ -42,7 +42,7 @@ def _end(stage: Cursor, last: bool) -> Iterator[Problem]:
         )
 
 
-def _instants(task: Cursor, stages: list[Cursor]) -> Iterator[Problem]:
+def _instants(task: Cursor, stages: list[Cursor]) -> Iterator[Fault]:
     """Give fixed switching times and shortest durations that no order of events can keep."""
     limit = task["time_limit"].number if task["time_limit"].exists else TaskSpec.model_fields["time_limit"].default
     earliest, because = 0.0, "the start"
@@ -60,7 +60,7 @@ def _instants(task: Cursor, stages: list[Cursor]) -> Iterator[Problem]:
         earliest, because = max(at, earliest), dotted(stage["at"].path)
 
 
-def _object(task: Cursor) -> Iterator[Problem]:
+def _object(task: Cursor) -> Iterator[Fault]:
     """Give an object that is let go before it is taken."""
     names = stage_names(task)
     taken, let_go = task["object"]["taken_by"].text, task["object"]["let_go_by"].text
@@ -69,7 +69,7 @@ def _object(task: Cursor) -> Iterator[Problem]:
         yield task["object"]["let_go_by"].problem(found)
 
 
-def _monitor(monitor: Cursor) -> Iterator[Problem]:
+def _monitor(monitor: Cursor) -> Iterator[Fault]:
     """Give a monitor that bounds nothing, contradicts itself or is about the wrong number of frames."""
     if not isinstance(monitor.value, dict):
         return

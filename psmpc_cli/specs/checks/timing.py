@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from psmpc_cli.specs.cursor import Cursor
-from psmpc_cli.specs.problem import Problem
+from psmpc_cli.specs.messages import Fault
 from psmpc_cli.specs.task import ControllerSpec, PlantSpec
 
 WHOLE = 1e-6
@@ -16,7 +16,7 @@ MOST_STEPS = 20_000
 """Steps of the integrator in a sample: more take seconds."""
 
 
-def check_timing(task: Cursor) -> Iterator[Problem]:
+def check_timing(task: Cursor) -> Iterator[Fault]:
     """Give times that do not divide each other as they must, or into too many parts."""
     controller, plant = task["controller"].valid(ControllerSpec), task["plant"].valid(PlantSpec)
     if controller is not None and controller.sample_time > controller.horizon:

@@ -5,12 +5,11 @@ from collections.abc import Iterator, Mapping
 from psmpc_cli.specs.checks.parts import TIMES, check_keys, joints, moves, space_of_stage, wanted_length
 from psmpc_cli.specs.coordinates import sizes
 from psmpc_cli.specs.cursor import Cursor
-from psmpc_cli.specs.document import counted
-from psmpc_cli.specs.problem import Problem
+from psmpc_cli.specs.messages import Fault, counted
 from psmpc_cli.specs.robot import RobotSpec
 
 
-def check_times(task: Cursor) -> Iterator[Problem]:
+def check_times(task: Cursor) -> Iterator[Fault]:
     """Give times of trajectories that do not rise from 0."""
     for stage in task["stages"].entries():
         times = list(stage["target"][TIMES].entries())
@@ -22,7 +21,7 @@ def check_times(task: Cursor) -> Iterator[Problem]:
                 yield time.problem(f"found {after:g} s, expected later than the time before it, {before:g} s")
 
 
-def check_trajectories(task: Cursor, robot: RobotSpec) -> Iterator[Problem]:
+def check_trajectories(task: Cursor, robot: RobotSpec) -> Iterator[Fault]:
     """Give unknown and missing parts of trajectories, and rows that do not fit times and parts."""
     for stage in task["stages"].entries():
         space, target = space_of_stage(task, stage), stage["target"]
@@ -40,7 +39,7 @@ def lasts(stage: Cursor) -> tuple[float, str]:
     return max(known[longest], 0.0), longest
 
 
-def _check_rows(target: Cursor, parts: Mapping[str, int]) -> Iterator[Problem]:
+def _check_rows(target: Cursor, parts: Mapping[str, int]) -> Iterator[Fault]:
     """Give parts with too few or too many rows, and rows that are too short or too long."""
     number = target[TIMES].length
     for key, part in target.items():

@@ -5,11 +5,9 @@ from collections.abc import Iterator, Mapping
 from psmpc_cli.specs.checks.names import stage_names
 from psmpc_cli.specs.checks.parts import check_keys, joints, wanted_length
 from psmpc_cli.specs.cursor import Cursor
-from psmpc_cli.specs.document import counted
-from psmpc_cli.specs.problem import Problem, quoted
+from psmpc_cli.specs.messages import Fault, counted, quoted
 from psmpc_cli.specs.robot import RobotSpec
-from psmpc_cli.specs.task import ControllerSpec, PlantSpec, TaskSpec
-from psmpc_cli.specs.uncertainty import UncertaintySpec
+from psmpc_cli.specs.task import ControllerSpec, PlantSpec, TaskSpec, UncertaintySpec
 
 PHYSICAL = ("mass", "inertia", "centre_of_mass", "friction", "force_limits", "impulse", "payload")
 """Keys that mean nothing to a plant without bodies and forces."""
@@ -18,7 +16,7 @@ WHOLE = 1e-6
 """By how much shares may miss the whole."""
 
 
-def check_uncertainty(task: Cursor) -> Iterator[Problem]:
+def check_uncertainty(task: Cursor) -> Iterator[Fault]:
     """Give what the plant cannot do, a payload that nothing holds, and times outside the run."""
     place = task["uncertainty"]
     spec = place.valid(UncertaintySpec)
@@ -36,7 +34,7 @@ def check_uncertainty(task: Cursor) -> Iterator[Problem]:
     yield from _times(task, spec)
 
 
-def check_known_delay(task: Cursor) -> Iterator[Problem]:
+def check_known_delay(task: Cursor) -> Iterator[Fault]:
     """Give a delay that the controller knows of and that is not there."""
     controller, place = task["controller"].valid(ControllerSpec), task["uncertainty"]
     spec = place.valid(UncertaintySpec) if place.exists else UncertaintySpec()
@@ -46,7 +44,7 @@ def check_known_delay(task: Cursor) -> Iterator[Problem]:
         yield task["controller"]["known_delay"].problem(f"found {known}, expected {there}")
 
 
-def check_uncertain_parts(task: Cursor, robot: RobotSpec) -> Iterator[Problem]:
+def check_uncertain_parts(task: Cursor, robot: RobotSpec) -> Iterator[Fault]:
     """Give unknown parts and wrong lengths, and shares of a payload that do not make the whole."""
     place = task["uncertainty"]
     arms = {name: size for name, size in robot.parts.items() if name != "base"}
@@ -62,7 +60,7 @@ def check_uncertain_parts(task: Cursor, robot: RobotSpec) -> Iterator[Problem]:
     yield from _shares(place["payload"]["share"], arms)
 
 
-def _payload(task: Cursor) -> Iterator[Problem]:
+def _payload(task: Cursor) -> Iterator[Fault]:
     """Give a payload without an object, or one that no stage holds."""
     place, names = task["uncertainty"]["payload"], stage_names(task)
     if not task["object"].exists:
@@ -79,7 +77,7 @@ def _payload(task: Cursor) -> Iterator[Problem]:
         )
 
 
-def _times(task: Cursor, spec: UncertaintySpec) -> Iterator[Problem]:
+def _times(task: Cursor, spec: UncertaintySpec) -> Iterator[Fault]:
     """Give a delay as long as the horizon, and an impulse after the run."""
     place, controller = task["uncertainty"], task["controller"].valid(ControllerSpec)
     if controller is not None and spec.delay * controller.sample_time >= controller.horizon:
@@ -96,7 +94,7 @@ def _times(task: Cursor, spec: UncertaintySpec) -> Iterator[Problem]:
         )
 
 
-def _lengths(place: Cursor, parts: Mapping[str, int]) -> Iterator[Problem]:
+def _lengths(place: Cursor, parts: Mapping[str, int]) -> Iterator[Fault]:
     """Give lists that are neither one number long nor as long as their part."""
     keys = [key for key, _ in place.items()]
     for key in keys:
@@ -109,7 +107,7 @@ def _lengths(place: Cursor, parts: Mapping[str, int]) -> Iterator[Problem]:
                 break
 
 
-def _shares(place: Cursor, arms: Mapping[str, int]) -> Iterator[Problem]:
+def _shares(place: Cursor, arms: Mapping[str, int]) -> Iterator[Fault]:
     """Give shares whose sum is not 1."""
     yield from check_keys(place, arms)
     by_arm = {arm: cursor.number for key, cursor in place.items() for arm in joints(key, arms)}

@@ -48,7 +48,7 @@ def _plot_span(axes: Axes, run: Run, span: Span, angular: bool) -> None:
     inside = run.time[(run.time > span.start) & (run.time < span.end)]
     time, d = np.r_[span.start, inside, span.end], run.model.dimension
     error = pose_errors(run, span, time)
-    for i, (name, rows) in enumerate(run.model.poses.items()):
+    for i, (name, rows) in enumerate(run.model.pose_rows.items()):
         size = np.linalg.norm(error[:, rows][:, d:] if angular else error[:, rows][:, :d], axis=1)
         label = readable(name) if span.index == 0 else "_"
         axes.plot(time, np.where(size > 0, size, np.nan), label=label, marker=point_if_alone(time), **frame_look(i))
@@ -71,7 +71,7 @@ def _plot_tolerance(axes: Axes, run: Run, span: Span, angular: bool) -> bool:
 
 def _is_angle(run: Run, row: int) -> bool:
     """Return whether a row of xi is an angle."""
-    rows = next(rows for rows in run.model.poses.values() if rows.start <= row < rows.stop)
+    rows = next(rows for rows in run.model.pose_rows.values() if rows.start <= row < rows.stop)
     return bool(row - rows.start >= run.model.dimension)
 
 

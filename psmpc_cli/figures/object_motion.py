@@ -64,7 +64,7 @@ def held_between(run: Run) -> Hold:
 def grasp(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     """Return the frame the object is held in (3,) [m, m, rad] at Q (n,)."""
     xi = np.asarray(model.g(Q)).ravel()
-    poses = [xi[rows] for name, rows in model.poses.items() if name != "base"]
+    poses = [xi[rows] for name, rows in model.pose_rows.items() if name != "base"]
     if len(poses) == 1:
         return np.asarray(poses[0])
     line = poses[1][:2] - poses[0][:2]

@@ -34,11 +34,11 @@ def write_rendering(run: Run, paths: list[Path]) -> None:
         InputError: There is no offscreen renderer here.
         RunError: It failed, or a film could not be encoded or written.
     """
-    times = frame_times(run)
+    driver, times = offscreen_driver(), frame_times(run)
     scene = scene_of(run, times)
     with tempfile.TemporaryDirectory() as folder:
         try:
-            frames = _draw(scene, offscreen_driver(), Path(folder))
+            frames = _draw(scene, driver, Path(folder))
         except _DriverError as error:
             raise RunError(f"MuJoCo's renderer failed: {error}") from None
         for path in paths:

@@ -81,10 +81,10 @@ def configurations(task: Task, model: RobotModel, stages: tuple[Stage, ...]) -> 
         if stage.space == "joint":
             stops.append(stage.target)
             continue
-        Q, base = stops[-1].copy(), stage.target[model.poses["base"]]
+        Q, base = stops[-1].copy(), stage.target[model.pose_rows["base"]]
         Q[model.parts["base"]] = base
         for arm in task.robot.arms:
-            found = reach_of(task.robot, arm, tuple(base), tuple(stage.target[model.poses[arm]])).configuration
+            found = reach_of(task.robot, arm, tuple(base), tuple(stage.target[model.pose_rows[arm]])).configuration
             if found is not None:
                 Q[model.parts[arm]] = found
         stops.append(Q)

@@ -10,8 +10,8 @@ from psmpc_cli.figures.object_motion import object_pose
 from psmpc_cli.figures.robot_drawing import FINGER, View, base_outline, reach, view_of
 from psmpc_cli.figures.run import Run
 from psmpc_cli.figures.style import BODY, OBJECT, PALETTE
-from psmpc_cli.robot.mjcf import mjcf
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.mujoco_model import mujoco_spec
 from psmpc_cli.specs.robot import Arm
 
 WIDTH = 640
@@ -76,7 +76,7 @@ def camera_on(view: View, size: tuple[int, int]) -> np.ndarray:
 
 def _model(run: Run, view: View, size: tuple[int, int]) -> str:
     """Return the robot's MJCF with what is to be seen."""
-    root, length = ElementTree.fromstring(mjcf(run.model.spec)), reach(run.model)
+    root, length = ElementTree.fromstring(mujoco_spec(run.model.spec).to_xml()), reach(run.model)
     world, base = _found(root, "worldbody"), _found(root, ".//body[@name='base']")
     thick = THICKNESS * length
     half = base_outline(run.model, np.zeros(run.model.n)).max(axis=0)

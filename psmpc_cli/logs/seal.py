@@ -13,7 +13,7 @@ from contextlib import suppress
 from enum import Enum
 from pathlib import Path
 
-from psmpc_cli.native.cache import cache_directory
+from psmpc_cli.native.library import cache_directory
 
 MARK = b"psmpc sha-256\n"
 

@@ -1,1 +1,1 @@
-"""C code compiled at run time by the system's compiler and kept in a cache; without a compiler nothing is lost."""
+"""C code compiled on first use by the system's compiler and cached; every use of it works without a compiler too."""

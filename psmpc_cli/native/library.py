@@ -1,72 +1,143 @@
-"""From C source to a shared library that can be loaded, compiled once and kept."""
+"""Shared libraries from C source: compiled on first use, kept in a cache by their content."""
 
+import atexit
 import ctypes
 import hashlib
 import logging
+import os
+import shlex
+import shutil
+import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
-from psmpc_cli.native.cache import cache_directory, intact, keep
-from psmpc_cli.native.compiler import CompilationError, Compiler, find_compiler
-
 logger = logging.getLogger(__name__)
 
+CACHE_VARIABLE = "PSMPC_CACHE"
+"""Environment variable that names the cache directory."""
+
+COMPILERS = ("cc", "gcc", "clang")
+"""Compilers looked up on PATH where the environment variable CC is not set."""
+
 FLAGS = ("-O2",)
-"""How C is compiled unless told otherwise."""
+"""Default compiler flags."""
 
 SUFFIX = ".dylib" if sys.platform == "darwin" else ".so"
 
+TIMEOUT = 300.0
+"""Longest time a compiler may take [s]."""
+
+_REPORTING = threading.Lock()
+"""Libraries are compiled in several threads at once, and each message is reported once."""
+
+
+class CompilationError(Exception):
+    """There is no compiler, or it failed; `library` reports it and returns None."""
+
 
 def library(source: str, name: str, flags: Sequence[str] = FLAGS) -> Path | None:
-    """Return the shared library of a C source, from the cache where it is kept already.
+    """Compile C source to a shared library, or find it in the cache.
 
-    Its file is keyed by the digest of source, flags, compiler version and machine. With `-march=native` among the
-    flags the machine's instruction set is part of the key too. The library loads; whoever wants its symbols loads it
-    again, by `ctypes.CDLL` or `casadi.external`, at no cost.
+    The file is keyed by the digest of source, flags, compiler version and machine; with `-march=native` among the flags
+    by the instruction set of the machine too. The library has been loaded once, so `ctypes.CDLL` or `casadi.external`
+    can load it. The first compilation of a program, and the reason of a failure, are logged as information.
 
     Args:
         source: C, with no includes but the system's.
-        name: What its file's name begins with.
+        name: Beginning of the file's name.
         flags: Flags of the compiler.
 
     Returns:
-        The library; None where there is no compiler or it failed. That is logged once, as information: whoever asks
-        has another way.
+        Path of the library; None where there is no compiler or it failed.
     """
     try:
         return _library(source, name, tuple(flags))
     except (CompilationError, OSError) as error:
-        _say_once(f"{error}; going on without compiled code")
+        _report_once(f"{error}; continuing without compiled code")
         return None
 
 
+def cache_directory() -> Path:
+    """Return the directory of compiled libraries: PSMPC_CACHE, else `psmpc` below XDG_CACHE_HOME or ~/.cache.
+
+    It exists and is writable; where that is not possible, it is a temporary directory that is deleted at exit.
+    """
+    for directory in _preferred_directories():
+        try:
+            directory.mkdir(parents=True, exist_ok=True, mode=0o700)
+        except OSError:
+            continue
+        if os.access(directory, os.W_OK | os.X_OK):
+            return directory
+    return _temporary_directory()
+
+
+def find_compiler() -> tuple[str, ...]:
+    """Return the command of the C compiler: the environment variable CC, else the first of cc, gcc, clang on PATH.
+
+    Raises:
+        CompilationError: There is none.
+    """
+    chosen = os.environ.get("CC", "").strip()
+    commands = [shlex.split(chosen)] if chosen else [[name] for name in COMPILERS]
+    for command in commands:
+        if program := shutil.which(command[0]):
+            return (program, *command[1:])
+    found = f"CC is {chosen!r}, which is not a program" if chosen else f"none of {', '.join(COMPILERS)} on PATH"
+    raise CompilationError(f"no C compiler: {found}")
+
+
+@cache
+def compiler_macros(compiler: tuple[str, ...], flags: tuple[str, ...] = ()) -> str:
+    """Return the predefined macros of a compiler; they give its version, the system, machine and instruction set.
+
+    Raises:
+        CompilationError: It does not run, or rejects one of the flags.
+    """
+    return _run([*compiler, *flags, "-dM", "-E", "-x", "c", os.devnull], None)
+
+
 def _library(source: str, name: str, flags: tuple[str, ...]) -> Path:
-    """Return the library.
+    """Return the path of the library.
 
     Raises:
         CompilationError: There is no compiler or it failed.
         OSError: The library cannot be written or loaded.
     """
     compiler, directory = find_compiler(), cache_directory()
-    key = "\0".join((source, " ".join(flags), compiler.identity(flags)))
+    key = "\0".join((source, " ".join(flags), compiler_macros(compiler, flags)))
     entry = directory / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:24]}{SUFFIX}"
-    if not (intact(entry) and _loads(entry)):
-        _make(compiler, source, entry, flags)
+    if not _loads(entry):
+        _report_once(f"compiling solver and plant code with {Path(compiler[0]).name} (once, kept in {directory})")
+        _compile(compiler, source, entry, flags)
         ctypes.CDLL(str(entry))
     return entry
 
 
-def _make(compiler: Compiler, source: str, entry: Path, flags: tuple[str, ...]) -> None:
-    """Compile beside the entry, then move into its place."""
+def _compile(compiler: tuple[str, ...], source: str, entry: Path, flags: tuple[str, ...]) -> None:
+    """Compile in a temporary directory beside the entry, then rename: safe for several processes at once."""
     with tempfile.TemporaryDirectory(prefix=".making-", dir=entry.parent) as folder:
-        # The same file name everywhere: compilers write it into the library, and equal sources shall give equal ones.
+        # The file names are always the same because compilers write them into the library.
         written, made = Path(folder) / "source.c", Path(folder) / f"made{SUFFIX}"
         written.write_text(source, encoding="utf-8")
-        compiler.build(written, made, flags)
-        keep(made, entry)
+        _run([*compiler, *flags, "-fPIC", "-shared", written.name, "-o", made.name, "-lm"], written.parent)
+        made.replace(entry)
+
+
+def _run(command: Sequence[str], folder: Path | None) -> str:
+    """Run a compiler and return its standard output."""
+    try:
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=TIMEOUT, check=False)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise CompilationError(f"{command[0]} did not run: {error}") from None
+    if done.returncode:
+        reason = next((line for line in done.stderr.splitlines() if "error" in line), f"exit code {done.returncode}")
+        raise CompilationError(f"{command[0]} failed: {reason.strip()}")
+    return done.stdout
 
 
 def _loads(entry: Path) -> bool:
@@ -77,6 +148,29 @@ def _loads(entry: Path) -> bool:
     return True
 
 
+def _preferred_directories() -> list[Path]:
+    if chosen := os.environ.get(CACHE_VARIABLE):
+        return [Path(chosen).expanduser().resolve()]
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    try:
+        # The XDG specification says that a relative XDG_CACHE_HOME is ignored.
+        return [(Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "psmpc"]
+    except RuntimeError:  # the user has no home
+        return []
+
+
 @cache
-def _say_once(message: str) -> None:
+def _temporary_directory() -> Path:
+    path = Path(tempfile.mkdtemp(prefix="psmpc-"))
+    atexit.register(shutil.rmtree, path, ignore_errors=True)
+    return path
+
+
+def _report_once(message: str) -> None:
+    with _REPORTING:
+        _report(message)
+
+
+@cache
+def _report(message: str) -> None:
     logger.info(message)

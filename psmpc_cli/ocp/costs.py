@@ -5,7 +5,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.native.arrays import RowFunction
+from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.robot.model import RobotModel

@@ -11,7 +11,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.native.arrays import ArrayFunction
+from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.ocp.gauss_newton import Linearization
 from psmpc_cli.ocp.parameters import Parameters
 from psmpc_cli.ocp.stage_terms import StageTerms

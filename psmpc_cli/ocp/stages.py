@@ -143,7 +143,7 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
         if space == "joint":
             Q, xi = target, np.asarray(model.g(target)).ravel()
         else:
-            base = model.poses["base"]
+            base = model.pose_rows["base"]
             xi, Q = target, np.r_[target[base], Q[model.parts["base"].stop :]]
     return found
 

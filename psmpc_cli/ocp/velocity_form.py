@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from psmpc_cli.native.arrays import RowFunction
+from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.layout import Layout, WindowShape
 from psmpc_cli.ocp.parameters import Parameters, split_parameters
 from psmpc_cli.ocp.stage_terms import stage_terms

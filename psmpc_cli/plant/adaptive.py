@@ -45,7 +45,8 @@ class AdaptiveDynamics:
         x, u, F = ca.MX.sym("x", 2 * n), ca.MX.sym("u", n), ca.MX.sym("F", n)
         dt = ca.MX.sym("dt")
         lawful, held = _integrator(model, lawful=True), _integrator(model, lawful=False)
-        ticking = held(x0=x, p=ca.vertcat(model.low_level(x[:n], x[n:], u), dt))["xf"]
+        F_law = model.dynamics.inverse(x[:n], x[n:], u, model.nominal.vector)
+        ticking = held(x0=x, p=ca.vertcat(F_law, dt))["xf"]
         self._lawful = _piece(lawful(x0=x, p=ca.vertcat(u, dt))["xf"], x, u, dt)
         self._ticking = _piece(ticking, x, u, dt)
         self._held = _piece(held(x0=x, p=ca.vertcat(F, dt))["xf"], x, F, dt)
@@ -81,11 +82,11 @@ class AdaptiveDynamics:
 
 def _integrator(model: RobotModel, lawful: bool) -> ca.Function:
     """Return the integrator of one piece, its time scaled to 1, under the law or under a held force."""
-    n = model.n
+    n, w = model.n, model.nominal.vector
     x, p = ca.SX.sym("x", 2 * n), ca.SX.sym("p", n + 1)
     Q, Qdot = x[:n], x[n:]
-    F = model.low_level(Q, Qdot, p[:n]) if lawful else p[:n]
-    ode = p[n] * ca.vertcat(Qdot, model.forward_dynamics(Q, Qdot, F))
+    F = model.dynamics.inverse(Q, Qdot, p[:n], w) if lawful else p[:n]
+    ode = p[n] * ca.vertcat(Qdot, model.dynamics.forward(Q, Qdot, F, w))
     options: dict[str, Any] = {
         "abstol": TOLERANCE,
         "reltol": TOLERANCE,

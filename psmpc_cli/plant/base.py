@@ -1,9 +1,11 @@
-"""The interface every plant has: advance over one sample under the low-level controller, return what happened."""
+"""The interface of all plants: advance over one sample under the low-level controller, return what happened."""
 
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+
+from psmpc_cli.robot.bodies import InertialParameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -13,10 +15,10 @@ class Ticks:
     Attributes:
         time: (M + 1,) [s], the first is the sample's start.
         X: States [Q; Qdot] at those times (M + 1, 2n).
-        F: Generalized force held over each tick (M, n) [N, N m].
+        F: Generalized force commanded over each tick, within its limits (M, n) [N, N m].
         impulse: Integral of the external wrench over the sample: linear (x, y) [N s] and angular about the inertial
             origin [N m s], (3,).
-        work: Integral of F' Qdot over the sample [J].
+        work: Integral of F' Qdot over the sample, of all forces [J].
     """
 
     time: np.ndarray
@@ -26,9 +28,56 @@ class Ticks:
     work: float
 
 
+@dataclass(frozen=True, eq=False)
+class Resistance:
+    """Joint friction and force limits by coordinate (n,), constant throughout a run.
+
+    Attributes:
+        viscous: Coefficients of viscous friction [N m s/rad]; 0 for the base.
+        coulomb: Coulomb friction [N m]; 0 for the base.
+        width: Rate around 0 within which Coulomb friction changes its sign [rad/s].
+        largest: Largest magnitudes of the commanded generalized force [N, N m]; infinite where there is no limit.
+    """
+
+    viscous: np.ndarray
+    coulomb: np.ndarray
+    width: float
+    largest: np.ndarray
+
+    @classmethod
+    def none(cls, n: int) -> "Resistance":
+        """Return that of n coordinates without friction or limits."""
+        return cls(np.zeros(n), np.zeros(n), 1.0, np.full(n, np.inf))
+
+    @property
+    def vector(self) -> np.ndarray:
+        """All of it in one vector (3n + 1,)."""
+        return np.concatenate([self.viscous, self.coulomb, self.largest, [self.width]])
+
+
+@dataclass(frozen=True, eq=False)
+class Disturbance:
+    """Differences, over one sample, between the robot and what its controller knows.
+
+    Attributes:
+        robot: True inertial parameters, with what is in the grippers.
+        law: Inertial parameters that the low-level law (7) uses.
+        noise: Added to the state that the law reads at each tick (M, 2n) [m, rad, m/s, rad/s].
+        push: External generalized force over each tick (M, n) [N, N m].
+    """
+
+    robot: InertialParameters
+    law: InertialParameters
+    noise: np.ndarray
+    push: np.ndarray
+
+
 class Plant(Protocol):
     """Simulated physics of a robot under its low-level controller."""
 
-    def advance(self, start: float, x: np.ndarray, u: np.ndarray) -> Ticks:
-        """Advance from the state x (2n,) at `start` [s], the controls u (M, n) applied one a tick."""
+    def advance(self, start: float, x: np.ndarray, u: np.ndarray, disturbance: Disturbance | None = None) -> Ticks:
+        """Advance from the state x (2n,) at `start` [s], the accelerations u (M, n) applied one a tick.
+
+        Plants built without a resistance are undisturbed and ignore the disturbance; the others require it.
+        """
         ...

@@ -2,26 +2,26 @@
 
 import numpy as np
 
-from psmpc_cli.plant.base import Ticks
+from psmpc_cli.plant.base import Disturbance, Ticks
 from psmpc_cli.robot.model import RobotModel
 
 
 class IdealPlant:
-    """Advances Q and Qdot exactly under constant accelerations."""
+    """Advances Q and Qdot exactly under constant accelerations; nothing disturbs it."""
 
     def __init__(self, model: RobotModel, tick: float) -> None:
         self.model, self.tick = model, tick
 
-    def advance(self, start: float, x: np.ndarray, u: np.ndarray) -> Ticks:
-        """Advance over len(u) ticks. The external impulse and the work are those of the exact motion."""
-        n, h, M = self.model.n, self.tick, len(u)
-        X = double_integrator(x, u, h)
-        Q, Qdot = X[:, :n], X[:, n:]
-        F = np.asarray(self.model.low_level(Q[:-1].T, Qdot[:-1].T, u.T)).T
-        momentum = np.asarray(self.model.momentum(Q[[0, -1]].T, Qdot[[0, -1]].T)).T
-        energy = np.asarray(self.model.kinetic_energy(Q[[0, -1]].T, Qdot[[0, -1]].T)).ravel()
-        time = start + h * np.arange(M + 1)
-        return Ticks(time, X, F, momentum[1] - momentum[0], float(energy[1] - energy[0]))
+    def advance(self, start: float, x: np.ndarray, u: np.ndarray, disturbance: Disturbance | None = None) -> Ticks:
+        """Advance over len(u) ticks. External impulse and work are those of the exact motion."""
+        n, model = self.model.n, self.model
+        X = double_integrator(x, u, self.tick)
+        motion = X[:-1, :n].T, X[:-1, n:].T, u.T, model.nominal.vector
+        F = np.asarray(model.dynamics.inverse(*motion)).T
+        first, last = ((state[:n], state[n:]) for state in X[[0, -1]])
+        impulse = model.momentum(*last) - model.momentum(*first)
+        work = model.kinetic_energy(*last) - model.kinetic_energy(*first)
+        return Ticks(start + self.tick * np.arange(len(u) + 1), X, F, impulse, work)
 
 
 def double_integrator(x: np.ndarray, u: np.ndarray, tick: float) -> np.ndarray:

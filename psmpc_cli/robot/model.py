@@ -1,155 +1,175 @@
-"""A robot as CasADi functions: everything a controller, a plant or a figure asks about it."""
+"""The model of a robot: numeric methods for Python users, CasADi functions for optimization and simulation."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from psmpc_cli.errors import InputError
-from psmpc_cli.robot.bodies import Placement, place_planar
-from psmpc_cli.robot.dynamics import derive
-from psmpc_cli.robot.task_space import damped_acceleration, task_dynamics
+from psmpc_cli.native.functions import ArrayFunction
+from psmpc_cli.robot.bodies import InertialParameters, place_planar
+from psmpc_cli.robot.dynamics import Dynamics, derive_dynamics, function, solve_spd
+from psmpc_cli.specs.coordinates import labels
+from psmpc_cli.specs.load import load_robot as load_robot_spec
 from psmpc_cli.specs.robot import RobotSpec
 
 Array = NDArray[np.float64]
 
-LARGEST_CONDITION = 1e8
-"""Condition number of J_C from which on it counts as singular: half of double precision is lost in H_x."""
-
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """Kinematics and dynamics of one robot. Functions take and give columns and accept SX, MX and numbers.
+    """Kinematics and dynamics of one robot with generalized coordinates Q and velocities v = Qdot, both (n,).
+
+    A planar robot has Q = [x, y, theta of the base, joint angles arm by arm] [m, rad]. Numeric methods take and return
+    arrays; one model must not be called from several threads at once. Where a method takes `parameters`, they replace
+    the inertial parameters of the robot's description.
+
+    The CasADi functions take and return columns and accept SX, MX and numbers.
 
     Attributes:
-        spec: What it was built from.
-        n: Number of generalized coordinates Q = [p_b; q].
+        spec: The robot's description.
+        n: Number of generalized coordinates.
         m: Number of pose coordinates xi.
         dimension: Number of position coordinates of a pose; its further rows are angles.
-        bodies: Number of rigid bodies.
-        parts: Rows of Q by part: base, then the arms in order.
-        poses: Rows of xi by frame: base, then the arms' end-effectors.
+        parts: Rows of Q by part: `base`, then the arms in order.
+        pose_rows: Rows of xi by frame: `base`, then the end-effectors of the arms.
         g: Q -> xi (m,) [m, rad]. Paper eq. (1).
         J_C: Q -> (m, n), d xi / d Q. Paper eq. (2).
-        J_B: Q -> (m, base coordinates), the columns of J_C for the base. Paper eq. (2).
-        J_M: Q -> (m, joints), the columns of J_C for the joints. Paper eq. (2).
         Jdot_Qdot: Q, Qdot -> Jdot_C Qdot (m,), the acceleration of xi at Qddot = 0.
-        H: Q -> (n, n) [kg, kg m, kg m^2]. Paper eq. (3).
-        C_Qdot: Q, Qdot -> C Qdot (n,) [N, N m]. Below paper eq. (3).
-        inverse_dynamics: Q, Qdot, Qddot -> F (n,) [N, N m]. Paper eq. (3).
-        low_level: Q, Qdot, u -> F (n,) [N, N m], the computed-torque law. Paper eq. (7).
-        forward_dynamics: Q, Qdot, F -> Qddot (n,) [m/s^2, rad/s^2]. Paper eq. (3).
-        kinetic_energy: Q, Qdot -> T, scalar [J].
-        momentum: Q, Qdot -> linear (x, y) [N s] and angular about the inertial origin [N m s], (3,).
+        dynamics: The equations of motion.
         f_1: x, u -> xdot (2n,), x = [Q; Qdot], u = Qddot. Paper eq. (8).
         f_2: x, u -> xdot (2n,), x = [Q; Qdot], u = acceleration of xi (m,), by the damped inverse of J_C.
         outline: Q -> joint positions of all arms, shoulder to tip, arm by arm, (2, points) [m].
-        task_terms: H_x and C_x; empty where J_C is not square.
     """
 
     spec: RobotSpec
     n: int
     m: int
     dimension: int
-    bodies: int
     parts: dict[str, slice]
-    poses: dict[str, slice]
+    pose_rows: dict[str, slice]
     g: ca.Function
     J_C: ca.Function
-    J_B: ca.Function
-    J_M: ca.Function
     Jdot_Qdot: ca.Function
-    H: ca.Function
-    C_Qdot: ca.Function
-    inverse_dynamics: ca.Function
-    low_level: ca.Function
-    forward_dynamics: ca.Function
-    kinetic_energy: ca.Function
-    momentum: ca.Function
+    dynamics: Dynamics
     f_1: ca.Function
     f_2: ca.Function
     outline: ca.Function
-    task_terms: Mapping[str, ca.Function]
 
-    def check_square(self) -> None:
-        """Make sure that J_C is square, as eq. (6) needs it.
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the generalized coordinates, (n,): `base.x`, ..., `arm_1.1`, ..."""
+        return labels(self.spec, "joint")
 
-        Raises:
-            InputError: It is not.
-        """
-        if self.m != self.n:
-            base = self.parts["base"].stop
-            others = [f"{name} has {len(arm.links)}" for name, arm in self.spec.arms.items() if len(arm.links) != base]
-            raise InputError(
-                f"J_C of robot '{self.spec.name}' is {self.m} x {self.n}, but H_x and C_x need it square: "
-                f"expected {base} joints an arm; {', '.join(others)}"
-            )
+    @cached_property
+    def nominal(self) -> InertialParameters:
+        """Inertial parameters of the robot's description, with empty grippers."""
+        return InertialParameters.nominal(self.spec)
 
-    def _task_term(self, name: str) -> ca.Function:
-        """H_x or C_x; raises InputError if J_C is not square."""
-        self.check_square()
-        return self.task_terms[name]
+    def poses(self, Q: ArrayLike) -> Array:
+        """Return the pose (x, y, angle) [m, m, rad] of the base and of each end-effector in order, (frames, 3)."""
+        return self._evaluate("g", Q).reshape(len(self.pose_rows), -1)
 
-    H_x = property(lambda self: self._task_term("H_x"), doc="Q -> (m, m), task-space inertia. Paper eqs. (5), (6).")
-    C_x = property(lambda self: self._task_term("C_x"), doc="Q, Qdot -> (m,), task-space C Qdot. Paper eqs. (5), (6).")
+    def mass_matrix(self, Q: ArrayLike, parameters: InertialParameters | None = None) -> Array:
+        """Return H(Q), (n, n) [kg, kg m, kg m^2]. Paper eq. (3)."""
+        return self._evaluate("H", Q, self._w(parameters))
+
+    def bias(self, Q: ArrayLike, v: ArrayLike, parameters: InertialParameters | None = None) -> Array:
+        """Return the Coriolis and centrifugal forces C(Q, v) v, (n,) [N, N m]. Below paper eq. (3)."""
+        return self.inverse_dynamics(Q, v, 0.0, parameters)
+
+    def inverse_dynamics(
+        self, Q: ArrayLike, v: ArrayLike, vdot: ArrayLike, parameters: InertialParameters | None = None
+    ) -> Array:
+        """Return the generalized force F = H vdot + C v, (n,) [N, N m], of accelerations vdot (n,). Paper eq. (3)."""
+        return self._evaluate("inverse", Q, v, vdot, self._w(parameters)).ravel()
+
+    def forward_dynamics(
+        self, Q: ArrayLike, v: ArrayLike, F: ArrayLike, parameters: InertialParameters | None = None
+    ) -> Array:
+        """Return the accelerations H^-1 (F - C v), (n,) [m/s^2, rad/s^2], under a generalized force F (n,)."""
+        return self._evaluate("forward", Q, v, F, self._w(parameters)).ravel()
+
+    def momentum(self, Q: ArrayLike, v: ArrayLike, parameters: InertialParameters | None = None) -> Array:
+        """Return linear momentum (x, y) [N s] and angular momentum about the inertial origin [N m s], (3,)."""
+        return self._evaluate("momentum", Q, v, self._w(parameters)).ravel()
+
+    def kinetic_energy(self, Q: ArrayLike, v: ArrayLike, parameters: InertialParameters | None = None) -> float:
+        """Return the kinetic energy [J]."""
+        return float(self._evaluate("kinetic_energy", Q, v, self._w(parameters)).item())
+
+    def _evaluate(self, name: str, *arguments: ArrayLike) -> Array:
+        """Return the result of a CasADi function, its columns as rows."""
+        return self._numeric[name](*arguments)[0]
+
+    def _w(self, parameters: InertialParameters | None) -> Array:
+        return self._nominal_vector if parameters is None else parameters.vector
+
+    @cached_property
+    def _nominal_vector(self) -> Array:
+        return self.nominal.vector
+
+    @cached_property
+    def _numeric(self) -> dict[str, ArrayFunction]:
+        """The CasADi functions on arrays, by name."""
+        motion = self.dynamics
+        functions = (self.g, motion.H, motion.inverse, motion.forward, motion.momentum, motion.kinetic_energy)
+        return {each.name(): ArrayFunction(each) for each in functions}
+
+
+def load_robot(reference: str | Path) -> RobotModel:
+    """Load the model of a robot.
+
+    Args:
+        reference: Path of a robot file, or the name of a built-in robot.
+
+    Raises:
+        SpecError: The file does not describe a robot; the message has all its errors with their positions.
+    """
+    return build_model(load_robot_spec(reference).spec)
 
 
 def build_model(spec: RobotSpec, damping: float = 1e-2) -> RobotModel:
-    """Build the functions of a planar robot.
+    """Build the model of a planar robot.
 
     Args:
         spec: The robot.
-        damping: Of the inverse of J_C in f_2. Along a singular value sigma of J_C it takes damping^2 / (sigma^2 +
-            damping^2) off the xi-acceleration asked for, and a unit of that never makes more than 1 / (2 damping) of
-            Qddot.
+        damping: Of the inverse of J_C in f_2. Along a singular value sigma of J_C it reduces the commanded
+            xi-acceleration by damping^2 / (sigma^2 + damping^2); one unit of xi-acceleration never gives more than
+            1 / (2 damping) of Qddot.
     """
     n = sum(spec.parts.values())
-    Q, Qdot, Qddot, F = (ca.SX.sym(name, n) for name in ("Q", "Qdot", "Qddot", "F"))
+    Q, Qdot, Qddot = (ca.SX.sym(name, n) for name in ("Q", "Qdot", "Qddot"))
     placed = place_planar(spec, Q)
-    parts = _rows(spec.parts)
     frames = {name: frame.pose() for name, frame in placed.frames.items()}
-    xi = ca.vertcat(*frames.values())
-    u_xi, base = ca.SX.sym("u", xi.numel()), parts["base"].stop
+    xi, x = ca.vertcat(*frames.values()), ca.vertcat(Q, Qdot)
+    u_xi = ca.SX.sym("u", xi.numel())
+    points = (frame.position for arm in placed.points.values() for frame in arm)
     J_C = ca.jacobian(xi, Q)
     Jdot_Qdot = ca.jtimes(J_C @ Qdot, Q, Qdot)
-    motion = derive(placed.bodies, Q, Qdot, Qddot, F)
-    task = task_dynamics(motion.H, motion.C_Qdot, J_C, Jdot_Qdot) if xi.numel() == n else ()
-    x = ca.vertcat(Q, Qdot)
+    damped = _damped_acceleration(J_C, Jdot_Qdot, u_xi, damping)
     return RobotModel(
         spec=spec,
         n=n,
         m=xi.numel(),
         dimension=placed.frames["base"].position.numel(),
-        bodies=len(placed.bodies),
-        parts=parts,
-        poses=_rows({name: pose.numel() for name, pose in frames.items()}),
-        g=_function("g", {"Q": Q}, {"xi": xi}),
-        J_C=_function("J_C", {"Q": Q}, {"J_C": ca.densify(J_C)}),
-        J_B=_function("J_B", {"Q": Q}, {"J_B": ca.densify(J_C[:, :base])}),
-        J_M=_function("J_M", {"Q": Q}, {"J_M": ca.densify(J_C[:, base:])}),
-        Jdot_Qdot=_function("Jdot_Qdot", {"Q": Q, "Qdot": Qdot}, {"Jdot_Qdot": ca.densify(Jdot_Qdot)}),
-        H=_function("H", {"Q": Q}, {"H": motion.H}),
-        C_Qdot=_function("C_Qdot", {"Q": Q, "Qdot": Qdot}, {"C_Qdot": ca.densify(motion.C_Qdot)}),
-        inverse_dynamics=_function("inverse_dynamics", {"Q": Q, "Qdot": Qdot, "Qddot": Qddot}, {"F": motion.inverse}),
-        low_level=_function("low_level", {"Q": Q, "Qdot": Qdot, "u": Qddot}, {"F": motion.inverse}),
-        forward_dynamics=_function("forward_dynamics", {"Q": Q, "Qdot": Qdot, "F": F}, {"Qddot": motion.forward}),
-        kinetic_energy=_function("kinetic_energy", {"Q": Q, "Qdot": Qdot}, {"T": motion.kinetic_energy}),
-        momentum=_function("momentum", {"Q": Q, "Qdot": Qdot}, {"p": motion.momentum}),
-        f_1=_function("f_1", {"x": x, "u": Qddot}, {"xdot": ca.vertcat(Qdot, Qddot)}),
-        f_2=_function(
-            "f_2",
-            {"x": x, "u": u_xi},
-            {"xdot": ca.vertcat(Qdot, damped_acceleration(J_C, Jdot_Qdot, u_xi, damping))},
-        ),
-        outline=_function("outline", {"Q": Q}, {"points": _points(placed)}),
-        task_terms=_task_terms(Q, Qdot, task),
+        parts=_rows(spec.parts),
+        pose_rows=_rows({name: pose.numel() for name, pose in frames.items()}),
+        g=function("g", {"Q": Q}, {"xi": xi}),
+        J_C=function("J_C", {"Q": Q}, {"J_C": ca.densify(J_C)}),
+        Jdot_Qdot=function("Jdot_Qdot", {"Q": Q, "Qdot": Qdot}, {"Jdot_Qdot": ca.densify(Jdot_Qdot)}),
+        dynamics=derive_dynamics(placed, Q, InertialParameters.nominal(spec).vector.size),
+        f_1=function("f_1", {"x": x, "u": Qddot}, {"xdot": ca.vertcat(Qdot, Qddot)}),
+        f_2=function("f_2", {"x": x, "u": u_xi}, {"xdot": ca.vertcat(Qdot, damped)}),
+        outline=function("outline", {"Q": Q}, {"points": ca.horzcat(*points)}),
     )
 
 
 def arm_points(model: RobotModel, Q: ArrayLike) -> dict[str, Array]:
-    """Each arm's polyline of joint positions, from the shoulder to the tip, at Q (n,) [m, rad].
+    """Compute the joint positions of each arm, from shoulder to tip, at Q (n,) [m, rad].
 
     Returns:
         By arm name, (links + 1, 2) [m] in the inertial frame.
@@ -170,79 +190,30 @@ class AngleRows:
 
 
 def angle_rows(model: RobotModel) -> AngleRows:
-    """Rows of the unwrapped angles. Joint angles are not among them: their limits tell equivalents apart."""
-    xi = (row for rows in model.poses.values() for row in range(rows.start + model.dimension, rows.stop))
+    """Return the rows of the unwrapped angles; joint angles are not among them, as their limits tell turns apart."""
+    xi = (row for rows in model.pose_rows.values() for row in range(rows.start + model.dimension, rows.stop))
     return AngleRows(tuple(range(model.dimension, model.parts["base"].stop)), tuple(xi))
 
 
 def nearest_equivalent(angle: ArrayLike, target: ArrayLike) -> Array:
-    """Of all angles equivalent to `target` [rad], the one nearest to `angle` [rad]; both of the same shape."""
+    """Return the angle equivalent to `target` [rad] that is nearest to `angle` [rad]; both of the same shape."""
     target = np.asarray(target, dtype=float)
     return np.asarray(target + 2 * np.pi * np.round((np.asarray(angle, dtype=float) - target) / (2 * np.pi)))
 
 
-def task_inertia(model: RobotModel, Q: ArrayLike) -> Array:
-    """H_x at Q (n,) [m, rad], (m, m) [kg, kg m, kg m^2]. Paper eq. (6).
+def _damped_acceleration(J_C: ca.SX, Jdot_Qdot: ca.SX, u: ca.SX, damping: float) -> ca.SX:
+    """Return Qddot (n,) that accelerates the poses with u (m,), by the damped inverse of J_C (m, n).
 
-    Raises:
-        InputError: J_C is not square, or singular at Q.
+    Solves (J_C' J_C + damping^2 I) Qddot = J_C' (u - Jdot_C Qdot), which is defined at singular J_C too.
     """
-    _check_invertible(model, Q)
-    return np.asarray(model.H_x(np.asarray(Q, dtype=float)).full())
-
-
-def task_coriolis(model: RobotModel, Q: ArrayLike, Qdot: ArrayLike) -> Array:
-    """C_x at Q (n,) [m, rad] and Qdot (n,) [m/s, rad/s], (m,) [N, N m]. Paper eq. (6).
-
-    Raises:
-        InputError: J_C is not square, or singular at Q.
-    """
-    _check_invertible(model, Q)
-    return np.asarray(model.C_x(np.asarray(Q, dtype=float), np.asarray(Qdot, dtype=float)).full()).ravel()
-
-
-def _check_invertible(model: RobotModel, Q: ArrayLike) -> None:
-    """Make sure that J_C has an inverse at Q (n,); InputError if not."""
-    model.check_square()
-    Q = np.asarray(Q, dtype=float)
-    J_C = model.J_C(Q).full()
-    condition = np.linalg.cond(J_C)
-    if _is_singular(J_C):
-        arms = [arm for arm in model.spec.arms if _is_singular(J_C[model.poses[arm], model.parts[arm]])]
-        raise InputError(
-            f"J_C of robot '{model.spec.name}' is singular at Q = {Q.tolist()}, because of "
-            f"{', '.join(arms) or 'its scaling'}: its condition number is {condition:.2g}; "
-            f"H_x and C_x need it below {LARGEST_CONDITION:.0e}"
-        )
-
-
-def _is_singular(J: Array) -> bool:
-    """Whether J (rows, columns) has too few columns for independent rows, or is too ill-conditioned for that."""
-    return J.shape[1] < J.shape[0] or not np.linalg.cond(J) < LARGEST_CONDITION
+    normal = J_C.T @ J_C + damping**2 * ca.SX.eye(J_C.shape[1])
+    return solve_spd(normal, J_C.T @ (u - Jdot_Qdot))
 
 
 def _rows(sizes: Mapping[str, int]) -> dict[str, slice]:
-    """Consecutive slices of the given sizes."""
+    """Return consecutive slices of the given sizes."""
     rows, first = {}, 0
     for name, size in sizes.items():
         rows[name] = slice(first, first + size)
         first += size
     return rows
-
-
-def _points(placed: Placement) -> ca.SX:
-    """Positions of all arms' points side by side, (2, points)."""
-    return ca.horzcat(*(frame.position for arm in placed.points.values() for frame in arm))
-
-
-def _task_terms(Q: ca.SX, Qdot: ca.SX, terms: tuple[ca.SX, ...]) -> dict[str, ca.Function]:
-    """H_x and C_x as functions; none without `terms`."""
-    inputs = ({"Q": Q}, {"Q": Q, "Qdot": Qdot})
-    names = ("H_x", "C_x")
-    return {name: _function(name, given, {name: term}) for name, given, term in zip(names, inputs, terms, strict=False)}
-
-
-def _function(name: str, inputs: Mapping[str, ca.SX], outputs: Mapping[str, ca.SX]) -> ca.Function:
-    """A function with named inputs and outputs, common subexpressions computed once."""
-    expressions = ca.cse(list(outputs.values()))
-    return ca.Function(name, list(inputs.values()), expressions, list(inputs), list(outputs))

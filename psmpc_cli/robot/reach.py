@@ -1,19 +1,25 @@
-"""Whether an arm can reach a pose from a given base pose, joint limits included."""
+"""Whether an arm can reach a pose from a given base pose within its joint limits: planar inverse kinematics."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.robot.inverse import Chain, annulus, configuration, wrist_of
+from psmpc_cli.native.functions import ArrayFunction
+from psmpc_cli.robot.bodies import PlanarFrame, place_arm
 from psmpc_cli.specs.robot import Arm, RobotSpec
 
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-3
-"""By how much a reachable pose may be missed [m, rad]: targets are written with a few digits."""
+"""Largest error of a reached pose [m, rad]: targets are written with a few digits."""
+
+STARTS, SEED = 48, 0
+"""Number of starts of the search, and the seed of the random ones."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +33,8 @@ class Reach:
         outer: Largest such distance [m].
         full_reach: Length of the stretched arm [m].
         within_annulus: Whether the last joint lies between `inner` and `outer`: reachable but for joint limits.
-        reachable: Whether some configuration within the joint limits takes the pose, its angle modulo 2 pi. With more
-            than three links it is searched for: True is certain, False is not.
+        reachable: Whether a configuration within the joint limits takes the pose, its angle modulo 2 pi. Without
+            `within_annulus` there is none; otherwise it is searched for: True is certain, False is not.
         configuration: Such joint angles (links,) [rad]; None if not reachable.
     """
 
@@ -43,10 +49,10 @@ class Reach:
 
 
 def reach_of(robot: RobotSpec, arm: str, base_pose: Sequence[float], pose: Sequence[float]) -> Reach:
-    """Find out whether `arm` reaches `pose` with the base at `base_pose`.
+    """Compute whether `arm` reaches `pose` with the base at `base_pose`.
 
     Args:
-        robot: The robot, whose position limits of the arm count.
+        robot: The robot, with position limits of the arm.
         arm: Name of the arm.
         base_pose: (x, y, angle), (3,) [m, m, rad].
         pose: Of the end-effector, (x, y, angle), (3,) [m, m, rad].
@@ -54,15 +60,18 @@ def reach_of(robot: RobotSpec, arm: str, base_pose: Sequence[float], pose: Seque
     Raises:
         InputError: The robot has no such arm, or a pose has not three numbers.
     """
-    part = _arm(robot, arm)
+    if arm not in robot.arms:
+        raise InputError(f"robot '{robot.name}' has no arm '{arm}'; it has {', '.join(robot.arms)}")
+    part, base, target = robot.arms[arm], _pose("base_pose", base_pose), _pose("pose", pose)
     lengths = np.array([link.a + link.b for link in part.links])
-    tip = _in_shoulder_frame(part, _pose("base_pose", base_pose), _pose("pose", pose))
-    inner, outer = annulus(lengths[:-1])
-    wrist_distance = float(np.hypot(*wrist_of(lengths, tip)))
+    inner, outer = _annulus(lengths[:-1])
+    shoulder = PlanarFrame(ca.DM(base[:2]), base[2]).moved(*part.mount.position).position
+    tip = PlanarFrame(ca.DM(target[:2]), target[2] - part.tool.angle)
+    wrist_distance = float(ca.norm_2(tip.moved(-lengths[-1]).position - shoulder))
     within = inner - TOLERANCE <= wrist_distance <= outer + TOLERANCE
-    q = configuration(Chain(lengths, *_joint_limits(robot, arm)), tip, TOLERANCE) if within else None
+    q = _configuration(part, base, target, *_joint_limits(robot, arm)) if within else None
     return Reach(
-        distance=float(np.hypot(*tip[:2])),
+        distance=float(ca.norm_2(tip.position - shoulder)),
         wrist_distance=wrist_distance,
         inner=inner,
         outer=outer,
@@ -73,28 +82,58 @@ def reach_of(robot: RobotSpec, arm: str, base_pose: Sequence[float], pose: Seque
     )
 
 
-def _in_shoulder_frame(arm: Arm, base: Array, pose: Array) -> Array:
-    """Pose of the last link's end, seen from the shoulder, (3,) [m, m, rad]."""
-    heading = base[2] + arm.mount.angle
-    offset = pose[:2] - base[:2] - _rotation(base[2]) @ np.array(arm.mount.position)
-    return np.array([*(_rotation(heading).T @ offset), pose[2] - arm.tool.angle - heading])
+def _annulus(lengths: Array) -> tuple[float, float]:
+    """Return the least and largest distance [m] that links of these lengths, freely jointed, span."""
+    if not lengths.size:
+        return 0.0, 0.0
+    return max(0.0, float(2 * lengths.max() - lengths.sum())), float(lengths.sum())
 
 
-def _rotation(angle: float) -> Array:
-    """Of a frame at `angle` [rad], (2, 2)."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s], [s, c]])
+def _configuration(arm: Arm, base: Array, pose: Array, low: Array, high: Array) -> Array | None:
+    """Search for joint angles (links,) [rad] within the limits that take a pose, starting near zero; None if not found.
+
+    Bounded least squares on the error of the pose, from several starts. Paper eq. (1).
+    """
+    q = ca.SX.sym("q", len(arm.links))
+    xi = place_arm(arm, PlanarFrame(ca.SX(base[:2]), ca.SX(base[2])), q).frames["tool"].pose()
+    evaluate = ArrayFunction(ca.Function("tip", [q], [xi, ca.densify(ca.jacobian(xi, q))]))
+
+    def error(q: Array) -> Array:
+        missed: Array = evaluate(q)[0][0] - pose
+        missed[2] -= 2 * np.pi * np.round(missed[2] / (2 * np.pi))
+        return missed
+
+    def slope(q: Array) -> Array:
+        return evaluate(q)[1].T
+
+    bounds = low, np.maximum(high, low + 1e-9)  # least_squares needs room between them
+    for start in _starts(low, high):
+        found = least_squares(error, start, slope, bounds, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=100)
+        angles = _nearest_zero(found.x, low, high)
+        missed = error(angles)
+        if np.hypot(*missed[:2]) <= TOLERANCE and abs(missed[2]) <= TOLERANCE:
+            return angles
+    return None
 
 
-def _arm(robot: RobotSpec, name: str) -> Arm:
-    """The arm of that name."""
-    if name not in robot.arms:
-        raise InputError(f"robot '{robot.name}' has no arm '{name}'; it has {', '.join(robot.arms)}")
-    return robot.arms[name]
+def _starts(low: Array, high: Array) -> Iterator[Array]:
+    """Give the joint angles nearest to zero, then random ones within one turn of each joint."""
+    yield np.clip(0.0, low, high)
+    random = np.random.default_rng(SEED)
+    first = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high - 2 * np.pi, -np.pi))
+    for _ in range(STARTS - 1):
+        yield random.uniform(first, np.minimum(high, first + 2 * np.pi))
+
+
+def _nearest_zero(q: Array, low: Array, high: Array) -> Array:
+    """Return the equivalent of each angle (links,) that is nearest to zero within its limits."""
+    q = np.clip(q, low, high)
+    turned = q - 2 * np.pi * np.round(q / (2 * np.pi))
+    return np.where((turned >= low) & (turned <= high), turned, q)
 
 
 def _pose(name: str, values: Sequence[float]) -> Array:
-    """Three numbers."""
+    """Return three numbers as an array."""
     pose = np.asarray(values, dtype=float)
     if pose.shape != (3,):
         raise InputError(f"{name} is {list(values)}, but three numbers (x, y, angle) are expected")
@@ -102,7 +141,7 @@ def _pose(name: str, values: Sequence[float]) -> Array:
 
 
 def _joint_limits(robot: RobotSpec, arm: str) -> tuple[Array, Array]:
-    """Lowest and highest joint angles of an arm, (links,) [rad] each; infinite where there are none."""
+    """Return the lowest and highest joint angles of an arm, (links,) [rad] each; infinite where there are none."""
     own, all_arms = robot.limits.get(arm), robot.limits.get("arms")
     position = (own and own.position) or (all_arms and all_arms.position)
     if not position:

@@ -77,7 +77,7 @@ def _final(experiment: Experiment, noisy: bool, ending: Ending) -> dict[str, np.
     """Return time, state and poses at the end; with noise the state is the measured one, the true one beside it."""
     states = {"": ending.x, "_true": ending.true} if noisy else {"": ending.x}
     time = np.array(ending.time)
-    found = {"time": time, "end_time": time, "xi": experiment.quantities.poses(ending.true)}
+    found = {"time": time, "end_time": time, "xi": experiment.model.poses(ending.true[: experiment.model.n]).ravel()}
     for of, x in states.items():
         found |= dict(zip((f"Q{of}", f"Qdot{of}"), np.split(x, 2), strict=True))
     return found

@@ -11,7 +11,7 @@ from psmpc_cli.logs.record import LevelsRecord, Record, SolveRecord, TickRecord
 from psmpc_cli.ocp.stage_integrals import stage_integrals
 from psmpc_cli.ocp.window import SHORTEST
 from psmpc_cli.plant import Ticks
-from psmpc_cli.plant.payload import Contact
+from psmpc_cli.plant.uncertainty import Contact
 from psmpc_cli.simulation.end_error import end_error
 from psmpc_cli.simulation.setup import Experiment
 
@@ -88,7 +88,7 @@ def measure(experiment: Experiment, decision: Decision, sample: Sample) -> Recor
         Qdot=seen[n:],
         u=u[0],
         F=ticks.F[0],
-        xi=experiment.quantities.poses(x),
+        xi=experiment.model.poses(x[:n]).ravel(),
         window_first=decision.sequence.first,
         instants=decision.sequence.instants,
         nadir=decision.solved.window.scale[: decision.sequence.count],

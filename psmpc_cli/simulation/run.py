@@ -18,7 +18,7 @@ from psmpc_cli.logs.read import read_log
 from psmpc_cli.logs.record import Record
 from psmpc_cli.logs.write import Header, LogWriter, write_monitors
 from psmpc_cli.ocp.stages import Stage
-from psmpc_cli.robot.inertial import body_names
+from psmpc_cli.robot.bodies import body_names
 from psmpc_cli.simulation.checkpoint import Checkpoint
 from psmpc_cli.simulation.loop import Ending, simulate
 from psmpc_cli.simulation.monitors import verdicts
@@ -111,7 +111,7 @@ def write_records(
         raise
     clock.hand_over(tuple((switch.stage, switch.time) for switch in ending.switches))
     writer.update_stages(clock.times)
-    xi = experiment.quantities.poses(ending.true)
+    xi = experiment.model.poses(ending.true[: experiment.model.n]).ravel()
     writer.finish(ending.completed, ending.reason, ending.time, ending.x, xi, ending.true)
     return ending
 

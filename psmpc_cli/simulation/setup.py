@@ -12,10 +12,9 @@ from psmpc_cli.control.window_solver import WindowSolver
 from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.stages import Stage, build_stages
 from psmpc_cli.plant import Plant, build_plant
+from psmpc_cli.plant.uncertainty import Uncertainty
 from psmpc_cli.robot.model import RobotModel, build_model
-from psmpc_cli.robot.quantities import Quantities
-from psmpc_cli.simulation.compiling import compiled_in_force
-from psmpc_cli.simulation.uncertainty import Uncertainty, disturbs
+from psmpc_cli.simulation.compiling import compile_for
 from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec, TaskSpec
@@ -35,7 +34,6 @@ class Experiment:
     model: RobotModel
     stages: tuple[Stage, ...]
     costs: StageCosts
-    quantities: Quantities
     controller: SwitchingController
     aside: WindowsAside
     observer: OnsetObserver
@@ -54,22 +52,21 @@ def build_experiment(loaded: Task) -> Experiment:
     """Return the experiment a task describes."""
     task, model = loaded.spec, build_model(loaded.robot)
     stages, costs = build_stages(task, loaded.robot, model), StageCosts(model)
-    compiled = compiled_in_force(task, model, stages)
+    compiled = compile_for(task, model, stages)
     windows = WindowSolver(task.model_copy(update={"solver": _solver_in_force(task, compiled)}), model, costs)
     controller = build_controller(task.controller, stages, windows)
-    aside, quantities = WindowsAside(controller), Quantities(model)
+    aside, uncertainty = WindowsAside(controller), Uncertainty(task, model)
     Qdot = stack(task.initial_velocity, loaded.robot, "joint") if task.initial_velocity else np.zeros(model.n)
     return Experiment(
         loaded=loaded,
         model=model,
         stages=stages,
         costs=costs,
-        quantities=quantities,
         controller=controller,
         aside=aside,
         observer=OnsetObserver(aside, task.onset),
-        plant=build_plant(task.plant, model, compiled and not disturbs(task)),
-        uncertainty=Uncertainty(task, model, quantities, compiled),
+        plant=build_plant(task.plant, model, compiled, uncertainty.resistance),
+        uncertainty=uncertainty,
         x0=np.r_[stack(task.initial, loaded.robot, "joint"), Qdot],
         compiled=compiled,
     )

@@ -6,7 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from psmpc_cli import __version__
-from psmpc_cli.native.compiler import CompilationError, find_compiler
+from psmpc_cli.native.library import CompilationError, compiler_macros, find_compiler
 
 PROCESSORS = Path("/proc/cpuinfo")
 """Where Linux says what its processors are."""
@@ -41,7 +41,7 @@ def processor(listed: Path = PROCESSORS) -> str | None:
 def compiler() -> str | None:
     """Return the C compiler that makes the compiled code, by name and version."""
     try:
-        macros = find_compiler().identity(())
+        macros = compiler_macros(find_compiler())
     except CompilationError:
         return None
     found = dict(line.split(maxsplit=2)[1:] for line in macros.splitlines() if len(line.split(maxsplit=2)) == 3)

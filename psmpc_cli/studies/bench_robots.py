@@ -88,4 +88,4 @@ def _poses(robot: Mapping[str, Data], names: list[str], joints: int) -> dict[str
     model = build_model(RobotSpec.model_validate(robot))
     Q = np.r_[BASE_GOAL, np.full(len(names) * joints, BENT / joints)]
     xi = np.asarray(model.g(Q)).ravel()
-    return {part: [float(value) for value in xi[rows]] for part, rows in model.poses.items()}
+    return {part: [float(value) for value in xi[rows]] for part, rows in model.pose_rows.items()}

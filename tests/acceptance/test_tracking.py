@@ -43,7 +43,7 @@ def errors(tracked: Run) -> tuple[np.ndarray, np.ndarray]:
 def test_trajectory_is_followed(tracked: Run) -> None:
     since, error = errors(tracked)
     assert len(since) >= 160
-    distance = {name: np.hypot(*error[:, rows][:, :2].T) for name, rows in tracked[0].model.poses.items()}
+    distance = {name: np.hypot(*error[:, rows][:, :2].T) for name, rows in tracked[0].model.pose_rows.items()}
     rms = {name: float(np.sqrt(np.mean(values**2))) for name, values in distance.items()}
     assert rms["arm_1"] < 3e-3
     assert rms["arm_2"] < 0.01

@@ -132,7 +132,7 @@ def _record(model: RobotModel, time: float, story: Story) -> Record:
         Q=Q + blur,
         Qdot=Qdot + blur,
         u=u,
-        F=np.asarray(model.low_level(Q, Qdot, u)).ravel(),
+        F=model.inverse_dynamics(Q, Qdot, u),
         xi=_poses(model, Q),
         window_first=first,
         instants=instants,
@@ -167,5 +167,5 @@ def _shares(first: int, time: float, instants: np.ndarray) -> dict[int, float]:
 def _ticks(model: RobotModel, time: float, story: Story) -> TickRecord:
     times = time + np.array([0.0, story.sample / 2])
     motions = [_motion(float(tick), story) for tick in times]
-    F = np.array([np.asarray(model.low_level(*motion)).ravel() for motion in motions])
+    F = np.array([model.inverse_dynamics(*motion) for motion in motions])
     return TickRecord(times, np.array([m[0] for m in motions]), np.array([m[1] for m in motions]), F)

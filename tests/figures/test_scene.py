@@ -8,7 +8,7 @@ from psmpc_cli.figures.object_motion import object_pose
 from psmpc_cli.figures.robot_drawing import View
 from psmpc_cli.figures.run import Run
 from psmpc_cli.figures.scene import ELEVATION, FIELD_OF_VIEW, camera_on, scene_of
-from psmpc_cli.robot.mjcf import mjcf
+from psmpc_cli.robot.mujoco_model import mujoco_spec
 
 Load = Callable[..., Run]
 
@@ -36,9 +36,8 @@ def test_what_is_seen_is_what_ran(run: Run) -> None:
 
 
 def test_bodies_to_look_at_leave_the_physics_alone(run: Run) -> None:
-    plain, dressed = (
-        mujoco.MjModel.from_xml_string(text) for text in (mjcf(run.model.spec), scene_of(run, run.time).mjcf)
-    )
+    plain = mujoco_spec(run.model.spec).compile()
+    dressed = mujoco.MjModel.from_xml_string(scene_of(run, run.time).mjcf)
     for name in ("body_mass", "body_inertia", "body_ipos"):
         np.testing.assert_array_equal(getattr(plain, name), getattr(dressed, name)[: plain.nbody])
     assert dressed.ngeom > plain.ngeom == 0

@@ -1,4 +1,4 @@
-"""The adaptive integrator agrees with what is known of the motion, and with the plant in the limit of short steps."""
+"""The adaptive integrator agrees with known motions, and with the plant in the limit of short steps."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def test_momentum_changes_by_the_impulse_of_the_held_force(
     F = np.zeros((1, model.n))
     F[0, :2] = 3.0, -2.0
     after = physics.under_force(x, np.array([0.0, 0.2]), F).X[-1]
-    before, later = (np.asarray(model.momentum(z[: model.n], z[model.n :])).ravel() for z in (x, after))
+    before, later = (model.momentum(*np.split(z, 2)) for z in (x, after))
     np.testing.assert_allclose(later[:2] - before[:2], 0.2 * F[0, :2], atol=1e-9)
 
 

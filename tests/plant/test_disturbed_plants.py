@@ -1,38 +1,25 @@
-"""The two plants of an uncertain robot: each by the laws of physics, and by each other."""
+"""The disturbed plants: each by the laws of physics, and by each other."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 
-from psmpc_cli.plant.base import Ticks
-from psmpc_cli.plant.disturbance import Disturbance, DisturbedPlant, Resistance
-from psmpc_cli.plant.disturbed_mujoco import DisturbedMujocoPlant
-from psmpc_cli.plant.disturbed_rk4 import DisturbedRk4Plant
+from psmpc_cli.plant import Disturbance, Plant, Resistance, Ticks
+from psmpc_cli.plant.mujoco_plant import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
-from psmpc_cli.robot.inertial import Inertials, described, weigh
+from psmpc_cli.robot.bodies import InertialParameters
 from psmpc_cli.robot.model import RobotModel
 
 TICK, M = 1e-3, 60
-FREE = Resistance(np.zeros(9), np.zeros(9), 0.02, np.full(9, np.inf))
-ROUGH = replace(FREE, viscous=np.r_[np.zeros(3), np.full(6, 0.2)], coulomb=np.r_[np.zeros(3), np.full(6, 0.05)])
-PLANTS = (DisturbedRk4Plant, DisturbedMujocoPlant)
+FREE = Resistance.none(9)
+ROUGH = Resistance(np.r_[np.zeros(3), np.full(6, 0.2)], np.r_[np.zeros(3), np.full(6, 0.05)], 0.02, FREE.largest)
+PLANTS = (Rk4Plant, MujocoPlant)
 
 
-@pytest.fixture(autouse=True)
-def own_warnings() -> Iterator[None]:
-    """A plant says where MuJoCo's warnings go; put that back."""
-    before = mujoco.get_mju_user_warning()
-    yield
-    mujoco.set_mju_user_warning(before)
-
-
-@pytest.fixture
-def x() -> np.ndarray:
-    random = np.random.default_rng(3)
-    return np.r_[0.3, -0.2, 0.5, 0.4 * random.standard_normal(6), 0.1 * random.standard_normal(9)]
+def build(plant: type, model: RobotModel, resistance: Resistance, substeps: int = 1) -> Plant:
+    built: Plant = plant(model, TICK, substeps, resistance=resistance)
+    return built
 
 
 @pytest.fixture
@@ -42,15 +29,14 @@ def u() -> np.ndarray:
 
 @pytest.fixture
 def nothing(model: RobotModel) -> Disturbance:
-    known = described(model.spec)
-    return Disturbance(known, known, np.zeros((M, 18)), np.zeros((M, 9)))
+    return Disturbance(model.nominal, model.nominal, np.zeros((M, 18)), np.zeros((M, 9)))
 
 
 @pytest.fixture
 def everything(model: RobotModel, nothing: Disturbance) -> Disturbance:
     """Other bodies, a payload, noise, and a push."""
     random, known = np.random.default_rng(9), nothing.robot
-    robot = Inertials(
+    robot = InertialParameters(
         known.mass * random.uniform(0.8, 1.2, 7),
         known.inertia * random.uniform(0.8, 1.2, 7),
         random.uniform(-0.02, 0.02, (7, 2)),
@@ -62,20 +48,20 @@ def everything(model: RobotModel, nothing: Disturbance) -> Disturbance:
     return replace(nothing, robot=robot, noise=1e-3 * random.standard_normal((M, 18)), push=push)
 
 
-def gained(model: RobotModel, weighed: Inertials, ticks: Ticks) -> np.ndarray:
+def gained(model: RobotModel, robot: InertialParameters, ticks: Ticks) -> np.ndarray:
     """Momentum and energy gained over a sample, less impulse and work (4,)."""
     before, after = (
-        np.concatenate([np.asarray(part).ravel() for part in weigh(model.spec).kept(x, weighed.vector)])
+        np.r_[model.momentum(*np.split(x, 2), robot), model.kinetic_energy(*np.split(x, 2), robot)]
         for x in ticks.X[[0, -1]]
     )
     return after - before - np.r_[ticks.impulse, ticks.work]
 
 
-@pytest.mark.parametrize("build", PLANTS)
+@pytest.mark.parametrize("plant", PLANTS)
 def test_without_a_disturbance_it_is_the_robot_the_controller_knows(
-    model: RobotModel, x: np.ndarray, u: np.ndarray, nothing: Disturbance, build: type
+    model: RobotModel, x: np.ndarray, u: np.ndarray, nothing: Disturbance, plant: type
 ) -> None:
-    ticks, known = build(model, TICK, FREE).advance(2.0, x, u, nothing), Rk4Plant(model, TICK).advance(2.0, x, u)
+    ticks, known = build(plant, model, FREE).advance(2.0, x, u, nothing), Rk4Plant(model, TICK).advance(2.0, x, u)
     np.testing.assert_allclose(ticks.X, known.X, atol=1e-12)
     np.testing.assert_allclose(ticks.F, known.F, atol=1e-9)
     np.testing.assert_array_equal(ticks.time, known.time)
@@ -84,9 +70,7 @@ def test_without_a_disturbance_it_is_the_robot_the_controller_knows(
 def test_compiled_is_interpreted_to_the_bit(
     model: RobotModel, x: np.ndarray, u: np.ndarray, everything: Disturbance
 ) -> None:
-    one, other = (
-        DisturbedRk4Plant(model, TICK, ROUGH, 1, native).advance(0.0, x, u, everything) for native in (False, True)
-    )
+    one, other = (Rk4Plant(model, TICK, 1, native, ROUGH).advance(0.0, x, u, everything) for native in (False, True))
     np.testing.assert_array_equal(one.X, other.X)
     np.testing.assert_array_equal(one.F, other.F)
 
@@ -94,7 +78,7 @@ def test_compiled_is_interpreted_to_the_bit(
 def test_the_engines_agree_on_other_bodies_with_a_payload(
     model: RobotModel, x: np.ndarray, u: np.ndarray, everything: Disturbance
 ) -> None:
-    one, other = (build(model, TICK, FREE).advance(0.0, x, u, everything) for build in PLANTS)
+    one, other = (build(plant, model, FREE).advance(0.0, x, u, everything) for plant in PLANTS)
     np.testing.assert_allclose(one.X, other.X, rtol=0, atol=1e-11)
     assert np.abs(one.X - Rk4Plant(model, TICK).advance(0.0, x, u).X).max() > 1e-3
 
@@ -104,64 +88,63 @@ def test_the_engines_differ_under_friction_by_the_step_it_is_held_for(
 ) -> None:
     apart = []
     for substeps in (1, 4):
-        one, other = (build(model, TICK, ROUGH, substeps).advance(0.0, x, u, everything) for build in PLANTS)
+        one, other = (build(plant, model, ROUGH, substeps).advance(0.0, x, u, everything) for plant in PLANTS)
         apart.append(np.abs(one.X - other.X).max())
     assert apart[1] < 0.5 * apart[0]
     assert apart[0] < 2e-3
 
 
 @pytest.mark.parametrize("resistance", [FREE, ROUGH], ids=["free", "rough"])
-@pytest.mark.parametrize("build", PLANTS)
+@pytest.mark.parametrize("plant", PLANTS)
 def test_momentum_changes_by_the_impulse_and_energy_by_the_work(
-    model: RobotModel, x: np.ndarray, u: np.ndarray, everything: Disturbance, build: type, resistance: Resistance
+    model: RobotModel, x: np.ndarray, u: np.ndarray, everything: Disturbance, plant: type, resistance: Resistance
 ) -> None:
-    plant: DisturbedPlant = build(model, TICK, resistance, 2)
-    ticks = plant.advance(0.0, x, u, everything)
+    ticks = build(plant, model, resistance, 2).advance(0.0, x, u, everything)
     np.testing.assert_allclose(gained(model, everything.robot, ticks), 0, atol=1e-8)
 
 
-@pytest.mark.parametrize("build", PLANTS)
+@pytest.mark.parametrize("plant", PLANTS)
 def test_friction_takes_energy_and_no_momentum(
-    model: RobotModel, x: np.ndarray, nothing: Disturbance, build: type
+    model: RobotModel, x: np.ndarray, nothing: Disturbance, plant: type
 ) -> None:
     """No force acts: the limits are as good as none."""
     still = replace(ROUGH, largest=np.full(9, 1e-12))
-    ticks = build(model, TICK, still).advance(0.0, x, np.zeros((M, 9)), nothing)
+    ticks = build(plant, model, still).advance(0.0, x, np.zeros((M, 9)), nothing)
     assert ticks.work < -1e-4
     np.testing.assert_allclose(ticks.impulse, 0, atol=1e-10)
     np.testing.assert_allclose(gained(model, nothing.robot, ticks), 0, atol=1e-9)
 
 
-@pytest.mark.parametrize("build", PLANTS)
+@pytest.mark.parametrize("plant", PLANTS)
 def test_a_push_over_one_tick_is_its_impulse(
-    model: RobotModel, x: np.ndarray, nothing: Disturbance, build: type
+    model: RobotModel, x: np.ndarray, nothing: Disturbance, plant: type
 ) -> None:
     push = np.zeros((M, 9))
     push[20, :3] = np.array([2.0, -1.0, 0.3]) / TICK
     still = replace(FREE, largest=np.full(9, 1e-12))
-    ticks = build(model, TICK, still).advance(0.0, x, np.zeros((M, 9)), replace(nothing, push=push))
+    ticks = build(plant, model, still).advance(0.0, x, np.zeros((M, 9)), replace(nothing, push=push))
     np.testing.assert_allclose(ticks.impulse[:2], [2, -1], atol=1e-9)
     assert ticks.impulse[2] == pytest.approx(0.3 - ticks.X[20, 0] - 2 * ticks.X[20, 1], abs=1e-3)
     assert np.abs(ticks.X[21, 9:] - ticks.X[20, 9:]).max() > 0.01
 
 
-@pytest.mark.parametrize("build", PLANTS)
+@pytest.mark.parametrize("plant", PLANTS)
 def test_forces_stay_within_their_limits(
-    model: RobotModel, x: np.ndarray, u: np.ndarray, everything: Disturbance, build: type
+    model: RobotModel, x: np.ndarray, u: np.ndarray, everything: Disturbance, plant: type
 ) -> None:
     largest = np.r_[2.0, 2.0, 0.1, np.full(6, 0.05)]
-    ticks = build(model, TICK, replace(FREE, largest=largest)).advance(0.0, x, u, everything)
+    ticks = build(plant, model, replace(FREE, largest=largest)).advance(0.0, x, u, everything)
     assert (np.abs(ticks.F) <= largest).all()
     assert (np.abs(ticks.F) == largest).any(axis=0).sum() >= 5
 
 
-@pytest.mark.parametrize("build", PLANTS)
+@pytest.mark.parametrize("plant", PLANTS)
 def test_the_law_reads_the_noise_and_the_bodies_do_not(
-    model: RobotModel, x: np.ndarray, u: np.ndarray, nothing: Disturbance, build: type
+    model: RobotModel, x: np.ndarray, u: np.ndarray, nothing: Disturbance, plant: type
 ) -> None:
     noisy = replace(nothing, noise=1e-2 * np.random.default_rng(0).standard_normal((M, 18)))
-    ticks, quiet = (build(model, TICK, FREE).advance(0.0, x, u, given) for given in (noisy, nothing))
+    ticks, quiet = (build(plant, model, FREE).advance(0.0, x, u, given) for given in (noisy, nothing))
     seen = x + noisy.noise[0]
-    np.testing.assert_allclose(ticks.F[0], np.asarray(model.low_level(seen[:9], seen[9:], u[0])).ravel(), atol=1e-12)
+    np.testing.assert_allclose(ticks.F[0], model.inverse_dynamics(seen[:9], seen[9:], u[0]), atol=1e-12)
     np.testing.assert_array_equal(ticks.X[0], quiet.X[0])
     assert np.abs(ticks.X - quiet.X).max() > 1e-7

@@ -1,42 +1,60 @@
-from functools import partial
+"""The undisturbed plants: each by the laws of physics, and by each other."""
 
-import casadi as ca
+import sys
+from functools import partial
+from pathlib import Path
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from psmpc_cli.errors import InputError
+from psmpc_cli.plant import build_plant
 from psmpc_cli.plant.ideal import IdealPlant
+from psmpc_cli.plant.mujoco_plant import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant, held_force
-from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.specs.task import PlantSpec
+
+from ..robot.strategies import State, laws, moving_robots
+
+TICK = 1e-3
 
 
 @pytest.fixture
-def x() -> np.ndarray:
-    random = np.random.default_rng(3)
-    return np.r_[0.3, -0.2, 0.5, 0.4 * random.standard_normal(6), 0.1 * random.standard_normal(9)]
+def u() -> np.ndarray:
+    """Two seconds of accelerations, rich in frequencies."""
+    return 0.5 * np.sin(np.outer(TICK * np.arange(2000), np.arange(1, 10)) + np.arange(9))
 
 
-def test_momentum_is_conserved_for_a_minute_without_base_force(model: RobotModel, x: np.ndarray) -> None:
+def change(model: RobotModel, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Return the change of the robot model's momentum and energy between two states (4,)."""
+    first, last = (
+        np.r_[model.momentum(*np.split(x, 2)), model.kinetic_energy(*np.split(x, 2))] for x in (before, after)
+    )
+    return last - first
+
+
+def test_momentum_is_conserved_without_base_force(model: RobotModel, x: np.ndarray) -> None:
     """Joint torques only, rich in frequencies; linear and angular momentum about the inertial origin."""
-    h, ticks, n = 1e-3, 60_000, model.n
-    time = h * np.arange(ticks)
+    ticks, n = 20_000, model.n
     F = np.zeros((n, ticks))
-    F[3:] = 0.05 * np.sin(np.outer(np.arange(1, 7), time) + np.arange(6)[:, None])
-    tick = held_force(model, h, 1)
-    Z = np.asarray(tick.mapaccum(ticks)(np.r_[x, np.zeros(4)], F))[:, 999::1000]
-    momentum = np.asarray(model.momentum(Z[:n], Z[n : 2 * n]))
-    start = np.asarray(model.momentum(x[:n], x[n:]))
+    F[3:] = 0.05 * np.sin(np.outer(np.arange(1, 7), TICK * np.arange(ticks)) + np.arange(6)[:, None])
+    Z = np.asarray(held_force(model, TICK, 1).mapaccum(ticks)(np.r_[x, np.zeros(4)], F))[:, 999::1000]
     assert np.abs(Z[3:n] - x[3:n, None]).max() > 0.1
-    assert np.abs(momentum - start).max() < 1e-9
+    assert max(np.abs(change(model, x, z[: 2 * n])[:3]).max() for z in Z.T) < 1e-9
 
 
-def test_energy_changes_by_the_work_and_momentum_by_the_impulse(model: RobotModel, x: np.ndarray) -> None:
-    u = np.tile(np.linspace(-0.5, 0.5, 9), (200, 1))
-    ticks = Rk4Plant(model, 1e-3).advance(0.0, x, u)
-    n, end = model.n, ticks.X[-1]
-    energy = float(model.kinetic_energy(end[:n], end[n:])) - float(model.kinetic_energy(x[:n], x[n:]))
-    momentum = np.asarray(model.momentum(end[:n], end[n:]) - model.momentum(x[:n], x[n:])).ravel()
-    assert energy == pytest.approx(ticks.work, abs=1e-10)
-    np.testing.assert_allclose(momentum, ticks.impulse, atol=1e-10)
+@given(moving_robots(most=3), st.integers(1, 3))
+@laws
+def test_momentum_changes_by_the_impulse_and_energy_by_the_work(state: State, substeps: int) -> None:
+    """For MuJoCo these are the robot model's momentum and energy at the states of an engine that knows neither."""
+    model, Q, v, u = state
+    x = np.r_[Q, 0.2 * v]
+    for build in (Rk4Plant, MujocoPlant):
+        ticks = build(model, TICK, substeps).advance(0.0, x, np.tile(0.2 * u, (50, 1)))
+        np.testing.assert_allclose(change(model, x, ticks.X[-1]), [*ticks.impulse, ticks.work], atol=1e-9)
 
 
 def test_computed_torque_makes_the_robot_follow_the_ideal_plant(model: RobotModel, x: np.ndarray) -> None:
@@ -44,22 +62,66 @@ def test_computed_torque_makes_the_robot_follow_the_ideal_plant(model: RobotMode
     errors = []
     for rate in (250, 1000):
         u = np.tile(np.linspace(-0.5, 0.5, 9), (rate // 5, 1))
-        plants = (plant(model, 1 / rate) for plant in (IdealPlant, Rk4Plant))
-        ideal, full = (plant.advance(0.0, x, u).X[-1] for plant in plants)
+        ideal, full = (plant(model, 1 / rate).advance(0.0, x, u).X[-1] for plant in (IdealPlant, Rk4Plant))
         errors.append(np.abs(ideal - full).max())
     assert errors[1] < 1e-4
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
 
 
-def test_finer_steps_do_not_change_the_motion(model: RobotModel, x: np.ndarray) -> None:
-    u = np.tile(np.linspace(-0.5, 0.5, 9), (100, 1))
-    coarse, fine = (Rk4Plant(model, 1e-3, substeps).advance(0.0, x, u).X[-1] for substeps in (1, 4))
-    np.testing.assert_allclose(coarse, fine, atol=1e-10)
-
-
-@pytest.mark.parametrize("build", [IdealPlant, partial(Rk4Plant, substeps=2)])
-def test_ticks_tell_times_states_and_forces(model: RobotModel, x: np.ndarray, build) -> None:
-    ticks = build(model, 1e-3).advance(2.0, x, np.zeros((10, 9)))
-    np.testing.assert_allclose(ticks.time, 2 + 1e-3 * np.arange(11))
+@pytest.mark.parametrize("build", [IdealPlant, partial(Rk4Plant, substeps=2), MujocoPlant])
+def test_ticks_contain_times_states_and_forces(model: RobotModel, x: np.ndarray, build: type) -> None:
+    plant = build(model, TICK)
+    ticks = plant.advance(2.0, x, np.zeros((10, 9)))
+    np.testing.assert_allclose(ticks.time, 2 + TICK * np.arange(11))
     np.testing.assert_array_equal(ticks.X[0], x)
-    np.testing.assert_allclose(ticks.F[0], np.asarray(ca.DM(model.low_level(x[:9], x[9:], 0))).ravel())
+    np.testing.assert_allclose(ticks.F[0], model.bias(x[:9], x[9:]))
+    plant.advance(0.0, -x, np.ones((10, 9)))
+    np.testing.assert_array_equal(plant.advance(2.0, x, np.zeros((10, 9))).X, ticks.X)  # a sample has no memory
+
+
+def test_forces_of_rk4_give_the_same_motion_in_mujoco(model: RobotModel, x: np.ndarray, u: np.ndarray) -> None:
+    """Open loop over two seconds: nothing pulls the two together."""
+    ticks, fine = Rk4Plant(model, TICK).advance(0.0, x, u), Rk4Plant(model, TICK, 4).advance(0.0, x, u)
+    assert np.abs(ticks.X - x).max() > 0.3
+    np.testing.assert_allclose(fine.X, ticks.X, rtol=0, atol=1e-9)
+    for substeps in (1, 4):
+        np.testing.assert_allclose(MujocoPlant(model, TICK, substeps).replay(x, ticks.F), ticks.X, rtol=0, atol=1e-10)
+
+
+def test_one_percent_of_a_links_inertia_shows_in_a_replay(model: RobotModel, x: np.ndarray, u: np.ndarray) -> None:
+    ticks = Rk4Plant(model, TICK).advance(0.0, x, u)
+    arm = model.spec.arms["arm_1"]
+    links = (arm.links[0].model_copy(update={"inertia": 1.01 * arm.links[0].inertia}), *arm.links[1:])
+    arms = {**model.spec.arms, "arm_1": arm.model_copy(update={"links": links})}
+    other = build_model(model.spec.model_copy(update={"arms": arms}))
+    assert np.abs(MujocoPlant(other, TICK).replay(x, ticks.F) - ticks.X).max() > 1e-6
+
+
+def test_angles_continue_beyond_a_turn(model: RobotModel) -> None:
+    x = np.zeros(18)
+    x[11] = 20.0
+    assert MujocoPlant(model, TICK).replay(x, np.zeros((1000, 9)))[-1, 2] > 4 * np.pi
+
+
+def test_divergence_is_visible(
+    model: RobotModel, x: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """MuJoCo by itself would restart from zero and write a file."""
+    monkeypatch.chdir(tmp_path)
+    ticks = MujocoPlant(model, TICK).advance(0.0, x, np.full((3, 9), np.nan))
+    assert np.isnan(ticks.X[-1]).all()
+    assert "The simulation is unstable" in caplog.text
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_step_of_the_integrator_is_chosen(model: RobotModel) -> None:
+    plant = build_plant(PlantSpec(kind="mujoco", step=5e-4), model)
+    assert isinstance(plant, MujocoPlant)
+    assert (plant.engine.opt.timestep, plant.substeps) == (5e-4, 2)
+
+
+def test_without_the_package_the_extra_is_named(model: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "psmpc_cli.plant.mujoco_plant", raising=False)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(InputError, match=r"pip install 'psmpc\[mujoco\]', or choose plant rk4"):
+        build_plant(PlantSpec(kind="mujoco"), model)

@@ -14,7 +14,7 @@ from psmpc_cli.specs.robot import Arm, Base, Link, Mount, RobotSpec, Tool
 Array = NDArray[np.float64]
 State = tuple[RobotModel, Array, Array, Array]
 
-laws = settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+laws = settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 """Models are built as robots are drawn, which is not a matter of drawing too much."""
 
 angles = st.floats(-math.pi, math.pi)

@@ -1,4 +1,4 @@
-"""Poses, their Jacobians and points, for any robot."""
+"""Poses, their Jacobians, points, angles and the field f_2, for any robot."""
 
 import math
 from typing import Any
@@ -7,67 +7,125 @@ import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given
+from hypothesis import strategies as st
 
-from psmpc_cli.robot.model import RobotModel, arm_points
+from psmpc_cli.errors import SpecError
+from psmpc_cli.robot.model import (
+    RobotModel,
+    angle_rows,
+    arm_points,
+    build_model,
+    load_robot,
+    nearest_equivalent,
+)
+from psmpc_cli.specs.robot import RobotSpec
 
-from .differences import assert_close_to_differences, jacobian_by_differences
+from .differences import Array, assert_close_to_differences, jacobian_by_differences
 from .strategies import State, flat, laws, moving_robots
 
+angles = st.floats(-100, 100)
 
-def test_poses_at_zero_are_the_release_targets(model: RobotModel) -> None:
-    xi = flat(model.g(np.zeros(9)))
-    np.testing.assert_allclose(xi, [0, 0, 0, 1.5, 0, 0, -1.5, 0, 0], atol=1e-12)
+
+def test_a_robot_is_loaded_by_name() -> None:
+    robot = load_robot("planar_dual_arm")
+    assert robot.n == len(robot.names) == 9
+    assert robot.names[:4] == ("base.x", "base.y", "base.theta", "arm_1.1")
+    np.testing.assert_allclose(robot.poses(np.zeros(9)), [[0, 0, 0], [1.5, 0, 0], [-1.5, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(robot.momentum(np.zeros(9), np.eye(9)[0]), [robot.nominal.mass.sum(), 0, 0], atol=1e-12)
+
+
+def test_an_unknown_robot_is_an_error_with_the_choices() -> None:
+    with pytest.raises(SpecError, match="planar_dual_arm"):
+        load_robot("planar_dual_arms")
 
 
 def test_poses_at_the_grasp_are_the_capture_targets(model: RobotModel) -> None:
     pi = math.pi
-    xi = flat(model.g([-2, 2, pi / 6, pi / 4, pi / 6, pi / 3, -pi / 4, -pi / 6, -pi / 3]))
-    np.testing.assert_allclose(xi[model.poses["base"]], [-2, 2, pi / 6], atol=1e-12)
-    np.testing.assert_allclose(xi[model.poses["arm_1"]], [-1.9334, 3.1677, math.radians(165)], atol=1e-4)
-    np.testing.assert_allclose(xi[model.poses["arm_2"]], [-3.0446, 2.5261, math.radians(-105)], atol=1e-4)
+    base, left, right = model.poses([-2, 2, pi / 6, pi / 4, pi / 6, pi / 3, -pi / 4, -pi / 6, -pi / 3])
+    np.testing.assert_allclose(base, [-2, 2, pi / 6], atol=1e-12)
+    np.testing.assert_allclose(left, [-1.9334, 3.1677, math.radians(165)], atol=1e-4)
+    np.testing.assert_allclose(right, [-3.0446, 2.5261, math.radians(-105)], atol=1e-4)
 
 
 def test_rows_follow_base_and_arms_in_order(model: RobotModel) -> None:
     rows = {"base": slice(0, 3), "arm_1": slice(3, 6), "arm_2": slice(6, 9)}
-    assert (model.parts, model.poses) == (rows, rows)
-    assert (model.n, model.m, model.bodies) == (9, 9, 7)
+    assert (model.parts, model.pose_rows) == (rows, rows)
+    assert (model.n, model.m) == (9, 9)
 
 
 @given(moving_robots())
 @laws
-def test_jacobian_is_the_derivative_of_the_poses(state: State) -> None:
-    model, Q, _, _ = state
-    J_C = model.J_C(Q).full()
-    assert_close_to_differences(J_C, jacobian_by_differences(lambda q: flat(model.g(q)), Q))
-    np.testing.assert_array_equal(np.hstack([model.J_B(Q).full(), model.J_M(Q).full()]), J_C)
-
-
-@given(moving_robots())
-@laws
-def test_pose_acceleration_without_control_is_the_derivative_of_the_pose_rate(
-    state: State,
-) -> None:
-    model, Q, Qdot, _ = state
-    by_differences = jacobian_by_differences(lambda q: np.asarray(model.J_C(q).full() @ Qdot), Q) @ Qdot
-    assert_close_to_differences(flat(model.Jdot_Qdot(Q, Qdot)), by_differences)
+def test_jacobians_are_derivatives_of_the_poses(state: State) -> None:
+    model, Q, v, _ = state
+    assert_close_to_differences(model.J_C(Q).full(), jacobian_by_differences(lambda q: model.poses(q).ravel(), Q))
+    by_differences = jacobian_by_differences(lambda q: np.asarray(model.J_C(q).full() @ v), Q) @ v
+    assert_close_to_differences(flat(model.Jdot_Qdot(Q, v)), by_differences)
 
 
 @given(moving_robots())
 @laws
 def test_points_run_from_shoulder_to_tip_a_link_apart(state: State) -> None:
     model, Q, _, _ = state
-    xi = flat(model.g(Q))
     c, s = np.cos(Q[2]), np.sin(Q[2])
-    for name, points in arm_points(model, Q).items():
+    for (name, points), tip in zip(arm_points(model, Q).items(), model.poses(Q)[1:], strict=True):
         arm = model.spec.arms[name]
         shoulder = Q[:2] + np.array([[c, -s], [s, c]]) @ arm.mount.position
-        np.testing.assert_allclose(points[0], shoulder, atol=1e-12)
-        np.testing.assert_allclose(points[-1], xi[model.poses[name]][:2], atol=1e-12)
+        np.testing.assert_allclose(points[[0, -1]], [shoulder, tip[:2]], atol=1e-12)
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         np.testing.assert_allclose(lengths, [link.a + link.b for link in arm.links], atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", [ca.SX, ca.MX])
-def test_functions_take_both_kinds_of_symbols(model: RobotModel, kind: type[Any]) -> None:
+def test_functions_accept_both_kinds_of_symbols(model: RobotModel, kind: type[Any]) -> None:
     Q, q = np.linspace(-1, 1, 9), kind.sym("q", 9)
     np.testing.assert_allclose(ca.Function("xi", [q], [model.g(q)])(Q).full(), model.g(Q).full(), atol=1e-15)
+
+
+@given(angles, angles)
+def test_nearest_equivalent_is_equivalent_and_within_half_a_turn(angle: float, target: float) -> None:
+    nearest = float(nearest_equivalent(angle, target))
+    turns = (nearest - target) / (2 * math.pi)
+    assert abs(turns - round(turns)) < 1e-9
+    assert abs(nearest - angle) <= math.pi + 1e-9
+
+
+@given(moving_robots(most=2))
+@laws
+def test_a_turn_of_the_base_changes_the_angle_rows_alone(state: State) -> None:
+    model, Q, _, _ = state
+    rows, turned, expected = angle_rows(model), Q.copy(), np.zeros(model.m)
+    turned[list(rows.Q)] += 2 * math.pi
+    expected[list(rows.xi)] = 2 * math.pi
+    np.testing.assert_allclose((model.poses(turned) - model.poses(Q)).ravel(), expected, atol=1e-12)
+
+
+def pose_acceleration(model: RobotModel, Q: Array, v: Array, vdot: Array) -> Array:
+    return np.asarray(model.J_C(Q).full() @ vdot + flat(model.Jdot_Qdot(Q, v)))
+
+
+@given(moving_robots())
+@laws
+def test_f_2_applies_the_damped_inverse(state: State) -> None:
+    model, Q, v, vdot = state
+    u = pose_acceleration(model, Q, v, vdot)
+    J_C, wanted = model.J_C(Q).full(), u - flat(model.Jdot_Qdot(Q, v))
+    damped = J_C.T @ np.linalg.solve(J_C @ J_C.T + 1e-4 * np.eye(model.m), wanted)
+    xdot = flat(model.f_2(np.concatenate([Q, v]), u))
+    np.testing.assert_array_equal(xdot[: model.n], v)
+    np.testing.assert_allclose(xdot[model.n :], damped, rtol=0, atol=1e-8 * (1 + np.abs(damped).max()))
+
+
+def test_f_2_reaches_the_commanded_acceleration_as_damping_vanishes(planar_dual_arm: RobotSpec) -> None:
+    Q, v, u = np.array([0.1, -0.2, 0.3, 0.8, 0.5, 1.0, -0.8, -0.5, -1.0]), np.full(9, 0.1), np.linspace(-1, 1, 9)
+    misses = []
+    for damping in (1e-1, 1e-2, 1e-5):
+        model = build_model(planar_dual_arm, damping)
+        vdot = flat(model.f_2(np.concatenate([Q, v]), u))[9:]
+        misses.append(np.abs(pose_acceleration(model, Q, v, vdot) - u).max())
+    assert misses[0] > misses[1] > misses[2]
+    assert misses[2] < 1e-7
+
+
+def test_f_2_stays_bounded_where_the_jacobian_is_singular(model: RobotModel) -> None:
+    for u in np.eye(9):
+        assert np.linalg.norm(flat(model.f_2(np.zeros(18), u))[9:]) <= 50.0

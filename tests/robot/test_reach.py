@@ -8,12 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.robot.inverse import Chain, configuration, tip_pose
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.robot.reach import TOLERANCE, reach_of
 from psmpc_cli.specs.robot import PartLimits, RobotSpec
 
-from .strategies import Array, State, flat, laws, moving_robots
+from .strategies import Array, State, laws, moving_robots
 
 BASE = (-2.0, 2.0, math.pi / 6)
 GRASP = {"arm_1": (-1.9334, 3.1677, math.radians(165)), "arm_2": (-3.0446, 2.5261, math.radians(-105))}
@@ -35,7 +34,7 @@ def assert_takes(robot: RobotSpec, arm: str, base: tuple[float, ...], pose: tupl
     model = build_model(robot)
     Q = np.zeros(model.n)
     Q[model.parts["base"]], Q[model.parts[arm]] = base, q
-    miss = flat(model.g(Q))[model.poses[arm]] - pose
+    miss = model.poses(Q)[list(model.pose_rows).index(arm)] - pose
     assert np.hypot(*miss[:2]) <= TOLERANCE
     assert abs(math.remainder(miss[2], 2 * math.pi)) <= TOLERANCE
 
@@ -72,29 +71,25 @@ def test_grasp_is_out_of_reach_from_the_misprinted_base_pose(planar_dual_arm: Ro
 @laws
 def test_any_pose_an_arm_takes_is_reachable(state: State) -> None:
     model, Q, _, _ = state
-    xi = flat(model.g(Q))
     base = tuple(Q[model.parts["base"]])
-    for arm, rows in model.poses.items():
-        if arm != "base":
-            reach = reach_of(model.spec, arm, base, tuple(xi[rows]))
-            assert reach.within_annulus
-            assert reach.reachable
-            assert_takes(model.spec, arm, base, tuple(xi[rows]), np.array(reach.configuration))
+    for arm, pose in zip(model.spec.arms, model.poses(Q)[1:], strict=True):
+        reach = reach_of(model.spec, arm, base, tuple(pose))
+        assert reach.within_annulus
+        assert reach.reachable
+        assert_takes(model.spec, arm, base, tuple(pose), np.array(reach.configuration))
 
 
-@given(st.data())
+@given(moving_robots(3, 3), st.data())
 @laws
-def test_three_links_find_what_limits_allow(data: st.DataObject) -> None:
-    lengths = np.array(data.draw(st.lists(st.floats(0.1, 1), min_size=3, max_size=3)))
-    centre = np.array(data.draw(st.lists(st.floats(-6, 6), min_size=3, max_size=3)))
-    reach = np.array(data.draw(st.lists(st.floats(0, 1), min_size=3, max_size=3)))
-    inside = centre + reach * data.draw(st.floats(-1, 1))
-    chain = Chain(lengths, centre - reach, centre + reach)
-    q = configuration(chain, tip_pose(lengths, inside), TOLERANCE)
-    assert q is not None
-    assert np.all((q >= chain.low) & (q <= chain.high))
-    miss = tip_pose(lengths, q) - tip_pose(lengths, inside)
-    np.testing.assert_allclose([*miss[:2], math.remainder(miss[2], 2 * math.pi)], 0.0, atol=TOLERANCE)
+def test_three_links_find_what_limits_allow(state: State, data: st.DataObject) -> None:
+    model, Q, _, _ = state
+    span = st.lists(st.floats(0, 1), min_size=3, max_size=3).map(np.array)
+    below, above = data.draw(span), data.draw(span)
+    q = Q[3:6]
+    robot = with_limits(model.spec, arm_1=tuple(zip((q - below).tolist(), (q + above).tolist(), strict=True)))
+    found = np.array(reach_of(robot, "arm_1", tuple(Q[:3]), tuple(model.poses(Q)[1])).configuration)
+    assert np.all((found >= q - below) & (found <= q + above))
+    assert_takes(model.spec, "arm_1", tuple(Q[:3]), tuple(model.poses(Q)[1]), found)
 
 
 def test_limits_choose_the_elbow(planar_dual_arm: RobotSpec) -> None:
@@ -123,12 +118,12 @@ def test_limits_a_turn_away_are_met_by_an_equivalent_angle(planar_dual_arm: Robo
     assert reach.configuration[0] == pytest.approx(2 * math.pi + math.pi / 4, abs=1e-3)
 
 
-def test_folded_arm_is_searched_for_within_limits() -> None:
-    lengths = np.array([0.5, 0.5, 0.2])
-    chain = Chain(lengths, np.array([0.9, 3.0, -4.0]), np.array([1.1, 3.3, 4.0]))
-    q = configuration(chain, np.array([0.2, 0.0, 0.0]), TOLERANCE)
+def test_a_folded_arm_is_searched_for_within_limits(planar_dual_arm: RobotSpec) -> None:
+    limits = ((0.9, 1.1), (3.0, 3.3), (-4.0, 4.0))
+    robot = with_limits(planar_dual_arm, arm_1=limits)
+    q = reach_of(robot, "arm_1", (-0.3, 0.0, 0.0), (0.2, 0.0, 0.0)).configuration
     assert q is not None
-    assert 0.9 <= q[0] <= 1.1
+    assert all(low <= angle <= high for angle, (low, high) in zip(q, limits, strict=True))
 
 
 def test_two_links_reach_a_full_pose_only_on_their_circle(planar_dual_arm: RobotSpec) -> None:

@@ -2,16 +2,15 @@
 
 from collections.abc import Callable, Iterator
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from psmpc_cli.logs.record import Record
-from psmpc_cli.simulation.compiling import compile_ahead
 from psmpc_cli.simulation.loop import simulate
 from psmpc_cli.simulation.run import header
 from psmpc_cli.simulation.setup import Experiment
-from psmpc_cli.specs.load import load_task
 
 COARSE = ("controller.nodes=10", "solver.kind=sqp", "log.shares=false")
 
@@ -54,17 +53,14 @@ def test_without_a_compiler_nothing_of_a_run_is_compiled(
     assert len(list(islice(simulate(experiment), 2))) == 2
 
 
-@pytest.mark.parametrize(
-    ("changes", "purposes"),
-    [
-        (("solver.kind=sqp",), {"cost", "quadratic programs", "a tick of the plant"}),
-        (("solver.kind=sqp", "plant.kind=ideal"), {"cost", "quadratic programs"}),
-        ((), {"a tick of the plant"}),
-        (("plant.kind=ideal",), set()),
-    ],
-    ids=["sqp and rk4", "sqp", "rk4", "neither"],
-)
-def test_what_a_task_needs_is_compiled(changes: tuple[str, ...], purposes: set[str]) -> None:
-    made = compile_ahead(load_task("approach_capture", ("solver.kind=fatrop", "plant.kind=rk4", *changes)))
-    assert all(each.path is not None and each.path.exists() for each in made)
-    assert {each.purpose.partition(",")[0].removesuffix(" and derivatives") for each in made} == purposes
+def test_what_a_task_needs_is_compiled_before_its_first_sample(
+    experiment_of: Callable[..., Experiment], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disturbed plant is another library than an undisturbed one."""
+    monkeypatch.setenv("PSMPC_CACHE", str(tmp_path))
+    kinds = ("solver.kind=fatrop", "plant.kind=rk4")
+    for count, more in enumerate(((), ("uncertainty.mass=0.1",)), start=1):
+        assert experiment_of(*kinds, *more).compiled
+        assert len(list(tmp_path.iterdir())) == count
+    assert experiment_of("solver.kind=sqp", "plant.kind=ideal").compiled
+    assert len(list(tmp_path.iterdir())) > 2

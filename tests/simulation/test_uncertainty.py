@@ -9,10 +9,7 @@ import pytest
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.differences import compare_logs
 from psmpc_cli.logs.read import Log
-from psmpc_cli.ocp.stages import build_stages
-from psmpc_cli.plant.draw import measurement_noise
-from psmpc_cli.robot.model import build_model
-from psmpc_cli.simulation.compiling import pieces
+from psmpc_cli.plant.uncertainty import measurement_noise
 from psmpc_cli.simulation.resume import continue_run
 from psmpc_cli.simulation.setup import build_experiment
 from psmpc_cli.simulation.summary import summarize
@@ -274,15 +271,6 @@ def test_a_closed_loop_that_is_not_the_plans_is_not_verified_against_them(tmp_pa
     assert found.count == 3
     assert found.samples == 0
     assert "the closed loop was left out" in found.remarks[0]
-
-
-def test_the_tick_that_is_compiled_is_that_of_the_uncertain_plant() -> None:
-    known, uncertain = load_task("transport"), load_task("transport", [BODIES])
-    model = build_model(known.robot)
-    stages = build_stages(known.spec, known.robot, model)
-    ticks = [list(pieces(loaded.spec, model, stages))[-1] for loaded in (known, uncertain)]
-    assert [piece.purpose for piece in ticks] == ["a tick of the plant"] * 2
-    assert ticks[0].make() != ticks[1].make()
 
 
 def test_friction_too_stiff_for_the_step_is_refused(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from psmpc_cli.native.compiler import CompilationError, find_compiler
+from psmpc_cli.native.library import CompilationError, find_compiler
 from psmpc_cli.solvers.qp_multistage import MultistageQp
 from psmpc_cli.solvers.qp_solution import QpSolution
 from psmpc_cli.solvers.riccati.kernel import load_kernel

@@ -4,18 +4,18 @@ import mujoco
 import numpy as np
 from hypothesis import given
 
-from psmpc_cli.robot.mjcf import mjcf
+from psmpc_cli.robot.mujoco_model import mujoco_spec
 from psmpc_cli.specs.robot import RobotSpec
 
 from .differences import Array
-from .strategies import State, flat, laws, moving_robots
+from .strategies import State, laws, moving_robots
 
 
 class Engine:
     """The robot in MuJoCo, at a state."""
 
     def __init__(self, spec: RobotSpec, Q: Array, Qdot: Array) -> None:
-        self.model = mujoco.MjModel.from_xml_string(mjcf(spec))
+        self.model = mujoco_spec(spec).compile()
         self.data = mujoco.MjData(self.model)
         self.data.qpos[:], self.data.qvel[:] = Q, Qdot
         mujoco.mj_forward(self.model, self.data)
@@ -45,10 +45,10 @@ class Engine:
 def test_dynamics_agree(state: State) -> None:
     model, Q, Qdot, third = state
     engine = Engine(model.spec, Q, Qdot)
-    np.testing.assert_allclose(model.H(Q).full(), engine.inertia(), atol=1e-9)
-    np.testing.assert_allclose(flat(model.C_Qdot(Q, Qdot)), engine.bias(), atol=1e-9)
-    np.testing.assert_allclose(flat(model.inverse_dynamics(Q, Qdot, third)), engine.inverse(third), atol=1e-9)
-    np.testing.assert_allclose(flat(model.forward_dynamics(Q, Qdot, third)), engine.forward(third), atol=1e-9)
+    np.testing.assert_allclose(model.mass_matrix(Q), engine.inertia(), atol=1e-9)
+    np.testing.assert_allclose(model.bias(Q, Qdot), engine.bias(), atol=1e-9)
+    np.testing.assert_allclose(model.inverse_dynamics(Q, Qdot, third), engine.inverse(third), atol=1e-9)
+    np.testing.assert_allclose(model.forward_dynamics(Q, Qdot, third), engine.forward(third), atol=1e-9)
 
 
 @given(moving_robots())
@@ -56,16 +56,14 @@ def test_dynamics_agree(state: State) -> None:
 def test_poses_agree(state: State) -> None:
     model, Q, Qdot, _ = state
     engine = Engine(model.spec, Q, Qdot)
-    xi = flat(model.g(Q))
-    for frame, rows in model.poses.items():
-        x, y, angle = xi[rows]
+    for frame, (x, y, angle) in zip(model.pose_rows, model.poses(Q), strict=True):
         site = engine.data.site(frame)
         np.testing.assert_allclose(site.xpos, [x, y, 0], atol=1e-9)
         np.testing.assert_allclose(site.xmat.reshape(3, 3)[:2, 0], [np.cos(angle), np.sin(angle)], atol=1e-9)
 
 
 def test_joints_are_named_by_part_and_coordinate(planar_dual_arm: RobotSpec) -> None:
-    engine = mujoco.MjModel.from_xml_string(mjcf(planar_dual_arm))
+    engine = mujoco_spec(planar_dual_arm).compile()
     names = [engine.joint(i).name for i in range(engine.njnt)]
     arms = [f"arm_{arm}.{joint}" for arm in (1, 2) for joint in (1, 2, 3)]
     assert names == ["base.x", "base.y", "base.angle", *arms]

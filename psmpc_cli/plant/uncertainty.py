@@ -1,0 +1,278 @@
+"""What the controller does not know: drawn bodies, friction, noise, external forces, and the payload in the grippers.
+
+What is random is drawn from the task's seed, every item from a stream of its own.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from psmpc_cli.errors import InputError
+from psmpc_cli.plant.base import Disturbance, Plant, Resistance, Ticks
+from psmpc_cli.robot.bodies import InertialParameters, body_names
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.task import NoiseSpec, PayloadSpec, TaskSpec, UncertaintySpec
+
+ByPart = float | Mapping[str, float] | Mapping[str, tuple[float, ...]]
+"""One number for all, or numbers by part; `arms` stands for every arm that has none of its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Instantaneous effect of taking up or releasing the payload.
+
+    Attributes:
+        x: State after it (2n,).
+        impulse: Momentum that the robot, with what it holds, gains (3,) [N s], [N m s].
+        work: Kinetic energy that it gains [J].
+    """
+
+    x: np.ndarray
+    impulse: np.ndarray
+    work: float
+
+
+class Uncertainty:
+    """The uncertainty of one run; without any, the plant behaves as the controller knows it.
+
+    It holds no state: what is measured follows from seed and sample, and whether the payload is held from the current
+    stage.
+
+    Attributes:
+        spec: The uncertainty of the task.
+        draw: What was drawn for the bodies.
+        resistance: Friction and force limits, to build the plant with; None where nothing disturbs it.
+    """
+
+    def __init__(self, task: TaskSpec, model: RobotModel) -> None:
+        self.spec, self._task, self._model = task.uncertainty, task, model
+        self.draw = draw_bodies(self.spec, model.spec, task.seed)
+        self.resistance: Resistance | None = None
+        self._ticks = round(task.controller.sample_time * task.plant.low_level_rate)
+        self._true = self.draw.applied(model.nominal)
+        if disturbs(task):
+            self.resistance = resistance_of(self.spec, model.spec)
+            _check_step(task, model.mass_matrix(np.zeros(model.n), self._true), self.resistance)
+
+    def measured(self, sample: int, x: np.ndarray) -> np.ndarray:
+        """Return the state measured at a sample where the true one is x (2n,)."""
+        return x + self._noise(sample)[0] if self.spec.measures_with_noise else x
+
+    def holds(self, stage: int) -> bool:
+        """Return whether the grippers hold the payload during a stage."""
+        if self.spec.payload is None or self._task.object is None:
+            return False
+        names = [stage.name for stage in self._task.stages]
+        return names.index(self._task.object.taken_by) < stage < names.index(self._task.object.let_go_by)
+
+    def contact(self, x: np.ndarray, before: int, after: int) -> Contact:
+        """Return the effect of a switch from one stage to another on the true state x (2n,)."""
+        if self.resistance is None or self.holds(before) == self.holds(after):
+            return Contact(x, np.zeros(3), 0.0)
+        change = take_up if self.holds(after) else release
+        return change(self._model, x, self._true, self._with_payload(self._true))
+
+    def advance(self, plant: Plant, sample: int, start: float, x: np.ndarray, u: np.ndarray, stage: int) -> Ticks:
+        """Advance the plant over a sample of a stage from the true state x (2n,), u (M, n) applied one a tick."""
+        if self.resistance is None:
+            return plant.advance(start, x, u)
+        robot, law = self._true, self._model.nominal
+        if self.spec.payload is not None and self.holds(stage):
+            robot = self._with_payload(robot)
+            law = self._with_payload(law) if self.spec.payload.known else law
+        return plant.advance(start, x, u, Disturbance(robot, law, self._noise(sample), self._push(start)))
+
+    def kept(self, stage: int, x: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return momentum (3,) [N s, N m s] and energy [J] of the robot and what it holds in a stage, at x (2n,)."""
+        robot: InertialParameters | None = None
+        if self.resistance is not None:
+            robot = self._with_payload(self._true) if self.holds(stage) else self._true
+        Q, v = np.split(x, 2)
+        return self._model.momentum(Q, v, robot), self._model.kinetic_energy(Q, v, robot)
+
+    def _with_payload(self, free: InertialParameters) -> InertialParameters:
+        payload = self.spec.payload
+        if payload is None:
+            return free
+        share = payload_shares(payload, self._model.spec)
+        return free.holding(share * payload.mass, share * payload.inertia)
+
+    def _noise(self, sample: int) -> np.ndarray:
+        return measurement_noise(self.spec.noise, self._model.spec, self._task.seed, sample, self._ticks)
+
+    def _push(self, start: float) -> np.ndarray:
+        """Return the external generalized force at each tick of the sample that begins at `start` (M, n)."""
+        push, impulse = np.zeros((self._ticks, self._model.n)), self.spec.impulse
+        if impulse is not None:
+            rate = self._task.plant.low_level_rate
+            tick = int(np.floor((impulse.at - start) * rate + 1e-6))
+            if 0 <= tick < self._ticks:
+                push[tick, :3] = rate * np.array([*impulse.linear, impulse.angular])
+        return push
+
+
+def disturbs(task: TaskSpec) -> bool:
+    """Return whether plant and low-level law of a task differ from what the controller knows."""
+    spec = task.uncertainty
+    return task.plant.kind != "ideal" and (spec.changes_the_plant or spec.measures_with_noise)
+
+
+def take_up(model: RobotModel, x: np.ndarray, free: InertialParameters, holding: InertialParameters) -> Contact:
+    """Compute the effect of taking up an object at rest: H_holding Qdot+ = H_free Qdot-.
+
+    The object has no momentum, so the generalized momentum stays. The energy lost is that of the velocities lost, by
+    Carnot's theorem: 1/2 (Qdot- - Qdot+)' H_free (Qdot- - Qdot+) + 1/2 Qdot+' (H_holding - H_free) Qdot+.
+
+    Args:
+        model: The robot.
+        x: State before (2n,).
+        free: Its inertial parameters with empty grippers.
+        holding: The same with the object in them.
+    """
+    Q, before = np.split(x, 2)
+    H_free, H_holding = model.mass_matrix(Q, free), model.mass_matrix(Q, holding)
+    after = np.linalg.solve(H_holding, H_free @ before)
+    lost = before - after
+    loss = (lost @ H_free @ lost + after @ (H_holding - H_free) @ after) / 2
+    return Contact(np.concatenate([Q, after]), np.zeros(3), -float(loss))
+
+
+def release(model: RobotModel, x: np.ndarray, free: InertialParameters, holding: InertialParameters) -> Contact:
+    """Compute the effect of releasing an object: velocities stay, its momentum and energy leave with it."""
+    Q, v = np.split(x, 2)
+    impulse = model.momentum(Q, v, free) - model.momentum(Q, v, holding)
+    return Contact(x, impulse, model.kinetic_energy(Q, v, free) - model.kinetic_energy(Q, v, holding))
+
+
+class Stream(IntEnum):
+    """Random streams of a seed; a new item gets a new number, so that what is drawn for the others stays."""
+
+    MASS = 0
+    INERTIA = 1
+    CENTRE_OF_MASS = 2
+    NOISE = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Draw:
+    """What was drawn for the bodies of a robot, in the order of `body_names`.
+
+    Attributes:
+        mass_factor: True mass over the nominal one (bodies,).
+        inertia_factor: True inertia over the nominal one (bodies,).
+        offset: Of the true centre of mass, along the axes of the body (bodies, 2) [m].
+    """
+
+    mass_factor: np.ndarray
+    inertia_factor: np.ndarray
+    offset: np.ndarray
+
+    def applied(self, nominal: InertialParameters) -> InertialParameters:
+        """Return the true inertial parameters, with empty grippers."""
+        mass, inertia = self.mass_factor * nominal.mass, self.inertia_factor * nominal.inertia
+        return InertialParameters(mass, inertia, self.offset, nominal.held_mass, nominal.held_inertia)
+
+
+def draw_bodies(spec: UncertaintySpec, robot: RobotSpec, seed: int) -> Draw:
+    """Draw the bodies of a robot, uniformly within their ranges."""
+    count = len(body_names(robot))
+    return Draw(
+        mass_factor=1 + _by_body(spec.mass, robot) * _stream(seed, Stream.MASS).uniform(-1, 1, count),
+        inertia_factor=1 + _by_body(spec.inertia, robot) * _stream(seed, Stream.INERTIA).uniform(-1, 1, count),
+        offset=_by_body(spec.centre_of_mass, robot)[:, None]
+        * _stream(seed, Stream.CENTRE_OF_MASS).uniform(-1, 1, (count, 2)),
+    )
+
+
+def measurement_noise(spec: NoiseSpec, robot: RobotSpec, seed: int, sample: int, ticks: int) -> np.ndarray:
+    """Return the noise of the measured state at each tick of a sample (ticks, 2n) [m, rad, m/s, rad/s].
+
+    It is a function of seed and sample alone.
+    """
+    joints = sum(robot.parts.values()) - robot.parts["base"]
+    deviation = [spec.position] * 2 + [spec.angle] * (1 + joints)
+    deviation += [spec.velocity] * 2 + [spec.angular_velocity] * (1 + joints)
+    drawn = _stream(seed, Stream.NOISE, sample).standard_normal((ticks, len(deviation)))
+    return np.asarray(drawn * deviation)
+
+
+def resistance_of(spec: UncertaintySpec, robot: RobotSpec) -> Resistance:
+    """Return friction and force limits by coordinate."""
+    friction = spec.friction
+    return Resistance(
+        viscous=_by_coordinate(friction.viscous, robot, missing=0.0, base=0.0),
+        coulomb=_by_coordinate(friction.coulomb, robot, missing=0.0, base=0.0),
+        width=friction.width,
+        largest=_by_coordinate(spec.force_limits, robot, missing=np.inf),
+    )
+
+
+def payload_shares(payload: PayloadSpec, robot: RobotSpec) -> np.ndarray:
+    """Return the share of a payload in each gripper (arms,); they sum to 1."""
+    arms = list(robot.arms)
+    return np.full(len(arms), 1 / len(arms)) if payload.share is None else _by_name(payload.share, arms)
+
+
+def _check_step(task: TaskSpec, inertia: np.ndarray, way: Resistance) -> None:
+    """Make sure that the integrator's step suits the friction, which is stiffest near rest.
+
+    Args:
+        task: The task.
+        inertia: Mass matrix of the true robot (n, n).
+        way: Its friction.
+
+    Raises:
+        InputError: It does not, or the mass matrix is singular.
+    """
+    if not np.linalg.cond(inertia) < 1 / np.finfo(float).eps:
+        raise InputError(
+            "uncertainty: found bodies whose inertia matrix is numerically singular, expected masses and centres of "
+            "mass nearer to the nominal ones"
+        )
+    step = task.plant.step or 1 / task.plant.low_level_rate
+    fastest = _fastest_rate(inertia, way.viscous + way.coulomb / way.width)
+    if step * fastest > 1.0:
+        viscous_alone = step * _fastest_rate(inertia, way.viscous) <= 1.0
+        wider = ", a larger uncertainty.friction.width" if viscous_alone else ""
+        raise InputError(
+            f"uncertainty.friction: found a step of {step:g} s, expected at most {0.95 / fastest:.2g} s for this "
+            f"friction: take a smaller plant.step{wider}, or less friction"
+        )
+
+
+def _fastest_rate(inertia: np.ndarray, damping: np.ndarray) -> float:
+    """Return the largest rate [1/s] at which damping (n,) [N m s/rad] brakes an inertia (n, n)."""
+    return float(np.abs(np.linalg.eigvals(np.linalg.solve(inertia, np.diag(damping)))).max())
+
+
+def _stream(seed: int, *key: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+
+
+def _by_body(given: float | Mapping[str, float], robot: RobotSpec) -> np.ndarray:
+    """Return one number a body (bodies,)."""
+    sizes = [1, *(len(arm.links) for arm in robot.arms.values())]
+    return np.repeat(_by_name(given, list(robot.parts)), sizes)
+
+
+def _by_name(given: float | Mapping[str, float], parts: Sequence[str]) -> np.ndarray:
+    """Return one number a part (parts,), 0 where none is given."""
+    return np.array([_of_part(given, part, 0.0) for part in parts])
+
+
+def _by_coordinate(given: ByPart, robot: RobotSpec, missing: float, base: float | None = None) -> np.ndarray:
+    """Return one number a coordinate (n,); with `base` given, that one for the base."""
+    values = {part: _of_part(given, part, missing) for part in robot.parts}
+    if base is not None:
+        values["base"] = base
+    return np.concatenate([np.broadcast_to(values[part], size) for part, size in robot.parts.items()])
+
+
+def _of_part(given: ByPart, part: str, missing: float) -> float | tuple[float, ...]:
+    """Return what is given for a part."""
+    if not isinstance(given, Mapping):
+        return given
+    return given.get(part, missing if part == "base" else given.get("arms", missing))

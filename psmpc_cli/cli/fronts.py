@@ -17,7 +17,8 @@ def print_fronts(results: Results, path: Path) -> None:
     print_table(HEADINGS, [front_texts(row) for row in front_rows(results)], left=0)
     typer.echo(NOTE)
     if WEIGHTED in methods_in(results):
-        for sentence in front_movement(results).sentences:
+        movement = front_movement(results)
+        for sentence in (movement.over_ratio, *movement.over_time):
             typer.echo(sentence)
     if "constrained_off_weighted" in results.quantities:
         off = results["constrained_off_weighted"]

@@ -40,11 +40,9 @@ def reproduce(
     from datetime import UTC, datetime
     from json import dumps
 
-    from psmpc_cli.cli.claims import print_claims
     from psmpc_cli.figures.ablations import draw_ablation
     from psmpc_cli.report.reproduction import build_report
-    from psmpc_cli.studies.claim_table import as_data
-    from psmpc_cli.studies.reproduce import FRONTS, LOGS, WEIGHTS, load_weights_sweep
+    from psmpc_cli.studies.reproduce import FRONTS, LOGS, WEIGHTS, as_data, load_weights_sweep
 
     load_weights_sweep(changes or [], weights)
     report = output / REPORT
@@ -59,7 +57,7 @@ def reproduce(
     if json is not None:
         _write(json, dumps(as_data(reproduction, created), indent=2, allow_nan=False) + "\n")
     if not quiet:
-        print_claims(reproduction)
+        _print_claims(reproduction)
         typer.echo(f"report: {report}")
     if strict and reproduction.failing:
         raise typer.Exit(1)
@@ -75,11 +73,11 @@ def _run(
     jobs: int | None,
     quiet: bool,
 ) -> "Reproduction":
-    """Run under the eyes of the progress display; a signal ends it, and no report is written."""
+    """Run everything with a progress display; a signal ends it, and no report is written."""
     from psmpc_cli.cli.parallel import watching_runs
     from psmpc_cli.cli.sweep_progress import watching_sweep
     from psmpc_cli.cli.termination import stopping_on_signals
-    from psmpc_cli.studies.reproduce import add_ablations, add_fronts, add_weights, run_reproduction
+    from psmpc_cli.studies.reproduce import ablate, find_fronts, judge_claims, run_methods, sweep_weights
 
     def found(instant: float, ended: int, count: int) -> None:
         if not quiet:
@@ -92,14 +90,36 @@ def _run(
     with stopping_on_signals() as interruption:
         try:
             with watching_runs(quiet) as runs:
-                reproduction = run_reproduction(directory, changes, force, jobs, runs.began, runs.done)
+                logs = run_methods(directory, changes, force, jobs, runs.began, runs.done)
             with watching_sweep(quiet) as watch:
-                reproduction = add_weights(reproduction, directory, weights, force, jobs, watch)
-            reproduction = add_fronts(reproduction, directory, fronts, force, jobs, found)
-            return add_ablations(reproduction, directory, jobs, ablated) if ablations else reproduction
+                cells = sweep_weights(directory, changes, weights, force, jobs, watch)
+            results = find_fronts(directory, logs["psmpc"], fronts, force, jobs, found)
+            departures = ablate(directory, changes, jobs, ablated) if ablations else ()
+            return judge_claims(logs, cells, results, changes, departures)
         except KeyboardInterrupt as reason:
             typer.echo(f"psmpc: {reason}; no report was written", err=True)
             raise typer.Exit(interruption.exit_code) from None
+
+
+def _print_claims(reproduction: "Reproduction") -> None:
+    """Print every claim, and why some do not hold or are earlier than published."""
+    from psmpc_cli.cli.summary import print_table
+    from psmpc_cli.simulation.recommendation import recommend
+    from psmpc_cli.studies.claims import HEADINGS
+
+    print_table(HEADINGS, [tuple(finding.row.values()) for finding in reproduction.findings], left=1)
+    for finding in reproduction.findings:
+        if finding.cause:
+            holds = "holds" if finding.holds else "does not hold"
+            typer.echo(f"\n{finding.claim.id} {holds}: {finding.claim.statement}")
+            for point in finding.cause:
+                typer.echo(f"  - {point}")
+    if best := recommend(reproduction.weights):
+        typer.echo(f"\nweights: {best}")
+    for ablation in reproduction.ablations:
+        typer.echo(f"\nwithout our {ablation.name.replace('_', ' ')}: {ablation.sentence}")
+    count = len(reproduction.findings)
+    typer.echo(f"\n{count - len(reproduction.failing)} of {count} claims hold")
 
 
 def _refuse_old(files: list[Path], force: bool) -> None:

@@ -1,8 +1,19 @@
-"""The report of a reproduction: every claim with the figures beside it, in one page that needs nothing from outside."""
+"""The report of a reproduction: every claim with the figures beside it, in one HTML page that needs no network."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import platform
+import re
+import shlex
+from base64 import b64encode
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
+from importlib.resources import files
+from io import BytesIO
 from math import isfinite
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined
+from matplotlib.figure import Figure
 
 from psmpc_cli.figures.ablations import plot_ablation
 from psmpc_cli.figures.claims.monitors import plot_monitors
@@ -11,158 +22,238 @@ from psmpc_cli.figures.claims.schedule import plot_schedule
 from psmpc_cli.figures.comparison.instants import plot_instants
 from psmpc_cli.figures.comparison.names import title_of
 from psmpc_cli.figures.comparison.snapshots import plot_snapshots
+from psmpc_cli.figures.pareto import plot_fronts
 from psmpc_cli.figures.run import Run, load_run
 from psmpc_cli.figures.states import plot_states
-from psmpc_cli.report.claims import claim_table
-from psmpc_cli.report.fronts import fronts_section
-from psmpc_cli.report.html import Html, element, page
-from psmpc_cli.report.images import NARROW, WIDE, Picture, embed
-from psmpc_cli.report.making import how_made
-from psmpc_cli.report.weights import weights_section
+from psmpc_cli.figures.style import in_style
+from psmpc_cli.figures.sweep.registry import FIGURES
+from psmpc_cli.logs.read import Log
+from psmpc_cli.simulation.recommendation import recommend
 from psmpc_cli.simulation.summary import summarize
-from psmpc_cli.studies.ablation import Ablation
-from psmpc_cli.studies.claims import TimeClaim
-from psmpc_cli.studies.reproduce import METHODS, JudgedClaim, Reproduction
+from psmpc_cli.studies.claims import HEADINGS, Finding, load_claims
+from psmpc_cli.studies.evidence import settled
+from psmpc_cli.studies.front_movement import front_movement
+from psmpc_cli.studies.front_table import HEADINGS as FRONT_HEADINGS
+from psmpc_cli.studies.front_table import NOTE, front_rows, front_texts
+from psmpc_cli.studies.judge import ABSOLUTE, RELATIVE, mission_end
+from psmpc_cli.studies.reproduce import METHODS, Reproduction
 
-PAPER = "Priority-Based Switching Model Predictive Control for Sequential Manipulation of Space Robot"
+TOPICS = {"times": "When the stages end", "starts": "When the stages start", "mission": "How the mission ends"}
 
-TITLE = "The paper's claims, published against reproduced"
+RUN_HEADINGS = ("run", "mission", "ended at", "samples", "failed solves", "postponed", "median of iterations")
 
-HEADINGS = {"times": "When the stages end", "starts": "When the stages start", "mission": "How the mission ends"}
+SWEEP_CAPTIONS = {
+    "surface": "The actual start over both weights (Fig. 6 of the paper).",
+    "heat_map": "The same from above, with the contour of t_s - T_h.",
+    "starts": "The actual start against the ratio of the weights, for every threshold.",
+    "sensitivity": "Completion, effort and final error against the ratio, and the recommended ratio.",
+}
+
+DPI, CSS_DPI = 200, 96
+"""Pixels an inch in the file of a figure, and on a page."""
 
 
-def build_report(reproduction: Reproduction, created: str) -> Html:
-    """Return the report, made at a time as ISO 8601 has it."""
-    runs = {name: load_run(log) for name, log in reproduction.logs.items()}
-    return page(
-        TITLE,
-        element(
-            "main",
-            *_opening(reproduction),
-            *_plain_section("The setting", "setting", reproduction),
-            *(part for method in METHODS for part in _method(method, reproduction, runs[method])),
-            *_plain_section("The methods against each other", "order", reproduction, _schedule(reproduction, runs)),
-            *(embed(picture, WIDE) for picture in _comparison(runs)),
-            *weights_section(reproduction),
-            *fronts_section(reproduction),
-            *_ablations(reproduction.ablations),
-            *how_made(reproduction, created),
-        ),
+@dataclass(frozen=True)
+class Image:
+    """A figure in the page: PNG data in base64, what it shows for those who cannot see it, its caption, size [px]."""
+
+    data: str
+    alt: str
+    caption: str
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
+class Topic:
+    """Claims with a figure beside them."""
+
+    caption: str
+    findings: Sequence[Finding]
+    image: Image | None = None
+    heading: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """Topics with figures below them."""
+
+    title: str
+    topics: Sequence[Topic]
+    wide: Sequence[Image] = ()
+
+
+def build_report(reproduction: Reproduction, created: str) -> str:
+    """Return the report as HTML; `created` is its time in ISO 8601."""
+    findings = reproduction.findings
+    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
+    environment.filters["unbroken"] = partial(re.sub, r"(?<=\d) (?=s\b)", "\N{NO-BREAK SPACE}")
+    text = files("psmpc_cli.report").joinpath("reproduction.html.j2").read_text(encoding="utf-8")
+    return environment.from_string(text).render(
+        held=sum(finding.holds for finding in findings),
+        count=len(findings),
+        earlier=sum(finding.earlier for finding in findings),
+        failing=reproduction.failing,
+        headings=HEADINGS,
+        sections=list(_sections(reproduction)),
+        weights=_weights(reproduction),
+        fronts=_fronts(reproduction),
+        ablations=[_ablation(one.name, one.sentence, one.panels) for one in reproduction.ablations],
+        facts=_facts(reproduction, created),
+        run_headings=RUN_HEADINGS,
+        runs=[_run_row(name, log) for name, log in reproduction.logs.items()],
+        absolute=ABSOLUTE,
+        relative=RELATIVE,
     )
 
 
-def _opening(reproduction: Reproduction) -> Iterator[Html]:
-    held, count = len(reproduction.judged) - len(reproduction.failing), len(reproduction.judged)
-    earlier = sum(judged.finding.earlier for judged in reproduction.judged)
-    excused = f", {earlier} of them with an earlier time than published and the mission accomplished" if earlier else ""
-    yield element("h1", TITLE)
-    yield element("p", f"The paper: {PAPER}. Its simulations, sections IV-B and IV-C, run again by psmpc.")
-    yield element("p", element("strong", f"{held} of {count} claims hold{excused}."), class_="count")
-    if reproduction.failing:
-        yield element("p", "These do not; the cause stands with each below:")
-        links = (
-            element("li", element("a", judged.claim.id, href=f"#{judged.claim.id}"), f": {judged.claim.statement}")
-            for judged in reproduction.failing
-        )
-        yield element("ul", *links)
+def _image(draw: Callable[[], Figure], alt: str, caption: str) -> Image:
+    with in_style():
+        figure, file = draw(), BytesIO()
+        figure.savefig(file, format="png", dpi=DPI)
+    width, height = (round(inches * CSS_DPI) for inches in figure.get_size_inches())
+    return Image(b64encode(file.getvalue()).decode("ascii"), alt, caption, width, height)
 
 
-def _plain_section(
-    title: str, group: str, reproduction: Reproduction, picture: Picture | None = None
-) -> Iterator[Html]:
-    """Give a section of one topic."""
-    yield element("h2", title)
-    yield _topic(title, _of(reproduction, group), picture)
+def _group(reproduction: Reproduction, name: str) -> list[Finding]:
+    return [finding for finding in reproduction.findings if finding.claim.group == name]
 
 
-def _method(method: str, reproduction: Reproduction, run: Run) -> Iterator[Html]:
-    """Give the section of a method: its topics, each with a figure beside it."""
+def _sections(reproduction: Reproduction) -> Iterator[Section]:
+    """Give the sections on the runs: the setting, the methods, and their comparison."""
+    runs = {name: load_run(log) for name, log in reproduction.logs.items()}
+    yield Section("The setting", [Topic("The setting", _group(reproduction, "setting"))])
+    for method in METHODS:
+        title, topics = title_of(method), []
+        for topic, heading in TOPICS.items():
+            findings = [finding for finding in _group(reproduction, method) if finding.claim.topic == topic]
+            if findings:
+                image = _method_image(topic, method, runs[method])
+                topics.append(Topic(f"{title}: {heading.lower()}", findings, image, heading))
+        yield Section(title, topics)
+    title = "The methods against each other"
+    yield Section(title, [Topic(title, _group(reproduction, "order"), _schedule(runs))], list(_comparison(runs)))
+
+
+def _method_image(topic: str, method: str, run: Run) -> Image:
+    """Return the figure beside the claims of a method on a topic."""
     title = title_of(method)
-    yield element("h2", title)
-    claims = _of(reproduction, method)
-    for topic, heading in HEADINGS.items():
-        chosen = [judged for judged in claims if judged.claim.topic == topic]
-        if chosen:
-            yield element("h3", heading)
-            yield _topic(f"{title}: {heading.lower()}", chosen, _picture(topic, title, run, chosen))
-
-
-def _topic(caption: str, judged: Sequence[JudgedClaim], picture: Picture | None) -> Html:
-    parts = [claim_table(caption, judged)] + ([] if picture is None else [embed(picture, NARROW)])
-    return element("div", *parts, class_="topic" if picture is None else "topic beside")
-
-
-def _of(reproduction: Reproduction, group: str) -> list[JudgedClaim]:
-    return [judged for judged in reproduction.judged if judged.claim.group == group]
-
-
-def _picture(topic: str, title: str, run: Run, judged: Sequence[JudgedClaim]) -> Picture:
-    """Return the figure that stands beside the claims of a method on a topic."""
     if topic == "times":
         ends = ", ".join(f"{span.name} at {span.end:.1f} s" for span in run.spans)
-        return Picture(
-            partial(plot_states, run),
-            f"{title}: base pose and joint angles over time; the stages end: {ends}.",
-            f"{title}: base pose and joint angles.",
-        )
+        alt = f"{title}: base pose and joint angles over time; the stages end: {ends}."
+        return _image(partial(plot_states, run), alt, f"{title}: base pose and joint angles.")
     if topic == "starts":
-        starts = {claim.moment.stage: claim.published for claim in _times(judged)}
         early = ", ".join(f"{span.name} at {span.early:.1f} s" for span in run.spans if span.early is not None)
-        return Picture(
-            partial(plot_presence, run, starts),
+        return _image(
+            partial(plot_presence, run, load_claims().published(method, "start")),
             f"{title}: control that waiting stages add, over time, and the threshold; early starts: {early or 'none'}.",
             f"{title}: what each waiting stage adds to the control. It starts where that reaches the threshold.",
         )
     monitors = summarize(run.log).monitors
-    broken = ", ".join(f"{one.name} broke at {one.broken_at:.1f} s" for one in monitors if isfinite(one.broken_at))
-    return Picture(
+    broken = ", ".join(f"{one.name} at {one.broken_at:.1f} s" for one in monitors if isfinite(one.broken_at))
+    return _image(
         partial(plot_monitors, run),
-        f"{title}: what the monitors watch, over time, with their bounds; {broken or 'none broke'}.",
-        f"{title}: what the monitors of the task watch.",
+        f"{title}: the quantities of the monitors over time, with their bounds; violated: {broken or 'none'}.",
+        f"{title}: the quantities that the task monitors.",
     )
 
 
-def _times(judged: Sequence[JudgedClaim]) -> Iterator[TimeClaim]:
-    for one in judged:
-        if isinstance(one.claim, TimeClaim):
-            yield one.claim
-
-
-def _schedule(reproduction: Reproduction, runs: Mapping[str, Run]) -> Picture:
-    published: dict[str, dict[str, float]] = {}
-    for claim in _times(reproduction.judged):
-        if claim.moment.event == "end":
-            published.setdefault(claim.moment.run, {})[claim.moment.stage] = claim.published
+def _schedule(runs: Mapping[str, Run]) -> Image:
     ends = "; ".join(f"{title_of(name)} after {run.end:.1f} s" for name, run in runs.items())
-    return Picture(
-        partial(plot_schedule, runs, published),
+    return _image(
+        partial(plot_schedule, runs, {name: load_claims().published(name, "end") for name in runs}),
         f"The stages of all methods as bars along time, with published ends; the runs end: {ends}.",
         "All methods: bars are the stages as reproduced, triangles their ends as published.",
     )
 
 
-def _comparison(runs: Mapping[str, Run]) -> Iterator[Picture]:
-    yield Picture(
+def _comparison(runs: Mapping[str, Run]) -> Iterator[Image]:
+    yield _image(
         partial(plot_instants, runs),
-        "Optimized switching instants of all methods over time, stage by stage against the end that came true.",
-        "Optimized switching instants (Fig. 11 of the paper).",
+        "Planned switch times of all methods over time, stage by stage, with the actual ends of the stages.",
+        "Planned switch times (Fig. 11 of the paper).",
     )
-    yield Picture(
+    yield _image(
         partial(plot_snapshots, runs),
         "The robot and the object at the end of every stage, a row for each method.",
-        "The robot at the switching instants (Fig. 5 of the paper).",
+        "The robot at the switch times (Fig. 5 of the paper).",
     )
 
 
-def _ablations(ablations: Sequence[Ablation]) -> Iterator[Html]:
-    """Give the section on what becomes of the task without each departure from the paper, if that was asked for."""
-    if not ablations:
-        return
-    yield element("h2", "What the departures from the paper are good for")
-    for ablation in ablations:
-        name = ablation.name.replace("_", " ")
-        draw = partial(plot_ablation, ablation.name, ablation.panels)
-        picture = Picture(draw, f"Ablation of the {name}: {ablation.sentence}", f"With and without the {name}.")
-        yield element("h3", name.capitalize())
-        said = element("p", ablation.sentence)
-        yield element("div", said, embed(picture, NARROW), class_="topic beside")
+def _weights(reproduction: Reproduction) -> dict[str, Any]:
+    """Return what the page says of the sweep over the weights."""
+    cells = reproduction.weights
+    images = []
+    if cells.ended.any():
+        found = settled(cells)
+        short = f"from ratio {found.ratio:.4g} on the actual start stays at {found.start:.2f} s"
+        for name, draw in FIGURES[cells.sampling].items():
+            caption = SWEEP_CAPTIONS[name]
+            images.append(_image(partial(draw, cells), f"{caption} In short: {short}.", caption))
+    return {
+        "findings": _group(reproduction, "weights"),
+        "names": cells.names,
+        "cells": len(cells.ratio),
+        "low": cells.omega.min(),
+        "high": cells.omega.max(),
+        "failed": cells.failed.sum(),
+        "failed_solves": cells.count("fallbacks"),
+        "solves": cells.count("solves"),
+        "best": recommend(cells),
+        "images": images,
+    }
+
+
+def _fronts(reproduction: Reproduction) -> dict[str, Any]:
+    """Return what the page says of the Pareto fronts."""
+    results, about = reproduction.fronts, {"caption": "The Pareto fronts", "findings": _group(reproduction, "fronts")}
+    if results is None:
+        return {**about, "image": None, "rows": ()}
+    rows, caption = front_rows(results), "The Pareto fronts at several samples (Fig. 7 of the paper)."
+    short = front_movement(results).over_ratio
+    some = any(row.failed < row.points for row in rows)
+    image = _image(partial(plot_fronts, results), f"{caption} In short: {short}.", caption) if some else None
+    totals = {name: sum(getattr(row, name) for row in rows) for name in ("points", "failed", "dominated")}
+    texts = [front_texts(row) for row in rows]
+    named = {"names": results["stage"], "headings": FRONT_HEADINGS, "note": NOTE}
+    return {**about, **totals, **named, "image": image, "rows": texts}
+
+
+def _ablation(name: str, sentence: str, panels: Any) -> tuple[str, str, Image]:
+    title = name.replace("_", " ")
+    alt = f"Ablation of the {title}: {sentence}"
+    return title, sentence, _image(partial(plot_ablation, name, panels), alt, f"With and without the {title}.")
+
+
+def _facts(reproduction: Reproduction, created: str) -> dict[str, str]:
+    """Return how the reproduction was made; nothing of the machine."""
+    attributes = reproduction.weights.results.attributes
+    options = [word for change in reproduction.changes for word in ("--set", change)]
+    options += ["--weights", str(attributes["sampling"])]
+    if reproduction.fronts is not None:
+        options += ["--fronts", str(len(reproduction.fronts["ratio"]))]
+    first = next(iter(reproduction.logs.values())).attributes
+    versions = {"psmpc": "psmpc_version", "CasADi": "casadi_version", "NumPy": "numpy_version"}
+    named = [f"{name} {first[key]}" for name, key in versions.items()]
+    digests = {title_of(name): str(log.attributes["digest"]) for name, log in reproduction.logs.items()}
+    digests["weights"] = str(attributes["digest"])
+    return {
+        "command": shlex.join(["psmpc", "reproduce", *options]),
+        "date": created,
+        "versions": ", ".join([*named, f"Python {platform.python_version()}"]),
+        "plant": str(first["plant"]),
+        **{f"task digest, {name}": digest for name, digest in digests.items()},
+    }
+
+
+def _run_row(name: str, log: Log) -> tuple[str, ...]:
+    summary = summarize(log)
+    return (
+        title_of(name),
+        "succeeded" if summary.succeeded else "; ".join(("failed", *mission_end(summary))),
+        f"{summary.duration:.1f} s",
+        str(len(log.time)),
+        str(summary.fallbacks),
+        str(summary.postponed),
+        f"{summary.solves.iterations:.0f}",
+    )

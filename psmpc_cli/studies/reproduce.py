@@ -1,65 +1,55 @@
 """Runs what the paper's claims on its simulations need, and judges them. Documented in docs/reproduce.md."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass
+from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
+from psmpc_cli import __version__
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.comparison import extract_log, read_comparison
 from psmpc_cli.logs.read import Log
 from psmpc_cli.logs.results import Results
 from psmpc_cli.ocp.feasibility import ensure_feasible
+from psmpc_cli.simulation.recommendation import recommend
 from psmpc_cli.simulation.sweep_cells import SweepCells, sweep_cells
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.ablations import Ablation, run_ablations
-from psmpc_cli.studies.claims import Claim, published_claims
+from psmpc_cli.studies.claims import Finding, Value, load_claims
 from psmpc_cli.studies.compare import compare
-from psmpc_cli.studies.evidence import Evidence, gather_evidence
-from psmpc_cli.studies.findings import Finding, judge
-from psmpc_cli.studies.front_claims import fronts_claims
-from psmpc_cli.studies.front_findings import judge_fronts
+from psmpc_cli.studies.evidence import Evidence, gather_run
+from psmpc_cli.studies.front_movement import front_movement
+from psmpc_cli.studies.front_table import front_rows
+from psmpc_cli.studies.judge import judge
 from psmpc_cli.studies.parallel import LocalCalls
 from psmpc_cli.studies.pareto import Question, possible_samples, solve_pareto
 from psmpc_cli.studies.pareto_file import read_pareto
-from psmpc_cli.studies.published import load_published
 from psmpc_cli.studies.sampling import grid_sampling
 from psmpc_cli.studies.sweep import DEFAULT_TASK, SweepProgress, load_sweep_task, parse_stages, run_sweep
-from psmpc_cli.studies.sweep_claims import weights_claims
 from psmpc_cli.studies.sweep_file import Sweep, read_sweep
-from psmpc_cli.studies.sweep_findings import judge_weights
 
 TASK = "transport"
 
 METHODS = ("htmpc", "smpc", "psmpc")
 """The controllers whose results are published, in the order of the paper; the slowest one first."""
 
-LOGS = "runs.h5"
-"""The file with the logs of all runs; psmpc plot and psmpc show read it."""
+LOGS, WEIGHTS, FRONTS = "runs.h5", "weights.h5", "fronts.h5"
+"""Files of the runs, the sweep over the weights and the Pareto fronts, which psmpc plot and psmpc show read."""
 
-WEIGHTS = "weights.h5"
-"""The file with the sweep over the weights of Approach and Capture; psmpc plot and psmpc show read it."""
-
-FRONTS = "fronts.h5"
-"""The file with the Pareto fronts of Approach and Capture; psmpc plot and psmpc show read it."""
+FORMAT = 1
+"""Version of `as_data`; increases when a key is removed or changes its meaning."""
 
 RANGE = (1e-3, 1e3)
 """Range of both weights."""
 
 COMMON = ("controller", "solver", "plant")
-"""Changes of these keys of the task are changes of the swept task too; stages and skills are its own."""
+"""Changes of these keys of the task also apply to the swept task; its stages and skills are its own."""
 
 FOLLOWED = (1.0, 10.0)
-"""Thresholds beyond the task's own up to which a waiting stage is followed, for what they say on a start's cause."""
-
-
-@dataclass(frozen=True)
-class JudgedClaim:
-    """A claim and what became of it."""
-
-    claim: Claim
-    finding: Finding
+"""Thresholds above the task's own for which actual starts are logged, for the causes of the claims on starts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,23 +59,37 @@ class Reproduction:
     Attributes:
         changes: Keys of the task that were changed.
         logs: The runs, by method.
-        judged: The claims.
-        weights: The sweep over the weights of Approach and Capture; None as long as it has not been run.
-        fronts: Their Pareto fronts in the PSMPC run; None as long as they have not been found, or where there are none.
-        ablations: What each departure from the paper is good for, where that was asked for.
+        weights: The sweep over the weights of Approach and Capture.
+        fronts: Their Pareto fronts in the PSMPC run; None if none of its windows holds both alone.
+        findings: The judged claims.
+        ablations: The ablations of the PSMPC run, if they were run.
     """
 
     changes: tuple[str, ...]
     logs: Mapping[str, Log]
-    judged: tuple[JudgedClaim, ...]
-    weights: SweepCells | None = None
-    fronts: Results | None = None
+    weights: SweepCells
+    fronts: Results | None
+    findings: tuple[Finding, ...]
     ablations: tuple[Ablation, ...] = ()
 
     @property
-    def failing(self) -> tuple[JudgedClaim, ...]:
+    def failing(self) -> tuple[Finding, ...]:
         """The claims that do not hold."""
-        return tuple(judged for judged in self.judged if not judged.finding.holds)
+        return tuple(finding for finding in self.findings if not finding.holds)
+
+
+def judge_claims(
+    logs: Mapping[str, Log],
+    weights: SweepCells,
+    fronts: Results | None,
+    changes: Sequence[str] = (),
+    ablations: Sequence[Ablation] = (),
+) -> Reproduction:
+    """Judge every claim on the logs of all methods, the sweep and the fronts; `changes` of the task are noted."""
+    claims, movement = load_claims(), None if fronts is None else front_movement(fronts)
+    evidence = Evidence(claims, {name: gather_run(log) for name, log in logs.items()}, weights, movement)
+    findings = tuple(judge(claim, evidence) for claim in claims.claims)
+    return Reproduction(tuple(changes), logs, weights, fronts, findings, tuple(ablations))
 
 
 def load_variants(changes: Sequence[str] = ()) -> dict[str, Task]:
@@ -106,23 +110,23 @@ def load_variants(changes: Sequence[str] = ()) -> dict[str, Task]:
     return {kind: load_task(path, (*changes, f"controller.kind={kind}", f"onset.series={series}")) for kind in METHODS}
 
 
-def run_reproduction(
+def run_methods(
     directory: Path,
     changes: Sequence[str] = (),
     force: bool = False,
     jobs: int | None = None,
     began: Callable[[Mapping[str, Path]], None] = lambda paths: None,
     done: Callable[[str], None] = lambda name: None,
-) -> Reproduction:
-    """Run every method, keep their logs in one file of a directory, and judge the claims.
+) -> Mapping[str, Log]:
+    """Run every method and return its log; the logs go to one file of a directory.
 
     Args:
-        directory: Where the logs go.
+        directory: The directory.
         changes: Keys of the task to change, each `path=value`.
         force: Overwrite logs.
-        jobs: Processes at once; default as many as there are cores.
-        began: Told where the logs stand meanwhile.
-        done: Told the name of each run as it ends.
+        jobs: Number of parallel processes; default the number of cores.
+        began: Called with the paths of the logs during the runs.
+        done: Called with the name of each run as it ends.
 
     Raises:
         InputError: As for `load_variants`; or the logs exist already or cannot be written.
@@ -131,11 +135,11 @@ def run_reproduction(
     """
     path = directory / LOGS
     compare(load_variants(changes), path, force, jobs, began, done)
-    return judge_claims(read_comparison(path), changes)
+    return read_comparison(path)
 
 
 def load_weights_sweep(changes: Sequence[str], grid: str) -> Sweep:
-    """Return the sweep over the weights, with those changes of the task that concern it as well.
+    """Return the sweep over the weights, with those changes of the task that apply to it as well.
 
     Raises:
         InputError: The grid is none.
@@ -146,25 +150,17 @@ def load_weights_sweep(changes: Sequence[str], grid: str) -> Sweep:
     return Sweep(task, parse_stages("1,2", task), grid_sampling(grid, RANGE), False)
 
 
-def add_weights(
-    reproduction: Reproduction,
+def sweep_weights(
     directory: Path,
+    changes: Sequence[str],
     grid: str,
     force: bool = False,
     jobs: int | None = None,
     watch: Callable[[SweepProgress], None] = lambda progress: None,
-) -> Reproduction:
-    """Return the reproduction with the sweep over the weights, kept in a directory, and with the claims on it judged.
+) -> SweepCells:
+    """Run the sweep over a grid of both weights, such as 7x7, into a file of a directory, and return its cells.
 
-    Cells of one ratio share their run: 7x7 cells, ratios from 1e-6 to 1e6, take 13 runs of Approach and Capture.
-
-    Args:
-        reproduction: What there is.
-        directory: Where the results go.
-        grid: Points of both weights, such as 7x7.
-        force: Overwrite results.
-        jobs: Processes at once; default as many as there are cores.
-        watch: Told how far the sweep has come.
+    Cells of equal ratio share their run: 7x7 cells, ratios from 1e-6 to 1e6, take 13 runs of Approach and Capture.
 
     Raises:
         InputError: As for `load_weights_sweep`; or the results exist already or cannot be written.
@@ -172,79 +168,113 @@ def add_weights(
         RunError: The results could not be written.
     """
     path = directory / WEIGHTS
-    run_sweep(load_weights_sweep(reproduction.changes, grid), path, LocalCalls(jobs), force, watch=watch)
-    return judge_sweep(reproduction, sweep_cells(read_sweep(path)))
+    run_sweep(load_weights_sweep(changes, grid), path, LocalCalls(jobs), force, watch=watch)
+    return sweep_cells(read_sweep(path))
 
 
-def judge_sweep(reproduction: Reproduction, cells: SweepCells) -> Reproduction:
-    """Return the reproduction with the claims on the weights judged on a sweep."""
-    claims = weights_claims(load_published())
-    judged = tuple(JudgedClaim(claim, judge_weights(claim, cells)) for claim in claims)
-    return replace(reproduction, judged=(*reproduction.judged, *judged), weights=cells)
-
-
-def add_fronts(
-    reproduction: Reproduction,
+def find_fronts(
     directory: Path,
+    log: Log,
     points: int,
     force: bool = False,
     jobs: int | None = None,
     done: Callable[[float, int, int], None] = lambda instant, ended, count: None,
-) -> Reproduction:
-    """Return the reproduction with the fronts of its PSMPC run, and with the claims on them judged.
+) -> Results | None:
+    """Find the Pareto fronts of the PSMPC run and return them; None if no window holds Approach and Capture alone.
 
-    They are weighted sums, at five samples whose window holds Approach and Capture alone; no run is made for them.
+    They are weighted sums, at five samples of the run; no further run is needed.
 
     Args:
-        reproduction: What there is.
-        directory: Where its logs are and the results go.
+        directory: Where the logs are and the results go.
+        log: The PSMPC run.
         points: Points of a front.
         force: Overwrite results.
-        jobs: Processes at once; default as many as there are cores.
-        done: Told the instant of each sample as it is done [s], how many are, and how many there are.
+        jobs: Number of parallel processes; default the number of cores.
+        done: Called with the time of each sample as it is done [s], how many are, and how many there are.
 
     Raises:
         InputError: The results exist already or cannot be written.
-        RunError: Processes are ended from outside again and again.
+        RunError: Processes are ended from outside repeatedly.
     """
     path = directory / FRONTS
     if force:
         path.unlink(missing_ok=True)
-    if not len(possible_samples(reproduction.logs["psmpc"], (0, 1))):
-        return judge_pareto(reproduction, None)
+    if not len(possible_samples(log, (0, 1))):
+        return None
     with TemporaryDirectory(prefix=".fronts-", dir=directory) as meanwhile:
         run = Path(meanwhile) / "psmpc.h5"
         extract_log(directory / LOGS, "psmpc", run)
         solve_pareto(run, Question("1,2", (), points, "weighted-sum", False), path, LocalCalls(jobs), force, done)
-    return judge_pareto(reproduction, read_pareto(path))
+    return read_pareto(path)
 
 
-def judge_pareto(reproduction: Reproduction, results: Results | None) -> Reproduction:
-    """Return the reproduction with the claims on the fronts judged; None where there is no window to find them in."""
-    claims = fronts_claims(load_published())
-    judged = tuple(JudgedClaim(claim, judge_fronts(claim, results)) for claim in claims)
-    return replace(reproduction, judged=(*reproduction.judged, *judged), fronts=results)
-
-
-def add_ablations(
-    reproduction: Reproduction,
+def ablate(
     directory: Path,
+    changes: Sequence[str],
     jobs: int | None = None,
     done: Callable[[str], None] = lambda name: None,
-) -> Reproduction:
-    """Return the reproduction with the ablations of its PSMPC run; their logs stay in a directory no longer than that.
+) -> tuple[Ablation, ...]:
+    """Run the ablations of the PSMPC run; their logs are in a directory during that time only.
 
     Raises:
         RunError: A log could not be written.
     """
-    task = load_variants(reproduction.changes)["psmpc"]
+    task = load_variants(changes)["psmpc"]
     with TemporaryDirectory(prefix=".ablations-", dir=directory) as meanwhile:
-        return replace(reproduction, ablations=tuple(run_ablations(task, Path(meanwhile), jobs, done)))
+        return tuple(run_ablations(task, Path(meanwhile), jobs, done))
 
 
-def judge_claims(logs: Mapping[str, Log], changes: Sequence[str] = ()) -> Reproduction:
-    """Judge every claim on the logs of all methods; `changes` of the task are noted."""
-    runs: dict[str, Evidence] = {name: gather_evidence(log) for name, log in logs.items()}
-    claims = published_claims(load_published())
-    judged = tuple(JudgedClaim(claim, judge(claim, runs)) for claim in claims)
-    return Reproduction(tuple(changes), logs, judged)
+def as_data(reproduction: Reproduction, created: str) -> dict[str, Any]:
+    """Return the claim table for JSON; what is unknown, or does not apply, is null. Keys: docs/reproduce.md."""
+    cells, fronts = reproduction.weights, reproduction.fronts
+    best = recommend(cells)
+    return {
+        "format": FORMAT,
+        "psmpc_version": __version__,
+        "created": created,
+        "task": TASK,
+        "changes": list(reproduction.changes),
+        "digests": {name: str(log.attributes["digest"]) for name, log in reproduction.logs.items()},
+        "weights": {
+            "task": cells.task.spec.name,
+            "digest": str(cells.results.attributes["digest"]),
+            "sampling": str(cells.results.attributes["sampling"]),
+            "failed_cells": int(cells.failed.sum()),
+            "failed_solves": cells.count("fallbacks"),
+            "recommended": None if best is None else best.ratio,
+        },
+        "fronts": None
+        if fronts is None
+        else {
+            "stages": fronts["stage"].tolist(),
+            "method": str(fronts.attributes["method"]),
+            "samples": [_plain(asdict(row)) for row in front_rows(fronts)],
+        },
+        "claims": [_claim_data(finding) for finding in reproduction.findings],
+        "ablations": [
+            {"name": one.name, "sentence": one.sentence, "numbers": _plain(one.numbers)}
+            for one in reproduction.ablations
+        ],
+        "held": len(reproduction.findings) - len(reproduction.failing),
+        "failed": len(reproduction.failing),
+    }
+
+
+def _claim_data(finding: Finding) -> dict[str, Any]:
+    values = {key: getattr(finding, key) for key in ("reproduced", "difference", "tolerance", "holds", "earlier")}
+    return {
+        **finding.claim.model_dump(include={"id", "statement", "source"}),
+        "unit": finding.unit or None,
+        "published": _plain(finding.claim.published),
+        **_plain(values),
+        "cause": "; ".join(finding.cause) or None,
+    }
+
+
+def _plain(value: Mapping[str, Any] | Value) -> Any:
+    """Return a value for JSON: lists for tuples, null for numbers that are not finite."""
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, tuple):
+        return [_plain(entry) for entry in value]
+    return None if isinstance(value, float) and not isfinite(value) else value

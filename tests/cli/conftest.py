@@ -7,7 +7,7 @@ import pytest
 
 from psmpc_cli.cli.main import main
 
-from ..experiment.logged import there_and_back
+from ..simulation.logged import there_and_back
 from .command import Psmpc, Ran
 
 

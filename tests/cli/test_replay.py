@@ -4,7 +4,7 @@ import numpy as np
 
 from psmpc_cli.logs.read import read_log
 
-from ..experiment.logged import there_and_back
+from ..simulation.logged import there_and_back
 from .command import Psmpc
 
 

@@ -133,6 +133,7 @@ def test_nothing_is_overwritten_unasked(ran: Result, folder: Path) -> None:
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
+@pytest.mark.slow
 def test_strict_and_force(ran: Result, folder: Path) -> None:
     strict = psmpc("-o", folder / "out", *near(), "--strict", "--force", "--quiet")
     assert strict.exit_code == 1
@@ -157,6 +158,7 @@ def test_a_place_that_cannot_be_is_refused_before_the_runs(tmp_path: Path) -> No
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_ablations_join_the_report(tmp_path: Path) -> None:
     ran = psmpc("-o", tmp_path, "--json", tmp_path / "claims.json", "--ablations", *near())
     assert ran.exit_code == 0, ran.output

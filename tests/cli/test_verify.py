@@ -1,6 +1,6 @@
 from pathlib import Path
 
-from ..experiment.logged import there_and_back
+from ..simulation.logged import there_and_back
 from .command import Psmpc
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.simulation.sweep_cells import sweep_cells
-from psmpc_cli.studies.reproduce import Reproduction, judge_claims, judge_pareto, judge_sweep
+from psmpc_cli.studies.reproduce import Reproduction, judge_claims
 
 from ..figures.made_up import Story, write_story
 from ..made_up_fronts import made_up_fronts
@@ -41,6 +41,6 @@ def made_up(path: Path, method: str) -> Log:
 @pytest.fixture(scope="session")
 def reproduction(tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
     folder = tmp_path_factory.mktemp("made_up")
-    judged = judge_claims({name: made_up(folder / f"{name}.h5", name) for name in STORIES}, (HOSTILE,))
-    judged = judge_sweep(judged, sweep_cells(made_up_sweep(folder / "weights.h5", "5x5", failed=(3,))))
-    return judge_pareto(judged, made_up_fronts(folder / "fronts.h5", failed=(1,)))
+    logs = {name: made_up(folder / f"{name}.h5", name) for name in STORIES}
+    cells = sweep_cells(made_up_sweep(folder / "weights.h5", "5x5", failed=(3,)))
+    return judge_claims(logs, cells, made_up_fronts(folder / "fronts.h5", failed=(1,)), (HOSTILE,))

@@ -2,13 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from psmpc_cli.simulation.monitors import Verdict
 from psmpc_cli.simulation.summary import StageSummary, Summary
-from psmpc_cli.studies.evidence import Evidence, Nearness, Onset
+from psmpc_cli.simulation.sweep_cells import SweepCells
+from psmpc_cli.studies.claims import load_claims
+from psmpc_cli.studies.evidence import Evidence, Onset, RunEvidence
 
 STAGES = ("approach", "capture", "transport", "release")
 
@@ -25,20 +27,25 @@ def run(
     monitors: Sequence[Verdict] = (HELD,),
     onsets: Mapping[str, Onset] | None = None,
     earliest_ends: Mapping[str, float] | None = None,
-    nearness: Mapping[str, Nearness] | None = None,
+    errors: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
     nodes: float = 100,
-) -> Evidence:
+) -> RunEvidence:
     """A run whose stages end at these times, NaN if never; `early` are the actual starts before their time."""
-    return Evidence(
+    return RunEvidence(
         summary=summary(ends, early or {}, monitors),
         horizon=4.0,
         nodes=nodes,
         sample_time=0.1,
         epsilon=0.1,
         onsets=onsets or {},
-        nearness=nearness or {},
+        errors=errors or {},
         earliest_ends=earliest_ends or {},
     )
+
+
+def evidence(**runs: RunEvidence) -> Evidence:
+    """Evidence for the claims on runs, which look at no sweep and no fronts."""
+    return Evidence(load_claims(), runs, cast(SweepCells, None), None)
 
 
 def summary(ends: Sequence[float], early: Mapping[str, float], monitors: Sequence[Verdict]) -> Summary:

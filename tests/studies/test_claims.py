@@ -1,77 +1,85 @@
 import pytest
 
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.studies.claims import (
-    FloorClaim,
-    Moment,
-    OrderClaim,
-    ReleaseClaim,
-    StartClaim,
-    TimeClaim,
-    moment_of,
-    published_claims,
-)
-from psmpc_cli.studies.published import Published, load_published
+from psmpc_cli.studies.claims import HEADINGS, Claim, Finding, load_claims, shown
+from psmpc_cli.studies.judge import RULES
+
+CLAIMS = {claim.id: claim for claim in load_claims().claims}
 
 
-@pytest.fixture(scope="module")
-def published() -> Published:
-    return load_published()
+def test_every_claim_has_a_name_of_its_own_and_a_rule() -> None:
+    assert len(CLAIMS) == len(load_claims().claims) == 33
+    assert {claim.rule for claim in CLAIMS.values()} == set(RULES)
 
 
-def test_every_published_time_is_a_claim(published: Published) -> None:
-    claims = [claim for claim in published_claims(published) if isinstance(claim, TimeClaim)]
-    told = {str(claim.moment): claim.published for claim in claims}
-    assert told == {f"{run}.{symbol}": t for run, about in published.runs.items() for symbol, t in about.times.items()}
-    assert told["htmpc.t_end"] == 35.4
-    assert told["smpc.t1_real"] == 8.8
-    assert len(told) == 11
+def test_the_names_of_claims_stay() -> None:
+    assert {name for name, claim in CLAIMS.items() if claim.rule != "time"} == {
+        *("setting.horizon", "setting.nodes", "htmpc.mission", "smpc.mission", "psmpc.mission"),
+        *("smpc.starts_early", "smpc.floor", "smpc.released_early", "psmpc.floor", "psmpc.t1_real.once_seen"),
+        *("psmpc.t2_real.on_time", "psmpc.t3_real.on_time", "order.t_end", "order.t2", "order.t1_real", "order.t1"),
+        *("weights.trend", "weights.floor", "weights.settles", "weights.chosen"),
+        *("fronts.with_ratio", "fronts.with_time"),
+    }
+    assert all(claim.id == claim.reads[0] for claim in CLAIMS.values() if claim.rule == "time")
 
 
-def test_every_claim_has_a_name_of_its_own(published: Published) -> None:
-    names = [claim.id for claim in published_claims(published)]
-    assert len(set(names)) == len(names)
+def test_claims_on_the_methods_have_a_topic() -> None:
+    for claim in CLAIMS.values():
+        assert (claim.topic is not None) == (claim.group in ("htmpc", "smpc", "psmpc"))
 
 
-def test_the_qualitative_claims_are_there(published: Published) -> None:
-    names = {claim.id for claim in published_claims(published)}
-    missions = {"htmpc.mission", "smpc.mission", "smpc.released_early", "psmpc.mission"}
-    starts = {"smpc.starts_early", "psmpc.t1_real.once_seen", "psmpc.t2_real.on_time", "psmpc.t3_real.on_time"}
-    orders = {"order.t_end", "order.t2", "order.t1_real", "order.t1"}
-    assert missions | starts | orders | {"smpc.floor", "psmpc.floor"} <= names
+def test_symbols_name_ends_and_the_starts_of_the_stages_after_them() -> None:
+    assert load_claims().event("t2") == ("capture", "end")
+    assert load_claims().event("t2_real") == ("transport", "start")
 
 
-def test_symbols_name_ends_and_the_starts_of_the_stages_after_them(published: Published) -> None:
-    assert moment_of(published, "smpc.t2") == Moment("smpc", "t2", "capture", "end")
-    assert moment_of(published, "smpc.t2_real") == Moment("smpc", "t2_real", "transport", "start")
-
-
-def test_claims_on_starts_speak_of_the_end_they_are_about(published: Published) -> None:
-    claims = {claim.id: claim for claim in published_claims(published)}
-    on_time, release = claims["psmpc.t3_real.on_time"], claims["smpc.released_early"]
-    assert isinstance(on_time, StartClaim)
-    assert isinstance(release, ReleaseClaim)
-    assert (on_time.start.stage, on_time.end.stage) == ("release", "transport")
-    assert (release.start.stage, release.end.stage) == ("release", "transport")
-    floor = claims["smpc.floor"]
-    assert isinstance(floor, FloorClaim)
-    assert [(start.stage, end.stage) for start, end in floor.pairs] == [
-        ("capture", "approach"),
-        ("transport", "capture"),
-        ("release", "transport"),
-    ]
-
-
-def test_orders_hold_in_what_is_published(published: Published) -> None:
-    for claim in published_claims(published):
-        if isinstance(claim, OrderClaim):
+def test_orders_hold_in_what_is_published_and_agree_with_the_claims_on_times() -> None:
+    for claim in CLAIMS.values():
+        if claim.rule == "order":
+            assert claim.published == tuple(CLAIMS[name].published for name in claim.reads)
             assert list(claim.published) == sorted(claim.published)
 
 
-def test_the_task_prints_the_same_published_values(published: Published) -> None:
-    for run, about in load_task("transport").spec.published.items():
-        told = {moment_of(published, f"{run}.{symbol}"): time for symbol, time in published.runs[run].times.items()}
-        ends = {moment.stage: time for moment, time in told.items() if moment.event == "end"}
-        starts = {moment.stage: time for moment, time in told.items() if moment.event == "start"}
-        assert about.switch_time == ends
-        assert about.actual_start == starts
+def test_numbers_in_statements_are_the_published_ones() -> None:
+    for claim in CLAIMS.values():
+        if claim.rule in ("time", "setting", "settles"):
+            assert f"{claim.published:g}" in claim.statement
+
+
+def test_the_task_prints_the_same_published_values() -> None:
+    for method, about in load_task("transport").spec.published.items():
+        assert about.switch_time == load_claims().published(method, "end")
+        assert about.actual_start == load_claims().published(method, "start")
+
+
+def claim(published: object) -> Claim:
+    return Claim(id="a.b", statement="a happens", source="section IV", rule="time", reads=(), published=published)
+
+
+@pytest.mark.parametrize(
+    ("finding", "texts"),
+    [
+        (
+            Finding(claim(1.0), float("nan"), False, "s", tolerance=0.8),
+            ("a.b", "1.0 s", "never", "-", "0.80 s", "no"),
+        ),
+        (
+            Finding(claim(10.0), 8.0, True, "s", -2.0, 0.8, True),
+            ("a.b", "10.0 s", "8.0 s", "-2.00 s", "0.80 s", "yes, earlier"),
+        ),
+        (
+            Finding(claim((1.0, 2.0)), (2.0, 1.5), False, "s"),
+            ("a.b", "1.0 s < 2.0 s", "2.0 s >= 1.5 s", "-", "exact", "no"),
+        ),
+        (Finding(claim(("a", "b")), ("a",), False), ("a.b", "a, b", "a", "-", "exact", "no")),
+        (Finding(claim("fails"), "fails", True), ("a.b", "fails", "fails", "-", "exact", "yes")),
+    ],
+)
+def test_a_finding_is_a_row(finding: Finding, texts: tuple[str, ...]) -> None:
+    assert finding.row == dict(zip(HEADINGS, texts, strict=True))
+
+
+def test_values_are_shown_with_as_many_digits_as_they_need() -> None:
+    assert [shown(value, "s") for value in (9.7, 10.14, 10.0)] == ["9.7 s", "10.14 s", "10.0 s"]
+    assert [shown(value, "") for value in (100.0, 8.0)] == ["100", "8"]
+    assert shown((), "") == "none"

@@ -30,9 +30,8 @@ def front(right: float = 0.0, up: float = 0.0) -> np.ndarray:
 
 def test_a_front_that_moves_to_the_upper_left_is_said_to() -> None:
     movement = front_movement(made_up(np.array([front(2, 0), front(1, 1), front(0, 2)])))
-    assert movement.with_ratio
-    assert movement.with_time()
-    assert all(step.share == 1.0 for step in movement.steps["normalized"])
+    assert movement.moving == 3
+    assert movement.with_time
     assert [step.right for step in movement.steps["normalized"]] == pytest.approx([-1, -1])
     assert movement.against == (0.0, 0.0, 0.0)
 
@@ -40,37 +39,36 @@ def test_a_front_that_moves_to_the_upper_left_is_said_to() -> None:
 def test_where_each_step_leads_is_said() -> None:
     movement = front_movement(made_up(np.array([front(0, 1), front(1, 0), front(2, 1)])))
     assert [step.direction for step in movement.steps["normalized"]] == ["lower right", "upper right"]
-    assert not movement.with_time()
-    assert any("lower right (1 of 2) and upper right (1 of 2)" in words for words in movement.sentences)
+    assert not movement.with_time
+    assert any("lower right (1 of 2) and upper right (1 of 2)" in words for words in movement.over_time)
 
 
 def test_a_step_back_along_a_front_is_found() -> None:
     J = front()
     J[[2, 3]] = J[[3, 2]]
     movement = front_movement(made_up(np.array([front(), J])))
-    assert not movement.with_ratio
+    assert movement.moving == 1
     assert movement.against[0] == 0.0
     assert movement.against[1] > 0.1
-    assert "upper left at 1 of 2 instants" in movement.sentences[0]
+    assert "upper left at 1 of 2 instants" in movement.over_ratio
 
 
 def test_last_digits_are_no_step_back() -> None:
     J = front()
     J[3] = J[2] * [1 - 1e-7, 1 + 1e-7]
-    assert front_movement(made_up(J[None])).with_ratio
+    assert front_movement(made_up(J[None])).moving == 1
 
 
 def test_a_front_that_only_grows_does_not_move_over_its_own_extent() -> None:
     movement = front_movement(made_up(np.array([front(), 3 * front()])))
     (step,) = movement.steps["own extent"]
-    assert (step.right, step.up, step.share) == (pytest.approx(0, abs=1e-12), pytest.approx(0, abs=1e-12), 1.0)
+    assert (step.right, step.up) == (pytest.approx(0, abs=1e-12), pytest.approx(0, abs=1e-12))
 
 
 def test_costs_that_follow_the_stages_parts_of_the_horizon_do_not_move_per_second() -> None:
     parts = np.array([[3.0, 1.0], [2.0, 2.0], [1.0, 3.0]])
     movement = front_movement(made_up(parts[:, None, :] * front()))
-    assert movement.first_part == (3.0, 2.0, 1.0)
-    assert movement.second_part == (1.0, 2.0, 3.0)
+    np.testing.assert_allclose(movement.parts, parts)
     assert [step.direction for step in movement.steps["normalized"]] == ["lower right", "lower right"]
     for step in movement.steps["per second"]:
         assert (step.right, step.up) == (pytest.approx(0, abs=1e-12), pytest.approx(0, abs=1e-12))
@@ -80,12 +78,12 @@ def test_points_that_could_not_be_solved_for_are_left_out() -> None:
     J = np.array([front(1, 0), front(0, 1)])
     J[0, 2] = J[1, 5] = np.nan
     movement = front_movement(made_up(J))
-    assert movement.with_ratio and movement.with_time()
+    assert movement.moving == 2 and movement.with_time
 
 
 def test_one_instant_does_not_move() -> None:
     movement = front_movement(made_up(front()[None]))
-    assert len(movement.sentences) == 1
+    assert movement.over_time == ()
     assert movement.steps["normalized"] == ()
 
 

@@ -1,23 +1,41 @@
-"""What our departures from the paper are good for: a task as it is, and with each of them taken back.
+"""What each of our departures from the paper changes: a task as it is, and with each departure taken back.
 
-Nothing here draws: an `Ablation` carries plain arrays for whoever does.
+Nothing here draws: an `Ablation` carries plain arrays, and `psmpc_cli.figures.ablations` draws them.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from psmpc_cli.logs.read import read_log
-from psmpc_cli.specs.document import read, write
+import numpy as np
+
+from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.specs.load import Task, parse_task
-from psmpc_cli.specs.overrides import override
-from psmpc_cli.studies.ablate_discretization import KINDS, ablate_discretization, meshes, run_on_mesh
-from psmpc_cli.studies.ablate_normalization import ALL_PRINTED, NONE, RANGE, ablate_normalization
-from psmpc_cli.studies.ablate_pending_cost import EQUAL, PRINTED, ablate_pending_cost
-from psmpc_cli.studies.ablation import OURS, Ablation
-from psmpc_cli.studies.one_window import pick_window, with_priorities
+from psmpc_cli.studies.one_window import (
+    OneWindow,
+    Scan,
+    instant_grid,
+    on_mesh,
+    optimize_instants,
+    pick_window,
+    scan_instants,
+    with_priorities,
+)
 from psmpc_cli.studies.variants import run_variants
 
-__all__ = ["Ablation", "run_ablations"]
+Curve = tuple[np.ndarray, np.ndarray]
+Curves = Mapping[str, Curve]
+Logs = Mapping[str, Log]
+
+OURS, EQUAL, PRINTED, NONE, RANGE, ALL_PRINTED = (
+    "ours",
+    "equal priorities",
+    "printed",
+    "none",
+    "range",
+    "range and printed",
+)
 
 EVERY_RUN = ("controller.kind=psmpc", "log.plans=false", "log.shares=false")
 
@@ -29,10 +47,52 @@ CHANGES: Mapping[str, tuple[str, ...]] = {
     RANGE: ("controller.normalization=range",),
     ALL_PRINTED: ("controller.normalization=range", "controller.pending_cost=0"),
 }
-"""The runs on the task's own mesh, by what is taken back."""
+"""The runs on the task's own mesh by name, with what each takes back."""
+
+FORMS: Mapping[str, str] = {
+    OURS: "with costs over their nadir",
+    NONE: "with costs as they are",
+    RANGE: "with the range as printed",
+    ALL_PRINTED: "with the range and delta = 0, both as printed,",
+}
+"""The runs that differ in their normalization, in words."""
+
+DISCRETIZATIONS = ("exact", "euler")
+
+MESHES = (0.1, 0.2, 0.5, 1.0)
+"""N_s of the runs with each discretization, as parts of the task's."""
+
+END = "T_f"
+"""The curve of the end of the horizon."""
+
+JUMP = 0.3
+"""A planned switch time that changes by more between two samples jumps [s]."""
+
+GUESSES = (0.3, 0.5, 0.975)
+"""Where in the horizon the solver starts, in the windows with a free switch time."""
+
+PROMINENT = 0.01
+"""Smallest depth of a minimum of J(t_s), as a part of the range of J."""
 
 POINTS = 40
-"""Instants at which J(t_s) is scanned."""
+"""Switch times at which J(t_s) is computed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ablation:
+    """One departure from the paper, and what becomes of a task without it.
+
+    Attributes:
+        name: Of the departure, and of its figure.
+        sentence: What was measured.
+        panels: Curves (x, y) by panel and label; `psmpc_cli.figures.ablations` says what they are.
+        numbers: What was measured, the numbers of the sentence included.
+    """
+
+    name: str
+    sentence: str
+    panels: Mapping[str, Curves]
+    numbers: Mapping[str, float]
 
 
 def run_ablations(
@@ -44,43 +104,196 @@ def run_ablations(
 ) -> list[Ablation]:
     """Run a task of several stages under PSMPC as it is and with each departure taken back, and compare.
 
+    Windows are solved to convergence: a single iteration of the real-time solver does not show where the optimum is.
+
     Args:
         task: The task.
         directory: Where the logs go; existing ones of the same name are overwritten.
-        jobs: Processes at once; default as many as there are cores.
-        done: Told the name of each run as it ends.
-        points: Instants at which J(t_s) is scanned.
+        jobs: Number of parallel processes; default the number of cores.
+        done: Called with the name of each run as it ends.
+        points: Switch times at which J(t_s) is computed.
 
     Raises:
         LogError: The task has a single stage.
         RunError: A log could not be written.
     """
     nodes = task.spec.controller.uniform_nodes
-    tasks = {name: _changed(task, changes) for name, changes in _variants(nodes).items()}
+    converged = ("solver.kind=fatrop", "solver.deadline=null") if task.spec.solver.kind == "sqp" else ()
+    variants = dict(CHANGES)
+    for count in meshes(nodes):
+        for kind in DISCRETIZATIONS:
+            changes = (f"controller.nodes={count}", f"controller.discretization={kind}")
+            variants.setdefault(_on_mesh(kind, count, nodes), changes)
+    tasks = {
+        name: parse_task(task.task_yaml, task.robot_yaml, task.spec.name, (*converged, *EVERY_RUN, *changes))
+        for name, changes in variants.items()
+    }
     logs = {name: read_log(path) for name, path in run_variants(tasks, directory, jobs, done).items()}
     equal, ours = pick_window(logs[EQUAL]), pick_window(logs[OURS])
     return [
-        ablate_pending_cost(logs, (equal, ours, with_priorities(ours, (1.0, 1.0))), points),
-        ablate_normalization(logs),
-        ablate_discretization(logs, ours, nodes),
+        _pending_cost(logs, (equal, ours, with_priorities(ours, (1.0, 1.0))), points),
+        _normalization(logs),
+        _discretization(logs, ours, nodes),
     ]
 
 
-def _variants(nodes: int) -> dict[str, tuple[str, ...]]:
-    """Return the changes of every run by its name."""
-    variants = {name: (*EVERY_RUN, *changes) for name, changes in CHANGES.items()}
-    for count in meshes(nodes):
-        for kind in KINDS:
-            mesh = (f"controller.nodes={count}", f"controller.discretization={kind}")
-            variants.setdefault(run_on_mesh(kind, count, nodes), (*EVERY_RUN, *mesh))
-    return variants
+def meshes(nodes: int) -> list[int]:
+    """Return the N_s of the runs with each discretization for a task with this N_s, in ascending order."""
+    return sorted({max(2, round(part * nodes)) for part in MESHES})
 
 
-def _changed(task: Task, changes: Iterable[str]) -> Task:
-    """Return a task with keys changed, its windows solved to convergence.
+def _on_mesh(kind: str, count: int, nodes: int) -> str:
+    """Return the name of the run with a discretization and N_s; one of them is the task itself."""
+    return OURS if (kind, count) == ("exact", nodes) else f"{kind}, {count} nodes"
 
-    What the real-time solver finds from the last plan says nothing of where the optimum is.
-    """
-    converged = ("solver.kind=fatrop", "solver.deadline=null") if task.spec.solver.kind == "sqp" else ()
-    document, _ = override(read(task.spec.name, task.task_yaml), (*converged, *changes))
-    return parse_task(write(document.data), task.robot_yaml, task.spec.name)
+
+def _pending_cost(logs: Logs, windows: Sequence[OneWindow], points: int) -> Ablation:
+    """Compare the objective as printed, delta = 0, with ours: the runs, and J(t_s) in windows of other runs."""
+    runs = (PRINTED, OURS)
+    panels: dict[str, dict[str, Curve]] = {
+        **_over_time(logs, runs),
+        **{f"{what}, {name}": {} for what in ("J", "minima", "found") for name in runs},
+    }
+    numbers, said = _measured(logs, runs), []
+    for one in windows:
+        label, window = one.label, one.window
+        scan = scan_instants(one, instant_grid(window.horizon, points))
+        numbers |= {f"T0, {label}": window.start, f"earliest, {label}": float(scan.instants[0])}
+        for name, delta in ((PRINTED, 0.0), (OURS, window.pending_cost)):
+            cost = scan.with_pending(delta)
+            lowest = np.array(minima(replace(scan, cost=cost)))
+            found = optimize_instants(one, delta, [part * window.horizon for part in GUESSES])
+            panels[f"J, {name}"][label] = scan.instants, cost / cost[0]
+            for what, key, times in (("minima", "minimum of J for", lowest), ("found", "found for", found)):
+                panels[f"{what}, {name}"][label] = times, np.interp(times, scan.instants, cost / cost[0])
+                numbers |= {f"{key} {label}, {name}, {i}": float(time) for i, time in enumerate(times, start=1)}
+            guessed = sorted({f"{time:.2f}" for time in found})
+            said.append(
+                f"with priorities {label} at {window.start:.1f} s, {name}: minimum after {_listed(lowest)} s, found "
+                f"{joined(guessed)} s"
+            )
+    sentence = (
+        "With the objective as printed (in parentheses: ours) the planned end of the current stage is at T_f in "
+        f"{numbers['at T_f, printed']:.0%} ({numbers['at T_f, ours']:.0%}) of the samples that have one and jumps "
+        f"{numbers['jumps, printed']:.0f} ({numbers['jumps, ours']:.0f}) times by more than {JUMP:g} s, the joints' "
+        f"control varies by {numbers['variation, printed']:.1f} ({numbers['variation, ours']:.1f}) rad/s^2, and the run"
+        f" {ending(numbers['end, printed'])} ({ending(numbers['end, ours'])}); minima of J over the switch time, the "
+        f"lowest first, and what the solver finds from {len(GUESSES)} guesses: {'; '.join(said)}."
+    )
+    return Ablation("pending_cost", sentence, panels, numbers)
+
+
+def _normalization(logs: Logs) -> Ablation:
+    """Compare the normalization by the nadir with none, and with the range of eq. (12) as printed."""
+    numbers, stages = _measured(logs, FORMS), logs[OURS].stage_names[1:]
+    panels = {
+        "stages": {name: (logs[name].stages["actual_start"], logs[name].stages["switch_time"]) for name in FORMS},
+        **_over_time(logs, FORMS),
+    }
+    said = [
+        f"{words} at {_listed([numbers[f'start of {stage}, {name}'] for stage in stages], 1)} s, the run "
+        f"{ending(numbers[f'end, {name}'])}, the planned switch time jumps {numbers[f'jumps, {name}']:.0f} times by "
+        f"more than {JUMP:g} s and the joints' control varies by {numbers[f'variation, {name}']:.1f} rad/s^2"
+        for name, words in FORMS.items()
+    ]
+    return Ablation("normalization", f"{joined(stages).capitalize()} start {'; '.join(said)}.", panels, numbers)
+
+
+def _discretization(logs: Logs, one: OneWindow, nodes: int) -> Ablation:
+    """Compare Euler's discretization, eq. (20), with the exact one over N_s: the runs, and plans in one window."""
+    counts = meshes(nodes)
+    panels: dict[str, dict[str, Curve]] = {"error": {}, "missed": {}, "end": {}}
+    numbers: dict[str, float] = {}
+    for kind in DISCRETIZATIONS:
+        errors, missed = np.array([on_mesh(one, count, kind) for count in counts]).T
+        ends = np.array([_end(logs[_on_mesh(kind, count, nodes)]) for count in counts])
+        for panel, values in (("error", errors), ("missed", missed), ("end", ends)):
+            panels[panel][kind] = np.array(counts, float), values
+            numbers |= {f"{panel}, {kind}, {c} nodes": float(v) for c, v in zip(counts, values, strict=True)}
+    said = []
+    for kind, words in (("euler", "Euler's"), ("exact", "the exact")):
+        (error, fine_error), (miss, fine_miss), (end, fine_end) = (panels[p][kind][1][[0, -1]] for p in panels)
+        said.append(
+            f"{words} prediction of a coordinate is off by {error:.2g} ({fine_error:.2g}) m or rad, its control leads "
+            f"at t_s to {miss:.2g} ({fine_miss:.2g}) tolerances from the target, and the run {ending(end)} "
+            f"({ending(fine_end)})"
+        )
+    where = f"With N_s = {counts[0]} ({counts[-1]}) and in the window at {one.window.start:.1f} s"
+    return Ablation("discretization", f"{where} {'; '.join(said)}.", panels, numbers)
+
+
+def ahead(log: Log) -> Curve:
+    """Return the time until the planned end of the current stage [s] over time [s]; NaN where none is planned."""
+    instants, first = log["window/instants"], log["window/first"]
+    return log.time, instants[np.arange(len(first)), first] - log.time
+
+
+def variation(log: Log) -> Curve:
+    """Return the total variation of the joints' control up to each sample [rad/s^2] over time [s]."""
+    joints = np.array([not name.startswith("base.") for name in log.coordinates], bool)
+    steps = np.abs(np.diff(log["control/u"][:, joints], axis=0)).sum(axis=1)
+    return log.time, np.r_[0.0, np.cumsum(steps)]
+
+
+def _over_time(logs: Logs, names: Iterable[str]) -> dict[str, dict[str, Curve]]:
+    """Return the panels of runs over time: `ahead` with the end of their common horizon, and `variation`."""
+    runs = {name: ahead(logs[name]) for name in names}
+    horizon = max(_horizon(logs[name]) for name in runs)
+    latest = max(float(time[-1]) for time, _ in runs.values())
+    end = np.array([0.0, latest]), np.full(2, horizon)
+    return {"instant": {**runs, END: end}, "variation": {name: variation(logs[name]) for name in runs}}
+
+
+def _measured(logs: Logs, names: Iterable[str]) -> dict[str, float]:
+    """Return what runs are compared by, one number for each quantity and run."""
+    numbers: dict[str, float] = {}
+    for name in names:
+        log = logs[name]
+        time, to_go = ahead(log)
+        known, same = np.isfinite(to_go), np.diff(log["window/first"]) == 0
+        moves = np.abs(np.diff(to_go + time))[same & known[1:] & known[:-1]]
+        late = to_go[known] >= _horizon(log) - JUMP / 2
+        numbers |= {
+            f"at T_f, {name}": float(np.mean(late)) if known.any() else 0.0,
+            f"jumps, {name}": float(np.sum(moves > JUMP)),
+            f"variation, {name}": float(variation(log)[1][-1]),
+            f"end, {name}": _end(log),
+            **{f"start of {stage.name}, {name}": stage.actual_start for stage in summarize(log).stages[1:]},
+        }
+    return numbers
+
+
+def _horizon(log: Log) -> float:
+    return float(np.asarray(log.attributes["horizon"]))
+
+
+def _end(log: Log) -> float:
+    """Return when the last stage met its end condition [s]; NaN if it never did."""
+    summary = summarize(log)
+    return summary.duration if summary.completed else np.nan
+
+
+def minima(scan: Scan) -> list[float]:
+    """Return the switch times after T0 [s] at which J has a minimum, the lowest first, without shallow ones."""
+    J = np.r_[np.inf, scan.cost, np.inf]
+    places = [i for i in range(len(scan.cost)) if J[i] > J[i + 1] <= J[i + 2]]
+    lowest, *others = sorted(places, key=lambda i: float(scan.cost[i]))
+    least = PROMINENT * float(np.ptp(scan.cost))
+    ridges = {i: float(scan.cost[min(i, lowest) : max(i, lowest) + 1].max()) for i in others}
+    deep = [i for i in others if ridges[i] - float(scan.cost[i]) >= least]
+    return [float(scan.instants[i]) for i in (lowest, *deep)]
+
+
+def ending(time: float) -> str:
+    """Return when a run ends [s], or that it never does, in words."""
+    return f"ends after {time:.1f} s" if np.isfinite(time) else "never ends"
+
+
+def _listed(times: Iterable[float], digits: int = 2) -> str:
+    return joined(f"{time:.{digits}f}" if np.isfinite(time) else "never" for time in times)
+
+
+def joined(words: Iterable[str]) -> str:
+    """Return words as a list in a sentence."""
+    *others, last = words
+    return f"{', '.join(others)} and {last}" if others else last

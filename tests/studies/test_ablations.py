@@ -12,10 +12,18 @@ from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.simulation.run import run
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.studies.ablate_discretization import meshes
-from psmpc_cli.studies.ablate_pending_cost import GUESSES, PROMINENT, minima
-from psmpc_cli.studies.ablation import Ablation, ahead, ending, variation
-from psmpc_cli.studies.ablations import CHANGES, run_ablations
+from psmpc_cli.studies.ablations import (
+    CHANGES,
+    GUESSES,
+    PROMINENT,
+    Ablation,
+    ahead,
+    ending,
+    meshes,
+    minima,
+    run_ablations,
+    variation,
+)
 from psmpc_cli.studies.one_window import (
     CLOSE,
     OneWindow,

@@ -18,20 +18,14 @@ def replay(
     log: Annotated[Path, typer.Argument(help="A log written by psmpc simulate.")],
     step: Annotated[int, typer.Option("--step", metavar="K", help="Number of the sample, from 0.")],
     solver: Annotated[str | None, typer.Option(help="Another solver than the run's.")] = None,
-    export: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the problem as an .npz file that CasADi alone can solve.")
-    ] = None,
 ) -> None:
     """Solve one horizon of a run again, from its log alone, and compare it with what was logged."""
     from psmpc_cli.cli.summary import print_table
     from psmpc_cli.logs.read import read_log
-    from psmpc_cli.simulation.problem_file import write_problem
     from psmpc_cli.simulation.replay import replay as solve_again
 
     loaded = read_log(log)
     replayed = solve_again(loaded, step, solver)
-    if export is not None:
-        write_problem(replayed, loaded, step, export)
     window = replayed.logged.window
     stages = ", ".join(stage.name for stage in window.stages)
     typer.echo(
@@ -48,8 +42,6 @@ def replay(
     ]
     print_table(HEADINGS, [*rows, ("largest of a control in the plan", "", "", f"{replayed.apart:.1e}")], left=1)
     typer.echo(_verdict(replayed, int(loaded["solver/iterations"][step])))
-    if export is not None:
-        typer.echo(f"problem: {export}")
 
 
 def _verdict(replayed: "Replay", iterations: int) -> str:

@@ -2,13 +2,12 @@
 
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.htmpc import HierarchicalController
-from psmpc_cli.control.window_solver import WindowSolver
-from psmpc_cli.ocp.stages import Stage
-from psmpc_cli.specs.task import ControllerSpec
+from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.solvers import LevelSolver, Solver
 
 
-def build_controller(spec: ControllerSpec, stages: tuple[Stage, ...], windows: WindowSolver) -> SwitchingController:
-    """Return the controller a task asks for."""
-    if spec.kind == "htmpc":
-        return HierarchicalController(spec, spec.htmpc, stages, windows)
-    return SwitchingController(spec, stages, windows)
+def build_controller(problem: Problem, solver: Solver) -> SwitchingController:
+    """Return the controller a task asks for, its windows solved by a solver."""
+    if problem.spec.controller.kind == "htmpc":
+        return HierarchicalController(problem, solver, LevelSolver(problem, problem.spec.solver))
+    return SwitchingController(problem, solver)

@@ -8,9 +8,9 @@ import numpy as np
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.sequence import Sequence
-from psmpc_cli.control.window_solver import SolvedWindow
 from psmpc_cli.ocp.plan import Plan, shift
 from psmpc_cli.ocp.window import Window
+from psmpc_cli.solvers import Solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +20,7 @@ class SolvedAside:
     now: float
     plan: Plan
     solution: bool
-    window: SolvedWindow
+    solved: Solution
 
 
 AsideMemory = Mapping[tuple[int, int], SolvedAside]
@@ -58,12 +58,13 @@ class WindowsAside:
         now, prediction = decision.prediction.start, decision.prediction
         if before is not None:
             prediction = shift(before.plan, now, self.controller.spec.horizon, x)
-        solved_before = None if before is None else before.window
+        solved_before = None if before is None else before.solved
         window = _on_mesh_of(
             decision.solved.window, self.controller.window(sequence, prediction, x, solved_before or decision.solved)
         )
-        solved = self.controller.windows.solve(window, prediction, sequence.instants, solved_before)
-        usable = solved.solution.outcome.usable
+        guess = replace(prediction, instants=sequence.instants)
+        solved = self.controller.solver.solve(window, guess, solved_before)
+        usable = solved.outcome.usable
         return SolvedAside(now, solved.plan if usable else prediction, usable, solved)
 
 

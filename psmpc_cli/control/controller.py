@@ -7,16 +7,15 @@ import numpy as np
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.multistart import solve_from_several
 from psmpc_cli.control.sequence import Sequence, Switch, detect, drop_met, drop_passed
-from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.node_counts import Along, first_counts, node_counts
 from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import Plan, braking_plan, resting_plan, shift
+from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.soft_limits import own_violations
 from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.ocp.window import SHORTEST, Window
-from psmpc_cli.solvers import Outcome
-from psmpc_cli.solvers.base import FEASIBLE
+from psmpc_cli.solvers import FEASIBLE, Outcome, Solution, Solver
 from psmpc_cli.specs.task import ControllerSpec
 
 ONE_STAGE = ("hard", "htmpc")
@@ -41,20 +40,20 @@ class ControllerMemory:
     sequence: Sequence
     plan: Plan | None
     braking: Plan | None
-    solved: SolvedWindow | None
+    solved: Solution | None
     trusted: float = np.inf
 
 
 class SwitchingController:
     """Priority-based switching MPC and what it is compared with. Paper Algorithm 1."""
 
-    def __init__(self, spec: ControllerSpec, stages: tuple[Stage, ...], windows: WindowSolver) -> None:
-        self.spec, self.stages, self.windows = spec, stages, windows
-        self.costs = windows.costs
+    def __init__(self, problem: Problem, solver: Solver) -> None:
+        self.problem, self.solver = problem, solver
+        self.spec, self.stages, self.costs = problem.spec.controller, problem.stages, problem.costs
         self._sequence = Sequence(0, np.zeros(0), 0.0)
         self._plan: Plan | None = None
         self._braking: Plan | None = None
-        self._solved: SolvedWindow | None = None
+        self._solved: Solution | None = None
         self._trusted = np.inf
 
     @property
@@ -92,7 +91,7 @@ class SwitchingController:
         before, prediction = self._sequence, self._predict(now, x)
         longer = None if self.spec.kind in ONE_STAGE else self._detect(before, prediction)
         sequence, solved = self._first_solvable(before, longer, prediction, x)
-        usable = solved.solution.outcome.usable and (measured or not self._used_up(now))
+        usable = solved.outcome.usable and (measured or not self._used_up(now))
         if usable:
             sequence = Sequence(sequence.first, solved.plan.instants, sequence.entered)
         self._sequence, self._solved = sequence, solved
@@ -112,7 +111,7 @@ class SwitchingController:
 
     def _first_solvable(
         self, sequence: Sequence, longer: Sequence | None, prediction: Plan, x: np.ndarray
-    ) -> tuple[Sequence, SolvedWindow]:
+    ) -> tuple[Sequence, Solution]:
         """Return the longest sequence whose window has a solution, and the solve; `sequence` with its own if none has.
 
         Where a stage has appeared that is the one with it. Where no point meets all constraints, a blow has put the end
@@ -121,17 +120,17 @@ class SwitchingController:
         """
         solved = self._solve(longer or sequence, prediction, x)
         if longer is not None:
-            usable = solved.solution.outcome.usable
+            usable = solved.outcome.usable
             if usable and _in_reach(solved):
                 return longer, solved
             shorter = self._solve(sequence, prediction, x)
             if usable and _in_reach(solved, shorter):
                 return longer, _after(shorter, solved)
             solved = _after(solved, shorter)
-        infeasible = solved.solution.outcome is Outcome.INFEASIBLE
+        infeasible = solved.outcome is Outcome.INFEASIBLE
         if sequence.count > 1 and (infeasible or not _in_reach(solved)):
             alone = self._solve(sequence.alone, prediction, x)
-            if alone.solution.outcome.usable and (infeasible or not _in_reach(solved, alone)):
+            if alone.outcome.usable and (infeasible or not _in_reach(solved, alone)):
                 return sequence.alone, _after(solved, alone)
             solved = _after(alone, solved)
         return sequence, solved
@@ -142,7 +141,7 @@ class SwitchingController:
         One that could not be renewed may not where the measured state x (2n,) is far from where it had the stage end.
         """
         sequence, stage = self._sequence, self.stages[self._sequence.first]
-        renewed = self._solved is None or self._solved.solution.outcome.usable
+        renewed = self._solved is None or self._solved.outcome.usable
         if renewed or stage.at is not None or sequence.count == 1 or sequence.instants[0] > now + SHORTEST:
             return True
         return bool(self.costs.met(stage, x[None], self.spec.detection_margin)[0])
@@ -169,7 +168,7 @@ class SwitchingController:
             raise RunError(f"nothing is measured at {now:g} s and there is no plan yet, so the robot does not move")
         return np.where(np.isfinite(x), x, plan.states_at(np.array([now]))[0])
 
-    def window(self, sequence: Sequence, prediction: Plan, x: np.ndarray, before: SolvedWindow | None = None) -> Window:
+    def window(self, sequence: Sequence, prediction: Plan, x: np.ndarray, before: Solution | None = None) -> Window:
         """Return the window over a sequence, its costs normalized from the prediction.
 
         An automatic mesh is for the costs along the prediction, where that comes from a solve `before`.
@@ -188,12 +187,12 @@ class SwitchingController:
             pending_cost=spec.pending_cost,
             terminal_cost=spec.terminal_cost,
             nodes=(spec.uniform_nodes,) * len(stages),
+            discretization=spec.discretization,
+            soft=self.problem.spec.limits_are_soft,
         )
         return self._on_its_mesh(window, sequence.instants, prediction, before) if spec.nodes == "auto" else window
 
-    def _on_its_mesh(
-        self, window: Window, instants: np.ndarray, prediction: Plan, before: SolvedWindow | None
-    ) -> Window:
+    def _on_its_mesh(self, window: Window, instants: np.ndarray, prediction: Plan, before: Solution | None) -> Window:
         """Return a window with the nodes its stages need."""
         spec = self.spec
         if before is None:
@@ -218,10 +217,11 @@ class SwitchingController:
     def _detect(self, sequence: Sequence, prediction: Plan) -> Sequence | None:
         return detect(sequence, self.stages, self.costs, prediction, self.spec.detection_margin)
 
-    def _solve(self, sequence: Sequence, prediction: Plan, x: np.ndarray) -> SolvedWindow:
+    def _solve(self, sequence: Sequence, prediction: Plan, x: np.ndarray) -> Solution:
         window = self.window(sequence, prediction, x, self._solved)
         starts = self.spec.multistart or 1
-        return solve_from_several(self.windows, window, prediction, sequence.instants, self._solved, starts)
+        guess = replace(prediction, instants=sequence.instants)
+        return solve_from_several(self.solver, window, guess, self._solved, starts)
 
     def _brake(self, now: float, x: np.ndarray) -> Plan:
         Qdot, limits = x[len(x) // 2 :], self.stages[self._sequence.first].limits
@@ -234,17 +234,16 @@ def priorities_in_force(spec: ControllerSpec, stages: tuple[Stage, ...]) -> np.n
     return np.array([1.0 if spec.kind == "smpc" else stage.priority for stage in stages])
 
 
-def _in_reach(solved: SolvedWindow, shorter: SolvedWindow | None = None) -> bool:
+def _in_reach(solved: Solution, shorter: Solution | None = None) -> bool:
     """Tell whether a window violates soft limits no further than the measured state, or than one with fewer stages."""
     if not len(solved.violations):
         return True
     least = own_violations(solved.window.x0, solved.window.stages)
-    if shorter is not None and shorter.solution.outcome.usable:
+    if shorter is not None and shorter.outcome.usable:
         least = np.maximum(least, shorter.violations)
     return bool((solved.violations <= least + FEASIBLE).all())
 
 
-def _after(other: SolvedWindow, solved: SolvedWindow) -> SolvedWindow:
+def _after(other: Solution, solved: Solution) -> Solution:
     """Return a solve whose wall time counts another one in the same sample."""
-    solution = replace(solved.solution, wall_time=other.solution.wall_time + solved.solution.wall_time)
-    return replace(solved, solution=solution)
+    return replace(solved, wall_time=other.wall_time + solved.wall_time)

@@ -5,40 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from psmpc_cli.control.sequence import Sequence
-from psmpc_cli.control.window_solver import SolvedWindow
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.solvers import Outcome
-
-
-@dataclass(frozen=True, eq=False)
-class LevelResult:
-    """What one level of a lexicographic controller came to.
-
-    Attributes:
-        stage: Index of the stage it minimizes.
-        outcome: How its solve ended; if it did not converge, the level before it stands.
-        costs: J_i of all levels up to this one at its solution, normalized (levels,).
-        iterations: Iterations used.
-        wall_time: Time of the solve alone [s].
-        plan: The plan after this level.
-    """
-
-    stage: int
-    outcome: Outcome
-    costs: np.ndarray
-    iterations: int
-    wall_time: float
-    plan: Plan
-
-    @property
-    def solved(self) -> bool:
-        """Whether the solve converged."""
-        return self.outcome.usable
-
-    @property
-    def objective(self) -> float:
-        """Its optimum J_i*, normalized."""
-        return float(self.costs[-1])
+from psmpc_cli.solvers import Solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,19 +22,20 @@ class Decision:
         postponed: The next stage was seen, but the window with it had no solution yet.
         fallback: The solve failed and the shifted plan goes on.
         exhausted: The plan is used up; `plan` brakes to rest.
-        levels: What each level came to, under lexicographic control.
+        levels: The solution of each level, under lexicographic control: of the current stage first, then of those after
+            it. Where a level did not converge, its plan is that of the level before.
         unmeasured: The measured state was not finite; where it was not, the plan's own prediction stands in for it.
     """
 
     plan: Plan
     sequence: Sequence
-    solved: SolvedWindow
+    solved: Solution
     prediction: Plan
     appended: bool
     postponed: bool
     fallback: bool
     exhausted: bool
-    levels: tuple[LevelResult, ...] = ()
+    levels: tuple[Solution, ...] = ()
     unmeasured: bool = False
 
     @property

@@ -9,10 +9,9 @@ from math import comb
 
 import numpy as np
 
-from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import SHORTEST, Window, shortest_durations
-from psmpc_cli.solvers import Outcome
+from psmpc_cli.solvers import Outcome, Solution, Solver
 from psmpc_cli.specs.task import ControllerSpec
 
 BETTER = 1e-4
@@ -36,14 +35,13 @@ def multistart_for(controller: ControllerSpec) -> int:
 
 
 def solve_from_several(
-    windows: WindowSolver,
+    solver: Solver,
     window: Window,
-    prediction: Plan,
-    instants: np.ndarray,
-    previous: SolvedWindow | None,
+    guess: Plan,
+    previous: Solution | None,
     starts: int,
-) -> SolvedWindow:
-    """Return the best solve of a window from so many guesses of its instants: those predicted (S,) [s], then others.
+) -> Solution:
+    """Return the best solve of a window from so many guesses of its instants: those of a plan (S,) [s], then others.
 
     The others are spread from the earliest instants that can be met to the latest, each solved with the durations kept
     near the guess: set free, an interior-point method leaves an early basin for the end of the horizon, uphill. That is
@@ -52,21 +50,21 @@ def solve_from_several(
     one without a solution from the prediction, because none of the others finds one then. Wall time and iterations are
     those of all solves.
     """
-    own = windows.solve(window, prediction, instants, previous)
-    if starts == 1 or not own.solution.outcome.usable or all(stage.at is not None for stage in window.stages[:-1]):
+    own = solver.solve(window, guess, previous)
+    if starts == 1 or not own.outcome.usable or all(stage.at is not None for stage in window.stages[:-1]):
         return own
-    earliest = windows.solve(replace(window, pending_cost=window.pending_cost + HURRY), prediction, instants)
+    earliest = solver.solve(replace(window, pending_cost=window.pending_cost + HURRY), guess)
     room = _room(window, earliest.plan.instants)
     if not _comparable(earliest) or room.max() < 10 * SHORTEST:
         return _counting(own, own, earliest)
-    shares, half_step = even_shares(len(instants), starts - 1)
+    shares, half_step = even_shares(len(guess.instants), starts - 1)
     within = half_step * float(room.max())
     solves, mine = [own, earliest], own
-    if np.abs(own.plan.instants - instants).max() > within:
-        solves.append(_solve_near(windows, window, replace(prediction, instants=instants), instants, within))
+    if np.abs(own.plan.instants - guess.instants).max() > within:
+        solves.append(_solve_near(solver, window, guess, guess.instants, within))
         mine = solves[-1] if _best(own, solves[-1:]) else own
-    guesses = earliest.plan.instants + shares * room
-    others = [_solve_near(windows, window, earliest.plan, guess, within) for guess in guesses]
+    spread = earliest.plan.instants + shares * room
+    others = [_solve_near(solver, window, earliest.plan, instants, within) for instants in spread]
     basin = _best(mine, others)
     return replace(_counting((mine, *others)[basin], *solves, *others), basin=basin)
 
@@ -92,14 +90,14 @@ def _room(window: Window, earliest: np.ndarray) -> np.ndarray:
     return np.asarray(np.maximum(latest - earliest, 0.0))
 
 
-def _solve_near(windows: WindowSolver, window: Window, plan: Plan, guess: np.ndarray, within: float) -> SolvedWindow:
+def _solve_near(solver: Solver, window: Window, plan: Plan, instants: np.ndarray, within: float) -> Solution:
     """Solve a window from a plan stretched to guessed instants (S,) [s], durations kept within so many seconds of them.
 
     A moving target is known about the guessed instants alone, so the window is solved again about those it found.
     """
-    solved = windows.solve(window, _stretched(plan, guess), guess, None, within)
+    solved = solver.solve(window, _stretched(plan, instants), None, within)
     if _comparable(solved) and any(stage.trajectory is not None for stage in window.stages):
-        again = windows.solve(window, solved.plan, solved.plan.instants, None, within)
+        again = solver.solve(window, solved.plan, None, within)
         return _counting(again, solved, again)
     return solved
 
@@ -110,20 +108,19 @@ def _stretched(plan: Plan, instants: np.ndarray) -> Plan:
     return Plan(np.interp(plan.times, old, new), plan.X, plan.u, instants)
 
 
-def _best(own: SolvedWindow, others: list[SolvedWindow]) -> int:
+def _best(own: Solution, others: list[Solution]) -> int:
     """Return which guess wins: 0 for the prediction's own, unless one of the others has a `BETTER` basin."""
-    objectives = [one.solution.objective if _comparable(one) else np.inf for one in others]
-    best, beaten = int(np.argmin(objectives)), own.solution.objective
+    objectives = [one.objective if _comparable(one) else np.inf for one in others]
+    best, beaten = int(np.argmin(objectives)), own.objective
     return best + 1 if objectives[best] < beaten - BETTER * abs(beaten) else 0
 
 
-def _comparable(solved: SolvedWindow) -> bool:
+def _comparable(solved: Solution) -> bool:
     """Tell whether a solve came to its optimum, so that its objective says something of its basin."""
-    return solved.solution.outcome is Outcome.OPTIMAL
+    return solved.outcome is Outcome.OPTIMAL
 
 
-def _counting(solved: SolvedWindow, *all_solves: SolvedWindow) -> SolvedWindow:
+def _counting(solved: Solution, *all_solves: Solution) -> Solution:
     """Return a solve with the iterations and the wall time of all that were made for it."""
-    solutions = [one.solution for one in all_solves]
-    iterations, wall_time = sum(one.iterations for one in solutions), sum(one.wall_time for one in solutions)
-    return replace(solved, solution=replace(solved.solution, iterations=iterations, wall_time=wall_time))
+    iterations, wall_time = sum(one.iterations for one in all_solves), sum(one.wall_time for one in all_solves)
+    return replace(solved, iterations=iterations, wall_time=wall_time)

@@ -18,7 +18,8 @@ def control_shares(aside: WindowsAside, decision: Decision, x: np.ndarray, edges
     There are none where the stages agree, where one has no solution, or where the robot brakes without a plan.
     """
     sequence, now = decision.sequence, decision.prediction.start
-    stages = [level.stage for level in decision.levels] or list(range(sequence.first, sequence.last + 1))
+    count = len(decision.levels) or sequence.count
+    stages = list(range(sequence.first, sequence.first + count))
     if decision.exhausted:
         return {}
     if len(stages) == 1:

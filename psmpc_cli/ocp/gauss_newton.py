@@ -48,16 +48,23 @@ class Linearization:
 def linearize(form: VelocityForm, point: Point, p: Parameters[np.ndarray]) -> Linearization:
     """Return the quadratic model at a point."""
     horizon, layout, D = float(p.horizon), form.layout, form.stage_durations
-    model, J = _Model(layout, form.durations(point, horizon)), float(p.pending * (form.waiting @ point.tau))
-    for s in range(len(form.nodes)):
-        J += _add_state_cost(model, form, s, point, p) + _add_control_cost(model, form, s, point, p)
-    if p.terminal:
-        J += _add_terminal_cost(model, form, point, p)
+    model = _Model(layout, form.durations(point, horizon))
+    stages = range(len(form.nodes))
+    costs = np.array(
+        [_add_state_cost(model, form, s, point, p) + _add_control_cost(model, form, s, point, p) for s in stages]
+    )
+    terminal = _add_terminal_cost(model, form, point, p) if p.terminal else 0.0
     ends, (before, after) = form.ends(point, p), form.weights
     Qdot, of = point.X[:, layout.n :], layout.stage_of
     by_stage = -(before * Qdot[:-1] + after * Qdot[1:]) / form.nodes[of, None]
     return Linearization(
-        at=Residuals(J, form.gaps(point, horizon), {s: rows for s, (rows, _) in ends.items()}),
+        at=Residuals(
+            objective=form.objective(point, p, costs, terminal),
+            costs=costs,
+            terminal=terminal,
+            gaps=form.gaps(point, horizon),
+            ends={s: rows for s, (rows, _) in ends.items()},
+        ),
         gradient=model.gradient,
         gradient_tau=D.T @ model.by_tau + p.pending * form.waiting,
         positions=model.positions,
@@ -87,7 +94,7 @@ class _Model:
 
 
 def _add_state_cost(model: _Model, form: VelocityForm, s: int, point: Point, p: Parameters[np.ndarray]) -> float:
-    """Add omega_s sum_i (e'We - offset) tau_s / N_s / scale_s."""
+    """Add omega_s sum_i (e'We - offset) tau_s / N_s / scale_s; return it without omega_s."""
     tau, n, N, at = model.tau[s], form.layout.n, form.layout.nodes[s], form.intervals(s)
     reference, slope = form.reference(s, p, tau)
     c = p.omega[s] / p.scale[s] / N
@@ -98,16 +105,20 @@ def _add_state_cost(model: _Model, form: VelocityForm, s: int, point: Point, p: 
     model.arrow[at, :n, s] += c * (2 * tau * m + g)
     model.durations[s] += c * (2 * tau * q + 2 * r + L / (2 * tau)).sum()
     model.by_tau[s] += c * (L - p.offset[s] + 2 * tau * r).sum()
-    return float(c * tau * (L - p.offset[s]).sum())
+    return float(tau * (L - p.offset[s]).sum() / p.scale[s] / N)
 
 
 def _add_control_cost(model: _Model, form: VelocityForm, s: int, point: Point, p: Parameters[np.ndarray]) -> float:
-    """Add omega_s sum_i |dQdot|^2_Wr N_s / tau_s / scale_s, the same as |u|^2_Wr tau_s / N_s."""
+    """Add omega_s sum_i |dQdot|^2_Wr N_s / tau_s / scale_s, the same as |u|^2_Wr tau_s / N_s.
+
+    Returns it without omega_s.
+    """
     n, tau, at = form.layout.n, model.tau[s], form.intervals(s)
     after = slice(at.start + 1, at.stop + 1)
     dv = point.X[after, n:] - point.X[at, n:]
     b = 2 * p.omega[s] / p.scale[s] * form.nodes[s] / tau * p.control_weights[s]
-    effort = float((dv**2 @ b).sum()) / 2
+    cost = float((dv**2 @ p.control_weights[s]).sum()) * form.nodes[s] / tau / p.scale[s]
+    effort = p.omega[s] * cost
     model.gradient[after, n:] += b * dv
     model.gradient[at, n:] -= b * dv
     model.velocities[after] += b
@@ -117,11 +128,11 @@ def _add_control_cost(model: _Model, form: VelocityForm, s: int, point: Point, p
     model.arrow[at, n:, s] += b * dv / tau
     model.durations[s] += 2 * effort / tau**2
     model.by_tau[s] -= effort / tau
-    return effort
+    return float(cost)
 
 
 def _add_terminal_cost(model: _Model, form: VelocityForm, point: Point, p: Parameters[np.ndarray]) -> float:
-    """Add kappa omega_S (e'We - offset) / scale_S at the last node."""
+    """Add kappa omega_S (e'We - offset) / scale_S at the last node; return it without omega_S."""
     s, n = form.layout.switches, form.layout.n
     reference, slope = form.reference(s, p, model.tau[s])
     c = p.terminal * p.omega[s] / p.scale[s]
@@ -133,4 +144,4 @@ def _add_terminal_cost(model: _Model, form: VelocityForm, point: Point, p: Param
     model.arrow[-1, :n, s] += 2 * c * m
     model.durations[s] += 2 * c * q[0]
     model.by_tau[s] += 2 * c * r[0]
-    return float(c * (L[0] - p.offset[s]))
+    return float(p.terminal * (L[0] - p.offset[s]) / p.scale[s])

@@ -12,7 +12,7 @@ import numpy as np
 
 from psmpc_cli.ocp.layout import WindowShape
 from psmpc_cli.ocp.stage_functions import stage_functions
-from psmpc_cli.ocp.window import Window, desired_paths
+from psmpc_cli.ocp.window import Window, desired_paths, window_shape
 from psmpc_cli.robot.model import RobotModel
 
 
@@ -42,14 +42,14 @@ class Rollout:
 
     Args:
         model: The robot.
-        shape: The window's shape.
         window: The window.
         instants: Guessed instants (S,) [s], about which trajectories are linear.
     """
 
-    def __init__(self, model: RobotModel, shape: WindowShape, window: Window, instants: np.ndarray) -> None:
-        self.window, self.nodes = window, shape.nodes
-        self.paths = desired_paths(shape.nodes, window, instants)
+    def __init__(self, model: RobotModel, window: Window, instants: np.ndarray) -> None:
+        shape = window_shape(window)
+        self.window, self.nodes = window, window.nodes
+        self.paths = desired_paths(window, instants)
         self.stages = [_rolled(model, shape, window, s) for s in range(len(shape.nodes))]
 
     @property

@@ -27,6 +27,7 @@ class WindowShape:
     nodes: tuple[int, ...]  # N_s, intervals of each stage
     discretization: str
     soft: bool = False  # limits on the states may be violated, at a cost
+    bounded: bool = False  # the cost integral of the last stage is bounded
 
 
 @dataclass(frozen=True)

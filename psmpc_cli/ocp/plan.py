@@ -32,6 +32,11 @@ class Plan:
         """Last instant of the plan [s]."""
         return float(self.times[-1])
 
+    @property
+    def flat(self) -> np.ndarray:
+        """Switching instants, then states row by row, then accelerations row by row, as one vector."""
+        return np.concatenate([self.instants, self.X.ravel(), self.u.ravel()])
+
     def intervals_at(self, times: np.ndarray) -> np.ndarray:
         """Return the interval that holds just after each time, clipped to the plan's."""
         return np.asarray(np.searchsorted(self.times[1:-1], times + 1e-12, side="right"))

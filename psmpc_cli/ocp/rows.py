@@ -46,6 +46,7 @@ def place_rows(layout: Layout, shape: WindowShape) -> Rows:
         path[layout.first_node[s + 1]] = len(stage.end_rows) * (2 if stage.end_velocity else 1)
     ending = path.copy()
     path += 2 * layout.violations
+    path[-1] += shape.bounded
     first = layout.nx * np.arange(layout.K + 1) + np.r_[0, np.cumsum(path[:-1])]
     gaps = first[:-1, None] + np.arange(layout.nx)
     after = first + np.r_[np.full(layout.K, layout.nx), 0]

@@ -21,13 +21,20 @@ from psmpc_cli.robot.model import RobotModel
 
 @dataclass(frozen=True, eq=False)
 class Expressions:
-    """Variables, parameters, objective, constraints, and the stages' normalized cost integrals (S + 1,) of an NLP."""
+    """Variables, parameters, objective, constraints of an NLP, and what the stages add to the objective.
+
+    Attributes:
+        x, p, f, g: As CasADi's solvers take them.
+        costs: Normalized cost integral of each stage, without priorities, (S + 1,).
+        terminal: Normalized terminal cost of the last stage, times kappa.
+    """
 
     x: ca.SX
     p: ca.SX
     f: ca.SX
     g: ca.SX
     costs: ca.SX
+    terminal: ca.SX
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +94,15 @@ class Nlp:
         """Constraints."""
         return self.expressions.g
 
-    @property
-    def costs(self) -> ca.SX:
-        """Normalized cost integral of each stage, without priorities, (S + 1,)."""
-        return self.expressions.costs
+    @cached_property
+    def costs(self) -> ca.Function:
+        """x, p -> normalized cost integral of each stage, without priorities, (S + 1,), and the terminal cost."""
+        return ca.Function("costs", [self.x, self.p], [self.expressions.costs, self.expressions.terminal])
+
+    @cached_property
+    def rows(self) -> ca.Function:
+        """x, p -> g."""
+        return ca.Function("rows", [self.x, self.p], [self.g])
 
     @property
     def nx(self) -> tuple[int, ...]:
@@ -148,13 +160,18 @@ def _write(model: RobotModel, shape: WindowShape, layout: Layout) -> Expressions
     es = [ca.SX.sym(f"e{k}", layout.violations) for k in range(layout.K + 1)]
     variables = [v for node in zip(xs, [*us, ca.SX(0, 1)], es, strict=True) for v in node]
     costs = _stage_costs(layout, functions, parameters, xs, us)
+    terminal = _terminal_cost(layout, functions, parameters, xs[-1])
+    pending = sum((ca.sum1(xs[0][2 * layout.n :][:s]) for s in range(1, layout.switches + 1)), ca.SX(0))
+    J = ca.dot(parameters.omega, ca.vertcat(*costs)) + parameters.pending * pending + parameters.omega[-1] * terminal
     constraints = _Constraints(layout, shape, functions, parameters)
+    rows = [row for k in range(layout.K + 1) for row in constraints.at_node(k, xs, us, es)]
     return Expressions(
         x=ca.vertcat(*variables),
         p=ca.vertcat(*(ca.vec(piece) for piece in parameters.pieces())),
-        f=_objective(layout, functions, parameters, xs, costs) + _penalty(layout, parameters, xs, es),
-        g=ca.vertcat(*(row for k in range(layout.K + 1) for row in constraints.at_node(k, xs, us, es))),
+        f=J + _penalty(layout, parameters, xs, es),
+        g=ca.vertcat(*rows, *([costs[-1] + terminal] if shape.bounded else [])),
         costs=ca.vertcat(*costs),
+        terminal=terminal,
     )
 
 
@@ -178,17 +195,12 @@ def _stage_costs(
     return costs
 
 
-def _objective(
-    layout: Layout, functions: list[StageFunctions], p: Parameters[ca.SX], xs: list[ca.SX], costs: list[ca.SX]
-) -> ca.SX:
-    """Return J over the window's largest priority: stage costs, pending cost, terminal cost. Cf. paper eq. (16)."""
+def _terminal_cost(layout: Layout, functions: list[StageFunctions], p: Parameters[ca.SX], x: ca.SX) -> ca.SX:
+    """Return the normalized cost of the last stage at the last node without control, times kappa."""
     S = layout.switches
-    tau = xs[0][2 * layout.n :]
-    pending = sum((ca.sum1(tau[:s]) for s in range(1, S + 1)), ca.SX(0))
-    u, wanted = ca.SX.zeros(layout.inputs[S]), reference(p, layout, S, layout.nodes[S], duration(layout, p, xs[-1], S))
-    last = functions[S].cost(xs[-1][: 2 * layout.n], u, wanted, p.weights[S], p.control_weights[S])
-    terminal = p.omega[S] * (last - p.offset[S]) / p.scale[S]
-    return ca.dot(p.omega, ca.vertcat(*costs)) + p.pending * pending + p.terminal * terminal
+    u, wanted = ca.SX.zeros(layout.inputs[S]), reference(p, layout, S, layout.nodes[S], duration(layout, p, x, S))
+    last = functions[S].cost(x[: 2 * layout.n], u, wanted, p.weights[S], p.control_weights[S])
+    return p.terminal * (last - p.offset[S]) / p.scale[S]
 
 
 def _penalty(layout: Layout, p: Parameters[ca.SX], xs: list[ca.SX], es: list[ca.SX]) -> ca.SX:

@@ -12,7 +12,7 @@ import numpy as np
 
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.layout import Layout, WindowShape
-from psmpc_cli.ocp.parameters import Parameters, split_parameters
+from psmpc_cli.ocp.parameters import Parameters
 from psmpc_cli.ocp.stage_terms import stage_terms
 from psmpc_cli.robot.model import RobotModel
 
@@ -35,30 +35,17 @@ class Residuals:
 
     Attributes:
         objective: J over the window's largest priority.
+        costs: Normalized cost integral of each stage, without priorities, (S + 1,). Paper eq. (16).
+        terminal: Normalized terminal cost of the last stage, times kappa.
         gaps: Q+ - Q - h (Qdot + Qdot+) / 2 by interval, (K, n).
         ends: Rows of the end condition by stage that has one.
     """
 
     objective: float
+    costs: np.ndarray
+    terminal: float
     gaps: np.ndarray
     ends: dict[int, np.ndarray]
-
-
-@dataclass(frozen=True, eq=False)
-class NodeCosts:
-    """What of the states' cost the velocity form does not keep node by node.
-
-    Attributes:
-        L: Lbar less the control's part at the nodes that begin an interval, (K,).
-        by_duration: What a moving reference adds to the derivative of an interval's cost by its stage's duration, (K,).
-        by_first_position: Gradient of the objective by Q_0, (n,).
-        terminal: Derivative of the terminal cost by the last stage's duration.
-    """
-
-    L: np.ndarray
-    by_duration: np.ndarray
-    by_first_position: np.ndarray
-    terminal: float
 
 
 class VelocityForm:
@@ -90,24 +77,6 @@ class VelocityForm:
         """Number of stages that wait while each free duration runs, (S,)."""
         return np.arange(self.layout.switches, 0, -1, dtype=float)
 
-    def numbers(self, p: np.ndarray) -> Parameters[np.ndarray]:
-        """Return the pieces of the NLP's parameter vector."""
-        return split_parameters(p, self.shape, self.layout)
-
-    def point(self, z: np.ndarray, p: Parameters[np.ndarray]) -> Point:
-        """Return the point a decision vector of the NLP stands for, begun at the measured state."""
-        X = z[self.layout.state_index]
-        X[0] = p.x0
-        return Point(X, z[self.layout.duration_index[0]])
-
-    def decision(self, point: Point, p: Parameters[np.ndarray]) -> np.ndarray:
-        """Return the NLP's decision vector."""
-        z, u = np.zeros(self.layout.size), self.inputs(point, float(p.horizon))
-        z[self.layout.state_index], z[self.layout.duration_index] = point.X, point.tau
-        for s in range(len(self.nodes)):
-            z[self.layout.input_index(s)] = u[self.intervals(s)]
-        return z
-
     def intervals(self, s: int) -> slice:
         """Return the intervals of a stage; they begin at nodes of the same numbers."""
         return slice(self.layout.first_node[s], self.layout.first_node[s + 1])
@@ -134,17 +103,23 @@ class VelocityForm:
     def residuals(self, point: Point, p: Parameters[np.ndarray]) -> Residuals:
         """Return objective and constraints at a point."""
         n, tau = self.layout.n, self.durations(point, float(p.horizon))
-        dv, J = np.diff(point.X[:, n:], axis=0), float(p.pending * (self.waiting @ point.tau))
+        dv, costs, terminal = np.diff(point.X[:, n:], axis=0), np.zeros(len(tau)), 0.0
         for s, N in enumerate(self.layout.nodes):
             at, (reference, _) = self.intervals(s), self.reference(s, p, tau[s])
             L = self._error[s](point.X[at, :n], p.weights[s], reference[:, :N].T, rows=N)[0].sum() / N
             effort = (dv[at] ** 2 @ p.control_weights[s]).sum() * N / tau[s]
-            J += p.omega[s] / p.scale[s] * (tau[s] * (L - p.offset[s]) + effort)
+            costs[s] = (tau[s] * (L - p.offset[s]) + effort) / p.scale[s]
         if p.terminal:
             L = self._error[s](point.X[-1, :n], p.weights[s], reference[:, -1])[0].item()
-            J += p.terminal * p.omega[s] / p.scale[s] * (L - p.offset[s])
+            terminal = float(p.terminal * (L - p.offset[s]) / p.scale[s])
         ends = {s: rows for s, (rows, _) in self.ends(point, p).items()}
-        return Residuals(float(J), self.gaps(point, float(p.horizon)), ends)
+        return Residuals(
+            self.objective(point, p, costs, terminal), costs, terminal, self.gaps(point, float(p.horizon)), ends
+        )
+
+    def objective(self, point: Point, p: Parameters[np.ndarray], costs: np.ndarray, terminal: float) -> float:
+        """Return J over the window's largest priority from what the stages add to it. Cf. paper eq. (16)."""
+        return float(p.omega @ costs + p.omega[-1] * terminal + p.pending * (self.waiting @ point.tau))
 
     def gaps(self, point: Point, horizon: float) -> np.ndarray:
         """Return `Q+ - Q - h (Qdot + Qdot+) / 2` by interval, (K, n)."""
@@ -160,21 +135,3 @@ class VelocityForm:
                 h, by_x = self._end[s](point.X[self.layout.first_node[s + 1]], p.targets[s])
                 found[s] = (h[0], by_x[0])
         return found
-
-    def node_costs(self, point: Point, p: Parameters[np.ndarray]) -> NodeCosts:
-        """Return the states' cost node by node."""
-        n, tau, L, by_duration = self.layout.n, self.durations(point, float(p.horizon)), [], []
-        first, terminal = np.zeros(n), 0.0
-        for s, N in enumerate(self.layout.nodes):
-            reference, slope = self.reference(s, p, tau[s])
-            X, path, rate = point.X[self.intervals(s), :n], reference[:, :N].T, slope[:, :N].T
-            found = self.cost[s](X, p.weights[s], path, rate, rows=N)
-            L.append(found[0][:, 0])
-            c = p.omega[s] / p.scale[s] * tau[s] / N
-            by_duration.append(2 * c * found[1][:, 0])
-            first = 2 * c * found[3][0] if s == 0 else first
-        if p.terminal:
-            c = p.terminal * p.omega[s] / p.scale[s]
-            found = self.cost[s](point.X[-1, :n], p.weights[s], reference[:, -1], slope[:, -1])
-            terminal = 2 * c * found[1].item()
-        return NodeCosts(np.concatenate(L), np.concatenate(by_duration), first, terminal)

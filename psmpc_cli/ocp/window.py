@@ -1,17 +1,13 @@
 """A window: the stages inside the current prediction horizon, with every number its NLP needs."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.layout import Layout, StageShape, WindowShape, mesh
+from psmpc_cli.ocp.layout import StageShape, WindowShape, mesh
 from psmpc_cli.ocp.parameters import Parameters
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.soft_limits import node_limits, scaled_violations
 from psmpc_cli.ocp.stages import Stage
-from psmpc_cli.ocp.transcription import Nlp
 
 SHORTEST = 1e-3
 """Shortest duration of a stage in a window [s], eps of (14)."""
@@ -30,6 +26,9 @@ class Window:
         offset, scale: Normalization of each stage's cost, (S + 1,) each. Paper eq. (12).
         horizon, pending_cost, terminal_cost: T_h [s], delta, kappa.
         nodes: N_s, intervals of each stage, (S + 1,).
+        discretization: `exact` or `euler`.
+        soft: Limits on the states may be violated, at a cost.
+        cost_bound: The largest cost integral of the last stage, for epsilon constraints; IPOPT alone takes one.
     """
 
     stages: tuple[Stage, ...]
@@ -43,23 +42,35 @@ class Window:
     pending_cost: float
     terminal_cost: float
     nodes: tuple[int, ...]
+    discretization: str = "exact"
+    soft: bool = False
+    cost_bound: float = np.inf
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """What a log needs besides the measured state: elapsed time, then omega, offset and scale, (1 + 3 (S + 1),)."""
+        return np.concatenate([[self.elapsed], self.omega, self.offset, self.scale])
+
+    @property
+    def K(self) -> int:
+        """Number of intervals."""
+        return sum(self.nodes)
+
+    def plan_of(self, flat: np.ndarray) -> Plan:
+        """Return the plan on this window's mesh from `Plan.flat`.
+
+        Raises:
+            ValueError: It does not have the size of such a plan.
+        """
+        S, n = len(self.stages) - 1, len(self.x0) // 2
+        instants, X, u = np.split(flat, [S, S + 2 * n * (self.K + 1)])
+        times = self.start + mesh(durations(instants, self.start, self.horizon), self.nodes)
+        return Plan(times, X.reshape(self.K + 1, 2 * n), u.reshape(self.K, n), instants)
 
 
-@dataclass(frozen=True, eq=False)
-class Bounds:
-    """Bounds on the decision variables and on the rows of g."""
-
-    lbx: np.ndarray
-    ubx: np.ndarray
-    lbg: np.ndarray
-    ubg: np.ndarray
-
-
-def window_shape(
-    stages: Sequence[Stage], nodes: tuple[int, ...], discretization: str, soft: bool = False
-) -> WindowShape:
-    """Return the shape of a window over these stages; the last stage's end condition is not imposed."""
-    last = len(stages) - 1
+def window_shape(window: Window) -> WindowShape:
+    """Return the shape of a window; the last stage's end condition is not imposed."""
+    last = len(window.stages) - 1
     return WindowShape(
         stages=tuple(
             StageShape(
@@ -70,40 +81,38 @@ def window_shape(
                 fixed_end=stage.at is not None and i < last,
                 moving=stage.trajectory is not None,
             )
-            for i, stage in enumerate(stages)
+            for i, stage in enumerate(window.stages)
         ),
-        nodes=nodes,
-        discretization=discretization,
-        soft=soft,
+        nodes=window.nodes,
+        discretization=window.discretization,
+        soft=window.soft,
+        bounded=np.isfinite(window.cost_bound),
     )
 
 
-def parameter_vector(nlp: Nlp, window: Window, instants: np.ndarray) -> np.ndarray:
-    """Return the numbers of the NLP's parameter vector for this window, its instants guessed at (S,) [s]."""
-    largest = float(np.max(window.omega))
-    stages = window.stages
-    numbers = Parameters(
+def window_numbers(window: Window, instants: np.ndarray) -> Parameters[np.ndarray]:
+    """Return the parameters of a window's optimization, its instants guessed at (S,) [s]."""
+    return Parameters(
         x0=window.x0,
         horizon=np.array(window.horizon),
         pending=np.array(window.pending_cost),
         terminal=np.array(window.terminal_cost),
-        omega=window.omega / largest,
+        omega=window.omega / float(np.max(window.omega)),
         offset=window.offset,
         scale=window.scale,
-        weights=tuple(stage.weights for stage in stages),
-        control_weights=tuple(stage.control_weights for stage in stages),
-        targets=tuple(stage.target for stage in stages),
-        paths=_path_columns(nlp, window, instants),
+        weights=tuple(stage.weights for stage in window.stages),
+        control_weights=tuple(stage.control_weights for stage in window.stages),
+        targets=tuple(stage.target for stage in window.stages),
+        paths=_path_columns(window, instants),
     )
-    return np.concatenate([np.ravel(piece, order="F") for piece in numbers.pieces()])
 
 
-def _path_columns(nlp: Nlp, window: Window, instants: np.ndarray) -> tuple[np.ndarray, ...]:
+def _path_columns(window: Window, instants: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return what each stage's cost follows, (rows, 2 (N_s + 1)); (rows, 0) where the target stands still."""
     still = [np.zeros((len(stage.target), 0)) for stage in window.stages]
     if all(stage.trajectory is None for stage in window.stages):
         return tuple(still)
-    paths = desired_paths(nlp.layout.nodes, window, instants)
+    paths = desired_paths(window, instants)
     stages = zip(window.stages, paths, still, strict=True)
     return tuple(none if stage.trajectory is None else path.columns for stage, path, none in stages)
 
@@ -125,14 +134,14 @@ class DesiredPath:
         return np.vstack([self.values, self.slopes]).T
 
 
-def desired_paths(nodes: tuple[int, ...], window: Window, instants: np.ndarray) -> tuple[DesiredPath, ...]:
+def desired_paths(window: Window, instants: np.ndarray) -> tuple[DesiredPath, ...]:
     """Return what each stage's cost follows, about the durations that the guessed instants (S,) [s] give.
 
     A trajectory's time counts from where its stage begins: for the current stage in the past, for others at an instant.
     """
     tau = durations(instants, window.start, window.horizon)
     elapsed = [window.elapsed, *np.zeros(len(instants))]
-    stages = zip(window.stages, nodes, tau, elapsed, strict=True)
+    stages = zip(window.stages, window.nodes, tau, elapsed, strict=True)
     return tuple(_desired_path(stage, N, duration, before) for stage, N, duration, before in stages)
 
 
@@ -140,33 +149,6 @@ def _desired_path(stage: Stage, N: int, tau: float, elapsed: float) -> DesiredPa
     share = np.arange(N + 1) / N
     slopes = stage.rate(elapsed + share * tau) * share[:, None]
     return DesiredPath(stage.reference(elapsed + share * tau) - tau * slopes, slopes)
-
-
-def bounds(nlp: Nlp, window: Window) -> Bounds:
-    """Return the bounds of the NLP for this window. Paper eqs. (14), (17), (18)."""
-    layout = nlp.layout
-    lbx, ubx = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
-    low, high = node_limits(layout, window.stages)
-    for s, stage in enumerate(window.stages):
-        if stage.input == "joint":
-            inputs = layout.input_index(s)
-            lbx[inputs], ubx[inputs] = stage.limits.acceleration_low, stage.limits.acceleration_high
-    lbx[layout.duration_index[0]] = shortest_durations(window)[:-1]
-    lbg, ubg = np.zeros(len(nlp.equality)), np.zeros(len(nlp.equality))
-    if layout.soft:
-        lbx[layout.violation_index] = 0.0
-        lbg[nlp.limit_rows], ubg[nlp.limit_rows] = [low, np.full_like(low, -np.inf)], [np.full_like(high, np.inf), high]
-    else:
-        lbx[layout.state_index[1:]], ubx[layout.state_index[1:]] = low[1:], high[1:]
-    if nlp.last_duration_row is not None:
-        lbg[nlp.last_duration_row], ubg[nlp.last_duration_row] = SHORTEST, np.inf
-    for s, row in nlp.instant_rows.items():
-        at = window.stages[s].at
-        lbg[row] = ubg[row] = (0.0 if at is None else at) - window.start
-    for s, rows in nlp.end_rows.items():
-        tolerance = end_tolerance(window.stages[s])
-        lbg[rows], ubg[rows] = -tolerance, tolerance
-    return Bounds(lbx, ubx, lbg, ubg)
 
 
 def end_tolerance(stage: Stage) -> np.ndarray:
@@ -189,38 +171,16 @@ def durations(instants: np.ndarray, start: float, horizon: float) -> np.ndarray:
     return np.asarray(np.diff(instants, prepend=start, append=start + horizon))
 
 
-def pack_guess(nlp: Nlp, window: Window, guess: Plan, instants: np.ndarray, costs: StageCosts) -> np.ndarray:
-    """Return the decision vector that follows a guessed plan with the given instants (S,)."""
-    layout = nlp.layout
-    tau = durations(instants, window.start, window.horizon)
-    times = window.start + mesh(tau, layout.nodes)
-    z = np.zeros(layout.size)
-    X = guess.states_at(times)
+def on_mesh(plan: Plan, window: Window) -> Plan:
+    """Return a plan read at the nodes of a window, begun at its measured state; the plan's instants (S,) stay."""
+    tau = durations(plan.instants, window.start, window.horizon)
+    times = window.start + mesh(tau, window.nodes)
+    X = plan.states_at(times)
     X[0] = window.x0
-    z[layout.state_index] = X
-    z[layout.duration_index] = tau[:-1]
-    u = guess.control_at(times[:-1])
-    for s, stage in enumerate(window.stages):
-        first, last = layout.first_node[s], layout.first_node[s + 1]
-        inputs = u[first:last] if stage.input == "joint" else costs.task_acceleration(X[first:last], u[first:last])
-        z[layout.input_index(s)] = inputs
-    if layout.soft:
-        z[layout.violation_index] = scaled_violations(X, *node_limits(layout, window.stages))
-    return z
+    return Plan(times, X, plan.control_at(times[:-1]), plan.instants)
 
 
-def unpack_plan(nlp: Nlp, window: Window, z: np.ndarray) -> Plan:
-    """Return the plan a decision vector stands for."""
-    layout: Layout = nlp.layout
-    tau = z[layout.duration_index[0]]
-    instants = window.start + np.cumsum(tau)
-    times = window.start + mesh(np.append(tau, window.horizon - tau.sum()), layout.nodes)
-    X = z[layout.state_index]
-    u = np.zeros((layout.K, layout.n))
-    for s, stage in enumerate(window.stages):
-        first, last = layout.first_node[s], layout.first_node[s + 1]
-        if stage.input == "joint":
-            u[first:last] = z[layout.input_index(s)]
-        else:
-            u[first:last] = np.diff(X[first : last + 1, layout.n :], axis=0) / np.diff(times[first : last + 1])[:, None]
-    return Plan(times, X, u, instants)
+def plan_on_mesh(window: Window, X: np.ndarray, u: np.ndarray, tau: np.ndarray) -> Plan:
+    """Return the plan of states X (K + 1, 2n) and accelerations u (K, n) at the nodes, free durations tau (S,) [s]."""
+    times = window.start + mesh(np.append(tau, window.horizon - tau.sum()), window.nodes)
+    return Plan(times, X, u, window.start + np.cumsum(tau))

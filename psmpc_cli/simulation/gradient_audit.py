@@ -4,13 +4,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psmpc_cli.control.window_solver import WindowSolver
 from psmpc_cli.ocp.gradient import Rollout
 from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import resting_plan
-from psmpc_cli.ocp.window import Bounds, Window, bounds, durations, pack_guess, parameter_vector
+from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.window import Window, durations
 from psmpc_cli.simulation.setup import Experiment
-from psmpc_cli.solvers import Guess
+from psmpc_cli.solvers import build_solver
+from psmpc_cli.specs.limits import Limits
 
 AD_TOLERANCE, DIFFERENCE_TOLERANCE = 1e-8, 1e-6
 """Largest relative difference of the discrete adjoint from algorithmic differentiation and from central differences."""
@@ -54,9 +55,10 @@ def _audit(experiment: Experiment, first: int) -> Audit:
     random = np.random.default_rng(experiment.task.seed)
     window, instants = _window(experiment, first, random)
     tau = durations(instants, window.start, window.horizon)
-    windows = experiment.controller.windows
-    rollout = Rollout(experiment.model, windows.shape(window), window, instants)
-    U = [0.1 * random.standard_normal((N, inputs)) for N, inputs in _mesh(windows, window)]
+    model = experiment.model
+    rollout = Rollout(model, window, instants)
+    inputs = [model.n if stage.input == "joint" else model.m for stage in window.stages]
+    U = [0.1 * random.standard_normal(size) for size in zip(window.nodes, inputs, strict=True)]
     adjoint = rollout.by_adjoint(tau, U)
     scale = max(1e-3, float(np.abs(adjoint).max()))
     nodes = experiment.task.controller.uniform_nodes
@@ -93,30 +95,30 @@ def _window(experiment: Experiment, first: int, random: np.random.Generator) -> 
         pending_cost=controller.pending_cost,
         terminal_cost=0.0,
         nodes=(controller.uniform_nodes,) * len(stages),
+        discretization=controller.discretization,
     )
     return window, instants
 
 
-def _mesh(windows: WindowSolver, window: Window) -> list[tuple[int, int]]:
-    layout = windows.compiled_for(window)[0].layout
-    return list(zip(layout.nodes, layout.inputs, strict=True))
-
-
 def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes: int) -> float:
     """Return how far the costate formula is from the adjoint at the optimum without limits and end conditions."""
-    windows, window = experiment.controller.windows, replace(window, nodes=(nodes,) * len(window.stages))
-    shape = windows.shape(window)
-    nlp, solver = windows.compiled(shape)
-    plan = resting_plan(window.start, window.horizon, nodes, window.x0)
-    z = pack_guess(nlp, window, plan, np.cumsum(tau)[:-1], experiment.costs)
-    free = bounds(nlp, window)
-    lbx, ubx = np.full(nlp.layout.size, -np.inf), np.full(nlp.layout.size, np.inf)
-    lbx[nlp.layout.duration_index[0]] = ubx[nlp.layout.duration_index[0]] = tau[:-1]
-    lbx[nlp.layout.violation_index] = 0.0
-    lbg, ubg = free.lbg.copy(), free.ubg.copy()
-    for rows in (nlp.limit_rows, *nlp.end_rows.values()):
-        lbg[rows], ubg[rows] = -np.inf, np.inf
-    solution = solver.solve(Guess(z), parameter_vector(nlp, window, np.cumsum(tau)[:-1]), Bounds(lbx, ubx, lbg, ubg))
-    U = [solution.z[nlp.layout.input_index(s)] for s in range(len(tau))]
-    rollout = Rollout(experiment.model, shape, window, np.cumsum(tau)[:-1])
+    free = tuple(_unconstrained(stage) for stage in window.stages)
+    window = replace(window, nodes=(nodes,) * len(free), stages=free)
+    instants = window.start + np.cumsum(tau)[:-1]
+    guess = replace(resting_plan(window.start, window.horizon, nodes, window.x0), instants=instants)
+    solution = build_solver(experiment.problem).solve(window, guess, within=0.0)
+    plan, ends = solution.plan, np.cumsum(window.nodes)
+    pieces = [slice(end - N, end) for end, N in zip(ends, window.nodes, strict=True)]
+    U = [
+        plan.u[at] if stage.input == "joint" else experiment.costs.task_acceleration(plan.X[at], plan.u[at])
+        for stage, at in zip(free, pieces, strict=True)
+    ]
+    rollout = Rollout(experiment.model, window, instants)
     return float(np.abs(rollout.by_adjoint(tau, U) - rollout.by_costate(tau, U)).max())
+
+
+def _unconstrained(stage: Stage) -> Stage:
+    """Return a stage without limits and end condition."""
+    none = np.full_like(stage.limits.position_low, np.inf)
+    limits = Limits(*(sign * none for _ in range(3) for sign in (-1, 1)))
+    return replace(stage, limits=limits, end_rows=(), tolerance=np.zeros(0), end_velocity=None, at=None, dwell=0.0)

@@ -4,16 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psmpc_cli.control.controller import priorities_in_force
 from psmpc_cli.control.sequence import Sequence, Switch, drop_met, drop_passed
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.read import Log, read_plan
-from psmpc_cli.ocp.parameters import split_parameters
-from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.transcription import Nlp, window_layout
-from psmpc_cli.ocp.window import Window, unpack_plan, window_shape
+from psmpc_cli.ocp.window import Window
 from psmpc_cli.simulation.setup import Experiment
-from psmpc_cli.solvers import Guess, Outcome
+from psmpc_cli.solvers import Outcome, Solution
 
 MOST_NODES = 1000
 """Intervals a stage has at most; a log that says more is damaged."""
@@ -30,31 +26,6 @@ class LoggedSequence:
 
     sequence: Sequence
     switches: tuple[Switch, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class LoggedSolve:
-    """The solve of a sample as it stands in the log.
-
-    Attributes:
-        window: The window.
-        nlp: Its NLP, transcribed anew.
-        guess: Where the solve started.
-        parameters: The NLP's parameter vector.
-        z: What the solve returned; its last iterate if it failed.
-        plan: The same as a plan.
-        outcome: How the solve ended.
-        objective: J in the task's own priorities.
-    """
-
-    window: Window
-    nlp: Nlp
-    guess: Guess
-    parameters: np.ndarray
-    z: np.ndarray
-    plan: Plan
-    outcome: Outcome
-    objective: float
 
 
 def logged_state(log: Log, sample: int) -> np.ndarray:
@@ -113,38 +84,31 @@ def _hand_over(
     return sequence, (*passed, *met)
 
 
-def logged_solve(log: Log, experiment: Experiment, sequence: Sequence, sample: int) -> LoggedSolve:
+def logged_solve(log: Log, experiment: Experiment, sequence: Sequence, sample: int) -> Solution:
     """Return the solve of a sample whose window holds a sequence; under HTMPC that of the first level.
+
+    Its multipliers are those that it started from, and it knows no costs.
 
     Raises:
         LogError: The log has no plans, or what it holds is not of this window.
     """
-    window, parameters = _window(log, experiment, sequence, sample)
-    windows = experiment.controller.windows
-    nlp, _ = windows.compiled_for(window)
-    size, rows = nlp.layout.size, len(nlp.equality)
-    guess, solution, multipliers = (
-        read_plan(log.path, name, sample) for name in ("guess", "solution", "guess_multipliers")
-    )
-    if len(guess) != size or len(solution) != size or len(multipliers) not in (0, size + rows):
-        raise _not_of_the_window(log, sample)
-    return LoggedSolve(
-        window=window,
-        nlp=nlp,
-        guess=_guess(log, sample, guess, multipliers),
-        parameters=parameters,
-        z=solution,
-        plan=unpack_plan(nlp, window, solution),
-        outcome=logged_outcome(log, sample),
-        objective=float(log["solver/objective"][sample]),
-    )
-
-
-def _guess(log: Log, sample: int, z: np.ndarray, multipliers: np.ndarray) -> Guess:
-    warm = log.columns.get("solver/warm")
-    shifted = bool(len(multipliers)) if warm is None else bool(warm[sample])
-    lam_x, lam_g = np.split(multipliers, [len(z)]) if len(multipliers) else (None, None)
-    return Guess(z, lam_x, lam_g, shifted)
+    window = _window(log, experiment, sequence, sample)
+    guess, solution, duals = (read_plan(log.path, name, sample) for name in ("guess", "solution", "guess_multipliers"))
+    warm, scale = log.columns.get("solver/warm"), float(np.max(window.omega))
+    try:
+        return Solution(
+            outcome=logged_outcome(log, sample),
+            plan=window.plan_of(solution),
+            objective=float(log["solver/objective"][sample]) / scale,
+            iterations=int(log["solver/iterations"][sample]),
+            wall_time=float(log["solver/wall_time"][sample]),
+            window=window,
+            guess=window.plan_of(guess),
+            warm=bool(len(duals)) if warm is None else bool(warm[sample]),
+            guess_duals=duals,
+        )
+    except ValueError:
+        raise _not_of_the_window(log, sample) from None
 
 
 def logged_outcome(log: Log, sample: int) -> Outcome:
@@ -160,31 +124,28 @@ def logged_outcome(log: Log, sample: int) -> Outcome:
     return Outcome[name]
 
 
-def _window(log: Log, experiment: Experiment, sequence: Sequence, sample: int) -> tuple[Window, np.ndarray]:
-    """Return the window of a sample and the parameter vector of its NLP."""
-    spec, stages = experiment.task.controller, experiment.stages[sequence.first : sequence.last + 1]
-    nodes = _nodes(log, experiment, sequence, sample)
-    shape = window_shape(stages, nodes, spec.discretization, experiment.task.limits_are_soft)
-    parameters = read_plan(log.path, "parameters", sample)
-    try:
-        p = split_parameters(parameters, shape, window_layout(experiment.model, shape))
-    except (ValueError, IndexError):
-        raise _not_of_the_window(log, sample) from None
-    start = float(log.time[sample])
-    window = Window(
+def _window(log: Log, experiment: Experiment, sequence: Sequence, sample: int) -> Window:
+    """Return the window of a sample."""
+    task, stages = experiment.task, experiment.stages[sequence.first : sequence.last + 1]
+    spec, numbers = task.controller, read_plan(log.path, "parameters", sample)
+    if len(numbers) != 1 + 3 * len(stages):
+        raise _not_of_the_window(log, sample)
+    omega, offset, scale = numbers[1:].reshape(3, -1)
+    return Window(
         stages=stages,
-        start=start,
-        elapsed=start - sequence.entered,
-        x0=p.x0,
-        omega=priorities_in_force(spec, stages),
-        offset=p.offset,
-        scale=p.scale,
-        horizon=float(p.horizon),
-        pending_cost=float(p.pending),
-        terminal_cost=float(p.terminal),
-        nodes=nodes,
+        start=float(log.time[sample]),
+        elapsed=float(numbers[0]),
+        x0=logged_state(log, sample),
+        omega=omega,
+        offset=offset,
+        scale=scale,
+        horizon=spec.horizon,
+        pending_cost=spec.pending_cost,
+        terminal_cost=spec.terminal_cost,
+        nodes=_nodes(log, experiment, sequence, sample),
+        discretization=spec.discretization,
+        soft=task.limits_are_soft,
     )
-    return window, parameters
 
 
 def _nodes(log: Log, experiment: Experiment, sequence: Sequence, sample: int) -> tuple[int, ...]:

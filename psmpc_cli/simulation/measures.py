@@ -8,7 +8,6 @@ from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.offset_free import Offset
 from psmpc_cli.control.sequence import Switch
 from psmpc_cli.logs.record import LevelsRecord, Record, SolveRecord, TickRecord
-from psmpc_cli.ocp.stage_integrals import stage_integrals
 from psmpc_cli.ocp.window import SHORTEST
 from psmpc_cli.plant import Ticks
 from psmpc_cli.plant.uncertainty import Contact
@@ -112,7 +111,7 @@ def measure(experiment: Experiment, decision: Decision, sample: Sample) -> Recor
         ticks=TickRecord(ticks.time[:-1], ticks.X[:-1, :n], ticks.X[:-1, n:], ticks.F)
         if experiment.task.log.ticks
         else None,
-        window_cost=_window_cost(experiment, decision),
+        window_cost=np.zeros(0) if decision.fallback else decision.solved.costs,
         shares=sample.shares,
         levels=_levels_record(experiment, decision),
         basin=decision.solved.basin,
@@ -169,15 +168,6 @@ def _flags(decision: Decision) -> frozenset[str]:
     return frozenset(name for name, yes in happened.items() if yes)
 
 
-def _window_cost(experiment: Experiment, decision: Decision) -> np.ndarray:
-    """Return the normalized cost integral of each stage in the window, (S + 1,); none after a failed solve."""
-    if decision.fallback:
-        return np.zeros(0)
-    solved, windows = decision.solved, experiment.controller.windows
-    nlp, _ = windows.compiled_for(solved.window)
-    return stage_integrals(nlp, experiment.costs, solved.solution.z, solved.parameters)
-
-
 def _levels_record(experiment: Experiment, decision: Decision) -> LevelsRecord | None:
     """Return the record of the levels of a lexicographic controller; None under any other."""
     if not decision.levels:
@@ -185,11 +175,11 @@ def _levels_record(experiment: Experiment, decision: Decision) -> LevelsRecord |
     stages = len(experiment.stages)
     objective, cost, wall_time = (np.full(stages, np.nan) for _ in range(3))
     solved = np.full(stages, -1)
-    for level in decision.levels:
-        wall_time[level.stage], solved[level.stage] = level.wall_time, level.solved
-        if level.solved:
-            objective[level.stage] = level.objective
-            cost[level.stage + 1 - len(level.costs) : level.stage + 1] = level.costs
+    for stage, level in enumerate(decision.levels, start=decision.sequence.first):
+        wall_time[stage], solved[stage] = level.wall_time, level.outcome.usable
+        if level.outcome.usable:
+            objective[stage] = level.costs[-1]
+            cost[stage + 1 - len(level.costs) : stage + 1] = level.costs
     return LevelsRecord(objective, cost, wall_time, solved)
 
 
@@ -200,17 +190,15 @@ def _solve_record(decision: Decision) -> SolveRecord:
     that may have failed. The rest is the first level's.
     """
     solved = decision.solved
-    solution, guess = solved.solution, solved.guess
-    multipliers = [lam for lam in (guess.lam_x, guess.lam_g) if lam is not None]
-    levels = decision.levels or (solution,)
+    levels = decision.levels or (solved,)
     return SolveRecord(
         status=levels[-1].outcome.name.lower(),
         iterations=sum(level.iterations for level in levels),
         wall_time=sum(level.wall_time for level in levels),
-        objective=solution.objective * float(np.max(solved.window.omega)),
-        guess=guess.z,
-        warm=guess.warm,
-        guess_multipliers=np.concatenate(multipliers) if multipliers else np.zeros(0),
-        parameters=solved.parameters,
-        solution=solution.z,
+        objective=solved.J,
+        guess=solved.guess.flat,
+        warm=solved.warm,
+        guess_multipliers=solved.guess_duals,
+        parameters=solved.window.numbers,
+        solution=solved.plan.flat,
     )

@@ -1,28 +1,18 @@
 """Replay: one horizon of a run, its problem rebuilt from the log alone and solved again."""
 
-import io
 import re
-from contextlib import redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.read import Log
-from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.window import bounds, unpack_plan
-from psmpc_cli.simulation.logged_window import LoggedSolve, ensure_sample, logged_sequences, logged_solve
+from psmpc_cli.simulation.logged_window import ensure_sample, logged_sequences, logged_solve
 from psmpc_cli.simulation.setup import Experiment, build_experiment
 from psmpc_cli.simulation.summary import task_of
-from psmpc_cli.solvers import Solution, build_solver
-from psmpc_cli.solvers.casadi_nlp import CasadiSolver
-from psmpc_cli.solvers.sqp import SqpSolver
-from psmpc_cli.solvers.sqp_table import IterationTable
+from psmpc_cli.solvers import Outcome, Solution, build_solver
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.overrides import Short
-
-ITERATION = re.compile(r"iter\s|\s*\d+[rRsS]?\s+[-+\d.]+e")
-"""What the lines of a plug-in's table of iterations begin with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +38,14 @@ class Replay:
         logged: The solve as it was logged.
         solution: What came out again.
         iterations: The solver's table of iterations, line by line; its objective is J over the largest priority.
-        compared: Objective, instants and the control of the first tick.
+        compared: Objective, planned switch times and the control of the first tick.
         apart: Largest difference of a control in the plan [m/s^2, rad/s^2].
         remarks: What was logged that is not the solve behind the applied control.
         run_solver: Name of the solver that the run had.
     """
 
     experiment: Experiment
-    logged: LoggedSolve
+    logged: Solution
     solution: Solution
     iterations: tuple[str, ...]
     compared: tuple[Compared, ...]
@@ -93,15 +83,14 @@ def replay(log: Log, sample: int, solver: str | None = None) -> Replay:
     experiment = build_experiment(chosen)
     sequence = logged_sequences(log, experiment)[sample].sequence
     logged = logged_solve(log, experiment, sequence, sample)
-    solution, iterations = _solve(experiment, logged)
-    plan = unpack_plan(logged.nlp, logged.window, solution.z)
+    solution, iterations = solve_again(experiment, logged, chosen.spec.solver.kind == loaded.spec.solver.kind)
     return Replay(
         experiment=experiment,
         logged=logged,
         solution=solution,
         iterations=iterations,
-        compared=tuple(_compared(log, experiment, logged, solution, plan)),
-        apart=float(np.abs(plan.u - logged.plan.u).max()),
+        compared=tuple(_compared(log, experiment, logged, solution)),
+        apart=float(np.abs(solution.plan.u - logged.plan.u).max()),
         remarks=tuple(_remarks(log, experiment, sample)),
         run_solver=loaded.spec.solver.kind,
     )
@@ -113,25 +102,19 @@ def _with_solver(loaded: Task, solver: str) -> Task:
     return parse_task(loaded.task_yaml, loaded.robot_yaml, loaded.spec.name, [Short("--solver", "solver.kind", solver)])
 
 
-def _solve(experiment: Experiment, logged: LoggedSolve) -> tuple[Solution, tuple[str, ...]]:
-    """Solve without a deadline, and catch the table of iterations."""
-    spec = experiment.task.solver.model_copy(update={"deadline": None})
-    solver, table = build_solver(logged.nlp, spec), IterationTable()
-    if isinstance(solver, CasadiSolver):
-        solver = solver.printing()
-    elif isinstance(solver, SqpSolver):
-        solver = solver.watched(table.take)
-    with redirect_stdout(io.StringIO()) as written:
-        solution = solver.solve(logged.guess, logged.parameters, bounds(logged.nlp, logged.window))
-    if isinstance(solver, SqpSolver):
-        return solution, tuple(table.lines)
-    return solution, tuple(line for line in written.getvalue().splitlines() if ITERATION.match(line))
+def solve_again(experiment: Experiment, logged: Solution, same_solver: bool = True) -> tuple[Solution, tuple[str, ...]]:
+    """Return what a logged solve returns without a deadline, and the solver's table of iterations."""
+    lines: list[str] = []
+    spec = experiment.task.solver.model_copy(update={"deadline": None, "compiled": experiment.compiled})
+    solver = build_solver(experiment.problem, spec, lines.append)
+    duals = logged.guess_duals if same_solver else np.zeros(0)
+    start = replace(logged, outcome=Outcome.OPTIMAL, plan=logged.guess, duals=duals)
+    return solver.solve(logged.window, logged.guess, start if logged.warm else None), tuple(lines)
 
 
-def _compared(log: Log, experiment: Experiment, logged: LoggedSolve, solution: Solution, plan: Plan) -> list[Compared]:
-    window, names = logged.window, [stage.name for stage in logged.window.stages]
-    objective = solution.objective * float(np.max(window.omega))
-    found = [Compared("objective J", logged.objective, objective)]
+def _compared(log: Log, experiment: Experiment, logged: Solution, again: Solution) -> list[Compared]:
+    window, plan, names = logged.window, again.plan, [stage.name for stage in logged.window.stages]
+    found = [Compared("objective J", logged.J, again.J)]
     for name, before, after in zip(names, logged.plan.instants, plan.instants, strict=False):
         found.append(Compared(f"{name} ends [s]", float(before), float(after)))
     tick = window.start + np.array([0.0, 1 / experiment.task.plant.low_level_rate])

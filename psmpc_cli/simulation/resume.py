@@ -16,18 +16,15 @@ from psmpc_cli.control.controller import ControllerMemory
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.offset_free import Offset
 from psmpc_cli.control.shares import control_shares
-from psmpc_cli.control.window_solver import SolvedWindow
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.read import Log
 from psmpc_cli.logs.resumption import reopen_log
 from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.ocp.plan import Plan, resting_plan, shift
-from psmpc_cli.ocp.window import bounds
 from psmpc_cli.simulation.checkpoint import Checkpoint, first_checkpoint, take_checkpoint
 from psmpc_cli.simulation.delays import Delays
 from psmpc_cli.simulation.logged_window import (
     LoggedSequence,
-    LoggedSolve,
     logged_sequences,
     logged_solve,
     logged_state,
@@ -39,7 +36,7 @@ from psmpc_cli.simulation.run import Progress, header, judge, new_clock, write_r
 from psmpc_cli.simulation.setup import Experiment, build_experiment
 from psmpc_cli.simulation.stage_times import StageClock
 from psmpc_cli.simulation.summary import task_of
-from psmpc_cli.solvers import Solution
+from psmpc_cli.solvers import Outcome, Solution
 from psmpc_cli.specs.load import Task
 
 logger = logging.getLogger(__name__)
@@ -178,8 +175,7 @@ def _decisions(log: Log, experiment: Experiment, sequences: Sequence[LoggedSeque
         prediction = _prediction(controller.memory.plan, experiment, now, x)
         solve = logged_solve(log, experiment, logged.sequence, k)
         starts_another = k + 1 == len(sequences) or failed[k + 1]
-        solution = _multipliers(log, experiment, solve, k) if starts_another else _without_multipliers(solve)
-        solved = SolvedWindow(solve.window, solve.guess, solve.parameters, solution, solve.plan)
+        solved = _multipliers(log, experiment, solve, k) if starts_another else solve
         controller.memory = ControllerMemory(logged.sequence, solve.plan, None, solved)
         yield Decision(solve.plan, logged.sequence, solved, prediction, False, False, False, False)
 
@@ -189,16 +185,11 @@ def _prediction(plan: Plan | None, experiment: Experiment, now: float, x: np.nda
     return resting_plan(now, spec.horizon, spec.uniform_nodes, x) if plan is None else shift(plan, now, spec.horizon, x)
 
 
-def _without_multipliers(solve: LoggedSolve) -> Solution:
-    none = np.zeros(0)
-    return Solution(solve.outcome, solve.z, none, none, solve.objective, 0, 0.0)
-
-
-def _multipliers(log: Log, experiment: Experiment, solve: LoggedSolve, sample: int) -> Solution:
+def _multipliers(log: Log, experiment: Experiment, solve: Solution, sample: int) -> Solution:
     """Return a logged solution with its multipliers, which come out when it is solved again from the same guess."""
-    _, solver = experiment.controller.windows.compiled_for(solve.window)
-    again = solver.solve(solve.guess, solve.parameters, bounds(solve.nlp, solve.window))
-    apart = float(np.abs(again.z - solve.z).max())
+    start = replace(solve, outcome=Outcome.OPTIMAL, plan=solve.guess, duals=solve.guess_duals)
+    again = experiment.controller.solver.solve(solve.window, solve.guess, start if solve.warm else None)
+    apart = float(np.abs(again.plan.X - solve.plan.X).max())
     if not apart <= REPEATED:
         logger.warning(
             "%s: the solve at %.2f s differs by %.1e from the logged one when it is done again; the run goes on with "
@@ -207,4 +198,4 @@ def _multipliers(log: Log, experiment: Experiment, solve: LoggedSolve, sample: i
             log.time[sample],
             apart,
         )
-    return replace(again, outcome=solve.outcome, z=solve.z)
+    return replace(again, outcome=solve.outcome, plan=solve.plan)

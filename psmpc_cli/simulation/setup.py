@@ -8,13 +8,14 @@ from psmpc_cli.control import build_controller
 from psmpc_cli.control.aside import WindowsAside
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.onset import OnsetObserver
-from psmpc_cli.control.window_solver import WindowSolver
 from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.stages import Stage, build_stages
+from psmpc_cli.ocp.problem import Problem, build_problem
+from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.plant import Plant, build_plant
 from psmpc_cli.plant.uncertainty import Uncertainty
-from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.compiling import compile_for
+from psmpc_cli.solvers import build_solver
 from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec, TaskSpec
@@ -30,10 +31,7 @@ class Experiment:
     `compiled` says whether solver and plant run as compiled C.
     """
 
-    loaded: Task
-    model: RobotModel
-    stages: tuple[Stage, ...]
-    costs: StageCosts
+    problem: Problem
     controller: SwitchingController
     aside: WindowsAside
     observer: OnsetObserver
@@ -43,25 +41,41 @@ class Experiment:
     compiled: bool
 
     @property
+    def loaded(self) -> Task:
+        """The task with its robot and their texts."""
+        return self.problem.task
+
+    @property
     def task(self) -> TaskSpec:
         """The task."""
-        return self.loaded.spec
+        return self.problem.spec
+
+    @property
+    def model(self) -> RobotModel:
+        """The robot."""
+        return self.problem.model
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """The stages."""
+        return self.problem.stages
+
+    @property
+    def costs(self) -> StageCosts:
+        """Errors, costs and end conditions of the stages on arrays."""
+        return self.problem.costs
 
 
 def build_experiment(loaded: Task) -> Experiment:
     """Return the experiment a task describes."""
-    task, model = loaded.spec, build_model(loaded.robot)
-    stages, costs = build_stages(task, loaded.robot, model), StageCosts(model)
-    compiled = compile_for(task, model, stages)
-    windows = WindowSolver(task.model_copy(update={"solver": _solver_in_force(task, compiled)}), model, costs)
-    controller = build_controller(task.controller, stages, windows)
+    problem = build_problem(loaded)
+    task, model = problem.spec, problem.model
+    compiled = compile_for(task, model, problem.stages)
+    controller = build_controller(problem, build_solver(problem, _solver_in_force(task, compiled)))
     aside, uncertainty = WindowsAside(controller), Uncertainty(task, model)
     Qdot = stack(task.initial_velocity, loaded.robot, "joint") if task.initial_velocity else np.zeros(model.n)
     return Experiment(
-        loaded=loaded,
-        model=model,
-        stages=stages,
-        costs=costs,
+        problem=problem,
         controller=controller,
         aside=aside,
         observer=OnsetObserver(aside, task.onset),

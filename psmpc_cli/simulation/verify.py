@@ -7,9 +7,9 @@ import numpy as np
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.read import Log
-from psmpc_cli.ocp.layout import Layout
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant.adaptive import INSIDE, AdaptiveDynamics, Flow
 from psmpc_cli.simulation.end_error import end_error
 from psmpc_cli.simulation.logged_window import LoggedSequence, logged_sequences, logged_solve, logged_state
@@ -113,7 +113,7 @@ class _Verifier:
             solve = logged_solve(self._log, self._experiment, logged.sequence, sample)
             self._plan = solve.plan
             if horizon:
-                self._take_horizon(sample, solve.plan, solve.nlp.layout, solve.window.stages)
+                self._take_horizon(sample, solve.plan, solve.window)
         if not self._uncertain:
             self._take_loop(sample, self._experiment.stages[logged.sequence.first])
 
@@ -132,15 +132,16 @@ class _Verifier:
             remarks.append(f"{self._left_out} samples of the closed loop were left out, {why}")
         return Verification(self._horizons, self._count, self._loop, self._samples, tuple(remarks))
 
-    def _take_horizon(self, sample: int, plan: Plan, layout: Layout, stages: tuple[Stage, ...]) -> None:
+    def _take_horizon(self, sample: int, plan: Plan, window: Window) -> None:
         flow = self._physics.under_law(plan.X[0], plan.times, plan.u)
         self._count += 1
         self._note_deviation(self._horizons, sample, flow.between_pieces, plan.X, plan.times)
-        for s, stage in enumerate(stages):
-            first, last = layout.first_node[s], layout.first_node[s + 1]
+        ends = np.cumsum(window.nodes)
+        for s, (stage, N, last) in enumerate(zip(window.stages, window.nodes, ends, strict=True)):
+            first = last - N
             inside = slice(first * INSIDE, last * INSIDE + 1)
             self._note_limits(self._horizons, sample, stage, flow, inside)
-            if s < len(stages) - 1:
+            if s < len(window.stages) - 1:
                 self._note_end(self._horizons, sample, stage, flow.between_pieces[last], plan.times[last])
 
     def _take_loop(self, sample: int, stage: Stage) -> None:

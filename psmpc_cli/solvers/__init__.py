@@ -1,21 +1,26 @@
-"""The NLP back-ends by their name in a task file."""
+"""Solvers: a window and a guessed plan in, a solution out."""
 
-from collections.abc import Callable
-
-from psmpc_cli.solvers import fatrop, ipopt, sqp
-from psmpc_cli.solvers.attempt import attempt
-from psmpc_cli.solvers.base import Guess, Outcome, Solution, Solver, StructuredNlp
+from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
+from psmpc_cli.solvers.levels import Level, LevelSolver
+from psmpc_cli.solvers.nlp import NlpSolver, Report
+from psmpc_cli.solvers.sqp import SqpSolver
 from psmpc_cli.specs.task import SolverSpec
 
-__all__ = ["Guess", "Outcome", "Solution", "Solver", "StructuredNlp", "attempt", "build_solver"]
-
-_BUILD: dict[str, Callable[[StructuredNlp, SolverSpec], Solver]] = {
-    "fatrop": fatrop.build,
-    "ipopt": ipopt.build,
-    "sqp": sqp.build,
-}
+__all__ = ["FEASIBLE", "Level", "LevelSolver", "NlpSolver", "Outcome", "Report", "Solution", "Solver", "build_solver"]
 
 
-def build_solver(nlp: StructuredNlp, spec: SolverSpec) -> Solver:
-    """Return the back-end a task asks for, compiled for this NLP."""
-    return _BUILD[spec.kind](nlp, spec)
+def build_solver(
+    problem: Problem,
+    spec: SolverSpec | None = None,
+    report: Report | None = None,
+) -> Solver:
+    """Build the back-end that a problem's task names, or another one.
+
+    Args:
+        problem: The problem.
+        spec: Back-end and settings; default those of the task.
+        report: Takes the lines of the table of iterations.
+    """
+    spec = problem.spec.solver if spec is None else spec
+    return SqpSolver(problem, spec, report) if spec.kind == "sqp" else NlpSolver(problem, spec, report)

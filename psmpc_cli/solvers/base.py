@@ -1,13 +1,18 @@
-"""The interface every back-end has: solve a window's NLP, return a value that says how it went."""
+"""The interface of every back-end: a window and a guessed plan in, a solution out that says how the solve ended."""
 
-from dataclasses import dataclass
+import logging
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Protocol
 
-import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.window import Bounds
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.window import Window, on_mesh
+
+logger = logging.getLogger(__name__)
 
 FEASIBLE = 1e-4
 """By how much an iterate that is not converged may violate a constraint and still count [m, rad, m/s, rad/s, s]."""
@@ -36,71 +41,96 @@ class Outcome(Enum):
         return self in (Outcome.OPTIMAL, Outcome.FEASIBLE)
 
 
-@dataclass(frozen=True, eq=False)
-class Guess:
-    """Where a solve starts.
-
-    Attributes:
-        z: Primal point.
-        lam_x, lam_g: Multipliers of the bounds and of g, where there are any.
-        warm: It is the last solution of the same stages, moved along by the time that has passed.
-    """
-
-    z: np.ndarray
-    lam_x: np.ndarray | None = None
-    lam_g: np.ndarray | None = None
-    warm: bool = False
+def _nothing() -> np.ndarray:
+    return np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What a solve returned.
+    """What a solve of a window returned.
 
     Attributes:
         outcome: How it ended.
-        z: Primal point.
-        lam_x, lam_g: Multipliers of the bounds and of g; empty where the back-end has none.
+        plan: The plan on the window's mesh; the last iterate where the outcome is not usable.
         objective: J over the window's largest priority.
         iterations: Iterations used.
         wall_time: Time of the solve alone [s].
+        window: The window.
+        guess: The plan it started from, on the window's mesh.
+        warm: It started from the solution of the same stages at the sample before.
+        costs: Normalized cost integral of each stage, without priorities, (S + 1,). Paper eq. (16).
+        terminal: Normalized terminal cost of the last stage, times kappa.
+        violations: By how much nodes violate soft limits at worst, (2n,) [m, rad, m/s, rad/s]; (0,) if hard.
+        duals: Multipliers that can start the next solve by the same back-end, in its own order; (0,) if it has none.
+        guess_duals: Those that this one started from.
+        bound_multiplier: Multiplier of the window's `cost_bound`; NaN without one.
+        basin: Which guess of the instants won, 0 the shifted plan's own; -1 where there was no other. See `multistart`.
     """
 
     outcome: Outcome
-    z: np.ndarray
-    lam_x: np.ndarray
-    lam_g: np.ndarray
+    plan: Plan
     objective: float
     iterations: int
     wall_time: float
-
-
-class StructuredNlp(Protocol):
-    """What a back-end needs of an NLP: the problem, and the sizes of state, input and path rows at each node."""
-
-    @property
-    def problem(self) -> dict[str, ca.SX]:
-        """The NLP as CasADi's solvers take it."""
-        ...
-
-    @property
-    def nx(self) -> tuple[int, ...]:
-        """Size of the state at each node."""
-        ...
+    window: Window
+    guess: Plan
+    warm: bool = False
+    costs: np.ndarray = field(default_factory=_nothing)
+    terminal: float = 0.0
+    violations: np.ndarray = field(default_factory=_nothing)
+    duals: np.ndarray = field(default_factory=_nothing)
+    guess_duals: np.ndarray = field(default_factory=_nothing)
+    bound_multiplier: float = np.nan
+    basin: int = -1
 
     @property
-    def nu(self) -> tuple[int, ...]:
-        """Size of the input at each node; 0 at the last."""
-        ...
-
-    @property
-    def ng(self) -> tuple[int, ...]:
-        """Number of path rows at each node."""
-        ...
+    def J(self) -> float:
+        """The objective in the task's own priorities."""
+        return self.objective * float(np.max(self.window.omega))
 
 
-class Solver(Protocol):
-    """A compiled NLP."""
+def attempt(window: Window, guess: Plan, solve: Callable[[], Solution]) -> Solution:
+    """Return what a solve of a window returns, whatever the back-end does.
 
-    def solve(self, guess: Guess, p: np.ndarray, bounds: Bounds) -> Solution:
-        """Solve for the parameters p from the guess."""
-        ...
+    A solve that raises, or whose plan is not finite, has failed: the robot moves meanwhile, and the plan in force
+    remains. The exception is logged.
+    """
+    began = time.perf_counter()
+    try:
+        solution = solve()
+    except (ArithmeticError, RuntimeError, ValueError) as error:
+        logger.warning("the solver raised %s: %s", type(error).__name__, str(error).partition("\n")[0])
+        return Solution(Outcome.FAILED, guess, np.nan, 0, time.perf_counter() - began, window, guess)
+    plan = solution.plan
+    if solution.outcome.usable and not (np.isfinite(plan.X).all() and np.isfinite(plan.u).all()):
+        return replace(solution, outcome=Outcome.FAILED)
+    return solution
+
+
+class Solver(ABC):
+    """A back-end for the windows of one problem."""
+
+    def solve(self, window: Window, guess: Plan, previous: Solution | None = None, within: float = np.inf) -> Solution:
+        """Solve a window, started from a guessed plan, which is read at the nodes of the window.
+
+        Args:
+            window: The window.
+            guess: The guessed plan; its instants (S,) [s] are those of the window.
+            previous: The solution of the sample before. It starts the solve too where it is usable and its stages are
+                the same, its multipliers shifted in time.
+            within: Durations are kept within so many seconds of the guessed ones; 0 holds the instants.
+        """
+        guess = on_mesh(guess, window)
+        if previous is not None and not _continues(previous, window):
+            previous = None
+        return attempt(window, guess, lambda: self._solve(window, guess, previous, within))
+
+    @abstractmethod
+    def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
+        """Solve a window from a guess on its mesh; `previous`, if any, is a usable solution of the same stages."""
+
+
+def _continues(previous: Solution, window: Window) -> bool:
+    """Tell whether a solution can start the solve of a window."""
+    same = [stage.index for stage in previous.window.stages] == [stage.index for stage in window.stages]
+    return same and previous.outcome.usable

@@ -12,8 +12,7 @@ from scipy.sparse import csc_matrix
 from psmpc_cli.ocp.gauss_newton import Linearization
 from psmpc_cli.ocp.soft_limits import PENALTY, shares_of_time
 from psmpc_cli.ocp.velocity_form import Point, VelocityForm
-from psmpc_cli.solvers.qp_solution import QpSolution, QpStatus
-from psmpc_cli.solvers.sqp_limits import Limits, QpShape
+from psmpc_cli.solvers.sqp_window import Limits, QpShape, QpSolution, QpStatus
 
 MAX_ITERATIONS = 60
 """Interior-point iterations of one program; a solvable one takes 8 to 25."""

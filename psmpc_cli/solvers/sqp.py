@@ -2,31 +2,44 @@
 
 A window whose guess is warm is the last one, shifted: it gets the iterations the task asks for. Any
 other guess is cold (an append, a drop, another shape) and is iterated until the step is small. Steps that bring nothing
-are halved. The levels of HTMPC, where earlier costs are constraints and need their curvature, are left to fatrop.
+are halved.
 """
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from psmpc_cli.ocp.end_curvature import EndCurvature
 from psmpc_cli.ocp.gauss_newton import Linearization
+from psmpc_cli.ocp.layout import mesh
 from psmpc_cli.ocp.parameters import Parameters
-from psmpc_cli.ocp.transcription import Nlp
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.ocp.soft_limits import PENALTY
+from psmpc_cli.ocp.transcription import window_layout
 from psmpc_cli.ocp.velocity_form import Point, Residuals, VelocityForm
-from psmpc_cli.ocp.window import Bounds
-from psmpc_cli.solvers import fatrop
-from psmpc_cli.solvers.base import FEASIBLE, Guess, Outcome, Solution, Solver, StructuredNlp
+from psmpc_cli.ocp.window import Window, plan_on_mesh, window_numbers, window_shape
+from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
+from psmpc_cli.solvers.nlp import Report
 from psmpc_cli.solvers.qp_multistage import MultistageQp
-from psmpc_cli.solvers.qp_solution import QpSolution, QpStatus
 from psmpc_cli.solvers.riccati.kernel import load_kernel
 from psmpc_cli.solvers.riccati.program import RiccatiQp
-from psmpc_cli.solvers.sqp_guess import later
-from psmpc_cli.solvers.sqp_iterate import Iterate, counts
-from psmpc_cli.solvers.sqp_limits import Limits, QpShape, Violation, limits, violation
-from psmpc_cli.solvers.sqp_soft import beyond, change_of_violations, linearize_penalized, penalized
+from psmpc_cli.solvers.sqp_window import (
+    Limits,
+    QpShape,
+    QpSolution,
+    QpStatus,
+    Violation,
+    beyond,
+    change_of_violations,
+    fixed_limits,
+    linearize_penalized,
+    penalized,
+    violation,
+    window_limits,
+)
 from psmpc_cli.specs.task import SolverSpec
 
 SMALL = 1e-2
@@ -38,85 +51,128 @@ SHARPER = 0.1
 SHORTEST_STEP = 1 / 32
 """The shortest share of a step that is tried."""
 
+DECREASE = 1e-4
+"""Share of the predicted decrease of the merit function that a step must bring (Armijo)."""
 
-Watch = Callable[[int, Iterate, QpSolution | None], None]
-"""Takes the number of an iteration, where it led, and its program; at the guess, number 0, there is none."""
+NOISE = 1e-9
+"""Relative rise of the objective that is taken for rounding."""
+
+LATER = 0.9
+"""How much of the time that a stage could last longer it is given in a guess for a program without a solution."""
+
+HEADING = "iter       objective   inf_pr    ||d||    alpha  qp"
+"""Columns of the table of iterations, the guess first.
+
+Number of the iteration; objective, J over the window's largest priority; largest violation of a constraint; largest
+component of the program's full step [m, rad, m/s, rad/s, s]; share of the step that was taken, 0 if none of it counted;
+interior-point iterations of the program.
+"""
+
+Qp = MultistageQp | RiccatiQp
 
 
-def build(nlp: StructuredNlp, spec: SolverSpec) -> Solver:
-    """Return the solver of a window; of anything else fatrop."""
-    return SqpSolver(nlp, spec) if isinstance(nlp, Nlp) else fatrop.build(nlp, spec)
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """A point, its residuals, and the step that led to it.
+
+    Attributes:
+        step: Largest component of the program's full step [m, rad, m/s, rad/s, s].
+        share: How much of that step was taken; 0 if no share of it counted.
+        qp: The program's solution, None at the guess.
+    """
+
+    point: Point
+    at: Residuals
+    violation: Violation
+    step: float = np.inf
+    share: float = 0.0
+    qp: QpSolution | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Setup:
+    """What the windows over the same stages and nodes share: form, bounds, programs by soft and fixed durations."""
+
+    form: VelocityForm
+    limits: Limits
+    curvature: EndCurvature
+    programs: dict[QpShape, Qp] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
     """One window: its numbers, its limits and the quadratic programs of its structure."""
 
+    setup: _Setup
     p: Parameters[np.ndarray]
     limits: Limits
-    qp: MultistageQp | RiccatiQp
+    qp: Qp
+
+    @property
+    def form(self) -> VelocityForm:
+        return self.setup.form
+
+    @property
+    def horizon(self) -> float:
+        return float(self.p.horizon)
 
 
-class SqpSolver:
-    """The windows of one shape; `watch` is told of every iteration."""
+class SqpSolver(Solver):
+    """Windows by sequential quadratic programming.
 
-    def __init__(self, nlp: Nlp, spec: SolverSpec, watch: Watch | None = None) -> None:
-        self._nlp, self._spec, self._watch = nlp, spec, watch
-        self._form = VelocityForm(nlp.model, nlp.shape, nlp.layout, spec.compiled)
-        self._kernel = load_kernel(nlp.layout.n, nlp.layout.switches) if spec.compiled else None
-        self._programs: dict[QpShape, MultistageQp | RiccatiQp] = {}
-        self._curvature = EndCurvature(self._form)
+    Args:
+        problem: The problem.
+        spec: Settings.
+        report: Takes the lines of the table of iterations.
+    """
 
-    def watched(self, watch: Watch) -> "SqpSolver":
-        """Return the same solver, which tells of its iterations."""
-        return SqpSolver(self._nlp, self._spec, watch)
+    def __init__(self, problem: Problem, spec: SolverSpec, report: Report | None = None) -> None:
+        self._model, self._spec, self._report = problem.model, spec, report
+        self._setups: dict[tuple[object, ...], _Setup] = {}
 
-    def solve(self, guess: Guess, p: np.ndarray, bounds: Bounds) -> Solution:
-        """Solve for the parameters p from the guess."""
+    def _setup(self, window: Window) -> _Setup:
+        key = (window.stages, window.nodes, window.discretization, window.soft)
+        if key not in self._setups:
+            shape = window_shape(window)
+            form = VelocityForm(self._model, shape, window_layout(self._model, shape), self._spec.compiled)
+            self._setups[key] = _Setup(form, fixed_limits(form, window), EndCurvature(form))
+        return self._setups[key]
+
+    def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
         began = time.perf_counter()
-        numbers = self._form.numbers(p)
-        problem = self._problem(numbers, limits(self._nlp, bounds, float(numbers.horizon)))
-        iterate, model = self._begin(problem, self._form.point(guess.z, numbers))
-        ends = self._end_multipliers(guess)
+        setup, tau = self._setup(window), np.diff(guess.instants, prepend=window.start)
+        limits = window_limits(setup.limits, window, tau, within)
+        problem = self._problem(setup, window_numbers(window, guess.instants), limits)
+        iterate, model = self._begin(problem, Point(guess.X, tau))
+        ends = _end_multipliers(setup, previous)
         qp = self._program(problem, iterate, model, ends)
-        if qp.status is not QpStatus.SOLVED and not guess.warm:
-            point = later(self._form, problem.limits, iterate.point, float(numbers.horizon))
+        if qp.status is not QpStatus.SOLVED and previous is None:
+            point = later(setup.form, limits, iterate.point, problem.horizon)
             if point is not None:
                 iterate, model = self._begin(problem, point)
                 qp = self._program(problem, iterate, model, ends)
-        iterate, outcome, count = self._iterate(problem, iterate, model, qp, began, guess.warm)
-        lam_x, lam_g = self._multipliers(iterate.qp)
-        z = self._form.decision(iterate.point, numbers)
-        z[self._nlp.layout.violation_index] = beyond(problem.limits, iterate.point)
+        iterate, outcome, count = self._iterate(problem, iterate, model, qp, began, previous is not None)
+        point = iterate.point
         return Solution(
             outcome=outcome,
-            z=z,
-            lam_x=lam_x,
-            lam_g=lam_g,
+            plan=plan_on_mesh(window, point.X, setup.form.inputs(point, window.horizon), point.tau),
             objective=iterate.at.objective,
             iterations=count,
             wall_time=time.perf_counter() - began,
+            window=window,
+            guess=guess,
+            warm=previous is not None,
+            costs=iterate.at.costs,
+            terminal=iterate.at.terminal,
+            violations=beyond(limits, point)[1:].max(axis=0) / PENALTY,
+            duals=_duals(setup, iterate.qp),
+            guess_duals=np.concatenate([np.zeros(0), *ends.values()]),
         )
 
     def _begin(self, problem: _Problem, point: Point) -> tuple[Iterate, Linearization]:
         """Return the iterate at a guess, and the model there."""
-        model = linearize_penalized(self._form, problem.limits, point, problem.p)
+        model = linearize_penalized(problem.form, problem.limits, point, problem.p)
         return Iterate(point, model.at, self._violation(problem, point, model.at)), model
-
-    def _end_multipliers(self, guess: Guess) -> Mapping[int, np.ndarray]:
-        """Return the multipliers of curved end conditions by stage, where the guess has any."""
-        if guess.lam_g is None:
-            return {}
-        return {s: guess.lam_g[self._nlp.end_rows[s]] for s in self._curvature.stages}
-
-    def _multipliers(self, qp: QpSolution | None) -> tuple[np.ndarray, np.ndarray]:
-        """Return the multipliers that the next solve starts from: of end conditions, if some are curved, else none."""
-        if qp is None or not self._curvature.stages:
-            return np.zeros(0), np.zeros(0)
-        lam_g = np.zeros(len(self._nlp.equality))
-        for s in self._curvature.stages:
-            lam_g[self._nlp.end_rows[s]] = qp.ends[s]
-        return np.zeros(self._nlp.layout.size), lam_g
 
     def _program(
         self, problem: _Problem, iterate: Iterate, model: Linearization, ends: Mapping[int, np.ndarray]
@@ -127,31 +183,30 @@ class SqpSolver:
         not convex, and with PIQP, which takes no other, the Gauss-Newton model stands alone. Where soft limits would be
         violated so far that the numbers break down, hard ones say whether there is a solution.
         """
-        horizon = float(problem.p.horizon)
+        horizon = problem.horizon
         if ends and isinstance(problem.qp, RiccatiQp):
-            curved = self._curvature.added_to(model, iterate.point, problem.p, ends)
+            curved = problem.setup.curvature.added_to(model, iterate.point, problem.p, ends)
             qp = problem.qp.solve(curved, problem.limits, iterate.point, horizon)
             if qp.status is QpStatus.SOLVED:
                 return qp
         qp = problem.qp.solve(model, problem.limits, iterate.point, horizon)
         if qp.status is QpStatus.FAILED and problem.limits.soft:
-            hard = self._problem(problem.p, replace(problem.limits, soft=False))
+            hard = self._problem(problem.setup, problem.p, replace(problem.limits, soft=False))
             proof = hard.qp.solve(model, hard.limits, iterate.point, horizon)
             return qp if proof.status is QpStatus.FAILED else proof
         return qp
 
-    def _problem(self, p: Parameters[np.ndarray], limits: Limits) -> _Problem:
-        shape = limits.shape
-        if shape not in self._programs:
-            self._programs[shape] = self._quadratic_programs(shape)
-        return _Problem(p, limits, self._programs[shape])
+    def _problem(self, setup: _Setup, p: Parameters[np.ndarray], limits: Limits) -> _Problem:
+        if limits.shape not in setup.programs:
+            setup.programs[limits.shape] = self._quadratic_programs(setup.form, limits.shape)
+        return _Problem(setup, p, limits, setup.programs[limits.shape])
 
-    def _quadratic_programs(self, shape: QpShape) -> MultistageQp | RiccatiQp:
+    def _quadratic_programs(self, form: VelocityForm, shape: QpShape) -> Qp:
         """Return our own method where it can be compiled, else PIQP."""
-        tolerance = self._spec.tolerance
-        if self._kernel is None:
-            return MultistageQp(self._form, shape, tolerance)
-        return RiccatiQp(self._form, shape, SHARPER * tolerance, self._kernel)
+        kernel = load_kernel(form.layout.n, form.layout.switches) if self._spec.compiled else None
+        if kernel is None:
+            return MultistageQp(form, shape, self._spec.tolerance)
+        return RiccatiQp(form, shape, SHARPER * self._spec.tolerance, kernel)
 
     def _iterate(
         self,
@@ -183,13 +238,25 @@ class SqpSolver:
             if self._spec.deadline is not None and time.perf_counter() - began >= self._spec.deadline:
                 return iterate, self._unfinished(iterate, Outcome.DEADLINE), count
             if count < self._spec.max_iterations:
-                model = linearize_penalized(self._form, problem.limits, iterate.point, problem.p)
-                qp = self._program(problem, iterate, model, {s: qp.ends[s] for s in self._curvature.stages})
+                model = linearize_penalized(problem.form, problem.limits, iterate.point, problem.p)
+                ends = {s: qp.ends[s] for s in problem.setup.curvature.stages}
+                qp = self._program(problem, iterate, model, ends)
         return iterate, self._unfinished(iterate, Outcome.ITERATION_LIMIT), self._spec.max_iterations
 
     def _tell(self, count: int, iterate: Iterate, qp: QpSolution | None) -> None:
-        if self._watch is not None:
-            self._watch(count, iterate, qp)
+        """Report an iteration: where it led, and the program whose step it took, if it has one."""
+        if self._report is None:
+            return
+        if qp is None:
+            self._report(HEADING)
+        line = f"{count:4d} {iterate.at.objective:15.8e} {iterate.violation.worst:8.2e}"
+        if qp is None:
+            line += f" {'-':>8} {'-':>8} {'-':>3}"
+        elif qp.status is QpStatus.SOLVED:
+            line += f" {iterate.step:8.2e} {iterate.share:8.2e} {qp.iterations:3d}"
+        else:
+            line += f" {'-':>8} {'-':>8} {qp.iterations:3d}  {qp.status.value}"
+        self._report(line)
 
     def _unfinished(self, iterate: Iterate, otherwise: Outcome) -> Outcome:
         """Return how an iterate that is not settled is to be taken."""
@@ -200,18 +267,73 @@ class SqpSolver:
         """Return the iterate after the longest tried share of the step that counts; the point itself, if none does."""
         step = float(max(np.abs(qp.step.X).max(), np.abs(qp.step.tau).max(initial=0.0)))
         slope = float((model.gradient * qp.step.X).sum() + model.gradient_tau @ qp.step.tau)
-        horizon = float(problem.p.horizon)
-        slope += change_of_violations(self._form, problem.limits, iterate.point, qp.step, horizon)
+        horizon, form = problem.horizon, problem.form
+        slope += change_of_violations(form, problem.limits, iterate.point, qp.step, horizon)
         share = 1.0
         while share >= SHORTEST_STEP:
             point = iterate.point.moved(qp.step, share)
-            at = self._form.residuals(point, problem.p)
-            at = penalized(self._form, problem.limits, point, at, horizon)
+            at = penalized(form, problem.limits, point, form.residuals(point, problem.p), horizon)
             found = Iterate(point, at, self._violation(problem, point, at), step, share, qp)
-            if counts(found, iterate, share * slope, 2 * qp.largest):
+            if _counts(found, iterate, share * slope, 2 * qp.largest):
                 return found
             share /= 2
         return Iterate(iterate.point, iterate.at, iterate.violation, step, qp=qp)
 
     def _violation(self, problem: _Problem, point: Point, at: Residuals) -> Violation:
-        return violation(self._form, problem.limits, point, at, float(problem.p.horizon))
+        return violation(problem.form, problem.limits, point, at, problem.horizon)
+
+
+def _end_multipliers(setup: _Setup, previous: Solution | None) -> Mapping[int, np.ndarray]:
+    """Return the multipliers of curved end conditions by stage, where the solve before has left any."""
+    if previous is None or not len(previous.duals):
+        return {}
+    sizes = [setup.form.terms[s].end_rows for s in setup.curvature.stages]
+    return dict(zip(setup.curvature.stages, np.split(previous.duals, np.cumsum(sizes)[:-1]), strict=True))
+
+
+def _duals(setup: _Setup, qp: QpSolution | None) -> np.ndarray:
+    """Return the multipliers that the next solve starts from: those of curved end conditions, stage by stage."""
+    return np.concatenate([np.zeros(0), *(qp.ends[s] for s in setup.curvature.stages if qp is not None)])
+
+
+def _counts(found: Iterate, before: Iterate, slope: float, penalty: float) -> bool:
+    """Tell whether a step brings enough: worst violation, objective or merit.
+
+    The merit function alone would cut the long steps of a cold start: it adds up the gaps that a longer stage leaves at
+    each of its nodes, each of them a second-order term that the next iteration closes.
+
+    Args:
+        found: After the step.
+        before: Before it.
+        slope: Change of the objective that its gradient predicts for the step, penalties of soft limits included.
+        penalty: Weight of the violation in the merit function, above every multiplier.
+    """
+    noise = NOISE * (1 + abs(before.at.objective))
+    rise = found.at.objective - before.at.objective
+    if found.violation.worst <= before.violation.worst / 2 and before.violation.worst > FEASIBLE:
+        return True
+    if found.violation.worst <= FEASIBLE and rise <= DECREASE * slope + noise:
+        return True
+    predicted = slope - penalty * found.share * before.violation.total
+    return rise + penalty * (found.violation.total - before.violation.total) <= DECREASE * predicted + noise
+
+
+def later(form: VelocityForm, limits: Limits, point: Point, horizon: float) -> Point | None:
+    """Return the motion of a guess with its last switch near the latest instant; None where that cannot move.
+
+    A stage that is too short for its end condition has to last longer and to be faster at once. The product of the two
+    is not in a linear program; from a late instant the second alone is enough.
+    """
+    last = len(point.tau) - 1
+    if last < 0 or {last, last - 1, last + 1} & {*limits.shape.fixed, *limits.shape.tied}:
+        return None
+    room = min(limits.tau_high[last], limits.together - point.tau[:last].sum()) - point.tau[last]
+    if room <= 0:
+        return None
+    tau = point.tau.copy()
+    tau[last] += LATER * room
+    times = mesh(form.durations(point, horizon), form.layout.nodes)
+    motion = Plan(times, point.X, form.inputs(point, horizon), np.cumsum(point.tau))
+    longer = Point(point.X, tau)
+    X = motion.states_at(mesh(form.durations(longer, horizon), form.layout.nodes))
+    return Point(np.vstack([point.X[:1], X[1:]]), tau)

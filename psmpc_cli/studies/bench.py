@@ -158,9 +158,14 @@ def run_bench(tasks: BenchTasks, told: Told = lambda line: None, passed: Callabl
     solved: list[Solved] = []
     for number, (nodes, task) in enumerate(tasks.meshes.items(), start=1):
         problems = pose(windows, task, experiment, passed)
-        posed |= {(problem.index, nodes): _without_nlp(problem) for problem in problems}
+        posed |= {
+            (problem.index, nodes): Posed(problem.window.nodes, problem.variables, problem.optimum)
+            for problem in problems
+        }
         spec, choices = solver_in_force(task, experiment), tasks.choices
-        solved += time_solves(problems, ways_with(choices.solvers), spec, choices.repeat, task.seed, passed)
+        solved += time_solves(
+            experiment.problem, problems, ways_with(choices.solvers), spec, choices.repeat, task.seed, passed
+        )
         del problems
         gc.collect()  # the NLPs of a fine mesh take a gigabyte
         told(f"nodes {nodes} done, {number} of {len(tasks.meshes)}")
@@ -194,7 +199,3 @@ def pose(windows: list[Recorded], task: TaskSpec, experiment: Experiment, passed
 def solver_in_force(task: TaskSpec, experiment: Experiment) -> SolverSpec:
     """Return a task's solver, compiled where it can be."""
     return task.solver.model_copy(update={"compiled": experiment.compiled})
-
-
-def _without_nlp(problem: Problem) -> Posed:
-    return Posed(problem.window.nodes, problem.nlp.layout.size, problem.optimum)

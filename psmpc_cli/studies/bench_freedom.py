@@ -72,7 +72,9 @@ def measure_freedom(
             raise RunError(f"{loaded.spec.name}: its second stage never entered the window")
         problems = pose([windows[0], windows[-1]], loaded.spec, experiment, passed)
         spec = solver_in_force(loaded.spec, experiment)
-        solved = time_solves(problems, ways_with(choices.solvers), spec, choices.repeat, loaded.spec.seed, passed)
+        solved = time_solves(
+            experiment.problem, problems, ways_with(choices.solvers), spec, choices.repeat, loaded.spec.seed, passed
+        )
         found.append(Freedom(arms, joints, tuple(solved)))
         told(f"robot of {arms} x {joints} joints done, {number} of {len(ROBOTS)}")
     return found

@@ -5,17 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psmpc_cli.control.window_solver import WindowSolver
 from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.node_counts import Along, node_counts
 from psmpc_cli.ocp.plan import Plan, resting_plan, shift
-from psmpc_cli.ocp.transcription import Nlp
-from psmpc_cli.ocp.window import SHORTEST, Bounds, Window, bounds, pack_guess, unpack_plan
+from psmpc_cli.ocp.window import SHORTEST, Window
 from psmpc_cli.simulation.setup import Experiment
-from psmpc_cli.solvers import Guess, Outcome, Solution, Solver
-from psmpc_cli.solvers.casadi_nlp import CasadiSolver
-from psmpc_cli.solvers.ipopt import OUTCOMES
-from psmpc_cli.specs.task import TaskSpec
+from psmpc_cli.solvers import NlpSolver, Outcome, Solution
+from psmpc_cli.specs.task import SolverSpec, TaskSpec
 from psmpc_cli.studies.bench_cost import cost_over_time
 from psmpc_cli.studies.bench_windows import Recorded
 
@@ -27,6 +23,17 @@ A barrier leaves J too high by about its tolerance times the number of bounds: a
 
 PATIENT = 2000
 """Iterations it may take."""
+
+POLISHING = {
+    "print_level": 0,
+    "sb": "yes",
+    "tol": POLISHED,
+    "max_iter": PATIENT,
+    "mu_init": 1e-6,
+    "bound_relax_factor": 0.0,
+    "acceptable_iter": 0,
+}
+"""Options of IPOPT: a tight tolerance, and bounds as they are: by default it moves them by 1e-8."""
 
 RESTING_NODES = 100
 """Intervals of the plan that a cold start knows: no control, so any number of them says the same."""
@@ -51,6 +58,14 @@ class Optimum:
 
 
 @dataclass(frozen=True, eq=False)
+class Start:
+    """Where a solve starts: a plan, and the solution of the sample before if there is one."""
+
+    guess: Plan
+    previous: Solution | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Problem:
     """A recorded window on a mesh.
 
@@ -58,8 +73,7 @@ class Problem:
         index: Number of the window.
         nodes: The mesh, as `controller.nodes` has it.
         window: The window, with the nodes of its stages.
-        nlp: Its NLP, which all windows of its shape share.
-        parameters, bounds: Its numbers.
+        variables: Decision variables of its NLP.
         starts: Where a solve starts, by warm and cold.
         optimum: What it comes to; None where neither back-end converged.
         costs: The errors of the robot.
@@ -68,16 +82,10 @@ class Problem:
     index: int
     nodes: str
     window: Window
-    nlp: Nlp
-    parameters: np.ndarray
-    bounds: Bounds
-    starts: Mapping[str, Guess]
+    variables: int
+    starts: Mapping[str, Start]
     optimum: Optimum | None
     costs: StageCosts
-
-    def plan(self, z: np.ndarray) -> Plan:
-        """Return the plan a decision vector stands for."""
-        return unpack_plan(self.nlp, self.window, z)
 
     def over_time(self, plan: Plan) -> float:
         """Return what a plan costs over time."""
@@ -89,33 +97,31 @@ class Mesh:
 
     def __init__(self, task: TaskSpec, experiment: Experiment) -> None:
         self.spec, self.costs = task.controller, experiment.costs
-        self._windows = WindowSolver(_tight(task), experiment.model, experiment.costs)
-        self._polishers: dict[Nlp, Solver] = {}
+        self._solver = NlpSolver(experiment.problem, _tight(task.solver, "fatrop"))
+        self._polisher = NlpSolver(experiment.problem, _tight(task.solver, "ipopt"), options=POLISHING)
 
     def prepare(self, index: int, recorded: Recorded) -> Problem:
         """Return a recorded window on this mesh."""
         before, had = recorded.before, self._on_it(recorded.before.window, recorded.before.plan, {})
-        last = self._windows.solve(had, before.plan, before.plan.instants)
-        previous = last if last.solution.outcome.usable else None
+        last = self._solver.solve(had, before.plan)
+        previous = last if last.outcome.usable else None
         plan = before.plan if previous is None else previous.plan
         prediction = shift(plan, recorded.window.start, recorded.window.horizon, recorded.window.x0)
         instants = _instants(recorded, had, plan)
         counts = {stage.index: N for stage, N in zip(had.stages, had.nodes, strict=True)}
-        window = self._on_it(recorded.window, replace(prediction, instants=instants), counts)
-        solved = self._windows.solve(window, prediction, instants, previous)
-        nlp, _ = self._windows.compiled_for(window)
+        guess = replace(prediction, instants=instants)
+        window = self._on_it(recorded.window, guess, counts)
+        resting = resting_plan(window.start, window.horizon, RESTING_NODES, window.x0)
         problem = Problem(
             index=index,
             nodes=str(self.spec.nodes),
             window=window,
-            nlp=nlp,
-            parameters=solved.parameters,
-            bounds=bounds(nlp, window),
-            starts={"warm": solved.guess, "cold": self._cold(nlp, window, instants)},
+            variables=self._solver.nlp(window).layout.size,
+            starts={"warm": Start(guess, previous), "cold": Start(replace(resting, instants=instants))},
             optimum=None,
             costs=self.costs,
         )
-        return replace(problem, optimum=self._optimum(problem, solved.solution))
+        return replace(problem, optimum=self._optimum(problem, self._solver.solve(window, guess, previous)))
 
     def _on_it(self, window: Window, plan: Plan, had: Mapping[int, int]) -> Window:
         """Return a window with the nodes its stages get, predicted by a plan; `had` are those of stages before."""
@@ -125,23 +131,16 @@ class Mesh:
         along = Along(plan, self.costs, spec.sample_time)
         return replace(window, nodes=node_counts(window, plan.instants, along, spec.mesh_tolerance, had))
 
-    def _cold(self, nlp: Nlp, window: Window, instants: np.ndarray) -> Guess:
-        """Return where a solve starts that knows the measured state and the guessed instants (S,) [s] alone."""
-        resting = resting_plan(window.start, window.horizon, RESTING_NODES, window.x0)
-        return Guess(pack_guess(nlp, window, resting, instants, self.costs))
-
     def _optimum(self, problem: Problem, found: Solution) -> Optimum | None:
         """Return what IPOPT makes of fatrop's optimum, which itself where IPOPT does not converge."""
-        if problem.nlp not in self._polishers:
-            self._polishers[problem.nlp] = _polisher(problem.nlp)
-        start = Guess(found.z if found.outcome.usable else problem.starts["warm"].z)
-        polished = self._polishers[problem.nlp].solve(start, problem.parameters, problem.bounds)
+        start = found.plan if found.outcome.usable else found.guess
+        polished = self._polisher.solve(problem.window, start)
         converged = [each for each in (polished, found) if each.outcome is Outcome.OPTIMAL]
         if not converged:
             return None
-        best, plan = converged[0], problem.plan(converged[0].z)
+        best = converged[0]
         apart = abs(relative(found.objective, polished.objective)) if len(converged) > 1 else np.nan
-        return Optimum(best.objective, plan.instants, problem.over_time(plan), apart)
+        return Optimum(best.objective, best.plan.instants, problem.over_time(best.plan), apart)
 
 
 def relative(value: float, to: float) -> float:
@@ -149,18 +148,8 @@ def relative(value: float, to: float) -> float:
     return (value - to) / max(abs(to), np.finfo(float).tiny)
 
 
-def _tight(task: TaskSpec) -> TaskSpec:
-    solver = task.solver.model_copy(
-        update={"kind": "fatrop", "tolerance": TIGHT, "max_iterations": PATIENT, "deadline": None}
-    )
-    return task.model_copy(update={"solver": solver})
-
-
-def _polisher(nlp: Nlp) -> Solver:
-    """Return IPOPT with a tight tolerance and bounds as they are: by default it moves them by 1e-8."""
-    options = {"print_level": 0, "sb": "yes", "tol": POLISHED, "max_iter": PATIENT, "mu_init": 1e-6}
-    exact = {"bound_relax_factor": 0.0, "acceptable_iter": 0}
-    return CasadiSolver("ipopt", nlp, {"ipopt": {**options, **exact}}, OUTCOMES)
+def _tight(solver: SolverSpec, kind: str) -> SolverSpec:
+    return solver.model_copy(update={"kind": kind, "tolerance": TIGHT, "max_iterations": PATIENT, "deadline": None})
 
 
 def _instants(recorded: Recorded, before: Window, plan: Plan) -> np.ndarray:

@@ -4,13 +4,10 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
-import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.transcription import Nlp
-from psmpc_cli.solvers import Outcome, Solution, Solver, attempt, build_solver
-from psmpc_cli.solvers.casadi_nlp import CasadiSolver
-from psmpc_cli.solvers.ipopt import OUTCOMES
+from psmpc_cli.ocp.problem import Problem as TaskProblem
+from psmpc_cli.solvers import NlpSolver, Outcome, Solution, Solver, build_solver
 from psmpc_cli.specs.task import SolverSpec
 from psmpc_cli.studies.bench_problems import Problem
 
@@ -71,36 +68,35 @@ def ways_with(solvers: Iterable[str]) -> tuple[Way, ...]:
 
 
 class _BackEnds:
-    """The back-ends of one mesh, each built once for every NLP."""
+    """The back-ends of one mesh, each built once."""
 
-    def __init__(self, spec: SolverSpec) -> None:
-        self._spec = spec.model_copy(update={"deadline": None})
-        self._built: dict[tuple[Nlp, str], Solver] = {}
-        self._rows: dict[Nlp, ca.Function] = {}
+    def __init__(self, task: TaskProblem, spec: SolverSpec) -> None:
+        self._task, self._spec = task, spec.model_copy(update={"deadline": None})
+        self._built: dict[str, Solver] = {}
+        self._judge = NlpSolver(task, self._of("fatrop"))
+
+    def _of(self, kind: str) -> SolverSpec:
+        return self._spec.model_copy(update={"kind": kind})
 
     def solve(self, problem: Problem, way: Way) -> Solution:
         """Solve a problem one way."""
-        key = problem.nlp, way.solver
-        if key not in self._built:
-            self._built[key] = self._build(*key)
-        return attempt(self._built[key], problem.starts[way.start], problem.parameters, problem.bounds)
+        if way.solver not in self._built:
+            self._built[way.solver] = self._build(way.solver)
+        start = problem.starts[way.start]
+        return self._built[way.solver].solve(problem.window, start.guess, start.previous)
 
-    def _build(self, nlp: Nlp, solver: str) -> Solver:
+    def _build(self, solver: str) -> Solver:
         if solver == REFERENCE:
-            return CasadiSolver("ipopt", nlp, {"ipopt": {"print_level": 0, "sb": "yes"}}, OUTCOMES)
-        return build_solver(nlp, self._spec.model_copy(update={"kind": solver}))
+            return NlpSolver(self._task, self._of("ipopt"), options={"print_level": 0, "sb": "yes"})
+        return build_solver(self._task, self._of(solver))
 
-    def violation(self, problem: Problem, z: np.ndarray) -> float:
-        """Return by how much a point violates a bound or a row at worst."""
-        nlp, limits = problem.nlp, problem.bounds
-        if nlp not in self._rows:
-            self._rows[nlp] = ca.Function("rows", [nlp.x, nlp.p], [nlp.g])
-        g = np.asarray(self._rows[nlp](z, problem.parameters)).ravel()
-        past = (limits.lbx - z, z - limits.ubx, limits.lbg - g, g - limits.ubg)
-        return float(max(piece.max(initial=0.0) for piece in past))
+    def violation(self, problem: Problem, solution: Solution) -> float:
+        """Return by how much a solution violates a bound or a row at worst."""
+        return self._judge.violation(problem.window, solution.plan)
 
 
 def time_solves(
+    task: TaskProblem,
     problems: Sequence[Problem],
     ways: Sequence[Way],
     spec: SolverSpec,
@@ -114,6 +110,7 @@ def time_solves(
     that whatever else the machine does falls on all of them alike.
 
     Args:
+        task: The task's problem.
         problems: Windows on one mesh.
         ways: The ways.
         spec: The task's own solver; its kind and deadline do not count.
@@ -121,7 +118,7 @@ def time_solves(
         seed: Of the order.
         passed: Called after every solve.
     """
-    back_ends, pairs = _BackEnds(spec), [(problem, way) for problem in problems for way in ways]
+    back_ends, pairs = _BackEnds(task, spec), [(problem, way) for problem in problems for way in ways]
     first: list[Solution] = []
     for problem, way in pairs:
         first.append(back_ends.solve(problem, way))
@@ -140,7 +137,7 @@ def time_solves(
 
 def _solved(problem: Problem, way: Way, solution: Solution, back_ends: _BackEnds) -> Solved:
     """Return what a solve came to, before it is timed."""
-    plan = problem.plan(solution.z)
+    plan = solution.plan
     return Solved(
         index=problem.index,
         nodes=problem.nodes,
@@ -151,7 +148,7 @@ def _solved(problem: Problem, way: Way, solution: Solution, back_ends: _BackEnds
         objective=solution.objective,
         instants=plan.instants,
         over_time=problem.over_time(plan),
-        violation=back_ends.violation(problem, solution.z),
+        violation=back_ends.violation(problem, solution),
         times=np.zeros(0),
         busy=0.0,
     )

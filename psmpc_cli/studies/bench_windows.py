@@ -8,10 +8,10 @@ import numpy as np
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.sequence import detect
-from psmpc_cli.control.window_solver import SolvedWindow
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.simulation.loop import simulate
 from psmpc_cli.simulation.setup import Experiment, build_experiment
+from psmpc_cli.solvers import Solution
 from psmpc_cli.specs.load import Task
 
 PHASES = ("before", "at", "after")
@@ -37,7 +37,7 @@ class Recorded:
     phase: str
     window: Window
     instants: np.ndarray
-    before: SolvedWindow
+    before: Solution
 
     @property
     def stages(self) -> int:
@@ -49,7 +49,7 @@ class _Recorder(SwitchingController):
     """A controller that keeps every window it solved, None where it or the one before was not solved."""
 
     def __init__(self, controller: SwitchingController) -> None:
-        super().__init__(controller.spec, controller.stages, controller.windows)
+        super().__init__(controller.problem, controller.solver)
         self.samples: list[Recorded | None] = []
         self.appends: list[int] = []
 
@@ -61,7 +61,7 @@ class _Recorder(SwitchingController):
             self.appends.append(len(self.samples))
             longer = detect(begun, self.stages, self.costs, decision.prediction, self.spec.detection_margin)
             begun = longer or begun
-        if before is None or decision.fallback or not before.solution.outcome.usable:
+        if before is None or decision.fallback or not before.outcome.usable:
             self.samples.append(None)
         else:
             self.samples.append(Recorded(self.spec.kind, "", decision.solved.window, begun.instants, before))

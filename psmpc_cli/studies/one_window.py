@@ -6,17 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psmpc_cli.control.sequence import Sequence
-from psmpc_cli.control.window_solver import WindowSolver
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.read import Log
 from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.transcription import Nlp
-from psmpc_cli.ocp.window import SHORTEST, Bounds, Window, bounds, pack_guess, parameter_vector, unpack_plan
+from psmpc_cli.ocp.window import SHORTEST, Window
 from psmpc_cli.simulation.logged_window import logged_solve
 from psmpc_cli.simulation.setup import Experiment, build_experiment, converging
 from psmpc_cli.simulation.summary import task_of
-from psmpc_cli.solvers import Guess
+from psmpc_cli.solvers import build_solver
 
 Vector = np.ndarray
 
@@ -101,13 +99,13 @@ def with_priorities(one: OneWindow, priorities: tuple[float, float]) -> OneWindo
     It is normalized from the optimum they have with the old normalization, as at the sample after they were changed.
     """
     experiment, window = one.experiment, replace(one.window, omega=np.array(priorities))
-    controller, windows = experiment.task.controller, experiment.controller.windows
-    plan = windows.solve(window, one.plan, one.plan.instants).plan
+    controller, solver = experiment.task.controller, experiment.controller.solver
+    plan = solver.solve(window, one.plan).plan
     begins = np.r_[window.start - window.elapsed, plan.instants]
     kind, zeta, step = controller.normalization, controller.zeta, controller.sample_time
     offset, scale = normalization(kind, zeta, window.stages, begins, experiment.costs, plan, step)
     window = replace(window, offset=offset, scale=scale)
-    optimum = windows.solve(window, plan, plan.instants).plan
+    optimum = solver.solve(window, plan).plan
     return OneWindow(f"{_ratio(window.omega)} from {one.label}", experiment, window, optimum)
 
 
@@ -135,22 +133,12 @@ def scan_instants(one: OneWindow, grid: Vector) -> Scan:
 
 def _solve_fixed(one: OneWindow, window: Window, instant: float, plan: Plan) -> tuple[float, Plan] | None:
     """Return cost and plan with the instant [s] after T0 fixed; None if there is no solution from either guess."""
-    windows = one.experiment.controller.windows
-    nlp, solver = windows.compiled_for(window)
-    at, fixed = np.array([window.start + instant]), held(nlp, bounds(nlp, window), instant)
+    at = np.array([window.start + instant])
     for guess in (plan, one.plan):
-        z = pack_guess(nlp, window, guess, at, one.experiment.costs)
-        solution = solver.solve(Guess(z), parameter_vector(nlp, window, at), fixed)
-        if solution.outcome.usable:
-            return solution.objective, unpack_plan(nlp, window, solution.z)
+        solved = one.experiment.controller.solver.solve(window, replace(guess, instants=at), within=0.0)
+        if solved.outcome.usable:
+            return solved.objective, solved.plan
     return None
-
-
-def held(nlp: Nlp, free: Bounds, instant: float) -> Bounds:
-    """Return the bounds of a window with one switch, its instant held so long after T0 [s]."""
-    lbx, ubx, row = free.lbx.copy(), free.ubx.copy(), nlp.layout.duration_index[0]
-    lbx[row] = ubx[row] = instant
-    return Bounds(lbx, ubx, free.lbg, free.ubg)
 
 
 def optimize_instants(one: OneWindow, pending_cost: float, guesses: Iterable[float]) -> Vector:
@@ -158,9 +146,9 @@ def optimize_instants(one: OneWindow, pending_cost: float, guesses: Iterable[flo
     window = replace(one.window, pending_cost=pending_cost)
     found = []
     for guess in guesses:
-        solved = one.experiment.controller.windows.solve(window, one.plan, np.array([window.start + guess]))
-        usable = solved.solution.outcome.usable
-        found.append(float(solved.plan.instants[0]) - window.start if usable else np.nan)
+        started = replace(one.plan, instants=np.array([window.start + guess]))
+        solved = one.experiment.controller.solver.solve(window, started)
+        found.append(float(solved.plan.instants[0]) - window.start if solved.outcome.usable else np.nan)
     return np.array(found)
 
 
@@ -170,12 +158,10 @@ def on_mesh(one: OneWindow, nodes: int, discretization: str) -> tuple[float, flo
     First the largest difference of a coordinate at a node [m, rad], then the largest error at the switch over the
     tolerance of the end condition [1]; both NaN if there is no solution.
     """
-    task, costs = one.experiment.task, one.experiment.costs
-    controller = task.controller.model_copy(update={"discretization": discretization})
-    windows = WindowSolver(task.model_copy(update={"controller": controller}), one.experiment.model, costs)
-    window = replace(one.window, nodes=(nodes,) * len(one.window.stages))
-    solved = windows.solve(window, one.plan, one.plan.instants)
-    if not solved.solution.outcome.usable:
+    costs = one.experiment.costs
+    window = replace(one.window, nodes=(nodes,) * len(one.window.stages), discretization=discretization)
+    solved = build_solver(one.experiment.problem).solve(window, one.plan)
+    if not solved.outcome.usable:
         return np.nan, np.nan
     real, stage = led_to(solved.plan), one.window.stages[0]
     n = one.experiment.model.n

@@ -3,13 +3,11 @@
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.window import Bounds, Window, bounds, pack_guess, parameter_vector, unpack_plan
-from psmpc_cli.solvers import Guess, Outcome, Solution, Solver, build_solver
-from psmpc_cli.studies.one_window import OneWindow, held
+from psmpc_cli.solvers import NlpSolver, Outcome, Solution
+from psmpc_cli.studies.one_window import OneWindow
 
 Vector = np.ndarray
 
@@ -51,7 +49,7 @@ class Point:
         ratio: omega_2 / omega_1 of the weighted sum with the same optimum, -dJ_1/dJ_2 of the front there.
         outcome: How the solve ended.
         plan: The plan.
-        multipliers: Those of the variables and of the rows, where J_2 was bounded.
+        solution: The solve, where J_2 was bounded: its multipliers can start the next one.
     """
 
     J: Vector
@@ -60,17 +58,7 @@ class Point:
     ratio: float
     outcome: Outcome
     plan: Plan
-    multipliers: tuple[Vector, Vector] | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class _Bounded:
-    """The window's NLP with a cost as last row, its parameters standing twice: for the objective and for the row."""
-
-    problem: dict[str, ca.SX]
-    nx: tuple[int, ...] = ()
-    nu: tuple[int, ...] = ()
-    ng: tuple[int, ...] = ()
+    solution: Solution | None = None
 
 
 class TradeOff:
@@ -82,50 +70,40 @@ class TradeOff:
 
     def __init__(self, one: OneWindow) -> None:
         self.one = one
-        self._windows = one.experiment.controller.windows
-        self._nlp, self._solver = self._windows.compiled_for(one.window)
-        self._objective = ca.Function("J", [self._nlp.x, self._nlp.p], [self._nlp.f])
+        problem = one.experiment.problem
+        self._solver = NlpSolver(problem, problem.spec.solver)
 
     @cached_property
-    def _bounded(self) -> Solver:
+    def _bounded(self) -> NlpSolver:
         """IPOPT, whatever the task says: a row that reaches over all nodes breaks the structure others live on."""
-        nlp, again = self._nlp, ca.SX.sym("p_again", self._nlp.p.shape)
-        row = self._objective(nlp.x, again)
-        problem = {"x": nlp.x, "p": ca.vertcat(nlp.p, again), "f": nlp.f, "g": ca.vertcat(nlp.g, row)}
-        return build_solver(_Bounded(problem), self._windows.task.solver.model_copy(update={"kind": "ipopt"}))
+        problem = self.one.experiment.problem
+        return NlpSolver(problem, problem.spec.solver.model_copy(update={"kind": "ipopt"}))
 
     def solve(self, scalarization: Scalarization, near: Point | Plan, wait: float | None) -> Point:
         """Return the optimum, started from a plan or another point, with the instant so long after T0 [s], or free."""
-        one, nlp = self.one, self._nlp
-        guess, multipliers = (near.plan, near.multipliers) if isinstance(near, Point) else (near, None)
-        window = replace(one.window, omega=np.array(scalarization.weights))
-        at = guess.instants if wait is None else np.array([window.start + wait])
-        free, p = bounds(nlp, window), parameter_vector(nlp, window, at)
-        limits = free if wait is None else held(nlp, free, wait)
-        z = pack_guess(nlp, window, guess, at, one.experiment.costs)
+        window = replace(self.one.window, omega=np.array(scalarization.weights), cost_bound=scalarization.bound)
+        plan, before = (near.plan, near.solution) if isinstance(near, Point) else (near, None)
+        guess, within = plan, np.inf
+        if wait is not None:
+            guess, within = replace(plan, instants=np.array([window.start + wait])), 0.0
         if np.isinf(scalarization.bound):
-            solution = self._solver.solve(Guess(z), p, limits)
-            return self._point(solution, scalarization.weights[1] / scalarization.weights[0], guess, at)
-        lbg, ubg = np.append(limits.lbg, -np.inf), np.append(limits.ubg, scalarization.bound)
-        start = Guess(z, *multipliers) if multipliers else Guess(z)
-        both = np.concatenate([p, self._second_alone(at)])
-        solution = self._bounded.solve(start, both, Bounds(limits.lbx, limits.ubx, lbg, ubg))
-        point = self._point(solution, float(solution.lam_g[-1]), guess, at)
-        return replace(point, multipliers=(solution.lam_x, solution.lam_g)) if solution.outcome.usable else point
+            solution = self._solver.solve(window, guess, within=within)
+            return self._point(solution, scalarization.weights[1] / scalarization.weights[0], plan)
+        solution = self._bounded.solve(window, guess, before, within)
+        point = self._point(solution, solution.bound_multiplier, plan)
+        return replace(point, solution=solution) if solution.outcome.usable else point
 
-    def _point(self, solution: Solution, ratio: float, guess: Plan, at: Vector) -> Point:
+    def _point(self, solution: Solution, ratio: float, guess: Plan) -> Point:
         """Return what a solve has come to; without a solution nothing but its outcome, and the guess."""
-        window, outcome = self.one.window, solution.outcome
+        window, plan, outcome = self.one.window, solution.plan, solution.outcome
         if not outcome.usable:
             return Point(np.full(2, np.nan), np.nan, np.nan, np.nan, outcome, guess)
-        plan = unpack_plan(self._nlp, window, solution.z)
-        wait = float(plan.instants[0]) - window.start
-        return Point(self._costs(solution.z, at), wait, solution.objective, ratio, outcome, plan)
+        J = solution.costs + np.array([0.0, solution.terminal])
+        return Point(J, float(plan.instants[0]) - window.start, solution.objective, ratio, outcome, plan)
 
     def costs_of(self, plan: Plan) -> Vector:
         """Return J_1 and J_2 (2,) of a plan."""
-        one = self.one
-        return self._costs(pack_guess(self._nlp, one.window, plan, plan.instants, one.experiment.costs), plan.instants)
+        return self._solver.costs(self.one.window, plan)
 
     def value(self, scalarization: Scalarization, point: Point) -> float:
         """Return what a scalarization makes of a point, whatever that was found for; infinite where it is not allowed.
@@ -135,15 +113,3 @@ class TradeOff:
         allowed = point.J[1] <= scalarization.bound * (1 + SLACK)
         value = float(np.dot(scalarization.weights, point.J)) + self.one.window.pending_cost * point.wait
         return value if allowed and np.isfinite(value) else np.inf
-
-    def _costs(self, z: Vector, at: Vector) -> Vector:
-        first, second = self._alone((1.0, 0.0), at), self._second_alone(at)
-        return np.array([float(self._objective(z, p)) for p in (first, second)])
-
-    def _second_alone(self, at: Vector) -> Vector:
-        return self._alone((0.0, 1.0), at)
-
-    def _alone(self, weights: tuple[float, float], at: Vector) -> Vector:
-        """Return the parameters with which the objective is one stage's cost."""
-        window: Window = replace(self.one.window, omega=np.array(weights), pending_cost=0.0)
-        return parameter_vector(self._nlp, window, at)

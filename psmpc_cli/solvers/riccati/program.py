@@ -6,9 +6,8 @@ from psmpc_cli.ocp.gauss_newton import Linearization
 from psmpc_cli.ocp.soft_limits import PENALTY, shares_of_time
 from psmpc_cli.ocp.velocity_form import Point, VelocityForm
 from psmpc_cli.solvers.qp_multistage import MAX_ITERATIONS, NEARLY
-from psmpc_cli.solvers.qp_solution import QpSolution, QpStatus
 from psmpc_cli.solvers.riccati.kernel import FAILED, INFEASIBLE, SOLVED, Kernel, Program
-from psmpc_cli.solvers.sqp_limits import Limits, QpShape
+from psmpc_cli.solvers.sqp_window import Limits, QpShape, QpSolution, QpStatus
 
 STATUS = {SOLVED: QpStatus.SOLVED, INFEASIBLE: QpStatus.INFEASIBLE, FAILED: QpStatus.FAILED}
 

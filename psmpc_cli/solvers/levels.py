@@ -1,4 +1,4 @@
-"""One level of a lexicographic OCP: minimize one stage's cost without making the earlier ones worse. Paper eq. (32).
+"""The levels of a lexicographic OCP: minimize one stage's cost without making the earlier ones worse. Paper eq. (32).
 
 The earlier stages' costs are carried as extra states (`constraint: cost`), or their errors are bounded node by node by
 what their own level reached (`constraint: error`); either way the stage structure that solvers exploit stays.
@@ -11,11 +11,15 @@ import numpy as np
 
 from psmpc_cli.ocp.discretization import step_function
 from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.ocp.skills.base import quadratic_cost
 from psmpc_cli.ocp.stages import Stage
-from psmpc_cli.ocp.window import Bounds
+from psmpc_cli.ocp.window import Window
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.solvers.base import Solution, attempt
+from psmpc_cli.solvers.nlp import Bounds, PluginSolver
+from psmpc_cli.specs.task import SolverSpec
 
 
 @dataclass(frozen=True)
@@ -143,40 +147,87 @@ class Level:
     """The numbers of one level.
 
     Attributes:
+        window: The window of the first level, over the current stage alone: its state, horizon and start.
         stages: The stages, the minimized one last.
-        x0: Measured state (2n,).
-        start, horizon, elapsed: Of the level's horizon, and since the current stage began [s].
         scale: Normalization of each stage's cost, (stages,).
-        bounds: What each earlier stage must keep to: its cost (`cost`), or its errors at the nodes (K, rows) (`error`).
+        constraint: What the earlier stages must keep: `cost` or `error`.
+        bounds: Of each earlier stage its cost (`cost`), or its errors at the nodes (K, rows) (`error`).
         tolerance: Added to every bound.
         reached: States at the nodes after the first (K, 2n) to which soft limits give way, those of the first level;
             None where limits are hard.
     """
 
+    window: Window
     stages: tuple[Stage, ...]
-    x0: np.ndarray
-    start: float
-    horizon: float
-    elapsed: float
     scale: np.ndarray
+    constraint: str
     bounds: tuple[np.ndarray, ...]
     tolerance: float
     reached: np.ndarray | None = None
 
+    @property
+    def nodes(self) -> int:
+        """Intervals of the horizon: those of the window."""
+        return self.window.nodes[0]
 
-def level_parameters(nlp: LevelNlp, level: Level) -> np.ndarray:
-    """Return the numbers of the level's parameter vector."""
-    K = nlp.shape.nodes
-    grid = level.horizon * np.arange(K + 1) / K
-    pieces = [level.x0, np.array([level.horizon / K]), level.scale]
+    @property
+    def shape(self) -> LevelShape:
+        """The structure of its NLP."""
+        spaces = tuple(stage.space for stage in self.stages)
+        return LevelShape(spaces, self.constraint, self.nodes, self.window.discretization)
+
+
+class LevelSolver:
+    """Levels by fatrop or IPOPT: one transcribed and compiled NLP for each shape, kept for all levels of that shape.
+
+    Earlier costs are constraints and need their curvature, so `sqp` leaves its levels to fatrop.
+    """
+
+    def __init__(self, problem: Problem, spec: SolverSpec) -> None:
+        self._problem = problem
+        self._spec = spec.model_copy(update={"kind": "fatrop" if spec.kind == "sqp" else spec.kind})
+        self._compiled: dict[LevelShape, tuple[LevelNlp, PluginSolver]] = {}
+
+    def solve(self, level: Level, plan: Plan) -> Solution:
+        """Solve a level from a plan, which is read at its nodes; its costs are those of all its stages."""
+        times = level.window.start + level.window.horizon * np.arange(level.nodes + 1) / level.nodes
+        guess = Plan(times, plan.states_at(times), plan.control_at(times[:-1]), np.zeros(0))
+        return attempt(level.window, guess, lambda: self._solve(level, guess))
+
+    def _solve(self, level: Level, guess: Plan) -> Solution:
+        shape = level.shape
+        if shape not in self._compiled:
+            nlp = transcribe_level(self._problem.model, shape)
+            self._compiled[shape] = nlp, PluginSolver(nlp, self._spec)
+        nlp, solver = self._compiled[shape]
+        z, p = np.zeros(nlp.problem["x"].shape[0]), _parameters(level)
+        z[nlp.states], z[nlp.inputs] = guess.X, guess.u
+        found = solver.solve(z, p, _bounds(nlp, level))
+        return Solution(
+            outcome=found.outcome,
+            plan=Plan(guess.times, found.z[nlp.states], found.z[nlp.inputs], guess.instants),
+            objective=found.objective,
+            iterations=found.iterations,
+            wall_time=found.wall_time,
+            window=level.window,
+            guess=guess,
+            costs=np.asarray(nlp.costs(found.z, p)).ravel(),
+        )
+
+
+def _parameters(level: Level) -> np.ndarray:
+    """Return the parameter vector of a level."""
+    K, window = level.nodes, level.window
+    grid = window.horizon * np.arange(K + 1) / K
+    pieces = [window.x0, np.array([window.horizon / K]), level.scale]
     for i, stage in enumerate(level.stages):
-        since = level.elapsed + grid if i == 0 else np.zeros(K + 1)  # a later stage's trajectory has not begun
+        since = window.elapsed + grid if i == 0 else np.zeros(K + 1)  # a later stage's trajectory has not begun
         pieces += [stage.weights, stage.control_weights, stage.reference(since).ravel()]
     return np.concatenate(pieces)
 
 
-def level_bounds(nlp: LevelNlp, level: Level) -> Bounds:
-    """Return the bounds of the level's NLP; the limits are those of the current stage."""
+def _bounds(nlp: LevelNlp, level: Level) -> Bounds:
+    """Return the bounds of a level; the limits are those of the current stage."""
     size, rows = nlp.problem["x"].shape[0], nlp.problem["g"].shape[0]
     lbx, ubx, lbg, ubg = np.full(size, -np.inf), np.full(size, np.inf), np.zeros(rows), np.zeros(rows)
     limits = level.stages[0].limits
@@ -187,20 +238,5 @@ def level_bounds(nlp: LevelNlp, level: Level) -> Bounds:
     lbx[nlp.inputs], ubx[nlp.inputs] = limits.acceleration_low, limits.acceleration_high
     for found, bound in zip(nlp.bound_rows, level.bounds, strict=True):
         allowed = np.abs(bound).ravel() + level.tolerance
-        lbg[found], ubg[found] = -np.inf if nlp.shape.constraint == "cost" else -allowed, allowed
+        lbg[found], ubg[found] = -np.inf if level.constraint == "cost" else -allowed, allowed
     return Bounds(lbx, ubx, lbg, ubg)
-
-
-def level_guess(nlp: LevelNlp, level: Level, plan: Plan) -> np.ndarray:
-    """Return the decision vector that follows a plan, the costs accumulated along it."""
-    K = nlp.shape.nodes
-    times = level.start + level.horizon * np.arange(K + 1) / K
-    z = np.zeros(nlp.problem["x"].shape[0])
-    z[nlp.states], z[nlp.inputs] = plan.states_at(times), plan.control_at(times[:-1])
-    return z
-
-
-def level_plan(nlp: LevelNlp, level: Level, z: np.ndarray) -> Plan:
-    """Return the plan a decision vector stands for."""
-    times = level.start + level.horizon * np.arange(nlp.shape.nodes + 1) / nlp.shape.nodes
-    return Plan(times, z[nlp.states], z[nlp.inputs], np.zeros(0))

@@ -1,0 +1,380 @@
+"""The back-ends that take a window as a flat nonlinear program: IPOPT and fatrop, both in the CasADi wheel.
+
+Decision vectors z, parameter vectors p, bounds and multipliers in the order of the program exist in this module alone.
+"""
+
+import io
+import re
+import time
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext, redirect_stdout
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import casadi as ca
+import numpy as np
+
+from psmpc_cli.errors import InputError
+from psmpc_cli.ocp.layout import Layout, WindowShape
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.ocp.soft_limits import PENALTY, node_limits, scaled_violations
+from psmpc_cli.ocp.transcription import Nlp, transcribe
+from psmpc_cli.ocp.window import (
+    SHORTEST,
+    Window,
+    end_tolerance,
+    plan_on_mesh,
+    shortest_durations,
+    window_numbers,
+    window_shape,
+)
+from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
+from psmpc_cli.specs.task import SolverSpec
+
+Report = Callable[[str], None]
+"""Takes a line of a solver's table of iterations."""
+
+ITERATION = re.compile(r"iter\s|\s*\d+[rRsS]?\s+[-+\d.]+e")
+"""What the lines of a plug-in's table of iterations begin with."""
+
+PRINT_LEVEL = 5
+"""From this level on both plug-ins write a line an iteration."""
+
+OUTCOMES: Mapping[object, Outcome] = {
+    "Infeasible_Problem_Detected": Outcome.INFEASIBLE,
+    "Restoration_Failed": Outcome.INFEASIBLE,
+    "Maximum_Iterations_Exceeded": Outcome.ITERATION_LIMIT,
+    "Solved_To_Acceptable_Level": Outcome.ITERATION_LIMIT,
+    "Maximum_WallTime_Exceeded": Outcome.DEADLINE,
+    1: Outcome.ITERATION_LIMIT,
+}
+"""Outcomes by the return codes of IPOPT (texts) and fatrop (numbers)."""
+
+WARM = {
+    "warm_start_init_point": "yes",
+    "mu_init": 1e-5,
+    "warm_start_bound_push": 1e-9,
+    "warm_start_bound_frac": 1e-9,
+    "warm_start_slack_bound_push": 1e-9,
+    "warm_start_slack_bound_frac": 1e-9,
+    "warm_start_mult_bound_push": 1e-9,
+}
+"""IPOPT: options of a solve that starts from multipliers: a low barrier, and the guess is not pushed off its bounds."""
+
+BARRIER_START = 1e-4
+"""fatrop: the first barrier parameter. The shifted plan is a good guess, and 1e-2 costs a third more iterations."""
+
+
+class StructuredNlp(Protocol):
+    """A nonlinear program of CasADi with the sizes of state, input and path rows at each node."""
+
+    @property
+    def problem(self) -> dict[str, ca.SX]:
+        """The NLP as CasADi's solvers take it."""
+        ...
+
+    @property
+    def nx(self) -> tuple[int, ...]:
+        """Size of the state at each node."""
+        ...
+
+    @property
+    def nu(self) -> tuple[int, ...]:
+        """Size of the input at each node; 0 at the last."""
+        ...
+
+    @property
+    def ng(self) -> tuple[int, ...]:
+        """Number of path rows at each node."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Bounds on the decision variables and on the rows of g."""
+
+    lbx: np.ndarray
+    ubx: np.ndarray
+    lbg: np.ndarray
+    ubg: np.ndarray
+
+    def violation(self, z: np.ndarray, g: np.ndarray) -> float:
+        """Return by how much z and g(z) violate them at worst."""
+        past = (self.lbx - z, z - self.ubx, self.lbg - g, g - self.ubg)
+        return float(max(piece.max(initial=0.0) for piece in past))
+
+
+@dataclass(frozen=True, eq=False)
+class FlatSolution:
+    """What a plug-in returned: point, multipliers of bounds and rows, objective, iterations, wall time [s]."""
+
+    outcome: Outcome
+    z: np.ndarray
+    lam_x: np.ndarray
+    lam_g: np.ndarray
+    objective: float
+    iterations: int
+    wall_time: float
+
+
+class PluginSolver:
+    """One NLP, compiled for a CasADi plug-in.
+
+    Args:
+        nlp: The program.
+        spec: Which plug-in, and its settings.
+        report: Takes the lines of the plug-in's table of iterations.
+        options: Replace the options of the plug-in itself.
+    """
+
+    def __init__(
+        self,
+        nlp: StructuredNlp,
+        spec: SolverSpec,
+        report: Report | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
+        self._nlp, self._plugin, self._report = nlp, spec.kind, report
+        settings: dict[str, Any] = {"print_level": 0, "tol": spec.tolerance, "max_iter": spec.max_iterations}
+        if spec.kind == "ipopt":
+            settings |= {"sb": "yes", "mu_init": 1e-2, "acceptable_iter": 0}
+            settings |= {} if spec.deadline is None else {"max_wall_time": spec.deadline}
+        else:
+            settings["mu_init"] = BARRIER_START
+        self._settings = settings if options is None else dict(options)
+        self.takes_duals = spec.kind == "ipopt" and options is None
+
+    @cached_property
+    def _cold(self) -> ca.Function:
+        return self._build(self._settings)
+
+    @cached_property
+    def _warm(self) -> ca.Function:
+        return self._build({**self._settings, **WARM})
+
+    def _build(self, settings: Mapping[str, Any]) -> ca.Function:
+        options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
+        if self._plugin == "fatrop":
+            nlp = self._nlp
+            sizes = {"N": len(nlp.nu) - 1, "nx": nlp.nx, "nu": nlp.nu, "ng": nlp.ng}
+            options |= {"structure_detection": "manual", **sizes}
+        loud = {} if self._report is None else {"print_level": PRINT_LEVEL}
+        return ca.nlpsol("window", self._plugin, self._nlp.problem, {**options, self._plugin: {**settings, **loud}})
+
+    def solve(
+        self, z: np.ndarray, p: np.ndarray, bounds: Bounds, duals: tuple[np.ndarray, np.ndarray] | None = None
+    ) -> FlatSolution:
+        """Solve for the parameters p from the point z, and from multipliers of bounds and rows if there are any."""
+        start, solver = {"x0": z}, self._cold
+        if duals is not None:
+            start, solver = {**start, "lam_x0": duals[0], "lam_g0": duals[1]}, self._warm
+        began = time.perf_counter()
+        with redirect_stdout(io.StringIO()) if self._report else nullcontext(io.StringIO()) as written:
+            result = solver(p=p, lbx=bounds.lbx, ubx=bounds.ubx, lbg=bounds.lbg, ubg=bounds.ubg, **start)
+        wall_time = time.perf_counter() - began
+        if self._report is not None:
+            for line in filter(ITERATION.match, written.getvalue().splitlines()):
+                self._report(line)
+        stats, z = solver.stats(), np.asarray(result["x"]).ravel()
+        outcome = _outcome(stats, z)
+        stepped = outcome is Outcome.DEADLINE and int(stats["iter_count"]) > 0  # else this is the guess
+        if stepped and bounds.violation(z, np.asarray(result["g"]).ravel()) <= FEASIBLE:
+            outcome = Outcome.FEASIBLE
+        return FlatSolution(
+            outcome=outcome,
+            z=z,
+            lam_x=np.asarray(result["lam_x"]).ravel(),
+            lam_g=np.asarray(result["lam_g"]).ravel(),
+            objective=float(result["f"]),
+            iterations=int(stats["iter_count"]),
+            wall_time=wall_time,
+        )
+
+
+def _outcome(stats: Mapping[str, object], z: np.ndarray) -> Outcome:
+    if not np.all(np.isfinite(z)):
+        return Outcome.FAILED
+    if stats["success"]:
+        return Outcome.OPTIMAL
+    return OUTCOMES.get(stats["return_status"], Outcome.FAILED)
+
+
+class NlpSolver(Solver):
+    """Windows by IPOPT or fatrop: one transcribed and compiled NLP for each shape, kept for all windows of that shape.
+
+    Args:
+        problem: The problem.
+        spec: The back-end and its settings.
+        report: Takes the lines of the table of iterations.
+        options: Replace the options of the plug-in itself.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        spec: SolverSpec,
+        report: Report | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
+        self._problem, self._spec, self._report, self._options = problem, spec, report, options
+        self._compiled: dict[WindowShape, tuple[Nlp, PluginSolver]] = {}
+
+    def nlp(self, window: Window) -> Nlp:
+        """Return the NLP of a window, transcribed on first use."""
+        return self._of(window)[0]
+
+    def violation(self, window: Window, plan: Plan) -> float:
+        """Return by how much a plan on the mesh of a window violates a constraint at worst."""
+        nlp, z = self.nlp(window), self._pack(window, plan)
+        g = nlp.rows(z, _flat(window, plan.instants))
+        return _bounds(nlp, window, plan, np.inf).violation(z, np.asarray(g).ravel())
+
+    def costs(self, window: Window, plan: Plan) -> np.ndarray:
+        """Return what each stage adds to the objective at priority 1 along a plan on the mesh of a window, (S + 1,)."""
+        nlp = self.nlp(window)
+        costs, terminal = nlp.costs(self._pack(window, plan), _flat(window, plan.instants))
+        return np.append(np.asarray(costs).ravel()[:-1], float(costs[-1] + terminal))
+
+    def _of(self, window: Window) -> tuple[Nlp, PluginSolver]:
+        shape = window_shape(window)
+        if shape not in self._compiled:
+            if shape.bounded and self._spec.kind != "ipopt":
+                raise InputError(f"found a bound on a cost and the solver {self._spec.kind}, expected ipopt")
+            nlp = transcribe(self._problem.model, shape)
+            self._compiled[shape] = nlp, PluginSolver(nlp, self._spec, self._report, self._options)
+        return self._compiled[shape]
+
+    def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
+        nlp, solver = self._of(window)
+        duals = None
+        if previous is not None and len(previous.duals) and solver.takes_duals:
+            duals = shift_multipliers(nlp, guess, self.nlp(previous.window), previous)
+        z, p = self._pack(window, guess), _flat(window, guess.instants)
+        found = solver.solve(z, p, _bounds(nlp, window, guess, within), duals)
+        violations = found.z[nlp.layout.violation_index[1:]].max(axis=0) / PENALTY
+        costs, terminal = nlp.costs(found.z, p)
+        return Solution(
+            outcome=found.outcome,
+            plan=_unpack(nlp.layout, window, found.z),
+            objective=found.objective,
+            iterations=found.iterations,
+            wall_time=found.wall_time,
+            window=window,
+            guess=guess,
+            warm=previous is not None,
+            costs=np.asarray(costs).ravel(),
+            terminal=float(terminal),
+            violations=violations,
+            duals=np.concatenate([found.lam_x, found.lam_g]) if solver.takes_duals else np.zeros(0),
+            guess_duals=np.zeros(0) if duals is None else np.concatenate(duals),
+            bound_multiplier=float(found.lam_g[-1]) if np.isfinite(window.cost_bound) else np.nan,
+        )
+
+    def _pack(self, window: Window, plan: Plan) -> np.ndarray:
+        """Return the decision vector of a plan on the mesh of a window."""
+        layout = self.nlp(window).layout
+        z, u = np.zeros(layout.size), plan.u
+        z[layout.state_index] = plan.X
+        z[layout.duration_index] = np.diff(plan.instants, prepend=window.start)
+        for s, stage in enumerate(window.stages):
+            at = slice(layout.first_node[s], layout.first_node[s + 1])
+            joint = stage.input == "joint"
+            z[layout.input_index(s)] = u[at] if joint else self._problem.costs.task_acceleration(plan.X[at], u[at])
+        if layout.soft:
+            z[layout.violation_index] = scaled_violations(plan.X, *node_limits(layout, window.stages))
+        return z
+
+
+def _unpack(layout: Layout, window: Window, z: np.ndarray) -> Plan:
+    """Return the plan of a decision vector."""
+    u = np.zeros((layout.K, layout.n))
+    plan = plan_on_mesh(window, z[layout.state_index], u, z[layout.duration_index[0]])
+    for s, stage in enumerate(window.stages):
+        first, last = layout.first_node[s], layout.first_node[s + 1]
+        if stage.input == "joint":
+            u[first:last] = z[layout.input_index(s)]
+        else:
+            times, velocities = plan.times[first : last + 1], plan.X[first : last + 1, layout.n :]
+            u[first:last] = np.diff(velocities, axis=0) / np.diff(times)[:, None]
+    return plan
+
+
+def _flat(window: Window, instants: np.ndarray) -> np.ndarray:
+    """Return the parameter vector of a window, its instants guessed at (S,) [s]."""
+    return np.concatenate([np.ravel(piece, order="F") for piece in window_numbers(window, instants).pieces()])
+
+
+def _bounds(nlp: Nlp, window: Window, guess: Plan, within: float) -> Bounds:
+    """Return the bounds of a window, durations within so many seconds of the guess. Paper eqs. (14), (17), (18)."""
+    layout = nlp.layout
+    lbx, ubx = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
+    lbg, ubg = np.zeros(len(nlp.equality)), np.zeros(len(nlp.equality))
+    low, high = node_limits(layout, window.stages)
+    for s, stage in enumerate(window.stages):
+        if stage.input == "joint":
+            inputs = layout.input_index(s)
+            lbx[inputs], ubx[inputs] = stage.limits.acceleration_low, stage.limits.acceleration_high
+    tau = np.diff(guess.instants, prepend=window.start)
+    lbx[layout.duration_index[0]] = np.maximum(shortest_durations(window)[:-1], tau - within)
+    ubx[layout.duration_index[0]] = tau + within
+    if layout.soft:
+        lbx[layout.violation_index] = 0.0
+        lbg[nlp.limit_rows], ubg[nlp.limit_rows] = [low, np.full_like(low, -np.inf)], [np.full_like(high, np.inf), high]
+    else:
+        lbx[layout.state_index[1:]], ubx[layout.state_index[1:]] = low[1:], high[1:]
+    if nlp.last_duration_row is not None:
+        lbg[nlp.last_duration_row], ubg[nlp.last_duration_row] = SHORTEST, np.inf
+    for s, row in nlp.instant_rows.items():
+        at = window.stages[s].at
+        lbg[row] = ubg[row] = (0.0 if at is None else at) - window.start
+    for s, rows in nlp.end_rows.items():
+        tolerance = end_tolerance(window.stages[s])
+        lbg[rows], ubg[rows] = -tolerance, tolerance
+    if np.isfinite(window.cost_bound):
+        lbg[-1], ubg[-1] = -np.inf, window.cost_bound
+    return Bounds(lbx, ubx, lbg, ubg)
+
+
+def shift_multipliers(nlp: Nlp, guess: Plan, old: Nlp, previous: Solution) -> tuple[np.ndarray, np.ndarray]:
+    """Return the last solution's multipliers of bounds and rows at each node's time.
+
+    On another mesh, multipliers of bounds change with the length of the intervals that they stand for.
+    """
+    layout, had = nlp.layout, old.layout
+    x, g = np.split(previous.duals, [had.size])
+    nodes = _same_node(layout, had, guess.times, previous.plan.times)
+    lam_x, lam_g = np.zeros(layout.size), np.zeros(len(nlp.equality))
+    shorter = np.repeat(np.array(had.nodes) / np.array(layout.nodes), layout.nodes)
+    at_nodes = np.r_[shorter, shorter[-1]][:, None]
+    states, states_before = (np.hstack([each.state_index, each.duration_index]) for each in (layout, had))
+    lam_x[states] = x[states_before[nodes]] * at_nodes
+    for s in range(len(layout.nodes)):
+        first, last = layout.first_node[s], layout.first_node[s + 1]
+        intervals = np.minimum(nodes[first:last], had.first_node[s + 1] - 1) - had.first_node[s]
+        lam_x[layout.input_index(s)] = x[had.input_index(s)[intervals]] * shorter[first:last, None]
+    lam_g[nlp.gap_rows] = g[old.gap_rows[np.minimum(nodes[:-1], had.K - 1)]]
+    lam_x[layout.violation_index] = x[had.violation_index[nodes]] * at_nodes
+    lam_g[nlp.limit_rows] = g[old.limit_rows[:, nodes]] * at_nodes
+    for rows, rows_before in zip(_other_rows(nlp), _other_rows(old), strict=True):
+        lam_g[rows] = g[rows_before]
+    return lam_x, lam_g
+
+
+def _other_rows(nlp: Nlp) -> list[np.ndarray]:
+    """Return the rows of g that close no gap and hold no soft limit, group by group."""
+    last = [] if nlp.last_duration_row is None else [nlp.last_duration_row]
+    bound = [np.array([len(nlp.equality) - 1])] if nlp.shape.bounded else []
+    return [nlp.x0_rows, np.array([*last, *nlp.instant_rows.values()], int), *nlp.end_rows.values(), *bound]
+
+
+def _same_node(layout: Layout, old: Layout, times: np.ndarray, old_times: np.ndarray) -> np.ndarray:
+    """Return for each node the old node of the same stage nearest in time, (K + 1,)."""
+    nodes = np.zeros(layout.K + 1, int)
+    for s in range(len(layout.nodes)):
+        here = slice(layout.first_node[s], layout.first_node[s + 1] + 1)
+        there = slice(old.first_node[s], old.first_node[s + 1] + 1)
+        index = np.interp(times[here], old_times[there], np.arange(there.start, there.stop))
+        nodes[here] = np.round(index).astype(int)
+    return nodes

@@ -10,9 +10,9 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 
 from psmpc_cli.cli.main import main
-from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 from psmpc_cli.ocp.layout import WindowShape
 from psmpc_cli.ocp.transcription import Nlp
 from psmpc_cli.ocp.window import Bounds, Window

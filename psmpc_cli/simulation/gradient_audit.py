@@ -11,7 +11,7 @@ from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.ocp.window import Window, durations
 from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.solvers import build_solver
-from psmpc_cli.specs.limits import Limits
+from psmpc_cli.specs.coordinates import Limits
 
 AD_TOLERANCE, DIFFERENCE_TOLERANCE = 1e-8, 1e-6
 """Largest relative difference of the discrete adjoint from algorithmic differentiation and from central differences."""

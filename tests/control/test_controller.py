@@ -4,10 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from psmpc_cli.control.window_solver import WindowSolver
 
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.control.window_solver import WindowSolver
 from psmpc_cli.logs.record import Record
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 from psmpc_cli.logs.record import Record
 from psmpc_cli.ocp.window import Bounds, bounds, pack_guess
 from psmpc_cli.simulation.loop import Ending

@@ -2,10 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.multipliers import Before, shift_multipliers
 from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
+
+from psmpc_cli.control.decision import Decision
 from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.window import pack_guess
 from psmpc_cli.robot.model import RobotModel

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.multistart import even_shares, multistart_for, solve_from_several
-from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.simulation.loop import simulate
 from psmpc_cli.simulation.setup import Experiment

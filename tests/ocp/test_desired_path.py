@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from psmpc_cli.ocp.lexicographic import Level, LevelShape, level_parameters, transcribe_level
 
 from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.gradient import Rollout
 from psmpc_cli.ocp.layout import mesh
-from psmpc_cli.ocp.lexicographic import Level, LevelShape, level_parameters, transcribe_level
 from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.stages import Stage, Trajectory

@@ -2,9 +2,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.node_counts import COUNTS, Along, first_counts, node_counts
 from psmpc_cli.ocp.window import Window, durations

@@ -3,9 +3,9 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
+from psmpc_cli.ocp.stage_integrals import stage_integrals
 
 from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.stage_integrals import stage_integrals
 from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.ocp.transcription import transcribe
 from psmpc_cli.ocp.window import window_shape

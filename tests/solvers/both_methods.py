@@ -1,10 +1,10 @@
 """The two methods for the quadratic programs: our own, and PIQP's, which is held against it."""
 
 import pytest
+from psmpc_cli.solvers.qp_solution import QpSolution
 
 from psmpc_cli.native.library import CompilationError, find_compiler
 from psmpc_cli.solvers.qp_multistage import MultistageQp
-from psmpc_cli.solvers.qp_solution import QpSolution
 from psmpc_cli.solvers.riccati.kernel import load_kernel
 from psmpc_cli.solvers.riccati.program import RiccatiQp
 

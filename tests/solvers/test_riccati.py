@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from psmpc_cli.solvers.qp_solution import QpSolution, QpStatus
+from psmpc_cli.solvers.sqp_limits import limits
 
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.ocp.gauss_newton import linearize
@@ -13,8 +15,6 @@ from psmpc_cli.ocp.velocity_form import VelocityForm
 from psmpc_cli.ocp.window import bounds, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import Outcome, build_solver, sqp
-from psmpc_cli.solvers.qp_solution import QpSolution, QpStatus
-from psmpc_cli.solvers.sqp_limits import limits
 from psmpc_cli.specs.task import SolverSpec
 
 from ..optimality import energy, objective, optimality

@@ -2,13 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from psmpc_cli.solvers.sqp_table import HEADING, IterationTable
 
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.ocp.window import Bounds
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import Guess, Outcome, Solution, build_solver
 from psmpc_cli.solvers.sqp import SqpSolver
-from psmpc_cli.solvers.sqp_table import HEADING, IterationTable
 
 from .test_sqp import CONVERGED, ONE, Recorded, chosen
 

@@ -1,7 +1,7 @@
 """The full rigid-body dynamics by an adaptive integrator of a library: SUNDIALS CVODES, as CasADi ships it.
 
-Only for checking: the plants step at the rate of the low-level loop. The order adapts too (Adams methods), and the
-control is constant over each piece, so that nothing the integrator looks at ever jumps.
+Only for verification: the plants step at the rate of the low-level loop. The order adapts too (Adams methods), and the
+control is constant over each piece, so that the right-hand side is smooth within it.
 """
 
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ TOLERANCE = 1e-12
 """Absolute and relative tolerance of a step [m, rad, m/s, rad/s]."""
 
 INSIDE = 4
-"""Parts of a piece at whose ends its states are known."""
+"""Parts of a piece at whose ends its states are returned."""
 
 
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """States over consecutive pieces.
+    """States over consecutive pieces of constant control.
 
     Attributes:
-        times: (pieces * INSIDE + 1,) [s], the first and every `INSIDE`-th after it between two pieces.
+        times: (pieces * INSIDE + 1,) [s], the first and every `INSIDE`-th after it being ends of pieces.
         X: States at those times, (len(times), 2n).
     """
 

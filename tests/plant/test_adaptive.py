@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.plant.adaptive import INSIDE, AdaptiveDynamics
+from psmpc_cli.plant.adaptive import AdaptiveDynamics
 from psmpc_cli.plant.ideal import IdealPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.model import RobotModel
@@ -48,13 +48,3 @@ def test_momentum_changes_by_the_impulse_of_the_held_force(
     after = physics.under_force(x, np.array([0.0, 0.2]), F).X[-1]
     before, later = (model.momentum(*np.split(z, 2)) for z in (x, after))
     np.testing.assert_allclose(later[:2] - before[:2], 0.2 * F[0, :2], atol=1e-9)
-
-
-def test_times_are_those_between_and_inside_pieces(physics: AdaptiveDynamics, motion: tuple[np.ndarray, ...]) -> None:
-    x, u = motion
-    edges = np.array([1.0, 1.1, 1.15])
-    flow = physics.under_law(x, edges, u[:2])
-    assert len(flow.times) == len(flow.X) == 2 * INSIDE + 1
-    np.testing.assert_allclose(flow.times[::INSIDE], edges)
-    assert (np.diff(flow.times) > 0).all()
-    np.testing.assert_array_equal(flow.X[0], x)

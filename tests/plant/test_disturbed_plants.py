@@ -116,19 +116,6 @@ def test_friction_takes_energy_and_no_momentum(
 
 
 @pytest.mark.parametrize("plant", PLANTS)
-def test_a_push_over_one_tick_is_its_impulse(
-    model: RobotModel, x: np.ndarray, nothing: Disturbance, plant: type
-) -> None:
-    push = np.zeros((M, 9))
-    push[20, :3] = np.array([2.0, -1.0, 0.3]) / TICK
-    still = replace(FREE, largest=np.full(9, 1e-12))
-    ticks = build(plant, model, still).advance(0.0, x, np.zeros((M, 9)), replace(nothing, push=push))
-    np.testing.assert_allclose(ticks.impulse[:2], [2, -1], atol=1e-9)
-    assert ticks.impulse[2] == pytest.approx(0.3 - ticks.X[20, 0] - 2 * ticks.X[20, 1], abs=1e-3)
-    assert np.abs(ticks.X[21, 9:] - ticks.X[20, 9:]).max() > 0.01
-
-
-@pytest.mark.parametrize("plant", PLANTS)
 def test_forces_stay_within_their_limits(
     model: RobotModel, x: np.ndarray, u: np.ndarray, everything: Disturbance, plant: type
 ) -> None:

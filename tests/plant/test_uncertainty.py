@@ -128,12 +128,3 @@ def test_a_release_keeps_velocities_and_gives_away_the_objects_share(
     np.testing.assert_array_equal(contact.x, x)
     np.testing.assert_allclose(p + contact.impulse, p_left, atol=1e-12)
     assert T + contact.work == pytest.approx(T_left, rel=1e-12)
-
-
-def test_a_robot_at_rest_takes_up_an_object_without_loss(
-    model: RobotModel, holding: InertialParameters, x: np.ndarray
-) -> None:
-    resting = np.r_[x[:9], np.zeros(9)]
-    contact = take_up(model, resting, model.nominal, holding)
-    np.testing.assert_array_equal(contact.x, resting)
-    assert contact.work == 0

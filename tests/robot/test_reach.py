@@ -59,14 +59,6 @@ def test_stretched_arm_is_reached(planar_dual_arm: RobotSpec) -> None:
     np.testing.assert_allclose(reach.configuration, 0.0, atol=1e-6)
 
 
-def test_grasp_is_out_of_reach_from_the_misprinted_base_pose(planar_dual_arm: RobotSpec) -> None:
-    reach = reach_of(planar_dual_arm, "arm_1", (-2, -2, math.pi / 6), GRASP["arm_1"])
-    assert not reach.within_annulus
-    assert not reach.reachable
-    assert reach.configuration is None
-    assert reach.distance > 4 * reach.full_reach
-
-
 @given(moving_robots())
 @laws
 def test_any_pose_an_arm_takes_is_reachable(state: State) -> None:
@@ -116,14 +108,6 @@ def test_limits_a_turn_away_are_met_by_an_equivalent_angle(planar_dual_arm: Robo
     reach = reach_of(with_limits(planar_dual_arm, arms=turned), "arm_1", BASE, GRASP["arm_1"])
     assert reach.configuration is not None
     assert reach.configuration[0] == pytest.approx(2 * math.pi + math.pi / 4, abs=1e-3)
-
-
-def test_a_folded_arm_is_searched_for_within_limits(planar_dual_arm: RobotSpec) -> None:
-    limits = ((0.9, 1.1), (3.0, 3.3), (-4.0, 4.0))
-    robot = with_limits(planar_dual_arm, arm_1=limits)
-    q = reach_of(robot, "arm_1", (-0.3, 0.0, 0.0), (0.2, 0.0, 0.0)).configuration
-    assert q is not None
-    assert all(low <= angle <= high for angle, (low, high) in zip(q, limits, strict=True))
 
 
 def test_two_links_reach_a_full_pose_only_on_their_circle(planar_dual_arm: RobotSpec) -> None:

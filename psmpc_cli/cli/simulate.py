@@ -56,6 +56,7 @@ def simulate(
     if quiet and verbose:
         raise InputError("found both --quiet and --verbose, expected at most one of them")
     logging.getLogger("psmpc_cli").setLevel(logging.INFO if verbose else logging.ERROR if quiet else logging.WARNING)
+    logging.getLogger("psmpc_cli.native").setLevel(logging.ERROR if quiet else logging.INFO)  # the first compilation
     short = {"controller": controller, "plant": plant}
     chosen = [Short(f"--{name}", f"{name}.kind", value) for name, value in short.items() if value is not None]
     overrides: list[Change] = [*(changes or []), *chosen]

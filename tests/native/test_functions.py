@@ -72,13 +72,6 @@ def test_each_row_is_evaluated(function: ca.Function, rows: int) -> None:
     np.testing.assert_allclose(second[:, 0], (X**2).sum(axis=1), rtol=1e-14)
 
 
-def test_one_vector_serves_every_row(function: ca.Function) -> None:
-    X, y = np.arange(12.0).reshape(4, 3), np.array([2.0, 3.0])
-    one, many = RowFunction(function)(X, y, rows=4), RowFunction(function)(X, np.tile(y, (4, 1)), rows=4)
-    for found, expected in zip(one, many, strict=True):
-        np.testing.assert_array_equal(found, expected)
-
-
 def test_fewer_rows_after_more_leave_earlier_results_alone(function: ca.Function) -> None:
     evaluate, X, y = RowFunction(function), np.arange(30.0).reshape(10, 3), np.ones(2)
     before, _ = evaluate(X, y, rows=10)

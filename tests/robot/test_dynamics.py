@@ -10,8 +10,7 @@ from hypothesis import given
 from psmpc_cli.robot.bodies import InertialParameters, body_names
 from psmpc_cli.robot.model import RobotModel, build_model
 
-from .differences import Array, assert_close_to_differences, jacobian_by_differences
-from .strategies import State, laws, moving_robots
+from .strategies import Array, State, assert_close_to_differences, jacobian_by_differences, laws, moving_robots
 
 
 def rate(model: RobotModel, function: ca.Function, Q: Array, v: Array, vdot: Array) -> Array:

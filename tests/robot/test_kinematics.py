@@ -14,14 +14,11 @@ from psmpc_cli.robot.model import (
     RobotModel,
     angle_rows,
     arm_points,
-    build_model,
     load_robot,
     nearest_equivalent,
 )
-from psmpc_cli.specs.robot import RobotSpec
 
-from .differences import Array, assert_close_to_differences, jacobian_by_differences
-from .strategies import State, flat, laws, moving_robots
+from .strategies import Array, State, assert_close_to_differences, flat, jacobian_by_differences, laws, moving_robots
 
 angles = st.floats(-100, 100)
 
@@ -45,12 +42,6 @@ def test_poses_at_the_grasp_are_the_capture_targets(model: RobotModel) -> None:
     np.testing.assert_allclose(base, [-2, 2, pi / 6], atol=1e-12)
     np.testing.assert_allclose(left, [-1.9334, 3.1677, math.radians(165)], atol=1e-4)
     np.testing.assert_allclose(right, [-3.0446, 2.5261, math.radians(-105)], atol=1e-4)
-
-
-def test_rows_follow_base_and_arms_in_order(model: RobotModel) -> None:
-    rows = {"base": slice(0, 3), "arm_1": slice(3, 6), "arm_2": slice(6, 9)}
-    assert (model.parts, model.pose_rows) == (rows, rows)
-    assert (model.n, model.m) == (9, 9)
 
 
 @given(moving_robots())
@@ -113,17 +104,6 @@ def test_f_2_applies_the_damped_inverse(state: State) -> None:
     xdot = flat(model.f_2(np.concatenate([Q, v]), u))
     np.testing.assert_array_equal(xdot[: model.n], v)
     np.testing.assert_allclose(xdot[model.n :], damped, rtol=0, atol=1e-8 * (1 + np.abs(damped).max()))
-
-
-def test_f_2_reaches_the_commanded_acceleration_as_damping_vanishes(planar_dual_arm: RobotSpec) -> None:
-    Q, v, u = np.array([0.1, -0.2, 0.3, 0.8, 0.5, 1.0, -0.8, -0.5, -1.0]), np.full(9, 0.1), np.linspace(-1, 1, 9)
-    misses = []
-    for damping in (1e-1, 1e-2, 1e-5):
-        model = build_model(planar_dual_arm, damping)
-        vdot = flat(model.f_2(np.concatenate([Q, v]), u))[9:]
-        misses.append(np.abs(pose_acceleration(model, Q, v, vdot) - u).max())
-    assert misses[0] > misses[1] > misses[2]
-    assert misses[2] < 1e-7
 
 
 def test_f_2_stays_bounded_where_the_jacobian_is_singular(model: RobotModel) -> None:

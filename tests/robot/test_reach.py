@@ -52,13 +52,6 @@ def test_grasp_is_reached_as_published(planar_dual_arm: RobotSpec, arm: str) -> 
     assert reach.full_reach == pytest.approx(1.2)
 
 
-def test_stretched_arm_is_reached(planar_dual_arm: RobotSpec) -> None:
-    reach = reach_of(planar_dual_arm, "arm_1", (0, 0, 0), (1.5, 0, 0))
-    assert reach.reachable
-    assert reach.configuration is not None
-    np.testing.assert_allclose(reach.configuration, 0.0, atol=1e-6)
-
-
 @given(moving_robots())
 @laws
 def test_any_pose_an_arm_takes_is_reachable(state: State) -> None:

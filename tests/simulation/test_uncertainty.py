@@ -10,7 +10,6 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.logs.differences import compare_logs
 from psmpc_cli.logs.read import Log
 from psmpc_cli.plant.uncertainty import measurement_noise
-from psmpc_cli.simulation.resume import continue_run
 from psmpc_cli.simulation.setup import build_experiment
 from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.specs.load import load_task
@@ -146,24 +145,6 @@ def test_an_impulse_comes_at_its_tick(tmp_path: Path) -> None:
     apart = np.abs(log.ticks["Qdot"] - quiet.ticks["Qdot"]).max(axis=1)
     assert apart[23] < 1e-9 < 1e-2 < apart[24]
     assert np.abs(log["balance/momentum"]).max() < 1e-6
-
-
-GOES_ON = {
-    "noise and a payload": ((BODIES, PAYLOAD, NOISE), 14),
-    "a delay known in part": ((BODIES, PAYLOAD, NOISE, "uncertainty.delay=3", "controller.known_delay=2"), 6),
-    "integral action": ((PAYLOAD, NOISE, "controller.offset_free=true", "uncertainty.delay=1"), 8),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("changes", "samples"), GOES_ON.values(), ids=list(GOES_ON))
-def test_an_uncertain_run_goes_on_exactly(tmp_path: Path, changes: tuple[str, ...], samples: int) -> None:
-    whole = logged(tmp_path, *changes, "time_limit=3")
-    log = logged(tmp_path, *changes, "time_limit=3", samples=samples, name="part")
-    continue_run(log)
-    comparison = compare_logs(whole.path, log.path)
-    assert comparison.differences == ()
-    assert comparison.compared > 50
 
 
 STICKY = "uncertainty.friction.coulomb=0.1"

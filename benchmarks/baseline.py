@@ -11,7 +11,7 @@ from pathlib import Path
 import yaml
 
 from psmpc_cli.logs.read import read_log
-from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.simulation.summary import Summary, summarize
 from psmpc_cli.specs.load import load_task
 
@@ -38,7 +38,7 @@ HEADER = (
 def measure(changes: list[str], directory: Path) -> Summary:
     """Run the transport task with keys changed and return its summary."""
     path = directory / "run.h5"
-    run(load_task("transport", changes), path, force=True)
+    simulate(load_task("transport", changes), path, force=True)
     return summarize(read_log(path))
 
 

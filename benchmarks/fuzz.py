@@ -30,8 +30,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from psmpc_cli.errors import LogError, SpecError
 from psmpc_cli.logs.comparison import read_comparison
-from psmpc_cli.logs.layout import COMPARISON, MONTE_CARLO, PARETO, SWEEP
 from psmpc_cli.logs.read import kind_of, read_log
+from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, SWEEP
 from psmpc_cli.logs.seal import MARK, SIZE, unseal
 from psmpc_cli.simulation.monte_carlo_runs import read_monte_carlo
 from psmpc_cli.specs.load import load_robot, load_task

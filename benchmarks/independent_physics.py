@@ -15,7 +15,7 @@ import numpy as np
 from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.plant.mujoco_plant import MujocoPlant
 from psmpc_cli.robot.model import RobotModel, angle_rows, build_model
-from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.simulation.summary import Summary, summarize
 from psmpc_cli.specs.load import load_task
 
@@ -29,11 +29,11 @@ REPLAYS = {
 }
 
 
-def simulate(plant: str, nodes: int, directory: Path) -> Log:
+def run(plant: str, nodes: int, directory: Path) -> Log:
     """Run the transport task on a plant and return its log, with every tick."""
     changes = [f"plant.kind={plant}", f"controller.nodes={nodes}", "log.ticks=true", "log.plans=false"]
     path = directory / f"{plant}.h5"
-    run(load_task("transport", [*changes, "log.shares=false"]), path)
+    simulate(load_task("transport", [*changes, "log.shares=false"]), path)
     return read_log(path)
 
 
@@ -85,7 +85,7 @@ def rows(rk4: Log, engine: Log, model: RobotModel) -> dict[str, str]:
 def main(nodes: int) -> None:
     """Write the table."""
     with tempfile.TemporaryDirectory() as directory:
-        logs = [simulate(plant, nodes, Path(directory)) for plant in ("rk4", "mujoco")]
+        logs = [run(plant, nodes, Path(directory)) for plant in ("rk4", "mujoco")]
     lines = rows(*logs, build_model(load_task("transport").robot))
     width = max(map(len, lines))
     sys.stdout.write(f"N_s = {nodes}, MuJoCo {mujoco.__version__}\n\n")

@@ -13,7 +13,7 @@ from pages import write_between
 
 from psmpc_cli.logs.guard import Worker, ensure_readable
 from psmpc_cli.logs.seal import unseal
-from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
 
 
@@ -43,7 +43,7 @@ def main() -> None:
         start = min(strange(folder / "none.h5") for _ in range(3))
         for nodes in (25, 100, 400):
             log, other = folder / f"{nodes}.h5", folder / f"{nodes}-other.h5"
-            run(load_task("transport", [f"controller.nodes={nodes}", "log.shares=false"]), log)
+            simulate(load_task("transport", [f"controller.nodes={nodes}", "log.shares=false"]), log)
             shutil.copy(log, other)
             unseal(other)
             own, read = sealed(log), min(strange(other) for _ in range(3)) - start

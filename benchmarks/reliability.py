@@ -99,7 +99,7 @@ def in_the_loop(log: Path, fault: Fault, changes: Sequence[str]) -> Row:
 
 def flags(log: Log) -> str:
     """Return which samples the log has flagged, and how many."""
-    names = ("unmeasured", "fallback", "braking", "postponed")
+    names = ("unmeasured", "solve_failed", "braking", "postponed")
     counts = {name: int(log[f"events/{name}"].sum()) for name in names}
     return ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "none"
 

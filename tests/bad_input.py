@@ -15,7 +15,8 @@ from unittest import mock
 
 from psmpc_cli.cli.main import main
 from psmpc_cli.logs.comparison import merge_logs
-from psmpc_cli.simulation.run import Progress, run
+from psmpc_cli.logs.schema import Sample
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
 
 from .made_up_fronts import made_up_fronts
@@ -85,15 +86,15 @@ def prepare(folder: Path) -> None:
     (folder / "task.yaml").write_text(TASK)
     loaded = load_task(folder / "task.yaml", ["time_limit=1.5"])
     (folder / "robot.yaml").write_text(loaded.robot_yaml)
-    samples: list[Progress] = []
+    samples: list[Sample] = []
 
-    def watch(progress: Progress) -> None:
+    def watch(progress: Sample) -> None:
         samples.append(progress)
         if len(samples) == 6:
             raise KeyboardInterrupt
 
-    run(loaded, folder / "part.h5", watch=watch)
-    run(loaded, folder / "ended.h5")
+    simulate(loaded, folder / "part.h5", watch=watch)
+    simulate(loaded, folder / "ended.h5")
     merge_logs({"one": folder / "ended.h5", "two": folder / "part.h5"}, folder / "compared.h5")
     made_up_sweep(folder / "sweep.h5", "3x3", waiting=(1,), failed=(2,))
     made_up_fronts(folder / "fronts.h5", failed=(1,))

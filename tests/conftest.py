@@ -13,7 +13,7 @@ from psmpc_cli.control.decision import Decision
 from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.stages import Stage, build_stages
 from psmpc_cli.robot.model import RobotModel, build_model
-from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.loop import closed_loop
 from psmpc_cli.simulation.setup import Experiment, build_experiment
 from psmpc_cli.specs.load import Task, load_task
 
@@ -82,6 +82,6 @@ def decisions(experiment_of: Callable[..., Experiment]) -> list[Decision]:
     """Every decision of a PSMPC run of the transport task on a coarse mesh and the ideal plant."""
     experiment = experiment_of("controller.nodes=20", "plant.kind=ideal")
     recorder = Recorder(experiment.controller)
-    for _ in simulate(replace(experiment, controller=recorder)):
+    for _ in closed_loop(replace(experiment, controller=recorder)):
         pass
     return recorder.decided

@@ -24,7 +24,7 @@ from psmpc_cli.control.decision import Decision
 from psmpc_cli.ocp.layout import Layout
 from psmpc_cli.ocp.plan import resting_plan, shift
 from psmpc_cli.ocp.window import Window, bounds, end_tolerance, pack_guess, parameter_vector, shortest_durations
-from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.loop import closed_loop
 from psmpc_cli.simulation.setup import Experiment, build_experiment
 from psmpc_cli.solvers import Guess, Solution
 from psmpc_cli.specs.load import load_task
@@ -64,8 +64,8 @@ class Recorder(SwitchingController):
 def recorded(experiment: Experiment) -> dict[str, Recorded]:
     """Run until the last window of `AT` and return the decisions of each with those before."""
     recorder, last = Recorder(experiment.controller), max(AT.values())
-    for record in simulate(replace(experiment, controller=recorder)):
-        if record.time >= last - 1e-9:
+    for record in closed_loop(replace(experiment, controller=recorder)):
+        if record.command.time >= last - 1e-9:
             break
     step, decided = experiment.task.controller.sample_time, recorder.decided
     return {name: Recorded(*decided[round(time / step) - 1 : round(time / step) + 1]) for name, time in AT.items()}

@@ -112,20 +112,21 @@ def _run(loaded: "Task", path: Path, quiet: bool) -> None:
     """
     from psmpc_cli.cli.progress import watching
     from psmpc_cli.cli.termination import noticing_signals
-    from psmpc_cli.simulation.run import Progress, run
+    from psmpc_cli.logs.schema import Sample
+    from psmpc_cli.simulation.run import simulate
 
     with noticing_signals() as interruption, watching(quiet) as show:
 
-        def watch(progress: Progress) -> None:
-            show(progress)
+        def watch(sample: Sample) -> None:
+            show(sample)
             interruption.check()
 
-        ending = run(loaded, path, True, watch)
-        if ending is None:
+        run = simulate(loaded, path, watch, force=True)
+        if run.interrupted:
             typer.echo("psmpc: interrupted; no results were written", err=True)
             raise typer.Exit(interruption.exit_code)
-    if ending.stuck:
-        raise RunError(f"the closed loop could not go on: {ending.reason}")
+    if run.attributes["stuck"]:
+        raise RunError(f"the closed loop could not go on: {run.attributes['end_reason']}")
 
 
 def _solve(log: Path, question: "Question", path: Path, force: bool, jobs: int | None, quiet: bool) -> None:

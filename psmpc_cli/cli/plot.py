@@ -46,8 +46,8 @@ def plot(
     """
     from psmpc_cli.figures.draw import default_directory, draw
     from psmpc_cli.logs.comparison import read_comparison
-    from psmpc_cli.logs.layout import COMPARISON, RUN
     from psmpc_cli.logs.read import kind_of, read_log
+    from psmpc_cli.logs.schema import COMPARISON, RUN
 
     directory, endings = output or default_directory(log), formats or ("png",)
     if run is not None:
@@ -76,7 +76,7 @@ def _drawing() -> Mapping[str, Draw]:
     from psmpc_cli.figures.pareto import draw_pareto
     from psmpc_cli.figures.sweep.draw import draw_sweep
     from psmpc_cli.logs.comparison import read_comparison
-    from psmpc_cli.logs.layout import COMPARISON, MONTE_CARLO, PARETO, SWEEP
+    from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, SWEEP
     from psmpc_cli.simulation.monte_carlo_runs import read_monte_carlo
     from psmpc_cli.studies.pareto_file import read_pareto
     from psmpc_cli.studies.sweep_file import read_sweep

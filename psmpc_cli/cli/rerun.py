@@ -25,7 +25,7 @@ def rerun(
 ) -> None:
     """Repeat a run from its log and say whether every dataset but the wall times is equal."""
     from psmpc_cli.logs.read import read_log
-    from psmpc_cli.simulation.rerun import unequal_conditions
+    from psmpc_cli.simulation.run import unequal_conditions
 
     loaded = read_log(log)
     with TemporaryDirectory(prefix="psmpc-") as directory:
@@ -33,7 +33,7 @@ def rerun(
     if not comparison.differences:
         typer.echo(f"equal: all {comparison.compared} datasets but the wall times")
         return
-    _print(comparison)
+    print_differences(comparison)
     for condition in unequal_conditions(loaded):
         typer.echo(f"note: {condition}")
     if strict:
@@ -44,13 +44,13 @@ def _repeat(log: "Log", path: Path, force: bool, quiet: bool) -> "Comparison":
     """Repeat a run under the eyes of the progress display."""
     from psmpc_cli.cli.progress import watching
     from psmpc_cli.cli.termination import noticing_signals
-    from psmpc_cli.simulation.rerun import rerun as repeat
-    from psmpc_cli.simulation.run import Progress
+    from psmpc_cli.logs.schema import Sample
+    from psmpc_cli.simulation.run import rerun as repeat
 
     with noticing_signals() as interruption, watching(quiet) as show:
 
-        def watch(progress: Progress) -> None:
-            show(progress)
+        def watch(sample: Sample) -> None:
+            show(sample)
             interruption.check()
 
         comparison = repeat(log, path, force, watch)
@@ -59,7 +59,7 @@ def _repeat(log: "Log", path: Path, force: bool, quiet: bool) -> "Comparison":
     return comparison
 
 
-def _print(comparison: "Comparison") -> None:
+def print_differences(comparison: "Comparison") -> None:
     """Print what differs, and how far."""
     from psmpc_cli.cli.summary import print_table
 

@@ -17,8 +17,8 @@ def show(
     force: Annotated[bool, typer.Option("--force", help="Overwrite exported tables.")] = False,
 ) -> None:
     """Print the summary of a log, or the table of a comparison or a study, again, or export tables of logs."""
-    from psmpc_cli.logs.layout import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
     from psmpc_cli.logs.read import kind_of
+    from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 
     shown: Mapping[str, Callable[[Path], None]] = {
         RUN: _show_run,
@@ -77,8 +77,8 @@ def _export(log: Path, kind: str, directory: Path, force: bool) -> None:
     """Write the tables of a log, or those of every log of a comparison below their names."""
     from psmpc_cli.logs.comparison import read_comparison
     from psmpc_cli.logs.export import export_csv
-    from psmpc_cli.logs.layout import RUN
     from psmpc_cli.logs.read import read_log
+    from psmpc_cli.logs.schema import RUN
 
     logs = {"": read_log(log)} if kind == RUN else read_comparison(log)
     for name, run in logs.items():

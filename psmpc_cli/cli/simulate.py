@@ -11,12 +11,12 @@ from psmpc_cli.cli.outputs import refuse_old_figures
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
+    from psmpc_cli.logs.differences import Comparison
     from psmpc_cli.logs.read import Log
-    from psmpc_cli.simulation.loop import Ending
-    from psmpc_cli.simulation.run import Progress
+    from psmpc_cli.logs.schema import Sample
     from psmpc_cli.specs.overrides import Change
 
-    Run = Callable[[Callable[[Progress], None]], Ending | None]
+    Watch = Callable[[Sample], None]
 
 
 def simulate(
@@ -38,7 +38,11 @@ def simulate(
     ] = False,
     unfinished: Annotated[
         Path | None,
-        typer.Option("--continue", metavar="LOG", help="Finish a run that was killed or interrupted, in its log."),
+        typer.Option(
+            "--continue",
+            metavar="LOG",
+            help="Finish a run that was killed or interrupted: it is repeated and checked against its log.",
+        ),
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no summary.")] = False,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Report every event of the run.")] = False,
@@ -61,7 +65,8 @@ def simulate(
     chosen = [Short(f"--{name}", f"{name}.kind", value) for name, value in short.items() if value is not None]
     overrides: list[Change] = [*(changes or []), *chosen]
     if unfinished is not None:
-        path, run = unfinished, _continued(unfinished, alone=not (task or overrides or output))
+        path = output or unfinished
+        run = _continued(unfinished, output, alone=not (task or overrides))
     elif task is not None:
         path, run = _new(task, overrides, output, (controller, plant), force)
     else:
@@ -70,16 +75,16 @@ def simulate(
         refuse_old_figures(default_directory(path), force)
     if render:
         offscreen_driver()
-    ending, exit_code = _watched(run, quiet)
+    exit_code = _watched(run, quiet)
     log = read_log(path)
     if not quiet:
         print_summary(summarize(log), path)
     if (figures or render) and len(log.time):
         _draw(log, default_directory(path), force, quiet, figures, render)
-    if ending is None:
+    if log.interrupted:
         raise typer.Exit(exit_code)
-    if ending.stuck:
-        raise _stuck(ending, log)
+    if log.attributes["stuck"]:
+        raise _stuck(log)
 
 
 def _default_path(name: str, *variants: str | None) -> Path:
@@ -89,60 +94,84 @@ def _default_path(name: str, *variants: str | None) -> Path:
 
 def _new(
     task: str, overrides: "Sequence[Change]", output: Path | None, variants: tuple[str | None, ...], force: bool
-) -> "tuple[Path, Run]":
-    """Return the log of a new run, and the run itself."""
+) -> "tuple[Path, Callable[[Watch], object]]":
+    """Return the log of a new run, and what runs it."""
     from psmpc_cli.logs.new_file import refuse
     from psmpc_cli.ocp.feasibility import ensure_feasible
-    from psmpc_cli.simulation.run import run
+    from psmpc_cli.simulation.run import simulate as run
     from psmpc_cli.specs.load import load_task
 
     loaded = load_task(task, overrides)
     path = output or _default_path(loaded.spec.name, *variants)
     refuse(path, force)
 
-    def begin(watch: "Callable[[Progress], None]") -> "Ending | None":
+    def begin(watch: "Watch") -> object:
         ensure_feasible(loaded)
-        return run(loaded, path, force, watch)
+        return run(loaded, path, watch, force)
 
     return path, begin
 
 
-def _continued(path: Path, alone: bool) -> "Run":
-    """Return the rest of an unfinished run."""
+def _continued(path: Path, output: Path | None, alone: bool) -> "Callable[[Watch], object]":
+    """Return what finishes an unfinished run, by running it again from its beginning."""
     from psmpc_cli.logs.read import read_log
-    from psmpc_cli.simulation.resume import continue_run, unfinished
+    from psmpc_cli.simulation.run import continue_run, ensure_unfinished
 
     if not alone:
         raise InputError(
-            "--continue goes on with the task in the log: expected no task, --set, --controller, "
-            "--plant or -o beside it"
+            "--continue goes on with the task in the log: expected no task, --set, --controller or --plant beside it"
         )
     log = read_log(path)
-    unfinished(log)
-    return lambda watch: continue_run(log, watch)
+    ensure_unfinished(log)
+
+    def run(watch: "Watch") -> object:
+        comparison = continue_run(log, output, watch)
+        if comparison is not None and comparison.differences:
+            _differs(log, comparison, output)
+        return comparison
+
+    return run
 
 
-def _watched(run: "Run", quiet: bool) -> "tuple[Ending | None, int]":
-    """Run under the eyes of the progress display; return the ending, and the exit code if there is none."""
+def _differs(log: "Log", comparison: "Comparison", output: Path | None) -> None:
+    """Print how a repeated run differs from its log; where it was to take the log's place, exit."""
+    from psmpc_cli.cli.rerun import print_differences
+    from psmpc_cli.simulation.run import unequal_conditions
+
+    print_differences(comparison)
+    for condition in unequal_conditions(log):
+        typer.echo(f"note: {condition}")
+    if output is None:
+        typer.echo(
+            f"{log.path} was not continued, since the run differs from it when it is repeated, and stays as it was; "
+            "with -o FILE the whole run goes to another file",
+            err=True,
+        )
+        raise typer.Exit(1)
+
+
+def _watched(run: "Callable[[Watch], object]", quiet: bool) -> int:
+    """Run with the progress display; return the exit code of an interrupted run."""
     from psmpc_cli.cli.progress import watching
     from psmpc_cli.cli.termination import noticing_signals
 
     with noticing_signals() as interruption, watching(quiet) as show:
 
-        def watch(progress: "Progress") -> None:
-            show(progress)
+        def watch(sample: "Sample") -> None:
+            show(sample)
             interruption.check()
 
-        return run(watch), interruption.exit_code
+        run(watch)
+        return interruption.exit_code
 
 
-def _stuck(ending: "Ending", log: "Log") -> RunError:
+def _stuck(log: "Log") -> RunError:
     """Return the error of a run that could not go on, with what the last solve's outcome advises."""
     from psmpc_cli.solvers import Outcome
 
     outcomes = [Outcome[str(status).upper()] for status in log["solver/status"][-1:]]
     advice = "".join(f" ({outcome.value})" for outcome in outcomes if not outcome.usable)
-    return RunError(f"{ending.reason}{advice}; {log.path} holds the run up to then")
+    return RunError(f"{log.attributes['end_reason']}{advice}; {log.path} holds the run up to then")
 
 
 def _draw(log: "Log", directory: Path, force: bool, quiet: bool, figures: bool, render: bool) -> None:

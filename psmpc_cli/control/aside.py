@@ -1,6 +1,5 @@
 """Windows solved aside: what other stages than those of the decision would make of the same sample."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,25 +22,12 @@ class SolvedAside:
     solved: Solution
 
 
-AsideMemory = Mapping[tuple[int, int], SolvedAside]
-"""What came out last, by the first and the last stage of the window."""
-
-
 class WindowsAside:
     """Solves windows for what is measured, never for what is applied; each starts from its own last plan."""
 
     def __init__(self, controller: SwitchingController) -> None:
         self.controller = controller
         self._last: dict[tuple[int, int], SolvedAside] = {}
-
-    @property
-    def memory(self) -> AsideMemory:
-        """What it remembers."""
-        return dict(self._last)
-
-    @memory.setter
-    def memory(self, memory: AsideMemory) -> None:
-        self._last = dict(memory)
 
     def plan(self, sequence: Sequence, decision: Decision, x: np.ndarray) -> tuple[Plan, bool]:
         """Return what a window over the sequence would plan from x (2n,), and whether it could be solved.

@@ -1,6 +1,6 @@
 """The switching controllers. PSMPC, SMPC and hard switching are one piece of code with two switches."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,25 +25,6 @@ BRAKING_TIME = 0.5
 """Time within which a robot without a plan comes to rest [s], longer where acceleration limits ask for it."""
 
 
-@dataclass(frozen=True, eq=False)
-class ControllerMemory:
-    """What a controller remembers from one sample to the next.
-
-    Attributes:
-        sequence: The stages in the window.
-        plan: The plan in force; None before the first sample.
-        braking: The plan that brakes to rest, once the other is used up.
-        solved: The last solve, whose multipliers start the next one.
-        trusted: End of the plan in force when the state was last measured whole [s]; infinite before the first sample.
-    """
-
-    sequence: Sequence
-    plan: Plan | None
-    braking: Plan | None
-    solved: Solution | None
-    trusted: float = np.inf
-
-
 class SwitchingController:
     """Priority-based switching MPC and what it is compared with. Paper Algorithm 1."""
 
@@ -57,19 +38,14 @@ class SwitchingController:
         self._trusted = np.inf
 
     @property
-    def memory(self) -> ControllerMemory:
-        """What it remembers; another controller of the same task that is given this decides alike from here on."""
-        return ControllerMemory(self._sequence, self._plan, self._braking, self._solved, self._trusted)
-
-    @memory.setter
-    def memory(self, memory: ControllerMemory) -> None:
-        self._sequence, self._plan = memory.sequence, memory.plan
-        self._braking, self._solved, self._trusted = memory.braking, memory.solved, memory.trusted
-
-    @property
     def sequence(self) -> Sequence:
         """The stages in the window."""
         return self._sequence
+
+    @property
+    def solved(self) -> Solution | None:
+        """The last solve, whose multipliers start the next one; None before the first."""
+        return self._solved
 
     def hand_over(self, now: float, x: np.ndarray) -> tuple[Switch, ...]:
         """Drop the stages that are over at time now [s], by the plan or by the measured state x (2n,)."""
@@ -104,7 +80,7 @@ class SwitchingController:
             prediction=prediction,
             appended=sequence.last > before.last,
             postponed=sequence.last < (longer or before).last,
-            fallback=not usable,
+            solve_failed=not usable,
             exhausted=self._braking is not None,
             unmeasured=not measured,
         )

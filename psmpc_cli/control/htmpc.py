@@ -28,7 +28,7 @@ class HierarchicalController(SwitchingController):
     def decide(self, now: float, x: np.ndarray) -> Decision:
         """Return the decision at time now [s] from the measured state x (2n,)."""
         first = super().decide(now, x)
-        if first.fallback:
+        if first.solve_failed:
             return first
         levels = self._descend(first)
         self._plan = levels[-1].plan

@@ -1,6 +1,7 @@
 """The moving sequence: which stages stand in the window at a sample. Paper Algorithm 1."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,9 +46,8 @@ class Sequence:
         return self.first + len(self.instants)
 
 
-@dataclass(frozen=True)
-class Switch:
-    """A stage handed over: its index and the instant [s]."""
+class Switch(NamedTuple):
+    """A stage ended: its index and the switch time [s]."""
 
     stage: int
     time: float

@@ -104,7 +104,7 @@ def stage_spans(log: Log, end: float) -> tuple[Span, ...]:
     start = float(log.time[0])
     for index, name in enumerate(log.stage_names):
         actual, switch = float(log.stages["actual_start"][index]), float(log.stages["switch_time"][index])
-        early = actual if index and log.stages["premature"][index] and actual < start else None
+        early = actual if index and log.stages["early"][index] and actual < start else None
         if spans and start >= end and early is None:
             break
         spans.append(Span(index, name, start, switch if np.isfinite(switch) else end, early))

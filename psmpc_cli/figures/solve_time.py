@@ -47,7 +47,7 @@ def plot_solve_time(run: Run) -> Figure:
     below.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, steps=[1, 2, 5, 10]))
     panel_legend(above, line=0.8)
     handles = [Line2D([], [], color=EDGE, linewidth=0.7, label=f"sample time, {limit:g} ms")]
-    failed = run.log["events/fallback"].astype(bool)
+    failed = run.log["events/solve_failed"].astype(bool)
     if np.any(failed):
         for axes, values in ((above, np.where(solved, wall, limit)), (below, run.log["solver/iterations"])):
             axes.plot(run.log.time[failed], values[failed], "x", color="black", markersize=4)

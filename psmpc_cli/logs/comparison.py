@@ -9,9 +9,9 @@ import h5py
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError, LogError, RunError
-from psmpc_cli.logs.layout import COMPARISON, FORMAT_VERSION
 from psmpc_cli.logs.new_file import refuse
 from psmpc_cli.logs.read import Log, kind_in, log_in, opened
+from psmpc_cli.logs.schema import COMPARISON, FORMAT_VERSION
 from psmpc_cli.logs.seal import seal
 from psmpc_cli.logs.structure import OF_DIMENSIONS
 

@@ -59,7 +59,8 @@ def compare_logs(one: Path, other: Path, rows: int | None = None, without: tuple
     """
     with opened(one) as first, opened(other) as second:
         mine, others = dict(_datasets(first)), dict(_datasets(second))
-        wanted = [path for path in mine | others if not path.endswith(WALL_TIME) and not path.startswith(without)]
+        left_out = (WALL_TIME,) if rows is None else (WALL_TIME, "_element")
+        wanted = [path for path in mine | others if not path.endswith(left_out) and not path.startswith(without)]
         found = [_difference(path, mine, others, _length(path, mine, rows)) for path in sorted(wanted)]
     return Comparison(len(found), tuple(each for each in found if each is not None))
 
@@ -87,6 +88,8 @@ def _difference(
     if path not in one or path not in other:
         return Difference(path, np.nan, -1, "", f"only the {'run' if path in other else 'log'} has it")
     a, b = (np.asarray(each[path][() if rows is None else slice(rows)]) for each in (one, other))
+    if rows is not None and a.ndim == b.ndim == 2:  # rows of vectors are as wide as the longest of the whole run
+        a, b = (values[:, : min(a.shape[1], b.shape[1])] for values in (a, b))
     units = str(one[path].attrs.get("units", ""))
     if a.shape != b.shape:
         shapes = " and ".join("x".join(map(str, each.shape)) for each in (a, b))

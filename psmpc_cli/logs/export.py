@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.layout import COLUMNS, MOMENTUM, OPTIONAL
 from psmpc_cli.logs.read import Log
+from psmpc_cli.logs.schema import MOMENTUM, columns
 
 
 def export_csv(log: Log, directory: Path, force: bool = False) -> list[Path]:
@@ -45,17 +45,17 @@ def _samples(log: Log) -> Iterator[tuple[str, np.ndarray]]:
         "stage": log.stage_names,
         "momentum": MOMENTUM,
     }
-    for column in (column for column in sum(OPTIONAL, COLUMNS) if column.path in log.columns):
+    for column in (column for column in columns("time") if column.path in log.columns):
         values = log[column.path]
-        if not column.scale:
+        if len(column.dims) == 1:
             yield column.path if column.units == "1" else f"{column.path} [{column.units}]", values
             continue
-        for name, row in zip(names[column.scale], values.T, strict=True):
+        for name, row in zip(names[column.dims[1]], values.T, strict=True):
             yield f"{column.path}/{name}", row
 
 
 def _stages(log: Log) -> Iterator[tuple[str, np.ndarray]]:
-    for name in ("name", "priority", "switch_time", "actual_start", "premature"):
+    for name in ("name", "priority", "switch_time", "actual_start", "early"):
         yield name, log.stages[name]
     for epsilon, starts in zip(log.stages["epsilon"], log.stages["actual_start_by_epsilon"].T, strict=True):
         yield f"actual_start/{epsilon:g}", starts

@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 from h5py import h5d
 
-from psmpc_cli.logs.layout import COMPARISON, FORMAT_VERSION, RUN
+from psmpc_cli.logs.schema import COMPARISON, FORMAT_VERSION, RUN
 from psmpc_cli.logs.structure import EXPANSION, ROOM, RefusedError, damaged, ensure_plain, varies
 
 MEMORY = 2**31

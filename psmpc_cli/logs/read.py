@@ -10,25 +10,7 @@ import numpy as np
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.guard import ensure_readable
-from psmpc_cli.logs.layout import (
-    BASIN,
-    COLUMNS,
-    DEVIATIONS,
-    DRAWN,
-    DRAWN_SCALES,
-    FINAL_TRUE,
-    FORMAT_VERSION,
-    NODES,
-    OPTIONAL,
-    PLANS,
-    RUN,
-    SCALES,
-    TABLES,
-    TICKS,
-    TIME,
-    UNMEASURED,
-    WARM,
-)
+from psmpc_cli.logs.schema import FORMAT_VERSION, RUN, SCHEMA, columns
 from psmpc_cli.logs.sound import ensure_sound
 from psmpc_cli.logs.structure import RefusedError, damaged
 from psmpc_cli.specs.messages import shortened
@@ -50,7 +32,7 @@ class Log:
         path: The file.
         attributes: The file's attributes (versions, effective YAML texts, `finished`, `end_reason`, ...).
         columns: Every dataset with a row a sample, /time included, by path; an older log may lack some.
-        stages: Datasets below /stages: name, priority, switch_time, actual_start, premature, epsilon, ...
+        stages: Datasets below /stages: name, priority, switch_time, actual_start, early, epsilon, ...
         coordinates, pose_coordinates: Names of the rows of Q and xi.
         final: time, Q, Qdot and xi at the end of the run; NaN in a run that was killed or interrupted. With noise Q and
             Qdot are what the controller saw, Q_true and Qdot_true stand beside them.
@@ -79,6 +61,11 @@ class Log:
     def time(self) -> np.ndarray:
         """Sample times (K,) [s]."""
         return self.columns["time"]
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the run was stopped from outside, or goes on."""
+        return not np.isfinite(self.final["time"])
 
     @property
     def stage_names(self) -> tuple[str, ...]:
@@ -180,17 +167,17 @@ def log_in(path: Path, file: h5py.Group) -> Log:
     for name in ATTRIBUTES:
         if name not in file.attrs:
             raise LogError(f"{path}: found no attribute {name}, {EXPECTED}")
-    groups = (DEVIATIONS, BASIN, NODES, UNMEASURED, WARM, *OPTIONAL)
-    lacking = [column for group in groups if group[0].path not in file for column in group]
-    columns = _along(file, TIME.path, *(column.path for column in sum(OPTIONAL, COLUMNS) if column not in lacking))
-    ticks = _along(file, *(column.path for column in TICKS)) if TICKS[0].path in file else {}
-    drawn = [entry for entry in (*FINAL_TRUE, *DRAWN_SCALES, *DRAWN) if entry.path in file]
-    fixed = {entry.path: _array(file[entry.path]) for entry in (*SCALES, *TABLES, *drawn)}
-    ensure_sound(file.attrs, {**fixed, **columns, **ticks})
+    samples = _along(
+        file, "time", *(c.path for c in columns("time") if not c.ragged and (c.path in file or not c.only))
+    )
+    has_ticks = "ticks/time" in file
+    ticks = _along(file, *(column.path for column in columns("ticks/tick"))) if has_ticks else {}
+    fixed = {c.path: _array(file[c.path]) for c in SCHEMA if c.value is None and (c.path in file or not c.only)}
+    ensure_sound(file.attrs, {**fixed, **samples, **ticks})
     return Log(
         path=path,
         attributes=dict(file.attrs),
-        columns=columns,
+        columns=samples,
         stages=_below("stages", fixed),
         coordinates=tuple(str(name) for name in fixed["coordinate"]),
         pose_coordinates=tuple(str(name) for name in fixed["pose_coordinate"]),
@@ -198,7 +185,7 @@ def log_in(path: Path, file: h5py.Group) -> Log:
         monitors=_below("monitors", fixed),
         uncertainty=_below("uncertainty", fixed),
         ticks=_below("ticks", ticks),
-        plans=PLANS[0][0] in file,
+        plans="plan/solution" in file,
     )
 
 

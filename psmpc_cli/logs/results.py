@@ -15,9 +15,9 @@ import numpy as np
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import LogError, RunError
-from psmpc_cli.logs.layout import FORMAT_VERSION
 from psmpc_cli.logs.new_file import write_new
 from psmpc_cli.logs.read import kind_in, opened
+from psmpc_cli.logs.schema import FORMAT_VERSION
 from psmpc_cli.logs.seal import seal, sealed, unseal
 from psmpc_cli.logs.sound import ensure_believable
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from psmpc_cli.logs.layout import COLUMNS, DRAWN, FINAL_TRUE, OPTIONAL, TABLES, TICKS, TIME, Column, Table
+from psmpc_cli.logs.schema import SCHEMA, Column
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -30,14 +30,10 @@ def ensure_sound(attributes: Mapping[str, object], arrays: Arrays) -> None:
     _check_attributes(attributes)
     for path in ("coordinate", "pose_coordinate", "stage"):
         _check_names(path, arrays[path])
-    for column in (TIME, *sum(OPTIONAL, COLUMNS), *TICKS):
+    for column in SCHEMA:
         if (values := arrays.get(column.path)) is not None:
-            _check(
-                column, values, (_size(arrays, "ticks/time" if column in TICKS else "time"), *_width(arrays, column))
-            )
-    for table in (*TABLES, *FINAL_TRUE, *DRAWN):
-        if (values := arrays.get(table.path)) is not None:
-            _check(table, values, tuple(_size(arrays, scale) for scale in table.scales))
+            dims = ["ticks/time" if dim == "ticks/tick" else dim for dim in column.dims]
+            _check(column, values, tuple(_size(arrays, dim) for dim in dims))
     for path in ("time", "ticks/time"):
         _check_times(path, arrays.get(path, np.zeros(0)))
     _check_windows(arrays["window/first"], arrays["window/count"], len(arrays["stage"]))
@@ -55,10 +51,6 @@ def ensure_believable(path: str, values: np.ndarray) -> None:
         raise ValueError(f"{path} holds a number beyond {LARGEST:g}")
     if path.startswith(BOUNDED) and np.isinf(values).any():
         raise ValueError(f"{path} holds an infinite number")
-
-
-def _width(arrays: Arrays, column: Column) -> tuple[int, ...]:
-    return (_size(arrays, column.scale),) if column.scale else ()
 
 
 def _size(arrays: Arrays, path: str) -> int:
@@ -81,7 +73,7 @@ def _check_names(path: str, names: np.ndarray) -> None:
         raise ValueError(f"{path} is no list of names")
 
 
-def _check(entry: Column | Table, values: np.ndarray, shape: tuple[int, ...]) -> None:
+def _check(entry: Column, values: np.ndarray, shape: tuple[int, ...]) -> None:
     """Check kind, size and numbers of an array."""
     text = entry.dtype in ("text", "S16")
     right = values.dtype.kind == "U" if text else values.dtype == np.dtype(entry.dtype)

@@ -1,17 +1,18 @@
-"""What one sample measures: margins to limits, efforts, the physics' own balance."""
+"""What is measured of a run: margins to limits, efforts, the physics' own balance, starts and ends of stages."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psmpc_cli.control.decision import Decision
-from psmpc_cli.control.offset_free import Offset
+from psmpc_cli.control.decision import Command
 from psmpc_cli.control.sequence import Switch
-from psmpc_cli.logs.record import LevelsRecord, Record, SolveRecord, TickRecord
-from psmpc_cli.ocp.window import SHORTEST
+from psmpc_cli.logs.schema import Metrics, Sample
+from psmpc_cli.ocp.costs import StageCosts
+from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.window import SHORTEST, end_tolerance
 from psmpc_cli.plant import Ticks
 from psmpc_cli.plant.uncertainty import Contact
-from psmpc_cli.simulation.end_error import end_error
 from psmpc_cli.simulation.setup import Experiment
 
 
@@ -46,94 +47,68 @@ class Balance:
 
 
 @dataclass(frozen=True, eq=False)
-class Sample:
-    """What happened at a sample around its decision.
+class Observed:
+    """What the closed loop knows of a sample around its command.
 
     Attributes:
+        number: Of the sample.
         x: True state (2n,), before anything is taken up or let go.
-        switches: Hand-overs since the last sample.
-        contact: What taking up or letting go did.
-        presence, shares: What was found aside, by stage index.
-        u: Accelerations applied over the ticks (M, n).
-        ticks: What the physics did.
-        balance: The balance after them.
-        offset: What is known of the disturbance, under offset-free control.
+        u: Accelerations that reached the robot over the ticks (M, n).
+        presence, shares: By stage index, from counterfactual solves.
+        balance: The balance after the ticks.
+        payload_energy: What taking up or letting go added at the sample [J].
     """
 
+    number: int
     x: np.ndarray
-    switches: tuple[Switch, ...]
-    contact: Contact
-    presence: dict[int, float]
-    shares: dict[int, float]
     u: np.ndarray
-    ticks: Ticks
+    presence: Mapping[int, float]
+    shares: Mapping[int, float]
     balance: Balance
-    offset: Offset | None
+    payload_energy: float
 
 
-def measure(experiment: Experiment, decision: Decision, sample: Sample) -> Record:
-    """Return the record of a sample; how the motion went is of the true state where that is not the measured one."""
-    n, uncertainty, seen = experiment.model.n, experiment.uncertainty, decision.x
-    exact, ticks, u = experiment.task.sees_the_state, sample.ticks, sample.u
-    x = seen if exact else sample.x
-    stage = experiment.stages[decision.sequence.first]
-    tick, since = np.diff(ticks.time), ticks.time[:1] - decision.sequence.entered
-    base = experiment.model.parts["base"]
-    position, velocity = _margins(experiment, decision, ticks)
-    momentum_error, energy_error = sample.balance.drift(*uncertainty.kept(stage.index, ticks.X[-1]))
-    return Record(
-        time=float(ticks.time[0]),
-        Q=seen[:n],
-        Qdot=seen[n:],
-        u=u[0],
-        F=ticks.F[0],
-        xi=experiment.model.poses(x[:n]).ravel(),
-        window_first=decision.sequence.first,
-        instants=decision.sequence.instants,
-        nadir=decision.solved.window.scale[: decision.sequence.count],
-        nodes=np.array(decision.solved.window.nodes[: decision.sequence.count], float),
-        flags=_flags(decision),
-        switches=tuple((switch.stage, switch.time) for switch in sample.switches),
-        presence=sample.presence,
-        solve=_solve_record(decision),
+def measure(experiment: Experiment, command: Command, ticks: Ticks, observed: Observed) -> Sample:
+    """Measure a sample; how the motion went is of the true state where that is not the measured one."""
+    uncertainty, u = experiment.uncertainty, observed.u
+    x = command.x if experiment.task.sees_the_state else observed.x
+    stage = experiment.stages[command.sequence.first]
+    tick, since = np.diff(ticks.time), ticks.time[:1] - command.sequence.entered
+    base = ticks.F[:, experiment.model.parts["base"]]
+    position, velocity = _margins(stage, ticks, experiment.model.n)
+    momentum_error, energy_error = observed.balance.drift(*uncertainty.kept(stage.index, ticks.X[-1]))
+    metrics = Metrics(
+        u=u,
+        xi=experiment.model.poses(x[: experiment.model.n]).ravel(),
         stage_cost=float(experiment.costs.at(stage, x[None], u[:1], since)[0]),
+        presence=observed.presence,
+        shares=observed.shares,
         position_margin=position,
         velocity_margin=velocity,
         control_effort=float(tick @ np.sum(u**2, axis=1)),
-        thruster_effort=np.array(
-            [
-                tick @ np.linalg.norm(ticks.F[:, base][:, :-1], axis=1),
-                tick @ np.abs(ticks.F[:, base][:, -1]),
-            ]
-        ),
+        base_force=float(tick @ np.linalg.norm(base[:, :-1], axis=1)),
+        base_torque=float(tick @ np.abs(base[:, -1])),
+        deviation=ticks.X[-1] - command.plan.states_at(ticks.time[-1:])[0],
+        end_errors=_end_errors(experiment, command, ticks),
         momentum_error=momentum_error,
         energy_error=energy_error,
-        ticks=TickRecord(ticks.time[:-1], ticks.X[:-1, :n], ticks.X[:-1, n:], ticks.F)
-        if experiment.task.log.ticks
-        else None,
-        window_cost=np.zeros(0) if decision.fallback else decision.solved.costs,
-        shares=sample.shares,
-        levels=_levels_record(experiment, decision),
-        basin=decision.solved.basin,
-        plan_deviation=ticks.X[-1] - decision.plan.states_at(ticks.time[-1:])[0],
-        end_errors=_end_errors(experiment, decision, ticks),
-        true=None if exact else sample.x,
-        disturbance=None if sample.offset is None else sample.offset.d,
-        payload=(uncertainty.holds(stage.index), sample.contact.work) if uncertainty.spec.payload else None,
+        true=x,
+        held=uncertainty.holds(stage.index),
+        payload_energy=observed.payload_energy,
     )
+    return Sample(command, ticks, metrics, observed.number, len(experiment.stages))
 
 
-def _margins(experiment: Experiment, decision: Decision, ticks: Ticks) -> tuple[np.ndarray, np.ndarray]:
+def _margins(stage: Stage, ticks: Ticks, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the smallest distance to a position and to a velocity limit over all ticks after the sample, (n,) each."""
-    limits, n = experiment.stages[decision.sequence.first].limits, experiment.model.n
-    Q, Qdot = ticks.X[1:, :n], ticks.X[1:, n:]
+    limits, Q, Qdot = stage.limits, ticks.X[1:, :n], ticks.X[1:, n:]
     position = np.minimum(Q - limits.position_low, limits.position_high - Q).min(axis=0)
     velocity = np.minimum(Qdot - limits.velocity_low, limits.velocity_high - Qdot).min(axis=0)
     return position, velocity
 
 
 def state_at(times: np.ndarray, X: np.ndarray, time: float) -> np.ndarray:
-    """Return the state (2n,) at a time [s] among or soon after the times (M,) of states X (M, 2n).
+    """Interpolate the state (2n,) at a time [s] among or soon after the times (M,) of states X (M, 2n).
 
     Between two of them the acceleration is taken for constant, and after the last it stays what it was.
     """
@@ -144,61 +119,69 @@ def state_at(times: np.ndarray, X: np.ndarray, time: float) -> np.ndarray:
     return np.concatenate([X[k, :n] + since / 2 * (X[k, n:] + Qdot), Qdot])
 
 
-def _end_errors(experiment: Experiment, decision: Decision, ticks: Ticks) -> dict[int, float]:
-    """Return the end errors of stages that hand over by the plan before the next sample, by stage index.
+def end_error(costs: StageCosts, stage: Stage, x: np.ndarray) -> float:
+    """Return the largest error of a stage's end condition at x (2n,) over its tolerance; NaN without one. Eq. (18)."""
+    rows = list(stage.end_rows)
+    if not rows:
+        return np.nan
+    errors = costs.errors(stage, x[None])[0, rows]
+    if stage.end_velocity is not None:
+        errors = np.concatenate([errors, costs.rates(stage, x[None])[0, rows]])
+    return float(np.max(np.abs(errors) / end_tolerance(stage)))
 
-    At their instants, which may lie up to `SHORTEST` after it: so far the motion is carried on as it is.
+
+def _end_errors(experiment: Experiment, command: Command, ticks: Ticks) -> dict[int, float]:
+    """Return the end errors of stages that end by the plan before the next sample, by stage index.
+
+    At their planned switch times, which may lie up to `SHORTEST` after it: so far the motion is carried on as it is.
     """
     found = {}
-    for index, instant in enumerate(decision.sequence.instants, start=decision.sequence.first):
+    for index, instant in enumerate(command.instants, start=command.sequence.first):
         if instant <= ticks.time[-1] + SHORTEST:
             x = state_at(ticks.time, ticks.X, float(instant))
             found[index] = end_error(experiment.costs, experiment.stages[index], x)
     return found
 
 
-def _flags(decision: Decision) -> frozenset[str]:
-    happened = {
-        "appended": decision.appended,
-        "postponed": decision.postponed,
-        "fallback": decision.fallback,
-        "braking": decision.exhausted,
-        "unmeasured": decision.unmeasured,
-    }
-    return frozenset(name for name, yes in happened.items() if yes)
+class StageClock:
+    """Follows switch times and actual starts. Section "what is measured" of docs/formulation.md.
 
-
-def _levels_record(experiment: Experiment, decision: Decision) -> LevelsRecord | None:
-    """Return the record of the levels of a lexicographic controller; None under any other."""
-    if not decision.levels:
-        return None
-    stages = len(experiment.stages)
-    objective, cost, wall_time = (np.full(stages, np.nan) for _ in range(3))
-    solved = np.full(stages, -1)
-    for stage, level in enumerate(decision.levels, start=decision.sequence.first):
-        wall_time[stage], solved[stage] = level.wall_time, level.outcome.usable
-        if level.outcome.usable:
-            objective[stage] = level.costs[-1]
-            cost[stage + 1 - len(level.costs) : stage + 1] = level.costs
-    return LevelsRecord(objective, cost, wall_time, solved)
-
-
-def _solve_record(decision: Decision) -> SolveRecord:
-    """Return the record of a solve; the objective is in the task's own priorities.
-
-    Under lexicographic control time, iterations and status are those of all levels together; the last one is the one
-    that may have failed. The rest is the first level's.
+    The actual start of a stage is the first sample at which its presence in the control reaches a threshold; a stage
+    that never does so before its time starts at the switch time that ends the stage before it.
     """
-    solved = decision.solved
-    levels = decision.levels or (solved,)
-    return SolveRecord(
-        status=levels[-1].outcome.name.lower(),
-        iterations=sum(level.iterations for level in levels),
-        wall_time=sum(level.wall_time for level in levels),
-        objective=solved.J,
-        guess=solved.guess.flat,
-        warm=solved.warm,
-        guess_multipliers=solved.guess_duals,
-        parameters=solved.window.numbers,
-        solution=solved.plan.flat,
-    )
+
+    def __init__(self, stages: int, epsilon: float, series: tuple[float, ...]) -> None:
+        self.thresholds = np.array([*series, epsilon])
+        self.switch_time = np.full(stages, np.nan)
+        self._early = np.full((stages, len(self.thresholds)), np.nan)
+
+    def update(self, sample: Sample) -> bool:
+        """Take in a sample; return whether anything changed."""
+        return self.note(sample.command.time, sample.command.switches, sample.metrics.presence)
+
+    def note(self, time: float, switches: tuple[Switch, ...], presence: Mapping[int, float]) -> bool:
+        """Take in the stages that ended and the presences at a sample [s]; return whether anything changed."""
+        self.end(switches)
+        changed = bool(switches)
+        for stage, found in presence.items():
+            starts = (found >= self.thresholds) & np.isnan(self._early[stage])
+            self._early[stage, starts] = time
+            changed |= bool(starts.any())
+        return changed
+
+    def end(self, switches: tuple[Switch, ...]) -> None:
+        """Take in the switch times of stages that ended."""
+        for switch in switches:
+            self.switch_time[switch.stage] = switch.time
+
+    @property
+    def tables(self) -> dict[str, np.ndarray]:
+        """The times as known so far, by their paths in the log."""
+        regular = np.r_[0.0, self.switch_time[:-1]]
+        starts = np.where(np.isnan(self._early), regular[:, None], self._early)
+        return {
+            "stages/switch_time": self.switch_time.copy(),
+            "stages/actual_start": starts[:, -1],
+            "stages/early": ~np.isnan(self._early[:, -1]),
+            "stages/actual_start_by_epsilon": starts[:, :-1],
+        }

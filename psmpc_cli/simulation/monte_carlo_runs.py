@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.logs.layout import MONTE_CARLO
 from psmpc_cli.logs.results import Results, read_results
+from psmpc_cli.logs.schema import MONTE_CARLO
 
 WAITING, ENDED, CRASHED = range(3)
 STATUS = ("waiting", "ended", "crashed")

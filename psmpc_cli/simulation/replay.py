@@ -136,7 +136,7 @@ def _remarks(log: Log, experiment: Experiment, sample: int) -> list[str]:
         )
     if log["events/braking"][sample]:
         found.append("the solve failed and the plan was used up: compared is the last iterate of the failed solve")
-    elif log["events/fallback"][sample]:
+    elif log["events/solve_failed"][sample]:
         found.append(
             "the solve failed and the plan before it went on: compared is the last iterate of the failed solve"
         )

@@ -1,146 +1,147 @@
-"""One run from a loaded task to a closed log: the closed loop, its log and whoever watches."""
+"""One run from a task to its log: the closed loop, its log, and who watches it."""
 
 import logging
+import os
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import TypedDict
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from psmpc_cli import __version__
 from psmpc_cli.control.controller import priorities_in_force
-from psmpc_cli.errors import RunError
-from psmpc_cli.logs.read import read_log
-from psmpc_cli.logs.record import Record
-from psmpc_cli.logs.write import Header, LogWriter, write_monitors
+from psmpc_cli.errors import InputError, LogError, RunError
+from psmpc_cli.logs.differences import Comparison, compare_logs
+from psmpc_cli.logs.read import Log, log_in, read_log
+from psmpc_cli.logs.schema import AXES, MOMENTUM, Sample
+from psmpc_cli.logs.write import Header, LogWriter, claimed
 from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.robot.bodies import body_names
-from psmpc_cli.simulation.checkpoint import Checkpoint
-from psmpc_cli.simulation.loop import Ending, simulate
+from psmpc_cli.simulation.loop import Ending, closed_loop
+from psmpc_cli.simulation.measures import StageClock
 from psmpc_cli.simulation.monitors import verdicts
 from psmpc_cli.simulation.setup import Experiment, build_experiment
-from psmpc_cli.simulation.stage_times import StageClock
+from psmpc_cli.simulation.summary import task_of
 from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.load import Task
 
 logger = logging.getLogger(__name__)
 
+IN_MEMORY = Path("a run in memory")
+"""The path of a run that was not written."""
 
-@dataclass(frozen=True, eq=False)
-class Progress:
-    """What a watcher is told after each sample."""
-
-    record: Record
-    stage: str
-    fallbacks: int
+Watch = Callable[[Sample], None]
 
 
-def run(
-    loaded: Task, path: Path, force: bool = False, watch: Callable[[Progress], None] = lambda progress: None
-) -> Ending | None:
-    """Run a task, write its log, and return how it ended; None if it was interrupted.
+def simulate(task: Task, path: Path | None = None, watch: Watch = lambda sample: None, force: bool = False) -> Log:
+    """Run a task in closed loop and return the run.
 
-    An interruption (KeyboardInterrupt, from anywhere or raised by the watcher) ends the run cleanly: the log holds
-    everything up to then and says `finished = false`.
+    An interruption (KeyboardInterrupt, from anywhere or raised by the watcher) ends the run cleanly: it holds
+    everything up to then, is not `finished`, and has no final time.
+
+    Args:
+        task: The task.
+        path: Its log; in memory alone by default.
+        watch: Called with each sample.
+        force: Overwrite an earlier log.
 
     Raises:
         InputError: The log exists already or cannot be written.
         RunError: The log could not be written any further.
     """
-    experiment = build_experiment(loaded)
+    experiment = build_experiment(task)
     with LogWriter(path, header(experiment), force) as writer:
-        ending = write_records(experiment, writer, watch, new_clock(experiment))
-    judge(loaded, path)
-    return ending
+        _write(experiment, writer, watch)
+        if path is None:
+            return log_in(IN_MEMORY, writer.file)
+    return read_log(path)
 
 
-def judge(loaded: Task, path: Path) -> None:
-    """Write the verdicts of the task's monitors into a closed log."""
-    if verdict := verdicts(loaded.spec, read_log(path)):
-        write_monitors(path, np.array([v.held for v in verdict]), np.array([v.margin for v in verdict]))
-
-
-def new_clock(experiment: Experiment) -> StageClock:
-    """Return the clock of an experiment's stages."""
-    onset = experiment.task.onset
-    return StageClock(len(experiment.stages), onset.epsilon, onset.series)
-
-
-def write_records(
-    experiment: Experiment,
-    writer: LogWriter,
-    watch: Callable[[Progress], None],
-    clock: StageClock,
-    start: Checkpoint | None = None,
-    fallbacks: int = 0,
-) -> Ending | None:
-    """Write every record of the closed loop and tell the watcher, until the run ends or is interrupted.
-
-    Args:
-        experiment: The experiment.
-        writer: Its log.
-        watch: Told after each sample.
-        clock: When the stages ended and started, up to the start.
-        start: Where to go on from; by default the beginning.
-        fallbacks: How many samples before had no solution.
-    """
-    samples = simulate(experiment, start)
+def _write(experiment: Experiment, writer: LogWriter, watch: Watch) -> None:
+    """Write every sample of the closed loop and how it ended."""
+    onset, samples = experiment.task.onset, closed_loop(experiment)
+    clock = StageClock(len(experiment.stages), onset.epsilon, onset.series)
     try:
-        writer.update_stages(clock.times)
+        writer.update(clock.tables)
         while True:
-            record = next(samples)
-            writer.append(record)
-            if clock.update(record):
-                writer.update_stages(clock.times)
-            fallbacks += "fallback" in record.flags
-            _report(record, experiment.stages)
-            watch(Progress(record, experiment.stages[record.window_first].name, fallbacks))
+            sample = next(samples)
+            writer.append(sample)
+            if clock.update(sample):
+                writer.update(clock.tables)
+            _report(sample, experiment.stages)
+            watch(sample)
     except StopIteration as stop:
         ending: Ending = stop.value
     except KeyboardInterrupt as interruption:
-        writer.update_stages(clock.times)
-        writer.finish(False, str(interruption) or "interrupted", *_nowhere(experiment))
-        return None
+        writer.finish(False, str(interruption) or "interrupted", {**clock.tables, **_verdicts(experiment, writer)})
+        return
     except RunError as error:
         with suppress(RunError):
-            writer.finish(False, str(error), *_nowhere(experiment))
+            writer.finish(False, str(error), clock.tables)
         raise
-    clock.hand_over(tuple((switch.stage, switch.time) for switch in ending.switches))
-    writer.update_stages(clock.times)
-    xi = experiment.model.poses(ending.true[: experiment.model.n]).ravel()
-    writer.finish(ending.completed, ending.reason, ending.time, ending.x, xi, ending.true)
-    return ending
+    clock.end(ending.switches)
+    writer.update(clock.tables)
+    final = {**_final(experiment, ending), **_verdicts(experiment, writer)}
+    writer.finish(ending.completed, ending.reason, final, ending.stuck)
 
 
-def _nowhere(experiment: Experiment) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return the final time, state and poses of a run that has none."""
-    return np.nan, np.full(2 * experiment.model.n, np.nan), np.full(experiment.model.m, np.nan)
+def _final(experiment: Experiment, ending: Ending) -> dict[str, ArrayLike]:
+    """Return time, state and poses at the end of a run, by their paths in the log."""
+    final = {"Q": ending.x[: experiment.model.n], "Qdot": ending.x[experiment.model.n :]}
+    if not experiment.task.sees_the_state:
+        final |= {"Q_true": ending.true[: experiment.model.n], "Qdot_true": ending.true[experiment.model.n :]}
+    final["xi"] = experiment.model.poses(ending.true[: experiment.model.n]).ravel()
+    return {"final/end_time": ending.time, **{f"final/{name}": value for name, value in final.items()}}
 
 
-def _report(record: Record, stages: tuple[Stage, ...]) -> None:
+def _verdicts(experiment: Experiment, writer: LogWriter) -> dict[str, ArrayLike]:
+    """Return the verdicts of the task's monitors over the samples so far, by their paths in the log."""
+    found = verdicts(experiment.task, log_in(writer.path or IN_MEMORY, writer.file)) if experiment.task.monitors else ()
+    return {"monitors/held": [v.held for v in found], "monitors/margin": [v.margin for v in found]}
+
+
+def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
     """Log what happened at a sample: what went wrong as a warning, the rest for who wants to know every event."""
-    for stage, instant in record.switches:
-        logger.info("%.2f s: %s ended at %.2f s", record.time, stages[stage].name, instant)
-    last = record.window_first + len(record.instants)
-    if "appended" in record.flags:
-        logger.info("%.2f s: %s entered the window", record.time, stages[last].name)
-    if "postponed" in record.flags:
-        logger.info("%.2f s: %s was seen but could not be solved for yet", record.time, stages[last + 1].name)
-    goes_on = "the robot brakes to rest" if "braking" in record.flags else "the shifted plan goes on"
-    if "unmeasured" in record.flags:
-        stands_in = goes_on if "braking" in record.flags else "the plan's prediction stands in for it"
-        logger.warning("%.2f s: the state was not measured; %s", record.time, stands_in)
-    elif "fallback" in record.flags:
-        logger.warning("%.2f s: solve failed (%s); %s", record.time, record.solve.status, goes_on)
+    command = sample.command
+    for switch in command.switches:
+        logger.info("%.2f s: %s ended at %.2f s", command.time, stages[switch.stage].name, switch.time)
+    if "appended" in command.events:
+        logger.info("%.2f s: %s entered the window", command.time, stages[command.sequence.last].name)
+    if "postponed" in command.events:
+        name = stages[command.sequence.last + 1].name
+        logger.info("%.2f s: %s was seen but could not be solved for yet", command.time, name)
+    braking = "braking" in command.events
+    goes_on = "the robot brakes to rest" if braking else "the shifted plan goes on"
+    if "unmeasured" in command.events:
+        instead = goes_on if braking else "the plan's prediction is used for it"
+        logger.warning("%.2f s: the state was not measured; %s", command.time, instead)
+    elif "solve_failed" in command.events:
+        logger.warning("%.2f s: solve failed (%s); %s", command.time, command.outcome.name.lower(), goes_on)
 
 
 def header(experiment: Experiment) -> Header:
     """Return what the log says of the run before it begins."""
-    task, loaded = experiment.task, experiment.loaded
+    task, loaded, draw = experiment.task, experiment.loaded, experiment.uncertainty.draw
+    names = tuple(stage.name for stage in experiment.stages)
+    drawn: dict[str, ArrayLike] = {
+        "uncertainty/body": body_names(experiment.model.spec),
+        "uncertainty/axis": AXES,
+        "uncertainty/mass_factor": draw.mass_factor,
+        "uncertainty/inertia_factor": draw.inertia_factor,
+        "uncertainty/centre_of_mass": draw.offset,
+    }
+    has = {
+        "ticks": task.log.ticks,
+        "plans": task.log.plans,
+        "levels": task.controller.kind == "htmpc",
+        "true state": not task.sees_the_state,
+        "payload": task.uncertainty.payload is not None,
+        "disturbance": task.controller.offset_free,
+        "drawn": task.uncertainty.in_force,
+    }
     return Header(
         attributes={
             "psmpc_version": __version__,
@@ -161,40 +162,107 @@ def header(experiment: Experiment) -> Header:
             "task_yaml": loaded.task_yaml,
             "robot_yaml": loaded.robot_yaml,
         },
-        coordinates=labels(loaded.robot, "joint"),
-        pose_coordinates=labels(loaded.robot, "task"),
-        stages=tuple(stage.name for stage in experiment.stages),
-        priorities=tuple(priorities_in_force(task.controller, experiment.stages)),
-        epsilons=task.onset.series,
-        ticks=task.log.ticks,
-        plans=task.log.plans,
-        monitors=tuple(monitor.name for monitor in task.monitors),
-        levels=task.controller.kind == "htmpc",
-        offset_free=task.controller.offset_free,
-        **_uncertain(experiment),
+        values={
+            "coordinate": labels(loaded.robot, "joint"),
+            "pose_coordinate": labels(loaded.robot, "task"),
+            "stage": names,
+            "momentum": MOMENTUM,
+            "stages/epsilon": task.onset.series,
+            "stages/name": names,
+            "stages/priority": priorities_in_force(task.controller, experiment.stages),
+            "monitors/name": tuple(monitor.name for monitor in task.monitors),
+            **(drawn if task.uncertainty.in_force else {}),
+        },
+        has=frozenset(name for name, yes in has.items() if yes),
         units={path: "1" for path in ("window/presence", "stages/epsilon") if task.onset.kind == "closeness"},
     )
 
 
-class _Uncertain(TypedDict):
-    """What a header says of an uncertainty."""
+def rerun(log: Log, path: Path, force: bool = False, watch: Watch = lambda sample: None) -> Comparison | None:
+    """Repeat a run, up to where its log ends, and compare every dataset but the wall times; None if interrupted.
 
-    noisy: bool
-    payload: bool
-    bodies: tuple[str, ...]
-    drawn: dict[str, np.ndarray]
+    Raises:
+        LogError: The log holds no samples, or does not describe a run of this version.
+        InputError: The new log exists already or cannot be written.
+        RunError: It could not be written any further.
+    """
+    ended, samples = not log.interrupted, len(log.time)
+    if not samples:
+        raise LogError(f"{log.path}: holds no samples, so there is nothing to compare a run with")
+    reason = str(log.attributes["end_reason"])
+
+    def watch_samples(sample: Sample) -> None:
+        watch(sample)
+        if not ended and sample.number + 1 == samples:
+            raise KeyboardInterrupt(reason or "as far as the log goes")
+
+    again = simulate(task_of(log), path, watch_samples, force)
+    if again.interrupted and (ended or len(again.time) < samples):
+        return None
+    # a killed run has judged no monitor, and may have noted no switch of its last sample
+    return compare_logs(log.path, path, None if ended else samples, () if reason else ("stages/", "monitors/"))
 
 
-def _uncertain(experiment: Experiment) -> _Uncertain:
-    spec, draw = experiment.uncertainty.spec, experiment.uncertainty.draw
-    drawn = {
-        "uncertainty/mass_factor": draw.mass_factor,
-        "uncertainty/inertia_factor": draw.inertia_factor,
-        "uncertainty/centre_of_mass": draw.offset,
+def continue_run(log: Log, path: Path | None = None, watch: Watch = lambda sample: None) -> Comparison | None:
+    """Run the task of an unfinished log again from its beginning, to the end; None if interrupted.
+
+    Every row that the log holds is compared with the new one, wall times left out. Where all are equal the new log
+    takes the place of the old one in one step; where they are not, or if interrupted, the old one stays as it is.
+
+    Args:
+        log: The log.
+        path: Where the new log goes; the old one's place by default.
+        watch: Called with each sample.
+
+    Raises:
+        LogError: The run has ended, or the log does not describe a run of this version.
+        InputError: The new log cannot be written, or the run still goes on.
+        RunError: The new log could not be written any further.
+    """
+    ensure_unfinished(log)
+    if claimed(log.path):
+        raise InputError(f"{log.path} cannot be continued: its run still goes on")
+    target = log.path.resolve()
+    new = path or target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        again = simulate(task_of(log), new, watch)
+        if again.interrupted:
+            return None
+        comparison = compare_logs(log.path, new, len(log.time), ("stages/", "monitors/", "final/"))
+        if path is None and not comparison.differences:
+            os.replace(new, target)
+        return comparison
+    finally:
+        if path is None:
+            new.unlink(missing_ok=True)
+
+
+def ensure_unfinished(log: Log) -> None:
+    """Make sure that there is something to continue.
+
+    Raises:
+        LogError: The run has ended.
+    """
+    if not log.interrupted:
+        raise LogError(
+            f"{log.path}: this run has ended ({log.attributes['end_reason']}), so there is nothing to continue"
+        )
+
+
+def unequal_conditions(log: Log) -> tuple[str, ...]:
+    """Return what makes it pointless to expect equal numbers: other versions, several threads, a deadline."""
+    here = {
+        "psmpc_version": __version__,
+        "casadi_version": version("casadi"),
+        "numpy_version": np.__version__,
     }
-    return {
-        "noisy": not experiment.task.sees_the_state,
-        "payload": spec.payload is not None,
-        "bodies": body_names(experiment.model.spec) if spec.in_force else (),
-        "drawn": drawn if spec.in_force else {},
-    }
+    found = [
+        f"{name.removesuffix('_version')} {log.attributes.get(name, 'unknown')} wrote the log, this is {running}"
+        for name, running in here.items()
+        if str(log.attributes.get(name)) != running
+    ]
+    if os.environ.get("OMP_NUM_THREADS") != "1" and (os.cpu_count() or 1) > 1:
+        found.append("OMP_NUM_THREADS is not 1: sums over several threads may be rounded otherwise")
+    if (deadline := task_of(log).spec.solver.deadline) is not None:
+        found.append(f"solves have a deadline of {deadline:g} s: how far they come depends on the machine")
+    return tuple(found)

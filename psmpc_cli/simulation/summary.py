@@ -10,7 +10,7 @@ from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.stages import build_stages
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.simulation.deviations import Deviations, largest_deviations
-from psmpc_cli.simulation.end_error import end_error
+from psmpc_cli.simulation.measures import end_error
 from psmpc_cli.simulation.monitors import Verdict, verdicts
 from psmpc_cli.simulation.smoothness import Variation, total_variation
 from psmpc_cli.specs.coordinates import labels
@@ -132,7 +132,7 @@ def summarize(log: Log) -> Summary:
         missed=int(np.sum(wall_time > loaded.spec.controller.sample_time)),
         appended=int(log["events/appended"].sum()),
         postponed=int(log["events/postponed"].sum()),
-        fallbacks=int(log["events/fallback"].sum()),
+        fallbacks=int(log["events/solve_failed"].sum()),
         unmeasured=int(log.columns.get("events/unmeasured", np.zeros(0)).sum()),
         basins=_basins(log),
         unsolved_levels=int(np.sum(log["levels/solved"] == 0)) if "levels/solved" in log.columns else None,
@@ -146,7 +146,7 @@ def summarize(log: Log) -> Summary:
         monitors=monitored,
         distances=_distances(log),
         deviations=largest_deviations(log),
-        end_errors=_end_errors(log, loaded),
+        end_errors=end_errors(log) if "Q_true" in log.final and np.isfinite(log.final["time"]) else None,
     )
 
 
@@ -181,7 +181,7 @@ def _stage(log: Log, loaded: Task, index: int) -> StageSummary:
         priority=float(stages["priority"][index]),
         actual_start=float(stages["actual_start"][index]),
         published_start=published.actual_start.get(name, np.nan) if published else np.nan,
-        premature=bool(stages["premature"][index]),
+        premature=bool(stages["early"][index]),
         switch_time=float(stages["switch_time"][index]),
         published_switch=published.switch_time.get(name, np.nan) if published else np.nan,
         duration=float(stages["switch_time"][index] - (stages["switch_time"][index - 1] if index else 0.0)),
@@ -220,13 +220,13 @@ def _basins(log: Log) -> int | None:
     return int(np.sum(basin > 0)) if np.any(basin >= 0) else None
 
 
-def _end_errors(log: Log, loaded: Task) -> tuple[float, float] | None:
+def end_errors(log: Log) -> tuple[float, float]:
     """Return the last stage's end errors of the final state, as the controller saw it and true."""
-    if "Q_true" not in log.final or np.isnan(log.final["time"]):
-        return None
+    loaded = task_of(log)
     model = build_model(loaded.robot)
     stage, costs = build_stages(loaded.spec, loaded.robot, model)[-1], StageCosts(model)
-    states = (np.concatenate([log.final[f"Q{of}"], log.final[f"Qdot{of}"]]) for of in ("", "_true"))
+    noisy = "Q_true" in log.final
+    states = (np.concatenate([log.final[f"Q{of}"], log.final[f"Qdot{of}"]]) for of in ("", "_true" if noisy else ""))
     seen, true = (end_error(costs, stage, x) for x in states)
     return seen, true
 

@@ -11,9 +11,8 @@ from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant.adaptive import INSIDE, AdaptiveDynamics, Flow
-from psmpc_cli.simulation.end_error import end_error
 from psmpc_cli.simulation.logged_window import LoggedSequence, logged_sequences, logged_solve, logged_state
-from psmpc_cli.simulation.measures import state_at
+from psmpc_cli.simulation.measures import end_error, state_at
 from psmpc_cli.simulation.setup import Experiment, build_experiment
 from psmpc_cli.simulation.summary import task_of
 
@@ -108,7 +107,7 @@ class _Verifier:
 
     def take(self, sample: int, logged: LoggedSequence, horizon: bool) -> None:
         """Integrate the closed loop after a sample, and its horizon if asked for."""
-        failed = bool(self._log["events/fallback"][sample])
+        failed = bool(self._log["events/solve_failed"][sample])
         if not failed:
             solve = logged_solve(self._log, self._experiment, logged.sequence, sample)
             self._plan = solve.plan

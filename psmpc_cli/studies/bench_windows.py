@@ -9,7 +9,7 @@ from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.sequence import detect
 from psmpc_cli.ocp.window import Window
-from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.loop import closed_loop
 from psmpc_cli.simulation.setup import Experiment, build_experiment
 from psmpc_cli.solvers import Solution
 from psmpc_cli.specs.load import Task
@@ -55,13 +55,13 @@ class _Recorder(SwitchingController):
 
     def decide(self, now: float, x: np.ndarray) -> Decision:
         """Return the decision at time now [s] from the measured state x (2n,)."""
-        begun, before = self.sequence, self.memory.solved
+        begun, before = self.sequence, self.solved
         decision = super().decide(now, x)
         if decision.appended:
             self.appends.append(len(self.samples))
             longer = detect(begun, self.stages, self.costs, decision.prediction, self.spec.detection_margin)
             begun = longer or begun
-        if before is None or decision.fallback or not before.outcome.usable:
+        if before is None or decision.solve_failed or not before.outcome.usable:
             self.samples.append(None)
         else:
             self.samples.append(Recorded(self.spec.kind, "", decision.solved.window, begun.instants, before))
@@ -89,7 +89,7 @@ def record_windows(
     """
     experiment = build_experiment(loaded)
     recorder = _Recorder(experiment.controller)
-    for _ in simulate(replace(experiment, controller=recorder)):
+    for _ in closed_loop(replace(experiment, controller=recorder)):
         passed()
         if most is not None and len(recorder.around_appends()) >= most * len(PHASES):
             break

@@ -3,33 +3,17 @@
 import logging
 import time
 from collections.abc import Callable
-from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from psmpc_cli.logs.record import Record
-from psmpc_cli.simulation.checkpoint import Checkpoint
-from psmpc_cli.simulation.loop import simulate
-from psmpc_cli.simulation.setup import Experiment, build_experiment
+from psmpc_cli.simulation.loop import closed_loop
+from psmpc_cli.simulation.setup import build_experiment
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.tally import Tally, Values
 
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, eq=False)
-class Prefix:
-    """What all cells have in common: the closed loop up to the sample at which priorities begin to matter.
-
-    Attributes:
-        checkpoint: Where it stands there.
-        tally: What it has come to so far.
-    """
-
-    checkpoint: Checkpoint
-    tally: Tally
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +23,10 @@ class Cell:
     Attributes:
         task: The task with the cell's priorities.
         studied: Index of the stage after the studied switch.
-        prefix: Where to go on from; None from the beginning.
     """
 
     task: Task
     studied: int
-    prefix: Prefix | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,39 +68,12 @@ def lost_cell(cell: object) -> Outcome:
 def _run(cell: Cell) -> tuple[Values, str]:
     """Return the numbers of a cell's closed loop, and why it did not come to its end, empty if it did."""
     experiment = build_experiment(cell.task)
-    prefix = cell.prefix
-    tally = _new_tally(experiment, cell.studied) if prefix is None else deepcopy(prefix.tally)
-    samples = simulate(experiment, None if prefix is None else prefix.checkpoint)
+    onset = experiment.task.onset
+    tally = Tally(len(experiment.stages), cell.studied, onset.epsilon, onset.series, experiment.model.n)
+    samples = closed_loop(experiment)
     try:
         while not tally.over:
             tally.take(next(samples))
     except StopIteration as stop:
         tally.end(stop.value)
     return tally.values(experiment), tally.failure
-
-
-def run_prefix(task: Task, studied: int) -> Prefix | None:
-    """Run what does not depend on the priorities of the stage before `studied` and of itself; None if nothing does.
-
-    In a window over one stage J is over that stage's own priority, and a window without either of the two does not know
-    them.
-    """
-    experiment = build_experiment(task)
-    checkpoints: list[Checkpoint] = []
-    tally = _new_tally(experiment, studied)
-    for record in simulate(experiment, mark=checkpoints.append):
-        if _matters(record, studied):
-            return Prefix(checkpoints[-1], tally) if checkpoints[-1].sample else None
-        tally.take(record)
-    return None
-
-
-def _matters(record: Record, studied: int) -> bool:
-    """Return whether the priorities of the two studied stages may have changed the sample."""
-    last = record.window_first + len(record.instants) + ("postponed" in record.flags)
-    return last > record.window_first and last >= studied - 1
-
-
-def _new_tally(experiment: Experiment, studied: int) -> Tally:
-    onset = experiment.task.onset
-    return Tally(len(experiment.stages), studied, onset.epsilon, onset.series, experiment.model.n)

@@ -8,8 +8,8 @@ import numpy as np
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.layout import MONTE_CARLO
 from psmpc_cli.logs.results import Quantity, Results, create_results
+from psmpc_cli.logs.schema import MONTE_CARLO
 from psmpc_cli.simulation.monte_carlo_runs import ENDED, STATUS, WAITING, read_monte_carlo
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.per_cell import Identity, PerCell, ensure_same, unfilled

@@ -6,10 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from psmpc_cli.simulation.end_error import end_error
-from psmpc_cli.simulation.log_in_memory import run_in_memory
-from psmpc_cli.simulation.setup import build_experiment
-from psmpc_cli.simulation.summary import LimitSummary, Summary, summarize
+from psmpc_cli.simulation.run import simulate
+from psmpc_cli.simulation.summary import LimitSummary, Summary, end_errors, summarize
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.studies.cell import Outcome, outcome_of
 from psmpc_cli.studies.tally import Values
@@ -30,11 +28,10 @@ def run_once(run: Run) -> Outcome:
 
 def _run(run: Run) -> tuple[Values, str]:
     """Return the numbers of a run; a mission that fails is no failure to measure it."""
-    task = run.task
-    experiment = build_experiment(parse_task(task.task_yaml, task.robot_yaml, task.spec.name, [f"seed={run.seed}"]))
-    log, ending = run_in_memory(experiment)
-    error = end_error(experiment.costs, experiment.stages[-1], ending.true)
-    return run_values(summarize(log), error), ""
+    task, changes = run.task, [f"seed={run.seed}", "log.plans=false", "log.ticks=false"]
+    log = simulate(parse_task(task.task_yaml, task.robot_yaml, task.spec.name, changes))
+    summary = summarize(log)
+    return run_values(summary, end_errors(log)[1]), ""
 
 
 def run_values(summary: Summary, final_error: float) -> Values:

@@ -155,7 +155,7 @@ def _grid(question: Question) -> Grid:
 def possible_samples(log: Log, stages: tuple[int, int]) -> np.ndarray:
     """Return the samples whose window holds exactly the two stages and was solved (K,)."""
     alone = (log["window/first"] == stages[0]) & (log["window/count"] == 2)
-    return np.flatnonzero(alone & (log["events/fallback"] == 0))
+    return np.flatnonzero(alone & (log["events/solve_failed"] == 0))
 
 
 def choose_samples(log: Log, stages: tuple[int, int], at: Sequence[float]) -> list[int]:

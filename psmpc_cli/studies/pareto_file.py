@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.logs.layout import PARETO
 from psmpc_cli.logs.results import Quantity, Results, create_results, read_results
+from psmpc_cli.logs.schema import PARETO
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.studies.fronts import dominated, extents, hypervolume, off_weighted_sums
 from psmpc_cli.studies.pareto_windows import Front, Grid, SampleFronts

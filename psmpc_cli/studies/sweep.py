@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from psmpc_cli.control.multistart import multistart_for
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import ResultsWriter
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.studies.cell import Cell, Outcome, lost_cell, run_cell, run_prefix
+from psmpc_cli.studies.cell import Cell, Outcome, lost_cell, run_cell
 from psmpc_cli.studies.parallel import Calls
 from psmpc_cli.studies.sweep_file import COMPUTED, FAILED, SHARED, WAITING, Sweep, create_sweep, resume_sweep
 
@@ -139,10 +138,7 @@ def _outcomes(sweep: Sweep, needed: np.ndarray, calls: Calls) -> Iterator[tuple[
     """Run the cells that are needed and give each with its outcome, as they end."""
     if not len(needed):
         return
-    studied, prefix = sweep.stages[1], None
-    if not sweep.every_cell:
-        ((_, prefix),) = calls.each(partial(run_prefix, studied=studied), [sweep.task])
-    cells = [Cell(_with_priorities(sweep, int(origin)), studied, prefix) for origin in needed]
+    cells = [Cell(_with_priorities(sweep, int(origin)), sweep.stages[1]) for origin in needed]
     for number, outcome in calls.each(run_cell, cells, lost_cell):
         yield int(needed[number]), outcome
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.layout import SWEEP
 from psmpc_cli.logs.results import Quantity, Results, create_results, read_results
+from psmpc_cli.logs.schema import SWEEP
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.per_cell import Identity, PerCell, ensure_same, unfilled
 from psmpc_cli.studies.sampling import Sampling

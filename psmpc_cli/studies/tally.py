@@ -1,24 +1,21 @@
-"""What a sweep keeps of a closed loop, taken in record by record."""
+"""What a sweep keeps of a closed loop, taken in sample by sample."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
-from psmpc_cli.logs.record import Record
+from psmpc_cli.logs.schema import Sample
 from psmpc_cli.simulation.loop import Ending
+from psmpc_cli.simulation.measures import StageClock
 from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.simulation.smoothness import by_group
-from psmpc_cli.simulation.stage_times import StageClock
 from psmpc_cli.specs.coordinates import labels
 
 Values = Mapping[str, np.ndarray | float | int | str]
 
 
 class Tally:
-    """Follows a run up to the end of the studied stage; `over` says that it has come.
-
-    It holds numbers alone, so that a run that goes on from a checkpoint goes on with a copy of its tally.
-    """
+    """Follows a run up to the end of the studied stage; `over` says that it has come."""
 
     def __init__(self, stages: int, studied: int, epsilon: float, series: tuple[float, ...], n: int) -> None:
         self.studied = studied
@@ -34,31 +31,32 @@ class Tally:
         self.appended = self.postponed = self.fallbacks = self.basins = 0
         self.failure = ""
 
-    def take(self, record: Record) -> None:
-        """Take in a record; the one at whose beginning the studied stage ends is no part of the run any more."""
-        self.clock.hand_over(record.switches)
-        if any(stage == self.studied for stage, _ in record.switches):
-            self._finish(np.r_[record.Q, record.Qdot])
+    def take(self, sample: Sample) -> None:
+        """Take in a sample; the one at whose beginning the studied stage ends is no part of the run any more."""
+        command, metrics = sample.command, sample.metrics
+        self.clock.end(command.switches)
+        if any(switch.stage == self.studied for switch in command.switches):
+            self._finish(command.x)
             return
-        self.clock.update(record)
-        last = record.window_first + len(record.instants)
-        if last >= self.studied > record.window_first and np.isnan(self.detection[0]):
-            self.detection = np.array([record.time, record.instants[self.studied - 1 - record.window_first]])
-        self.effort += np.r_[record.control_effort, record.thruster_effort]
+        self.clock.update(sample)
+        first, last = command.sequence.first, command.sequence.last
+        if last >= self.studied > first and np.isnan(self.detection[0]):
+            self.detection = np.array([command.time, command.instants[self.studied - 1 - first]])
+        self.effort += np.r_[metrics.control_effort, metrics.base_force, metrics.base_torque]
         if np.isfinite(self._u).all():
-            self.variation += np.abs(record.u - self._u)
-        self._u = record.u
-        self.stage_cost[record.window_first] += record.stage_cost
-        self.iterations.append(record.solve.iterations)
-        self.wall_times.append(record.solve.wall_time)
-        self.appended += "appended" in record.flags
-        self.postponed += "postponed" in record.flags
-        self.fallbacks += "fallback" in record.flags
-        self.basins += record.basin > 0
+            self.variation += np.abs(metrics.u[0] - self._u)
+        self._u = metrics.u[0]
+        self.stage_cost[first] += metrics.stage_cost
+        self.iterations.append(command.iterations)
+        self.wall_times.append(command.solve_time)
+        self.appended += "appended" in command.events
+        self.postponed += "postponed" in command.events
+        self.fallbacks += "solve_failed" in command.events
+        self.basins += command.solved.basin > 0
 
     def end(self, ending: Ending) -> None:
         """Take in how the run ended."""
-        self.clock.hand_over(tuple((switch.stage, switch.time) for switch in ending.switches))
+        self.clock.end(ending.switches)
         if any(switch.stage == self.studied for switch in ending.switches):
             self._finish(ending.x)
         else:
@@ -69,14 +67,14 @@ class Tally:
 
     def values(self, experiment: Experiment) -> Values:
         """Return the run's numbers by the names of `CELL_QUANTITIES`."""
-        times, stage = self.clock.times, experiment.stages[self.studied]
+        times, stage = self.clock.tables, experiment.stages[self.studied]
         base_position, base_angle, joints = self._variation(experiment)
         return {
             "detection_time": self.detection[0],
             "instant_at_detection": self.detection[1],
-            "switch_time": times.switch_time,
-            "actual_start": times.by_epsilon[self.studied],
-            "completion_time": times.switch_time[self.studied],
+            "switch_time": times["stages/switch_time"],
+            "actual_start": times["stages/actual_start_by_epsilon"][self.studied],
+            "completion_time": self.clock.switch_time[self.studied],
             "stage_cost": self.stage_cost * experiment.task.controller.sample_time,
             "final_error": self._final_error(experiment) if stage.end_rows and self.over else np.nan,
             "control_effort": self.effort[0],

@@ -5,7 +5,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from psmpc_cli.simulation.run import Progress, run
+from psmpc_cli.logs.schema import Sample
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.parallel import LocalCalls
 
@@ -59,12 +60,12 @@ def _run(variant: Variant) -> str:
     package, note = logging.getLogger("psmpc_cli"), _note(variant.path)
     level = package.level
 
-    def watch(progress: Progress) -> None:
-        note.write_text(f"{progress.record.time:.3f}")
+    def watch(sample: Sample) -> None:
+        note.write_text(f"{sample.command.time:.3f}")
 
     package.setLevel(logging.ERROR)
     try:
-        run(variant.task, variant.path, True, watch)
+        simulate(variant.task, variant.path, watch, force=True)
     finally:
         package.setLevel(level)
     return variant.name

@@ -6,7 +6,7 @@ import pytest
 from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.plant.mujoco_plant import MujocoPlant
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.specs.load import load_task
 
@@ -18,7 +18,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Log]:
     """The log of a run on each plant."""
     folder = tmp_path_factory.mktemp("runs")
     for plant in ("rk4", "mujoco"):
-        run(load_task("transport", (*CHANGES, f"plant.kind={plant}")), folder / plant)
+        simulate(load_task("transport", (*CHANGES, f"plant.kind={plant}")), folder / plant)
     return {plant: read_log(folder / plant) for plant in ("rk4", "mujoco")}
 
 

@@ -5,20 +5,20 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from psmpc_cli.logs.record import Record
-from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.logs.schema import Sample
+from psmpc_cli.simulation.loop import closed_loop
 from psmpc_cli.simulation.setup import Experiment
 
 COARSE = ("controller.nodes=12", "plant.kind=ideal", "log.plans=false")
 
-Run = tuple[Experiment, list[Record], np.ndarray]
+Run = tuple[Experiment, list[Sample], np.ndarray]
 
 
 @pytest.fixture(scope="module")
 def tracked(experiment_of: Callable[..., Experiment]) -> Run:
     """The run, and the instants at which its stages ended."""
     experiment = experiment_of(*COARSE, task="tracking")
-    records, samples = [], simulate(experiment)
+    records, samples = [], closed_loop(experiment)
     while True:
         try:
             records.append(next(samples))
@@ -26,7 +26,7 @@ def tracked(experiment_of: Callable[..., Experiment]) -> Run:
             ending = stop.value
             break
     assert ending.completed
-    switches = [switch for record in records for switch in record.switches]
+    switches = [switch for record in records for switch in record.command.switches]
     ends = dict([*switches, *((switch.stage, switch.time) for switch in ending.switches)])
     return experiment, records, np.array([ends[i] for i in range(3)])
 
@@ -34,9 +34,9 @@ def tracked(experiment_of: Callable[..., Experiment]) -> Run:
 def errors(tracked: Run) -> tuple[np.ndarray, np.ndarray]:
     """Times since the trajectory began (K,) [s], and xi less what it should be (K, m) [m, rad]."""
     experiment, records, ends = tracked
-    during = [record for record in records if ends[0] <= record.time <= ends[1]]
-    since = np.array([record.time for record in during]) - ends[0]
-    xi = np.array([record.xi for record in during])
+    during = [record for record in records if ends[0] <= record.command.time <= ends[1]]
+    since = np.array([record.command.time for record in during]) - ends[0]
+    xi = np.array([record.metrics.xi for record in during])
     return since, xi - experiment.stages[1].reference(since)
 
 
@@ -60,10 +60,16 @@ def test_stage_ends_as_soon_as_its_trajectory_is_over(tracked: Run) -> None:
 def test_next_stage_is_seen_before_and_its_instant_stays(tracked: Run) -> None:
     """Under a reference that stretched with the mesh the instant would slide along with the end of the horizon."""
     _, records, ends = tracked
-    seen = np.array([record.instants[0] for record in records if record.window_first == 1 and len(record.instants)])
+    seen = np.array(
+        [
+            record.command.instants[0]
+            for record in records
+            if record.command.sequence.first == 1 and len(record.command.instants)
+        ]
+    )
     assert len(seen) >= 30
     np.testing.assert_allclose(seen, ends[1], atol=0.05)
 
 
 def test_no_window_fails(tracked: Run) -> None:
-    assert not any({"fallback", "braking"} & record.flags for record in tracked[1])
+    assert not any({"solve_failed", "braking"} & record.command.events for record in tracked[1])

@@ -9,7 +9,7 @@ import yaml
 
 from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.simulation.monitors import signal
-from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.simulation.summary import Summary, summarize
 from psmpc_cli.specs.load import load_task
 
@@ -39,7 +39,7 @@ def log_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Log]:
     def get(name: str) -> Log:
         if name not in logs:
             path = tmp_path_factory.mktemp("runs") / "run.h5"
-            run(load_task("transport", (*RUNS[name], "log.plans=false", "log.shares=false")), path)
+            simulate(load_task("transport", (*RUNS[name], "log.plans=false", "log.shares=false")), path)
             logs[name] = read_log(path)
         return logs[name]
 

@@ -8,7 +8,7 @@ from typer.testing import CliRunner, Result
 from psmpc_cli.cli.show import show
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.write import LogWriter
-from psmpc_cli.simulation.run import header, run
+from psmpc_cli.simulation.run import header, simulate
 from psmpc_cli.simulation.setup import build_experiment
 from psmpc_cli.specs.load import load_task
 
@@ -27,7 +27,7 @@ def invoke(*arguments: str | Path) -> Result:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("runs") / "log.h5"
-    run(load_task("transport", CHANGES), path)
+    simulate(load_task("transport", CHANGES), path)
     return path
 
 

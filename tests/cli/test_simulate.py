@@ -17,7 +17,7 @@ from psmpc_cli.figures import rendering
 from psmpc_cli.figures.registry import FIGURES
 from psmpc_cli.figures.rendering import offscreen_driver
 from psmpc_cli.logs.read import read_log
-from psmpc_cli.simulation.run import Progress
+from psmpc_cli.logs.schema import Sample
 
 from ..there_and_back import TASK
 from .command import Psmpc, Ran
@@ -99,7 +99,7 @@ def test_a_run_that_cannot_go_on_says_why(simulate: Psmpc) -> None:
         "up to then"
     )
     assert ran.stdout.splitlines()[-2].startswith("mission failed: no window could be solved")
-    assert read_log(Path("runs/task.h5"))["events/fallback"].all()
+    assert read_log(Path("runs/task.h5"))["events/solve_failed"].all()
 
 
 @pytest.mark.parametrize(
@@ -271,8 +271,8 @@ def test_signals_end_the_run_after_the_sample_in_hand(
     simulate: Psmpc, monkeypatch: pytest.MonkeyPatch, number: signal.Signals, code: int, reason: str
 ) -> None:
     class Raising(progress.Line):
-        def of(self, told: Progress) -> str:
-            if told.record.time > 0.25:
+        def of(self, told: Sample) -> str:
+            if told.command.time > 0.25:
                 signal.raise_signal(number)
             return super().of(told)
 

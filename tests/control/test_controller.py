@@ -8,10 +8,10 @@ from psmpc_cli.control.window_solver import WindowSolver
 
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.logs.record import Record
+from psmpc_cli.logs.schema import Sample
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window
-from psmpc_cli.simulation.loop import Ending, simulate
+from psmpc_cli.simulation.loop import Ending, closed_loop
 from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.solvers import Outcome
 
@@ -32,8 +32,8 @@ SHORT = (
 )
 
 
-def run(experiment: Experiment) -> tuple[list[Record], Ending]:
-    records, samples = [], simulate(experiment)
+def run(experiment: Experiment) -> tuple[list[Sample], Ending]:
+    records, samples = [], closed_loop(experiment)
     while True:
         try:
             records.append(next(samples))
@@ -75,21 +75,23 @@ def test_scaling_all_priorities_changes_nothing(experiment_of: Callable[..., Exp
     scaled = zip(("approach", "capture", "transport", "release"), (64, 6400, 64, 0.64), strict=True)
     once, _ = run(experiment_of(*SHORT))
     again, _ = run(experiment_of(*SHORT, *(f"stages.{name}.priority={omega}" for name, omega in scaled)))
-    np.testing.assert_array_equal([r.Q for r in once], [r.Q for r in again])
+    np.testing.assert_array_equal([r.command.x[:9] for r in once], [r.command.x[:9] for r in again])
 
 
 def test_hard_switching_never_looks_past_the_current_stage(experiment_of: Callable[..., Experiment]) -> None:
     records, ending = run(experiment_of(*SHORT, "controller.kind=hard"))
     assert ending.completed
-    assert all(len(record.instants) == 0 for record in records)
-    assert not any(record.presence for record in records)
+    assert all(len(record.command.instants) == 0 for record in records)
+    assert not any(record.metrics.presence for record in records)
 
 
 def test_several_switches_fall_into_one_window(experiment_of: Callable[..., Experiment]) -> None:
     records, ending = run(experiment_of(*SHORT))
     assert ending.completed
-    assert max(len(record.instants) for record in records) == 2
-    times = [switch for record in records for switch in record.switches] + [(s.stage, s.time) for s in ending.switches]
+    assert max(len(record.command.instants) for record in records) == 2
+    times = [switch for record in records for switch in record.command.switches] + [
+        (s.stage, s.time) for s in ending.switches
+    ]
     assert [stage for stage, _ in times] == [0, 1, 2, 3]
     assert np.all(np.diff([time for _, time in times]) > 0)
 
@@ -109,10 +111,10 @@ def test_the_optimal_instant_does_not_depend_on_the_guess(
 
 def test_a_failed_solve_falls_back_to_the_shifted_plan(experiment_of: Callable[..., Experiment]) -> None:
     records, ending = run(with_failures(experiment_of(*SHORT), lambda now: 0.45 < now < 0.95))
-    fallen = [record for record in records if "fallback" in record.flags]
-    assert [round(record.time, 1) for record in fallen] == [0.5, 0.6, 0.7, 0.8, 0.9]
-    assert all(record.solve.status == "iteration_limit" for record in fallen)
-    before = next(record for record in records if round(record.time, 1) == 0.4)
+    fallen = [record for record in records if "solve_failed" in record.command.events]
+    assert [round(record.command.time, 1) for record in fallen] == [0.5, 0.6, 0.7, 0.8, 0.9]
+    assert all(record.command.outcome.name.lower() == "iteration_limit" for record in fallen)
+    before = next(record for record in records if round(record.command.time, 1) == 0.4)
     np.testing.assert_allclose(fallen[0].instants, before.instants)
     assert ending.completed
 
@@ -125,7 +127,7 @@ def test_when_the_plan_is_used_up_the_robot_brakes_to_rest_and_the_run_stops(
     assert not ending.completed
     assert "braked to rest" in ending.reason
     assert np.abs(ending.x[9:]).max() < 1e-9
-    braking = [record.time for record in records if "braking" in record.flags]
+    braking = [record.command.time for record in records if "braking" in record.command.events]
     assert 0.9 + 4.0 - 0.15 <= braking[0] <= 0.9 + 4.0
 
 
@@ -134,7 +136,7 @@ def test_nothing_to_fall_back_to_at_the_first_sample_leaves_the_robot_at_rest(
 ) -> None:
     records, ending = run(with_failures(experiment_of(*QUICK), lambda now: True))
     assert ending.stuck
-    assert all(np.all(record.Q == 0) for record in records)
+    assert all(np.all(record.command.x[:9] == 0) for record in records)
 
 
 def test_an_append_that_cannot_be_solved_is_postponed(experiment_of: Callable[..., Experiment]) -> None:
@@ -150,9 +152,12 @@ def test_an_append_that_cannot_be_solved_is_postponed(experiment_of: Callable[..
     records, ending = run(
         replace(experiment, controller=SwitchingController(controller.spec, controller.stages, windows))
     )
-    postponed = [record for record in records if "postponed" in record.flags and record.time < 0.95]
+    postponed = [record for record in records if "postponed" in record.command.events and record.command.time < 0.95]
     assert postponed
-    assert all(record.solve.status in ("optimal", "feasible") and len(record.instants) == 0 for record in postponed)
+    assert all(
+        record.command.outcome.name.lower() in ("optimal", "feasible") and len(record.command.instants) == 0
+        for record in postponed
+    )
     assert ending.completed
 
 

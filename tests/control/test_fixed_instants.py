@@ -8,7 +8,7 @@ import pytest
 from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.logs.record import Record
+from psmpc_cli.logs.schema import Sample
 from psmpc_cli.ocp.window import Bounds, bounds, pack_guess
 from psmpc_cli.simulation.loop import Ending
 from psmpc_cli.simulation.setup import Experiment
@@ -38,8 +38,8 @@ def timed(**at: float) -> tuple[str, ...]:
     )
 
 
-def switches(records: list[Record], ending: Ending) -> dict[int, float]:
-    during = {stage: time for record in records for stage, time in record.switches}
+def switches(records: list[Sample], ending: Ending) -> dict[int, float]:
+    during = {stage: time for record in records for stage, time in record.command.switches}
     return during | {switch.stage: switch.time for switch in ending.switches}
 
 
@@ -108,13 +108,15 @@ def test_stages_end_at_their_fixed_times(
     at = dict(zip(("approach", "capture", "transport"), times, strict=True))
     records, ending = run(experiment_of(*SHORT, *timed(**at)))
     assert ending.completed
-    assert not any(record.flags & {"fallback", "braking"} for record in records)
+    assert not any(record.command.events & {"solve_failed", "braking"} for record in records)
     ended = switches(records, ending)
     assert list(ended) == [0, 1, 2, 3]
     assert [ended[stage] for stage in range(3)] == pytest.approx(times, abs=1e-6)
     for record in records:
-        known = np.array(times)[record.window_first : record.window_first + len(record.instants)]
-        np.testing.assert_allclose(record.instants, known, atol=1e-6)
+        known = np.array(times)[
+            record.command.sequence.first : record.command.sequence.first + len(record.command.instants)
+        ]
+        np.testing.assert_allclose(record.command.instants, known, atol=1e-6)
 
 
 def test_a_fixed_time_stands_beside_conditions(experiment_of: Callable[..., Experiment]) -> None:

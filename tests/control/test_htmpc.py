@@ -9,8 +9,8 @@ import pytest
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.htmpc import HierarchicalController
 from psmpc_cli.logs.read import read_log
-from psmpc_cli.simulation.loop import simulate
-from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.loop import closed_loop
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.specs.load import load_task
 
@@ -34,13 +34,13 @@ def decisions(experiment: Experiment) -> Iterator[tuple[Decision, np.ndarray]]:
 
     controller = experiment.controller
     recorder = Recorder(controller.spec, controller.spec.htmpc, controller.stages, controller.windows)
-    for record in simulate(replace(experiment, controller=recorder)):
-        yield found[-1], record.u
+    for record in closed_loop(replace(experiment, controller=recorder)):
+        yield found[-1], record.metrics.u[0]
 
 
 def test_one_level_is_hard_switching_exactly(experiment_of: Build) -> None:
-    hard = list(simulate(experiment_of(*SHORT, "controller.kind=hard")))
-    htmpc = list(simulate(experiment_of(*HTMPC, "controller.htmpc.depth=1")))
+    hard = list(closed_loop(experiment_of(*SHORT, "controller.kind=hard")))
+    htmpc = list(closed_loop(experiment_of(*HTMPC, "controller.htmpc.depth=1")))
     assert len(hard) == len(htmpc) > 20
     for one, other in zip(hard, htmpc, strict=True):
         np.testing.assert_array_equal(np.r_[one.Q, one.Qdot, one.u], np.r_[other.Q, other.Qdot, other.u])
@@ -49,7 +49,7 @@ def test_one_level_is_hard_switching_exactly(experiment_of: Build) -> None:
 @pytest.mark.parametrize("changes", [[], ["controller.htmpc.tolerance=0.05"], ["controller.normalization=range"]])
 def test_no_earlier_level_gets_worse_by_more_than_the_tolerance(tmp_path: Path, changes: list[str]) -> None:
     task = load_task("transport", [*HTMPC, *changes, "time_limit=4"])
-    run(task, tmp_path / "run.h5")
+    simulate(task, tmp_path / "run.h5")
     log = read_log(tmp_path / "run.h5")
     objective, cost, solved = (log[f"levels/{name}"] for name in ("objective", "cost", "solved"))
     current = log["window/first"]
@@ -94,11 +94,11 @@ def test_a_level_without_solution_leaves_the_one_before_it_standing(
     assert isinstance(controller, HierarchicalController)
     hopeless = experiment_of(*HTMPC, "solver.max_iterations=1")
     monkeypatch.setattr(controller, "_compile", hopeless.controller._compile)
-    record = next(simulate(experiment))
+    record = next(closed_loop(experiment))
     assert record.levels is not None
     assert list(record.levels.solved) == [1, 0, -1, -1]
     assert np.isfinite(record.levels.cost[0]) and np.all(np.isnan(record.levels.cost[1:]))
-    assert record.solve.status == "iteration_limit"
-    assert record.solve.wall_time == pytest.approx(np.nansum(record.levels.wall_time))
-    alone = next(simulate(experiment_of(*HTMPC, "controller.htmpc.depth=1")))
-    np.testing.assert_array_equal(record.u, alone.u)
+    assert record.command.outcome.name.lower() == "iteration_limit"
+    assert record.command.solve_time == pytest.approx(np.nansum(record.levels.wall_time))
+    alone = next(closed_loop(experiment_of(*HTMPC, "controller.htmpc.depth=1")))
+    np.testing.assert_array_equal(record.metrics.u[0], alone.u)

@@ -12,7 +12,7 @@ from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.multistart import even_shares, multistart_for, solve_from_several
 from psmpc_cli.ocp.window import Window
-from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.loop import closed_loop
 from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.task import ControllerSpec
@@ -33,8 +33,8 @@ def decided(experiment_of: Callable[..., Experiment]) -> Runs:
     def decided(until: float, *changes: str) -> tuple[Experiment, list[Decision]]:
         experiment = experiment_of(*COARSE, *changes, task="approach_capture")
         recorder = Recorder(experiment.controller)
-        for record in simulate(replace(experiment, controller=recorder)):
-            if record.time > until - 1e-9:
+        for record in closed_loop(replace(experiment, controller=recorder)):
+            if record.command.time > until - 1e-9:
                 break
         return experiment, recorder.decided
 
@@ -83,7 +83,7 @@ def test_the_better_basin_is_kept_once_it_is_found(experiment_of: Callable[..., 
     assert once.completed
     assert ending.completed
     assert ending.time < once.time - 3.0
-    assert [record.basin for record in records if record.basin > 0] == [1]
+    assert [record.command.solved.basin for record in records if record.command.solved.basin > 0] == [1]
 
 
 def test_with_the_whole_pending_cost_nothing_changes(experiment_of: Callable[..., Experiment]) -> None:
@@ -93,9 +93,9 @@ def test_with_the_whole_pending_cost_nothing_changes(experiment_of: Callable[...
     for before, after in zip(one, several, strict=True):
         np.testing.assert_array_equal(before.instants, after.instants)
         np.testing.assert_array_equal(before.Q, after.Q)
-    assert {record.basin for record in one} == {-1}
-    assert {record.basin for record in several if len(record.instants)} <= {0, -1}
-    assert sum(record.basin == 0 for record in several) > 30
+    assert {record.command.solved.basin for record in one} == {-1}
+    assert {record.command.solved.basin for record in several if len(record.command.instants)} <= {0, -1}
+    assert sum(record.command.solved.basin == 0 for record in several) > 30
 
 
 @pytest.mark.parametrize("priority", [0.01, 1, 100])
@@ -191,7 +191,7 @@ def test_a_fixed_time_leaves_nothing_to_guess(
 def test_hard_switching_has_no_instant_to_guess(experiment_of: Callable[..., Experiment]) -> None:
     records, ending = run(experiment_of(*SHORT, "controller.kind=hard", "controller.multistart=3"))
     assert ending.completed
-    assert {record.basin for record in records} == {-1}
+    assert {record.command.solved.basin for record in records} == {-1}
 
 
 @given(switches=st.integers(1, 4), count=st.integers(1, 20))

@@ -14,9 +14,9 @@ from psmpc_cli.control.aside import WindowsAside
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.onset import DISTINCT, OnsetObserver, closeness
 from psmpc_cli.control.sequence import Sequence
-from psmpc_cli.logs.create import create_log
+from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.loop import closed_loop
 from psmpc_cli.simulation.run import header
 from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.specs.load import load_task
@@ -124,7 +124,7 @@ def test_the_form_alone_selects_it() -> None:
 
 def test_a_log_says_which_form_it_holds(experiment_of: Callable[..., Experiment], tmp_path) -> None:
     for kind, units in (("control", "m/s^2, rad/s^2"), ("closeness", "1")):
-        create_log(tmp_path / kind, header(experiment_of(*QUICK, f"onset={kind}")))
+        LogWriter(tmp_path / kind, header(experiment_of(*QUICK, f"onset={kind}"))).close()
         with h5py.File(tmp_path / kind) as log:
             assert log.attrs["onset"] == kind
             assert log["window/presence"].attrs["units"] == log["stages/epsilon"].attrs["units"] == units
@@ -133,10 +133,10 @@ def test_a_log_says_which_form_it_holds(experiment_of: Callable[..., Experiment]
 def test_the_form_changes_what_is_observed_and_nothing_else(experiment_of: Callable[..., Experiment]) -> None:
     runs = {}
     for kind in ("control", "closeness"):
-        samples = simulate(experiment_of(*QUICK, f"onset={kind}", "time_limit=10"))
-        runs[kind] = [record for record in samples if record.time < 9.95]
+        samples = closed_loop(experiment_of(*QUICK, f"onset={kind}", "time_limit=10"))
+        runs[kind] = [record for record in samples if record.command.time < 9.95]
     pairs = list(zip(runs["control"], runs["closeness"], strict=True))
-    assert all(np.array_equal(one.Q, other.Q) for one, other in pairs)
+    assert all(np.array_equal(one.command.x, other.command.x) for one, other in pairs)
     assert any(one.presence for one, _ in pairs)
     assert max(max(other.presence.values(), default=0.0) for _, other in pairs) >= 0.1
     assert all(value <= 1 for _, other in pairs for value in other.presence.values())
@@ -148,7 +148,7 @@ def test_an_important_stage_comes_close_to_its_own_optimum_before_its_instant_an
     reached = {}
     for priority in (1e4, 1e-6):
         changes = (*QUICK, "onset={kind: closeness, epsilon: 0.99}", f"stages.capture.priority={priority}")
-        early = [r for r in simulate(experiment_of(*changes, "time_limit=9")) if r.window_first == 0]
-        reached[priority] = max(record.presence.get(1, 0.0) for record in early)
+        early = [r for r in closed_loop(experiment_of(*changes, "time_limit=9")) if r.command.sequence.first == 0]
+        reached[priority] = max(record.metrics.presence.get(1, 0.0) for record in early)
     assert reached[1e4] > 0.9
     assert reached[1e-6] < 0.1

@@ -8,7 +8,7 @@ import pytest
 
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.ocp.soft_limits import own_violations
-from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.loop import closed_loop
 from psmpc_cli.simulation.setup import Experiment
 
 from ..conftest import Recorder
@@ -20,7 +20,7 @@ NEAR = "limits={base: {position: [[-5, 5], [-0.01, 5], [-180 deg, 180 deg]]}}"
 
 def decided(experiment: Experiment) -> list[Decision]:
     recorder = Recorder(experiment.controller)
-    for _ in simulate(replace(experiment, controller=recorder)):
+    for _ in closed_loop(replace(experiment, controller=recorder)):
         pass
     return recorder.decided
 
@@ -30,7 +30,7 @@ def test_stages_are_seen_postponed_and_handed_over_as_with_hard_limits(
 ) -> None:
     """What hard limits prove infeasible, an append too early, soft ones would meet by going faster than allowed."""
     runs = [decided(experiment_of(*COARSE, f"controller.soft_limits={soft}")) for soft in ("false", "true")]
-    hard, soft = ([(d.sequence.first, d.sequence.last, d.postponed, d.fallback) for d in run] for run in runs)
+    hard, soft = ([(d.sequence.first, d.sequence.last, d.postponed, d.solve_failed) for d in run] for run in runs)
     assert sum(postponed for _, _, postponed, _ in hard) > 0
     assert soft == hard
     for one, other in zip(*runs, strict=True):
@@ -44,9 +44,9 @@ def test_a_state_measured_far_beyond_a_limit_is_led_back(experiment_of: Callable
     changes = (*COARSE, NEAR, f"controller.kind={kind}", "controller.htmpc.depth=2")
     x = experiment_of(*changes).x0.copy()
     x[1] = -0.15
-    assert experiment_of(*changes, "controller.soft_limits=false").controller.decide(0.0, x).fallback
+    assert experiment_of(*changes, "controller.soft_limits=false").controller.decide(0.0, x).solve_failed
     decision = experiment_of(*changes, "controller.soft_limits=true").controller.decide(0.0, x)
-    assert not decision.fallback
+    assert not decision.solve_failed
     assert all(level.solved for level in decision.levels)
     y = decision.plan.X[:, 1]
     assert (np.diff(y[y < -0.01]) > 0).all()

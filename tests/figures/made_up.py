@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from psmpc_cli.logs.record import Record, SolveRecord, TickRecord
-from psmpc_cli.logs.write import Header, LogWriter, StageTimes
+from psmpc_cli.logs.schema import MOMENTUM
+from psmpc_cli.logs.write import Header, LogWriter
 from psmpc_cli.robot.model import RobotModel, build_model
 from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.library import find
@@ -55,12 +55,13 @@ def write_story(path: Path, story: Story) -> Path:
     model = build_model(loaded.robot)
     with LogWriter(path, _header(loaded, story)) as log:
         for time in np.arange(0.0, min(story.ends[-1] - 1e-9, story.last), story.sample):
-            log.append(_record(model, float(time), story))
-        log.update_stages(_stage_times(story))
+            log.write(_row(model, float(time), story))
+        log.update(_stage_times(story))
         if story.last == np.inf:
             Q, Qdot, _ = _motion(story.ends[-1], story)
-            true = np.r_[Q, Qdot]
-            log.finish(True, "done", story.ends[-1], true + story.blur, _poses(model, Q), true)
+            final = {"end_time": story.ends[-1], "Q": Q + story.blur, "Qdot": Qdot + story.blur, "xi": _poses(model, Q)}
+            final |= {"Q_true": Q, "Qdot_true": Qdot} if story.blur else {}
+            log.finish(True, "done", {f"final/{name}": value for name, value in final.items()})
     return path
 
 
@@ -75,16 +76,20 @@ def _header(loaded: Task, story: Story) -> Header:
         "task_yaml": story.task,
         "robot_yaml": story.robot,
     }
+    names = tuple(stage.name for stage in loaded.spec.stages)
     return Header(
         attributes={**usual, **story.attributes},
-        coordinates=labels(loaded.robot, "joint"),
-        pose_coordinates=labels(loaded.robot, "task"),
-        stages=tuple(stage.name for stage in loaded.spec.stages),
-        priorities=tuple(stage.priority for stage in loaded.spec.stages),
-        epsilons=(0.1, 0.01),
-        ticks=story.ticks,
-        plans=False,
-        noisy=story.blur > 0,
+        values={
+            "coordinate": labels(loaded.robot, "joint"),
+            "pose_coordinate": labels(loaded.robot, "task"),
+            "stage": names,
+            "momentum": MOMENTUM,
+            "stages/epsilon": (0.1, 0.01),
+            "stages/name": names,
+            "stages/priority": [stage.priority for stage in loaded.spec.stages],
+            "monitors/name": (),
+        },
+        has=frozenset({"ticks"} if story.ticks else ()) | frozenset({"true state"} if story.blur else ()),
     )
 
 
@@ -113,59 +118,74 @@ def _poses(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     return np.asarray(model.g(Q)).ravel()
 
 
-def _stage_times(story: Story) -> StageTimes:
+def _stage_times(story: Story) -> dict[str, np.ndarray]:
     ends = np.array([end if end <= story.last else np.nan for end in story.ends])
-    starts, premature = np.r_[0.0, ends[:-1]], np.zeros(len(ends), bool)
+    starts, early = np.r_[0.0, ends[:-1]], np.zeros(len(ends), bool)
     for stage, time in story.early.items():
         if time <= story.last:
-            starts[stage], premature[stage] = time, True
-    return StageTimes(ends, starts, premature, np.tile(starts[:, None], (1, 2)))
+            starts[stage], early[stage] = time, True
+    return {
+        "stages/switch_time": ends,
+        "stages/actual_start": starts,
+        "stages/early": early,
+        "stages/actual_start_by_epsilon": np.tile(starts[:, None], (1, 2)),
+    }
 
 
-def _record(model: RobotModel, time: float, story: Story) -> Record:
+def _row(model: RobotModel, time: float, story: Story) -> dict[str, Any]:
     Q, Qdot, u = _motion(time, story)
     first = int(np.searchsorted(story.ends, time, side="right"))
     instants = np.array([end + 0.02 * (end - time) for end in story.ends[first:-1] if end < time + HORIZON])
-    empty, blur = np.zeros(0), story.blur * (-1) ** round(time / story.sample)
-    return Record(
-        time=time,
-        Q=Q + blur,
-        Qdot=Qdot + blur,
-        u=u,
-        F=model.inverse_dynamics(Q, Qdot, u),
-        xi=_poses(model, Q),
-        window_first=first,
-        instants=instants,
-        nadir=np.ones(len(instants) + 1),
-        nodes=np.full(len(instants) + 1, 25.0),
-        flags=frozenset({"fallback"} if abs(time - 20.0) < 1e-6 else ()),
-        switches=(),
-        presence={},
-        solve=SolveRecord(
-            "solved", 9 + 5 * len(instants), 0.012 * (1 + len(instants)), 1.0, empty, False, empty, empty, empty
-        ),
-        stage_cost=1.0,
-        position_margin=np.ones(model.n),
-        velocity_margin=np.ones(model.n),
-        control_effort=1.0,
-        thruster_effort=np.ones(2),
-        momentum_error=np.zeros(3),
-        energy_error=0.0,
-        ticks=_ticks(model, time, story) if story.ticks else None,
-        window_cost=2.0 ** -np.arange(len(instants) + 1),
-        true=np.r_[Q, Qdot] if story.blur else None,
-        shares=_shares(first, time, instants),
-    )
+    count, stages, blur = len(instants) + 1, len(story.ends), story.blur * (-1) ** round(time / story.sample)
+
+    def placed(values: np.ndarray) -> np.ndarray:
+        return np.r_[np.full(first, np.nan), values, np.full(stages - first - len(values), np.nan)]
+
+    return {
+        "time": time,
+        "state/Q": Q + blur,
+        "state/Qdot": Qdot + blur,
+        "control/u": u,
+        "force/F": model.inverse_dynamics(Q, Qdot, u),
+        "pose/xi": _poses(model, Q),
+        "window/first": first,
+        "window/count": count,
+        "window/instants": placed(instants),
+        "window/cost": placed(2.0 ** -np.arange(count)),
+        "window/basin": -1,
+        "window/nodes": placed(np.full(count, 25.0)),
+        "window/presence": np.full(stages, np.nan),
+        "window/share": placed(_shares(time, instants)),
+        **{f"events/{name}": 0 for name in ("appended", "postponed", "braking", "unmeasured")},
+        "events/solve_failed": abs(time - 20.0) < 1e-6,
+        "solver/status": "solved",
+        "solver/warm": 0,
+        "solver/iterations": 9 + 5 * len(instants),
+        "solver/wall_time": 0.012 * count,
+        "solver/objective": 1.0,
+        "normalization/nadir": placed(np.ones(count)),
+        "cost/current_stage": 1.0,
+        **{f"margin/{name}": np.ones(model.n) for name in ("position", "velocity")},
+        **{f"effort/{name}": 1.0 for name in ("control", "base_force", "base_torque")},
+        **{f"deviation/{name}": np.full(model.n, np.nan) for name in ("Q", "Qdot")},
+        "deviation/end": np.full(stages, np.nan),
+        "balance/momentum": np.zeros(3),
+        "balance/energy": 0.0,
+        "state/Q_true": Q,
+        "state/Qdot_true": Qdot,
+        **(_ticks(model, time, story) if story.ticks else {}),
+    }
 
 
-def _shares(first: int, time: float, instants: np.ndarray) -> dict[int, float]:
+def _shares(time: float, instants: np.ndarray) -> np.ndarray:
     """The stages of the window take over one after another, each over a horizon."""
-    handed = [1.0, *np.clip(1.0 - (instants - time) / HORIZON, 0.0, 1.0), 0.0]
-    return {first + k: float(handed[k] - handed[k + 1]) for k in range(len(handed) - 1)}
+    begun = np.array([1.0, *np.clip(1.0 - (instants - time) / HORIZON, 0.0, 1.0), 0.0])
+    return begun[:-1] - begun[1:]
 
 
-def _ticks(model: RobotModel, time: float, story: Story) -> TickRecord:
+def _ticks(model: RobotModel, time: float, story: Story) -> dict[str, np.ndarray]:
     times = time + np.array([0.0, story.sample / 2])
-    motions = [_motion(float(tick), story) for tick in times]
-    F = np.array([model.inverse_dynamics(*motion) for motion in motions])
-    return TickRecord(times, np.array([m[0] for m in motions]), np.array([m[1] for m in motions]), F)
+    Q, Qdot, u = (np.array(each) for each in zip(*(_motion(float(tick), story) for tick in times), strict=True))
+    F = np.array([model.inverse_dynamics(*each) for each in zip(Q, Qdot, u, strict=True)])
+    number = 2 * round(time / story.sample) + np.arange(2)
+    return {"ticks/tick": number, "ticks/time": times, "ticks/Q": Q, "ticks/Qdot": Qdot, "ticks/F": F}

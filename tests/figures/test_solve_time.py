@@ -27,7 +27,7 @@ def test_the_sample_time_is_a_line(run: Run) -> None:
 
 def test_failed_solves_are_marked(run: Run) -> None:
     figure = plot_solve_time(run)
-    failed = run.log.time[run.log["events/fallback"].astype(bool)]
+    failed = run.log.time[run.log["events/solve_failed"].astype(bool)]
     assert len(failed) == 1
     for axes in figure.axes[1:]:
         (crosses,) = [line for line in axes.lines if line.get_marker() == "x"]

@@ -1,11 +1,11 @@
-"""Made-up records of a robot with three coordinates in a task with four stages."""
+"""Made-up samples of a robot with three coordinates in a task with four stages, as the rows they leave in a log."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from psmpc_cli.logs.record import Record, SolveRecord, TickRecord
-from psmpc_cli.logs.write import Header, StageTimes
+from psmpc_cli.logs.schema import AXES, MOMENTUM, SCHEMA
+from psmpc_cli.logs.write import Header
 
 COORDINATES, POSES, STAGES = ("base.x", "base.y", "arm_1.1"), ("base.x", "base.y", "base.theta"), ("a", "b", "c", "d")
 TICKS = 5
@@ -14,62 +14,65 @@ SAMPLE = 0.1
 HEADER = Header(
     attributes={"psmpc_version": "0.1.0", "controller": "psmpc", "task_name": "made up"}
     | {"task_yaml": "not: a task", "robot_yaml": "not: a robot"},
-    coordinates=COORDINATES,
-    pose_coordinates=POSES,
-    stages=STAGES,
-    priorities=(1.0, 100.0, 1.0, 0.01),
-    epsilons=(1e-3, 1e-1),
-    ticks=True,
-    plans=True,
-    monitors=("object held", "größte Geschwindigkeit"),
+    values={
+        "coordinate": COORDINATES,
+        "pose_coordinate": POSES,
+        "stage": STAGES,
+        "momentum": MOMENTUM,
+        "stages/epsilon": (1e-3, 1e-1),
+        "stages/name": STAGES,
+        "stages/priority": (1.0, 100.0, 1.0, 0.01),
+        "monitors/name": ("object held", "größte Geschwindigkeit"),
+        "uncertainty/body": ("base",),
+        "uncertainty/axis": AXES,
+    },
+    has=frozenset({"ticks", "plans"}),
 )
 
-LEAN = replace(HEADER, ticks=False, plans=False)
+LEAN = replace(HEADER, has=frozenset())
 
-NEVER = StageTimes(np.full(4, np.nan), np.full(4, np.nan), np.zeros(4, bool), np.full((4, 2), np.nan))
+EVENTS = ("appended", "postponed", "solve_failed", "braking")
+
+Row = dict[str, np.ndarray | float | str]
 
 
-def record(k: int, first: int = 0, count: int = 1, length: int = 7, multipliers: int = 0) -> Record:
-    """Return the record of sample k, all its numbers different, with `count` stages in the window."""
+def record(k: int, first: int = 0, count: int = 1, length: int = 7, multipliers: int = 0) -> Row:
+    """Return what sample k leaves, all its numbers different, with `count` stages in the window."""
     numbers = iter(k + np.arange(1, 10000) / 10000)
 
     def draw(*shape: int) -> np.ndarray:
         return np.array([next(numbers) for _ in range(int(np.prod(shape)))]).reshape(shape)
 
-    n, m = len(COORDINATES), len(POSES)
-    return Record(
-        time=SAMPLE * k,
-        Q=draw(n),
-        Qdot=draw(n),
-        u=draw(n),
-        F=draw(n),
-        xi=draw(m),
-        window_first=first,
-        instants=draw(count - 1),
-        nadir=draw(count),
-        nodes=10.0 + np.arange(count),
-        flags=frozenset(
-            name for bit, name in enumerate(("appended", "postponed", "fallback", "braking")) if k >> bit & 1
-        ),
-        switches=(),
-        presence={first + 1: float(draw(1)[0])} if count > 1 else {},
-        solve=SolveRecord(
-            status=("optimal", "iteration_limit")[k % 2],
-            iterations=k,
-            wall_time=float(draw(1)[0]),
-            objective=float(draw(1)[0]),
-            guess=draw(length),
-            warm=k % 2 == 1,
-            guess_multipliers=draw(multipliers),
-            parameters=draw(length + 1),
-            solution=draw(length),
-        ),
-        stage_cost=float(draw(1)[0]),
-        position_margin=draw(n),
-        velocity_margin=draw(n),
-        control_effort=float(draw(1)[0]),
-        thruster_effort=draw(2),
-        momentum_error=draw(3),
-        energy_error=float(draw(1)[0]),
-        ticks=TickRecord(SAMPLE * (k + np.arange(TICKS) / TICKS), draw(TICKS, n), draw(TICKS, n), draw(TICKS, n)),
-    )
+    def placed(first: int, values: np.ndarray) -> np.ndarray:
+        row = np.full(len(STAGES), np.nan)
+        row[first : first + len(values)] = values
+        return row
+
+    sizes = {"coordinate": len(COORDINATES), "pose_coordinate": len(POSES), "stage": len(STAGES), "momentum": 3}
+    row: Row = {}
+    for column in SCHEMA:
+        if column.value is None:
+            continue
+        if column.dims[0] == "ticks/tick":
+            row[column.path] = draw(TICKS, *(sizes[dim] for dim in column.dims[1:]))
+        elif column.ragged:
+            row[column.path] = draw(length)
+        else:
+            row[column.path] = draw(*(sizes[dim] for dim in column.dims[1:]))
+    return row | {
+        "time": SAMPLE * k,
+        "window/first": first,
+        "window/count": count,
+        "window/instants": placed(first, draw(count - 1)),
+        "window/cost": placed(first, draw(count)),
+        "window/nodes": placed(first, 10.0 + np.arange(count)),
+        "window/presence": placed(first + 1, draw(1)) if count > 1 else np.full(len(STAGES), np.nan),
+        "normalization/nadir": placed(first, draw(count)),
+        **{f"events/{name}": k >> bit & 1 for bit, name in enumerate(EVENTS)},
+        "events/unmeasured": 0,
+        "solver/status": ("optimal", "iteration_limit")[k % 2],
+        "plan/guess_multipliers": draw(multipliers),
+        "plan/parameters": draw(length + 1),
+        "ticks/time": SAMPLE * (k + np.arange(TICKS) / TICKS),
+        "ticks/tick": k * TICKS + np.arange(TICKS),
+    }

@@ -8,25 +8,24 @@ import pytest
 
 from psmpc_cli.errors import InputError, LogError, RunError
 from psmpc_cli.logs.comparison import extract_log, merge_logs, read_comparison
-from psmpc_cli.logs.layout import COMPARISON, RUN
 from psmpc_cli.logs.read import kind_of, read_log
-from psmpc_cli.logs.record import LevelsRecord
+from psmpc_cli.logs.schema import COMPARISON, RUN
 from psmpc_cli.logs.write import LogWriter
 
 from .records import HEADER, LEAN, record
 
-LEVELS = LevelsRecord(np.arange(4.0), np.arange(4.0) + 0.5, np.full(4, 0.01), np.array([1, 1, 0, -1]))
+FINAL = {"final/end_time": 0.3, "final/Q": np.zeros(3)}
 
 
 @pytest.fixture
 def logs(tmp_path: Path) -> dict[str, Path]:
     """A log with everything in it, a lean one, and one with levels; not in the order of the alphabet."""
     paths = {name: tmp_path / f"{name}.h5" for name in ("smpc", "hard", "htmpc")}
-    for path, header in zip(paths.values(), (HEADER, LEAN, replace(LEAN, levels=True)), strict=True):
+    for path, header in zip(paths.values(), (HEADER, LEAN, replace(LEAN, has=frozenset({"levels"}))), strict=True):
         with LogWriter(path, header) as log:
             for k in range(3):
-                log.append(replace(record(k), levels=LEVELS if header.levels and k else None))
-            log.finish(True, "done", 0.3, np.zeros(6), np.zeros(3))
+                log.write(record(k))
+            log.finish(True, "done", FINAL)
     return paths
 
 
@@ -128,11 +127,3 @@ def test_nothing_is_left_of_a_comparison_that_could_not_be_written(
     with pytest.raises(RunError, match="no space left"):
         merge_logs(logs, path)
     assert not list(tmp_path.glob("comparison*"))
-
-
-def test_levels_are_logged_where_there_are_any(logs: dict[str, Path]) -> None:
-    log = read_log(logs["htmpc"])
-    np.testing.assert_array_equal(log["levels/solved"], [[-1] * 4, [1, 1, 0, -1], [1, 1, 0, -1]])
-    assert np.all(np.isnan(log["levels/objective"][0]))
-    np.testing.assert_array_equal(log["levels/cost"][1:], [LEVELS.cost, LEVELS.cost])
-    assert not any(path.startswith("levels/") for path in read_log(logs["hard"]).columns)

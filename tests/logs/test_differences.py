@@ -14,7 +14,7 @@ from .records import HEADER, LEAN, record
 def write(path: Path, samples: int, header: Header = HEADER) -> Path:
     with LogWriter(path, header) as writer:
         for k in range(samples):
-            writer.append(record(k, length=7 + k))
+            writer.write(record(k, length=7 + k))
     return path
 
 
@@ -58,7 +58,7 @@ def test_logs_of_other_lengths_and_contents_differ(tmp_path: Path, logs: tuple[P
 
 
 def test_of_a_longer_log_the_first_samples_can_be_compared(tmp_path: Path) -> None:
-    header = replace(HEADER, plans=False)
+    header = replace(HEADER, has=frozenset({"ticks"}))
     one, other = write(tmp_path / "one.h5", 4, header), write(tmp_path / "other.h5", 6, header)
     assert compare_logs(one, other, 4).differences == ()
     with h5py.File(other, "r+") as file:

@@ -3,16 +3,15 @@
 from pathlib import Path
 from random import Random
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.comparison import merge_logs, read_comparison
-from psmpc_cli.logs.layout import PARETO, SWEEP
 from psmpc_cli.logs.read import read_log
 from psmpc_cli.logs.results import read_results
+from psmpc_cli.logs.schema import PARETO, SWEEP
 from psmpc_cli.logs.seal import unseal
 from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.simulation.monte_carlo_runs import read_monte_carlo
@@ -40,8 +39,8 @@ def contents(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     for name, header in (("log", HEADER), ("lean", LEAN)):
         with LogWriter(folder / name, header) as log:
             for k in range(3):
-                log.append(record(k))
-            log.finish(True, "done", 0.3, np.zeros(6), np.zeros(3))
+                log.write(record(k))
+            log.finish(True, "done", {"final/end_time": 0.3})
     merge_logs({"one": folder / "log", "two": folder / "lean"}, folder / "comparison")
     made_up_sweep(folder / "sweep", "3x3")
     made_up_fronts(folder / "fronts")

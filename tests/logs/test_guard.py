@@ -29,7 +29,7 @@ def path(tmp_path: Path) -> Path:
     path = tmp_path / "log.h5"
     with LogWriter(path, HEADER) as log:
         for k in range(3):
-            log.append(record(k))
+            log.write(record(k))
     return path
 
 
@@ -105,7 +105,7 @@ def test_what_no_log_of_ours_has_is_refused_sealed_or_not(path: Path, change: Ch
 def test_a_run_that_ended_is_sealed_and_one_that_was_killed_is_not(path: Path, tmp_path: Path) -> None:
     ended = tmp_path / "ended.h5"
     with LogWriter(ended, HEADER) as log:
-        log.append(record(0))
+        log.write(record(0))
         log.finish(True, "done", 0.1, np.zeros(6), np.zeros(3))
     assert (seal_of(ended), seal_of(path)) == (Seal.OWN, Seal.NONE)
     assert read_log(ended).attributes["finished"]

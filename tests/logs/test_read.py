@@ -9,10 +9,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.logs.create import ROWS_IN_A_CHUNK
-from psmpc_cli.logs.layout import FORMAT_VERSION
 from psmpc_cli.logs.read import read_log, read_plan
-from psmpc_cli.logs.write import LogWriter
+from psmpc_cli.logs.schema import FORMAT_VERSION
+from psmpc_cli.logs.write import ROWS_IN_A_CHUNK, LogWriter
 
 from .records import HEADER, LEAN, SAMPLE, record
 
@@ -24,7 +23,7 @@ def path(tmp_path: Path) -> Path:
     path = tmp_path / "log.h5"
     with LogWriter(path, HEADER) as log:
         for k in range(SAMPLES):
-            log.append(record(k))
+            log.write(record(k))
     return path
 
 
@@ -32,7 +31,7 @@ def path(tmp_path: Path) -> Path:
 def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     path = tmp_path_factory.mktemp("whole") / "log.h5"
     with LogWriter(path, HEADER) as log:
-        log.append(record(0))
+        log.write(record(0))
     return path.read_bytes()
 
 
@@ -148,9 +147,9 @@ def test_a_kill_that_left_a_chunk_half_allocated_costs_that_chunk_only(tmp_path:
     path, header = tmp_path / "log.h5", replace(LEAN, attributes={**LEAN.attributes, "end_reason": reason})
     with LogWriter(path, header) as log:
         for k in range(held):
-            log.append(record(k))
+            log.write(record(k))
         before = allocated(path)
-        log.append(record(held))
+        log.write(record(held))
     content = bytearray(path.read_bytes())
     struct.pack_into("<Q", content, 40, before)
     path.write_bytes(content)
@@ -163,7 +162,7 @@ def test_a_kill_that_left_a_chunk_half_allocated_costs_that_chunk_only(tmp_path:
 def test_plans_may_not_be_there(tmp_path: Path) -> None:
     path = tmp_path / "log.h5"
     with LogWriter(path, LEAN) as log:
-        log.append(record(0))
+        log.write(record(0))
     with pytest.raises(LogError) as refused:
         read_plan(path, "solution", 0)
     assert str(refused.value) == f"{path}: holds no plans; expected a log of a task with log: {{plans: true}}"

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.logs.layout import PARETO, SWEEP
 from psmpc_cli.logs.results import TEXT_LENGTH, Quantity, ResultsWriter, create_results, read_results
+from psmpc_cli.logs.schema import PARETO, SWEEP
 from psmpc_cli.logs.seal import LENGTH
 
 QUANTITIES = (

@@ -21,7 +21,7 @@ def path(tmp_path: Path) -> Path:
     path = tmp_path / "log.h5"
     with LogWriter(path, HEADER) as log:
         for k in range(3):
-            log.append(record(k))
+            log.write(record(k))
     return path
 
 

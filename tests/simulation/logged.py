@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from psmpc_cli.logs.read import Log, read_log
-from psmpc_cli.simulation.run import Progress, run
+from psmpc_cli.logs.schema import Sample
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
 
 from ..there_and_back import TASK
@@ -14,10 +15,10 @@ def there_and_back(folder: Path, *changes: str, samples: int | None = None, name
     task, path, told = folder / "task.yaml", folder / f"{name}.h5", []
     task.write_text(text)
 
-    def watch(progress: Progress) -> None:
+    def watch(progress: Sample) -> None:
         told.append(progress)
         if len(told) == samples:
             raise KeyboardInterrupt
 
-    run(load_task(task, changes), path, watch=watch)
+    simulate(load_task(task, changes), path, watch=watch)
     return read_log(path)

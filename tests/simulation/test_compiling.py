@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from psmpc_cli.logs.record import Record
-from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.logs.schema import Sample
+from psmpc_cli.simulation.loop import closed_loop
 from psmpc_cli.simulation.run import header
 from psmpc_cli.simulation.setup import Experiment
 
@@ -23,8 +23,8 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
-def first_samples(experiment: Experiment) -> list[Record]:
-    return list(islice(simulate(experiment), 80))
+def first_samples(experiment: Experiment) -> list[Sample]:
+    return list(islice(closed_loop(experiment), 80))
 
 
 @pytest.mark.slow
@@ -32,10 +32,10 @@ def test_compiled_and_interpreted_runs_agree(experiment_of: Callable[..., Experi
     fast, slow = experiment_of(*COARSE), experiment_of(*COARSE, "solver.compiled=false")
     assert (fast.compiled, slow.compiled) == (True, False)
     pairs = list(zip(first_samples(fast), first_samples(slow), strict=True))
-    assert max(len(one.instants) for one, _ in pairs) == 1
+    assert max(len(one.command.instants) for one, _ in pairs) == 1
     for one, other in pairs:
-        np.testing.assert_allclose(one.instants, other.instants, rtol=0, atol=1e-6)
-        np.testing.assert_allclose(one.Q, other.Q, rtol=0, atol=1e-5)
+        np.testing.assert_allclose(one.command.instants, other.command.instants, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(one.command.x[:9], other.command.x[:9], rtol=0, atol=1e-5)
 
 
 def test_the_log_says_whether_compiled_code_ran(experiment_of: Callable[..., Experiment]) -> None:
@@ -50,7 +50,7 @@ def test_without_a_compiler_nothing_of_a_run_is_compiled(
     experiment = experiment_of(*COARSE)
     assert not experiment.compiled
     assert not experiment.controller.windows.task.solver.compiled
-    assert len(list(islice(simulate(experiment), 2))) == 2
+    assert len(list(islice(closed_loop(experiment), 2))) == 2
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
 
 QUICK = ("controller.nodes=8", "plant.kind=ideal", "time_limit=11")
@@ -24,7 +24,7 @@ def datasets(path: Path) -> dict[str, np.ndarray]:
 def test_logs_equal_in_every_dataset_but_the_wall_times(tmp_path: Path, other: tuple[str, ...]) -> None:
     """SMPC is PSMPC with all priorities 1, and a run repeated is the same run."""
     for name, changes in (("one", EQUAL), ("other", other)):
-        run(load_task("transport", (*QUICK, *changes)), tmp_path / f"{name}.h5")
+        simulate(load_task("transport", (*QUICK, *changes)), tmp_path / f"{name}.h5")
     one, another = datasets(tmp_path / "one.h5"), datasets(tmp_path / "other.h5")
     assert one.keys() == another.keys()
     assert len(one) > 40

@@ -13,7 +13,7 @@ from faults import Fault, Seen, during, inject, meaningless, not_converging, pus
 from psmpc_cli.errors import RunError
 from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.simulation import run as running
-from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.simulation.setup import Experiment, build_experiment
 from psmpc_cli.simulation.summary import Summary, summarize
 from psmpc_cli.solvers.base import FEASIBLE
@@ -60,7 +60,7 @@ def faulty(tmp_path_factory: pytest.TempPathFactory) -> Start:
 
         quick = ("solver.kind=sqp", "solver.compiled=false", "log.shares=false")
         with patch.object(running, "build_experiment", build):
-            ending = run(load_task(folder / "task.yaml", (*quick, *changes)), path)
+            ending = simulate(load_task(folder / "task.yaml", (*quick, *changes)), path)
         assert ending is not None
         log = read_log(path)
         assert np.isfinite(log["state/Q"]).all()
@@ -138,7 +138,7 @@ def test_the_shifted_plan_goes_on_where_a_solver_fails(
     run = faulty(fault(during(0.3, samples)))
     assert_goes_on(run, untouched)
     assert run.summary.fallbacks == samples
-    statuses = set(run.log["solver/status"][run.log["events/fallback"] == 1].astype(str))
+    statuses = set(run.log["solver/status"][run.log["events/solve_failed"] == 1].astype(str))
     assert statuses == {"iteration_limit" if fault is not_converging else "failed"}
 
 

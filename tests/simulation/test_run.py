@@ -14,7 +14,8 @@ import pytest
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.logs.read import Log, read_log, read_plan
-from psmpc_cli.simulation.run import Progress, run
+from psmpc_cli.logs.schema import Sample
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.simulation.summary import summarize, task_of
 from psmpc_cli.specs.load import Task, load_task
 
@@ -27,12 +28,12 @@ def coarse(*changes: str) -> Task:
     return load_task("transport", (*COARSE, *changes))
 
 
-def stopping_after(samples: int, *words: str) -> Callable[[Progress], None]:
+def stopping_after(samples: int, *words: str) -> Callable[[Sample], None]:
     """A watcher that interrupts the run once it has seen so many samples."""
-    seen: list[Progress] = []
+    seen: list[Sample] = []
 
-    def watch(progress: Progress) -> None:
-        seen.append(progress)
+    def watch(sample: Sample) -> None:
+        seen.append(sample)
         if len(seen) == samples:
             raise KeyboardInterrupt(*words)
 
@@ -62,7 +63,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory, told: Kept) -> Log:
     level = logger.level
     logger.addHandler(told)
     logger.setLevel(logging.INFO)
-    run(coarse(), path)
+    simulate(coarse(), path)
     logger.removeHandler(told)
     logger.setLevel(level)
     return read_log(path)
@@ -103,17 +104,24 @@ def test_every_plan_is_in_the_log(finished: Log) -> None:
 
 
 def test_the_watcher_sees_every_sample(tmp_path: Path) -> None:
-    seen: list[Progress] = []
-    run(coarse("time_limit=1"), tmp_path / "log.h5", watch=seen.append)
-    assert [progress.record.time for progress in seen] == pytest.approx(0.1 * np.arange(10))
-    assert {(progress.stage, progress.fallbacks) for progress in seen} == {("approach", 0)}
+    seen: list[Sample] = []
+    simulate(coarse("time_limit=1"), tmp_path / "log.h5", watch=seen.append)
+    assert [sample.command.time for sample in seen] == pytest.approx(0.1 * np.arange(10))
+    assert {sample.command.stage.name for sample in seen} == {"approach"}
+
+
+def test_a_run_in_memory_is_the_one_in_its_log(tmp_path: Path) -> None:
+    logged, run = simulate(coarse("time_limit=1"), tmp_path / "log.h5"), simulate(coarse("time_limit=1"))
+    for path, values in logged.columns.items():
+        if path != "solver/wall_time":
+            np.testing.assert_array_equal(run[path], values)
+    for mine, others in ((logged.final, run.final), (logged.stages, run.stages), (logged.monitors, run.monitors)):
+        np.testing.assert_equal(dict(mine), dict(others))
 
 
 def test_the_time_limit_ends_a_run_that_is_not_finished(tmp_path: Path) -> None:
-    ending = run(coarse("time_limit=1"), tmp_path / "log.h5")
-    assert ending is not None
-    assert (ending.completed, ending.stuck, ending.reason) == (False, False, "time limit of 1 s reached")
-    log = read_log(tmp_path / "log.h5")
+    log = simulate(coarse("time_limit=1"), tmp_path / "log.h5")
+    assert (log.attributes["stuck"], log.attributes["end_reason"]) == (False, "time limit of 1 s reached")
     assert log.attributes["finished"] is np.False_
     assert log.final["time"] == pytest.approx(1.0)
     assert np.isfinite(log.final["Q"]).all()
@@ -122,8 +130,7 @@ def test_the_time_limit_ends_a_run_that_is_not_finished(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("words", "reason"), [((), "interrupted"), (("terminated",), "terminated")])
 def test_an_interruption_leaves_a_whole_log(tmp_path: Path, words: tuple[str, ...], reason: str) -> None:
-    assert run(coarse(), tmp_path / "log.h5", watch=stopping_after(7, *words)) is None
-    log = read_log(tmp_path / "log.h5")
+    log = simulate(coarse(), tmp_path / "log.h5", watch=stopping_after(7, *words))
     assert log.time == pytest.approx(0.1 * np.arange(7))
     assert (log.attributes["finished"], log.attributes["end_reason"]) == (False, reason)
     assert np.isnan(log.final["time"])
@@ -133,21 +140,19 @@ def test_an_interruption_leaves_a_whole_log(tmp_path: Path, words: tuple[str, ..
 def test_an_existing_log_is_refused_before_the_first_sample(tmp_path: Path) -> None:
     path = tmp_path / "log.h5"
     path.write_text("mine")
-    seen: list[Progress] = []
+    seen: list[Sample] = []
     with pytest.raises(InputError, match="exists already"):
-        run(coarse(), path, watch=seen.append)
+        simulate(coarse(), path, watch=seen.append)
     assert not seen
     assert path.read_text() == "mine"
 
 
-def test_a_run_without_solutions_brakes_and_says_why(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    ending = run(coarse("solver.kind=fatrop", "solver.max_iterations=1", "controller.horizon=1"), tmp_path / "log.h5")
-    assert ending is not None
-    assert ending.stuck
-    assert ending.reason == "no window could be solved and the plan was used up; the robot braked to rest"
-    log = read_log(tmp_path / "log.h5")
-    assert log.attributes["end_reason"] == ending.reason
-    assert log["events/fallback"].all()
+def test_a_run_without_solutions_brakes_and_says_why(caplog: pytest.LogCaptureFixture) -> None:
+    log = simulate(coarse("solver.kind=fatrop", "solver.max_iterations=1", "controller.horizon=1"))
+    assert log.attributes["stuck"]
+    reason = "no window could be solved and the plan was used up; the robot braked to rest"
+    assert log.attributes["end_reason"] == reason
+    assert log["events/solve_failed"].all()
     assert log["events/braking"][-1]
     assert set(log["solver/status"]) == {"iteration_limit"}
     messages = [entry.getMessage() for entry in caplog.records]
@@ -166,9 +171,9 @@ def test_events_are_reported_to_who_asks(finished: Log, told: Kept) -> None:
 
 
 def test_a_run_whose_log_finds_no_room_ends_with_what_it_has(tmp_path: Path) -> None:
-    path, seen = tmp_path / "log.h5", list[Progress]()
+    path, seen = tmp_path / "log.h5", list[Sample]()
     with files_of_at_most(2_000_000), pytest.raises(RunError, match="cannot be written any further") as refused:
-        run(coarse("log.ticks=true"), path, watch=seen.append)
+        simulate(coarse("log.ticks=true"), path, watch=seen.append)
     log = read_log(path)
     assert len(log.time) == len(seen) > 0
     assert log.attributes["end_reason"] == str(refused.value)
@@ -181,21 +186,21 @@ READ = "import h5py, sys; print(len(h5py.File(sys.argv[1])['time']))"
 def test_the_log_can_be_read_while_it_is_written(tmp_path: Path) -> None:
     path, read = tmp_path / "log.h5", []
 
-    def watch(progress: Progress) -> None:
-        if progress.record.time > 0.45:
+    def watch(sample: Sample) -> None:
+        if sample.command.time > 0.45:
             read.append(subprocess.check_output([sys.executable, "-c", READ, str(path)], text=True))
             raise KeyboardInterrupt
 
-    run(coarse(), path, watch=watch)
+    simulate(coarse(), path, watch=watch)
     assert read == ["6\n"]
 
 
 RUN = """
 import sys
 from pathlib import Path
-from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
-run(load_task("transport", sys.argv[2:]), Path(sys.argv[1]), watch=lambda progress: print("sample", flush=True))
+simulate(load_task("transport", sys.argv[2:]), Path(sys.argv[1]), watch=lambda progress: print("sample", flush=True))
 """
 
 
@@ -228,9 +233,9 @@ def test_a_killed_run_leaves_every_sample_it_told_of(tmp_path: Path, samples: in
 def test_a_copy_of_a_log_in_the_making_is_a_log(tmp_path: Path) -> None:
     path, held = tmp_path / "log.h5", []
 
-    def watch(progress: Progress) -> None:
+    def watch(sample: Sample) -> None:
         copy = shutil.copy(path, tmp_path / "copy.h5")
         held.append(len(read_log(Path(copy)).time))
 
-    run(coarse("time_limit=0.5"), path, watch=watch)
+    simulate(coarse("time_limit=0.5"), path, watch=watch)
     assert held == [1, 2, 3, 4, 5]

@@ -7,8 +7,8 @@ import pytest
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.read import Log, read_log
-from psmpc_cli.logs.write import LogWriter, StageTimes
-from psmpc_cli.simulation.run import header, run
+from psmpc_cli.logs.write import LogWriter
+from psmpc_cli.simulation.run import header, simulate
 from psmpc_cli.simulation.setup import build_experiment
 from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.specs.load import load_task
@@ -20,7 +20,7 @@ CHANGES = ("controller.nodes=5", "plant.kind=ideal", "time_limit=2", "log.plans=
 def log(tmp_path_factory: pytest.TempPathFactory) -> Log:
     """Two seconds of a transport run."""
     path = tmp_path_factory.mktemp("runs") / "log.h5"
-    run(load_task("transport", CHANGES), path)
+    simulate(load_task("transport", CHANGES), path)
     return read_log(path)
 
 
@@ -142,9 +142,9 @@ def test_grippers_are_measured_when_a_stage_ends(log: Log) -> None:
 def test_stage_times_are_those_of_the_log(nothing: Log) -> None:
     path = nothing.path
     path.unlink()
-    times = StageTimes(np.arange(4.0) + 1, np.arange(4.0), np.array([0, 1, 0, 0], bool), np.zeros((4, 4)))
+    times = {"switch_time": np.arange(4.0) + 1, "actual_start": np.arange(4.0), "early": [0, 1, 0, 0]}
     with LogWriter(path, header(build_experiment(load_task("transport", CHANGES)))) as writer:
-        writer.update_stages(times)
+        writer.update({f"stages/{name}": values for name, values in times.items()})
     stages = summarize(read_log(path)).stages
     assert [(stage.actual_start, stage.switch_time) for stage in stages] == [(0, 1), (1, 2), (2, 3), (3, 4)]
     assert [stage.premature for stage in stages] == [False, True, False, False]

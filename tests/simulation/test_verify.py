@@ -73,7 +73,7 @@ def test_of_levels_the_first_and_with_ticks_the_closed_loop(tmp_path: Path) -> N
 
 def test_failed_solves_have_no_horizon_and_braking_no_plan(tmp_path: Path) -> None:
     log = there_and_back(tmp_path, "solver.max_iterations=9", "stages[1].priority=3", samples=7)
-    failed = int(log["events/fallback"].sum())
+    failed = int(log["events/solve_failed"].sum())
     assert failed
     found = verify(log)
     assert (found.count, found.samples) == (7 - failed, 7)

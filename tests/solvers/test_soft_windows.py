@@ -65,7 +65,7 @@ def windows(model: RobotModel, costs: StageCosts) -> Windows:
 
 def chosen(decisions: list[Decision], stages: int) -> Decision:
     """A sample in the midst of the windows over that many stages, its plan a solution."""
-    found = [d for d in decisions if len(d.solved.window.stages) == stages and not d.fallback]
+    found = [d for d in decisions if len(d.solved.window.stages) == stages and not d.solve_failed]
     return found[len(found) // 2]
 
 

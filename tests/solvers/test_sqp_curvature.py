@@ -9,7 +9,7 @@ from psmpc_cli.control.decision import Decision
 from psmpc_cli.ocp.end_curvature import EndCurvature
 from psmpc_cli.ocp.gauss_newton import Linearization
 from psmpc_cli.ocp.window import bounds
-from psmpc_cli.simulation.loop import simulate
+from psmpc_cli.simulation.loop import closed_loop
 from psmpc_cli.simulation.setup import Experiment, build_experiment
 from psmpc_cli.solvers import Guess, Outcome, Solution, build_solver
 from psmpc_cli.specs.load import Task, parse_task
@@ -68,8 +68,8 @@ def decided(experiment: Experiment, until: float) -> list[Decision]:
 
     of = experiment.controller
     controller = Keeping(of.spec, of.stages, of.windows)
-    for record in simulate(replace(experiment, controller=controller)):
-        if record.time >= until:
+    for record in closed_loop(replace(experiment, controller=controller)):
+        if record.command.time >= until:
             break
     return found
 

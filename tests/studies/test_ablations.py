@@ -10,7 +10,7 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.figures.ablations import draw_ablation
 from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.ablations import (
     CHANGES,
@@ -60,7 +60,7 @@ def small() -> Task:
 @pytest.fixture(scope="module")
 def log(small: Task, tmp_path_factory: pytest.TempPathFactory) -> Log:
     path = tmp_path_factory.mktemp("one") / "run.h5"
-    run(small, path)
+    simulate(small, path)
     return read_log(path)
 
 
@@ -138,7 +138,7 @@ def test_a_run_of_one_stage_has_no_window_to_look_at(tmp_path: Path) -> None:
     one_stage = "stages=[{name: go, skill: move, target: {base: [0, 0, 0], arms: [0.02, 0, 0]}, ends_when: " + (
         "{coordinates: all}}]"
     )
-    run(load_task("transport", [*SMALL, one_stage]), tmp_path / "run.h5")
+    simulate(load_task("transport", [*SMALL, one_stage]), tmp_path / "run.h5")
     with pytest.raises(LogError, match="no window with one switch"):
         pick_window(read_log(tmp_path / "run.h5"))
 

@@ -14,8 +14,8 @@ import pytest
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError, RunError
-from psmpc_cli.logs.layout import MONTE_CARLO
 from psmpc_cli.logs.results import Quantity, read_results
+from psmpc_cli.logs.schema import MONTE_CARLO
 from psmpc_cli.simulation.monte_carlo_runs import ENDED
 from psmpc_cli.studies import cluster as cluster_module
 from psmpc_cli.studies import cluster_client

@@ -10,7 +10,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.logs.comparison import read_comparison
 from psmpc_cli.logs.read import read_log
-from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies import parallel
 from psmpc_cli.studies.compare import CONTROLLERS, compare, compared_tasks, controllers_in
@@ -82,7 +82,7 @@ def test_runs_in_parallel_are_the_runs_alone(tmp_path: Path, tasks: dict[str, Ta
     assert list(began[0]) == ["smpc", "hard"]
     assert list(path.parent.iterdir()) == [path]  # the logs it was made from are gone
     for name, task in tasks.items():
-        run(task, tmp_path / "alone.h5", force=True)
+        simulate(task, tmp_path / "alone.h5", force=True)
         alone = read_log(tmp_path / "alone.h5")
         assert alone.columns.keys() == found[name].columns.keys()
         for column in ("state/Q", "control/u", "window/instants", "window/share"):

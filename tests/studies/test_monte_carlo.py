@@ -9,7 +9,7 @@ import pytest
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.read import read_log
 from psmpc_cli.simulation.monte_carlo_runs import CRASHED, ENDED, WAITING, MonteCarloRuns, read_monte_carlo
-from psmpc_cli.simulation.run import run
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies import monte_carlo_run
@@ -47,7 +47,7 @@ def runs(folder: Path) -> MonteCarloRuns:
 
 def test_a_run_is_recorded_as_the_same_seed_simulates(runs: MonteCarloRuns, folder: Path, tmp_path: Path) -> None:
     assert runs["seed"].tolist() == [4, 5, 6]
-    run(load_task(folder / "task.yaml", [NOISE, "seed=5"]), tmp_path / "log.h5")
+    simulate(load_task(folder / "task.yaml", [NOISE, "seed=5"]), tmp_path / "log.h5")
     summary = summarize(read_log(tmp_path / "log.h5"))
     assert summary.end_errors is not None
     assert runs["end_time"][1] == summary.duration

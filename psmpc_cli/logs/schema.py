@@ -1,0 +1,437 @@
+"""The schema of a log: every dataset with its dimensions, units, meaning, and where its value comes from.
+
+Writer, reader, CSV export and the tables of docs/log.md follow it: a new logged quantity is one row of `SCHEMA`.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from operator import attrgetter
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from psmpc_cli.control.decision import Command
+from psmpc_cli.plant import Ticks
+from psmpc_cli.solvers import Solution
+
+FORMAT_VERSION = 2
+"""Changes when a reader of the old format would misread the new one."""
+
+RUN, COMPARISON, SWEEP, PARETO, MONTE_CARLO = "run", "comparison", "sweep", "pareto", "monte-carlo"
+"""Attribute `kind`: the log of one run (also where it is missing), a file of several, and the results of studies."""
+
+
+@dataclass(frozen=True, eq=False)
+class Metrics:
+    """What was measured of a sample, of the true state and of the ticks up to the next sample.
+
+    Attributes:
+        u: Accelerations that reached the robot, tick by tick (M, n) [m/s^2, rad/s^2].
+        xi: Poses of base and end-effectors at the sample (m,) [m, rad].
+        stage_cost: Lbar of the current stage.
+        presence: By stage index, how much of a waiting stage is in the control.
+        shares: By stage index, its share in the applied control.
+        position_margin, velocity_margin: Smallest distance to a limit (n,) [m, rad], [m/s, rad/s].
+        control_effort: Integral of |u|^2.
+        base_force, base_torque: Integrals of the norm of the base's force [N s] and torque [N m s].
+        deviation: State at the next sample less the plan's (2n,).
+        end_errors: By stage index, the error of its end condition over its tolerance, of stages that end by the plan
+            before the next sample.
+        momentum_error: p(t) - p(0) - integral of the external wrench, at the next sample (3,) [N s, N m s].
+        energy_error: T - T(0) - integral of F' Qdot, at the next sample [J].
+        true: The true state (2n,).
+        held: Whether the grippers hold the payload from here on.
+        payload_energy: Kinetic energy that taking it up or letting it go added at this sample [J].
+    """
+
+    u: np.ndarray
+    xi: np.ndarray
+    stage_cost: float
+    presence: Mapping[int, float]
+    shares: Mapping[int, float]
+    position_margin: np.ndarray
+    velocity_margin: np.ndarray
+    control_effort: float
+    base_force: float
+    base_torque: float
+    deviation: np.ndarray
+    end_errors: Mapping[int, float]
+    momentum_error: np.ndarray
+    energy_error: float
+    true: np.ndarray
+    held: bool
+    payload_energy: float
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """One sample of the closed loop.
+
+    Attributes:
+        command: What the controller decided.
+        ticks: What the plant did until the next sample.
+        metrics: What was measured of both.
+        number: Of the sample, from 0.
+        stages: Number of stages of the task.
+    """
+
+    command: Command
+    ticks: Ticks
+    metrics: Metrics
+    number: int
+    stages: int
+
+    @property
+    def n(self) -> int:
+        """Number of generalized coordinates."""
+        return len(self.command.x) // 2
+
+    @property
+    def tick_numbers(self) -> np.ndarray:
+        """Numbers of its ticks (M,), from the start of the run."""
+        ticks = len(self.ticks.F)
+        return self.number * ticks + np.arange(ticks)
+
+
+Value = Callable[[Sample], ArrayLike]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One dataset of a log.
+
+    Attributes:
+        path: Its path in the file.
+        units: SI units.
+        long_name: What it is.
+        value: Its row or rows, from a sample; None in a dataset that does not grow.
+        dtype: NumPy type, or `text`.
+        dims: Paths of the dimension scales of its dimensions; a scale has its own path alone. The first is `time` in a
+            dataset with a row a sample, `ticks/tick` in one with a row a tick; the others do not grow.
+        only: Which runs have it: those whose `Header.has` names this; all, if empty.
+        unknown: Its value until another is known.
+    """
+
+    path: str
+    units: str
+    long_name: str
+    value: Value | None = None
+    dtype: str = "f8"
+    dims: tuple[str, ...] = ()
+    only: str = ""
+    unknown: float = float("nan")
+
+    @property
+    def is_scale(self) -> bool:
+        """Whether other datasets have it as a dimension."""
+        return self.dims == (self.path,)
+
+    @property
+    def ragged(self) -> bool:
+        """Whether its rows have lengths of their own, which `<path>_length` holds."""
+        return self.dims[1:] == (f"{self.path}_element",)
+
+
+def _metric(name: str) -> Value:
+    return attrgetter(f"metrics.{name}")
+
+
+def _window(path: str, units: str, long_name: str, values: Value) -> Column:
+    """Return the column of values of the stages in the window, in the places of those stages."""
+
+    def placed(sample: Sample) -> np.ndarray:
+        row, found = np.full(sample.stages, np.nan), np.atleast_1d(values(sample))
+        first = sample.command.sequence.first
+        row[first : first + len(found)] = found
+        return row
+
+    return Column(path, units, f"{long_name}; NaN outside the window", placed, dims=("time", "stage"))
+
+
+def _by_stage(values: Callable[[Sample], Mapping[int, float]], unknown: float = np.nan) -> Value:
+    """Return values by stage index in the places of their stages (S,)."""
+
+    def placed(sample: Sample) -> np.ndarray:
+        found = values(sample)
+        return np.array([found.get(stage, unknown) for stage in range(sample.stages)])
+
+    return placed
+
+
+def _levels(value: Callable[[Solution], float], unknown: float = np.nan) -> Value:
+    """Return a value of each level in the place of its stage (S,)."""
+    return _by_stage(lambda s: dict(enumerate(map(value, s.command.levels), start=s.command.sequence.first)), unknown)
+
+
+def _level_costs(sample: Sample) -> Mapping[int, float]:
+    """Return the cost of each stage at the last level that converged."""
+    costs = [level.costs for level in sample.command.levels if level.outcome.usable]
+    return dict(enumerate(costs[-1], start=sample.command.sequence.first)) if costs else {}
+
+
+def _event(name: str, long_name: str) -> Column:
+    return Column(f"events/{name}", "1", long_name, lambda s: name in s.command.events, "i1", ("time",))
+
+
+def _plan(name: str, long_name: str, value: Value) -> Column:
+    return Column(f"plan/{name}", "1", long_name, value, dims=("time", f"plan/{name}_element"), only="plans")
+
+
+def _scale(path: str, units: str, long_name: str, dtype: str = "text", only: str = "") -> Column:
+    return Column(path, units, long_name, None, dtype, (path,), only)
+
+
+_Q, _V, _A, _F = "m, rad", "m/s, rad/s", "m/s^2, rad/s^2", "N, N m"
+_sample = partial(Column, dims=("time",))
+_sample_n = partial(Column, dims=("time", "coordinate"))
+_sample_s = partial(Column, dims=("time", "stage"))
+_tick_n = partial(Column, dims=("ticks/tick", "coordinate"), only="ticks")
+_stage = partial(Column, dims=("stage",))
+_final = partial(Column, dims=("coordinate",))
+_body = partial(Column, dims=("uncertainty/body",), only="drawn")
+
+SCHEMA = (
+    # what runs along the dimensions
+    _sample("time", "s", "sample time", lambda s: s.command.time),
+    Column("ticks/tick", "1", "number of the tick, from 0", lambda s: s.tick_numbers, "i8", ("ticks/tick",), "ticks"),
+    _scale("coordinate", "1", "generalized coordinate"),
+    _scale("pose_coordinate", "1", "pose coordinate"),
+    _scale("stage", "1", "stage"),
+    _scale("momentum", "1", "component of momentum"),
+    _scale("stages/epsilon", _A, "threshold on a stage's presence that marks its actual start", "f8"),
+    _scale("monitors/name", "1", "name of the monitor"),
+    _scale("uncertainty/body", "1", "body", only="drawn"),
+    _scale("uncertainty/axis", "1", "axis of the body", only="drawn"),
+    # a row a sample
+    _sample_n("state/Q", _Q, "generalized coordinates, as the controller saw them", lambda s: s.command.x[: s.n]),
+    _sample_n("state/Qdot", _V, "generalized velocities, as the controller saw them", lambda s: s.command.x[s.n :]),
+    _sample_n("control/u", _A, "applied acceleration over the first tick", lambda s: s.metrics.u[0]),
+    _sample_n("force/F", _F, "generalized force of the low-level controller at the sample", lambda s: s.ticks.F[0]),
+    Column("pose/xi", _Q, "poses of base and end-effectors", _metric("xi"), dims=("time", "pose_coordinate")),
+    _sample("window/first", "1", "index of the current stage", lambda s: s.command.sequence.first, "i4"),
+    _sample("window/count", "1", "number of stages in the window", lambda s: s.command.sequence.count, "i4"),
+    _window("window/instants", "s", "planned switch time that ends each stage", lambda s: s.command.instants),
+    _window("window/cost", "1", "normalized cost integral of each stage", lambda s: s.command.costs),
+    _sample(
+        "window/basin",
+        "1",
+        "guess of the switch times that won, 0 the last plan's; -1 if the only one",
+        lambda s: s.command.solved.basin,
+        "i4",
+    ),
+    _window("window/nodes", "1", "intervals N_s of each stage", lambda s: s.command.nodes),
+    _sample_s(
+        "window/presence",
+        _A,
+        "how much of a waiting stage is in the control; NaN if not looked at",
+        _by_stage(lambda s: s.metrics.presence),
+    ),
+    _sample_s(
+        "window/share",
+        "1",
+        "share of each stage in the applied control; NaN where it has none",
+        _by_stage(lambda s: s.metrics.shares),
+    ),
+    _event("appended", "a stage entered the window"),
+    _event("postponed", "a stage was seen, but the window with it had no solution yet"),
+    _event("solve_failed", "the solve failed and the shifted plan went on"),
+    _event("braking", "the plan was used up and the robot braked to rest"),
+    _event("unmeasured", "the measured state was not finite, and the plan's was used for it"),
+    _sample("solver/status", "1", "outcome of the solve", lambda s: s.command.outcome.name.lower(), "S16"),
+    _sample("solver/warm", "1", "the solve started from the last solution, shifted", lambda s: s.command.warm, "i1"),
+    _sample("solver/iterations", "1", "iterations of the solve", lambda s: s.command.iterations, "i4"),
+    _sample("solver/wall_time", "s", "wall time of the solve alone", lambda s: s.command.solve_time),
+    _sample("solver/objective", "1", "objective J", lambda s: s.command.objective),
+    _window("normalization/nadir", "1", "divisor of each window stage's cost", lambda s: s.command.nadir),
+    _sample("cost/current_stage", "1", "cost Lbar of the current stage", _metric("stage_cost")),
+    _sample_n(
+        "margin/position", _Q, "smallest distance to a position limit until the next sample", _metric("position_margin")
+    ),
+    _sample_n(
+        "margin/velocity", _V, "smallest distance to a velocity limit until the next sample", _metric("velocity_margin")
+    ),
+    _sample(
+        "effort/control", "m^2/s^3, rad^2/s^3", "integral of |u|^2 until the next sample", _metric("control_effort")
+    ),
+    _sample(
+        "effort/base_force",
+        "N s",
+        "integral of the norm of the base force until the next sample",
+        _metric("base_force"),
+    ),
+    _sample(
+        "effort/base_torque",
+        "N m s",
+        "integral of the magnitude of the base torque until the next sample",
+        _metric("base_torque"),
+    ),
+    _sample_n(
+        "deviation/Q",
+        _Q,
+        "generalized coordinates at the next sample less the plan's",
+        lambda s: s.metrics.deviation[: s.n],
+    ),
+    _sample_n(
+        "deviation/Qdot",
+        _V,
+        "generalized velocities at the next sample less the plan's",
+        lambda s: s.metrics.deviation[s.n :],
+    ),
+    _sample_s(
+        "deviation/end",
+        "1",
+        "error of an end condition over its tolerance, where its stage ends",
+        _by_stage(lambda s: s.metrics.end_errors),
+    ),
+    Column(
+        "balance/momentum",
+        "N s, N m s",
+        "momentum less the integral of the external wrench",
+        _metric("momentum_error"),
+        dims=("time", "momentum"),
+    ),
+    _sample("balance/energy", "J", "kinetic energy less the work of the generalized forces", _metric("energy_error")),
+    _sample_s(
+        "levels/objective",
+        "1",
+        "optimum of the cost each level minimizes; NaN where none converged",
+        _levels(lambda level: level.costs[-1] if level.outcome.usable else np.nan),
+        only="levels",
+    ),
+    _sample_s(
+        "levels/cost",
+        "1",
+        "cost of each level's stage at the last level that converged",
+        _by_stage(_level_costs),
+        only="levels",
+    ),
+    _sample_s(
+        "levels/wall_time",
+        "s",
+        "wall time of each level's solve alone; NaN where there was none",
+        _levels(lambda level: level.wall_time),
+        only="levels",
+    ),
+    _sample_s(
+        "levels/solved",
+        "1",
+        "1 if the level converged, 0 if not, -1 where there was none",
+        _levels(lambda level: level.outcome.usable, -1),
+        "i1",
+        only="levels",
+    ),
+    _sample_n("state/Q_true", _Q, "generalized coordinates, true", lambda s: s.metrics.true[: s.n], only="true state"),
+    _sample_n(
+        "state/Qdot_true", _V, "generalized velocities, true", lambda s: s.metrics.true[s.n :], only="true state"
+    ),
+    _sample(
+        "payload/held",
+        "1",
+        "whether the grippers hold the payload from the sample on",
+        _metric("held"),
+        "i1",
+        only="payload",
+    ),
+    _sample(
+        "payload/energy",
+        "J",
+        "kinetic energy gained at the sample by taking it up or letting it go",
+        _metric("payload_energy"),
+        only="payload",
+    ),
+    _sample_n(
+        "control/disturbance",
+        _A,
+        "estimated disturbance, taken off the control",
+        lambda s: s.command.disturbance,
+        only="disturbance",
+    ),
+    _plan(
+        "guess", "plan each solve started from: instants, states, accelerations", lambda s: s.command.solved.guess.flat
+    ),
+    _plan(
+        "guess_multipliers",
+        "multipliers each solve started from; empty where it took none",
+        lambda s: s.command.solved.guess_duals,
+    ),
+    _plan(
+        "parameters",
+        "elapsed time of each window, then priorities, offsets and scales of its stages",
+        lambda s: s.command.solved.window.numbers,
+    ),
+    _plan("solution", "solution of each solve, as plan/guess", lambda s: s.command.solved.plan.flat),
+    # a row a tick
+    Column("ticks/time", "s", "tick time", lambda s: s.ticks.time[:-1], dims=("ticks/tick",), only="ticks"),
+    _tick_n("ticks/Q", _Q, "generalized coordinates at every tick", lambda s: s.ticks.X[:-1, : s.n]),
+    _tick_n("ticks/Qdot", _V, "generalized velocities at every tick", lambda s: s.ticks.X[:-1, s.n :]),
+    _tick_n("ticks/F", _F, "generalized force held from the tick on", lambda s: s.ticks.F),
+    # what does not grow
+    _stage("stages/name", "1", "name of the stage", dtype="text"),
+    _stage("stages/priority", "1", "priority omega of the stage"),
+    _stage("stages/switch_time", "s", "switch time that ends the stage; NaN if it never ended"),
+    _stage("stages/actual_start", "s", "first sample at which the stage acts on the control; NaN if never"),
+    _stage("stages/early", "1", "whether it acts before the stage before it has ended", dtype="i1", unknown=0),
+    Column("stages/actual_start_by_epsilon", "s", "actual start for each threshold", dims=("stage", "stages/epsilon")),
+    # not `time`: netCDF readers would take it for the dimension of that name
+    Column("final/end_time", "s", "end of the run; NaN if it was stopped before"),
+    _final("final/Q", _Q, "generalized coordinates at the end of the run"),
+    _final("final/Qdot", _V, "generalized velocities at the end of the run"),
+    Column("final/xi", _Q, "poses of base and end-effectors at the end of the run", dims=("pose_coordinate",)),
+    _final("final/Q_true", _Q, "generalized coordinates at the end of the run, true", only="true state"),
+    _final("final/Qdot_true", _V, "generalized velocities at the end of the run, true", only="true state"),
+    Column(
+        "monitors/held",
+        "1",
+        "1 if the monitor held, 0 if not, -1 if not known",
+        None,
+        "i1",
+        ("monitors/name",),
+        unknown=-1,
+    ),
+    Column("monitors/margin", "m, m/s", "smallest distance of the signal to its bounds", dims=("monitors/name",)),
+    _body("uncertainty/mass_factor", "1", "true mass over the described one"),
+    _body("uncertainty/inertia_factor", "1", "true inertia over the described one"),
+    Column(
+        "uncertainty/centre_of_mass",
+        "m",
+        "offset of the true centre of mass from the described one",
+        dims=("uncertainty/body", "uncertainty/axis"),
+        only="drawn",
+    ),
+)
+"""Every dataset of a log, scales first."""
+
+MOMENTUM = ("x", "y", "angular")
+"""Components of the momentum: linear, and angular about the inertial origin."""
+
+AXES = ("x", "y")
+"""Axes of a body."""
+
+
+def columns(along: str, has: frozenset[str] | None = None) -> tuple[Column, ...]:
+    """Return the datasets along `time` or `ticks/tick`, or those that do not grow for an empty `along`; no scales.
+
+    Args:
+        along: First dimension.
+        has: What the run has, as in `Header.has`; None for every dataset there can be.
+    """
+    return tuple(
+        column
+        for column in SCHEMA
+        if not column.is_scale
+        and (column.dims[:1] == (along,) if along else column.value is None)
+        and (has is None or not column.only or column.only in has)
+    )
+
+
+def table(along: str, only: str) -> str:
+    """Return the Markdown table of the datasets along a dimension, as in `columns`, that all runs have, or some."""
+    sizes = {"time": "K", "ticks/tick": "M", "coordinate": "n", "pose_coordinate": "m", "stage": "S", "momentum": "3"}
+    rows = ["| dataset | shape | units | what |", "|---|---|---|---|"]
+    for column in columns(along):
+        if column.only == only:
+            shape = ["K", "its longest"] if column.ragged else [sizes.get(d, d) if along else d for d in column.dims]
+            comma = "," if along and len(shape) == 1 else ""
+            rows.append(f"| `{column.path}` | ({', '.join(shape)}{comma}) | {column.units} | {column.long_name} |")
+    return "\n".join(rows)

@@ -1,4 +1,4 @@
-"""Names of coordinates as rows of Q or xi, and numbers by part as vectors in that order."""
+"""Names of coordinates as rows of vectors, numbers by part as vectors, and the limits in force."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,22 @@ from psmpc_cli.specs.messages import choice
 from psmpc_cli.specs.robot import PartLimits, RobotSpec
 from psmpc_cli.specs.task import EndCondition, Parts, TrajectorySpec
 
+Space = Literal["joint", "task", "point"]
 Vector = NDArray[np.float64]
+
+AXES = ("x", "y", "theta")
+"""Coordinates of a pose in the plane."""
+
+ARM_AXES: dict[Space, tuple[tuple[str, ...] | None, tuple[str, ...] | None]] = {
+    "joint": (None, None),
+    "task": (AXES, AXES),
+    "point": (AXES[:2], ("direction",)),
+}
+"""For each space the names of an arm's numbers in a target, and of its rows in the error; None: its joints from 1.
+
+Those of the base are always `AXES`. The rows of the error are those of Q (joint) or xi (task), and in the space point
+the angle between the end-effector's x-axis and the line to the target's point.
+"""
 
 QUANTITIES = ("position", "velocity", "acceleration")
 
@@ -40,90 +55,99 @@ class Limits:
 
 
 def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits]) -> Limits:
-    """Return what is allowed by the robot and by everything in `more`, such as a task's and a skill's limits."""
+    """Intersect the robot's limits with those in `more`, such as a task's and a skill's."""
     bounds: dict[str, Vector] = {}
     for quantity in QUANTITIES:
-        layers = [_layer(robot, limits, quantity) for limits in (robot.limits, *more)]
-        bounds[f"{quantity}_low"] = np.max([low for low, _ in layers], axis=0)
-        bounds[f"{quantity}_high"] = np.min([high for _, high in layers], axis=0)
+        layers = [
+            [
+                pair
+                for part, size in robot.parts.items()
+                for pair in limits_of_part(limits, part, quantity) or [(-np.inf, np.inf)] * size
+            ]
+            for limits in (robot.limits, *more)
+        ]
+        low, high = np.moveaxis(np.array(layers, dtype=np.float64), -1, 0)
+        bounds[f"{quantity}_low"], bounds[f"{quantity}_high"] = low.max(axis=0), high.min(axis=0)
     return Limits(**bounds)
 
 
-def of_part(limits: Mapping[str, PartLimits], part: str, quantity: str) -> tuple[Pair, ...] | None:
-    """Return the pairs that hold for a part; an arm's own come before those of `arms`."""
-    keys = (part,) if part == "base" else (part, "arms")
-    given = (getattr(limits[key], quantity) for key in keys if key in limits)
+def limits_of_part(limits: Mapping[str, PartLimits], part: str, quantity: str) -> tuple[Pair, ...] | None:
+    """Return the pairs that hold for a part, None if there are none; an arm's own take precedence over `arms`."""
+    given = (getattr(limits[key], quantity) for key in (part, "arms") if key in limits and stands_for(key, part))
     return next((pairs for pairs in given if pairs is not None), None)
 
 
-def _layer(robot: RobotSpec, limits: Mapping[str, PartLimits], quantity: str) -> tuple[Vector, Vector]:
-    """Return low and high (n,) of one set of limits."""
-    pairs = [
-        pair
-        for part, size in robot.parts.items()
-        for pair in of_part(limits, part, quantity) or [(-np.inf, np.inf)] * size
-    ]
-    low, high = np.array(pairs, dtype=np.float64).T
-    return low, high
+def stands_for(key: str, part: str) -> bool:
+    """Tell whether a key of numbers by part means a part: itself, or any arm for `arms`."""
+    return key == part or (key == "arms" and part != "base")
 
 
-Space = Literal["joint", "task"]
+def target_axes(parts: Mapping[str, int], space: Space) -> dict[str, tuple[str, ...]]:
+    """Return the names of the numbers of a target, by part; `parts` are the robot's."""
+    return _axes(parts, ARM_AXES[space][0])
 
-AXES = ("x", "y", "theta")
-"""Coordinates of a pose in the plane."""
+
+def error_axes(parts: Mapping[str, int], space: Space) -> dict[str, tuple[str, ...]]:
+    """Return the names of the rows of the error, by part; `parts` are the robot's."""
+    return _axes(parts, ARM_AXES[space][1])
+
+
+def _axes(parts: Mapping[str, int], of_arm: tuple[str, ...] | None) -> dict[str, tuple[str, ...]]:
+    joints = {part: tuple(str(joint + 1) for joint in range(size)) for part, size in parts.items()}
+    return {part: AXES if part == "base" else of_arm or joints[part] for part in parts}
 
 
 def sizes(robot: RobotSpec, space: Space) -> dict[str, int]:
-    """Return how many coordinates every part has, in the order of Q (joint) or xi (task)."""
-    return robot.parts if space == "joint" else dict.fromkeys(robot.parts, len(AXES))
+    """Return how many numbers a target has for each part, in the order of Q or xi."""
+    return {part: len(axes) for part, axes in target_axes(robot.parts, space).items()}
 
 
 def labels(robot: RobotSpec, space: Space) -> tuple[str, ...]:
-    """Return the name of every row of Q or xi: `base.x`, `arm_1.2`."""
-    return tuple(
-        f"{part}.{axis}"
-        for part, size in sizes(robot, space).items()
-        for axis in (AXES if part == "base" or space == "task" else range(1, size + 1))
-    )
+    """Return the name of every row of the error: `base.x`, `arm_1.2`."""
+    return tuple(f"{part}.{axis}" for part, axes in error_axes(robot.parts, space).items() for axis in axes)
 
 
-def names(robot: RobotSpec, space: Space) -> tuple[str, ...]:
-    """Return every name that stands for coordinates."""
-    return (*robot.parts, "arms", "all", *labels(robot, space))
+def names(parts: Mapping[str, int], space: Space) -> tuple[str, ...]:
+    """Return every name that means rows of the error; `parts` are the robot's."""
+    axes = error_axes(parts, space)
+    return (*parts, "arms", "all", *(f"{part}.{axis}" for part in parts for axis in axes[part]))
 
 
 def rows(chosen: Sequence[str], robot: RobotSpec, space: Space) -> tuple[int, ...]:
-    """Return the rows of Q (joint) or xi (task) that names stand for, sorted.
+    """Return the rows of the error that names mean, sorted.
 
     Raises:
-        SpecError: A name stands for none.
+        SpecError: A name means none.
     """
     found: set[int] = set()
     for name in chosen:
-        selected = [row for row, label in enumerate(labels(robot, space)) if _stands_for(name, label)]
+        labelled = [(row, label, label.rpartition(".")[0]) for row, label in enumerate(labels(robot, space))]
+        selected = [row for row, label, part in labelled if name in (label, "all") or stands_for(name, part)]
         if not selected:
-            raise SpecError(f'found the coordinate "{name}"{choice(name, names(robot, space))}')
+            raise SpecError(f'found the coordinate "{name}"{choice(name, names(robot.parts, space))}')
         found.update(selected)
     return tuple(sorted(found))
 
 
-def stack(parts: Parts, robot: RobotSpec, space: Space, missing: float | None = None) -> Vector:
-    """Return numbers by part as one vector (n,) or (m,) in the order of Q or xi; `arms` stands for every arm.
+def stack(parts: Parts, robot: RobotSpec, space: Space, missing: float | None = None, of_error: bool = False) -> Vector:
+    """Stack numbers by part into one vector (n,) or (m,) in the order of Q or xi; `arms` means every arm.
 
     Args:
         parts: The numbers.
         robot: Whose parts they are.
         space: Which order.
-        missing: What a part that is not there counts as; None if all must be there.
+        missing: The value for parts that are missing; None if none may be.
+        of_error: Whether the numbers belong to the rows of the error (weights, tolerances), not to those of a target.
 
     Raises:
         SpecError: A part is missing or has the wrong length.
     """
-    return np.concatenate([_part(parts, part, size, missing) for part, size in sizes(robot, space).items()])
+    axes = (error_axes if of_error else target_axes)(robot.parts, space)
+    return np.concatenate([_part(parts, part, len(axes[part]), missing) for part in axes])
 
 
 def stack_rows(trajectory: TrajectorySpec, robot: RobotSpec, space: Space) -> Vector:
-    """Return the rows of a trajectory (times, n) or (times, m) in the order of Q or xi.
+    """Stack the rows of a trajectory (times, n) or (times, m) in the order of Q or xi.
 
     Raises:
         SpecError: A part is missing, or a row has the wrong length.
@@ -133,30 +157,28 @@ def stack_rows(trajectory: TrajectorySpec, robot: RobotSpec, space: Space) -> Ve
 
 
 def tolerances(condition: EndCondition, robot: RobotSpec, space: Space) -> Vector:
-    """Return the tolerance of every row that an end condition selects [m, rad], in the order of `rows`."""
+    """Return the tolerance of every row that an end condition selects [m, rad], in the order of `rows`.
+
+    Raises:
+        SpecError: A selected row has none.
+    """
     chosen = list(rows(condition.coordinates, robot, space))
     if not isinstance(condition.tolerance, Mapping):
         return np.full(len(chosen), condition.tolerance)
     spread = {
-        part: values * size if len(values) == 1 else values
-        for part, size in sizes(robot, space).items()
+        part: values * len(axes) if len(values) == 1 else values
+        for part, axes in error_axes(robot.parts, space).items()
         if (values := _values(condition.tolerance, part)) is not None
     }
-    found = stack(spread, robot, space, missing=np.nan)[chosen]
+    found = stack(spread, robot, space, missing=np.nan, of_error=True)[chosen]
     if np.isnan(found).any():
         absent = [labels(robot, space)[row] for row, value in zip(chosen, found, strict=True) if np.isnan(value)]
         raise SpecError(f"found no tolerance of {', '.join(absent)}, expected one of every coordinate of the condition")
     return found
 
 
-def _stands_for(name: str, label: str) -> bool:
-    """Tell whether a name stands for the coordinate of a label."""
-    part = label.rpartition(".")[0]
-    return name in (label, part, "all") or (name == "arms" and part != "base")
-
-
 def _values(parts: Parts, part: str) -> tuple[float, ...] | None:
-    """Return the numbers of a part; an arm's own come before those of `arms`."""
+    """Return the numbers of a part; an arm's own take precedence over those of `arms`."""
     return parts.get(part, None if part == "base" else parts.get("arms"))
 
 

@@ -6,6 +6,7 @@ write YAML.
 
 import copy
 import math
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -16,6 +17,7 @@ from yaml.error import MarkedYAMLError
 from yaml.events import AliasEvent, MappingStartEvent, ScalarEvent, SequenceStartEvent
 from yaml.reader import ReaderError
 
+from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.messages import Fault, Path, Place, counted, dotted, quoted, shortened
 
 Scalar = None | bool | int | float | str
@@ -161,6 +163,27 @@ def read(name: str, text: str) -> Document:
 def write(data: Data) -> str:
     """Write data as YAML that reads back as the same data, keys in their order, short lists on one line."""
     return yaml.dump(data, Dumper=_Writer, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
+
+
+def plain(value: Any) -> Data:
+    """Return a value of Python as what YAML holds: tuples and arrays as lists, numbers of numpy as Python's.
+
+    Raises:
+        SpecError: It has no form in YAML.
+    """
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, os.PathLike):
+        return str(value)
+    raise SpecError(
+        f"found {shortened(repr(value))}, expected a number, a text, true, false, None, a list or a mapping"
+    )
 
 
 def resolve(word: str) -> Scalar:

@@ -1,43 +1,31 @@
-"""The kinds of value a description is made of: numbers, angles, names, bounds. Each says what it expected."""
+"""The kinds of value that descriptions are made of, and the base of their models: every error says what it expected."""
 
 import math
 import re
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from collections.abc import Callable, Collection, Iterator, Mapping
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Discriminator,
     Field,
     GetJsonSchemaHandler,
+    ModelWrapValidatorHandler,
     Strict,
+    Tag,
+    ValidationError,
+    ValidationInfo,
     WithJsonSchema,
     model_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
 
 from psmpc_cli.specs.document import resolve
-
-_ANGLE = re.compile(r"([-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?) *(deg|rad|°)")
-
-ANGLE_PATTERN = r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)? *(deg|rad|°)$"
-"""`_ANGLE` as JSON Schema writes it."""
-
-
-def angle(word: str) -> float | None:
-    """Return the angle [rad] that a word such as `30 deg` means, or None if it is no angle."""
-    match = _ANGLE.fullmatch(word)
-    if match is None:
-        return None
-    number, unit = float(match[1]), match[2]
-    return number if unit == "rad" else math.radians(number)
-
-
-EXPECTED = "expected"
-"""Error type of everything raised here; its message is what was expected."""
+from psmpc_cli.specs.messages import choice, counted, suggestion
 
 NAME_PATTERN = r"^[^\s./\\\[\]=:,]+( [^\s./\\\[\]=:,]+)*$"
 """Names appear in paths, messages, files and datasets."""
@@ -45,214 +33,91 @@ NAME_PATTERN = r"^[^\s./\\\[\]=:,]+( [^\s./\\\[\]=:,]+)*$"
 LONGEST_NAME = 60
 
 LARGEST, SMALLEST = 1e12, 1e-12
-"""Magnitude of a number, and of one that must not be 0: what is computed from them stays far from a float's range."""
+"""Magnitude of a number, and of one that must not be 0: results computed from them stay within a float's range."""
 
 LARGEST_WHOLE = 2**63 - 1
-"""What a file holds of whole numbers."""
+"""Largest whole number that a log stores."""
+
+_DECIMAL = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"
+ANGLE_PATTERN = rf"^{_DECIMAL} *(deg|rad|°)$"
+SECONDS_PATTERN = rf"^{_DECIMAL} *s$"
+
+FLAW = "flaw"
+"""Type of every validation error of a `Spec`; its context holds the parts of the message."""
 
 Pair = tuple[float, float]
 
-_WITH_UNIT: dict[str, Any] = {"type": "string", "pattern": ANGLE_PATTERN}
-_NUMBER_OR_ANGLE: dict[str, Any] = {"anyOf": [{"type": "number"}, _WITH_UNIT]}
-_NOT_NEGATIVE: dict[str, Any] = {"anyOf": [{"type": "number", "minimum": 0}, _WITH_UNIT]}
-_POSITIVE: dict[str, Any] = {"anyOf": [{"type": "number", "exclusiveMinimum": 0}, _WITH_UNIT]}
-_PAIR: dict[str, Any] = {"type": "array", "items": _NUMBER_OR_ANGLE, "minItems": 2, "maxItems": 2}
-_TEXT: dict[str, Any] = {"type": "string"}
 
-
-def _listed(items: dict[str, Any]) -> dict[str, Any]:
-    """Return the JSON Schema of a list that is not empty."""
-    return {"type": "array", "items": items, "minItems": 1}
+def flaw(tail: str, found: str | None = None, at_key: bool = False) -> PydanticCustomError:
+    """Create the error `found <found><tail>`; without `found` the message describes the value in the file."""
+    return PydanticCustomError(FLAW, "{tail}", {"tail": tail, "found": found, "at_key": at_key})
 
 
 def expected(what: str) -> PydanticCustomError:
-    """Return the error that says what would have been right."""
-    return PydanticCustomError(EXPECTED, "{what}", {"what": what})
-
-
-def number(value: object) -> float:
-    """Return a finite number as float; a text or a truth value is none."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise expected(_a_number(value))
-    if not math.isfinite(value):
-        raise expected("a finite number (a float ends at 1.8e308)")
-    if abs(value) > LARGEST:
-        raise expected(f"a number of at most {LARGEST:g} in magnitude")
-    return float(value)
-
-
-def not_tiny(value: float) -> float:
-    """Return a number above 0 that can be divided by."""
-    if 0 < value < SMALLEST:
-        raise expected(f"a number of at least {SMALLEST:g}")
-    return value
-
-
-def _a_number(instead_of: object) -> str:
-    """Say that a number was expected, and what keeps a text from being one."""
-    if not isinstance(instead_of, str):
-        return "a number"
-    if angle(instead_of) is not None:
-        return "a number without a unit"
-    return "a number" if isinstance(resolve(instead_of), bool | str | None) else "a number without quotes"
-
-
-def number_or_angle(value: object) -> float:
-    """Return a finite number, or an angle with its unit in rad."""
-    if isinstance(value, str):
-        radians = angle(value)
-        if radians is None:
-            raise expected(f"{_a_number(value)}, or an angle such as 30 deg")
-        return number(radians)
-    return number(value)
-
-
-def whole(value: object) -> int:
-    """Return a whole number as int."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or value != value // 1:
-        raise expected("a whole number")
-    if abs(value) > LARGEST_WHOLE:
-        raise expected(f"a whole number of at most {LARGEST_WHOLE}")
-    return int(value)
-
-
-def intervals(value: object) -> object:
-    """Return a number of intervals, or auto."""
-    if value == "auto":
-        return value
-    if isinstance(value, bool) or not isinstance(value, int | float) or value != value // 1 or not 2 <= value <= 1000:
-        raise expected("a whole number from 2 to 1000, or auto")
-    return int(value)
-
-
-def name(value: object) -> str:
-    """Return a text that can be a name."""
-    if not isinstance(value, str):
-        raise expected("a name (in quotes if it looks like a number)")
-    if len(value) > LONGEST_NAME or not value.isprintable() or not re.fullmatch(NAME_PATTERN, value):
-        raise expected(f"a name of at most {LONGEST_NAME} characters without . / \\ [ ] = : , and double spaces")
-    return value
-
-
-def pair(value: object) -> object:
-    """Return a list that may be a pair."""
-    if not isinstance(value, list | tuple):
-        raise expected("a pair [low, high]")
-    return value
-
-
-def ordered(bounds: Pair) -> Pair:
-    """Return a pair (low, high) in this order."""
-    if bounds[0] > bounds[1]:
-        raise expected("the lower bound first, [low, high]")
-    return bounds
-
-
-def mirrored(value: object) -> object:
-    """Return a number v as the pair (-v, v); a pair as it is."""
-    if isinstance(value, list | tuple):
-        return value
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise expected("a number, or a pair [low, high]")
-    size = number_or_angle(value)
-    if size < 0:
-        raise expected("a number of at least 0, or a pair [low, high]")
-    return 0.0 - size, size
-
-
-def around_rest(bounds: Pair) -> Pair:
-    """Return a pair (low, high) with 0 between them."""
-    if not bounds[0] <= 0 <= bounds[1]:
-        raise expected("a pair [low, high] around 0, or the robot could not rest")
-    return bounds
-
-
-def alone_or_list(value: object) -> object:
-    """Return a list; a text alone is a list of one."""
-    if not isinstance(value, str | list | tuple):
-        raise expected("a name, or a list of names")
-    return [value] if isinstance(value, str) else value
-
-
-def number_alone_or_list(value: object) -> object:
-    """Return a list; a number alone is a list of one."""
-    return value if isinstance(value, list | tuple | dict) else [value]
-
-
-def row(value: object) -> object:
-    """Return a list that may be one row of a trajectory."""
-    if not isinstance(value, list | tuple):
-        raise expected("a list of numbers, one row of values for every time")
-    return value
-
-
-def comparison(value: object) -> object:
-    """Return a list that may be a paired comparison."""
-    if not isinstance(value, list | tuple) or len(value) != 3:
-        raise expected("a comparison [stage, stage, ratio]")
-    return value
-
-
-def way_of(value: object) -> str:
-    """Tell a target that moves from one that stands still."""
-    if not isinstance(value, Mapping):
-        return "trajectory" if isinstance(value, BaseModel) else "parts"
-    rows = any(isinstance(item, list | tuple) and item and isinstance(item[0], list | tuple) for item in value.values())
-    return "trajectory" if "times" in value or rows else "parts"
-
-
-def shape_of(value: object) -> str:
-    """Tell a mapping by part from a single number."""
-    return "parts" if isinstance(value, Mapping) else "number"
-
-
-Number = Annotated[float, BeforeValidator(number)]
-Positive = Annotated[float, Field(gt=0), BeforeValidator(number), AfterValidator(not_tiny)]
-NotNegative = Annotated[float, Field(ge=0), BeforeValidator(number)]
-Angle = Annotated[float, BeforeValidator(number_or_angle), WithJsonSchema(_NUMBER_OR_ANGLE)]
-Whole = Annotated[int, BeforeValidator(whole)]
-Intervals = Annotated[
-    int | Literal["auto"],
-    BeforeValidator(intervals),
-    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 2, "maximum": 1000}, {"const": "auto"}]}),
-]
-Flag = Annotated[bool, Strict()]
-Name = Annotated[str, BeforeValidator(name), WithJsonSchema({"type": "string", "pattern": NAME_PATTERN})]
-Interval = Annotated[tuple[Angle, Angle], BeforeValidator(pair), AfterValidator(ordered), WithJsonSchema(_PAIR)]
-Rate = Annotated[
-    tuple[Angle, Angle],
-    BeforeValidator(mirrored),
-    AfterValidator(ordered),
-    AfterValidator(around_rest),
-    WithJsonSchema({"anyOf": [*_NOT_NEGATIVE["anyOf"], _PAIR]}),
-]
-Coordinates = Annotated[
-    tuple[str, ...],
-    Field(min_length=1),
-    BeforeValidator(alone_or_list),
-    WithJsonSchema({"anyOf": [_TEXT, _listed(_TEXT)]}),
-]
-Size = Annotated[float, Field(ge=0), BeforeValidator(number_or_angle), WithJsonSchema(_NOT_NEGATIVE)]
-Width = Annotated[
-    float, Field(gt=0), BeforeValidator(number_or_angle), AfterValidator(not_tiny), WithJsonSchema(_POSITIVE)
-]
-Widths = Annotated[
-    tuple[Width, ...],
-    BeforeValidator(number_alone_or_list),
-    WithJsonSchema({"anyOf": [*_POSITIVE["anyOf"], _listed(_POSITIVE)]}),
-]
-Row = Annotated[tuple[Angle, ...], BeforeValidator(row)]
-Comparison = Annotated[tuple[str, str, Positive], BeforeValidator(comparison)]
+    """Create the error of a value that is not `what`."""
+    return flaw(f", expected {what}")
 
 
 class Spec(BaseModel):
-    """Frozen, strict about unknown keys; the parent of every part of a specification."""
+    """The parent of every part of a description: frozen, and strict about unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    @model_validator(mode="wrap")
+    @classmethod
+    def _explain(cls, value: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Replace pydantic's messages by what was found and expected here."""
+        try:
+            return handler(value)
+        except ValidationError as error:
+            flaws = list(_explained(error.errors(include_url=False), cls))
+        raise ValidationError.from_exception_data(cls.__name__, flaws)
+
+
+def _explained(details: list[ErrorDetails], model: type[Spec]) -> Iterator[Any]:
+    """Give the errors of a model in our words; a misspelt key is not also reported as missing."""
+    keys = model.model_fields
+    unknown = [str(detail["loc"][0]) for detail in details if detail["type"] == "extra_forbidden"]
+    misspelt = {suggestion(key, keys) for key in unknown}
+    for detail in details:
+        kind, at, context, value = detail["type"], detail["loc"], detail.get("ctx", {}), detail["input"]
+        if kind == FLAW:
+            error = flaw(**context)
+        elif kind == "extra_forbidden":
+            error = flaw(choice(str(at[0]), keys), "an unknown key", at_key=True)
+        elif kind == "missing":
+            if at[0] in misspelt:
+                continue
+            error = flaw(f", expected {keys[str(at[0])].description}", f'no key "{at[0]}"', at_key=True)
+        elif kind == "literal_error":
+            error = flaw(choice(str(value), re.findall(r"'([^']*)'", context["expected"])))
+        elif kind in ("model_type", "model_attributes_type"):
+            error = expected(f"a mapping with the keys {', '.join(keys)}")
+        elif kind in ("dict_type", "mapping_type"):
+            error = expected(f"a mapping ({keys[str(at[0])].description})")
+        elif kind == "too_short" and len(value) >= context["min_length"]:
+            continue  # only too short because wrong entries do not count
+        else:
+            wording = _WORDINGS.get(kind)
+            error = expected(wording(context) if wording else detail["msg"])
+        yield {"type": error, "loc": at, "input": value}
+
+
+_WORDINGS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "string_type": lambda context: "a text (in quotes if it looks like a number)",
+    "bool_type": lambda context: "true or false",
+    "tuple_type": lambda context: "a list",
+    "greater_than": lambda context: f"a number greater than {context['gt']:g}",
+    "greater_than_equal": lambda context: f"a number of at least {context['ge']:g}",
+    "less_than": lambda context: f"a number less than {context['lt']:g}",
+    "less_than_equal": lambda context: f"a number of at most {context['le']:g}",
+    "too_short": lambda context: f"at least {counted(context['min_length'], 'entry', 'entries')}",
+    "string_too_short": lambda context: "a text that is not empty",
+}
+
 
 class Choice(Spec):
-    """A part of a task with a `kind`; the kind alone stands for it with all else at its default."""
+    """A part of a task with a `kind`; in YAML the kind alone means a mapping with all other keys at their defaults."""
 
     @model_validator(mode="before")
     @classmethod
@@ -267,23 +132,237 @@ class Choice(Spec):
 
 
 class SideBySide(Spec):
-    """A model whose field `parts` is not written: its keys stand side by side with the other fields."""
+    """A model whose field `parts` is not written in YAML: its keys are beside those of the other fields."""
 
     @model_validator(mode="before")
     @classmethod
     def _gather_parts(cls, value: object) -> object:
         if not isinstance(value, Mapping) or isinstance(value.get("parts"), Mapping):
             return value
-        others = [key for key in cls.model_fields if key != "parts" and key in value]
-        parts = {key: item for key, item in value.items() if key not in others}
-        return {"parts": parts, **{key: value[key] for key in others}}
+        others = {key: value[key] for key in cls.model_fields if key != "parts" and key in value}
+        return {"parts": {key: item for key, item in value.items() if key not in others}, **others}
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """Write the parts side by side with the other fields."""
+        """Write the parts beside the other fields."""
         schema = handler.resolve_ref_schema(handler(core_schema))
-        others = {key: item for key, item in schema["properties"].items() if key != "parts"}
-        required = [key for key in schema.get("required", ()) if key != "parts"]
-        kept: dict[str, Any] = {"type": "object", "description": schema["description"], "properties": others}
-        parts = {"additionalProperties": schema["properties"]["parts"]["additionalProperties"]}
-        return {**kept, **({"required": required} if required else {}), **parts}
+        parts = schema["properties"].pop("parts")
+        required = [key for key in schema.pop("required", ()) if key != "parts"]
+        return {
+            **schema,
+            **({"required": required} if required else {}),
+            "additionalProperties": parts["additionalProperties"],
+        }
+
+
+def angle(word: str) -> float | None:
+    """Return the angle [rad] that a word such as `30 deg` means, None if it is no angle."""
+    match = re.fullmatch(rf"({_DECIMAL}) *(deg|rad|°)", word)
+    if match is None:
+        return None
+    return float(match[1]) if word.endswith("rad") else math.radians(float(match[1]))
+
+
+def number(value: object) -> float:
+    """Return a finite number as float; a text or a truth value is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise expected(_a_number(value))
+    if not math.isfinite(value):
+        raise expected("a finite number (a float ends at 1.8e308)")
+    if abs(value) > LARGEST:
+        raise expected(f"a number of at most {LARGEST:g} in magnitude")
+    return float(value)
+
+
+def number_or_angle(value: object) -> float:
+    """Return a finite number, or an angle with its unit in rad."""
+    if not isinstance(value, str):
+        return number(value)
+    radians = angle(value)
+    if radians is None:
+        raise expected(f"{_a_number(value)}, or an angle such as 30 deg")
+    return number(radians)
+
+
+def _a_number(instead_of: object) -> str:
+    """Say that a number was expected, and what keeps a text from being one."""
+    if not isinstance(instead_of, str):
+        return "a number"
+    if angle(instead_of) is not None:
+        return "a number without a unit"
+    return "a number" if isinstance(resolve(instead_of), bool | str | None) else "a number without quotes"
+
+
+def _seconds(value: object) -> float:
+    if isinstance(value, str) and re.fullmatch(SECONDS_PATTERN, value):
+        return number(float(value.removesuffix("s")))
+    if isinstance(value, str):
+        raise expected(f"{_a_number(value)}, or seconds such as 2 s")
+    return number(value)
+
+
+def _not_tiny(value: float) -> float:
+    if 0 < value < SMALLEST:
+        raise expected(f"a number of at least {SMALLEST:g}")
+    return value
+
+
+def _whole(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != value // 1:
+        raise expected("a whole number")
+    if abs(value) > LARGEST_WHOLE:
+        raise expected(f"a whole number of at most {LARGEST_WHOLE}")
+    return int(value)
+
+
+def _intervals(value: object) -> object:
+    if value == "auto":
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != value // 1 or not 2 <= value <= 1000:
+        raise expected("a whole number from 2 to 1000, or auto")
+    return int(value)
+
+
+def _name(value: object) -> str:
+    if not isinstance(value, str):
+        raise expected("a name (in quotes if it looks like a number)")
+    if len(value) > LONGEST_NAME or not value.isprintable() or not re.fullmatch(NAME_PATTERN, value):
+        raise expected(f"a name of at most {LONGEST_NAME} characters without . / \\ [ ] = : , and double spaces")
+    return value
+
+
+def known(names: str, kind: str | None = None) -> AfterValidator:
+    """Create a validator of a name that must be among those that the validation context lists, if it does.
+
+    Args:
+        names: Key of the list in the context.
+        kind: For keys of a mapping, the kind of thing they name.
+    """
+
+    def check(value: str, info: ValidationInfo) -> str:
+        valid: Collection[str] = (info.context or {}).get(names, ())
+        if valid and value not in valid:
+            raise flaw(choice(value, valid), kind and f"no such {kind}", at_key=kind is not None)
+        return value
+
+    return AfterValidator(check)
+
+
+def listed(what: str, length: int | None = None) -> BeforeValidator:
+    """Create a validator of a list, of a fixed length if one is given."""
+
+    def check(value: object) -> object:
+        if not isinstance(value, list | tuple) or length not in (None, len(value)):
+            raise expected(what)
+        return value
+
+    return BeforeValidator(check)
+
+
+def _ordered(bounds: Pair) -> Pair:
+    if bounds[0] > bounds[1]:
+        raise expected("the lower bound first, [low, high]")
+    return bounds
+
+
+def _mirrored(value: object) -> object:
+    """Return a number v as the pair (-v, v); a pair as it is."""
+    if isinstance(value, list | tuple):
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise expected("a number, or a pair [low, high]")
+    size = number_or_angle(value)
+    if size < 0:
+        raise expected("a number of at least 0, or a pair [low, high]")
+    return 0.0 - size, size
+
+
+def _around_rest(bounds: Pair) -> Pair:
+    if not bounds[0] <= 0 <= bounds[1]:
+        raise expected("a pair [low, high] around 0, or the robot could not rest")
+    return bounds
+
+
+def _names(value: object) -> object:
+    if not isinstance(value, str | list | tuple):
+        raise expected("a name, or a list of names")
+    return [value] if isinstance(value, str) else value
+
+
+def one_or_more(value: object) -> object:
+    """Return a list; a number alone is a list of one."""
+    return value if isinstance(value, list | tuple | dict) else [value]
+
+
+def _shape(value: object) -> str:
+    return "parts" if isinstance(value, Mapping) else "number"
+
+
+def _or_angle(**bounds: float) -> list[dict[str, Any]]:
+    """Return the JSON Schemas of a number within bounds and of an angle with its unit."""
+    return [{"type": "number", **bounds}, {"type": "string", "pattern": ANGLE_PATTERN}]
+
+
+def or_list(*ways: dict[str, Any]) -> WithJsonSchema:
+    """Return the JSON Schema of a value, or of a list of such values that is not empty."""
+    one = ways[0] if len(ways) == 1 else {"anyOf": [*ways]}
+    return WithJsonSchema({"anyOf": [*ways, {"type": "array", "items": one, "minItems": 1}]})
+
+
+_PAIR: dict[str, Any] = {"type": "array", "items": {"anyOf": _or_angle()}, "minItems": 2, "maxItems": 2}
+
+Number = Annotated[float, BeforeValidator(number)]
+Positive = Annotated[float, Field(gt=0), BeforeValidator(number), AfterValidator(_not_tiny)]
+NotNegative = Annotated[float, Field(ge=0), BeforeValidator(number)]
+Fraction = Annotated[float, Field(ge=0, lt=1), BeforeValidator(number)]
+Seconds = Annotated[
+    float,
+    Field(ge=0),
+    BeforeValidator(_seconds),
+    WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"type": "string", "pattern": SECONDS_PATTERN}]}),
+]
+Angle = Annotated[float, BeforeValidator(number_or_angle), WithJsonSchema({"anyOf": _or_angle()})]
+Size = Annotated[float, Field(ge=0), BeforeValidator(number_or_angle), WithJsonSchema({"anyOf": _or_angle(minimum=0)})]
+Width = Annotated[
+    float,
+    Field(gt=0),
+    BeforeValidator(number_or_angle),
+    AfterValidator(_not_tiny),
+    WithJsonSchema({"anyOf": _or_angle(exclusiveMinimum=0)}),
+]
+Whole = Annotated[int, BeforeValidator(_whole)]
+Intervals = Annotated[
+    int | Literal["auto"],
+    BeforeValidator(_intervals),
+    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 2, "maximum": 1000}, {"const": "auto"}]}),
+]
+Flag = Annotated[bool, Strict()]
+Name = Annotated[str, BeforeValidator(_name), WithJsonSchema({"type": "string", "pattern": NAME_PATTERN})]
+Vector2 = Annotated[tuple[Number, Number], listed("2 entries", 2)]
+Interval = Annotated[
+    tuple[Angle, Angle], listed("a pair [low, high]", 2), AfterValidator(_ordered), WithJsonSchema(_PAIR)
+]
+Rate = Annotated[
+    tuple[Angle, Angle],
+    listed("a pair [low, high]", 2),
+    BeforeValidator(_mirrored),
+    AfterValidator(_ordered),
+    AfterValidator(_around_rest),
+    WithJsonSchema({"anyOf": [*_or_angle(minimum=0), _PAIR]}),
+]
+Widths = Annotated[tuple[Width, ...], BeforeValidator(one_or_more), or_list(*_or_angle(exclusiveMinimum=0))]
+Row = Annotated[tuple[Angle, ...], listed("a list of numbers, one row of values for every time")]
+
+_Key = TypeVar("_Key")
+_One = TypeVar("_One")
+_Each = TypeVar("_Each")
+Names = Annotated[tuple[_One, ...], Field(min_length=1), BeforeValidator(_names), or_list({"type": "string"})]
+"""A list of names that is not empty, or one name alone."""
+
+OrByPart = Annotated[
+    Annotated[_One, Tag("number")] | Annotated[Mapping[_Key, _Each], Tag("parts")], Discriminator(_shape)
+]
+"""One number for all parts, or numbers by part: `OrByPart[key, one, each]`."""
+
+Part = Annotated[str, known("parts", "part of the robot")]
+ArmName = Annotated[str, known("arms", "part of the robot")]

@@ -1,24 +1,33 @@
-"""Robot and task descriptions from files, names or stored texts to validated data."""
+"""Robot and task descriptions from files, names, mappings or stored texts to validated data."""
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.cursor import Cursor
-from psmpc_cli.specs.document import Document, read, write
-from psmpc_cli.specs.library import Kind, built_ins, find, look_up, read_text, shown
+from psmpc_cli.specs.checks import check_robot, check_task, known_names, parts_of
+from psmpc_cli.specs.document import Document, plain, read, write
+from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
 from psmpc_cli.specs.messages import Fault
-from psmpc_cli.specs.overrides import Change, override
+from psmpc_cli.specs.messages import Path as Location
+from psmpc_cli.specs.overrides import Changes, override
+from psmpc_cli.specs.priorities import prioritize
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import TaskSpec
-from psmpc_cli.specs.validate import kind_of, validate_robot, validate_task
+
+Model = TypeVar("Model", bound=BaseModel)
 
 LONGEST_PATH = 1000
 """Characters of a path that a task refers to."""
+
+MARKS: dict[Kind, tuple[str, ...]] = {"robot": ("arms", "base"), "task": ("stages", "skills", "robot")}
+"""Keys that only one kind of description has."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +37,7 @@ class LoadedRobot:
     Attributes:
         spec: The robot.
         robot_yaml: The text it was read from.
-        source: Locates a path in that text.
+        source: That text with the position of every value.
     """
 
     spec: RobotSpec
@@ -38,14 +47,18 @@ class LoadedRobot:
 
 @dataclass(frozen=True)
 class Task:
-    """A task with its robot, and where they came from.
+    """A valid task with its robot: what controllers, simulations and studies start from.
+
+    `load_task` makes one. `task.spec` has every key of the task file as an attribute, with defaults filled in, angles
+    in rad, and priorities resolved from comparisons: `task.spec.controller.nodes`, `task.spec.stages[0].target`. A task
+    does not change; load it with `set={...}` for another one, or `parse_task(task.task_yaml, task.robot_yaml, ...)`.
 
     Attributes:
         spec: The task.
-        robot: Its robot.
-        task_yaml: The effective text, overrides applied: it loads again to the same task.
-        robot_yaml: The robot's text.
-        source: Locates a path of the task in its file.
+        robot: Its robot; `robot.parts` are the names and sizes of the parts of Q.
+        task_yaml: The text of the task with all overrides; it loads again to the same task.
+        robot_yaml: The text of the robot.
+        source: The task's text with the position of every value, for messages about it.
     """
 
     spec: TaskSpec
@@ -56,7 +69,7 @@ class Task:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of the task and its robot, whatever the files look like."""
+        """SHA-256 of the task and its robot as data, however their files are written."""
         content = {
             "task": self.spec.model_dump(mode="json"),
             "robot": self.robot.model_dump(mode="json"),
@@ -66,105 +79,165 @@ class Task:
         return hashlib.sha256(canonical.encode()).hexdigest()
 
 
-def load_task(reference: str | Path, set: Sequence[Change] = ()) -> Task:
+def load_task(reference: str | Path | Mapping[str, Any], set: Changes = ()) -> Task:
     """Load a task and its robot.
 
     Args:
-        reference: A path, or the name of a built-in task.
-        set: Keys of the task to change, each `path=value` or an option short for that.
+        reference: The name of a built-in task, the path of a file, or the task itself as a mapping of its keys.
+        set: Keys of the task to change: a mapping of paths to values, such as `{"controller.nodes": "auto"}` or
+            `{"stages.capture.priority": 10}`, or a sequence of texts `path=value` and options short for them.
 
     Raises:
-        SpecError: Something is wrong with the file, the robot's file or an override; the message has all of it.
+        SpecError: Something is wrong with the task, the robot's file or a change; the message lists all of it.
     """
-    path = find("task", reference)
-    document, complaints = override(read(shown(path), read_text(path)), set)
-    robot, problem = _robot_of(document, path.parent)
-    return _task(document, robot, path.stem, complaints, () if problem is None else (problem,))
+    if isinstance(reference, Mapping):
+        return _task(read("task", write(plain(reference))), Path(), "task", set)
+    path, document = _read("task", reference)
+    return _task(document, path.parent, path.stem, set)
 
 
 def load_robot(reference: str | Path) -> LoadedRobot:
     """Load a robot from a path or by the name of a built-in one.
 
     Raises:
-        SpecError: Something is wrong with the file; the message has all of it.
+        SpecError: Something is wrong with the file; the message lists all of it.
     """
-    path = find("robot", reference)
-    document = read(shown(path), read_text(path))
-    robot, problems = validate_robot(document)
+    document = _read("robot", reference)[1]
+    robot, faults = validate_robot(document)
     if robot is None:
-        raise SpecError(document.report(problems))
+        raise SpecError(document.report(faults))
     return LoadedRobot(robot, document.text, document)
 
 
+def parse_task(task_yaml: str, robot_yaml: str, name: str, set: Changes = ()) -> Task:
+    """Rebuild a task from texts stored elsewhere, such as in a log, without reading files.
+
+    Args:
+        task_yaml: The text of the task.
+        robot_yaml: The text of its robot.
+        name: The name of the task if it has none of its own.
+        set: Keys of the task to change, as for `load_task`.
+
+    Raises:
+        SpecError: Something is wrong with the texts or a change.
+    """
+    return _task(read(name, task_yaml), read(f"{name} (robot)", robot_yaml), name, set)
+
+
 def kind_of_reference(reference: str | Path) -> Kind:
-    """Return whether a path or a built-in name stands for a robot or a task, a task if in doubt.
+    """Return whether a path or a built-in name is that of a robot or a task; a task if in doubt.
 
     Raises:
         SpecError: There is no such file, or it cannot be read.
     """
     if str(reference) in built_ins("robot") and not Path(reference).is_file():
         return "robot"
-    path = find("task", reference)
-    return kind_of(read(shown(path), read_text(path)))
+    return _kind_of(_read("task", reference)[1])
 
 
-def parse_task(task_yaml: str, robot_yaml: str, name: str, set: Sequence[Change] = ()) -> Task:
-    """Rebuild a task from texts stored elsewhere, such as in a log; no file is touched.
+def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Fault, ...]]:
+    """Return the robot that a document describes, None if it is not valid, and every fault of the document."""
+    robot, faults = _validate(document, "robot", RobotSpec, known_names(document, parts_of(document)))
+    return _unless(robot, (*faults, *check_robot(document)))
 
-    Args:
-        task_yaml: The effective text of the task.
-        robot_yaml: The text of its robot.
-        name: What the task is called if it does not say so itself.
-        set: Keys of the task to change, each `path=value` or an option short for that.
+
+def validate_task(document: Document, robot: Document | None) -> tuple[TaskSpec | None, tuple[Fault, ...]]:
+    """Return the task that a document describes, None if it is not valid, and every fault of the document.
+
+    Checks that depend on the robot are made as far as its document can be read, even if that is not valid. Priorities
+    are resolved from comparisons.
+    """
+    task, faults = _validate(document, "task", TaskSpec, known_names(document, parts_of(robot)))
+    if _kind_of(document) == "task":
+        faults = (*faults, *check_task(document, robot))
+    return _unless(None if faults or task is None else prioritize(task), faults)
+
+
+def _unless(model: Model | None, faults: tuple[Fault, ...]) -> tuple[Model | None, tuple[Fault, ...]]:
+    return (None if faults else model), faults
+
+
+def _read(kind: Kind, reference: str | Path) -> tuple[Path, Document]:
+    """Find and read the file that a reference means."""
+    try:
+        path = find(kind, reference)
+    except SpecError as error:
+        raise SpecError(f"{reference}: {error}") from None
+    return path, read(shown(path), read_text(path))
+
+
+def _task(document: Document, robot: Document | Path, name: str, changes: Changes) -> Task:
+    """Make the task of a document, and of its robot's or of one that it refers to from a folder.
 
     Raises:
-        SpecError: Something is wrong with the texts or an override.
+        SpecError: Something is wrong with either; the message lists all of it.
     """
-    document, complaints = override(read(name, task_yaml), set)
-    return _task(document, read(f"{name} (robot)", robot_yaml), name, complaints)
-
-
-def _robot_of(task: Document, folder: Path) -> tuple[Document | None, Fault | None]:
-    """Return the document of the robot a task refers to, or the problem with the reference."""
-    reference = Cursor(task)["robot"].text
-    if not reference:
-        return None, None
-    if len(reference) > LONGEST_PATH:
-        wrong = (
-            f"found {len(reference)} characters, expected a built-in robot's name or a path of at most {LONGEST_PATH}"
-        )
-        return None, Fault(("robot",), wrong)
-    try:
-        path = look_up("robot", reference, folder)
-        return read(shown(path), read_text(path)), None
-    except (LookupError, SpecError) as error:
-        return None, Fault(("robot",), str(error.args[0]))
-
-
-def _task(
-    document: Document,
-    robot_document: Document | None,
-    name: str,
-    complaints: Sequence[str] = (),
-    problems: Sequence[Fault] = (),
-) -> Task:
-    """Return the task of two documents, or raise everything that is wrong with them."""
-    robot, robot_problems = (None, ()) if robot_document is None else validate_robot(robot_document)
-    task, task_problems = validate_task(document, robot)
-    if task is None or robot is None or robot_document is None or complaints or problems:
-        robot_report = "" if robot_document is None else robot_document.report(robot_problems)
-        reports = (document.report((*task_problems, *problems)), *complaints, robot_report)
-        raise SpecError("\n".join(text for text in reports if text))
+    document, misplaced = override(document, changes)
+    source, missing = (robot, ()) if isinstance(robot, Document) else _robot_of(document, robot)
+    spec, faults = (None, ()) if source is None else validate_robot(source)
+    task, task_faults = validate_task(document, source)
+    if task is None or spec is None or source is None or misplaced:
+        reports = (document.report((*task_faults, *missing)), *misplaced, source.report(faults) if source else "")
+        raise SpecError("\n".join(report for report in reports if report))
+    overridden = any(entry.override is not None for entry in document.entries.values())
     return Task(
         spec=task if task.name else task.model_copy(update={"name": name}),
-        robot=robot,
-        task_yaml=_effective(document),
-        robot_yaml=robot_document.text,
+        robot=spec,
+        task_yaml=write(document.data) if overridden else document.text,
+        robot_yaml=source.text,
         source=document,
     )
 
 
-def _effective(document: Document) -> str:
-    """Return the text of a document; written anew if it has been overridden."""
-    overridden = any(entry.override is not None for entry in document.entries.values())
-    return write(document.data) if overridden else document.text
+def _robot_of(task: Document, folder: Path) -> tuple[Document | None, tuple[Fault, ...]]:
+    """Read the robot that a task refers to; a fault if there is none."""
+    reference = task.data.get("robot") if isinstance(task.data, dict) else None
+    if not isinstance(reference, str) or not reference:
+        return None, ()
+    try:
+        if len(reference) > LONGEST_PATH:
+            wanted = f"expected a built-in robot's name or a path of at most {LONGEST_PATH}"
+            raise SpecError(f"found {len(reference)} characters, {wanted}")
+        path = find("robot", reference, folder)
+        return read(shown(path), read_text(path)), ()
+    except SpecError as error:
+        return None, (Fault(("robot",), str(error)),)
+
+
+def _kind_of(document: Document) -> Kind:
+    """Return whether a document describes a robot or a task; a task if in doubt."""
+    return "robot" if _marked(document, "robot") and not _marked(document, "task") else "task"
+
+
+def _marked(document: Document, kind: Kind) -> bool:
+    return isinstance(document.data, dict) and any(key in document.data for key in MARKS[kind])
+
+
+def _validate(
+    document: Document, kind: Kind, model: type[Model], names: Mapping[str, Collection[str]]
+) -> tuple[Model | None, tuple[Fault, ...]]:
+    """Return a document as a model, None if it is none, and its faults."""
+    if not document.readable:
+        return None, document.faults
+    required = [name for name, field in model.model_fields.items() if field.is_required()]
+    wanted = f"a {kind}: a mapping with the keys {', '.join(required)}"
+    if document.data is None:
+        return None, (Fault((), f"found an empty file, expected {wanted}"),)
+    if not isinstance(document.data, dict):
+        return None, (*document.faults, Fault((), f"found {document.found(())}, expected {wanted}"))
+    if _kind_of(document) != kind and not _marked(document, kind):
+        return None, (Fault((), f"found the description of a {_kind_of(document)}, expected {wanted}"),)
+    try:
+        return model.model_validate(document.data, context=names), document.faults
+    except ValidationError as error:
+        return None, (*document.faults, *_faults(error, document))
+
+
+def _faults(error: ValidationError, document: Document) -> Iterator[Fault]:
+    """Give every error of a validation with its path in the document; its `loc` also names branches of unions."""
+    for detail in error.errors(include_url=False):
+        path: Location = ()
+        for step in detail["loc"]:
+            path = (*path, step) if (*path, step) in document.entries else path
+        context = detail["ctx"]
+        yield Fault(path, f"found {context['found'] or document.found(path)}{context['tail']}", context["at_key"])

@@ -4,9 +4,7 @@ from collections.abc import Mapping
 
 from pydantic import Field
 
-from psmpc_cli.specs.fields import Angle, Interval, Name, NotNegative, Number, Pair, Positive, Rate, Spec
-
-__all__ = ["Arm", "Base", "Link", "Mount", "Pair", "PartLimits", "RobotSpec", "Spec", "Tool"]
+from psmpc_cli.specs.fields import Angle, Interval, Name, NotNegative, Part, Positive, Rate, Spec, Vector2
 
 
 class Base(Spec):
@@ -19,7 +17,7 @@ class Base(Spec):
 class Mount(Spec):
     """Where an arm's first joint sits on the base."""
 
-    position: tuple[Number, Number] = Field(description="position of the shoulder in the base frame, [x, y] [m]")
+    position: Vector2 = Field(description="position of the shoulder in the base frame, [x, y] [m]")
     angle: Angle = Field(0.0, description="direction of the arm in the base frame [rad]")
 
 
@@ -65,7 +63,7 @@ class RobotSpec(Spec):
     description: str = Field("", description="what it is, for people")
     base: Base = Field(description="the base body")
     arms: Mapping[Name, Arm] = Field(min_length=1, description="the arms by name, in the order of Q")
-    limits: Mapping[str, PartLimits] = Field({}, description="limits of base, arms (every arm) or an arm by name")
+    limits: Mapping[Part, PartLimits] = Field({}, description="limits of base, arms (every arm) or an arm by name")
 
     @property
     def parts(self) -> dict[str, int]:

@@ -1,43 +1,84 @@
-"""What a task is: skills, stages, and how to run them. Plain validated data, SI units throughout."""
+"""What a task is: skills and stages, how to run them, its object, and what the controller does not know.
+
+Plain validated data in SI units.
+"""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema
+from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag
 
 from psmpc_cli.specs.fields import (
     Angle,
+    ArmName,
     Choice,
-    Comparison,
-    Coordinates,
     Flag,
+    Fraction,
     Intervals,
     Name,
+    Names,
     NotNegative,
     Number,
+    OrByPart,
+    Part,
     Positive,
     Row,
+    Seconds,
     SideBySide,
     Size,
     Spec,
+    Vector2,
     Whole,
     Width,
     Widths,
-    number,
-    number_alone_or_list,
-    shape_of,
-    way_of,
+    known,
+    listed,
+    one_or_more,
+    or_list,
 )
 from psmpc_cli.specs.robot import PartLimits
+
+Parts = Mapping[str, tuple[float, ...]]
+"""Numbers keyed by part name (`base`, then each arm's name, or `arms` for every arm)."""
+
+_Coordinates = Mapping[Part, tuple[Angle, ...]]
+_Extent = Annotated[tuple[Positive, Positive], listed("2 entries", 2)]
+_Pose = Annotated[tuple[Number, Number, Angle], listed("3 entries", 3)]
+_Fractions = OrByPart[Fraction, Part, Fraction]
+_Control = OrByPart[Size, Part, tuple[Size, ...]]
+_Tolerance = OrByPart[Width, Part, Widths]
+_ByArm = OrByPart[
+    NotNegative,
+    ArmName,
+    Annotated[
+        tuple[NotNegative, ...],
+        Field(min_length=1),
+        BeforeValidator(one_or_more),
+        or_list({"type": "number", "minimum": 0}),
+    ],
+]
+_Forces = Annotated[
+    tuple[Positive, ...],
+    Field(min_length=1),
+    BeforeValidator(one_or_more),
+    or_list({"type": "number", "exclusiveMinimum": 0}),
+]
+_Frames = Names[Annotated[str, known("frames")]]
+_JointNames = Names[Annotated[str, known("joint coordinates")]]
+_SkillName = Annotated[str, known("skills")]
+_StageName = Annotated[str, known("stages")]
+_Comparison = Annotated[tuple[_StageName, _StageName, Positive], listed("a comparison [stage, stage, ratio]", 3)]
+_StageKey = Annotated[str, known("stages", "stage")]
+_ControllerKey = Annotated[str, known("controllers", "controller")]
 
 
 class ObjectSpec(Spec):
     """The target object."""
 
-    shape: tuple[Positive, Positive] = Field(description="length and width, [l, w] [m]")
-    pose: tuple[Number, Number, Angle] = Field(description="pose before it is taken, [x, y, angle] [m, rad]")
-    taken_by: str = Field(description="the stage at whose end it is taken")
-    let_go_by: str = Field(description="the stage at whose beginning it is let go")
+    shape: _Extent = Field(description="length and width, [l, w] [m]")
+    pose: _Pose = Field(description="pose before it is taken, [x, y, angle] [m, rad]")
+    taken_by: _StageName = Field(description="the stage at whose end it is taken")
+    let_go_by: _StageName = Field(description="the stage at whose beginning it is let go")
 
 
 class MonitorSpec(Spec):
@@ -45,8 +86,8 @@ class MonitorSpec(Spec):
 
     name: str = Field(min_length=1, description="what the bound means, such as object held")
     quantity: Literal["distance", "speed"] = Field(description="between two frames, or of one")
-    of: Coordinates = Field(description="base or arms: two for a distance, one for a speed")
-    during: str = Field(description="the stage in which it must hold")
+    of: _Frames = Field(description="base or arms: two for a distance, one for a speed")
+    during: _StageName = Field(description="the stage in which it must hold")
     above_start_at_most: NotNegative | None = Field(None, description="rise above its value at the stage's start")
     below_start_at_most: NotNegative | None = Field(None, description="fall below its value at the stage's start")
     at_most: Number | None = Field(None, description="upper bound [m, m/s]")
@@ -56,33 +97,8 @@ class MonitorSpec(Spec):
 class PublishedRun(Spec):
     """A published run to compare with."""
 
-    switch_time: Mapping[str, Number] = Field({}, description="instants that end the stages, by name [s]")
-    actual_start: Mapping[str, Number] = Field({}, description="actual starts of the stages, by name [s]")
-
-
-def _lists(least: dict[str, Any]) -> WithJsonSchema:
-    """Return the JSON Schema of a number with this bound, or a list of such numbers."""
-    one = {"type": "number", **least}
-    return WithJsonSchema({"anyOf": [one, {"type": "array", "items": one, "minItems": 1}]})
-
-
-_Fraction = Annotated[float, Field(ge=0, lt=1), BeforeValidator(number)]
-_Fractions = Annotated[
-    Annotated[_Fraction, Tag("number")] | Annotated[Mapping[str, _Fraction], Tag("parts")], Discriminator(shape_of)
-]
-_Amounts = Annotated[
-    Annotated[NotNegative, Tag("number")] | Annotated[Mapping[str, NotNegative], Tag("parts")], Discriminator(shape_of)
-]
-_Coefficients = Annotated[
-    tuple[NotNegative, ...], BeforeValidator(number_alone_or_list), Field(min_length=1), _lists({"minimum": 0})
-]
-_Forces = Annotated[
-    tuple[Positive, ...], BeforeValidator(number_alone_or_list), Field(min_length=1), _lists({"exclusiveMinimum": 0})
-]
-_ByArm = Annotated[
-    Annotated[NotNegative, Tag("number")] | Annotated[Mapping[str, _Coefficients], Tag("parts")],
-    Discriminator(shape_of),
-]
+    switch_time: Mapping[_StageKey, Number] = Field({}, description="instants that end the stages, by name [s]")
+    actual_start: Mapping[_StageKey, Number] = Field({}, description="actual starts of the stages, by name [s]")
 
 
 class FrictionSpec(Spec):
@@ -106,7 +122,7 @@ class ImpulseSpec(Spec):
     """A blow to the base, even over one tick of the low-level loop."""
 
     at: NotNegative = Field(description="when it comes [s]")
-    linear: tuple[Number, Number] = Field((0.0, 0.0), description="impulse of the force, [x, y] [N s]")
+    linear: Vector2 = Field((0.0, 0.0), description="impulse of the force, [x, y] [N s]")
     angular: Number = Field(0.0, description="impulse of the torque [N m s]")
 
 
@@ -116,7 +132,7 @@ class PayloadSpec(Spec):
     mass: Positive = Field(description="mass [kg]")
     inertia: NotNegative = Field(description="inertia about its centre of mass [kg m^2]")
     known: Flag = Field(False, description="whether the low-level law counts it in while it is held")
-    share: _Amounts | None = Field(
+    share: OrByPart[NotNegative, ArmName, NotNegative] | None = Field(
         None, description="what each gripper holds of it, one number or numbers by arm; default equal shares"
     )
 
@@ -126,13 +142,13 @@ class UncertaintySpec(Spec):
 
     mass: _Fractions = Field(0.0, description="largest relative error of a body's mass, one number or numbers by part")
     inertia: _Fractions = Field(0.0, description="the same of its inertia about the centre of mass")
-    centre_of_mass: _Amounts = Field(
+    centre_of_mass: OrByPart[NotNegative, Part, NotNegative] = Field(
         0.0, description="largest offset of a body's centre of mass along either axis, one number or by part [m]"
     )
     friction: FrictionSpec = Field(FrictionSpec(), description="friction in the joints")
     noise: NoiseSpec = Field(NoiseSpec(), description="noise of the measurement")
     delay: Whole = Field(0, ge=0, description="samples after which a control reaches the robot")
-    force_limits: Mapping[str, _Forces] = Field(
+    force_limits: Mapping[Part, _Forces] = Field(
         {}, description="largest force and torques [Fx, Fy, torque] of the base, torques of arms, by part [N, N m]"
     )
     impulse: ImpulseSpec | None = Field(None, description="a blow to the base")
@@ -169,17 +185,6 @@ def _largest(value: float | Mapping[str, float] | Mapping[str, tuple[float, ...]
         return value
     lists = (given if isinstance(given, tuple) else (given,) for given in value.values())
     return max((number for numbers in lists for number in numbers), default=0.0)
-
-
-Parts = Mapping[str, tuple[float, ...]]
-"""Numbers keyed by part name (`base`, then each arm's name, or `arms` for every arm)."""
-
-_Coordinates = Mapping[str, tuple[Angle, ...]]
-_Weights = Mapping[str, tuple[Size, ...]]
-_Control = Annotated[Annotated[Size, Tag("number")] | Annotated[_Weights, Tag("parts")], Discriminator(shape_of)]
-_Tolerance = Annotated[
-    Annotated[Width, Tag("number")] | Annotated[Mapping[str, Widths], Tag("parts")], Discriminator(shape_of)
-]
 
 
 class HtmpcSpec(Spec):
@@ -252,7 +257,7 @@ class SkillWeights(SideBySide):
     In YAML the parts and `control` stand side by side.
     """
 
-    parts: _Weights
+    parts: Mapping[Part, tuple[Size, ...]]
     control: _Control = Field(1.0, description="weights of the control, one number or numbers by part")
 
 
@@ -262,7 +267,7 @@ class SkillSpec(Spec):
     space: Literal["joint", "task"] = Field(description="joint: cost on Q, eq. (30); task: cost on xi, eq. (31)")
     input: Literal["joint", "task"] = Field("joint", description="the control is the acceleration of Q or of xi")
     weights: SkillWeights = Field(description="weights by part, and of the control")
-    limits: Mapping[str, PartLimits] = Field({}, description="limits of this skill, within the task's")
+    limits: Mapping[Part, PartLimits] = Field({}, description="limits of this skill, within the task's")
 
 
 class EndCondition(Spec):
@@ -271,9 +276,12 @@ class EndCondition(Spec):
     A coordinate is a part (`base`), `arms`, `all`, or one of a part (`base.x`, `arm_1.2`).
     """
 
-    coordinates: Coordinates = Field(description="what must be at the target")
+    coordinates: Names[str] = Field(description="what must be at the target")
     tolerance: _Tolerance = Field(3e-3, description="how near, one number or numbers by part [m, rad]")
     velocity: Width | None = Field(None, description="how much at rest [m/s, rad/s]")
+    hold: Seconds = Field(
+        0.0, exclude_if=lambda hold: hold == 0, description="how long it must be met without a break [s]"
+    )
 
 
 class TrajectorySpec(SideBySide):
@@ -283,11 +291,19 @@ class TrajectorySpec(SideBySide):
     """
 
     times: tuple[Number, ...] = Field(min_length=2, description="times since the stage began, rising from 0 [s]")
-    parts: Mapping[str, tuple[Row, ...]]
+    parts: Mapping[Part, tuple[Row, ...]]
+
+
+def _way(value: object) -> str:
+    """Tell a target that moves from one that does not."""
+    if not isinstance(value, Mapping):
+        return "trajectory" if isinstance(value, BaseModel) else "parts"
+    rows = any(isinstance(item, list | tuple) and item and isinstance(item[0], list | tuple) for item in value.values())
+    return "trajectory" if "times" in value or rows else "parts"
 
 
 Target = Annotated[
-    Annotated[_Coordinates, Tag("parts")] | Annotated[TrajectorySpec, Tag("trajectory")], Discriminator(way_of)
+    Annotated[_Coordinates, Tag("parts")] | Annotated[TrajectorySpec, Tag("trajectory")], Discriminator(_way)
 ]
 
 
@@ -295,7 +311,7 @@ class StageSpec(Spec):
     """One activation of a skill."""
 
     name: Name = Field(description="name of the stage")
-    skill: str = Field(description="the skill to run, by name")
+    skill: _SkillName = Field(description="the skill to run, by name")
     priority: Positive = Field(1.0, description="relative importance omega, eq. (11)")
     target: Target = Field(
         description="joint: base pose and joint angles; task: base and end-effector poses; or a trajectory of them"
@@ -303,7 +319,7 @@ class StageSpec(Spec):
     ends_when: EndCondition | None = Field(None, description="the condition that ends the stage, eq. (18)")
     at: Positive | None = Field(None, description="fixed time that ends the stage [s], instead of a condition")
     dwell: NotNegative = Field(0.0, description="shortest duration, that of a trajectory at least [s]")
-    onset: Coordinates | None = Field(None, description="coordinates whose control marks the stage's actual start")
+    onset: _JointNames | None = Field(None, description="coordinates whose control marks the stage's actual start")
     angles: Literal["nearest", "exact"] = Field(
         "nearest", description="nearest: a target angle means the nearest equivalent one; exact: itself"
     )
@@ -312,7 +328,7 @@ class StageSpec(Spec):
 class PrioritiesSpec(Spec):
     """Priorities of all stages from paired comparisons, instead of one at each stage; the first stage's is 1."""
 
-    compare: tuple[Comparison, ...] = Field(
+    compare: tuple[_Comparison, ...] = Field(
         min_length=1, description="[a, b, r]: stage a is r times as important as stage b"
     )
 
@@ -346,7 +362,7 @@ class TaskSpec(Spec):
     controller: ControllerSpec = Field(ControllerSpec(), description="the controller and its objective")
     solver: SolverSpec = Field(SolverSpec(), description="the NLP back-end")
     plant: PlantSpec = Field(PlantSpec(), description="the simulated physics")
-    limits: Mapping[str, PartLimits] = Field({}, description="limits of this task, within the robot's")
+    limits: Mapping[Part, PartLimits] = Field({}, description="limits of this task, within the robot's")
     skills: Mapping[Name, SkillSpec] = Field(min_length=1, description="the skills by name")
     stages: tuple[StageSpec, ...] = Field(min_length=1, description="the stages in their order")
     priorities: PrioritiesSpec | None = Field(
@@ -356,7 +372,9 @@ class TaskSpec(Spec):
     object: ObjectSpec | None = Field(None, description="the target object")
     uncertainty: UncertaintySpec = Field(UncertaintySpec(), description="what the controller does not know")
     monitors: tuple[MonitorSpec, ...] = Field((), description="what must hold for the mission to succeed")
-    published: Mapping[str, PublishedRun] = Field({}, description="published runs to compare with, by controller")
+    published: Mapping[_ControllerKey, PublishedRun] = Field(
+        {}, description="published runs to compare with, by controller"
+    )
     log: LogSpec = Field(LogSpec(), description="what the log holds beyond the samples")
     time_limit: Positive = Field(60.0, description="time after which the run is stopped [s]")
     seed: Whole = Field(0, ge=0, description="seed of everything random")

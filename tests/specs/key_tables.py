@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from psmpc_cli.specs.fields import ANGLE_PATTERN, NAME_PATTERN
+from psmpc_cli.specs.fields import ANGLE_PATTERN, NAME_PATTERN, SECONDS_PATTERN
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import TaskSpec
 
@@ -17,53 +17,30 @@ ROOTS: dict[str, type[BaseModel]] = {"tasks.md": TaskSpec, "robots.md": RobotSpe
 
 MARKED = re.compile(r"(?<=<!-- keys of )(\w+)( -->\n).*?(?=<!-- end -->)", re.DOTALL)
 UNITS = {
-    "m",
-    "rad",
-    "s",
-    "kg",
-    "kg m^2",
-    "Hz",
-    "m/s",
-    "rad/s",
-    "m/s^2",
-    "rad/s^2",
-    "1",
-    "N",
-    "N m",
-    "N s",
-    "N m s",
-    "N m s/rad",
+    *("1", "m", "rad", "s", "kg", "kg m^2", "Hz", "m/s", "rad/s", "m/s^2", "rad/s^2"),
+    *("N", "N m", "N s", "N m s", "N m s/rad"),
 }
 NOT_WRITTEN = "parts"
 """Stands for keys that are parts of the robot."""
 
 SECTIONS = {
-    "PartLimits": "robots.md#limits",
-    "ControllerSpec": "#controller",
-    "HtmpcSpec": "#controller",
-    "SolverSpec": "#solver-and-plant",
-    "PlantSpec": "#solver-and-plant",
-    "SkillSpec": "#skills",
-    "SkillWeights": "#skills",
-    "StageSpec": "#stages",
-    "TrajectorySpec": "#trajectories",
-    "EndCondition": "#end-conditions",
-    "PrioritiesSpec": "#priorities-from-paired-comparisons",
-    "OnsetSpec": "#actual-starts",
-    "ObjectSpec": "#object-and-monitors",
-    "MonitorSpec": "#object-and-monitors",
-    "UncertaintySpec": "#uncertainty",
-    "FrictionSpec": "#uncertainty",
-    "NoiseSpec": "#uncertainty",
-    "ImpulseSpec": "#uncertainty",
-    "PayloadSpec": "#uncertainty",
-    "PublishedRun": "#published-and-log",
-    "LogSpec": "#published-and-log",
-    "Base": "#bodies",
-    "Arm": "#bodies",
-    "Mount": "#bodies",
-    "Link": "#bodies",
-    "Tool": "#bodies",
+    model: section
+    for section, models in {
+        "robots.md#limits": "PartLimits",
+        "#controller": "ControllerSpec HtmpcSpec",
+        "#solver-and-plant": "SolverSpec PlantSpec",
+        "#skills": "SkillSpec SkillWeights",
+        "#stages": "StageSpec",
+        "#trajectories": "TrajectorySpec",
+        "#end-conditions": "EndCondition",
+        "#priorities-from-paired-comparisons": "PrioritiesSpec",
+        "#actual-starts": "OnsetSpec",
+        "#object-and-monitors": "ObjectSpec MonitorSpec",
+        "#uncertainty": "UncertaintySpec FrictionSpec NoiseSpec ImpulseSpec PayloadSpec",
+        "#published-and-log": "PublishedRun LogSpec",
+        "#bodies": "Base Arm Mount Link Tool",
+    }.items()
+    for model in models.split()
 }
 """Where a model is described."""
 
@@ -143,7 +120,8 @@ def _words(value: Mapping[str, Any], models: Mapping[str, Any]) -> str:
         named = next(iter(value.get("patternProperties", {}).values()), value.get("additionalProperties"))
         return f"by name: {_words(named, models)}"
     if kind == "string":
-        return {NAME_PATTERN: "name", ANGLE_PATTERN: "angle"}.get(value.get("pattern", ""), "text")
+        kinds = {NAME_PATTERN: "name", ANGLE_PATTERN: "angle", SECONDS_PATTERN: "`2 s`"}
+        return kinds.get(value.get("pattern", ""), "text")
     return {"boolean": "`true`, `false`", "integer": "whole number", "number": "number"}[kind] + _bounds(value)
 
 

@@ -1,44 +1,107 @@
-"""Whatever is done to the text of a description, it loads or is refused in words that fit a terminal."""
+"""Whatever is done to a description, it loads or every fault is located, in words that fit a terminal."""
 
+import copy
+import re
 from random import Random
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.document import MOST_VALUES
-from psmpc_cli.specs.library import LARGEST_FILE as LARGEST
+from psmpc_cli.specs.document import MOST_VALUES, Data, read, write
+from psmpc_cli.specs.library import LARGEST_FILE
 from psmpc_cli.specs.load import load_robot, load_task, parse_task
-from psmpc_cli.specs.overrides import LONGEST
 
 from ..fuzzing import fuzzing
 from ..mutated_text import mutated_description
 
 TRANSPORT = load_task("transport")
+TASK, ROBOT = (read("original", text) for text in (TRANSPORT.task_yaml, TRANSPORT.robot_yaml))
+TWO_ROWS = "times: [0, 16], base: [[0, 0, 0], [0.8, 0, 0]], arms: [[0, 1, 0], [1, 1, 0]]"
+MOVING = read("original", load_task("tracking", [f"stages.trace.target={{{TWO_ROWS}}}"]).task_yaml)
 
 AT_THE_BOUNDS = {
     "unknown keys": "".join(f"keys{i}: 1\n" for i in range(MOST_VALUES // 2 - 100)),
     "bad stages": "stages:\n" + "- {a: b}\n" * (MOST_VALUES // 3 - 100),
-    "one text": "a" * LARGEST,
-    "comments": "# x\n" * (LARGEST // 4),
-    "open quote": '"' + "a\n" * (LARGEST // 2 - 1),
+    "one text": "a" * LARGEST_FILE,
+    "comments": "# x\n" * (LARGEST_FILE // 4),
+    "open quote": '"' + "a\n" * (LARGEST_FILE // 2 - 1),
     "anchors": "".join(f"keys{i}: &a{i} x\n" for i in range(MOST_VALUES // 2 - 100)),
-    "digits": "seed: " + "9" * (LARGEST - 6),
-    "colons": ":" * LARGEST,
-    "escapes": '"' + "\\x41" * (LARGEST // 4 - 1) + '"',
+    "digits": "seed: " + "9" * (LARGEST_FILE - 6),
+    "colons": ":" * LARGEST_FILE,
+    "escapes": '"' + "\\x41" * (LARGEST_FILE // 4 - 1) + '"',
 }
 """Texts as large as they may be, each the worst of its kind."""
 
+NAMES: list[Data] = ["", "x", "base", "all", "30 deg", "1e999"]
+NUMBERS: list[Data] = [None, True, -1, 0, 1.5, 1e300]
+COLLECTIONS: list[Data] = [[], [[]], [None], [1, 2], {}, {"base": 3}, {"x": {}}]
+
+junk = st.sampled_from([*NAMES, *NUMBERS, *COLLECTIONS])
+steps = st.sampled_from(
+    [*"x.=[] ", "[0]", "[9]", "stages", ".capture", ".name", "controller", "target", ".base", "1e999"]
+)
+
 
 def is_clear(error: SpecError) -> bool:
-    """Return whether a message is not too long, and cannot command a terminal."""
+    """Return whether a message is not too long, and cannot control a terminal."""
     return len(str(error)) < 30_000 and all(line.replace("\t", " ").isprintable() for line in str(error).split("\n"))
 
 
+def mutate(data: Any, path: tuple[str | int, ...], action: str, value: Any) -> Any:
+    changed = copy.deepcopy(data)
+    inside = changed
+    for step in path[:-1]:
+        inside = inside[step]
+    if action == "remove":
+        del inside[path[-1]]
+    elif action == "rename" and isinstance(inside, dict):
+        inside["renamed"] = inside.pop(path[-1])
+    else:
+        inside[path[-1]] = value
+    return changed
+
+
+def load_mutated(document: Any, data: st.DataObject) -> None:
+    changed = document.data
+    for _ in range(data.draw(st.integers(1, 3))):
+        paths = [path for path in read("changed", write(changed)).entries if path]
+        if paths:
+            action = data.draw(st.sampled_from(["remove", "rename", "replace"]))
+            changed = mutate(changed, data.draw(st.sampled_from(paths)), action, data.draw(junk))
+    text = write(changed)
+    texts = (TASK.text, text) if document is ROBOT else (text, ROBOT.text)
+    try:
+        parse_task(*texts, "mutated")
+    except SpecError as error:
+        found = [line for line in str(error).splitlines() if not re.match(r" +\d* \| ", line)]
+        assert found
+        assert all(re.match(r"mutated( \(robot\))?:\d+:\d+: .*(found|more problems)", line) for line in found)
+
+
+@pytest.mark.parametrize("document", [TASK, MOVING, ROBOT], ids=["task", "moving", "robot"])
+@fuzzing(25)
+@given(data=st.data())
+def test_mutated_description_is_loaded_or_rejected(document: Any, data: st.DataObject) -> None:
+    load_mutated(document, data)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("document", [TASK, MOVING, ROBOT], ids=["task", "moving", "robot"])
+@fuzzing(400)
+@given(data=st.data())
+def test_many_mutated_descriptions_are_loaded_or_rejected(document: Any, data: st.DataObject) -> None:
+    load_mutated(document, data)
+
+
+@pytest.mark.slow
 @fuzzing(600)
 @given(seed=st.integers(0, 2**32), of_robot=st.booleans())
-def test_mutated_file_is_loaded_or_refused(tmp_path_factory: pytest.TempPathFactory, seed: int, of_robot: bool) -> None:
+def test_mutated_file_is_loaded_or_rejected(
+    tmp_path_factory: pytest.TempPathFactory, seed: int, of_robot: bool
+) -> None:
     path = tmp_path_factory.getbasetemp() / "mutated.yaml"
     path.write_bytes(mutated_description(TRANSPORT.robot_yaml if of_robot else TRANSPORT.task_yaml, Random(seed)))
     before = path.read_bytes()
@@ -49,19 +112,25 @@ def test_mutated_file_is_loaded_or_refused(tmp_path_factory: pytest.TempPathFact
     assert path.read_bytes() == before
 
 
+@pytest.mark.slow
+@fuzzing(600)
+@given(st.lists(st.lists(steps, min_size=1, max_size=6).map("".join), min_size=1, max_size=3))
+def test_any_override_is_applied_or_reported_as_it_was_given(overrides: list[str]) -> None:
+    try:
+        load_task("transport", overrides)
+    except SpecError as error:
+        assert re.match(r"--set |tasks/transport\.yaml:\d+:\d+: ", str(error))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("text", AT_THE_BOUNDS.values(), ids=AT_THE_BOUNDS)
-def test_the_worst_text_that_is_not_too_large_is_refused_in_clear_words(text: str) -> None:
-    with pytest.raises(SpecError) as refused:
+def test_the_worst_text_that_is_not_too_large_is_rejected_in_clear_words(text: str) -> None:
+    with pytest.raises(SpecError) as rejected:
         parse_task(text, TRANSPORT.robot_yaml, "worst")
-    assert is_clear(refused.value)
+    assert is_clear(rejected.value)
 
 
 def test_control_characters_in_a_key_are_written_out() -> None:
-    with pytest.raises(SpecError) as refused:
+    with pytest.raises(SpecError) as rejected:
         parse_task(TRANSPORT.task_yaml + '"a\\e[31m\\nb": 1\n', TRANSPORT.robot_yaml, "task")
-    assert "a\\x1b[31m\\nb: found an unknown key" in str(refused.value)
-
-
-def test_overrides_are_refused_unread_when_they_are_too_long() -> None:
-    with pytest.raises(SpecError, match=rf"--set: found {LONGEST + 1} characters, expected at most {LONGEST}"):
-        load_task("transport", ["a=" + "x" * (LONGEST - 1)])
+    assert "a\\x1b[31m\\nb: found an unknown key" in str(rejected.value)

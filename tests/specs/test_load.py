@@ -1,10 +1,16 @@
-import math
-from pathlib import Path
+"""References to files, names and mappings, and the texts behind them."""
 
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 import pytest
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.library import built_ins
+from psmpc_cli.specs import library
+from psmpc_cli.specs.library import LARGEST_FILE, built_ins, read_text, shown
 from psmpc_cli.specs.load import kind_of_reference, load_robot, load_task, parse_task
 
 ROBOT = load_robot("planar_dual_arm").robot_yaml
@@ -16,6 +22,12 @@ def write(folder: Path, name: str, text: str) -> Path:
     path.parent.mkdir(exist_ok=True)
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def error_of(path: Path) -> str:
+    with pytest.raises(SpecError) as raised:
+        read_text(path)
+    return str(raised.value)
 
 
 def test_built_in_task_is_the_paper_s() -> None:
@@ -45,6 +57,14 @@ def test_built_in_robots_load_and_have_the_editor_s_mode_line(name: str) -> None
     assert load_robot(name).robot_yaml.startswith("# yaml-language-server: $schema=../docs/schema/robot.json\n")
 
 
+def test_built_ins_of_an_installed_package_are_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    inside = tmp_path / "psmpc_cli" / "builtin" / "tasks"
+    inside.mkdir(parents=True)
+    (inside / "own.yaml").touch()
+    monkeypatch.setattr(library, "__file__", str(tmp_path / "psmpc_cli" / "specs" / "library.py"))
+    assert built_ins("task") == {"own": inside / "own.yaml"}
+
+
 def test_path_comes_before_built_in_name_but_a_directory_does_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -64,7 +84,24 @@ def test_robot_is_found_beside_the_task(tmp_path: Path, monkeypatch: pytest.Monk
     assert load_task(str(task)).robot.base.mass == 300
 
 
-def test_problems_of_task_and_robot_come_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mapping_is_a_task() -> None:
+    rest = {"base": (0, 0, 0), "arms": np.zeros(3)}
+    mapping: dict[str, Any] = {
+        "robot": "planar_dual_arm",
+        "initial": rest,
+        "skills": {"move": {"space": "joint", "weights": {"base": [1, 1, 1], "arms": [np.float64(2)] * 3}}},
+        "stages": [{"name": "go", "skill": "move", "target": rest, "ends_when": {"coordinates": "all"}}],
+    }
+    task = load_task(mapping, set={"controller.nodes": 20})
+    assert (task.spec.name, task.spec.controller.nodes) == ("task", 20)
+    assert parse_task(task.task_yaml, task.robot_yaml, "task").digest == task.digest
+    with pytest.raises(SpecError, match=r'^task:\d+:\d+: stages\[0\]\.skill: found the text "mve" \(did you mean'):
+        load_task({**mapping, "stages": [{**mapping["stages"][0], "skill": "mve"}]})
+    with pytest.raises(SpecError, match="expected a number, a text"):
+        load_task({**mapping, "seed": object()})
+
+
+def test_faults_of_task_and_robot_come_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     write(
         tmp_path, "r.yaml", "name: r\nbase: {mass: -1, inertia: 1}\narms: {a: {mount: {position: [0, 0]}, links: []}}\n"
@@ -72,8 +109,7 @@ def test_problems_of_task_and_robot_come_together(tmp_path: Path, monkeypatch: p
     write(tmp_path, "t.yaml", TASK.replace("planar_dual_arm", "r.yaml").replace("priority: 100", "priority: 0"))
     with pytest.raises(SpecError) as raised:
         load_task("t.yaml")
-    heads = [line for line in str(raised.value).splitlines() if line[0] != " "]
-    assert heads == [
+    assert [line for line in str(raised.value).splitlines() if line[0] != " "] == [
         "t.yaml:21:15: stages[1].priority: found 0, expected a number greater than 0",
         "r.yaml:2:14: base.mass: found -1, expected a number greater than 0",
         "r.yaml:3:46: arms.a.links: found an empty list, expected at least 1 entry",
@@ -85,7 +121,7 @@ def test_problems_of_task_and_robot_come_together(tmp_path: Path, monkeypatch: p
     [
         ("gone.yaml", 'found no file "gone.yaml", expected a path or a built-in robot: planar_dual_arm'),
         ("folder", "folder: found a directory, expected a YAML file"),
-        ("3", 'found no file "3", expected a path or a built-in robot: planar_dual_arm'),
+        ("x" * 2000, "found 2000 characters, expected a built-in robot's name or a path of at most 1000"),
     ],
 )
 def test_robot_that_cannot_be_read_is_reported_where_the_task_names_it(
@@ -107,7 +143,7 @@ def test_robot_that_cannot_be_read_is_reported_where_the_task_names_it(
         ("\0", '\0: found no file "\\u0000"'),
     ],
 )
-def test_task_that_is_not_there_is_met_with_the_built_in_names(reference: str, found: str) -> None:
+def test_message_about_a_missing_task_has_the_built_in_names(reference: str, found: str) -> None:
     with pytest.raises(SpecError) as raised:
         load_task(reference)
     assert str(raised.value) == f"{found}, expected a path or a built-in task: {', '.join(built_ins('task'))}"
@@ -122,19 +158,56 @@ def test_stored_texts_need_no_file() -> None:
         parse_task(task.task_yaml.replace("skill: reach", "skill: rich", 1), task.robot_yaml, "stored")
 
 
-def test_digest_tells_tasks_and_robots_apart_but_not_their_spelling() -> None:
+def test_digest_is_of_the_content_not_of_the_text() -> None:
     task = load_task("transport")
     spelt = parse_task(TASK.replace("1e-3", "0.001").replace("onset: base", "onset: [base]"), ROBOT, "transport")
     heavier = parse_task(TASK, ROBOT.replace("mass: 30", "mass: 31"), "transport")
     swapped = ROBOT.replace("arm_1", "arm_0").replace("arm_2", "arm_1").replace("arm_0", "arm_2")
-    assert spelt.digest == task.digest
-    assert len({task.digest, heavier.digest, load_task("transport", ["seed=1"]).digest}) == 3
+    held = load_task("transport", {"stages.release.ends_when.hold": "1 s"})
+    assert spelt.digest == task.digest == load_task("transport", {"stages.release.ends_when.hold": 0}).digest
+    assert len({task.digest, heavier.digest, held.digest, load_task("transport", ["seed=1"]).digest}) == 4
     assert parse_task(TASK, swapped, "transport").digest != task.digest
 
 
-def test_kind_is_known_by_its_keys(tmp_path: Path) -> None:
+def test_kind_is_recognized_by_its_keys(tmp_path: Path) -> None:
     assert kind_of_reference("planar_dual_arm") == "robot"
     assert kind_of_reference("transport") == "task"
     assert kind_of_reference(write(tmp_path, "a.yaml", ROBOT)) == "robot"
     assert kind_of_reference(write(tmp_path, "b.yaml", "seed: 1")) == "task"
     assert kind_of_reference(write(tmp_path, "c.yaml", "a: [")) == "task"
+
+
+def test_text_is_read_with_or_without_byte_order_mark(tmp_path: Path) -> None:
+    path = tmp_path / "task.yaml"
+    path.write_bytes(b"\xef\xbb\xbfname: \xc2\xb0\n")
+    assert read_text(path) == "name: °\n"
+    path.write_bytes(b"name: a\r\n")
+    assert read_text(path) == "name: a\r\n"
+
+
+@pytest.mark.parametrize(
+    ("special", "found"), [("", "a directory"), ("/dev/zero", "no regular file"), ("pipe", "no regular file")]
+)
+def test_what_is_no_regular_file_is_rejected_without_reading_it(special: str, found: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    path = tmp_path / special
+    assert error_of(path) == f"{path}: found {found}, expected a YAML file"
+
+
+def test_large_missing_and_unreadable_files_are_rejected_with_the_reason(tmp_path: Path) -> None:
+    path = tmp_path / "large.yaml"
+    with path.open("wb") as file:
+        file.truncate(10**12)
+    assert error_of(path) == f"{path}: found 1000000000000 bytes, expected a YAML file of at most {LARGEST_FILE}"
+    missing, below = tmp_path / "missing.yaml", path / "task.yaml"
+    assert error_of(missing) == f"{missing}: found no readable file (No such file or directory), expected a YAML file"
+    assert error_of(below) == f"{below}: found no readable file (Not a directory), expected a YAML file"
+    with pytest.raises(SpecError, match=r"found no readable file \(File name too long\), expected a YAML file"):
+        load_task(tmp_path / ("long" * 100))
+
+
+def test_paths_are_shown_as_the_user_sees_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert shown(tmp_path / "a" / "b.yaml") == str(Path("a/b.yaml"))
+    assert shown(Path("../c.yaml")) == str(Path("../c.yaml"))
+    assert shown(tmp_path.parent / "d.yaml") == str(tmp_path.parent / "d.yaml")

@@ -1,7 +1,7 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
@@ -16,7 +16,7 @@ def specified(*overrides: str) -> TaskSpec:
     return load_task("transport", overrides).spec
 
 
-def refusal_of(*overrides: str) -> str:
+def error_of(*overrides: str) -> str:
     with pytest.raises(SpecError) as raised:
         load_task("transport", overrides)
     return str(raised.value)
@@ -50,6 +50,7 @@ def test_override_equals_editing_the_file(override: str, old: str, new: str, tmp
     assert specified(override) == load_task(edited).spec != TRANSPORT.spec
 
 
+@settings(max_examples=20)
 @given(
     st.sampled_from(["approach", "capture", "transport", "release"]),
     st.floats(min_value=1e-9, max_value=1e9),
@@ -64,7 +65,7 @@ def test_effective_text_loads_again_to_the_same_task(stage: str, priority: float
     assert next(s.priority for s in again.spec.stages if s.name == stage) == priority
 
 
-def test_shorthand_opens_into_what_it_stands_for() -> None:
+def test_kind_alone_becomes_a_mapping() -> None:
     task = load_task("transport", ["controller=smpc", "controller.nodes=25", "plant=ideal"])
     assert (task.spec.controller.kind, task.spec.controller.nodes, task.spec.plant.kind) == ("smpc", 25, "ideal")
     assert "controller: {kind: smpc, nodes: 25}" in task.task_yaml
@@ -76,6 +77,16 @@ def test_an_option_short_for_a_key_sets_it_and_is_named_where_it_is_wrong() -> N
         load_task("transport", [Short("--plant", "plant.kind", "mars")])
     with pytest.raises(SpecError, match=r"^--plant \{: found "):
         load_task("transport", [Short("--plant", "plant.kind", "{")])
+
+
+def test_a_mapping_sets_values_of_python() -> None:
+    task = load_task("transport", set={"controller.nodes": "auto", "stages[0].target.base": (-2.0, 1, "30 deg")})
+    texts = ["controller.nodes=auto", "stages.approach.target.base=[-2, 1, 30 deg]"]
+    assert task.spec == specified(*texts)
+    assert parse_task(task.task_yaml, task.robot_yaml, "transport").digest == task.digest
+    assert load_task("transport", {"uncertainty": {"noise": {"angle": 1e-3}}}).spec.uncertainty.noise.angle == 1e-3
+    with pytest.raises(SpecError, match=r'^set controller.kind="mars": controller.kind: found the text "mars", exp'):
+        load_task("transport", {"controller.kind": "mars"})
 
 
 def test_later_override_wins() -> None:
@@ -123,11 +134,11 @@ def test_without_overrides_the_text_is_the_file() -> None:
     ],
 )
 def test_wrong_override_is_reported_as_it_was_given(override: str, message: str) -> None:
-    assert refusal_of(override) == f"--set {override}: {message}"
+    assert error_of(override) == f"--set {override}: {message}"
 
 
 def test_problem_that_an_override_causes_elsewhere_is_reported_there() -> None:
-    assert refusal_of("controller.horizon=0.05") == (
+    assert error_of("controller.horizon=0.05") == (
         "tasks/transport.yaml:6:66: controller.sample_time: found 0.1 s, expected at most the horizon of 0.05 s\n"
         "   6 | controller: {kind: psmpc, horizon: 4.0, nodes: 100, sample_time: 0.1, pending_cost: 1.0, zeta: 1e-3}\n"
         "     |                                                                  ^"
@@ -135,7 +146,7 @@ def test_problem_that_an_override_causes_elsewhere_is_reported_there() -> None:
 
 
 def test_all_wrong_overrides_are_reported_together() -> None:
-    text = refusal_of("stages[1].priority=-3", "seed=x", "nonsense", "controller.nodes=0")
+    text = error_of("stages[1].priority=-3", "seed=x", "nonsense", "controller.nodes=0")
     assert [line.partition(":")[0] for line in text.splitlines()] == [
         "--set stages[1].priority=-3",
         "--set seed=x",

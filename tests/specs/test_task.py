@@ -1,7 +1,10 @@
+"""What a task file may say, and the shorter ways to say it."""
+
 import pytest
 
+from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.load import load_robot, load_task, parse_task
-from psmpc_cli.specs.task import SkillWeights, SolverSpec, StageSpec, TaskSpec
+from psmpc_cli.specs.task import EndCondition, SkillWeights, SolverSpec, StageSpec, TaskSpec, UncertaintySpec
 
 TASK = load_task("transport").task_yaml
 ROBOT = load_robot("planar_dual_arm").robot_yaml
@@ -12,12 +15,12 @@ def edited(old: str, new: str) -> TaskSpec:
     return parse_task(TASK.replace(old, new), ROBOT, "transport").spec
 
 
-def test_kind_alone_stands_for_a_mapping() -> None:
+def test_kind_alone_means_a_mapping() -> None:
     assert SolverSpec.model_validate("ipopt") == SolverSpec(kind="ipopt")
     assert edited("solver: {kind: sqp}", "solver: ipopt").solver == SolverSpec(kind="ipopt")
 
 
-def test_weights_stand_beside_control() -> None:
+def test_weights_are_beside_control() -> None:
     flat = {"base": [1, 2, 3], "arms": [4, 5], "control": {"base": [1, 1, 1], "arms": [2, 2]}}
     weights = SkillWeights.model_validate(flat)
     assert weights.parts == {"base": (1, 2, 3), "arms": (4, 5)}
@@ -37,12 +40,27 @@ def test_one_name_alone_is_a_list() -> None:
 
 
 def test_tolerance_may_be_given_by_part() -> None:
-    spec = edited("tolerance: 0.05", "tolerance: {base: 0.05, arms: [0.05, 0.05, 3 deg]}")
-    ends_when = spec.stages[3].ends_when
-    assert ends_when is not None
-    assert isinstance(ends_when.tolerance, dict)
+    ends_when = edited("tolerance: 0.05", "tolerance: {base: 0.05, arms: [0.05, 0.05, 3 deg]}").stages[3].ends_when
+    assert ends_when is not None and isinstance(ends_when.tolerance, dict)
     assert ends_when.tolerance["base"] == (0.05,)
     assert ends_when.tolerance["arms"] == pytest.approx((0.05, 0.05, 0.05235987755982989))
+
+
+@pytest.mark.parametrize(("written", "seconds"), [("2 s", 2), ("0.5s", 0.5), (1.5, 1.5), (0, 0)])
+def test_a_condition_may_have_to_hold(written: object, seconds: float) -> None:
+    assert EndCondition.model_validate({"coordinates": "all", "hold": written}).hold == seconds
+
+
+@pytest.mark.parametrize(
+    ("hold", "message"),
+    [
+        ("-1", r"stages\[3\].ends_when.hold: found -1, expected a number of at least 0"),
+        ("2 min", 'found the text "2 min", expected a number, or seconds such as 2 s'),
+    ],
+)
+def test_a_hold_is_a_time(hold: str, message: str) -> None:
+    with pytest.raises(SpecError, match=message):
+        load_task("transport", [f"stages.release.ends_when.hold={hold}"])
 
 
 def test_words_of_yaml_1_1_stay_texts() -> None:
@@ -52,3 +70,62 @@ def test_words_of_yaml_1_1_stay_texts() -> None:
 @pytest.mark.parametrize("name", ["object held", "capture", "Ziel_1", "抓取", "a-b (c)"])
 def test_names_may_have_spaces_and_any_letters(name: str) -> None:
     assert StageSpec.model_validate({"name": name, "skill": "s", "target": {}}).name == name
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "kept"),
+    [
+        ("stages.approach.target.base[2]", "30", "30 rad"),
+        ("stages.capture.target.arm_1[2]", "-45", "-45 rad"),
+        ("initial.arm_1[1]", "90", "7 rad"),
+        ("object.pose[2]", "30", "-30 rad"),
+        ("limits", "{base: {position: [[-5, 5], [-5, 5], [-180, 180]]}}", None),
+    ],
+)
+def test_angle_beyond_a_turn_needs_a_unit(path: str, value: str, kept: str | None) -> None:
+    number = value if kept else "-180"
+    with pytest.raises(SpecError, match=rf'{number} rad \(did you mean "{number} deg"\?\)'):
+        load_task("transport", [f"{path}={value}"])
+    if kept:
+        load_task("transport", {path: kept})
+    assert load_task("transport", ["stages.approach.target.base[0]=30"]).spec.stages[0].target["base"][0] == 30
+
+
+def test_angle_of_a_robot_beyond_a_turn_needs_a_unit() -> None:
+    with pytest.raises(SpecError, match=r'arms.arm_1.mount.angle: found 90 rad \(did you mean "90 deg"\?\)'):
+        parse_task(TASK, ROBOT.replace("angle: 0 deg", "angle: 90", 1), "transport")
+
+
+def uncertainty(*changes: str) -> UncertaintySpec:
+    return load_task("transport", [f"uncertainty.{change}" for change in changes]).spec.uncertainty
+
+
+def test_a_task_is_certain_unless_it_says_otherwise() -> None:
+    assert not load_task("transport").spec.uncertainty.in_force
+    assert not uncertainty("mass=0", "noise.position=0", "friction.viscous={arms: 0}", "delay=0").in_force
+
+
+@pytest.mark.parametrize(
+    ("change", "plant", "measurement"),
+    [
+        ("noise.position=1e-3", False, True),
+        ("noise.angle=1e-3", False, True),
+        ("noise.velocity=1e-3", False, True),
+        ("noise.angular_velocity=1e-3", False, True),
+        ("mass=0.1", True, False),
+        ("inertia={arm_2: 0.1}", True, False),
+        ("centre_of_mass=0.01", True, False),
+        ("friction.coulomb={arm_1: [0, 0, 0.1]}", True, False),
+        ("force_limits={base: 10}", True, False),
+        ("impulse={at: 3, linear: [1, 0]}", True, False),
+        ("payload={mass: 5, inertia: 0.7}", True, False),
+        ("delay=2", False, False),
+    ],
+)
+def test_uncertainty_is_of_the_plant_or_of_the_measurement(change: str, plant: bool, measurement: bool) -> None:
+    spec = uncertainty(change)
+    assert spec.in_force
+    assert (spec.changes_the_plant, spec.measures_with_noise) == (plant, measurement)
+    if plant:
+        with pytest.raises(SpecError, match="with plant ideal"):
+            load_task("transport", ["plant=ideal", f"uncertainty.{change}"])

@@ -1,0 +1,616 @@
+"""What must fit together in a task and its robot: parts, lengths, coordinates, limits, times, priorities, uncertainty.
+
+The checks read the document, not the validated data, so that every fault is reported at once: a check needs only the
+values that it reads to be valid. The rules of single values and of names are part of their types (fields.py, task.py).
+"""
+
+import math
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TypeVar, get_args
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from psmpc_cli.specs.coordinates import (
+    QUANTITIES,
+    Space,
+    error_axes,
+    limits_of_part,
+    names,
+    stands_for,
+    target_axes,
+)
+from psmpc_cli.specs.document import Data, Document
+from psmpc_cli.specs.fields import LARGEST, Pair, number_or_angle
+from psmpc_cli.specs.messages import Fault, Path, choice, counted, dotted, quoted, shortened
+from psmpc_cli.specs.priorities import ACCEPTABLE, Weighing, groups, weigh_stages
+from psmpc_cli.specs.robot import PartLimits
+from psmpc_cli.specs.task import (
+    ControllerSpec,
+    PlantSpec,
+    PrioritiesSpec,
+    SkillSpec,
+    SolverSpec,
+    TaskSpec,
+    UncertaintySpec,
+)
+
+Model = TypeVar("Model", bound=BaseModel)
+Axes = Mapping[str, tuple[str, ...]]
+"""Names of the numbers of every part."""
+
+RESERVED = ("base", "arms", "all", "control", "times")
+"""Names that have another meaning wherever arms are named."""
+
+SPACES: tuple[Space, ...] = get_args(SkillSpec.model_fields["space"].annotation)
+CONTROLLERS: tuple[str, ...] = get_args(ControllerSpec.model_fields["kind"].annotation)
+
+BOUNDS = ("above_start_at_most", "below_start_at_most", "at_most", "at_least")
+"""Ways to bound a monitored signal."""
+
+FRAMES = {"distance": 2, "speed": 1}
+"""How many frames a monitored quantity is about."""
+
+PHYSICAL = ("mass", "inertia", "centre_of_mass", "friction", "force_limits", "impulse", "payload")
+"""Keys of an uncertainty that mean nothing to a plant without bodies and forces."""
+
+TURN = 2 * math.pi * (1 + 1e-9)
+"""Largest angle without a unit [rad]."""
+
+ROUNDING = 1e-6
+"""By how much a ratio of times may miss a whole number, and shares their sum."""
+
+MOST_SAMPLES = 1000
+"""Samples of a horizon."""
+
+MOST_STEPS = 20_000
+"""Steps of the integrator in a sample: more take seconds."""
+
+
+@dataclass(frozen=True)
+class Raw:
+    """A path of a document as it was read, whether there is a value or not."""
+
+    document: Document
+    path: Path = ()
+
+    def __getitem__(self, step: str | int) -> "Raw":
+        return Raw(self.document, (*self.path, step))
+
+    @property
+    def value(self) -> Data:
+        """The value, None if there is none."""
+        return self.document.value(self.path) if self.path in self.document.entries else None
+
+    @property
+    def exists(self) -> bool:
+        """Whether there is a value, and it is not null."""
+        return self.value is not None
+
+    @property
+    def text(self) -> str | None:
+        """The text, None if there is none."""
+        return self.value if isinstance(self.value, str) else None
+
+    @property
+    def number(self) -> float | None:
+        """The number or angle [rad], None if there is none."""
+        try:
+            return number_or_angle(self.value)
+        except ValueError:
+            return None
+
+    @property
+    def length(self) -> int | None:
+        """The length of the list, None if there is none."""
+        return len(self.value) if isinstance(self.value, list) else None
+
+    def items(self) -> Iterator[tuple[str, "Raw"]]:
+        """Give the keys and values of a mapping."""
+        yield from ((key, self[key]) for key in (self.value if isinstance(self.value, dict) else ()))
+
+    def entries(self) -> Iterator["Raw"]:
+        """Give the entries of a list; a text alone is a list of one."""
+        if isinstance(self.value, str):
+            yield self
+        yield from (self[index] for index in range(self.length or 0))
+
+    def texts(self, key: str) -> list[str]:
+        """Return the texts that the entries of a list have under a key."""
+        return [text for entry in self.entries() if (text := entry[key].text) is not None]
+
+    def valid(self, model: type[Model]) -> Model | None:
+        """Return the value as a model, its defaults if there is none, None if it is not valid."""
+        try:
+            return model.model_validate({} if self.value is None else self.value)
+        except ValidationError:
+            return None
+
+    def fault(self, expected: str, found: str | None = None, at_key: bool = False) -> Fault:
+        """Create a fault here; without `found` the message describes the value."""
+        found = self.document.found(self.path) if found is None else found
+        return Fault(self.path, f"found {found}, expected {expected}", at_key)
+
+
+def parts_of(robot: Document | None) -> dict[str, int]:
+    """Return the parts of a robot and their numbers of coordinates; none if they cannot be told."""
+    arms = dict(Raw(robot)["arms"].items()) if robot is not None else {}
+    lengths = {name: arm["links"].length or 0 for name, arm in arms.items()}
+    told = lengths and all(lengths.values()) and not any(name in RESERVED for name in lengths)
+    return {"base": 3, **lengths} if told else {}
+
+
+def known_names(task: Document, parts: Mapping[str, int]) -> dict[str, Collection[str]]:
+    """Return the names that fields of a task or robot may refer to, by their key in the validation context."""
+    raw = Raw(task)
+    arms = [part for part in parts if part != "base"]
+    return {
+        "skills": [name for name, _ in raw["skills"].items()],
+        "stages": raw["stages"].texts("name"),
+        "controllers": CONTROLLERS,
+        "frames": list(parts),
+        "parts": [*parts, "arms"] if parts else [],
+        "arms": [*arms, "arms"] if arms else [],
+        "joint coordinates": names(parts, "joint") if parts else [],
+    }
+
+
+def check_robot(document: Document) -> Iterator[Fault]:
+    """Give what does not fit together in a robot description."""
+    robot, parts = Raw(document), parts_of(document)
+    for name, arm in robot["arms"].items():
+        if name in RESERVED:
+            yield arm.fault(f"none of {', '.join(RESERVED)}", f"the reserved name {quoted(name)}", at_key=True)
+        yield from _within_a_turn(arm["mount"]["angle"])
+        yield from _within_a_turn(arm["tool"]["angle"])
+    yield from _limit_lengths(robot["limits"], target_axes(parts, "joint"))
+
+
+def check_task(document: Document, robot: Document | None) -> Iterator[Fault]:
+    """Give what does not fit together in a task, and between it and its robot where that can be read."""
+    task, parts = Raw(document), parts_of(robot)
+    stages = list(task["stages"].entries())
+    for listed in (task["stages"], task["monitors"]):
+        yield from _repeated_names(listed)
+    for stage in stages:
+        yield from _end(stage, last=stage is stages[-1])
+        yield from _rising_times(stage["target"]["times"])
+    for monitor in task["monitors"].entries():
+        yield from _monitor(monitor)
+    yield from _instants(task, stages)
+    yield from _object(task)
+    yield from _solver(task)
+    yield from _timing(task)
+    yield from _priorities(task)
+    yield from _uncertainty(task)
+    if robot is not None and parts:
+        yield from _numbers_by_part(task, parts)
+        yield from _coordinates(task, parts)
+        yield from _limits(task, Raw(robot), parts)
+        yield from _shares(task["uncertainty"]["payload"]["share"], [part for part in parts if part != "base"])
+
+
+def _repeated_names(listed: Raw) -> Iterator[Fault]:
+    """Give names of entries that an earlier entry has."""
+    first: dict[str, Raw] = {}
+    for entry in listed.entries():
+        name = entry["name"].text
+        if name in first:
+            earlier = dotted(first[name].path)
+            yield entry["name"].fault("a name of its own", f"{quoted(name)} again (first at {earlier})")
+        elif name is not None:
+            first[name] = entry
+
+
+# Numbers by part, coordinates and limits.
+
+
+def _numbers_by_part(task: Raw, parts: Mapping[str, int]) -> Iterator[Fault]:
+    """Give missing parts, wrong lengths and angles without a unit wherever a task has numbers by part."""
+    joint = target_axes(parts, "joint")
+    yield from _by_part(task["initial"], joint, angles=True)
+    yield from _by_part(task["initial_velocity"], joint, required=())
+    for _, skill in task["skills"].items():
+        space, weights = _space(skill), skill["weights"]
+        if space is not None:
+            yield from _by_part(weights, error_axes(parts, space), _required(parts, space), beside="control")
+        yield from _by_part(
+            weights["control"], target_axes(parts, "task" if skill["input"].text == "task" else "joint")
+        )
+    for stage in task["stages"].entries():
+        space = _space(task["skills"][stage["skill"].text or ""])
+        if space is not None:
+            axes, required = target_axes(parts, space), _required(parts, space)
+            yield from _by_part(stage["target"], axes, required, beside="times", angles=True)
+            yield from _by_part(stage["ends_when"]["tolerance"], error_axes(parts, space), (), one=True)
+    arms = {part: axes for part, axes in joint.items() if part != "base"}
+    uncertainty = task["uncertainty"]
+    yield from _by_part(uncertainty["force_limits"], joint, (), one=True)
+    for kind in ("viscous", "coulomb"):
+        yield from _by_part(uncertainty["friction"][kind], arms, (), one=True)
+    yield from _within_a_turn(task["object"]["pose"][2])
+
+
+def _space(skill: Raw) -> Space | None:
+    """Return the space of a skill, None if it has no valid one."""
+    return next((space for space in SPACES if space == skill["space"].text), None)
+
+
+def _required(parts: Mapping[str, int], space: Space) -> Collection[str]:
+    """Return the parts that targets and weights in a space must have: arms need not point at anything."""
+    return ("base",) if space == "point" else parts
+
+
+def _by_part(
+    place: Raw,
+    axes: Axes,
+    required: Collection[str] | None = None,
+    beside: str = "",
+    one: bool = False,
+    angles: bool = False,
+) -> Iterator[Fault]:
+    """Give what is wrong with one mapping by part.
+
+    Args:
+        place: The mapping; its values are lists of numbers, or lists of such rows where it has the key `times`.
+        axes: The names of the numbers of every part.
+        required: The parts that must be there; all if not given.
+        beside: A key of the mapping that is no part.
+        one: Whether one number may stand for all of a part.
+        angles: Whether some of the numbers are angles, so that they need a unit beyond one turn.
+    """
+    given = {key: part for key, part in place.items() if key != beside}
+    missing = [part for part in (axes if required is None else required) if not _any_stands_for(given, part)]
+    if missing and isinstance(place.value, dict):
+        yield place.fault(f"also {', '.join(missing)}", ", ".join(given) or "no part", at_key=True)
+    times = place["times"].length if beside == "times" else None
+    for key, part in given.items():
+        rows = [row for row in part.entries() if row.length is not None]
+        if times is not None and part.length not in (None, times):
+            yield part.fault(f"{counted(times, 'row', 'rows')}, one for every entry of times")
+        for row in rows or [part]:
+            yield from _length(row, key, axes, given, one)
+            if angles:
+                own = next((axes[name] for name in axes if stands_for(key, name)), ())
+                for axis, item in zip(own, row.entries(), strict=False):
+                    if axis == "theta" or axis.isdigit():
+                        yield from _within_a_turn(item)
+
+
+def _any_stands_for(keys: Collection[str], part: str) -> bool:
+    return any(stands_for(key, part) for key in keys)
+
+
+def _length(place: Raw, key: str, axes: Axes, given: Collection[str], one: bool = False) -> Iterator[Fault]:
+    """Give a list that is not as long as each part it stands for; parts of `given` have lists of their own."""
+    for part in axes:
+        applies = stands_for(key, part) and (key == part or part not in given)
+        if applies and place.length not in (None, len(axes[part]), 1 if one else None):
+            named = "" if axes[part][0].isdigit() else f" ({', '.join(axes[part])})"
+            length = counted(len(axes[part]), "entry", "entries")
+            yield place.fault(f"{length} for {part}{named}{', or one' if one else ''}")
+            return
+
+
+def _within_a_turn(place: Raw) -> Iterator[Fault]:
+    """Give an angle of more than a turn without a unit: degrees, most likely."""
+    value, written = place.number, place.document.entry(place.path).written
+    if value is not None and place.text is None and abs(value) > TURN:
+        wanted = f"an angle within one turn, or one with its unit: {written} deg, {written} rad"
+        yield place.fault(wanted, f'{written} rad (did you mean "{written} deg"?)')
+
+
+def _coordinates(task: Raw, parts: Mapping[str, int]) -> Iterator[Fault]:
+    """Give coordinates of end conditions that the robot does not have, and those without a tolerance."""
+    for stage in task["stages"].entries():
+        space, condition = _space(task["skills"][stage["skill"].text or ""]), stage["ends_when"]
+        valid = list(dict.fromkeys(name for each in SPACES if space in (each, None) for name in names(parts, each)))
+        chosen = list(condition["coordinates"].entries())
+        for name in chosen:
+            if name.text is not None and name.text not in valid:
+                yield Fault(name.path, f"found {name.document.found(name.path)}{choice(name.text, valid)}")
+        given = [key for key, _ in condition["tolerance"].items() if _any_stands_for([key], "base") or key in valid]
+        texts = [name.text.partition(".")[0] for name in chosen if name.text in valid and name.text]
+        needed = [part for part in parts if any(key == "all" or stands_for(key, part) for key in texts)]
+        missing = [part for part in needed if not _any_stands_for(given, part)]
+        if given and missing:
+            wanted = f"also {', '.join(missing)}"
+            yield condition["tolerance"].fault(wanted, ", ".join(sorted(given)), at_key=True)
+
+
+def _limits(task: Raw, robot: Raw, parts: Mapping[str, int]) -> Iterator[Fault]:
+    """Give limits of a task and its skills with wrong lengths, and those that are wider than the limits before them."""
+    axes = target_axes(parts, "joint")
+    before = [("the robot's", _valid_limits(robot["limits"])), ("the task's", _valid_limits(task["limits"]))]
+    layers = [(task["limits"], before[:1]), *((skill["limits"], before) for _, skill in task["skills"].items())]
+    for limits, outer in layers:
+        yield from _limit_lengths(limits, axes)
+        for key, given in _valid_limits(limits).items():
+            for quantity in QUANTITIES:
+                for index, pair in enumerate(getattr(given, quantity) or ()):
+                    wider = [_wider(pair, index, part, quantity, outer) for part in parts if stands_for(key, part)]
+                    if any(wider):
+                        yield limits[key][quantity][index].fault(f"within {next(filter(None, wider))}")
+
+
+def _limit_lengths(limits: Raw, axes: Axes) -> Iterator[Fault]:
+    """Give lists of limits with wrong lengths, and bounds of angles without a unit."""
+    for quantity in QUANTITIES:
+        given = {key: part[quantity] for key, part in limits.items() if part[quantity].exists}
+        for key, bounds in given.items():
+            yield from _length(bounds, key, axes, given)
+            own = next((axes[part] for part in axes if stands_for(key, part)), ())
+            for axis, pair in zip(own, bounds.entries(), strict=False):
+                if quantity == "position" and (axis == "theta" or axis.isdigit()):
+                    yield from (fault for bound in pair.entries() for fault in _within_a_turn(bound))
+
+
+def _valid_limits(limits: Raw) -> dict[str, PartLimits]:
+    """Return the limits of the parts that are valid."""
+    return {key: valid for key, part in limits.items() if (valid := part.valid(PartLimits)) is not None}
+
+
+def _wider(
+    pair: Pair, index: int, part: str, quantity: str, outer: list[tuple[str, dict[str, PartLimits]]]
+) -> str | None:
+    """Name the bounds of a coordinate that a pair exceeds, None if there are none."""
+    for whose, layer in outer:
+        allowed = limits_of_part(layer, part, quantity)
+        if allowed is not None and index < len(allowed):
+            least, most = allowed[index]
+            if pair[0] < least or pair[1] > most:
+                return f"{whose} [{least:.6g}, {most:.6g}] of {part}"
+    return None
+
+
+# Stages, their order in time, and the object.
+
+
+def _end(stage: Raw, last: bool) -> Iterator[Fault]:
+    """Give a stage without an end, or with two."""
+    at, condition = stage["at"].exists, stage["ends_when"].exists
+    if not isinstance(stage.value, dict):
+        return
+    if last and at:
+        yield stage["at"].fault('"ends_when", which ends the run', '"at" in the last stage', at_key=True)
+    elif last and not condition:
+        yield stage.fault("it in the last stage: it ends the run", 'no "ends_when"', at_key=True)
+    elif not last and at and condition:
+        yield stage["at"].fault("one of them", 'both "ends_when" and "at"', at_key=True)
+    elif not last and not at and not condition:
+        wanted = "one of them in every stage but the last"
+        yield stage.fault(wanted, 'neither "ends_when" nor "at"', at_key=True)
+
+
+def _rising_times(listed: Raw) -> Iterator[Fault]:
+    """Give times of a trajectory that do not rise from 0."""
+    times = list(listed.entries())
+    numbers = [time.number for time in times]
+    if numbers and numbers[0]:
+        yield times[0].fault("0: times count from where the stage begins", f"{numbers[0]:g} s")
+    for time, before, after in zip(times[1:], numbers[:-1], numbers[1:], strict=True):
+        if before is not None and after is not None and after <= before:
+            yield time.fault(f"later than the time before it, {before:g} s", f"{after:g} s")
+
+
+def _time_limit(task: Raw) -> float | None:
+    """Return the time after which the run is stopped [s], None if it is not valid."""
+    given = task["time_limit"]
+    return given.number if given.exists else float(TaskSpec.model_fields["time_limit"].default)
+
+
+def _instants(task: Raw, stages: list[Raw]) -> Iterator[Fault]:
+    """Give fixed switch times and shortest durations that no order of events can keep."""
+    limit, earliest, because = _time_limit(task), 0.0, "the start"
+    for stage in stages:
+        last = [time.number or 0.0 for time in stage["target"]["times"].entries()][-1:]
+        durations = {"dwell": stage["dwell"].number or 0.0, "trajectory": last[0] if last else 0.0}
+        key = max(durations, key=lambda name: durations[name])
+        lasts, at = max(durations[key], 0.0), stage["at"].number
+        if at is None:
+            because = f"the {key} of {dotted(stage.path)}" if lasts else because
+            earliest += lasts
+            continue
+        if at <= earliest or at < earliest + lasts:
+            after = f"{earliest + lasts:g} s ({f'{key} after ' if lasts else ''}{because})"
+            yield stage["at"].fault(f"a time after {after}", f"{at:g} s")
+        elif limit is not None and at >= limit:
+            yield stage["at"].fault(f"a time before the time_limit of {limit:g} s", f"{at:g} s")
+        earliest, because = max(at, earliest + lasts), dotted(stage["at"].path)
+
+
+def _held_between(task: Raw) -> tuple[str, str, int] | None:
+    """Return the stages that take the object and let it go, and how much later the second is; None if not known."""
+    stages, thing = task["stages"].texts("name"), task["object"]
+    taken, let_go = thing["taken_by"].text, thing["let_go_by"].text
+    if taken not in stages or let_go not in stages or taken is None or let_go is None:
+        return None
+    return taken, let_go, stages.index(let_go) - stages.index(taken)
+
+
+def _object(task: Raw) -> Iterator[Fault]:
+    """Give an object that is let go before it is taken."""
+    held = _held_between(task)
+    if held and held[2] <= 0:
+        wanted = f"a stage after {quoted(held[0])}, which takes the object"
+        yield task["object"]["let_go_by"].fault(wanted, quoted(held[1]))
+
+
+def _monitor(monitor: Raw) -> Iterator[Fault]:
+    """Give a monitor that bounds nothing, contradicts itself or is about the wrong number of frames."""
+    if isinstance(monitor.value, dict) and not any(monitor[bound].exists for bound in BOUNDS):
+        yield monitor.fault(f"one of {', '.join(BOUNDS)}", "no bound", at_key=True)
+    least, most = monitor["at_least"].number, monitor["at_most"].number
+    if least is not None and most is not None and least > most:
+        yield monitor["at_least"].fault(f"no more than at_most, {most:g}", f"{least:g}")
+    frames = [frame.text for frame in monitor["of"].entries()]
+    number = FRAMES.get(monitor["quantity"].text or "")
+    if number is not None and frames and (len(frames) != number or len(set(frames)) != number):
+        wanted = "one frame" if number == 1 else "two different frames"
+        yield monitor["of"].fault(f"{wanted} for a {monitor['quantity'].text}")
+
+
+# Controller, solver and plant.
+
+
+def _solver(task: Raw) -> Iterator[Fault]:
+    """Give what the solver or the controller cannot do."""
+    controller, solver = task["controller"].valid(ControllerSpec), task["solver"].valid(SolverSpec)
+    lexicographic = controller is not None and controller.kind == "htmpc"
+    if controller is not None and lexicographic and controller.nodes == "auto":
+        found = "auto with controller htmpc (whose levels are compared node by node)"
+        yield task["controller"]["nodes"].fault("a whole number", found)
+    if solver is not None and solver.deadline is not None:
+        place, found = task["solver"]["deadline"], f"{solver.deadline:g} s with "
+        if solver.kind == "fatrop":
+            found += "solver fatrop (which cannot stop early)"
+            yield place.fault("none, or kind: sqp or ipopt", found)
+        elif solver.kind == "sqp" and lexicographic:
+            found += "controller htmpc (whose levels fatrop solves, which cannot stop early)"
+            yield place.fault("none, or kind: ipopt", found)
+    for _, skill in task["skills"].items():
+        if skill["input"].text == "task" and solver is not None and solver.kind != "ipopt":
+            found = f'"task" with solver {solver.kind} (whose control is the acceleration of Q)'
+            yield skill["input"].fault('"joint", or solver: ipopt', found)
+        if skill["input"].text == "task" and lexicographic:
+            found = '"task" with controller htmpc (whose levels share the acceleration of Q)'
+            yield skill["input"].fault('"joint"', found)
+
+
+def _timing(task: Raw) -> Iterator[Fault]:
+    """Give times of controller and plant that do not divide each other as they must, or into too many parts."""
+    controller, plant = task["controller"].valid(ControllerSpec), task["plant"].valid(PlantSpec)
+    sample = None if controller is None else controller.sample_time
+    if controller is not None and sample is not None:
+        found = f"{controller.horizon:g} s"
+        if sample > controller.horizon:
+            yield task["controller"]["sample_time"].fault(f"at most the horizon of {found}", f"{sample:g} s")
+        if controller.horizon > MOST_SAMPLES * sample * (1 + ROUNDING):
+            yield task["controller"]["horizon"].fault(f"at most {MOST_SAMPLES} samples of {sample:g} s", found)
+    if plant is None:
+        return
+    tick, rate = 1 / plant.low_level_rate, task["plant"]["low_level_rate"]
+    step = plant.step or tick
+    if sample is not None and sample / step > MOST_STEPS * (1 + ROUNDING):
+        found = f"{sample / step:.6g} steps in a sample of {sample:g} s"
+        yield (rate if plant.step is None else task["plant"]["step"]).fault(f"at most {MOST_STEPS}", found)
+        return
+    hertz = f"{plant.low_level_rate:g} Hz"
+    if sample is not None and not _divides(tick, sample):
+        found = f"{hertz}, which makes {sample / tick:.6g} ticks of a sample_time of {sample:g} s"
+        yield rate.fault("a whole number of ticks", found)
+    if not _divides(step, tick):
+        found = f"{step:g} s, which makes {tick / step:.6g} steps of a tick of {tick:g} s (low_level_rate {hertz})"
+        yield task["plant"]["step"].fault("a whole number of steps", found)
+
+
+def _divides(part: float, whole: float) -> bool:
+    """Tell whether a time is a whole number of parts."""
+    ratio = whole / part
+    return round(ratio) >= 1 and abs(ratio - round(ratio)) <= ROUNDING * ratio
+
+
+# Priorities from paired comparisons.
+
+
+def _priorities(task: Raw) -> Iterator[Fault]:
+    """Give comparisons beside priorities, those that are no pair or repeat one, and those that disagree."""
+    if not task["priorities"].exists:
+        return
+    for stage in task["stages"].entries():
+        if stage["priority"].exists:
+            found = '"priority" at a stage and "priorities" in the task'
+            yield stage["priority"].fault("one or the other", found, at_key=True)
+    stages, comparisons = task["stages"].texts("name"), task["priorities"]["compare"]
+    first: dict[frozenset[str], Raw] = {}
+    sound = len(stages) == len(set(stages)) == task["stages"].length
+    for comparison in comparisons.entries():
+        a, b = comparison[0].text, comparison[1].text
+        if a is None or b is None:
+            continue
+        earlier = first.setdefault(frozenset((a, b)), comparison)
+        sound = sound and a in stages and b in stages and a != b and earlier is comparison
+        if a == b:
+            yield comparison.fault("two different stages", f"{quoted(a)} compared with itself")
+        elif earlier is not comparison:
+            found = f"{quoted(a)} and {quoted(b)} compared again (first at {dotted(earlier.path)})"
+            yield comparison.fault("every pair once", found)
+    valid = task["priorities"].valid(PrioritiesSpec)
+    if sound and valid is not None:
+        yield from _disagreeing(comparisons, valid, stages)
+
+
+def _disagreeing(comparisons: Raw, valid: PrioritiesSpec, stages: list[str]) -> Iterator[Fault]:
+    """Give comparisons that leave stages unconnected, contradict each other, or lead beyond all numbers."""
+    pairs = [(stages.index(a), stages.index(b)) for a, b, _ in valid.compare]
+    islands = [", ".join(shortened(stages[i]) for i in group) for group in groups(len(stages), pairs)]
+    if len(islands) > 1:
+        found = f"nothing that compares {' with '.join(islands)}"
+        yield comparisons.fault("comparisons that connect all stages", found, at_key=True)
+        return
+    weighing = weigh_stages(valid, stages)
+    sizes = np.abs(weighing.logarithms)
+    if weighing.worst is not None and weighing.ratio > ACCEPTABLE:
+        yield _contradiction(comparisons[weighing.worst][2], valid, weighing, weighing.worst)
+    elif sizes.max() > np.log(LARGEST):
+        extreme = int(sizes.argmax())
+        times = f"1e{weighing.logarithms[extreme] / np.log(10):+.0f} times"
+        found = f"comparisons that make {quoted(stages[extreme])} {times} as important as {quoted(stages[0])}"
+        yield comparisons.fault(f"a ratio from {1 / LARGEST:g} to {LARGEST:g}", found, at_key=True)
+
+
+def _contradiction(place: Raw, valid: PrioritiesSpec, weighing: Weighing, worst: int) -> Fault:
+    """Create the fault of the worst comparison, with the ratio that the others imply."""
+    a, b, ratio = valid.compare[worst]
+    implied = weighing.implied[worst] / np.log(10)
+    wanted = f"{10**implied:.3g}" if abs(implied) < 300 else f"1e{implied:+.0f}"
+    measure = f"consistency ratio {weighing.ratio:.3g}, acceptable up to {ACCEPTABLE:g}"
+    found = f"{quoted(a)} to be {ratio:g} times as important as {quoted(b)}"
+    return place.fault(f"about {wanted}, which the other comparisons imply ({measure})", found)
+
+
+# Uncertainty.
+
+
+def _uncertainty(task: Raw) -> Iterator[Fault]:
+    """Give what the plant cannot do, a payload that no stage holds, and times outside the run."""
+    place, controller = task["uncertainty"], task["controller"].valid(ControllerSpec)
+    spec, plant = place.valid(UncertaintySpec), task["plant"].valid(PlantSpec)
+    if spec is None:
+        return
+    if controller is not None and controller.known_delay > spec.delay:
+        most = counted(spec.delay, "sample", "samples")
+        wanted = f"at most the {most} of uncertainty.delay" if spec.delay else "an uncertainty.delay as long at least"
+        yield task["controller"]["known_delay"].fault(wanted, str(controller.known_delay))
+    if controller is not None and spec.delay * controller.sample_time >= controller.horizon:
+        found = f"{spec.delay} samples of {controller.sample_time:g} s"
+        yield place["delay"].fault(f"less than the horizon of {controller.horizon:g} s", found)
+    if plant is not None and plant.kind == "ideal" and spec.changes_the_plant:
+        found = ", ".join(key for key in PHYSICAL if place[key].exists)
+        found += " with plant ideal (which has neither bodies nor forces)"
+        yield place.fault("none but noise and delay, or plant: rk4 or mujoco", found)
+    limit = _time_limit(task)
+    if spec.impulse is not None and not any((*spec.impulse.linear, spec.impulse.angular)):
+        yield place["impulse"].fault("linear: [x, y] in N s, or angular in N m s", "no impulse", at_key=True)
+    if spec.impulse is not None and limit is not None and spec.impulse.at >= limit:
+        wanted = f"a time before the time_limit of {limit:g} s"
+        yield place["impulse"]["at"].fault(wanted, f"{spec.impulse.at:g} s")
+    held = _held_between(task)
+    if spec.payload is not None and not task["object"].exists:
+        wanted = "one: it says which stages take the payload and let it go"
+        yield place["payload"].fault(wanted, 'no "object"', at_key=True)
+    elif spec.payload is not None and held and held[2] == 1:
+        between = f"{quoted(held[0])} (which takes the object) and {quoted(held[1])} (which lets it go)"
+        yield place["payload"].fault("at least one that holds the payload", f"no stage between {between}", at_key=True)
+
+
+def _shares(place: Raw, arms: list[str]) -> Iterator[Fault]:
+    """Give missing shares of a payload, and shares whose sum is not 1."""
+    yield from _by_part(place, dict.fromkeys(arms, ("1",)))
+    given = dict(place.items())
+    own = {arm: given.get(arm, given.get("arms", place)).number for arm in arms}
+    numbers = [share for share in own.values() if share is not None]
+    if len(numbers) == len(arms) and abs(sum(numbers) - 1) > ROUNDING:
+        found = f"shares whose sum is {sum(numbers):g}"
+        yield place.fault(f"1 over the {len(arms)} arms", found, at_key=True)

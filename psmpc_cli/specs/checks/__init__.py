@@ -1,1 +1,0 @@
-"""What must hold between the parts of a description; every check takes a document that may be wrong elsewhere."""

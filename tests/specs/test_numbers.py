@@ -1,0 +1,176 @@
+"""Names of coordinates, numbers by part as vectors, trajectories and limits."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from psmpc_cli.errors import SpecError
+from psmpc_cli.specs.coordinates import (
+    Space,
+    labels,
+    names,
+    resolve_limits,
+    rows,
+    sizes,
+    stack,
+    stack_rows,
+    tolerances,
+)
+from psmpc_cli.specs.load import load_robot, load_task, parse_task
+from psmpc_cli.specs.robot import Arm, Link, Mount, PartLimits
+from psmpc_cli.specs.task import EndCondition, StageSpec, TaskSpec, TrajectorySpec
+
+DUAL = load_robot("planar_dual_arm").spec
+LINK = Link(mass=1, inertia=1, a=0.1, b=0.1)
+ARMS = {size: Arm(mount=Mount(position=(0, 0)), links=(LINK,) * size) for size in (1, 4)}
+UNEVEN = DUAL.model_copy(update={"arms": {"short": ARMS[1], "long": ARMS[4]}, "limits": {}})
+
+
+@pytest.mark.parametrize(
+    ("chosen", "space", "expected"),
+    [
+        (["base"], "joint", (0, 1, 2)),
+        (["arms"], "joint", (3, 4, 5, 6, 7)),
+        (["all"], "joint", tuple(range(8))),
+        (["long.4", "base.theta", "short"], "joint", (2, 3, 7)),
+        (["long.2", "long"], "joint", (4, 5, 6, 7)),
+        (["arms"], "task", tuple(range(3, 9))),
+        (["long.theta", "short.x", "base.y"], "task", (1, 3, 8)),
+        (["long.direction", "base"], "point", (0, 1, 2, 4)),
+    ],
+)
+def test_names_select_sorted_rows(chosen: list[str], space: Space, expected: tuple[int, ...]) -> None:
+    assert rows(chosen, UNEVEN, space) == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "space"), [("short.2", "joint"), ("long.x", "joint"), ("long.1", "task"), ("long.x", "point")]
+)
+def test_name_of_no_coordinate_is_rejected_with_the_valid_names(name: str, space: Space) -> None:
+    with pytest.raises(SpecError, match=f'"{name}".*expected one of base, short, long, arms, all, base.x'):
+        rows([name], UNEVEN, space)
+
+
+@pytest.mark.parametrize("space", ["joint", "task", "point"])
+@given(data=st.data())
+def test_every_valid_name_selects_and_every_label_selects_its_row(space: Space, data: st.DataObject) -> None:
+    assert rows([data.draw(st.sampled_from(names(UNEVEN.parts, space)))], UNEVEN, space)
+    row = data.draw(st.integers(0, len(labels(UNEVEN, space)) - 1))
+    assert rows([labels(UNEVEN, space)[row]], UNEVEN, space) == (row,)
+
+
+def test_a_point_has_two_numbers_an_arm_and_one_row_of_the_error() -> None:
+    assert sizes(UNEVEN, "point") == {"base": 3, "short": 2, "long": 2}
+    assert labels(UNEVEN, "point")[3:] == ("short.direction", "long.direction")
+    weights = {"base": (1.0, 1.0, 1.0), "long": (5.0,)}
+    assert stack(weights, UNEVEN, "point", missing=0.0, of_error=True).tolist() == [1, 1, 1, 0, 5]
+
+
+@given(st.permutations(["base", "arm_1", "arm_2"]))
+def test_stack_follows_the_order_of_the_robot_not_of_the_keys(order: list[str]) -> None:
+    values = {"base": (1.0, 2.0, 3.0), "arm_1": (4.0, 5.0, 6.0), "arm_2": (7.0, 8.0, 9.0)}
+    np.testing.assert_array_equal(stack({part: values[part] for part in order}, DUAL, "joint"), np.arange(1.0, 10.0))
+
+
+def test_numbers_of_an_arm_take_precedence_over_those_of_all_arms_and_missing_ones_are_filled_or_rejected() -> None:
+    parts = {"arms": (9.0, 9.0, 9.0), "arm_1": (1.0, 2.0, 3.0), "base": (4.0, 5.0, 6.0)}
+    assert stack(parts, DUAL, "joint").tolist() == [4, 5, 6, 1, 2, 3, 9, 9, 9]
+    assert stack({"arm_2": (1.0, 1.0, 1.0)}, DUAL, "joint", missing=0.0).tolist() == [0] * 6 + [1] * 3
+    with pytest.raises(SpecError, match="found none of the numbers of base, expected 3"):
+        stack({"arms": (1.0, 1.0, 1.0)}, DUAL, "joint")
+    with pytest.raises(SpecError, match="found 2 of the numbers of arm_1, expected 3"):
+        stack({"base": (0.0,) * 3, "arms": (1.0, 1.0)}, DUAL, "task")
+
+
+def test_tolerances_belong_to_the_selected_rows() -> None:
+    one = EndCondition(coordinates=("base.x", "arm_2"), tolerance=0.1)
+    assert tolerances(one, DUAL, "task").tolist() == [0.1] * 4
+    by_part = EndCondition.model_validate(
+        {"coordinates": ["arm_2", "base.theta"], "tolerance": {"base": 0.3, "arms": [0.1, 0.2, 1]}}
+    )
+    assert tolerances(by_part, DUAL, "task").tolist() == [0.3, 0.1, 0.2, 1.0]
+    with pytest.raises(SpecError, match=r"found no tolerance of base\.theta"):
+        tolerances(by_part.model_copy(update={"tolerance": {"arms": (0.1,)}}), DUAL, "task")
+
+
+FOLLOW = """\
+robot: planar_dual_arm
+initial: {base: [0, 0, 0], arms: [0, 0, 0]}
+skills: {move: {space: joint, weights: {base: [1, 1, 1], arms: [1, 1, 1]}}}
+stages:
+  - name: follow
+    skill: move
+    target:
+      {times: [0, 4], base: [[0, 0, 0], [0.5, 0, 30 deg]], arm_1: [[0, 0, 0], [1, 2, 3]], arms: [[0, 0, 0], [4, 5, 6]]}
+    ends_when: {coordinates: base}
+"""
+ROBOT = load_robot("planar_dual_arm").robot_yaml
+
+
+def test_rows_of_a_trajectory_are_stacked_in_the_order_of_q() -> None:
+    target = parse_task(FOLLOW, ROBOT, "follow").spec.stages[0].target
+    assert isinstance(target, TrajectorySpec)
+    assert target.times == (0, 4)
+    np.testing.assert_allclose(
+        stack_rows(target, DUAL, "joint"), [np.zeros(9), [0.5, 0, math.radians(30), 1, 2, 3, 4, 5, 6]]
+    )
+
+
+def test_trajectory_is_the_same_after_a_round_trip_through_plain_data() -> None:
+    spec = load_task("tracking").spec
+    assert TaskSpec.model_validate(spec.model_dump()) == spec
+    assert TaskSpec.model_validate_json(spec.model_dump_json()) == spec
+    target = spec.stages[1].target
+    assert StageSpec(name="again", skill="follow", target=target).target == target
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 16), st.sampled_from(["base", "arm_1", "arm_2"]), st.integers(0, 2), st.floats(-1e3, 1e3))
+def test_one_number_is_set_and_the_effective_text_keeps_it(moment: int, part: str, axis: int, value: float) -> None:
+    task = load_task("tracking", {f"stages.trace.target.{part}[{moment}][{axis}]": f"{value!r} rad"})
+    target = task.spec.stages[1].target
+    assert isinstance(target, TrajectorySpec)
+    assert target.parts[part][moment][axis] == value
+    again = parse_task(task.task_yaml, task.robot_yaml, task.spec.name)
+    assert (again.spec, again.digest) == (task.spec, task.digest)
+
+
+@pytest.mark.parametrize("dwell", ["", "\n    dwell: 3"])
+def test_instant_must_come_after_the_trajectory(dwell: str) -> None:
+    rest = "  - {name: rest, skill: move, target: {base: [0, 0, 0], arms: [0, 0, 0]}, ends_when: {coordinates: all}}\n"
+    text = FOLLOW.replace("ends_when: {coordinates: base}", f"at: 5{dwell}") + rest
+    assert parse_task(text, ROBOT, "follow").spec.stages[0].at == 5
+    with pytest.raises(SpecError, match=r"found 3.5 s, expected a time after 4 s \(trajectory after the start\)"):
+        parse_task(text.replace("at: 5", "at: 3.5"), ROBOT, "follow")
+
+
+bounds = st.floats(0.0, 10.0).flatmap(lambda high: st.tuples(st.floats(-10.0, 0.0), st.just(high)))
+layers = st.dictionaries(
+    st.sampled_from(["base", "arms", "arm_1", "arm_2"]),
+    st.builds(
+        PartLimits, position=st.tuples(bounds, bounds, bounds), velocity=st.none() | st.tuples(bounds, bounds, bounds)
+    ),
+)
+
+
+def test_limits_are_in_the_order_of_q_and_an_arm_s_own_take_precedence_over_those_of_all_arms() -> None:
+    limits = resolve_limits(DUAL)
+    np.testing.assert_allclose(limits.position_high, [5, 5, np.pi, *[np.pi / 2, np.pi, np.pi] * 2])
+    np.testing.assert_array_equal(limits.velocity_low, [-0.2] * 3 + [-0.15] * 6)
+    np.testing.assert_array_equal(limits.acceleration_high, [np.inf] * 9)
+    half = {"arms": PartLimits(velocity=((-0.1, 0.1),) * 3), "arm_2": PartLimits(velocity=((0.0, 0.05),) * 3)}
+    assert resolve_limits(DUAL, half).velocity_high.tolist() == [0.2] * 3 + [0.1] * 3 + [0.05] * 3
+    assert resolve_limits(DUAL, half).velocity_low.tolist() == [-0.2] * 3 + [-0.1] * 3 + [0.0] * 3
+
+
+@settings(max_examples=40)
+@given(layers, layers)
+def test_more_limits_only_tighten_in_any_order(one: dict[str, PartLimits], other: dict[str, PartLimits]) -> None:
+    both, turned, alone = resolve_limits(DUAL, one, other), resolve_limits(DUAL, other, one), resolve_limits(DUAL, one)
+    for name in ("position", "velocity", "acceleration"):
+        np.testing.assert_array_equal(getattr(both, f"{name}_low"), getattr(turned, f"{name}_low"))
+        assert (getattr(both, f"{name}_low") >= getattr(alone, f"{name}_low")).all()
+        assert (getattr(both, f"{name}_high") <= getattr(alone, f"{name}_high")).all()

@@ -1,4 +1,4 @@
-"""Writes the tables of docs/performance.md, and its figure, from a bench.
+"""Writes the tables of docs/performance.md from a bench.
 
     psmpc bench --growth --json benchmarks/bench.json --force       on a quiet machine
     python benchmarks/performance_table.py
@@ -13,11 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from psmpc_cli.cli.bench_table import GROWTH, HEADINGS, about_machine, bench_rows, growth_rows
-from psmpc_cli.figures.bench import draw_bench
 
 SOURCE = Path(__file__).with_name("bench.json")
 PAGE = Path(__file__).parents[1] / "docs" / "performance.md"
-FIGURE = PAGE.parent / "figures" / "bench.png"
 
 QUIET = 1.1
 """Wall over processor time up to which times mean something."""
@@ -104,8 +102,7 @@ def main() -> None:
             raise SystemExit(f"{PAGE}: found no table '{name}'")
         page = page[: match.end(1)] + f"{write(found)}\n" + page[match.start(2) :]
     PAGE.write_text(page, encoding="utf-8")
-    draw_bench(found, FIGURE, force=True)
-    print(f"written: {PAGE}, {FIGURE}")
+    print(f"written: {PAGE}")
 
 
 if __name__ == "__main__":

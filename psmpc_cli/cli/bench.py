@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from psmpc_cli.cli.options import Changes
-from psmpc_cli.errors import InputError
 
 if TYPE_CHECKING:
     from psmpc_cli.studies.bench import BenchTasks, Choices
@@ -33,10 +32,7 @@ def bench(
         bool, typer.Option("--growth", help="Measure robots of 6 to 24 degrees of freedom as well.")
     ] = False,
     json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write everything that was found.")] = None,
-    figure: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw accuracy over time (png, pdf, svg).")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results and figures.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,
     changes: Changes = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no table.")] = False,
 ) -> None:
@@ -49,20 +45,13 @@ def bench(
     choices = replace(_choices(quick, nodes, repeat), solvers=parse_solvers(solvers))
     if json is not None:
         refuse_document(json, force)
-    if figure is not None:
-        _refuse_figure(figure, force)
     found = _measure(load_bench(task, changes or [], choices), growth, quiet)
     if json is not None:
         write_document(json, found, force)
-    if figure is not None:
-        from psmpc_cli.figures.bench import draw_bench
-
-        draw_bench(found, figure, force)
     if not quiet:
         print_bench(found)
-        for path in (json, figure):
-            if path is not None:
-                typer.echo(f"written: {path}")
+        if json is not None:
+            typer.echo(f"written: {json}")
 
 
 def use_one_thread() -> None:
@@ -79,19 +68,6 @@ def _choices(quick: bool, nodes: str | None, repeat: int | None) -> "Choices":
     choices = QUICK if quick else Choices()
     choices = choices if nodes is None else replace(choices, nodes=parse_nodes(nodes))
     return choices if repeat is None else replace(choices, repeat=repeat)
-
-
-def _refuse_figure(figure: Path, force: bool) -> None:
-    """Refuse to draw what cannot be drawn, or where something else stands.
-
-    Raises:
-        InputError: The format is unknown, or the file exists.
-    """
-    from psmpc_cli.figures.files import FORMATS, prepare
-
-    if figure.suffix[1:] not in FORMATS:
-        raise InputError(f"--figure {figure}: found the ending '{figure.suffix}', expected one of {', '.join(FORMATS)}")
-    prepare(figure.parent, [figure], force)
 
 
 def _measure(tasks: "BenchTasks", growth: bool, quiet: bool) -> "Data":

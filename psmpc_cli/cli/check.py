@@ -34,15 +34,14 @@ def check(
 def draw(reference: str, changes: list[str], figure: Path, force: bool) -> None:
     """Draw the scenario of a task; InputError where there is no task or the file cannot be written."""
     from psmpc_cli.errors import InputError
-    from psmpc_cli.figures.files import FORMATS
-    from psmpc_cli.figures.scenario import draw_scenario
+    from psmpc_cli.figures.registry import FORMATS, draw_file
     from psmpc_cli.specs.load import kind_of_reference, load_task
 
     if figure.suffix[1:] not in FORMATS:
         raise InputError(f"--figure {figure}: found the ending '{figure.suffix}', expected one of {', '.join(FORMATS)}")
     if kind_of_reference(reference) == "robot":
         raise InputError(f"--figure draws the scenario of a task, and {reference} is a robot")
-    typer.echo(f"scenario: {draw_scenario(load_task(reference, changes), figure, force)}")
+    typer.echo(f"scenario: {draw_file('scenario', load_task(reference, changes), figure, force)}")
 
 
 def present(reference: str, changes: list[str], gradients: bool) -> None:

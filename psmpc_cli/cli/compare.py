@@ -34,7 +34,8 @@ def compare(
 ) -> None:
     """Run controllers on the identical task, and lay their results side by side: a table, one file, figures."""
     from psmpc_cli.cli.comparison import print_comparison
-    from psmpc_cli.figures.comparison.draw import draw_comparison
+    from psmpc_cli.figures.registry import draw
+    from psmpc_cli.figures.run import load_run
     from psmpc_cli.logs.comparison import read_comparison
     from psmpc_cli.ocp.feasibility import ensure_feasible
     from psmpc_cli.simulation.summary import summarize
@@ -50,7 +51,10 @@ def compare(
     def table(logs: "Mapping[str, Log]") -> None:
         print_comparison({name: summarize(log) for name, log in logs.items()}, path)
 
-    present(path, read_comparison(path), table, draw_comparison, figures, force, quiet)
+    def drawing(logs: "Mapping[str, Log]", directory: Path, force: bool) -> list[Path]:
+        return draw("comparison", {name: load_run(log) for name, log in logs.items()}, directory, force=force)
+
+    present(path, read_comparison(path), table, drawing, figures, force, quiet)
 
 
 def _compare(tasks: "Mapping[str, Task]", path: Path, force: bool, jobs: int | None, quiet: bool) -> None:

@@ -1,5 +1,6 @@
 """`psmpc monte-carlo`: the closed loop many times, each with other random numbers."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -49,7 +50,7 @@ def monte_carlo(
 def _show(path: Path, figures: bool, force: bool, quiet: bool) -> None:
     """Print the table of the runs and draw their figures."""
     from psmpc_cli.cli.monte_carlo_table import print_monte_carlo
-    from psmpc_cli.figures.monte_carlo import draw_monte_carlo
+    from psmpc_cli.figures.registry import draw
     from psmpc_cli.simulation.monte_carlo_runs import read_monte_carlo
 
-    present(path, read_monte_carlo(path), print_monte_carlo, draw_monte_carlo, figures, force, quiet)
+    present(path, read_monte_carlo(path), print_monte_carlo, partial(draw, "monte_carlo"), figures, force, quiet)

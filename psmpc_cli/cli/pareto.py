@@ -49,7 +49,7 @@ def pareto(
 ) -> None:
     """Find what two stages cost at each other's expense: Pareto fronts at several samples of a run."""
     from psmpc_cli.cli.fronts import print_fronts
-    from psmpc_cli.figures.pareto import draw_pareto
+    from psmpc_cli.figures.registry import draw
     from psmpc_cli.logs.new_file import refuse
     from psmpc_cli.studies.pareto import Question, ensure_answerable, parse_times
     from psmpc_cli.studies.pareto_file import read_pareto
@@ -65,7 +65,7 @@ def pareto(
     with _log_of(subject, log, quiet) as run:
         _solve(run, question, path, force, jobs, quiet)
     table = partial(print_fronts, path=path)
-    present(path, read_pareto(path), table, draw_pareto, figures, force, quiet)
+    present(path, read_pareto(path), table, partial(draw, "pareto"), figures, force, quiet)
 
 
 def _subject(reference: str, changes: list[str], log: Path | None, stages: str) -> "Path | Task":

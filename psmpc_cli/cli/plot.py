@@ -1,6 +1,6 @@
 """`psmpc plot`: the figures, and an animation, of any log, of a comparison, or of a study's results."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -8,9 +8,6 @@ import typer
 
 from psmpc_cli.cli.options import FOLDERS
 from psmpc_cli.errors import InputError, LogError
-
-Draw = Callable[[Path, Path, Sequence[str], Collection[str] | None, bool], list[Path]]
-"""Draws the figures of a file into a directory, in some formats, only some of them, overwriting what exists."""
 
 
 def plot(
@@ -44,46 +41,54 @@ def plot(
     Of a comparison: states, instants, shares and snapshots side by side. Of a Pareto study: its fronts. Of a
     sweep: surface, heat_map (of random draws: draws), starts and sensitivity. Of a Monte Carlo study: success and runs.
     """
-    from psmpc_cli.figures.draw import default_directory, draw
+    from psmpc_cli.figures.animation import mp4_possible
+    from psmpc_cli.figures.registry import default_directory, draw
+    from psmpc_cli.figures.run import load_run
     from psmpc_cli.logs.comparison import read_comparison
-    from psmpc_cli.logs.read import kind_of, read_log
+    from psmpc_cli.logs.read import kind_of
     from psmpc_cli.logs.schema import COMPARISON, RUN
 
-    directory, endings = output or default_directory(log), formats or ("png",)
-    if run is not None:
+    films = [name for name, chosen in (("animation", animate), ("render", render)) if chosen]
+    kind = RUN if run is not None else kind_of(log)
+    directory = output or (default_directory(log) if run is None else default_directory(log) / run)
+    if films and kind != RUN:
+        instead = "but a run of it is: choose one with --run" if kind == COMPARISON else "but the log of a run is"
+        raise InputError(f"--{'animate' if animate else 'render'}: a {kind} is not animated, {instead}")
+    if run is None:
+        subject = _subject(kind, log)
+    else:
         logs = read_comparison(log)
         if run not in logs:
             raise InputError(f"--run: found no run '{run}' in {log}, expected one of {', '.join(logs)}")
-        drawn = draw(logs[run], output or directory / run, endings, only or None, force, animate, render)
-    elif (kind := kind_of(log)) == RUN:
-        drawn = draw(read_log(log), directory, endings, only or None, force, animate, render)
-    elif animate or render:
-        instead = "but a run of it is: choose one with --run" if kind == COMPARISON else "but the log of a run is"
-        raise InputError(f"--{'animate' if animate else 'render'}: a {kind} is not animated, {instead}")
-    else:
-        drawing = _drawing()
-        if kind not in drawing:
-            raise LogError(f"{log}: found a {kind}, expected a log or one of: {', '.join(drawing)}")
-        drawn = drawing[kind](log, directory, endings, only or None, force)
-    for path in drawn:
+        subject = load_run(logs[run])
+    for path in draw(kind.replace("-", "_"), subject, directory, formats or ("png",), only or None, force, films):
         typer.echo(str(path))
+    if films and not mp4_possible():
+        typer.echo("psmpc: no MP4 was written: found no ffmpeg on the PATH", err=True)
 
 
-def _drawing() -> Mapping[str, Draw]:
-    """Return what draws each kind of file but the log of a run."""
-    from psmpc_cli.figures.comparison.draw import draw_comparison
-    from psmpc_cli.figures.monte_carlo import draw_monte_carlo
-    from psmpc_cli.figures.pareto import draw_pareto
-    from psmpc_cli.figures.sweep.draw import draw_sweep
+def _subject(kind: str, path: Path) -> object:
+    """Return what is drawn of a file of this kind.
+
+    Raises:
+        LogError: The file is damaged, or there is nothing to draw of its kind.
+    """
+    from psmpc_cli.figures.run import load_run
     from psmpc_cli.logs.comparison import read_comparison
-    from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, SWEEP
+    from psmpc_cli.logs.read import read_log
+    from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
     from psmpc_cli.simulation.monte_carlo_runs import read_monte_carlo
+    from psmpc_cli.simulation.sweep_cells import sweep_cells
     from psmpc_cli.studies.pareto_file import read_pareto
     from psmpc_cli.studies.sweep_file import read_sweep
 
-    return {
-        COMPARISON: lambda path, *rest: draw_comparison(read_comparison(path), *rest),
-        PARETO: lambda path, *rest: draw_pareto(read_pareto(path), *rest),
-        SWEEP: lambda path, *rest: draw_sweep(read_sweep(path), *rest),
-        MONTE_CARLO: lambda path, *rest: draw_monte_carlo(read_monte_carlo(path), *rest),
+    read: dict[str, Callable[[Path], object]] = {
+        RUN: lambda path: load_run(read_log(path)),
+        COMPARISON: lambda path: {name: load_run(log) for name, log in read_comparison(path).items()},
+        PARETO: read_pareto,
+        SWEEP: lambda path: sweep_cells(read_sweep(path)),
+        MONTE_CARLO: read_monte_carlo,
     }
+    if kind not in read:
+        raise LogError(f"{path}: found a {kind}, expected a log or one of: {', '.join(kind for kind in read)}")
+    return read[kind](path)

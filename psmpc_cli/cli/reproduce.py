@@ -40,7 +40,7 @@ def reproduce(
     from datetime import UTC, datetime
     from json import dumps
 
-    from psmpc_cli.figures.ablations import draw_ablation
+    from psmpc_cli.figures.registry import draw
     from psmpc_cli.report.reproduction import build_report
     from psmpc_cli.studies.reproduce import FRONTS, LOGS, WEIGHTS, as_data, load_weights_sweep
 
@@ -53,7 +53,7 @@ def reproduce(
     created = datetime.now(UTC).isoformat(timespec="seconds")
     _write(report, build_report(reproduction, created))
     for ablation in reproduction.ablations:
-        draw_ablation(ablation.name, ablation.panels, output / ABLATION.format(ablation.name))
+        draw("ablations", ablation.panels, output, only=[f"ablation_{ablation.name}"], force=True)
     if json is not None:
         _write(json, dumps(as_data(reproduction, created), indent=2, allow_nan=False) + "\n")
     if not quiet:

@@ -51,8 +51,8 @@ def simulate(
     import logging
 
     from psmpc_cli.cli.summary import print_summary
-    from psmpc_cli.figures.draw import default_directory
-    from psmpc_cli.figures.rendering import offscreen_driver
+    from psmpc_cli.figures.animation import offscreen_driver
+    from psmpc_cli.figures.registry import default_directory
     from psmpc_cli.logs.read import read_log
     from psmpc_cli.simulation.summary import summarize
     from psmpc_cli.specs.overrides import Short
@@ -176,8 +176,10 @@ def _stuck(log: "Log") -> RunError:
 
 def _draw(log: "Log", directory: Path, force: bool, quiet: bool, figures: bool, render: bool) -> None:
     """Draw every figure of the log, film it, or both."""
-    from psmpc_cli.figures.draw import draw
+    from psmpc_cli.figures.registry import draw
+    from psmpc_cli.figures.run import load_run
 
-    drawn = draw(log, directory, only=None if figures else (), force=force, render=render)
+    films = ("render",) if render else ()
+    drawn = draw("run", load_run(log), directory, only=None if figures else (), force=force, films=films)
     if not quiet:
         typer.echo(f"{len(drawn)} figures in {directory}" if figures else f"film in {directory}")

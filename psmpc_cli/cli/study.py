@@ -22,7 +22,7 @@ def refuse_what_stands(path: Path, force: bool, figures: bool) -> None:
         InputError: There is one.
     """
     from psmpc_cli.cli.outputs import refuse_old_figures
-    from psmpc_cli.figures.draw import default_directory
+    from psmpc_cli.figures.registry import default_directory
     from psmpc_cli.logs.new_file import refuse
 
     refuse(path, force)
@@ -80,7 +80,7 @@ def present(
     quiet: bool,
 ) -> None:
     """Print the table of a study's results and draw their figures beside its file."""
-    from psmpc_cli.figures.draw import default_directory
+    from psmpc_cli.figures.registry import default_directory
 
     if not quiet:
         table(results)

@@ -10,6 +10,7 @@ from psmpc_cli.cli.study import calls_of, present, refuse_both, refuse_what_stan
 from psmpc_cli.errors import InputError
 
 if TYPE_CHECKING:
+    from psmpc_cli.logs.results import Results
     from psmpc_cli.studies.parallel import Calls
     from psmpc_cli.studies.sampling import Sampling
     from psmpc_cli.studies.sweep_file import Sweep
@@ -67,10 +68,14 @@ def sweep_weights(
 def _show(path: Path, figures: bool, force: bool, quiet: bool) -> None:
     """Print the table of a sweep and draw its figures."""
     from psmpc_cli.cli.sweep_table import print_sweep
-    from psmpc_cli.figures.sweep.draw import draw_sweep
+    from psmpc_cli.figures.registry import draw
+    from psmpc_cli.simulation.sweep_cells import sweep_cells
     from psmpc_cli.studies.sweep_file import read_sweep
 
-    present(path, read_sweep(path), print_sweep, draw_sweep, figures, force, quiet)
+    def drawing(results: "Results", directory: Path, force: bool) -> list[Path]:
+        return draw("sweep", sweep_cells(results), directory, force=force)
+
+    present(path, read_sweep(path), print_sweep, drawing, figures, force, quiet)
 
 
 def _asked_for(

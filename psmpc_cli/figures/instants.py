@@ -1,69 +1,250 @@
-"""The optimized switching instants, sample by sample. Fig. 11 of the paper."""
+"""Planned switch times, the stages' shares and solve times over time. Paper Figs. 1 and 11."""
 
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
-from psmpc_cli.figures.panels import panel_legend
+from psmpc_cli.figures import style
 from psmpc_cli.figures.run import Run
-from psmpc_cli.figures.style import EDGE, PALETTE, readable
-from psmpc_cli.figures.timeline import open_timeline
+from psmpc_cli.figures.timeline import DOTTED, Timeline, open_timeline
 
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+HEIGHT, SHARE_HEIGHT, SOLVE_HEIGHT = 1.5, 1.2, 1.25
+"""Heights of a panel of switch times, of shares and of solves [in]."""
+
+OVERVIEW, AROUND, ACROSS = 2.2, 0.8, 4
+"""Height of the upper panel of several runs, of axes and labels around the panels [in]; stages side by side."""
+
+MOST_NAMES = 6
+"""Stages that a legend names; of more it gives the numbers."""
 
 DASHED = (0, (5, 2))
 
-MOST_NAMES = 6
-"""Stages that the legend names; of more it gives the numbers."""
+HATCHES = ("", "//////", "......")
+"""Patterns that go with the colours, so that a print in grey can be read as well."""
+
+COST, CONTROL = "weighted cost", "applied control"
+"""What the stages have shares in."""
+
+PRESENT: Mapping[str, Any] = {"color": style.EDGE, "linewidth": 0.7}
+"""Look of the line of the present time."""
 
 
 def plot_instants(run: Run) -> Figure:
-    """Return each stage's optimized instant [s] over time, and how far it is off the instant that came true.
+    """Plot the planned switch time that ends each stage [s], and how far it is from the actual one [ms].
 
-    An instant happens when it meets the line of the present; the horizon ends T_h above that line. The second panel is
-    there only if an optimized instant came true.
+    A switch happens when its planned time meets the line of the present time; the horizon ends T_h above that line.
+    The second panel is there only if a planned switch happened.
     """
     instants, switches = run.log["window/instants"], run.log.stages["switch_time"]
-    optimized = [stage for stage, column in enumerate(instants.T) if np.any(np.isfinite(column))]
-    came_true = [stage for stage in optimized if np.isfinite(switches[stage])]
-    timeline = open_timeline(run, 2 if came_true else 1, 1.5)
-    above = timeline.panels[0]
-    _draw_present(above, run)
-    for stage in optimized:
-        name = readable(run.log.stage_names[stage]) if len(optimized) <= MOST_NAMES else str(stage + 1)
-        _plot(above, run.log.time, instants[:, stage], stage, name)
+    planned = [stage for stage in range(len(run.stages)) if _planned(run, stage).any()]
+    happened = [stage for stage in planned if np.isfinite(switches[stage])]
+    timeline = open_timeline(run, 2 if happened else 1, HEIGHT)
+    above: Axes = timeline.panels[0, 0]
+    ends, horizon = np.array([run.time[0], run.end]), run.task.controller.horizon
+    above.plot(ends, ends, zorder=1.5, **PRESENT)
+    above.plot(ends, ends + horizon, linestyle=DASHED, zorder=1.5, **PRESENT)
+    above.set_ylim(ends[0], ends[1] + horizon)
+    for stage in planned:
+        _plot_stage(above, run, stage, instants[:, stage], _stage_label(run, stage, len(planned)))
     above.plot(switches, switches, "o", color="black", markerfacecolor="white", markersize=3.5, zorder=3)
-    above.set_ylabel("Optimized end\nof the stage (s)")
-    panel_legend(above, "" if optimized else "no instant was optimized")
-    for below in timeline.panels[1:]:
-        for stage in came_true:
-            _plot(
-                below, run.log.time, instants[:, stage] - switches[stage], stage, readable(run.log.stage_names[stage])
-            )
-        below.axhline(0.0, color=EDGE, linewidth=0.7, zorder=1.5)
-        below.set_ylabel("Optimized minus\nactual end (s)")
+    timeline.label(0, "Planned switch\ntime (s)", "" if planned else "no switch time was planned")
+    if happened:
+        below: Axes = timeline.panels[1, 0]
+        for stage in happened:
+            _plot_stage(below, run, stage, 1e3 * (instants[:, stage] - switches[stage]), "_")
+        below.axhline(0.0, zorder=1.5, **PRESENT)
+        below.set_ylabel("Planned minus\nactual (ms)")
     return timeline.finish(
         [
-            Line2D([], [], color=EDGE, linewidth=0.7, label="present time"),
-            Line2D([], [], color="black", linestyle="none", marker="o", markerfacecolor="white", label="actual end"),
-            Line2D([], [], color=EDGE, linewidth=0.7, linestyle=DASHED, label="end of the horizon"),
+            style.entry("present time", **PRESENT),
+            style.entry("actual switch", color="black", linestyle="none", marker="o", markerfacecolor="white"),
+            style.entry("end of the horizon", linestyle=DASHED, **PRESENT),
         ]
     )
 
 
-def _draw_present(axes: Axes, run: Run) -> None:
-    """Draw the line of the present and the end of the horizon, and see to it that both fit."""
-    ends, horizon = np.array([run.time[0], run.end]), run.task.controller.horizon
-    axes.plot(ends, ends, color=EDGE, linewidth=0.7, zorder=1.5)
-    axes.plot(ends, ends + horizon, color=EDGE, linewidth=0.7, linestyle=DASHED, zorder=1.5)
-    axes.set_ylim(ends[0], ends[1] + horizon)
+def _planned(run: Run, stage: int) -> np.ndarray:
+    """Return at which samples (K,) the end of a stage was planned."""
+    return np.asarray(np.isfinite(run.log["window/instants"][:, stage]))
 
 
-def _plot(axes: Axes, time: np.ndarray, values: np.ndarray, stage: int, name: str) -> None:
-    """Plot a stage's values (K,) over time (K,) [s] where there are any, the first with a marker."""
-    seen = np.isfinite(values)
-    look: dict[str, Any] = {"color": PALETTE[stage % len(PALETTE)], "marker": MARKERS[stage % len(MARKERS)]}
-    axes.plot(time[seen], values[seen], label=name, markevery=[0], linewidth=1.3, **look)
+def _stage_label(run: Run, stage: int, count: int) -> str:
+    """Return a stage's name in a legend of so many stages, or its number where there are too many for names."""
+    return style.readable(run.log.stage_names[stage]) if count <= MOST_NAMES else str(stage + 1)
+
+
+def _plot_stage(axes: Axes, run: Run, stage: int, values: np.ndarray, label: str) -> None:
+    """Plot a stage's values (K,) at the samples at which its end was planned, the first with a marker."""
+    which = _planned(run, stage)
+    look: dict[str, Any] = {
+        "color": style.PALETTE[stage % len(style.PALETTE)],
+        "marker": style.MARKERS[stage % len(style.MARKERS)],
+    }
+    axes.plot(run.log.time[which], values[which], label=label, markevery=[0], linewidth=1.3, **look)
+
+
+def plot_compared_instants(runs: Mapping[str, Run]) -> Figure:
+    """Plot the planned switch times of several runs [s], and by stage how far they are from the actual one [ms]."""
+    first = next(iter(runs.values()))
+    planned = [s for s in range(len(first.stages)) if any(_planned(run, s).any() for run in runs.values())]
+    across = min(ACROSS, len(planned)) or 1
+    rows = -(-len(planned) // across)
+    figure = style.new_figure(OVERVIEW + rows * (HEIGHT + style.LINE) + AROUND, style.PAGE)
+    grid = figure.add_gridspec(1 + rows, across, height_ratios=[OVERVIEW] + [HEIGHT] * rows)
+    _plot_overview(figure.add_subplot(grid[0, :]), runs)
+    shared: Axes | None = None
+    for i, stage in enumerate(planned):
+        axes = figure.add_subplot(grid[1 + i // across, i % across], sharey=shared, sharex=shared)
+        shared = shared or axes
+        axes.axhline(0.0, zorder=1.5, **PRESENT)
+        for number, run in enumerate(runs.values()):
+            which, end = _planned(run, stage), float(run.log.stages["switch_time"][stage])
+            if which.any() and np.isfinite(end):
+                difference = run.log["window/instants"][which, stage] - end
+                axes.plot(run.log.time[which] - end, 1e3 * difference, linewidth=1.3, **style.line_look(number))
+        axes.set_title(f"end of {style.readable(first.log.stage_names[stage])}", fontsize=style.TEXT, pad=3)
+        axes.set_xlabel("Time minus actual end (s)")
+        if i % across == 0:
+            axes.set_ylabel("Planned minus\nactual (ms)")
+        else:
+            axes.tick_params(labelleft=False)
+    looks = (style.line_look(i) | _hollow(i) for i in range(len(runs)))
+    handles = [style.entry(style.title_of(name), linewidth=1.3, **look) for name, look in zip(runs, looks, strict=True)]
+    style.add_legend(figure, [*handles, style.entry("present time; markers: actual switches", **PRESENT)])
+    return figure
+
+
+def _plot_overview(axes: Axes, runs: Mapping[str, Run]) -> None:
+    """Plot the planned switch times over time, up to the line of the present time, where they happen."""
+    end = max(run.end for run in runs.values())
+    axes.plot([0.0, end], [0.0, end], zorder=1.5, **PRESENT)
+    for i, run in enumerate(runs.values()):
+        for stage in range(len(run.stages)):
+            which = _planned(run, stage)
+            axes.plot(
+                run.log.time[which], run.log["window/instants"][which, stage], linewidth=1.3, **style.line_look(i)
+            )
+        switches = run.log.stages["switch_time"]
+        axes.plot(switches, switches, linestyle="none", zorder=3, **_hollow(i))
+    axes.set_xlim(0.0, end * 1.012)
+    axes.set_ylim(0.0, end * 1.05)
+    axes.set_xlabel("Time (s)")
+    axes.set_ylabel("Planned switch\ntime (s)")
+
+
+def _hollow(index: int) -> dict[str, Any]:
+    """Return the look of a run's hollow markers."""
+    color = style.line_look(index)["color"]
+    marker = {"marker": style.MARKERS[index % len(style.MARKERS)], "markersize": 4.5, "markeredgewidth": 0.9}
+    return {**marker, "color": color, "markerfacecolor": "none"}
+
+
+def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
+    """Plot each stage's share [%] in the window's weighted cost and in the applied control, of one or several runs.
+
+    The cost is omega_s J_s of the window's stages; the pending cost, which belongs to no stage, is left out. The share
+    in the control is the stage's weight in that combination of the controls all stages in the window would apply on
+    their own which is nearest to the applied one; its panel is there only if those shares were logged.
+    """
+    columns = [runs] if isinstance(runs, Run) else list(runs.values())
+    shares = {COST: [cost_shares(run) for run in columns]}
+    logged = [run.log["window/share"] for run in columns]
+    if any(np.isfinite(values).any() for values in logged):
+        shares[CONTROL] = logged
+    timeline = open_timeline(runs, len(shares), SHARE_HEIGHT, shaded=False)
+    for row, (whole, found) in enumerate(shares.items()):
+        for axes, run, values in zip(timeline.panels[row], columns, found, strict=True):
+            _plot_stack(axes, run, values)
+        timeline.panels[row, 0].set_ylabel(f"Share in the\n{whole} (%)")
+    timeline.label(0, f"Share in the\n{COST} (%)", handle=1.2)
+    return _finish_shares(timeline, columns, [values for found in shares.values() for values in found])
+
+
+def cost_shares(run: Run) -> np.ndarray:
+    """Return each stage's share in the sum of omega_s J_s of the window (K, S); NaN outside the window."""
+    omega = np.ones(len(run.stages)) if run.task.controller.kind == "smpc" else run.log.stages["priority"]
+    cost = np.maximum(run.log["window/cost"], 0.0) * omega
+    total = np.nansum(cost, axis=1, keepdims=True)
+    return np.asarray(cost / np.where(total > 0, total, np.nan))
+
+
+def _plot_stack(axes: Axes, run: Run, shares: np.ndarray) -> None:
+    """Stack the shares (K, S), a step a sample, and mark when stages end and when the next one starts early."""
+    last, count = run.log.time[-1], len(run.stages)
+    edges = np.r_[run.log.time, run.end if run.end > last else last + run.task.controller.sample_time]
+    top = np.zeros(len(run.log.time))
+    for stage in map(int, np.flatnonzero(np.any(np.isfinite(shares), axis=0))):
+        bottom, top = top, top + 100 * np.nan_to_num(shares[:, stage])
+        axes.stairs(
+            top,
+            edges,
+            baseline=bottom,
+            fill=True,
+            facecolor=_tint(style.PALETTE[stage % len(style.PALETTE)]),
+            edgecolor="white",
+            linewidth=0.0,
+            zorder=1,
+            hatch=HATCHES[stage % len(HATCHES)],
+            label=_stage_label(run, stage, count),
+        )
+    for span in run.spans:
+        if span.index:
+            axes.axvline(span.start, color="black", linewidth=0.6)
+        if span.early is not None:
+            axes.axvline(span.early, color="black", linestyle=DOTTED, linewidth=0.8)
+    axes.set_ylim(0, 100)
+
+
+def _tint(color: str) -> tuple[float, ...]:
+    """Return a colour mixed with white: filled areas need less of it than lines."""
+    return tuple(0.75 * part + 0.25 for part in to_rgb(color))
+
+
+def _finish_shares(timeline: Timeline, runs: Iterable[Run], shares: Iterable[np.ndarray]) -> Figure:
+    """Explain switches and samples without shares in the common legend and return the figure."""
+    handles: list[Artist] = []
+    if any(len(run.spans) > 1 for run in runs):
+        handles.append(style.entry("switch", color="black", linewidth=0.6))
+    if not all(np.isfinite(values).any(axis=1).all() for values in shares):
+        handles.append(style.patch_entry("no share: stages agree, or no solution", facecolor="white"))
+    return timeline.finish(handles)
+
+
+def plot_solve_time(run: Run) -> Figure:
+    """Plot the wall time [ms] and the iterations of each solve over time, by how many stages were in the window."""
+    timeline = open_timeline(run, 2, SOLVE_HEIGHT)
+    above, below = timeline.panels[:, 0]
+    time, wall, iterations = run.log.time, run.log["solver/wall_time"] * 1e3, run.log["solver/iterations"]
+    count, solved = run.log["window/count"], np.isfinite(wall) & (wall > 0)
+    counts = np.unique(count[solved])
+    for i, stages in enumerate(counts):
+        which = solved & (count == stages)
+        look: dict[str, Any] = {
+            "color": style.PALETTE[i % len(style.PALETTE)],
+            "marker": style.MARKERS[i % len(style.MARKERS)],
+        }
+        label = f"{stages} stage{'s' if stages > 1 else ''}{' in the window' if stages == counts[-1] else ''}"
+        for axes, values in ((above, wall), (below, iterations)):
+            axes.plot(time[which], values[which], label=label, linestyle="none", markersize=1.8, **look)
+    limit = run.task.controller.sample_time * 1e3
+    above.axhline(limit, **PRESENT)
+    style.make_logarithmic(above)
+    above.margins(y=0.1)
+    below.set_ylabel("Iterations\nof the solve")
+    below.margins(y=0.1)
+    below.set_ylim(bottom=0)
+    below.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, steps=[1, 2, 5, 10]))
+    timeline.label(0, "Solve time\n(ms)", handle=0.8)
+    handles = [style.entry(f"sample time, {limit:g} ms", **PRESENT)]
+    failed = run.log["events/solve_failed"].astype(bool)
+    if np.any(failed):
+        for axes, values in ((above, np.where(solved, wall, limit)), (below, iterations)):
+            axes.plot(time[failed], values[failed], **style.FAILED)
+        handles.append(style.entry("failed solve", **style.FAILED))
+    return timeline.finish(handles)

@@ -1,20 +1,16 @@
-"""Pareto fronts at several samples of a run, one curve a sample. Fig. 7 of the paper."""
+"""Pareto fronts between the costs of two stages at several samples of a run. Paper Fig. 7."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
-from psmpc_cli.errors import LogError
-from psmpc_cli.figures.files import draw_chosen
-from psmpc_cli.figures.pareto_in_space import plot_in_space
-from psmpc_cli.figures.pareto_points import DOMINATED, MARKERS, Points, chosen_label, in_plane, stage_words
-from psmpc_cli.figures.style import AXIS_WIDTH, PALETTE, TEXT, legend_columns, new_figure
+from psmpc_cli.figures import style
 from psmpc_cli.logs.results import Results
 
 HEIGHT, AROUND = 2.1, 0.35
@@ -29,32 +25,82 @@ ARROW = 8.5
 WIDE = 30.0
 """Largest over smallest value of a criterion from which on a linear axis does not show all of it."""
 
-
 DECADES = 100.0
 """Largest over smallest value of a criterion from which on powers of ten are enough on its logarithmic axis."""
 
+POINTS = ("o", "s", "D", "p", "X", "h", "8")
+"""Markers of the instants, one after another; none looks like an arrow."""
 
-def draw_pareto(
-    results: Results,
-    directory: Path,
-    formats: Sequence[str] = ("png",),
-    only: Collection[str] | None = None,
-    force: bool = False,
-) -> list[Path]:
-    """Draw figures of a Pareto study, each into a file a format, and return the files.
+DOMINATED = "#A0A0A0"
+"""Colour of the cross on a dominated point."""
 
-    Raises:
-        InputError: A name or format is unknown, a file exists or cannot be written.
-        LogError: No point of the study could be solved for.
+STAR: dict[str, Any] = {"color": "black", "marker": "*", "linestyle": "none", "markersize": 6.5}
+"""Look of the run's own weights."""
+
+CROSS: dict[str, Any] = {"color": DOMINATED, "marker": "x", "linestyle": "none"}
+"""Look of a dominated point."""
+
+METHODS = ("weighted", "constrained")
+"""How the arrays of the methods begin, in the order in which they are drawn."""
+
+COLUMNS = 3
+"""Panels in three dimensions beside each other."""
+
+SIDE = 2.15
+"""Height of a panel in three dimensions [in]."""
+
+ELEVATION, AZIMUTH = 24.0, -52.0
+"""From where the panels are seen [deg]."""
+
+SHADOW = "#D5D5D5"
+"""Colour of the fronts on the floor."""
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """The points of one method at one instant.
+
+    Attributes:
+        J: J_1 and J_2 (P, 2).
+        dominated: Which are dominated (P,).
     """
-    figures = FIGURES if "later" in results.quantities else {"front": plot_fronts}
-    if not any(np.isfinite(one.J).any() for points in in_plane(results) for one in points):
-        raise LogError(f"{results.path}: holds no point that could be solved for, so there is nothing to draw")
-    return draw_chosen(figures, results, directory, formats, only, force)
+
+    J: np.ndarray
+    dominated: np.ndarray
+
+
+def in_plane(results: Results) -> list[list[Points]]:
+    """Return the points with the instant held at the run's optimum, by sample, then by method."""
+    methods = [method for method in METHODS if f"{method}_J_1" in results.quantities]
+    return [[held(results, method, i, 0) for method in methods] for i in range(len(results["instant"]))]
+
+
+def held(results: Results, method: str, sample: int, later: int) -> Points:
+    """Return a method's points at a sample with the instant held so much later than the run's optimum."""
+    where = (sample, later) if "later" in results.quantities[f"{method}_J_1"].dims else (sample,)
+    J = np.column_stack([results[f"{method}_{name}"][where] for name in ("J_1", "J_2")])
+    return Points(J, results[f"{method}_dominated"][where].astype(bool))
+
+
+def _stage_words(results: Results) -> tuple[str, str]:
+    """Return the names of both stages as words."""
+    first, second = (style.readable(str(name)) for name in results["stage"])
+    return first, second
+
+
+def _chosen_label(results: Results) -> str:
+    """Return the legend entry of the run's own weights."""
+    ratio = results["chosen_ratio"]
+    return f"$ω_2/ω_1$ = {ratio[0]:g}" if np.ptp(ratio) <= 1e-9 * ratio[0] else "weights of the run"
+
+
+def in_space(results: Results) -> bool:
+    """Return whether the instant is a criterion of a study."""
+    return "later" in results.quantities
 
 
 def plot_fronts(results: Results) -> Figure:
-    """Return the fronts in the plane of both costs [s], J_2 to the right and J_1 up.
+    """Plot the fronts in the plane of both costs [s], J_2 to the right and J_1 up, a curve a sample.
 
     The axes of a second panel are logarithmic if the costs differ so much that a linear one cannot show them all.
     """
@@ -62,44 +108,40 @@ def plot_fronts(results: Results) -> Figure:
     every = np.concatenate([one.J for points in samples for one in points])
     smallest, largest = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
     panels = 2 if np.all(smallest > 0) and np.any(largest > WIDE * smallest) else 1
-    figure = new_figure(panels * (HEIGHT + AROUND))
+    figure = style.new_figure(panels * (HEIGHT + AROUND) - style.LINE)
     rows = figure.subplots(panels, 1, squeeze=False)[:, 0]
-    first, second = stage_words(results)
+    first, second = _stage_words(results)
     for axes, letter in zip(rows, "ab", strict=False):
         if letter == "b":
             _make_logarithmic(axes, smallest, largest)
         for i, points in enumerate(samples):
             _plot_sample(axes, points, i)
             chosen_one = results["chosen_J_2"][i], results["chosen_J_1"][i]
-            axes.plot(*chosen_one, "*", color="black", markersize=6.5, markeredgecolor="white", zorder=5, mew=0.4)
+            axes.plot(*chosen_one, markeredgecolor="white", zorder=5, markeredgewidth=0.4, **STAR)
         axes.set_ylabel(f"Cost of {first}, $J_1$ (s)")
         axes.set_xlabel(f"Cost of {second}, $J_2$ (s)")
         axes.margins(0.04)
         if panels > 1:
-            axes.set_title(f"({letter})", loc="left", pad=3.5, fontsize=TEXT)
+            axes.set_title(f"({letter})", loc="left", pad=3.5, fontsize=style.TEXT)
     _write_legends(figure, rows[0], results, samples)
     figure.draw_without_rendering()  # arrows follow the curves as they lie on paper
     for axes in rows:
         for i, points in enumerate(samples):
-            _draw_arrows(axes, points[0].J, PALETTE[i % len(PALETTE)])
+            _draw_arrows(axes, points[0].J, style.PALETTE[i % len(style.PALETTE)])
     figure.align_ylabels()
     return figure
 
 
-FIGURES: Mapping[str, Callable[[Results], Figure]] = {"front": plot_fronts, "front_3d": plot_in_space}
-"""Every figure of a Pareto study by its name, which is also its file's stem."""
-
-
 def _plot_sample(axes: Axes, found: Sequence[Points], index: int) -> None:
     """Plot a sample's points, those of the first method joined, dominated ones crossed out."""
-    look: dict[str, Any] = {"color": PALETTE[index % len(PALETTE)], "marker": MARKERS[index % len(MARKERS)]}
+    look = _sample_look(index)
     for order, points in enumerate(found):
         J, kept = points.J, ~points.dominated
         if order == 0:
             axes.plot(J[kept, 1], J[kept, 0], linewidth=0.9, markersize=2.2, **look)
         else:
             axes.plot(J[kept, 1], J[kept, 0], "+", color=look["color"], markersize=3.5, markeredgewidth=0.6)
-        axes.plot(J[~kept, 1], J[~kept, 0], "x", color=DOMINATED, markersize=4.5, markeredgewidth=0.9, zorder=4)
+        axes.plot(J[~kept, 1], J[~kept, 0], markersize=4.5, markeredgewidth=0.9, zorder=4, **CROSS)
 
 
 def _draw_arrows(axes: Axes, J: np.ndarray, color: str) -> None:
@@ -145,21 +187,77 @@ def _make_logarithmic(axes: Axes, low: np.ndarray, high: np.ndarray) -> None:
 def _write_legends(figure: Figure, top: Axes, results: Results, samples: Sequence[Sequence[Points]]) -> None:
     """Name the instants with their hypervolumes in the first panel, and what the marks are below the figure."""
     top.xaxis.set_major_locator(MaxNLocator(nbins=6))
-    handles = [
-        Line2D([], [], linewidth=0.9, markersize=2.2, color=PALETTE[i % len(PALETTE)], marker=MARKERS[i % len(MARKERS)])
-        for i in range(len(samples))
-    ]
-    volumes, in_space = results["hypervolume"], "later" in results.quantities
-    labels = [f"{instant:.1f} s" for instant in results["instant"]]
-    if not in_space:
-        labels = [f"{label}: {volume:.3g} s$^2$" for label, volume in zip(labels, volumes, strict=True)]
-    title = "Sampling instant $T_0$" + ("" if in_space else ": hypervolume")
-    top.legend(handles, labels, title=title, title_fontsize=TEXT, loc="upper right", alignment="left")
-    marks = [Line2D([], [], color="black", marker=">", markersize=4, linewidth=0.9, label="growing $ω_2/ω_1$")]
-    marks += [Line2D([], [], color="black", marker="*", linestyle="none", markersize=6.5, label=chosen_label(results))]
+    third = in_space(results)
+    handles: list[Artist] = []
+    for i, (instant, volume) in enumerate(zip(results["instant"], results["hypervolume"], strict=True)):
+        label = f"{instant:.1f} s" if third else f"{instant:.1f} s: {volume:.3g} s$^2$"
+        handles.append(style.entry(label, linewidth=0.9, markersize=2.2, **_sample_look(i)))
+    title = "Sampling instant $T_0$" + ("" if third else ": hypervolume")
+    top.legend(handles=handles, title=title, title_fontsize=style.TEXT, loc="upper right", alignment="left")
+    marks: list[Artist] = [style.entry("growing $ω_2/ω_1$", color="black", marker=">", markersize=4, linewidth=0.9)]
+    marks.append(style.entry(_chosen_label(results), **STAR))
     if len(samples[0]) > 1:
-        marks += [Line2D([], [], color="black", marker="+", linestyle="none", label="$J_2$ bounded")]
+        marks.append(style.entry("$J_2$ bounded", color="black", marker="+", linestyle="none"))
     if any(one.dominated.any() for points in samples for one in points):
-        marks += [Line2D([], [], color=DOMINATED, marker="x", linestyle="none", label="dominated")]
-    columns = legend_columns([str(mark.get_label()) for mark in marks], AXIS_WIDTH)
-    figure.legend(handles=marks, loc="outside lower center", ncols=columns)
+        marks.append(style.entry("dominated", **CROSS))
+    style.add_legend(figure, marks)
+
+
+def _sample_look(index: int) -> dict[str, Any]:
+    """Return colour and marker of a sample."""
+    return {"color": style.PALETTE[index % len(style.PALETTE)], "marker": POINTS[index % len(POINTS)]}
+
+
+def plot_in_space(results: Results) -> Figure:
+    """Plot for each sample the fronts with the instant held ever later, over the plane of both costs [s].
+
+    On the floor is their projection: fronts of later instants cross those of earlier ones.
+    """
+    samples = len(results["instant"])
+    rows = -(-samples // COLUMNS)
+    figure = style.new_figure(rows * SIDE + 0.15, style.PAGE)
+    for i in range(samples):
+        axes: Any = figure.add_subplot(rows, COLUMNS, i + 1, projection="3d")
+        _plot_in_space(axes, results, i)
+    marks = [
+        style.entry("instant held", color=style.PALETTE[0], marker="o", markersize=2.6, linewidth=0.9),
+        style.entry("instant free", color=style.PALETTE[1], marker="s", markersize=2.6, linewidth=0.9),
+        style.entry(_chosen_label(results), **STAR),
+        style.entry("dominated", **CROSS),
+        style.entry("in the plane of $J_1$ and $J_2$", color=SHADOW, linewidth=0.9),
+    ]
+    style.add_legend(figure, marks)
+    return figure
+
+
+def _plot_in_space(axes: Any, results: Results, i: int) -> None:
+    """Plot the fronts of one sample; `axes` are three-dimensional ones, for which Matplotlib has no types."""
+    method = "weighted" if "weighted_J_1" in results.quantities else "constrained"
+    waits, floor = results[f"{method}_wait"][i], float(np.nanmin(results[f"{method}_wait"][i]))
+    span = float(np.nanmax(waits)) - floor
+    floor -= 0.15 * span
+    for later, found in enumerate(waits):
+        if not np.isfinite(found).any():
+            continue
+        wait = float(np.nanmax(found))
+        points = held(results, method, i, later)
+        x, y, kept = points.J[:, 1], points.J[:, 0], ~points.dominated
+        axes.plot(x, y, floor, color=SHADOW, linewidth=0.9)
+        axes.plot(x, y, wait, color=style.PALETTE[0], linewidth=0.9)
+        axes.plot(x[kept], y[kept], wait, "o", color=style.PALETTE[0], markersize=2.6)
+        axes.plot(x[~kept], y[~kept], wait, markersize=3.5, markeredgewidth=0.8, **CROSS)
+    free = [results[f"free_{name}"][i] for name in ("J_2", "J_1", "wait")]
+    axes.plot(*free, color=style.PALETTE[1], marker="s", markersize=2.2, linewidth=0.9)
+    chosen = (results["chosen_J_2"][i], results["chosen_J_1"][i], results["t_s"][i] - results["instant"][i])
+    axes.plot(*([value] for value in chosen), zorder=5, **STAR)
+    first, second = _stage_words(results)
+    axes.set_xlabel(f"{second}, $J_2$ (s)", labelpad=-3)
+    axes.set_ylabel(f"{first}, $J_1$ (s)", labelpad=-4)
+    axes.set_zlabel("$t_s - T_0$ (s)", labelpad=-2)
+    axes.set_zlim(floor, floor + 1.2 * span)
+    axes.set_title(f"$T_0$ = {results['instant'][i]:.1f} s", fontsize=style.TEXT, y=0.95)
+    axes.tick_params(pad=-3)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_major_locator(MaxNLocator(nbins=4))
+    axes.view_init(elev=ELEVATION, azim=AZIMUTH)
+    axes.set_box_aspect(None, zoom=0.77)

@@ -1,28 +1,218 @@
-"""Every figure by its name, which is also its file's stem."""
+"""Every figure in one table, and what draws them into files."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
-from psmpc_cli.figures.controls import plot_controls
-from psmpc_cli.figures.errors import plot_errors
-from psmpc_cli.figures.forces import plot_forces
-from psmpc_cli.figures.instants import plot_instants
+from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.figures import coordinates, instants, monte_carlo, pareto, reproduction, snapshots, sweep
+from psmpc_cli.figures.animation import film_files, offscreen_driver, write_animation, write_film
 from psmpc_cli.figures.run import Run
-from psmpc_cli.figures.shares import plot_shares
-from psmpc_cli.figures.snapshots import plot_snapshots
-from psmpc_cli.figures.solve_time import plot_solve_time
-from psmpc_cli.figures.states import plot_states
-from psmpc_cli.figures.velocities import plot_velocities
+from psmpc_cli.figures.style import in_style
+from psmpc_cli.simulation.sweep_cells import GRID, RANDOM
 
-FIGURES: Mapping[str, Callable[[Run], Figure]] = {
-    "states": plot_states,
-    "velocities": plot_velocities,
-    "controls": plot_controls,
-    "forces": plot_forces,
-    "errors": plot_errors,
-    "instants": plot_instants,
-    "shares": plot_shares,
-    "snapshots": plot_snapshots,
-    "solve_time": plot_solve_time,
-}
+FORMATS = ("png", "pdf", "svg")
+
+_UNDATED: Mapping[str, dict[str, Any]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+"""Metadata with which the same data give the same file."""
+
+FILMS: Mapping[str, Callable[[Run, Iterable[Path]], None]] = {"animation": write_animation, "render": write_film}
+"""What shows a run in motion, by name, which is also the stem of its files."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A figure of the table.
+
+    Attributes:
+        kind: What it is of: run (a Run), comparison (Runs by controller), sweep, pareto, monte_carlo (the results of
+            such a study), scenario (a Task), claims (a Run, or Runs by controller, and what is published), ablations
+            (curves by panel and label).
+        name: Its name, which is also its file's stem.
+        function: Makes it from its subject.
+        description: What it shows.
+        there: Whether a subject has it.
+    """
+
+    kind: str
+    name: str
+    function: Callable[..., Figure]
+    description: str
+    there: Callable[[Any], bool] = lambda subject: True
+
+
+TABLE = (
+    Entry("run", "states", coordinates.plot_states, "base pose and joint angles over time"),
+    Entry("run", "velocities", coordinates.plot_velocities, "generalized velocities with their limits"),
+    Entry("run", "controls", coordinates.plot_controls, "applied accelerations with their limits"),
+    Entry("run", "forces", coordinates.plot_forces, "base force and torque, joint torques"),
+    Entry("run", "errors", coordinates.plot_errors, "errors against the stages' targets and tolerances"),
+    Entry("run", "instants", instants.plot_instants, "planned switch times over time"),
+    Entry("run", "shares", instants.plot_shares, "the stages' shares in cost and control"),
+    Entry("run", "snapshots", snapshots.plot_snapshots, "the robot at the key instants"),
+    Entry("run", "solve_time", instants.plot_solve_time, "wall time and iterations of the solves"),
+    Entry("comparison", "states", coordinates.plot_states, "base pose and joint angles side by side"),
+    Entry("comparison", "instants", instants.plot_compared_instants, "planned switch times of all controllers"),
+    Entry("comparison", "shares", instants.plot_shares, "the stages' shares side by side"),
+    Entry("comparison", "snapshots", snapshots.plot_compared_snapshots, "the robot at the end of every stage"),
+    Entry("sweep", "surface", sweep.plot_surface, "actual start over both priorities", lambda c: c.sampling == GRID),
+    Entry("sweep", "heat_map", sweep.plot_heat_map, "the same from above", lambda c: c.sampling == GRID),
+    Entry("sweep", "draws", sweep.plot_draws, "actual start at random priorities", lambda c: c.sampling == RANDOM),
+    Entry("sweep", "starts", sweep.plot_starts, "actual start over the ratio of the priorities"),
+    Entry("sweep", "sensitivity", sweep.plot_sensitivity, "completion, effort and final error over the ratio"),
+    Entry("pareto", "front", pareto.plot_fronts, "Pareto fronts at several samples"),
+    Entry("pareto", "front_3d", pareto.plot_in_space, "fronts with the instant as third criterion", pareto.in_space),
+    Entry("monte_carlo", "success", monte_carlo.plot_success, "success rate and distribution of the switch times"),
+    Entry("monte_carlo", "runs", monte_carlo.plot_runs, "final error and margins of every run"),
+    Entry("scenario", "scenario", snapshots.plot_scenario, "a task's targets, stage by stage"),
+    Entry("claims", "presence", reproduction.plot_presence, "what waiting stages add to the control"),
+    Entry("claims", "monitors", reproduction.plot_monitors, "signals of the monitors with their bounds"),
+    Entry("claims", "schedule", reproduction.plot_schedule, "the stages of all methods as bars"),
+    Entry("ablations", "ablation_pending_cost", reproduction.plot_pending_cost, "with and without the pending cost"),
+    Entry("ablations", "ablation_normalization", reproduction.plot_normalization, "forms of normalization"),
+    Entry("ablations", "ablation_discretization", reproduction.plot_discretization, "discretizations over N_s"),
+)
+
+
+def figures_of(kind: str, subject: Any = None) -> dict[str, Entry]:
+    """Return the figures of a kind by name; of a subject, those it has."""
+    return {one.name: one for one in TABLE if one.kind == kind and (subject is None or one.there(subject))}
+
+
+def plot(run: Run | Mapping[str, Run], name: str) -> Figure:
+    """Return a figure of a run, or of several runs by controller.
+
+    Args:
+        run: A run, or runs by controller such as psmpc, smpc.
+        name: Such as states, instants or snapshots.
+
+    Raises:
+        InputError: There is no figure of this name.
+    """
+    known = figures_of("run" if isinstance(run, Run) else "comparison")
+    (name,) = _chosen("figure", [name], known)
+    with in_style():
+        figure = known[name].function(run)
+        figure.draw_without_rendering()  # ticks and texts are made in this style, not in the user's
+    return figure
+
+
+def draw(
+    kind: str,
+    subject: Any,
+    directory: Path,
+    formats: Sequence[str] = ("png",),
+    only: Collection[str] | None = None,
+    force: bool = False,
+    films: Collection[str] = (),
+) -> list[Path]:
+    """Draw figures of a subject, each into a file for each format, and return the files.
+
+    Args:
+        kind: What the subject is, as in the table.
+        subject: What is drawn.
+        directory: Where the files go; made if necessary.
+        formats: Of png, pdf, svg.
+        only: Names of the figures to draw; None for all.
+        force: Overwrite files that exist.
+        films: Of animation and render; of runs only. Where figures exist already, all chosen, and are not to be
+            overwritten, only the films are made.
+
+    Raises:
+        InputError: A name or format is unknown, a file exists or cannot be written, or there is no renderer.
+        LogError: There is nothing to draw.
+        RunError: A film could not be rendered or encoded.
+    """
+    _ensure_drawable(kind, subject)
+    known = figures_of(kind, subject)
+    names = _chosen("figure", known if only is None else only, known)
+    endings = _chosen("format", formats, FORMATS)
+    figures = {name: [directory / f"{name}.{ending}" for ending in endings] for name in names}
+    if films and only is None and not force and any(path.exists() for paths in figures.values() for path in paths):
+        figures = {}
+    moving = {name: film_files(directory, name) for name in FILMS if name in films}
+    files = [path for paths in (*figures.values(), *moving.values()) for path in paths]
+    if "render" in films:
+        offscreen_driver()
+    prepare(directory, files, force)
+    with in_style():
+        for name, paths in figures.items():
+            save(known[name].function(subject), paths)
+        for name, paths in moving.items():
+            FILMS[name](subject, paths)
+    return files
+
+
+def _ensure_drawable(kind: str, subject: Any) -> None:
+    """Raise LogError where a study holds nothing to draw."""
+    if kind == "sweep" and subject.waiting.all():
+        raise LogError(f"{subject.results.path}: found no cell that was run, expected one at least to draw")
+    if kind == "monte_carlo" and not subject.made.any():
+        raise LogError(f"{subject.results.path}: found no run that was made, expected one at least to draw")
+    if kind == "pareto":
+        found = (one.J for points in pareto.in_plane(subject) for one in points)
+        if not any(np.isfinite(J).any() for J in found):
+            raise LogError(f"{subject.path}: holds no point that could be solved for, so there is nothing to draw")
+
+
+def draw_file(kind: str, subject: Any, path: Path, force: bool = False) -> Path:
+    """Draw the only figure of a kind, such as a task's scenario, into a file in the format of its ending; return it.
+
+    Raises:
+        InputError: The ending is unknown, the file exists or cannot be written.
+    """
+    _chosen("format", [path.suffix[1:]], FORMATS)
+    prepare(path.parent, [path], force)
+    (one,) = figures_of(kind, subject).values()
+    with in_style():
+        save(one.function(subject), [path])
+    return path
+
+
+def save(figure: Figure, paths: Iterable[Path]) -> None:
+    """Write a figure into files, each in the format of its ending.
+
+    Raises:
+        InputError: One cannot be written.
+    """
+    for path in paths:
+        try:
+            figure.savefig(path, metadata=_UNDATED[path.suffix[1:]])
+        except OSError as error:
+            raise InputError(f"{path} cannot be written: {error.strerror or error}") from None
+
+
+def prepare(directory: Path, files: Iterable[Path], force: bool) -> None:
+    """Make a directory and make sure that no file is overwritten without `force`.
+
+    Raises:
+        InputError: It cannot be made, or a file exists.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        taken = [path.name for path in files if path.exists()]
+    except OSError as error:
+        raise InputError(f"{directory} cannot be made: {error.strerror or error}; choose another with -o") from None
+    if taken and not force:
+        raise InputError(
+            f"{directory} holds {', '.join(taken)} already: choose another directory with -o, or overwrite with --force"
+        )
+
+
+def default_directory(log: Path) -> Path:
+    """Return where the figures of a log go by default: beside it, into a folder of its name."""
+    log = log if log.name else log.resolve()
+    return log.with_suffix("") if log.suffix else log.parent / f"{log.name}_figures"
+
+
+def _chosen(what: str, wanted: Iterable[str], known: Collection[str]) -> list[str]:
+    """Return what is wanted, each once and in the order of what is known; InputError if something is unknown."""
+    wanted = list(wanted)
+    unknown = [name for name in wanted if name not in known]
+    if unknown:
+        raise InputError(f"found no {what} '{unknown[0]}', expected one of {', '.join(known)}")
+    return [name for name in known if name in wanted]

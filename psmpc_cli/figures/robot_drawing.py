@@ -1,17 +1,20 @@
-"""The robot, its object and the trail of its base, drawn to scale in the plane."""
+"""The robot, its object, targets and paths, drawn to scale in the plane."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 from matplotlib.ticker import MultipleLocator
 
-from psmpc_cli.figures.object_motion import held_between, object_pose
+from psmpc_cli.figures import style
 from psmpc_cli.figures.run import Run
-from psmpc_cli.figures.style import BODY, EDGE, OBJECT, PALETTE
 from psmpc_cli.robot.model import RobotModel, arm_points
+from psmpc_cli.simulation.monitors import verdicts
+from psmpc_cli.specs.task import MonitorSpec
 
 FINGER = 0.09
 """Length of a gripper's finger, in lengths of the longest arm."""
@@ -23,6 +26,9 @@ MOST_TICKS = 6
 
 FLATTEST, TALLEST = 0.45, 1.6
 """Height over width of a view at least and at most; beyond, it shows more space."""
+
+TARGET: dict[str, Any] = {"linestyle": "none", "marker": "+", "markersize": 5.5, "markeredgewidth": 0.9}
+"""Look of a target."""
 
 
 @dataclass(frozen=True)
@@ -44,96 +50,231 @@ class View:
         """Height over width."""
         return (self.y[1] - self.y[0]) / (self.x[1] - self.x[0])
 
+    def show(self, axes: Axes) -> None:
+        """Set a panel's limits and ticks, with equal scales."""
+        axes.set_xlim(self.x)
+        axes.set_ylim(self.y)
+        axes.set_aspect("equal")
+        axes.xaxis.set_major_locator(MultipleLocator(self.step))
+        axes.yaxis.set_major_locator(MultipleLocator(self.step))
 
-def view_of(run: Run, times: np.ndarray) -> View:
-    """Return the smallest view, with a margin, that shows everything at all of these times [s]."""
-    points = [_everything(run, float(time)) for time in times]
-    return view_around(np.vstack([*points, run.Q[:, :2]]))
 
-
-def view_around(inside: np.ndarray) -> View:
+def view_around(points: np.ndarray) -> View:
     """Return the smallest view, with a margin, that shows these points (., 2) [m]."""
-    low, high = inside.min(axis=0), inside.max(axis=0)
+    low, high = points.min(axis=0), points.max(axis=0)
     size = (high - low) + 0.08 * float(np.max(high - low))
     size = np.maximum(size, [size[1] / TALLEST, size[0] * FLATTEST])
     (left, bottom), (right, top) = (low + high - size) / 2, (low + high + size) / 2
     return View((left, right), (bottom, top))
 
 
-def draw_scene(axes: Axes, run: Run, time: float, width: float = 1.0) -> None:
-    """Draw object, trail, base, arms and grippers at a time [s]; `width` scales the lines."""
-    Q, pose = run.coordinates_at(time), object_pose(run, time)
-    if pose is not None and run.task.object is not None:
-        corners = rectangle(pose, run.task.object.shape)
-        hold = held_between(run)
-        axes.add_patch(Polygon(corners, zorder=1, **object_look(hold.lost and time >= hold.end, width)))
-    past = run.time <= time
-    trail = np.vstack([run.Q[past, :2], Q[:2]])
-    axes.plot(*trail.T, color=EDGE, linewidth=0.7 * width, linestyle=TRAIL, zorder=1.2)
-    draw_robot(axes, run.model, Q, width)
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A run as a moving picture: where robot, object and targets are at any time.
+
+    Nothing in the log measures the object. It rests at the pose the task gives until the stage that takes it ends. From
+    then on it moves rigidly with the grippers: with their midpoint and the line from the first to the second, or with
+    the one gripper. Once the stage that lets it go begins, or it is lost, it is drawn where it was left.
+
+    Attributes:
+        run: The run.
+        taken, left: When the object is taken, and when it is let go or lost [s]; infinite if never.
+        lost: Whether it is lost: a monitor of the distance of two grippers finds them too far apart while they hold it.
+    """
+
+    run: Run
+    taken: float
+    left: float
+    lost: bool
+
+    def configuration(self, time: float) -> np.ndarray:
+        """Return Q (n,) [m, rad] at a time [s], interpolated between samples."""
+        return np.array([np.interp(time, self.run.time, column) for column in self.run.Q.T])
+
+    def object_pose(self, time: float) -> np.ndarray | None:
+        """Return the object's pose (3,) [m, m, rad] at a time [s]; None where the task has no object."""
+        spec = self.run.task.object
+        if spec is None:
+            return None
+        pose = np.array(spec.pose, float)
+        if time <= self.taken:
+            return pose
+        before, now = self.configuration(self.taken), self.configuration(min(time, self.left))
+        return carried(self.run.model, pose, before, now)
+
+    def acting(self, time: float) -> list[int]:
+        """Return the stages that act from a time [s] on: the current one and those that start early."""
+        spans = self.run.spans
+        begun = [span for span in spans if (span.start if span.early is None else span.early) <= time]
+        return [span.index for span in begun if time < span.end] or [begun[-1].index]
+
+    def targets(self, stage: int, time: float) -> np.ndarray:
+        """Return the positions (1 + arms, 2) [m] of base and end-effectors a stage aims at, at a time [s]."""
+        model, target = self.run.model, self.run.stages[stage]
+        start = next((span.start for span in self.run.spans if span.index == stage), time)
+        aim = target.reference(np.array([max(time - start, 0.0)]))[0]
+        xi = aim if target.space == "task" else np.asarray(model.g(aim)).ravel()
+        return np.array([xi[rows][:2] for rows in model.pose_rows.values()])
+
+    def tip_paths(self, since: float, time: float) -> dict[str, np.ndarray]:
+        """Return the path of each end-effector (., 2) [m] between two times [s]."""
+        run = self.run
+        times = np.r_[since, run.time[(run.time > since) & (run.time < time)], time]
+        return {
+            name: np.column_stack([np.interp(times, run.time, column) for column in run.xi.T[rows][:2]])
+            for name, rows in run.model.pose_rows.items()
+            if name != "base"
+        }
+
+    def points(self, time: float) -> np.ndarray:
+        """Return points (., 2) [m] whose hull holds robot and object at a time [s]."""
+        pose, spec = self.object_pose(time), self.run.task.object
+        found = [outline(self.run.model, self.configuration(time))]
+        return np.vstack([*found, *([] if pose is None or spec is None else [rectangle(pose, spec.shape)])])
+
+    def view(self, times: Iterable[float]) -> View:
+        """Return the smallest view, with a margin, that shows all that is drawn up to and at these times [s]."""
+        every, poses = list(times), self.run.model.pose_rows.values()
+        past = self.run.time <= max(every)
+        tracks = [self.run.xi[past][:, rows][:, :2] for rows in poses]
+        aims = [self.targets(stage, time) for time in every for stage in self.acting(time)]
+        return view_around(np.vstack([*(self.points(time) for time in every), *tracks, *aims]))
+
+    def draw(
+        self, axes: Axes, time: float, since: float, stages: Iterable[int] | None = None, width: float = 1.0
+    ) -> None:
+        """Draw object, paths, targets and robot.
+
+        Args:
+            axes: A panel.
+            time: The time [s].
+            since: From when on the paths of the end-effectors are drawn [s].
+            stages: Whose targets are drawn; those that act by default.
+            width: Scales the lines.
+        """
+        run, pose, Q = self.run, self.object_pose(time), self.configuration(time)
+        if pose is not None and run.task.object is not None:
+            look = object_look(self.lost and time >= self.left, width)
+            axes.add_patch(Polygon(rectangle(pose, run.task.object.shape), zorder=1, **look))
+        trail = np.vstack([run.Q[run.time <= time, :2], Q[:2]])
+        axes.plot(*trail.T, color=style.EDGE, linewidth=0.7 * width, linestyle=TRAIL, zorder=1.2)
+        for i, path in enumerate(self.tip_paths(since, time).values()):
+            axes.plot(*path.T, color=style.PALETTE[i % len(style.PALETTE)], linewidth=0.6 * width, zorder=1.3)
+        draw_robot(axes, run.model, Q, width)
+        for stage in self.acting(time) if stages is None else stages:
+            for i, point in enumerate(self.targets(stage, time)):
+                color = style.PALETTE[(i - 1) % len(style.PALETTE)] if i else "black"
+                axes.plot(*point, color=color, zorder=3.5, **TARGET)
+
+
+def scene_of(run: Run) -> Scene:
+    """Return a run as a scene."""
+    spec = run.task.object
+    if spec is None:
+        return Scene(run, np.inf, np.inf, False)
+    names, ends = run.log.stage_names, run.log.stages["switch_time"]
+    taken, left = (float(ends[index]) for index in (names.index(spec.taken_by), names.index(spec.let_go_by) - 1))
+    taken, left = (time if np.isfinite(time) else np.inf for time in (taken, left))
+    opened = min((_opened(run, monitor) for monitor in run.task.monitors), default=np.inf)
+    return Scene(run, taken, opened, True) if taken < opened < left else Scene(run, taken, left, False)
+
+
+def _opened(run: Run, monitor: MonitorSpec) -> float:
+    """Return when a monitor first finds two grippers too far apart [s]; infinite if it does not."""
+    if monitor.quantity != "distance" or len(monitor.of) != 2 or "base" in monitor.of:
+        return np.inf
+    upper = monitor.model_copy(update={"below_start_at_most": None, "at_least": None})
+    (verdict,) = verdicts(run.task.model_copy(update={"monitors": (upper,)}), run.log)
+    return verdict.broken_at if np.isfinite(verdict.broken_at) else np.inf
+
+
+def scene_handles(scenes: Iterable[Scene]) -> list[Artist]:
+    """Return what a legend says of drawings of these scenes."""
+    every = list(scenes)
+    model, spec = every[0].run.model, every[0].run.task.object
+    handles: list[Artist] = [style.patch_entry("base", facecolor=style.BODY, edgecolor="black", linewidth=0.7)]
+    handles += arm_handles(model)
+    if spec is not None:
+        handles.append(style.patch_entry("object", **object_look(lost=False)))
+    if any(scene.lost for scene in every):
+        handles.append(style.patch_entry("object, lost", **object_look(lost=True)))
+    return [
+        *handles,
+        style.entry("target", color="black", **TARGET),
+        style.entry("path of the base", color=style.EDGE, linewidth=0.7, linestyle=TRAIL),
+        style.entry("path of an arm's end", color=style.PALETTE[0], linewidth=0.6),
+    ]
+
+
+def arm_handles(model: RobotModel) -> list[Artist]:
+    """Return what a legend says of the arms."""
+    return [
+        style.entry(style.readable(name), color=style.PALETTE[i % len(style.PALETTE)], linewidth=1.5)
+        for i, name in enumerate(model.spec.arms)
+    ]
 
 
 def draw_robot(axes: Axes, model: RobotModel, Q: np.ndarray, width: float = 1.0, alpha: float = 1.0) -> None:
     """Draw base, arms and grippers at Q (n,); `width` scales the lines, `alpha` their opacity."""
-    look: dict[str, Any] = {"facecolor": BODY, "edgecolor": "black", "linewidth": 0.7 * width, "alpha": alpha}
+    look: dict[str, Any] = {"facecolor": style.BODY, "edgecolor": "black", "linewidth": 0.7 * width, "alpha": alpha}
     axes.add_patch(Polygon(base_outline(model, Q), zorder=2, **look))
     for i, points in enumerate(arm_points(model, Q).values()):
-        color = PALETTE[i % len(PALETTE)]
+        color = style.PALETTE[i % len(style.PALETTE)]
         axes.plot(*points.T, color=color, linewidth=1.5 * width, solid_joinstyle="round", alpha=alpha, zorder=3)
-        joints: dict[str, Any] = {
-            "linestyle": "none",
-            "marker": "o",
-            "markerfacecolor": "white",
-            "markeredgecolor": color,
-            "alpha": alpha,
-        }
-        axes.plot(*points[:-1].T, markersize=2.2 * width, markeredgewidth=0.7 * width, zorder=3.1, **joints)
+        joints: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolor": "white"}
+        joints |= {"markersize": 2.2 * width, "markeredgewidth": 0.7 * width, "markeredgecolor": color}
+        axes.plot(*points[:-1].T, alpha=alpha, zorder=3.1, **joints)
         axes.plot(*_fingers(points, reach(model)).T, color=color, linewidth=1.0 * width, alpha=alpha, zorder=3)
 
 
 def object_look(lost: bool, width: float = 1.0) -> dict[str, Any]:
-    """Return how the object is drawn."""
-    return {
-        "facecolor": "none" if lost else OBJECT,
-        "edgecolor": EDGE,
-        "linewidth": (0.8 if lost else 0.6) * width,
-        "linestyle": (0, (3, 1.5)) if lost else "-",
-    }
+    """Return colours and lines of the object."""
+    if lost:
+        return {"facecolor": "none", "edgecolor": style.EDGE, "linewidth": 0.8 * width, "linestyle": (0, (3, 1.5))}
+    return {"facecolor": style.OBJECT, "edgecolor": style.EDGE, "linewidth": 0.6 * width}
 
 
-def show(axes: Axes, view: View) -> None:
-    """Set a panel's view, with equal scales."""
-    axes.set_xlim(view.x)
-    axes.set_ylim(view.y)
-    axes.set_aspect("equal")
-    axes.xaxis.set_major_locator(MultipleLocator(view.step))
-    axes.yaxis.set_major_locator(MultipleLocator(view.step))
+def carried(model: RobotModel, pose: np.ndarray, taken: np.ndarray, now: np.ndarray) -> np.ndarray:
+    """Return where an object taken at `pose` (3,) with the robot at `taken` (n,) is with the robot at `now` (n,)."""
+    before, after = grasp(model, taken), grasp(model, now)
+    turned = after[2] - before[2]
+    c, s = np.cos(turned), np.sin(turned)
+    moved = after[:2] + np.array([[c, -s], [s, c]]) @ (pose[:2] - before[:2])
+    return np.array([*moved, pose[2] + turned])
 
 
-def base_outline(model: RobotModel, Q: np.ndarray) -> np.ndarray:
-    """Return the corners (4, 2) [m] of the base: a box through the arms' mounts, for a spec gives no shape."""
-    mounts = np.abs([arm.mount.position for arm in model.spec.arms.values()])
-    half = np.maximum(mounts.max(axis=0), 0.1 * reach(model))
-    half = np.maximum(half, 0.6 * half.max())
-    return rectangle(Q[:3], (2 * half[0], 2 * half[1]))
-
-
-def reach(model: RobotModel) -> float:
-    """Return the length of the longest arm [m]."""
-    return max(sum(link.a + link.b for link in arm.links) for arm in model.spec.arms.values())
-
-
-def _everything(run: Run, time: float) -> np.ndarray:
-    """Return points (., 2) [m] whose hull holds the robot and the object at a time [s]."""
-    Q, pose = run.coordinates_at(time), object_pose(run, time)
-    shape = None if run.task.object is None else run.task.object.shape
-    return np.vstack([outline(run.model, Q), *([] if pose is None or shape is None else [rectangle(pose, shape)])])
+def grasp(model: RobotModel, Q: np.ndarray) -> np.ndarray:
+    """Return the frame the object is held in (3,) [m, m, rad] at Q (n,)."""
+    xi = np.asarray(model.g(Q)).ravel()
+    poses = [xi[rows] for name, rows in model.pose_rows.items() if name != "base"]
+    if len(poses) == 1:
+        return np.asarray(poses[0])
+    line = poses[1][:2] - poses[0][:2]
+    return np.array([*np.mean([pose[:2] for pose in poses], axis=0), np.arctan2(line[1], line[0])])
 
 
 def outline(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     """Return points (., 2) [m] whose hull holds the robot at Q (n,)."""
     arms = arm_points(model, Q).values()
     return np.vstack([base_outline(model, Q), *(_fingers(points, reach(model)) for points in arms), *arms])
+
+
+def base_outline(model: RobotModel, Q: np.ndarray) -> np.ndarray:
+    """Return the corners (4, 2) [m] of the base: a box through the arms' mounts, for a spec gives no shape."""
+    half = base_half(model)
+    return rectangle(Q[:3], (2 * half[0], 2 * half[1]))
+
+
+def base_half(model: RobotModel) -> np.ndarray:
+    """Return half the length and half the width of the base's box (2,) [m]."""
+    mounts = np.abs([arm.mount.position for arm in model.spec.arms.values()])
+    half = np.maximum(mounts.max(axis=0), 0.1 * reach(model))
+    return np.asarray(np.maximum(half, 0.6 * half.max()))
+
+
+def reach(model: RobotModel) -> float:
+    """Return the length of the longest arm [m]."""
+    return max(sum(link.a + link.b for link in arm.links) for arm in model.spec.arms.values())
 
 
 def rectangle(pose: np.ndarray, shape: tuple[float, float]) -> np.ndarray:

@@ -1,135 +1,294 @@
-"""The robot at the key instants of a run. Fig. 5 of the paper."""
+"""The robot at the key instants of a run or of several, and what a task asks for. Paper Figs. 4 and 5."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from string import ascii_lowercase
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.patches import Polygon
 
-from psmpc_cli.figures.object_motion import held_between
-from psmpc_cli.figures.robot_drawing import TRAIL, draw_scene, object_look, show, view_of
-from psmpc_cli.figures.run import Run
-from psmpc_cli.figures.style import (
-    BODY,
-    COLUMN,
-    EDGE,
-    LINE,
-    PAGE,
-    PALETTE,
-    TEXT,
-    legend_columns,
-    new_figure,
-    readable,
-    text_width,
+from psmpc_cli.figures import style
+from psmpc_cli.figures.robot_drawing import (
+    Scene,
+    View,
+    arm_handles,
+    base_outline,
+    carried,
+    draw_robot,
+    object_look,
+    outline,
+    rectangle,
+    scene_handles,
+    scene_of,
+    view_around,
 )
+from psmpc_cli.figures.run import Run, Span
+from psmpc_cli.ocp.stages import Stage, build_stages
+from psmpc_cli.robot.model import RobotModel, arm_points, build_model
+from psmpc_cli.robot.reach import reach_of
+from psmpc_cli.specs.coordinates import stack
+from psmpc_cli.specs.load import Task
 
-GAP, AXIS, LEGEND, AROUND = 0.08, 0.3, 0.35, 0.45
-"""Heights of the gap above a panel's title, of the axis below the panels and of the legend; width of
-the axis left of the panels [in]."""
+GAP, AXIS, AROUND = 0.08, 0.3, 0.45
+"""Heights of the gap above a panel's title and of the axis below the panels; width of the axis left of them [in]."""
 
-MOST = 10
-"""Snapshots that fit one column; more take a page's width."""
+MOST, ACROSS = 10, 4
+"""Frames that fit one column; frames, or stages, side by side on a page."""
+
+STILL = 0.03
+"""Frames between which nothing moves farther than this part of the view are one frame."""
+
+NO_BREAK = "\N{NO-BREAK SPACE}"
+"""Between a number and its unit."""
+
+GHOST = "#9A9A9A"
+"""Colour of the robot at an early start."""
+
+FAINT = 0.25
+"""Opacity of the robot where a stage begins."""
 
 
 @dataclass(frozen=True)
 class KeyInstant:
-    """A time [s] worth a look, and what happens then."""
+    """A time [s] that is shown, and what happens then."""
 
     time: float
     event: str
 
 
-def key_instants(run: Run) -> tuple[KeyInstant, ...]:
-    """Return start, premature starts, switching instants, loss of the object and end of a run, in the order of time."""
-    found = [KeyInstant(float(run.time[0]), "start")]
-    for span in run.spans:
-        if span.early is not None:
-            found.append(KeyInstant(span.early, f"{readable(span.name)} starts"))
-        if np.isfinite(run.log.stages["switch_time"][span.index]):
-            found.append(KeyInstant(span.end, f"{readable(span.name)} ends"))
-    hold = held_between(run)
-    if hold.lost:
-        found.append(KeyInstant(hold.end, "object lost"))
-    if not any(abs(key.time - run.end) < 1e-6 for key in found):
-        found.append(KeyInstant(run.end, "end of the run"))
-    return _merged(sorted(found, key=lambda key: key.time))
-
-
 def plot_snapshots(run: Run) -> Figure:
-    """Return the robot at each key instant, all panels to the same scale [m]."""
-    keys = key_instants(run)
-    view = view_of(run, np.array([key.time for key in keys]))
-    width, columns = (COLUMN, min(2, len(keys))) if len(keys) <= MOST else (PAGE, 4)
+    """Plot the robot at each key instant, all panels to the same scale [m].
+
+    A panel shows the targets of the stages that act, the path of the base, and the paths of the end-effectors since the
+    panel before.
+    """
+    scene = scene_of(run)
+    frames = key_frames(scene)
+    view = scene.view(key.time for key in frames)
+    width, columns = (style.COLUMN, min(2, len(frames))) if len(frames) <= MOST else (style.PAGE, ACROSS)
     across = (width - AROUND) / columns
-    titles = [wrapped(f"({letters(i)}) {key.time:.1f} s: {key.event}", across) for i, key in enumerate(keys)]
-    rows, lines = -(-len(keys) // columns), 1 + max(title.count("\n") for title in titles)
-    below = LEGEND if rows * columns == len(keys) else 0.0
-    figure = new_figure(rows * (across * view.aspect + lines * LINE + GAP) + below + AXIS, width)
+    titles = [style.wrapped(f"({letters(i)}) {key.event}", across) for i, key in enumerate(frames)]
+    rows, lines = -(-len(frames) // columns), 1 + max(title.count("\n") for title in titles)
+    figure = style.new_figure(rows * (across * view.aspect + lines * style.LINE + GAP) + AXIS, width)
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for i, (axes, key, title) in enumerate(zip(grid, keys, titles, strict=False)):
-        draw_scene(axes, run, key.time)
-        show(axes, view)
-        axes.set_title(title, loc="left", pad=2, fontsize=TEXT)
+    before = frames[0].time
+    for i, (axes, key, title) in enumerate(zip(grid, frames, titles, strict=False)):
+        scene.draw(axes, key.time, since=before)
+        before = key.time
+        view.show(axes)
+        axes.set_title(title, loc="left", pad=2, fontsize=style.TEXT)
         if i % columns == 0:
             axes.set_ylabel("y (m)")
-        if i >= (rows - 1) * columns:
+        if i >= len(frames) - columns:
             axes.set_xlabel("x (m)")
-    _place_legend(figure, list(grid[len(keys) :]), handles_of(run))
+            axes.tick_params(labelbottom=True)
+    handles, vacant = scene_handles([scene]), grid[len(frames) :]
+    for axes in vacant:
+        axes.set_axis_off()
+    if len(vacant):
+        vacant[0].legend(handles=handles, loc="center")
+    else:
+        style.add_legend(figure, handles)
     return figure
 
 
-def _merged(keys: Sequence[KeyInstant]) -> tuple[KeyInstant, ...]:
-    """Return the instants with those at the same time made one."""
-    merged: list[KeyInstant] = []
-    for key in keys:
-        if merged and abs(key.time - merged[-1].time) < 1e-6:
-            merged[-1] = KeyInstant(key.time, f"{merged[-1].event}, {key.event}")
+def key_instants(scene: Scene) -> list[KeyInstant]:
+    """Return start, early starts, switches, loss of the object and end of a run, in the order of time."""
+    run = scene.run
+    found = [KeyInstant(float(run.time[0]), "start")]
+    for span in run.spans:
+        if span.early is not None:
+            found.append(KeyInstant(span.early, f"{style.readable(span.name)} starts"))
+        if np.isfinite(run.log.stages["switch_time"][span.index]):
+            found.append(KeyInstant(span.end, f"{style.readable(span.name)} ends"))
+    if scene.lost:
+        found.append(KeyInstant(scene.left, "object lost"))
+    if not any(abs(key.time - run.end) < 1e-6 for key in found):
+        found.append(KeyInstant(run.end, "end of the run"))
+    return sorted(found, key=lambda key: key.time)
+
+
+def key_frames(scene: Scene) -> list[KeyInstant]:
+    """Return the key instants that are shown; those between which nothing moves visibly are one, with all events."""
+    frames: list[KeyInstant] = []
+    size = float(np.ptp(scene.view(key.time for key in key_instants(scene)).x))
+    told = ""
+    for key in key_instants(scene):
+        time = f"{key.time:.1f}{NO_BREAK}s"
+        moved = np.inf if not frames else np.abs(scene.points(key.time) - scene.points(frames[-1].time)).max()
+        if moved < STILL * size:
+            joined = f"{frames[-1].event}, " + (key.event if time == told else f"{time}: {key.event}")
+            frames[-1] = replace(frames[-1], event=joined)
         else:
-            merged.append(key)
-    return tuple(merged)
-
-
-def _place_legend(figure: Figure, vacant: list[Axes], handles: Sequence[Patch | Line2D]) -> None:
-    """Write the legend into the first vacant place of the grid, or below the panels where there is none."""
-    for axes in vacant:
-        axes.set_axis_off()
-    if vacant:
-        vacant[0].legend(handles=handles, loc="center")
-    else:
-        columns = legend_columns((str(handle.get_label()) for handle in handles), figure.get_figwidth() - 0.1)
-        figure.legend(handles=handles, loc="outside lower center", ncols=columns)
-
-
-def handles_of(run: Run) -> list[Patch | Line2D]:
-    """Return what a legend says of the drawings of a run."""
-    body = Patch(facecolor=BODY, edgecolor="black", linewidth=0.7, label="base")
-    trail = Line2D([], [], color=EDGE, linewidth=0.7, linestyle=TRAIL, label="path of the base")
-    arms = [
-        Line2D([], [], color=PALETTE[i % len(PALETTE)], linewidth=1.5, label=readable(name))
-        for i, name in enumerate(run.model.spec.arms)
-    ]
-    things = [] if run.task.object is None else [Patch(label="object", **object_look(lost=False))]
-    if held_between(run).lost:
-        things.append(Patch(label="object, lost", **object_look(lost=True)))
-    return [body, *arms, *things, trail]
-
-
-def wrapped(text: str, width: float) -> str:
-    """Return a text broken between words into lines no wider than this [in], where its words allow."""
-    lines = [""]
-    for word in text.split(" "):
-        longer = f"{lines[-1]} {word}".lstrip()
-        if lines[-1] and text_width(longer) > width:
-            lines.append(word)
-        else:
-            lines[-1] = longer
-    return "\n".join(lines)
+            frames.append(KeyInstant(key.time, f"{time}: {key.event}"))
+        told = time
+    return frames
 
 
 def letters(index: int) -> str:
     """Return a, b, ..., z, aa, ab, ..."""
     return ascii_lowercase[index] if index < 26 else letters(index // 26 - 1) + ascii_lowercase[index % 26]
+
+
+def plot_compared_snapshots(runs: Mapping[str, Run]) -> Figure:
+    """Plot the robot at the end of every stage [m] and, in grey, at the early start of the stage after it.
+
+    A row, or several, for each controller; all panels are to the same scale. The targets are those of the stage that
+    ends, the paths of the end-effectors those during the stage.
+    """
+    scenes = {name: scene_of(run) for name, run in runs.items()}
+    names = next(iter(runs.values())).log.stage_names
+    across = min(ACROSS, len(names))
+    rows = -(-len(names) // across)
+    view = _common_view(scenes.values())
+    width = (style.PAGE - AROUND) / across
+    titles = _stage_titles(runs.values(), width - 0.1)
+    lines = 1 + max(title.count("\n") for title in titles)
+    figure = style.new_figure(len(runs) * rows * (width * view.aspect + lines * style.LINE + GAP) + AXIS, style.PAGE)
+    grid = figure.subplots(len(runs) * rows, across, sharex=True, sharey=True, squeeze=False)
+    for k, (name, scene) in enumerate(scenes.items()):
+        block = grid[k * rows : (k + 1) * rows]
+        for stage, axes in enumerate(block.ravel()):
+            if stage < len(names):
+                _draw_end(axes, scene, stage)
+                view.show(axes)
+                title = titles[k * len(names) + stage]
+                axes.set_title(title + "\n " * (lines - 1 - title.count("\n")), loc="left", pad=2, fontsize=style.TEXT)
+            else:
+                axes.set_axis_off()
+        for axes in block[:, 0]:
+            axes.set_ylabel(f"{style.title_of(name)}\ny (m)")
+    for axes in grid[-1]:
+        axes.set_xlabel("x (m)")
+    handles = scene_handles(scenes.values())
+    if any(span.early is not None for run in runs.values() for span in run.spans):
+        handles.append(style.entry("robot at the early start of the next stage", color=GHOST, linewidth=0.9))
+    style.add_legend(figure, handles)
+    return figure
+
+
+def _stage_titles(runs: Iterable[Run], width: float) -> list[str]:
+    """Return every panel's title, in lines no wider than this [in]: when a stage ends, and when the next one starts."""
+    titles: list[str] = []
+    for run in runs:
+        for stage, name in enumerate(run.log.stage_names):
+            end, start = float(run.log.stages["switch_time"][stage]), _next_span(run, stage)
+            ended = f"ends at {end:.1f}{NO_BREAK}s" if np.isfinite(end) else "did not end"
+            lines = [style.wrapped(f"({letters(len(titles))}) {style.readable(name)} {ended}", width)]
+            if np.isfinite(end) and start is not None:
+                begun = "starts then" if start.early is None else f"starts at {start.early:.1f}{NO_BREAK}s"
+                lines.append(style.wrapped(f"{style.readable(start.name)} {begun}", width))
+            titles.append("\n".join(lines))
+    return titles
+
+
+def _next_span(run: Run, stage: int) -> Span | None:
+    return next((span for span in run.spans if span.index == stage + 1), None)
+
+
+def _draw_end(axes: Axes, scene: Scene, stage: int) -> None:
+    """Draw the robot at the end of a stage, if it ended, and at the early start of the next."""
+    run = scene.run
+    end, following = float(run.log.stages["switch_time"][stage]), _next_span(run, stage)
+    if not np.isfinite(end):
+        return
+    if following is not None and following.early is not None:
+        Q = scene.configuration(following.early)
+        axes.add_patch(Polygon(base_outline(run.model, Q), fill=False, edgecolor=GHOST, linewidth=0.6, zorder=1.1))
+        for points in arm_points(run.model, Q).values():
+            axes.plot(*points.T, color=GHOST, linewidth=0.9, solid_joinstyle="round", zorder=1.1)
+    span = next(span for span in run.spans if span.index == stage)
+    scene.draw(axes, end, since=span.start, stages=[stage])
+
+
+def _common_view(scenes: Iterable[Scene]) -> View:
+    """Return the smallest view that shows everything that is drawn of all scenes."""
+    views = []
+    for scene in scenes:
+        ends = scene.run.log.stages["switch_time"]
+        early = [span.early for span in scene.run.spans if span.early is not None]
+        views.append(scene.view(np.concatenate([scene.run.time[:1], ends[np.isfinite(ends)], early]).tolist()))
+    return View(
+        (min(view.x[0] for view in views), max(view.x[1] for view in views)),
+        (min(view.y[0] for view in views), max(view.y[1] for view in views)),
+    )
+
+
+def plot_scenario(task: Task) -> Figure:
+    """Plot a task before anything has run: a panel for each stage with the robot at its target, and the object.
+
+    The robot is faint where the stage begins.
+    """
+    model = build_model(task.robot)
+    stages = build_stages(task.spec, task.robot, model)
+    stops = configurations(task, model, stages)
+    objects = object_poses(task, model, stops)
+    points = [outline(model, Q) for Q in stops]
+    if task.spec.object is not None:
+        points += [rectangle(pose, task.spec.object.shape) for pose in objects]
+    view = view_around(np.vstack(points))
+    columns = min(2, len(stages))
+    rows, across = -(-len(stages) // columns), (style.COLUMN - AROUND) / columns
+    figure = style.new_figure(rows * (across * view.aspect + 2 * style.LINE) + AXIS)
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for i, (axes, stage) in enumerate(zip(grid, stages, strict=False)):
+        if task.spec.object is not None:
+            look = object_look(lost=False)
+            axes.add_patch(Polygon(rectangle(objects[i], task.spec.object.shape), zorder=1, **look))
+        draw_robot(axes, model, stops[i], alpha=FAINT)
+        draw_robot(axes, model, stops[i + 1])
+        view.show(axes)
+        title = f"{i + 1}. {style.readable(stage.name)}, priority {stage.priority:g}"
+        axes.set_title(title, loc="left", pad=2, fontsize=style.TEXT)
+        if i % columns == 0:
+            axes.set_ylabel("y (m)")
+        if i >= len(stages) - columns:
+            axes.set_xlabel("x (m)")
+            axes.tick_params(labelbottom=True)
+    for axes in grid[len(stages) :]:
+        axes.set_axis_off()
+    look = {"facecolor": style.BODY, "edgecolor": "black", "linewidth": 0.7}
+    handles: list[Artist] = [style.patch_entry("base at the target", **look)]
+    handles += [style.patch_entry("where the stage begins", alpha=FAINT, **look), *arm_handles(model)]
+    if task.spec.object is not None:
+        handles.append(style.patch_entry("object", **object_look(lost=False)))
+    style.add_legend(figure, handles)
+    return figure
+
+
+def configurations(task: Task, model: RobotModel, stages: Sequence[Stage]) -> list[np.ndarray]:
+    """Return the robot's coordinates at the start and at every stage's target, (n,) each.
+
+    Where a target is in task space the arms are those of inverse kinematics; an arm that cannot reach stays as it was.
+    """
+    stops = [stack(task.spec.initial, task.robot, "joint")]
+    for stage in stages:
+        if stage.space == "joint":
+            stops.append(stage.target)
+            continue
+        Q, base = stops[-1].copy(), stage.target[model.pose_rows["base"]]
+        Q[model.parts["base"]] = base
+        for arm in task.robot.arms:
+            found = reach_of(task.robot, arm, tuple(base), tuple(stage.target[model.pose_rows[arm]])).configuration
+            if found is not None:
+                Q[model.parts[arm]] = found
+        stops.append(Q)
+    return stops
+
+
+def object_poses(task: Task, model: RobotModel, stops: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return the object's pose (3,) in each stage's panel: at rest, carried to the stage's target, or left there."""
+    spec = task.spec.object
+    if spec is None:
+        return []
+    names = [stage.name for stage in task.spec.stages]
+    taken, let_go = names.index(spec.taken_by) + 1, names.index(spec.let_go_by)
+    poses = []
+    for panel in range(len(names)):
+        now = min(panel + 1, let_go)
+        pose = np.array(spec.pose, float)
+        poses.append(pose if now <= taken else carried(model, pose, stops[taken], stops[now]))
+    return poses

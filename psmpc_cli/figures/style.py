@@ -1,13 +1,18 @@
-"""One look for all figures: journal column width, fonts, a colour-blind safe palette."""
+"""One look for all figures: journal column width, fonts, a colour-blind safe palette, legends and axes."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.textpath import TextPath
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 COLUMN, PAGE = 3.5, 7.16
 """Widths of one column and of a page of two columns [in]."""
@@ -31,8 +36,14 @@ DASHES: tuple[Any, ...] = (
 )
 """Line styles that go with the colours, so that a print in grey can be read as well."""
 
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+"""Markers that go with the colours."""
+
 LONGEST_NAME = 16
 """Characters of a name that are shown."""
+
+TITLES = {"psmpc": "PSMPC", "smpc": "SMPC", "htmpc": "HTMPC", "hard": "Hard switching"}
+"""Controllers as figures write them."""
 
 LINE = 0.125
 """Height of a line of text [in]."""
@@ -40,8 +51,11 @@ LINE = 0.125
 HANDLE, LEGEND_GAP = 1.7, 0.12
 """Length of the lines in a legend [em]; of the gap between two entries [in]."""
 
-STAGE, EARLY, SWITCH, EDGE, BODY, OBJECT = "#ECECEC", "#FAD28A", "#A0A0A0", "#444444", "#C9D3DA", "#F5EDA0"
-"""Every other stage; a stage acting early; switching instants; limits and outlines; the base; the object."""
+STAGE, EARLY, EDGE, BODY, OBJECT = "#ECECEC", "#FAD28A", "#444444", "#C9D3DA", "#F5EDA0"
+"""Colours of every other stage, a stage that acts early, limits and outlines, the base, the object."""
+
+FAILED: Mapping[str, Any] = {"color": "black", "marker": "x", "markersize": 3.5, "linestyle": "none"}
+"""Look of what failed."""
 
 STYLE: Mapping[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -88,7 +102,7 @@ STYLE: Mapping[str, Any] = {
 
 @contextmanager
 def in_style() -> Iterator[None]:
-    """Put the settings above in force for a while, whatever the user's own are."""
+    """Apply the settings above for a while, instead of the user's own."""
     settings: Any = dict(STYLE)  # the type of its keys differs between versions of Matplotlib
     with mpl.rc_context():
         mpl.rcdefaults()
@@ -99,13 +113,6 @@ def in_style() -> Iterator[None]:
 def new_figure(height: float, width: float = COLUMN) -> Figure:
     """Return an empty figure of the given size [in], without a window and unknown to pyplot."""
     return Figure(figsize=(width, height), layout="constrained")
-
-
-def grow(axes: Axes, more: float) -> None:
-    """Make the figure of these axes taller [in], for what is written around them."""
-    figure = axes.get_figure(root=True)
-    if figure is not None:
-        figure.set_figheight(figure.get_figheight() + more)
 
 
 def line_look(index: int) -> dict[str, Any]:
@@ -120,9 +127,26 @@ def readable(name: str) -> str:
     return words if len(words) <= LONGEST_NAME else f"{words[:half].rstrip()}…{words[1 - half :].lstrip()}"
 
 
+def title_of(controller: str) -> str:
+    """Return the name of a controller as figures write it."""
+    return TITLES.get(controller, readable(controller))
+
+
 def text_width(text: str) -> float:
     """Return the width of a text in the smallest size [in]."""
     return float(TextPath((0, 0), text, size=TEXT).get_extents().width) / 72 if text.strip() else 0.0
+
+
+def wrapped(text: str, width: float) -> str:
+    """Break a text between words into lines no wider than this [in], as far as its words allow."""
+    lines = [""]
+    for word in text.split(" "):
+        longer = f"{lines[-1]} {word}".lstrip()
+        if lines[-1] and text_width(longer) > width:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return "\n".join(lines)
 
 
 def legend_columns(labels: Iterable[str], width: float, handle: float = HANDLE) -> int:
@@ -132,3 +156,57 @@ def legend_columns(labels: Iterable[str], width: float, handle: float = HANDLE) 
     if sum(widths) <= width + LEGEND_GAP:
         return max(1, len(widths))
     return max(1, int((width + LEGEND_GAP) / max(widths)))
+
+
+def entry(label: str, **look: Any) -> Line2D:
+    """Return a legend entry for a line or a marker."""
+    return Line2D([], [], label=label, **look)
+
+
+def patch_entry(label: str, **look: Any) -> Patch:
+    """Return a legend entry for an area."""
+    return Patch(label=label, **{"edgecolor": EDGE, "linewidth": 0.4, **look})
+
+
+def add_legend(figure: Figure, handles: Iterable[Artist], above: bool = False, room: float = 0.1) -> None:
+    """Write a legend, each label once, below or above all axes, and make the figure taller by its height.
+
+    No entry uses `room` [in] of the figure's width.
+    """
+    place: Any = "outside upper center" if above else "outside lower center"
+    entries = {str(handle.get_label()): handle for handle in handles}
+    if not entries:
+        return
+    columns = legend_columns(entries, figure.get_figwidth() - room)
+    rows = -(-len(entries) // columns)
+    figure.set_figheight(figure.get_figheight() + rows * LINE + 0.08)
+    figure.legend(handles=list(entries.values()), loc=place, ncols=columns)
+
+
+def panel_legend(axes: Axes, note: str = "", handle: float = HANDLE) -> None:
+    """Write a note and the legend, with lines of length `handle` [em], above a panel, where they cover no curve."""
+    axes.set_title(note, loc="left", pad=3.5, fontsize=TEXT)
+    handles, labels = axes.get_legend_handles_labels()
+    if not handles:
+        return
+    fitting = legend_columns(labels, AXIS_WIDTH - text_width(note), handle)
+    rows = -(-len(handles) // fitting)
+    columns = -(-len(handles) // rows)
+    figure = axes.get_figure(root=True)
+    if figure is not None:
+        figure.set_figheight(figure.get_figheight() + (rows - 1) * LINE)
+    axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, handlelength=handle)
+
+
+def point_if_alone(time: np.ndarray) -> str:
+    """Return the marker of a curve: none, or a point where the curve is a single point."""
+    return "o" if len(np.unique(time)) == 1 else ""
+
+
+def make_logarithmic(axes: Axes, along: str = "y", subs: tuple[float, ...] = (1.0, 2.0, 5.0)) -> None:
+    """Make the x or y axis logarithmic, with plain numbers at these parts of every decade."""
+    axes.set(**{f"{along}scale": "log"})
+    axis = axes.yaxis if along == "y" else axes.xaxis
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_locator(NullLocator())

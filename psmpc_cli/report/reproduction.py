@@ -15,18 +15,14 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 
-from psmpc_cli.figures.ablations import plot_ablation
-from psmpc_cli.figures.claims.monitors import plot_monitors
-from psmpc_cli.figures.claims.presence import plot_presence
-from psmpc_cli.figures.claims.schedule import plot_schedule
-from psmpc_cli.figures.comparison.instants import plot_instants
-from psmpc_cli.figures.comparison.names import title_of
-from psmpc_cli.figures.comparison.snapshots import plot_snapshots
+from psmpc_cli.figures.coordinates import plot_states
+from psmpc_cli.figures.instants import plot_compared_instants
 from psmpc_cli.figures.pareto import plot_fronts
+from psmpc_cli.figures.registry import figures_of
+from psmpc_cli.figures.reproduction import plot_monitors, plot_presence, plot_schedule
 from psmpc_cli.figures.run import Run, load_run
-from psmpc_cli.figures.states import plot_states
-from psmpc_cli.figures.style import in_style
-from psmpc_cli.figures.sweep.registry import FIGURES
+from psmpc_cli.figures.snapshots import plot_compared_snapshots
+from psmpc_cli.figures.style import in_style, title_of
 from psmpc_cli.logs.read import Log
 from psmpc_cli.simulation.recommendation import recommend
 from psmpc_cli.simulation.summary import summarize
@@ -169,12 +165,12 @@ def _schedule(runs: Mapping[str, Run]) -> Image:
 
 def _comparison(runs: Mapping[str, Run]) -> Iterator[Image]:
     yield _image(
-        partial(plot_instants, runs),
+        partial(plot_compared_instants, runs),
         "Planned switch times of all methods over time, stage by stage, with the actual ends of the stages.",
         "Planned switch times (Fig. 11 of the paper).",
     )
     yield _image(
-        partial(plot_snapshots, runs),
+        partial(plot_compared_snapshots, runs),
         "The robot and the object at the end of every stage, a row for each method.",
         "The robot at the switch times (Fig. 5 of the paper).",
     )
@@ -187,9 +183,9 @@ def _weights(reproduction: Reproduction) -> dict[str, Any]:
     if cells.ended.any():
         found = settled(cells)
         short = f"from ratio {found.ratio:.4g} on the actual start stays at {found.start:.2f} s"
-        for name, draw in FIGURES[cells.sampling].items():
+        for name, entry in figures_of("sweep", cells).items():
             caption = SWEEP_CAPTIONS[name]
-            images.append(_image(partial(draw, cells), f"{caption} In short: {short}.", caption))
+            images.append(_image(partial(entry.function, cells), f"{caption} In short: {short}.", caption))
     return {
         "findings": _group(reproduction, "weights"),
         "names": cells.names,
@@ -222,7 +218,8 @@ def _fronts(reproduction: Reproduction) -> dict[str, Any]:
 def _ablation(name: str, sentence: str, panels: Any) -> tuple[str, str, Image]:
     title = name.replace("_", " ")
     alt = f"Ablation of the {title}: {sentence}"
-    return title, sentence, _image(partial(plot_ablation, name, panels), alt, f"With and without the {title}.")
+    draw = partial(figures_of("ablations")[f"ablation_{name}"].function, panels)
+    return title, sentence, _image(draw, alt, f"With and without the {title}.")
 
 
 def _facts(reproduction: Reproduction, created: str) -> dict[str, str]:

@@ -1,6 +1,6 @@
 """What each of our departures from the paper changes: a task as it is, and with each departure taken back.
 
-Nothing here draws: an `Ablation` carries plain arrays, and `psmpc_cli.figures.ablations` draws them.
+Nothing here draws: an `Ablation` carries plain arrays, and `psmpc_cli.figures.reproduction` draws them.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -85,7 +85,7 @@ class Ablation:
     Attributes:
         name: Of the departure, and of its figure.
         sentence: What was measured.
-        panels: Curves (x, y) by panel and label; `psmpc_cli.figures.ablations` says what they are.
+        panels: Curves (x, y) by panel and label; `psmpc_cli.figures.reproduction` says what they are.
         numbers: What was measured, the numbers of the sentence included.
     """
 

@@ -1,4 +1,4 @@
-"""The command itself; what it measures is tested with the studies, what it draws with the figures."""
+"""The command itself; what it measures is tested with the studies."""
 
 import json
 from pathlib import Path
@@ -25,7 +25,7 @@ def task(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def measured(task: Path) -> tuple[Path, str]:
     """A bench of the task, with what the command said."""
-    files = ("--json", task.parent / "bench.json", "--figure", task.parent / "bench.png")
+    files = ("--json", task.parent / "bench.json")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("OMP_NUM_THREADS", "1")  # which the command sets, and which is to be as before afterwards
         return task.parent, called(bench, task, *SMALL, *files)
@@ -43,22 +43,20 @@ def test_a_row_a_mesh_and_way(measured: tuple[Path, str]) -> None:
 WAYS = (["sqp", "warm"], ["sqp", "cold"], ["reference", "cold"])
 
 
-def test_results_and_figure_are_there(measured: tuple[Path, str]) -> None:
+def test_results_are_there(measured: tuple[Path, str]) -> None:
     directory, said = measured
     found = json.loads((directory / "bench.json").read_text())
     assert found["task"]["name"] == "small"
     assert len(found["windows"]) == 3
-    assert (directory / "bench.png").read_bytes().startswith(b"\x89PNG")
     assert f"written: {directory / 'bench.json'}" in said
 
 
 def test_nothing_is_overwritten_unasked(measured: tuple[Path, str], task: Path) -> None:
     directory, _ = measured
-    for option, name in (("--json", "bench.json"), ("--figure", "bench.png")):
-        before = (directory / name).read_bytes()
-        with pytest.raises(InputError, match="already"):
-            called(bench, task, *SMALL, option, directory / name)
-        assert (directory / name).read_bytes() == before
+    before = (directory / "bench.json").read_bytes()
+    with pytest.raises(InputError, match="already"):
+        called(bench, task, *SMALL, "--json", directory / "bench.json")
+    assert (directory / "bench.json").read_bytes() == before
 
 
 @pytest.mark.parametrize(
@@ -67,7 +65,6 @@ def test_nothing_is_overwritten_unasked(measured: tuple[Path, str], task: Path) 
         (("--nodes", "5,few"), InputError, "--nodes: found 'few'"),
         (("--nodes", "1"), SpecError, "controller.nodes"),
         (("--solvers", "snopt"), InputError, "--solvers: found 'snopt'"),
-        (("--figure", "bench.bmp"), InputError, "found the ending '.bmp'"),
         (("--set", "controller.horizon=-1"), SpecError, "horizon"),
         (("--set", "solver.kind=fatrop"), InputError, "choose back-ends with --solvers"),
         (("--json", "."), InputError, "is a directory"),

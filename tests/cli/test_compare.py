@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from psmpc_cli.cli import parallel
-from psmpc_cli.figures.comparison.registry import FIGURES
+from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.logs.comparison import read_comparison
 
 from ..there_and_back import TASK
@@ -58,7 +58,7 @@ def test_one_table_one_file_and_the_figures(compare: Psmpc, psmpc: Psmpc) -> Non
     assert table["mission"] == ["succeeded"] * 4
     assert table["levels not solved"][:2] == ["-", "-"]
     assert list(read_comparison(Path("runs/task-comparison.h5"))) == ["psmpc", "smpc", "htmpc", "hard"]
-    assert {path.stem for path in Path("runs/task-comparison").iterdir()} == set(FIGURES)
+    assert {path.stem for path in Path("runs/task-comparison").iterdir()} == set(figures_of("comparison"))
     assert max(map(len, ran.stdout.splitlines())) < 160
     again = psmpc("show", "runs/task-comparison.h5")
     assert again.stdout.splitlines() == ran.stdout.splitlines()[:-1]
@@ -117,7 +117,10 @@ def test_nothing_is_overwritten_without_force(compare: Psmpc) -> None:
     assert "a.h5 exists already" in ran.stderr
     assert Path("a.h5").read_bytes() == before
     assert compare(*fast, "--force").code == 0
-    assert {path.name for path in Path("a").iterdir()} == {"mine.txt", *(f"{name}.png" for name in FIGURES)}
+    assert {path.name for path in Path("a").iterdir()} == {
+        "mine.txt",
+        *(f"{name}.png" for name in figures_of("comparison")),
+    }
 
 
 @pytest.mark.parametrize(

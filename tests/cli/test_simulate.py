@@ -13,9 +13,9 @@ import pytest
 from psmpc_cli import __version__
 from psmpc_cli.cli import progress
 from psmpc_cli.cli import simulate as module
-from psmpc_cli.figures import rendering
-from psmpc_cli.figures.registry import FIGURES
-from psmpc_cli.figures.rendering import offscreen_driver
+from psmpc_cli.figures import animation
+from psmpc_cli.figures.animation import offscreen_driver
+from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.logs.read import read_log
 from psmpc_cli.logs.schema import Sample
 
@@ -245,7 +245,7 @@ def test_a_film_nobody_can_draw_is_found_before_the_run(simulate: Psmpc, monkeyp
 def test_a_film_is_written_beside_the_log(simulate: Psmpc, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = []
     monkeypatch.setattr(module, "_draw", lambda log, directory, *flags: drawn.append((directory, *flags)))
-    monkeypatch.setattr(rendering, "offscreen_driver", lambda: "a driver")
+    monkeypatch.setattr(animation, "offscreen_driver", lambda: "a driver")
     assert simulate("--render").code == 0
     assert drawn == [(Path("runs/task"), False, False, False, True)]
 
@@ -310,7 +310,7 @@ def test_an_interrupted_process_leaves_log_summary_and_figures(
     assert (log.attributes["finished"], log.attributes["end_reason"]) == (False, reason)
     assert f"\nmission not finished: {reason}, after {log.time[-1]:.1f} s\n" in stdout
     drawn = sorted(path.stem for path in (tmp_path / "log").glob("*.png"))
-    assert drawn == (sorted(FIGURES) if number == signal.SIGINT else [])
+    assert drawn == (sorted(figures_of("run")) if number == signal.SIGINT else [])
     with h5py.File(tmp_path / "log.h5") as file:
         assert len(file["time"]) == len(log.time)
 

@@ -1,5 +1,6 @@
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -40,10 +41,27 @@ def run(log: Log) -> Run:
     return load_run(log)
 
 
+@pytest.fixture(scope="session")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Run]:
+    """Four controllers on one task: under the second the object is lost, the last was stopped in its third stage."""
+    stories = {
+        "psmpc": Story(),
+        "smpc": Story(ends=(10.2, 14.8, 24.8, 29.0), early={1: 8.0, 3: 20.0}),
+        "htmpc": Story(ends=(10.4, 19.2, 29.2, 35.6), early={}),
+        "hard": Story(ends=(10.4, 19.0, 29.0, 36.0), early={}, last=24.0),
+    }
+    folder = tmp_path_factory.mktemp("comparison")
+    return {
+        name: load_run(read_log(write_story(folder / f"{name}.h5", replace(story, attributes={"controller": name}))))
+        for name, story in stories.items()
+    }
+
+
 @pytest.fixture
 def load(tmp_path: Path, write_log: Write) -> Callable[..., Run]:
-    """The run of a story: (name=..., **story) -> run."""
-    return lambda name="run.h5", **story: load_run(read_log(write_log(tmp_path / name, **story)))
+    """The run of a story: (**story) -> run."""
+    numbers = count()
+    return lambda **story: load_run(read_log(write_log(tmp_path / f"{next(numbers)}.h5", **story)))
 
 
 @pytest.fixture

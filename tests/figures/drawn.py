@@ -1,10 +1,17 @@
-"""What is in a drawn figure, as numbers and words."""
+"""What is in a drawn figure, as numbers and words, and what a referee would ask of every figure."""
+
+from collections.abc import Iterator
+from itertools import combinations
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
+
+from psmpc_cli.figures.style import COLUMN, PAGE, TEXT
 
 
 def points(line: Line2D) -> np.ndarray:
@@ -39,3 +46,66 @@ def legend(axes: Axes) -> list[str]:
 def common_legend(figure: Figure) -> list[str]:
     """The entries of the figure's legend."""
     return [text.get_text() for found in figure.legends for text in found.get_texts()]
+
+
+def check_figure(figure: Figure) -> None:
+    """Draw a figure and assert that its texts are large enough, apart, on the page, and that axes have units."""
+    figure.draw_without_rendering()
+    texts = list(visible_texts(figure))
+    assert figure.get_figwidth() in (COLUMN, PAGE)
+    assert min(float(text.get_fontsize()) for text in texts) >= TEXT
+    check_inside(figure, texts)
+    check_apart(texts)
+    check_labels(figure)
+    check_room(figure)
+
+
+def visible_texts(figure: Figure) -> Iterator[Text]:
+    hidden = {text for axes in figure.axes for text in unseen_texts(axes)}
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        if text.get_visible() and text.get_text().strip() and text not in hidden:
+            yield text
+
+
+def unseen_texts(axes: Axes) -> Iterator[Text]:
+    """Texts Matplotlib keeps but does not draw: of axes switched off, of ticks outside the view."""
+    for axis in (axes.xaxis, axes.yaxis, getattr(axes, "zaxis", axes.yaxis)):
+        if not axes.axison:
+            yield from (text for text in axis.findobj(Text) if isinstance(text, Text))
+        scale = axis.get_transform().transform
+        low, high = sorted(scale(axis.get_view_interval()))
+        room = 1e-6 * (high - low)
+        for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
+            if not low - room <= scale(np.array([tick.get_loc()]))[0] <= high + room:
+                yield from (tick.label1, tick.label2)
+
+
+def check_inside(figure: Figure, texts: list[Text]) -> None:
+    page = figure.bbox
+    for text in texts:
+        box = text.get_window_extent()
+        assert page.x0 - 1 <= box.x0 and box.x1 <= page.x1 + 1, f"'{text.get_text()}' leaves the page"
+        assert page.y0 - 1 <= box.y0 and box.y1 <= page.y1 + 1, f"'{text.get_text()}' leaves the page"
+
+
+def check_apart(texts: list[Text]) -> None:
+    boxes = [(text.get_text(), text.get_window_extent()) for text in texts]
+    for (one, box), (other, box_of_other) in combinations(boxes, 2):
+        overlap = Bbox.intersection(box, box_of_other)
+        assert overlap is None or min(overlap.width, overlap.height) <= 1, f"'{one}' overlaps '{other}'"
+
+
+def check_labels(figure: Figure) -> None:
+    """Every axis with numbers has a label with a unit; a count has none."""
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            numbers = [label for label in axis.get_ticklabels() if label.get_visible() and label.get_text()]
+            label = axis.get_label_text()
+            assert not axes.axison or not numbers or label.endswith(")") or label == "Iterations\nof the solve", label
+
+
+def check_room(figure: Figure) -> None:
+    """The axes were not squeezed by what is written around them."""
+    boxes = [axes.get_position() for axes in figure.axes]
+    assert max(box.x1 for box in boxes) - min(box.x0 for box in boxes) > 0.7

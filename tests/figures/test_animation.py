@@ -1,28 +1,68 @@
-from collections.abc import Callable
+"""The robot in motion: drawn, and filmed by MuJoCo."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from subprocess import CalledProcessError
 
 import numpy as np
 import pytest
-from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.animation import FFMpegWriter
 from PIL import Image, ImageSequence
 
-from psmpc_cli.errors import RunError
-from psmpc_cli.figures.animation import LONGEST, animation_files, events_at, frame_times, write_animation
-from psmpc_cli.figures.draw import draw
+from psmpc_cli.errors import InputError, RunError
+from psmpc_cli.figures import animation
+from psmpc_cli.figures.animation import (
+    ELEVATION,
+    FIELD_OF_VIEW,
+    LONGEST,
+    camera_on,
+    events_at,
+    film_arrays,
+    frame_times,
+    offscreen_driver,
+)
+from psmpc_cli.figures.offscreen import model_of
+from psmpc_cli.figures.registry import draw
+from psmpc_cli.figures.robot_drawing import View, scene_of
 from psmpc_cli.figures.run import Run
-from psmpc_cli.figures.style import in_style
 
 Load = Callable[..., Run]
 
 
-def test_a_gif_shows_every_frame(tmp_path: Path, load: Load) -> None:
-    run = load(last=2.0)
-    with in_style():
-        write_animation(run, tmp_path / "animation.gif")
-    with Image.open(tmp_path / "animation.gif") as film:
-        assert (film.format, len(list(ImageSequence.Iterator(film)))) == ("GIF", len(run.time))
-        assert film.width % 2 == film.height % 2 == 0
+@pytest.fixture(autouse=True)
+def without_ffmpeg_and_with_no_driver_chosen(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr(FFMpegWriter, "isAvailable", lambda: False)
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    offscreen_driver.cache_clear()
+    yield
+    offscreen_driver.cache_clear()
+
+
+def frames_of(path: Path) -> list[np.ndarray]:
+    with Image.open(path) as film:
+        return [np.asarray(frame.convert("RGB"), int) for frame in ImageSequence.Iterator(film)]
+
+
+def test_an_animation_shows_every_frame_beside_the_chosen_figures(tmp_path: Path, load: Load) -> None:
+    run = load(last=1.0)
+    files = draw("run", run, tmp_path, only=["states"], films=["animation"])
+    assert [path.name for path in files] == ["states.png", "animation.gif"]
+    frames = frames_of(files[1])
+    assert len(frames) == len(run.time)
+    assert frames[0].shape[0] % 2 == frames[0].shape[1] % 2 == 0
+
+
+def test_beside_existing_figures_only_the_animation_is_made(tmp_path: Path, load: Load) -> None:
+    (tmp_path / "errors.png").write_text("mine")
+    files = draw("run", load(last=0.5), tmp_path, films=["animation"])
+    assert [path.name for path in files] == ["animation.gif"]
+    assert (tmp_path / "errors.png").read_text() == "mine"
+    with pytest.raises(InputError, match=r"animation\.gif already"):
+        draw("run", load(last=0.5), tmp_path, films=["animation"])
+    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix != ".h5") == ["animation.gif", "errors.png"]
 
 
 def test_frames_span_the_run_and_are_bounded(run: Run, load: Load) -> None:
@@ -32,30 +72,101 @@ def test_frames_span_the_run_and_are_bounded(run: Run, load: Load) -> None:
     assert len(frame_times(load(sample=0.1))) == LONGEST
 
 
-def test_titles_say_what_goes_on(load: Load) -> None:
-    run = load(early={1: 6.4, 3: 19.0})
-    assert events_at(run, 5.0) == ["approach"]
-    assert events_at(run, 7.0) == ["approach", "capture acts already"]
-    assert events_at(run, 25.0) == ["release", "object lost"]
+def test_titles_say_what_happens(load: Load) -> None:
+    scene = scene_of(load(early={1: 6.4, 3: 19.0}))
+    assert events_at(scene, 5.0) == ["approach"]
+    assert events_at(scene, 7.0) == ["approach", "capture already acts"]
+    assert events_at(scene, 25.0) == ["release", "object lost"]
 
 
-@pytest.mark.parametrize(("there", "names"), [(False, ["animation.gif"]), (True, ["animation.gif", "animation.mp4"])])
-def test_an_mp4_is_written_with_ffmpeg(monkeypatch: pytest.MonkeyPatch, there: bool, names: list[str]) -> None:
-    monkeypatch.setattr(FFMpegWriter, "isAvailable", lambda: there)
-    assert [path.name for path in animation_files(Path())] == names
+def test_an_mp4_is_written_where_ffmpeg_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert [path.name for path in animation.film_files(Path(), "animation")] == ["animation.gif"]
+    monkeypatch.setattr(FFMpegWriter, "isAvailable", lambda: True)
+    assert [path.name for path in animation.film_files(Path(), "render")] == ["render.gif", "render.mp4"]
 
 
-def test_an_encoder_that_fails_is_reported(tmp_path: Path, load: Load, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(writer: PillowWriter) -> None:
-        raise CalledProcessError(1, "ffmpeg")
-
-    monkeypatch.setattr(PillowWriter, "finish", fail)
-    with in_style(), pytest.raises(RunError, match=r"animation\.gif could not be written.*ffmpeg"):
-        write_animation(load(last=0.2), tmp_path / "animation.gif")
+def test_an_animation_that_cannot_be_written_is_named(tmp_path: Path, load: Load) -> None:
+    (tmp_path / "animation.gif").mkdir()
+    with pytest.raises(RunError, match=r"animation\.gif could not be written"):
+        draw("run", load(last=0.2), tmp_path, only=(), force=True, films=["animation"])
 
 
-def test_draw_adds_the_animation_when_asked(tmp_path: Path, load: Load, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(FFMpegWriter, "isAvailable", lambda: False)
-    files = draw(load(last=0.5).log, tmp_path, only=["states"], animate=True)
-    assert [path.name for path in files] == ["states.png", "animation.gif"]
-    assert all(path.exists() for path in files)
+@pytest.mark.parametrize("view", [View((-4, 2), (-1, 3)), View((100, 101), (-3, -2)), View((0, 2000), (0, 500))])
+def test_the_camera_sees_the_whole_view_and_hardly_more(view: View) -> None:
+    size = (400, 640)
+    *place, distance, azimuth, elevation, field = camera_on(view, size)
+    assert (azimuth, elevation, field) == (90, -ELEVATION, FIELD_OF_VIEW)
+    c, s = np.cos(np.radians(ELEVATION)), np.sin(np.radians(ELEVATION))
+    corners = np.array([[x, y, 0] for x in view.x for y in view.y])
+    seen = corners - (np.array(place) - distance * np.array([0, c, -s]))
+    depth = seen @ [0, c, -s]
+    tall = np.tan(np.radians(FIELD_OF_VIEW) / 2)
+    beside, above = seen[:, 0] / depth / (tall * size[1] / size[0]), seen @ [0, s, c] / depth / tall
+    assert max(np.abs(beside).max(), np.abs(above).max()) == pytest.approx(1)
+
+
+def test_a_film_has_base_links_and_object_where_the_run_has_them(
+    run: Run, load: Load, one_arm: dict[str, object]
+) -> None:
+    scene, times = scene_of(run), np.array([0.0, 12.0, 20.0])
+    film = film_arrays(scene, times)
+    np.testing.assert_allclose(film["poses"][:, 0], [scene.configuration(time)[:3] for time in times])
+    np.testing.assert_allclose(film["poses"][:, -1], [scene.object_pose(time) for time in times])
+    links = film["poses"][:, film["kinds"] == "capsule"]
+    assert links.shape[1] == 6
+    np.testing.assert_allclose(np.unwrap(links[:, :3, 2])[0], np.cumsum(scene.configuration(0.0)[3:6]), atol=1e-9)
+    assert [int(edge) % 2 for edge in film["size"]] == [0, 0]
+    assert model_of(film).nmocap == film["poses"].shape[1]
+    alone = film_arrays(scene_of(load(**one_arm)), np.array([0.0, 3.0]))
+    assert len(alone["kinds"]) == 1 + 2 * 2 + 3
+
+
+def mujoco_draws() -> bool:
+    """Whether MuJoCo itself makes an image off screen here, by any driver and without a line of ours."""
+    alone = "import mujoco; mujoco.Renderer(mujoco.MjModel.from_xml_string('<mujoco/>'), 16, 16).render()"
+    drivers = ("egl", "osmesa") if sys.platform == "linux" else ("",)
+    tried = (
+        subprocess.run([sys.executable, "-c", alone], env={**os.environ, "MUJOCO_GL": driver}, capture_output=True)
+        for driver in drivers
+    )
+    return any(ran.returncode == 0 for ran in tried)
+
+
+def test_a_film_shows_the_robot_in_every_frame_or_is_rejected_where_mujoco_cannot_draw(
+    tmp_path: Path, load: Load
+) -> None:
+    run, folder = load(last=1.0), tmp_path / "out"
+    if not mujoco_draws():
+        with pytest.raises(InputError, match="found no driver with which MuJoCo draws off screen"):
+            draw("run", run, folder, only=(), films=["render"])
+        assert not folder.exists()
+        return
+    assert draw("run", run, folder, only=(), films=["render"]) == [folder / "render.gif"]
+    frames = frames_of(folder / "render.gif")
+    assert len(frames) == len(run.time)
+    for blue in ((frame[..., 2] - frame[..., 0] > 60) for frame in frames):
+        assert blue.sum() > 100
+    assert np.abs(frames[-1] - frames[0]).max() > 60
+    assert all(frame[:30].min() < 100 < 250 < frame[:30].max() for frame in frames)  # the title
+
+
+def test_a_driver_that_does_not_exist_is_rejected_with_what_helps(
+    tmp_path: Path, load: Load, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "crayons")
+    with pytest.raises(InputError, match=r"crayons: .*; install EGL or OSMesa, name a driver .* or leave --render out"):
+        draw("run", load(last=1.0), tmp_path / "out", films=["render"])
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_the_package_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(animation, "find_spec", lambda name: importlib.util.find_spec("no_such_package"))
+    with pytest.raises(InputError, match=r"pip install 'psmpc\[mujoco\]'"):
+        offscreen_driver()
+
+
+def test_a_renderer_that_dies_says_how(tmp_path: Path, load: Load, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(animation, "offscreen_driver", lambda: "crayons")
+    with pytest.raises(RunError, match=r"MuJoCo's renderer failed: .*crayons"):
+        draw("run", load(last=1.0), tmp_path, only=(), films=["render"])
+    assert not (tmp_path / "render.gif").exists()

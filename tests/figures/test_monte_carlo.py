@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.figures.monte_carlo import FIGURES, draw_monte_carlo, plot_runs, plot_success
+from psmpc_cli.figures.monte_carlo import plot_runs, plot_success
+from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.figures.style import in_style
 
 from ..made_up_monte_carlo import made_up_monte_carlo
-from .drawn import curves, legend, points
-from .fit_to_print import check_figure
+from .drawn import check_figure, curves, legend, points
 
 CASES = {
     "complete": {},
@@ -24,14 +24,17 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_every_figure_is_fit_to_print(tmp_path: Path, case: str) -> None:
     runs = made_up_monte_carlo(tmp_path / "study.h5", **CASES[case])
-    with in_style():
-        for plot in FIGURES.values():
-            check_figure(plot(runs))
+    for figure in figures_of("monte_carlo").values():
+        with in_style():
+            check_figure(figure.function(runs))
 
 
-def test_a_curve_ends_at_the_part_of_the_runs_that_ended_the_stage(tmp_path: Path) -> None:
+def test_a_curve_ends_at_the_fraction_of_runs_that_ended_the_stage(tmp_path: Path) -> None:
     runs = made_up_monte_carlo(tmp_path / "study.h5", 10, waiting=(9,), crashed=(1,), late=(2, 3))
-    drawn = curves(plot_success(runs).axes[1])
+    figure = plot_success(runs)
+    drawn = curves(figure.axes[0])
+    assert figure.get_suptitle() == "6 of 9 runs succeeded; 95 % interval of the rate: 35 to 88 %"
+    assert figure.axes[0].get_ylabel() == "Fraction of runs (1)"
     assert list(drawn) == ["approach, 7.0 s", "capture, 14.0 s", "transport, 21.0 s", "release, 28.1 s"]
     for name, curve in drawn.items():
         assert curve[-1, 1] == pytest.approx(6 / 9 if name.startswith("release") else 8 / 9)
@@ -43,7 +46,7 @@ def test_the_legend_says_what_its_times_are_and_keeps_off_the_frame(tmp_path: Pa
     with in_style():
         figure = plot_success(made_up_monte_carlo(tmp_path / "study.h5"))
         figure.draw_without_rendering()
-    axes = figure.axes[1]
+    (axes,) = figure.axes
     found = axes.get_legend()
     assert found is not None
     assert found.get_title().get_text() == "Stage, median of its end"
@@ -69,13 +72,13 @@ def test_lines_that_runs_are_judged_by_are_named(tmp_path: Path) -> None:
 
 def test_figures_are_chosen_by_name_and_nothing_is_overwritten(tmp_path: Path) -> None:
     runs = made_up_monte_carlo(tmp_path / "study.h5", 3)
-    assert draw_monte_carlo(runs, tmp_path / "figures", ("svg",), ["runs"]) == [tmp_path / "figures" / "runs.svg"]
+    assert draw("monte_carlo", runs, tmp_path / "figures", ("svg",), ["runs"]) == [tmp_path / "figures" / "runs.svg"]
     with pytest.raises(InputError, match="--force"):
-        draw_monte_carlo(runs, tmp_path / "figures", ("svg",))
+        draw("monte_carlo", runs, tmp_path / "figures", ("svg",))
     with pytest.raises(InputError, match="no figure 'states', expected one of success, runs"):
-        draw_monte_carlo(runs, tmp_path, only=["states"])
+        draw("monte_carlo", runs, tmp_path, only=["states"])
 
 
 def test_a_study_that_has_not_begun_has_nothing_to_draw(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no run that was made"):
-        draw_monte_carlo(made_up_monte_carlo(tmp_path / "study.h5", 2, waiting=(0, 1)), tmp_path / "figures")
+        draw("monte_carlo", made_up_monte_carlo(tmp_path / "study.h5", 2, waiting=(0, 1)), tmp_path / "figures")

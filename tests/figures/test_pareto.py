@@ -6,13 +6,12 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.figures.pareto import draw_pareto, plot_fronts
-from psmpc_cli.figures.pareto_in_space import plot_in_space
+from psmpc_cli.figures.pareto import plot_fronts, plot_in_space
+from psmpc_cli.figures.registry import draw
 from psmpc_cli.figures.style import COLUMN, PAGE, in_style
 from psmpc_cli.logs.results import Quantity, Results
 
-from .drawn import common_legend, legend, points
-from .fit_to_print import check_figure
+from .drawn import check_figure, common_legend, legend, points
 
 RATIOS = np.geomspace(1e-3, 1e3, 9)
 INSTANTS = np.array([6.1, 7.1, 8.0])
@@ -137,7 +136,7 @@ def test_the_fronts_in_space_are_fit_to_print(method: str) -> None:
 
 
 def test_the_third_criterion_gets_a_figure_of_its_own(tmp_path: Path) -> None:
-    drawn = draw_pareto(made_up(later=3), tmp_path / "new")
+    drawn = draw("pareto", made_up(later=3), tmp_path / "new")
     assert [path.name for path in drawn] == ["front.png", "front_3d.png"]
     with Image.open(drawn[1]) as image:
         assert image.width == round(300 * PAGE)
@@ -159,17 +158,17 @@ def test_a_held_instant_without_points_is_left_out() -> None:
 
 
 def test_files_are_chosen_and_not_overwritten_unasked(tmp_path: Path) -> None:
-    drawn = draw_pareto(made_up(), tmp_path, formats=("pdf", "svg"))
+    drawn = draw("pareto", made_up(), tmp_path, formats=("pdf", "svg"))
     assert [path.name for path in drawn] == ["front.pdf", "front.svg"]
     with pytest.raises(InputError, match="already"):
-        draw_pareto(made_up(), tmp_path, formats=("svg",))
-    draw_pareto(made_up(), tmp_path, formats=("svg",), force=True)
+        draw("pareto", made_up(), tmp_path, formats=("svg",))
+    draw("pareto", made_up(), tmp_path, formats=("svg",), force=True)
     with pytest.raises(InputError, match="no figure 'front_3d', expected one of front"):
-        draw_pareto(made_up(), tmp_path, only=("front_3d",))
+        draw("pareto", made_up(), tmp_path, only=("front_3d",))
 
 
 def test_the_same_results_give_the_same_file(tmp_path: Path) -> None:
-    one, other = (draw_pareto(made_up(later=1), tmp_path / str(i)) for i in range(2))
+    one, other = (draw("pareto", made_up(later=1), tmp_path / str(i)) for i in range(2))
     assert [path.read_bytes() for path in one] == [path.read_bytes() for path in other]
     with Image.open(one[0]) as image:
         assert image.width == round(300 * COLUMN)
@@ -180,5 +179,5 @@ def test_a_study_without_a_single_point_cannot_be_drawn(tmp_path: Path) -> None:
     for s in (1, 2):
         results[f"weighted_J_{s}"][:] = np.nan
     with pytest.raises(LogError, match="no point that could be solved for"):
-        draw_pareto(results, tmp_path / "new")
+        draw("pareto", results, tmp_path / "new")
     assert not (tmp_path / "new").exists()

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.figures.ablations import draw_ablation
+from psmpc_cli.figures.registry import draw
 from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.simulation.run import simulate
@@ -96,7 +96,8 @@ def test_a_sentence_is_one_and_has_the_numbers_measured(ablations: Mapping[str, 
 
 def test_what_is_measured_can_be_drawn(ablations: Mapping[str, Ablation], tmp_path: Path) -> None:
     for name, ablation in ablations.items():
-        assert draw_ablation(name, ablation.panels, tmp_path / f"{name}.png").stat().st_size > 10_000
+        (path,) = draw("ablations", ablation.panels, tmp_path, only=[f"ablation_{name}"])
+        assert path.stat().st_size > 10_000
 
 
 def test_the_runs_differ_from_ours_where_they_are_changed(ablations: Mapping[str, Ablation]) -> None:

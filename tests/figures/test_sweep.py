@@ -1,4 +1,4 @@
-"""What the figures show, read back from the drawing."""
+"""What the figures of a sweep show, read back from the drawing."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,16 +9,28 @@ from matplotlib.collections import QuadMesh
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 
-from psmpc_cli.figures.sweep.draws import plot_draws
-from psmpc_cli.figures.sweep.heat_map import edges, plot_heat_map
-from psmpc_cli.figures.sweep.sensitivity import plot_sensitivity
-from psmpc_cli.figures.sweep.starts import plot_starts
-from psmpc_cli.figures.sweep.surface import plot_surface
+from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.figures.registry import draw, figures_of
+from psmpc_cli.figures.style import in_style
+from psmpc_cli.figures.sweep import edges, plot_draws, plot_heat_map, plot_sensitivity, plot_starts, plot_surface
 from psmpc_cli.simulation.recommendation import recommend
 from psmpc_cli.simulation.sweep_cells import SweepCells, sweep_cells
 
-from ...made_up_sweep import T_H, T_S, Numbers, made_up_sweep, numbers
-from ..drawn import common_legend, curves, legend, points
+from ..made_up_sweep import T_H, T_S, Numbers, made_up_sweep, numbers
+from .drawn import check_figure, common_legend, curves, legend, points
+
+CASES = {
+    "complete": {"sampling": "7x7"},
+    "with holes": {"sampling": "7x7", "waiting": (5, 6, 13), "failed": (0, 24, 30)},
+    "begun": {"sampling": "3x3", "waiting": tuple(range(1, 9))},
+    "failed": {"sampling": "3x3", "failed": tuple(range(9))},
+    "not square": {"sampling": "2x9"},
+    "ratios": {"sampling": "13"},
+    "ratios with holes": {"sampling": "13", "waiting": (1,), "failed": (6,)},
+    "draws": {"sampling": "random:20"},
+    "draws with holes": {"sampling": "random:20", "waiting": (1, 3), "failed": (6,)},
+    "one draw": {"sampling": "random:1"},
+}
 
 Sweep = Callable[..., SweepCells]
 
@@ -28,8 +40,44 @@ def sweep(tmp_path: Path) -> Sweep:
     return lambda sampling, **given: sweep_cells(made_up_sweep(tmp_path / "sweep.h5", sampling, **given))
 
 
+@pytest.mark.parametrize("case", CASES)
+def test_every_figure_of_every_sampling_is_fit_to_print(sweep: Sweep, case: str) -> None:
+    cells = sweep(**CASES[case])
+    for figure in figures_of("sweep", cells).values():
+        with in_style():
+            check_figure(figure.function(cells))
+
+
+@pytest.mark.parametrize(
+    ("sampling", "names"),
+    [
+        ("3x3", ["surface", "heat_map", "starts", "sensitivity"]),
+        ("5", ["starts", "sensitivity"]),
+        ("random:4", ["draws", "starts", "sensitivity"]),
+    ],
+)
+def test_a_sampling_has_the_figures_that_go_with_it(
+    sweep: Sweep, tmp_path: Path, sampling: str, names: list[str]
+) -> None:
+    cells = sweep(sampling)
+    drawn = draw("sweep", cells, tmp_path / "figures")
+    assert drawn == [tmp_path / "figures" / f"{name}.png" for name in names]
+    assert [path.read_bytes() for path in draw("sweep", cells, tmp_path / "again")] == [
+        path.read_bytes() for path in drawn
+    ]
+    other = "draws" if "draws" not in names else "surface"
+    with pytest.raises(InputError, match=f"no figure '{other}', expected one of {names[0]}"):
+        draw("sweep", cells, tmp_path, only=[other])
+
+
+def test_a_sweep_that_has_not_begun_has_nothing_to_draw(sweep: Sweep, tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="no cell that was run"):
+        draw("sweep", sweep("2", waiting=(0, 1)), tmp_path / "figures")
+    assert not (tmp_path / "figures").exists()
+
+
 def never_early(ratio: float) -> Numbers:
-    """A cell without any premature start: Capture starts at t_s, whatever the threshold."""
+    """A cell without any early start: Capture starts at t_s, whatever the threshold."""
     return {**numbers(ratio), "actual_start": [T_S, T_S]}
 
 
@@ -72,7 +120,7 @@ def test_the_contour_is_where_starts_come_down_to_t_s_less_the_horizon(sweep: Sw
     assert any("t_s - T_h" in text for text in common_legend(figure))
 
 
-def test_without_premature_start_nothing_is_early(sweep: Sweep) -> None:
+def test_without_an_early_start_nothing_is_early(sweep: Sweep) -> None:
     cells = sweep("5x5", of=never_early)
     figure = plot_heat_map(cells)
     assert np.all(mesh(figure) == T_S)
@@ -141,10 +189,10 @@ def test_the_recommended_ratio_is_marked_in_every_panel(sweep: Sweep) -> None:
     rows = plot_sensitivity(cells).axes
     assert len(rows) == 3
     for axes in rows:
-        (line,) = [line for line in axes.lines if str(line.get_label()).startswith("recommended")]
-        np.testing.assert_allclose(points(line)[:, 0], best.ratio)
+        assert best.ratio in [points(line)[0, 0] for line in axes.lines if len(points(line)) == 2]
     assert "recommended 10" in legend(rows[0])
     assert "task's 100" in legend(rows[0])
+    assert legend(rows[2]) == ["tolerance"]
 
 
 def test_a_stage_without_end_condition_has_no_panel_of_errors(sweep: Sweep) -> None:

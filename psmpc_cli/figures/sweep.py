@@ -1,0 +1,347 @@
+"""The actual start of a stage over the priorities of two stages, and what their ratio does. Paper Fig. 6."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+
+from psmpc_cli.figures import style
+from psmpc_cli.simulation.recommendation import ALLOWED, WITHIN, Recommendation, recommend
+from psmpc_cli.simulation.sweep_cells import AlongRatio, SweepCells, along_ratio
+
+PLANE_HEIGHT, STARTS_HEIGHT, PANEL_HEIGHT, AROUND = 2.8, 2.7, 1.05, 0.6
+"""Heights of figures over the plane, of starts over the ratio, of a panel of the sensitivity, and around those [in]."""
+
+COLORS = "viridis"
+
+FLOOR = "$t_s - T_h$"
+
+LEGEND_ROOM = 0.4
+"""Width left and right of a legend that no entry may use [in]."""
+
+WAITING: dict[str, Any] = {
+    "marker": "o",
+    "markersize": 4.0,
+    "markerfacecolor": "white",
+    "markeredgecolor": style.EDGE,
+    "markeredgewidth": 0.5,
+    "linestyle": "none",
+}
+"""Look of a draw that waits."""
+
+FAILED_GROUND = "#D9D9D9"
+
+ROUNDING = 1e-6
+"""Times nearer to each other than this are the same [s]."""
+
+ELEVATION, AZIMUTH = 24.0, -128.0
+"""From where the surface is seen [deg]: its slope faces the reader."""
+
+PLACE, BOX, ZOOM = (0.09, 0.0, 0.91, 1.0), (1.0, 1.0, 0.78), 1.03
+"""Place of the axes in three dimensions in the figure; their proportions; how far they fill their place."""
+
+FEW, MARKER = 60, 2.2
+"""Ratios up to this many are marked by points; their size [pt]."""
+
+MARGIN = 0.06
+"""Free height beyond t_s and t_s - T_h, as part of T_h."""
+
+WIDE, WIDEST = 5.0, 300.0
+"""Largest over smallest effort from which on the axis is logarithmic, and up to which all its ticks have numbers."""
+
+
+@dataclass(frozen=True)
+class StartScale:
+    """The scale of actual starts, from the earliest t_s - T_h to the latest t_s [s]."""
+
+    low: float
+    high: float
+
+    @property
+    def norm(self) -> Normalize:
+        """The map from times [s] to 0 to 1."""
+        return Normalize(self.low, self.high)
+
+    @property
+    def colors(self) -> ScalarMappable:
+        """The map from times [s] to colours."""
+        return ScalarMappable(self.norm, COLORS)
+
+
+def start_scale(cells: SweepCells) -> StartScale:
+    """Return the scale for a sweep; any where no cell has ended."""
+    instant, floor = cells.instant[cells.ended], cells.floor[cells.ended]
+    return StartScale(float(floor.min()), float(instant.max())) if len(instant) else StartScale(0.0, 1.0)
+
+
+def plot_heat_map(cells: SweepCells) -> Figure:
+    """Plot the actual start [s] over omega_1 and omega_2 as colours, with the contour within which it is t_s - T_h.
+
+    Starts are known to one sample: within the contour the start is the first sample after t_s - T_h.
+    """
+    figure = style.new_figure(PLANE_HEIGHT)
+    axes = figure.add_subplot()
+    scale, shape = start_scale(cells), cells.results["status"].shape
+    x, y = (np.log10(cells.results[name]) for name in ("omega_1", "omega_2"))
+    start, failed = _starts(cells).reshape(shape), cells.failed.reshape(shape)
+    axes.pcolormesh(edges(x), edges(y), np.ma.masked_invalid(start), norm=scale.norm, cmap=COLORS)
+    handles = _plot_contour(axes, x, y, start - cells.floor.reshape(shape), cells.task.spec.controller.sample_time)
+    if failed.any():
+        ground = np.ma.masked_equal(failed.astype(float), 0.0)
+        axes.pcolormesh(edges(x), edges(y), ground, cmap=ListedColormap([FAILED_GROUND]))
+        rows, columns = np.nonzero(failed)
+        axes.plot(x[columns], y[rows], **style.FAILED)
+        handles.append(style.entry("failed", **style.FAILED))
+    if cells.waiting.any():
+        handles.append(style.patch_entry("waiting", facecolor="white"))
+    _finish_plane(figure, axes, cells, scale, handles)
+    return figure
+
+
+def plot_draws(cells: SweepCells) -> Figure:
+    """Plot the actual start [s] as the colour of a point for every random draw of omega_1 and omega_2."""
+    figure = style.new_figure(PLANE_HEIGHT)
+    axes = figure.add_subplot()
+    scale, (x, y), ended = start_scale(cells), np.log10(cells.omega.T), cells.ended
+    look: dict[str, Any] = {"norm": scale.norm, "cmap": COLORS, "edgecolors": style.EDGE, "linewidths": 0.3}
+    axes.scatter(x[ended], y[ended], 16, _starts(cells)[ended], **look)
+    handles: list[Artist] = []
+    for which, name, mark in ((cells.failed, "failed", style.FAILED), (cells.waiting, "waiting", WAITING)):
+        if which.any():
+            axes.plot(x[which], y[which], **mark)
+            handles.append(style.entry(name, **mark))
+    _finish_plane(figure, axes, cells, scale, handles)
+    return figure
+
+
+def plot_surface(cells: SweepCells) -> Figure:
+    """Plot the actual start [s] over omega_1 and omega_2 as a surface, between frames at t_s and at t_s - T_h."""
+    figure = style.new_figure(PLANE_HEIGHT)
+    figure.set_layout_engine("none")  # it makes no room for the labels of axes in three dimensions
+    axes: Any = figure.add_axes(PLACE, projection="3d", proj_type="ortho", computed_zorder=False)
+    scale, shape = start_scale(cells), cells.results["status"].shape
+    x, y = np.meshgrid(*(np.log10(cells.results[name]) for name in ("omega_1", "omega_2")))
+    start, failed = _starts(cells).reshape(shape), cells.failed.reshape(shape)
+    handles: list[Artist] = []
+    if cells.ended.any():  # from the lowest to the highest, as they cover each other
+        floor = _plot_frame(axes, x, y, scale.low, (0, (4, 1.5)), FLOOR)
+        look: dict[str, Any] = {"facecolors": scale.colors.to_rgba(start), "edgecolor": style.EDGE, "linewidth": 0.2}
+        axes.plot_surface(x, y, start, rstride=1, cstride=1, shade=False, **look)
+        handles = [*_plot_frame(axes, x, y, scale.high, "-", "$t_s$"), *floor]
+    if failed.any():
+        axes.plot(x[failed], y[failed], np.full(failed.sum(), scale.low), **style.FAILED)
+        handles.append(style.entry("failed", **style.FAILED))
+    if cells.waiting.any():
+        handles.append(style.entry("blank: waiting", linestyle="none"))
+    _set_space(axes, cells, scale)
+    style.add_legend(figure, handles, True, LEGEND_ROOM)
+    return figure
+
+
+def plot_starts(cells: SweepCells) -> Figure:
+    """Plot the actual start [s] over omega_2 / omega_1, a line a threshold, between t_s and t_s - T_h."""
+    figure = style.new_figure(STARTS_HEIGHT)
+    axes = figure.add_subplot()
+    _set_ratio(axes, cells)
+    if cells.ended.any():
+        _plot_bounds(axes, cells)
+        starts = cells.of("actual_start")
+        for i in map(int, np.argsort(cells.epsilons)):
+            _plot_along(
+                axes, along_ratio(cells, starts[:, i]), label=f"ε = {cells.epsilons[i]:g}", **style.line_look(i)
+            )
+    else:
+        axes.set_yticks([])
+    _mark_failed(axes, cells)
+    axes.set_xlabel("Ratio of the priorities, ω₂/ω₁ (1)")
+    axes.set_ylabel(f"Actual start of {style.readable(cells.names[1])} (s)")
+    style.panel_legend(axes)
+    if (legend := axes.get_legend()) is not None:  # its subscripts stay clear of the frame
+        legend.set_bbox_to_anchor((1.0, 1.005), transform=axes.transAxes)
+    return figure
+
+
+def plot_sensitivity(cells: SweepCells) -> Figure:
+    """Plot completion [s], control effort [m^2/s^3, rad^2/s^3] and final error [tolerances] over omega_2 / omega_1.
+
+    Shaded are the completions within 5 % of the earliest one; the lines through all panels are ratios.
+    """
+    completion, effort, error = (
+        along_ratio(cells, cells.of(name)) for name in ("completion_time", "control_effort", "final_error")
+    )
+    panels = [
+        (completion, f"Completion\nof {style.readable(cells.names[1])} (s)"),
+        (effort, "Control effort\n(m²/s³, rad²/s³)"),
+    ]
+    if np.isfinite(error.middle).any():
+        panels.append((error, "Final error\n(tolerances)"))
+    figure = style.new_figure(len(panels) * PANEL_HEIGHT + AROUND)
+    rows = figure.subplots(len(panels), 1, sharex=True)
+    _set_ratio(rows[0], cells)
+    best = recommend(cells)
+    for axes, (values, label) in zip(rows, panels, strict=True):
+        _plot_along(axes, values, **style.line_look(0))
+        axes.set_ylabel(label)
+        axes.margins(y=0.12)
+        _mark_ratios(axes, cells, best, labelled=axes is rows[0])
+    if len(completion.ratio):
+        _shade_near_earliest(rows[0], completion)
+        _scale_effort(rows[1], effort)
+    else:
+        for axes in rows[:2]:
+            axes.set_yticks([])
+    if len(rows) == 3:
+        rows[2].axhline(ALLOWED, color=style.EDGE, linewidth=0.7, linestyle=(0, (5, 2)), zorder=1.5, label="tolerance")
+        rows[2].set_ylim(0.0, 1.15 * max(ALLOWED, float(np.nanmax(error.highest, initial=0.0))))
+        rows[2].yaxis.set_major_locator(MaxNLocator(nbins=5, prune="lower"))
+        style.panel_legend(rows[2])
+    _mark_failed(rows[0], cells)
+    style.panel_legend(rows[0], handle=1.0)
+    rows[-1].set_xlabel("Ratio of the priorities, ω₂/ω₁ (1)")
+    figure.align_ylabels()
+    return figure
+
+
+def _starts(cells: SweepCells) -> np.ndarray:
+    """Return the actual start for the one threshold that is shown, NaN where no cell has ended (cells,) [s]."""
+    return np.where(cells.ended, cells.of("actual_start")[:, cells.chosen], np.nan)
+
+
+def _start_label(cells: SweepCells, between: str = ", ") -> str:
+    """Return the label of an axis of actual starts."""
+    return f"Actual start of {style.readable(cells.names[1])}{between}ε = {cells.epsilons[cells.chosen]:g} (s)"
+
+
+def edges(centres: np.ndarray) -> np.ndarray:
+    """Return the edges (N + 1,) of cells around their centres (N,)."""
+    between = (centres[1:] + centres[:-1]) / 2
+    return np.concatenate([2 * centres[:1] - between[:1], between, 2 * centres[-1:] - between[-1:]])
+
+
+def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, sample: float) -> list[Artist]:
+    """Part the cells whose start is less than a sample above t_s - T_h from the others; return what the legend says."""
+    known = np.isfinite(above)
+    near = above < sample + ROUNDING
+    if not known.any():
+        return []
+    if near[known].all() or not near[known].any():
+        return [style.entry(f"{'everywhere' if near[known].all() else 'nowhere'} at {FLOOR}", linestyle="none")]
+    for color, width in (("white", 2.0), ("black", 1.0)):  # visible on every colour
+        axes.contour(x, y, np.ma.masked_where(~known, near.astype(float)), levels=[0.5], colors=color, linewidths=width)
+    return [style.entry(f"{FLOOR}, to one sample", color="black", linewidth=1.0)]
+
+
+def _finish_plane(figure: Figure, axes: Axes, cells: SweepCells, scale: StartScale, handles: list[Artist]) -> None:
+    """Name the axes, omega_1 to the right and omega_2 up, add the bar of colours and the legend."""
+    first, second = (style.readable(name) for name in cells.names)
+    axes.set_xlabel(f"Priority of {first}, ω₁ (1)")
+    axes.set_ylabel(f"Priority of {second}, ω₂ (1)")
+    for axis in (axes.xaxis, axes.yaxis):
+        _count_decades(axis)
+    if cells.ended.any():
+        bar = figure.colorbar(scale.colors, ax=axes, pad=0.02, aspect=22)
+        bar.set_label(_start_label(cells))
+        bar.ax.set_title("$t_s$", fontsize=style.TEXT, pad=3)
+        bar.ax.set_xlabel(FLOOR, fontsize=style.TEXT, labelpad=4, loc="left")
+    style.add_legend(figure, handles, True, LEGEND_ROOM)
+
+
+def _count_decades(axis: Axis, most: int = 7) -> None:
+    """Put ticks of an axis of logarithms at whole powers of ten."""
+    axis.set_major_locator(MaxNLocator(nbins=most, integer=True))
+    axis.set_major_formatter(FuncFormatter(lambda exponent, _: f"$10^{{{exponent:.0f}}}$"))
+
+
+def _plot_frame(axes: Any, x: np.ndarray, y: np.ndarray, height: float, dashes: object, label: str) -> list[Artist]:
+    """Draw the outline of the plane at a height; return what the legend says of it."""
+    left, right, front, back = x.min(), x.max(), y.min(), y.max()
+    corners = [left, right, right, left, left], [front, front, back, back, front], [height] * 5
+    return list(axes.plot(*corners, color=style.EDGE, linewidth=0.8, linestyle=dashes, label=label))
+
+
+def _set_space(axes: Any, cells: SweepCells, scale: StartScale) -> None:
+    """Name and place the axes in three dimensions."""
+    axes.view_init(ELEVATION, AZIMUTH)
+    axes.set_box_aspect(BOX, zoom=ZOOM)
+    axes.set_xlabel("ω₁ (1)", labelpad=-6)
+    axes.set_ylabel("ω₂ (1)", labelpad=-6)
+    axes.set_zlabel(_start_label(cells, "\n"), labelpad=-4)
+    for axis in (axes.xaxis, axes.yaxis):
+        _count_decades(axis, 4)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_tick_params(pad=-3)
+        axis.pane.set_facecolor("white")
+    axes.grid(visible=False)
+    axes.set_zlim(scale.low, scale.high)
+    if not cells.ended.any():
+        axes.set_zticks([])
+
+
+def _set_ratio(axes: Axes, cells: SweepCells) -> None:
+    """Make the axis one of ratios, over all that the sweep has, run or not."""
+    low, high = float(cells.ratio.min()), float(cells.ratio.max())
+    room = (high / low) ** 0.02 if high > low else 2.0
+    axes.set_xscale("log")
+    axes.set_xlim(low / room, high * room)
+    axes.xaxis.set_major_locator(LogLocator(numticks=8))
+    axes.xaxis.set_minor_locator(NullLocator())
+
+
+def _plot_along(axes: Axes, values: AlongRatio, **look: Any) -> None:
+    """Plot a quantity over the ratio, and how far the cells of one ratio lie apart, where they do."""
+    marker = "o" if len(values.ratio) <= FEW else ""
+    axes.plot(values.ratio, values.middle, marker=marker, markersize=MARKER, **look)
+    if np.any(values.highest > values.lowest):
+        axes.fill_between(values.ratio, values.lowest, values.highest, color=look["color"], alpha=0.2, linewidth=0)
+
+
+def _plot_bounds(axes: Axes, cells: SweepCells) -> None:
+    """Plot t_s and t_s - T_h, below which no switch is in the window."""
+    instant, floor = along_ratio(cells, cells.instant), along_ratio(cells, cells.floor)
+    room = MARGIN * cells.task.spec.controller.horizon
+    low, high = float(floor.lowest.min()) - room, float(instant.highest.max()) + room
+    marker = "_" if len(floor.ratio) == 1 else ""
+    look: dict[str, Any] = {"color": style.EDGE, "linewidth": 0.8, "zorder": 1.6, "marker": marker}
+    axes.plot(instant.ratio, instant.middle, label="$t_s$", **look)
+    axes.plot(floor.ratio, floor.middle, linestyle=(0, (1, 1)), label=FLOOR, **look)
+    axes.fill_between(floor.ratio, low, floor.middle, color=style.STAGE, linewidth=0, zorder=0.5)
+    axes.set_ylim(low, high)
+
+
+def _mark_failed(axes: Axes, cells: SweepCells) -> None:
+    """Mark the ratios of cells that failed along the lower edge."""
+    ratio = np.unique(cells.ratio[cells.failed])
+    if len(ratio):
+        axes.plot(
+            ratio, np.full(len(ratio), 0.045), transform=axes.get_xaxis_transform(), label="failed", **style.FAILED
+        )
+
+
+def _mark_ratios(axes: Axes, cells: SweepCells, best: Recommendation | None, labelled: bool) -> None:
+    """Mark the task's own ratio, if it lies within the sweep, and the recommended one."""
+    if cells.ratio.min() <= cells.own_ratio <= cells.ratio.max():
+        label = f"task's {cells.own_ratio:.4g}" if labelled else "_"
+        axes.axvline(cells.own_ratio, color=style.EDGE, linewidth=0.9, linestyle=(0, (1, 1)), label=label, zorder=1.7)
+    if best is not None:
+        label = f"recommended {best.ratio:.4g}" if labelled else "_"
+        axes.axvline(best.ratio, color=style.PALETTE[1], linewidth=1.1, label=label, zorder=1.8)
+
+
+def _shade_near_earliest(axes: Axes, completion: AlongRatio) -> None:
+    earliest = float(completion.lowest.min())
+    label = f"earliest + {WITHIN:.0%}"
+    axes.axhspan(earliest, (1 + WITHIN) * earliest, facecolor=style.STAGE, edgecolor="none", label=label, zorder=0.5)
+
+
+def _scale_effort(axes: Axes, effort: AlongRatio) -> None:
+    """Make the axis of efforts logarithmic, with plain numbers, where they differ much."""
+    low, high = float(effort.lowest.min()), float(effort.highest.max())
+    if high > WIDE * low > 0:
+        style.make_logarithmic(axes, subs=(1.0, 2.0, 5.0) if high < WIDEST * low else (1.0,))

@@ -1,0 +1,187 @@
+"""What is shown beside the paper's claims, and of the ablations."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from psmpc_cli.figures.registry import draw as draw_into
+from psmpc_cli.figures.registry import figures_of
+from psmpc_cli.figures.reproduction import SMALLEST, plot_monitors, plot_presence, plot_schedule
+from psmpc_cli.figures.run import Run
+from psmpc_cli.figures.style import EARLY, in_style
+
+from .drawn import check_figure, common_legend, curves, legend, points
+
+Load = Callable[..., Run]
+
+PUBLISHED = {"approach": 10.3, "capture": 15.1}
+
+
+def waiting(run: Run) -> Run:
+    """The run, in which Capture waits from 6 s to 10 s and adds ever more, at first next to nothing."""
+    presence = np.full_like(run.log["window/presence"], np.nan)
+    waits = (run.log.time > 6.0) & (run.log.time < 10.0)
+    presence[waits, 1] = 10.0 ** (run.log.time[waits] - 9.0) * (run.log.time[waits] > 6.5)
+    return replace(run, log=replace(run.log, columns={**run.log.columns, "window/presence": presence}))
+
+
+def draw(plot: Callable[..., Figure], *arguments: Any) -> Figure:
+    with in_style():
+        figure = plot(*arguments)
+        check_figure(figure)
+    return figure
+
+
+@pytest.fixture
+def odd(load: Load) -> Run:
+    """A run that was killed in its second stage, and whose object had been lost by then."""
+    return load(early={1: 6.4, 3: 9.0}, last=12.0)
+
+
+def test_presence_is_drawn_where_a_stage_waits(run: Run) -> None:
+    figure = draw(plot_presence, waiting(run), {"capture": 8.8})
+    drawn = curves(figure.axes[1])
+    assert set(drawn) == {"capture"}
+    assert drawn["capture"][:, 0].min() > 6.0
+    assert drawn["capture"][:, 0].max() < 10.0
+    assert drawn["capture"][:, 1].min() == SMALLEST
+    assert "published start" in common_legend(figure)
+    assert [8.8, run.task.onset.epsilon] in [points(line)[0].tolist() for line in figure.axes[1].lines]
+
+
+def test_presence_of_a_run_in_which_no_stage_waits(run: Run, odd: Run) -> None:
+    for one in (run, odd):
+        figure = draw(plot_presence, one, {})
+        assert curves(figure.axes[1]) == {}
+        assert "no stage waits" in figure.axes[1].get_title(loc="left")
+        assert "published start" not in common_legend(figure)
+
+
+def test_monitors_are_drawn_with_their_bound_and_where_they_broke(load: Load, run: Run) -> None:
+    lost = load(early={1: 6.4, 3: 19.0})
+    held, broken = draw(plot_monitors, run), draw(plot_monitors, lost)
+    marks = [[line for line in figure.axes[1].lines if line.get_marker() == "X"] for figure in (held, broken)]
+    assert [len(found) for found in marks] == [0, 1]
+    assert 19.0 < points(marks[1][0])[0, 0] < 23.0
+    assert "bound" in common_legend(held)
+
+
+def test_monitors_of_a_run_that_did_not_get_there_and_of_a_task_without_any(odd: Run, run: Run) -> None:
+    draw(plot_monitors, odd)
+    figure = draw(plot_monitors, replace(run, task=run.task.model_copy(update={"monitors": ()})))
+    assert "no monitor" in figure.axes[1].get_title(loc="left")
+
+
+def test_a_schedule_has_a_bar_a_stage_and_marks_what_is_published(run: Run, odd: Run) -> None:
+    figure = draw(plot_schedule, {"psmpc": run, "smpc": odd}, {"smpc": PUBLISHED})
+    (axes,) = figure.axes
+    bars = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+    widths = sorted(bar.get_width() for bar in bars)
+    assert len(bars) == len(run.spans) + len(odd.spans) + sum(
+        span.early is not None for span in (*run.spans, *odd.spans)
+    )
+    assert widths[-1] == pytest.approx(max(span.end - span.start for span in run.spans))
+    marked = [points(line)[0, 0] for line in axes.lines if line.get_marker() == "v"]
+    assert sorted(marked) == sorted(PUBLISHED.values())
+    assert {"PSMPC", "SMPC"} <= {text.get_text() for text in axes.texts}
+
+
+def test_a_schedule_reaches_to_the_last_published_end(run: Run) -> None:
+    figure = draw(plot_schedule, {"psmpc": run}, {"psmpc": {"release": 50.0}})
+    assert figure.axes[0].get_xlim()[1] > 50.0
+
+
+TIME = np.linspace(0.0, 20.0, 41)
+INSTANTS = np.linspace(1.2, 4.0, 15)
+HORIZON = {"T_f": (np.array([0.0, 20.0]), np.full(2, 4.0))}
+AHEAD = np.where(TIME > 5, 4.0 - (TIME - 5) % 4.0, np.nan)
+MESH = np.array([10.0, 100.0])
+
+MADE_UP = {
+    "pending_cost": {
+        "instant": {"printed": (TIME, np.full(41, 4.0)), "ours": (TIME, AHEAD), **HORIZON},
+        "variation": {"printed": (TIME, TIME**2), "ours": (TIME, TIME)},
+        "J, printed": {"1 : 1": (INSTANTS, 2.0 - INSTANTS / 4), "1 : 100": (INSTANTS, 1.0 / INSTANTS)},
+        "J, ours": {"1 : 1": (INSTANTS, INSTANTS), "1 : 100": (INSTANTS, 2 * INSTANTS)},
+        "minima, printed": {"1 : 1": (np.array([4.0]), np.ones(1)), "1 : 100": (np.array([4.0]), np.full(1, 0.25))},
+        "minima, ours": {"1 : 1": (np.array([1.2]), np.full(1, 1.2)), "1 : 100": (np.array([1.2]), np.full(1, 2.4))},
+        "found, printed": {"1 : 1": (np.full(3, 4.0), np.full(3, 1.0)), "1 : 100": (np.full(3, 4.0), np.full(3, 0.25))},
+        "found, ours": {"1 : 1": (np.full(3, 1.2), np.full(3, 1.2)), "1 : 100": (np.full(3, 1.2), np.full(3, 2.4))},
+    },
+    "normalization": {
+        "stages": {
+            "ours": (np.array([0.0, 6.0, 14.0]), np.array([10.0, 14.0, 18.0])),
+            "none": (np.array([0.0, 10.0, np.nan]), np.array([10.0, np.nan, np.nan])),
+        },
+        "instant": {"ours": (TIME, AHEAD), "none": (TIME, np.full(41, np.nan)), **HORIZON},
+        "variation": {"ours": (TIME, TIME), "none": (TIME, 100 * TIME)},
+    },
+    "discretization": {
+        "error": {"exact": (MESH, np.full(2, 1e-15)), "euler": (MESH, 1 / MESH)},
+        "missed": {"exact": (MESH, np.ones(2)), "euler": (MESH, 1 + 10 / MESH)},
+        "end": {"exact": (MESH, np.array([30.0, 29.0])), "euler": (MESH, np.array([np.nan, 29.1]))},
+    },
+}
+
+
+def figure(name: str) -> Figure:
+    with in_style():
+        return figures_of("ablations")[f"ablation_{name}"].function(MADE_UP[name])
+
+
+@pytest.mark.parametrize("name", list(MADE_UP))
+def test_the_figure_of_an_ablation_is_fit_to_print(name: str, tmp_path: Path) -> None:
+    (path,) = draw_into("ablations", MADE_UP[name], tmp_path / "new", only=[f"ablation_{name}"])
+    assert path == tmp_path / "new" / f"ablation_{name}.png"
+    drawn = figure(name)
+    with in_style():
+        check_figure(drawn)
+    assert all(axes.get_ylabel() for axes in drawn.axes if len(axes.get_yticks()))
+
+
+def test_every_curve_is_drawn_as_given() -> None:
+    ahead, variation, printed, ours = figure("pending_cost").axes
+    np.testing.assert_array_equal(curves(ahead)["ours"], np.column_stack([TIME, AHEAD]))
+    np.testing.assert_array_equal(curves(variation)["as printed, δ = 0"], np.column_stack([TIME, TIME**2]))
+    for axes, panel in ((printed, "J, printed"), (ours, "J, ours")):
+        for label, curve in MADE_UP["pending_cost"][panel].items():
+            np.testing.assert_array_equal(curves(axes)[label], np.column_stack(curve))
+
+
+def test_minima_and_what_the_optimizer_returns_are_marked() -> None:
+    *_, ours = figure("pending_cost").axes
+    for marker in "ov":
+        marked = [line.get_xydata() for line in ours.lines if line.get_marker() == marker and len(line.get_xydata())]
+        assert [tuple(points[0]) for points in marked] == [(1.2, 1.2), (1.2, 2.4)]
+
+
+def test_instants_that_cannot_be_met_are_shaded() -> None:
+    *_, printed, ours = figure("pending_cost").axes
+    for axes in (printed, ours):
+        assert "infeasible" in [text.get_text() for text in axes.texts]
+        (span,) = axes.patches
+        assert span.get_extents().transformed(axes.transData.inverted()).x1 == pytest.approx(INSTANTS[0])
+
+
+def test_stages_are_bars_and_early_starts_stand_out() -> None:
+    stages, *_ = figure("normalization").axes
+    bars = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in stages.patches]
+    assert bars == [(0.0, 10.0), (10.0, 14.0), (6.0, 10.0), (14.0, 18.0), (0.0, 10.0)]
+    assert sum(patch.get_facecolor() == _rgba(EARLY) for patch in stages.patches) == 1
+
+
+def _rgba(color: str) -> tuple[float, ...]:
+    return (*(int(color[i : i + 2], 16) / 255 for i in (1, 3, 5)), 1.0)
+
+
+def test_a_form_without_error_is_named_and_not_drawn() -> None:
+    error, missed, _ = figure("discretization").axes
+    assert legend(error) == ["Euler, as printed"]
+    assert "exact: below" in error.get_title(loc="left")
+    assert legend(missed) == ["exact", "Euler, as printed"]

@@ -1,0 +1,214 @@
+"""The robot, its object, targets and paths: where they are drawn, and in which frames."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+
+from psmpc_cli.figures.robot_drawing import View, base_outline, grasp, reach, scene_of
+from psmpc_cli.figures.run import Run
+from psmpc_cli.figures.snapshots import (
+    configurations,
+    object_poses,
+    plot_compared_snapshots,
+    plot_scenario,
+    plot_snapshots,
+)
+from psmpc_cli.figures.style import PAGE, PALETTE, in_style, new_figure
+from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.specs.load import Task
+
+from .drawn import check_figure, common_legend, points
+
+Load = Callable[..., Run]
+
+
+def drawn_points(run: Run, time: float) -> np.ndarray:
+    axes = new_figure(3.0).add_subplot()
+    scene_of(run).draw(axes, time, since=0.0)
+    outlines = [patch.get_xy() for patch in axes.patches if isinstance(patch, Polygon)]
+    return np.vstack([*outlines, *(line.get_xydata() for line in axes.lines)])
+
+
+@given(share=st.floats(0, 1))
+def test_the_view_shows_all_that_is_drawn(run: Run, share: float) -> None:
+    time = share * run.end
+    view, found = scene_of(run).view([time]), drawn_points(run, time)
+    low, high = np.array([view.x[0], view.y[0]]), np.array([view.x[1], view.y[1]])
+    assert np.all((low < found) & (found < high))
+
+
+def test_a_base_turns_and_moves_with_its_pose(run: Run) -> None:
+    np.testing.assert_allclose(np.abs(base_outline(run.model, np.zeros(9))), [[0.3, 0.18]] * 4)
+    assert reach(run.model) == pytest.approx(1.2)
+    corners = base_outline(run.model, np.r_[1.0, 2.0, np.pi / 2, np.zeros(6)])
+    np.testing.assert_allclose(corners.mean(axis=0), [1.0, 2.0])
+    np.testing.assert_allclose(np.ptp(corners, axis=0), [0.36, 0.6])
+
+
+@pytest.mark.parametrize(("width", "step"), [(5.4, 1.0), (6.1, 2.0), (0.5, 0.1), (31.0, 10.0)])
+def test_ticks_are_round_few_and_the_same_on_both_axes(width: float, step: float) -> None:
+    axes = new_figure(3.0).add_subplot()
+    View((0.0, width), (0.0, width)).show(axes)
+    assert axes.get_aspect() == 1.0
+    for ticks in (axes.get_xticks(), axes.get_yticks()):
+        np.testing.assert_allclose(np.diff(ticks), step)
+
+
+def test_a_motion_along_one_line_keeps_a_panel_of_sensible_shape(load: Load, one_arm: dict[str, Any]) -> None:
+    up, along = (np.array([x, y, 0.0, 0.0, 0.0]) for x, y in ((0.0, 50.0), (50.0, 0.0)))
+    runs = [load(**{**one_arm, "points": (np.zeros(5), end)}) for end in (up, along)]
+    assert [scene_of(run).view([0.0, 6.0]).aspect for run in runs] == pytest.approx([1.6, 0.45])
+
+
+@given(time=st.floats(0, 13))
+def test_the_object_rests_until_it_is_taken(run: Run, time: float) -> None:
+    scene = scene_of(run)
+    assert (scene.taken, scene.left, scene.lost) == (13.0, 23.0, False)
+    assert run.task.object is not None
+    np.testing.assert_array_equal(scene.object_pose(time), run.task.object.pose)
+
+
+@given(time=st.floats(13, 23))
+def test_the_object_moves_rigidly_with_the_grippers(run: Run, time: float) -> None:
+    np.testing.assert_allclose(in_grasp(run, time), in_grasp(run, 13.0), atol=1e-9)
+
+
+@given(time=st.floats(23, 29.6))
+def test_the_object_stays_where_it_was_let_go(run: Run, time: float) -> None:
+    np.testing.assert_array_equal(scene_of(run).object_pose(time), scene_of(run).object_pose(23.0))
+
+
+def in_grasp(run: Run, time: float) -> np.ndarray:
+    """The object's pose in the frame of the grippers."""
+    scene = scene_of(run)
+    pose, frame = scene.object_pose(time), grasp(run.model, scene.configuration(time))
+    assert pose is not None
+    c, s = np.cos(frame[2]), np.sin(frame[2])
+    offset = pose[:2] - frame[:2]
+    return np.array([c * offset[0] + s * offset[1], c * offset[1] - s * offset[0], np.cos(pose[2] - frame[2])])
+
+
+def test_the_object_is_lost_when_the_grippers_open_too_early(load: Load) -> None:
+    scene = scene_of(load(early={1: 6.4, 3: 19.0}))
+    assert scene.lost and 19.0 < scene.left < 23.0
+    np.testing.assert_array_equal(scene.object_pose(29.6), scene.object_pose(scene.left))
+
+
+def test_the_object_of_a_run_killed_before_is_never_taken_and_a_task_without_one_has_none(
+    load: Load, one_arm: dict[str, Any]
+) -> None:
+    killed, without = scene_of(load(last=8.0)), scene_of(load(**one_arm))
+    assert (killed.taken, killed.left, killed.lost) == (np.inf, np.inf, False)
+    assert without.object_pose(1.0) is None and not without.lost
+    np.testing.assert_allclose(grasp(without.run.model, np.zeros(5)), [1.2, 0.0, 0.0])
+
+
+def titles(figure: Figure) -> list[str]:
+    found = (axes.get_title(loc="left").replace("\n", " ").replace("\N{NO-BREAK SPACE}", " ") for axes in figure.axes)
+    return [title.rstrip() for title in found if title]
+
+
+def test_a_frame_for_each_key_instant_all_to_one_scale(run: Run) -> None:
+    figure = plot_snapshots(run)
+    assert titles(figure) == [
+        "(a) 0.0 s: start",
+        "(b) 6.4 s: capture starts",
+        "(c) 10.0 s: approach ends",
+        "(d) 13.0 s: capture ends",
+        "(e) 23.0 s: transport ends",
+        "(f) 29.6 s: release ends",
+    ]
+    assert len({(axes.get_xlim(), axes.get_ylim()) for axes in figure.axes}) == 1
+    assert all(axes.get_aspect() == 1.0 for axes in figure.axes)
+    for axes in figure.axes:
+        assert len([patch for patch in axes.patches if isinstance(patch, Polygon)]) == 2  # base and object
+    assert {"base", "arm 1", "arm 2", "object", "target", "path of the base", "path of an arm's end"} == set(
+        common_legend(figure)
+    )
+
+
+def test_instants_between_which_nothing_moves_share_a_frame(load: Load) -> None:
+    assert titles(plot_snapshots(load(early={1: 0.0})))[0] == "(a) 0.0 s: start, capture starts"
+    assert titles(plot_snapshots(load(early={1: 0.3})))[0] == "(a) 0.0 s: start, 0.3 s: capture starts"
+
+
+def test_the_loss_of_the_object_and_the_end_of_a_killed_run_have_frames(load: Load) -> None:
+    events = [title.rsplit(": ", 1)[-1] for title in titles(plot_snapshots(load(early={1: 6.4, 3: 17.0})))]
+    assert events.index("release starts") < events.index("object lost") < events.index("transport ends")
+    assert titles(plot_snapshots(load(last=8.0)))[-1] == "(c) 7.6 s: end of the run"
+
+
+def marks(axes: Axes) -> np.ndarray:
+    """Where targets are marked."""
+    return np.vstack([points(line) for line in axes.lines if line.get_marker() == "+"])
+
+
+def test_targets_of_the_stages_that_act_are_marked(run: Run) -> None:
+    first, second, *_ = plot_snapshots(run).axes
+    stage = run.stages[0]
+    xi = np.asarray(run.model.g(stage.target)).ravel()
+    expected = np.array([xi[rows][:2] for rows in run.model.pose_rows.values()])
+    np.testing.assert_allclose(marks(first), expected)
+    capture = np.array([run.stages[1].target[rows][:2] for rows in run.model.pose_rows.values()])
+    np.testing.assert_allclose(marks(second), np.vstack([expected, capture]))  # it starts early
+
+
+def test_paths_of_the_ends_of_the_arms_begin_at_the_frame_before(run: Run) -> None:
+    *_, fourth, fifth, _ = plot_snapshots(run).axes
+    for axes, since, until in ((fourth, 10.0, 13.0), (fifth, 13.0, 23.0)):
+        paths = [line for line in axes.lines if line.get_linewidth() == pytest.approx(0.6)]
+        assert [line.get_color() for line in paths] == list(PALETTE[:2])
+        for line, rows in zip(paths, list(run.model.pose_rows.values())[1:], strict=True):
+            ends = [[np.interp(time, run.time, column) for column in run.xi.T[rows][:2]] for time in (since, until)]
+            np.testing.assert_allclose(points(line)[[0, -1]], ends)
+
+
+def test_many_frames_take_the_width_of_a_page(load: Load, many_stages: dict[str, Any]) -> None:
+    figure = plot_snapshots(load(**many_stages))
+    assert figure.get_figwidth() == PAGE
+    assert len(titles(figure)) == 15
+
+
+def test_compared_snapshots_say_when_a_stage_ends_and_when_the_next_starts(runs: Mapping[str, Run]) -> None:
+    figure = plot_compared_snapshots(runs)
+    found = titles(figure)
+    assert found[:4] == [
+        "(a) approach ends at 10.0 s capture starts at 6.4 s",
+        "(b) capture ends at 13.0 s transport starts then",
+        "(c) transport ends at 23.0 s release starts then",
+        "(d) release ends at 29.6 s",
+    ]
+    assert found[6] == "(g) transport ends at 24.8 s release starts at 20.0 s"
+    assert found[14:] == ["(o) transport did not end", "(p) release did not end"]
+    assert len({(axes.get_xlim(), axes.get_ylim()) for axes in figure.axes}) == 1
+    drawn = [sum(isinstance(patch, Polygon) for patch in axes.patches) for axes in figure.axes]
+    assert drawn == [3, 2, 2, 2, 3, 2, 3, 2, 2, 2, 2, 2, 2, 2, 0, 0]  # base and object, and the base at an early start
+    assert "object, lost" in common_legend(figure)
+
+
+def test_a_scenario_has_every_stage_at_its_target(
+    transport: Task, model: RobotModel, stages: tuple[Stage, ...]
+) -> None:
+    stops = configurations(transport, model, stages)
+    for stage, Q in zip(stages, stops[1:], strict=True):
+        reached = Q if stage.space == "joint" else np.asarray(model.g(Q)).ravel()
+        np.testing.assert_allclose(np.exp(1j * reached), np.exp(1j * stage.target), atol=2e-3)
+        np.testing.assert_allclose(reached[:2], stage.target[:2], atol=1e-3)
+    approach, capture, transported, released = object_poses(transport, model, stops)
+    np.testing.assert_array_equal(approach, transport.spec.object.pose)
+    np.testing.assert_array_equal(capture, approach)
+    assert np.linalg.norm(transported[:2] - capture[:2]) > 1
+    np.testing.assert_array_equal(released, transported)
+    with in_style():
+        figure = plot_scenario(transport)
+        check_figure(figure)
+    expected = ["1. approach, priority 1", "2. capture, priority 100", "3. transport, priority 1"]
+    assert titles(figure) == [*expected, "4. release, priority 0.01"]

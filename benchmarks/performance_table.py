@@ -1,108 +1,167 @@
-"""Writes the tables of docs/performance.md from a bench.
+"""Measures what docs/performance.md says of solve times and writes its tables; on a machine that does nothing else.
 
-    psmpc bench --growth --json benchmarks/bench.json --force       on a quiet machine
-    python benchmarks/performance_table.py
+    python benchmarks/performance_table.py            10 to 15 minutes
 
-Each table stands between two comments with its name; everything else on the page is left as it is.
+Each table is between two comments with its name; everything else on the page remains as it is.
 """
 
-import json
-import re
-from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
-from typing import Any
+import os
 
-from psmpc_cli.cli.bench_table import GROWTH, HEADINGS, about_machine, bench_rows, growth_rows
+os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy is loaded
 
-SOURCE = Path(__file__).with_name("bench.json")
-PAGE = Path(__file__).parents[1] / "docs" / "performance.md"
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+
+import numpy as np
+from pages import write_between
+
+from psmpc_cli.robot.model import build_model
+from psmpc_cli.specs.document import Data, write
+from psmpc_cli.specs.load import Task, load_robot, parse_task
+from psmpc_cli.specs.robot import Arm, RobotSpec
+from psmpc_cli.studies.bench import HEADINGS, Bench, Choices, bench_rows, describe_machine, load_bench, run_bench
+
+PAGE = "performance.md"
 
 QUIET = 1.1
 """Wall over processor time up to which times mean something."""
 
-Found = dict[str, Any]
+PATTERN = "planar_dual_arm"
+"""The robot whose base, arm and limits the robots of other sizes have."""
+
+ROBOTS = tuple((arms, joints) for arms in (1, 2, 3) for joints in (3, 5, 7))
+"""Arms of each robot, and joints of each arm."""
+
+BASE_GOAL, BENT = (1.0, 0.4, 0.3), 0.5
+"""Goal of the base [m, rad], and the sum of the angles of an arm's joints at the goal [rad]."""
 
 
-def table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """Return a table in Markdown."""
-    lines = [headings, ["---"] * len(headings), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return ["| " + " | ".join(line) + " |" for line in (headings, ["---"] * len(headings), *rows)]
 
 
-def machine(found: Found) -> str:
-    """Say what the bench ran on."""
-    versions = ", ".join(f"{name} {version}" for name, version in found["machine"]["versions"].items())
-    text = f"{about_machine(found)}; {found['machine']['system']}; {versions}; {found['created']}."
+def machine(bench: Bench) -> list[str]:
+    """Return what the bench ran on."""
     busy = " **The machine was busy: times are too long, and do not compare from mesh to mesh.**"
-    return text + (busy if found["wall_over_busy"] > QUIET else "")
+    made = datetime.now(UTC).isoformat(timespec="seconds")
+    return [f"{describe_machine(bench)}; {made}.{busy if bench.wall_over_busy > QUIET else ''}"]
 
 
-def meshes(found: Found) -> str:
-    """Return the table over all windows, a row a mesh and way."""
-    return table(HEADINGS, bench_rows(found))
+def by_stages(bench: Bench) -> list[str]:
+    """Return median times by the number of stages in the window."""
+    counts = sorted({int(count) for one in bench.timed for count in one.stages})
+    headings = ("nodes", "solver", "start", *(f"{count} stage{'s' * (count > 1)} [ms]" for count in counts))
+    rows = [
+        (one.nodes, one.solver, one.start, *(_number(1e3 * one.median(count)) for count in counts))
+        for one in bench.timed
+    ]
+    return table(headings, rows)
 
 
-def stages(found: Found) -> str:
-    """Return medians by number of stages, a row a mesh and way."""
-    counts = sorted({row["stages"] for row in found["summary"] if row["stages"]})
-    cells = {(r["nodes"], *r["way"].values(), r["stages"]): r["time"]["median"] for r in found["summary"]}
-    rows = []
-    for nodes, solver, start in dict.fromkeys(key[:3] for key in cells):
-        medians = (cells[nodes, solver, start, count] for count in counts)
-        rows.append((nodes, solver, start, *("-" if m is None else f"{1e3 * m:.2f}" for m in medians)))
-    return table(("nodes", "solver", "start", *(f"{count} stage{'s' * (count > 1)} [ms]" for count in counts)), rows)
+def growth(sizes: Mapping[str, float], bench: Bench) -> Iterator[Sequence[str]]:
+    """Give the exponent p of time ~ size^p for each back-end, start and number of stages, by least squares of logs."""
+    ways = dict.fromkeys((one.solver, one.start) for one in bench.timed)
+    for solver, start in ways:
+        mine = [one for one in bench.timed if (one.solver, one.start) == (solver, start) and one.nodes in sizes]
+        for count in sorted({int(count) for one in mine for count in one.stages}):
+            known = [(sizes[one.nodes], one.median(count)) for one in mine if np.isfinite(one.median(count))]
+            x, y = np.log(np.array(known)).reshape(-1, 2).T
+            if len(np.unique(x)) > 1:
+                yield solver, start, str(count), _number(float(np.polyfit(x, y, 1)[0]))
 
 
-def growth(key: str, size: str) -> Callable[[Found], str]:
-    """Return what writes a table of growth."""
-
-    def write(found: Found) -> str:
-        rows = list(growth_rows(found[key], size))
-        return table(("solver", "start", "stages", *GROWTH[size]), rows) if rows else "Not measured in this bench."
-
-    return write
+def _number(value: float) -> str:
+    return f"{value:.2f}" if np.isfinite(value) else "-"
 
 
-def automatic(found: Found) -> str:
-    """Return what the automatic mesh gave each window, and what its plan costs over that of the finest."""
-    solves = {(s["window"], s["solver"], s["start"]): s for s in found["solves"] if s["nodes"] == "auto"}
-    counts = {problem["window"]: problem["counts"] for problem in found["problems"] if problem["nodes"] == "auto"}
-    rows = []
-    for window in found["windows"]:
-        solved = solves[window["window"], "sqp", "warm"]
-        gap, late = solved["cost_over_time_to_finest"], solved["instant_gap_to_finest"]
-        rows.append(
-            (
-                f"{window['controller']}, {window['time']:.1f} s, {window['phase']} an append",
-                " + ".join(map(str, counts[window["window"]])),
-                "-" if gap is None else f"{gap:.0e}",
-                "-" if late is None or not counts[window["window"]][1:] else f"{late:.0e}",
-            )
-        )
-    return table(("window", "nodes", "cost over time off", "instants off [s]"), rows)
+def sized_task(arms: int, joints: int) -> Task:
+    """Return a task of two stages for a robot with so many arms, whose joints share the length and mass of an arm."""
+    robot, names = sized_robot(arms, joints), [f"arm_{k + 1}" for k in range(arms)]
+    task: dict[str, Data] = {
+        "robot": PATTERN,
+        "initial": {"base": [0.0] * 3, **{name: [0.0] * joints for name in names}},
+        "controller": {"horizon": 4.0, "nodes": 25},
+        "solver": {"kind": "sqp"},
+        "plant": {"kind": "ideal"},
+        "log": {"shares": False},
+        "skills": {
+            "move": {"space": "joint", "weights": _weights([100.0, 100.0, 10.0], names, [100.0] * joints)},
+            "reach": {"space": "task", "weights": _weights([100.0] * 3, names, [10.0, 10.0, 1.0])},
+        },
+        "stages": [
+            {
+                "name": "go",
+                "skill": "move",
+                "target": {"base": list(BASE_GOAL), **{name: [0.0] * joints for name in names}},
+                "ends_when": {"coordinates": ["base"], "tolerance": 2e-3},
+            },
+            {
+                "name": "reach",
+                "skill": "reach",
+                "priority": 100.0,
+                "target": _poses(robot, arms, joints),
+                "ends_when": {"coordinates": ["base"], "tolerance": 2e-3},
+            },
+        ],
+    }
+    return parse_task(write(task), write(robot), str(robot["name"]))
 
 
-TABLES: dict[str, Callable[[Found], str]] = {
-    "machine": machine,
-    "meshes": meshes,
-    "stages": stages,
-    "growth with nodes": growth("growth_with_nodes", "nodes"),
-    "growth with freedom": growth("growth_with_freedom", "n"),
-    "automatic mesh": automatic,
-}
+def sized_robot(arms: int, joints: int) -> dict[str, Data]:
+    """Return a robot as YAML has it, its arms around the base."""
+    pattern = load_robot(PATTERN).spec
+    arm = next(iter(pattern.arms.values()))
+    shoulder = math.hypot(*arm.mount.position)
+    angles = [2 * math.pi * k / arms for k in range(arms)]
+    return {
+        "name": f"arms_{arms}_joints_{joints}",
+        "base": {"mass": pattern.base.mass, "inertia": pattern.base.inertia},
+        "arms": {
+            f"arm_{k + 1}": {
+                "mount": {"position": [shoulder * math.cos(angle), shoulder * math.sin(angle)], "angle": angle},
+                "links": _links(arm, joints),
+            }
+            for k, angle in enumerate(angles)
+        },
+        "limits": {"base": {"velocity": [0.2] * 3}, "arms": {"velocity": [0.15] * joints}},
+    }
+
+
+def _links(arm: Arm, joints: int) -> list[Data]:
+    """Return equal, even rods that are together as long and as heavy as an arm."""
+    length = sum(link.a + link.b for link in arm.links) / joints
+    mass = sum(link.mass for link in arm.links) / joints
+    rod = {"mass": mass, "inertia": mass * length**2 / 12, "a": length / 2, "b": length / 2}
+    return [dict(rod) for _ in range(joints)]
+
+
+def _weights(base: list[Data], names: list[str], arm: list[Data]) -> dict[str, Data]:
+    return {"base": base, **dict.fromkeys(names, arm), "control": 0.03}
+
+
+def _poses(robot: Mapping[str, Data], arms: int, joints: int) -> dict[str, Data]:
+    """Return the poses of base and end-effectors with the base at its goal and the arms bent."""
+    model = build_model(RobotSpec.model_validate(robot))
+    xi = np.asarray(model.g(np.r_[BASE_GOAL, np.full(arms * joints, BENT / joints)])).ravel()
+    return {part: [float(value) for value in xi[rows]] for part, rows in model.pose_rows.items()}
 
 
 def main() -> None:
-    """Write the page anew."""
-    found, page = json.loads(SOURCE.read_text(encoding="utf-8")), PAGE.read_text(encoding="utf-8")
-    for name, write in TABLES.items():
-        between = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end -->)", re.DOTALL)
-        match = between.search(page)
-        if match is None:
-            raise SystemExit(f"{PAGE}: found no table '{name}'")
-        page = page[: match.end(1)] + f"{write(found)}\n" + page[match.start(2) :]
-    PAGE.write_text(page, encoding="utf-8")
-    print(f"written: {PAGE}")
+    """Measure, and write the tables."""
+    choices = Choices()
+    bench = run_bench(load_bench("transport", (), choices), choices, print)
+    write_between(PAGE, "machine", machine(bench))
+    write_between(PAGE, "meshes", table(HEADINGS, bench_rows(bench)))
+    write_between(PAGE, "stages", by_stages(bench))
+    nodes = {nodes: float(nodes) for nodes in choices.nodes if nodes != "auto"}
+    headings = ("solver", "start", "stages", "exponent")
+    write_between(PAGE, "growth with nodes", table(headings, growth(nodes, bench)))
+    sized = {f"{arms} x {joints}": [sized_task(arms, joints)] for arms, joints in ROBOTS}
+    robots = run_bench(sized, Choices(appends=1), print)
+    freedom = {f"{arms} x {joints}": 3.0 + arms * joints for arms, joints in ROBOTS}
+    write_between(PAGE, "growth with freedom", table(headings, growth(freedom, robots)))
 
 
 if __name__ == "__main__":

@@ -1,18 +1,11 @@
-"""`psmpc bench`: how long solves take and how near they come, back-end by back-end, on windows of real runs."""
+"""`psmpc bench`: solve times and accuracy of every back-end on this machine, on windows of real runs."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from psmpc_cli.cli.options import Changes
-
-if TYPE_CHECKING:
-    from psmpc_cli.studies.bench import BenchTasks, Choices
-    from psmpc_cli.studies.bench_document import Data
 
 
 def bench(
@@ -20,7 +13,9 @@ def bench(
     nodes: Annotated[
         str | None, typer.Option(metavar="N,...", help="Intervals a stage. Default: 25,50,100,200,auto.")
     ] = None,
-    solvers: Annotated[str, typer.Option(metavar="NAME,...", help="Back-ends.")] = "sqp,fatrop,ipopt",
+    solvers: Annotated[
+        str, typer.Option(metavar="NAME,...", help="Back-ends; piqp is sqp without compiled code.")
+    ] = "sqp,piqp,fatrop,ipopt",
     repeat: Annotated[
         int | None,
         typer.Option(min=1, metavar="N", help="Timed solves of each window. Default: 3.", show_default=False),
@@ -28,72 +23,37 @@ def bench(
     quick: Annotated[
         bool, typer.Option("--quick", help="A try in less than a minute: few windows, coarse meshes, each solve once.")
     ] = False,
-    growth: Annotated[
-        bool, typer.Option("--growth", help="Measure robots of 6 to 24 degrees of freedom as well.")
-    ] = False,
-    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write everything that was found.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite earlier results.")] = False,
     changes: Changes = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no table.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
 ) -> None:
     """Time the solves of windows recorded from real runs: every back-end, warm and cold, against CasADi with IPOPT."""
     use_one_thread()
-    from psmpc_cli.cli.bench_table import print_bench
-    from psmpc_cli.studies.bench import load_bench, parse_solvers
-    from psmpc_cli.studies.bench_document import refuse_document, write_document
+    from psmpc_cli.cli.summary import print_table
+    from psmpc_cli.cli.termination import noticing_signals
+    from psmpc_cli.studies import bench as study
 
-    choices = replace(_choices(quick, nodes, repeat), solvers=parse_solvers(solvers))
-    if json is not None:
-        refuse_document(json, force)
-    found = _measure(load_bench(task, changes or [], choices), growth, quiet)
-    if json is not None:
-        write_document(json, found, force)
-    if not quiet:
-        print_bench(found)
-        if json is not None:
-            typer.echo(f"written: {json}")
-
-
-def use_one_thread() -> None:
-    """Keep NumPy's library to one thread, as long as it is not loaded."""
-    import os
-
-    os.environ["OMP_NUM_THREADS"] = "1"
-
-
-def _choices(quick: bool, nodes: str | None, repeat: int | None) -> "Choices":
-    """Return what is measured, the defaults of a quick bench or a whole one changed by what is given."""
-    from psmpc_cli.studies.bench import QUICK, Choices, parse_nodes
-
-    choices = QUICK if quick else Choices()
-    choices = choices if nodes is None else replace(choices, nodes=parse_nodes(nodes))
-    return choices if repeat is None else replace(choices, repeat=repeat)
-
-
-def _measure(tasks: "BenchTasks", growth: bool, quiet: bool) -> "Data":
-    """Measure and say how far it is; a signal ends it, and nothing is written."""
-    from psmpc_cli.studies.bench import run_bench
-    from psmpc_cli.studies.bench_document import document
-    from psmpc_cli.studies.bench_freedom import measure_freedom
+    choices = study.QUICK if quick else study.Choices()
+    choices = choices if nodes is None else replace(choices, nodes=study.parse_nodes(nodes))
+    choices = choices if repeat is None else replace(choices, repeat=repeat)
+    choices = replace(choices, solvers=study.parse_solvers(solvers))
+    tasks = study.load_bench(task, changes or [], choices)
 
     def told(line: str) -> None:
         if not quiet:
             typer.echo(line, err=True)
 
-    with _ended_by_signals() as passed:
-        bench = run_bench(tasks, told, passed)
-        freedom = measure_freedom(tasks.choices, told, passed) if growth else ()
-    return document(bench, freedom)
-
-
-@contextmanager
-def _ended_by_signals() -> Iterator[Callable[[], None]]:
-    """Give what is to be called between two solves: there, not within them, a signal ends the command."""
-    from psmpc_cli.cli.termination import noticing_signals
-
-    with noticing_signals() as interruption:
+    with noticing_signals() as interruption:  # between two solves, not within them, a signal ends the command
         try:
-            yield interruption.check
+            found = study.run_bench(tasks, choices, told, interruption.check)
         except KeyboardInterrupt as reason:
-            typer.echo(f"psmpc: {reason}; no results were written", err=True)
+            typer.echo(f"psmpc: {reason}", err=True)
             raise typer.Exit(interruption.exit_code) from None
+    print_table(study.HEADINGS, list(study.bench_rows(found)), left=3)
+    typer.echo(f"{study.NOTE}\n\n{study.describe_machine(found)}")
+
+
+def use_one_thread() -> None:
+    """Limit NumPy's linear algebra to one thread; it has an effect only before NumPy is loaded."""
+    import os
+
+    os.environ["OMP_NUM_THREADS"] = "1"

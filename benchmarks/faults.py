@@ -11,10 +11,10 @@ from unittest.mock import patch
 
 import numpy as np
 from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
-
-from psmpc_cli.cli.main import main
 from psmpc_cli.ocp.layout import WindowShape
 from psmpc_cli.ocp.transcription import Nlp
+
+from psmpc_cli.cli.main import main
 from psmpc_cli.ocp.window import Bounds, Window
 from psmpc_cli.plant import Plant, Ticks
 from psmpc_cli.simulation import run as running

@@ -10,8 +10,7 @@ from hypothesis import settings
 
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.stages import Stage, build_stages
+from psmpc_cli.ocp.problem import Stage, StageCosts, build_stages
 from psmpc_cli.robot.model import RobotModel, build_model
 from psmpc_cli.simulation.loop import closed_loop
 from psmpc_cli.simulation.setup import Experiment, build_experiment

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
+from psmpc_cli.ocp.velocity_form import Point
 from psmpc_cli.solvers.qp_solution import QpSolution
 
 from psmpc_cli.ocp.gauss_newton import Linearization
-from psmpc_cli.ocp.velocity_form import Point
 
 from .random_programs import Task
 

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
+from psmpc_cli.ocp.layout import Layout
+from psmpc_cli.ocp.velocity_form import Point, Residuals, VelocityForm
 from psmpc_cli.solvers.sqp_limits import Limits
 
 from psmpc_cli.ocp.gauss_newton import Linearization
-from psmpc_cli.ocp.layout import Layout
-from psmpc_cli.ocp.velocity_form import Point, Residuals, VelocityForm
 
 COORDINATES = 2
 END_ROWS = 2

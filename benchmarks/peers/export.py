@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from psmpc_cli.control.multipliers import Before, shift_multipliers
 from psmpc_cli.control.window_solver import WindowSolver
+from psmpc_cli.ocp.layout import Layout
 
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.ocp.layout import Layout
 from psmpc_cli.ocp.plan import resting_plan, shift
 from psmpc_cli.ocp.window import Window, bounds, end_tolerance, pack_guess, parameter_vector, shortest_durations
 from psmpc_cli.simulation.loop import closed_loop

@@ -48,9 +48,7 @@ def present(reference: str, changes: list[str], gradients: bool) -> None:
     """Print the table of one robot or task, and its gradients if asked for; SpecError if something is wrong with it."""
     from psmpc_cli.cli.gradients import print_gradients
     from psmpc_cli.cli.tables import print_robot, print_task
-    from psmpc_cli.ocp.feasibility import review
-    from psmpc_cli.ocp.outlook import look_ahead
-    from psmpc_cli.ocp.remarks import remarks
+    from psmpc_cli.ocp.feasibility import look_ahead, remarks, review
     from psmpc_cli.specs.load import kind_of_reference, load_robot, load_task
 
     if kind_of_reference(reference) == "robot":

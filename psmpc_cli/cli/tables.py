@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from psmpc_cli.cli.uncertainty import uncertainty_in_words
-from psmpc_cli.ocp.outlook import Outlook
+from psmpc_cli.ocp.feasibility import Outlook
 from psmpc_cli.specs.coordinates import AXES, Space, labels, resolve_limits
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.messages import counted

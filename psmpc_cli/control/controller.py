@@ -8,13 +8,9 @@ from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.multistart import solve_from_several
 from psmpc_cli.control.sequence import Sequence, Switch, detect, drop_met, drop_passed
 from psmpc_cli.errors import RunError
-from psmpc_cli.ocp.node_counts import Along, first_counts, node_counts
-from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import Plan, braking_plan, resting_plan, shift
-from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.soft_limits import own_violations
-from psmpc_cli.ocp.stages import Stage
-from psmpc_cli.ocp.window import SHORTEST, Window
+from psmpc_cli.ocp.problem import Problem, Stage
+from psmpc_cli.ocp.window import SHORTEST, Along, Window, first_counts, node_counts, normalization, own_violations
 from psmpc_cli.solvers import FEASIBLE, Outcome, Solution, Solver
 from psmpc_cli.specs.task import ControllerSpec
 

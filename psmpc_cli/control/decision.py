@@ -6,7 +6,7 @@ import numpy as np
 
 from psmpc_cli.control.sequence import Sequence, Switch
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.solvers import Outcome, Solution
 
 

@@ -11,10 +11,9 @@ import numpy as np
 
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.problem import Problem, Stage
+from psmpc_cli.ocp.window import normalization
 from psmpc_cli.solvers import Level, LevelSolver, Solution, Solver
 
 

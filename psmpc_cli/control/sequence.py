@@ -5,9 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.problem import Stage, StageCosts
 from psmpc_cli.ocp.window import SHORTEST
 
 

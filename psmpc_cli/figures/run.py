@@ -6,7 +6,7 @@ import numpy as np
 
 from psmpc_cli.errors import LogError, SpecError
 from psmpc_cli.logs.read import Log
-from psmpc_cli.ocp.stages import Stage, build_stages
+from psmpc_cli.ocp.problem import Stage, build_stages
 from psmpc_cli.robot.model import RobotModel, build_model
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.task import TaskSpec

@@ -26,7 +26,7 @@ from psmpc_cli.figures.robot_drawing import (
     view_around,
 )
 from psmpc_cli.figures.run import Run, Span
-from psmpc_cli.ocp.stages import Stage, build_stages
+from psmpc_cli.ocp.problem import Stage, build_stages
 from psmpc_cli.robot.model import RobotModel, arm_points, build_model
 from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.specs.coordinates import stack

@@ -1,36 +1,61 @@
-"""Whether a task can be done at all, as far as that can be told beforehand: limits, reach, and the order of events."""
+"""Whether a task can be done, as far as that can be told before anything is solved: limits, reach, order of events."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.ocp.outlook import (
-    BASE,
-    Outlook,
-    Vector,
-    counts,
-    end_tolerances,
-    is_coordinate,
-    look_ahead,
-    pose_rows,
-    reach_with,
-    reaches_of,
-)
-from psmpc_cli.ocp.stages import Stage
-from psmpc_cli.ocp.wording import beyond, moment_of, path_of_part, path_of_row, span_of, target_path
-from psmpc_cli.robot.reach import Reach
-from psmpc_cli.specs.coordinates import labels, stack
+from psmpc_cli.ocp.problem import Stage, build_stages
+from psmpc_cli.robot.model import build_model
+from psmpc_cli.robot.reach import Reach, reach_of
+from psmpc_cli.specs.coordinates import Limits, labels, stack
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.messages import Fault, dotted, quoted
-from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.messages import Fault, Path, dotted, quoted
+from psmpc_cli.specs.robot import PartLimits, RobotSpec
+
+BASE = slice(0, 3)
+"""Rows of the base pose in Q and xi."""
 
 SLACK = 1e-9
 """By which a bound may be missed [m, rad]: decimals of degrees."""
 
 ALL_KNOWN = 3
 """Links of an arm up to which "not reachable" is certain."""
+
+
+SPEED_SLACK = 1e-6
+"""By which a trajectory may be faster than a velocity limit [m/s, rad/s]: values are written with a few digits."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """One stage, looked at beforehand.
+
+    Attributes:
+        stage: The stage.
+        reaches: By arm, how far its target is with the base at its own, under the limits in force; empty in joint
+            space, and for arms (or with a base) whose place neither weights nor the end condition ask for. Of a
+            trajectory, the last row's.
+        earliest_end: Time before which the stage cannot end [s]: from velocity limits, dwells and fixed times.
+        stuck: Rows of Q that its end condition wants elsewhere but velocity limits let not move that way.
+    """
+
+    stage: Stage
+    reaches: Mapping[str, Reach]
+    earliest_end: float
+    stuck: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Known:
+    """A coordinate was at `value` within `tolerance` [m, rad] at the end of stage `index`, not before `time` [s]."""
+
+    value: float
+    tolerance: float
+    index: int
+    time: float
 
 
 def ensure_feasible(task: Task) -> None:
@@ -90,7 +115,7 @@ def _targets(task: Task, outlook: Outlook) -> Iterator[Fault]:
                 yield Fault(path_of_part(task, target_path(stage), arm, moment), found)
 
 
-def _rows_outside(stage: Stage, values: Vector) -> list[int]:
+def _rows_outside(stage: Stage, values: np.ndarray) -> list[int]:
     """Return the rows of Q whose values (n,) or (m,) the stage asks for but its limits forbid."""
     last = len(values) if stage.space == "joint" else BASE.stop
     limits = stage.limits
@@ -98,7 +123,7 @@ def _rows_outside(stage: Stage, values: Vector) -> list[int]:
     return [row for row in rows if counts(stage, slice(row, row + 1))]
 
 
-def _out_of_reach(arm: str, reach: Reach, pose: Vector, links: int) -> str | None:
+def _out_of_reach(arm: str, reach: Reach, pose: np.ndarray, links: int) -> str | None:
     """Say why an arm cannot take its target with the base at its pose (3,); None if it can, or if nobody can tell."""
     x, y, theta = pose
     base = f"with the base at [{x:g}, {y:g}, {np.degrees(theta):g} deg]"
@@ -168,6 +193,199 @@ def _times(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
         before = max(before, outlook.earliest_end)
 
 
-def _outside(values: Vector, low: Vector, high: Vector) -> list[int]:
+def _outside(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[int]:
     """Return the rows whose values are out of bounds."""
     return [int(row) for row in np.flatnonzero((values < low - SLACK) | (values > high + SLACK))]
+
+
+def remarks(task: Task, outlooks: Sequence[Outlook]) -> list[Fault]:
+    """Return what is probably not meant.
+
+    A base kept where it is not left, trajectories the robot cannot follow, a time limit no run can keep.
+    """
+    return [
+        *(
+            problem
+            for before, outlook in pairwise(outlooks)
+            for problem in _far_base(task, before.stage, outlook.stage)
+        ),
+        *(problem for outlook in outlooks for problem in _too_fast(task, outlook.stage)),
+        *_too_short(task, outlooks),
+    ]
+
+
+def _too_short(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
+    """Give a time limit that stops every run before its last stage can end."""
+    earliest = max(outlook.earliest_end for outlook in outlooks)
+    if earliest > task.spec.time_limit:
+        message = (
+            f"found {task.spec.time_limit:g} s, expected at least {earliest:.4g} s: "
+            f"{quoted(outlooks[-1].stage.name)} cannot end before under the velocity limits"
+        )
+        yield Fault(("time_limit",), message)
+
+
+def _far_base(task: Task, before: Stage, stage: Stage) -> Iterator[Fault]:
+    """Give a base that a stage in task space wants elsewhere than the stage before leaves it.
+
+    And so far that an arm does not reach its first pose from there: one of the two may be a misprint.
+    """
+    first, left = stage.waypoints[0], before.target[BASE]
+    if not set(range(BASE.stop)) <= set(before.end_rows):
+        return
+    own = reaches_of(stage, task.robot, first)
+    reaches = {arm: reach_with(task.robot, arm, stage.limits, first, left) for arm in own}
+    far = [arm for arm, reach in reaches.items() if reach.distance > reach.full_reach and not reach.reachable]
+    for arm in (arm for arm in far[:1] if own[arm].reachable):
+        message = (
+            f"found the base {np.hypot(*(first[:2] - left[:2])):.4g} m from where {quoted(before.name)} leaves it, "
+            f"expected it there: the target of {arm} is then {reaches[arm].distance:.4g} m from its shoulder, "
+            f"its reach is {reaches[arm].full_reach:.4g} m"
+        )
+        yield Fault(path_of_part(task, target_path(stage), "base", moment_of(stage, 0)), message)
+
+
+def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
+    """Give the coordinates of Q that a trajectory moves faster than their velocity limits, each where it is worst."""
+    if stage.trajectory is None:
+        return
+    times, limits = stage.trajectory.times, stage.limits
+    rates = np.diff(stage.trajectory.values, axis=0) / np.diff(times)[:, None]
+    for row in range(len(stage.target) if stage.space == "joint" else BASE.stop):
+        low, high = limits.velocity_low[row], limits.velocity_high[row]
+        excess = np.maximum(rates[:, row] - high, low - rates[:, row])
+        worst = int(excess.argmax())
+        if excess[worst] > SPEED_SLACK and counts(stage, slice(row, row + 1)):
+            message = (
+                f"found {labels(task.robot, 'joint')[row]} to move at {value_of(task.robot, row, rates[worst, row])}/s "
+                f"from {times[worst]:g} s to {times[worst + 1]:g} s, expected within its velocity limits "
+                f"{span_of(task.robot, row, low, high, '/s')}: the robot falls behind"
+            )
+            yield Fault(path_of_row(task, target_path(stage), row, stage.space, worst + 1), message)
+
+
+def look_ahead(task: Task) -> tuple[Outlook, ...]:
+    """Return the outlook of every stage of a task."""
+    stages = build_stages(task.spec, task.robot, build_model(task.robot))
+    ends = earliest_ends(stages, stack(task.spec.initial, task.robot, "joint"))
+    reaches = (reaches_of(stage, task.robot, stage.target) for stage in stages)
+    return tuple(Outlook(stage, reach, *end) for stage, reach, end in zip(stages, reaches, ends, strict=True))
+
+
+def earliest_ends(stages: Sequence[Stage], Q: np.ndarray) -> tuple[tuple[float, tuple[int, ...]], ...]:
+    """Return for every stage a lower bound on the time at which it ends [s], starting from Q (n,), and its stuck rows.
+
+    A coordinate that one stage leaves at its target, and a later one must have at another, takes at least their
+    distance over its largest velocity in between; the tolerances are taken off the distance.
+    """
+    known = {row: _Known(float(value), 0.0, -1, 0.0) for row, value in enumerate(Q)}
+    ends: list[tuple[float, tuple[int, ...]]] = []
+    for stage in stages:
+        asked = {row: tolerance for row, tolerance in end_tolerances(stage).items() if is_coordinate(stage, row)}
+        arrivals = {row: _arrival(stages, stage, row, tolerance, known[row]) for row, tolerance in asked.items()}
+        possible = [time for time in arrivals.values() if np.isfinite(time)]
+        end = max([(ends[-1][0] if ends else 0.0) + stage.dwell, *possible])
+        end = stage.at if stage.at is not None else end
+        known |= {row: _Known(float(stage.target[row]), asked[row], stage.index, end) for row in asked}
+        ends.append((end, tuple(row for row, time in arrivals.items() if np.isinf(time))))
+    return tuple(ends)
+
+
+def end_tolerances(stage: Stage) -> dict[int, float]:
+    """Return the tolerance of every row of the end condition [m, rad]."""
+    return dict(zip(stage.end_rows, stage.tolerance.tolist(), strict=True))
+
+
+def is_coordinate(stage: Stage, row: int) -> bool:
+    """Tell whether a row of the stage's target is one of Q: all in joint space, the base's in task space."""
+    return stage.space == "joint" or row < BASE.stop
+
+
+def counts(stage: Stage, rows: slice) -> bool:
+    """Tell whether weights or the end condition ask for all of some rows of the target."""
+    inside = range(rows.start, rows.stop)
+    return all(stage.weights[row] > 0 or row in stage.end_rows for row in inside)
+
+
+def under(robot: RobotSpec, limits: Limits) -> RobotSpec:
+    """Return the robot with other position limits of its arms."""
+    bounded, first = {}, 0
+    for part, size in robot.parts.items():
+        rows = slice(first, first + size)
+        pairs = zip(limits.position_low[rows].tolist(), limits.position_high[rows].tolist(), strict=True)
+        bounded[part] = PartLimits.model_construct(position=tuple(pairs))
+        first += size
+    return robot.model_copy(update={"limits": bounded})
+
+
+def pose_rows(robot: RobotSpec, arm: str) -> slice:
+    """Return the rows of an arm's pose in xi."""
+    first = BASE.stop * (1 + list(robot.arms).index(arm))
+    return slice(first, first + BASE.stop)
+
+
+def reach_with(robot: RobotSpec, arm: str, limits: Limits, xi: np.ndarray, base: np.ndarray | None = None) -> Reach:
+    """Return how far an arm's pose in xi (m,) is, with the base (3,) at its own or elsewhere, under some limits."""
+    base = xi[BASE] if base is None else base
+    return reach_of(under(robot, limits), arm, base.tolist(), xi[pose_rows(robot, arm)].tolist())
+
+
+def reaches_of(stage: Stage, robot: RobotSpec, xi: np.ndarray) -> dict[str, Reach]:
+    """Return how far poses xi (m,) of a stage's target are, of the arms whose poses count."""
+    if stage.space == "joint" or not counts(stage, BASE):
+        return {}
+    arms = [arm for arm in robot.arms if counts(stage, pose_rows(robot, arm))]
+    return {arm: reach_with(robot, arm, stage.limits, xi) for arm in arms}
+
+
+def _arrival(stages: Sequence[Stage], stage: Stage, row: int, tolerance: float, before: _Known) -> float:
+    """Return the time before which a coordinate cannot be at the stage's target [s]; inf if it cannot move there."""
+    way = float(stage.target[row]) - before.value
+    limits = [passed.limits for passed in stages[before.index + 1 : stage.index + 1]]
+    rate = max(float(limit.velocity_high[row] if way > 0 else -limit.velocity_low[row]) for limit in limits)
+    distance = abs(way) - tolerance - before.tolerance
+    if distance <= 0:
+        return before.time
+    return before.time + distance / rate if rate > 0 else np.inf
+
+
+def beyond(robot: RobotSpec, row: int, value: float, low: float, high: float, per: str = "") -> str:
+    """Say that a coordinate is out of bounds."""
+    name, found = labels(robot, "joint")[row], value_of(robot, row, value, per)
+    return f"found {name} at {found}, expected within its limits {span_of(robot, row, low, high, per)}"
+
+
+def value_of(robot: RobotSpec, row: int, value: float, per: str = "") -> str:
+    """Write a value of Q with its unit, angles in degrees."""
+    lengths = ("base.x", "base.y")
+    return f"{value:.6g} m{per}" if labels(robot, "joint")[row] in lengths else f"{np.degrees(value):.6g} deg{per}"
+
+
+def span_of(robot: RobotSpec, row: int, low: float, high: float, per: str = "") -> str:
+    """Write a pair of bounds with their unit."""
+    return f"[{value_of(robot, row, low, per)}, {value_of(robot, row, high, per)}]"
+
+
+def path_of_row(task: Task, parts: Path, row: int, space: str, moment: int | None = None) -> Path:
+    """Return where a row of Q or xi is in numbers by part; of a trajectory at the `moment`-th of its times."""
+    part = labels(task.robot, "joint" if space == "joint" else "task")[row].rpartition(".")[0]
+    sizes = task.robot.parts if space == "joint" else dict.fromkeys(task.robot.parts, BASE.stop)
+    before = sum(size for name, size in sizes.items() if list(sizes).index(name) < list(sizes).index(part))
+    return (*path_of_part(task, parts, part, moment), row - before)
+
+
+def path_of_part(task: Task, parts: Path, part: str, moment: int | None = None) -> Path:
+    """Return where the numbers of a part are, under its own name or under `arms`; of a trajectory at a moment."""
+    own = (*parts, part)
+    path = own if own in task.source.entries or part == "base" else (*parts, "arms")
+    return path if moment is None else (*path, moment)
+
+
+def target_path(stage: Stage) -> Path:
+    """Return where a stage's target is."""
+    return ("stages", stage.index, "target")
+
+
+def moment_of(stage: Stage, index: int) -> int | None:
+    """Return the index of a waypoint of a stage's target in the file; None if the target is no trajectory."""
+    return None if stage.trajectory is None else index

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.layout import WindowShape
-from psmpc_cli.ocp.stage_functions import stage_functions
-from psmpc_cli.ocp.window import Window, desired_paths, window_shape
+from psmpc_cli.ocp.objective import StageShape, stage_functions
+from psmpc_cli.ocp.window import Window, desired_paths
 from psmpc_cli.robot.model import RobotModel
 
 
@@ -47,10 +46,9 @@ class Rollout:
     """
 
     def __init__(self, model: RobotModel, window: Window, instants: np.ndarray) -> None:
-        shape = window_shape(window)
         self.window, self.nodes = window, window.nodes
         self.paths = desired_paths(window, instants)
-        self.stages = [_rolled(model, shape, window, s) for s in range(len(shape.nodes))]
+        self.stages = [_rolled(model, window, s) for s in range(len(window.nodes))]
 
     @property
     def switches(self) -> int:
@@ -150,14 +148,15 @@ class Rollout:
         return np.full(self.switches, self.window.pending_cost)
 
 
-def _rolled(model: RobotModel, shape: WindowShape, window: Window, s: int) -> RolledStage:
+def _rolled(model: RobotModel, window: Window, s: int) -> RolledStage:
     """Bind a stage's numbers into its functions."""
-    stage, functions = window.stages[s], stage_functions(model, shape.stages[s], shape.discretization)
+    stage = window.stages[s]
+    functions = stage_functions(model, StageShape(stage.space, stage.input))
     x, dt, r = ca.SX.sym("x", 2 * model.n), ca.SX.sym("dt"), ca.SX.sym("r", len(stage.target))
-    u = ca.SX.sym("u", model.n if stage.input == "joint" else model.m)
+    u = ca.SX.sym("u", functions.inputs)
     Lbar = functions.cost(x, u, r, stage.weights, stage.control_weights)
     cost = window.omega[s] / np.max(window.omega) * (Lbar - window.offset[s]) / window.scale[s]
-    after = functions.step(x, u, dt)
+    after = functions.step(window.discretization)(x, u, dt)
     flow = (model.f_1 if stage.input == "joint" else model.f_2)(x, u)
     return RolledStage(
         step=ca.Function("F", [x, u, dt], [after]),

@@ -1,9 +1,49 @@
-"""A plan: what one solve predicts and intends, and how it is read at other times."""
+"""A plan, how it is read at other times, and the mesh of its nodes."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Intervals of the stages in a window.
+
+    Attributes:
+        n: Generalized coordinates.
+        nodes: N_s, intervals of each stage, (S + 1,).
+    """
+
+    n: int
+    nodes: tuple[int, ...]
+
+    @property
+    def switches(self) -> int:
+        """Number of switching instants in the window, S."""
+        return len(self.nodes) - 1
+
+    @cached_property
+    def K(self) -> int:
+        """Number of intervals."""
+        return sum(self.nodes)
+
+    @cached_property
+    def stage_of(self) -> np.ndarray:
+        """Stage (in the window) of each interval, (K,)."""
+        return np.repeat(np.arange(len(self.nodes)), self.nodes)
+
+    @cached_property
+    def first_node(self) -> np.ndarray:
+        """First node of each stage, and the last node of all, (S + 2,)."""
+        return np.concatenate([[0], np.cumsum(self.nodes)])
+
+
+def mesh(durations: np.ndarray, nodes: tuple[int, ...]) -> np.ndarray:
+    """Return the node times (K + 1,) [s] from the start of the window; `durations` of all stages. Paper eq. (19)."""
+    ends = np.concatenate([[0.0], np.cumsum(durations)])
+    pieces = [a + (b - a) * np.arange(1, N + 1) / N for a, b, N in zip(ends[:-1], ends[1:], nodes, strict=True)]
+    return np.concatenate([[0.0], *pieces])
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,12 +1,151 @@
-"""A task made computable: the robot's model, the stages as numbers, the functions of the skills."""
+"""A task made computable: the robot's model, the stages as numbers, the functions of the skills on arrays."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.stages import Stage, build_stages
-from psmpc_cli.robot.model import RobotModel, build_model
+import casadi as ca
+import numpy as np
+
+from psmpc_cli.native.functions import RowFunction
+from psmpc_cli.ocp.objective import StageFunctions, StageShape, stage_functions
+from psmpc_cli.ocp.skills import SKILLS, Posture
+from psmpc_cli.robot.model import RobotModel, build_model, nearest_equivalent
+from psmpc_cli.specs.coordinates import Limits, Space, resolve_limits, rows, stack, stack_rows, tolerances
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.task import TaskSpec
+from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.task import SkillSpec, StageSpec, TaskSpec, TrajectorySpec
+
+SLACK = 1e-6
+"""By how much an end condition's tolerances may be exceeded [m, rad, m/s, rad/s]: solvers stop at a tolerance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A desired trajectory: values (T, rows) at times (T,) [s] since the stage began, interpolated between."""
+
+    times: np.ndarray
+    values: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """One stage of the task, resolved for one robot.
+
+    Attributes:
+        target: Target in the order of Q (n,) or xi (m,) [m, rad]; of a trajectory, its last value.
+        trajectory: The desired trajectory the cost follows, or None where it is the target throughout.
+        weights: Diagonal of W_q or W_p, as `target`.
+        control_weights: Diagonal of W_r, one per input.
+        end_rows: Rows of the error on which the end condition (18) stands; empty where `at` is given.
+        tolerance: Its tolerance, one per end row [m, rad].
+        end_velocity: Bound on the rate of those rows [m/s, rad/s], or None.
+        at: Fixed switching time [s], or None.
+        dwell: Minimum duration [s], that of the trajectory at least.
+        onset_rows: Rows of the control whose norm marks the actual start.
+    """
+
+    index: int
+    name: str
+    space: str
+    input: str
+    priority: float
+    target: np.ndarray
+    trajectory: Trajectory | None
+    weights: np.ndarray
+    control_weights: np.ndarray
+    end_rows: tuple[int, ...]
+    tolerance: np.ndarray
+    end_velocity: float | None
+    at: float | None
+    dwell: float
+    limits: Limits
+    onset_rows: tuple[int, ...]
+
+    @property
+    def waypoints(self) -> np.ndarray:
+        """What the target leads through (T, rows) [m, rad]: the rows of the trajectory, or the target alone."""
+        return self.target[None] if self.trajectory is None else self.trajectory.values
+
+    def reference(self, since: np.ndarray) -> np.ndarray:
+        """Return what the cost follows at times since the stage began (K,) [s]: (K, rows)."""
+        if self.trajectory is None:
+            return np.tile(self.target, (len(since), 1))
+        times, values = self.trajectory.times, self.trajectory.values
+        return np.column_stack([np.interp(since, times, column) for column in values.T])
+
+    def rate(self, since: np.ndarray) -> np.ndarray:
+        """Return how fast that moves just after times since the stage began (K,) [s]: (K, rows) [m/s, rad/s]."""
+        if self.trajectory is None:
+            return np.zeros((len(since), len(self.target)))
+        times, values = self.trajectory.times, self.trajectory.values
+        rates = np.diff(values, axis=0) / np.diff(times)[:, None]
+        rest = np.zeros((1, values.shape[1]))
+        return np.asarray(np.vstack([rest, rates, rest])[np.searchsorted(times, since, side="right")])
+
+
+class StageCosts:
+    """Errors, costs and end conditions of one robot's stages on arrays of states."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model = model
+
+    def _of(self, stage: Stage) -> StageFunctions:
+        return stage_functions(self.model, StageShape(stage.space, stage.input))
+
+    def errors(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
+        """Return the stage's error at each state (K, rows) [m, rad]; X is (K, 2n).
+
+        Against what its cost follows at times `since` its start (K,) [s]; without them against its target.
+        """
+        return self._of(stage).error(X[:, : self.model.n], _wanted(stage, since), rows=len(X))[0]
+
+    def rates(self, stage: Stage, X: np.ndarray) -> np.ndarray:
+        """Return the rate of the stage's error for a target at rest at each state (K, rows) [m/s, rad/s]."""
+        n = self.model.n
+        return self._of(stage).rate(X[:, :n], X[:, n:], stage.target, rows=len(X))[0]
+
+    def along(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
+        """Return Lbar at the nodes (K + 1,) of X (K + 1, 2n), u (K, n); the last control counts twice."""
+        return self.at(stage, X, np.vstack([u, u[-1:]]), since)
+
+    def at(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
+        """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
+        if stage.input == "task":
+            u = self.task_acceleration(X, u)
+        numbers = (_wanted(stage, since), stage.weights, stage.control_weights)
+        return self._of(stage).costs(X, u, *numbers, rows=len(X))[0][:, 0]
+
+    def of_states(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
+        """Return the part of Lbar (K,) that the states X (K, 2n) make, without the control's."""
+        Q, target = X[:, : self.model.n], _wanted(stage, since)
+        return self._of(stage).state_costs(Q, stage.weights, target, rows=len(X))[0][:, 0]
+
+    def task_acceleration(self, X: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Return the acceleration of xi (K, m) under Qddot = u: J_C u + Jdot_C Qdot."""
+        n = self.model.n
+        return self._pose_acceleration(X[:, :n], X[:, n:], u, rows=len(X))[0]
+
+    @cached_property
+    def _pose_acceleration(self) -> RowFunction:
+        Q, Qdot, u = (ca.SX.sym(name, self.model.n) for name in ("Q", "Qdot", "u"))
+        acceleration = self.model.J_C(Q) @ u + self.model.Jdot_Qdot(Q, Qdot)
+        return RowFunction(ca.Function("a", [Q, Qdot, u], [ca.densify(acceleration)]))
+
+    def met(self, stage: Stage, X: np.ndarray, margin: float = 1.0) -> np.ndarray:
+        """Return whether the end condition (18) holds at each state (K,), its tolerances widened by `margin`."""
+        if not stage.end_rows:
+            return np.zeros(len(X), bool)
+        rows = list(stage.end_rows)
+        ok = np.all(np.abs(self.errors(stage, X)[:, rows]) <= stage.tolerance * margin + SLACK, axis=1)
+        if stage.end_velocity is not None:
+            ok &= np.all(np.abs(self.rates(stage, X)[:, rows]) <= stage.end_velocity * margin + SLACK, axis=1)
+        return np.asarray(ok)
+
+
+def _wanted(stage: Stage, since: np.ndarray | None) -> np.ndarray:
+    """Return what a stage's cost follows at times since its start (K,) [s], (K, numbers); its target without them."""
+    return stage.target if since is None or stage.trajectory is None else stage.reference(since)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,3 +174,82 @@ def build_problem(task: Task) -> Problem:
     """Build the problem of a task."""
     model = build_model(task.robot)
     return Problem(task, model, build_stages(task.spec, task.robot, model), StageCosts(model))
+
+
+def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[Stage, ...]:
+    """Return the task's stages, resolved; target angles become the nearest equivalent ones along the sequence."""
+    waypoints = _unwrapped_waypoints(task, robot, model)
+    return tuple(_stage(i, task, robot, model, values) for i, values in enumerate(waypoints))
+
+
+def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, waypoints: np.ndarray) -> Stage:
+    spec = task.stages[index]
+    trajectory = Trajectory(np.array(spec.target.times), waypoints) if isinstance(spec.target, TrajectorySpec) else None
+    skill = task.skills[spec.skill]
+    end = spec.ends_when if spec.at is None else None
+    return Stage(
+        index=index,
+        name=spec.name,
+        space=skill.space,
+        input=skill.input,
+        priority=spec.priority,
+        target=waypoints[-1],
+        trajectory=trajectory,
+        weights=stack(skill.weights.parts, robot, skill.space),
+        control_weights=_control_weights(skill, robot, model),
+        end_rows=() if end is None else rows(end.coordinates, robot, skill.space),
+        tolerance=np.zeros(0) if end is None else tolerances(end, robot, skill.space),
+        end_velocity=None if end is None else end.velocity,
+        at=spec.at,
+        dwell=spec.dwell if trajectory is None else max(spec.dwell, float(trajectory.times[-1])),
+        limits=resolve_limits(robot, task.limits, skill.limits),
+        onset_rows=_onset_rows(task.stages, index, task, robot),
+    )
+
+
+def _control_weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarray:
+    control = skill.weights.control
+    if isinstance(control, float | int):
+        return np.full(model.n if skill.input == "joint" else model.m, float(control))
+    return stack(control, robot, skill.input)
+
+
+def _onset_rows(stages: Sequence[StageSpec], index: int, task: TaskSpec, robot: RobotSpec) -> tuple[int, ...]:
+    """Return the stage's onset coordinates in Q; by default all of them."""
+    names = stages[index].onset
+    return rows(names if names is not None else ("all",), robot, "joint")
+
+
+def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> list[np.ndarray]:
+    """Return what every stage's target leads through, (T, numbers) each.
+
+    Each angle is moved to the equivalent nearest to where the sequence is before: for the first row that is where
+    the stage before leads to, for every other row it is the row before.
+    """
+    Q = stack(task.initial, robot, "joint")
+    posture, found = Posture(Q, np.asarray(model.g(Q)).ravel()), []
+    for spec in task.stages:
+        skill = SKILLS[task.skills[spec.skill].space]
+        waypoints = _waypoints(spec, robot, task.skills[spec.skill].space)
+        turning = list(skill.angles(model))
+        if spec.angles == "nearest":
+            waypoints[:, turning] = _unwrapped(skill.before(model, posture)[turning], waypoints[:, turning])
+        found.append(waypoints)
+        posture = skill.after(model, posture, waypoints[-1])
+    return found
+
+
+def _waypoints(spec: StageSpec, robot: RobotSpec, space: Space) -> np.ndarray:
+    """Return the rows of a stage's target as given, (T, rows)."""
+    if isinstance(spec.target, TrajectorySpec):
+        return stack_rows(spec.target, robot, space)
+    return stack(spec.target, robot, space)[None]
+
+
+def _unwrapped(before: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return rows of angles (T, angles) [rad], each moved to the equivalents nearest to the row before it."""
+    moved = []
+    for row in rows:
+        before = nearest_equivalent(before, row)
+        moved.append(before)
+    return np.array(moved)

@@ -1,16 +1,36 @@
-"""A window: the stages inside the current prediction horizon, with every number its NLP needs."""
+"""A window: the stages inside the current prediction horizon, with every number its optimization needs.
 
+Also how these numbers follow from the previous prediction: the normalization of the costs and automatic meshes.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
-from psmpc_cli.ocp.layout import StageShape, WindowShape, mesh
-from psmpc_cli.ocp.parameters import Parameters
-from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.objective import StageShape
+from psmpc_cli.ocp.plan import Grid, Plan, mesh
+from psmpc_cli.ocp.problem import Stage, StageCosts
+
+T = TypeVar("T")
 
 SHORTEST = 1e-3
 """Shortest duration of a stage in a window [s], eps of (14)."""
+
+PENALTY = 1e4
+"""rho: what a second beyond a soft limit costs, in J over the largest priority per m, rad, m/s or rad/s.
+
+The violations are integrated over time by the trapezoidal rule: counted node by node, one and the same motion would
+cost less with a later instant, whose intervals are longer. Where no multiplier of a limit reaches rho times its node's
+share of time, the soft optimum is the hard one; docs/decisions.md has the multipliers of whole runs.
+"""
+
+COUNTS = (4, 6, 8, 11, 16, 23, 32, 45, 64, 90, 128, 180, 200)
+"""Numbers of intervals a stage may have: few, so that what is built for a window serves again."""
+
+SPARE = 2
+"""A stage keeps its number of intervals until it needs more, or so many times fewer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +88,25 @@ class Window:
         return Plan(times, X.reshape(self.K + 1, 2 * n), u.reshape(self.K, n), instants)
 
 
+@dataclass(frozen=True)
+class WindowShape:
+    """The structure of a window: what is compiled for one serves all windows of the same shape.
+
+    Attributes:
+        stages: Of each stage.
+        nodes: N_s, intervals of each stage.
+        discretization: `exact` or `euler`.
+        soft: Limits on the states may be violated, at a cost.
+        bounded: The cost integral of the last stage is bounded.
+    """
+
+    stages: tuple[StageShape, ...]
+    nodes: tuple[int, ...]
+    discretization: str
+    soft: bool = False
+    bounded: bool = False
+
+
 def window_shape(window: Window) -> WindowShape:
     """Return the shape of a window; the last stage's end condition is not imposed."""
     last = len(window.stages) - 1
@@ -88,6 +127,40 @@ def window_shape(window: Window) -> WindowShape:
         soft=window.soft,
         bounded=np.isfinite(window.cost_bound),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters(Generic[T]):
+    """The NLP's parameters.
+
+    Attributes:
+        x0: Measured state (2n,).
+        horizon: T_h [s].
+        pending, terminal: delta and kappa.
+        omega: Priorities over the window's largest, (S + 1,).
+        offset, scale: Normalization L = (Lbar - offset) / scale, (S + 1,) each. Paper eq. (12).
+        weights, control_weights: Of each stage, (rows,) and (inputs,).
+        targets: Of each stage, (rows,): what its end condition is about, and its cost where the target stands still.
+        paths: Of each stage, (rows, 2 (N_s + 1)): what its cost follows at its nodes as functions of its duration,
+            first the values at duration 0, then the slopes; (rows, 0) where the target stands still.
+    """
+
+    x0: T
+    horizon: T
+    pending: T
+    terminal: T
+    omega: T
+    offset: T
+    scale: T
+    weights: tuple[T, ...]
+    control_weights: tuple[T, ...]
+    targets: tuple[T, ...]
+    paths: tuple[T, ...]
+
+    def pieces(self) -> tuple[T, ...]:
+        """Return all of them in order; matrices are meant column by column."""
+        head = (self.x0, self.horizon, self.pending, self.terminal, self.omega, self.offset, self.scale)
+        return (*head, *self.weights, *self.control_weights, *self.targets, *self.paths)
 
 
 def window_numbers(window: Window, instants: np.ndarray) -> Parameters[np.ndarray]:
@@ -184,3 +257,128 @@ def plan_on_mesh(window: Window, X: np.ndarray, u: np.ndarray, tau: np.ndarray) 
     """Return the plan of states X (K + 1, 2n) and accelerations u (K, n) at the nodes, free durations tau (S,) [s]."""
     times = window.start + mesh(np.append(tau, window.horizon - tau.sum()), window.nodes)
     return Plan(times, X, u, window.start + np.cumsum(tau))
+
+
+def node_limits(grid: Grid, stages: Sequence[Stage]) -> tuple[np.ndarray, np.ndarray]:
+    """Return low and high of [Q; Qdot] at the nodes, (K + 1, 2n) each; at a switch the limits of both stages hold."""
+    low, high = np.full((grid.K + 1, 2 * grid.n), -np.inf), np.full((grid.K + 1, 2 * grid.n), np.inf)
+    for s, stage in enumerate(stages):
+        at, limits = slice(grid.first_node[s], grid.first_node[s + 1] + 1), stage.limits
+        low[at] = np.maximum(low[at], np.concatenate([limits.position_low, limits.velocity_low]))
+        high[at] = np.minimum(high[at], np.concatenate([limits.position_high, limits.velocity_high]))
+    return low, high
+
+
+def scaled_violations(X: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return rho times that by which states (..., 2n) lie beyond low or high, 0 where they do not."""
+    return np.asarray(PENALTY * np.maximum(np.maximum(low - X, X - high), 0.0))
+
+
+def shares_of_time(steps: np.ndarray) -> np.ndarray:
+    """Return what the nodes stand for, (K + 1, columns), of intervals (K, columns): half of either neighbour."""
+    none = np.zeros((1, steps.shape[1]))
+    return np.asarray(np.vstack([none, steps]) + np.vstack([steps, none])) / 2
+
+
+def own_violations(x0: np.ndarray, stages: Sequence[Stage]) -> np.ndarray:
+    """Return by how much a measured state (2n,) violates the limits of a window's first stage itself, (2n,)."""
+    limits = stages[0].limits
+    low = np.concatenate([limits.position_low, limits.velocity_low])
+    high = np.concatenate([limits.position_high, limits.velocity_high])
+    return scaled_violations(x0, low, high) / PENALTY
+
+
+def normalization(
+    kind: str,
+    zeta: float,
+    stages: Sequence[Stage],
+    begins: np.ndarray,
+    costs: StageCosts,
+    prediction: Plan,
+    step: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return offset and scale (S + 1,) of L = (Lbar - offset) / scale; the stages begin at `begins` (S + 1,) [s].
+
+    The prediction is read on a uniform grid with the given step [s], its control averaged over each step: at the nodes
+    the maximum would depend on the mesh, whose intervals shrink to nothing before a switch, and one tall control there
+    would set the scale of the next window (docs/decisions.md).
+
+    `nadir` divides by the maximum of the stage's cost over all nodes of the prediction, `range` is eq. (12) as printed,
+    `none` leaves the cost as it is.
+    """
+    if kind == "none":
+        return np.zeros(len(stages)), np.ones(len(stages))
+    times = np.linspace(prediction.start, prediction.end, round((prediction.end - prediction.start) / step) + 1)
+    X, u = prediction.states_at(times), prediction.mean_control(times)
+    over_time = [costs.along(stage, X, u, times - begin) for stage, begin in zip(stages, begins, strict=True)]
+    nadir = np.array([values.max() for values in over_time])
+    if kind == "nadir":
+        return np.zeros(len(stages)), nadir + zeta
+    utopia = np.array([values.min() for values in over_time])
+    return utopia, nadir - utopia + zeta
+
+
+@dataclass(frozen=True, eq=False)
+class Along:
+    """A predicted plan, and how costs are read off it.
+
+    Attributes:
+        plan: The plan.
+        costs: The errors of the robot.
+        step: Longest time between two states that are looked at [s].
+    """
+
+    plan: Plan
+    costs: StageCosts
+    step: float
+
+
+def node_counts(
+    window: Window, instants: np.ndarray, along: Along, tolerance: float, before: Mapping[int, int]
+) -> tuple[int, ...]:
+    """Return the counts with the smallest sum with which twice as many would change J by the tolerance at most.
+
+    No interval is longer than a step of the prediction, the sample: a plan's first control is to be that of the sample.
+
+    Args:
+        window: The window; its own nodes do not matter.
+        instants: Predicted switching instants (S,) [s].
+        along: The prediction.
+        tolerance: Of J, relative.
+        before: Number of intervals each stage had in the window before, by stage index.
+    """
+    tau = durations(instants, window.start, window.horizon)
+    changes, J = _quadrature(window, instants, tau, along)
+    root = np.sqrt(changes)
+    needed = np.maximum(root * root.sum() / (2 * tolerance * J), tau / along.step)
+    return tuple(_count(need, before.get(stage.index)) for need, stage in zip(needed, window.stages, strict=True))
+
+
+def first_counts(window: Window, instants: np.ndarray, tolerance: float, step: float) -> tuple[int, ...]:
+    """Return the counts of a window without a plan before it: its costs may fall from their largest to nothing."""
+    tau = durations(instants, window.start, window.horizon)
+    return tuple(_count(need, None) for need in np.maximum(1 / (2 * tolerance) * tau / window.horizon, tau / step))
+
+
+def _quadrature(window: Window, instants: np.ndarray, tau: np.ndarray, along: Along) -> tuple[np.ndarray, float]:
+    """Return N_s times the error of each stage's quadrature (S + 1,), and J, along the prediction without its control.
+
+    A cost that falls and rises again counts with both, as if the errors of its parts did not cancel.
+    """
+    omega, begins = window.omega / window.omega.max(), np.r_[window.start, instants]
+    changes, J = np.zeros(len(tau)), window.pending_cost * float((instants - window.start).sum())
+    for s, stage in enumerate(window.stages):
+        times = np.linspace(begins[s], begins[s] + tau[s], max(2, int(np.ceil(tau[s] / along.step)) + 1))
+        since = times - begins[s] + (window.elapsed if s == 0 else 0.0)
+        L = along.costs.of_states(stage, along.plan.states_at(times), since)
+        over = omega[s] * tau[s] / window.scale[s]
+        changes[s] = over / 2 * float(np.abs(np.diff(L)).sum())
+        J += over * abs(float((L[:-1] + L[1:]).mean()) / 2 - window.offset[s])
+    return changes, max(J, np.finfo(float).tiny)
+
+
+def _count(needed: float, before: int | None) -> int:
+    """Return the number of intervals for a need."""
+    if before is not None and needed <= before <= SPARE * needed:
+        return before
+    return next((count for count in COUNTS if count >= needed), COUNTS[-1])

@@ -10,14 +10,13 @@ import casadi as ca
 
 from psmpc_cli.native.functions import FLAGS, source_of
 from psmpc_cli.native.library import library
-from psmpc_cli.ocp.layout import StageShape
-from psmpc_cli.ocp.stage_terms import stage_terms
-from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.objective import StageShape, stage_functions
+from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.plant import ticks_of
 from psmpc_cli.plant.rk4 import tick_function
 from psmpc_cli.plant.uncertainty import disturbs
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.solvers.riccati.kernel import kernel_library
+from psmpc_cli.solvers.riccati import kernel_library
 from psmpc_cli.specs.task import TaskSpec
 
 
@@ -38,8 +37,8 @@ def _libraries(task: TaskSpec, model: RobotModel, stages: Sequence[Stage]) -> It
     """Give functions that make what windows and plant need, whichever stages are in a window."""
     if task.solver.kind == "sqp":
         for space in sorted({stage.space for stage in stages}):
-            terms = stage_terms(model, StageShape(space, "joint", (), False, False, False))
-            yield from (_library_of(terms.cost), _library_of(terms.error))
+            functions = stage_functions(model, StageShape(space))
+            yield from (_library_of(functions.gauss_newton), _library_of(functions.state_cost))
         for switches in range(len(stages)):
             yield partial(kernel_library, model.n, switches)
     if task.plant.kind == "rk4":

@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psmpc_cli.ocp.gradient import Rollout
-from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import resting_plan
-from psmpc_cli.ocp.stages import Stage
-from psmpc_cli.ocp.window import Window, durations
+from psmpc_cli.ocp.problem import Stage
+from psmpc_cli.ocp.window import Window, durations, normalization
 from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.solvers import build_solver
 from psmpc_cli.specs.coordinates import Limits

@@ -8,8 +8,7 @@ import numpy as np
 from psmpc_cli.control.decision import Command
 from psmpc_cli.control.sequence import Switch
 from psmpc_cli.logs.schema import Metrics, Sample
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.problem import Stage, StageCosts
 from psmpc_cli.ocp.window import SHORTEST, end_tolerance
 from psmpc_cli.plant import Ticks
 from psmpc_cli.plant.uncertainty import Contact

@@ -18,7 +18,7 @@ from psmpc_cli.logs.differences import Comparison, compare_logs
 from psmpc_cli.logs.read import Log, log_in, read_log
 from psmpc_cli.logs.schema import AXES, MOMENTUM, Sample
 from psmpc_cli.logs.write import Header, LogWriter, claimed
-from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.robot.bodies import body_names
 from psmpc_cli.simulation.loop import Ending, closed_loop
 from psmpc_cli.simulation.measures import StageClock

@@ -8,9 +8,7 @@ from psmpc_cli.control import build_controller
 from psmpc_cli.control.aside import WindowsAside
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.onset import OnsetObserver
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.problem import Problem, build_problem
-from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.problem import Problem, Stage, StageCosts, build_problem
 from psmpc_cli.plant import Plant, build_plant
 from psmpc_cli.plant.uncertainty import Uncertainty
 from psmpc_cli.robot.model import RobotModel

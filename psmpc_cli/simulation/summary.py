@@ -6,8 +6,7 @@ import numpy as np
 
 from psmpc_cli.errors import LogError, SpecError
 from psmpc_cli.logs.read import Log
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.stages import build_stages
+from psmpc_cli.ocp.problem import StageCosts, build_stages
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.simulation.deviations import Deviations, largest_deviations
 from psmpc_cli.simulation.measures import end_error

@@ -8,7 +8,7 @@ import numpy as np
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.read import Log
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant.adaptive import INSIDE, AdaptiveDynamics, Flow
 from psmpc_cli.simulation.logged_window import LoggedSequence, logged_sequences, logged_solve, logged_state

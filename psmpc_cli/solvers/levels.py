@@ -9,12 +9,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.discretization import step_function
+from psmpc_cli.ocp.objective import StageShape, stage_functions
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.skills import SKILLS
-from psmpc_cli.ocp.skills.base import quadratic_cost
-from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.problem import Problem, Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers.base import Solution, attempt
@@ -42,7 +39,6 @@ class LevelShape:
         return self.earlier if self.constraint == "cost" else 0
 
 
-@dataclass(frozen=True, eq=False)
 class LevelNlp:
     """A level's NLP, structured node by node as the window's is.
 
@@ -50,83 +46,60 @@ class LevelNlp:
         problem: The NLP as CasADi's solvers take it.
         nx, nu, ng: Sizes of state, input and path rows at each node, (K + 1,).
         states, inputs: Indices of [Q; Qdot] at the nodes (K + 1, 2n) and of u over the intervals (K, n).
-        accumulated: Indices of the accumulated costs at the nodes (K + 1, accumulators).
         bound_rows: Rows of g with an earlier stage's cost at the end (`cost`), or its error at each node (`error`).
         costs: (x, p) -> J_i of every stage of the level, (stages,).
     """
 
-    shape: LevelShape
-    problem: dict[str, ca.SX]
-    nx: tuple[int, ...]
-    nu: tuple[int, ...]
-    ng: tuple[int, ...]
-    states: np.ndarray
-    inputs: np.ndarray
-    accumulated: np.ndarray
-    bound_rows: tuple[np.ndarray, ...]
-    costs: ca.Function
-
-
-def transcribe_level(model: RobotModel, shape: LevelShape) -> LevelNlp:
-    """Return the NLP of a level of this shape."""
-    n, K, A = model.n, shape.nodes, shape.accumulators
-    x0, dt, scale = ca.SX.sym("x0", 2 * n), ca.SX.sym("dt"), ca.SX.sym("scale", len(shape.spaces))
-    stages = [_StageTerms(model, space, scale[i], K) for i, space in enumerate(shape.spaces)]
-    xs = [ca.SX.sym(f"x{k}", 2 * n + A) for k in range(K + 1)]
-    us = [ca.SX.sym(f"u{k}", n) for k in range(K)]
-    step = step_function(model, "joint", shape.discretization)
-    rows: list[ca.SX] = []
-    path_rows: list[int] = []
-    bound_rows: list[list[np.ndarray]] = [[] for _ in range(shape.earlier)]
-    for k in range(K + 1):
-        x = xs[k][: 2 * n]
-        if k < K:
-            grown = [xs[k][2 * n + i] + dt * stages[i].cost(x, us[k], k) for i in range(A)]
-            rows.append(xs[k + 1] - ca.vertcat(step(x, us[k], dt), *grown))
-        path = _path_rows(shape, stages, xs, x0, k)
-        first = sum(row.shape[0] for row in rows)
-        for i, expression in path:
-            if i is not None:
-                bound_rows[i].append(np.arange(first, first + expression.shape[0]))
-            first += expression.shape[0]
-            rows.append(expression)
-        path_rows.append(sum(expression.shape[0] for _, expression in path))
-    J = [sum((dt * s.cost(xs[k][: 2 * n], us[k], k) for k in range(K)), ca.SX(0)) for s in stages]
-    z = ca.vertcat(*(v for pair in zip(xs, us, strict=False) for v in pair), xs[-1])
-    p = ca.vertcat(x0, dt, scale, *(ca.vec(piece) for stage in stages for piece in stage.parameters))
-    offsets = (3 * n + A) * np.arange(K + 1)
-    return LevelNlp(
-        shape=shape,
-        problem={"x": z, "p": p, "f": J[-1], "g": ca.vertcat(*rows)},
-        nx=(2 * n + A,) * (K + 1),
-        nu=(*(n for _ in range(K)), 0),
-        ng=tuple(path_rows),
-        states=offsets[:, None] + np.arange(2 * n),
-        inputs=offsets[:-1, None] + 2 * n + A + np.arange(n),
-        accumulated=offsets[:, None] + 2 * n + np.arange(A),
-        bound_rows=tuple(np.concatenate(found) for found in bound_rows),
-        costs=ca.Function("costs", [z, p], [ca.vertcat(*J)]),
-    )
+    def __init__(self, model: RobotModel, shape: LevelShape) -> None:
+        n, K, A = model.n, shape.nodes, shape.accumulators
+        x0, dt, scale = ca.SX.sym("x0", 2 * n), ca.SX.sym("dt"), ca.SX.sym("scale", len(shape.spaces))
+        stages = [_StageTerms(model, space, scale[i], K) for i, space in enumerate(shape.spaces)]
+        xs = [ca.SX.sym(f"x{k}", 2 * n + A) for k in range(K + 1)]
+        us = [ca.SX.sym(f"u{k}", n) for k in range(K)]
+        step = stages[0].functions.step(shape.discretization)
+        rows: list[ca.SX] = []
+        bound_rows: list[list[np.ndarray]] = [[] for _ in range(shape.earlier)]
+        count, ng = 0, [0] * (K + 1)
+        for k, x in enumerate(xs):
+            if k < K:
+                grown = [x[2 * n + i] + dt * stages[i].cost(x, us[k], k) for i in range(A)]
+                rows.append(xs[k + 1] - ca.vertcat(step(x[: 2 * n], us[k], dt), *grown))
+                count += 2 * n + A
+            for i, expression in _path_rows(shape, stages, xs, x0, k):
+                if i is not None:
+                    bound_rows[i].append(np.arange(count, count + expression.shape[0]))
+                rows.append(expression)
+                count, ng[k] = count + expression.shape[0], ng[k] + expression.shape[0]
+        J = [sum((dt * stage.cost(xs[k], us[k], k) for k in range(K)), ca.SX(0)) for stage in stages]
+        z = ca.vertcat(*(v for pair in zip(xs, us, strict=False) for v in pair), xs[-1])
+        p = ca.vertcat(x0, dt, scale, *(ca.vec(piece) for stage in stages for piece in stage.parameters))
+        offsets = (3 * n + A) * np.arange(K + 1)
+        self.problem = {"x": z, "p": p, "f": J[-1], "g": ca.vertcat(*rows)}
+        self.nx, self.nu, self.ng = (2 * n + A,) * (K + 1), (*(n for _ in range(K)), 0), tuple(ng)
+        self.states = offsets[:, None] + np.arange(2 * n)
+        self.inputs = offsets[:-1, None] + 2 * n + A + np.arange(n)
+        self.bound_rows = tuple(np.concatenate(found) for found in bound_rows)
+        self.costs = ca.Function("costs", [z, p], [ca.vertcat(*J)])
 
 
 class _StageTerms:
     """A stage's normalized cost and error as expressions of its own parameters."""
 
     def __init__(self, model: RobotModel, space: str, scale: ca.SX, K: int) -> None:
-        self._model, self._skill, self._scale = model, SKILLS[space], scale
-        rows = self._skill.rows(model)
-        self._weights, self._control_weights = ca.SX.sym("W", rows), ca.SX.sym("W_r", model.n)
-        self._targets = ca.SX.sym("target", rows, K + 1)
+        self.functions, self._n, self._scale = stage_functions(model, StageShape(space)), model.n, scale
+        self._weights, self._control_weights = ca.SX.sym("W", self.functions.rows), ca.SX.sym("W_r", model.n)
+        self._targets = ca.SX.sym("target", self.functions.numbers, K + 1)
 
     @property
     def parameters(self) -> tuple[ca.SX, ...]:
         return self._weights, self._control_weights, self._targets
 
     def error(self, x: ca.SX, k: int) -> ca.SX:
-        return self._skill.error(self._model, x[: self._model.n], self._targets[:, k])
+        return self.functions.residual(x[: self._n], self._targets[:, k])
 
     def cost(self, x: ca.SX, u: ca.SX, k: int) -> ca.SX:
-        return quadratic_cost(self.error(x, k), u, self._weights, self._control_weights) / self._scale
+        numbers = (self._targets[:, k], self._weights, self._control_weights)
+        return self.functions.cost(x[: 2 * self._n], u, *numbers) / self._scale
 
 
 def _path_rows(
@@ -197,7 +170,7 @@ class LevelSolver:
     def _solve(self, level: Level, guess: Plan) -> Solution:
         shape = level.shape
         if shape not in self._compiled:
-            nlp = transcribe_level(self._problem.model, shape)
+            nlp = LevelNlp(self._problem.model, shape)
             self._compiled[shape] = nlp, PluginSolver(nlp, self._spec)
         nlp, solver = self._compiled[shape]
         z, p = np.zeros(nlp.problem["x"].shape[0]), _parameters(level)

@@ -16,21 +16,23 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.ocp.layout import Layout, WindowShape
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.soft_limits import PENALTY, node_limits, scaled_violations
-from psmpc_cli.ocp.transcription import Nlp, transcribe
 from psmpc_cli.ocp.window import (
+    PENALTY,
     SHORTEST,
     Window,
+    WindowShape,
     end_tolerance,
+    node_limits,
     plan_on_mesh,
+    scaled_violations,
     shortest_durations,
     window_numbers,
     window_shape,
 )
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
+from psmpc_cli.solvers.transcription import Layout, Nlp
 from psmpc_cli.specs.task import SolverSpec
 
 Report = Callable[[str], None]
@@ -242,7 +244,7 @@ class NlpSolver(Solver):
         if shape not in self._compiled:
             if shape.bounded and self._spec.kind != "ipopt":
                 raise InputError(f"found a bound on a cost and the solver {self._spec.kind}, expected ipopt")
-            nlp = transcribe(self._problem.model, shape)
+            nlp = Nlp(self._problem.model, shape)
             self._compiled[shape] = nlp, PluginSolver(nlp, self._spec, self._report, self._options)
         return self._compiled[shape]
 
@@ -310,7 +312,7 @@ def _bounds(nlp: Nlp, window: Window, guess: Plan, within: float) -> Bounds:
     """Return the bounds of a window, durations within so many seconds of the guess. Paper eqs. (14), (17), (18)."""
     layout = nlp.layout
     lbx, ubx = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
-    lbg, ubg = np.zeros(len(nlp.equality)), np.zeros(len(nlp.equality))
+    lbg, ubg = np.zeros(nlp.count), np.zeros(nlp.count)
     low, high = node_limits(layout, window.stages)
     for s, stage in enumerate(window.stages):
         if stage.input == "joint":
@@ -345,7 +347,7 @@ def shift_multipliers(nlp: Nlp, guess: Plan, old: Nlp, previous: Solution) -> tu
     layout, had = nlp.layout, old.layout
     x, g = np.split(previous.duals, [had.size])
     nodes = _same_node(layout, had, guess.times, previous.plan.times)
-    lam_x, lam_g = np.zeros(layout.size), np.zeros(len(nlp.equality))
+    lam_x, lam_g = np.zeros(layout.size), np.zeros(nlp.count)
     shorter = np.repeat(np.array(had.nodes) / np.array(layout.nodes), layout.nodes)
     at_nodes = np.r_[shorter, shorter[-1]][:, None]
     states, states_before = (np.hstack([each.state_index, each.duration_index]) for each in (layout, had))
@@ -365,7 +367,7 @@ def shift_multipliers(nlp: Nlp, guess: Plan, old: Nlp, previous: Solution) -> tu
 def _other_rows(nlp: Nlp) -> list[np.ndarray]:
     """Return the rows of g that close no gap and hold no soft limit, group by group."""
     last = [] if nlp.last_duration_row is None else [nlp.last_duration_row]
-    bound = [np.array([len(nlp.equality) - 1])] if nlp.shape.bounded else []
+    bound = [np.array([nlp.count - 1])] if nlp.shape.bounded else []
     return [nlp.x0_rows, np.array([*last, *nlp.instant_rows.values()], int), *nlp.end_rows.values(), *bound]
 
 

@@ -9,9 +9,8 @@ import numpy as np
 import piqp
 from scipy.sparse import csc_matrix
 
-from psmpc_cli.ocp.gauss_newton import Linearization
-from psmpc_cli.ocp.soft_limits import PENALTY, shares_of_time
-from psmpc_cli.ocp.velocity_form import Point, VelocityForm
+from psmpc_cli.ocp.gauss_newton import Linearization, Point, VelocityForm
+from psmpc_cli.ocp.window import PENALTY, shares_of_time
 from psmpc_cli.solvers.sqp_window import Limits, QpShape, QpSolution, QpStatus
 
 MAX_ITERATIONS = 60
@@ -47,7 +46,7 @@ class MultistageQp:
 
     def __init__(self, form: VelocityForm, shape: QpShape, tolerance: float) -> None:
         self.form, self.shape = form, shape
-        layout = form.layout
+        layout = form.grid
         self._n, self._K, self._S = layout.n, layout.K, layout.switches
         node = (4 if shape.soft else 2) * self._n
         self._x = node * np.arange(self._K)[:, None] + np.arange(2 * self._n)
@@ -98,8 +97,8 @@ class MultistageQp:
     def _place_hessian(self) -> _Pattern:
         Q, v = self._x[:, : self._n], self._x[:, self._n :]
         places = [
-            (Q[self._nodes(s)][:, terms.hessian[0]], Q[self._nodes(s)][:, terms.hessian[1]])
-            for s, terms in enumerate(self.form.terms)
+            (Q[self._nodes(s)][:, stage.hessian_places[0]], Q[self._nodes(s)][:, stage.hessian_places[1]])
+            for s, stage in enumerate(self.form.stages)
         ]
         places += [(v, v), (v[:-1], v[1:]), (np.repeat(self._x, self._S), np.tile(self._tau, self._x.size))]
         i, j = np.triu_indices(self._S)
@@ -107,8 +106,8 @@ class MultistageQp:
 
     def _hessian(self, model: Linearization) -> list[np.ndarray]:
         positions = [
-            model.positions[1:][self._nodes(s)][:, terms.hessian[0], terms.hessian[1]]
-            for s, terms in enumerate(self.form.terms)
+            model.positions[1:][self._nodes(s)][:, stage.hessian_places[0], stage.hessian_places[1]]
+            for s, stage in enumerate(self.form.stages)
         ]
         i, j = np.triu_indices(self._S)
         return [*positions, model.velocities[1:], model.coupling[1:], model.arrow[1:], model.durations[i, j]]
@@ -119,7 +118,7 @@ class MultistageQp:
 
     def _nodes(self, s: int) -> slice:
         """Nodes of a stage's cost, counted from node 1; the last stage's include the window's last."""
-        first = self.form.layout.first_node
+        first = self.form.grid.first_node
         return slice(max(first[s] - 1, 0), first[s + 1] - 1 if s < self._S else self._K)
 
     def _place_equalities(self) -> _Pattern:
@@ -139,10 +138,10 @@ class MultistageQp:
     def _place_inequalities(self) -> _Pattern:
         """Rows: the last stage's duration, end conditions by stage, accelerations, soft limits, from both sides."""
         n, at, places = self._n, min(self._S, 1), [(np.zeros(self._S, int), self._tau)]
-        for s, terms in enumerate(self.form.terms):
-            if rows := terms.end_rows:
-                row, column = terms.end_derivatives
-                places.append((at + row, self._x[self.form.layout.first_node[s + 1] - 1][column]))
+        for s, stage in enumerate(self.form.stages):
+            if rows := stage.end_rows:
+                row, column = stage.end_places
+                places.append((at + row, self._x[self.form.grid.first_node[s + 1] - 1][column]))
                 at += rows
         for index in (np.array(self.shape.input_low, int), np.array(self.shape.input_high, int)):
             row, v = at + np.arange(len(index)), self._x[:, n:].ravel()
@@ -157,7 +156,7 @@ class MultistageQp:
 
     def _inequalities(self, model: Linearization, limits: Limits) -> list[np.ndarray]:
         values = [np.ones(self._S), *model.end_derivatives.values()]
-        share = (self.form.stage_durations / self.form.nodes[:, None])[self.form.layout.stage_of]
+        share = self.form.interval_steps
         for index, limit in self._limited(limits):
             values += [np.ones(len(index)), -np.ones(int((index >= self._n).sum()))]
             values.append(-limit.ravel()[index][:, None] * share[index // self._n])
@@ -197,8 +196,8 @@ class MultistageQp:
         x, y, z = np.array(result.x), np.array(result.y), np.array(result.z_u) - np.array(result.z_l)
         bound, given, at, ends = np.array(result.z_bu) - np.array(result.z_bl), K * n + len(shape.tied), 0, {}
         together, at = (float(z[0]), 1) if self._S else (0.0, 0)
-        for s, terms in enumerate(self.form.terms):
-            if rows := terms.end_rows:
+        for s, stage in enumerate(self.form.stages):
+            if rows := stage.end_rows:
                 ends[s], at = z[at : at + rows], at + rows
         inputs = np.zeros(K * n)
         for index in (list(shape.input_low), list(shape.input_high)):

@@ -11,21 +11,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from psmpc_cli.ocp.end_curvature import EndCurvature
-from psmpc_cli.ocp.gauss_newton import Linearization
-from psmpc_cli.ocp.layout import mesh
-from psmpc_cli.ocp.parameters import Parameters
-from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
+from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.soft_limits import PENALTY
-from psmpc_cli.ocp.transcription import window_layout
-from psmpc_cli.ocp.velocity_form import Point, Residuals, VelocityForm
-from psmpc_cli.ocp.window import Window, plan_on_mesh, window_numbers, window_shape
+from psmpc_cli.ocp.window import PENALTY, Parameters, Window, plan_on_mesh, window_numbers, window_shape
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
 from psmpc_cli.solvers.nlp import Report
 from psmpc_cli.solvers.qp_multistage import MultistageQp
-from psmpc_cli.solvers.riccati.kernel import load_kernel
-from psmpc_cli.solvers.riccati.program import RiccatiQp
+from psmpc_cli.solvers.riccati import RiccatiQp, load_kernel
 from psmpc_cli.solvers.sqp_window import (
     Limits,
     QpShape,
@@ -95,7 +88,6 @@ class _Setup:
 
     form: VelocityForm
     limits: Limits
-    curvature: EndCurvature
     programs: dict[QpShape, Qp] = field(default_factory=dict)
 
 
@@ -134,8 +126,8 @@ class SqpSolver(Solver):
         key = (window.stages, window.nodes, window.discretization, window.soft)
         if key not in self._setups:
             shape = window_shape(window)
-            form = VelocityForm(self._model, shape, window_layout(self._model, shape), self._spec.compiled)
-            self._setups[key] = _Setup(form, fixed_limits(form, window), EndCurvature(form))
+            form = VelocityForm(self._model, shape, self._spec.compiled)
+            self._setups[key] = _Setup(form, fixed_limits(form, window))
         return self._setups[key]
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
@@ -185,7 +177,7 @@ class SqpSolver(Solver):
         """
         horizon = problem.horizon
         if ends and isinstance(problem.qp, RiccatiQp):
-            curved = problem.setup.curvature.added_to(model, iterate.point, problem.p, ends)
+            curved = problem.form.curved(model, iterate.point, problem.p, ends)
             qp = problem.qp.solve(curved, problem.limits, iterate.point, horizon)
             if qp.status is QpStatus.SOLVED:
                 return qp
@@ -203,7 +195,7 @@ class SqpSolver(Solver):
 
     def _quadratic_programs(self, form: VelocityForm, shape: QpShape) -> Qp:
         """Return our own method where it can be compiled, else PIQP."""
-        kernel = load_kernel(form.layout.n, form.layout.switches) if self._spec.compiled else None
+        kernel = load_kernel(form.grid.n, form.grid.switches) if self._spec.compiled else None
         if kernel is None:
             return MultistageQp(form, shape, self._spec.tolerance)
         return RiccatiQp(form, shape, SHARPER * self._spec.tolerance, kernel)
@@ -239,7 +231,7 @@ class SqpSolver(Solver):
                 return iterate, self._unfinished(iterate, Outcome.DEADLINE), count
             if count < self._spec.max_iterations:
                 model = linearize_penalized(problem.form, problem.limits, iterate.point, problem.p)
-                ends = {s: qp.ends[s] for s in problem.setup.curvature.stages}
+                ends = {s: qp.ends[s] for s in problem.form.curved_stages}
                 qp = self._program(problem, iterate, model, ends)
         return iterate, self._unfinished(iterate, Outcome.ITERATION_LIMIT), self._spec.max_iterations
 
@@ -287,13 +279,13 @@ def _end_multipliers(setup: _Setup, previous: Solution | None) -> Mapping[int, n
     """Return the multipliers of curved end conditions by stage, where the solve before has left any."""
     if previous is None or not len(previous.duals):
         return {}
-    sizes = [setup.form.terms[s].end_rows for s in setup.curvature.stages]
-    return dict(zip(setup.curvature.stages, np.split(previous.duals, np.cumsum(sizes)[:-1]), strict=True))
+    sizes = [setup.form.stages[s].end_rows for s in setup.form.curved_stages]
+    return dict(zip(setup.form.curved_stages, np.split(previous.duals, np.cumsum(sizes)[:-1]), strict=True))
 
 
 def _duals(setup: _Setup, qp: QpSolution | None) -> np.ndarray:
     """Return the multipliers that the next solve starts from: those of curved end conditions, stage by stage."""
-    return np.concatenate([np.zeros(0), *(qp.ends[s] for s in setup.curvature.stages if qp is not None)])
+    return np.concatenate([np.zeros(0), *(qp.ends[s] for s in setup.form.curved_stages if qp is not None)])
 
 
 def _counts(found: Iterate, before: Iterate, slope: float, penalty: float) -> bool:
@@ -332,8 +324,8 @@ def later(form: VelocityForm, limits: Limits, point: Point, horizon: float) -> P
         return None
     tau = point.tau.copy()
     tau[last] += LATER * room
-    times = mesh(form.durations(point, horizon), form.layout.nodes)
+    times = mesh(form.durations(point, horizon), form.grid.nodes)
     motion = Plan(times, point.X, form.inputs(point, horizon), np.cumsum(point.tau))
     longer = Point(point.X, tau)
-    X = motion.states_at(mesh(form.durations(longer, horizon), form.layout.nodes))
+    X = motion.states_at(mesh(form.durations(longer, horizon), form.grid.nodes))
     return Point(np.vstack([point.X[:1], X[1:]]), tau)

@@ -7,11 +7,17 @@ from functools import cached_property
 
 import numpy as np
 
-from psmpc_cli.ocp.gauss_newton import Linearization, linearize
-from psmpc_cli.ocp.parameters import Parameters
-from psmpc_cli.ocp.soft_limits import node_limits, scaled_violations, shares_of_time
-from psmpc_cli.ocp.velocity_form import Point, Residuals, VelocityForm
-from psmpc_cli.ocp.window import SHORTEST, Window, end_tolerance, shortest_durations
+from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
+from psmpc_cli.ocp.window import (
+    SHORTEST,
+    Parameters,
+    Window,
+    end_tolerance,
+    node_limits,
+    scaled_violations,
+    shares_of_time,
+    shortest_durations,
+)
 
 NARROWEST = 2e-9
 """Bounds nearer to each other than this [m, rad, m/s, rad/s] are moved apart to it: no interior point has none."""
@@ -81,11 +87,11 @@ class Limits:
 
 def fixed_limits(form: VelocityForm, window: Window) -> Limits:
     """Return the bounds that all windows over the same stages and nodes share, those of durations left out."""
-    layout, stages = form.layout, window.stages
+    layout, stages = form.grid, window.stages
     low, high = node_limits(layout, stages)
     first = (low[0], high[0]) if window.soft else None
     low, high = moved_apart(low[1:], high[1:], NARROWEST_SOFT if window.soft else NARROWEST)
-    ends = {s: end_tolerance(stages[s]) for s, terms in enumerate(form.terms) if terms.end_rows}
+    ends = {s: end_tolerance(stages[s]) for s, stage in enumerate(form.stages) if stage.end_rows}
     inputs = [
         np.array([getattr(stage.limits, f"acceleration_{side}") for stage in stages])[layout.stage_of]
         for side in ("low", "high")
@@ -149,7 +155,7 @@ def violation(form: VelocityForm, limits: Limits, point: Point, at: Residuals, h
         past.append(np.abs(point.tau[: s + 1].sum(keepdims=True) - until))
     if any(limits.bounded_inputs):
         h = form.steps(point, horizon)
-        dv = np.diff(point.X[:, form.layout.n :], axis=0)
+        dv = np.diff(point.X[:, form.grid.n :], axis=0)
         past += [h * limits.input_low - dv, dv - h * limits.input_high]
     every = np.concatenate([np.ravel(piece) for piece in past])
     return Violation(float(max(every.max(), 0.0)), float(np.maximum(every, 0.0).sum()))
@@ -176,11 +182,10 @@ def linearize_penalized(form: VelocityForm, limits: Limits, point: Point, p: Par
 
     What a step changes of the violations is left to the program, which knows it exactly.
     """
-    model = linearize(form, point, p)
+    model = form.linearize(point, p)
     if not limits.soft:
         return model
-    share = form.stage_durations / form.nodes[:, None]
-    by_tau = beyond(limits, point).sum(axis=1) @ shares_of_time(share[form.layout.stage_of])
+    by_tau = beyond(limits, point).sum(axis=1) @ shares_of_time(form.interval_steps)
     at = penalized(form, limits, point, model.at, float(p.horizon))
     return replace(model, at=at, gradient_tau=model.gradient_tau + by_tau)
 

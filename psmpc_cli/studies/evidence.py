@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from psmpc_cli.logs.read import Log
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.outlook import look_ahead
-from psmpc_cli.ocp.stages import build_stages
+from psmpc_cli.ocp.feasibility import look_ahead
+from psmpc_cli.ocp.problem import StageCosts, build_stages
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.simulation.summary import StageSummary, Summary, summarize, task_of
 from psmpc_cli.simulation.sweep_cells import SweepCells, along_ratio

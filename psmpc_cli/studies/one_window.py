@@ -8,9 +8,8 @@ import numpy as np
 from psmpc_cli.control.sequence import Sequence
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.read import Log
-from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.window import SHORTEST, Window
+from psmpc_cli.ocp.window import SHORTEST, Window, normalization
 from psmpc_cli.simulation.logged_window import logged_solve
 from psmpc_cli.simulation.setup import Experiment, build_experiment, converging
 from psmpc_cli.simulation.summary import task_of

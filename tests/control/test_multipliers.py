@@ -6,7 +6,7 @@ from psmpc_cli.control.multipliers import Before, shift_multipliers
 from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.ocp.costs import StageCosts
+from psmpc_cli.ocp.problem import StageCosts
 from psmpc_cli.ocp.window import pack_guess
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import Guess, Outcome

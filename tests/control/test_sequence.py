@@ -3,9 +3,8 @@ from dataclasses import replace
 import numpy as np
 
 from psmpc_cli.control.sequence import Sequence, detect, drop_met, drop_passed
-from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.problem import Stage, StageCosts
 
 AT_TARGET = np.r_[-2.0, 2.0, np.pi / 6, np.zeros(15)]
 

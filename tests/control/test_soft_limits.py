@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.ocp.soft_limits import own_violations
+from psmpc_cli.ocp.window import own_violations
 from psmpc_cli.simulation.loop import closed_loop
 from psmpc_cli.simulation.setup import Experiment
 

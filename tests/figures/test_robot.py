@@ -21,7 +21,7 @@ from psmpc_cli.figures.snapshots import (
     plot_snapshots,
 )
 from psmpc_cli.figures.style import PAGE, PALETTE, in_style, new_figure
-from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task
 

@@ -8,15 +8,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from psmpc_cli.ocp.lexicographic import Level, LevelShape, level_parameters, transcribe_level
-
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.gradient import Rollout
-from psmpc_cli.ocp.layout import mesh
-from psmpc_cli.ocp.normalization import normalization
-from psmpc_cli.ocp.plan import resting_plan
-from psmpc_cli.ocp.stages import Stage, Trajectory
 from psmpc_cli.ocp.transcription import Nlp, transcribe
-from psmpc_cli.ocp.window import Window, desired_paths, durations, pack_guess, parameter_vector, window_shape
+
+from psmpc_cli.ocp.gradient import Rollout
+from psmpc_cli.ocp.plan import mesh, resting_plan
+from psmpc_cli.ocp.problem import Stage, StageCosts, Trajectory
+from psmpc_cli.ocp.window import (
+    Window,
+    desired_paths,
+    durations,
+    normalization,
+    pack_guess,
+    parameter_vector,
+    window_shape,
+)
 from psmpc_cli.robot.model import RobotModel
 
 from .test_transcription import window_over

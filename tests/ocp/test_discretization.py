@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-
-from psmpc_cli.ocp.costs import StageCosts
 from psmpc_cli.ocp.discretization import step_function
+
+from psmpc_cli.ocp.problem import StageCosts
 from psmpc_cli.robot.model import RobotModel
 
 

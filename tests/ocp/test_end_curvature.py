@@ -2,12 +2,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from psmpc_cli.control.decision import Decision
 from psmpc_cli.ocp.end_curvature import EndCurvature
-from psmpc_cli.ocp.gauss_newton import linearize
 from psmpc_cli.ocp.transcription import Nlp, transcribe
 from psmpc_cli.ocp.velocity_form import Point, VelocityForm
+
+from psmpc_cli.control.decision import Decision
+from psmpc_cli.ocp.gauss_newton import linearize
 from psmpc_cli.ocp.window import window_shape
 from psmpc_cli.robot.model import RobotModel
 

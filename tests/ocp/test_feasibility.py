@@ -3,9 +3,7 @@ from collections.abc import Sequence
 import pytest
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.ocp.feasibility import ensure_feasible, review
-from psmpc_cli.ocp.outlook import look_ahead
-from psmpc_cli.ocp.remarks import remarks
+from psmpc_cli.ocp.feasibility import ensure_feasible, look_ahead, remarks, review
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task, parse_task
 from psmpc_cli.specs.messages import dotted

@@ -4,13 +4,12 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
+from psmpc_cli.ocp.transcription import Nlp, transcribe
+from psmpc_cli.ocp.velocity_form import Point, VelocityForm
 
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.ocp.gauss_newton import Linearization, linearize
-from psmpc_cli.ocp.parameters import Parameters
-from psmpc_cli.ocp.transcription import Nlp, transcribe
-from psmpc_cli.ocp.velocity_form import Point, VelocityForm
-from psmpc_cli.ocp.window import window_shape
+from psmpc_cli.ocp.window import Parameters, window_shape
 from psmpc_cli.robot.model import RobotModel
 
 H = 1e-6

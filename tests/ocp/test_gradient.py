@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.ocp.gradient import Rollout
-from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.ocp.window import window_shape
 from psmpc_cli.robot.model import RobotModel
 

@@ -5,9 +5,8 @@ import pytest
 from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.node_counts import COUNTS, Along, first_counts, node_counts
-from psmpc_cli.ocp.window import Window, durations
+from psmpc_cli.ocp.problem import StageCosts
+from psmpc_cli.ocp.window import COUNTS, Along, Window, durations, first_counts, node_counts
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec

@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.normalization import normalization
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.stages import Stage
+from psmpc_cli.ocp.problem import Stage, StageCosts
+from psmpc_cli.ocp.window import normalization
 
 STEP = 0.1
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from psmpc_cli.ocp.outlook import look_ahead
+from psmpc_cli.ocp.feasibility import look_ahead
 from psmpc_cli.specs.load import load_task
 
 TRANSPORT = load_task("transport")

@@ -1,10 +1,10 @@
 from dataclasses import replace
 
 import pytest
-
 from psmpc_cli.ocp.layout import WindowShape
-from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.ocp.transcription import Nlp, transcribe
+
+from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.ocp.window import window_shape
 from psmpc_cli.robot.model import RobotModel
 

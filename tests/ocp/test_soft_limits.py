@@ -3,14 +3,22 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.layout import mesh
-from psmpc_cli.ocp.plan import resting_plan
-from psmpc_cli.ocp.soft_limits import PENALTY, node_limits, own_violations, shares_of_time, worst_violations
-from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.ocp.transcription import Nlp, transcribe
-from psmpc_cli.ocp.window import Window, bounds, pack_guess, parameter_vector, window_shape
+
+from psmpc_cli.ocp.plan import mesh, resting_plan
+from psmpc_cli.ocp.problem import Stage, StageCosts
+from psmpc_cli.ocp.window import (
+    PENALTY,
+    Window,
+    bounds,
+    node_limits,
+    own_violations,
+    pack_guess,
+    parameter_vector,
+    shares_of_time,
+    window_shape,
+    worst_violations,
+)
 from psmpc_cli.robot.model import RobotModel
 
 from .test_transcription import INSTANTS, N, window_over

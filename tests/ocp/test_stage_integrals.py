@@ -4,10 +4,9 @@ import casadi as ca
 import numpy as np
 import pytest
 from psmpc_cli.ocp.stage_integrals import stage_integrals
-
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.ocp.transcription import transcribe
+
+from psmpc_cli.ocp.problem import Stage, StageCosts
 from psmpc_cli.ocp.window import window_shape
 from psmpc_cli.robot.model import RobotModel
 

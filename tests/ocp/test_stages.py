@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.stages import Stage, Trajectory, build_stages
+from psmpc_cli.ocp.problem import Stage, StageCosts, Trajectory, build_stages
 from psmpc_cli.robot.model import RobotModel, build_model
 from psmpc_cli.specs.load import load_task
 

@@ -1,12 +1,10 @@
 import casadi as ca
 import numpy as np
 import pytest
-
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.layout import mesh
-from psmpc_cli.ocp.plan import resting_plan
-from psmpc_cli.ocp.stages import Stage
 from psmpc_cli.ocp.transcription import Nlp, transcribe
+
+from psmpc_cli.ocp.plan import mesh, resting_plan
+from psmpc_cli.ocp.problem import Stage, StageCosts
 from psmpc_cli.ocp.window import Window, bounds, durations, pack_guess, parameter_vector, unpack_plan, window_shape
 from psmpc_cli.robot.model import RobotModel
 

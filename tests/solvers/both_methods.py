@@ -2,11 +2,11 @@
 
 import pytest
 from psmpc_cli.solvers.qp_solution import QpSolution
+from psmpc_cli.solvers.riccati.program import RiccatiQp
 
 from psmpc_cli.native.library import CompilationError, find_compiler
 from psmpc_cli.solvers.qp_multistage import MultistageQp
-from psmpc_cli.solvers.riccati.kernel import load_kernel
-from psmpc_cli.solvers.riccati.program import RiccatiQp
+from psmpc_cli.solvers.riccati import load_kernel
 
 from ..random_programs import Task
 

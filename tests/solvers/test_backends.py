@@ -2,10 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from psmpc_cli.ocp.transcription import transcribe
 
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.transcription import transcribe
+from psmpc_cli.ocp.problem import StageCosts
 from psmpc_cli.ocp.window import bounds, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import Guess, Outcome, build_solver

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from psmpc_cli.ocp.transcription import transcribe
+from psmpc_cli.ocp.velocity_form import VelocityForm
 from psmpc_cli.solvers.qp_solution import QpSolution, QpStatus
 from psmpc_cli.solvers.sqp_limits import limits
 
 from psmpc_cli.control.decision import Decision
 from psmpc_cli.ocp.gauss_newton import linearize
-from psmpc_cli.ocp.transcription import transcribe
-from psmpc_cli.ocp.velocity_form import VelocityForm
 from psmpc_cli.ocp.window import bounds, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import Outcome, build_solver, sqp

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from psmpc_cli.ocp.velocity_form import Point
 from psmpc_cli.solvers.qp_solution import QpSolution, QpStatus
 from psmpc_cli.solvers.sqp_limits import NARROWEST_SOFT, moved_apart
 
-from psmpc_cli.ocp.soft_limits import PENALTY, scaled_violations, shares_of_time
-from psmpc_cli.ocp.velocity_form import Point
+from psmpc_cli.ocp.window import PENALTY, scaled_violations, shares_of_time
 
 from ..optimality import objective
 from ..random_programs import Task, random_task, unattainable

@@ -5,13 +5,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from psmpc_cli.ocp.transcription import Nlp, transcribe
 
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.layout import mesh
-from psmpc_cli.ocp.soft_limits import node_limits, scaled_violations, worst_violations
-from psmpc_cli.ocp.transcription import Nlp, transcribe
-from psmpc_cli.ocp.window import Window, bounds, pack_guess, parameter_vector, window_shape
+from psmpc_cli.ocp.plan import mesh
+from psmpc_cli.ocp.problem import StageCosts
+from psmpc_cli.ocp.window import (
+    Window,
+    bounds,
+    node_limits,
+    pack_guess,
+    parameter_vector,
+    scaled_violations,
+    window_shape,
+    worst_violations,
+)
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import Guess, Outcome, Solution, build_solver
 from psmpc_cli.specs.task import SolverSpec

@@ -4,10 +4,10 @@ import casadi as ca
 import numpy as np
 import pytest
 from psmpc_cli.ocp.lexicographic import LevelShape, transcribe_level
+from psmpc_cli.ocp.transcription import Nlp, transcribe
 from psmpc_cli.solvers.casadi_nlp import CasadiSolver
 
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.ocp.transcription import Nlp, transcribe
 from psmpc_cli.ocp.window import Bounds, bounds, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import Guess, Outcome, Solution, build_solver

@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from psmpc_cli.control.window_solver import SolvedWindow
+from psmpc_cli.ocp.end_curvature import EndCurvature
 
 from psmpc_cli.control.controller import SwitchingController
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.ocp.end_curvature import EndCurvature
 from psmpc_cli.ocp.gauss_newton import Linearization
 from psmpc_cli.ocp.window import bounds
 from psmpc_cli.simulation.loop import closed_loop

@@ -2,12 +2,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from psmpc_cli.ocp.transcription import transcribe
+from psmpc_cli.ocp.velocity_form import Point, VelocityForm
 from psmpc_cli.solvers.sqp_guess import SHARE, later
 from psmpc_cli.solvers.sqp_limits import Limits, limits
 
 from psmpc_cli.control.decision import Decision
-from psmpc_cli.ocp.transcription import transcribe
-from psmpc_cli.ocp.velocity_form import Point, VelocityForm
 from psmpc_cli.ocp.window import bounds, window_shape
 from psmpc_cli.robot.model import RobotModel
 

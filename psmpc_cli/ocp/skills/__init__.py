@@ -1,6 +1,8 @@
-"""The skill kinds by their name in a task file."""
+"""What a skill is, and the skills by their name in a task file; a new one is one more file here and one line below."""
 
-from psmpc_cli.ocp.skills import joint, task
-from psmpc_cli.ocp.skills.base import Skill
+from psmpc_cli.ocp.skills import joint, point, task
+from psmpc_cli.ocp.skills.base import Posture, Skill
 
-SKILLS: dict[str, Skill] = {skill.space: skill for skill in (joint.SKILL, task.SKILL)}
+__all__ = ["SKILLS", "Posture", "Skill"]
+
+SKILLS: dict[str, Skill] = {skill.space: skill for skill in (joint.SKILL, task.SKILL, point.SKILL)}

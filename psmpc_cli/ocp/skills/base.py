@@ -1,30 +1,43 @@
-"""What a skill kind is: an error against a target and its rate of change. A new kind is one more file here."""
+"""The interface of a skill: its residual against a target, and what a target's numbers mean."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from psmpc_cli.robot.model import RobotModel
 
 
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """Where a sequence of stages leads to, stage by stage: Q (n,) and poses xi (m,), as far as targets determine them.
+
+    A target in one of the two leaves the joints of the other as they were, so that xi need not be g(Q).
+    """
+
+    Q: np.ndarray
+    xi: np.ndarray
+
+
 @dataclass(frozen=True)
 class Skill:
-    """One kind of skill.
+    """One kind of skill. Its names of coordinates are those of `specs.coordinates`.
 
     Attributes:
         space: Its name in a task file (`space:`).
-        rows: Number of rows of the error for a robot.
-        error: Error against a target (rows,) at Q (n,); units of the coordinates.
-        rate: Time derivative of the error (rows,) for a constant target at (Q, Qdot).
+        rows: Number of rows of the error.
+        numbers: Number of numbers of a target.
+        error: Error (rows,) at Q (n,) against a target (numbers,); units of the coordinates.
+        angles: Numbers of a target that are angles, of which the nearest equivalent is meant.
+        before: The numbers of a target that describe a posture; only those of `angles` are used.
+        after: The posture to which a target leads.
     """
 
     space: str
     rows: Callable[[RobotModel], int]
+    numbers: Callable[[RobotModel], int]
     error: Callable[[RobotModel, ca.SX, ca.SX], ca.SX]
-    rate: Callable[[RobotModel, ca.SX, ca.SX], ca.SX]
-
-
-def quadratic_cost(error: ca.SX, u: ca.SX, weights: ca.SX, control_weights: ca.SX) -> ca.SX:
-    """Return Lbar = |e|^2_W + |u|^2_Wr, a scalar. Paper eq. (10)."""
-    return ca.dot(weights * error, error) + ca.dot(control_weights * u, u)
+    angles: Callable[[RobotModel], tuple[int, ...]]
+    before: Callable[[RobotModel, Posture], np.ndarray]
+    after: Callable[[RobotModel, Posture, np.ndarray], Posture]

@@ -1,14 +1,10 @@
 """The joint-space skill: base pose and joint angles. Paper eq. (30)."""
 
 import casadi as ca
+import numpy as np
 
-from psmpc_cli.ocp.skills.base import Skill
-from psmpc_cli.robot.model import RobotModel
-
-
-def rows(model: RobotModel) -> int:
-    """Return the number of rows of the error, n."""
-    return model.n
+from psmpc_cli.ocp.skills.base import Posture, Skill
+from psmpc_cli.robot.model import RobotModel, angle_rows
 
 
 def error(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
@@ -16,9 +12,17 @@ def error(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
     return Q - target
 
 
-def rate(model: RobotModel, Q: ca.SX, Qdot: ca.SX) -> ca.SX:
-    """Return Qdot (n,) [m/s, rad/s]."""
-    return Qdot
+def after(model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
+    """Return the posture Q_d, and its poses."""
+    return Posture(target, np.asarray(model.g(target)).ravel())
 
 
-SKILL = Skill("joint", rows, error, rate)
+SKILL = Skill(
+    space="joint",
+    rows=lambda model: model.n,
+    numbers=lambda model: model.n,
+    error=error,
+    angles=lambda model: angle_rows(model).Q,
+    before=lambda model, posture: posture.Q,
+    after=after,
+)

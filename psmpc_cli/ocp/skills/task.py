@@ -1,14 +1,10 @@
 """The task-space skill: base pose to keep and end-effector poses to reach. Paper eq. (31)."""
 
 import casadi as ca
+import numpy as np
 
-from psmpc_cli.ocp.skills.base import Skill
-from psmpc_cli.robot.model import RobotModel
-
-
-def rows(model: RobotModel) -> int:
-    """Return the number of rows of the error, m."""
-    return model.m
+from psmpc_cli.ocp.skills.base import Posture, Skill
+from psmpc_cli.robot.model import RobotModel, angle_rows
 
 
 def error(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
@@ -16,9 +12,18 @@ def error(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
     return model.g(Q) - target
 
 
-def rate(model: RobotModel, Q: ca.SX, Qdot: ca.SX) -> ca.SX:
-    """Return J_C Qdot (m,) [m/s, rad/s]. Paper eq. (2)."""
-    return model.J_C(Q) @ Qdot
+def after(model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
+    """Return the posture with poses xi_d; its joints are as before."""
+    base = model.pose_rows["base"]
+    return Posture(np.r_[target[base], posture.Q[model.parts["base"].stop :]], target)
 
 
-SKILL = Skill("task", rows, error, rate)
+SKILL = Skill(
+    space="task",
+    rows=lambda model: model.m,
+    numbers=lambda model: model.m,
+    error=error,
+    angles=lambda model: angle_rows(model).xi,
+    before=lambda model, posture: posture.xi,
+    after=after,
+)

@@ -1,0 +1,225 @@
+"""What a stage is made of, as CasADi functions: the residual and its weights are stated once, here.
+
+The running cost of a stage is Lbar = |e|^2_W + |u|^2_Wr with the residual e of its skill. Paper eq. (10). The objective
+of the NLP, its Gauss-Newton model, stage costs on arrays and the audits of the gradient are derived from it.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import casadi as ca
+import numpy as np
+
+from psmpc_cli.native.functions import RowFunction, compiled
+from psmpc_cli.ocp.skills import SKILLS
+from psmpc_cli.robot.model import RobotModel
+
+
+@dataclass(frozen=True)
+class StageShape:
+    """What of a stage decides the structure of a window's optimization; all numbers are parameters.
+
+    Attributes:
+        space: Space of its skill.
+        input: Whether its control is the acceleration of Q (`joint`) or of xi (`task`).
+        end_rows: Rows of the error with an end condition at the stage's end; empty: none.
+        end_velocity: The rates of those rows are bounded too.
+        fixed_end: The stage switches at a given instant.
+        moving: The cost follows a desired trajectory.
+    """
+
+    space: str
+    input: str = "joint"
+    end_rows: tuple[int, ...] = ()
+    end_velocity: bool = False
+    fixed_end: bool = False
+    moving: bool = False
+
+
+def weighted_square(r: ca.SX, weights: ca.SX) -> ca.SX:
+    """Return |r|^2_W with the diagonal of W, a scalar."""
+    return ca.dot(weights * r, r)
+
+
+class StageFunctions:
+    """The functions of the stages of one shape for one robot, each written when it is first used.
+
+    They are of SX and have no state, so they can be mapped over nodes, saved and compiled.
+
+    Args:
+        model: The robot.
+        shape: The shape.
+        native: Compile the functions that `sqp` evaluates at every node.
+    """
+
+    def __init__(self, model: RobotModel, shape: StageShape, native: bool = False) -> None:
+        skill, n = SKILLS[shape.space], model.n
+        self.model, self.shape, self._native = model, shape, native
+        self.rows, self.numbers = skill.rows(model), skill.numbers(model)
+        self.inputs = n if shape.input == "joint" else model.m
+        self._Q, self._Qdot, self._u = ca.SX.sym("Q", n), ca.SX.sym("Qdot", n), ca.SX.sym("u", self.inputs)
+        self._target, self._x = ca.SX.sym("target", self.numbers), ca.vertcat(self._Q, self._Qdot)
+        self._W, self._W_r = ca.SX.sym("W", self.rows), ca.SX.sym("W_r", self.inputs)
+        self._e = ca.densify(skill.error(model, self._Q, self._target))
+        self._L = weighted_square(self._e, self._W)
+
+    @cached_property
+    def residual(self) -> ca.Function:
+        """Q, target -> e (rows,)."""
+        return ca.Function("e", [self._Q, self._target], [self._e])
+
+    @cached_property
+    def error(self) -> RowFunction:
+        """The same at rows of arrays."""
+        return RowFunction(self.residual)
+
+    @cached_property
+    def rate(self) -> RowFunction:
+        """Q, Qdot, target -> rate of e for a target at rest (rows,)."""
+        return RowFunction(ca.Function("edot", [self._Q, self._Qdot, self._target], [ca.densify(self._rate)]))
+
+    @property
+    def _rate(self) -> ca.SX:
+        return ca.jtimes(self._e, self._Q, self._Qdot)
+
+    @cached_property
+    def cost(self) -> ca.Function:
+        """x, u, target, W, W_r -> Lbar."""
+        L = self._L + weighted_square(self._u, self._W_r)
+        return ca.Function("Lbar", [self._x, self._u, self._target, self._W, self._W_r], [L])
+
+    @cached_property
+    def costs(self) -> RowFunction:
+        """The same at rows of arrays."""
+        return RowFunction(self.cost)
+
+    @cached_property
+    def state_cost(self) -> ca.Function:
+        """Q, W, target -> e'We."""
+        return ca.Function("error", [self._Q, self._W, self._target], ca.cse([self._L]))
+
+    @cached_property
+    def state_costs(self) -> RowFunction:
+        """The same at rows of arrays, as compiled C where asked for."""
+        return RowFunction(compiled(self.state_cost) if self._native else self.state_cost)
+
+    @cached_property
+    def gauss_newton(self) -> ca.Function:
+        """Q, W, target, slope -> e'We, e'We_tau, e_tau'We_tau, E'We (n,), E'We_tau (n,), nonzeros of triu(E'WE).
+
+        E is the derivative of e by Q and e_tau that by the stage's duration, with which the target moves by `slope`.
+        """
+        slope = ca.SX.sym("slope", self.numbers)
+        e, W, E = self._e, self._W, self._jacobian
+        e_tau = ca.jtimes(e, self._target, slope)
+        by_duration = [ca.dot(W * e, e_tau), weighted_square(e_tau, W)]
+        by_position = [ca.densify(E.T @ (W * e)), ca.densify(E.T @ (W * e_tau)), _nonzeros(self._hessian)]
+        return ca.Function("cost", [self._Q, W, self._target, slope], ca.cse([self._L, *by_duration, *by_position]))
+
+    @cached_property
+    def gauss_newtons(self) -> RowFunction:
+        """The same at rows of arrays, as compiled C where asked for."""
+        return RowFunction(compiled(self.gauss_newton) if self._native else self.gauss_newton)
+
+    @cached_property
+    def hessian_places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the nonzeros of triu(E'WE)."""
+        return _places(self._hessian)
+
+    @cached_property
+    def _jacobian(self) -> ca.SX:
+        return ca.jacobian(self._e, self._Q)
+
+    @cached_property
+    def _hessian(self) -> ca.SX:
+        return ca.triu(self._jacobian.T @ (ca.diag(self._W) @ self._jacobian))
+
+    @cached_property
+    def _end(self) -> ca.SX:
+        """Rows of the error the stage ends by, then of its rate where that counts. Paper eq. (18)."""
+        rows = list(self.shape.end_rows)
+        if not rows:
+            return ca.SX(0, 1)
+        end = self._e[rows]
+        return ca.vertcat(end, self._rate[rows]) if self.shape.end_velocity else end
+
+    @property
+    def end_rows(self) -> int:
+        """Number of rows of the end condition, rates included."""
+        return len(self.shape.end_rows) * (2 if self.shape.end_velocity else 1)
+
+    @cached_property
+    def end(self) -> ca.Function:
+        """x, target -> rows of the end condition."""
+        return ca.Function("h", [self._x, self._target], [self._end])
+
+    @cached_property
+    def end_terms(self) -> RowFunction:
+        """x, target -> rows of the end condition, then the nonzeros of their derivative by x."""
+        outputs = ca.cse([ca.densify(self._end), _nonzeros(ca.jacobian(self._end, self._x))])
+        return RowFunction(ca.Function("end", [self._x, self._target], outputs))
+
+    @cached_property
+    def end_places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the nonzeros of that derivative."""
+        return _places(ca.jacobian(self._end, self._x))
+
+    @cached_property
+    def end_curvature(self) -> RowFunction | None:
+        """x, target, multipliers -> upper triangle of the second derivatives of the end rows by Q (n, n).
+
+        None where they are 0.
+        """
+        if not self.end_rows:
+            return None
+        multipliers, n = ca.SX.sym("multipliers", self.end_rows), self.model.n
+        hessian, _ = ca.hessian(ca.dot(multipliers, self._end), self._x)
+        upper = ca.triu(hessian[:n, :n])
+        if not upper.nnz():
+            return None
+        arguments = [self._x, self._target, multipliers]
+        return RowFunction(ca.Function("end_curvature", arguments, ca.cse([ca.vec(ca.densify(upper.T))])))
+
+    def step(self, discretization: str) -> ca.Function:
+        """Return x (2n,), u, dt -> x after dt under a constant u."""
+        return _step(self.model, self.shape.input, discretization)
+
+
+@lru_cache(maxsize=256)
+def stage_functions(model: RobotModel, shape: StageShape, native: bool = False) -> StageFunctions:
+    """Return the functions of the stages of a shape, the same ones for every call."""
+    return StageFunctions(model, shape, native)
+
+
+def _nonzeros(matrix: ca.SX) -> ca.SX:
+    """Return the nonzeros of a matrix as a column."""
+    return matrix.nz[:] if matrix.nnz() else ca.SX(0, 1)
+
+
+def _places(matrix: ca.SX) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows and columns of the nonzeros."""
+    rows, columns = matrix.sparsity().get_triplet()
+    return np.array(rows, int), np.array(columns, int)
+
+
+@lru_cache(maxsize=64)
+def _step(model: RobotModel, stage_input: str, discretization: str) -> ca.Function:
+    """Return one interval of the dynamics.
+
+    The double integrator is exact (8), or explicit Euler as printed (20); task-space input is integrated by one
+    classical Runge-Kutta step, or Euler.
+    """
+    n, dt = model.n, ca.SX.sym("dt")
+    x, u = ca.SX.sym("x", 2 * n), ca.SX.sym("u", n if stage_input == "joint" else model.m)
+    flow = model.f_1 if stage_input == "joint" else model.f_2
+    if discretization == "euler":
+        after = x + dt * flow(x, u)
+    elif stage_input == "joint":
+        after = ca.vertcat(x[:n] + dt * x[n:] + dt**2 / 2 * u, x[n:] + dt * u)
+    else:
+        k1 = flow(x, u)
+        k2 = flow(x + dt / 2 * k1, u)
+        k3 = flow(x + dt / 2 * k2, u)
+        k4 = flow(x + dt * k3, u)
+        after = x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return ca.Function("F", [x, u, dt], [after], ["x", "u", "dt"], ["x_next"])

@@ -1,0 +1,256 @@
+"""From the shape of a window to its NLP: direct multiple shooting with the durations as constant states.
+
+The objective is that of docs/formulation.md divided by the window's largest priority; variables and rows are ordered so
+that structure-exploiting solvers apply. Nothing but the shape is fixed in the program; all numbers are parameters.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+
+from psmpc_cli.ocp.objective import StageFunctions, stage_functions
+from psmpc_cli.ocp.plan import Grid
+from psmpc_cli.ocp.window import PENALTY, Parameters, WindowShape
+from psmpc_cli.robot.model import RobotModel
+
+
+@dataclass(frozen=True)
+class Layout(Grid):
+    """Offsets of the decision variables x_0, u_0, x_1, u_1, ..., x_K, each x_k = [Q; Qdot; tau_0 .. tau_{S-1}].
+
+    Where limits are soft, rho times the violations of [Q; Qdot], e_k, follow on u_k, and on x_K.
+
+    Attributes:
+        inputs: Inputs of each stage.
+        soft: Limits on the states may be violated.
+    """
+
+    inputs: tuple[int, ...]
+    soft: bool = False
+
+    @property
+    def nx(self) -> int:
+        """Size of x_k, the durations included."""
+        return 2 * self.n + self.switches
+
+    @cached_property
+    def offsets(self) -> np.ndarray:
+        """Offset of x_k in the decision vector, (K + 1,)."""
+        sizes = [self.nx + self.inputs[s] + self.violations for s in self.stage_of]
+        return np.concatenate([[0], np.cumsum(sizes)]).astype(int)
+
+    @property
+    def size(self) -> int:
+        """Size of the decision vector."""
+        return int(self.offsets[-1]) + self.nx + self.violations
+
+    @property
+    def violations(self) -> int:
+        """Number of violations e_k at a node: 0 where limits are hard."""
+        return 2 * self.n if self.soft else 0
+
+    @cached_property
+    def state_index(self) -> np.ndarray:
+        """Indices of [Q; Qdot] at each node, (K + 1, 2n)."""
+        return self.offsets[:, None] + np.arange(2 * self.n)[None, :]
+
+    @cached_property
+    def duration_index(self) -> np.ndarray:
+        """Indices of the durations at each node, (K + 1, S)."""
+        return self.offsets[:, None] + 2 * self.n + np.arange(self.switches)[None, :]
+
+    @cached_property
+    def violation_index(self) -> np.ndarray:
+        """Indices of the violations e_k at the nodes, (K + 1, 2n); (K + 1, 0) where limits are hard."""
+        inputs = np.array([*(self.inputs[s] for s in self.stage_of), 0])
+        return np.asarray((self.offsets + self.nx + inputs)[:, None] + np.arange(self.violations))
+
+    @cached_property
+    def input_indices(self) -> tuple[np.ndarray, ...]:
+        """Indices of the inputs of each stage's intervals, (N_s, inputs)."""
+        first = [self.offsets[a:b] for a, b in pairwise(self.first_node)]
+        return tuple(k[:, None] + self.nx + np.arange(inputs) for k, inputs in zip(first, self.inputs, strict=True))
+
+    def input_index(self, stage: int) -> np.ndarray:
+        """Return the indices of the inputs of a stage's intervals, (N_s, inputs)."""
+        return self.input_indices[stage]
+
+
+class Nlp:
+    """A window's NLP: min f(x, p) subject to bounds on x and g(x, p), for the windows of one shape.
+
+    Paper eq. (20), with the departures of docs/formulation.md. The rows of g are node by node: the gap to the next node
+    first, then the path rows of the node.
+
+    Attributes:
+        shape: The window's shape.
+        layout: Offsets of the decision variables.
+        x, p, f, g: Decision variables, parameters, objective, constraints.
+        ng: Number of path rows at each node, (K + 1,).
+        gap_rows: Rows of g that close the gap after each interval, (K, nx).
+        x0_rows: Rows that fix the initial state, (2n,).
+        last_duration_row: Row with the last stage's duration, None with one stage.
+        instant_rows: Row with the cumulated duration to the end of a stage with a fixed switching time, by stage.
+        end_rows: Rows with the end condition, error rows first, then rates, by stage of the window.
+        limit_rows: Rows of soft limits at the nodes, below and above, (2, K + 1, 2n); (2, K + 1, 0) if hard.
+    """
+
+    def __init__(self, model: RobotModel, shape: WindowShape) -> None:
+        self._functions = [stage_functions(model, stage) for stage in shape.stages]
+        self.shape = shape
+        self.layout = layout = Layout(model.n, shape.nodes, tuple(f.inputs for f in self._functions), shape.soft)
+        self._p = symbolic_parameters(shape, layout, [(f.rows, f.numbers) for f in self._functions])
+        xs = [ca.SX.sym(f"x{k}", layout.nx) for k in range(layout.K + 1)]
+        us = [ca.SX.sym(f"u{k}", layout.inputs[layout.stage_of[k]]) for k in range(layout.K)]
+        es = [ca.SX.sym(f"e{k}", layout.violations) for k in range(layout.K + 1)]
+        self.x = ca.vertcat(*(v for node in zip(xs, [*us, ca.SX(0, 1)], es, strict=True) for v in node))
+        self.p = ca.vertcat(*(ca.vec(piece) for piece in self._p.pieces()))
+        costs = _stage_costs(layout, self._functions, self._p, xs, us)
+        terminal = _terminal_cost(layout, self._functions, self._p, xs[-1])
+        pending = sum((ca.sum1(xs[0][2 * layout.n :][:s]) for s in range(1, layout.switches + 1)), ca.SX(0))
+        J = ca.dot(self._p.omega, ca.vertcat(*costs)) + self._p.pending * pending + self._p.omega[-1] * terminal
+        self.f = J + _penalty(layout, self._p, xs, es)
+        self._added, self.count = list[ca.SX](), 0
+        ng = self._write_rows(xs, us, es)
+        if shape.bounded:
+            self._add(costs[-1] + terminal)
+            ng[-1] += 1
+        self.ng = tuple(ng)
+        self.g = ca.vertcat(*self._added)
+        self._costs = ca.vertcat(*costs), terminal
+
+    @cached_property
+    def costs(self) -> ca.Function:
+        """x, p -> normalized cost integral of each stage, without priorities, (S + 1,), and the terminal cost."""
+        return ca.Function("costs", [self.x, self.p], list(self._costs))
+
+    @cached_property
+    def rows(self) -> ca.Function:
+        """x, p -> g."""
+        return ca.Function("rows", [self.x, self.p], [self.g])
+
+    @property
+    def nx(self) -> tuple[int, ...]:
+        """Size of the state at each node, (K + 1,)."""
+        return (self.layout.nx,) * (self.layout.K + 1)
+
+    @property
+    def nu(self) -> tuple[int, ...]:
+        """Size of the input at each node, violations of soft limits included, (K + 1,)."""
+        layout = self.layout
+        return tuple(inputs + layout.violations for inputs in (*(layout.inputs[s] for s in layout.stage_of), 0))
+
+    @property
+    def problem(self) -> dict[str, ca.SX]:
+        """The NLP as CasADi's solvers take it."""
+        return {"x": self.x, "p": self.p, "f": self.f, "g": self.g}
+
+    def _add(self, row: ca.SX) -> np.ndarray:
+        """Add rows to g and return their indices."""
+        self._added.append(row)
+        self.count += row.shape[0]
+        return np.arange(self.count - row.shape[0], self.count)
+
+    def _write_rows(self, xs: list[ca.SX], us: list[ca.SX], es: list[ca.SX]) -> list[int]:
+        """Write the constraints node by node and return the number of path rows at each."""
+        layout, stages, ng = self.layout, self.shape.stages, []
+        gaps, limits, size = [], [], 2 * layout.n
+        self.end_rows: dict[int, np.ndarray] = {}
+        for k, (x, e) in enumerate(zip(xs, es, strict=True)):
+            if k < layout.K:
+                gaps.append(self._add(self._gap(k, xs, us)))
+            before = self.count
+            if k == 0:
+                self._write_start(x)
+            elif k in layout.first_node[1:-1]:
+                s = int(layout.stage_of[k - 1])
+                if stages[s].end_rows:
+                    self.end_rows[s] = self._add(self._functions[s].end(x[:size], self._p.targets[s]))
+            violated = x[: layout.violations], e / PENALTY
+            limits.append([self._add(violated[0] + violated[1]), self._add(violated[0] - violated[1])])
+            ng.append(self.count - before)
+        self.gap_rows, self.limit_rows = np.array(gaps), np.array(limits, int).transpose(1, 0, 2)
+        return ng
+
+    def _write_start(self, x: ca.SX) -> None:
+        layout = self.layout
+        self.x0_rows = self._add(x[: 2 * layout.n] - self._p.x0)
+        self.last_duration_row: int | None = None
+        if layout.switches:
+            self.last_duration_row = int(self._add(duration(layout, self._p, x, layout.switches))[0])
+        tau, fixed = x[2 * layout.n :], [s for s, stage in enumerate(self.shape.stages[:-1]) if stage.fixed_end]
+        self.instant_rows = {s: int(self._add(ca.sum1(tau[: s + 1]))[0]) for s in fixed}
+
+    def _gap(self, k: int, xs: list[ca.SX], us: list[ca.SX]) -> ca.SX:
+        layout, s = self.layout, int(self.layout.stage_of[k])
+        dt = duration(layout, self._p, xs[k], s) / layout.nodes[s]
+        after = self._functions[s].step(self.shape.discretization)(xs[k][: 2 * layout.n], us[k], dt)
+        return xs[k + 1] - ca.vertcat(after, xs[k][2 * layout.n :])
+
+
+def duration(layout: Layout, parameters: Parameters[ca.SX], x: ca.SX, stage: int) -> ca.SX:
+    """Return tau_s of a stage from a node's state; the last stage takes what is left of the horizon."""
+    tau = x[2 * layout.n :]
+    return parameters.horizon - ca.sum1(tau) if stage == layout.switches else tau[stage]
+
+
+def _stage_costs(
+    layout: Layout, functions: list[StageFunctions], p: Parameters[ca.SX], xs: list[ca.SX], us: list[ca.SX]
+) -> list[ca.SX]:
+    """Return sum_i L_s(x_i, u_i) tau_s / N_s of each stage."""
+    costs = [ca.SX(0) for _ in layout.nodes]
+    for k, u in enumerate(us):
+        s = int(layout.stage_of[k])
+        tau = duration(layout, p, xs[k], s)
+        wanted = reference(p, layout, s, k - int(layout.first_node[s]), tau)
+        Lbar = functions[s].cost(xs[k][: 2 * layout.n], u, wanted, p.weights[s], p.control_weights[s])
+        costs[s] += (Lbar - p.offset[s]) / p.scale[s] * tau / layout.nodes[s]
+    return costs
+
+
+def _terminal_cost(layout: Layout, functions: list[StageFunctions], p: Parameters[ca.SX], x: ca.SX) -> ca.SX:
+    """Return the normalized cost of the last stage at the last node without control, times kappa."""
+    S = layout.switches
+    u, wanted = ca.SX.zeros(layout.inputs[S]), reference(p, layout, S, layout.nodes[S], duration(layout, p, x, S))
+    last = functions[S].cost(x[: 2 * layout.n], u, wanted, p.weights[S], p.control_weights[S])
+    return p.terminal * (last - p.offset[S]) / p.scale[S]
+
+
+def _penalty(layout: Layout, p: Parameters[ca.SX], xs: list[ca.SX], es: list[ca.SX]) -> ca.SX:
+    """Return what violated soft limits cost: rho times the integral of the violations, by the trapezoidal rule."""
+    stage_of = [int(s) for s in layout.stage_of]
+    none = [ca.SX(0)]
+    before = [duration(layout, p, x, s) / layout.nodes[s] for x, s in zip(xs[1:], stage_of, strict=True)]
+    after = [duration(layout, p, x, s) / layout.nodes[s] for x, s in zip(xs[:-1], stage_of, strict=True)]
+    weights = [(one + other) / 2 for one, other in zip(none + before, after + none, strict=True)]
+    return sum((w * ca.sum1(e) for w, e in zip(weights, es, strict=True)), ca.SX(0))
+
+
+def symbolic_parameters(shape: WindowShape, layout: Layout, sizes: list[tuple[int, int]]) -> Parameters[ca.SX]:
+    """Return the parameters as symbols; `sizes` are the rows of each stage's error and the numbers of its target."""
+    stages = range(layout.switches + 1)
+    columns = [2 * (N + 1) if stage.moving else 0 for stage, N in zip(shape.stages, shape.nodes, strict=True)]
+    return Parameters(
+        x0=ca.SX.sym("x0", 2 * layout.n),
+        horizon=ca.SX.sym("T_h"),
+        pending=ca.SX.sym("delta"),
+        terminal=ca.SX.sym("kappa"),
+        omega=ca.SX.sym("omega", layout.switches + 1),
+        offset=ca.SX.sym("offset", layout.switches + 1),
+        scale=ca.SX.sym("scale", layout.switches + 1),
+        weights=tuple(ca.SX.sym(f"W_{s}", sizes[s][0]) for s in stages),
+        control_weights=tuple(ca.SX.sym(f"W_r_{s}", layout.inputs[s]) for s in stages),
+        targets=tuple(ca.SX.sym(f"target_{s}", sizes[s][1]) for s in stages),
+        paths=tuple(ca.SX.sym(f"path_{s}", sizes[s][1], columns[s]) for s in stages),
+    )
+
+
+def reference(p: Parameters[ca.SX], layout: Layout, stage: int, node: int, tau: ca.SX) -> ca.SX:
+    """Return what a stage's cost follows at one of its nodes, 0 to N_s, if the stage lasts tau [s]."""
+    path, N = p.paths[stage], layout.nodes[stage]
+    if path.shape[1] == 0:
+        return p.targets[stage]
+    return path[:, node] + path[:, N + 1 + node] * tau

@@ -7,9 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.fields import Pair
-from psmpc_cli.specs.messages import choice
 from psmpc_cli.specs.robot import PartLimits, RobotSpec
 from psmpc_cli.specs.task import EndCondition, Parts, TrajectorySpec
 
@@ -114,79 +112,38 @@ def names(parts: Mapping[str, int], space: Space) -> tuple[str, ...]:
 
 
 def rows(chosen: Sequence[str], robot: RobotSpec, space: Space) -> tuple[int, ...]:
-    """Return the rows of the error that names mean, sorted.
-
-    Raises:
-        SpecError: A name means none.
-    """
-    found: set[int] = set()
-    for name in chosen:
-        labelled = [(row, label, label.rpartition(".")[0]) for row, label in enumerate(labels(robot, space))]
-        selected = [row for row, label, part in labelled if name in (label, "all") or stands_for(name, part)]
-        if not selected:
-            raise SpecError(f'found the coordinate "{name}"{choice(name, names(robot.parts, space))}')
-        found.update(selected)
-    return tuple(sorted(found))
+    """Return the rows of the error that names mean, sorted."""
+    by_label = enumerate(labels(robot, space))
+    split = [(row, label, label.rpartition(".")[0]) for row, label in by_label]
+    return tuple(
+        row for row, label, part in split if any(name in (label, "all") or stands_for(name, part) for name in chosen)
+    )
 
 
-def stack(parts: Parts, robot: RobotSpec, space: Space, missing: float | None = None, of_error: bool = False) -> Vector:
-    """Stack numbers by part into one vector (n,) or (m,) in the order of Q or xi; `arms` means every arm.
+def stack(parts: Parts, robot: RobotSpec, space: Space, missing: float = np.nan, *, of_error: bool = False) -> Vector:
+    """Stack numbers by part into one vector (n,) or (m,) in the order of Q or xi.
 
     Args:
-        parts: The numbers.
+        parts: The numbers; `arms` means every arm that has none of its own. One alone stands for all of its part.
         robot: Whose parts they are.
         space: Which order.
-        missing: The value for parts that are missing; None if none may be.
+        missing: The value for parts that are missing.
         of_error: Whether the numbers belong to the rows of the error (weights, tolerances), not to those of a target.
-
-    Raises:
-        SpecError: A part is missing or has the wrong length.
     """
     axes = (error_axes if of_error else target_axes)(robot.parts, space)
-    return np.concatenate([_part(parts, part, len(axes[part]), missing) for part in axes])
+    given = {part: parts.get(part, (missing,) if part == "base" else parts.get("arms", (missing,))) for part in axes}
+    return np.concatenate([np.broadcast_to(np.array(given[part], dtype=np.float64), len(axes[part])) for part in axes])
 
 
 def stack_rows(trajectory: TrajectorySpec, robot: RobotSpec, space: Space) -> Vector:
-    """Stack the rows of a trajectory (times, n) or (times, m) in the order of Q or xi.
-
-    Raises:
-        SpecError: A part is missing, or a row has the wrong length.
-    """
+    """Stack the rows of a trajectory (times, n) or (times, m) in the order of Q or xi."""
     moments = range(len(trajectory.times))
     return np.array([stack({part: rows[i] for part, rows in trajectory.parts.items()}, robot, space) for i in moments])
 
 
 def tolerances(condition: EndCondition, robot: RobotSpec, space: Space) -> Vector:
-    """Return the tolerance of every row that an end condition selects [m, rad], in the order of `rows`.
-
-    Raises:
-        SpecError: A selected row has none.
-    """
+    """Return the tolerance of every row that an end condition selects [m, rad], in the order of `rows`."""
     chosen = list(rows(condition.coordinates, robot, space))
     if not isinstance(condition.tolerance, Mapping):
         return np.full(len(chosen), condition.tolerance)
-    spread = {
-        part: values * len(axes) if len(values) == 1 else values
-        for part, axes in error_axes(robot.parts, space).items()
-        if (values := _values(condition.tolerance, part)) is not None
-    }
-    found = stack(spread, robot, space, missing=np.nan, of_error=True)[chosen]
-    if np.isnan(found).any():
-        absent = [labels(robot, space)[row] for row, value in zip(chosen, found, strict=True) if np.isnan(value)]
-        raise SpecError(f"found no tolerance of {', '.join(absent)}, expected one of every coordinate of the condition")
-    return found
-
-
-def _values(parts: Parts, part: str) -> tuple[float, ...] | None:
-    """Return the numbers of a part; an arm's own take precedence over those of `arms`."""
-    return parts.get(part, None if part == "base" else parts.get("arms"))
-
-
-def _part(parts: Parts, part: str, size: int, missing: float | None) -> Vector:
-    """Return the numbers of one part (size,)."""
-    values = _values(parts, part)
-    if values is None and missing is not None:
-        return np.full(size, missing)
-    if values is None or len(values) != size:
-        raise SpecError(f"found {'none' if values is None else len(values)} of the numbers of {part}, expected {size}")
-    return np.asarray(values, dtype=np.float64)
+    return stack(condition.tolerance, robot, space, of_error=True)[chosen]

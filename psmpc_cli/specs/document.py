@@ -6,13 +6,13 @@ write YAML.
 
 import copy
 import math
-import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import yaml
+from pydantic_core import PydanticSerializationError, to_jsonable_python
 from yaml.error import MarkedYAMLError
 from yaml.events import AliasEvent, MappingStartEvent, ScalarEvent, SequenceStartEvent
 from yaml.reader import ReaderError
@@ -166,24 +166,17 @@ def write(data: Data) -> str:
 
 
 def plain(value: Any) -> Data:
-    """Return a value of Python as what YAML holds: tuples and arrays as lists, numbers of numpy as Python's.
+    """Return a value of Python as what YAML holds: tuples and arrays of numpy as lists, paths as texts.
 
     Raises:
         SpecError: It has no form in YAML.
     """
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    if isinstance(value, os.PathLike):
-        return str(value)
-    raise SpecError(
-        f"found {shortened(repr(value))}, expected a number, a text, true, false, None, a list or a mapping"
-    )
+    try:
+        data: Data = to_jsonable_python(value, fallback=lambda item: item.tolist())
+    except (AttributeError, PydanticSerializationError):
+        wanted = "numbers, texts, True, False, None, lists and mappings"
+        raise SpecError(f"found {shortened(repr(value))}, expected {wanted}") from None
+    return data
 
 
 def resolve(word: str) -> Scalar:
@@ -241,7 +234,7 @@ class _Reader:
         event = next(self._events)
         if not isinstance(event, yaml.StreamEndEvent):
             wanted = 'expected one document (no "---" or "...")'
-            raise _NotYamlError(f"found more after the end of the document, {wanted}", event.start_mark)
+            raise _NotYamlError(f"found more after the document, {wanted}", event.start_mark)
         return data
 
     def _value(self, event: Any, path: Path, key: Place | None) -> Data:
@@ -338,70 +331,44 @@ _TOKENS = {
     "<scalar>": "a word",
     "?": "a key",
     "-": 'an entry "- "',
-    "<alias>": "an alias",
-    "<anchor>": "an anchor",
-    "<tag>": "a tag",
 }
 _KINDS = {"]": "list", "}": "mapping", "collection": "list", "mapping": "mapping"}
 
-_SYNTAX: tuple[tuple[str, str, str], ...] = (
-    (
-        r"mapping values are not allowed here",
-        "problem",
-        'found ":" where no key can be, expected one "key: value" a line, indented like its neighbours '
-        '(and a space after ":")',
-    ),
-    (r"found character '\\t'", "problem", "found a tab, expected spaces"),
-    (
-        r"found character '(?P<word>.)' that cannot start any token",
-        "problem",
-        'found "{word}" at the start of a word, expected the word in quotes',
-    ),
-    (
-        r"expected ',' or '(?P<kind>[\]}])', but got '(?P<token><stream end>)'",
-        "context",
-        'found {token}, expected "," or "{word}" in the {kind} that starts in {line}',
-    ),
-    (
-        r"expected ',' or '(?P<kind>[\]}])', but got '(?P<token>.+)'",
-        "problem",
-        'found {token}, expected "," or "{word}" in the {kind} that starts in {line}',
-    ),
-    (
-        r"while parsing a block (?P<kind>collection|mapping) expected <block end>, but found '(?P<token>.+)'",
-        "problem",
-        "found {token}, expected the {kind} that starts in {line} to go on or to end "
-        "(is it indented like its neighbours?)",
-    ),
-    (r"could not find expected ':'", "context", 'found a word alone, expected "key: value"'),
-    (
-        r"quoted scalar found unexpected end of stream",
-        "context",
-        "found a quote that is never closed, expected a second one",
-    ),
-    (
-        r"expected '<document start>'",
-        "problem",
-        'found more after the end of the document, expected one document (no "---" or "...")',
-    ),
+_IN_LIST = 'found {token}, expected "," or "{kind}" in the {what} that starts in {line}'
+_IN_BLOCK = "found {token}, expected the {what} that starts in {line} to go on (is it indented like its neighbours?)"
+_BEGAN: tuple[tuple[str, str], ...] = (
+    (r"expected ',' or '(?P<kind>[\]}])', but got '(?P<token><stream end>)'", _IN_LIST),
+    (r"could not find expected ':'", 'found a word alone, expected "key: value"'),
+    (r"quoted scalar found unexpected end", "found a quote that is never closed, expected a second one"),
 )
-"""PyYAML's errors as patterns, the mark that locates each (where it began or where it shows), and their message."""
+_SHOWS: tuple[tuple[str, str], ...] = (
+    (r"mapping values are not", 'found ":" where no key can be, expected one "key: value" a line, a space after ":"'),
+    (r"found character '\\t'", "found a tab, expected spaces"),
+    (r"character '(?P<token>.)' that cannot start", "found {token} at the start of a word, expected it in quotes"),
+    (r"expected ',' or '(?P<kind>[\]}])', but got '(?P<token>.+)'", _IN_LIST),
+    (r"block (?P<kind>collection|mapping) expected <block end>, but found '(?P<token>.+)'", _IN_BLOCK),
+    (r"expected '<document start>'", 'found more after the document, expected one document (no "---" or "...")'),
+)
+"""Patterns of PyYAML's errors and messages for them, located where the construct began or where the error shows."""
 
 
 def _explain(error: MarkedYAMLError) -> Fault:
     """Say what a syntax error found and expected."""
-    began, shows = error.context_mark, error.problem_mark
-    line = f"line {began.line + 1}" if began else "its first line"
-    for pattern, where, message in _SYNTAX:
-        match = re.search(pattern, " ".join(part for part in (error.context, error.problem) if part))
-        if match:
-            groups = {"kind": "", "token": "", "word": match.groupdict().get("kind", ""), **match.groupdict()}
-            token, kind = _TOKENS.get(groups["token"], f'"{groups["token"]}"'), _KINDS.get(groups["kind"], "")
-            written = message.format(token=token, kind=kind, word=groups["word"], line=line)
-            mark = began if where == "context" else shows
-            return Fault((), written, place=_place_of(mark) if mark else None)
-    context = f" ({error.context} in {line})" if error.context and began else ""
-    return Fault((), f"found no valid YAML, {error.problem}{context}", place=_place_of(shows) if shows else None)
+    text = " ".join(part for part in (error.context, error.problem) if part)
+    line = f"line {error.context_mark.line + 1}" if error.context_mark else "its first line"
+    for mark, rows in ((error.context_mark, _BEGAN), (error.problem_mark, _SHOWS)):
+        for pattern, message in rows:
+            if mark and (match := re.search(pattern, text)):
+                kind, token = (match.groupdict().get(name, "") for name in ("kind", "token"))
+                words = {
+                    "token": _TOKENS.get(token, f'"{token}"'),
+                    "kind": kind,
+                    "what": _KINDS.get(kind),
+                    "line": line,
+                }
+                return Fault((), message.format(**words), place=_place_of(mark))
+    place = _place_of(error.problem_mark) if error.problem_mark else None
+    return Fault((), f"found no valid YAML, {error.problem}", place=place)
 
 
 def _place_of(mark: Any) -> Place:

@@ -289,8 +289,7 @@ def _names(value: object) -> object:
     return [value] if isinstance(value, str) else value
 
 
-def one_or_more(value: object) -> object:
-    """Return a list; a number alone is a list of one."""
+def _one_or_more(value: object) -> object:
     return value if isinstance(value, list | tuple | dict) else [value]
 
 
@@ -298,38 +297,28 @@ def _shape(value: object) -> str:
     return "parts" if isinstance(value, Mapping) else "number"
 
 
-def _or_angle(**bounds: float) -> list[dict[str, Any]]:
-    """Return the JSON Schemas of a number within bounds and of an angle with its unit."""
-    return [{"type": "number", **bounds}, {"type": "string", "pattern": ANGLE_PATTERN}]
+class _Or:
+    """Adds other ways to write a value to its JSON Schema; for a list, its single entry."""
+
+    def __init__(self, *ways: dict[str, Any]) -> None:
+        self.ways = ways
+
+    def __get_pydantic_json_schema__(self, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        own = handler(core_schema)
+        one = own.get("items", {})
+        return {"anyOf": [*(one.get("anyOf", [one]) if one else []), own, *self.ways]}
 
 
-def or_list(*ways: dict[str, Any]) -> WithJsonSchema:
-    """Return the JSON Schema of a value, or of a list of such values that is not empty."""
-    one = ways[0] if len(ways) == 1 else {"anyOf": [*ways]}
-    return WithJsonSchema({"anyOf": [*ways, {"type": "array", "items": one, "minItems": 1}]})
-
-
-_PAIR: dict[str, Any] = {"type": "array", "items": {"anyOf": _or_angle()}, "minItems": 2, "maxItems": 2}
+_or_angle = _Or({"type": "string", "pattern": ANGLE_PATTERN})
 
 Number = Annotated[float, BeforeValidator(number)]
 Positive = Annotated[float, Field(gt=0), BeforeValidator(number), AfterValidator(_not_tiny)]
 NotNegative = Annotated[float, Field(ge=0), BeforeValidator(number)]
 Fraction = Annotated[float, Field(ge=0, lt=1), BeforeValidator(number)]
-Seconds = Annotated[
-    float,
-    Field(ge=0),
-    BeforeValidator(_seconds),
-    WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"type": "string", "pattern": SECONDS_PATTERN}]}),
-]
-Angle = Annotated[float, BeforeValidator(number_or_angle), WithJsonSchema({"anyOf": _or_angle()})]
-Size = Annotated[float, Field(ge=0), BeforeValidator(number_or_angle), WithJsonSchema({"anyOf": _or_angle(minimum=0)})]
-Width = Annotated[
-    float,
-    Field(gt=0),
-    BeforeValidator(number_or_angle),
-    AfterValidator(_not_tiny),
-    WithJsonSchema({"anyOf": _or_angle(exclusiveMinimum=0)}),
-]
+Seconds = Annotated[float, Field(ge=0), BeforeValidator(_seconds), _Or({"type": "string", "pattern": SECONDS_PATTERN})]
+Angle = Annotated[float, BeforeValidator(number_or_angle), _or_angle]
+Size = Annotated[float, Field(ge=0), BeforeValidator(number_or_angle), _or_angle]
+Width = Annotated[float, Field(gt=0), BeforeValidator(number_or_angle), AfterValidator(_not_tiny), _or_angle]
 Whole = Annotated[int, BeforeValidator(_whole)]
 Intervals = Annotated[
     int | Literal["auto"],
@@ -339,30 +328,28 @@ Intervals = Annotated[
 Flag = Annotated[bool, Strict()]
 Name = Annotated[str, BeforeValidator(_name), WithJsonSchema({"type": "string", "pattern": NAME_PATTERN})]
 Vector2 = Annotated[tuple[Number, Number], listed("2 entries", 2)]
-Interval = Annotated[
-    tuple[Angle, Angle], listed("a pair [low, high]", 2), AfterValidator(_ordered), WithJsonSchema(_PAIR)
-]
-Rate = Annotated[
-    tuple[Angle, Angle],
-    listed("a pair [low, high]", 2),
-    BeforeValidator(_mirrored),
-    AfterValidator(_ordered),
-    AfterValidator(_around_rest),
-    WithJsonSchema({"anyOf": [*_or_angle(minimum=0), _PAIR]}),
-]
-Widths = Annotated[tuple[Width, ...], BeforeValidator(one_or_more), or_list(*_or_angle(exclusiveMinimum=0))]
 Row = Annotated[tuple[Angle, ...], listed("a list of numbers, one row of values for every time")]
+Interval = Annotated[tuple[Angle, Angle], listed("a pair [low, high]", 2), AfterValidator(_ordered)]
+Rate = Annotated[
+    Interval,
+    BeforeValidator(_mirrored),
+    AfterValidator(_around_rest),
+    _Or({"type": "number", "minimum": 0}, {"type": "string", "pattern": ANGLE_PATTERN}),
+]
 
 _Key = TypeVar("_Key")
 _One = TypeVar("_One")
 _Each = TypeVar("_Each")
-Names = Annotated[tuple[_One, ...], Field(min_length=1), BeforeValidator(_names), or_list({"type": "string"})]
+Names = Annotated[tuple[_One, ...], Field(min_length=1), BeforeValidator(_names), _Or()]
 """A list of names that is not empty, or one name alone."""
+
+OneOrMore = Annotated[tuple[_One, ...], Field(min_length=1), BeforeValidator(_one_or_more), _Or()]
+"""A list of numbers that is not empty, or one number alone."""
 
 OrByPart = Annotated[
     Annotated[_One, Tag("number")] | Annotated[Mapping[_Key, _Each], Tag("parts")], Discriminator(_shape)
 ]
-"""One number for all parts, or numbers by part: `OrByPart[key, one, each]`."""
+"""One number for all parts, or numbers by part: `OrByPart[one, key, each]`."""
 
 Part = Annotated[str, known("parts", "part of the robot")]
 ArmName = Annotated[str, known("arms", "part of the robot")]

@@ -40,7 +40,7 @@ def find(kind: Kind, reference: str | Path, beside: Path | None = None) -> Path:
     """
     path = Path(reference) if beside is None else beside / reference
     known = built_ins(kind)
-    if _exists(path) and not (os.path.isdir(path) and str(reference) in known):
+    if os.path.exists(path) and not (os.path.isdir(path) and str(reference) in known):
         return path
     if str(reference) in known:
         return known[str(reference)]
@@ -54,16 +54,6 @@ def shown(path: Path) -> str:
     """Return the name of a path in messages: relative to the working directory if it is below it."""
     relative = os.path.relpath(path) if path.is_absolute() else str(path)
     return str(path) if relative.startswith(os.pardir) else relative
-
-
-def _exists(path: Path) -> bool:
-    """Tell whether something is at a path, even if it cannot be read."""
-    try:
-        return path.exists()
-    except ValueError:
-        return False
-    except OSError:
-        return True
 
 
 def read_text(path: Path) -> str:

@@ -138,7 +138,8 @@ def kind_of_reference(reference: str | Path) -> Kind:
 def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Fault, ...]]:
     """Return the robot that a document describes, None if it is not valid, and every fault of the document."""
     robot, faults = _validate(document, "robot", RobotSpec, known_names(document, parts_of(document)))
-    return _unless(robot, (*faults, *check_robot(document)))
+    faults = (*faults, *check_robot(document))
+    return None if faults else robot, faults
 
 
 def validate_task(document: Document, robot: Document | None) -> tuple[TaskSpec | None, tuple[Fault, ...]]:
@@ -150,11 +151,7 @@ def validate_task(document: Document, robot: Document | None) -> tuple[TaskSpec 
     task, faults = _validate(document, "task", TaskSpec, known_names(document, parts_of(robot)))
     if _kind_of(document) == "task":
         faults = (*faults, *check_task(document, robot))
-    return _unless(None if faults or task is None else prioritize(task), faults)
-
-
-def _unless(model: Model | None, faults: tuple[Fault, ...]) -> tuple[Model | None, tuple[Fault, ...]]:
-    return (None if faults else model), faults
+    return None if faults or task is None else prioritize(task), faults
 
 
 def _read(kind: Kind, reference: str | Path) -> tuple[Path, Document]:

@@ -6,7 +6,7 @@ Plain validated data in SI units.
 from collections.abc import Mapping
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag
+from pydantic import BaseModel, Discriminator, Field, Tag
 
 from psmpc_cli.specs.fields import (
     Angle,
@@ -19,6 +19,7 @@ from psmpc_cli.specs.fields import (
     Names,
     NotNegative,
     Number,
+    OneOrMore,
     OrByPart,
     Part,
     Positive,
@@ -30,11 +31,8 @@ from psmpc_cli.specs.fields import (
     Vector2,
     Whole,
     Width,
-    Widths,
     known,
     listed,
-    one_or_more,
-    or_list,
 )
 from psmpc_cli.specs.robot import PartLimits
 
@@ -46,23 +44,8 @@ _Extent = Annotated[tuple[Positive, Positive], listed("2 entries", 2)]
 _Pose = Annotated[tuple[Number, Number, Angle], listed("3 entries", 3)]
 _Fractions = OrByPart[Fraction, Part, Fraction]
 _Control = OrByPart[Size, Part, tuple[Size, ...]]
-_Tolerance = OrByPart[Width, Part, Widths]
-_ByArm = OrByPart[
-    NotNegative,
-    ArmName,
-    Annotated[
-        tuple[NotNegative, ...],
-        Field(min_length=1),
-        BeforeValidator(one_or_more),
-        or_list({"type": "number", "minimum": 0}),
-    ],
-]
-_Forces = Annotated[
-    tuple[Positive, ...],
-    Field(min_length=1),
-    BeforeValidator(one_or_more),
-    or_list({"type": "number", "exclusiveMinimum": 0}),
-]
+_Tolerance = OrByPart[Width, Part, OneOrMore[Width]]
+_ByArm = OrByPart[NotNegative, ArmName, OneOrMore[NotNegative]]
 _Frames = Names[Annotated[str, known("frames")]]
 _JointNames = Names[Annotated[str, known("joint coordinates")]]
 _SkillName = Annotated[str, known("skills")]
@@ -148,7 +131,7 @@ class UncertaintySpec(Spec):
     friction: FrictionSpec = Field(FrictionSpec(), description="friction in the joints")
     noise: NoiseSpec = Field(NoiseSpec(), description="noise of the measurement")
     delay: Whole = Field(0, ge=0, description="samples after which a control reaches the robot")
-    force_limits: Mapping[Part, _Forces] = Field(
+    force_limits: Mapping[Part, OneOrMore[Positive]] = Field(
         {}, description="largest force and torques [Fx, Fy, torque] of the base, torques of arms, by part [N, N m]"
     )
     impulse: ImpulseSpec | None = Field(None, description="a blow to the base")

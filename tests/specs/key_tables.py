@@ -127,7 +127,7 @@ def _words(value: Mapping[str, Any], models: Mapping[str, Any]) -> str:
 
 def _either(ways: list[Mapping[str, Any]], models: Mapping[str, Any]) -> str:
     """Name alternatives; a number or an angle with its unit is one kind of value."""
-    words = list(dict.fromkeys(_words(way, models) for way in ways))
+    words = sorted(dict.fromkeys(_words(way, models) for way in ways), key=lambda word: word == "[low, high]")
     if len(words) > 1 and words[0].startswith("number") and words[1] == "angle":
         words[:2] = [words[0].replace("number", "number or angle", 1)]
     return ", or ".join(words)
@@ -135,9 +135,8 @@ def _either(ways: list[Mapping[str, Any]], models: Mapping[str, Any]) -> str:
 
 def _list(value: Mapping[str, Any], models: Mapping[str, Any]) -> str:
     if "prefixItems" in value:
-        return f"[{', '.join(_words(item, models) for item in value['prefixItems'])}]"
-    if value.get("minItems") == value.get("maxItems") == 2:
-        return "[low, high]"
+        words = [_words(item, models) for item in value["prefixItems"]]
+        return "[low, high]" if words == ["number or angle"] * 2 else f"[{', '.join(words)}]"
     least = f", at least {value['minItems']}" if value.get("minItems", 0) > 1 else ""
     return f"list of {_words(value['items'], models)}{least}"
 

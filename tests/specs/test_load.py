@@ -41,20 +41,9 @@ def test_built_in_task_is_the_paper_s() -> None:
     assert task.robot.limits["base"].velocity == ((-0.2, 0.2),) * 3
 
 
-def test_weight_study_is_the_first_two_stages_of_the_transport() -> None:
-    study, whole = load_task("approach_capture").spec, load_task("transport").spec
-    assert study.stages == whole.stages[:2]
-    assert (study.skills, study.controller, study.initial) == (whole.skills, whole.controller, whole.initial)
-
-
 @pytest.mark.parametrize("name", built_ins("task"))
 def test_built_in_tasks_load_and_have_the_editor_s_mode_line(name: str) -> None:
     assert load_task(name).task_yaml.startswith("# yaml-language-server: $schema=../docs/schema/task.json\n")
-
-
-@pytest.mark.parametrize("name", built_ins("robot"))
-def test_built_in_robots_load_and_have_the_editor_s_mode_line(name: str) -> None:
-    assert load_robot(name).robot_yaml.startswith("# yaml-language-server: $schema=../docs/schema/robot.json\n")
 
 
 def test_built_ins_of_an_installed_package_are_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,7 +86,7 @@ def test_a_mapping_is_a_task() -> None:
     assert parse_task(task.task_yaml, task.robot_yaml, "task").digest == task.digest
     with pytest.raises(SpecError, match=r'^task:\d+:\d+: stages\[0\]\.skill: found the text "mve" \(did you mean'):
         load_task({**mapping, "stages": [{**mapping["stages"][0], "skill": "mve"}]})
-    with pytest.raises(SpecError, match="expected a number, a text"):
+    with pytest.raises(SpecError, match="expected numbers, texts"):
         load_task({**mapping, "seed": object()})
 
 
@@ -202,7 +191,7 @@ def test_large_missing_and_unreadable_files_are_rejected_with_the_reason(tmp_pat
     missing, below = tmp_path / "missing.yaml", path / "task.yaml"
     assert error_of(missing) == f"{missing}: found no readable file (No such file or directory), expected a YAML file"
     assert error_of(below) == f"{below}: found no readable file (Not a directory), expected a YAML file"
-    with pytest.raises(SpecError, match=r"found no readable file \(File name too long\), expected a YAML file"):
+    with pytest.raises(SpecError, match="found no file"):
         load_task(tmp_path / ("long" * 100))
 
 

@@ -181,10 +181,3 @@ def test_wrong_comparisons_are_reported_as_they_were_given(override: str, messag
     with pytest.raises(SpecError) as raised:
         load_task("tracking", [override])
     assert str(raised.value).startswith(f"--set {override}: {message}")
-
-
-def test_stages_that_share_a_name_are_not_weighed() -> None:
-    text = UNRATED.replace("name: capture", "name: approach") + "priorities: {compare: [[approach, transport, 2]]}\n"
-    with pytest.raises(SpecError, match="expected a name of its own") as raised:
-        parse_task(text, ROBOT, "transport")
-    assert "priorities" not in str(raised.value)

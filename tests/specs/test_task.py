@@ -34,11 +34,6 @@ def test_task_is_the_same_after_a_round_trip_through_plain_data() -> None:
     assert TaskSpec.model_validate_json(spec.model_dump_json()) == spec
 
 
-def test_one_name_alone_is_a_list() -> None:
-    assert edited("coordinates: [base]", "coordinates: base") == load_task("transport").spec
-    assert load_task("transport").spec.stages[0].onset == ("base",)
-
-
 def test_tolerance_may_be_given_by_part() -> None:
     ends_when = edited("tolerance: 0.05", "tolerance: {base: 0.05, arms: [0.05, 0.05, 3 deg]}").stages[3].ends_when
     assert ends_when is not None and isinstance(ends_when.tolerance, dict)
@@ -61,10 +56,6 @@ def test_a_condition_may_have_to_hold(written: object, seconds: float) -> None:
 def test_a_hold_is_a_time(hold: str, message: str) -> None:
     with pytest.raises(SpecError, match=message):
         load_task("transport", [f"stages.release.ends_when.hold={hold}"])
-
-
-def test_words_of_yaml_1_1_stay_texts() -> None:
-    assert edited("description: On-orbit transport with four stages", "description: no").description == "no"
 
 
 @pytest.mark.parametrize("name", ["object held", "capture", "Ziel_1", "抓取", "a-b (c)"])

@@ -24,26 +24,17 @@ from psmpc_cli.figures.robot_drawing import FINGER, Scene, View, base_half, reac
 from psmpc_cli.figures.run import Run
 from psmpc_cli.robot.model import arm_points
 
-RATE, LONGEST, HOLD = 15, 150, 15
-"""Frames a second; most frames of motion; frames the end is held."""
+RATE, LONGEST = 15, 150
+"""Frames a second; most frames of motion."""
 
 WIDTH, DPI = 4.0, 120
 """Width [in] and resolution of a frame of the drawing."""
-
-TAIL = 3.0
-"""For how long the paths of the end-effectors stay visible [s]."""
 
 FILM_WIDTH, TITLE = 640, 36
 """Width of a frame of the film, and height of the title above it [px]."""
 
 ELEVATION, FIELD_OF_VIEW = 60.0, 14.0
 """How far above the plane the camera is, and its vertical angle of view [deg]."""
-
-THICKNESS = 0.04
-"""Radius of a link, in lengths of the longest arm."""
-
-PATIENCE = 60.0
-"""Seconds the renderer may take to start, and as many more for every thirty frames."""
 
 
 def film_files(directory: Path, name: str) -> list[Path]:
@@ -81,7 +72,7 @@ def write_animation(run: Run, paths: Iterable[Path]) -> None:
 
 
 def _draw_frame(axes: Axes, scene: Scene, time: float, view: View) -> None:
-    scene.draw(axes, time, since=max(time - TAIL, float(scene.run.time[0])), width=1.6)
+    scene.draw(axes, time, since=max(time - 3.0, float(scene.run.time[0])), width=1.6)
     view.show(axes)
     axes.set_title(f"t = {time:.1f} s: {', '.join(events_at(scene, time))}", loc="left")
     axes.set_xlabel("x (m)")
@@ -107,7 +98,7 @@ def _encode(figure: Figure, path: Path, times: Sequence[float], draw_frame: Call
     writer = PillowWriter(fps=RATE) if path.suffix == ".gif" else FFMpegWriter(fps=RATE)
     try:
         with writer.saving(figure, str(path), DPI):
-            for time in [*times, *[times[-1]] * HOLD]:
+            for time in [*times, *[times[-1]] * 15]:
                 draw_frame(time)
                 writer.grab_frame()
     except (OSError, subprocess.CalledProcessError) as error:
@@ -146,7 +137,7 @@ def film_arrays(scene: Scene, times: np.ndarray) -> dict[str, Any]:
     """Return what the program in offscreen.py needs to draw a scene at these times [s]."""
     model, spec, view = scene.run.model, scene.run.task.object, scene.view(times)
     length = reach(model)
-    thick, finger = THICKNESS * length, FINGER * length
+    thick, finger = 0.04 * length, FINGER * length
     bodies: list[tuple[str, tuple[float, ...], str]] = [("box", (*map(float, base_half(model)), 3 * thick), style.BODY)]
     for index, arm in enumerate(model.spec.arms.values()):
         color = style.PALETTE[index % len(style.PALETTE)]
@@ -247,7 +238,7 @@ def _render(film: dict[str, Any], driver: str, folder: Path) -> np.ndarray:
     given, drawn = folder / "scene.npz", folder / "frames.npy"
     np.savez(given, **film)
     command = [sys.executable, "-P", str(Path(__file__).with_name("offscreen.py")), str(given), str(drawn)]
-    environment, patience = {**os.environ, "MUJOCO_GL": driver}, PATIENCE * (1 + len(film["poses"]) / 30)
+    environment, patience = {**os.environ, "MUJOCO_GL": driver}, 60.0 * (1 + len(film["poses"]) / 30)
     try:
         ran = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=patience, check=False)
     except subprocess.TimeoutExpired:

@@ -14,8 +14,8 @@ from psmpc_cli.figures.run import Run, Span
 from psmpc_cli.figures.timeline import open_timeline
 from psmpc_cli.robot.model import RobotModel
 
-HEIGHT, ERROR_HEIGHT = 0.92, 1.35
-"""Height of a panel of coordinates, and of errors [in]."""
+HEIGHT = 0.92
+"""Height of a panel of coordinates [in]."""
 
 FARTHEST = 4.0
 """Limits farther away than so many times the largest value are not drawn: nothing else could be read."""
@@ -31,9 +31,6 @@ SMALLEST = 1e-5
 
 SEEN: Mapping[str, Any] = {"color": "#7A7A7A", "linewidth": 0.55}
 """Look of what the controller saw."""
-
-THIN: Mapping[str, Any] = {"color": style.EDGE, "linewidth": 0.7}
-"""Look of limits and tolerances."""
 
 Curves = tuple[np.ndarray, np.ndarray]
 """Times (K,) [s] and values (K, n) in the order of Q."""
@@ -143,7 +140,7 @@ def plot_quantity(runs: Run | Mapping[str, Run], quantity: Quantity) -> Figure:
             if quantity.peaked:
                 notes += _compress(axes, values)
         timeline.label(row, _axis_label(panel, quantity), ", ".join(notes))
-    limit = [style.entry("limit", **THIN)] if bounded else []
+    limit = [style.entry("limit", color=style.EDGE, linewidth=0.7)] if bounded else []
     return timeline.finish([*limit, *([style.entry("seen by the controller", **SEEN)] if blurred else [])])
 
 
@@ -254,7 +251,7 @@ def plot_errors(run: Run) -> Figure:
     which the end condition stands only the coordinates in it count, and a line shows their tolerance. Where the target
     is a trajectory, the error is against its present value. Logarithmic.
     """
-    timeline = open_timeline(run, 2, ERROR_HEIGHT)
+    timeline = open_timeline(run, 2, 1.35)
     names = [style.readable(name) for name in run.model.pose_rows]
     bounded = False
     for row, angular in enumerate((False, True)):
@@ -275,7 +272,7 @@ def plot_errors(run: Run) -> Figure:
         axes.set_ylim(bottom=max(axes.get_ylim()[0], SMALLEST))
         note = "largest joint or angle" if angular else "largest coordinate"
         timeline.label(row, "Angle error\n(rad)" if angular else "Position error\n(m)", note)
-    return timeline.finish([style.entry("tolerance", **THIN)] if bounded else [])
+    return timeline.finish([style.entry("tolerance", color=style.EDGE, linewidth=0.7)] if bounded else [])
 
 
 def error_groups(run: Run, span: Span) -> Iterator[ErrorGroup]:

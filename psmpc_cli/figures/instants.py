@@ -14,14 +14,8 @@ from psmpc_cli.figures import style
 from psmpc_cli.figures.run import Run
 from psmpc_cli.figures.timeline import DOTTED, Timeline, open_timeline
 
-HEIGHT, SHARE_HEIGHT, SOLVE_HEIGHT = 1.5, 1.2, 1.25
-"""Heights of a panel of switch times, of shares and of solves [in]."""
-
-OVERVIEW, AROUND, ACROSS = 2.2, 0.8, 4
-"""Height of the upper panel of several runs, of axes and labels around the panels [in]; stages side by side."""
-
-MOST_NAMES = 6
-"""Stages that a legend names; of more it gives the numbers."""
+ACROSS = 4
+"""Stages side by side in the lower panels of several runs."""
 
 DASHED = (0, (5, 2))
 
@@ -44,7 +38,7 @@ def plot_instants(run: Run) -> Figure:
     instants, switches = run.log["window/instants"], run.log.stages["switch_time"]
     planned = [stage for stage in range(len(run.stages)) if _planned(run, stage).any()]
     happened = [stage for stage in planned if np.isfinite(switches[stage])]
-    timeline = open_timeline(run, 2 if happened else 1, HEIGHT)
+    timeline = open_timeline(run, 2 if happened else 1, 1.5)
     above: Axes = timeline.panels[0, 0]
     ends, horizon = np.array([run.time[0], run.end]), run.task.controller.horizon
     above.plot(ends, ends, zorder=1.5, **PRESENT)
@@ -76,7 +70,7 @@ def _planned(run: Run, stage: int) -> np.ndarray:
 
 def _stage_label(run: Run, stage: int, count: int) -> str:
     """Return a stage's name in a legend of so many stages, or its number where there are too many for names."""
-    return style.readable(run.log.stage_names[stage]) if count <= MOST_NAMES else str(stage + 1)
+    return style.readable(run.log.stage_names[stage]) if count <= 6 else str(stage + 1)
 
 
 def _plot_stage(axes: Axes, run: Run, stage: int, values: np.ndarray, label: str) -> None:
@@ -95,8 +89,8 @@ def plot_compared_instants(runs: Mapping[str, Run]) -> Figure:
     planned = [s for s in range(len(first.stages)) if any(_planned(run, s).any() for run in runs.values())]
     across = min(ACROSS, len(planned)) or 1
     rows = -(-len(planned) // across)
-    figure = style.new_figure(OVERVIEW + rows * (HEIGHT + style.LINE) + AROUND, style.PAGE)
-    grid = figure.add_gridspec(1 + rows, across, height_ratios=[OVERVIEW] + [HEIGHT] * rows)
+    figure = style.new_figure(2.2 + rows * (1.5 + style.LINE) + 0.8, style.PAGE)
+    grid = figure.add_gridspec(1 + rows, across, height_ratios=[2.2] + [1.5] * rows)
     _plot_overview(figure.add_subplot(grid[0, :]), runs)
     shared: Axes | None = None
     for i, stage in enumerate(planned):
@@ -157,7 +151,7 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
     logged = [run.log["window/share"] for run in columns]
     if any(np.isfinite(values).any() for values in logged):
         shares[CONTROL] = logged
-    timeline = open_timeline(runs, len(shares), SHARE_HEIGHT, shaded=False)
+    timeline = open_timeline(runs, len(shares), 1.2, shaded=False)
     for row, (whole, found) in enumerate(shares.items()):
         for axes, run, values in zip(timeline.panels[row], columns, found, strict=True):
             _plot_stack(axes, run, values)
@@ -218,7 +212,7 @@ def _finish_shares(timeline: Timeline, runs: Iterable[Run], shares: Iterable[np.
 
 def plot_solve_time(run: Run) -> Figure:
     """Plot the wall time [ms] and the iterations of each solve over time, by how many stages were in the window."""
-    timeline = open_timeline(run, 2, SOLVE_HEIGHT)
+    timeline = open_timeline(run, 2, 1.25)
     above, below = timeline.panels[:, 0]
     time, wall, iterations = run.log.time, run.log["solver/wall_time"] * 1e3, run.log["solver/iterations"]
     count, solved = run.log["window/count"], np.isfinite(wall) & (wall > 0)

@@ -11,24 +11,12 @@ from matplotlib.ticker import MaxNLocator
 from psmpc_cli.figures import style
 from psmpc_cli.simulation.monte_carlo_runs import MonteCarloRuns
 
-SUCCESS_HEIGHT = 2.6
-"""Height of the figure of success without its legend [in]."""
-
-PANEL_HEIGHT, AROUND = 1.15, 0.65
-"""Height of a panel over the runs, and around all of them [in]."""
-
-SIZE, RING = 3.0, 6.5
-"""Sizes of the marks of runs, and of the rings around those that failed [pt]."""
-
-WIDE = 30.0
-"""Errors of which the largest is so many times the smallest have an axis of logarithms."""
-
 MARKS = ("o", "^", "s", "D")
 
 RING_LOOK: Mapping[str, Any] = {
     "color": "black",
     "marker": "o",
-    "markersize": RING,
+    "markersize": 6.5,
     "markeredgewidth": 0.6,
     "markerfacecolor": "none",
     "linestyle": "none",
@@ -36,7 +24,7 @@ RING_LOOK: Mapping[str, Any] = {
 }
 """Look of the ring around a run that failed, behind the marks."""
 
-LOST: Mapping[str, Any] = {"color": "black", "marker": "x", "markersize": SIZE + 1, "linestyle": "none"}
+LOST: Mapping[str, Any] = {"color": "black", "marker": "x", "markersize": 3.0 + 1, "linestyle": "none"}
 """Look of a run without a value, on the lower edge of a panel."""
 
 
@@ -46,7 +34,7 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
     The times of a stage are relative to their median, which the legend names; those of the last one are the ends of the
     mission. A curve that ends below 1 belongs to a stage that not every run has ended.
     """
-    figure = style.new_figure(SUCCESS_HEIGHT)
+    figure = style.new_figure(2.6)
     axes = figure.add_subplot()
     times, made = runs["switch_time"], int(runs.made.sum())
     for number, stage in enumerate(runs.stages):
@@ -64,7 +52,7 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
     low, high = (100 * bound for bound in runs.interval)
     rate = f"{runs.succeeded.sum()} of {made} runs succeeded; 95 % interval of the rate: {low:.0f} to {high:.0f} %"
     if (legend := axes.get_legend()) is not None:
-        figure.set_figheight(SUCCESS_HEIGHT + style.LINE * -(-len(legend.get_texts()) // 2))
+        figure.set_figheight(2.6 + style.LINE * -(-len(legend.get_texts()) // 2))
         legend.set_title("Stage, median of its end")
         legend.get_title().set_fontsize(style.TEXT)
         legend.set_alignment("left")
@@ -76,7 +64,7 @@ def plot_runs(runs: MonteCarloRuns) -> Figure:
     """Plot final error [tolerances], tightest margins [%] and those of the monitors [m, m/s] of every run."""
     panels: list[Callable[[Axes, MonteCarloRuns], None]] = [_plot_errors, _plot_margins]
     panels += [_plot_monitors] if runs.monitors else []
-    figure = style.new_figure(len(panels) * PANEL_HEIGHT + AROUND)
+    figure = style.new_figure(len(panels) * 1.15 + 0.65)
     rows = figure.subplots(len(panels), 1, sharex=True)
     for axes, plot in zip(rows, panels, strict=True):
         plot(axes, runs)
@@ -91,7 +79,7 @@ def _plot_errors(axes: Axes, runs: MonteCarloRuns) -> None:
     error = runs["final_error"]
     _plot_by_run(axes, runs, {"": error})
     known = error[np.isfinite(error) & (error > 0)]
-    if len(known) and known.max() > WIDE * known.min():
+    if len(known) and known.max() > 30.0 * known.min():
         axes.set_yscale("log")
     else:
         axes.set_ylim(0.0, 1.12 * max(1.0, float(np.nanmax(error, initial=0.0))))
@@ -124,7 +112,7 @@ def _plot_by_run(axes: Axes, runs: MonteCarloRuns, values: Mapping[str, np.ndarr
     seed, failed = runs["seed"], runs.failed
     for number, (name, value) in enumerate(values.items()):
         look = style.line_look(number) | {"marker": MARKS[number % len(MARKS)], "linestyle": "none"}
-        axes.plot(seed, value, markersize=SIZE, markeredgewidth=0, label=name or "_all", **look)
+        axes.plot(seed, value, markersize=3.0, markeredgewidth=0, label=name or "_all", **look)
         axes.plot(seed[failed], value[failed], **RING_LOOK)
     axes.margins(y=0.12)
     known = np.isfinite(list(values.values())).any(axis=0)

@@ -13,44 +13,14 @@ from matplotlib.ticker import LogFormatterMathtext, LogLocator, MaxNLocator, Nul
 from psmpc_cli.figures import style
 from psmpc_cli.logs.results import Results
 
-HEIGHT, AROUND = 2.1, 0.35
-"""Height of a panel, and of an axis with its label [in]."""
-
-ARROWS = (0.3, 0.75)
-"""Where on a curve arrows point to larger ratios, as parts of its length on paper."""
-
-ARROW = 8.5
-"""Length of an arrow [pt]."""
-
-WIDE = 30.0
-"""Largest over smallest value of a criterion from which on a linear axis does not show all of it."""
-
-DECADES = 100.0
-"""Largest over smallest value of a criterion from which on powers of ten are enough on its logarithmic axis."""
-
 POINTS = ("o", "s", "D", "p", "X", "h", "8")
 """Markers of the instants, one after another; none looks like an arrow."""
-
-DOMINATED = "#A0A0A0"
-"""Colour of the cross on a dominated point."""
 
 STAR: dict[str, Any] = {"color": "black", "marker": "*", "linestyle": "none", "markersize": 6.5}
 """Look of the run's own weights."""
 
-CROSS: dict[str, Any] = {"color": DOMINATED, "marker": "x", "linestyle": "none"}
+CROSS: dict[str, Any] = {"color": "#A0A0A0", "marker": "x", "linestyle": "none"}
 """Look of a dominated point."""
-
-METHODS = ("weighted", "constrained")
-"""How the arrays of the methods begin, in the order in which they are drawn."""
-
-COLUMNS = 3
-"""Panels in three dimensions beside each other."""
-
-SIDE = 2.15
-"""Height of a panel in three dimensions [in]."""
-
-ELEVATION, AZIMUTH = 24.0, -52.0
-"""From where the panels are seen [deg]."""
 
 SHADOW = "#D5D5D5"
 """Colour of the fronts on the floor."""
@@ -71,7 +41,7 @@ class Points:
 
 def in_plane(results: Results) -> list[list[Points]]:
     """Return the points with the instant held at the run's optimum, by sample, then by method."""
-    methods = [method for method in METHODS if f"{method}_J_1" in results.quantities]
+    methods = [method for method in ("weighted", "constrained") if f"{method}_J_1" in results.quantities]
     return [[held(results, method, i, 0) for method in methods] for i in range(len(results["instant"]))]
 
 
@@ -107,8 +77,8 @@ def plot_fronts(results: Results) -> Figure:
     samples = in_plane(results)
     every = np.concatenate([one.J for points in samples for one in points])
     smallest, largest = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
-    panels = 2 if np.all(smallest > 0) and np.any(largest > WIDE * smallest) else 1
-    figure = style.new_figure(panels * (HEIGHT + AROUND) - style.LINE)
+    panels = 2 if np.all(smallest > 0) and np.any(largest > 30.0 * smallest) else 1
+    figure = style.new_figure(panels * (2.1 + 0.35) - style.LINE)
     rows = figure.subplots(panels, 1, squeeze=False)[:, 0]
     first, second = _stage_words(results)
     for axes, letter in zip(rows, "ab", strict=False):
@@ -116,6 +86,7 @@ def plot_fronts(results: Results) -> Figure:
             _make_logarithmic(axes, smallest, largest)
         for i, points in enumerate(samples):
             _plot_sample(axes, points, i)
+            _draw_arrows(axes, points[0].J, _sample_look(i)["color"])
             chosen_one = results["chosen_J_2"][i], results["chosen_J_1"][i]
             axes.plot(*chosen_one, markeredgecolor="white", zorder=5, markeredgewidth=0.4, **STAR)
         axes.set_ylabel(f"Cost of {first}, $J_1$ (s)")
@@ -124,10 +95,6 @@ def plot_fronts(results: Results) -> Figure:
         if panels > 1:
             axes.set_title(f"({letter})", loc="left", pad=3.5, fontsize=style.TEXT)
     _write_legends(figure, rows[0], results, samples)
-    figure.draw_without_rendering()  # arrows follow the curves as they lie on paper
-    for axes in rows:
-        for i, points in enumerate(samples):
-            _draw_arrows(axes, points[0].J, style.PALETTE[i % len(style.PALETTE)])
     figure.align_ylabels()
     return figure
 
@@ -146,29 +113,12 @@ def _plot_sample(axes: Axes, found: Sequence[Points], index: int) -> None:
 
 def _draw_arrows(axes: Axes, J: np.ndarray, color: str) -> None:
     """Draw arrows along a curve (N, 2) of points with ever larger ratios."""
-    J = J[np.isfinite(J).all(axis=1)]
-    if len(J) < 2:
-        return
-    at = axes.transData.transform(J[:, ::-1])
-    length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))]
-    size = ARROW * axes.figure.dpi / 72
-    if length[-1] < 3 * size:
-        return
-    for part in ARROWS:
-        reach = part * length[-1] + np.array([-0.5, 0.5]) * size
-        tail, head = np.column_stack([np.interp(reach, length, at[:, k]) for k in (0, 1)])
-        ends = axes.transData.inverted().transform([tail, head])
-        axes.annotate("", xy=ends[1], xytext=ends[0], arrowprops={**_ARROWHEAD, "facecolor": color}, zorder=4)
-
-
-_ARROWHEAD: dict[str, Any] = {
-    "arrowstyle": "simple,head_width=0.5,head_length=0.9,tail_width=0.01",
-    "mutation_scale": 8.0,
-    "edgecolor": "black",
-    "linewidth": 0.4,
-    "shrinkA": 0,
-    "shrinkB": 0,
-}
+    J = J[np.isfinite(J).all(axis=1)][:, ::-1]
+    look = {"arrowstyle": "-|>,head_width=0.25,head_length=0.5", "facecolor": color, "linewidth": 0.4, "shrinkB": 0}
+    length = np.cumsum(np.linalg.norm(np.diff(J, axis=0) / np.maximum(np.ptp(J, axis=0), 1e-12), axis=1))
+    for part in (0.3, 0.75) if len(J) > 1 else ():
+        k = int(np.searchsorted(length, part * length[-1])) + 1
+        axes.annotate("", xy=J[k], xytext=J[k - 1], arrowprops={**look, "shrinkA": 0}, zorder=4)
 
 
 def _make_logarithmic(axes: Axes, low: np.ndarray, high: np.ndarray) -> None:
@@ -178,7 +128,7 @@ def _make_logarithmic(axes: Axes, low: np.ndarray, high: np.ndarray) -> None:
     """
     axes.set_xscale("log")
     axes.set_yscale("log")
-    for axis, wide in zip((axes.yaxis, axes.xaxis), high > DECADES * low, strict=True):
+    for axis, wide in zip((axes.yaxis, axes.xaxis), high > 100.0 * low, strict=True):
         axis.set_major_locator(LogLocator(numticks=6) if wide else LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(LogFormatterMathtext() if wide else StrMethodFormatter("{x:g}"))
         axis.set_minor_formatter(NullFormatter())
@@ -214,10 +164,10 @@ def plot_in_space(results: Results) -> Figure:
     On the floor is their projection: fronts of later instants cross those of earlier ones.
     """
     samples = len(results["instant"])
-    rows = -(-samples // COLUMNS)
-    figure = style.new_figure(rows * SIDE + 0.15, style.PAGE)
+    rows = -(-samples // 3)
+    figure = style.new_figure(rows * 2.15 + 0.15, style.PAGE)
     for i in range(samples):
-        axes: Any = figure.add_subplot(rows, COLUMNS, i + 1, projection="3d")
+        axes: Any = figure.add_subplot(rows, 3, i + 1, projection="3d")
         _plot_in_space(axes, results, i)
     marks = [
         style.entry("instant held", color=style.PALETTE[0], marker="o", markersize=2.6, linewidth=0.9),
@@ -259,5 +209,5 @@ def _plot_in_space(axes: Any, results: Results, i: int) -> None:
     axes.tick_params(pad=-3)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_major_locator(MaxNLocator(nbins=4))
-    axes.view_init(elev=ELEVATION, azim=AZIMUTH)
+    axes.view_init(elev=24.0, azim=-52.0)
     axes.set_box_aspect(None, zoom=0.77)

@@ -20,14 +20,8 @@ Curves = Mapping[str, tuple[np.ndarray, np.ndarray]]
 Panels = Mapping[str, Curves]
 """Curves (x, y) by panel and label, as the ablations measure them."""
 
-PRESENCE_HEIGHT, MONITOR_HEIGHT, SMALLEST = 2.4, 1.6, 1e-5
-"""Heights of panels of presence and of a monitor [in]; less presence is not shown [m/s^2, rad/s^2]."""
-
-SCHEDULE_ROW, SCHEDULE_MARGINS = 0.55, 0.9
-"""Heights of a method's row, and of axis and title around them [in]."""
-
-SCHEDULE_BAR, EARLY_BAR = 0.46, 0.18
-"""Heights of a stage's bar and of its early part, in rows."""
+SMALLEST = 1e-5
+"""Less presence is not shown [m/s^2, rad/s^2]."""
 
 PUBLISHED: Mapping[str, Any] = {
     "marker": "v",
@@ -53,8 +47,6 @@ ROW, NAME, BAR, ACTS = 0.38, 0.38, 0.55, 0.2
 HORIZON = "T_f"
 """The curve that says how far ahead the horizon ends."""
 
-INFEASIBLE = "#DDDDDD"
-
 EXACT = 1e-9
 """Errors below this are none [m, rad]."""
 
@@ -75,7 +67,7 @@ def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
         run: The run.
         published: Published actual starts by stage [s].
     """
-    timeline = open_timeline(run, 1, PRESENCE_HEIGHT)
+    timeline = open_timeline(run, 1, 2.4)
     axes: Axes = timeline.panels[0, 0]
     presence, time, waited = run.log["window/presence"], run.log.time, False
     for stage, name in enumerate(run.log.stage_names):
@@ -101,7 +93,7 @@ def plot_monitors(run: Run) -> Figure:
     A task without a monitor has one empty panel.
     """
     monitors = run.task.monitors
-    timeline = open_timeline(run, max(1, len(monitors)), MONITOR_HEIGHT)
+    timeline = open_timeline(run, max(1, len(monitors)), 1.6)
     if not monitors:
         timeline.panels[0, 0].set_yticks([])
         style.panel_legend(timeline.panels[0, 0], "the task has no monitor")
@@ -153,7 +145,7 @@ def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, 
         runs: By method.
         published: Published ends by method and stage [s].
     """
-    figure = style.new_figure(SCHEDULE_MARGINS + SCHEDULE_ROW * len(runs))
+    figure = style.new_figure(0.9 + 0.55 * len(runs))
     axes = figure.subplots()
     latest = max([run.end for run in runs.values()] + [time for times in published.values() for time in times.values()])
     axes.set_xlim(0.0, latest * 1.02)
@@ -163,7 +155,7 @@ def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, 
         for span in run.spans:
             _draw_span(axes, row, span)
         for time in published.get(name, {}).values():
-            axes.plot(time, row - SCHEDULE_BAR / 2 - 0.1, **PUBLISHED)
+            axes.plot(time, row - 0.46 / 2 - 0.1, **PUBLISHED)
     axes.set_yticks([])
     axes.set_xlabel("Time (s)")
     names = enumerate(next(iter(runs.values())).log.stage_names, start=1)
@@ -180,13 +172,13 @@ def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, 
 def _draw_span(axes: Axes, row: int, span: Span) -> None:
     """Draw a stage's bar with its number, and its early part below."""
     face = style.STAGE if span.index % 2 else "white"
-    axes.barh(row, span.end - span.start, SCHEDULE_BAR, span.start, facecolor=face, edgecolor=style.EDGE, linewidth=0.5)
+    axes.barh(row, span.end - span.start, 0.46, span.start, facecolor=face, edgecolor=style.EDGE, linewidth=0.5)
     if span.early is not None:
-        low = row + SCHEDULE_BAR / 2 + EARLY_BAR / 2
+        low = row + 0.46 / 2 + 0.18 / 2
         axes.barh(
             low,
             span.start - span.early,
-            EARLY_BAR,
+            0.18,
             span.early,
             facecolor=style.EARLY,
             edgecolor=style.EDGE,
@@ -197,7 +189,7 @@ def _draw_span(axes: Axes, row: int, span: Span) -> None:
 
 
 def plot_pending_cost(panels: Panels) -> Figure:
-    """Plot how far ahead the optimized instant is [s], the control's variation, and J over the instant [s].
+    """Plot how far ahead the planned switch time is [s], the control's variation, and J over the instant [s].
 
     J is over its value at the earliest instant that can be met, the other variables optimized; circles are its minima,
     triangles what the free optimizer returns.
@@ -214,13 +206,13 @@ def plot_pending_cost(panels: Panels) -> Figure:
         axes.set_title(f"({letter})", loc="left", pad=3.5, fontsize=style.TEXT)
     style.panel_legend(printed, "(c)")
     printed.tick_params(labelbottom=False)
-    ours.set_xlabel("Instant $t_s$ after $T_0$ (s)")
+    ours.set_xlabel("Switch time $t_s$ after $T_0$ (s)")
     figure.align_ylabels()
     return figure
 
 
 def plot_normalization(panels: Panels) -> Figure:
-    """Plot the stages of each run [s], how far ahead the optimized instant is [s], and the control's variation."""
+    """Plot the stages of each run [s], how far ahead the planned switch time is [s], and the control's variation."""
     runs = len(panels["stages"])
     figure = style.new_figure(runs * ROW + 2 * HEIGHT + AXIS + MARGIN + style.LINE)
     stages, ahead, variation = figure.subplots(3, 1, height_ratios=[runs * ROW, HEIGHT, HEIGHT])
@@ -277,7 +269,7 @@ def _count_nodes(axes: Axes, curves: Curves) -> None:
 
 
 def _plot_over_time(rows: tuple[Axes, Axes], panels: Panels, letters: str = "ab") -> None:
-    """Plot how far ahead the optimized instant is [s], a point a sample, and the variation of the joints' control."""
+    """Plot how far ahead the planned switch time is [s], a point a sample, and the variation of the joints' control."""
     above, below = rows
     runs = [label for label in panels["instant"] if label != HORIZON]
     for i, label in enumerate(runs):
@@ -288,7 +280,7 @@ def _plot_over_time(rows: tuple[Axes, Axes], panels: Panels, letters: str = "ab"
     time, ahead = panels["instant"][HORIZON]
     above.plot(time, ahead, color=style.EDGE, linewidth=0.7, label="$T_f$", zorder=1.5)
     above.set_ylim(0.0, 1.06 * float(ahead[0]))
-    above.set_ylabel("Optimized instant\nfrom now (s)")
+    above.set_ylabel("Planned switch\ntime from now (s)")
     below.set_ylabel("Variation of joint\ncontrol (rad/s$^2$)")
     below.set_ylim(bottom=0.0)
     below.sharex(above)
@@ -302,7 +294,7 @@ def _plot_over_time(rows: tuple[Axes, Axes], panels: Panels, letters: str = "ab"
 def _plot_scan(axes: Axes, curves: Curves, minima: Curves, found: Curves, end: float) -> None:
     """Plot J over the instant for each ratio of priorities, its minima, and what the optimizer returns."""
     earliest = min(float(instants[0]) for instants, _ in curves.values())
-    axes.axvspan(0.0, earliest, facecolor=INFEASIBLE, edgecolor="none", zorder=0)
+    axes.axvspan(0.0, earliest, facecolor="#DDDDDD", edgecolor="none", zorder=0)
     axes.text(earliest / 2, 0.5, "infeasible", transform=axes.get_xaxis_transform(), fontsize=style.TEXT, ha="center")
     axes.axvline(end, color=style.EDGE, linewidth=0.7, zorder=1.5)
     for i, (label, (instants, cost)) in enumerate(curves.items()):

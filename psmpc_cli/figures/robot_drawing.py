@@ -21,12 +21,6 @@ FINGER = 0.09
 
 TRAIL = (0, (2, 1.5))
 
-MOST_TICKS = 6
-"""Most ticks along the x axis."""
-
-FLATTEST, TALLEST = 0.45, 1.6
-"""Height over width of a view at least and at most; beyond, it shows more space."""
-
 TARGET: dict[str, Any] = {"linestyle": "none", "marker": "+", "markersize": 5.5, "markeredgewidth": 0.9}
 """Look of a target."""
 
@@ -42,8 +36,8 @@ class View:
     def step(self) -> float:
         """Distance of ticks [m], the same on both axes: 1, 2 or 5 times a power of ten."""
         width = self.x[1] - self.x[0]
-        power = 10.0 ** np.floor(np.log10(width / MOST_TICKS))
-        return float(power * next(step for step in (1, 2, 5, 10) if width <= MOST_TICKS * step * power))
+        power = 10.0 ** np.floor(np.log10(width / 6))
+        return float(power * next(step for step in (1, 2, 5, 10) if width <= 6 * step * power))
 
     @property
     def aspect(self) -> float:
@@ -63,7 +57,7 @@ def view_around(points: np.ndarray) -> View:
     """Return the smallest view, with a margin, that shows these points (., 2) [m]."""
     low, high = points.min(axis=0), points.max(axis=0)
     size = (high - low) + 0.08 * float(np.max(high - low))
-    size = np.maximum(size, [size[1] / TALLEST, size[0] * FLATTEST])
+    size = np.maximum(size, [size[1] / 1.6, size[0] * 0.45])
     (left, bottom), (right, top) = (low + high - size) / 2, (low + high + size) / 2
     return View((left, right), (bottom, top))
 

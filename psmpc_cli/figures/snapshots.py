@@ -32,14 +32,11 @@ from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.load import Task
 
-GAP, AXIS, AROUND = 0.08, 0.3, 0.45
-"""Heights of the gap above a panel's title and of the axis below the panels; width of the axis left of them [in]."""
+AXIS, AROUND = 0.3, 0.45
+"""Height of the axis below the panels; width of the axis left of them [in]."""
 
-MOST, ACROSS = 10, 4
-"""Frames that fit one column; frames, or stages, side by side on a page."""
-
-STILL = 0.03
-"""Frames between which nothing moves farther than this part of the view are one frame."""
+ACROSS = 4
+"""Frames, or stages, side by side on a page."""
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
 """Between a number and its unit."""
@@ -68,11 +65,11 @@ def plot_snapshots(run: Run) -> Figure:
     scene = scene_of(run)
     frames = key_frames(scene)
     view = scene.view(key.time for key in frames)
-    width, columns = (style.COLUMN, min(2, len(frames))) if len(frames) <= MOST else (style.PAGE, ACROSS)
+    width, columns = (style.COLUMN, min(2, len(frames))) if len(frames) <= 10 else (style.PAGE, ACROSS)
     across = (width - AROUND) / columns
     titles = [style.wrapped(f"({letters(i)}) {key.event}", across) for i, key in enumerate(frames)]
     rows, lines = -(-len(frames) // columns), 1 + max(title.count("\n") for title in titles)
-    figure = style.new_figure(rows * (across * view.aspect + lines * style.LINE + GAP) + AXIS, width)
+    figure = style.new_figure(rows * (across * view.aspect + lines * style.LINE + 0.08) + AXIS, width)
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     before = frames[0].time
     for i, (axes, key, title) in enumerate(zip(grid, frames, titles, strict=False)):
@@ -119,7 +116,7 @@ def key_frames(scene: Scene) -> list[KeyInstant]:
     for key in key_instants(scene):
         time = f"{key.time:.1f}{NO_BREAK}s"
         moved = np.inf if not frames else np.abs(scene.points(key.time) - scene.points(frames[-1].time)).max()
-        if moved < STILL * size:
+        if moved < 0.03 * size:
             joined = f"{frames[-1].event}, " + (key.event if time == told else f"{time}: {key.event}")
             frames[-1] = replace(frames[-1], event=joined)
         else:
@@ -147,7 +144,7 @@ def plot_compared_snapshots(runs: Mapping[str, Run]) -> Figure:
     width = (style.PAGE - AROUND) / across
     titles = _stage_titles(runs.values(), width - 0.1)
     lines = 1 + max(title.count("\n") for title in titles)
-    figure = style.new_figure(len(runs) * rows * (width * view.aspect + lines * style.LINE + GAP) + AXIS, style.PAGE)
+    figure = style.new_figure(len(runs) * rows * (width * view.aspect + lines * style.LINE + 0.08) + AXIS, style.PAGE)
     grid = figure.subplots(len(runs) * rows, across, sharex=True, sharey=True, squeeze=False)
     for k, (name, scene) in enumerate(scenes.items()):
         block = grid[k * rows : (k + 1) * rows]

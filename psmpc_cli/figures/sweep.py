@@ -1,6 +1,5 @@
 """The actual start of a stage over the priorities of two stages, and what their ratio does. Paper Fig. 6."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,15 +15,9 @@ from psmpc_cli.figures import style
 from psmpc_cli.simulation.recommendation import ALLOWED, WITHIN, Recommendation, recommend
 from psmpc_cli.simulation.sweep_cells import AlongRatio, SweepCells, along_ratio
 
-PLANE_HEIGHT, STARTS_HEIGHT, PANEL_HEIGHT, AROUND = 2.8, 2.7, 1.05, 0.6
-"""Heights of figures over the plane, of starts over the ratio, of a panel of the sensitivity, and around those [in]."""
-
 COLORS = "viridis"
 
 FLOOR = "$t_s - T_h$"
-
-LEGEND_ROOM = 0.4
-"""Width left and right of a legend that no entry may use [in]."""
 
 WAITING: dict[str, Any] = {
     "marker": "o",
@@ -36,49 +29,11 @@ WAITING: dict[str, Any] = {
 }
 """Look of a draw that waits."""
 
-FAILED_GROUND = "#D9D9D9"
 
-ROUNDING = 1e-6
-"""Times nearer to each other than this are the same [s]."""
-
-ELEVATION, AZIMUTH = 24.0, -128.0
-"""From where the surface is seen [deg]: its slope faces the reader."""
-
-PLACE, BOX, ZOOM = (0.09, 0.0, 0.91, 1.0), (1.0, 1.0, 0.78), 1.03
-"""Place of the axes in three dimensions in the figure; their proportions; how far they fill their place."""
-
-FEW, MARKER = 60, 2.2
-"""Ratios up to this many are marked by points; their size [pt]."""
-
-MARGIN = 0.06
-"""Free height beyond t_s and t_s - T_h, as part of T_h."""
-
-WIDE, WIDEST = 5.0, 300.0
-"""Largest over smallest effort from which on the axis is logarithmic, and up to which all its ticks have numbers."""
-
-
-@dataclass(frozen=True)
-class StartScale:
-    """The scale of actual starts, from the earliest t_s - T_h to the latest t_s [s]."""
-
-    low: float
-    high: float
-
-    @property
-    def norm(self) -> Normalize:
-        """The map from times [s] to 0 to 1."""
-        return Normalize(self.low, self.high)
-
-    @property
-    def colors(self) -> ScalarMappable:
-        """The map from times [s] to colours."""
-        return ScalarMappable(self.norm, COLORS)
-
-
-def start_scale(cells: SweepCells) -> StartScale:
-    """Return the scale for a sweep; any where no cell has ended."""
+def _start_scale(cells: SweepCells) -> Normalize:
+    """Return the scale of actual starts, from the earliest t_s - T_h to the latest t_s [s]."""
     instant, floor = cells.instant[cells.ended], cells.floor[cells.ended]
-    return StartScale(float(floor.min()), float(instant.max())) if len(instant) else StartScale(0.0, 1.0)
+    return Normalize(float(floor.min()), float(instant.max())) if len(instant) else Normalize(0.0, 1.0)
 
 
 def plot_heat_map(cells: SweepCells) -> Figure:
@@ -86,16 +41,16 @@ def plot_heat_map(cells: SweepCells) -> Figure:
 
     Starts are known to one sample: within the contour the start is the first sample after t_s - T_h.
     """
-    figure = style.new_figure(PLANE_HEIGHT)
+    figure = style.new_figure(2.8)
     axes = figure.add_subplot()
-    scale, shape = start_scale(cells), cells.results["status"].shape
+    scale, shape = _start_scale(cells), cells.results["status"].shape
     x, y = (np.log10(cells.results[name]) for name in ("omega_1", "omega_2"))
     start, failed = _starts(cells).reshape(shape), cells.failed.reshape(shape)
-    axes.pcolormesh(edges(x), edges(y), np.ma.masked_invalid(start), norm=scale.norm, cmap=COLORS)
+    axes.pcolormesh(edges(x), edges(y), np.ma.masked_invalid(start), norm=scale, cmap=COLORS)
     handles = _plot_contour(axes, x, y, start - cells.floor.reshape(shape), cells.task.spec.controller.sample_time)
     if failed.any():
         ground = np.ma.masked_equal(failed.astype(float), 0.0)
-        axes.pcolormesh(edges(x), edges(y), ground, cmap=ListedColormap([FAILED_GROUND]))
+        axes.pcolormesh(edges(x), edges(y), ground, cmap=ListedColormap(["#D9D9D9"]))
         rows, columns = np.nonzero(failed)
         axes.plot(x[columns], y[rows], **style.FAILED)
         handles.append(style.entry("failed", **style.FAILED))
@@ -107,10 +62,10 @@ def plot_heat_map(cells: SweepCells) -> Figure:
 
 def plot_draws(cells: SweepCells) -> Figure:
     """Plot the actual start [s] as the colour of a point for every random draw of omega_1 and omega_2."""
-    figure = style.new_figure(PLANE_HEIGHT)
+    figure = style.new_figure(2.8)
     axes = figure.add_subplot()
-    scale, (x, y), ended = start_scale(cells), np.log10(cells.omega.T), cells.ended
-    look: dict[str, Any] = {"norm": scale.norm, "cmap": COLORS, "edgecolors": style.EDGE, "linewidths": 0.3}
+    scale, (x, y), ended = _start_scale(cells), np.log10(cells.omega.T), cells.ended
+    look: dict[str, Any] = {"norm": scale, "cmap": COLORS, "edgecolors": style.EDGE, "linewidths": 0.3}
     axes.scatter(x[ended], y[ended], 16, _starts(cells)[ended], **look)
     handles: list[Artist] = []
     for which, name, mark in ((cells.failed, "failed", style.FAILED), (cells.waiting, "waiting", WAITING)):
@@ -123,31 +78,35 @@ def plot_draws(cells: SweepCells) -> Figure:
 
 def plot_surface(cells: SweepCells) -> Figure:
     """Plot the actual start [s] over omega_1 and omega_2 as a surface, between frames at t_s and at t_s - T_h."""
-    figure = style.new_figure(PLANE_HEIGHT)
+    figure = style.new_figure(2.8)
     figure.set_layout_engine("none")  # it makes no room for the labels of axes in three dimensions
-    axes: Any = figure.add_axes(PLACE, projection="3d", proj_type="ortho", computed_zorder=False)
-    scale, shape = start_scale(cells), cells.results["status"].shape
+    axes: Any = figure.add_axes((0.09, 0.0, 0.91, 1.0), projection="3d", proj_type="ortho", computed_zorder=False)
+    scale, shape = _start_scale(cells), cells.results["status"].shape
     x, y = np.meshgrid(*(np.log10(cells.results[name]) for name in ("omega_1", "omega_2")))
     start, failed = _starts(cells).reshape(shape), cells.failed.reshape(shape)
     handles: list[Artist] = []
     if cells.ended.any():  # from the lowest to the highest, as they cover each other
-        floor = _plot_frame(axes, x, y, scale.low, (0, (4, 1.5)), FLOOR)
-        look: dict[str, Any] = {"facecolors": scale.colors.to_rgba(start), "edgecolor": style.EDGE, "linewidth": 0.2}
+        floor = _plot_frame(axes, x, y, float(scale.vmin or 0.0), (0, (4, 1.5)), FLOOR)
+        look: dict[str, Any] = {
+            "facecolors": ScalarMappable(scale, COLORS).to_rgba(start),
+            "edgecolor": style.EDGE,
+            "linewidth": 0.2,
+        }
         axes.plot_surface(x, y, start, rstride=1, cstride=1, shade=False, **look)
-        handles = [*_plot_frame(axes, x, y, scale.high, "-", "$t_s$"), *floor]
+        handles = [*_plot_frame(axes, x, y, float(scale.vmax or 0.0), "-", "$t_s$"), *floor]
     if failed.any():
-        axes.plot(x[failed], y[failed], np.full(failed.sum(), scale.low), **style.FAILED)
+        axes.plot(x[failed], y[failed], np.full(failed.sum(), scale.vmin), **style.FAILED)
         handles.append(style.entry("failed", **style.FAILED))
     if cells.waiting.any():
         handles.append(style.entry("blank: waiting", linestyle="none"))
     _set_space(axes, cells, scale)
-    style.add_legend(figure, handles, True, LEGEND_ROOM)
+    style.add_legend(figure, handles, True, 0.4)
     return figure
 
 
 def plot_starts(cells: SweepCells) -> Figure:
     """Plot the actual start [s] over omega_2 / omega_1, a line a threshold, between t_s and t_s - T_h."""
-    figure = style.new_figure(STARTS_HEIGHT)
+    figure = style.new_figure(2.7)
     axes = figure.add_subplot()
     _set_ratio(axes, cells)
     if cells.ended.any():
@@ -182,7 +141,7 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
     ]
     if np.isfinite(error.middle).any():
         panels.append((error, "Final error\n(tolerances)"))
-    figure = style.new_figure(len(panels) * PANEL_HEIGHT + AROUND)
+    figure = style.new_figure(len(panels) * 1.05 + 0.6)
     rows = figure.subplots(len(panels), 1, sharex=True)
     _set_ratio(rows[0], cells)
     best = recommend(cells)
@@ -228,7 +187,7 @@ def edges(centres: np.ndarray) -> np.ndarray:
 def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, sample: float) -> list[Artist]:
     """Part the cells whose start is less than a sample above t_s - T_h from the others; return what the legend says."""
     known = np.isfinite(above)
-    near = above < sample + ROUNDING
+    near = above < sample + 1e-6
     if not known.any():
         return []
     if near[known].all() or not near[known].any():
@@ -238,7 +197,7 @@ def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, s
     return [style.entry(f"{FLOOR}, to one sample", color="black", linewidth=1.0)]
 
 
-def _finish_plane(figure: Figure, axes: Axes, cells: SweepCells, scale: StartScale, handles: list[Artist]) -> None:
+def _finish_plane(figure: Figure, axes: Axes, cells: SweepCells, scale: Normalize, handles: list[Artist]) -> None:
     """Name the axes, omega_1 to the right and omega_2 up, add the bar of colours and the legend."""
     first, second = (style.readable(name) for name in cells.names)
     axes.set_xlabel(f"Priority of {first}, ω₁ (1)")
@@ -246,11 +205,11 @@ def _finish_plane(figure: Figure, axes: Axes, cells: SweepCells, scale: StartSca
     for axis in (axes.xaxis, axes.yaxis):
         _count_decades(axis)
     if cells.ended.any():
-        bar = figure.colorbar(scale.colors, ax=axes, pad=0.02, aspect=22)
+        bar = figure.colorbar(ScalarMappable(scale, COLORS), ax=axes, pad=0.02, aspect=22)
         bar.set_label(_start_label(cells))
         bar.ax.set_title("$t_s$", fontsize=style.TEXT, pad=3)
         bar.ax.set_xlabel(FLOOR, fontsize=style.TEXT, labelpad=4, loc="left")
-    style.add_legend(figure, handles, True, LEGEND_ROOM)
+    style.add_legend(figure, handles, True, 0.4)
 
 
 def _count_decades(axis: Axis, most: int = 7) -> None:
@@ -266,10 +225,10 @@ def _plot_frame(axes: Any, x: np.ndarray, y: np.ndarray, height: float, dashes: 
     return list(axes.plot(*corners, color=style.EDGE, linewidth=0.8, linestyle=dashes, label=label))
 
 
-def _set_space(axes: Any, cells: SweepCells, scale: StartScale) -> None:
+def _set_space(axes: Any, cells: SweepCells, scale: Normalize) -> None:
     """Name and place the axes in three dimensions."""
-    axes.view_init(ELEVATION, AZIMUTH)
-    axes.set_box_aspect(BOX, zoom=ZOOM)
+    axes.view_init(24.0, -128.0)
+    axes.set_box_aspect((1.0, 1.0, 0.78), zoom=1.03)
     axes.set_xlabel("ω₁ (1)", labelpad=-6)
     axes.set_ylabel("ω₂ (1)", labelpad=-6)
     axes.set_zlabel(_start_label(cells, "\n"), labelpad=-4)
@@ -279,7 +238,7 @@ def _set_space(axes: Any, cells: SweepCells, scale: StartScale) -> None:
         axis.set_tick_params(pad=-3)
         axis.pane.set_facecolor("white")
     axes.grid(visible=False)
-    axes.set_zlim(scale.low, scale.high)
+    axes.set_zlim(scale.vmin, scale.vmax)
     if not cells.ended.any():
         axes.set_zticks([])
 
@@ -296,8 +255,8 @@ def _set_ratio(axes: Axes, cells: SweepCells) -> None:
 
 def _plot_along(axes: Axes, values: AlongRatio, **look: Any) -> None:
     """Plot a quantity over the ratio, and how far the cells of one ratio lie apart, where they do."""
-    marker = "o" if len(values.ratio) <= FEW else ""
-    axes.plot(values.ratio, values.middle, marker=marker, markersize=MARKER, **look)
+    marker = "o" if len(values.ratio) <= 60 else ""
+    axes.plot(values.ratio, values.middle, marker=marker, markersize=2.2, **look)
     if np.any(values.highest > values.lowest):
         axes.fill_between(values.ratio, values.lowest, values.highest, color=look["color"], alpha=0.2, linewidth=0)
 
@@ -305,7 +264,7 @@ def _plot_along(axes: Axes, values: AlongRatio, **look: Any) -> None:
 def _plot_bounds(axes: Axes, cells: SweepCells) -> None:
     """Plot t_s and t_s - T_h, below which no switch is in the window."""
     instant, floor = along_ratio(cells, cells.instant), along_ratio(cells, cells.floor)
-    room = MARGIN * cells.task.spec.controller.horizon
+    room = 0.06 * cells.task.spec.controller.horizon
     low, high = float(floor.lowest.min()) - room, float(instant.highest.max()) + room
     marker = "_" if len(floor.ratio) == 1 else ""
     look: dict[str, Any] = {"color": style.EDGE, "linewidth": 0.8, "zorder": 1.6, "marker": marker}
@@ -343,5 +302,5 @@ def _shade_near_earliest(axes: Axes, completion: AlongRatio) -> None:
 def _scale_effort(axes: Axes, effort: AlongRatio) -> None:
     """Make the axis of efforts logarithmic, with plain numbers, where they differ much."""
     low, high = float(effort.lowest.min()), float(effort.highest.max())
-    if high > WIDE * low > 0:
-        style.make_logarithmic(axes, subs=(1.0, 2.0, 5.0) if high < WIDEST * low else (1.0,))
+    if high > 5.0 * low > 0:
+        style.make_logarithmic(axes, subs=(1.0, 2.0, 5.0) if high < 300.0 * low else (1.0,))

@@ -14,20 +14,10 @@ from matplotlib.ticker import MaxNLocator
 from psmpc_cli.figures import style
 from psmpc_cli.figures.run import Run, Span
 
-STRIP_ROW, MARGINS, ABOVE, LEFT = 0.15, 0.5, 0.15, 0.6
-"""Heights of a row of the strip, of axis and label below the panels, of a legend above a row of panels; width left of
-the panels [in]."""
-
-ROOM = 0.012
-"""Free space at either end of the time axis, as a part of the run: its first and last values must be visible."""
+STRIP_ROW = 0.15
+"""Height of a row of the strip [in]."""
 
 DOTTED = (0, (1, 1.5))
-
-NAME_SIZE = 8.0
-"""Size of the controllers' names [pt]."""
-
-HALO = (withStroke(linewidth=1.5, foreground="white"),)
-"""Around a stage's name, which may be wider than its bar."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +65,8 @@ def open_timeline(runs: Mapping[str, Run] | Run, rows: int, height: float, shade
     columns = {"": runs} if isinstance(runs, Run) else dict(runs)
     width = style.PAGE if len(columns) > 1 else style.COLUMN
     strip = STRIP_ROW * max(2, *(max(bar_rows(run.spans)) + 1 for run in columns.values()))
-    above = ABOVE if named else 0.0
-    figure = style.new_figure(strip + above + MARGINS + rows * (height + above), width)
+    above = 0.15 if named else 0.0
+    figure = style.new_figure(strip + above + 0.5 + rows * (height + above), width)
     ratios = [strip] + [height] * rows
     axes = figure.subplots(rows + 1, len(columns), sharex=True, sharey="row", squeeze=False, height_ratios=ratios)
     _set_time(axes[0, 0], columns)
@@ -84,10 +74,10 @@ def open_timeline(runs: Mapping[str, Run] | Run, rows: int, height: float, shade
     handles: list[Artist] = []
     keys: list[Artist] = []
     for column, (name, run) in zip(axes.T, columns.items(), strict=True):
-        keys += _draw_strip(column[0], run, (width - LEFT) / len(columns) if named else style.AXIS_WIDTH)
+        keys += _draw_strip(column[0], run, (width - 0.6) / len(columns) if named else style.AXIS_WIDTH)
         handles += _stage_handles(run.spans, shaded)
         if named:
-            column[0].set_title(style.title_of(name), fontsize=NAME_SIZE, pad=3)
+            column[0].set_title(style.title_of(name), fontsize=8.0, pad=3)
         for panel in column[1:] if shaded else ():
             _shade(panel, run.spans)
         column[-1].set_xlabel("Time (s)")
@@ -116,7 +106,7 @@ def _set_time(axes: Axes, runs: Mapping[str, Run]) -> None:
     """Set the common time axis, from the first start to the last end."""
     start, end = min(float(run.time[0]) for run in runs.values()), max(run.end for run in runs.values())
     sample_time = next(iter(runs.values())).task.controller.sample_time
-    room = ROOM * (end - start) or 0.55 * sample_time
+    room = 0.012 * (end - start) or 0.55 * sample_time
     axes.set_xlim(start - room, end + room)
     axes.xaxis.set_major_locator(MaxNLocator(nbins=7 if len(runs) == 1 else 4, steps=[1, 2, 5, 10]))
 
@@ -157,7 +147,15 @@ def _draw_strip(axes: Axes, run: Run, width: float) -> list[Artist]:
         outline = Rectangle((left, bottom), span.end - left, height, fill=False, edgecolor=style.EDGE, linewidth=0.5)
         outline.set_clip_on(False)
         axes.add_patch(outline)
-        axes.text(centre, row + 0.54, text, fontsize=style.TEXT, ha="center", va="center", path_effects=HALO)
+        axes.text(
+            centre,
+            row + 0.54,
+            text,
+            fontsize=style.TEXT,
+            ha="center",
+            va="center",
+            path_effects=(withStroke(linewidth=1.5, foreground="white"),),
+        )
     shortened = (span for span, (_, text) in zip(run.spans, names, strict=True) if text != style.readable(span.name))
     return [style.entry(f"{span.index + 1}: {style.readable(span.name)}", linestyle="none") for span in shortened]
 

@@ -21,7 +21,9 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [case if case == "with failures" else pytest.param(case, marks=pytest.mark.slow) for case in CASES]
+)
 def test_every_figure_is_fit_to_print(tmp_path: Path, case: str) -> None:
     runs = made_up_monte_carlo(tmp_path / "study.h5", **CASES[case])
     for figure in figures_of("monte_carlo").values():

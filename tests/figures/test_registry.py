@@ -29,9 +29,12 @@ STORIES: dict[str, dict[str, Any]] = {
     "killed at once": {"last": 0.2},
     "noisy": {"blur": 0.1},
 }
+FAST = ("object lost", "three at once")
 
 
-@pytest.mark.parametrize("story", STORIES)
+@pytest.mark.parametrize(
+    "story", [story if story in FAST else pytest.param(story, marks=pytest.mark.slow) for story in STORIES]
+)
 def test_every_figure_of_a_run_is_fit_to_print(story: str, load: Load) -> None:
     run = load(**STORIES[story])
     for figure in figures_of("run").values():
@@ -39,6 +42,7 @@ def test_every_figure_of_a_run_is_fit_to_print(story: str, load: Load) -> None:
             check_figure(figure.function(run))
 
 
+@pytest.mark.slow
 def test_figures_of_many_long_names_are_fit_to_print(load: Load, many_stages: dict[str, Any]) -> None:
     run = load(**many_stages)
     for kind, subject, names in (("run", run, ("controls", "instants")), ("comparison", {"a": run}, ("snapshots",))):
@@ -47,7 +51,7 @@ def test_figures_of_many_long_names_are_fit_to_print(load: Load, many_stages: di
                 check_figure(figures_of(kind)[name].function(subject))
 
 
-@pytest.mark.parametrize("compared", [("psmpc", "smpc", "htmpc", "hard"), ("smpc",)])
+@pytest.mark.parametrize("compared", [("psmpc", "smpc", "hard"), pytest.param(("smpc",), marks=pytest.mark.slow)])
 def test_every_figure_of_a_comparison_is_fit_to_print(compared: tuple[str, ...], runs: Mapping[str, Run]) -> None:
     for figure in figures_of("comparison").values():
         with in_style():

@@ -171,6 +171,7 @@ def test_paths_of_the_ends_of_the_arms_begin_at_the_frame_before(run: Run) -> No
             np.testing.assert_allclose(points(line)[[0, -1]], ends)
 
 
+@pytest.mark.slow
 def test_many_frames_take_the_width_of_a_page(load: Load, many_stages: dict[str, Any]) -> None:
     figure = plot_snapshots(load(**many_stages))
     assert figure.get_figwidth() == PAGE

@@ -40,7 +40,9 @@ def sweep(tmp_path: Path) -> Sweep:
     return lambda sampling, **given: sweep_cells(made_up_sweep(tmp_path / "sweep.h5", sampling, **given))
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [case if "holes" in case else pytest.param(case, marks=pytest.mark.slow) for case in CASES]
+)
 def test_every_figure_of_every_sampling_is_fit_to_print(sweep: Sweep, case: str) -> None:
     cells = sweep(**CASES[case])
     for figure in figures_of("sweep", cells).values():

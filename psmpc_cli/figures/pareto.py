@@ -114,9 +114,11 @@ def _plot_sample(axes: Axes, found: Sequence[Points], index: int) -> None:
 def _draw_arrows(axes: Axes, J: np.ndarray, color: str) -> None:
     """Draw arrows along a curve (N, 2) of points with ever larger ratios."""
     J = J[np.isfinite(J).all(axis=1)][:, ::-1]
+    if len(J) < 2:
+        return
     look = {"arrowstyle": "-|>,head_width=0.25,head_length=0.5", "facecolor": color, "linewidth": 0.4, "shrinkB": 0}
     length = np.cumsum(np.linalg.norm(np.diff(J, axis=0) / np.maximum(np.ptp(J, axis=0), 1e-12), axis=1))
-    for part in (0.3, 0.75) if len(J) > 1 else ():
+    for part in (0.3, 0.75):
         k = int(np.searchsorted(length, part * length[-1])) + 1
         axes.annotate("", xy=J[k], xytext=J[k - 1], arrowprops={**look, "shrinkA": 0}, zorder=4)
 

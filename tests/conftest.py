@@ -2,14 +2,11 @@
 
 import logging
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 
-import numpy as np
 import pytest
 from hypothesis import settings
 
-from psmpc_cli.control.controller import SwitchingController
-from psmpc_cli.control.decision import Decision
+from psmpc_cli.control import Command
 from psmpc_cli.ocp.problem import Stage, StageCosts, build_stages
 from psmpc_cli.robot.model import RobotModel, build_model
 from psmpc_cli.simulation.loop import closed_loop
@@ -64,23 +61,8 @@ def experiment_of() -> Callable[..., Experiment]:
     return build
 
 
-class Recorder(SwitchingController):
-    """A controller that keeps what it decided."""
-
-    def __init__(self, controller: SwitchingController) -> None:
-        super().__init__(controller.spec, controller.stages, controller.windows)
-        self.decided: list[Decision] = []
-
-    def decide(self, now: float, x: np.ndarray) -> Decision:
-        self.decided.append(super().decide(now, x))
-        return self.decided[-1]
-
-
 @pytest.fixture(scope="session")
-def decisions(experiment_of: Callable[..., Experiment]) -> list[Decision]:
-    """Every decision of a PSMPC run of the transport task on a coarse mesh and the ideal plant."""
+def decisions(experiment_of: Callable[..., Experiment]) -> list[Command]:
+    """Every command of a PSMPC run of the transport task on a coarse mesh and the ideal plant."""
     experiment = experiment_of("controller.nodes=20", "plant.kind=ideal")
-    recorder = Recorder(experiment.controller)
-    for _ in closed_loop(replace(experiment, controller=recorder)):
-        pass
-    return recorder.decided
+    return [sample.command for sample in closed_loop(experiment)]

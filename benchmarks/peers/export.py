@@ -20,8 +20,8 @@ from psmpc_cli.control.multipliers import Before, shift_multipliers
 from psmpc_cli.control.window_solver import WindowSolver
 from psmpc_cli.ocp.layout import Layout
 
+from psmpc_cli.control import Command
 from psmpc_cli.control.controller import SwitchingController
-from psmpc_cli.control.decision import Decision
 from psmpc_cli.ocp.plan import resting_plan, shift
 from psmpc_cli.ocp.window import Window, bounds, end_tolerance, pack_guess, parameter_vector, shortest_durations
 from psmpc_cli.simulation.loop import closed_loop
@@ -44,8 +44,8 @@ QUICK = ("controller.nodes=25", "solver.kind=sqp", "plant.kind=ideal")
 class Recorded:
     """Two decisions of a run, a sample apart."""
 
-    before: Decision
-    at: Decision
+    before: Command
+    at: Command
 
 
 class Recorder(SwitchingController):
@@ -53,9 +53,9 @@ class Recorder(SwitchingController):
 
     def __init__(self, controller: SwitchingController) -> None:
         super().__init__(controller.spec, controller.stages, controller.windows)
-        self.decided: list[Decision] = []
+        self.decided: list[Command] = []
 
-    def decide(self, now: float, x: np.ndarray) -> Decision:
+    def decide(self, now: float, x: np.ndarray) -> Command:
         """Decide and keep the decision."""
         self.decided.append(super().decide(now, x))
         return self.decided[-1]
@@ -97,9 +97,9 @@ def starts(windows: WindowSolver, pair: Recorded) -> dict[str, Start]:
     return {"cold": Start(cold, equal), "warm": Start(warm, moved.instants)}
 
 
-def meshed(decision: Decision, windows: WindowSolver) -> Window:
+def meshed(decision: Command, windows: WindowSolver) -> Window:
     """Return a decision's window with the N_s of `windows`."""
-    window = decision.solved.window
+    window = decision.solution.window
     return replace(window, nodes=(windows.task.controller.uniform_nodes,) * len(window.stages))
 
 

@@ -1,18 +1,21 @@
-"""The switching controllers. PSMPC, SMPC and hard switching are one piece of code with two switches."""
+"""The switching controller: PSMPC, SMPC and hard switching are one code with two switches; HTMPC adds levels."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from psmpc_cli.control.decision import Decision
+from psmpc_cli.control.estimator import Estimator
+from psmpc_cli.control.htmpc import Hierarchy
 from psmpc_cli.control.multistart import solve_from_several
-from psmpc_cli.control.sequence import Sequence, Switch, detect, drop_met, drop_passed
+from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed, is_over
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.plan import Plan, braking_plan, resting_plan, shift
-from psmpc_cli.ocp.problem import Problem, Stage
+from psmpc_cli.ocp.problem import Problem, Stage, build_problem
 from psmpc_cli.ocp.window import SHORTEST, Along, Window, first_counts, node_counts, normalization, own_violations
-from psmpc_cli.solvers import FEASIBLE, Outcome, Solution, Solver
-from psmpc_cli.specs.task import ControllerSpec
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.solvers import FEASIBLE, Outcome, Solution, Solver, build_solver
+from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.task import ControllerSpec, SolverSpec, TaskSpec
 
 ONE_STAGE = ("hard", "htmpc")
 """Controllers whose window holds the current stage alone."""
@@ -20,75 +23,216 @@ ONE_STAGE = ("hard", "htmpc")
 BRAKING_TIME = 0.5
 """Time within which a robot without a plan comes to rest [s], longer where acceleration limits ask for it."""
 
+COMPARED = 30
+"""Iterations of `sqp` where windows are solved from several guesses, whose objectives are compared at their optima."""
 
-class SwitchingController:
-    """Priority-based switching MPC and what it is compared with. Paper Algorithm 1."""
 
-    def __init__(self, problem: Problem, solver: Solver) -> None:
-        self.problem, self.solver = problem, solver
-        self.spec, self.stages, self.costs = problem.spec.controller, problem.stages, problem.costs
-        self._sequence = Sequence(0, np.zeros(0), 0.0)
+@dataclass(frozen=True, eq=False)
+class State:
+    """State of the robot: Q (n,) [m, rad] and its velocity v (n,) [m/s, rad/s]."""
+
+    Q: np.ndarray
+    v: np.ndarray
+
+    @classmethod
+    def of(cls, x: np.ndarray) -> "State":
+        """Build the state from [Q; v] (2n,)."""
+        return cls(*np.split(x, 2))
+
+    @property
+    def x(self) -> np.ndarray:
+        """Both as one vector [Q; v] (2n,)."""
+        return np.concatenate([self.Q, self.v])
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """What the controller decided at one sample.
+
+    Attributes:
+        time: When it begins to act [s].
+        x: State [Q; v] (2n,) it was decided from: the measured one, or the one foreseen over a known delay.
+        u: Accelerations over the low-level ticks of the coming sample (M, n) [m/s^2, rad/s^2].
+        tick: Length of a tick [s].
+        plan: The plan in force.
+        sequence: The stages in the window.
+        prediction: The shifted plan that the solve started from.
+        solution: The solve behind the plan, or the failed one.
+        events: Names of what happened: `appended` (a stage entered the window), `postponed` (the next stage was seen,
+            but the window with it has no solution yet), `solve_failed` (the shifted plan goes on), `braking` (the plan
+            is used up, and `plan` brakes to rest), `unmeasured` (the state was not finite, the plan's was used for it).
+        switches: Stages that ended since the sample before.
+        disturbance: Estimated acceleration that no plan knows of (n,); zero without offset-free control.
+        levels: The solution of each level of HTMPC, of the current stage first. Where a level did not converge, its
+            plan is that of the level before.
+        model: The robot.
+    """
+
+    time: float
+    x: np.ndarray
+    u: np.ndarray
+    tick: float
+    plan: Plan
+    sequence: MovingSequence
+    prediction: Plan
+    solution: Solution
+    events: frozenset[str]
+    switches: tuple[Switch, ...]
+    disturbance: np.ndarray
+    levels: tuple[Solution, ...]
+    model: RobotModel = field(repr=False)
+
+    @property
+    def instants(self) -> np.ndarray:
+        """Planned switch times [s], absolute; one fewer than stages in the window."""
+        return self.sequence.instants
+
+    @property
+    def stage(self) -> Stage:
+        """The current stage, with its `name` and `index`."""
+        return self.solution.window.stages[0]
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the solve ended; under HTMPC that of the last level, which alone may have failed."""
+        return (self.levels or (self.solution,))[-1].outcome
+
+    @property
+    def iterations(self) -> int:
+        """Iterations of all solves."""
+        return sum(each.iterations for each in self.levels or (self.solution,))
+
+    @property
+    def solve_time(self) -> float:
+        """Wall time of all solves [s]."""
+        return sum(each.wall_time for each in self.levels or (self.solution,))
+
+    def force(self, time: float, state: State) -> np.ndarray:
+        """Compute the generalized force (n,) [N, N m] that a low-level controller applies over a tick: computed torque.
+
+        Args:
+            time: Beginning of the tick, in the coming sample [s].
+            state: Measured then.
+        """
+        tick = int(np.clip(np.floor((time - self.time) / self.tick + 1e-6), 0, len(self.u) - 1))
+        return self.model.inverse_dynamics(state.Q, state.v, self.u[tick])
+
+
+class Controller:
+    """Priority-based switching MPC, and what it is compared with, for one run.
+
+    Attributes:
+        problem: The task made computable.
+        sequence: The stages in the window.
+        done: Whether the last stage has met its end condition. A controller that is done holds its target.
+    """
+
+    def __init__(self, task: Task | Problem, solver: Solver | None = None) -> None:
+        """Build the controller of a task.
+
+        Args:
+            task: The task, or its problem.
+            solver: Solves the windows; by default what the task names.
+        """
+        self.problem = task if isinstance(task, Problem) else build_problem(task)
+        self.spec, self.stages, self.costs = self.problem.spec.controller, self.problem.stages, self.problem.costs
+        self.solver = solver or build_solver(self.problem, _solver_spec(self.problem.spec))
+        self.sequence, self.done = MovingSequence(0, np.zeros(0), 0.0), False
+        self._rate = self.problem.spec.plant.low_level_rate
+        self._estimator = Estimator(self.spec, 1 / self._rate, self.problem.model.n)
+        self._hierarchy = Hierarchy(self.problem) if self.spec.kind == "htmpc" else None
         self._plan: Plan | None = None
         self._braking: Plan | None = None
         self._solved: Solution | None = None
         self._trusted = np.inf
 
-    @property
-    def sequence(self) -> Sequence:
-        """The stages in the window."""
-        return self._sequence
+    def step(self, time: float, state: State) -> Command:
+        """Decide what the robot does over the coming sample. Paper Algorithm 1.
 
-    @property
-    def solved(self) -> Solution | None:
-        """The last solve, whose multipliers start the next one; None before the first."""
-        return self._solved
-
-    def hand_over(self, now: float, x: np.ndarray) -> tuple[Switch, ...]:
-        """Drop the stages that are over at time now [s], by the plan or by the measured state x (2n,)."""
-        sequence, passed = drop_passed(self._sequence if self._on_course(now, x) else self._sequence.alone, now)
-        self._sequence, met = drop_met(sequence, self.stages, self.costs, now, x)
-        return (*passed, *met)
-
-    def decide(self, now: float, x: np.ndarray) -> Decision:
-        """Return the decision at time now [s] from the measured state x (2n,).
-
-        Where that is not finite the plan's own prediction stands in for it, but no longer than until the end of the
-        plan that was in force when the state was last measured whole.
+        Args:
+            time: When the command begins to act [s], a sample after the one before.
+            state: Measured then, or `known_delay` samples before. Where it is not finite the plan's own prediction is
+                used, at most until the end of the plan in force when the state was last measured completely.
 
         Raises:
             RunError: Nothing is measured, and there is no plan yet.
         """
-        measured = bool(np.isfinite(x).all())
-        x = x if measured else self._stand_in(now, x)
-        before, prediction = self._sequence, self._predict(now, x)
-        longer = None if self.spec.kind in ONE_STAGE else self._detect(before, prediction)
-        sequence, solved = self._first_solvable(before, longer, prediction, x)
-        usable = solved.outcome.usable and (measured or not self._used_up(now))
-        if usable:
-            sequence = Sequence(sequence.first, solved.plan.instants, sequence.entered)
-        self._sequence, self._solved = sequence, solved
-        plan = self._plan_in_force(solved.plan if usable else None, prediction, now, x)
+        seen = self._estimator.foreseen(state.x)
+        switches = self._drop_stages(time, seen)  # stages that are over leave the window
+        x, measured = self._completed(time, seen), bool(np.isfinite(seen).all())
+        prediction, before = self._predict(time, x), self.sequence  # the last plan, shifted
+        longer = self._detect(prediction)  # the next stage enters when its switch is predicted
+        sequence, solution = self._solve_longest(before, longer, prediction, x)
+        solved = solution.outcome.usable and (measured or not self._is_used_up(time))
+        if solved:
+            sequence = MovingSequence(sequence.first, solution.plan.instants, sequence.entered)
+        levels = self._hierarchy.descend(sequence, solution, prediction) if self._hierarchy and solved else ()
+        self.sequence, self._solved = sequence, solution
+        plan = self._plan_in_force((levels or (solution,))[-1].plan if solved else None, prediction, time, x)
         self._trusted = plan.end if measured and self._braking is None else self._trusted
-        return Decision(
-            plan=plan,
-            sequence=sequence,
-            solved=solved,
-            prediction=prediction,
-            appended=sequence.last > before.last,
-            postponed=sequence.last < (longer or before).last,
-            solve_failed=not usable,
-            exhausted=self._braking is not None,
-            unmeasured=not measured,
-        )
+        u = self._estimator.command(plan.mean_control(self.edges(time)), state.v)
+        happened = {
+            "appended": sequence.last > before.last,
+            "postponed": sequence.last < (longer or before).last,
+            "solve_failed": not solved,
+            "braking": self._braking is not None,
+            "unmeasured": not measured,
+        }
+        events, d = frozenset(name for name, yes in happened.items() if yes), self._estimator.d
+        tick, model = 1 / self._rate, self.problem.model
+        return Command(time, x, u, tick, plan, sequence, prediction, solution, events, switches, d, levels, model)
 
-    def _first_solvable(
-        self, sequence: Sequence, longer: Sequence | None, prediction: Plan, x: np.ndarray
-    ) -> tuple[Sequence, Solution]:
-        """Return the longest sequence whose window has a solution, and the solve; `sequence` with its own if none has.
+    def edges(self, time: float) -> np.ndarray:
+        """Return the beginnings of the low-level ticks in the sample at a time [s], and its end (M + 1,)."""
+        return np.asarray(time + np.arange(round(self.spec.sample_time * self._rate) + 1) / self._rate)
 
-        Where a stage has appeared that is the one with it. Where no point meets all constraints, a blow has put the end
-        condition of the current stage out of reach for example, the stages that wait are left to be seen again. Soft
-        limits make no difference: a window that violates them further than one with fewer stages has no solution.
+    def _drop_stages(self, time: float, x: np.ndarray) -> tuple[Switch, ...]:
+        """Drop the stages that are over at a time [s], by the plan or by the measured state x (2n,)."""
+        sequence, passed = drop_passed(self.sequence if self._on_course(time, x) else self.sequence.alone, time)
+        self.sequence, met = drop_met(sequence, self.stages, self.costs, time, x)
+        if not self.done and self.sequence.first == len(self.stages) - 1:
+            self.done = is_over(self.sequence, self.stages, self.costs, time, x)
+            met += [Switch(self.sequence.first, time)] if self.done else []
+        return (*passed, *met)
+
+    def _on_course(self, time: float, x: np.ndarray) -> bool:
+        """Tell whether the plan may end the current stage at a time [s], if it wants to.
+
+        One that could not be renewed may not where the measured state x (2n,) is far from where it had the stage end.
+        """
+        sequence, stage = self.sequence, self.stages[self.sequence.first]
+        renewed = self._solved is None or self._solved.outcome.usable
+        if renewed or stage.at is not None or sequence.count == 1 or sequence.instants[0] > time + SHORTEST:
+            return True
+        return bool(self.costs.met(stage, x[None], self.spec.detection_margin)[0])
+
+    def _completed(self, time: float, x: np.ndarray) -> np.ndarray:
+        """Return the measured state x (2n,) with the plan's wherever it is not finite."""
+        if np.isfinite(x).all():
+            return x
+        plan = self._plan if self._braking is None else self._braking
+        if plan is None:
+            raise RunError(f"nothing is measured at {time:g} s and there is no plan yet, so the robot does not move")
+        return np.where(np.isfinite(x), x, plan.states_at(np.array([time]))[0])
+
+    def _predict(self, time: float, x: np.ndarray) -> Plan:
+        if self._plan is None:
+            return resting_plan(time, self.spec.horizon, self.spec.uniform_nodes, x)
+        return shift(self._plan, time, self.spec.horizon, x)
+
+    def _detect(self, prediction: Plan) -> MovingSequence | None:
+        if self.spec.kind in ONE_STAGE:
+            return None
+        return detect(self.sequence, self.stages, self.costs, prediction, self.spec.detection_margin)
+
+    def _solve_longest(
+        self, sequence: MovingSequence, longer: MovingSequence | None, prediction: Plan, x: np.ndarray
+    ) -> tuple[MovingSequence, Solution]:
+        """Solve the window over the longest sequence that has a solution; over `sequence` if none has.
+
+        Where a stage has appeared that is the one with it. Where no point meets all constraints, an impact has put the
+        end condition of the current stage out of reach for example, the stages that wait are left to be seen again.
+        Soft limits make no difference: a window that violates them further than one with fewer stages has no solution.
         """
         solved = self._solve(longer or sequence, prediction, x)
         if longer is not None:
@@ -107,46 +251,24 @@ class SwitchingController:
             solved = _after(alone, solved)
         return sequence, solved
 
-    def _on_course(self, now: float, x: np.ndarray) -> bool:
-        """Tell whether the plan may end the current stage at time now [s], if it wants to.
+    def _solve(self, sequence: MovingSequence, prediction: Plan, x: np.ndarray) -> Solution:
+        window = self.window(sequence, prediction, x, self._solved)
+        guess = replace(prediction, instants=sequence.instants)
+        return solve_from_several(self.solver, window, guess, self._solved, self.spec.multistart or 1)
 
-        One that could not be renewed may not where the measured state x (2n,) is far from where it had the stage end.
-        """
-        sequence, stage = self._sequence, self.stages[self._sequence.first]
-        renewed = self._solved is None or self._solved.outcome.usable
-        if renewed or stage.at is not None or sequence.count == 1 or sequence.instants[0] > now + SHORTEST:
-            return True
-        return bool(self.costs.met(stage, x[None], self.spec.detection_margin)[0])
-
-    def _plan_in_force(self, solved: Plan | None, prediction: Plan, now: float, x: np.ndarray) -> Plan:
-        """Return the solved plan, else the one before it; when that is used up, one that brakes to rest."""
-        if solved is not None:
-            self._plan, self._braking = solved, None
-        elif self._plan is None:
-            self._plan = prediction
-        elif self._braking is None and self._used_up(now):
-            self._braking = self._brake(now, x)
-        return self._plan if self._braking is None else self._braking
-
-    def _used_up(self, now: float) -> bool:
-        """Tell whether the plan, or the trust in it, ends before the next sample."""
-        end = np.inf if self._plan is None else self._plan.end
-        return now > min(end, self._trusted) - self.spec.sample_time
-
-    def _stand_in(self, now: float, x: np.ndarray) -> np.ndarray:
-        """Return the measured state x (2n,) with the plan's wherever it is not finite."""
-        plan = self._plan if self._braking is None else self._braking
-        if plan is None:
-            raise RunError(f"nothing is measured at {now:g} s and there is no plan yet, so the robot does not move")
-        return np.where(np.isfinite(x), x, plan.states_at(np.array([now]))[0])
-
-    def window(self, sequence: Sequence, prediction: Plan, x: np.ndarray, before: Solution | None = None) -> Window:
-        """Return the window over a sequence, its costs normalized from the prediction.
+    def window(
+        self, sequence: MovingSequence, prediction: Plan, x: np.ndarray, before: Solution | None = None
+    ) -> Window:
+        """Build the window over a sequence, its costs normalized from the prediction.
 
         An automatic mesh is for the costs along the prediction, where that comes from a solve `before`.
         """
         spec, stages = self.spec, self.stages[sequence.first : sequence.last + 1]
-        offset, scale = self._normalization(stages, sequence.begins, prediction)
+        # strict priorities do not depend on the scale; the printed range is 0 for a robot at rest
+        kind = "nadir" if spec.kind == "htmpc" else spec.normalization
+        offset, scale = normalization(
+            kind, spec.zeta, stages, sequence.begins, self.costs, prediction, spec.sample_time
+        )
         window = Window(
             stages=stages,
             start=prediction.start,
@@ -175,35 +297,36 @@ class SwitchingController:
             counts = node_counts(window, instants, along, spec.mesh_tolerance, had)
         return replace(window, nodes=counts)
 
-    def _normalization(
-        self, stages: tuple[Stage, ...], begins: np.ndarray, prediction: Plan
-    ) -> tuple[np.ndarray, np.ndarray]:
-        spec = self.spec
-        return normalization(spec.normalization, spec.zeta, stages, begins, self.costs, prediction, spec.sample_time)
+    def _plan_in_force(self, solved: Plan | None, prediction: Plan, time: float, x: np.ndarray) -> Plan:
+        """Return the solved plan, else the one before it; when that is used up, one that brakes to rest."""
+        if solved is not None:
+            self._plan, self._braking = solved, None
+        elif self._plan is None:
+            self._plan = prediction
+        elif self._braking is None and self._is_used_up(time):
+            self._braking = self._brake(time, x)
+        return self._plan if self._braking is None else self._braking
 
-    def _predict(self, now: float, x: np.ndarray) -> Plan:
-        if self._plan is None:
-            return resting_plan(now, self.spec.horizon, self.spec.uniform_nodes, x)
-        return shift(self._plan, now, self.spec.horizon, x)
+    def _is_used_up(self, time: float) -> bool:
+        """Tell whether the plan, or the trust in it, ends before the next sample."""
+        end = np.inf if self._plan is None else self._plan.end
+        return time > min(end, self._trusted) - self.spec.sample_time
 
-    def _detect(self, sequence: Sequence, prediction: Plan) -> Sequence | None:
-        return detect(sequence, self.stages, self.costs, prediction, self.spec.detection_margin)
-
-    def _solve(self, sequence: Sequence, prediction: Plan, x: np.ndarray) -> Solution:
-        window = self.window(sequence, prediction, x, self._solved)
-        starts = self.spec.multistart or 1
-        guess = replace(prediction, instants=sequence.instants)
-        return solve_from_several(self.solver, window, guess, self._solved, starts)
-
-    def _brake(self, now: float, x: np.ndarray) -> Plan:
-        Qdot, limits = x[len(x) // 2 :], self.stages[self._sequence.first].limits
+    def _brake(self, time: float, x: np.ndarray) -> Plan:
+        v, limits = x[len(x) // 2 :], self.stages[self.sequence.first].limits
         strongest = np.minimum(limits.acceleration_high, -limits.acceleration_low)
-        return braking_plan(now, x, max(BRAKING_TIME, float(np.max(np.abs(Qdot) / strongest))))
+        return braking_plan(time, x, max(BRAKING_TIME, float(np.max(np.abs(v) / strongest))))
 
 
 def priorities_in_force(spec: ControllerSpec, stages: tuple[Stage, ...]) -> np.ndarray:
     """Return omega of each stage (stages,); SMPC knows none but 1."""
     return np.array([1.0 if spec.kind == "smpc" else stage.priority for stage in stages])
+
+
+def _solver_spec(task: TaskSpec) -> SolverSpec:
+    if task.solver.kind != "sqp" or (task.controller.multistart or 1) == 1:
+        return task.solver
+    return task.solver.model_copy(update={"iterations": max(task.solver.iterations, COMPARED)})
 
 
 def _in_reach(solved: Solution, shorter: Solution | None = None) -> bool:

@@ -9,67 +9,62 @@ from dataclasses import replace
 
 import numpy as np
 
-from psmpc_cli.control.controller import SwitchingController
-from psmpc_cli.control.decision import Decision
+from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, Stage
 from psmpc_cli.ocp.window import normalization
-from psmpc_cli.solvers import Level, LevelSolver, Solution, Solver
+from psmpc_cli.solvers import Level, LevelSolver, Solution
 
 
-class HierarchicalController(SwitchingController):
-    """Strict priorities in the order of the sequence; the window holds the current stage, the levels look further."""
+class Hierarchy:
+    """Strict priorities in the order of the stages: the window holds the current stage, the levels look further."""
 
-    def __init__(self, problem: Problem, solver: Solver, levels: LevelSolver) -> None:
-        super().__init__(problem, solver)
-        self.htmpc, self._levels = problem.spec.controller.htmpc, levels
+    def __init__(self, problem: Problem) -> None:
+        self.problem, self.spec = problem, problem.spec.controller
+        self._solver = LevelSolver(problem, problem.spec.solver)
 
-    def decide(self, now: float, x: np.ndarray) -> Decision:
-        """Return the decision at time now [s] from the measured state x (2n,)."""
-        first = super().decide(now, x)
-        if first.solve_failed:
-            return first
-        levels = self._descend(first)
-        self._plan = levels[-1].plan
-        return replace(first, plan=levels[-1].plan, levels=tuple(levels))
+    def descend(self, sequence: MovingSequence, first: Solution, prediction: Plan) -> tuple[Solution, ...]:
+        """Solve level after level, each from the plan of the one before; a level that fails ends the descent.
 
-    def _descend(self, first: Decision) -> list[Solution]:
-        """Solve level after level, each from the plan of the one before; a level that fails ends the descent."""
-        levels = [first.solved]
-        remaining = self.stages[first.sequence.first :]
-        depth = len(remaining) if self.htmpc.depth is None else min(self.htmpc.depth, len(remaining))
-        bounds = [self._bound(remaining[0], levels[0], first.sequence.entered)]
-        for count in range(2, depth + 1):
-            solved = self._levels.solve(self._level(first, remaining[:count], tuple(bounds)), levels[-1].plan)
+        Args:
+            sequence: The current stage, and when it began.
+            first: The first level: the solution of the window over the current stage.
+            prediction: The shifted plan; it normalizes the costs.
+        """
+        levels, depth = [first], self.spec.htmpc.depth
+        stages = self.problem.stages[sequence.first :][:depth]
+        begins = np.array(
+            [sequence.entered, *(prediction.end for _ in stages[1:])]
+        )  # trajectories of later stages wait
+        bounds = [self._bound(stages[0], first, begins[0])]
+        for count in range(2, len(stages) + 1):
+            level = self._level(first, stages[:count], tuple(bounds), begins[:count], prediction)
+            solved = self._solver.solve(level, levels[-1].plan)
             if not solved.outcome.usable:
                 levels.append(replace(solved, plan=levels[-1].plan))
                 break
             levels.append(solved)
-            bounds.append(self._bound(remaining[count - 1], solved, first.prediction.end))
-        return levels
+            bounds.append(self._bound(stages[count - 1], solved, prediction.end))
+        return tuple(levels)
 
-    def _normalization(
-        self, stages: tuple[Stage, ...], begins: np.ndarray, prediction: Plan
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return offset and scale by the nadir, whatever the task says: strict priorities do not depend on the scale.
-
-        The printed range is 0 for a robot at rest, which leaves a cost divided by zeta alone and no solver an answer.
-        """
-        spec = self.spec
-        return normalization("nadir", spec.zeta, stages, begins, self.costs, prediction, spec.sample_time)
-
-    def _level(self, first: Decision, stages: tuple[Stage, ...], bounds: tuple[np.ndarray, ...]) -> Level:
-        begins = np.full(len(stages), first.prediction.end)  # a later stage's trajectory has not begun
-        begins[0] = first.sequence.entered
-        _, scale = self._normalization(stages, begins, first.prediction)
+    def _level(
+        self,
+        first: Solution,
+        stages: tuple[Stage, ...],
+        bounds: tuple[np.ndarray, ...],
+        begins: np.ndarray,
+        prediction: Plan,
+    ) -> Level:
+        spec, costs = self.spec, self.problem.costs
+        _, scale = normalization("nadir", spec.zeta, stages, begins, costs, prediction, spec.sample_time)
         return Level(
-            window=first.solved.window,
+            window=first.window,
             stages=stages,
             scale=scale,
-            constraint=self.htmpc.constraint,
+            constraint=spec.htmpc.constraint,
             bounds=bounds,
-            tolerance=self.htmpc.tolerance,
-            reached=first.solved.plan.X[1:] if first.solved.window.soft else None,
+            tolerance=spec.htmpc.tolerance,
+            reached=first.plan.X[1:] if first.window.soft else None,
         )
 
     def _bound(self, stage: Stage, solved: Solution, begins: float) -> np.ndarray:
@@ -77,6 +72,6 @@ class HierarchicalController(SwitchingController):
 
         The stage begins at `begins` [s], at the end of the horizon if it is yet to begin.
         """
-        if self.htmpc.constraint == "cost":
+        if self.spec.htmpc.constraint == "cost":
             return solved.costs[-1:]
-        return self.costs.errors(stage, solved.plan.X[1:], solved.plan.times[1:] - begins)
+        return self.problem.costs.errors(stage, solved.plan.X[1:], solved.plan.times[1:] - begins)

@@ -1,4 +1,4 @@
-"""The moving sequence: which stages stand in the window at a sample. Paper Algorithm 1."""
+"""The moving sequence: which stages are in the window at a sample. Paper Algorithm 1."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -11,12 +11,12 @@ from psmpc_cli.ocp.window import SHORTEST
 
 
 @dataclass(frozen=True, eq=False)
-class Sequence:
-    """The stages in the window and when each hands over.
+class MovingSequence:
+    """The stages in the window and when each ends.
 
     Attributes:
         first: Index of the current stage.
-        instants: Switching instants in the window [s], absolute; as many as stages that follow the current one.
+        instants: Planned switch times in the window [s], absolute; as many as stages that follow the current one.
         entered: When the current stage began [s].
     """
 
@@ -35,9 +35,9 @@ class Sequence:
         return np.concatenate([[self.entered], self.instants])
 
     @property
-    def alone(self) -> "Sequence":
+    def alone(self) -> "MovingSequence":
         """The current stage without those that wait."""
-        return Sequence(self.first, np.zeros(0), self.entered)
+        return MovingSequence(self.first, np.zeros(0), self.entered)
 
     @property
     def last(self) -> int:
@@ -52,31 +52,36 @@ class Switch(NamedTuple):
     time: float
 
 
-def drop_passed(sequence: Sequence, now: float) -> tuple[Sequence, list[Switch]]:
-    """Drop the stages whose optimized instant lies before now."""
+def drop_passed(sequence: MovingSequence, now: float) -> tuple[MovingSequence, list[Switch]]:
+    """Drop the stages whose planned switch time lies before now."""
     switches = []
     while sequence.count > 1 and sequence.instants[0] <= now + SHORTEST:
         at = float(sequence.instants[0])
         switches.append(Switch(sequence.first, at))
-        sequence = Sequence(sequence.first + 1, sequence.instants[1:], at)
+        sequence = MovingSequence(sequence.first + 1, sequence.instants[1:], at)
     return sequence, switches
 
 
-def drop_met(
-    sequence: Sequence, stages: tuple[Stage, ...], costs: StageCosts, now: float, x: np.ndarray
-) -> tuple[Sequence, list[Switch]]:
-    """Drop the current stage if the measured state meets its end condition; the task's last stage stays."""
+def is_over(sequence: MovingSequence, stages: tuple[Stage, ...], costs: StageCosts, now: float, x: np.ndarray) -> bool:
+    """Tell whether the current stage is over: the state x (2n,) meets its end condition, or its fixed time has come."""
     stage = stages[sequence.first]
     dwelt = now - sequence.entered >= stage.dwell - 1e-9
     over = costs.met(stage, x[None])[0] if stage.at is None else now >= stage.at - SHORTEST
-    if sequence.first == len(stages) - 1 or not dwelt or not over:
+    return bool(dwelt and over)
+
+
+def drop_met(
+    sequence: MovingSequence, stages: tuple[Stage, ...], costs: StageCosts, now: float, x: np.ndarray
+) -> tuple[MovingSequence, list[Switch]]:
+    """Drop the current stage if it is over; the task's last stage stays."""
+    if sequence.first == len(stages) - 1 or not is_over(sequence, stages, costs, now, x):
         return sequence, []
-    return Sequence(sequence.first + 1, sequence.instants[1:], now), [Switch(sequence.first, now)]
+    return MovingSequence(sequence.first + 1, sequence.instants[1:], now), [Switch(sequence.first, now)]
 
 
 def detect(
-    sequence: Sequence, stages: tuple[Stage, ...], costs: StageCosts, guess: Plan, margin: float
-) -> Sequence | None:
+    sequence: MovingSequence, stages: tuple[Stage, ...], costs: StageCosts, guess: Plan, margin: float
+) -> MovingSequence | None:
     """Return the sequence with the next stage appended if its switch is seen in the prediction, else None.
 
     It is seen when the predicted states meet the end condition of the window's last stage within its detection margin
@@ -99,5 +104,5 @@ def detect(
     return _appended(sequence, max(hit, begins + 10 * SHORTEST))
 
 
-def _appended(sequence: Sequence, instant: float) -> Sequence:
+def _appended(sequence: MovingSequence, instant: float) -> MovingSequence:
     return replace(sequence, instants=np.r_[sequence.instants, instant])

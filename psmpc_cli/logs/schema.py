@@ -11,7 +11,7 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from psmpc_cli.control.decision import Command
+from psmpc_cli.control.controller import Command
 from psmpc_cli.plant import Ticks
 from psmpc_cli.solvers import Solution
 
@@ -212,15 +212,25 @@ SCHEMA = (
     _sample("window/first", "1", "index of the current stage", lambda s: s.command.sequence.first, "i4"),
     _sample("window/count", "1", "number of stages in the window", lambda s: s.command.sequence.count, "i4"),
     _window("window/instants", "s", "planned switch time that ends each stage", lambda s: s.command.instants),
-    _window("window/cost", "1", "normalized cost integral of each stage", lambda s: s.command.costs),
+    _window(
+        "window/cost",
+        "1",
+        "normalized cost integral of each stage",
+        lambda s: () if "solve_failed" in s.command.events else s.command.solution.costs,
+    ),
     _sample(
         "window/basin",
         "1",
         "guess of the switch times that won, 0 the last plan's; -1 if the only one",
-        lambda s: s.command.solved.basin,
+        lambda s: s.command.solution.basin,
         "i4",
     ),
-    _window("window/nodes", "1", "intervals N_s of each stage", lambda s: s.command.nodes),
+    _window(
+        "window/nodes",
+        "1",
+        "intervals N_s of each stage",
+        lambda s: s.command.solution.window.nodes[: s.command.sequence.count],
+    ),
     _sample_s(
         "window/presence",
         _A,
@@ -239,11 +249,18 @@ SCHEMA = (
     _event("braking", "the plan was used up and the robot braked to rest"),
     _event("unmeasured", "the measured state was not finite, and the plan's was used for it"),
     _sample("solver/status", "1", "outcome of the solve", lambda s: s.command.outcome.name.lower(), "S16"),
-    _sample("solver/warm", "1", "the solve started from the last solution, shifted", lambda s: s.command.warm, "i1"),
+    _sample(
+        "solver/warm", "1", "the solve started from the last solution, shifted", lambda s: s.command.solution.warm, "i1"
+    ),
     _sample("solver/iterations", "1", "iterations of the solve", lambda s: s.command.iterations, "i4"),
     _sample("solver/wall_time", "s", "wall time of the solve alone", lambda s: s.command.solve_time),
-    _sample("solver/objective", "1", "objective J", lambda s: s.command.objective),
-    _window("normalization/nadir", "1", "divisor of each window stage's cost", lambda s: s.command.nadir),
+    _sample("solver/objective", "1", "objective J", lambda s: s.command.solution.J),
+    _window(
+        "normalization/nadir",
+        "1",
+        "divisor of each window stage's cost",
+        lambda s: s.command.solution.window.scale[: s.command.sequence.count],
+    ),
     _sample("cost/current_stage", "1", "cost Lbar of the current stage", _metric("stage_cost")),
     _sample_n(
         "margin/position", _Q, "smallest distance to a position limit until the next sample", _metric("position_margin")
@@ -348,19 +365,21 @@ SCHEMA = (
         only="disturbance",
     ),
     _plan(
-        "guess", "plan each solve started from: instants, states, accelerations", lambda s: s.command.solved.guess.flat
+        "guess",
+        "plan each solve started from: instants, states, accelerations",
+        lambda s: s.command.solution.guess.flat,
     ),
     _plan(
         "guess_multipliers",
         "multipliers each solve started from; empty where it took none",
-        lambda s: s.command.solved.guess_duals,
+        lambda s: s.command.solution.guess_duals,
     ),
     _plan(
         "parameters",
         "elapsed time of each window, then priorities, offsets and scales of its stages",
-        lambda s: s.command.solved.window.numbers,
+        lambda s: s.command.solution.window.numbers,
     ),
-    _plan("solution", "solution of each solve, as plan/guess", lambda s: s.command.solved.plan.flat),
+    _plan("solution", "solution of each solve, as plan/guess", lambda s: s.command.solution.plan.flat),
     # a row a tick
     Column("ticks/time", "s", "tick time", lambda s: s.ticks.time[:-1], dims=("ticks/tick",), only="ticks"),
     _tick_n("ticks/Q", _Q, "generalized coordinates at every tick", lambda s: s.ticks.X[:-1, : s.n]),

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psmpc_cli.control.sequence import Sequence, Switch, drop_met, drop_passed
+from psmpc_cli.control.sequence import MovingSequence, Switch, drop_met, drop_passed
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.read import Log, read_plan
 from psmpc_cli.ocp.window import Window
@@ -24,7 +24,7 @@ class LoggedSequence:
         switches: Hand-overs since the sample before.
     """
 
-    sequence: Sequence
+    sequence: MovingSequence
     switches: tuple[Switch, ...]
 
 
@@ -62,7 +62,7 @@ def logged_sequences(log: Log, experiment: Experiment) -> list[LoggedSequence]:
         LogError: They lead elsewhere than the log does.
     """
     found: list[LoggedSequence] = []
-    sequence = Sequence(0, np.zeros(0), 0.0)
+    sequence = MovingSequence(0, np.zeros(0), 0.0)
     for k, now in enumerate(map(float, log.time)):
         first, count = int(log["window/first"][k]), int(log["window/count"][k])
         switches: tuple[Switch, ...] = ()
@@ -70,21 +70,21 @@ def logged_sequences(log: Log, experiment: Experiment) -> list[LoggedSequence]:
             sequence, switches = _hand_over(log, experiment, sequence, k)
         if not (sequence.first == first and 0 < count <= len(experiment.stages) - first):
             raise LogError(f"{log.path}: the stages in the window at {now:.2f} s do not follow from those before")
-        sequence = Sequence(first, log["window/instants"][k, first : first + count - 1], sequence.entered)
+        sequence = MovingSequence(first, log["window/instants"][k, first : first + count - 1], sequence.entered)
         found.append(LoggedSequence(sequence, switches))
     return found
 
 
 def _hand_over(
-    log: Log, experiment: Experiment, sequence: Sequence, sample: int
-) -> tuple[Sequence, tuple[Switch, ...]]:
+    log: Log, experiment: Experiment, sequence: MovingSequence, sample: int
+) -> tuple[MovingSequence, tuple[Switch, ...]]:
     now = float(log.time[sample])
     sequence, passed = drop_passed(sequence, now)
     sequence, met = drop_met(sequence, experiment.stages, experiment.costs, now, logged_state(log, sample))
     return sequence, (*passed, *met)
 
 
-def logged_solve(log: Log, experiment: Experiment, sequence: Sequence, sample: int) -> Solution:
+def logged_solve(log: Log, experiment: Experiment, sequence: MovingSequence, sample: int) -> Solution:
     """Return the solve of a sample whose window holds a sequence; under HTMPC that of the first level.
 
     Its multipliers are those that it started from, and it knows no costs.
@@ -124,7 +124,7 @@ def logged_outcome(log: Log, sample: int) -> Outcome:
     return Outcome[name]
 
 
-def _window(log: Log, experiment: Experiment, sequence: Sequence, sample: int) -> Window:
+def _window(log: Log, experiment: Experiment, sequence: MovingSequence, sample: int) -> Window:
     """Return the window of a sample."""
     task, stages = experiment.task, experiment.stages[sequence.first : sequence.last + 1]
     spec, numbers = task.controller, read_plan(log.path, "parameters", sample)
@@ -148,7 +148,7 @@ def _window(log: Log, experiment: Experiment, sequence: Sequence, sample: int) -
     )
 
 
-def _nodes(log: Log, experiment: Experiment, sequence: Sequence, sample: int) -> tuple[int, ...]:
+def _nodes(log: Log, experiment: Experiment, sequence: MovingSequence, sample: int) -> tuple[int, ...]:
     """Return the intervals of each stage in the window of a sample."""
     counts = log.columns.get("window/nodes")
     if counts is None:

@@ -1,17 +1,15 @@
 """The closed loop: a generator of samples."""
 
+from collections import deque
 from collections.abc import Generator
 from dataclasses import dataclass
 
 import numpy as np
 
-from psmpc_cli.control.decision import Command
-from psmpc_cli.control.offset_free import Offset
+from psmpc_cli.control.controller import Command, State
 from psmpc_cli.control.sequence import Switch
-from psmpc_cli.control.shares import control_shares
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.plant import Ticks
-from psmpc_cli.simulation.delays import Delays
 from psmpc_cli.simulation.measures import Balance, Observed, measure
 from psmpc_cli.simulation.setup import Experiment
 
@@ -45,58 +43,52 @@ class Ending:
 def closed_loop(experiment: Experiment) -> Generator[Sample, None, Ending]:
     """Run the closed loop of an experiment, which is built for this run, and return how it ended."""
     controller, uncertainty, task = experiment.controller, experiment.uncertainty, experiment.task
-    x, braking_until, number = experiment.x0, np.inf, 0
-    balance = Balance.at(*uncertainty.kept(0, x))
-    delays, offset = Delays.at_start(task, x), None
+    x, braking_until, number, stage = experiment.x0, np.inf, 0, 0
+    balance, link = Balance.at(*uncertainty.kept(0, x)), _Link(experiment)
     while True:
-        now, before = number * task.controller.sample_time, controller.sequence.first
-        measured = uncertainty.measured(number, x)
-        seen = delays.foreseen(measured)
-        switches = controller.hand_over(now, seen)
-        if (ending := _ending(experiment, now, seen, x, braking_until, switches)) is not None:
+        now = number * task.controller.sample_time
+        command = controller.step(now, State.of(link.measured(uncertainty.measured(number, x))))
+        if (ending := _ending(experiment, command, x, braking_until)) is not None:
             return ending
-        stage = controller.sequence.first
-        contact = uncertainty.contact(x, before, stage)
-        decision = controller.decide(now, seen)
-        braking_until = decision.plan.end if decision.exhausted else np.inf
-        edges = tick_edges(experiment, now)
-        commanded, offset = _commanded(experiment, decision.plan.mean_control(edges), delays.told(measured), offset)
-        command = Command.of(decision, commanded, switches, np.zeros(len(x) // 2) if offset is None else offset.d)
-        u, delays = delays.after(measured, commanded, offset)
-        presence = experiment.observer.observe(decision, decision.x, edges[[0, -1]])
-        shares = control_shares(experiment.aside, decision, decision.x, edges[:2]) if task.log.shares else {}
+        braking_until = command.plan.end if "braking" in command.events else np.inf
+        before, stage = stage, command.sequence.first
+        contact, u = uncertainty.contact(x, before, stage), link.commanded(command.u)
+        edges = controller.edges(now)
+        presence = experiment.counterfactuals.presence(command, edges[[0, -1]])
+        shares = experiment.counterfactuals.shares(command, edges[:2]) if task.log.shares else {}
         ticks = uncertainty.advance(experiment.plant, number, now, contact.x, u, stage)
         if not _is_bounded(ticks):
             why = "the motion diverged, faster than it can be simulated"
-            return Ending(False, why, now, seen, x, switches, stuck=True)
+            return Ending(False, why, now, command.x, x, command.switches, stuck=True)
         balance = balance.after(contact).after(ticks)
         yield measure(experiment, command, ticks, Observed(number, x, u, presence, shares, balance, contact.work))
         x, number = ticks.X[-1], number + 1
 
 
-def _commanded(
-    experiment: Experiment, planned: np.ndarray, told: np.ndarray, offset: Offset | None
-) -> tuple[np.ndarray, Offset | None]:
-    """Return the accelerations (M, n) commanded in a sample, and what is known then of the disturbance, if anything.
+class _Link:
+    """The delays between controller and robot.
 
-    Args:
-        experiment: The experiment.
-        planned: Accelerations of the plan (M, n).
-        told: The measured state behind it (2n,).
-        offset: What was known a sample earlier; None at the first.
+    Time is that at which a control acts. The controller knows of c samples: what it decides at sample k was measured at
+    k - c. The rest of the delay it does not know of: controls reach the robot late by so many samples.
     """
-    spec, Qdot = experiment.task.controller, told[experiment.model.n :]
-    if not spec.offset_free:
-        return planned, None
-    known = Offset.unknown(Qdot, spec.known_delay)
-    known = known if offset is None else offset.after(Qdot, spec.sample_time, spec.offset_gain)
-    return planned - known.d, known.commanding(planned - known.d)
 
+    def __init__(self, experiment: Experiment) -> None:
+        """Start with a robot that drifts into its initial state, and with controls under way that are zero."""
+        task, x0, n = experiment.task, experiment.x0, experiment.model.n
+        known, drift = task.controller.known_delay, task.controller.sample_time * np.r_[x0[n:], np.zeros(n)]
+        none = np.zeros((round(task.controller.sample_time * task.plant.low_level_rate), n))
+        self._measured: deque[np.ndarray] = deque(x0 - back * drift for back in range(known, 0, -1))
+        self._commanded: deque[np.ndarray] = deque([none] * (task.uncertainty.delay - known))
 
-def tick_edges(experiment: Experiment, now: float) -> np.ndarray:
-    """Return the beginnings of the low-level ticks in the sample at time now [s], and its end."""
-    rate = experiment.task.plant.low_level_rate
-    return np.asarray(now + np.arange(round(experiment.task.controller.sample_time * rate) + 1) / rate)
+    def measured(self, x: np.ndarray) -> np.ndarray:
+        """Return the state that reaches the controller where x (2n,) is measured now."""
+        self._measured.append(x)
+        return self._measured.popleft()
+
+    def commanded(self, u: np.ndarray) -> np.ndarray:
+        """Return the accelerations (M, n) that reach the robot where u (M, n) are commanded now."""
+        self._commanded.append(u)
+        return self._commanded.popleft()
 
 
 def _is_bounded(ticks: Ticks) -> bool:
@@ -104,28 +96,15 @@ def _is_bounded(ticks: Ticks) -> bool:
     return bool((np.abs(ticks.X) < BOUND).all() and (np.abs(ticks.F) < BOUND).all())
 
 
-def _ending(
-    experiment: Experiment,
-    now: float,
-    x: np.ndarray,
-    true: np.ndarray,
-    braking_until: float,
-    switches: tuple[Switch, ...],
-) -> Ending | None:
-    """Return the ending if the run is over: last stage at its target, time limit, or at rest without a plan.
-
-    The target counts as reached when the state x (2n,) that the controller sees meets the end condition, as at the end
-    of every stage.
-    """
-    sequence, last = experiment.controller.sequence, experiment.stages[-1]
-    dwelt = now - sequence.entered >= last.dwell - 1e-9
-    if sequence.first == last.index and dwelt and experiment.costs.met(last, x[None])[0]:
-        met = (*switches, Switch(last.index, now))
-        return Ending(True, f"{last.name} met its end condition", now, x, true, met)
+def _ending(experiment: Experiment, command: Command, x: np.ndarray, braking_until: float) -> Ending | None:
+    """Return the ending if the run is over: last stage at its target, time limit, or at rest without a plan."""
+    now, seen, switches = command.time, command.x, command.switches
+    if experiment.controller.done:
+        return Ending(True, f"{experiment.stages[-1].name} met its end condition", now, seen, x, switches)
     if now >= braking_until - 1e-9:
-        why = "no window could be solved" if np.isfinite(x).all() else "the state was not measured"
+        why = "the state was not measured" if "unmeasured" in command.events else "no window could be solved"
         why = f"{why} and the plan was used up; the robot braked to rest"
-        return Ending(False, why, now, x, true, switches, stuck=True)
+        return Ending(False, why, now, seen, x, switches, stuck=True)
     if now >= experiment.task.time_limit - 1e-9:
-        return Ending(False, f"time limit of {experiment.task.time_limit:g} s reached", now, x, true, switches)
+        return Ending(False, f"time limit of {experiment.task.time_limit:g} s reached", now, seen, x, switches)
     return None

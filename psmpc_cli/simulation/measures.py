@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psmpc_cli.control.decision import Command
+from psmpc_cli.control.controller import Command
 from psmpc_cli.control.sequence import Switch
 from psmpc_cli.logs.schema import Metrics, Sample
 from psmpc_cli.ocp.problem import Stage, StageCosts

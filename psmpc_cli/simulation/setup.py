@@ -4,35 +4,28 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psmpc_cli.control import build_controller
-from psmpc_cli.control.aside import WindowsAside
-from psmpc_cli.control.controller import SwitchingController
-from psmpc_cli.control.onset import OnsetObserver
+from psmpc_cli.control.controller import Controller
 from psmpc_cli.ocp.problem import Problem, Stage, StageCosts, build_problem
 from psmpc_cli.plant import Plant, build_plant
 from psmpc_cli.plant.uncertainty import Uncertainty
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.compiling import compile_for
-from psmpc_cli.solvers import build_solver
+from psmpc_cli.simulation.counterfactual import Counterfactuals
 from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.task import SolverSpec, TaskSpec
-
-COMPARED = 30
-"""Iterations of `sqp` where windows are solved from several guesses: it rarely needs as many."""
+from psmpc_cli.specs.task import TaskSpec
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """Everything one run needs. Controller, observer and plant hold state: build a new experiment for every run.
+    """Everything one run needs. Controller, counterfactuals and plant hold state: build a new experiment for every run.
 
     `compiled` says whether solver and plant run as compiled C.
     """
 
     problem: Problem
-    controller: SwitchingController
-    aside: WindowsAside
-    observer: OnsetObserver
+    controller: Controller
+    counterfactuals: Counterfactuals
     plant: Plant
     uncertainty: Uncertainty
     x0: np.ndarray
@@ -69,14 +62,12 @@ def build_experiment(loaded: Task) -> Experiment:
     problem = build_problem(loaded)
     task, model = problem.spec, problem.model
     compiled = compile_for(task, model, problem.stages)
-    controller = build_controller(problem, build_solver(problem, _solver_in_force(task, compiled)))
-    aside, uncertainty = WindowsAside(controller), Uncertainty(task, model)
+    controller, uncertainty = Controller(problem), Uncertainty(task, model)
     Qdot = stack(task.initial_velocity, loaded.robot, "joint") if task.initial_velocity else np.zeros(model.n)
     return Experiment(
         problem=problem,
         controller=controller,
-        aside=aside,
-        observer=OnsetObserver(aside, task.onset),
+        counterfactuals=Counterfactuals(controller),
         plant=build_plant(task.plant, model, compiled, uncertainty.resistance),
         uncertainty=uncertainty,
         x0=np.r_[stack(task.initial, loaded.robot, "joint"), Qdot],
@@ -94,11 +85,3 @@ def converging(loaded: Task) -> Task:
     kind = "fatrop" if solver.kind == "sqp" else solver.kind
     solver = solver.model_copy(update={"kind": kind, "deadline": None})
     return replace(loaded, spec=loaded.spec.model_copy(update={"solver": solver}))
-
-
-def _solver_in_force(task: TaskSpec, compiled: bool) -> SolverSpec:
-    """Return the solver of a run: objectives of several guesses can be compared at their optima alone."""
-    solver = task.solver.model_copy(update={"compiled": compiled})
-    if solver.kind != "sqp" or (task.controller.multistart or 1) == 1:
-        return solver
-    return solver.model_copy(update={"iterations": max(solver.iterations, COMPARED)})

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psmpc_cli.control.sequence import Sequence
+from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.read import Log
 from psmpc_cli.ocp.plan import Plan
@@ -84,7 +84,7 @@ def window_at(log: Log, experiment: Experiment, sample: int) -> OneWindow:
     first, count = int(log["window/first"][sample]), int(log["window/count"][sample])
     instants = log["window/instants"][sample, first : first + count - 1]
     entered = float(log.stages["switch_time"][first - 1]) if first else 0.0
-    solve = logged_solve(log, experiment, Sequence(first, instants, entered), sample)
+    solve = logged_solve(log, experiment, MovingSequence(first, instants, entered), sample)
     return OneWindow(_ratio(solve.window.omega), experiment, solve.window, solve.plan)
 
 

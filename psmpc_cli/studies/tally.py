@@ -52,7 +52,7 @@ class Tally:
         self.appended += "appended" in command.events
         self.postponed += "postponed" in command.events
         self.fallbacks += "solve_failed" in command.events
-        self.basins += command.solved.basin > 0
+        self.basins += command.solution.basin > 0
 
     def end(self, ending: Ending) -> None:
         """Take in how the run ended."""

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from psmpc_cli.control.window_solver import WindowSolver
 
+from psmpc_cli.control import Command
 from psmpc_cli.control.controller import SwitchingController
-from psmpc_cli.control.decision import Decision
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window
@@ -98,12 +98,12 @@ def test_several_switches_fall_into_one_window(experiment_of: Callable[..., Expe
 
 @pytest.mark.parametrize("guess", [0.2, 0.9, 3.9])
 def test_the_optimal_instant_does_not_depend_on_the_guess(
-    experiment_of: Callable[..., Experiment], decisions: list[Decision], guess: float
+    experiment_of: Callable[..., Experiment], decisions: list[Command], guess: float
 ) -> None:
     """The pending cost makes the instant the earliest at which the condition can be met."""
     decision = next(d for d in decisions if len(d.plan.instants) == 1 and d.plan.instants[0] - d.plan.start < 1.4)
     windows = experiment_of("controller.nodes=20").controller.windows
-    window = decision.solved.window
+    window = decision.solution.window
     solved = windows.solve(window, decision.prediction, np.array([window.start + guess]))
     assert solved.solution.outcome.usable
     assert solved.plan.instants[0] == pytest.approx(decision.plan.instants[0], abs=1e-3)
@@ -161,14 +161,14 @@ def test_an_append_that_cannot_be_solved_is_postponed(experiment_of: Callable[..
     assert ending.completed
 
 
-def test_a_solve_of_the_same_stages_is_warm(decisions: list[Decision]) -> None:
+def test_a_solve_of_the_same_stages_is_warm(decisions: list[Command]) -> None:
     """Without an append or a drop every solve starts from the last solution, moved in time."""
     for before, after in pairwise(decisions):
-        stages, stages_before = ([s.index for s in d.solved.window.stages] for d in (after, before))
+        stages, stages_before = ([s.index for s in d.solution.window.stages] for d in (after, before))
         assert after.solved.guess.warm == (stages == stages_before)
 
 
-def test_the_warm_start_is_the_shifted_plan(decisions: list[Decision]) -> None:
+def test_the_warm_start_is_the_shifted_plan(decisions: list[Command]) -> None:
     before, after = decisions[5], decisions[6]
     plan: Plan = after.prediction
     np.testing.assert_allclose(plan.states_at(np.array([2.0])), before.plan.states_at(np.array([2.0])), atol=1e-9)

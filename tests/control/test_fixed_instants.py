@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 
-from psmpc_cli.control.decision import Decision
+from psmpc_cli.control import Command
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.ocp.window import Bounds, bounds, pack_guess
 from psmpc_cli.simulation.loop import Ending
@@ -49,9 +49,13 @@ def windows(experiment_of: Callable[..., Experiment]) -> WindowSolver:
 
 
 @pytest.fixture(scope="module", params=[0, 1, 2], ids=["approach", "capture", "transport"])
-def optimum(request: pytest.FixtureRequest, decisions: list[Decision]) -> SolvedWindow:
+def optimum(request: pytest.FixtureRequest, decisions: list[Command]) -> SolvedWindow:
     """PSMPC's own optimum half way between the detection of a switch and the switch."""
-    found = [d for d in decisions if len(d.plan.instants) == 1 and d.sequence.first == request.param and not d.appended]
+    found = [
+        d
+        for d in decisions
+        if len(d.plan.instants) == 1 and d.sequence.first == request.param and "appended" not in d.events
+    ]
     return found[len(found) // 2].solved
 
 

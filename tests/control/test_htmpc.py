@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from psmpc_cli.control.decision import Decision
+from psmpc_cli.control import Command
 from psmpc_cli.control.htmpc import HierarchicalController
 from psmpc_cli.logs.read import read_log
 from psmpc_cli.simulation.loop import closed_loop
@@ -23,12 +23,12 @@ EXACT = 1e-6
 Build = Callable[..., Experiment]
 
 
-def decisions(experiment: Experiment) -> Iterator[tuple[Decision, np.ndarray]]:
+def decisions(experiment: Experiment) -> Iterator[tuple[Command, np.ndarray]]:
     """Every decision of the closed loop, with the applied control."""
-    found: list[Decision] = []
+    found: list[Command] = []
 
     class Recorder(HierarchicalController):
-        def decide(self, now: float, x: np.ndarray) -> Decision:
+        def decide(self, now: float, x: np.ndarray) -> Command:
             found.append(super().decide(now, x))
             return found[-1]
 

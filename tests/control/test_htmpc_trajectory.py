@@ -5,14 +5,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from psmpc_cli.control.decision import Decision
+from psmpc_cli.control import Command
 from psmpc_cli.simulation.setup import Experiment
 
 TOLERANCE = 1e-3
 
 
 @pytest.fixture(scope="module")
-def decided(experiment_of: Callable[..., Experiment]) -> tuple[Experiment, list[Decision]]:
+def decided(experiment_of: Callable[..., Experiment]) -> tuple[Experiment, list[Command]]:
     """The first seven seconds of the tracking task, levels bounding each other's errors."""
     changes = ("controller.kind=htmpc", "controller.htmpc.constraint=error", f"controller.htmpc.tolerance={TOLERANCE}")
     experiment = experiment_of(*changes, "controller.nodes=8", "plant.kind=ideal", task="tracking")
@@ -24,7 +24,7 @@ def decided(experiment_of: Callable[..., Experiment]) -> tuple[Experiment, list[
     return experiment, decisions
 
 
-def test_later_levels_keep_the_errors_along_a_running_trajectory(decided: tuple[Experiment, list[Decision]]) -> None:
+def test_later_levels_keep_the_errors_along_a_running_trajectory(decided: tuple[Experiment, list[Command]]) -> None:
     experiment, decisions = decided
     running = [decision for decision in decisions if decision.sequence.first == 1 and len(decision.levels) > 1]
     assert len(running) >= 5

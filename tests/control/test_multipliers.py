@@ -5,7 +5,6 @@ import pytest
 from psmpc_cli.control.multipliers import Before, shift_multipliers
 from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 
-from psmpc_cli.control.decision import Decision
 from psmpc_cli.ocp.problem import StageCosts
 from psmpc_cli.ocp.window import pack_guess
 from psmpc_cli.robot.model import RobotModel
@@ -20,11 +19,11 @@ def windows(transport: Task, model: RobotModel, costs: StageCosts) -> WindowSolv
 
 
 @pytest.fixture(scope="module")
-def solved(windows: WindowSolver, decisions: list[Decision]) -> SolvedWindow:
+def solved(windows: WindowSolver, decisions: list[Command]) -> SolvedWindow:
     """A window over two stages at its optimum, on a mesh of 6 and 4 intervals."""
-    decision = next(d for d in decisions if len(d.solved.window.stages) == 2 and not d.appended)
-    window = replace(decision.solved.window, nodes=(6, 4))
-    return windows.solve(window, decision.solved.plan, decision.solved.plan.instants)
+    decision = next(d for d in decisions if len(d.solution.window.stages) == 2 and "appended" not in d.events)
+    window = replace(decision.solution.window, nodes=(6, 4))
+    return windows.solve(window, decision.solution.plan, decision.solution.plan.instants)
 
 
 def moved(windows: WindowSolver, solved: SolvedWindow, nodes: tuple[int, ...]) -> Guess:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
 
-from psmpc_cli.control.decision import Decision
+from psmpc_cli.control import Command
 from psmpc_cli.control.multistart import even_shares, multistart_for, solve_from_several
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.simulation.loop import closed_loop
@@ -23,14 +23,14 @@ from .test_controller import SHORT, Unreliable, run
 
 COARSE = ("controller.nodes=20", "solver.kind=fatrop", "plant.kind=ideal", "log.plans=false", "log.shares=false")
 
-Runs = Callable[..., tuple[Experiment, list[Decision]]]
+Runs = Callable[..., tuple[Experiment, list[Command]]]
 
 
 @pytest.fixture(scope="module")
 def decided(experiment_of: Callable[..., Experiment]) -> Runs:
     """Decisions of Approach and Capture up to a time, on a coarse mesh."""
 
-    def decided(until: float, *changes: str) -> tuple[Experiment, list[Decision]]:
+    def decided(until: float, *changes: str) -> tuple[Experiment, list[Command]]:
         experiment = experiment_of(*COARSE, *changes, task="approach_capture")
         recorder = Recorder(experiment.controller)
         for record in closed_loop(replace(experiment, controller=recorder)):
@@ -41,10 +41,10 @@ def decided(experiment_of: Callable[..., Experiment]) -> Runs:
     return decided
 
 
-def again(experiment: Experiment, decision: Decision, starts: int) -> SolvedWindow:
+def again(experiment: Experiment, decision: Command, starts: int) -> SolvedWindow:
     """Solve a decision's window again from several guesses."""
     windows, prediction = experiment.controller.windows, decision.prediction
-    return solve_from_several(windows, decision.solved.window, prediction, prediction.instants, None, starts)
+    return solve_from_several(windows, decision.solution.window, prediction, prediction.instants, None, starts)
 
 
 def ahead(solved: SolvedWindow) -> float:
@@ -83,7 +83,7 @@ def test_the_better_basin_is_kept_once_it_is_found(experiment_of: Callable[..., 
     assert once.completed
     assert ending.completed
     assert ending.time < once.time - 3.0
-    assert [record.command.solved.basin for record in records if record.command.solved.basin > 0] == [1]
+    assert [record.command.solution.basin for record in records if record.command.solution.basin > 0] == [1]
 
 
 def test_with_the_whole_pending_cost_nothing_changes(experiment_of: Callable[..., Experiment]) -> None:
@@ -93,9 +93,9 @@ def test_with_the_whole_pending_cost_nothing_changes(experiment_of: Callable[...
     for before, after in zip(one, several, strict=True):
         np.testing.assert_array_equal(before.instants, after.instants)
         np.testing.assert_array_equal(before.Q, after.Q)
-    assert {record.command.solved.basin for record in one} == {-1}
-    assert {record.command.solved.basin for record in several if len(record.command.instants)} <= {0, -1}
-    assert sum(record.command.solved.basin == 0 for record in several) > 30
+    assert {record.command.solution.basin for record in one} == {-1}
+    assert {record.command.solution.basin for record in several if len(record.command.instants)} <= {0, -1}
+    assert sum(record.command.solution.basin == 0 for record in several) > 30
 
 
 @pytest.mark.parametrize("priority", [0.01, 1, 100])
@@ -103,7 +103,7 @@ def test_with_the_whole_pending_cost_no_instant_is_better_than_the_solvers(decid
     """Instants on a dense grid, denser about the solver's own, each held while all else is optimized."""
     experiment, decisions = decided(9.4, f"stages.capture.priority={priority}")
     for decision in [d for d in decisions if len(d.plan.instants) == 1][4::8]:
-        solved = decision.solved
+        solved = decision.solution
         one = OneWindow("", experiment, solved.window, solved.plan)
         near = ahead(solved) + np.array([-0.05, -0.01, 0.0, 0.002, 0.01, 0.05])
         scan = scan_instants(one, np.union1d(instant_grid(one.window.horizon, 15), near))
@@ -140,11 +140,11 @@ class Counting(WindowSolver):
 
 @pytest.mark.parametrize("starts", [1, 2, 4])
 def test_time_and_iterations_count_every_solve(
-    experiment_of: Callable[..., Experiment], decisions: list[Decision], starts: int
+    experiment_of: Callable[..., Experiment], decisions: list[Command], starts: int
 ) -> None:
-    decision = next(d for d in decisions if len(d.plan.instants) == 1 and not d.appended)
+    decision = next(d for d in decisions if len(d.plan.instants) == 1 and "appended" not in d.events)
     windows, instants = Counting(experiment_of(*COARSE).controller.windows), decision.prediction.instants
-    best = solve_from_several(windows, decision.solved.window, decision.prediction, instants, None, starts)
+    best = solve_from_several(windows, decision.solution.window, decision.prediction, instants, None, starts)
     assert len(windows.solved) >= starts
     assert best.solution.iterations == sum(one.solution.iterations for one in windows.solved)
     assert best.solution.wall_time == sum(one.solution.wall_time for one in windows.solved)
@@ -152,11 +152,11 @@ def test_time_and_iterations_count_every_solve(
 
 
 def test_several_switches_are_guessed_in_their_order(
-    experiment_of: Callable[..., Experiment], decisions: list[Decision]
+    experiment_of: Callable[..., Experiment], decisions: list[Command]
 ) -> None:
-    decision = next(d for d in decisions if len(d.plan.instants) == 2 and not d.appended)
+    decision = next(d for d in decisions if len(d.plan.instants) == 2 and "appended" not in d.events)
     windows, instants = Counting(experiment_of(*COARSE).controller.windows), decision.prediction.instants
-    window = replace(decision.solved.window, pending_cost=0.0)
+    window = replace(decision.solution.window, pending_cost=0.0)
     best = solve_from_several(windows, window, decision.prediction, instants, None, 4)
     own = windows.solved[0]
     assert best.solution.objective <= own.solution.objective
@@ -167,22 +167,22 @@ def test_several_switches_are_guessed_in_their_order(
 
 
 def test_a_window_without_a_solution_is_not_scanned(
-    experiment_of: Callable[..., Experiment], decisions: list[Decision]
+    experiment_of: Callable[..., Experiment], decisions: list[Command]
 ) -> None:
-    decision = next(d for d in decisions if len(d.plan.instants) == 1 and not d.appended)
+    decision = next(d for d in decisions if len(d.plan.instants) == 1 and "appended" not in d.events)
     windows = Unreliable(experiment_of(*COARSE).controller.windows, lambda now: True)
     instants = decision.prediction.instants
-    best = solve_from_several(windows, decision.solved.window, decision.prediction, instants, None, 3)
+    best = solve_from_several(windows, decision.solution.window, decision.prediction, instants, None, 3)
     assert best.basin == -1
     assert best.solution.outcome is Outcome.ITERATION_LIMIT
 
 
 def test_a_fixed_time_leaves_nothing_to_guess(
-    experiment_of: Callable[..., Experiment], decisions: list[Decision]
+    experiment_of: Callable[..., Experiment], decisions: list[Command]
 ) -> None:
-    decision = next(d for d in decisions if len(d.plan.instants) == 1 and not d.appended)
-    first, second = decision.solved.window.stages
-    timed = replace(decision.solved.window, stages=(replace(first, at=float(decision.plan.instants[0])), second))
+    decision = next(d for d in decisions if len(d.plan.instants) == 1 and "appended" not in d.events)
+    first, second = decision.solution.window.stages
+    timed = replace(decision.solution.window, stages=(replace(first, at=float(decision.plan.instants[0])), second))
     windows = Counting(experiment_of(*COARSE).controller.windows)
     solve_from_several(windows, timed, decision.prediction, decision.prediction.instants, None, 3)
     assert len(windows.solved) == 1
@@ -191,7 +191,7 @@ def test_a_fixed_time_leaves_nothing_to_guess(
 def test_hard_switching_has_no_instant_to_guess(experiment_of: Callable[..., Experiment]) -> None:
     records, ending = run(experiment_of(*SHORT, "controller.kind=hard", "controller.multistart=3"))
     assert ending.completed
-    assert {record.command.solved.basin for record in records} == {-1}
+    assert {record.command.solution.basin for record in records} == {-1}
 
 
 @given(switches=st.integers(1, 4), count=st.integers(1, 20))

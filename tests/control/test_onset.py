@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-
 from psmpc_cli.control.aside import WindowsAside
-from psmpc_cli.control.decision import Decision
 from psmpc_cli.control.onset import DISTINCT, OnsetObserver, closeness
-from psmpc_cli.control.sequence import Sequence
+
+from psmpc_cli.control import Command
+from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.simulation.loop import closed_loop
@@ -47,7 +47,7 @@ class Aside:
     def controller(self) -> object:
         return SimpleNamespace(stages=(SimpleNamespace(onset_rows=()), SimpleNamespace(onset_rows=ROWS)))
 
-    def plan(self, sequence: Sequence, decision: Decision, x: np.ndarray) -> tuple[Plan, bool]:
+    def plan(self, sequence: MovingSequence, decision: Command, x: np.ndarray) -> tuple[Plan, bool]:
         self.asked.append((sequence.first, sequence.last))
         return (steady(self.without), True) if sequence.first == 0 else (steady(self.own), self.solved)
 
@@ -56,10 +56,10 @@ def observer(aside: Aside, **onset: object) -> OnsetObserver:
     return OnsetObserver(cast(WindowsAside, aside), OnsetSpec.model_validate(onset))
 
 
-def deciding(u: np.ndarray) -> Decision:
+def deciding(u: np.ndarray) -> Command:
     """A decision with one stage waiting, whose plan applies u."""
-    sequence = Sequence(0, np.array([2.0]), 0.0)
-    return cast(Decision, SimpleNamespace(sequence=sequence, plan=steady(u), prediction=steady(u), exhausted=False))
+    sequence = MovingSequence(0, np.array([2.0]), 0.0)
+    return cast(Command, SimpleNamespace(sequence=sequence, plan=steady(u), prediction=steady(u), exhausted=False))
 
 
 @given(controls, controls)

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from psmpc_cli.control.sequence import Sequence, detect, drop_met, drop_passed
+from psmpc_cli.control.sequence import detect, drop_met, drop_passed
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Stage, StageCosts
 
@@ -18,7 +18,7 @@ def arriving(at: float, end: float = 4.0) -> Plan:
 
 
 def test_every_stage_whose_instant_has_passed_is_dropped() -> None:
-    sequence, switches = drop_passed(Sequence(0, np.array([1.0, 1.05, 3.0]), 0.0), 1.1)
+    sequence, switches = drop_passed(MovingSequence(0, np.array([1.0, 1.05, 3.0]), 0.0), 1.1)
     assert [(s.stage, s.time) for s in switches] == [(0, 1.0), (1, 1.05)]
     assert (sequence.first, sequence.entered, sequence.instants.tolist()) == (2, 1.05, [3.0])
 
@@ -26,19 +26,19 @@ def test_every_stage_whose_instant_has_passed_is_dropped() -> None:
 def test_the_current_stage_is_dropped_when_the_measured_state_meets_its_condition(
     stages: tuple[Stage, ...], costs: StageCosts
 ) -> None:
-    sequence, switches = drop_met(Sequence(0, np.array([3.0]), 0.0), stages, costs, 2.0, AT_TARGET)
+    sequence, switches = drop_met(MovingSequence(0, np.array([3.0]), 0.0), stages, costs, 2.0, AT_TARGET)
     assert [(s.stage, s.time) for s in switches] == [(0, 2.0)]
     assert sequence.first == 1
-    away, none = drop_met(Sequence(0, np.array([3.0]), 0.0), stages, costs, 2.0, np.zeros(18))
+    away, none = drop_met(MovingSequence(0, np.array([3.0]), 0.0), stages, costs, 2.0, np.zeros(18))
     assert (away.first, none) == (0, [])
 
 
 def test_a_stage_stays_for_its_dwell_time(stages: tuple[Stage, ...], costs: StageCosts) -> None:
     dwelling = (replace(stages[0], dwell=2.5), *stages[1:])
-    kept, _ = drop_met(Sequence(0, np.zeros(0), 0.0), dwelling, costs, 2.4, AT_TARGET)
-    dropped, _ = drop_met(Sequence(0, np.zeros(0), 0.0), dwelling, costs, 2.5, AT_TARGET)
+    kept, _ = drop_met(MovingSequence(0, np.zeros(0), 0.0), dwelling, costs, 2.4, AT_TARGET)
+    dropped, _ = drop_met(MovingSequence(0, np.zeros(0), 0.0), dwelling, costs, 2.5, AT_TARGET)
     assert (kept.first, dropped.first) == (0, 1)
-    longer = detect(Sequence(0, np.zeros(0), 0.0), dwelling, costs, arriving(1.0), 10)
+    longer = detect(MovingSequence(0, np.zeros(0), 0.0), dwelling, costs, arriving(1.0), 10)
     assert longer is not None
     assert longer.instants[0] >= 2.5
 
@@ -46,24 +46,24 @@ def test_a_stage_stays_for_its_dwell_time(stages: tuple[Stage, ...], costs: Stag
 def test_the_next_stage_is_detected_at_the_predicted_hitting_time_within_the_margin(
     stages: tuple[Stage, ...], costs: StageCosts
 ) -> None:
-    longer = detect(Sequence(0, np.zeros(0), 0.0), stages, costs, arriving(2.0), 10)
+    longer = detect(MovingSequence(0, np.zeros(0), 0.0), stages, costs, arriving(2.0), 10)
     assert longer is not None
     assert abs(longer.instants[0] - (2.0 - 0.02 / 0.2)) < 0.02
-    assert detect(Sequence(0, np.zeros(0), 0.0), stages, costs, arriving(4.5), 10) is None
+    assert detect(MovingSequence(0, np.zeros(0), 0.0), stages, costs, arriving(4.5), 10) is None
 
 
 def test_nothing_is_detected_after_the_last_stage(stages: tuple[Stage, ...], costs: StageCosts) -> None:
-    assert detect(Sequence(3, np.zeros(0), 0.0), stages, costs, arriving(1.0), 10) is None
+    assert detect(MovingSequence(3, np.zeros(0), 0.0), stages, costs, arriving(1.0), 10) is None
 
 
 def test_a_fixed_instant_enters_the_window_with_the_horizon_and_ends_the_stage_on_time(
     stages: tuple[Stage, ...], costs: StageCosts
 ) -> None:
     timed = (replace(stages[0], at=4.5, end_rows=(), tolerance=np.zeros(0)), *stages[1:])
-    assert detect(Sequence(0, np.zeros(0), 0.0), timed, costs, arriving(9.0), 10) is None
+    assert detect(MovingSequence(0, np.zeros(0), 0.0), timed, costs, arriving(9.0), 10) is None
     later = replace(arriving(9.0), times=arriving(9.0).times + 1.0)
-    longer = detect(Sequence(0, np.zeros(0), 0.0), timed, costs, later, 10)
+    longer = detect(MovingSequence(0, np.zeros(0), 0.0), timed, costs, later, 10)
     assert longer is not None
     assert longer.instants.tolist() == [4.5]
-    assert drop_met(Sequence(0, np.zeros(0), 0.0), timed, costs, 4.4, AT_TARGET)[0].first == 0
-    assert drop_met(Sequence(0, np.zeros(0), 0.0), timed, costs, 4.5, AT_TARGET)[0].first == 1
+    assert drop_met(MovingSequence(0, np.zeros(0), 0.0), timed, costs, 4.4, AT_TARGET)[0].first == 0
+    assert drop_met(MovingSequence(0, np.zeros(0), 0.0), timed, costs, 4.5, AT_TARGET)[0].first == 1

@@ -6,7 +6,7 @@ from psmpc_cli.ocp.end_curvature import EndCurvature
 from psmpc_cli.ocp.transcription import Nlp, transcribe
 from psmpc_cli.ocp.velocity_form import Point, VelocityForm
 
-from psmpc_cli.control.decision import Decision
+from psmpc_cli.control import Command
 from psmpc_cli.ocp.gauss_newton import linearize
 from psmpc_cli.ocp.window import window_shape
 from psmpc_cli.robot.model import RobotModel
@@ -15,8 +15,8 @@ from psmpc_cli.robot.model import RobotModel
 class Case:
     """A window of the transport run with two stages, the first one of this index."""
 
-    def __init__(self, model: RobotModel, decisions: list[Decision], first: int) -> None:
-        windows = (decision.solved for decision in decisions)
+    def __init__(self, model: RobotModel, decisions: list[Command], first: int) -> None:
+        windows = (decision.solution for decision in decisions)
         solved = next(s for s in windows if len(s.window.stages) == 2 and s.window.stages[0].index == first)
         self.nlp: Nlp = transcribe(model, window_shape(solved.window.stages, (20, 20), "exact"))
         self.form = VelocityForm(model, self.nlp.shape, self.nlp.layout)
@@ -26,12 +26,12 @@ class Case:
 
 
 @pytest.fixture(scope="module")
-def capture(model: RobotModel, decisions: list[Decision]) -> Case:
+def capture(model: RobotModel, decisions: list[Command]) -> Case:
     """Ends when poses are reached."""
     return Case(model, decisions, 1)
 
 
-def test_an_end_condition_on_coordinates_is_not_curved(model: RobotModel, decisions: list[Decision]) -> None:
+def test_an_end_condition_on_coordinates_is_not_curved(model: RobotModel, decisions: list[Command]) -> None:
     assert Case(model, decisions, 0).curvature.stages == ()
 
 

@@ -7,7 +7,7 @@ import pytest
 from psmpc_cli.ocp.transcription import Nlp, transcribe
 from psmpc_cli.ocp.velocity_form import Point, VelocityForm
 
-from psmpc_cli.control.decision import Decision
+from psmpc_cli.control import Command
 from psmpc_cli.ocp.gauss_newton import Linearization, linearize
 from psmpc_cli.ocp.window import Parameters, window_shape
 from psmpc_cli.robot.model import RobotModel
@@ -18,13 +18,13 @@ H = 1e-6
 class Case:
     """A window of a run at a point off its guess, with a terminal cost, an offset and a reference that moves."""
 
-    def __init__(self, model: RobotModel, decision: Decision, discretization: str, seed: int) -> None:
-        window, random = decision.solved.window, np.random.default_rng(seed)
+    def __init__(self, model: RobotModel, decision: Command, discretization: str, seed: int) -> None:
+        window, random = decision.solution.window, np.random.default_rng(seed)
         shape = window_shape(window.stages, (20,) * len(window.stages), discretization)
         moving = tuple(replace(stage, moving=True, end_velocity=bool(stage.end_rows)) for stage in shape.stages)
         self.nlp: Nlp = transcribe(model, replace(shape, stages=moving))
         self.form = VelocityForm(model, self.nlp.shape, self.nlp.layout)
-        plain = VelocityForm(model, shape, self.nlp.layout).numbers(decision.solved.parameters)
+        plain = VelocityForm(model, shape, self.nlp.layout).numbers(decision.solution.parameters)
         self.p: Parameters[np.ndarray] = replace(
             plain,
             terminal=np.array(0.3),
@@ -34,7 +34,7 @@ class Case:
                 for target in plain.targets
             ),
         )
-        guess = self.form.point(decision.solved.guess.z, self.p)
+        guess = self.form.point(decision.solution.guess.z, self.p)
         X = guess.X + random.normal(scale=0.1, size=guess.X.shape)
         X[0] = guess.X[0]
         self.point = Point(X, guess.tau + random.uniform(0.0, 0.1, size=guess.tau.shape))
@@ -50,9 +50,9 @@ class Case:
 
 
 @pytest.fixture(params=[(1, "exact"), (2, "exact"), (2, "euler"), (3, "exact")], ids=str)
-def case(request: pytest.FixtureRequest, model: RobotModel, decisions: list[Decision]) -> Case:
+def case(request: pytest.FixtureRequest, model: RobotModel, decisions: list[Command]) -> Case:
     stages, discretization = request.param
-    chosen = [d for d in decisions if len(d.solved.window.stages) == stages]
+    chosen = [d for d in decisions if len(d.solution.window.stages) == stages]
     return Case(model, chosen[len(chosen) // 2], discretization, seed=stages)
 
 

@@ -10,7 +10,7 @@ from psmpc_cli.ocp.velocity_form import VelocityForm
 from psmpc_cli.solvers.qp_solution import QpSolution, QpStatus
 from psmpc_cli.solvers.sqp_limits import limits
 
-from psmpc_cli.control.decision import Decision
+from psmpc_cli.control import Command
 from psmpc_cli.ocp.gauss_newton import linearize
 from psmpc_cli.ocp.window import bounds, window_shape
 from psmpc_cli.robot.model import RobotModel
@@ -24,9 +24,9 @@ from .both_methods import our_method, ours, piqp
 FEATURES = ("equal", "fixed", "inputs", "tied")
 
 
-def recorded(model: RobotModel, decision: Decision) -> Task:
+def recorded(model: RobotModel, decision: Command) -> Task:
     """The program at the guess of a window of a run."""
-    solved = decision.solved
+    solved = decision.solution
     nlp = transcribe(model, window_shape(solved.window.stages, solved.window.nodes, "exact"))
     form = VelocityForm(nlp.model, nlp.shape, nlp.layout)
     numbers = form.numbers(solved.parameters)
@@ -36,9 +36,9 @@ def recorded(model: RobotModel, decision: Decision) -> Task:
 
 
 @pytest.fixture(params=[1, 2, 3], ids=["one_stage", "two_stages", "three_stages"])
-def tasks(request: pytest.FixtureRequest, model: RobotModel, decisions: list[Decision]) -> list[Task]:
+def tasks(request: pytest.FixtureRequest, model: RobotModel, decisions: list[Command]) -> list[Task]:
     """Programs of a run: after an append, and warm."""
-    of_size = [d for d in decisions if len(d.solved.window.stages) == request.param]
+    of_size = [d for d in decisions if len(d.solution.window.stages) == request.param]
     return [recorded(model, d) for d in (of_size[0], of_size[len(of_size) // 2], of_size[-1])]
 
 
@@ -110,9 +110,9 @@ def test_solving_again_gives_the_same(tasks: Sequence[Task]) -> None:
 
 
 def test_without_a_compiler_piqp_solves_the_programs(
-    model: RobotModel, decisions: list[Decision], monkeypatch: pytest.MonkeyPatch
+    model: RobotModel, decisions: list[Command], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved = next(d.solved for d in decisions if len(d.solved.window.stages) == 2)
+    solved = next(d.solution for d in decisions if len(d.solution.window.stages) == 2)
     nlp = transcribe(model, window_shape(solved.window.stages, solved.window.nodes, "exact"))
     held, spec = bounds(nlp, solved.window), SolverSpec(kind="sqp", iterations=50)
     compiled = build_solver(nlp, spec).solve(solved.guess, solved.parameters, held)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from psmpc_cli.ocp.transcription import Nlp, transcribe
 
-from psmpc_cli.control.decision import Decision
+from psmpc_cli.control import Command
 from psmpc_cli.ocp.plan import mesh
 from psmpc_cli.ocp.problem import StageCosts
 from psmpc_cli.ocp.window import (
@@ -58,7 +58,7 @@ class Windows:
     def __init__(self, model: RobotModel, costs: StageCosts) -> None:
         self._model, self._costs = model, costs
 
-    def solve(self, decision: Decision, window: Window, spec: SolverSpec, soft: bool) -> Solved:
+    def solve(self, decision: Command, window: Window, spec: SolverSpec, soft: bool) -> Solved:
         nlp = transcribe(self._model, window_shape(window.stages, window.nodes, "exact", soft))
         instants = decision.plan.instants
         z = pack_guess(nlp, window, decision.prediction, instants, self._costs)
@@ -71,9 +71,9 @@ def windows(model: RobotModel, costs: StageCosts) -> Windows:
     return Windows(model, costs)
 
 
-def chosen(decisions: list[Decision], stages: int) -> Decision:
+def chosen(decisions: list[Command], stages: int) -> Command:
     """A sample in the midst of the windows over that many stages, its plan a solution."""
-    found = [d for d in decisions if len(d.solved.window.stages) == stages and not d.solve_failed]
+    found = [d for d in decisions if len(d.solution.window.stages) == stages and "solve_failed" not in d.events]
     return found[len(found) // 2]
 
 
@@ -82,9 +82,9 @@ def bounded(window: Window, **limits: np.ndarray) -> Window:
     return replace(window, stages=tuple(replace(s, limits=replace(s.limits, **limits)) for s in window.stages))
 
 
-def moving(decisions: list[Decision], stages: int) -> Decision:
+def moving(decisions: list[Command], stages: int) -> Command:
     """A window over that many stages in whose first the base has more than 20 cm to go towards lesser x."""
-    return [d for d in decisions if len(d.solved.window.stages) == stages and -1.8 < d.x[BASE_X] < -1.0][-1]
+    return [d for d in decisions if len(d.solution.window.stages) == stages and -1.8 < d.x[BASE_X] < -1.0][-1]
 
 
 def beyond_a_limit(window: Window) -> Window:
@@ -105,10 +105,10 @@ def too_fast_to_stop(window: Window) -> Window:
 
 @pytest.mark.parametrize("stages", [1, 2, 3])
 def test_where_hard_limits_can_be_met_soft_ones_have_the_same_solution(
-    windows: Windows, decisions: list[Decision], stages: int
+    windows: Windows, decisions: list[Command], stages: int
 ) -> None:
     decision = chosen(decisions, stages)
-    hard, soft = (windows.solve(decision, decision.solved.window, SQP, soft) for soft in (False, True))
+    hard, soft = (windows.solve(decision, decision.solution.window, SQP, soft) for soft in (False, True))
     assert hard.solution.outcome is soft.solution.outcome is Outcome.OPTIMAL
     assert soft.solution.objective == pytest.approx(hard.solution.objective, rel=1e-8)
     assert soft.penalty < 1e-6
@@ -117,10 +117,10 @@ def test_where_hard_limits_can_be_met_soft_ones_have_the_same_solution(
 
 @pytest.mark.parametrize("spec", [FATROP, IPOPT], ids=["fatrop", "ipopt"])
 def test_slack_inputs_lead_to_the_hard_solution_too(
-    windows: Windows, decisions: list[Decision], spec: SolverSpec
+    windows: Windows, decisions: list[Command], spec: SolverSpec
 ) -> None:
     decision = chosen(decisions, 2)
-    hard, soft = (windows.solve(decision, decision.solved.window, spec, soft) for soft in (False, True))
+    hard, soft = (windows.solve(decision, decision.solution.window, spec, soft) for soft in (False, True))
     assert hard.solution.outcome is soft.solution.outcome is Outcome.OPTIMAL
     relaxed = 1e-8 * soft.nlp.layout.violation_index.size  # both let go of every bound by 1e-8
     assert soft.solution.objective == pytest.approx(hard.solution.objective, abs=relaxed + 1e-6)
@@ -133,10 +133,10 @@ def test_slack_inputs_lead_to_the_hard_solution_too(
     ids=["beyond_a_limit", "beyond_a_limit_before_a_switch", "too_fast_to_stop"],
 )
 def test_a_limit_that_cannot_be_met_is_violated_alike_by_all_solvers(
-    windows: Windows, decisions: list[Decision], stages: int, change: Callable[[Window], Window]
+    windows: Windows, decisions: list[Command], stages: int, change: Callable[[Window], Window]
 ) -> None:
     decision = moving(decisions, stages)
-    window = change(decision.solved.window)
+    window = change(decision.solution.window)
     assert windows.solve(decision, window, SQP, soft=False).solution.outcome is Outcome.INFEASIBLE
     found = [windows.solve(decision, window, spec, soft=True) for spec in (SQP, PIQP, FATROP, IPOPT)]
     best = found[0]
@@ -148,9 +148,9 @@ def test_a_limit_that_cannot_be_met_is_violated_alike_by_all_solvers(
         assert np.abs(other.tau - best.tau).max(initial=0.0) < 1e-3
 
 
-def test_what_is_not_a_limit_on_states_stays_hard(windows: Windows, decisions: list[Decision]) -> None:
+def test_what_is_not_a_limit_on_states_stays_hard(windows: Windows, decisions: list[Command]) -> None:
     decision = moving(decisions, 2)
-    found = windows.solve(decision, too_fast_to_stop(decision.solved.window), SQP, soft=True)
+    found = windows.solve(decision, too_fast_to_stop(decision.solution.window), SQP, soft=True)
     stage, layout = found.window.stages[0], found.nlp.layout
     u = np.diff(found.X[:, layout.n + BASE_X]) / (
         np.append(found.tau, found.window.horizon - found.tau.sum()) / 20

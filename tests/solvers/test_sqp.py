@@ -7,7 +7,7 @@ from psmpc_cli.ocp.lexicographic import LevelShape, transcribe_level
 from psmpc_cli.ocp.transcription import Nlp, transcribe
 from psmpc_cli.solvers.casadi_nlp import CasadiSolver
 
-from psmpc_cli.control.decision import Decision
+from psmpc_cli.control import Command
 from psmpc_cli.ocp.window import Bounds, bounds, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import Guess, Outcome, Solution, build_solver
@@ -21,9 +21,9 @@ ONE = SolverSpec(kind="sqp")
 class Recorded:
     """A window of a run, with what a back-end needs to solve it."""
 
-    def __init__(self, model: RobotModel, decision: Decision) -> None:
-        window = decision.solved.window
-        self.guess, self.parameters = decision.solved.guess, decision.solved.parameters
+    def __init__(self, model: RobotModel, decision: Command) -> None:
+        window = decision.solution.window
+        self.guess, self.parameters = decision.solution.guess, decision.solution.parameters
         self.nlp: Nlp = transcribe(model, window_shape(window.stages, (20,) * len(window.stages), "exact"))
         self.bounds = bounds(self.nlp, window)
         self._evaluate = ca.Function("nlp", [self.nlp.x, self.nlp.p], [self.nlp.f, self.nlp.g])
@@ -49,19 +49,19 @@ class Recorded:
         return held.lbx - z, z - held.ubx, held.lbg - g, g - held.ubg
 
 
-def chosen(decisions: list[Decision], stages: int) -> Decision:
+def chosen(decisions: list[Command], stages: int) -> Command:
     """A sample whose guess is warm, in the midst of the windows over that many stages."""
-    warm = [d for d in decisions if len(d.solved.window.stages) == stages and d.solved.guess.warm]
+    warm = [d for d in decisions if len(d.solution.window.stages) == stages and d.solution.guess.warm]
     return warm[len(warm) // 2]
 
 
 @pytest.fixture(params=[1, 2, 3], ids=["one_stage", "two_stages", "three_stages"])
-def recorded(request: pytest.FixtureRequest, model: RobotModel, decisions: list[Decision]) -> Recorded:
+def recorded(request: pytest.FixtureRequest, model: RobotModel, decisions: list[Command]) -> Recorded:
     return Recorded(model, chosen(decisions, request.param))
 
 
 @pytest.fixture(scope="module")
-def two_stages(model: RobotModel, decisions: list[Decision]) -> Recorded:
+def two_stages(model: RobotModel, decisions: list[Command]) -> Recorded:
     return Recorded(model, chosen(decisions, 2))
 
 

@@ -5,8 +5,8 @@ import pytest
 from psmpc_cli.control.window_solver import SolvedWindow
 from psmpc_cli.ocp.end_curvature import EndCurvature
 
+from psmpc_cli.control import Command
 from psmpc_cli.control.controller import SwitchingController
-from psmpc_cli.control.decision import Decision
 from psmpc_cli.ocp.gauss_newton import Linearization
 from psmpc_cli.ocp.window import bounds
 from psmpc_cli.simulation.loop import closed_loop
@@ -46,7 +46,7 @@ class Reaching:
     def __init__(self, transport: Task) -> None:
         experiment = build_experiment(parse_task(TASK, transport.robot_yaml, "reach"))
         windows = experiment.controller.windows
-        solved = [decision.solved for decision in decided(experiment, 1.5)]
+        solved = [decision.solution for decision in decided(experiment, 1.5)]
         self.cold, self.warm = (next(s for s in solved if self.holds(s, warm)) for warm in (False, True))
         self.nlp, _ = windows.compiled_for(self.warm.window)
 
@@ -58,11 +58,11 @@ class Reaching:
         return build_solver(self.nlp, spec).solve(guess or solved.guess, solved.parameters, limits)
 
 
-def decided(experiment: Experiment, until: float) -> list[Decision]:
-    found: list[Decision] = []
+def decided(experiment: Experiment, until: float) -> list[Command]:
+    found: list[Command] = []
 
     class Keeping(SwitchingController):
-        def decide(self, now: float, x: np.ndarray) -> Decision:
+        def decide(self, now: float, x: np.ndarray) -> Command:
             found.append(super().decide(now, x))
             return found[-1]
 

@@ -7,7 +7,7 @@ from psmpc_cli.ocp.velocity_form import Point, VelocityForm
 from psmpc_cli.solvers.sqp_guess import SHARE, later
 from psmpc_cli.solvers.sqp_limits import Limits, limits
 
-from psmpc_cli.control.decision import Decision
+from psmpc_cli.control import Command
 from psmpc_cli.ocp.window import bounds, window_shape
 from psmpc_cli.robot.model import RobotModel
 
@@ -15,8 +15,8 @@ from psmpc_cli.robot.model import RobotModel
 class Case:
     """A solved window of the transport run over that many stages."""
 
-    def __init__(self, model: RobotModel, decisions: list[Decision], stages: int) -> None:
-        solved = next(d.solved for d in decisions if len(d.solved.window.stages) == stages)
+    def __init__(self, model: RobotModel, decisions: list[Command], stages: int) -> None:
+        solved = next(d.solution for d in decisions if len(d.solution.window.stages) == stages)
         nlp = transcribe(model, window_shape(solved.window.stages, (20,) * stages, "exact"))
         self.form = VelocityForm(model, nlp.shape, nlp.layout)
         self.horizon = solved.window.horizon
@@ -25,7 +25,7 @@ class Case:
 
 
 @pytest.fixture(scope="module", params=[2, 3], ids=["two_stages", "three_stages"])
-def case(request: pytest.FixtureRequest, model: RobotModel, decisions: list[Decision]) -> Case:
+def case(request: pytest.FixtureRequest, model: RobotModel, decisions: list[Command]) -> Case:
     return Case(model, decisions, request.param)
 
 
@@ -48,7 +48,7 @@ def test_the_motion_stays_the_same(case: Case) -> None:
     assert travelled[0] == pytest.approx(travelled[1], abs=1e-2)
 
 
-def test_where_no_switch_can_move_there_is_none(case: Case, model: RobotModel, decisions: list[Decision]) -> None:
+def test_where_no_switch_can_move_there_is_none(case: Case, model: RobotModel, decisions: list[Command]) -> None:
     alone = Case(model, decisions, 1)
     assert later(alone.form, alone.limits, alone.point, alone.horizon) is None
     last = len(case.point.tau) - 1

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from psmpc_cli.solvers.sqp_table import HEADING, IterationTable
 
-from psmpc_cli.control.decision import Decision
+from psmpc_cli.control import Command
 from psmpc_cli.ocp.window import Bounds
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import Guess, Outcome, Solution, build_solver
@@ -14,7 +14,7 @@ from .test_sqp import CONVERGED, ONE, Recorded, chosen
 
 
 @pytest.fixture(scope="module")
-def two_stages(model: RobotModel, decisions: list[Decision]) -> Recorded:
+def two_stages(model: RobotModel, decisions: list[Command]) -> Recorded:
     return Recorded(model, chosen(decisions, 2))
 
 

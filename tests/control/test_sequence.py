@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from psmpc_cli.control.sequence import detect, drop_met, drop_passed
+from psmpc_cli.control.sequence import MovingSequence, detect, drop_met, drop_passed
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Stage, StageCosts
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from psmpc_cli.control import Command
 from psmpc_cli.ocp.window import own_violations
 from psmpc_cli.simulation.loop import closed_loop
 from psmpc_cli.simulation.setup import Experiment

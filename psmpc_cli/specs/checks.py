@@ -6,11 +6,7 @@ values that it reads to be valid. The rules of single values and of names are pa
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
-from typing import TypeVar, get_args
-
-import numpy as np
-from pydantic import BaseModel, ValidationError
+from typing import get_args
 
 from psmpc_cli.specs.coordinates import (
     QUANTITIES,
@@ -21,10 +17,10 @@ from psmpc_cli.specs.coordinates import (
     stands_for,
     target_axes,
 )
-from psmpc_cli.specs.document import Data, Document
-from psmpc_cli.specs.fields import LARGEST, Pair, number_or_angle
-from psmpc_cli.specs.messages import Fault, Path, choice, counted, dotted, quoted, shortened
-from psmpc_cli.specs.priorities import ACCEPTABLE, Weighing, groups, weigh_stages
+from psmpc_cli.specs.document import Document, Raw
+from psmpc_cli.specs.fields import Pair
+from psmpc_cli.specs.messages import Fault, choice, counted, dotted, quoted
+from psmpc_cli.specs.priorities import check_agreement
 from psmpc_cli.specs.robot import PartLimits
 from psmpc_cli.specs.task import (
     ControllerSpec,
@@ -36,7 +32,6 @@ from psmpc_cli.specs.task import (
     UncertaintySpec,
 )
 
-Model = TypeVar("Model", bound=BaseModel)
 Axes = Mapping[str, tuple[str, ...]]
 """Names of the numbers of every part."""
 
@@ -45,6 +40,9 @@ RESERVED = ("base", "arms", "all", "control", "times")
 
 SPACES: tuple[Space, ...] = get_args(SkillSpec.model_fields["space"].annotation)
 CONTROLLERS: tuple[str, ...] = get_args(ControllerSpec.model_fields["kind"].annotation)
+
+REQUIRED: dict[Space, tuple[str, ...]] = {"point": ("base",)}
+"""Parts that targets and weights must have, where these are not all: not every arm has to point at something."""
 
 BOUNDS = ("above_start_at_most", "below_start_at_most", "at_most", "at_least")
 """Ways to bound a monitored signal."""
@@ -68,77 +66,12 @@ MOST_STEPS = 20_000
 """Steps of the integrator in a sample: more take seconds."""
 
 
-@dataclass(frozen=True)
-class Raw:
-    """A path of a document as it was read, whether there is a value or not."""
-
-    document: Document
-    path: Path = ()
-
-    def __getitem__(self, step: str | int) -> "Raw":
-        return Raw(self.document, (*self.path, step))
-
-    @property
-    def value(self) -> Data:
-        """The value, None if there is none."""
-        return self.document.value(self.path) if self.path in self.document.entries else None
-
-    @property
-    def exists(self) -> bool:
-        """Whether there is a value, and it is not null."""
-        return self.value is not None
-
-    @property
-    def text(self) -> str | None:
-        """The text, None if there is none."""
-        return self.value if isinstance(self.value, str) else None
-
-    @property
-    def number(self) -> float | None:
-        """The number or angle [rad], None if there is none."""
-        try:
-            return number_or_angle(self.value)
-        except ValueError:
-            return None
-
-    @property
-    def length(self) -> int | None:
-        """The length of the list, None if there is none."""
-        return len(self.value) if isinstance(self.value, list) else None
-
-    def items(self) -> Iterator[tuple[str, "Raw"]]:
-        """Give the keys and values of a mapping."""
-        yield from ((key, self[key]) for key in (self.value if isinstance(self.value, dict) else ()))
-
-    def entries(self) -> Iterator["Raw"]:
-        """Give the entries of a list; a text alone is a list of one."""
-        if isinstance(self.value, str):
-            yield self
-        yield from (self[index] for index in range(self.length or 0))
-
-    def texts(self, key: str) -> list[str]:
-        """Return the texts that the entries of a list have under a key."""
-        return [text for entry in self.entries() if (text := entry[key].text) is not None]
-
-    def valid(self, model: type[Model]) -> Model | None:
-        """Return the value as a model, its defaults if there is none, None if it is not valid."""
-        try:
-            return model.model_validate({} if self.value is None else self.value)
-        except ValidationError:
-            return None
-
-    def fault(self, expected: str, found: str | None = None, at_key: bool = False) -> Fault:
-        """Create a fault here; without `found` the message describes the value."""
-        found = self.document.found(self.path) if found is None else found
-        return Fault(self.path, f"found {found}, expected {expected}", at_key)
-
-
 def parts_of(robot: Document | None) -> dict[str, int]:
-    """Return the parts of a robot and their numbers of coordinates; none if they cannot be told."""
+    """Return the parts of a robot and their numbers of coordinates; empty if they cannot be read."""
     arms = dict(Raw(robot)["arms"].items()) if robot is not None else {}
     lengths = {name: arm["links"].length or 0 for name, arm in arms.items()}
-    told = lengths and all(lengths.values()) and not any(name in RESERVED for name in lengths)
-    return {"base": 3, **lengths} if told else {}
+    readable = lengths and all(lengths.values()) and not any(name in RESERVED for name in lengths)
+    return {"base": 3, **lengths} if readable else {}
 
 
 def known_names(task: Document, parts: Mapping[str, int]) -> dict[str, Collection[str]]:
@@ -214,14 +147,13 @@ def _numbers_by_part(task: Raw, parts: Mapping[str, int]) -> Iterator[Fault]:
     for _, skill in task["skills"].items():
         space, weights = _space(skill), skill["weights"]
         if space is not None:
-            yield from _by_part(weights, error_axes(parts, space), _required(parts, space), beside="control")
-        yield from _by_part(
-            weights["control"], target_axes(parts, "task" if skill["input"].text == "task" else "joint")
-        )
+            yield from _by_part(weights, error_axes(parts, space), REQUIRED.get(space), beside="control")
+        control: Space = "task" if skill["input"].text == "task" else "joint"
+        yield from _by_part(weights["control"], target_axes(parts, control))
     for stage in task["stages"].entries():
         space = _space(task["skills"][stage["skill"].text or ""])
         if space is not None:
-            axes, required = target_axes(parts, space), _required(parts, space)
+            axes, required = target_axes(parts, space), REQUIRED.get(space)
             yield from _by_part(stage["target"], axes, required, beside="times", angles=True)
             yield from _by_part(stage["ends_when"]["tolerance"], error_axes(parts, space), (), one=True)
     arms = {part: axes for part, axes in joint.items() if part != "base"}
@@ -235,11 +167,6 @@ def _numbers_by_part(task: Raw, parts: Mapping[str, int]) -> Iterator[Fault]:
 def _space(skill: Raw) -> Space | None:
     """Return the space of a skill, None if it has no valid one."""
     return next((space for space in SPACES if space == skill["space"].text), None)
-
-
-def _required(parts: Mapping[str, int], space: Space) -> Collection[str]:
-    """Return the parts that targets and weights in a space must have: arms need not point at anything."""
-    return ("base",) if space == "point" else parts
 
 
 def _by_part(
@@ -261,7 +188,8 @@ def _by_part(
         angles: Whether some of the numbers are angles, so that they need a unit beyond one turn.
     """
     given = {key: part for key, part in place.items() if key != beside}
-    missing = [part for part in (axes if required is None else required) if not _any_stands_for(given, part)]
+    required = axes if required is None else required
+    missing = [part for part in required if not any(stands_for(key, part) for key in given)]
     if missing and isinstance(place.value, dict):
         yield place.fault(f"also {', '.join(missing)}", ", ".join(given) or "no part", at_key=True)
     times = place["times"].length if beside == "times" else None
@@ -272,14 +200,7 @@ def _by_part(
         for row in rows or [part]:
             yield from _length(row, key, axes, given, one)
             if angles:
-                own = next((axes[name] for name in axes if stands_for(key, name)), ())
-                for axis, item in zip(own, row.entries(), strict=False):
-                    if axis == "theta" or axis.isdigit():
-                        yield from _within_a_turn(item)
-
-
-def _any_stands_for(keys: Collection[str], part: str) -> bool:
-    return any(stands_for(key, part) for key in keys)
+                yield from _angles(row, key, axes)
 
 
 def _length(place: Raw, key: str, axes: Axes, given: Collection[str], one: bool = False) -> Iterator[Fault]:
@@ -291,6 +212,15 @@ def _length(place: Raw, key: str, axes: Axes, given: Collection[str], one: bool 
             length = counted(len(axes[part]), "entry", "entries")
             yield place.fault(f"{length} for {part}{named}{', or one' if one else ''}")
             return
+
+
+def _angles(place: Raw, key: str, axes: Axes) -> Iterator[Fault]:
+    """Give the angles without a unit in a list of numbers, or of pairs, for the parts that a key means."""
+    own = next((axes[part] for part in axes if stands_for(key, part)), ())
+    for axis, item in zip(own, place.entries(), strict=False):
+        if axis == "theta" or axis.isdigit():
+            for value in list(item.entries()) or [item]:
+                yield from _within_a_turn(value)
 
 
 def _within_a_turn(place: Raw) -> Iterator[Fault]:
@@ -310,10 +240,10 @@ def _coordinates(task: Raw, parts: Mapping[str, int]) -> Iterator[Fault]:
         for name in chosen:
             if name.text is not None and name.text not in valid:
                 yield Fault(name.path, f"found {name.document.found(name.path)}{choice(name.text, valid)}")
-        given = [key for key, _ in condition["tolerance"].items() if _any_stands_for([key], "base") or key in valid]
+        given = [key for key, _ in condition["tolerance"].items() if key in (*parts, "arms")]
         texts = [name.text.partition(".")[0] for name in chosen if name.text in valid and name.text]
         needed = [part for part in parts if any(key == "all" or stands_for(key, part) for key in texts)]
-        missing = [part for part in needed if not _any_stands_for(given, part)]
+        missing = [part for part in needed if not any(stands_for(key, part) for key in given)]
         if given and missing:
             wanted = f"also {', '.join(missing)}"
             yield condition["tolerance"].fault(wanted, ", ".join(sorted(given)), at_key=True)
@@ -340,10 +270,8 @@ def _limit_lengths(limits: Raw, axes: Axes) -> Iterator[Fault]:
         given = {key: part[quantity] for key, part in limits.items() if part[quantity].exists}
         for key, bounds in given.items():
             yield from _length(bounds, key, axes, given)
-            own = next((axes[part] for part in axes if stands_for(key, part)), ())
-            for axis, pair in zip(own, bounds.entries(), strict=False):
-                if quantity == "position" and (axis == "theta" or axis.isdigit()):
-                    yield from (fault for bound in pair.entries() for fault in _within_a_turn(bound))
+            if quantity == "position":
+                yield from _angles(bounds, key, axes)
 
 
 def _valid_limits(limits: Raw) -> dict[str, PartLimits]:
@@ -538,36 +466,7 @@ def _priorities(task: Raw) -> Iterator[Fault]:
             yield comparison.fault("every pair once", found)
     valid = task["priorities"].valid(PrioritiesSpec)
     if sound and valid is not None:
-        yield from _disagreeing(comparisons, valid, stages)
-
-
-def _disagreeing(comparisons: Raw, valid: PrioritiesSpec, stages: list[str]) -> Iterator[Fault]:
-    """Give comparisons that leave stages unconnected, contradict each other, or lead beyond all numbers."""
-    pairs = [(stages.index(a), stages.index(b)) for a, b, _ in valid.compare]
-    islands = [", ".join(shortened(stages[i]) for i in group) for group in groups(len(stages), pairs)]
-    if len(islands) > 1:
-        found = f"nothing that compares {' with '.join(islands)}"
-        yield comparisons.fault("comparisons that connect all stages", found, at_key=True)
-        return
-    weighing = weigh_stages(valid, stages)
-    sizes = np.abs(weighing.logarithms)
-    if weighing.worst is not None and weighing.ratio > ACCEPTABLE:
-        yield _contradiction(comparisons[weighing.worst][2], valid, weighing, weighing.worst)
-    elif sizes.max() > np.log(LARGEST):
-        extreme = int(sizes.argmax())
-        times = f"1e{weighing.logarithms[extreme] / np.log(10):+.0f} times"
-        found = f"comparisons that make {quoted(stages[extreme])} {times} as important as {quoted(stages[0])}"
-        yield comparisons.fault(f"a ratio from {1 / LARGEST:g} to {LARGEST:g}", found, at_key=True)
-
-
-def _contradiction(place: Raw, valid: PrioritiesSpec, weighing: Weighing, worst: int) -> Fault:
-    """Create the fault of the worst comparison, with the ratio that the others imply."""
-    a, b, ratio = valid.compare[worst]
-    implied = weighing.implied[worst] / np.log(10)
-    wanted = f"{10**implied:.3g}" if abs(implied) < 300 else f"1e{implied:+.0f}"
-    measure = f"consistency ratio {weighing.ratio:.3g}, acceptable up to {ACCEPTABLE:g}"
-    found = f"{quoted(a)} to be {ratio:g} times as important as {quoted(b)}"
-    return place.fault(f"about {wanted}, which the other comparisons imply ({measure})", found)
+        yield from check_agreement(comparisons, valid, stages)
 
 
 # Uncertainty.

@@ -9,9 +9,10 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
+from pydantic import BaseModel, ValidationError
 from pydantic_core import PydanticSerializationError, to_jsonable_python
 from yaml.error import MarkedYAMLError
 from yaml.events import AliasEvent, MappingStartEvent, ScalarEvent, SequenceStartEvent
@@ -23,6 +24,8 @@ from psmpc_cli.specs.messages import Fault, Path, Place, counted, dotted, quoted
 Scalar = None | bool | int | float | str
 Data = Scalar | list["Data"] | dict[str, "Data"]
 """What YAML holds."""
+
+Model = TypeVar("Model", bound=BaseModel)
 
 DEEPEST = 30
 """Levels of nesting; a task has seven."""
@@ -38,6 +41,12 @@ WIDEST = 120
 
 MOST_DIGITS = 300
 """Digits of an integer that is surely within the range of a float."""
+
+LARGEST = 1e12
+"""Magnitude of a number: results computed from it stay within a float's range."""
+
+DECIMAL = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"
+ANGLE_PATTERN = rf"^{DECIMAL} *(deg|rad|°)$"
 
 _WORDS: dict[str, Scalar] = {
     **dict.fromkeys(("", "~", "null", "Null", "NULL")),
@@ -143,6 +152,71 @@ class Document:
         return f"\n{margin}{shown}\n{' ' * (len(margin) - 2)}| {pad}^"
 
 
+@dataclass(frozen=True)
+class Raw:
+    """A path of a document as it was read, whether there is a value or not."""
+
+    document: Document
+    path: Path = ()
+
+    def __getitem__(self, step: str | int) -> "Raw":
+        return Raw(self.document, (*self.path, step))
+
+    @property
+    def value(self) -> Data:
+        """The value, None if there is none."""
+        return self.document.value(self.path) if self.path in self.document.entries else None
+
+    @property
+    def exists(self) -> bool:
+        """Whether there is a value, and it is not null."""
+        return self.value is not None
+
+    @property
+    def text(self) -> str | None:
+        """The text, None if there is none."""
+        return self.value if isinstance(self.value, str) else None
+
+    @property
+    def number(self) -> float | None:
+        """The number or angle [rad], None if there is none."""
+        value = angle(self.value) if isinstance(self.value, str) else self.value
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return None
+        return float(value) if abs(value) <= LARGEST else None
+
+    @property
+    def length(self) -> int | None:
+        """The length of the list, None if there is none."""
+        return len(self.value) if isinstance(self.value, list) else None
+
+    def items(self) -> Iterator[tuple[str, "Raw"]]:
+        """Give the keys and values of a mapping."""
+        yield from ((key, self[key]) for key in (self.value if isinstance(self.value, dict) else ()))
+
+    def entries(self) -> Iterator["Raw"]:
+        """Give the entries of a list; a text alone is a list of one."""
+        if isinstance(self.value, str):
+            yield self
+        yield from (self[index] for index in range(self.length or 0))
+
+    def texts(self, key: str) -> list[str]:
+        """Return the texts that the entries of a list have under a key."""
+        return [text for entry in self.entries() if (text := entry[key].text) is not None]
+
+    def valid(self, model: type[Model]) -> Model | None:
+        """Return the value as a model, its defaults if there is none, None if it is not valid."""
+        try:
+            return model.model_validate({} if self.value is None else self.value)
+        except ValidationError:
+            return None
+
+    def fault(self, expected: str, found: str | None = None, at_key: bool = False) -> Fault:
+        """Create a fault here; without `found` the message describes the value."""
+        found = self.document.found(self.path) if found is None else found
+        return Fault(self.path, f"found {found}, expected {expected}", at_key)
+
+
 def read(name: str, text: str) -> Document:
     """Read a YAML text; what is wrong with it as YAML is in the document's `faults`."""
     reader = _Reader(text)
@@ -189,6 +263,14 @@ def resolve(word: str) -> Scalar:
     if _FLOAT.fullmatch(word):
         return float(word)
     return infinite if _INFINITE.fullmatch(word) else word
+
+
+def angle(word: str) -> float | None:
+    """Return the angle [rad] that a word such as `30 deg` means, None if it is no angle."""
+    match = re.fullmatch(rf"({DECIMAL}) *(deg|rad|°)", word)
+    if match is None:
+        return None
+    return float(match[1]) if word.endswith("rad") else math.radians(float(match[1]))
 
 
 def describe(value: Data, written: str | None = None) -> str:

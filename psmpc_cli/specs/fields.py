@@ -24,7 +24,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
 
-from psmpc_cli.specs.document import resolve
+from psmpc_cli.specs.document import ANGLE_PATTERN, DECIMAL, LARGEST, angle, resolve
 from psmpc_cli.specs.messages import choice, counted, suggestion
 
 NAME_PATTERN = r"^[^\s./\\\[\]=:,]+( [^\s./\\\[\]=:,]+)*$"
@@ -32,15 +32,13 @@ NAME_PATTERN = r"^[^\s./\\\[\]=:,]+( [^\s./\\\[\]=:,]+)*$"
 
 LONGEST_NAME = 60
 
-LARGEST, SMALLEST = 1e12, 1e-12
-"""Magnitude of a number, and of one that must not be 0: results computed from them stay within a float's range."""
+SMALLEST = 1e-12
+"""Magnitude of a number that must not be 0."""
 
 LARGEST_WHOLE = 2**63 - 1
 """Largest whole number that a log stores."""
 
-_DECIMAL = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"
-ANGLE_PATTERN = rf"^{_DECIMAL} *(deg|rad|°)$"
-SECONDS_PATTERN = rf"^{_DECIMAL} *s$"
+SECONDS_PATTERN = rf"^{DECIMAL} *s$"
 
 FLAW = "flaw"
 """Type of every validation error of a `Spec`; its context holds the parts of the message."""
@@ -153,14 +151,6 @@ class SideBySide(Spec):
             **({"required": required} if required else {}),
             "additionalProperties": parts["additionalProperties"],
         }
-
-
-def angle(word: str) -> float | None:
-    """Return the angle [rad] that a word such as `30 deg` means, None if it is no angle."""
-    match = re.fullmatch(rf"({_DECIMAL}) *(deg|rad|°)", word)
-    if match is None:
-        return None
-    return float(match[1]) if word.endswith("rad") else math.radians(float(match[1]))
 
 
 def number(value: object) -> float:

@@ -1,11 +1,13 @@
 """Priorities from paired comparisons: logarithmic least squares, and how far the comparisons contradict each other."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from psmpc_cli.specs.document import LARGEST, Raw
+from psmpc_cli.specs.messages import Fault, quoted, shortened
 from psmpc_cli.specs.task import PrioritiesSpec, TaskSpec
 
 Vector = NDArray[np.float64]
@@ -106,3 +108,32 @@ def prioritize(task: TaskSpec) -> TaskSpec:
         for stage, weight in zip(task.stages, omega, strict=True)
     )
     return task.model_copy(update={"stages": stages})
+
+
+def check_agreement(comparisons: Raw, valid: PrioritiesSpec, stages: list[str]) -> Iterator[Fault]:
+    """Give comparisons that leave stages unconnected, contradict each other, or lead beyond all numbers."""
+    pairs = [(stages.index(a), stages.index(b)) for a, b, _ in valid.compare]
+    islands = [", ".join(shortened(stages[i]) for i in group) for group in groups(len(stages), pairs)]
+    if len(islands) > 1:
+        found = f"nothing that compares {' with '.join(islands)}"
+        yield comparisons.fault("comparisons that connect all stages", found, at_key=True)
+        return
+    weighing = weigh_stages(valid, stages)
+    sizes = np.abs(weighing.logarithms)
+    if weighing.worst is not None and weighing.ratio > ACCEPTABLE:
+        yield _contradiction(comparisons[weighing.worst][2], valid, weighing, weighing.worst)
+    elif sizes.max() > np.log(LARGEST):
+        extreme = int(sizes.argmax())
+        times = f"1e{weighing.logarithms[extreme] / np.log(10):+.0f} times"
+        found = f"comparisons that make {quoted(stages[extreme])} {times} as important as {quoted(stages[0])}"
+        yield comparisons.fault(f"a ratio from {1 / LARGEST:g} to {LARGEST:g}", found, at_key=True)
+
+
+def _contradiction(place: Raw, valid: PrioritiesSpec, weighing: Weighing, worst: int) -> Fault:
+    """Create the fault of the worst comparison, with the ratio that the others imply."""
+    a, b, ratio = valid.compare[worst]
+    implied = weighing.implied[worst] / np.log(10)
+    wanted = f"{10**implied:.3g}" if abs(implied) < 300 else f"1e{implied:+.0f}"
+    measure = f"consistency ratio {weighing.ratio:.3g}, acceptable up to {ACCEPTABLE:g}"
+    found = f"{quoted(a)} to be {ratio:g} times as important as {quoted(b)}"
+    return place.fault(f"about {wanted}, which the other comparisons imply ({measure})", found)

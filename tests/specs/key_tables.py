@@ -8,7 +8,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from psmpc_cli.specs.fields import ANGLE_PATTERN, NAME_PATTERN, SECONDS_PATTERN
+from psmpc_cli.specs.document import ANGLE_PATTERN
+from psmpc_cli.specs.fields import NAME_PATTERN, SECONDS_PATTERN
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import TaskSpec
 

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.specs.document import MOST_FAULTS, Data, Document, read, resolve, write
-from psmpc_cli.specs.fields import angle
+from psmpc_cli.specs.document import MOST_FAULTS, Data, Document, angle, read, resolve, write
 from psmpc_cli.specs.messages import Fault, Place
 
 texts = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc", "Co", "Cn")), max_size=12)

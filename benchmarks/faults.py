@@ -1,25 +1,27 @@
-"""Faults injected from outside: solver, plant and sensors of a run are wrapped, and the program knows nothing of it."""
+"""Faults injected into runs from outside: solver, plant and sensors are wrapped, and signals sent to processes."""
 
 import contextlib
 import io
+import signal
+import subprocess
 import sys
+import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from psmpc_cli.control.window_solver import SolvedWindow, WindowSolver
-from psmpc_cli.ocp.layout import WindowShape
-from psmpc_cli.ocp.transcription import Nlp
 
 from psmpc_cli.cli.main import main
-from psmpc_cli.ocp.window import Bounds, Window
-from psmpc_cli.plant import Plant, Ticks
+from psmpc_cli.logs.read import read_log
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.window import Window
+from psmpc_cli.plant import Disturbance, Plant, Ticks
 from psmpc_cli.simulation import run as running
 from psmpc_cli.simulation.setup import Experiment
-from psmpc_cli.solvers import Guess, Outcome, Solution, Solver
+from psmpc_cli.solvers import Outcome, Solution, Solver
 from psmpc_cli.specs.load import Task
 
 Spoil = Callable[[float, Callable[[], Solution]], Solution]
@@ -53,33 +55,14 @@ class Seen:
     x: np.ndarray | None = None
 
 
-class FaultySolver:
+class FaultySolver(Solver):
     """A solver whose solutions are spoilt."""
 
-    def __init__(self, windows: "FaultyWindows", solver: Solver) -> None:
-        self.windows, self.solver = windows, solver
+    def __init__(self, solver: Solver, spoil: Spoil) -> None:
+        self.solver, self.spoil = solver, spoil
 
-    def solve(self, guess: Guess, p: np.ndarray, bounds: Bounds) -> Solution:
-        """Solve, or not."""
-        return self.windows.spoil(self.windows.now, lambda: self.solver.solve(guess, p, bounds))
-
-
-class FaultyWindows(WindowSolver):
-    """Solves windows by faulty solvers."""
-
-    def __init__(self, windows: WindowSolver, spoil: Spoil) -> None:
-        super().__init__(windows.task, windows.model, windows.costs)
-        self.spoil, self.now = spoil, 0.0
-
-    def compiled(self, shape: WindowShape) -> tuple[Nlp, Solver]:
-        """Return the NLP and a faulty back-end of a shape."""
-        nlp, solver = super().compiled(shape)
-        return nlp, FaultySolver(self, solver)
-
-    def solve(self, window: Window, *rest: Any, **named: Any) -> SolvedWindow:
-        """Solve a window, and know at what time."""
-        self.now = window.start
-        return super().solve(window, *rest, **named)
+    def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
+        return self.spoil(window.start, lambda: self.solver.solve(window, guess, previous, within))
 
 
 class FaultyPlant:
@@ -88,9 +71,9 @@ class FaultyPlant:
     def __init__(self, plant: Plant, push: Show, seen: Seen) -> None:
         self.plant, self.push, self.seen = plant, push, seen
 
-    def advance(self, start: float, x: np.ndarray, u: np.ndarray) -> Ticks:
+    def advance(self, start: float, x: np.ndarray, u: np.ndarray, disturbance: Disturbance | None = None) -> Ticks:
         """Advance, and be pushed at the end of it."""
-        ticks, seen = self.plant.advance(start, x, u), self.seen
+        ticks, seen = self.plant.advance(start, x, u, disturbance), self.seen
         X = ticks.X.copy()
         X[-1] = seen.x = self.push(float(ticks.time[-1]), X[-1])
         seen.rates = np.maximum(seen.rates, np.abs(X[:, len(x) // 2 :]).max(axis=0))
@@ -103,7 +86,7 @@ def inject(experiment: Experiment, fault: Fault, seen: Seen) -> Experiment:
     uncertainty, sample_time = experiment.uncertainty, experiment.task.controller.sample_time
     measured = uncertainty.measured
     uncertainty.measured = lambda sample, x: fault.blind(sample * sample_time, measured(sample, x))
-    experiment.controller.windows = FaultyWindows(experiment.controller.windows, fault.spoil)
+    experiment.controller.solver = FaultySolver(experiment.controller.solver, fault.spoil)
     return replace(experiment, plant=FaultyPlant(experiment.plant, fault.push, seen))
 
 
@@ -170,7 +153,8 @@ def meaningless(wrong: Callable[[float], bool]) -> Fault:
 
     def spoil(now: float, solve: Callable[[], Solution]) -> Solution:
         solution = solve()
-        return replace(solution, z=np.full_like(solution.z, np.nan)) if wrong(now) else solution
+        plan = replace(solution.plan, X=np.full_like(solution.plan.X, np.nan))
+        return replace(solution, plan=plan) if wrong(now) else solution
 
     return Fault(spoil)
 
@@ -197,3 +181,62 @@ def pushed(at: float, **rates: float) -> Fault:
         return np.r_[x[:n], x[n : n + 3] + change, x[n + 3 :]]
 
     return Fault(push=push)
+
+
+TELLING = """
+from psmpc_cli.cli.main import main
+from psmpc_cli.simulation import run as running
+simulate = running.simulate
+def telling(task, path, watch, *rest, **named):
+    def tell(sample):
+        print("sample", flush=True)
+        watch(sample)
+    return simulate(task, path, tell, *rest, **named)
+running.simulate = telling
+print("started", flush=True)
+main()
+"""
+"""The command psmpc, which tells that it has started, and of every sample once it is in the log."""
+
+
+@dataclass(frozen=True)
+class Struck:
+    """What a run left that was ended by a signal.
+
+    Attributes:
+        code: Its exit code, as a shell gives it.
+        before: Samples it had told of when the signal was sent.
+        told: Samples it told of in all.
+        held: Samples in its log; None if there is no log.
+        err: What it wrote to standard error.
+        took: Time from the signal to its end [s].
+    """
+
+    code: int
+    before: int
+    told: int
+    held: int | None
+    err: str
+    took: float
+
+
+def strike(number: signal.Signals, log: Path, task: str, *changes: str, samples: int = 0, delay: float = 0.0) -> Struck:
+    """Run `psmpc simulate` in a process of its own, and send it a signal so long [s] after so many samples."""
+    settings = [word for change in changes for word in ("--set", change)]
+    command = [sys.executable, "-c", TELLING, "simulate", task, "--no-figures", "--quiet", "-o", str(log), *settings]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        told = [child.stdout.readline() for _ in range(samples)]
+        reader = threading.Thread(target=lambda lines: told.extend(lines), args=(child.stdout,))
+        reader.start()
+        time.sleep(delay)
+        before, sent = len(told), time.monotonic()
+        child.send_signal(number)
+        code = child.wait()
+        took = time.monotonic() - sent
+        reader.join()
+        assert child.stderr is not None
+        err = child.stderr.read()
+    held = len(read_log(log).time) if log.exists() else None
+    return Struck(code if code >= 0 else 128 - code, before, len(told), held, err, took)

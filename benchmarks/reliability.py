@@ -20,9 +20,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from faults import Fault, during, meaningless, not_converging, pushed, raising, simulate, unmeasured
+from faults import (
+    Fault,
+    Struck,
+    during,
+    meaningless,
+    not_converging,
+    pushed,
+    raising,
+    simulate,
+    strike,
+    unmeasured,
+)
 from pages import write_between
-from signals import Struck, strike
 
 from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.simulation.summary import summarize

@@ -140,40 +140,26 @@ class Recorded:
         return window.start, indices, window.x0.tobytes(), (window.omega / window.omega.max()).tobytes()
 
 
-class _Recorder(Solver):
-    """A solver that keeps the first solve with a solution at each time, which is the controller's own."""
-
-    def __init__(self, solver: Solver) -> None:
-        self.solver = solver
-        self.solves: dict[float, Recorded] = {}
-
-    def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
-        solution = self.solver.solve(window, guess, previous, within)
-        if solution.outcome.usable:
-            self.solves.setdefault(window.start, Recorded(window, guess, previous))
-        return solution
-
-    def around_appends(self) -> list[Recorded]:
-        """Return the solves before, at and after each append."""
-        solves = list(self.solves.values())
-        lasts = [solve.window.stages[-1].index for solve in solves]
-        appends = [k for k in range(1, len(solves) - 1) if lasts[k] > lasts[k - 1]]
-        return [solves[i] for k in appends for i in (k - 1, k, k + 1)]
-
-
 def record_windows(task: Task, appends: int | None, passed: Callable[[], None]) -> tuple[Problem, list[Recorded]]:
-    """Run the closed loop of a task and return its problem with the solves around so many appends, or all.
+    """Run the closed loop of a task and return its problem with the solves before, at and after so many appends.
 
     `passed` is called after every sample.
     """
-    experiment = build_experiment(task)
-    recorder = _Recorder(experiment.controller.solver)
-    experiment.controller.solver = recorder
-    for _ in closed_loop(experiment):
+    experiment, solves = build_experiment(task), list[Recorded]()
+    previous: Solution | None = None
+    around: list[Recorded] = []
+    for sample in closed_loop(experiment):
         passed()
-        if appends is not None and len(recorder.around_appends()) >= 3 * appends:
+        solution = sample.command.solution
+        if solution.outcome.usable:
+            solves.append(Recorded(solution.window, solution.guess, previous))
+            lasts = [solve.window.stages[-1].index for solve in solves[-3:]]
+            if len(lasts) == 3 and lasts[1] > lasts[0]:
+                around += solves[-3:]
+        previous = solution
+        if appends is not None and len(around) >= 3 * appends:
             break
-    return experiment.problem, recorder.around_appends()
+    return experiment.problem, around
 
 
 @dataclass(frozen=True, eq=False)

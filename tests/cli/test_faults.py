@@ -4,8 +4,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from faults import Fault, during, psmpc, simulate, unmeasured
-from signals import strike
+from faults import Fault, during, psmpc, simulate, strike, unmeasured
 
 from psmpc_cli.logs.read import read_log
 

@@ -1,0 +1,22 @@
+"""Every benchmark can be imported: a change of the package that breaks one is noticed."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parents[1] / "benchmarks"
+
+OTHER_PROGRAMS = ("rockit_peer.py", "do_mpc_peer.py")
+"""Those that run in environments of their own, without psmpc."""
+
+SCRIPTS = [
+    path for path in sorted(FOLDER.rglob("*.py")) if path.name not in OTHER_PROGRAMS and ".venv" not in str(path)
+]
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=[path.stem for path in SCRIPTS])
+def test_a_benchmark_can_be_imported(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(path.parent)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # which one of them sets
+    assert runpy.run_path(str(path), run_name="imported")["__doc__"]

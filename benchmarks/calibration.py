@@ -18,7 +18,7 @@ import yaml
 from psmpc_cli.logs.read import read_log
 from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.studies.variants import run_variants
+from psmpc_cli.studies.compare import run_variants
 
 WEIGHTS = (0.01, 0.03, 0.1, 0.3, 1.0)
 TOLERANCES = (2e-3, 3e-3, 5e-3, 1e-2)

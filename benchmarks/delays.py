@@ -13,9 +13,8 @@ import numpy as np
 from monte_carlo import UNCERTAINTY, failures, spread
 from pages import write_between
 
-from psmpc_cli.simulation.monte_carlo_runs import MonteCarloRuns, read_monte_carlo
-from psmpc_cli.studies.monte_carlo import load_monte_carlo, run_monte_carlo
-from psmpc_cli.studies.parallel import LocalCalls
+from psmpc_cli.studies.monte_carlo import MonteCarloRuns, monte_carlo_study
+from psmpc_cli.studies.runner import run_study
 
 ROWS = ((0, 0, 0.03), (1, 0, 0.03), (1, 0, 1.0), (1, 1, 0.03), (2, 1, 0.03), (2, 2, 0.03), (5, 5, 0.03), (10, 10, 0.03))
 """Samples of delay, how many of them the controller knows of, and W_r."""
@@ -37,10 +36,9 @@ def measure(delay: int, known: int, weight: float, count: int, directory: Path, 
     """Make the runs of a row that its file lacks, and return all of them."""
     weights = (f"skills.{skill}.weights.control={weight}" for skill in ("move", "reach"))
     late = (f"uncertainty.delay={delay}", f"controller.known_delay={known}")
-    study = load_monte_carlo("transport", ("controller.nodes=25", UNCERTAINTY, *late, *weights), count)
+    study = monte_carlo_study("transport", count, ("controller.nodes=25", UNCERTAINTY, *late, *weights))
     path = directory / f"delay-{delay}-{known}-{weight:g}.h5"
-    run_monte_carlo(study, path, LocalCalls(jobs), resume=path.exists())
-    return read_monte_carlo(path)
+    return MonteCarloRuns(run_study(study, path, jobs, resume=path.exists()))
 
 
 def row(delay: int, known: int, weight: float, runs: MonteCarloRuns) -> tuple[str, ...]:

@@ -31,12 +31,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from psmpc_cli.errors import LogError, SpecError
 from psmpc_cli.logs.comparison import read_comparison
 from psmpc_cli.logs.read import kind_of, read_log
+from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, SWEEP
 from psmpc_cli.logs.seal import MARK, SIZE, unseal
-from psmpc_cli.simulation.monte_carlo_runs import read_monte_carlo
 from psmpc_cli.specs.load import load_robot, load_task
+from psmpc_cli.studies.monte_carlo import read_monte_carlo
 from psmpc_cli.studies.pareto_file import read_pareto
-from psmpc_cli.studies.sweep_file import read_sweep
 from tests.bad_input import LINES, RESULTS, Verdict, judged, prepare, simulated, states, tidy
 from tests.mutated_files import mutated_bytes, mutated_file
 from tests.mutated_text import mutated_description, mutated_line, mutated_settings
@@ -65,7 +65,7 @@ ON_ANY = (("show", "bad.h5"), ("plot", "bad.h5", "-o", "new"))
 
 READERS: dict[str, Callable[[Path], object]] = {
     COMPARISON: read_comparison,
-    SWEEP: read_sweep,
+    SWEEP: lambda path: read_results(path, SWEEP),
     PARETO: read_pareto,
     MONTE_CARLO: read_monte_carlo,
 }

@@ -14,10 +14,8 @@ from pathlib import Path
 import numpy as np
 from pages import write_between
 
-from psmpc_cli.simulation.monte_carlo_runs import MonteCarloRuns, read_monte_carlo
-from psmpc_cli.studies.monte_carlo import load_monte_carlo, run_monte_carlo
-from psmpc_cli.studies.parallel import LocalCalls
-from psmpc_cli.studies.sweep import SweepProgress
+from psmpc_cli.studies.monte_carlo import MonteCarloRuns, monte_carlo_study
+from psmpc_cli.studies.runner import Progress, run_study
 
 RUNS = {"psmpc": 200, "smpc": 200, "htmpc": 50, "hard": 50}
 """How many runs of each controller."""
@@ -43,13 +41,12 @@ HEADINGS = (
 def measure(controller: str, count: int, directory: Path, jobs: int) -> MonteCarloRuns:
     """Make the runs of a controller that its file lacks, and return all of them."""
     changes = ("controller.nodes=25", f"controller.kind={controller}", UNCERTAINTY)
-    study, path = load_monte_carlo("transport", changes, count), directory / f"monte-carlo-{controller}.h5"
+    study, path = monte_carlo_study("transport", count, changes), directory / f"monte-carlo-{controller}.h5"
 
-    def told(progress: SweepProgress) -> None:
+    def told(progress: Progress) -> None:
         sys.stderr.write(f"{controller}: {progress.ended} of {progress.runs} runs, {progress.failed} failed\n")
 
-    run_monte_carlo(study, path, LocalCalls(jobs), resume=path.exists(), watch=told)
-    return read_monte_carlo(path)
+    return MonteCarloRuns(run_study(study, path, jobs, resume=path.exists(), watch=told))
 
 
 def row(controller: str, runs: MonteCarloRuns) -> tuple[str, ...]:

@@ -13,10 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from psmpc_cli.studies.parallel import LocalCalls
-from psmpc_cli.studies.sampling import grid_sampling
-from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, run_sweep
-from psmpc_cli.studies.sweep_file import Sweep
+from psmpc_cli.studies.runner import compute, run_study
+from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
+from psmpc_cli.studies.weights import grid_sampling
 
 CELLS, RANGE = "4x4", (1e-1, 1e2)
 ITEMS, ADDITIONS = 16, 8_000_000
@@ -34,17 +33,17 @@ def add(additions: int) -> int:
 def time_loop(jobs: int) -> float:
     """Return how long the loops take in so many processes [s]."""
     began = time.perf_counter()
-    for _ in LocalCalls(jobs).each(add, [ADDITIONS] * ITEMS):
+    for _ in compute(add, [ADDITIONS] * ITEMS, jobs):
         pass
     return time.perf_counter() - began
 
 
 def time_sweep(jobs: int, changes: tuple[str, ...]) -> float:
     """Return how long a sweep of runs that share nothing takes in so many processes [s]."""
-    sweep = Sweep(load_sweep_task(DEFAULT_TASK, changes, ()), (0, 1), grid_sampling(CELLS, RANGE), every_cell=True)
+    study = weight_study(load_sweep_task(DEFAULT_TASK, changes), (0, 1), grid_sampling(CELLS, RANGE), every_cell=True)
     with tempfile.TemporaryDirectory() as directory:
         began = time.perf_counter()
-        run_sweep(sweep, Path(directory) / "sweep.h5", LocalCalls(jobs))
+        run_study(study, Path(directory) / "sweep.h5", jobs)
         return time.perf_counter() - began
 
 

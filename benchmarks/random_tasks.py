@@ -23,7 +23,7 @@ from drawn_tasks import draw_task
 from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.simulation.summary import Summary, summarize
 from psmpc_cli.specs.load import Task, load_task, parse_task
-from psmpc_cli.studies.variants import run_variants
+from psmpc_cli.studies.compare import run_variants
 
 RESULTS = Path(__file__).with_suffix(".yaml")
 SOLVERS = {"fatrop": ["solver.kind=fatrop"], "sqp": ["solver.kind=sqp"]}

@@ -12,10 +12,9 @@ import numpy as np
 import yaml
 
 from psmpc_cli.logs.results import Results
-from psmpc_cli.studies.parallel import LocalCalls
-from psmpc_cli.studies.sampling import grid_sampling
-from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, run_sweep
-from psmpc_cli.studies.sweep_file import Sweep, read_sweep
+from psmpc_cli.studies.runner import run_study
+from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
+from psmpc_cli.studies.weights import grid_sampling
 
 RATIOS, RANGE = "13", (1e-3, 1e3)
 SETTINGS = {
@@ -52,8 +51,7 @@ def table(results: Results) -> dict[str, object]:
 def measure(changes: list[str], path: Path) -> Results:
     """Run the sweep over ratios with keys of the task changed."""
     task = load_sweep_task(DEFAULT_TASK, tuple(changes), ())
-    run_sweep(Sweep(task, (0, 1), grid_sampling(RATIOS, RANGE), False), path, LocalCalls(), force=True)
-    return read_sweep(path)
+    return run_study(weight_study(task, (0, 1), grid_sampling(RATIOS, RANGE)), path, force=True)
 
 
 if __name__ == "__main__":

@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli.logs.results import ResultsWriter
-from psmpc_cli.simulation.monte_carlo_runs import CRASHED, ENDED, MonteCarloRuns, read_monte_carlo
-from psmpc_cli.studies.monte_carlo import load_monte_carlo
-from psmpc_cli.studies.monte_carlo_file import create_monte_carlo
+from psmpc_cli.studies.monte_carlo import CRASHED, ENDED, MonteCarloRuns, monte_carlo_study, read_monte_carlo
+from psmpc_cli.studies.runner import create_file
 
 NOISE = ("uncertainty.noise={position: 1e-3}", "seed=10")
 
@@ -22,8 +21,8 @@ def made_up_monte_carlo(
     task: str = "transport",
 ) -> MonteCarloRuns:
     """A study in which these runs wait, crashed, came to the time limit, or dropped the object."""
-    study = load_monte_carlo(task, NOISE, runs)
-    create_monte_carlo(path, study, True)
+    study = monte_carlo_study(task, runs, NOISE)
+    create_file(study, path, True)
     stages, monitors = len(study.task.spec.stages), len(study.task.spec.monitors)
     with ResultsWriter(path) as writer:
         for run in sorted({*range(runs)} - {*waiting}):

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from psmpc_cli.logs.results import Results, ResultsWriter
-from psmpc_cli.studies.sampling import Sampling, grid_sampling, random_sampling
-from psmpc_cli.studies.sweep import load_sweep_task, parse_stages
-from psmpc_cli.studies.sweep_file import COMPUTED, FAILED, Sweep, create_sweep, read_sweep
+from psmpc_cli.logs.results import Results, ResultsWriter, read_results
+from psmpc_cli.logs.schema import SWEEP
+from psmpc_cli.studies.runner import create_file
+from psmpc_cli.studies.sweep import COMPUTED, FAILED, load_sweep_task, weight_study
+from psmpc_cli.studies.weights import Sampling, grid_sampling, random_sampling
 
 T_S, T_H = 10.14, 4.0
 
@@ -46,17 +47,21 @@ def made_up_sweep(
     failed: tuple[int, ...] = (),
     of: Callable[[float], Numbers] = numbers,
     epsilons: tuple[float, ...] = EPSILONS,
+    task: str = "approach_capture",
 ) -> Results:
-    """A sweep of approach_capture in which these cells wait and those failed."""
-    task = load_sweep_task("approach_capture", (), epsilons)
-    sweep = Sweep(task, parse_stages("1,2", task), sampling_of(sampling), False)
-    create_sweep(path, sweep, True)
+    """A sweep over the first two stages in which these cells wait and those failed."""
+    loaded = load_sweep_task(task, (), epsilons)
+    cells = sampling_of(sampling)
+    create_file(weight_study(loaded, (0, 1), cells), path, True)
     with ResultsWriter(path) as writer:
-        for cell, ratio in enumerate(sweep.sampling.ratio):
-            index = sweep.sampling.index(cell)
+        for cell, ratio in enumerate(cells.ratio):
+            index = tuple(map(int, np.unravel_index(cell, cells.shape)))
             if cell in failed:
                 writer.write(index, {"reason": "time limit of 30 s reached", "origin": cell, "status": FAILED})
             elif cell not in waiting:
                 values = {name: np.asarray(value) for name, value in of(float(ratio)).items()}
+                switches = np.full(len(loaded.spec.stages), np.nan)
+                switches[:2] = values["switch_time"]
+                values["switch_time"] = switches
                 writer.write(index, {**values, "origin": cell, "status": COMPUTED})
-    return read_sweep(path)
+    return read_results(path, SWEEP)

@@ -61,11 +61,11 @@ def _compare(tasks: "Mapping[str, Task]", path: Path, force: bool, jobs: int | N
     """Run the comparison under the eyes of the progress display; a signal ends it, and nothing is written."""
     from psmpc_cli.cli.parallel import watching_runs
     from psmpc_cli.cli.termination import stopping_on_signals
-    from psmpc_cli.studies.compare import compare as run_comparison
+    from psmpc_cli.studies.compare import compare_tasks
 
     with stopping_on_signals() as interruption, watching_runs(quiet) as runs:
         try:
-            run_comparison(tasks, path, force, jobs, runs.began, runs.done)
+            compare_tasks(tasks, path, force, jobs, runs.began, runs.done)
         except KeyboardInterrupt as reason:
             typer.echo(f"psmpc: {reason}; no comparison was written", err=True)
             raise typer.Exit(interruption.exit_code) from None

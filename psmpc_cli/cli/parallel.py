@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from psmpc_cli.studies.variants import simulated_times
+from psmpc_cli.studies.compare import simulated_times
 
 
 class Runs:

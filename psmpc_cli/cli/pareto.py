@@ -78,7 +78,7 @@ def _subject(reference: str, changes: list[str], log: Path | None, stages: str) 
     from psmpc_cli.ocp.feasibility import ensure_feasible
     from psmpc_cli.specs.load import load_task
     from psmpc_cli.studies.pareto import is_log
-    from psmpc_cli.studies.sweep import parse_stages
+    from psmpc_cli.studies.weights import parse_stages
 
     if is_log(reference):
         if changes or log is not None:
@@ -132,7 +132,6 @@ def _run(loaded: "Task", path: Path, quiet: bool) -> None:
 def _solve(log: Path, question: "Question", path: Path, force: bool, jobs: int | None, quiet: bool) -> None:
     """Find the fronts and say which samples are done; a signal ends it, and nothing is written."""
     from psmpc_cli.cli.termination import stopping_on_signals
-    from psmpc_cli.studies.parallel import LocalCalls
     from psmpc_cli.studies.pareto import solve_pareto
 
     def done(instant: float, ended: int, count: int) -> None:
@@ -141,7 +140,7 @@ def _solve(log: Path, question: "Question", path: Path, force: bool, jobs: int |
 
     with stopping_on_signals() as interruption:
         try:
-            solve_pareto(log, question, path, LocalCalls(jobs), force, done)
+            solve_pareto(log, question, path, jobs, force, done)
         except KeyboardInterrupt as reason:
             typer.echo(f"psmpc: {reason}; no results were written", err=True)
             raise typer.Exit(interruption.exit_code) from None

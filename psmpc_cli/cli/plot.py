@@ -76,17 +76,17 @@ def _subject(kind: str, path: Path) -> object:
     from psmpc_cli.figures.run import load_run
     from psmpc_cli.logs.comparison import read_comparison
     from psmpc_cli.logs.read import read_log
+    from psmpc_cli.logs.results import read_results
     from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
-    from psmpc_cli.simulation.monte_carlo_runs import read_monte_carlo
-    from psmpc_cli.simulation.sweep_cells import sweep_cells
+    from psmpc_cli.studies.monte_carlo import read_monte_carlo
     from psmpc_cli.studies.pareto_file import read_pareto
-    from psmpc_cli.studies.sweep_file import read_sweep
+    from psmpc_cli.studies.weights import sweep_cells
 
     read: dict[str, Callable[[Path], object]] = {
         RUN: lambda path: load_run(read_log(path)),
         COMPARISON: lambda path: {name: load_run(log) for name, log in read_comparison(path).items()},
         PARETO: read_pareto,
-        SWEEP: lambda path: sweep_cells(read_sweep(path)),
+        SWEEP: lambda path: sweep_cells(read_results(path, SWEEP)),
         MONTE_CARLO: read_monte_carlo,
     }
     if kind not in read:

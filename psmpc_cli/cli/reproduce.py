@@ -75,7 +75,7 @@ def _run(
 ) -> "Reproduction":
     """Run everything with a progress display; a signal ends it, and no report is written."""
     from psmpc_cli.cli.parallel import watching_runs
-    from psmpc_cli.cli.sweep_progress import watching_sweep
+    from psmpc_cli.cli.study import watching_study
     from psmpc_cli.cli.termination import stopping_on_signals
     from psmpc_cli.studies.reproduce import ablate, find_fronts, judge_claims, run_methods, sweep_weights
 
@@ -91,7 +91,7 @@ def _run(
         try:
             with watching_runs(quiet) as runs:
                 logs = run_methods(directory, changes, force, jobs, runs.began, runs.done)
-            with watching_sweep(quiet) as watch:
+            with watching_study(quiet) as watch:
                 cells = sweep_weights(directory, changes, weights, force, jobs, watch)
             results = find_fronts(directory, logs["psmpc"], fronts, force, jobs, found)
             departures = ablate(directory, changes, jobs, ablated) if ablations else ()
@@ -104,8 +104,8 @@ def _run(
 def _print_claims(reproduction: "Reproduction") -> None:
     """Print every claim, and why some do not hold or are earlier than published."""
     from psmpc_cli.cli.summary import print_table
-    from psmpc_cli.simulation.recommendation import recommend
     from psmpc_cli.studies.claims import HEADINGS
+    from psmpc_cli.studies.weights import recommend
 
     print_table(HEADINGS, [tuple(finding.row.values()) for finding in reproduction.findings], left=1)
     for finding in reproduction.findings:

@@ -53,10 +53,12 @@ def _show_comparison(log: Path) -> None:
 
 
 def _show_sweep(log: Path) -> None:
-    from psmpc_cli.cli.sweep_table import print_sweep
-    from psmpc_cli.studies.sweep_file import read_sweep
+    from psmpc_cli.cli.sweep_weights import print_sweep
+    from psmpc_cli.logs.results import read_results
+    from psmpc_cli.logs.schema import SWEEP
+    from psmpc_cli.studies.weights import sweep_cells
 
-    print_sweep(read_sweep(log))
+    print_sweep(sweep_cells(read_results(log, SWEEP)))
 
 
 def _show_fronts(log: Path) -> None:
@@ -67,8 +69,8 @@ def _show_fronts(log: Path) -> None:
 
 
 def _show_monte_carlo(log: Path) -> None:
-    from psmpc_cli.cli.monte_carlo_table import print_monte_carlo
-    from psmpc_cli.simulation.monte_carlo_runs import read_monte_carlo
+    from psmpc_cli.cli.monte_carlo import print_monte_carlo
+    from psmpc_cli.studies.monte_carlo import read_monte_carlo
 
     print_monte_carlo(read_monte_carlo(log))
 

@@ -1,4 +1,4 @@
-"""What the commands of studies have in common: where calls are made, what is overwritten, how a signal ends it all."""
+"""What the commands of studies share: refused options, progress, signals, tables and figures."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ import typer
 from psmpc_cli.errors import InputError
 
 if TYPE_CHECKING:
-    from psmpc_cli.studies.parallel import Calls
+    from psmpc_cli.studies.runner import Progress, Watch
 
 T = TypeVar("T")
 
@@ -30,31 +30,16 @@ def refuse_what_stands(path: Path, force: bool, figures: bool) -> None:
         refuse_old_figures(default_directory(path), force)
 
 
-def refuse_both(resume: bool, force: bool) -> None:
-    """Refuse --resume with --force.
+def refuse_both(resume: bool, force: bool, jobs: int | None, dask: str | None) -> None:
+    """Refuse --resume with --force, and --jobs with --dask.
 
     Raises:
         InputError: Both are given.
     """
     if resume and force:
         raise InputError("found both --resume and --force, expected at most one of them")
-
-
-def calls_of(jobs: int | None, dask: str | None) -> "Calls":
-    """Return what makes the calls: processes of this machine, or a Dask cluster.
-
-    Raises:
-        InputError: Both are asked for, or there is no such cluster.
-    """
-    from psmpc_cli.studies.parallel import LocalCalls
-
-    if dask is None:
-        return LocalCalls(jobs)
-    if jobs is not None:
+    if jobs is not None and dask is not None:
         raise InputError("found both --jobs and --dask, expected at most one: a cluster has as many workers as it has")
-    from psmpc_cli.studies.cluster import DaskCalls
-
-    return DaskCalls(dask)
 
 
 @contextmanager
@@ -68,6 +53,47 @@ def resumable(path: Path) -> Iterator[None]:
         except KeyboardInterrupt as reason:
             typer.echo(f"psmpc: {reason}; {path} holds what was done: go on with --resume", err=True)
             raise typer.Exit(interruption.exit_code) from None
+
+
+@contextmanager
+def watching_study(quiet: bool, failed: str = "cells failed") -> "Iterator[Watch]":
+    """Show how far a study has come: a bar with the estimated end on a terminal, a line for every run elsewhere.
+
+    Args:
+        quiet: Show nothing.
+        failed: Follows the number of cells that failed.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    if quiet:
+        yield lambda progress: None
+    elif not console.is_terminal:
+        yield lambda progress: typer.echo(
+            f"{progress.ended} of {progress.runs} runs{_outlook(progress, failed)}", err=True
+        )
+    else:
+        columns = (
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("runs"),
+            TimeElapsedColumn(),
+            TextColumn("{task.description}"),
+        )
+        with Progress(*columns, console=console, transient=True) as bar:
+            task = bar.add_task("")
+            yield lambda progress: bar.update(
+                task, total=progress.runs, completed=progress.ended, description=_outlook(progress, failed)
+            )
+
+
+def _outlook(progress: "Progress", failed: str) -> str:
+    failures = f", {progress.failed} {failed}" if progress.failed else ""
+    if not 0 < progress.ended < progress.runs:
+        return failures
+    left = progress.elapsed / progress.ended * (progress.runs - progress.ended)
+    return f"{failures}, about {left // 60:.0f} min {left % 60:.0f} s left"
 
 
 def present(

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.simulation.monte_carlo_runs import MonteCarloRuns
+from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 
 MARKS = ("o", "^", "s", "D")
 

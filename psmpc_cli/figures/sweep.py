@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.simulation.recommendation import ALLOWED, WITHIN, Recommendation, recommend
-from psmpc_cli.simulation.sweep_cells import AlongRatio, SweepCells, along_ratio
+from psmpc_cli.studies.weights import ALLOWED, WITHIN, AlongRatio, Recommendation, SweepCells, along_ratio, recommend
 
 COLORS = "viridis"
 

@@ -24,7 +24,6 @@ from psmpc_cli.figures.run import Run, load_run
 from psmpc_cli.figures.snapshots import plot_compared_snapshots
 from psmpc_cli.figures.style import in_style, title_of
 from psmpc_cli.logs.read import Log
-from psmpc_cli.simulation.recommendation import recommend
 from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.studies.claims import HEADINGS, Finding, load_claims
 from psmpc_cli.studies.evidence import settled
@@ -33,6 +32,7 @@ from psmpc_cli.studies.front_table import HEADINGS as FRONT_HEADINGS
 from psmpc_cli.studies.front_table import NOTE, front_rows, front_texts
 from psmpc_cli.studies.judge import ABSOLUTE, RELATIVE, mission_end
 from psmpc_cli.studies.reproduce import METHODS, Reproduction
+from psmpc_cli.studies.weights import recommend
 
 TOPICS = {"times": "When the stages end", "starts": "When the stages start", "mission": "How the mission ends"}
 

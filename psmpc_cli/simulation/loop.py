@@ -40,8 +40,13 @@ class Ending:
     stuck: bool = False
 
 
-def closed_loop(experiment: Experiment) -> Generator[Sample, None, Ending]:
-    """Run the closed loop of an experiment, which is built for this run, and return how it ended."""
+def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[Sample, None, Ending]:
+    """Run the closed loop of an experiment, which is built for this run, and return how it ended.
+
+    Args:
+        experiment: The experiment.
+        until: Index of the stage at whose end the loop stops; by default that of the task.
+    """
     controller, uncertainty, task = experiment.controller, experiment.uncertainty, experiment.task
     x, braking_until, number, stage = experiment.x0, np.inf, 0, 0
     balance, link = Balance.at(*uncertainty.kept(0, x)), _Link(experiment)
@@ -50,6 +55,8 @@ def closed_loop(experiment: Experiment) -> Generator[Sample, None, Ending]:
         command = controller.step(now, State.of(link.measured(uncertainty.measured(number, x))))
         if (ending := _ending(experiment, command, x, braking_until)) is not None:
             return ending
+        if any(switch.stage == until for switch in command.switches):
+            return Ending(False, "stopped at the end of a stage", now, command.x, x, command.switches)
         braking_until = command.plan.end if "braking" in command.events else np.inf
         before, stage = stage, command.sequence.first
         contact, u = uncertainty.contact(x, before, stage), link.commanded(command.u)

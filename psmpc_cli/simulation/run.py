@@ -36,7 +36,13 @@ IN_MEMORY = Path("a run in memory")
 Watch = Callable[[Sample], None]
 
 
-def simulate(task: Task, path: Path | None = None, watch: Watch = lambda sample: None, force: bool = False) -> Log:
+def simulate(
+    task: Task,
+    path: Path | None = None,
+    watch: Watch = lambda sample: None,
+    force: bool = False,
+    until: int | None = None,
+) -> Log:
     """Run a task in closed loop and return the run.
 
     An interruption (KeyboardInterrupt, from anywhere or raised by the watcher) ends the run cleanly: it holds
@@ -47,6 +53,7 @@ def simulate(task: Task, path: Path | None = None, watch: Watch = lambda sample:
         path: Its log; in memory alone by default.
         watch: Called with each sample.
         force: Overwrite an earlier log.
+        until: Index of the stage at whose end the run stops; by default that of the task.
 
     Raises:
         InputError: The log exists already or cannot be written.
@@ -54,15 +61,15 @@ def simulate(task: Task, path: Path | None = None, watch: Watch = lambda sample:
     """
     experiment = build_experiment(task)
     with LogWriter(path, header(experiment), force) as writer:
-        _write(experiment, writer, watch)
+        _write(experiment, writer, watch, until)
         if path is None:
             return log_in(IN_MEMORY, writer.file)
     return read_log(path)
 
 
-def _write(experiment: Experiment, writer: LogWriter, watch: Watch) -> None:
+def _write(experiment: Experiment, writer: LogWriter, watch: Watch, until: int | None = None) -> None:
     """Write every sample of the closed loop and how it ended."""
-    onset, samples = experiment.task.onset, closed_loop(experiment)
+    onset, samples = experiment.task.onset, closed_loop(experiment, until)
     clock = StageClock(len(experiment.stages), onset.epsilon, onset.series)
     try:
         writer.update(clock.tables)

@@ -12,6 +12,7 @@ import numpy as np
 from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.specs.load import Task, parse_task
+from psmpc_cli.studies.compare import run_variants
 from psmpc_cli.studies.one_window import (
     OneWindow,
     Scan,
@@ -22,7 +23,6 @@ from psmpc_cli.studies.one_window import (
     scan_instants,
     with_priorities,
 )
-from psmpc_cli.studies.variants import run_variants
 
 Curve = tuple[np.ndarray, np.ndarray]
 Curves = Mapping[str, Curve]

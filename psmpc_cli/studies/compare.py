@@ -1,16 +1,21 @@
-"""Runs several controllers on the identical task, and keeps their logs in one file."""
+"""Comparisons: several controllers on the identical task, in parallel, with their logs in one file."""
 
+import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import get_args
 
-from psmpc_cli.errors import InputError
-from psmpc_cli.logs.comparison import merge_logs
+from psmpc_cli.errors import InputError, RunError
+from psmpc_cli.logs.comparison import merge_logs, read_comparison
 from psmpc_cli.logs.new_file import refuse
+from psmpc_cli.logs.read import Log as Run
+from psmpc_cli.logs.schema import Sample
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.task import ControllerSpec
-from psmpc_cli.studies.variants import log_paths, run_variants
+from psmpc_cli.studies.runner import changed, compute
 
 CONTROLLERS: tuple[str, ...] = ("psmpc", "smpc", "htmpc", "hard")
 """What is compared by default, in the order of the table."""
@@ -19,8 +24,48 @@ VARIED = "controller.kind"
 """The one key in which the tasks of a comparison differ."""
 
 
+@dataclass(frozen=True)
+class Variant:
+    """One run of several: its name, its task, and the path of its log."""
+
+    name: str
+    task: Task
+    path: Path
+
+
+def compare(
+    task: Task | str | Path,
+    controllers: Sequence[str] = CONTROLLERS,
+    path: Path | None = None,
+    jobs: int | None = None,
+    force: bool = False,
+) -> dict[str, Run]:
+    """Run a task under several controllers; nothing else differs.
+
+    Args:
+        task: The task, its file or the name of a built-in one.
+        controllers: Their kinds.
+        path: File of all logs; None for none that stays.
+        jobs: Processes; by default one for each core.
+        force: Whether an existing file is overwritten.
+
+    Returns:
+        The runs by controller.
+
+    Raises:
+        InputError: A controller is unknown, or the file exists or cannot be written.
+        SpecError: The task does not hold.
+        RunError: A log could not be written, or a process was killed each time.
+    """
+    if path is None:
+        with TemporaryDirectory(prefix="psmpc-comparison-") as folder:
+            return compare(task, controllers, Path(folder) / "comparison.h5", jobs)
+    compare_tasks(compared_tasks(task, controllers_in(",".join(controllers))), path, force, jobs)
+    return read_comparison(path)
+
+
 def controllers_in(text: str) -> tuple[str, ...]:
-    """Return the controllers of a list such as `psmpc,smpc`, each once.
+    """Parse a list of controllers such as `psmpc,smpc`; each is returned once.
 
     Raises:
         InputError: One is unknown, or there is none.
@@ -34,8 +79,8 @@ def controllers_in(text: str) -> tuple[str, ...]:
     return wanted
 
 
-def compared_tasks(reference: str, controllers: Iterable[str], changes: Sequence[str] = ()) -> dict[str, Task]:
-    """Return the task under each controller; nothing else differs.
+def compared_tasks(task: Task | str | Path, controllers: Iterable[str], changes: Sequence[str] = ()) -> dict[str, Task]:
+    """Build the task with keys changed under each controller; nothing else differs.
 
     Raises:
         InputError: The changes are of the controller itself.
@@ -43,10 +88,11 @@ def compared_tasks(reference: str, controllers: Iterable[str], changes: Sequence
     """
     if any(change.partition("=")[0].strip() == VARIED for change in changes):
         raise InputError(f"--set {VARIED}: a comparison varies it; choose with --controllers")
-    return {kind: load_task(reference, [*changes, f"{VARIED}={kind}"]) for kind in controllers}
+    loaded = changed(task, changes) if isinstance(task, Task) else load_task(task, changes)
+    return {kind: changed(loaded, (f"{VARIED}={kind}",)) for kind in controllers}
 
 
-def compare(
+def compare_tasks(
     tasks: Mapping[str, Task],
     path: Path,
     force: bool = False,
@@ -57,16 +103,16 @@ def compare(
     """Run every task in a process of its own and write all logs into one file, whole or not at all.
 
     Args:
-        tasks: By controller.
+        tasks: By name.
         path: The file.
-        force: Overwrite it.
-        jobs: Processes at once; default as many as there are cores.
-        began: Told where the logs stand meanwhile, for `simulated_times`.
-        done: Told the name of each run as it ends.
+        force: Whether an existing file is overwritten.
+        jobs: Processes; by default one for each core.
+        began: Called with the paths of the logs meanwhile, for `simulated_times`.
+        done: Called with the name of each run that ends.
 
     Raises:
         InputError: The file exists already or cannot be written.
-        RunError: A log could not be written.
+        RunError: A log could not be written, or a process was killed each time.
     """
     refuse(path, force)
     try:
@@ -77,3 +123,62 @@ def compare(
     with meanwhile as directory:
         began(log_paths(tasks, Path(directory)))
         merge_logs(run_variants(tasks, Path(directory), jobs, done), path, force)
+
+
+def run_variants(
+    variants: Mapping[str, Task],
+    directory: Path,
+    jobs: int | None = None,
+    done: Callable[[str], None] = lambda name: None,
+) -> dict[str, Path]:
+    """Run every variant of a task into a log of its own below `directory` and return the logs by name.
+
+    Args:
+        variants: Tasks by name.
+        directory: Where the logs go; existing ones of the same name are overwritten.
+        jobs: Processes; by default one for each core.
+        done: Called with the name of each variant that ends.
+
+    Raises:
+        RunError: A log could not be written, or a process was killed each time.
+    """
+    paths = log_paths(variants, directory.absolute())  # a process that is used again may be in another directory
+    chosen = [Variant(name, task, paths[name]) for name, task in variants.items()]
+    for index, name in compute(_run, chosen, jobs):
+        if name is None:
+            lost = chosen[index].name
+            raise RunError(f"{lost}: its process was killed each time, perhaps for lack of memory: try fewer --jobs")
+        done(name)
+    return paths
+
+
+def log_paths(names: Iterable[str], directory: Path) -> dict[str, Path]:
+    """Return the paths of the logs of variants, by name."""
+    return {name: directory / f"{number}.h5" for number, name in enumerate(names)}
+
+
+def simulated_times(paths: Mapping[str, Path]) -> dict[str, float]:
+    """Read the simulated time of each run [s], from the notes beside their logs; those that wait are left out."""
+    notes = {name: _note(path) for name, path in paths.items()}
+    return {name: float(text) for name, note in notes.items() if note.exists() and (text := note.read_text())}
+
+
+def _run(variant: Variant) -> str:
+    """Run one variant; its warnings are counted in its log."""
+    package, note = logging.getLogger("psmpc_cli"), _note(variant.path)
+    level = package.level
+
+    def watch(sample: Sample) -> None:
+        note.write_text(f"{sample.command.time:.3f}")
+
+    package.setLevel(logging.ERROR)
+    try:
+        simulate(variant.task, variant.path, watch, True)
+    finally:
+        package.setLevel(level)
+    return variant.name
+
+
+def _note(path: Path) -> Path:
+    """Return the path at which a run notes its simulated time, beside its log."""
+    return path.with_suffix(".time")

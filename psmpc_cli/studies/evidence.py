@@ -10,10 +10,10 @@ from psmpc_cli.ocp.feasibility import look_ahead
 from psmpc_cli.ocp.problem import StageCosts, build_stages
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.simulation.summary import StageSummary, Summary, summarize, task_of
-from psmpc_cli.simulation.sweep_cells import SweepCells, along_ratio
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.claims import REAL, Claims, Event
 from psmpc_cli.studies.front_movement import FrontMovement
+from psmpc_cli.studies.weights import SweepCells, along_ratio
 
 ROUNDING = 1e-9
 """Times closer than this are the same [s]."""

@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 
 from psmpc_cli.simulation.summary import Summary
-from psmpc_cli.simulation.sweep_cells import along_ratio
 from psmpc_cli.studies.claims import Claim, Finding
 from psmpc_cli.studies.evidence import ROUNDING, Evidence, Moment, least_slack, settled, trends
 from psmpc_cli.studies.fronts import CLEARLY
+from psmpc_cli.studies.weights import along_ratio
 
 ABSOLUTE, RELATIVE = 0.8, 0.05
 """Tolerance of a published time: this many seconds or this part of it, whichever is larger."""

@@ -1,92 +1,264 @@
-"""The Monte Carlo study: a task in closed loop many times, each with other random numbers for its uncertainty."""
+"""Monte Carlo studies: a task many times, each with other random numbers for its uncertainty; rates and spreads."""
 
 import shlex
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from psmpc_cli.errors import InputError
-from psmpc_cli.logs.results import ResultsWriter
-from psmpc_cli.simulation.monte_carlo_runs import CRASHED, ENDED
-from psmpc_cli.specs.load import load_task
-from psmpc_cli.studies.cell import Outcome, lost_cell
-from psmpc_cli.studies.monte_carlo_file import MonteCarlo, create_monte_carlo, resume_monte_carlo, todo
-from psmpc_cli.studies.monte_carlo_run import Run, run_once
-from psmpc_cli.studies.parallel import Calls
-from psmpc_cli.studies.sweep import SweepProgress
+from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.logs.results import Quantity, Results, read_results
+from psmpc_cli.logs.schema import MONTE_CARLO
+from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.studies.measures import WHOLE_RUN, Row, measure_run
+from psmpc_cli.studies.runner import Outcome, Study, Watch, changed, ignore, run_study
+from psmpc_cli.studies.sweep import LIGHT, names_along
 
-LIGHT = ("log.shares=false", "log.plans=false", "log.ticks=false")
-"""What is logged of no run, and would cost solves."""
+Array = np.ndarray
+
+WAITING, ENDED, CRASHED = range(3)
+STATUS = ("waiting", "ended", "crashed")
+"""Codes of a run's status and what they mean."""
 
 LARGEST_SEED = 2**63 - 1
 """Larger ones do not fit the file."""
 
+QUANTILES = (0.05, 0.5, 0.95)
 
-def load_monte_carlo(reference: str, changes: tuple[str, ...], runs: int) -> MonteCarlo:
-    """Return the study of a task.
-
-    Raises:
-        SpecError: The task does not hold.
-        InputError: Nothing of it is random, or its seed leaves no room for others.
-    """
-    loaded = load_task(reference, [*changes, *LIGHT])
-    if not loaded.spec.uncertainty.is_random:
-        raise InputError(
-            f"{reference}: found nothing random below uncertainty, all runs would be alike; expected a range of mass, "
-            "inertia or centre_of_mass, or noise, such as --set uncertainty.mass=0.1"
-        )
-    if loaded.spec.seed > LARGEST_SEED - runs:
-        raise InputError(f"{reference}: found seed {loaded.spec.seed}, expected at most {LARGEST_SEED - runs}")
-    settings = [word for change in changes for word in ("--set", change)]
-    return MonteCarlo(loaded, runs, shlex.join(["psmpc", "simulate", reference, *settings]))
+EXCEEDED = 1e-6
+"""How far beyond a limit, as a part of it, counts as exceeding it: less is rounding."""
 
 
-def run_monte_carlo(
-    study: MonteCarlo,
-    path: Path,
-    calls: Calls,
+def monte_carlo(
+    task: Task | str | Path,
+    runs: int,
+    path: Path | None = None,
+    jobs: int | None = None,
+    dask: str | None = None,
     force: bool = False,
     resume: bool = False,
-    watch: Callable[[SweepProgress], None] = lambda progress: None,
-) -> None:
-    """Make all runs of a study that wait in its file, which is made first unless the study goes on.
+    watch: Watch = ignore,
+) -> "MonteCarloRuns":
+    """Run a task many times, each with a seed of its own: the task's plus the number of the run.
 
     Args:
-        study: The study.
-        path: Its file.
-        calls: Makes calls in parallel.
-        force: Overwrite the file.
-        resume: Go on with the file; runs that crashed are tried again.
-        watch: Told how far the study has come.
+        task: The task, its file or the name of a built-in one; with an uncertainty.
+        runs: How many runs; a resumed study may have more than before.
+        path: File of the results; None for none that stays.
+        jobs: Processes on this machine; by default one for each core.
+        dask: Address of the scheduler of a Dask cluster to compute on.
+        force: Whether an existing file is overwritten.
+        resume: Whether the cells that wait in an existing file are computed; those that failed are computed again.
+        watch: Called with the progress at the beginning and after every run.
 
     Raises:
-        InputError: The file exists already, cannot be written, or holds another study.
-        RunError: It cannot be written any further, or the processes are ended from outside again and again.
+        InputError: Nothing of the task is random, or its seed leaves no room for others; or as for `run_study`.
+        SpecError: The task does not hold.
     """
-    wait, spent = np.arange(study.runs), 0.0
-    if resume:
-        before = resume_monte_carlo(path, study)
-        wait, spent = todo(before), float(before["wall_time"])
+    study = monte_carlo_study(task, runs)
+    return MonteCarloRuns(run_study(study, path, jobs, dask, force, resume, watch))
+
+
+def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[str, ...] = ()) -> Study:
+    """Build the study of a task with keys changed.
+
+    Raises:
+        InputError: Nothing of it is random, or its seed leaves no room for others.
+        SpecError: The task does not hold.
+    """
+    if isinstance(reference, Task):
+        task, named = changed(reference, (*changes, *LIGHT)), reference.spec.name
     else:
-        create_monte_carlo(path, study, force)
-    began, failed = time.monotonic(), 0
-    watch(SweepProgress(len(wait), 0, 0, 0.0))
-    with ResultsWriter(path) as writer:
-        runs = [Run(study.task, int(study.seeds[number])) for number in wait]
-        for ended, (index, outcome) in enumerate(calls.each(run_once, runs, lost_cell), start=1):
-            values = _run_values(outcome)
-            writer.write((int(wait[index]),), values)
-            elapsed = time.monotonic() - began
-            writer.write((), {"wall_time": spent + elapsed})
-            failed += not values["succeeded"]
-            watch(SweepProgress(len(wait), ended, failed, elapsed))
+        task, named = load_task(reference, (*changes, *LIGHT)), str(reference)
+    spec, along = task.spec, names_along(task)
+    if not spec.uncertainty.is_random:
+        raise InputError(
+            f"{named}: found nothing random below uncertainty, all runs would be equal; expected a range of mass, "
+            "inertia or centre_of_mass, or noise, such as --set uncertainty.mass=0.1"
+        )
+    if spec.seed > LARGEST_SEED - runs:
+        raise InputError(f"{named}: found seed {spec.seed}, expected at most {LARGEST_SEED - runs}")
+    settings = [word for change in changes for word in ("--set", change)]
+    seeds = spec.seed + np.arange(runs)
+    return Study(
+        kind=MONTE_CARLO,
+        task=task,
+        cells=[(f"seed={seed}",) for seed in seeds],
+        shape=(runs,),
+        coordinates=[
+            Quantity("run", ("run",), np.arange(runs), "1", "number of the run"),
+            *(Quantity(name, (name,), np.array(found), "1", name) for name, found in along.items()),
+            Quantity("seed", ("run",), seeds, "1", "seed of the run"),
+        ],
+        arrays=_arrays(runs, {name: len(found) for name, found in along.items()}),
+        measure=measure_run,
+        entry=_entry,
+        again=(CRASHED,),
+        identity={},
+        attributes={
+            "controller": spec.controller.kind,
+            "command": shlex.join(["psmpc", "simulate", named, *settings]),
+        },
+        stop=None,
+        origins=np.arange(runs),
+    )
 
 
-def _run_values(outcome: Outcome) -> Mapping[str, np.ndarray | float | str]:
-    """Return what a run left behind, the status last: a run that does not wait is complete."""
+def _arrays(runs: int, along: Mapping[str, int]) -> list[Quantity]:
+    """Return everything that is filled in, run by run."""
+    return [
+        Quantity("status", ("run",), np.full(runs, WAITING, "i4"), "1", "status of the run", STATUS),
+        Quantity("reason", ("run",), np.full(runs, ""), "1", "why the run ended"),
+        Quantity("failure", ("run",), np.full(runs, ""), "1", "what made the run crash"),
+        Quantity("run_time", ("run",), np.full(runs, np.nan), "s", "wall time of the run, with all that is around"),
+        *(each.unfilled(("run",), (runs,), along) for each in WHOLE_RUN if not each.along or each.along in along),
+    ]
+
+
+def _entry(outcome: Outcome, cell: int, origin: int) -> Row:
+    """Complete the row of a run; the status is last: a run that does not wait is complete."""
     crashed = bool(outcome.failure)
-    found = {"completed": 0, "succeeded": 0} if crashed else outcome.values
+    row = {"completed": 0, "succeeded": 0} if crashed else outcome.row
     status = CRASHED if crashed else ENDED
-    return {**found, "failure": outcome.failure, "run_time": outcome.wall_time, "status": status}
+    return {**row, "failure": outcome.failure, "run_time": outcome.wall_time, "status": status}
+
+
+def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
+    """Compute Wilson's 95 % score interval of a success rate; 0 and 1 without runs. Wilson (1927)."""
+    from scipy.stats import binomtest
+
+    if not runs:
+        return 0.0, 1.0
+    interval = binomtest(successes, runs).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+@dataclass(frozen=True)
+class Quantiles:
+    """How a quantity spreads over the runs that have it.
+
+    Attributes:
+        name: What it is, with its unit.
+        runs: How many runs have it.
+        at: Its 5, 50 and 95 % quantiles; NaN without runs.
+    """
+
+    name: str
+    runs: int
+    at: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class MonteCarloRuns:
+    """The runs of a study, complete or not: how often they succeed, how they spread, which are the worst.
+
+    Attributes:
+        results: The content of its file.
+    """
+
+    results: Results
+
+    def __getitem__(self, name: str) -> Array:
+        return self.results[name]
+
+    @property
+    def made(self) -> Array:
+        """Which runs were made, those that crashed among them (runs,)."""
+        return np.asarray(self["status"] != WAITING)
+
+    @property
+    def succeeded(self) -> Array:
+        """Which runs succeeded (runs,)."""
+        return np.asarray(self["succeeded"] == 1)
+
+    @property
+    def completed(self) -> Array:
+        """Which runs came to the end of their last stage (runs,)."""
+        return np.asarray(self["completed"] == 1)
+
+    @property
+    def failed(self) -> Array:
+        """Which runs were made and did not succeed (runs,)."""
+        return np.asarray(self.made & ~self.succeeded)
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """Names of the stages."""
+        return tuple(map(str, self["stage"]))
+
+    @property
+    def monitors(self) -> tuple[str, ...]:
+        """Names of the monitors."""
+        return tuple(map(str, self["monitor"])) if "monitor" in self.results.quantities else ()
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson's 95 % interval of the success rate."""
+        return wilson_interval(int(self.succeeded.sum()), int(self.made.sum()))
+
+    @property
+    def end_time(self) -> Array:
+        """End of the mission (runs,) [s]; NaN where it was not completed."""
+        return np.where(self.completed, self["end_time"], np.nan)
+
+    def exceeded(self, kind: Literal["position", "velocity"]) -> Array:
+        """Return by what part of the limit each run exceeded one (runs,); 0 where it did not."""
+        beyond = np.nan_to_num(-self[f"relative_{kind}_margin"])
+        return np.where(beyond > EXCEEDED, beyond, 0.0)
+
+    def quantiles(self) -> Iterator[Quantiles]:
+        """Yield how every quantity spreads."""
+        yield _quantiles("mission ends, completed runs [s]", self.end_time)
+        for number, stage in enumerate(self.stages):
+            if number:
+                yield _quantiles(f"{stage} starts [s]", self["actual_start"][:, number])
+            if number < len(self.stages) - 1:
+                yield _quantiles(f"{stage} ends [s]", self["switch_time"][:, number])
+        yield _quantiles("final error [tolerances]", self["final_error"])
+        for kind in ("position", "velocity"):
+            yield _quantiles(f"tightest {kind} margin [% of the limit]", 100 * self[f"relative_{kind}_margin"])
+        for number, monitor in enumerate(self.monitors):
+            yield _quantiles(f"margin of {monitor} [m, m/s]", self["monitor_margin"][:, number])
+        yield _quantiles("control effort [m^2/s^3, rad^2/s^3]", self["control_effort"])
+
+    def worst(self, count: int) -> Array:
+        """Return the numbers of the worst runs: those that failed first, then the latest, then the largest error."""
+        late, wrong = (np.nan_to_num(self[name], nan=np.inf) for name in ("end_time", "final_error"))
+        order = np.lexsort((-wrong, -late, ~self.failed))
+        return np.asarray(order[self.made[order]][:count])
+
+    def why(self, number: int) -> str:
+        """Say why a run ended, and which monitors did not hold."""
+        if failure := str(self["failure"][number]):
+            return f"crashed: {failure}"
+        margins = self["monitor_margin"][number] if self.monitors else ()
+        broken = [name for name, margin in zip(self.monitors, margins, strict=True) if margin < 0]
+        return str(self["reason"][number]) + (f"; monitor did not hold: {', '.join(broken)}" if broken else "")
+
+    def command(self, number: int) -> str:
+        """Return the command that repeats a run, with its log."""
+        return f"{self.results.attributes.get('command', 'psmpc simulate')} --set seed={self['seed'][number]}"
+
+
+def _quantiles(name: str, values: Array) -> Quantiles:
+    known = values[np.isfinite(values)]
+    low, middle, high = np.quantile(known, QUANTILES) if len(known) else (np.nan,) * 3
+    return Quantiles(name, len(known), (float(low), float(middle), float(high)))
+
+
+def read_monte_carlo(path: Path) -> MonteCarloRuns:
+    """Read the runs of a study, complete or not.
+
+    Raises:
+        LogError: The file is missing, damaged, of another version, or no Monte Carlo study.
+    """
+    results = read_results(path, MONTE_CARLO)
+    known: dict[str, tuple[str, ...]] = {each.name: ("run", each.along) for each in WHOLE_RUN if each.along}
+    known |= {"stage": ("stage",), "monitor": ("monitor",), "wall_time": ()}
+    for name, quantity in results.quantities.items():
+        if quantity.dims != (wanted := known.get(name, ("run",))):
+            along = ", ".join(wanted) or "nothing"
+            raise LogError(f"{path}: expected {name} along {along}, as psmpc monte-carlo writes it")
+    return MonteCarloRuns(results)

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.errors import InputError, LogError, RunError
 from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.simulation.run import header
 from psmpc_cli.simulation.setup import build_experiment
 from psmpc_cli.simulation.summary import task_of
 from psmpc_cli.specs.load import Task
-from psmpc_cli.studies.parallel import Calls
 from psmpc_cli.studies.pareto_file import write_pareto
 from psmpc_cli.studies.pareto_windows import Grid, SampleFronts, SampleTask, solve_sample
-from psmpc_cli.studies.sweep import parse_stages
+from psmpc_cli.studies.runner import compute
+from psmpc_cli.studies.weights import parse_stages
 
 METHODS = ("weighted-sum", "epsilon-constraint", "both")
 
@@ -96,7 +96,7 @@ def solve_pareto(
     run: Path,
     question: Question,
     path: Path,
-    calls: Calls,
+    jobs: int | None = None,
     force: bool = False,
     done: Callable[[float, int, int], None] = lambda instant, ended, count: None,
 ) -> None:
@@ -106,7 +106,7 @@ def solve_pareto(
         run: Log of the run, with its plans.
         question: What is asked.
         path: The file.
-        calls: Makes calls in parallel.
+        jobs: Processes; by default one for each core.
         force: Overwrite the file.
         done: Told the instant of each sample as it is done [s], how many are, and how many there are.
 
@@ -125,7 +125,9 @@ def solve_pareto(
     grid = _grid(question)
     tasks = [SampleTask(run, sample, grid) for sample in choose_samples(log, stages, question.at)]
     found: dict[int, SampleFronts] = {}
-    for index, fronts in calls.each(solve_sample, tasks):
+    for index, fronts in compute(solve_sample, tasks, jobs):
+        if fronts is None:
+            raise RunError("a process was killed each time, perhaps for lack of memory: try fewer --jobs")
         found[index] = fronts
         done(fronts.start, len(found), len(tasks))
     attributes = {**header(build_experiment(loaded)).attributes, "method": question.method}

@@ -13,23 +13,20 @@ from psmpc_cli.logs.comparison import extract_log, read_comparison
 from psmpc_cli.logs.read import Log
 from psmpc_cli.logs.results import Results
 from psmpc_cli.ocp.feasibility import ensure_feasible
-from psmpc_cli.simulation.recommendation import recommend
-from psmpc_cli.simulation.sweep_cells import SweepCells, sweep_cells
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.ablations import Ablation, run_ablations
 from psmpc_cli.studies.claims import Finding, Value, load_claims
-from psmpc_cli.studies.compare import compare
+from psmpc_cli.studies.compare import compare_tasks
 from psmpc_cli.studies.evidence import Evidence, gather_run
 from psmpc_cli.studies.front_movement import front_movement
 from psmpc_cli.studies.front_table import front_rows
 from psmpc_cli.studies.judge import judge
-from psmpc_cli.studies.parallel import LocalCalls
 from psmpc_cli.studies.pareto import Question, possible_samples, solve_pareto
 from psmpc_cli.studies.pareto_file import read_pareto
-from psmpc_cli.studies.sampling import grid_sampling
-from psmpc_cli.studies.sweep import DEFAULT_TASK, SweepProgress, load_sweep_task, parse_stages, run_sweep
-from psmpc_cli.studies.sweep_file import Sweep, read_sweep
+from psmpc_cli.studies.runner import Study, Watch, ignore, run_study
+from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
+from psmpc_cli.studies.weights import SweepCells, grid_sampling, parse_stages, recommend, sweep_cells
 
 TASK = "transport"
 
@@ -134,11 +131,11 @@ def run_methods(
         RunError: A log could not be written.
     """
     path = directory / LOGS
-    compare(load_variants(changes), path, force, jobs, began, done)
+    compare_tasks(load_variants(changes), path, force, jobs, began, done)
     return read_comparison(path)
 
 
-def load_weights_sweep(changes: Sequence[str], grid: str) -> Sweep:
+def load_weights_sweep(changes: Sequence[str], grid: str) -> Study:
     """Return the sweep over the weights, with those changes of the task that apply to it as well.
 
     Raises:
@@ -147,7 +144,7 @@ def load_weights_sweep(changes: Sequence[str], grid: str) -> Sweep:
     """
     common = tuple(change for change in changes if change.partition("=")[0].strip().partition(".")[0] in COMMON)
     task = load_sweep_task(str(built_ins("task")[DEFAULT_TASK]), common, ())
-    return Sweep(task, parse_stages("1,2", task), grid_sampling(grid, RANGE), False)
+    return weight_study(task, parse_stages("1,2", task), grid_sampling(grid, RANGE))
 
 
 def sweep_weights(
@@ -156,7 +153,7 @@ def sweep_weights(
     grid: str,
     force: bool = False,
     jobs: int | None = None,
-    watch: Callable[[SweepProgress], None] = lambda progress: None,
+    watch: Watch = ignore,
 ) -> SweepCells:
     """Run the sweep over a grid of both weights, such as 7x7, into a file of a directory, and return its cells.
 
@@ -168,8 +165,7 @@ def sweep_weights(
         RunError: The results could not be written.
     """
     path = directory / WEIGHTS
-    run_sweep(load_weights_sweep(changes, grid), path, LocalCalls(jobs), force, watch=watch)
-    return sweep_cells(read_sweep(path))
+    return sweep_cells(run_study(load_weights_sweep(changes, grid), path, jobs, force=force, watch=watch))
 
 
 def find_fronts(
@@ -204,7 +200,7 @@ def find_fronts(
     with TemporaryDirectory(prefix=".fronts-", dir=directory) as meanwhile:
         run = Path(meanwhile) / "psmpc.h5"
         extract_log(directory / LOGS, "psmpc", run)
-        solve_pareto(run, Question("1,2", (), points, "weighted-sum", False), path, LocalCalls(jobs), force, done)
+        solve_pareto(run, Question("1,2", (), points, "weighted-sum", False), path, jobs, force, done)
     return read_pareto(path)
 
 

@@ -1,164 +1,235 @@
-"""The weight study: the closed loop under many pairs of priorities. Paper section IV-B, Fig. 6."""
+"""Sweeps: runs over all values of any keys of a task, or over pairs of priorities. Paper section IV-B, Fig. 6."""
 
-import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+import json
+from collections.abc import Mapping, Sequence
+from functools import partial
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from psmpc_cli.control.multistart import multistart_for
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.results import ResultsWriter
+from psmpc_cli.logs.results import Quantity, Results
+from psmpc_cli.logs.schema import SWEEP
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.studies.cell import Cell, Outcome, lost_cell, run_cell
-from psmpc_cli.studies.parallel import Calls
-from psmpc_cli.studies.sweep_file import COMPUTED, FAILED, SHARED, WAITING, Sweep, create_sweep, resume_sweep
+from psmpc_cli.studies.measures import (
+    WHOLE_RUN,
+    PerCell,
+    Row,
+    measure_run,
+    measure_second_stage,
+    second_stage,
+)
+from psmpc_cli.studies.runner import Outcome, Study, Watch, changed, ignore, run_study
+from psmpc_cli.studies.weights import DIMENSIONS, GRID, RATIOS, Sampling, origins
 
 DEFAULT_TASK = "approach_capture"
 """The built-in task of Approach and Capture alone."""
 
+WAITING, COMPUTED, SHARED, FAILED = range(4)
+STATUS = ("waiting", "computed", "shared", "failed")
+"""Codes of a cell's status and what they mean."""
 
-SAME = 9
-"""Decimals of the logarithm of a priority to which two are the same."""
+LIGHT = ("log.shares=false", "log.plans=false", "log.ticks=false")
+"""Changes of the task: what is logged but not measured, and costs solves or memory."""
+
+MOST_RUNS = 100_000
+"""Largest number of runs of a sweep; a larger one is a typing error."""
 
 
-@dataclass(frozen=True)
-class SweepProgress:
-    """What a watcher is told whenever runs have ended.
+def sweep(
+    task: Task | str | Path,
+    values: Mapping[str, Sequence[Any]],
+    path: Path | None = None,
+    jobs: int | None = None,
+    dask: str | None = None,
+    force: bool = False,
+    resume: bool = False,
+    watch: Watch = ignore,
+) -> Results:
+    """Run a task with every combination of values of some of its keys.
 
-    Attributes:
-        runs: Runs that are needed for the cells that waited.
-        ended: Runs that have ended.
-        failed: Cells that failed, shared ones among them.
-        elapsed: Time since the sweep began [s].
+    Args:
+        task: The task, its file or the name of a built-in one.
+        values: The values of each key, such as {"stages.capture.priority": [1, 10, 100]}.
+        path: File of the results; None for none that stays.
+        jobs: Processes on this machine; by default one for each core.
+        dask: Address of the scheduler of a Dask cluster to compute on.
+        force: Whether an existing file is overwritten.
+        resume: Whether the cells that wait in an existing file are computed; those that failed are computed again.
+        watch: Called with the progress at the beginning and after every run.
+
+    Returns:
+        What became of the runs: arrays along one dimension for each key, named as the key.
+
+    Raises:
+        InputError: There are no values or too many, or as for `run_study`.
+        SpecError: A value does not fit the task.
     """
+    loaded = _light(task)
+    shape = tuple(len(each) for each in values.values())
+    if not shape or not 0 < np.prod(shape) <= MOST_RUNS:
+        raise InputError(f"a sweep: found {np.prod(shape or 0)} runs, expected 1 to {MOST_RUNS}")
+    changes = {key: [f"{key}={json.dumps(_plain(value))}" for value in each] for key, each in values.items()}
+    for change in (change for each in changes.values() for change in each):
+        changed(loaded, (change,))
+    names = [Quantity(name, (name,), np.array(found), "1", name) for name, found in names_along(loaded).items()]
+    axes = [Quantity(key, (key,), _axis(each), "1", f"value of {key}") for key, each in values.items()]
+    cells = list(product(*changes.values()))
+    study = Study(
+        kind=SWEEP,
+        task=loaded,
+        cells=cells,
+        shape=shape,
+        coordinates=[*axes, *names],
+        arrays=_arrays(WHOLE_RUN, tuple(values), shape, {name.name: len(name.values) for name in names}),
+        measure=measure_run,
+        entry=_entry,
+        again=(FAILED,),
+        identity={"keys": "; ".join(change for each in changes.values() for change in each)},
+        attributes={},
+        stop=None,
+        origins=np.arange(len(cells)),
+    )
+    return run_study(study, path, jobs, dask, force, resume, watch)
 
-    runs: int
-    ended: int
-    failed: int
-    elapsed: float
+
+def _light(task: Task | str | Path) -> Task:
+    """Load a task that logs no more than is measured."""
+    loaded = task if isinstance(task, Task) else load_task(task)
+    return changed(loaded, LIGHT)
 
 
-def load_sweep_task(reference: str, changes: tuple[str, ...], epsilons: tuple[float, ...]) -> Task:
-    """Return the task of a sweep: no shares, which cost solves and are not kept, and the thresholds asked for.
+def names_along(task: Task) -> dict[str, list[str]]:
+    """Return the entries of the further coordinates of a whole run's quantities, without empty ones."""
+    names = {"stage": [each.name for each in task.spec.stages], "monitor": [each.name for each in task.spec.monitors]}
+    return {name: found for name, found in names.items() if found}
 
-    Where the pending cost allows of several basins and the task does not say from how many guesses a window is solved,
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _axis(values: Sequence[Any]) -> np.ndarray:
+    """Return the values of a key as a coordinate: numbers, or their text."""
+    plain = [_plain(value) for value in values]
+    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in plain)
+    return (
+        np.array(plain, float)
+        if numbers
+        else np.array([each if isinstance(each, str) else json.dumps(each) for each in plain])
+    )
+
+
+def load_sweep_task(reference: str | Path | Task, changes: Sequence[str] = (), epsilons: Sequence[float] = ()) -> Task:
+    """Load the task of a sweep over weights, with the thresholds of the actual start if there are any.
+
+    Where the pending cost permits several basins and the task does not say from how many guesses a window is solved,
     it is solved from several.
 
     Raises:
         SpecError: The task does not hold.
     """
     wanted = [f"onset.series={list(epsilons)}"] if epsilons else []
-    given = [*changes, "log.shares=false", "log.ticks=false", *wanted]
-    controller = load_task(reference, given).spec.controller
-    return load_task(reference, [*given, f"controller.multistart={multistart_for(controller)}"])
+    if isinstance(reference, Task):
+        loaded = changed(reference, [*changes, *wanted, *LIGHT])
+    else:
+        loaded = load_task(reference, [*changes, *wanted, *LIGHT])
+    return changed(loaded, [f"controller.multistart={multistart_for(loaded.spec.controller)}"])
 
 
-def parse_stages(text: str, task: Task) -> tuple[int, int]:
-    """Return the indices of two stages in a row from their numbers or names, such as 1,2.
-
-    Raises:
-        InputError: They are not two stages in a row of the task, or the controller knows no priorities.
-    """
-    names = [stage.name for stage in task.spec.stages]
-    if task.spec.controller.kind != "psmpc":
-        raise InputError(
-            f"found controller.kind {task.spec.controller.kind}, which knows no priorities; expected psmpc"
-        )
-    given = [part.strip() for part in text.split(",")]
-    found = [names.index(part) if part in names else int(part) - 1 if part.isdigit() else -1 for part in given]
-    if len(found) != 2 or not 0 <= found[0] < len(names) or found[1] != found[0] + 1 or found[1] >= len(names):
-        listed = ", ".join(f"{i + 1} {name}" for i, name in enumerate(names))
-        raise InputError(f"--stages: found '{text}', expected two in a row such as 1,2 of the task's stages: {listed}")
-    return found[0], found[1]
-
-
-def run_sweep(
-    sweep: Sweep,
-    path: Path,
-    calls: Calls,
-    force: bool = False,
-    resume: bool = False,
-    watch: Callable[[SweepProgress], None] = lambda progress: None,
-) -> None:
-    """Run all cells of a sweep that wait in its file, which is made first unless the sweep goes on.
+def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_cell: bool = False) -> Study:
+    """Build the sweep over pairs of priorities; each run ends with the second stage.
 
     Args:
-        sweep: The sweep.
-        path: Its file.
-        calls: Makes calls in parallel.
-        force: Overwrite the file.
-        resume: Go on with the file; cells that failed are tried again.
-        watch: Told how far the sweep has come.
-
-    Raises:
-        InputError: The file exists already, cannot be written, or holds another sweep.
-        RunError: It cannot be written any further, or the processes are ended from outside again and again.
+        task: The task, from `load_sweep_task`.
+        stages: Indices of the two stages in a row whose priorities vary.
+        sampling: Their priorities in each cell.
+        every_cell: Whether cells with equal ratios of all priorities are computed one by one, instead of sharing a run.
     """
-    status, spent = np.full(len(sweep.sampling.omega), WAITING), 0.0
-    if resume:
-        before = resume_sweep(path, sweep)
-        status, spent = before["status"].ravel(), float(before["wall_time"])
-    else:
-        create_sweep(path, sweep, force)
-    began, sharing = time.monotonic(), origins(sweep)
-    wait = np.flatnonzero((status == WAITING) | (status == FAILED))
-    needed = np.unique(sharing[wait])
-    progress = SweepProgress(len(needed), 0, 0, 0.0)
-    watch(progress)
-    with ResultsWriter(path) as writer:
-        for origin, outcome in _outcomes(sweep, needed, calls):
-            alike = np.flatnonzero(sharing == origin)
-            for cell in map(int, alike):
-                writer.write(sweep.sampling.index(cell), _cell_values(outcome, cell, origin))
-            elapsed = time.monotonic() - began
-            writer.write((), {"wall_time": spent + elapsed})
-            failed = progress.failed + len(alike) * bool(outcome.failure)
-            progress = SweepProgress(len(needed), progress.ended + 1, failed, elapsed)
-            watch(progress)
+    spec, omega, dims = task.spec, sampling.omega, DIMENSIONS[sampling.kind]
+    keys = [f"stages[{stage}].priority" for stage in stages]
+    cells = [tuple(f"{key}={float(each)!r}" for key, each in zip(keys, pair, strict=True)) for pair in omega]
+    names = [stage.name for stage in spec.stages]
+    units = "m/s^2, rad/s^2" if spec.onset.kind == "control" else "1"
+    further = [
+        Quantity("stage", ("stage",), np.array(names), "1", "stage"),
+        Quantity("epsilon", ("epsilon",), np.array(spec.onset.series), units, "threshold of the actual start"),
+    ]
+    return Study(
+        kind=SWEEP,
+        task=task,
+        cells=cells,
+        shape=sampling.shape,
+        coordinates=[*_weights(sampling, [names[stage] for stage in stages]), *further],
+        arrays=_arrays(
+            second_stage(stages[1]), dims, sampling.shape, {each.name: len(each.values) for each in further}
+        ),
+        measure=partial(measure_second_stage, stages[1]),
+        entry=_entry,
+        again=(FAILED,),
+        identity={
+            "stages": ",".join(str(stage + 1) for stage in stages),
+            "sampling": sampling.label,
+            "range": f"{omega.min():.6g} to {omega.max():.6g}",
+            "every_cell": int(every_cell),
+        },
+        attributes={
+            "first_stage": names[stages[0]],
+            "second_stage": names[stages[1]],
+            "horizon": spec.controller.horizon,
+            "sample_time": spec.controller.sample_time,
+            "nodes": spec.controller.nodes,
+            "onset": spec.onset.kind,
+        },
+        stop=stages[1],
+        origins=np.arange(len(cells)) if every_cell else origins(task, stages, omega),
+    )
 
 
-def origins(sweep: Sweep) -> np.ndarray:
-    """Return for each cell the one whose run it shares (cells,), itself if none.
-
-    Scaling all omega leaves the optimum unchanged, so what counts are the priorities over the largest one.
-    """
-    cells = len(sweep.sampling.omega)
-    if sweep.every_cell:
-        return np.arange(cells)
-    priorities = np.tile([stage.priority for stage in sweep.task.spec.stages], (cells, 1))
-    priorities[:, list(sweep.stages)] = sweep.sampling.omega
-    relative = np.round(np.log10(priorities / priorities.max(axis=1, keepdims=True)), SAME)
-    _, first, inverse = np.unique(relative, axis=0, return_index=True, return_inverse=True)
-    return np.asarray(first[inverse.ravel()])
-
-
-def _outcomes(sweep: Sweep, needed: np.ndarray, calls: Calls) -> Iterator[tuple[int, Outcome]]:
-    """Run the cells that are needed and give each with its outcome, as they end."""
-    if not len(needed):
-        return
-    cells = [Cell(_with_priorities(sweep, int(origin)), sweep.stages[1]) for origin in needed]
-    for number, outcome in calls.each(run_cell, cells, lost_cell):
-        yield int(needed[number]), outcome
+def _weights(sampling: Sampling, names: Sequence[str]) -> list[Quantity]:
+    """Return the coordinates of the cells, and their priorities."""
+    dims, omega, ratio = DIMENSIONS[sampling.kind], sampling.omega, sampling.ratio
+    first, second, over = (*(f"priority of {name}" for name in names), "omega_2 / omega_1")
+    if sampling.kind == GRID:
+        cells = omega.reshape(*sampling.shape, 2)
+        return [
+            Quantity("omega_2", ("omega_2",), cells[:, 0, 1], "1", second),
+            Quantity("omega_1", ("omega_1",), cells[0, :, 0], "1", first),
+            Quantity("ratio", dims, ratio.reshape(sampling.shape), "1", over),
+        ]
+    number = Quantity("cell", dims, np.arange(len(omega)), "1", "number of the cell")
+    return [
+        *([] if sampling.kind == RATIOS else [number]),
+        Quantity("ratio", dims, ratio, "1", over),
+        Quantity("omega_1", dims, omega[:, 0], "1", first),
+        Quantity("omega_2", dims, omega[:, 1], "1", second),
+    ]
 
 
-def _with_priorities(sweep: Sweep, cell: int) -> Task:
-    """Return the task with the priorities of a cell."""
-    spec = sweep.task.spec
-    stages = list(spec.stages)
-    for stage, omega in zip(sweep.stages, sweep.sampling.omega[cell], strict=True):
-        stages[stage] = stages[stage].model_copy(update={"priority": float(omega)})
-    return replace(sweep.task, spec=spec.model_copy(update={"stages": tuple(stages)}))
+def _arrays(
+    quantities: Sequence[PerCell], dims: tuple[str, ...], shape: tuple[int, ...], along: Mapping[str, int]
+) -> list[Quantity]:
+    """Return the status of the cells and everything that is measured, with nothing filled in."""
+    return [
+        Quantity("status", dims, np.full(shape, WAITING, "i4"), "1", "status of the cell", STATUS),
+        Quantity("origin", dims, np.full(shape, -1, "i4"), "1", "flat index of the cell whose run it shares"),
+        Quantity("reason", dims, np.full(shape, ""), "1", "why the cell failed"),
+        Quantity(
+            "cell_time", dims, np.full(shape, np.nan), "s", "wall time of the cell's run, with all that is around"
+        ),
+        *(each.unfilled(dims, shape, along) for each in quantities if not each.along or each.along in along),
+    ]
 
 
-def _cell_values(outcome: Outcome, cell: int, origin: int) -> dict[str, np.ndarray | float | str]:
-    """Return what a cell's run left behind, the status last: a cell that does not wait is complete."""
-    status = FAILED if outcome.failure else COMPUTED if cell == origin else SHARED
+def _entry(outcome: Outcome, cell: int, origin: int) -> Row:
+    """Complete the row of a cell; the status is last: a cell that does not wait is complete."""
     return {
-        **outcome.values,
+        **outcome.row,
         "cell_time": outcome.wall_time,
         "reason": outcome.failure,
         "origin": origin,
-        "status": status,
+        "status": FAILED if outcome.failure else COMPUTED if cell == origin else SHARED,
     }

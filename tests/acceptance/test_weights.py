@@ -7,10 +7,9 @@ import pytest
 import yaml
 
 from psmpc_cli.logs.results import Results
-from psmpc_cli.studies.parallel import LocalCalls
-from psmpc_cli.studies.sampling import grid_sampling
-from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, run_sweep
-from psmpc_cli.studies.sweep_file import COMPUTED, Sweep, read_sweep
+from psmpc_cli.studies.runner import run_study
+from psmpc_cli.studies.sweep import COMPUTED, DEFAULT_TASK, load_sweep_task, weight_study
+from psmpc_cli.studies.weights import grid_sampling
 
 BASELINE = yaml.safe_load((Path(__file__).parents[2] / "benchmarks" / "weights.yaml").read_text(encoding="utf-8"))
 
@@ -22,8 +21,7 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Results:
     """Seven ratios from 1e-6 to 1e6 on a coarse mesh."""
     path = tmp_path_factory.mktemp("weights") / "sweep.h5"
     task = load_sweep_task(DEFAULT_TASK, ("controller.nodes=25",), ())
-    run_sweep(Sweep(task, (0, 1), grid_sampling("7", (1e-3, 1e3)), False), path, LocalCalls(2))
-    return read_sweep(path)
+    return run_study(weight_study(task, (0, 1), grid_sampling("7", (1e-3, 1e3))), path, 2)
 
 
 def test_no_cell_and_no_solve_fails_at_any_ratio(sweep: Results) -> None:

@@ -158,6 +158,7 @@ def test_figures_and_tables_of_a_comparison_and_of_its_runs(compare: Psmpc, psmp
         assert message in ran.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (15, 143, "terminated")])
 def test_signals_end_the_comparison_and_leave_nothing(tmp_path: Path, number: int, code: int, word: str) -> None:
     command = [sys.executable, "-c", "from psmpc_cli.cli.main import main; main()", "compare", "transport"]

@@ -12,10 +12,11 @@ from typer.testing import CliRunner
 from psmpc_cli.cli.reproduce import reproduce
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.comparison import read_comparison
-from psmpc_cli.simulation.sweep_cells import sweep_cells
+from psmpc_cli.logs.results import read_results
+from psmpc_cli.logs.schema import SWEEP
 from psmpc_cli.studies.pareto_file import read_pareto
 from psmpc_cli.studies.reproduce import METHODS
-from psmpc_cli.studies.sweep_file import read_sweep
+from psmpc_cli.studies.weights import sweep_cells
 
 NEAR = (
     "controller.nodes=4",
@@ -93,7 +94,7 @@ def test_the_changes_are_told(ran: Result, data: dict[str, Any], folder: Path) -
 
 
 def test_the_sweep_of_the_weights_is_one_like_any_other(ran: Result, data: dict[str, Any], folder: Path) -> None:
-    cells = sweep_cells(read_sweep(folder / "out" / "weights.h5"))
+    cells = sweep_cells(read_results(folder / "out" / "weights.h5", SWEEP))
     assert cells.omega.tolist() == [[1e-3, 1e-3], [1e3, 1e-3], [1e-3, 1e3], [1e3, 1e3]]
     assert not cells.waiting.any()
     assert data["weights"]["digest"] == cells.results.attributes["digest"]

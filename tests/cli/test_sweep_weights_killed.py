@@ -12,9 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from psmpc_cli.studies.sweep_file import COMPUTED, SHARED, WAITING, read_sweep
+from psmpc_cli.logs.results import read_results
+from psmpc_cli.logs.schema import SWEEP
+from psmpc_cli.studies.sweep import COMPUTED, SHARED, WAITING
 
 from ..there_and_back import TASK
+
+pytestmark = pytest.mark.slow
 
 COMMAND = [sys.executable, "-c", "from psmpc_cli.cli.main import main; main()"]
 
@@ -59,7 +63,7 @@ def kill_after(process: subprocess.Popen[str], runs: int) -> int:
 
 def test_a_killed_sweep_loses_no_run_that_has_ended_and_goes_on_to_the_same_file(start: Start, tmp_path: Path) -> None:
     told = kill_after(start("killed.h5"), runs=2)
-    stopped = read_sweep(tmp_path / "killed.h5")["status"]
+    stopped = read_results(tmp_path / "killed.h5", SWEEP)["status"]
     computed = np.count_nonzero(stopped == COMPUTED)
     assert told <= computed < 5
     assert WAITING in stopped
@@ -67,7 +71,7 @@ def test_a_killed_sweep_loses_no_run_that_has_ended_and_goes_on_to_the_same_file
     assert code == 0
     assert err.startswith(f"0 of {5 - computed} runs")
     assert finish(start("whole.h5"))[0] == 0
-    killed, whole = read_sweep(tmp_path / "killed.h5"), read_sweep(tmp_path / "whole.h5")
+    killed, whole = read_results(tmp_path / "killed.h5", SWEEP), read_results(tmp_path / "whole.h5", SWEEP)
     assert np.count_nonzero(whole["status"] == SHARED) == 4
     assert killed.quantities.keys() == whole.quantities.keys()
     for name, quantity in whole.quantities.items():
@@ -98,4 +102,4 @@ def test_ctrl_c_ends_a_sweep_in_the_midst_of_a_solve(start: Start, tmp_path: Pat
     assert code == 130
     assert err.splitlines()[-1].endswith("sweep.h5 holds what was done: go on with --resume")
     assert "Traceback" not in err
-    assert WAITING in read_sweep(tmp_path / "sweep.h5")["status"]
+    assert WAITING in read_results(tmp_path / "sweep.h5", SWEEP)["status"]

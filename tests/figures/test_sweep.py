@@ -13,8 +13,7 @@ from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.figures.style import in_style
 from psmpc_cli.figures.sweep import edges, plot_draws, plot_heat_map, plot_sensitivity, plot_starts, plot_surface
-from psmpc_cli.simulation.recommendation import recommend
-from psmpc_cli.simulation.sweep_cells import SweepCells, sweep_cells
+from psmpc_cli.studies.weights import SweepCells, recommend, sweep_cells
 
 from ..made_up_sweep import T_H, T_S, Numbers, made_up_sweep, numbers
 from .drawn import check_figure, common_legend, curves, legend, points

@@ -14,7 +14,7 @@ from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.schema import PARETO, SWEEP
 from psmpc_cli.logs.seal import unseal
 from psmpc_cli.logs.write import LogWriter
-from psmpc_cli.simulation.monte_carlo_runs import read_monte_carlo
+from psmpc_cli.studies.monte_carlo import read_monte_carlo
 
 from ..fuzzing import fuzzing
 from ..made_up_fronts import made_up_fronts

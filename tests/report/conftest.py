@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from psmpc_cli.logs.read import Log, read_log
-from psmpc_cli.simulation.sweep_cells import sweep_cells
 from psmpc_cli.studies.reproduce import Reproduction, judge_claims
+from psmpc_cli.studies.weights import sweep_cells
 
 from ..figures.made_up import Story, write_story
 from ..made_up_fronts import made_up_fronts

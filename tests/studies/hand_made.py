@@ -8,9 +8,9 @@ import numpy as np
 
 from psmpc_cli.simulation.monitors import Verdict
 from psmpc_cli.simulation.summary import StageSummary, Summary
-from psmpc_cli.simulation.sweep_cells import SweepCells
 from psmpc_cli.studies.claims import load_claims
 from psmpc_cli.studies.evidence import Evidence, Onset, RunEvidence
+from psmpc_cli.studies.weights import SweepCells
 
 STAGES = ("approach", "capture", "transport", "release")
 

@@ -1,24 +1,26 @@
 import logging
-from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from psmpc_cli.errors import InputError, RunError
+from psmpc_cli.errors import InputError
 from psmpc_cli.logs.comparison import read_comparison
 from psmpc_cli.logs.read import read_log
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task
-from psmpc_cli.studies import parallel
-from psmpc_cli.studies.compare import CONTROLLERS, compare, compared_tasks, controllers_in
-from psmpc_cli.studies.variants import log_paths, run_variants, simulated_times
+from psmpc_cli.studies.compare import (
+    CONTROLLERS,
+    compare,
+    compare_tasks,
+    compared_tasks,
+    controllers_in,
+    log_paths,
+    run_variants,
+    simulated_times,
+)
 
 from ..there_and_back import TASK
-
-Call = tuple[Callable[..., object], tuple[Any, ...], dict[str, Any]]
 
 
 @pytest.fixture
@@ -75,7 +77,7 @@ def test_runs_in_parallel_are_the_runs_alone(tmp_path: Path, tasks: dict[str, Ta
     began: list[dict[str, Path]] = []
     done: list[str] = []
     path = tmp_path / "new" / "comparison.h5"
-    compare(tasks, path, jobs=2, began=lambda paths: began.append(dict(paths)), done=done.append)
+    compare_tasks(tasks, path, jobs=2, began=lambda paths: began.append(dict(paths)), done=done.append)
     found = read_comparison(path)
     assert list(found) == ["smpc", "hard"]
     assert sorted(done) == ["hard", "smpc"]
@@ -97,12 +99,12 @@ def test_nothing_runs_where_something_would_be_overwritten(tmp_path: Path, tasks
         raise AssertionError("it ran")
 
     with pytest.raises(InputError, match="exists already"):
-        compare(tasks, path, began=began)
+        compare_tasks(tasks, path, began=began)
     with pytest.raises(InputError, match="is no log"):
-        compare(tasks, path, force=True, began=began)
+        compare_tasks(tasks, path, force=True, began=began)
     assert path.read_text() == "precious"
     with pytest.raises(InputError, match="cannot be written"):
-        compare(tasks, path / "below.h5", began=began)
+        compare_tasks(tasks, path / "below.h5", began=began)
 
 
 def test_an_interruption_leaves_nothing(tmp_path: Path, tasks: dict[str, Task]) -> None:
@@ -110,41 +112,8 @@ def test_an_interruption_leaves_nothing(tmp_path: Path, tasks: dict[str, Task]) 
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        compare(tasks, tmp_path / "comparison.h5", jobs=1, done=done)
+        compare_tasks(tasks, tmp_path / "comparison.h5", jobs=1, done=done)
     assert [path.name for path in tmp_path.iterdir()] == ["task.yaml"]
-
-
-class Dying:
-    """Stands in for joblib's processes: the first so many of them are killed, and the calls of the others made here."""
-
-    def __init__(self, deaths: int) -> None:
-        self.deaths = deaths
-
-    def __call__(self, **options: object) -> Callable[[Iterable[Call]], Iterator[object]]:
-        return self._make
-
-    def _make(self, calls: Iterable[Call]) -> Iterator[object]:
-        self.deaths -= 1
-        if self.deaths >= 0:
-            raise TerminatedWorkerError
-        for _, (function, index, item), _ in calls:
-            yield index, function(item)
-
-
-def test_a_process_that_is_killed_costs_no_run(
-    tmp_path: Path, tasks: dict[str, Task], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(parallel, "Parallel", Dying(deaths=1))
-    paths = run_variants(tasks, tmp_path)
-    assert [str(read_log(path).attributes["controller"]) for path in paths.values()] == ["smpc", "hard"]
-
-
-def test_processes_that_are_killed_again_and_again_are_an_error(
-    tmp_path: Path, tasks: dict[str, Task], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(parallel, "Parallel", Dying(deaths=10**6))
-    with pytest.raises(RunError, match="--jobs"):
-        run_variants(tasks, tmp_path)
 
 
 def test_progress_is_told_by_simulated_times(tmp_path: Path, tasks: dict[str, Task]) -> None:
@@ -154,3 +123,11 @@ def test_progress_is_told_by_simulated_times(tmp_path: Path, tasks: dict[str, Ta
     last = {name: float(read_log(path).time[-1]) for name, path in paths.items()}
     assert simulated_times(paths) == pytest.approx(last)
     assert logging.getLogger("psmpc_cli").level == level
+
+
+def test_the_python_call_returns_the_runs(reference: str) -> None:
+    runs = compare(reference, ["smpc", "hard"], jobs=2)
+    assert list(runs) == ["smpc", "hard"]
+    assert [str(run.attributes["controller"]) for run in runs.values()] == ["smpc", "hard"]
+    with pytest.raises(InputError, match="no controller 'mpc'"):
+        compare(reference, ["mpc"])

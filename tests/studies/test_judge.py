@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.logs.results import Results
-from psmpc_cli.simulation.sweep_cells import SweepCells, sweep_cells
 from psmpc_cli.studies.claims import Claim, Finding, load_claims
 from psmpc_cli.studies.evidence import Evidence, RunEvidence, least_slack, settled, trends
 from psmpc_cli.studies.front_movement import front_movement
 from psmpc_cli.studies.judge import judge
+from psmpc_cli.studies.weights import SweepCells, sweep_cells
 
 from ..made_up_fronts import FALLING, RISING, made_up_fronts
 from ..made_up_sweep import EPSILONS, T_H, T_S, Numbers, made_up_sweep, numbers

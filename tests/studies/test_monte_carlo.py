@@ -1,37 +1,35 @@
-"""Monte Carlo studies of the small task."""
+"""Monte Carlo studies of the small task, and their rates and spreads."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
-from psmpc_cli.errors import InputError
-from psmpc_cli.logs.read import read_log
-from psmpc_cli.simulation.monte_carlo_runs import CRASHED, ENDED, WAITING, MonteCarloRuns, read_monte_carlo
+from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.studies import monte_carlo_run
-from psmpc_cli.studies.monte_carlo import load_monte_carlo, run_monte_carlo
-from psmpc_cli.studies.monte_carlo_file import RUN_QUANTITIES, MonteCarlo
-from psmpc_cli.studies.sweep import SweepProgress
+from psmpc_cli.studies.monte_carlo import (
+    CRASHED,
+    ENDED,
+    MonteCarloRuns,
+    monte_carlo,
+    monte_carlo_study,
+    read_monte_carlo,
+    wilson_interval,
+)
+from psmpc_cli.studies.runner import Progress, Study, run_study
 
+from ..made_up_monte_carlo import made_up_monte_carlo
 from ..there_and_back import TASK
-from .here_calls import HereCalls
 
-PAGE = Path(__file__).parents[2] / "docs" / "monte_carlo.md"
 NOISE = "uncertainty.noise={position: 1e-3, angle: 1e-3}"
 
 
-def study_of(folder: Path, runs: int, *changes: str) -> MonteCarlo:
+def study_of(folder: Path, runs: int, *changes: str) -> Study:
     (folder / "task.yaml").write_text(TASK)
-    return load_monte_carlo(str(folder / "task.yaml"), (NOISE, "seed=4", *changes), runs)
-
-
-def made(folder: Path, study: MonteCarlo, resume: bool = False, most: int = 100) -> MonteCarloRuns:
-    run_monte_carlo(study, folder / "study.h5", HereCalls(most), resume=resume)
-    return read_monte_carlo(folder / "study.h5")
+    return monte_carlo_study(str(folder / "task.yaml"), runs, (NOISE, "seed=4", *changes))
 
 
 @pytest.fixture(scope="module")
@@ -42,13 +40,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def runs(folder: Path) -> MonteCarloRuns:
     """Three runs, of seeds 4 to 6."""
-    return made(folder, study_of(folder, 3))
+    return MonteCarloRuns(run_study(study_of(folder, 3), folder / "study.h5", 2))
 
 
-def test_a_run_is_recorded_as_the_same_seed_simulates(runs: MonteCarloRuns, folder: Path, tmp_path: Path) -> None:
+def test_a_run_is_recorded_as_the_same_seed_simulates(runs: MonteCarloRuns, folder: Path) -> None:
     assert runs["seed"].tolist() == [4, 5, 6]
-    simulate(load_task(folder / "task.yaml", [NOISE, "seed=5"]), tmp_path / "log.h5")
-    summary = summarize(read_log(tmp_path / "log.h5"))
+    summary = summarize(simulate(load_task(folder / "task.yaml", [NOISE, "seed=5"])))
     assert summary.end_errors is not None
     assert runs["end_time"][1] == summary.duration
     assert runs["final_error"][1] == summary.end_errors[1]
@@ -58,125 +55,130 @@ def test_a_run_is_recorded_as_the_same_seed_simulates(runs: MonteCarloRuns, fold
     assert runs["monitor_margin"][1].tolist() == [summary.monitors[0].margin]
     assert runs["control_effort"][1] == summary.control_effort
     assert (runs["succeeded"][1], runs["fallbacks"][1]) == (summary.succeeded, summary.fallbacks)
+    assert len(np.unique(runs["final_error"])) == 3
+    assert runs.command(2) == f"psmpc simulate {folder / 'task.yaml'} --set '{NOISE}' --set seed=4 --set seed=6"
 
 
-def test_runs_differ(runs: MonteCarloRuns) -> None:
-    assert len(np.unique(runs["final_error"])) == len(np.unique(runs["control_effort"])) == 3
+def test_the_python_call_makes_the_same_runs(runs: MonteCarloRuns, folder: Path) -> None:
+    again = monte_carlo(load_task(folder / "task.yaml", [NOISE, "seed=4"]), runs=2, jobs=2)
+    np.testing.assert_array_equal(again["switch_time"], runs["switch_time"][:2])
 
 
-def test_a_monitor_that_does_not_hold_is_a_failure(tmp_path: Path) -> None:
-    found = made(tmp_path, study_of(tmp_path, 1, "monitors[0].at_least=5"))
-    assert found["completed"].tolist() == [1]
-    assert found["succeeded"].tolist() == [0]
-    assert found["monitor_margin"][0, 0] < 0
-    assert found.why(0).endswith("monitor did not hold: far apart")
+def test_a_monitor_that_does_not_hold_and_a_time_limit_are_failures(tmp_path: Path) -> None:
+    low = MonteCarloRuns(run_study(study_of(tmp_path, 1, "monitors[0].at_least=5"), jobs=2))
+    assert (low["completed"].tolist(), low["succeeded"].tolist()) == ([1], [0])
+    assert low["monitor_margin"][0, 0] < 0
+    assert low.why(0).endswith("monitor did not hold: far apart")
+    late = MonteCarloRuns(run_study(study_of(tmp_path, 1, "time_limit=0.3", "monitors=[]"), jobs=2))
+    assert late.why(0) == "time limit of 0.3 s reached"
+    assert np.isnan(late.end_time).all()
+    assert late["end_time"][0] == pytest.approx(0.3)
+    assert not late.monitors
 
 
-def test_a_time_limit_is_a_failure_with_a_reason(tmp_path: Path) -> None:
-    found = made(tmp_path, study_of(tmp_path, 1, "time_limit=0.3", "monitors=[]"))
-    assert not found.succeeded.any()
-    assert found.why(0) == "time limit of 0.3 s reached"
-    assert np.isnan(found.end_time).all()
-    assert found["end_time"][0] == pytest.approx(0.3)
-    assert not found.monitors
-
-
-@pytest.fixture
-def crashing(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
-    """Every run of seed 5 raises."""
-    build = monte_carlo_run.build_experiment
-
-    def build_or_raise(loaded: object) -> object:
-        if loaded.spec.seed == 5:
-            raise ZeroDivisionError("by zero")
-        return build(loaded)
-
-    monkeypatch.setattr(monte_carlo_run, "build_experiment", build_or_raise)
-    yield monkeypatch
-
-
-def test_a_crash_ends_nothing_and_is_tried_again(
-    tmp_path: Path, crashing: pytest.MonkeyPatch, runs: MonteCarloRuns
-) -> None:
-    study, told = study_of(tmp_path, 3), list[SweepProgress]()
-    run_monte_carlo(study, tmp_path / "study.h5", HereCalls(), watch=told.append)
-    found = read_monte_carlo(tmp_path / "study.h5")
-    assert found["status"].tolist() == [ENDED, CRASHED, ENDED]
-    assert found.why(1) == "crashed: ZeroDivisionError: by zero"
-    assert found.failed.tolist() == [False, True, False]
-    assert [progress.failed for progress in told] == [0, 0, 1, 1]
-    crashing.undo()
-    again = made(tmp_path, study, resume=True)
-    assert_same(again, runs)
-    assert again["failure"].tolist() == [""] * 3
-
-
-def assert_same(found: MonteCarloRuns, wanted: MonteCarloRuns) -> None:
-    """All but wall times is alike."""
-    for name, quantity in wanted.results.quantities.items():
-        if name not in ("run_time", "wall_time"):
-            np.testing.assert_array_equal(found[name], quantity.values, name)
-
-
-def test_a_stopped_study_goes_on_to_the_same_end(tmp_path: Path, runs: MonteCarloRuns) -> None:
-    study = study_of(tmp_path, 3)
-    with pytest.raises(KeyboardInterrupt):
-        made(tmp_path, study, most=1)
-    assert read_monte_carlo(tmp_path / "study.h5")["status"].tolist() == [ENDED, WAITING, WAITING]
-    assert_same(made(tmp_path, study, resume=True), runs)
-
-
-def test_a_study_goes_on_with_more_runs_and_refuses_fewer(tmp_path: Path, runs: MonteCarloRuns) -> None:
-    made(tmp_path, study_of(tmp_path, 2))
-    first = read_monte_carlo(tmp_path / "study.h5")["run_time"]
-    found = made(tmp_path, study_of(tmp_path, 3), resume=True)
-    assert_same(found, runs)
+def test_a_study_is_resumed_with_more_runs_and_not_with_fewer(tmp_path: Path, runs: MonteCarloRuns) -> None:
+    path, seen = tmp_path / "study.h5", list[Progress]()
+    run_study(study_of(tmp_path, 2), path, 2)
+    first = read_monte_carlo(path)["run_time"]
+    found = MonteCarloRuns(run_study(study_of(tmp_path, 3), path, 2, resume=True, watch=seen.append))
+    assert seen[-1].runs == 1
     assert found["run_time"][:2].tolist() == first.tolist()
-    assert [path.name for path in tmp_path.glob("*study*")] == ["study.h5"]
-    with pytest.raises(InputError, match="has 3 runs, found --runs 2, expected at least as many"):
-        made(tmp_path, study_of(tmp_path, 2), resume=True)
-
-
-def test_another_task_is_not_gone_on_with(folder: Path, runs: MonteCarloRuns) -> None:
-    with pytest.raises(InputError, match="holds another study: found seed 4, this one has 9; give the same task"):
-        made(folder, study_of(folder, 3, "seed=9"), resume=True)
-    with pytest.raises(InputError, match="found no file"):
-        made(folder / "nowhere", study_of(folder, 3), resume=True)
+    for name, quantity in runs.results.quantities.items():
+        if "wall time" not in quantity.long_name:
+            np.testing.assert_array_equal(found[name], quantity.values, name)
+    assert [each.name for each in tmp_path.glob("*study*")] == ["study.h5"]
+    with pytest.raises(InputError, match="has 3 runs, found 2, expected at least as many"):
+        run_study(study_of(tmp_path, 2), path, resume=True)
 
 
 @pytest.mark.parametrize("changes", [(), ("uncertainty.delay=1",), ("uncertainty={mass: 0, noise: {position: 0}}",)])
-def test_a_task_without_random_numbers_is_refused(tmp_path: Path, changes: tuple[str, ...]) -> None:
-    (tmp_path / "task.yaml").write_text(TASK)
-    with pytest.raises(InputError, match="nothing random below uncertainty, all runs would be alike"):
-        load_monte_carlo(str(tmp_path / "task.yaml"), changes, 3)
+def test_a_task_without_random_numbers_is_rejected(changes: tuple[str, ...]) -> None:
+    with pytest.raises(InputError, match="nothing random below uncertainty"):
+        monte_carlo_study("transport", 3, changes)
 
 
-def test_a_seed_that_leaves_no_room_is_refused(tmp_path: Path) -> None:
+def test_a_seed_that_leaves_no_room_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="found seed 9223372036854775806, expected at most"):
         study_of(tmp_path, 3, f"seed={2**63 - 2}")
 
 
-def test_the_command_repeats_a_run(runs: MonteCarloRuns, folder: Path) -> None:
-    assert runs.command(2) == f"psmpc simulate {folder / 'task.yaml'} --set '{NOISE}' --set seed=4 --set seed=6"
+def test_limits_that_are_exceeded_are_counted(tmp_path: Path) -> None:
+    made_up = made_up_monte_carlo(tmp_path / "study.h5", 4, crashed=(2,))
+    np.testing.assert_allclose(made_up.exceeded("velocity"), [0, 0.01, 0, 0.03])
+    assert not made_up.exceeded("position").any()
+    assert made_up["status"].tolist() == [ENDED, ENDED, CRASHED, ENDED]
 
 
-def test_the_lost_have_their_reason(tmp_path: Path) -> None:
-    study = study_of(tmp_path, 1)
+@pytest.mark.parametrize(
+    ("successes", "runs", "low", "high"),
+    [
+        (0, 10, 0.0, 0.2775),
+        (5, 10, 0.2366, 0.7634),
+        (10, 10, 0.7225, 1.0),
+        (81, 263, 0.2553, 0.3662),  # Newcombe, Statistics in Medicine 17 (1998), 857-872, table I, as the next
+        (15, 148, 0.0624, 0.1605),
+        (1, 29, 0.0061, 0.1718),
+        (0, 0, 0.0, 1.0),
+    ],
+)
+def test_intervals_are_the_published_ones(successes: int, runs: int, low: float, high: float) -> None:
+    assert wilson_interval(successes, runs) == pytest.approx((low, high), abs=5e-5)
 
-    class Lost(HereCalls):
-        def each(self, function, items, lost):
-            yield 0, lost(items[0])
 
-    run_monte_carlo(study, tmp_path / "study.h5", Lost())
-    assert "ended from outside" in read_monte_carlo(tmp_path / "study.h5").why(0)
+def test_an_interval_holds_the_rate_and_shrinks_with_more_runs() -> None:
+    for runs in (1, 10, 100):
+        for successes in range(runs + 1):
+            low, high = wilson_interval(successes, runs)
+            assert 0 <= low <= successes / runs <= high <= 1
+            lower, higher = wilson_interval(4 * successes, 4 * runs)
+            assert higher - lower < high - low
 
 
-def test_the_page_has_every_quantity_of_a_run() -> None:
-    _, begun, rest = PAGE.read_text(encoding="utf-8").partition(
-        "<!-- runs -->\n| array | units | what |\n|---|---|---|\n"
-    )
-    found, ended, _ = rest.partition("<!-- end of runs -->")
-    assert begun
-    assert ended
-    rows = ((f"`{quantity.name}`", quantity.units, quantity.long_name) for quantity in RUN_QUANTITIES)
-    assert found == "".join(f"| {' | '.join(row)} |\n" for row in rows)
+@pytest.fixture
+def made_up(tmp_path: Path) -> MonteCarloRuns:
+    return made_up_monte_carlo(tmp_path / "study.h5", waiting=(11,), crashed=(2,), late=(5,), dropped=(7,))
+
+
+def test_a_crash_counts_as_a_failure_and_a_waiting_run_not_at_all(made_up: MonteCarloRuns) -> None:
+    assert np.flatnonzero(made_up.failed).tolist() == [2, 5, 7]
+    assert (made_up.succeeded.sum(), made_up.made.sum()) == (8, 11)
+    assert made_up.interval == wilson_interval(8, 11)
+
+
+def test_the_worst_runs_failed_then_are_late_then_wrong(made_up: MonteCarloRuns) -> None:
+    assert made_up.worst(5).tolist() == [2, 5, 7, 10, 9]
+    assert made_up.why(2) == "crashed: ZeroDivisionError: by zero"
+    assert made_up.why(5) == "time limit of 60 s reached"
+    assert made_up.why(7) == "release met its end condition; monitor did not hold: object held"
+    assert made_up.why(10) == "release met its end condition"
+    assert made_up.command(5).endswith("--set seed=10 --set seed=15")
+
+
+def test_quantiles_are_over_the_runs_that_have_the_quantity(made_up: MonteCarloRuns) -> None:
+    spread = {each.name: each for each in made_up.quantiles()}
+    ends = spread["mission ends, completed runs [s]"]
+    completed = 28 + 0.01 * np.array([0, 1, 3, 4, 6, 7, 8, 9, 10])
+    assert ends.runs == 9
+    assert ends.at == pytest.approx(np.quantile(completed, (0.05, 0.5, 0.95)))
+    assert spread["final error [tolerances]"].runs == 10
+    assert spread["tightest position margin [% of the limit]"].at == (50.0, 50.0, 50.0)
+
+
+def test_a_study_without_a_run_knows_nothing(tmp_path: Path) -> None:
+    runs = made_up_monte_carlo(tmp_path / "study.h5", 2, waiting=(0, 1))
+    assert runs.interval == (0.0, 1.0)
+    assert not len(runs.worst(5))
+    assert all(np.isnan(each.at).all() and not each.runs for each in runs.quantiles())
+
+
+@pytest.mark.parametrize("name", ["status", "seed", "switch_time", "monitor_margin", "final_error"])
+def test_an_array_of_another_shape_is_refused(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "study.h5"
+    made_up_monte_carlo(path, 2)
+    with h5py.File(path, "r+") as file:
+        described = dict(file[name].attrs)
+        del file[name]
+        dataset = file.create_dataset(name, data=1)
+        dataset.attrs.update({key: described[key] for key in ("units", "long_name")})
+    with pytest.raises(LogError, match=f"expected {name} along run"):
+        read_monte_carlo(path)

@@ -7,7 +7,6 @@ from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.logs.results import Results
 from psmpc_cli.studies.fronts import dominated, extents
-from psmpc_cli.studies.parallel import LocalCalls
 from psmpc_cli.studies.pareto import HIGHEST, LOWEST, Question, choose_samples, is_log, parse_times, solve_pareto
 from psmpc_cli.studies.pareto_file import STATUS, costs_of, methods_in, read_pareto
 
@@ -35,14 +34,14 @@ def log(run: Path) -> Log:
 @pytest.fixture(scope="module")
 def studied(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Results:
     path = tmp_path_factory.mktemp("held") / "pareto.h5"
-    solve_pareto(run, question(at=(0.2, 0.5)), path, LocalCalls(1))
+    solve_pareto(run, question(at=(0.2, 0.5)), path, 1)
     return read_pareto(path)
 
 
 @pytest.fixture(scope="module")
 def in_space(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Results:
     path = tmp_path_factory.mktemp("free") / "pareto.h5"
-    solve_pareto(run, question(at=(0.3,), method="weighted-sum", free=True), path, LocalCalls(1))
+    solve_pareto(run, question(at=(0.3,), method="weighted-sum", free=True), path, 1)
     return read_pareto(path)
 
 
@@ -119,7 +118,7 @@ def test_a_third_criterion_has_its_own_fronts(in_space: Results) -> None:
 
 def test_bounds_alone_need_two_weighted_sums_only(run: Path, tmp_path: Path) -> None:
     path = tmp_path / "pareto.h5"
-    solve_pareto(run, question(at=(0.5,), method="epsilon-constraint"), path, LocalCalls(1))
+    solve_pareto(run, question(at=(0.5,), method="epsilon-constraint"), path, 1)
     results = read_pareto(path)
     assert methods_in(results) == ("constrained",)
     assert results["constrained_J_1"].shape == (1, POINTS)
@@ -161,14 +160,14 @@ def test_questions_without_answer_are_refused(
     run: Path, tmp_path: Path, changes: dict[str, object], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
-        solve_pareto(run, question(**changes), tmp_path / "pareto.h5", LocalCalls(1))
+        solve_pareto(run, question(**changes), tmp_path / "pareto.h5", 1)
     assert not (tmp_path / "pareto.h5").exists()
 
 
 def test_a_log_without_plans_is_refused(tmp_path: Path) -> None:
     run = run_there_and_back(tmp_path, "log.plans=false")
     with pytest.raises(LogError, match="holds no plans"):
-        solve_pareto(run, question(), tmp_path / "pareto.h5", LocalCalls(1))
+        solve_pareto(run, question(), tmp_path / "pareto.h5", 1)
 
 
 @pytest.mark.parametrize(("text", "times"), [(None, ()), ("6.1", (6.1,)), ("8, 6.1,8", (6.1, 8.0))])

@@ -9,7 +9,6 @@ import pytest
 from psmpc_cli.errors import InputError, SpecError
 from psmpc_cli.logs.comparison import merge_logs, read_comparison
 from psmpc_cli.logs.read import read_log
-from psmpc_cli.simulation.sweep_cells import sweep_cells
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.claims import Claim, Finding
 from psmpc_cli.studies.reproduce import (
@@ -21,6 +20,7 @@ from psmpc_cli.studies.reproduce import (
     load_variants,
     load_weights_sweep,
 )
+from psmpc_cli.studies.weights import sweep_cells
 
 from ..made_up_fronts import made_up_fronts
 from ..made_up_sweep import made_up_sweep

@@ -1,0 +1,303 @@
+"""The runner of studies: calls in parallel, and a results file that is filled in and resumed.
+
+What is called is defined inside the tests, so that it is sent to the processes by value: they cannot import tests.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import psmpc_cli
+from psmpc_cli.errors import InputError
+from psmpc_cli.logs.results import Results, read_results
+from psmpc_cli.logs.schema import SWEEP
+from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.studies.runner import LOST, Progress, Study, changed, compute, create_file, differing_keys, run_study
+from psmpc_cli.studies.sweep import COMPUTED, FAILED, SHARED, WAITING, load_sweep_task, weight_study
+from psmpc_cli.studies.weights import grid_sampling
+
+from ..there_and_back import TASK
+
+Call = Callable[[int], int]
+
+
+def doubling(*fatal: int, once: Path | None = None) -> Call:
+    """A call that doubles its item; some items kill their process, every time or until a note exists."""
+
+    def call(item: int) -> int:
+        if item in fatal and not (once and once.exists()):
+            if once:
+                once.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return 2 * item
+
+    return call
+
+
+def doubled(*lost: int) -> dict[int, int | None]:
+    return {item: None if item in lost else 2 * item for item in range(6)}
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_every_item_gets_its_result(jobs: int) -> None:
+    assert dict(compute(doubling(), range(6), jobs)) == doubled()
+    assert list(compute(doubling(), [], jobs)) == []
+
+
+def test_a_killed_process_loses_no_result(tmp_path: Path) -> None:
+    found = list(compute(doubling(2, once=tmp_path / "note"), range(6), 2))
+    assert sorted(found) == sorted(doubled().items())
+
+
+@pytest.mark.slow
+def test_calls_that_kill_their_process_each_time_are_lost_and_no_others() -> None:
+    assert dict(compute(doubling(1, 4), range(6), 2)) == doubled(1, 4)
+
+
+def test_what_a_call_raises_is_raised() -> None:
+    def call(item: int) -> int:
+        raise ArithmeticError("no such luck")
+
+    with pytest.raises(ArithmeticError, match="no such luck"):
+        list(compute(call, range(2), 1))
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_calls_are_made_in_other_processes_with_one_thread_and_no_more_than_wanted_at_once(
+    jobs: int, tmp_path: Path
+) -> None:
+    def call(item: int) -> tuple[int, int, str]:
+        (mine := tmp_path / str(item)).touch()
+        time.sleep(0.05)
+        at_once = len(list(tmp_path.iterdir()))
+        mine.unlink()
+        return os.getpid(), at_once, os.environ["OMP_NUM_THREADS"]
+
+    found = [result for _, result in compute(call, range(8), jobs)]
+    assert os.getpid() not in {process for process, _, _ in found}
+    assert max(at_once for _, at_once, _ in found) <= jobs
+    assert {threads for _, _, threads in found} == {"1"}
+
+
+def test_results_come_before_all_calls_are_made(tmp_path: Path) -> None:
+    def call(item: int) -> None:
+        (tmp_path / str(item)).touch()
+
+    results = compute(call, range(500), 1)
+    next(results)
+    results.close()
+    assert len(list(tmp_path.iterdir())) < 500
+
+
+@pytest.fixture(scope="module")
+def task(tmp_path_factory: pytest.TempPathFactory) -> Task:
+    path = tmp_path_factory.mktemp("task") / "task.yaml"
+    path.write_text(TASK)
+    return load_sweep_task(path)
+
+
+def study_of(task: Task, grid: str = "2x2", every_cell: bool = False) -> Study:
+    return weight_study(task, (0, 1), grid_sampling(grid, (0.1, 10.0)), every_cell)
+
+
+@pytest.fixture(scope="module")
+def whole(task: Task, tmp_path_factory: pytest.TempPathFactory) -> Results:
+    return run_study(study_of(task), tmp_path_factory.mktemp("study") / "whole.h5", 2)
+
+
+def assert_same(found: Results, wanted: Results) -> None:
+    """Everything but measured times is equal."""
+    for name, quantity in wanted.quantities.items():
+        if "wall time" not in quantity.long_name:
+            np.testing.assert_array_equal(found[name], quantity.values, err_msg=name)
+
+
+def stop_after(runs: int) -> Callable[[Progress], None]:
+    def watch(progress: Progress) -> None:
+        if progress.ended == runs:
+            raise KeyboardInterrupt
+
+    return watch
+
+
+def test_a_study_that_was_stopped_is_resumed_to_the_same_results(tmp_path: Path, task: Task, whole: Results) -> None:
+    path, seen = tmp_path / "study.h5", list[Progress]()
+    with pytest.raises(KeyboardInterrupt):
+        run_study(study_of(task), path, 1, watch=stop_after(1))
+    stopped = read_results(path, SWEEP)
+    assert stopped["status"].ravel().tolist() == [COMPUTED, WAITING, WAITING, SHARED]
+    resumed = run_study(study_of(task), path, 1, resume=True, watch=seen.append)
+    assert (seen[-1].runs, seen[-1].ended) == (2, 2)
+    assert float(resumed["wall_time"]) > float(stopped["wall_time"])
+    assert_same(resumed, whole)
+
+
+def test_a_cell_that_fails_is_marked_and_computed_again_when_resumed(
+    tmp_path: Path, task: Task, whole: Results
+) -> None:
+    study, first = study_of(task), replace(study_of(task), measure=failing(study_of(task), 10.0))
+    results = run_study(first, tmp_path / "study.h5", 1)
+    assert results["status"].tolist() == [[COMPUTED, FAILED], [COMPUTED, SHARED]]
+    assert results["reason"][0, 1] == "ArithmeticError: no such luck"
+    assert np.isnan(results["completion_time"][0, 1])
+    assert_same(run_study(study, tmp_path / "study.h5", 1, resume=True), whole)
+
+
+def failing(study: Study, priority: float) -> Callable[..., object]:
+    """A measure that raises for this priority of the first stage."""
+    measure = study.measure
+
+    def raising(run: object) -> object:
+        if run.stages["priority"][0] == priority:
+            raise ArithmeticError("no such luck")
+        return measure(run)
+
+    return raising
+
+
+@pytest.mark.slow
+def test_a_cell_that_kills_its_process_is_lost_and_the_others_are_computed(tmp_path: Path, task: Task) -> None:
+    def killing(run: object) -> object:
+        if run.stages["priority"][0] == 10.0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return {}, ""
+
+    results = run_study(replace(study_of(task), measure=killing), tmp_path / "study.h5", 2)
+    assert results["status"].tolist() == [[COMPUTED, FAILED], [COMPUTED, SHARED]]
+    assert results["reason"][0, 1] == LOST
+
+
+@pytest.mark.parametrize(
+    ("changes", "grid", "every_cell", "named"),
+    [
+        ((), "3x3", False, "sampling 2x2, this one has 3x3"),
+        ((), "2x2", True, "every cell 0, this one has 1"),
+        (("controller.nodes=9",), "2x2", False, "controller.nodes 5, this one has 9"),
+    ],
+)
+def test_another_study_is_not_resumed(
+    whole: Results, task: Task, changes: tuple[str, ...], grid: str, every_cell: bool, named: str
+) -> None:
+    before = whole.path.read_bytes()
+    with pytest.raises(InputError, match="holds another sweep") as error:
+        run_study(study_of(changed(task, changes), grid, every_cell), whole.path, resume=True)
+    assert named in str(error.value)
+    assert whole.path.read_bytes() == before
+
+
+def test_a_study_of_another_version_or_without_a_file_is_not_resumed(tmp_path: Path, task: Task) -> None:
+    with pytest.raises(InputError, match="found no file"):
+        run_study(study_of(task), tmp_path / "study.h5", resume=True)
+    create_file(study_of(task), tmp_path / "study.h5")
+    with h5py.File(tmp_path / "study.h5", "r+") as file:
+        file.attrs["psmpc_version"] = "0.0.1"
+    with pytest.raises(InputError, match=r"found psmpc version 0\.0\.1, this one has "):
+        run_study(study_of(task), tmp_path / "study.h5", resume=True)
+
+
+def test_an_existing_file_is_kept_without_force(whole: Results, task: Task) -> None:
+    with pytest.raises(InputError, match="exists already"):
+        run_study(study_of(task), whole.path)
+
+
+def results_of(task: Task, **attributes: str) -> Results:
+    texts = {"task_name": task.spec.name, "task_yaml": task.task_yaml, "robot_yaml": task.robot_yaml}
+    return Results(Path("study.h5"), {**texts, **attributes}, {})
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (("controller.nodes=25",), "found controller.nodes 100, this one has 25"),
+        (("stages.capture.priority=5",), "found stages[1].priority 100.0, this one has 5.0"),
+        (("monitors=[]",), "found monitors a list of 1 entry, this one has []"),
+        (("controller.nodes=25", "controller.kind=smpc", "seed=3", "uncertainty.mass=0.1"), "; and 1 more key differs"),
+    ],
+)
+def test_another_task_is_told_by_the_keys_that_differ(changes: tuple[str, ...], words: str) -> None:
+    assert words in differing_keys(results_of(load_task("transport")), load_task("transport", changes))
+
+
+def test_another_task_is_told_by_its_name_and_its_robot() -> None:
+    task = load_task("transport")
+    said = differing_keys(results_of(task), load_task("approach_capture"))
+    assert said == 'found the task "transport", this one is "approach_capture"'
+    heavier = task.robot_yaml.replace("mass: 30, inertia", "mass: 31, inertia", 1)
+    assert differing_keys(results_of(task, robot_yaml=heavier), task) == "found robot.base.mass 31.0, this one has 30.0"
+    assert "does not hold in this version" in differing_keys(results_of(task, task_yaml="nonsense: 1"), task)
+
+
+@contextmanager
+def dask_cluster(folder: Path, *worker: str) -> Iterator[str]:
+    """Start a Dask scheduler and workers on this machine, and give the scheduler's address."""
+    local = ("--host", "127.0.0.1", "--dashboard-address", "127.0.0.1:0")
+    settings = {
+        "PYTHONPATH": str(Path(psmpc_cli.__file__).parents[1]),
+        "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1",
+        "DASK_TEMPORARY_DIRECTORY": str(folder),
+    }
+    file, started = folder / "scheduler.json", list[subprocess.Popen[bytes]]()
+
+    def start(*arguments: str) -> None:
+        command = [sys.executable, "-m", "dask", *arguments, *local]
+        quiet = subprocess.DEVNULL
+        started.append(subprocess.Popen(command, env={**os.environ, **settings}, stdout=quiet, stderr=quiet))
+
+    try:
+        start("scheduler", "--port", "0", "--scheduler-file", str(file))
+        for _ in range(600):
+            if file.exists() and file.read_text().endswith("}"):
+                break
+            time.sleep(0.1)
+        address = str(json.loads(file.read_text())["address"])
+        start("worker", address, *worker)
+        yield address
+    finally:
+        for process in reversed(started):
+            process.terminate()
+            process.wait(20)
+
+
+@pytest.mark.slow
+def test_a_cluster_computes_what_this_machine_does_and_survives_killed_workers(
+    tmp_path: Path, task: Task, whole: Results, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with dask_cluster(tmp_path, "--nthreads", "1", "--nworkers", "2") as address:
+        assert_same(run_study(study_of(task), tmp_path / "study.h5", dask=address), whole)
+        assert dict(compute(doubling(1), range(6), dask=address)) == doubled(1)
+        with pytest.raises(ArithmeticError, match="no such luck"):
+            list(compute(lambda item: (_ for _ in ()).throw(ArithmeticError("no such luck")), [1], dask=address))
+    assert tuple(capfd.readouterr()) == ("", "")
+
+
+@pytest.mark.slow
+def test_workers_with_several_threads_are_rejected(tmp_path: Path) -> None:
+    several = dask_cluster(tmp_path, "--nthreads", "2", "--no-nanny")
+    with several as address, pytest.raises(InputError, match="has 2 threads"):
+        list(compute(doubling(), range(2), dask=address))
+
+
+@pytest.mark.parametrize("address", ["localhost", "", "http://127.0.0.1:1", "tcp://127.0.0.1:1"])
+def test_an_address_without_a_scheduler_is_told(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("psmpc_cli.studies.runner.CONNECTING", 1)
+    with pytest.raises(InputError, match="dask scheduler --host") as error:
+        list(compute(doubling(), range(2), dask=address))
+    assert f"'{address}'" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"pip install 'psmpc\[dask\]'"):
+        list(compute(doubling(), range(2), dask="tcp://127.0.0.1:8786"))

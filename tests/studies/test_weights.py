@@ -1,0 +1,299 @@
+"""Pairs of priorities: which ones a sweep tries, what its cells came to, and which ratio it recommends."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.specs.load import load_task
+from psmpc_cli.studies.weights import (
+    GRID,
+    RANDOM,
+    RATIOS,
+    WITHIN,
+    Recommendation,
+    along_ratio,
+    grid_sampling,
+    guidance,
+    is_grid,
+    origins,
+    parse_epsilons,
+    parse_range,
+    parse_stages,
+    random_sampling,
+    recommend,
+    sweep_cells,
+)
+
+from ..made_up_sweep import EPSILONS, T_H, T_S, Numbers, made_up_sweep, numbers, sampling_of
+
+BOX = (1e-3, 1e3)
+
+
+def test_a_grid_has_omega_1_along_its_columns_and_omega_2_along_its_rows() -> None:
+    sampling = grid_sampling("5x3", BOX)
+    assert sampling.shape == (3, 5)
+    omega = sampling.omega.reshape(3, 5, 2)
+    np.testing.assert_allclose(omega[0, :, 0], 10.0 ** np.linspace(-3, 3, 5))
+    np.testing.assert_allclose(omega[:, 0, 1], [1e-3, 1, 1e3])
+
+
+def test_the_papers_grid_has_49_distinct_ratios_and_they_are_those_of_49_ratios() -> None:
+    grid, ratios = grid_sampling("25x25", BOX), grid_sampling("49", BOX)
+    distinct = np.unique(np.round(np.log10(grid.ratio), 9))
+    assert len(grid.omega) == 625
+    assert len(distinct) == 49
+    np.testing.assert_allclose(distinct, np.log10(ratios.ratio), atol=1e-9)
+
+
+def test_ratios_lie_within_the_box_and_around_one() -> None:
+    sampling = grid_sampling("9", BOX)
+    assert sampling.shape == (9,)
+    assert sampling.omega.min() >= 1e-3 * (1 - 1e-12)
+    assert sampling.omega.max() <= 1e3 * (1 + 1e-12)
+    np.testing.assert_allclose(sampling.omega.prod(axis=1), 1)
+
+
+def test_random_draws_repeat_with_their_seed_and_stay_in_the_box() -> None:
+    one, same, other = (random_sampling("random:200", (0.1, 10.0), seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one.omega, same.omega)
+    assert not np.array_equal(one.omega, other.omega)
+    assert 0.1 <= one.omega.min() < one.omega.max() <= 10.0
+    assert abs(np.log10(one.omega).mean()) < 0.2
+
+
+@pytest.mark.parametrize("text", ["25x", "x25", "1x25", "25x25x25", "1", "0", "2.5x3", "-3x3", "25 x 25", "400x400"])
+def test_what_is_no_grid_is_refused_with_its_text(text: str) -> None:
+    with pytest.raises(InputError, match="expected") as error:
+        grid_sampling(text, BOX)
+    assert text in str(error.value)
+
+
+@pytest.mark.parametrize("text", ["random", "random:", "random:0", "random:-3", "lhs:30", "random:1e3"])
+def test_what_is_no_sampling_is_refused_with_its_text(text: str) -> None:
+    with pytest.raises(InputError, match=r"expected random:N") as error:
+        random_sampling(text, BOX, 0)
+    assert text in str(error.value)
+
+
+@pytest.mark.parametrize("text", ["1e-3", "1e3:1e-3", "0:1", "-1:1", "a:b", "1:inf", "nan:1", "1:1", ""])
+def test_what_is_no_range_is_refused_with_its_text(text: str) -> None:
+    with pytest.raises(InputError, match="expected LOW:HIGH") as error:
+        parse_range(text)
+    assert f"'{text}'" in str(error.value)
+
+
+@pytest.mark.parametrize("text", ["", "0", "-1,1", "a", "1e-3;1e-2", "nan", "inf"])
+def test_what_are_no_thresholds_is_refused_with_its_text(text: str) -> None:
+    with pytest.raises(InputError, match="expected positive numbers"):
+        parse_epsilons(text)
+
+
+def test_thresholds_come_sorted_and_each_once() -> None:
+    assert parse_epsilons("0.1, 1e-3,0.1") == (1e-3, 0.1)
+
+
+def test_a_task_is_not_taken_for_a_grid() -> None:
+    assert all(is_grid(text) for text in ("25x25", "49", "25y25", "-3"))
+    assert not any(is_grid(text) for text in ("transport", "tasks/transport.yaml", "2024/task.yaml", "3_arms.yaml"))
+
+
+@pytest.mark.parametrize("text", ["1", "1,3", "2,1", "2,3", "approach,transport", "0,1", "1,2,3", "a,b", ""])
+def test_two_stages_that_are_none_are_refused_with_the_choices(text: str) -> None:
+    task = load_task("approach_capture")
+    with pytest.raises(InputError, match="1 approach, 2 capture"):
+        parse_stages(text, task)
+
+
+def test_stages_go_by_number_or_name() -> None:
+    task = load_task("transport")
+    assert parse_stages("2,3", task) == parse_stages("capture, transport", task) == (1, 2)
+
+
+@pytest.mark.parametrize("kind", ["smpc", "hard", "htmpc"])
+def test_a_controller_without_priorities_is_refused(kind: str) -> None:
+    task = load_task("approach_capture", (f"controller.kind={kind}",))
+    with pytest.raises(InputError, match="has no priorities"):
+        parse_stages("1,2", task)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "sweep.h5"
+
+
+@pytest.mark.parametrize(("sampling", "kind"), [("3x5", GRID), ("7", RATIOS), ("random:9", RANDOM)])
+def test_cells_stand_in_the_order_of_the_sampling(path: Path, sampling: str, kind: str) -> None:
+    cells = sweep_cells(made_up_sweep(path, sampling))
+    assert cells.sampling == kind
+    np.testing.assert_allclose(cells.omega, sampling_of(sampling).omega)
+    np.testing.assert_allclose(cells.ratio, sampling_of(sampling).ratio)
+    for cell, ratio in enumerate(cells.ratio):
+        np.testing.assert_allclose(cells.of("actual_start")[cell], numbers(ratio)["actual_start"])
+        assert cells.of("completion_time")[cell] == numbers(ratio)["completion_time"]
+
+
+def test_every_cell_waits_failed_or_ended(path: Path) -> None:
+    cells = sweep_cells(made_up_sweep(path, "3x3", waiting=(0, 1), failed=(4,)))
+    assert np.flatnonzero(cells.waiting).tolist() == [0, 1]
+    assert np.flatnonzero(cells.failed).tolist() == [4]
+    np.testing.assert_array_equal(cells.ended, ~cells.waiting & ~cells.failed)
+
+
+def test_names_instants_and_priorities_are_those_of_the_studied_stages(path: Path) -> None:
+    cells = sweep_cells(made_up_sweep(path, "3x3"))
+    assert cells.names == ("approach", "capture")
+    assert cells.own_ratio == 100.0
+    np.testing.assert_allclose(cells.instant, T_S)
+    np.testing.assert_allclose(cells.floor, T_S - T_H)
+
+
+@pytest.mark.parametrize(("epsilons", "chosen"), [(EPSILONS, 0.1), ((0.1, 1.0, 10.0), 0.1), ((1e-3, 1e-2), 1e-2)])
+def test_the_chosen_threshold_is_the_tasks_or_the_largest(
+    path: Path, epsilons: tuple[float, ...], chosen: float
+) -> None:
+    cells = sweep_cells(made_up_sweep(path, "2", waiting=(0, 1), epsilons=epsilons))
+    assert cells.epsilons[cells.chosen] == chosen
+
+
+def test_cells_of_one_ratio_are_taken_together(path: Path) -> None:
+    cells = sweep_cells(made_up_sweep(path, "3x3", failed=(0,)))
+    values = np.arange(9.0)
+    found = along_ratio(cells, values)
+    np.testing.assert_allclose(found.ratio, [1e-6, 1e-3, 1.0, 1e3, 1e6])
+    # the cell in row omega_2 and column omega_1 has the number 3 row + column, and 0 on the diagonal failed
+    np.testing.assert_array_equal(found.lowest, [2, 1, 4, 3, 6])
+    np.testing.assert_array_equal(found.highest, [2, 5, 8, 7, 6])
+    np.testing.assert_array_equal(found.middle, [2, 3, 6, 5, 6])
+
+
+def test_what_cells_share_counts_once(path: Path) -> None:
+    cells = sweep_cells(made_up_sweep(path, "3x3", waiting=(1,), failed=(2,)))
+    assert cells.count("solves") == 700
+    cells.results["origin"][2, 2] = 0
+    assert cells.count("solves") == 600
+
+
+def test_a_sweep_without_ended_cells_has_nothing_along_the_ratio(path: Path) -> None:
+    cells = sweep_cells(made_up_sweep(path, "3", waiting=(0, 1), failed=(2,)))
+    assert len(along_ratio(cells, cells.instant).ratio) == 0
+
+
+@pytest.mark.parametrize(
+    "changes", [{"stages": ""}, {"stages": "one,two"}, {"task_yaml": "robot: nobody"}, {"robot_yaml": None}]
+)
+def test_a_file_that_does_not_say_what_ran_is_refused_by_name(path: Path, changes: dict[str, str | None]) -> None:
+    results = made_up_sweep(path, "2")
+    attributes = {key: value for key, value in {**results.attributes, **changes}.items() if value is not None}
+    with pytest.raises(LogError, match=str(path)):
+        sweep_cells(replace(results, attributes=attributes))
+
+
+def test_runs_are_shared_where_all_priorities_over_the_largest_are_equal() -> None:
+    omega = grid_sampling("3x3", (0.1, 10.0)).omega
+    assert len(np.unique(origins(load_task("approach_capture"), (0, 1), omega))) == 5
+    assert len(np.unique(origins(load_task("transport"), (0, 1), omega))) == 9
+
+
+def test_cells_with_equal_runs_are_one_group(path: Path) -> None:
+    groups = sweep_cells(made_up_sweep(path, "3x3", failed=(0,))).groups
+    assert [group.tolist() for group in groups] == [[2], [1, 5], [4, 8], [3, 7], [6]]
+    assert all(len(group) == 1 for group in sweep_cells(made_up_sweep(path, "3x3", task="transport")).groups)
+
+
+Recommend = Callable[..., Recommendation | None]
+
+SEVEN = "7"
+"""Ratios 1e-6, 1e-4, ..., 1e6; completion within 5 % of the earliest from 100 on, 14.02 s."""
+
+
+@pytest.fixture
+def recommended(tmp_path: Path) -> Recommend:
+    def of(sampling: str = SEVEN, **given: object) -> Recommendation | None:
+        return recommend(sweep_cells(made_up_sweep(tmp_path / "sweep.h5", sampling, **given)))
+
+    return of
+
+
+def with_error(at: dict[float, float]) -> Callable[[float], Numbers]:
+    """Made-up numbers with other final errors at some ratios."""
+    return lambda ratio: {**numbers(ratio), "final_error": at.get(float(f"{ratio:.6g}"), 0.9)}
+
+
+def test_it_is_the_smallest_ratio_that_completes_early_enough(recommended: Recommend) -> None:
+    best = recommended("13")
+    assert best is not None
+    assert best.ratio == pytest.approx(10.0)
+    assert best.completion <= (1 + WITHIN) * best.earliest
+    assert numbers(1.0)["completion_time"] > (1 + WITHIN) * best.earliest
+    assert best.effort == pytest.approx(1.1)
+    assert best.efforts == pytest.approx((1.0, 1.0 + 1e4))
+    assert not best.preliminary
+
+
+def test_errors_within_the_tolerance_are_none(recommended: Recommend) -> None:
+    best, other = recommended(), recommended(of=with_error({1e-6: 0.5, 100.0: 1.0}))
+    assert best is not None
+    assert other is not None
+    assert (best.ratio, other.ratio) == (pytest.approx(100.0), pytest.approx(100.0))
+
+
+def test_a_ratio_that_raises_the_error_is_passed_over(recommended: Recommend) -> None:
+    best = recommended(of=with_error({100.0: 1.01}))
+    assert best is not None
+    assert best.ratio == pytest.approx(1e4)
+
+
+def test_an_error_is_not_raised_that_the_smallest_ratio_has_as_well(recommended: Recommend) -> None:
+    best = recommended(of=with_error({1e-6: 1.2, 100.0: 1.2}))
+    assert best is not None
+    assert best.ratio == pytest.approx(100.0)
+
+
+def test_a_stage_without_end_condition_has_no_error_to_raise(recommended: Recommend) -> None:
+    best = recommended(of=lambda ratio: {**numbers(ratio), "final_error": float("nan")})
+    assert best is not None
+    assert best.ratio == pytest.approx(100.0)
+    assert "final error" not in str(best)
+
+
+def test_a_ratio_with_a_failed_cell_is_passed_over(recommended: Recommend) -> None:
+    elsewhere = recommended("7x7", failed=(35,))  # omega = (1e-3, 1e2)
+    there = recommended("7x7", failed=(23,))  # omega = (0.1, 1)
+    assert elsewhere is not None
+    assert there is not None
+    assert (elsewhere.ratio, there.ratio) == (pytest.approx(10.0), pytest.approx(100.0))
+
+
+def test_what_waits_makes_it_preliminary(recommended: Recommend) -> None:
+    best = recommended(waiting=(4,))
+    assert best is not None
+    assert best.preliminary
+    assert best.ratio == pytest.approx(1e4)
+    assert "so far" in str(best)
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ({"failed": tuple(range(7))}, "no cell has come to its end"),
+        ({"of": lambda ratio: {**numbers(ratio), "final_error": 0.9 + ratio}}, "raised the final error"),
+        ({"sampling": "3x3", "failed": (0, 4, 3, 6)}, "had a cell that failed"),
+    ],
+)
+def test_why_there_is_none_is_told(path: Path, given: dict[str, object], why: str) -> None:
+    cells = sweep_cells(made_up_sweep(path, **{"sampling": SEVEN, **given}))
+    assert recommend(cells) is None
+    assert guidance(cells).startswith("no ratio is recommended: ")
+    assert why in guidance(cells)
+
+
+def test_it_is_told_in_one_line(recommended: Recommend) -> None:
+    line = str(recommended())
+    assert "\n" not in line
+    assert line.startswith("recommended omega_2/omega_1: 100,")
+    assert "completes within 5% of the earliest: at 14.00 s, earliest 14.00 s" in line
+    assert "final error is 0.90 of the tolerance" in line

@@ -8,8 +8,7 @@ import numpy as np
 
 from psmpc_cli.logs.read import Log as Run
 from psmpc_cli.logs.results import Quantity
-from psmpc_cli.ocp.costs import StageCosts
-from psmpc_cli.ocp.stages import build_stages
+from psmpc_cli.ocp.problem import StageCosts, build_stages
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.simulation.measures import end_error
 from psmpc_cli.simulation.summary import LimitSummary, Summary, summarize, task_of

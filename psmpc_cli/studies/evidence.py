@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -181,8 +182,7 @@ def _errors(log: Log, task: Task) -> Iterator[tuple[str, tuple[np.ndarray, np.nd
             yield stage.name, (time, np.max(np.abs(error) / stage.tolerance, axis=1))
 
 
-@dataclass(frozen=True)
-class Trend:
+class Trend(NamedTuple):
     """How the actual start depends on the ratio, for one threshold.
 
     Attributes:
@@ -199,24 +199,6 @@ class Trend:
     last: float
 
 
-@dataclass(frozen=True)
-class Slack:
-    """The actual start that is closest to t_s - T_h: start, ratio, threshold, and the start less t_s - T_h [s]."""
-
-    slack: float
-    start: float
-    ratio: float
-    epsilon: float
-
-
-@dataclass(frozen=True)
-class Settled:
-    """Where the actual start stabilizes: its value at the largest ratio [s], and the ratio from which on it has it."""
-
-    start: float
-    ratio: float
-
-
 def trends(cells: SweepCells) -> tuple[Trend, ...]:
     """Return for each threshold how the actual start depends on the ratio."""
     found = []
@@ -229,17 +211,20 @@ def trends(cells: SweepCells) -> tuple[Trend, ...]:
     return tuple(found)
 
 
-def least_slack(cells: SweepCells) -> Slack:
-    """Return the actual start that is closest to t_s - T_h, or furthest before it, of all cells and thresholds."""
+def least_slack(cells: SweepCells) -> tuple[float, float, float, float]:
+    """Return the actual start closest to t_s - T_h, or furthest before it, of all cells and thresholds.
+
+    Its distance from there [s], itself [s], ratio and threshold.
+    """
     starts = cells.of("actual_start")
     slacks = np.where(cells.ended[:, None], starts - cells.floor[:, None], np.inf)
     at = np.unravel_index(np.argmin(slacks), slacks.shape)
-    return Slack(float(slacks[at]), float(starts[at]), float(cells.ratio[at[0]]), float(cells.epsilons[at[1]]))
+    return float(slacks[at]), float(starts[at]), float(cells.ratio[at[0]]), float(cells.epsilons[at[1]])
 
 
-def settled(cells: SweepCells) -> Settled:
-    """Return where the actual start for the chosen threshold stabilizes, to one sample."""
+def settled(cells: SweepCells) -> tuple[float, float]:
+    """Return the actual start at the largest ratio [s], and from which ratio on it stays there to one sample."""
     start = along_ratio(cells, cells.of("actual_start")[:, cells.chosen])
     apart = np.abs(start.middle - start.middle[-1]) > cells.task.spec.controller.sample_time + ROUNDING
     first = int(np.flatnonzero(apart)[-1]) + 1 if apart.any() else 0
-    return Settled(float(start.middle[-1]), float(start.ratio[first]))
+    return float(start.middle[-1]), float(start.ratio[first])

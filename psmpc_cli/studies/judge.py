@@ -177,24 +177,24 @@ def _trend(claim: Claim, evidence: Evidence) -> Finding:
 
 def _weights_floor(claim: Claim, evidence: Evidence) -> Finding:
     """No actual start of any cell, for any threshold, is more than a sample before t_s - T_h."""
-    sample, least = evidence.weights.task.spec.controller.sample_time, least_slack(evidence.weights)
-    holds = least.slack >= -sample - ROUNDING
-    where = f"at ratio {least.ratio:.4g} and epsilon = {least.epsilon:g} it starts at {least.start:.2f} s"
-    cause = () if holds else (f"{where}, {-least.slack:.2f} s before t_s - T_h",)
-    return Finding(claim, least.slack, holds, "s", min(least.slack, 0.0), sample, cause=cause)
+    sample = evidence.weights.task.spec.controller.sample_time
+    slack, start, ratio, epsilon = least_slack(evidence.weights)
+    holds = slack >= -sample - ROUNDING
+    where = f"at ratio {ratio:.4g} and epsilon = {epsilon:g} it starts at {start:.2f} s"
+    cause = () if holds else (f"{where}, {-slack:.2f} s before t_s - T_h",)
+    return Finding(claim, slack, holds, "s", min(slack, 0.0), sample, cause=cause)
 
 
 def _settles(claim: Claim, evidence: Evidence) -> Finding:
     """The actual start at the largest ratio is within the tolerance of published times."""
     cells, published = evidence.weights, _number(claim)
-    found, tolerance = settled(cells), within(published)
-    holds = abs(found.start - published) <= tolerance + ROUNDING
+    (start, ratio), tolerance = settled(cells), within(published)
+    holds = abs(start - published) <= tolerance + ROUNDING
     cause = (
-        f"from ratio {found.ratio:.4g} on it is {found.start:.2f} s to one sample, for epsilon = "
-        f"{cells.epsilons[cells.chosen]:g}",
+        f"from ratio {ratio:.4g} on it is {start:.2f} s to one sample, for epsilon = {cells.epsilons[cells.chosen]:g}",
         f"t_s - T_h = {float(np.median(cells.floor[cells.ended])):.2f} s, and no start can be before it",
     )
-    return Finding(claim, found.start, holds, "s", found.start - published, tolerance, cause=() if holds else cause)
+    return Finding(claim, start, holds, "s", start - published, tolerance, cause=() if holds else cause)
 
 
 def _chosen(claim: Claim, evidence: Evidence) -> Finding:

@@ -298,9 +298,8 @@ def test_the_floor_is_broken_more_than_a_sample_before_it(sweep: Sweep) -> None:
     floor = T_S - T_H
     for start, holds in ((floor - 0.09, True), (floor - 0.11, False)):
         cells = sweep(of=starting(lambda ratio, start=start: [start if ratio > 1e5 else 7.0, 8.0]))
-        found, finding = least_slack(cells), of_weights("floor", cells)
-        assert found.slack == pytest.approx(start - floor)
-        assert (found.ratio, found.epsilon) == (pytest.approx(1e6), EPSILONS[0])
+        finding = of_weights("floor", cells)
+        assert least_slack(cells) == (pytest.approx(start - floor), start, pytest.approx(1e6), EPSILONS[0])
         assert finding.holds == holds
         assert bool(finding.cause) != holds
 
@@ -308,14 +307,12 @@ def test_the_floor_is_broken_more_than_a_sample_before_it(sweep: Sweep) -> None:
 def test_failed_cells_have_no_say(sweep: Sweep) -> None:
     cells = sweep(failed=(0,))
     cells.results["actual_start"][0, 0] = 0.0
-    assert least_slack(cells).slack == pytest.approx(6.2 - (T_S - T_H))
+    assert least_slack(cells)[0] == pytest.approx(6.2 - (T_S - T_H))
     assert max(trend.rise for trend in trends(cells)) == 0.0
 
 
 def test_where_it_settles_is_known_with_the_ratio_from_which_on(sweep: Sweep) -> None:
-    found = settled(sweep())
-    assert found.start == 6.2
-    assert found.ratio == pytest.approx(1e3)
+    assert settled(sweep()) == (6.2, pytest.approx(1e3))
     early = of_weights("settles", sweep())
     assert (early.reproduced, early.holds) == (6.2, True)
     late = of_weights("settles", sweep(of=starting(lambda ratio: [8.0, 8.0])))

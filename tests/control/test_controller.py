@@ -1,174 +1,205 @@
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from psmpc_cli.control.window_solver import WindowSolver
+import yaml
 
-from psmpc_cli.control import Command
-from psmpc_cli.control.controller import SwitchingController
-from psmpc_cli.logs.schema import Sample
-from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.window import Window
-from psmpc_cli.simulation.loop import Ending, closed_loop
+from psmpc_cli.control import Command, Controller, State
+from psmpc_cli.errors import RunError
+from psmpc_cli.robot.model import build_model
+from psmpc_cli.simulation.loop import closed_loop
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.simulation.setup import Experiment
-from psmpc_cli.solvers import Outcome
+from psmpc_cli.specs.load import Task, load_task
 
-QUICK = ("controller.nodes=8", "plant.kind=ideal", "log.plans=false")
-SHORT = (
-    *QUICK,
-    "stages.approach.target.base=[-0.3, 0.3, 5 deg]",
-    "stages.capture.target.base=[-0.3, 0.3, 5 deg]",
-    "stages.capture.target.arm_1=[1.1, 0.5, 20 deg]",
-    "stages.capture.target.arm_2=[-1.7, 0.1, -10 deg]",
-    "stages.transport.target.base=[-0.2, 0.2, 0 deg]",
-    "stages.transport.target.arm_1=[5 deg, 5 deg, 5 deg]",
-    "stages.transport.target.arm_2=[-5 deg, -5 deg, -5 deg]",
-    "stages.release.target.base=[-0.2, 0.2, 0 deg]",
-    "stages.release.target.arm_1=[1.25, 0.4, 10 deg]",
-    "stages.release.target.arm_2=[-1.65, 0.0, -10 deg]",
-    "monitors=[]",
-)
+from ..there_and_back import TASK
+from .runs import QUICK, SHORT, run, states, with_failures
+
+Build = Callable[..., Experiment]
+
+STEPPED = {
+    "psmpc": {},
+    "automatic nodes": {"controller.nodes": "auto", "solver.kind": "sqp"},
+    "several starts": {"controller.multistart": 3, "controller.pending_cost": 0.1},
+    "known delay": {"controller.known_delay": 2, "uncertainty.delay": 2, "controller.offset_free": True},
+    "htmpc": {"controller.kind": "htmpc"},
+    "sqp": {"solver.kind": "sqp", "controller.offset_free": True},
+}
 
 
-def run(experiment: Experiment) -> tuple[list[Sample], Ending]:
-    records, samples = [], closed_loop(experiment)
-    while True:
-        try:
-            records.append(next(samples))
-        except StopIteration as stop:
-            return records, stop.value
+def stepped(task: Task) -> list[Command]:
+    """Step a controller by hand against a double integrator, the state measured as late as the controller knows."""
+    controller, model = Controller(task), build_model(task.robot)
+    spec, tick = task.spec.controller, 1 / task.spec.plant.low_level_rate
+    Q, v = np.zeros(model.n), np.zeros(model.n)
+    measured = [State(Q, v)] * (spec.known_delay + 1)
+    commands: list[Command] = []
+    while not controller.done:
+        commands.append(controller.step(len(commands) * spec.sample_time, measured[0]))
+        u = commands[-1].u
+        Qdot = np.vstack([v, v + tick * np.cumsum(u, axis=0)])
+        Q = Q + np.cumsum(tick * Qdot[:-1] + tick**2 / 2 * u, axis=0)[-1]
+        v = Qdot[-1]
+        measured = [*measured[1:], State(Q, v)]
+    return commands
 
 
-class Unreliable(WindowSolver):
-    """Fails the solves whose number is listed, as a solver that does not converge would."""
+def assert_decided_as_simulated(task: Task) -> None:
+    """Check decisions by hand and in a simulation, bit for bit."""
+    *commands, last = stepped(task)
+    simulated = simulate(task)
+    for path, mine in (
+        ("time", [c.time for c in commands]),
+        ("control/u", [c.u[0] for c in commands]),
+        ("window/first", [c.stage.index for c in commands]),
+        ("solver/objective", [c.solution.J for c in commands]),
+        ("solver/iterations", [c.iterations for c in commands]),
+        *((f"events/{name}", [name in c.events for c in commands]) for name in ("appended", "postponed", "braking")),
+    ):
+        np.testing.assert_array_equal(simulated[path], mine)
+    for k, command in enumerate(commands):
+        instants = simulated["window/instants"][k]
+        np.testing.assert_array_equal(instants[np.isfinite(instants)], command.instants)
+    switches = [switch for command in (*commands, last) for switch in command.switches]
+    assert [stage for stage, _ in switches] == list(range(len(task.spec.stages)))
+    np.testing.assert_array_equal([time for _, time in switches], simulated.stages["switch_time"])
 
-    def __init__(self, windows: WindowSolver, failing: Callable[[float], bool]) -> None:
-        super().__init__(windows.task, windows.model, windows.costs)
-        self._compiled, self.failing = windows._compiled, failing
 
-    def solve(self, window: Window, *rest: object):
-        solved = super().solve(window, *rest)
-        if self.failing(window.start):
-            return replace(solved, solution=replace(solved.solution, outcome=Outcome.ITERATION_LIMIT))
-        return solved
+@pytest.mark.parametrize("changes", STEPPED.values(), ids=list(STEPPED))
+def test_stepped_by_hand_it_decides_as_in_a_simulation(changes: dict[str, object]) -> None:
+    assert_decided_as_simulated(load_task(yaml.safe_load(TASK), changes))
 
 
-def with_failures(experiment: Experiment, failing: Callable[[float], bool]) -> Experiment:
-    controller = experiment.controller
-    windows = Unreliable(controller.windows, failing)
-    return replace(experiment, controller=SwitchingController(controller.spec, controller.stages, windows))
+def test_stepped_by_hand_through_windows_with_several_switches() -> None:
+    assert_decided_as_simulated(load_task("transport", SHORT))
 
 
-def test_smpc_is_psmpc_with_equal_priorities(experiment_of: Callable[..., Experiment]) -> None:
+def test_a_controller_that_is_done_holds_its_target() -> None:
+    controller = Controller(load_task(yaml.safe_load(TASK)))
+    state, commands = State(np.zeros(9), np.zeros(9)), list[Command]()
+    for k in range(60):
+        commands.append(controller.step(0.1 * k, state))
+        state = State.of(commands[-1].plan.states_at(np.array([0.1 * (k + 1)]))[0])
+    assert controller.done
+    assert [switch.stage for command in commands for switch in command.switches] == [0, 1]
+    assert np.abs(state.x).max() < 1e-3
+
+
+def test_the_force_of_a_tick_is_computed_torque() -> None:
+    task = load_task("transport", [*SHORT, "plant.kind=rk4", "log.ticks=true", "time_limit=0.2"])
+    simulated = simulate(task)
+    command = Controller(task).step(0.0, State(simulated["state/Q"][0], simulated["state/Qdot"][0]))
+    for tick in (0, 1, 57, 99):
+        state = State(simulated.ticks["Q"][tick], simulated.ticks["Qdot"][tick])
+        force = command.force(simulated.ticks["time"][tick], state)
+        np.testing.assert_allclose(force, simulated.ticks["F"][tick], rtol=1e-9, atol=1e-12)
+
+
+def test_smpc_is_psmpc_with_equal_priorities(experiment_of: Build) -> None:
     equal = [f"stages.{name}.priority=1" for name in ("approach", "capture", "transport", "release")]
-    smpc, _ = run(experiment_of(*SHORT, "controller.kind=smpc"))
-    psmpc, _ = run(experiment_of(*SHORT, *equal))
+    smpc, _ = run(experiment_of(*SHORT, "time_limit=2.5", "controller.kind=smpc"))
+    psmpc, _ = run(experiment_of(*SHORT, "time_limit=2.5", *equal))
     assert len(smpc) == len(psmpc) > 20
     for one, other in zip(smpc, psmpc, strict=True):
-        np.testing.assert_array_equal(np.r_[one.Q, one.Qdot, one.u], np.r_[other.Q, other.Qdot, other.u])
-        np.testing.assert_array_equal(one.instants, other.instants)
+        np.testing.assert_array_equal(one.command.x, other.command.x)
+        np.testing.assert_array_equal(one.command.u, other.command.u)
+        np.testing.assert_array_equal(one.command.instants, other.command.instants)
 
 
-def test_scaling_all_priorities_changes_nothing(experiment_of: Callable[..., Experiment]) -> None:
+def test_scaling_all_priorities_changes_nothing(experiment_of: Build) -> None:
     scaled = zip(("approach", "capture", "transport", "release"), (64, 6400, 64, 0.64), strict=True)
-    once, _ = run(experiment_of(*SHORT))
-    again, _ = run(experiment_of(*SHORT, *(f"stages.{name}.priority={omega}" for name, omega in scaled)))
-    np.testing.assert_array_equal([r.command.x[:9] for r in once], [r.command.x[:9] for r in again])
+    once, _ = run(experiment_of(*SHORT, "time_limit=2.5"))
+    again, _ = run(
+        experiment_of(*SHORT, "time_limit=2.5", *(f"stages.{name}.priority={omega}" for name, omega in scaled))
+    )
+    np.testing.assert_array_equal(states(once), states(again))
 
 
-def test_hard_switching_never_looks_past_the_current_stage(experiment_of: Callable[..., Experiment]) -> None:
-    records, ending = run(experiment_of(*SHORT, "controller.kind=hard"))
+def test_hard_switching_never_looks_past_the_current_stage(experiment_of: Build) -> None:
+    samples, ending = run(experiment_of(*SHORT, "controller.kind=hard"))
     assert ending.completed
-    assert all(len(record.command.instants) == 0 for record in records)
-    assert not any(record.metrics.presence for record in records)
+    assert all(len(sample.command.instants) == 0 for sample in samples)
+    assert not any(sample.metrics.presence for sample in samples)
 
 
-def test_several_switches_fall_into_one_window(experiment_of: Callable[..., Experiment]) -> None:
-    records, ending = run(experiment_of(*SHORT))
+def test_several_switches_fall_into_one_window(experiment_of: Build) -> None:
+    samples, ending = run(experiment_of(*SHORT))
     assert ending.completed
-    assert max(len(record.command.instants) for record in records) == 2
-    times = [switch for record in records for switch in record.command.switches] + [
-        (s.stage, s.time) for s in ending.switches
-    ]
+    assert max(len(sample.command.instants) for sample in samples) == 2
+    times = [switch for sample in samples for switch in sample.command.switches] + list(ending.switches)
     assert [stage for stage, _ in times] == [0, 1, 2, 3]
     assert np.all(np.diff([time for _, time in times]) > 0)
 
 
-@pytest.mark.parametrize("guess", [0.2, 0.9, 3.9])
-def test_the_optimal_instant_does_not_depend_on_the_guess(
-    experiment_of: Callable[..., Experiment], decisions: list[Command], guess: float
-) -> None:
-    """The pending cost makes the instant the earliest at which the condition can be met."""
-    decision = next(d for d in decisions if len(d.plan.instants) == 1 and d.plan.instants[0] - d.plan.start < 1.4)
-    windows = experiment_of("controller.nodes=20").controller.windows
-    window = decision.solution.window
-    solved = windows.solve(window, decision.prediction, np.array([window.start + guess]))
-    assert solved.solution.outcome.usable
-    assert solved.plan.instants[0] == pytest.approx(decision.plan.instants[0], abs=1e-3)
-
-
-def test_a_failed_solve_falls_back_to_the_shifted_plan(experiment_of: Callable[..., Experiment]) -> None:
-    records, ending = run(with_failures(experiment_of(*SHORT), lambda now: 0.45 < now < 0.95))
-    fallen = [record for record in records if "solve_failed" in record.command.events]
-    assert [round(record.command.time, 1) for record in fallen] == [0.5, 0.6, 0.7, 0.8, 0.9]
-    assert all(record.command.outcome.name.lower() == "iteration_limit" for record in fallen)
-    before = next(record for record in records if round(record.command.time, 1) == 0.4)
-    np.testing.assert_allclose(fallen[0].instants, before.instants)
+def test_a_failed_solve_leaves_the_shifted_plan(experiment_of: Build) -> None:
+    samples, ending = run(with_failures(experiment_of(*SHORT), lambda window: 0.45 < window.start < 0.95))
+    failed = [sample.command for sample in samples if "solve_failed" in sample.command.events]
+    assert [round(command.time, 1) for command in failed] == [0.5, 0.6, 0.7, 0.8, 0.9]
+    assert all(command.outcome.name == "ITERATION_LIMIT" for command in failed)
+    before = next(sample.command for sample in samples if round(sample.command.time, 1) == 0.4)
+    np.testing.assert_allclose(failed[0].instants, before.instants)
     assert ending.completed
 
 
-def test_when_the_plan_is_used_up_the_robot_brakes_to_rest_and_the_run_stops(
-    experiment_of: Callable[..., Experiment],
-) -> None:
-    records, ending = run(with_failures(experiment_of(*QUICK), lambda now: now > 0.95))
-    assert ending.stuck
-    assert not ending.completed
+def test_when_the_plan_is_used_up_the_robot_brakes_to_rest_and_the_run_stops(experiment_of: Build) -> None:
+    samples, ending = run(with_failures(experiment_of(*QUICK), lambda window: window.start > 0.95))
+    assert (ending.stuck, ending.completed) == (True, False)
     assert "braked to rest" in ending.reason
     assert np.abs(ending.x[9:]).max() < 1e-9
-    braking = [record.command.time for record in records if "braking" in record.command.events]
+    braking = [sample.command.time for sample in samples if "braking" in sample.command.events]
     assert 0.9 + 4.0 - 0.15 <= braking[0] <= 0.9 + 4.0
 
 
-def test_nothing_to_fall_back_to_at_the_first_sample_leaves_the_robot_at_rest(
-    experiment_of: Callable[..., Experiment],
-) -> None:
-    records, ending = run(with_failures(experiment_of(*QUICK), lambda now: True))
+def test_without_a_plan_the_robot_stays_at_rest(experiment_of: Build) -> None:
+    samples, ending = run(with_failures(experiment_of(*QUICK), lambda window: True))
     assert ending.stuck
-    assert all(np.all(record.command.x[:9] == 0) for record in records)
+    assert np.all(states(samples) == 0)
 
 
-def test_an_append_that_cannot_be_solved_is_postponed(experiment_of: Callable[..., Experiment]) -> None:
-    experiment = experiment_of(*SHORT)
-    controller = experiment.controller
-
-    class NoLongWindows(Unreliable):
-        def solve(self, window: Window, *rest: object):
-            self.failing = lambda now: len(window.stages) > 1 and now < 0.95
-            return super().solve(window, *rest)
-
-    windows = NoLongWindows(controller.windows, lambda now: False)
-    records, ending = run(
-        replace(experiment, controller=SwitchingController(controller.spec, controller.stages, windows))
-    )
-    postponed = [record for record in records if "postponed" in record.command.events and record.command.time < 0.95]
+def test_an_append_that_cannot_be_solved_is_postponed(experiment_of: Build) -> None:
+    fails = with_failures(experiment_of(*SHORT), lambda window: len(window.stages) > 1 and window.start < 0.95)
+    samples, ending = run(fails)
+    postponed = [s.command for s in samples if "postponed" in s.command.events and s.command.time < 0.95]
     assert postponed
-    assert all(
-        record.command.outcome.name.lower() in ("optimal", "feasible") and len(record.command.instants) == 0
-        for record in postponed
-    )
+    assert all(command.outcome.usable and len(command.instants) == 0 for command in postponed)
     assert ending.completed
+
+
+def test_a_state_that_is_not_measured_is_that_of_the_plan() -> None:
+    controller = Controller(load_task("transport", SHORT))
+    before = controller.step(0.0, State(np.zeros(9), np.zeros(9)))
+    x = before.plan.states_at(np.array([0.1]))[0]
+    Q = np.where(np.arange(9) == 2, np.nan, x[:9])
+    command = controller.step(0.1, State(Q, x[9:]))
+    assert "unmeasured" in command.events
+    np.testing.assert_array_equal(command.x, x)
+
+
+def test_without_a_measurement_nothing_begins() -> None:
+    controller = Controller(load_task("transport", SHORT))
+    with pytest.raises(RunError, match="nothing is measured at 0 s"):
+        controller.step(0.0, State(np.full(9, np.nan), np.zeros(9)))
 
 
 def test_a_solve_of_the_same_stages_is_warm(decisions: list[Command]) -> None:
     """Without an append or a drop every solve starts from the last solution, moved in time."""
     for before, after in pairwise(decisions):
         stages, stages_before = ([s.index for s in d.solution.window.stages] for d in (after, before))
-        assert after.solved.guess.warm == (stages == stages_before)
+        assert after.solution.warm == (stages == stages_before)
 
 
-def test_the_warm_start_is_the_shifted_plan(decisions: list[Command]) -> None:
+def test_the_prediction_is_the_shifted_plan(decisions: list[Command]) -> None:
     before, after = decisions[5], decisions[6]
-    plan: Plan = after.prediction
-    np.testing.assert_allclose(plan.states_at(np.array([2.0])), before.plan.states_at(np.array([2.0])), atol=1e-9)
+    at = np.array([2.0])
+    np.testing.assert_allclose(after.prediction.states_at(at), before.plan.states_at(at), atol=1e-9)
+
+
+def test_the_objective_is_made_of_the_costs_of_the_stages(experiment_of: Build) -> None:
+    """J = sum of omega_s J_s, and the pending cost of the stages that wait."""
+    for sample in closed_loop(experiment_of(*SHORT)):
+        command, window = sample.command, sample.command.solution.window
+        if "solve_failed" not in command.events:
+            pending = window.omega.max() * np.sum(command.instants - command.time)
+            expected = window.omega @ command.solution.costs + pending
+            assert pytest.approx(expected, rel=1e-6) == command.solution.J

@@ -35,8 +35,8 @@ from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, SWEEP
 from psmpc_cli.logs.seal import MARK, SIZE, unseal
 from psmpc_cli.specs.load import load_robot, load_task
+from psmpc_cli.studies.fronts import read_pareto
 from psmpc_cli.studies.monte_carlo import read_monte_carlo
-from psmpc_cli.studies.pareto_file import read_pareto
 from tests.bad_input import LINES, RESULTS, Verdict, judged, prepare, simulated, states, tidy
 from tests.mutated_files import mutated_bytes, mutated_file
 from tests.mutated_text import mutated_description, mutated_line, mutated_settings

@@ -6,8 +6,7 @@ import numpy as np
 
 from psmpc_cli.logs.results import Results
 from psmpc_cli.solvers import Outcome
-from psmpc_cli.studies.pareto_file import read_pareto, write_pareto
-from psmpc_cli.studies.pareto_windows import Front, Grid, SampleFronts
+from psmpc_cli.studies.fronts import WEIGHTED, Front, Grid, SampleFronts, read_pareto, write_pareto
 
 RATIOS = np.geomspace(1e-3, 1e3, 7)
 
@@ -35,4 +34,4 @@ def _sample(i: int, drift: tuple[float, float], failed: bool) -> SampleFronts:
     wait, none = T_S - 6.5 - i, np.full(len(RATIOS), np.inf)
     outcome = np.full(len(RATIOS), list(Outcome).index(Outcome.INFEASIBLE if failed else Outcome.OPTIMAL), "i1")
     front = Front(J, np.full(len(RATIOS), wait), J @ [1.0, 1.0], RATIOS, none, outcome)
-    return SampleFronts(6.5 + i, wait, J[5], 100.0, np.ones(2), (front,), (), None, 0)
+    return SampleFronts(6.5 + i, wait, J[5], 100.0, np.ones(2), {WEIGHTED: (front,)}, 0)

@@ -51,8 +51,8 @@ def pareto(
     from psmpc_cli.cli.fronts import print_fronts
     from psmpc_cli.figures.registry import draw
     from psmpc_cli.logs.new_file import refuse
+    from psmpc_cli.studies.fronts import read_pareto
     from psmpc_cli.studies.pareto import Question, ensure_answerable, parse_times
-    from psmpc_cli.studies.pareto_file import read_pareto
 
     question = Question(stages, parse_times(at), points, method, free_instant)
     ensure_answerable(question)

@@ -78,8 +78,8 @@ def _subject(kind: str, path: Path) -> object:
     from psmpc_cli.logs.read import read_log
     from psmpc_cli.logs.results import read_results
     from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
+    from psmpc_cli.studies.fronts import read_pareto
     from psmpc_cli.studies.monte_carlo import read_monte_carlo
-    from psmpc_cli.studies.pareto_file import read_pareto
     from psmpc_cli.studies.weights import sweep_cells
 
     read: dict[str, Callable[[Path], object]] = {

@@ -63,7 +63,7 @@ def _show_sweep(log: Path) -> None:
 
 def _show_fronts(log: Path) -> None:
     from psmpc_cli.cli.fronts import print_fronts
-    from psmpc_cli.studies.pareto_file import read_pareto
+    from psmpc_cli.studies.fronts import read_pareto
 
     print_fronts(read_pareto(log), log)
 

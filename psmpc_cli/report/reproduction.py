@@ -28,8 +28,8 @@ from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.studies.claims import HEADINGS, load_claims
 from psmpc_cli.studies.evidence import settled
 from psmpc_cli.studies.front_movement import front_movement
-from psmpc_cli.studies.front_table import HEADINGS as FRONT_HEADINGS
-from psmpc_cli.studies.front_table import NOTE, front_rows, front_texts
+from psmpc_cli.studies.fronts import HEADINGS as FRONT_HEADINGS
+from psmpc_cli.studies.fronts import NOTE, front_rows, front_texts
 from psmpc_cli.studies.judge import ABSOLUTE, RELATIVE, mission_end
 from psmpc_cli.studies.reproduce import METHODS, Reproduction
 from psmpc_cli.studies.weights import recommend

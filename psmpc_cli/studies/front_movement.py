@@ -12,8 +12,7 @@ import numpy as np
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Results
-from psmpc_cli.studies.fronts import CLEARLY, extents
-from psmpc_cli.studies.pareto_file import WEIGHTED, costs_of
+from psmpc_cli.studies.fronts import CLEARLY, WEIGHTED, costs_of, extents
 
 Vector = np.ndarray
 

@@ -11,10 +11,13 @@ from psmpc_cli.logs.results import Quantity
 from psmpc_cli.ocp.problem import StageCosts, build_stages
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.simulation.measures import end_error
-from psmpc_cli.simulation.summary import LimitSummary, Summary, summarize, task_of
+from psmpc_cli.simulation.summary import Summary, summarize, task_of
 
 Row = Mapping[str, Any]
 """The values of a cell by the names of their arrays."""
+
+
+Reader = Callable[[Run, Summary], Any]
 
 
 @dataclass(frozen=True)
@@ -23,7 +26,7 @@ class PerCell:
 
     Attributes:
         name, units, long_name: Of the array.
-        value: Reads it from a run and its summary.
+        read: Reads it from a run and its summary; by default it is what the summary has by that name.
         along: The further coordinate.
         whole: Whether the values are whole numbers, -1 until they are filled in; others are NaN.
     """
@@ -31,9 +34,13 @@ class PerCell:
     name: str
     units: str
     long_name: str
-    value: Callable[[Run, Summary], Any]
+    read: Reader | None = None
     along: str = ""
     whole: bool = False
+
+    def value(self, run: Run, summary: Summary) -> Any:
+        """Read the quantity."""
+        return getattr(summary, self.name) if self.read is None else self.read(run, summary)
 
     def unfilled(self, dims: tuple[str, ...], shape: tuple[int, ...], along: Mapping[str, int]) -> Quantity:
         """Build the array with nothing filled in, for cells along dims of this shape and coordinates of these sizes."""
@@ -43,12 +50,12 @@ class PerCell:
         return Quantity(self.name, (*dims, *extra), values, self.units, self.long_name)
 
 
-def _limit(kind: str, name: str) -> Callable[[Run, Summary], float]:
-    def value(run: Run, summary: Summary) -> float:
-        found: list[LimitSummary] = [limit for limit in summary.limits if limit.kind == kind]
-        return float(getattr(found[0], name)) if found else np.nan
+def _limit(kind: str, name: str) -> Reader:
+    def read(run: Run, summary: Summary) -> float:
+        found = [getattr(limit, name) for limit in summary.limits if limit.kind == kind]
+        return float(found[0]) if found else np.nan
 
-    return value
+    return read
 
 
 def _error_at_end(run: Run, stage: int) -> float:
@@ -60,136 +67,74 @@ def _error_at_end(run: Run, stage: int) -> float:
     return end_error(StageCosts(model), build_stages(task.spec, task.robot, model)[stage], x)
 
 
+def _stage_cost(run: Run, summary: Summary) -> np.ndarray:
+    weights = run["cost/current_stage"] * float(np.asarray(run.attributes["sample_time"]))
+    return np.bincount(run["window/first"], weights, minlength=len(run.stage_names))
+
+
+def _variation(group: str) -> Reader:
+    return lambda _, summary: getattr(summary.variation, group)
+
+
+def _whole(name: str, long_name: str, read: Reader | None = None) -> PerCell:
+    return PerCell(name, "1", long_name, read, whole=True)
+
+
+def _by_stage(name: str, long_name: str, read: Reader) -> PerCell:
+    return PerCell(name, "s", long_name, read, "stage")
+
+
+_ENDS = _by_stage("switch_time", "instant that ended each stage", lambda run, _: run.stages["switch_time"])
+_FINAL = "largest error of the last stage's end condition at the end, over its tolerance"
+_BEYOND = "tightest distance to a {} limit at a tick; negative beyond it"
+_OVER = "the same distance to a {} limit, over half the limits' distance"
+_MARGINS = "smallest distance of each monitor's signal to its bounds"
+_VARIES = "total variation of the {} acceleration"
+_FAILED = "failed solves after which the shifted plan went on"
+_MOST = "largest number of iterations of a solve"
+
 OUTCOME = (
-    PerCell(
-        "completed", "1", "1 if the last stage met its end condition, 0 if not", lambda r, s: s.completed, whole=True
-    ),
-    PerCell(
-        "succeeded",
-        "1",
-        "1 if it did and every monitor held on the true state, 0 if not",
-        lambda r, s: s.succeeded,
-        whole=True,
-    ),
-    PerCell("end_time", "s", "end of the run, whatever ended it", lambda r, s: s.duration),
-    PerCell("switch_time", "s", "instant that ended each stage", lambda r, s: r.stages["switch_time"], "stage"),
-    PerCell("actual_start", "s", "actual start of each stage", lambda r, s: r.stages["actual_start"], "stage"),
-    PerCell(
-        "final_error",
-        "1",
-        "largest error of the last stage's end condition at the end, over its tolerance",
-        lambda r, s: _error_at_end(r, -1),
-    ),
-    PerCell(
-        "position_margin",
-        "m, rad",
-        "tightest distance to a position limit at a tick; negative beyond it",
-        _limit("position", "margin"),
-    ),
-    PerCell(
-        "velocity_margin",
-        "m/s, rad/s",
-        "tightest distance to a velocity limit at a tick; negative beyond it",
-        _limit("velocity", "margin"),
-    ),
-    PerCell(
-        "relative_position_margin",
-        "1",
-        "the same distance to a position limit, over half the limits' distance",
-        _limit("position", "relative"),
-    ),
-    PerCell(
-        "relative_velocity_margin",
-        "1",
-        "the same distance to a velocity limit, over half the limits' distance",
-        _limit("velocity", "relative"),
-    ),
-    PerCell(
-        "monitor_margin",
-        "m, m/s",
-        "smallest distance of each monitor's signal to its bounds",
-        lambda r, s: [verdict.margin for verdict in s.monitors],
-        "monitor",
-    ),
-    PerCell(
-        "unmeasured",
-        "1",
-        "samples whose state was not measured, at least in part",
-        lambda r, s: s.unmeasured,
-        whole=True,
-    ),
+    _whole("completed", "1 if the last stage met its end condition, 0 if not"),
+    _whole("succeeded", "1 if it did and every monitor held on the true state, 0 if not"),
+    PerCell("end_time", "s", "end of the run, whatever ended it", lambda _, summary: summary.duration),
+    _ENDS,
+    _by_stage("actual_start", "actual start of each stage", lambda run, _: run.stages["actual_start"]),
+    PerCell("final_error", "1", _FINAL, lambda run, _: _error_at_end(run, -1)),
+    PerCell("position_margin", "m, rad", _BEYOND.format("position"), _limit("position", "margin")),
+    PerCell("velocity_margin", "m/s, rad/s", _BEYOND.format("velocity"), _limit("velocity", "margin")),
+    PerCell("relative_position_margin", "1", _OVER.format("position"), _limit("position", "relative")),
+    PerCell("relative_velocity_margin", "1", _OVER.format("velocity"), _limit("velocity", "relative")),
+    PerCell("monitor_margin", "m, m/s", _MARGINS, lambda _, summary: [v.margin for v in summary.monitors], "monitor"),
+    _whole("unmeasured", "samples whose state was not measured, at least in part"),
 )
 """What became of a run."""
 
 SPENT = (
-    PerCell(
-        "stage_cost",
-        "s",
-        "integral of the cost Lbar of each stage while it was the current one",
-        lambda r, s: _stage_cost(r),
-        "stage",
-    ),
-    PerCell("control_effort", "m^2/s^3, rad^2/s^3", "integral of |u|^2", lambda r, s: s.control_effort),
-    PerCell("base_force", "N s", "integral of the norm of the base force", lambda r, s: s.base_force),
-    PerCell("base_torque", "N m s", "integral of the magnitude of the base torque", lambda r, s: s.base_torque),
-    PerCell(
-        "variation_base_position",
-        "m/s^2",
-        "total variation of the base's linear acceleration",
-        lambda r, s: s.variation.base_position,
-    ),
-    PerCell(
-        "variation_base_angle",
-        "rad/s^2",
-        "total variation of the base's angular acceleration",
-        lambda r, s: s.variation.base_angle,
-    ),
-    PerCell(
-        "variation_joints", "rad/s^2", "total variation of the joints' acceleration", lambda r, s: s.variation.joints
-    ),
-    PerCell("solves", "1", "number of solves", lambda r, s: s.solves.count, whole=True),
-    PerCell("iterations_median", "1", "median of the iterations of a solve", lambda r, s: s.solves.iterations),
-    PerCell(
-        "iterations_largest",
-        "1",
-        "largest number of iterations of a solve",
-        lambda r, s: max(r["solver/iterations"], default=0),
-        whole=True,
-    ),
-    PerCell("solve_time_median", "s", "median wall time of a solve", lambda r, s: s.solves.median),
-    PerCell("solve_time_largest", "s", "longest wall time of a solve", lambda r, s: s.solves.largest),
-    PerCell("appended", "1", "stages that entered the window", lambda r, s: s.appended, whole=True),
-    PerCell(
-        "postponed",
-        "1",
-        "samples at which a stage was seen, but the window with it had no solution",
-        lambda r, s: s.postponed,
-        whole=True,
-    ),
-    PerCell(
-        "fallbacks",
-        "1",
-        "failed solves after which the shifted plan went on",
-        lambda r, s: s.fallbacks,
-        whole=True,
-    ),
-    PerCell(
+    _by_stage("stage_cost", "integral of the cost Lbar of each stage while it was the current one", _stage_cost),
+    PerCell("control_effort", "m^2/s^3, rad^2/s^3", "integral of |u|^2"),
+    PerCell("base_force", "N s", "integral of the norm of the base force"),
+    PerCell("base_torque", "N m s", "integral of the magnitude of the base torque"),
+    PerCell("variation_base_position", "m/s^2", _VARIES.format("base's linear"), _variation("base_position")),
+    PerCell("variation_base_angle", "rad/s^2", _VARIES.format("base's angular"), _variation("base_angle")),
+    PerCell("variation_joints", "rad/s^2", _VARIES.format("joints'"), _variation("joints")),
+    _whole("solves", "number of solves", lambda _, summary: summary.solves.count),
+    PerCell("iterations_median", "1", "median of the iterations of a solve", lambda _, s: s.solves.iterations),
+    _whole("iterations_largest", _MOST, lambda run, _: max(run["solver/iterations"], default=0)),
+    PerCell("solve_time_median", "s", "median wall time of a solve", lambda _, summary: summary.solves.median),
+    PerCell("solve_time_largest", "s", "longest wall time of a solve", lambda _, summary: summary.solves.largest),
+    _whole("appended", "stages that entered the window"),
+    _whole("postponed", "samples at which a stage was seen, but the window with it had no solution"),
+    _whole("fallbacks", _FAILED),
+    _whole(
         "basin_changes",
-        "1",
         "windows in which another guess of the instants than the last plan's won",
-        lambda r, s: s.basins or 0,
-        whole=True,
+        lambda _, summary: summary.basins or 0,
     ),
 )
 """What a run took."""
 
 WHOLE_RUN = (*OUTCOME, *SPENT)
 """Everything that is known of a run to the end of its task."""
-
-
-def _stage_cost(run: Run) -> np.ndarray:
-    weights = run["cost/current_stage"] * float(np.asarray(run.attributes["sample_time"]))
-    return np.bincount(run["window/first"], weights, minlength=len(run.stage_names))
 
 
 def second_stage(index: int) -> tuple[PerCell, ...]:
@@ -199,50 +144,33 @@ def second_stage(index: int) -> tuple[PerCell, ...]:
         index: Its index.
     """
 
-    def detected(run: Run, summary: Summary) -> int | None:
-        """Return the first sample with the switch in its window."""
+    def detected(run: Run) -> np.ndarray:
+        """Find the first sample with the switch in its window (1,); (0,) if there is none."""
         first = run["window/first"]
-        found = np.flatnonzero((first < index) & (first + run["window/count"] > index))
-        return int(found[0]) if len(found) else None
+        return np.flatnonzero((first < index) & (first + run["window/count"] > index))[:1]
 
-    def detection_time(run: Run, summary: Summary) -> float:
-        sample = detected(run, summary)
-        return np.nan if sample is None else float(run.time[sample])
+    def detection_time(run: Run, _: Summary) -> float:
+        return float(np.append(run.time[detected(run)], np.nan)[0])
 
-    def instant_at_detection(run: Run, summary: Summary) -> float:
-        sample = detected(run, summary)
-        return np.nan if sample is None else float(run["window/instants"][sample, index - 1])
+    def instant_at_detection(run: Run, _: Summary) -> float:
+        return float(np.append(run["window/instants"][detected(run), index - 1], np.nan)[0])
 
-    def final_error(run: Run, summary: Summary) -> float:
+    def final_error(run: Run, _: Summary) -> float:
         """Read the error at the planned switch time, as logged; without one, compute it where the run ended."""
         if np.isnan(run.stages["switch_time"][index]):
             return np.nan
         planned = float(run["deviation/end"][-1, index]) if len(run.time) else np.nan
         return planned if np.isfinite(planned) else _error_at_end(run, index)
 
+    error = "largest error of the second stage's end condition at its end, over its tolerance"
+    starts, ends = "actual start of the second stage", "instant that ended the second stage"
     return (
         PerCell("detection_time", "s", "first sample with the switch in the window", detection_time),
         PerCell("instant_at_detection", "s", "optimized switching instant at that sample", instant_at_detection),
-        PerCell("switch_time", "s", "instant that ended each stage", lambda r, s: r.stages["switch_time"], "stage"),
-        PerCell(
-            "actual_start",
-            "s",
-            "actual start of the second stage",
-            lambda r, s: r.stages["actual_start_by_epsilon"][index],
-            "epsilon",
-        ),
-        PerCell(
-            "completion_time",
-            "s",
-            "instant that ended the second stage",
-            lambda r, s: r.stages["switch_time"][index],
-        ),
-        PerCell(
-            "final_error",
-            "1",
-            "largest error of the second stage's end condition at its end, over its tolerance",
-            final_error,
-        ),
+        _ENDS,
+        PerCell("actual_start", "s", starts, lambda run, _: run.stages["actual_start_by_epsilon"][index], "epsilon"),
+        PerCell("completion_time", "s", ends, lambda run, _: run.stages["switch_time"][index]),
+        PerCell("final_error", "1", error, final_error),
         *SPENT,
     )
 

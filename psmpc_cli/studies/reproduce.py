@@ -20,10 +20,9 @@ from psmpc_cli.studies.claims import Finding, Value, load_claims
 from psmpc_cli.studies.compare import compare_tasks
 from psmpc_cli.studies.evidence import Evidence, gather_run
 from psmpc_cli.studies.front_movement import front_movement
-from psmpc_cli.studies.front_table import front_rows
+from psmpc_cli.studies.fronts import front_rows, read_pareto
 from psmpc_cli.studies.judge import judge
 from psmpc_cli.studies.pareto import Question, possible_samples, solve_pareto
-from psmpc_cli.studies.pareto_file import read_pareto
 from psmpc_cli.studies.runner import Study, Watch, ignore, run_study
 from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
 from psmpc_cli.studies.weights import SweepCells, grid_sampling, parse_stages, recommend, sweep_cells

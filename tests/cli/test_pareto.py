@@ -11,7 +11,7 @@ from psmpc_cli.cli.pareto import pareto
 from psmpc_cli.cli.plot import plot
 from psmpc_cli.errors import InputError, LogError, PsmpcError, SpecError
 from psmpc_cli.logs.read import read_log
-from psmpc_cli.studies.pareto_file import read_pareto
+from psmpc_cli.studies.fronts import read_pareto
 
 from ..there_and_back import TASK
 

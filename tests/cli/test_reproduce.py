@@ -14,7 +14,7 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.logs.comparison import read_comparison
 from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.schema import SWEEP
-from psmpc_cli.studies.pareto_file import read_pareto
+from psmpc_cli.studies.fronts import read_pareto
 from psmpc_cli.studies.reproduce import METHODS
 from psmpc_cli.studies.weights import sweep_cells
 

@@ -6,9 +6,8 @@ import pytest
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.logs.results import Results
-from psmpc_cli.studies.fronts import dominated, extents
+from psmpc_cli.studies.fronts import STATUS, costs_of, dominated, extents, methods_in, read_pareto
 from psmpc_cli.studies.pareto import HIGHEST, LOWEST, Question, choose_samples, is_log, parse_times, solve_pareto
-from psmpc_cli.studies.pareto_file import STATUS, costs_of, methods_in, read_pareto
 
 from ..there_and_back import TASK
 from .there_and_back_run import run_there_and_back

@@ -5,7 +5,7 @@ from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.simulation.setup import build_experiment
 from psmpc_cli.simulation.summary import task_of
 from psmpc_cli.studies.one_window import window_at
-from psmpc_cli.studies.trade_off import Scalarization, TradeOff, constrained, weighted_sum
+from psmpc_cli.studies.pareto import Scalarization, TradeOff, constrained, weighted_sum
 
 from .there_and_back_run import run_there_and_back
 

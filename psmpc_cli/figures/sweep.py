@@ -7,7 +7,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
@@ -18,14 +18,7 @@ COLORS = "viridis"
 
 FLOOR = "$t_s - T_h$"
 
-WAITING: dict[str, Any] = {
-    "marker": "o",
-    "markersize": 4.0,
-    "markerfacecolor": "white",
-    "markeredgecolor": style.EDGE,
-    "markeredgewidth": 0.5,
-    "linestyle": "none",
-}
+WAITING: dict[str, Any] = {"color": style.EDGE, "marker": "o", "markerfacecolor": "white", "linestyle": "none"}
 """Look of a draw that waits."""
 
 
@@ -48,8 +41,6 @@ def plot_heat_map(cells: SweepCells) -> Figure:
     axes.pcolormesh(edges(x), edges(y), np.ma.masked_invalid(start), norm=scale, cmap=COLORS)
     handles = _plot_contour(axes, x, y, start - cells.floor.reshape(shape), cells.task.spec.controller.sample_time)
     if failed.any():
-        ground = np.ma.masked_equal(failed.astype(float), 0.0)
-        axes.pcolormesh(edges(x), edges(y), ground, cmap=ListedColormap(["#D9D9D9"]))
         rows, columns = np.nonzero(failed)
         axes.plot(x[columns], y[rows], **style.FAILED)
         handles.append(style.entry("failed", **style.FAILED))
@@ -86,12 +77,9 @@ def plot_surface(cells: SweepCells) -> Figure:
     handles: list[Artist] = []
     if cells.ended.any():  # from the lowest to the highest, as they cover each other
         floor = _plot_frame(axes, x, y, float(scale.vmin or 0.0), (0, (4, 1.5)), FLOOR)
-        look: dict[str, Any] = {
-            "facecolors": ScalarMappable(scale, COLORS).to_rgba(start),
-            "edgecolor": style.EDGE,
-            "linewidth": 0.2,
-        }
-        axes.plot_surface(x, y, start, rstride=1, cstride=1, shade=False, **look)
+        colors = ScalarMappable(scale, COLORS).to_rgba(start)
+        look = {"rstride": 1, "cstride": 1, "shade": False, "edgecolor": style.EDGE, "linewidth": 0.2}
+        axes.plot_surface(x, y, start, facecolors=colors, **look)
         handles = [*_plot_frame(axes, x, y, float(scale.vmax or 0.0), "-", "$t_s$"), *floor]
     if failed.any():
         axes.plot(x[failed], y[failed], np.full(failed.sum(), scale.vmin), **style.FAILED)
@@ -112,9 +100,8 @@ def plot_starts(cells: SweepCells) -> Figure:
         _plot_bounds(axes, cells)
         starts = cells.of("actual_start")
         for i in map(int, np.argsort(cells.epsilons)):
-            _plot_along(
-                axes, along_ratio(cells, starts[:, i]), label=f"ε = {cells.epsilons[i]:g}", **style.line_look(i)
-            )
+            label = f"ε = {cells.epsilons[i]:g}"
+            _plot_along(axes, along_ratio(cells, starts[:, i]), label=label, **style.line_look(i))
     else:
         axes.set_yticks([])
     _mark_failed(axes, cells)
@@ -277,9 +264,8 @@ def _mark_failed(axes: Axes, cells: SweepCells) -> None:
     """Mark the ratios of cells that failed along the lower edge."""
     ratio = np.unique(cells.ratio[cells.failed])
     if len(ratio):
-        axes.plot(
-            ratio, np.full(len(ratio), 0.045), transform=axes.get_xaxis_transform(), label="failed", **style.FAILED
-        )
+        low = np.full(len(ratio), 0.045)
+        axes.plot(ratio, low, transform=axes.get_xaxis_transform(), label="failed", **style.FAILED)
 
 
 def _mark_ratios(axes: Axes, cells: SweepCells, best: Recommendation | None, labelled: bool) -> None:

@@ -45,10 +45,16 @@ def test_directory_and_formats_are_chosen(tmp_path: Path, log: Path) -> None:
     assert len(written) == 2
 
 
-def test_an_animation_is_added(tmp_path: Path, log: Path) -> None:
-    written = lines(log, "-o", tmp_path, "--only", "states", "--animate")
-    assert str(tmp_path / "animation.gif") in written
+def test_beside_figures_only_the_animation_is_drawn_and_what_an_mp4_lacks_is_said(
+    tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))  # no ffmpeg
+    (tmp_path / "states.png").write_text("mine")
+    animation, remark = lines(log, "-o", tmp_path, "--animate")
+    assert animation == str(tmp_path / "animation.gif")
+    assert "MP4" in remark and "ffmpeg" in remark
     assert (tmp_path / "animation.gif").read_bytes().startswith(b"GIF89a")
+    assert (tmp_path / "states.png").read_text() == "mine"
 
 
 def test_nothing_is_overwritten_without_force(tmp_path: Path, log: Path) -> None:

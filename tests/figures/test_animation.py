@@ -48,8 +48,8 @@ def frames_of(path: Path) -> list[np.ndarray]:
 
 def test_an_animation_shows_every_frame_beside_the_chosen_figures(tmp_path: Path, load: Load) -> None:
     run = load(last=1.0)
-    files = draw("run", run, tmp_path, only=["states"], films=["animation"])
-    assert [path.name for path in files] == ["states.png", "animation.gif"]
+    files = draw("run", run, tmp_path, ["svg"], only=["states"], films=["animation"])
+    assert [path.name for path in files] == ["states.svg", "animation.gif"]
     frames = frames_of(files[1])
     assert len(frames) == len(run.time)
     assert frames[0].shape[0] % 2 == frames[0].shape[1] % 2 == 0

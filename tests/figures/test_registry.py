@@ -24,16 +24,15 @@ BEGINNINGS = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
 STORIES: dict[str, dict[str, Any]] = {
     "as usual": {},
     "object lost": {"early": {1: 6.4, 3: 19.0}},
-    "three at once": {"early": {1: 4.0, 2: 7.0}},
+    "three at once": {"early": {1: 4.0, 2: 7.0, 3: 19.0}},
     "killed": {"last": 8.0},
     "killed at once": {"last": 0.2},
     "noisy": {"blur": 0.1},
 }
-FAST = ("object lost", "three at once")
 
 
 @pytest.mark.parametrize(
-    "story", [story if story in FAST else pytest.param(story, marks=pytest.mark.slow) for story in STORIES]
+    "story", [story if story == "three at once" else pytest.param(story, marks=pytest.mark.slow) for story in STORIES]
 )
 def test_every_figure_of_a_run_is_fit_to_print(story: str, load: Load) -> None:
     run = load(**STORIES[story])
@@ -51,7 +50,9 @@ def test_figures_of_many_long_names_are_fit_to_print(load: Load, many_stages: di
                 check_figure(figures_of(kind)[name].function(subject))
 
 
-@pytest.mark.parametrize("compared", [("psmpc", "smpc", "hard"), pytest.param(("smpc",), marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "compared", [("smpc", "hard"), pytest.param(("psmpc", "smpc", "htmpc", "hard"), marks=pytest.mark.slow)]
+)
 def test_every_figure_of_a_comparison_is_fit_to_print(compared: tuple[str, ...], runs: Mapping[str, Run]) -> None:
     for figure in figures_of("comparison").values():
         with in_style():
@@ -66,11 +67,12 @@ def test_a_figure_is_plotted_by_name_in_its_own_style_whatever_the_user_s(
         figure.savefig(tmp_path / "states.png")
     assert isinstance(figure, Figure)
     assert max(label.get_fontsize() for axes in figure.axes for label in axes.get_xticklabels()) < 10
-    assert "next stage already acts" in common_legend(plot(runs, "states"))
+    assert "SMPC" in common_legend(plot({"smpc": runs["smpc"]}, "instants"))
     with pytest.raises(InputError, match=r"no figure 'state', expected one of states, velocities, .*solve_time"):
         plot(run, "state")
 
 
+@pytest.mark.slow
 def test_every_figure_of_a_run_is_written_by_name(tmp_path: Path, run: Run) -> None:
     files = draw("run", run, tmp_path / "new" / "folder")
     assert [path.name for path in files] == [f"{name}.png" for name in figures_of("run")]
@@ -89,8 +91,8 @@ def test_a_format_is_what_it_says_and_the_same_each_time(tmp_path: Path, run: Ru
 
 def test_chosen_figures_come_once_and_in_order(tmp_path: Path, runs: Mapping[str, Run]) -> None:
     one = {"smpc": runs["smpc"]}
-    files = draw("comparison", one, tmp_path, ["svg", "png", "svg"], ["instants", "states", "instants"])
-    assert [path.name for path in files] == ["states.png", "states.svg", "instants.png", "instants.svg"]
+    files = draw("comparison", one, tmp_path, ["svg", "pdf", "svg"], ["instants", "states", "instants"])
+    assert [path.name for path in files] == ["states.pdf", "states.svg", "instants.pdf", "instants.svg"]
 
 
 def test_an_unknown_figure_or_format_lists_the_known_ones(tmp_path: Path, run: Run) -> None:

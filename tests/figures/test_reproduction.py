@@ -137,8 +137,8 @@ def figure(name: str) -> Figure:
 
 @pytest.mark.parametrize("name", list(MADE_UP))
 def test_the_figure_of_an_ablation_is_fit_to_print(name: str, tmp_path: Path) -> None:
-    (path,) = draw_into("ablations", MADE_UP[name], tmp_path / "new", only=[f"ablation_{name}"])
-    assert path == tmp_path / "new" / f"ablation_{name}.png"
+    (path,) = draw_into("ablations", MADE_UP[name], tmp_path / "new", ["svg"], only=[f"ablation_{name}"])
+    assert path == tmp_path / "new" / f"ablation_{name}.svg"
     drawn = figure(name)
     with in_style():
         check_figure(drawn)

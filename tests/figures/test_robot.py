@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -37,6 +37,7 @@ def drawn_points(run: Run, time: float) -> np.ndarray:
     return np.vstack([*outlines, *(line.get_xydata() for line in axes.lines)])
 
 
+@settings(max_examples=15)
 @given(share=st.floats(0, 1))
 def test_the_view_shows_all_that_is_drawn(run: Run, share: float) -> None:
     time = share * run.end
@@ -68,6 +69,7 @@ def test_a_motion_along_one_line_keeps_a_panel_of_sensible_shape(load: Load, one
     assert [scene_of(run).view([0.0, 6.0]).aspect for run in runs] == pytest.approx([1.6, 0.45])
 
 
+@settings(max_examples=25)
 @given(time=st.floats(0, 13))
 def test_the_object_rests_until_it_is_taken(run: Run, time: float) -> None:
     scene = scene_of(run)
@@ -76,11 +78,13 @@ def test_the_object_rests_until_it_is_taken(run: Run, time: float) -> None:
     np.testing.assert_array_equal(scene.object_pose(time), run.task.object.pose)
 
 
+@settings(max_examples=25)
 @given(time=st.floats(13, 23))
 def test_the_object_moves_rigidly_with_the_grippers(run: Run, time: float) -> None:
     np.testing.assert_allclose(in_grasp(run, time), in_grasp(run, 13.0), atol=1e-9)
 
 
+@settings(max_examples=25)
 @given(time=st.floats(23, 29.6))
 def test_the_object_stays_where_it_was_let_go(run: Run, time: float) -> None:
     np.testing.assert_array_equal(scene_of(run).object_pose(time), scene_of(run).object_pose(23.0))

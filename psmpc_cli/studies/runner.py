@@ -46,7 +46,7 @@ Result = TypeVar("Result")
 LOST = "its process was killed each time it was computed, perhaps for lack of memory"
 """Failure of a cell that was lost."""
 
-PATIENCE = 3
+PATIENCE = 2
 """Passes in a row that may end with a killed process and no result before cells are computed one at a time."""
 
 WAITING = 0

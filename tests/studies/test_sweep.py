@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import psmpc_cli
 from psmpc_cli.errors import InputError, SpecError
 from psmpc_cli.logs.results import Results
 from psmpc_cli.simulation.run import simulate
@@ -109,7 +110,7 @@ def task(tmp_path: Path) -> Task:
 
 def test_any_keys_are_swept_and_the_arrays_are_labelled(task: Task, tmp_path: Path) -> None:
     values = {"stages.back.priority": [1, 10.0], "controller.kind": ["psmpc", "smpc"]}
-    results = sweep(task, values, tmp_path / "sweep.h5", jobs=2)
+    results = psmpc_cli.sweep(task, values, tmp_path / "sweep.h5", jobs=2)
     assert results.quantities["switch_time"].dims == ("stages.back.priority", "controller.kind", "stage")
     assert results["stages.back.priority"].tolist() == [1.0, 10.0]
     assert results["controller.kind"].tolist() == ["psmpc", "smpc"]

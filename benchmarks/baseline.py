@@ -10,9 +10,9 @@ from pathlib import Path
 
 import yaml
 
-from psmpc_cli.logs.read import read_log
+from psmpc_cli.logs.run import read_run
+from psmpc_cli.logs.summary import Summary
 from psmpc_cli.simulation.run import simulate
-from psmpc_cli.simulation.summary import Summary, summarize
 from psmpc_cli.specs.load import load_task
 
 RUNS = {
@@ -39,7 +39,7 @@ def measure(changes: list[str], directory: Path) -> Summary:
     """Run the transport task with keys changed and return its summary."""
     path = directory / "run.h5"
     simulate(load_task("transport", changes), path, force=True)
-    return summarize(read_log(path))
+    return read_run(path).summary()
 
 
 def row(summary: Summary) -> dict[str, object]:
@@ -54,7 +54,7 @@ def row(summary: Summary) -> dict[str, object]:
         "control_effort": float(summary.control_effort),
         "base_force": float(summary.base_force),
         "base_torque": float(summary.base_torque),
-        "fallbacks": summary.fallbacks,
+        "fallbacks": summary.failed_solves,
         "postponed": summary.postponed,
     }
 

@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from psmpc_cli.logs.read import read_log
-from psmpc_cli.simulation.summary import summarize
+from psmpc_cli.logs.run import read_run
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.compare import run_variants
 
@@ -42,11 +41,11 @@ def changes(method: str, weight: float, tolerance: float) -> list[str]:
 
 def measured(path: Path) -> dict[str, float | bool | int]:
     """Return a run's times, the actual start of Capture among them, and how it went."""
-    summary = summarize(read_log(path))
+    summary = read_run(path).summary()
     times = {stage.name: round(float(stage.switch_time), 2) for stage in summary.stages}
     starts = [round(float(stage.actual_start), 2) for stage in summary.stages]
     late = {"transport_start": starts[2], "release_start": starts[3]}
-    return {"start": starts[1], **times, **late, "succeeded": summary.succeeded, "fallbacks": summary.fallbacks}
+    return {"start": starts[1], **times, **late, "succeeded": summary.succeeded, "fallbacks": summary.failed_solves}
 
 
 def score(found: dict[str, dict[str, float | bool | int]]) -> tuple[int, float]:

@@ -15,7 +15,7 @@ from unittest.mock import patch
 import numpy as np
 
 from psmpc_cli.cli.main import main
-from psmpc_cli.logs.read import read_log
+from psmpc_cli.logs.run import read_run
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant import Disturbance, Plant, Ticks
@@ -238,5 +238,5 @@ def strike(number: signal.Signals, log: Path, task: str, *changes: str, samples:
         reader.join()
         assert child.stderr is not None
         err = child.stderr.read()
-    held = len(read_log(log).time) if log.exists() else None
+    held = len(read_run(log).time) if log.exists() else None
     return Struck(code if code >= 0 else 128 - code, before, len(told), held, err, took)

@@ -28,12 +28,13 @@ from random import Random
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from psmpc_cli.errors import LogError, SpecError
-from psmpc_cli.logs.comparison import read_comparison
-from psmpc_cli.logs.read import kind_of, read_log
-from psmpc_cli.logs.results import read_results
-from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, SWEEP
 from psmpc_cli.logs.seal import MARK, SIZE, unseal
+
+from psmpc_cli.errors import LogError, SpecError
+from psmpc_cli.logs.files import kind_of
+from psmpc_cli.logs.results import read_results
+from psmpc_cli.logs.run import read_comparison, read_run
+from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, SWEEP
 from psmpc_cli.specs.load import load_robot, load_task
 from psmpc_cli.studies.fronts import read_pareto
 from psmpc_cli.studies.monte_carlo import read_monte_carlo
@@ -114,7 +115,7 @@ def opened(random: Random, folder: Path) -> tuple[bytes, Verdict]:
     """Read a mutated HDF5 file as what it says it is."""
     fed, path = spoilt(random, folder, RESULTS), Path("bad.h5")
     try:
-        READERS.get(kind_of(path), read_log)(path)
+        READERS.get(kind_of(path), read_run)(path)
     except LogError as error:
         clear = len(str(error)) < 1000 and str(error).startswith("bad.h5: ")
         return fed, Verdict("refused", "" if clear else f"no clear message: {str(error)[:300]}")

@@ -12,11 +12,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.logs.run import Run, read_run
+from psmpc_cli.logs.summary import Summary
 from psmpc_cli.plant.mujoco_plant import MujocoPlant
 from psmpc_cli.robot.model import RobotModel, angle_rows, build_model
 from psmpc_cli.simulation.run import simulate
-from psmpc_cli.simulation.summary import Summary, summarize
 from psmpc_cli.specs.load import load_task
 
 WINDOW = 5.0
@@ -29,15 +29,15 @@ REPLAYS = {
 }
 
 
-def run(plant: str, nodes: int, directory: Path) -> Log:
+def run(plant: str, nodes: int, directory: Path) -> Run:
     """Run the transport task on a plant and return its log, with every tick."""
     changes = [f"plant.kind={plant}", f"controller.nodes={nodes}", "log.ticks=true", "log.plans=false"]
     path = directory / f"{plant}.h5"
     simulate(load_task("transport", [*changes, "log.shares=false"]), path)
-    return read_log(path)
+    return read_run(path)
 
 
-def deviation(log: Log, model: RobotModel, integrator: mujoco.mjtIntegrator, substeps: int, window: float) -> float:
+def deviation(log: Run, model: RobotModel, integrator: mujoco.mjtIntegrator, substeps: int, window: float) -> float:
     """Return by how much a coordinate or rate leaves the log's when its forces are replayed, anew every window [s]."""
     ticks, X = log.ticks, np.hstack([log.ticks["Q"], log.ticks["Qdot"]])
     tick = float(ticks["time"][1] - ticks["time"][0])
@@ -48,7 +48,7 @@ def deviation(log: Log, model: RobotModel, integrator: mujoco.mjtIntegrator, sub
     return max(float(np.abs(new[: len(X) - start] - X[start:][: len(new)]).max()) for start, new in replayed.items())
 
 
-def pose_differences(first: Log, second: Log, model: RobotModel) -> tuple[float, float]:
+def pose_differences(first: Run, second: Run, model: RobotModel) -> tuple[float, float]:
     """Return the largest differences of final positions [m] and angles [rad], of base and end-effectors."""
     difference = np.abs(first.final["xi"] - second.final["xi"])
     angles = list(angle_rows(model).xi)
@@ -60,9 +60,9 @@ def instants(summary: Summary) -> np.ndarray:
     return np.array([[stage.switch_time, stage.actual_start] for stage in summary.stages])
 
 
-def rows(rk4: Log, engine: Log, model: RobotModel) -> dict[str, str]:
+def rows(rk4: Run, engine: Run, model: RobotModel) -> dict[str, str]:
     """Return the table, by what was compared."""
-    summaries = summarize(rk4), summarize(engine)
+    summaries = rk4.summary(), engine.summary()
     position, angle = pose_differences(rk4, engine, model)
     ends, starts = np.abs(instants(summaries[0]) - instants(summaries[1])).max(axis=0)
     drifts = [f"{s.momentum_error:.1e} N s, {s.energy_error:.1e} J" for s in summaries]

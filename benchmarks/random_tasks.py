@@ -20,8 +20,8 @@ import numpy as np
 import yaml
 from drawn_tasks import draw_task
 
-from psmpc_cli.logs.read import Log, read_log
-from psmpc_cli.simulation.summary import Summary, summarize
+from psmpc_cli.logs.run import Run, read_run
+from psmpc_cli.logs.summary import Summary
 from psmpc_cli.specs.load import Task, load_task, parse_task
 from psmpc_cli.studies.compare import run_variants
 
@@ -75,14 +75,14 @@ class Measured:
 
 def measured(path: Path) -> Measured:
     """Return what the run in a log came to."""
-    log = read_log(path)
-    summary = summarize(log)
+    log = read_run(path)
+    summary = log.summary()
     return Measured(
         result=_result(summary),
         switches=[round(stage.switch_time, 3) for stage in summary.stages],
         end=round(summary.duration, 3),
         starts=[round(stage.actual_start, 3) for stage in summary.stages],
-        fallbacks=summary.fallbacks,
+        fallbacks=summary.failed_solves,
         alternation=max(longest_alternation(u) for u in log["control/u"].T),
         jump=round(largest_jump(log), 3),
         variation=round(variation(log), 3),
@@ -106,7 +106,7 @@ def longest_alternation(u: np.ndarray) -> int:
     return longest
 
 
-def largest_jump(log: Log) -> float:
+def largest_jump(log: Run) -> float:
     """Return the most that the next optimized instant moves between samples whose windows hold the same stages [s]."""
     first, count = log["window/first"], log["window/count"]
     same = (np.diff(first) == 0) & (np.diff(count) == 0) & (count[1:] > 1)
@@ -114,7 +114,7 @@ def largest_jump(log: Log) -> float:
     return float(np.abs(np.diff(ahead)[same]).max(initial=0.0))
 
 
-def variation(log: Log) -> float:
+def variation(log: Run) -> float:
     """Return the total variation of the control, averaged over each sample, over all coordinates.
 
     The control of a sample's first tick, which the summary of a run takes, may lie in a vanishing interval before a

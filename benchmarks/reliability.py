@@ -34,8 +34,7 @@ from faults import (
 )
 from pages import write_between
 
-from psmpc_cli.logs.read import Log, read_log
-from psmpc_cli.simulation.summary import summarize
+from psmpc_cli.logs.run import Run, read_run
 
 TASK = ("controller.nodes=25", "log.shares=false")
 SQP = (*TASK, "solver.kind=sqp")
@@ -93,7 +92,7 @@ class Row:
 def in_the_loop(log: Path, fault: Fault, changes: Sequence[str]) -> Row:
     """Run the transport task with a fault, and once more, which must be refused."""
     ran = simulate(fault, log, "transport", *changes)
-    found, before = read_log(log), log.read_bytes()
+    found, before = read_run(log), log.read_bytes()
     refused = simulate(Fault(), log, "transport", *changes).code == 2 and log.read_bytes() == before
     rate, force = float(ran.seen.rates.max()), float(ran.seen.forces.max())
     bounded = rate <= RATES and force <= FORCE
@@ -107,17 +106,17 @@ def in_the_loop(log: Path, fault: Fault, changes: Sequence[str]) -> Row:
     )
 
 
-def flags(log: Log) -> str:
+def flags(log: Run) -> str:
     """Return which samples the log has flagged, and how many."""
     names = ("unmeasured", "solve_failed", "braking", "postponed")
     counts = {name: int(log[f"events/{name}"].sum()) for name in names}
     return ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "none"
 
 
-def stages_done(log: Log) -> str:
+def stages_done(log: Run) -> str:
     """Return how many stages have ended, and when the run did."""
     done = int(np.isfinite(log.stages["switch_time"]).sum())
-    return f"{done} of {len(log.stage_names)}, {summarize(log).duration:.1f} s"
+    return f"{done} of {len(log.stage_names)}, {log.summary().duration:.1f} s"
 
 
 def outputs(folder: Path) -> Iterator[tuple[str, Row]]:
@@ -178,7 +177,7 @@ def afterwards(log: Path, err: str, code: int, before: bytes) -> Row:
         return Row(said, "", "nothing is written", "", code, untouched)
     if not log.exists():
         return Row(said, "", "no log is left", "", code, code == 3)
-    found = read_log(log)
+    found = read_run(log)
     return Row(said, flags(found), stages_done(found), "", code, code == 3 and len(found.time) > 0)
 
 

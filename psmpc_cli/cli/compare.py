@@ -11,7 +11,7 @@ from psmpc_cli.cli.study import present, refuse_what_stands
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from psmpc_cli.logs.read import Log
+    from psmpc_cli.logs.run import Run
     from psmpc_cli.specs.load import Task
 
 
@@ -35,10 +35,8 @@ def compare(
     """Run controllers on the identical task, and lay their results side by side: a table, one file, figures."""
     from psmpc_cli.cli.comparison import print_comparison
     from psmpc_cli.figures.registry import draw
-    from psmpc_cli.figures.run import load_run
-    from psmpc_cli.logs.comparison import read_comparison
+    from psmpc_cli.logs.run import read_comparison
     from psmpc_cli.ocp.feasibility import ensure_feasible
-    from psmpc_cli.simulation.summary import summarize
     from psmpc_cli.studies.compare import compared_tasks, controllers_in
 
     tasks = compared_tasks(task, controllers_in(controllers), changes or [])
@@ -48,11 +46,11 @@ def compare(
     ensure_feasible(first)
     _compare(tasks, path, force, jobs, quiet)
 
-    def table(logs: "Mapping[str, Log]") -> None:
-        print_comparison({name: summarize(log) for name, log in logs.items()}, path)
+    def table(logs: "Mapping[str, Run]") -> None:
+        print_comparison({name: log.summary() for name, log in logs.items()}, path)
 
-    def drawing(logs: "Mapping[str, Log]", directory: Path, force: bool) -> list[Path]:
-        return draw("comparison", {name: load_run(log) for name, log in logs.items()}, directory, force=force)
+    def drawing(logs: "Mapping[str, Run]", directory: Path, force: bool) -> list[Path]:
+        return draw("comparison", dict(logs), directory, force=force)
 
     present(path, read_comparison(path), table, drawing, figures, force, quiet)
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import typer
 
 from psmpc_cli.cli.summary import number, outcome, print_table, reasons
-from psmpc_cli.simulation.monitors import Verdict
-from psmpc_cli.simulation.summary import StageSummary, Summary
+from psmpc_cli.logs.summary import StageSummary, Summary, Verdict
 
 Row = Sequence[str]
 
@@ -49,7 +48,7 @@ def _solves(runs: Sequence[Summary]) -> Iterator[Row]:
     for name, label in (("median", "median"), ("p95", "p95"), ("p99", "p99"), ("largest", "maximum")):
         yield f"solve time, {label} [ms]", *(number(1e3 * getattr(run.solves, name), 1) for run in runs)
     yield "solves longer than a sample", *(str(run.missed) for run in runs)
-    yield "fall-backs to the shifted plan", *(str(run.fallbacks) for run in runs)
+    yield "fall-backs to the shifted plan", *(str(run.failed_solves) for run in runs)
     if any(run.unsolved_levels is not None for run in runs):
         yield "levels not solved", *("-" if run.unsolved_levels is None else str(run.unsolved_levels) for run in runs)
 
@@ -60,7 +59,7 @@ def _monitors(runs: Sequence[Summary]) -> Iterator[Row]:
 
 
 def _start(stage: StageSummary) -> str:
-    early = "early " if stage.premature else ""
+    early = "early " if stage.early else ""
     return f"{early}{number(stage.actual_start, 2)}{_published(stage.published_start)}"
 
 

@@ -50,7 +50,7 @@ def pareto(
     """Find what two stages cost at each other's expense: Pareto fronts at several samples of a run."""
     from psmpc_cli.cli.fronts import print_fronts
     from psmpc_cli.figures.registry import draw
-    from psmpc_cli.logs.new_file import refuse
+    from psmpc_cli.logs.files import check_output
     from psmpc_cli.studies.fronts import read_pareto
     from psmpc_cli.studies.pareto import Question, ensure_answerable, parse_times
 
@@ -61,7 +61,7 @@ def pareto(
     path = output or Path("runs") / f"{name}-pareto.h5"
     refuse_what_stands(path, force, figures)
     if log is not None:
-        refuse(log, force)
+        check_output(log, force)
     with _log_of(subject, log, quiet) as run:
         _solve(run, question, path, force, jobs, quiet)
     table = partial(print_fronts, path=path)

@@ -43,9 +43,8 @@ def plot(
     """
     from psmpc_cli.figures.animation import mp4_possible
     from psmpc_cli.figures.registry import default_directory, draw
-    from psmpc_cli.figures.run import load_run
-    from psmpc_cli.logs.comparison import read_comparison
-    from psmpc_cli.logs.read import kind_of
+    from psmpc_cli.logs.files import kind_of
+    from psmpc_cli.logs.run import read_comparison
     from psmpc_cli.logs.schema import COMPARISON, RUN
 
     films = [name for name, chosen in (("animation", animate), ("render", render)) if chosen]
@@ -60,7 +59,7 @@ def plot(
         logs = read_comparison(log)
         if run not in logs:
             raise InputError(f"--run: found no run '{run}' in {log}, expected one of {', '.join(logs)}")
-        subject = load_run(logs[run])
+        subject = logs[run]
     for path in draw(kind.replace("-", "_"), subject, directory, formats or ("png",), only or None, force, films):
         typer.echo(str(path))
     if films and not mp4_possible():
@@ -73,18 +72,16 @@ def _subject(kind: str, path: Path) -> object:
     Raises:
         LogError: The file is damaged, or there is nothing to draw of its kind.
     """
-    from psmpc_cli.figures.run import load_run
-    from psmpc_cli.logs.comparison import read_comparison
-    from psmpc_cli.logs.read import read_log
     from psmpc_cli.logs.results import read_results
+    from psmpc_cli.logs.run import read_comparison, read_run
     from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
     from psmpc_cli.studies.fronts import read_pareto
     from psmpc_cli.studies.monte_carlo import read_monte_carlo
     from psmpc_cli.studies.weights import sweep_cells
 
     read: dict[str, Callable[[Path], object]] = {
-        RUN: lambda path: load_run(read_log(path)),
-        COMPARISON: lambda path: {name: load_run(log) for name, log in read_comparison(path).items()},
+        RUN: read_run,
+        COMPARISON: read_comparison,
         PARETO: read_pareto,
         SWEEP: lambda path: sweep_cells(read_results(path, SWEEP)),
         MONTE_CARLO: read_monte_carlo,

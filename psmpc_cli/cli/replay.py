@@ -21,10 +21,10 @@ def replay(
 ) -> None:
     """Solve one horizon of a run again, from its log alone, and compare it with what was logged."""
     from psmpc_cli.cli.summary import print_table
-    from psmpc_cli.logs.read import read_log
+    from psmpc_cli.logs.run import read_run
     from psmpc_cli.simulation.replay import replay as solve_again
 
-    loaded = read_log(log)
+    loaded = read_run(log)
     replayed = solve_again(loaded, step, solver)
     window = replayed.logged.window
     stages = ", ".join(stage.name for stage in window.stages)

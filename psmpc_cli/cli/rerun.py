@@ -9,8 +9,8 @@ import typer
 from psmpc_cli.cli.options import FOLDERS
 
 if TYPE_CHECKING:
-    from psmpc_cli.logs.differences import Comparison, Difference
-    from psmpc_cli.logs.read import Log
+    from psmpc_cli.logs.comparison import Comparison, Difference
+    from psmpc_cli.logs.run import Run
 
 
 def rerun(
@@ -24,10 +24,10 @@ def rerun(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
 ) -> None:
     """Repeat a run from its log and say whether every dataset but the wall times is equal."""
-    from psmpc_cli.logs.read import read_log
+    from psmpc_cli.logs.run import read_run
     from psmpc_cli.simulation.run import unequal_conditions
 
-    loaded = read_log(log)
+    loaded = read_run(log)
     with TemporaryDirectory(prefix="psmpc-") as directory:
         comparison = _repeat(loaded, output or Path(directory) / "again.h5", force, quiet)
     if not comparison.differences:
@@ -40,7 +40,7 @@ def rerun(
         raise typer.Exit(1)
 
 
-def _repeat(log: "Log", path: Path, force: bool, quiet: bool) -> "Comparison":
+def _repeat(log: "Run", path: Path, force: bool, quiet: bool) -> "Comparison":
     """Repeat a run under the eyes of the progress display."""
     from psmpc_cli.cli.progress import watching
     from psmpc_cli.cli.termination import noticing_signals

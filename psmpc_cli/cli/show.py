@@ -17,7 +17,7 @@ def show(
     force: Annotated[bool, typer.Option("--force", help="Overwrite exported tables.")] = False,
 ) -> None:
     """Print the summary of a log, or the table of a comparison or a study, again, or export tables of logs."""
-    from psmpc_cli.logs.read import kind_of
+    from psmpc_cli.logs.files import kind_of
     from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 
     shown: Mapping[str, Callable[[Path], None]] = {
@@ -38,18 +38,16 @@ def show(
 
 def _show_run(log: Path) -> None:
     from psmpc_cli.cli.summary import print_summary
-    from psmpc_cli.logs.read import read_log
-    from psmpc_cli.simulation.summary import summarize
+    from psmpc_cli.logs.run import read_run
 
-    print_summary(summarize(read_log(log)), log)
+    print_summary(read_run(log).summary(), log)
 
 
 def _show_comparison(log: Path) -> None:
     from psmpc_cli.cli.comparison import print_comparison
-    from psmpc_cli.logs.comparison import read_comparison
-    from psmpc_cli.simulation.summary import summarize
+    from psmpc_cli.logs.run import read_comparison
 
-    print_comparison({name: summarize(run) for name, run in read_comparison(log).items()}, log)
+    print_comparison({name: run.summary() for name, run in read_comparison(log).items()}, log)
 
 
 def _show_sweep(log: Path) -> None:
@@ -77,12 +75,10 @@ def _show_monte_carlo(log: Path) -> None:
 
 def _export(log: Path, kind: str, directory: Path, force: bool) -> None:
     """Write the tables of a log, or those of every log of a comparison below their names."""
-    from psmpc_cli.logs.comparison import read_comparison
-    from psmpc_cli.logs.export import export_csv
-    from psmpc_cli.logs.read import read_log
+    from psmpc_cli.logs.run import read_comparison, read_run
     from psmpc_cli.logs.schema import RUN
 
-    logs = {"": read_log(log)} if kind == RUN else read_comparison(log)
+    logs = {"": read_run(log)} if kind == RUN else read_comparison(log)
     for name, run in logs.items():
-        for path in export_csv(run, directory / name, force):
+        for path in run.to_csv(directory / name, force):
             typer.echo(str(path))

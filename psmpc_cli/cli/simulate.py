@@ -11,8 +11,8 @@ from psmpc_cli.cli.outputs import refuse_old_figures
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
-    from psmpc_cli.logs.differences import Comparison
-    from psmpc_cli.logs.read import Log
+    from psmpc_cli.logs.comparison import Comparison
+    from psmpc_cli.logs.run import Run
     from psmpc_cli.logs.schema import Sample
     from psmpc_cli.specs.overrides import Change
 
@@ -26,7 +26,7 @@ def simulate(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help=f"Log file. {FOLDERS} Default: runs/<task>.h5."),
+        typer.Option("-o", "--output", metavar="FILE", help=f"Run file. {FOLDERS} Default: runs/<task>.h5."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the log and figures of an earlier run.")] = False,
     changes: Changes = None,
@@ -53,8 +53,7 @@ def simulate(
     from psmpc_cli.cli.summary import print_summary
     from psmpc_cli.figures.animation import offscreen_driver
     from psmpc_cli.figures.registry import default_directory
-    from psmpc_cli.logs.read import read_log
-    from psmpc_cli.simulation.summary import summarize
+    from psmpc_cli.logs.run import read_run
     from psmpc_cli.specs.overrides import Short
 
     if quiet and verbose:
@@ -76,9 +75,9 @@ def simulate(
     if render:
         offscreen_driver()
     exit_code = _watched(run, quiet)
-    log = read_log(path)
+    log = read_run(path)
     if not quiet:
-        print_summary(summarize(log), path)
+        print_summary(log.summary(), path)
     if (figures or render) and len(log.time):
         _draw(log, default_directory(path), force, quiet, figures, render)
     if log.interrupted:
@@ -96,14 +95,14 @@ def _new(
     task: str, overrides: "Sequence[Change]", output: Path | None, variants: tuple[str | None, ...], force: bool
 ) -> "tuple[Path, Callable[[Watch], object]]":
     """Return the log of a new run, and what runs it."""
-    from psmpc_cli.logs.new_file import refuse
+    from psmpc_cli.logs.files import check_output
     from psmpc_cli.ocp.feasibility import ensure_feasible
     from psmpc_cli.simulation.run import simulate as run
     from psmpc_cli.specs.load import load_task
 
     loaded = load_task(task, overrides)
     path = output or _default_path(loaded.spec.name, *variants)
-    refuse(path, force)
+    check_output(path, force)
 
     def begin(watch: "Watch") -> object:
         ensure_feasible(loaded)
@@ -114,14 +113,14 @@ def _new(
 
 def _continued(path: Path, output: Path | None, alone: bool) -> "Callable[[Watch], object]":
     """Return what finishes an unfinished run, by running it again from its beginning."""
-    from psmpc_cli.logs.read import read_log
+    from psmpc_cli.logs.run import read_run
     from psmpc_cli.simulation.run import continue_run, ensure_unfinished
 
     if not alone:
         raise InputError(
             "--continue goes on with the task in the log: expected no task, --set, --controller or --plant beside it"
         )
-    log = read_log(path)
+    log = read_run(path)
     ensure_unfinished(log)
 
     def run(watch: "Watch") -> object:
@@ -133,7 +132,7 @@ def _continued(path: Path, output: Path | None, alone: bool) -> "Callable[[Watch
     return run
 
 
-def _differs(log: "Log", comparison: "Comparison", output: Path | None) -> None:
+def _differs(log: "Run", comparison: "Comparison", output: Path | None) -> None:
     """Print how a repeated run differs from its log; where it was to take the log's place, exit."""
     from psmpc_cli.cli.rerun import print_differences
     from psmpc_cli.simulation.run import unequal_conditions
@@ -165,7 +164,7 @@ def _watched(run: "Callable[[Watch], object]", quiet: bool) -> int:
         return interruption.exit_code
 
 
-def _stuck(log: "Log") -> RunError:
+def _stuck(log: "Run") -> RunError:
     """Return the error of a run that could not go on, with what the last solve's outcome advises."""
     from psmpc_cli.solvers import Outcome
 
@@ -174,12 +173,11 @@ def _stuck(log: "Log") -> RunError:
     return RunError(f"{log.attributes['end_reason']}{advice}; {log.path} holds the run up to then")
 
 
-def _draw(log: "Log", directory: Path, force: bool, quiet: bool, figures: bool, render: bool) -> None:
+def _draw(log: "Run", directory: Path, force: bool, quiet: bool, figures: bool, render: bool) -> None:
     """Draw every figure of the log, film it, or both."""
     from psmpc_cli.figures.registry import draw
-    from psmpc_cli.figures.run import load_run
 
     films = ("render",) if render else ()
-    drawn = draw("run", load_run(log), directory, only=None if figures else (), force=force, films=films)
+    drawn = draw("run", log, directory, only=None if figures else (), force=force, films=films)
     if not quiet:
         typer.echo(f"{len(drawn)} figures in {directory}" if figures else f"film in {directory}")

@@ -23,9 +23,9 @@ def refuse_what_stands(path: Path, force: bool, figures: bool) -> None:
     """
     from psmpc_cli.cli.outputs import refuse_old_figures
     from psmpc_cli.figures.registry import default_directory
-    from psmpc_cli.logs.new_file import refuse
+    from psmpc_cli.logs.files import check_output
 
-    refuse(path, force)
+    check_output(path, force)
     if figures:
         refuse_old_figures(default_directory(path), force)
 

@@ -9,9 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from psmpc_cli.simulation.deviations import Deviations, Largest
-from psmpc_cli.simulation.monitors import Verdict
-from psmpc_cli.simulation.summary import SolveSummary, Summary
+from psmpc_cli.logs.summary import Deviations, Largest, SolveSummary, Summary, Verdict
 
 PLAIN_WIDTH = 160
 """Columns of a table that goes into a file."""
@@ -32,7 +30,7 @@ def _stages(summary: Summary) -> list[Sequence[str]]:
         (
             stage.name,
             f"{stage.priority:g}",
-            number(stage.actual_start, 2) + (" (early)" if stage.premature else ""),
+            number(stage.actual_start, 2) + (" (early)" if stage.early else ""),
             number(stage.published_start, 1),
             number(stage.switch_time, 2),
             number(stage.published_switch, 1),
@@ -48,7 +46,7 @@ def _measures(summary: Summary) -> list[Sequence[str]]:
         ("solve time, windows with a switch", _solves(summary.switching_solves)),
         ("solves longer than a sample", str(summary.missed)),
         ("stages appended / postponed", f"{summary.appended} / {summary.postponed}"),
-        ("fall-backs to the shifted plan", str(summary.fallbacks)),
+        ("fall-backs to the shifted plan", str(summary.failed_solves)),
         *([("samples not measured", str(summary.unmeasured))] if summary.unmeasured else []),
         *([] if summary.basins is None else [("basins", f"changed {summary.basins} times")]),
         *([] if summary.unsolved_levels is None else [("levels not solved", str(summary.unsolved_levels))]),

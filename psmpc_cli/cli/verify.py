@@ -18,11 +18,11 @@ def verify(
     """Integrate the full dynamics along every plan of a log and along its closed loop, with an adaptive integrator."""
     import time
 
-    from psmpc_cli.logs.read import read_log
+    from psmpc_cli.logs.run import read_run
     from psmpc_cli.simulation.verify import verify as integrate
 
     began = time.perf_counter()
-    found = integrate(read_log(log), every)
+    found = integrate(read_run(log), every)
     typer.echo(f"{found.count} horizons, the low-level law acting at every instant")
     if found.count:
         _print(found.horizons)

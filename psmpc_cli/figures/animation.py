@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.figures import style
 from psmpc_cli.figures.robot_drawing import FINGER, Scene, View, base_half, reach, scene_of
-from psmpc_cli.figures.run import Run
+from psmpc_cli.logs.run import Run
 from psmpc_cli.robot.model import arm_points
 
 RATE, LONGEST = 15, 150
@@ -59,7 +59,7 @@ def write_animation(run: Run, paths: Iterable[Path]) -> None:
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    _draw_frame(axes, scene, run.end, view)
+    _draw_frame(axes, scene, run.motion.end, view)
     figure.canvas.draw()
     figure.set_layout_engine("none")  # laid out anew, the axes would move from frame to frame
 
@@ -72,7 +72,7 @@ def write_animation(run: Run, paths: Iterable[Path]) -> None:
 
 
 def _draw_frame(axes: Axes, scene: Scene, time: float, view: View) -> None:
-    scene.draw(axes, time, since=max(time - 3.0, float(scene.run.time[0])), width=1.6)
+    scene.draw(axes, time, since=max(time - 3.0, float(scene.run.motion.time[0])), width=1.6)
     view.show(axes)
     axes.set_title(f"t = {time:.1f} s: {', '.join(events_at(scene, time))}", loc="left")
     axes.set_xlabel("x (m)")
@@ -81,7 +81,7 @@ def _draw_frame(axes: Axes, scene: Scene, time: float, view: View) -> None:
 
 def frame_times(run: Run) -> np.ndarray:
     """Return the time of each frame [s]: evenly spread, no more than there are samples."""
-    return np.linspace(run.time[0], run.end, min(LONGEST, len(run.time)))
+    return np.linspace(run.motion.time[0], run.motion.end, min(LONGEST, len(run.motion.time)))
 
 
 def events_at(scene: Scene, time: float) -> list[str]:
@@ -135,7 +135,7 @@ def write_film(run: Run, paths: Iterable[Path]) -> None:
 
 def film_arrays(scene: Scene, times: np.ndarray) -> dict[str, Any]:
     """Return what the program in offscreen.py needs to draw a scene at these times [s]."""
-    model, spec, view = scene.run.model, scene.run.task.object, scene.view(times)
+    model, spec, view = scene.run.problem.model, scene.run.task.spec.object, scene.view(times)
     length = reach(model)
     thick, finger = 0.04 * length, FINGER * length
     bodies: list[tuple[str, tuple[float, ...], str]] = [("box", (*map(float, base_half(model)), 3 * thick), style.BODY)]
@@ -165,7 +165,7 @@ def film_arrays(scene: Scene, times: np.ndarray) -> dict[str, Any]:
 
 def _body_poses(scene: Scene, time: float) -> list[np.ndarray]:
     """Return the pose (3,) [m, m, rad] of every body of the film at a time [s]."""
-    model, Q, pose = scene.run.model, scene.configuration(time), scene.object_pose(time)
+    model, Q, pose = scene.run.problem.model, scene.configuration(time), scene.object_pose(time)
     finger, poses = FINGER * reach(model), [Q[:3]]
     for points in arm_points(model, Q).values():
         for start, end in pairwise(points):

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.run import Run, Span
 from psmpc_cli.figures.timeline import open_timeline
+from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.robot.model import RobotModel
 
 HEIGHT = 0.92
@@ -76,8 +76,8 @@ def plot_states(runs: Run | Mapping[str, Run]) -> Figure:
     quantity = Quantity(
         ("position", "angle"),
         ("m", "rad"),
-        lambda run: (run.time, run.Q),
-        seen=(lambda run: run.Q_seen) if isinstance(runs, Run) else None,
+        lambda run: (run.motion.time, run.motion.Q),
+        seen=(lambda run: run.motion.Q_seen) if isinstance(runs, Run) else None,
     )
     return plot_quantity(runs, quantity)
 
@@ -87,8 +87,8 @@ def plot_velocities(run: Run) -> Figure:
     quantity = Quantity(
         ("velocity", "velocity"),
         ("m/s", "rad/s"),
-        lambda run: (run.time, run.Qdot),
-        seen=lambda run: run.Qdot_seen,
+        lambda run: (run.motion.time, run.motion.v),
+        seen=lambda run: run.motion.v_seen,
         limits="velocity",
     )
     return plot_quantity(run, quantity)
@@ -109,21 +109,21 @@ def plot_forces(run: Run) -> Figure:
 
 def _controls(run: Run) -> Curves:
     """Return the controls with the last one repeated at the end of the run."""
-    u, last = run.log["control/u"], run.log.time[-1]
-    if run.end <= last:
-        return run.log.time, u
-    return np.r_[run.log.time, run.end], np.vstack([u, u[-1:]])
+    u, last = run["control/u"], run.time[-1]
+    if run.motion.end <= last:
+        return run.time, u
+    return np.r_[run.time, run.motion.end], np.vstack([u, u[-1:]])
 
 
 def _forces(run: Run) -> Curves:
-    ticks = run.log.ticks
-    return (ticks["time"], ticks["F"]) if len(ticks.get("time", ())) else (run.log.time, run.log["force/F"])
+    ticks = run.ticks
+    return (ticks["time"], ticks["F"]) if len(ticks.get("time", ())) else (run.time, run["force/F"])
 
 
 def plot_quantity(runs: Run | Mapping[str, Run], quantity: Quantity) -> Figure:
     """Plot a quantity over time, a row of panels for base position, base angles and each arm, a column for each run."""
     columns = [runs] if isinstance(runs, Run) else list(runs.values())
-    panels = coordinate_panels(columns[0].model)
+    panels = coordinate_panels(columns[0].problem.model)
     timeline = open_timeline(runs, len(panels), HEIGHT)
     bounded = blurred = False
     for row, panel in enumerate(panels):
@@ -206,10 +206,8 @@ def _compress(axes: Axes, values: np.ndarray) -> list[str]:
 def _plot_limits(axes: Axes, run: Run, kind: str, rows: slice, values: np.ndarray) -> tuple[bool, list[str]]:
     """Draw the limits of the current stage; return whether any is seen, and a note where some are far off the axis."""
     time = np.array([edge for span in run.spans for edge in (span.start, span.end)])
-    low, high = (
-        np.array([getattr(run.stages[span.index].limits, f"{kind}_{side}")[rows] for span in run.spans for _ in "ab"])
-        for side in ("low", "high")
-    )
+    limits = [run.problem.stages[span.index].limits for span in run.spans for _ in "ab"]
+    low, high = (np.array([getattr(limit, f"{kind}_{side}")[rows] for limit in limits]) for side in ("low", "high"))
     largest, seen, beyond = float(np.nanmax(np.abs(values), initial=0.0)), False, False
     bounds, width = np.hstack([low, high]), low.shape[1]
     shared = all(len(np.unique(side, axis=1).T) == 1 for side in (low, high))
@@ -252,7 +250,7 @@ def plot_errors(run: Run) -> Figure:
     is a trajectory, the error is against its present value. Logarithmic.
     """
     timeline = open_timeline(run, 2, 1.35)
-    names = [style.readable(name) for name in run.model.pose_rows]
+    names = [style.readable(name) for name in run.problem.model.pose_rows]
     bounded = False
     for row, angular in enumerate((False, True)):
         axes: Axes = timeline.panels[row, 0]
@@ -277,9 +275,9 @@ def plot_errors(run: Run) -> Figure:
 
 def error_groups(run: Run, span: Span) -> Iterator[ErrorGroup]:
     """Give the groups of coordinates a stage controls."""
-    stage, d = run.stages[span.index], run.model.dimension
+    stage, d = run.problem.stages[span.index], run.problem.model.dimension
     tolerances = dict(zip(stage.end_rows, stage.tolerance, strict=True))
-    parts = run.model.parts if stage.space == "joint" else run.model.pose_rows
+    parts = run.problem.model.parts if stage.space == "joint" else run.problem.model.pose_rows
     for frame, (name, rows) in enumerate(parts.items()):
         angles = rows.start + (d if stage.space == "task" or name == "base" else 0)
         for angular, every in ((False, range(rows.start, angles)), (True, range(angles, rows.stop))):
@@ -291,15 +289,15 @@ def error_groups(run: Run, span: Span) -> Iterator[ErrorGroup]:
 
 def stage_errors(run: Run, span: Span, time: np.ndarray) -> np.ndarray:
     """Return the errors at times (K,) [s] in the coordinates a stage controls (K, n) or (K, m) [m, rad]."""
-    stage = run.stages[span.index]
-    values = run.Q if stage.space == "joint" else run.xi
-    present = np.column_stack([np.interp(time, run.time, column) for column in values.T])
+    stage = run.problem.stages[span.index]
+    values = run.motion.Q if stage.space == "joint" else run.motion.xi
+    present = np.column_stack([np.interp(time, run.motion.time, column) for column in values.T])
     return np.asarray(present - stage.reference(time - span.start))
 
 
 def _plot_group(axes: Axes, run: Run, span: Span, group: ErrorGroup, look: Mapping[str, Any]) -> None:
     """Plot the largest error of a group over a stage."""
-    inside = run.time[(run.time > span.start) & (run.time < span.end)]
+    inside = run.motion.time[(run.motion.time > span.start) & (run.motion.time < span.end)]
     time = np.r_[span.start, inside, span.end]
     size = np.abs(stage_errors(run, span, time)[:, group.rows]).max(axis=1)
     axes.plot(time, np.where(size > 0, size, np.nan), label="_", marker=style.point_if_alone(time), **look)

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.run import Run
 from psmpc_cli.figures.timeline import DOTTED, Timeline, open_timeline
+from psmpc_cli.logs.run import Run
 
 ACROSS = 4
 """Stages side by side in the lower panels of several runs."""
@@ -35,12 +35,12 @@ def plot_instants(run: Run) -> Figure:
     A switch happens when its planned time meets the line of the present time; the horizon ends T_h above that line.
     The second panel is there only if a planned switch happened.
     """
-    instants, switches = run.log["window/instants"], run.log.stages["switch_time"]
-    planned = [stage for stage in range(len(run.stages)) if _planned(run, stage).any()]
+    instants, switches = run["window/instants"], run.stages["switch_time"]
+    planned = [stage for stage in range(len(run.problem.stages)) if _planned(run, stage).any()]
     happened = [stage for stage in planned if np.isfinite(switches[stage])]
     timeline = open_timeline(run, 2 if happened else 1, 1.5)
     above: Axes = timeline.panels[0, 0]
-    ends, horizon = np.array([run.time[0], run.end]), run.task.controller.horizon
+    ends, horizon = np.array([run.motion.time[0], run.motion.end]), run.task.spec.controller.horizon
     above.plot(ends, ends, zorder=1.5, **PRESENT)
     above.plot(ends, ends + horizon, linestyle=DASHED, zorder=1.5, **PRESENT)
     above.set_ylim(ends[0], ends[1] + horizon)
@@ -65,12 +65,12 @@ def plot_instants(run: Run) -> Figure:
 
 def _planned(run: Run, stage: int) -> np.ndarray:
     """Return at which samples (K,) the end of a stage was planned."""
-    return np.asarray(np.isfinite(run.log["window/instants"][:, stage]))
+    return np.asarray(np.isfinite(run["window/instants"][:, stage]))
 
 
 def _stage_label(run: Run, stage: int, count: int) -> str:
     """Return a stage's name in a legend of so many stages, or its number where there are too many for names."""
-    return style.readable(run.log.stage_names[stage]) if count <= 6 else str(stage + 1)
+    return style.readable(run.stage_names[stage]) if count <= 6 else str(stage + 1)
 
 
 def _plot_stage(axes: Axes, run: Run, stage: int, values: np.ndarray, label: str) -> None:
@@ -80,13 +80,13 @@ def _plot_stage(axes: Axes, run: Run, stage: int, values: np.ndarray, label: str
         "color": style.PALETTE[stage % len(style.PALETTE)],
         "marker": style.MARKERS[stage % len(style.MARKERS)],
     }
-    axes.plot(run.log.time[which], values[which], label=label, markevery=[0], linewidth=1.3, **look)
+    axes.plot(run.time[which], values[which], label=label, markevery=[0], linewidth=1.3, **look)
 
 
 def plot_compared_instants(runs: Mapping[str, Run]) -> Figure:
     """Plot the planned switch times of several runs [s], and by stage how far they are from the actual one [ms]."""
     first = next(iter(runs.values()))
-    planned = [s for s in range(len(first.stages)) if any(_planned(run, s).any() for run in runs.values())]
+    planned = [s for s in range(len(first.problem.stages)) if any(_planned(run, s).any() for run in runs.values())]
     across = min(ACROSS, len(planned)) or 1
     rows = -(-len(planned) // across)
     figure = style.new_figure(2.2 + rows * (1.5 + style.LINE) + 0.8, style.PAGE)
@@ -98,11 +98,11 @@ def plot_compared_instants(runs: Mapping[str, Run]) -> Figure:
         shared = shared or axes
         axes.axhline(0.0, zorder=1.5, **PRESENT)
         for number, run in enumerate(runs.values()):
-            which, end = _planned(run, stage), float(run.log.stages["switch_time"][stage])
+            which, end = _planned(run, stage), float(run.stages["switch_time"][stage])
             if which.any() and np.isfinite(end):
-                difference = run.log["window/instants"][which, stage] - end
-                axes.plot(run.log.time[which] - end, 1e3 * difference, linewidth=1.3, **style.line_look(number))
-        axes.set_title(f"end of {style.readable(first.log.stage_names[stage])}", fontsize=style.TEXT, pad=3)
+                difference = run["window/instants"][which, stage] - end
+                axes.plot(run.time[which] - end, 1e3 * difference, linewidth=1.3, **style.line_look(number))
+        axes.set_title(f"end of {style.readable(first.stage_names[stage])}", fontsize=style.TEXT, pad=3)
         axes.set_xlabel("Time minus actual end (s)")
         if i % across == 0:
             axes.set_ylabel("Planned minus\nactual (ms)")
@@ -116,15 +116,13 @@ def plot_compared_instants(runs: Mapping[str, Run]) -> Figure:
 
 def _plot_overview(axes: Axes, runs: Mapping[str, Run]) -> None:
     """Plot the planned switch times over time, up to the line of the present time, where they happen."""
-    end = max(run.end for run in runs.values())
+    end = max(run.motion.end for run in runs.values())
     axes.plot([0.0, end], [0.0, end], zorder=1.5, **PRESENT)
     for i, run in enumerate(runs.values()):
-        for stage in range(len(run.stages)):
+        for stage in range(len(run.problem.stages)):
             which = _planned(run, stage)
-            axes.plot(
-                run.log.time[which], run.log["window/instants"][which, stage], linewidth=1.3, **style.line_look(i)
-            )
-        switches = run.log.stages["switch_time"]
+            axes.plot(run.time[which], run["window/instants"][which, stage], linewidth=1.3, **style.line_look(i))
+        switches = run.stages["switch_time"]
         axes.plot(switches, switches, linestyle="none", zorder=3, **_hollow(i))
     axes.set_xlim(0.0, end * 1.012)
     axes.set_ylim(0.0, end * 1.05)
@@ -148,7 +146,7 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
     """
     columns = [runs] if isinstance(runs, Run) else list(runs.values())
     shares = {COST: [cost_shares(run) for run in columns]}
-    logged = [run.log["window/share"] for run in columns]
+    logged = [run["window/share"] for run in columns]
     if any(np.isfinite(values).any() for values in logged):
         shares[CONTROL] = logged
     timeline = open_timeline(runs, len(shares), 1.2, shaded=False)
@@ -162,17 +160,17 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
 
 def cost_shares(run: Run) -> np.ndarray:
     """Return each stage's share in the sum of omega_s J_s of the window (K, S); NaN outside the window."""
-    omega = np.ones(len(run.stages)) if run.task.controller.kind == "smpc" else run.log.stages["priority"]
-    cost = np.maximum(run.log["window/cost"], 0.0) * omega
+    omega = np.ones(len(run.problem.stages)) if run.task.spec.controller.kind == "smpc" else run.stages["priority"]
+    cost = np.maximum(run["window/cost"], 0.0) * omega
     total = np.nansum(cost, axis=1, keepdims=True)
     return np.asarray(cost / np.where(total > 0, total, np.nan))
 
 
 def _plot_stack(axes: Axes, run: Run, shares: np.ndarray) -> None:
     """Stack the shares (K, S), a step a sample, and mark when stages end and when the next one starts early."""
-    last, count = run.log.time[-1], len(run.stages)
-    edges = np.r_[run.log.time, run.end if run.end > last else last + run.task.controller.sample_time]
-    top = np.zeros(len(run.log.time))
+    last, count = run.time[-1], len(run.problem.stages)
+    edges = np.r_[run.time, run.motion.end if run.motion.end > last else last + run.task.spec.controller.sample_time]
+    top = np.zeros(len(run.time))
     for stage in map(int, np.flatnonzero(np.any(np.isfinite(shares), axis=0))):
         bottom, top = top, top + 100 * np.nan_to_num(shares[:, stage])
         axes.stairs(
@@ -214,8 +212,8 @@ def plot_solve_time(run: Run) -> Figure:
     """Plot the wall time [ms] and the iterations of each solve over time, by how many stages were in the window."""
     timeline = open_timeline(run, 2, 1.25)
     above, below = timeline.panels[:, 0]
-    time, wall, iterations = run.log.time, run.log["solver/wall_time"] * 1e3, run.log["solver/iterations"]
-    count, solved = run.log["window/count"], np.isfinite(wall) & (wall > 0)
+    time, wall, iterations = run.time, run["solver/wall_time"] * 1e3, run["solver/iterations"]
+    count, solved = run["window/count"], np.isfinite(wall) & (wall > 0)
     counts = np.unique(count[solved])
     for i, stages in enumerate(counts):
         which = solved & (count == stages)
@@ -226,7 +224,7 @@ def plot_solve_time(run: Run) -> Figure:
         label = f"{stages} stage{'s' if stages > 1 else ''}{' in the window' if stages == counts[-1] else ''}"
         for axes, values in ((above, wall), (below, iterations)):
             axes.plot(time[which], values[which], label=label, linestyle="none", markersize=1.8, **look)
-    limit = run.task.controller.sample_time * 1e3
+    limit = run.task.spec.controller.sample_time * 1e3
     above.axhline(limit, **PRESENT)
     style.make_logarithmic(above)
     above.margins(y=0.1)
@@ -236,7 +234,7 @@ def plot_solve_time(run: Run) -> Figure:
     below.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, steps=[1, 2, 5, 10]))
     timeline.label(0, "Solve time\n(ms)", handle=0.8)
     handles = [style.entry(f"sample time, {limit:g} ms", **PRESENT)]
-    failed = run.log["events/solve_failed"].astype(bool)
+    failed = run["events/solve_failed"].astype(bool)
     if np.any(failed):
         for axes, values in ((above, np.where(solved, wall, limit)), (below, iterations)):
             axes.plot(time[failed], values[failed], **style.FAILED)

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.figures import coordinates, instants, monte_carlo, pareto, reproduction, snapshots, sweep
 from psmpc_cli.figures.animation import film_files, offscreen_driver, write_animation, write_film
-from psmpc_cli.figures.run import Run
 from psmpc_cli.figures.style import in_style
+from psmpc_cli.logs.run import Run
 from psmpc_cli.studies.weights import GRID, RANDOM
 
 FORMATS = ("png", "pdf", "svg")

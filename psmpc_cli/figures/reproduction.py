@@ -11,9 +11,9 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator, StrMethodFormatter
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.run import Run, Span
 from psmpc_cli.figures.timeline import open_timeline
-from psmpc_cli.simulation.monitors import signal, verdicts
+from psmpc_cli.logs.run import Run, Span
+from psmpc_cli.logs.summary import signal, verdicts
 from psmpc_cli.specs.task import MonitorSpec
 
 Curves = Mapping[str, tuple[np.ndarray, np.ndarray]]
@@ -69,16 +69,16 @@ def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
     """
     timeline = open_timeline(run, 1, 2.4)
     axes: Axes = timeline.panels[0, 0]
-    presence, time, waited = run.log["window/presence"], run.log.time, False
-    for stage, name in enumerate(run.log.stage_names):
+    presence, time, waited = run["window/presence"], run.time, False
+    for stage, name in enumerate(run.stage_names):
         which = np.isfinite(presence[:, stage])
         if which.any():
             waited, values = True, np.maximum(presence[which, stage], SMALLEST)
             marker = style.point_if_alone(time[which])
             axes.plot(time[which], values, label=style.readable(name), marker=marker, **style.line_look(stage))
-    axes.axhline(run.task.onset.epsilon, color=style.EDGE, linewidth=0.7, zorder=1.5)
+    axes.axhline(run.task.spec.onset.epsilon, color=style.EDGE, linewidth=0.7, zorder=1.5)
     for start in published.values():
-        axes.plot(start, run.task.onset.epsilon, **PUBLISHED)
+        axes.plot(start, run.task.spec.onset.epsilon, **PUBLISHED)
     axes.set_yscale("log")
     axes.set_ylim(bottom=SMALLEST)
     label = "Control added by a waiting stage\n(m/s², rad/s²)"
@@ -92,16 +92,16 @@ def plot_monitors(run: Run) -> Figure:
 
     A task without a monitor has one empty panel.
     """
-    monitors = run.task.monitors
+    monitors = run.task.spec.monitors
     timeline = open_timeline(run, max(1, len(monitors)), 1.6)
     if not monitors:
         timeline.panels[0, 0].set_yticks([])
         style.panel_legend(timeline.panels[0, 0], "the task has no monitor")
         return timeline.finish()
     handles: list[Artist] = [style.entry("bound", **BOUND)]
-    for row, (monitor, verdict) in enumerate(zip(monitors, verdicts(run.task, run.log), strict=True)):
+    for row, (monitor, verdict) in enumerate(zip(monitors, verdicts(monitors, run.arrays), strict=True)):
         axes: Axes = timeline.panels[row, 0]
-        time, values = run.log.time, signal(monitor, run.log)
+        time, values = run.time, signal(monitor, run.arrays)
         axes.plot(time, values, color=style.PALETTE[0])
         _plot_bounds(axes, run, monitor, values)
         if np.isfinite(verdict.broken_at):
@@ -115,10 +115,10 @@ def plot_monitors(run: Run) -> Figure:
 
 def _plot_bounds(axes: Axes, run: Run, monitor: MonitorSpec, values: np.ndarray) -> None:
     """Draw the bounds over the samples of the monitor's stage."""
-    during = run.log["window/first"] == run.log.stage_names.index(monitor.during)
+    during = run["window/first"] == run.stage_names.index(monitor.during)
     if not during.any():
         return
-    time, start = run.log.time[during], float(values[during][0])
+    time, start = run.time[during], float(values[during][0])
     above, below = monitor.above_start_at_most, monitor.below_start_at_most
     bounds = (
         None if above is None else start + above,
@@ -147,7 +147,8 @@ def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, 
     """
     figure = style.new_figure(0.9 + 0.55 * len(runs))
     axes = figure.subplots()
-    latest = max([run.end for run in runs.values()] + [time for times in published.values() for time in times.values()])
+    ends = [run.motion.end for run in runs.values()]
+    latest = max(ends + [time for times in published.values() for time in times.values()])
     axes.set_xlim(0.0, latest * 1.02)
     axes.set_ylim(len(runs) - 0.4, -0.6)
     for row, (name, run) in enumerate(runs.items()):
@@ -158,7 +159,7 @@ def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, 
             axes.plot(time, row - 0.46 / 2 - 0.1, **PUBLISHED)
     axes.set_yticks([])
     axes.set_xlabel("Time (s)")
-    names = enumerate(next(iter(runs.values())).log.stage_names, start=1)
+    names = enumerate(next(iter(runs.values())).stage_names, start=1)
     axes.set_title(
         ", ".join(f"{number} {style.readable(name)}" for number, name in names), loc="left", pad=4, fontsize=style.TEXT
     )

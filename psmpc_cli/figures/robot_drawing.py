@@ -11,9 +11,9 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import MultipleLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.run import Run
+from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.summary import verdicts
 from psmpc_cli.robot.model import RobotModel, arm_points
-from psmpc_cli.simulation.monitors import verdicts
 from psmpc_cli.specs.task import MonitorSpec
 
 FINGER = 0.09
@@ -83,18 +83,18 @@ class Scene:
 
     def configuration(self, time: float) -> np.ndarray:
         """Return Q (n,) [m, rad] at a time [s], interpolated between samples."""
-        return np.array([np.interp(time, self.run.time, column) for column in self.run.Q.T])
+        return np.array([np.interp(time, self.run.motion.time, column) for column in self.run.motion.Q.T])
 
     def object_pose(self, time: float) -> np.ndarray | None:
         """Return the object's pose (3,) [m, m, rad] at a time [s]; None where the task has no object."""
-        spec = self.run.task.object
+        spec = self.run.task.spec.object
         if spec is None:
             return None
         pose = np.array(spec.pose, float)
         if time <= self.taken:
             return pose
         before, now = self.configuration(self.taken), self.configuration(min(time, self.left))
-        return carried(self.run.model, pose, before, now)
+        return carried(self.run.problem.model, pose, before, now)
 
     def acting(self, time: float) -> list[int]:
         """Return the stages that act from a time [s] on: the current one and those that start early."""
@@ -104,7 +104,7 @@ class Scene:
 
     def targets(self, stage: int, time: float) -> np.ndarray:
         """Return the positions (1 + arms, 2) [m] of base and end-effectors a stage aims at, at a time [s]."""
-        model, target = self.run.model, self.run.stages[stage]
+        model, target = self.run.problem.model, self.run.problem.stages[stage]
         start = next((span.start for span in self.run.spans if span.index == stage), time)
         aim = target.reference(np.array([max(time - start, 0.0)]))[0]
         xi = aim if target.space == "task" else np.asarray(model.g(aim)).ravel()
@@ -113,24 +113,24 @@ class Scene:
     def tip_paths(self, since: float, time: float) -> dict[str, np.ndarray]:
         """Return the path of each end-effector (., 2) [m] between two times [s]."""
         run = self.run
-        times = np.r_[since, run.time[(run.time > since) & (run.time < time)], time]
+        times = np.r_[since, run.motion.time[(run.motion.time > since) & (run.motion.time < time)], time]
         return {
-            name: np.column_stack([np.interp(times, run.time, column) for column in run.xi.T[rows][:2]])
-            for name, rows in run.model.pose_rows.items()
+            name: np.column_stack([np.interp(times, run.motion.time, column) for column in run.motion.xi.T[rows][:2]])
+            for name, rows in run.problem.model.pose_rows.items()
             if name != "base"
         }
 
     def points(self, time: float) -> np.ndarray:
         """Return points (., 2) [m] whose hull holds robot and object at a time [s]."""
-        pose, spec = self.object_pose(time), self.run.task.object
-        found = [outline(self.run.model, self.configuration(time))]
+        pose, spec = self.object_pose(time), self.run.task.spec.object
+        found = [outline(self.run.problem.model, self.configuration(time))]
         return np.vstack([*found, *([] if pose is None or spec is None else [rectangle(pose, spec.shape)])])
 
     def view(self, times: Iterable[float]) -> View:
         """Return the smallest view, with a margin, that shows all that is drawn up to and at these times [s]."""
-        every, poses = list(times), self.run.model.pose_rows.values()
-        past = self.run.time <= max(every)
-        tracks = [self.run.xi[past][:, rows][:, :2] for rows in poses]
+        every, poses = list(times), self.run.problem.model.pose_rows.values()
+        past = self.run.motion.time <= max(every)
+        tracks = [self.run.motion.xi[past][:, rows][:, :2] for rows in poses]
         aims = [self.targets(stage, time) for time in every for stage in self.acting(time)]
         return view_around(np.vstack([*(self.points(time) for time in every), *tracks, *aims]))
 
@@ -147,14 +147,14 @@ class Scene:
             width: Scales the lines.
         """
         run, pose, Q = self.run, self.object_pose(time), self.configuration(time)
-        if pose is not None and run.task.object is not None:
+        if pose is not None and run.task.spec.object is not None:
             look = object_look(self.lost and time >= self.left, width)
-            axes.add_patch(Polygon(rectangle(pose, run.task.object.shape), zorder=1, **look))
-        trail = np.vstack([run.Q[run.time <= time, :2], Q[:2]])
+            axes.add_patch(Polygon(rectangle(pose, run.task.spec.object.shape), zorder=1, **look))
+        trail = np.vstack([run.motion.Q[run.motion.time <= time, :2], Q[:2]])
         axes.plot(*trail.T, color=style.EDGE, linewidth=0.7 * width, linestyle=TRAIL, zorder=1.2)
         for i, path in enumerate(self.tip_paths(since, time).values()):
             axes.plot(*path.T, color=style.PALETTE[i % len(style.PALETTE)], linewidth=0.6 * width, zorder=1.3)
-        draw_robot(axes, run.model, Q, width)
+        draw_robot(axes, run.problem.model, Q, width)
         for stage in self.acting(time) if stages is None else stages:
             for i, point in enumerate(self.targets(stage, time)):
                 color = style.PALETTE[(i - 1) % len(style.PALETTE)] if i else "black"
@@ -163,13 +163,13 @@ class Scene:
 
 def scene_of(run: Run) -> Scene:
     """Return a run as a scene."""
-    spec = run.task.object
+    spec = run.task.spec.object
     if spec is None:
         return Scene(run, np.inf, np.inf, False)
-    names, ends = run.log.stage_names, run.log.stages["switch_time"]
+    names, ends = run.stage_names, run.stages["switch_time"]
     taken, left = (float(ends[index]) for index in (names.index(spec.taken_by), names.index(spec.let_go_by) - 1))
     taken, left = (time if np.isfinite(time) else np.inf for time in (taken, left))
-    opened = min((_opened(run, monitor) for monitor in run.task.monitors), default=np.inf)
+    opened = min((_opened(run, monitor) for monitor in run.task.spec.monitors), default=np.inf)
     return Scene(run, taken, opened, True) if taken < opened < left else Scene(run, taken, left, False)
 
 
@@ -178,14 +178,14 @@ def _opened(run: Run, monitor: MonitorSpec) -> float:
     if monitor.quantity != "distance" or len(monitor.of) != 2 or "base" in monitor.of:
         return np.inf
     upper = monitor.model_copy(update={"below_start_at_most": None, "at_least": None})
-    (verdict,) = verdicts(run.task.model_copy(update={"monitors": (upper,)}), run.log)
+    (verdict,) = verdicts((upper,), run.arrays)
     return verdict.broken_at if np.isfinite(verdict.broken_at) else np.inf
 
 
 def scene_handles(scenes: Iterable[Scene]) -> list[Artist]:
     """Return what a legend says of drawings of these scenes."""
     every = list(scenes)
-    model, spec = every[0].run.model, every[0].run.task.object
+    model, spec = every[0].run.problem.model, every[0].run.task.spec.object
     handles: list[Artist] = [style.patch_entry("base", facecolor=style.BODY, edgecolor="black", linewidth=0.7)]
     handles += arm_handles(model)
     if spec is not None:

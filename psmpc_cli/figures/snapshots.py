@@ -25,7 +25,7 @@ from psmpc_cli.figures.robot_drawing import (
     scene_of,
     view_around,
 )
-from psmpc_cli.figures.run import Run, Span
+from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.ocp.problem import Stage, build_stages
 from psmpc_cli.robot.model import RobotModel, arm_points, build_model
 from psmpc_cli.robot.reach import reach_of
@@ -95,16 +95,16 @@ def plot_snapshots(run: Run) -> Figure:
 def key_instants(scene: Scene) -> list[KeyInstant]:
     """Return start, early starts, switches, loss of the object and end of a run, in the order of time."""
     run = scene.run
-    found = [KeyInstant(float(run.time[0]), "start")]
+    found = [KeyInstant(float(run.motion.time[0]), "start")]
     for span in run.spans:
         if span.early is not None:
             found.append(KeyInstant(span.early, f"{style.readable(span.name)} starts"))
-        if np.isfinite(run.log.stages["switch_time"][span.index]):
+        if np.isfinite(run.stages["switch_time"][span.index]):
             found.append(KeyInstant(span.end, f"{style.readable(span.name)} ends"))
     if scene.lost:
         found.append(KeyInstant(scene.left, "object lost"))
-    if not any(abs(key.time - run.end) < 1e-6 for key in found):
-        found.append(KeyInstant(run.end, "end of the run"))
+    if not any(abs(key.time - run.motion.end) < 1e-6 for key in found):
+        found.append(KeyInstant(run.motion.end, "end of the run"))
     return sorted(found, key=lambda key: key.time)
 
 
@@ -137,7 +137,7 @@ def plot_compared_snapshots(runs: Mapping[str, Run]) -> Figure:
     ends, the paths of the end-effectors those during the stage.
     """
     scenes = {name: scene_of(run) for name, run in runs.items()}
-    names = next(iter(runs.values())).log.stage_names
+    names = next(iter(runs.values())).stage_names
     across = min(ACROSS, len(names))
     rows = -(-len(names) // across)
     view = _common_view(scenes.values())
@@ -171,8 +171,8 @@ def _stage_titles(runs: Iterable[Run], width: float) -> list[str]:
     """Return every panel's title, in lines no wider than this [in]: when a stage ends, and when the next one starts."""
     titles: list[str] = []
     for run in runs:
-        for stage, name in enumerate(run.log.stage_names):
-            end, start = float(run.log.stages["switch_time"][stage]), _next_span(run, stage)
+        for stage, name in enumerate(run.stage_names):
+            end, start = float(run.stages["switch_time"][stage]), _next_span(run, stage)
             ended = f"ends at {end:.1f}{NO_BREAK}s" if np.isfinite(end) else "did not end"
             lines = [style.wrapped(f"({letters(len(titles))}) {style.readable(name)} {ended}", width)]
             if np.isfinite(end) and start is not None:
@@ -189,13 +189,13 @@ def _next_span(run: Run, stage: int) -> Span | None:
 def _draw_end(axes: Axes, scene: Scene, stage: int) -> None:
     """Draw the robot at the end of a stage, if it ended, and at the early start of the next."""
     run = scene.run
-    end, following = float(run.log.stages["switch_time"][stage]), _next_span(run, stage)
+    end, following = float(run.stages["switch_time"][stage]), _next_span(run, stage)
     if not np.isfinite(end):
         return
     if following is not None and following.early is not None:
-        Q = scene.configuration(following.early)
-        axes.add_patch(Polygon(base_outline(run.model, Q), fill=False, edgecolor=GHOST, linewidth=0.6, zorder=1.1))
-        for points in arm_points(run.model, Q).values():
+        Q, model = scene.configuration(following.early), run.problem.model
+        axes.add_patch(Polygon(base_outline(model, Q), fill=False, edgecolor=GHOST, linewidth=0.6, zorder=1.1))
+        for points in arm_points(model, Q).values():
             axes.plot(*points.T, color=GHOST, linewidth=0.9, solid_joinstyle="round", zorder=1.1)
     span = next(span for span in run.spans if span.index == stage)
     scene.draw(axes, end, since=span.start, stages=[stage])
@@ -205,9 +205,9 @@ def _common_view(scenes: Iterable[Scene]) -> View:
     """Return the smallest view that shows everything that is drawn of all scenes."""
     views = []
     for scene in scenes:
-        ends = scene.run.log.stages["switch_time"]
+        ends = scene.run.stages["switch_time"]
         early = [span.early for span in scene.run.spans if span.early is not None]
-        views.append(scene.view(np.concatenate([scene.run.time[:1], ends[np.isfinite(ends)], early]).tolist()))
+        views.append(scene.view(np.concatenate([scene.run.motion.time[:1], ends[np.isfinite(ends)], early]).tolist()))
     return View(
         (min(view.x[0] for view in views), max(view.x[1] for view in views)),
         (min(view.y[0] for view in views), max(view.y[1] for view in views)),

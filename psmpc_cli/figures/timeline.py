@@ -12,7 +12,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.run import Run, Span
+from psmpc_cli.logs.run import Run, Span
 
 STRIP_ROW = 0.15
 """Height of a row of the strip [in]."""
@@ -104,8 +104,8 @@ def bar_rows(spans: Sequence[Span]) -> list[int]:
 
 def _set_time(axes: Axes, runs: Mapping[str, Run]) -> None:
     """Set the common time axis, from the first start to the last end."""
-    start, end = min(float(run.time[0]) for run in runs.values()), max(run.end for run in runs.values())
-    sample_time = next(iter(runs.values())).task.controller.sample_time
+    start, end = min(float(run.motion.time[0]) for run in runs.values()), max(run.motion.end for run in runs.values())
+    sample_time = next(iter(runs.values())).task.spec.controller.sample_time
     room = 0.012 * (end - start) or 0.55 * sample_time
     axes.set_xlim(start - room, end + room)
     axes.xaxis.set_major_locator(MaxNLocator(nbins=7 if len(runs) == 1 else 4, steps=[1, 2, 5, 10]))

@@ -1,22 +1,16 @@
-"""A comparison: one file with the logs of several runs, each below /runs in a group laid out as a log of its own."""
+"""Several runs: one file with all of them, each below /runs in a group laid out as a log; differences of two runs."""
 
-import os
-import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
+import numpy as np
 
 from psmpc_cli import __version__
-from psmpc_cli.errors import InputError, LogError, RunError
-from psmpc_cli.logs.new_file import refuse
-from psmpc_cli.logs.read import Log, kind_in, log_in, opened
-from psmpc_cli.logs.schema import COMPARISON, FORMAT_VERSION
-from psmpc_cli.logs.seal import seal
-from psmpc_cli.logs.structure import OF_DIMENSIONS
-
-SPARE = 1.1
-"""Room wanted for a comparison, in sizes of the logs it is made from."""
+from psmpc_cli.logs.files import image_of, write_new
+from psmpc_cli.logs.run import Run, read_run
+from psmpc_cli.logs.schema import COMPARISON, FORMAT_VERSION, SCHEMA
 
 
 def merge_logs(logs: Mapping[str, Path], path: Path, force: bool = False) -> None:
@@ -24,91 +18,90 @@ def merge_logs(logs: Mapping[str, Path], path: Path, force: bool = False) -> Non
 
     Raises:
         InputError: The file exists already or cannot be written.
-        RunError: There is no room for it.
+        LogError: A log cannot be read.
     """
-    refuse(path, force)
-    part = path.with_name(f"{path.name}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if shutil.disk_usage(path.parent).free < SPARE * sum(log.stat().st_size for log in logs.values()):
-            raise RunError(f"{path} cannot be written: no space left on device")
-        try:
-            _write(logs, part)
-            seal(part)
-            os.replace(part, path)
-        finally:
-            part.unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror or error}") from None
 
-
-def read_comparison(path: Path) -> dict[str, Log]:
-    """Return the logs in a comparison by name, in the order in which they were compared.
-
-    Raises:
-        LogError: As for `read_log`; or the file is the log of one run.
-    """
-    with opened(path) as file:
-        if kind_in(file) != COMPARISON:
-            raise LogError(f"{path}: found the log of one run, expected a comparison written by psmpc compare")
-        return logs_in(path, file)
-
-
-def logs_in(path: Path, file: h5py.File) -> dict[str, Log]:
-    """Return the logs in an open comparison by name.
-
-    Raises:
-        LogError: As for `log_in`.
-    """
-    return {str(name): log_in(path, file[f"runs/{name}"]) for name in file.attrs["runs"]}
-
-
-def extract_log(path: Path, name: str, log: Path) -> None:
-    """Write a run of a comparison into a file of its own, as the log it was.
-
-    Raises:
-        LogError: The comparison has no such run.
-        InputError: The file cannot be written.
-    """
-    try:
-        with h5py.File(path, "r", locking=False) as source, h5py.File(log, "w") as target:
-            if f"runs/{name}" not in source:
-                raise LogError(f"{path}: found no run {name}, expected one of {', '.join(source.get('runs', ()))}")
-            _copy(source[f"runs/{name}"], target)
-    except OSError as error:
-        raise InputError(f"{log} cannot be written: {error.strerror or error}") from None
-
-
-def _write(logs: Mapping[str, Path], path: Path) -> None:
-    with h5py.File(path, "w") as file:
+    def fill(file: h5py.File) -> None:
         file.attrs.update({"kind": COMPARISON, "psmpc_version": __version__, "format_version": FORMAT_VERSION})
         file.attrs["runs"] = list(logs)
         for name, log in logs.items():
-            with h5py.File(log, "r", locking=False) as source:
-                _copy(source, file.create_group(f"runs/{name}"))
+            read_run(log).copy_into(file.create_group(f"runs/{name}"))
+
+    write_new(path, image_of(fill), force)
 
 
-def _copy(source: h5py.Group, target: h5py.Group) -> None:
-    """Copy a log into a group; its dimension scales are made anew there."""
-    target.attrs.update(source.attrs)
-    datasets = dict(_datasets(source))
-    for path, dataset in datasets.items():
-        source.copy(
-            dataset, target.require_group(path.rpartition("/")[0] or "."), path.rpartition("/")[2], without_attrs=True
-        )
-        target[path].attrs.update({key: value for key, value in dataset.attrs.items() if key not in OF_DIMENSIONS})
-        if dataset.is_scale:
-            target[path].make_scale(dataset.attrs["NAME"])
-    for path, dataset in datasets.items():
-        for i, dimension in enumerate(dataset.dims):
-            for scale in dimension.values():
-                target[path].dims[i].attach_scale(target[scale.name.removeprefix(source.name).lstrip("/")])
+@dataclass(frozen=True)
+class Difference:
+    """A dataset in which two runs differ.
+
+    Attributes:
+        path: The dataset.
+        largest: Largest difference of two numbers; NaN where none can be compared.
+        row: Row of the first difference; -1 where there is none.
+        units: Of the numbers.
+        what: What differs, if it is not the numbers alone.
+    """
+
+    path: str
+    largest: float
+    row: int
+    units: str
+    what: str = ""
 
 
-def _datasets(group: h5py.Group) -> Iterator[tuple[str, h5py.Dataset]]:
-    """Give every dataset below a group with its path in it."""
-    for name, member in group.items():
-        if isinstance(member, h5py.Group):
-            yield from ((f"{name}/{path}", dataset) for path, dataset in _datasets(member))
-        else:
-            yield name, member
+@dataclass(frozen=True)
+class Comparison:
+    """The result of comparing two runs: how many datasets were compared, and those that differ."""
+
+    compared: int
+    differences: tuple[Difference, ...]
+
+
+def compare_logs(one: Path, other: Path, rows: int | None = None, without: tuple[str, ...] = ()) -> Comparison:
+    """Compare every dataset of two logs but the wall times.
+
+    Args:
+        one: A log, maybe cut short.
+        other: Another.
+        rows: Number of samples that are compared; by default all.
+        without: Beginnings of the paths of further datasets that are left out.
+
+    Raises:
+        LogError: One of them cannot be read.
+    """
+    runs = [read_run(one), read_run(other)]
+    mine, others = ({**run.arrays, **run.plans} for run in runs)
+    wanted = [path for path in sorted(mine | others) if not (path.endswith("wall_time") or path.startswith(without))]
+    found = [_difference(path, mine, others, _length(path, runs[0], rows)) for path in wanted]
+    return Comparison(len(found), tuple(each for each in found if each is not None))
+
+
+def _length(path: str, run: Run, rows: int | None) -> int | None:
+    """Return how many rows of a dataset belong to so many samples; None for all it has."""
+    if rows is not None and path.startswith("ticks/"):
+        return rows * round(len(run["ticks/time"]) / max(len(run.time), 1))
+    return rows if path in run.columns or path in run.plans else None
+
+
+def _difference(
+    path: str, one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray], rows: int | None
+) -> Difference | None:
+    if path not in one or path not in other:
+        return Difference(path, np.nan, -1, "", f"only the {'run' if path in other else 'log'} has it")
+    a, b = (each[path] if rows is None else each[path][:rows] for each in (one, other))
+    if rows is not None and a.ndim == b.ndim == 2:  # rows of vectors are as wide as the longest of the whole run
+        a, b = (values[:, : min(a.shape[1], b.shape[1])] for values in (a, b))
+    units, what = next((column.units for column in SCHEMA if column.path == path), "1"), ""
+    if a.shape != b.shape:
+        shapes = " and ".join("x".join(map(str, each.shape)) for each in (a, b))
+        what, common = f"shapes {shapes}", tuple(map(slice, np.minimum(a.shape, b.shape)))
+        a, b = a[common], b[common]
+    numbers = a.dtype.kind in "fiub"
+    same = (a == b) | (np.isnan(a) & np.isnan(b)) if a.dtype.kind == "f" else a == b
+    if np.all(same):
+        return Difference(path, 0.0, -1, units, what) if what else None
+    row = int(np.argwhere(~np.atleast_1d(same))[0, 0])
+    apart = np.abs(a.astype(float) - b.astype(float))[~same] if numbers else np.zeros(0)
+    if not numbers or not np.isfinite(apart).all():
+        what = what or ("values only one of them has" if numbers else "texts")
+    return Difference(path, float(np.nanmax(apart, initial=0.0)) if numbers else np.nan, row, units, what)

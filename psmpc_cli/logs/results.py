@@ -15,11 +15,8 @@ import numpy as np
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import LogError, RunError
-from psmpc_cli.logs.new_file import write_new
-from psmpc_cli.logs.read import kind_in, opened
+from psmpc_cli.logs.files import image_of, kind_in, read_file, write_new
 from psmpc_cli.logs.schema import FORMAT_VERSION
-from psmpc_cli.logs.seal import seal, sealed, unseal
-from psmpc_cli.logs.sound import ensure_believable
 
 TEXT_LENGTH = 200
 """Room for a text that is filled in later [bytes]; longer ones are cut."""
@@ -31,8 +28,8 @@ class Quantity:
 
     Attributes:
         name: Its name in the file.
-        dims: Names of the coordinates along its dimensions; a coordinate has its own name alone.
-        values: The values, or what stands for them until they are filled in. Text is kept as UTF-8.
+        dims: Names of the coordinates along its dimensions; a coordinate has only its own name.
+        values: The values, or a placeholder until they are filled in. Text is stored as UTF-8.
         units: SI units.
         long_name: What it is, for a plot's axis or a reader.
         meanings: What the values 0, 1, ... of a code mean.
@@ -74,18 +71,21 @@ def create_results(
     Raises:
         InputError: The file exists already or cannot be written; with `force`, it exists and is no HDF5 file.
     """
-    with h5py.File("results", "w", driver="core", backing_store=False) as file:
+
+    def fill(file: h5py.File) -> None:
         file.attrs.update({"kind": kind, "psmpc_version": __version__, "format_version": FORMAT_VERSION, **attributes})
         for quantity in sorted(quantities, key=lambda quantity: quantity.dims != (quantity.name,)):
             _create(file, quantity)
-        file.flush()
-        image: bytes = file.id.get_file_image()
-    write_new(path, sealed(image), force)
+
+    write_new(path, image_of(fill, ("v108", "v108")), force)
 
 
 def _create(file: h5py.File, quantity: Quantity) -> None:
-    dataset = file.create_dataset(quantity.name, data=_stored(quantity))
-    dataset.attrs.update({"units": quantity.units, "long_name": quantity.long_name})
+    values = _stored(quantity)
+    # HDF5 has no checksums of texts of variable length, nor of single numbers
+    chunks = values.shape if values.size and values.shape and not values.dtype.hasobject else None
+    dataset = file.create_dataset(quantity.name, data=values, chunks=chunks, fletcher32=chunks is not None)
+    dataset.attrs.update({"units": quantity.units, "long_name": quantity.long_name, "dims": " ".join(quantity.dims)})
     if quantity.meanings:
         dataset.attrs.update(
             {"flag_values": np.arange(len(quantity.meanings)), "flag_meanings": " ".join(quantity.meanings)}
@@ -119,7 +119,6 @@ class ResultsWriter:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            unseal(path)
             self._file = h5py.File(path, "r+", locking=False)
         except OSError as error:
             raise RunError(f"{path} cannot be written any further: {error}") from None
@@ -131,7 +130,6 @@ class ResultsWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._file.close()
-        seal(self.path)
 
     def write(self, index: tuple[int, ...], values: Mapping[str, np.ndarray | float | str]) -> None:
         """Fill in the values of one cell; they are in the file when this returns.
@@ -154,26 +152,20 @@ def read_results(path: Path, kind: str) -> Results:
     Raises:
         LogError: The file is missing, damaged, of another version, or of another kind.
     """
-    with opened(path) as file:
+
+    def read(file: h5py.File) -> Results:
         if (found := kind_in(file)) != kind:
             raise LogError(f"{path}: found a {found}, expected a {kind}")
-        return results_in(path, file)
+        quantities = {name: _quantity(name, dataset) for name, dataset in file.items()}
+        for quantity in quantities.values():
+            _check(quantity, quantities)
+        return Results(path, dict(file.attrs), quantities)
 
-
-def results_in(path: Path, file: h5py.File) -> Results:
-    """Return the results in an open file.
-
-    Raises:
-        OSError, RuntimeError, ValueError, KeyError, AttributeError: They are damaged.
-    """
-    quantities = {name: _quantity(name, dataset) for name, dataset in file.items()}
-    for quantity in quantities.values():
-        _check(quantity, quantities)
-    return Results(path, dict(file.attrs), quantities)
+    return read_file(path, read, f"a {kind} written by psmpc")
 
 
 def _check(quantity: Quantity, quantities: Mapping[str, Quantity]) -> None:
-    """Make sure that a quantity fits its coordinates and holds numbers, texts or codes that mean something.
+    """Make sure that a quantity fits its coordinates, and that its codes have a meaning.
 
     Raises:
         ValueError: It does not.
@@ -181,29 +173,14 @@ def _check(quantity: Quantity, quantities: Mapping[str, Quantity]) -> None:
     """
     if quantity.values.shape != tuple(quantities[name].values.size for name in quantity.dims):
         raise ValueError(f"{quantity.name} does not fit its coordinates")
-    if quantity.values.dtype.kind not in "fiuU":
-        raise ValueError(f"{quantity.name} holds neither numbers nor texts")
-    if quantity.values.dtype.kind == "f" and quantity.values.dtype != np.float64:
-        raise ValueError(f"{quantity.name} has type {quantity.values.dtype}, not float64")
     if quantity.meanings and not np.isin(quantity.values, np.arange(len(quantity.meanings))).all():
         raise ValueError(f"{quantity.name} holds a code without a meaning")
-    ensure_believable(quantity.name, quantity.values)
-
-
-def _dims(name: str, dataset: h5py.Dataset) -> tuple[str, ...]:
-    """Return the names of a dataset's coordinates.
-
-    They are looked up here and not by HDF5's functions for dimension scales, which crash or hang on damaged files.
-    """
-    if dataset.attrs.get("CLASS") == b"DIMENSION_SCALE":
-        return (name,)
-    references = dataset.attrs.get("DIMENSION_LIST", ())
-    return tuple(str(dataset.file[reference[0]].name).lstrip("/") for reference in references)
 
 
 def _quantity(name: str, dataset: h5py.Dataset) -> Quantity:
     text = h5py.check_string_dtype(dataset.dtype) is not None
     values = np.asarray(dataset.asstr()[()], dtype=str) if text else np.asarray(dataset)
-    meanings = tuple(str(dataset.attrs.get("flag_meanings", "")).split())
-    units, long_name = str(dataset.attrs["units"]), str(dataset.attrs["long_name"])
-    return Quantity(name, _dims(name, dataset), values, units, long_name, meanings)
+    units, long_name, dims, meanings = (
+        str(dataset.attrs.get(key, "")) for key in ("units", "long_name", "dims", "flag_meanings")
+    )
+    return Quantity(name, tuple(dims.split()), values, units, long_name, tuple(meanings.split()))

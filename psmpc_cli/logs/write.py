@@ -22,9 +22,8 @@ from h5py import h5d, h5p, h5s, h5t
 from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import RunError
-from psmpc_cli.logs.new_file import write_new
+from psmpc_cli.logs.files import write_new
 from psmpc_cli.logs.schema import FORMAT_VERSION, RUN, SCHEMA, Column, Sample
-from psmpc_cli.logs.seal import seal
 
 ROWS_IN_A_CHUNK, TICKS_IN_A_CHUNK, ELEMENTS_IN_A_CHUNK = 256, 4096, 4096
 """Chunks are large: space is set aside rarely, and between those times a killed run can only lose its last row."""
@@ -150,7 +149,6 @@ class LogWriter:
                 part.write_bytes(image)
                 os.replace(part, self.path.resolve())
             part.unlink(missing_ok=True)
-            seal(self.path)
 
     @contextmanager
     def _writing(self) -> Iterator[None]:

@@ -142,6 +142,16 @@ class StageCosts:
             ok &= np.all(np.abs(self.rates(stage, X)[:, rows]) <= stage.end_velocity * margin + SLACK, axis=1)
         return np.asarray(ok)
 
+    def end_error(self, stage: Stage, x: np.ndarray) -> float:
+        """Compute the largest error of a stage's end condition (18) at x (2n,) over its tolerance; NaN without one."""
+        if not stage.end_rows:
+            return np.nan
+        rows = list(stage.end_rows)
+        errors = [self.errors(stage, x[None])[0, rows] / stage.tolerance]
+        if stage.end_velocity is not None:
+            errors.append(self.rates(stage, x[None])[0, rows] / stage.end_velocity)
+        return float(np.max(np.abs(errors)))
+
 
 def _wanted(stage: Stage, since: np.ndarray | None) -> np.ndarray:
     """Return what a stage's cost follows at times since its start (K,) [s], (K, numbers); its target without them."""

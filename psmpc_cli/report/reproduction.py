@@ -20,11 +20,9 @@ from psmpc_cli.figures.instants import plot_compared_instants
 from psmpc_cli.figures.pareto import plot_fronts
 from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.figures.reproduction import plot_monitors, plot_presence, plot_schedule
-from psmpc_cli.figures.run import Run, load_run
 from psmpc_cli.figures.snapshots import plot_compared_snapshots
 from psmpc_cli.figures.style import in_style, title_of
-from psmpc_cli.logs.read import Log
-from psmpc_cli.simulation.summary import summarize
+from psmpc_cli.logs.run import Run
 from psmpc_cli.studies.claims import HEADINGS, load_claims
 from psmpc_cli.studies.evidence import settled
 from psmpc_cli.studies.front_movement import front_movement
@@ -92,10 +90,10 @@ def build_report(reproduction: Reproduction, created: str) -> str:
 
 def _images(reproduction: Reproduction) -> Iterator[tuple[str, Image]]:
     """Give every figure with the name that the template has for it."""
-    runs = {name: load_run(log) for name, log in reproduction.logs.items()}
+    runs = dict(reproduction.logs)
     for method, run in runs.items():
         yield from ((f"{method} {topic}", image) for topic, image in _method_images(method, run))
-    ends = "; ".join(f"{title_of(name)} after {run.end:.1f} s" for name, run in runs.items())
+    ends = "; ".join(f"{title_of(name)} after {run.motion.end:.1f} s" for name, run in runs.items())
     published = {name: load_claims().published(name, "end") for name in runs}
     caption = "All methods: bars are the stages as reproduced, triangles their ends as published."
     yield "schedule", _image(partial(plot_schedule, runs, published), caption, f"The runs end: {ends}.")
@@ -126,7 +124,7 @@ def _method_images(method: str, run: Run) -> Iterator[tuple[str, Image]]:
     early = ", ".join(f"{span.name} at {span.early:.1f} s" for span in run.spans if span.early is not None) or "none"
     caption = f"{title}: what each waiting stage adds to the control. It starts where that reaches the threshold."
     yield "starts", _image(partial(plot_presence, run, published), caption, f"Early starts: {early}.")
-    monitors = [one for one in summarize(run.log).monitors if isfinite(one.broken_at)]
+    monitors = [one for one in run.summary().monitors if isfinite(one.broken_at)]
     broken = ", ".join(f"{one.name} at {one.broken_at:.1f} s" for one in monitors) or "none"
     yield "mission", _image(partial(plot_monitors, run), f"{title}: the monitored quantities.", f"Violated: {broken}.")
 
@@ -161,14 +159,14 @@ def _facts(reproduction: Reproduction, created: str) -> dict[str, str]:
     }
 
 
-def _run_row(name: str, log: Log) -> tuple[str, ...]:
-    summary = summarize(log)
+def _run_row(name: str, log: Run) -> tuple[str, ...]:
+    summary = log.summary()
     return (
         title_of(name),
         "succeeded" if summary.succeeded else "; ".join(("failed", *mission_end(summary))),
         f"{summary.duration:.1f} s",
         str(len(log.time)),
-        str(summary.fallbacks),
+        str(summary.failed_solves),
         str(summary.postponed),
         f"{summary.solves.iterations:.0f}",
     )

@@ -6,7 +6,7 @@ import numpy as np
 
 from psmpc_cli.control.sequence import MovingSequence, Switch, drop_met, drop_passed
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.logs.read import Log, read_plan
+from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.solvers import Outcome, Solution
@@ -28,19 +28,19 @@ class LoggedSequence:
     switches: tuple[Switch, ...]
 
 
-def logged_state(log: Log, sample: int) -> np.ndarray:
+def logged_state(log: Run, sample: int) -> np.ndarray:
     """Return the state measured at a sample (2n,)."""
     return np.concatenate([log["state/Q"][sample], log["state/Qdot"][sample]])
 
 
-def true_state(log: Log, sample: int) -> np.ndarray:
+def true_state(log: Run, sample: int) -> np.ndarray:
     """Return the true state at a sample (2n,), which is the measured one where that has no noise."""
-    if "state/Q_true" not in log.columns:
+    if "state/Q_true" not in log:
         return logged_state(log, sample)
     return np.concatenate([log["state/Q_true"][sample], log["state/Qdot_true"][sample]])
 
 
-def ensure_sample(log: Log, sample: int) -> None:
+def ensure_sample(log: Run, sample: int) -> None:
     """Make sure that a log holds the plans of a sample.
 
     Raises:
@@ -55,7 +55,7 @@ def ensure_sample(log: Log, sample: int) -> None:
         raise InputError(f"{log.path}: found no sample {sample}; {choices}")
 
 
-def logged_sequences(log: Log, experiment: Experiment) -> list[LoggedSequence]:
+def logged_sequences(log: Run, experiment: Experiment) -> list[LoggedSequence]:
     """Return the sequence of every sample of a log, hand-overs decided again by the rules of the run.
 
     Raises:
@@ -76,7 +76,7 @@ def logged_sequences(log: Log, experiment: Experiment) -> list[LoggedSequence]:
 
 
 def _hand_over(
-    log: Log, experiment: Experiment, sequence: MovingSequence, sample: int
+    log: Run, experiment: Experiment, sequence: MovingSequence, sample: int
 ) -> tuple[MovingSequence, tuple[Switch, ...]]:
     now = float(log.time[sample])
     sequence, passed = drop_passed(sequence, now)
@@ -84,7 +84,7 @@ def _hand_over(
     return sequence, (*passed, *met)
 
 
-def logged_solve(log: Log, experiment: Experiment, sequence: MovingSequence, sample: int) -> Solution:
+def logged_solve(log: Run, experiment: Experiment, sequence: MovingSequence, sample: int) -> Solution:
     """Return the solve of a sample whose window holds a sequence; under HTMPC that of the first level.
 
     Its multipliers are those that it started from, and it knows no costs.
@@ -93,7 +93,7 @@ def logged_solve(log: Log, experiment: Experiment, sequence: MovingSequence, sam
         LogError: The log has no plans, or what it holds is not of this window.
     """
     window = _window(log, experiment, sequence, sample)
-    guess, solution, duals = (read_plan(log.path, name, sample) for name in ("guess", "solution", "guess_multipliers"))
+    guess, solution, duals = (log.plan(name, sample) for name in ("guess", "solution", "guess_multipliers"))
     warm, scale = log.columns.get("solver/warm"), float(np.max(window.omega))
     try:
         return Solution(
@@ -111,7 +111,7 @@ def logged_solve(log: Log, experiment: Experiment, sequence: MovingSequence, sam
         raise _not_of_the_window(log, sample) from None
 
 
-def logged_outcome(log: Log, sample: int) -> Outcome:
+def logged_outcome(log: Run, sample: int) -> Outcome:
     """Return how the solve of a sample ended.
 
     Raises:
@@ -124,10 +124,10 @@ def logged_outcome(log: Log, sample: int) -> Outcome:
     return Outcome[name]
 
 
-def _window(log: Log, experiment: Experiment, sequence: MovingSequence, sample: int) -> Window:
+def _window(log: Run, experiment: Experiment, sequence: MovingSequence, sample: int) -> Window:
     """Return the window of a sample."""
     task, stages = experiment.task, experiment.stages[sequence.first : sequence.last + 1]
-    spec, numbers = task.controller, read_plan(log.path, "parameters", sample)
+    spec, numbers = task.controller, log.plan("parameters", sample)
     if len(numbers) != 1 + 3 * len(stages):
         raise _not_of_the_window(log, sample)
     omega, offset, scale = numbers[1:].reshape(3, -1)
@@ -148,7 +148,7 @@ def _window(log: Log, experiment: Experiment, sequence: MovingSequence, sample: 
     )
 
 
-def _nodes(log: Log, experiment: Experiment, sequence: MovingSequence, sample: int) -> tuple[int, ...]:
+def _nodes(log: Run, experiment: Experiment, sequence: MovingSequence, sample: int) -> tuple[int, ...]:
     """Return the intervals of each stage in the window of a sample."""
     counts = log.columns.get("window/nodes")
     if counts is None:
@@ -159,5 +159,5 @@ def _nodes(log: Log, experiment: Experiment, sequence: MovingSequence, sample: i
     return tuple(int(count) for count in found)
 
 
-def _not_of_the_window(log: Log, sample: int) -> LogError:
+def _not_of_the_window(log: Run, sample: int) -> LogError:
     return LogError(f"{log.path}: the plan of sample {sample} is not one of the window that the log says it has")

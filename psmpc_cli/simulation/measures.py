@@ -8,8 +8,8 @@ import numpy as np
 from psmpc_cli.control.controller import Command
 from psmpc_cli.control.sequence import Switch
 from psmpc_cli.logs.schema import Metrics, Sample
-from psmpc_cli.ocp.problem import Stage, StageCosts
-from psmpc_cli.ocp.window import SHORTEST, end_tolerance
+from psmpc_cli.ocp.problem import Stage
+from psmpc_cli.ocp.window import SHORTEST
 from psmpc_cli.plant import Ticks
 from psmpc_cli.plant.uncertainty import Contact
 from psmpc_cli.simulation.setup import Experiment
@@ -118,17 +118,6 @@ def state_at(times: np.ndarray, X: np.ndarray, time: float) -> np.ndarray:
     return np.concatenate([X[k, :n] + since / 2 * (X[k, n:] + Qdot), Qdot])
 
 
-def end_error(costs: StageCosts, stage: Stage, x: np.ndarray) -> float:
-    """Return the largest error of a stage's end condition at x (2n,) over its tolerance; NaN without one. Eq. (18)."""
-    rows = list(stage.end_rows)
-    if not rows:
-        return np.nan
-    errors = costs.errors(stage, x[None])[0, rows]
-    if stage.end_velocity is not None:
-        errors = np.concatenate([errors, costs.rates(stage, x[None])[0, rows]])
-    return float(np.max(np.abs(errors) / end_tolerance(stage)))
-
-
 def _end_errors(experiment: Experiment, command: Command, ticks: Ticks) -> dict[int, float]:
     """Return the end errors of stages that end by the plan before the next sample, by stage index.
 
@@ -138,7 +127,7 @@ def _end_errors(experiment: Experiment, command: Command, ticks: Ticks) -> dict[
     for index, instant in enumerate(command.instants, start=command.sequence.first):
         if instant <= ticks.time[-1] + SHORTEST:
             x = state_at(ticks.time, ticks.X, float(instant))
-            found[index] = end_error(experiment.costs, experiment.stages[index], x)
+            found[index] = experiment.costs.end_error(experiment.stages[index], x)
     return found
 
 

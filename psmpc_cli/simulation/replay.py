@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.read import Log
+from psmpc_cli.logs.run import Run
 from psmpc_cli.simulation.logged_window import ensure_sample, logged_sequences, logged_solve
 from psmpc_cli.simulation.setup import Experiment, build_experiment
-from psmpc_cli.simulation.summary import task_of
 from psmpc_cli.solvers import Outcome, Solution, build_solver
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.overrides import Short
@@ -69,7 +68,7 @@ class Replay:
         return max(self.apart, *(each.difference for each in self.compared))
 
 
-def replay(log: Log, sample: int, solver: str | None = None) -> Replay:
+def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
     """Solve the horizon of a sample again, by default with the run's own solver.
 
     Raises:
@@ -78,7 +77,7 @@ def replay(log: Log, sample: int, solver: str | None = None) -> Replay:
         SpecError: The solver does not exist or cannot solve this task.
     """
     ensure_sample(log, sample)
-    loaded = task_of(log)
+    loaded = log.task
     chosen = loaded if solver is None else _with_solver(loaded, solver)
     experiment = build_experiment(chosen)
     sequence = logged_sequences(log, experiment)[sample].sequence
@@ -112,7 +111,7 @@ def solve_again(experiment: Experiment, logged: Solution, same_solver: bool = Tr
     return solver.solve(logged.window, logged.guess, start if logged.warm else None), tuple(lines)
 
 
-def _compared(log: Log, experiment: Experiment, logged: Solution, again: Solution) -> list[Compared]:
+def _compared(log: Run, experiment: Experiment, logged: Solution, again: Solution) -> list[Compared]:
     window, plan, names = logged.window, again.plan, [stage.name for stage in logged.window.stages]
     found = [Compared("objective J", logged.J, again.J)]
     for name, before, after in zip(names, logged.plan.instants, plan.instants, strict=False):
@@ -126,7 +125,7 @@ def _compared(log: Log, experiment: Experiment, logged: Solution, again: Solutio
     return found
 
 
-def _remarks(log: Log, experiment: Experiment, sample: int) -> list[str]:
+def _remarks(log: Run, experiment: Experiment, sample: int) -> list[str]:
     stages, found = experiment.stages, []
     last = int(log["window/first"][sample] + log["window/count"][sample]) - 1
     if log["events/postponed"][sample] and last + 1 < len(stages):
@@ -140,7 +139,7 @@ def _remarks(log: Log, experiment: Experiment, sample: int) -> list[str]:
         found.append(
             "the solve failed and the plan before it went on: compared is the last iterate of the failed solve"
         )
-    if "levels/solved" in log.columns:
+    if "levels/solved" in log:
         found.append(
             f"the log of HTMPC holds the window of its first level alone, that of {stages[last].name}: the applied "
             "control is that of the last level"

@@ -14,24 +14,20 @@ from numpy.typing import ArrayLike
 from psmpc_cli import __version__
 from psmpc_cli.control.controller import priorities_in_force
 from psmpc_cli.errors import InputError, LogError, RunError
-from psmpc_cli.logs.differences import Comparison, compare_logs
-from psmpc_cli.logs.read import Log, log_in, read_log
+from psmpc_cli.logs.comparison import Comparison, compare_logs
+from psmpc_cli.logs.run import Run, arrays_in, read_run, run_in
 from psmpc_cli.logs.schema import AXES, MOMENTUM, Sample
+from psmpc_cli.logs.summary import verdicts
 from psmpc_cli.logs.write import Header, LogWriter, claimed
 from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.robot.bodies import body_names
 from psmpc_cli.simulation.loop import Ending, closed_loop
 from psmpc_cli.simulation.measures import StageClock
-from psmpc_cli.simulation.monitors import verdicts
 from psmpc_cli.simulation.setup import Experiment, build_experiment
-from psmpc_cli.simulation.summary import task_of
 from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.load import Task
 
 logger = logging.getLogger(__name__)
-
-IN_MEMORY = Path("a run in memory")
-"""The path of a run that was not written."""
 
 Watch = Callable[[Sample], None]
 
@@ -42,7 +38,7 @@ def simulate(
     watch: Watch = lambda sample: None,
     force: bool = False,
     until: int | None = None,
-) -> Log:
+) -> Run:
     """Run a task in closed loop and return the run.
 
     An interruption (KeyboardInterrupt, from anywhere or raised by the watcher) ends the run cleanly: it holds
@@ -63,8 +59,8 @@ def simulate(
     with LogWriter(path, header(experiment), force) as writer:
         _write(experiment, writer, watch, until)
         if path is None:
-            return log_in(IN_MEMORY, writer.file)
-    return read_log(path)
+            return run_in(writer.file)
+    return read_run(path)
 
 
 def _write(experiment: Experiment, writer: LogWriter, watch: Watch, until: int | None = None) -> None:
@@ -106,7 +102,7 @@ def _final(experiment: Experiment, ending: Ending) -> dict[str, ArrayLike]:
 
 def _verdicts(experiment: Experiment, writer: LogWriter) -> dict[str, ArrayLike]:
     """Return the verdicts of the task's monitors over the samples so far, by their paths in the log."""
-    found = verdicts(experiment.task, log_in(writer.path or IN_MEMORY, writer.file)) if experiment.task.monitors else ()
+    found = verdicts(experiment.task.monitors, arrays_in(writer.file)) if experiment.task.monitors else ()
     return {"monitors/held": [v.held for v in found], "monitors/margin": [v.margin for v in found]}
 
 
@@ -185,7 +181,7 @@ def header(experiment: Experiment) -> Header:
     )
 
 
-def rerun(log: Log, path: Path, force: bool = False, watch: Watch = lambda sample: None) -> Comparison | None:
+def rerun(log: Run, path: Path, force: bool = False, watch: Watch = lambda sample: None) -> Comparison | None:
     """Repeat a run, up to where its log ends, and compare every dataset but the wall times; None if interrupted.
 
     Raises:
@@ -203,14 +199,14 @@ def rerun(log: Log, path: Path, force: bool = False, watch: Watch = lambda sampl
         if not ended and sample.number + 1 == samples:
             raise KeyboardInterrupt(reason or "as far as the log goes")
 
-    again = simulate(task_of(log), path, watch_samples, force)
+    again = simulate(log.task, path, watch_samples, force)
     if again.interrupted and (ended or len(again.time) < samples):
         return None
     # a killed run has judged no monitor, and may have noted no switch of its last sample
     return compare_logs(log.path, path, None if ended else samples, () if reason else ("stages/", "monitors/"))
 
 
-def continue_run(log: Log, path: Path | None = None, watch: Watch = lambda sample: None) -> Comparison | None:
+def continue_run(log: Run, path: Path | None = None, watch: Watch = lambda sample: None) -> Comparison | None:
     """Run the task of an unfinished log again from its beginning, to the end; None if interrupted.
 
     Every row that the log holds is compared with the new one, wall times left out. Where all are equal the new log
@@ -232,7 +228,7 @@ def continue_run(log: Log, path: Path | None = None, watch: Watch = lambda sampl
     target = log.path.resolve()
     new = path or target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
-        again = simulate(task_of(log), new, watch)
+        again = simulate(log.task, new, watch)
         if again.interrupted:
             return None
         comparison = compare_logs(log.path, new, len(log.time), ("stages/", "monitors/", "final/"))
@@ -244,7 +240,7 @@ def continue_run(log: Log, path: Path | None = None, watch: Watch = lambda sampl
             new.unlink(missing_ok=True)
 
 
-def ensure_unfinished(log: Log) -> None:
+def ensure_unfinished(log: Run) -> None:
     """Make sure that there is something to continue.
 
     Raises:
@@ -256,7 +252,7 @@ def ensure_unfinished(log: Log) -> None:
         )
 
 
-def unequal_conditions(log: Log) -> tuple[str, ...]:
+def unequal_conditions(log: Run) -> tuple[str, ...]:
     """Return what makes it pointless to expect equal numbers: other versions, several threads, a deadline."""
     here = {
         "psmpc_version": __version__,
@@ -270,6 +266,6 @@ def unequal_conditions(log: Log) -> tuple[str, ...]:
     ]
     if os.environ.get("OMP_NUM_THREADS") != "1" and (os.cpu_count() or 1) > 1:
         found.append("OMP_NUM_THREADS is not 1: sums over several threads may be rounded otherwise")
-    if (deadline := task_of(log).spec.solver.deadline) is not None:
+    if (deadline := log.task.spec.solver.deadline) is not None:
         found.append(f"solves have a deadline of {deadline:g} s: how far they come depends on the machine")
     return tuple(found)

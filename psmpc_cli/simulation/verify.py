@@ -6,15 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.logs.read import Log
+from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant.adaptive import INSIDE, AdaptiveDynamics, Flow
 from psmpc_cli.simulation.logged_window import LoggedSequence, logged_sequences, logged_solve, logged_state
-from psmpc_cli.simulation.measures import end_error, state_at
+from psmpc_cli.simulation.measures import state_at
 from psmpc_cli.simulation.setup import Experiment, build_experiment
-from psmpc_cli.simulation.summary import task_of
 
 Vector = np.ndarray
 
@@ -69,7 +68,7 @@ class Verification:
     remarks: tuple[str, ...]
 
 
-def verify(log: Log, every: int = 1, watch: Callable[[int], None] = lambda sample: None) -> Verification:
+def verify(log: Run, every: int = 1, watch: Callable[[int], None] = lambda sample: None) -> Verification:
     """Integrate every n-th logged horizon, and the whole closed loop.
 
     Args:
@@ -80,10 +79,10 @@ def verify(log: Log, every: int = 1, watch: Callable[[int], None] = lambda sampl
     Raises:
         LogError: The log holds no plans or no samples.
     """
-    if not log.plans or not len(log.time):
-        missing = "samples" if log.plans else "plans"
+    if not log.has_plans or not len(log.time):
+        missing = "samples" if log.has_plans else "plans"
         raise LogError(f"{log.path}: holds no {missing}; expected a log of a task with log: {{plans: true}}")
-    experiment = build_experiment(task_of(log))
+    experiment = build_experiment(log.task)
     verifier = _Verifier(log, experiment)
     for sample, logged in enumerate(logged_sequences(log, experiment)):
         verifier.take(sample, logged, sample % every == 0)
@@ -94,10 +93,10 @@ def verify(log: Log, every: int = 1, watch: Callable[[int], None] = lambda sampl
 class _Verifier:
     """Goes through a log sample by sample and keeps the largest values."""
 
-    def __init__(self, log: Log, experiment: Experiment) -> None:
+    def __init__(self, log: Run, experiment: Experiment) -> None:
         self._log, self._experiment = log, experiment
         self._physics = AdaptiveDynamics(experiment.model)
-        self._levels = "levels/solved" in log.columns
+        self._levels = "levels/solved" in log
         task = experiment.task
         self._uncertain = task.uncertainty.in_force or task.controller.offset_free
         self._horizons: Peaks = {}
@@ -186,7 +185,7 @@ class _Verifier:
         if sample + 1 < len(log.time):
             after = logged_state(log, sample + 1)
         elif np.isfinite(log.final["time"]):
-            after = np.concatenate([log.final["Q"], log.final["Qdot"]])
+            after = np.concatenate([log.final["Q"], log.final["v"]])
         else:
             return
         names = [*log.coordinates, *(f"{name} velocity" for name in log.coordinates)]
@@ -203,7 +202,7 @@ class _Verifier:
 
     def _note_end(self, peaks: Peaks, sample: int, stage: Stage, x: Vector, time: float) -> None:
         """Note the error of a stage's end condition over its tolerance. Paper eq. (18)."""
-        error = end_error(self._experiment.costs, stage, x)
+        error = self._experiment.costs.end_error(stage, x)
         if np.isfinite(error):
             self._note(peaks, "end condition", sample, np.array([[error]]), np.array([time]), [stage.name])
 

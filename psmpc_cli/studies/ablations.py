@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from psmpc_cli.logs.read import Log, read_log
-from psmpc_cli.simulation.summary import summarize
+from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.studies.compare import run_variants
 from psmpc_cli.studies.one_window import (
@@ -26,7 +25,7 @@ from psmpc_cli.studies.one_window import (
 
 Curve = tuple[np.ndarray, np.ndarray]
 Curves = Mapping[str, Curve]
-Logs = Mapping[str, Log]
+Logs = Mapping[str, Run]
 
 OURS, EQUAL, PRINTED, NONE, RANGE, ALL_PRINTED = (
     "ours",
@@ -128,7 +127,7 @@ def run_ablations(
         name: parse_task(task.task_yaml, task.robot_yaml, task.spec.name, (*converged, *EVERY_RUN, *changes))
         for name, changes in variants.items()
     }
-    logs = {name: read_log(path) for name, path in run_variants(tasks, directory, jobs, done).items()}
+    logs = {name: read_run(path) for name, path in run_variants(tasks, directory, jobs, done).items()}
     equal, ours = pick_window(logs[EQUAL]), pick_window(logs[OURS])
     return [
         _pending_cost(logs, (equal, ours, with_priorities(ours, (1.0, 1.0))), points),
@@ -222,13 +221,13 @@ def _discretization(logs: Logs, one: OneWindow, nodes: int) -> Ablation:
     return Ablation("discretization", f"{where} {'; '.join(said)}.", panels, numbers)
 
 
-def ahead(log: Log) -> Curve:
+def ahead(log: Run) -> Curve:
     """Return the time until the planned end of the current stage [s] over time [s]; NaN where none is planned."""
     instants, first = log["window/instants"], log["window/first"]
     return log.time, instants[np.arange(len(first)), first] - log.time
 
 
-def variation(log: Log) -> Curve:
+def variation(log: Run) -> Curve:
     """Return the total variation of the joints' control up to each sample [rad/s^2] over time [s]."""
     joints = np.array([not name.startswith("base.") for name in log.coordinates], bool)
     steps = np.abs(np.diff(log["control/u"][:, joints], axis=0)).sum(axis=1)
@@ -258,18 +257,18 @@ def _measured(logs: Logs, names: Iterable[str]) -> dict[str, float]:
             f"jumps, {name}": float(np.sum(moves > JUMP)),
             f"variation, {name}": float(variation(log)[1][-1]),
             f"end, {name}": _end(log),
-            **{f"start of {stage.name}, {name}": stage.actual_start for stage in summarize(log).stages[1:]},
+            **{f"start of {stage.name}, {name}": stage.actual_start for stage in log.summary().stages[1:]},
         }
     return numbers
 
 
-def _horizon(log: Log) -> float:
+def _horizon(log: Run) -> float:
     return float(np.asarray(log.attributes["horizon"]))
 
 
-def _end(log: Log) -> float:
+def _end(log: Run) -> float:
     """Return when the last stage met its end condition [s]; NaN if it never did."""
-    summary = summarize(log)
+    summary = log.summary()
     return summary.duration if summary.completed else np.nan
 
 

@@ -8,9 +8,9 @@ from tempfile import TemporaryDirectory
 from typing import get_args
 
 from psmpc_cli.errors import InputError, RunError
-from psmpc_cli.logs.comparison import merge_logs, read_comparison
-from psmpc_cli.logs.new_file import refuse
-from psmpc_cli.logs.read import Log as Run
+from psmpc_cli.logs.comparison import merge_logs
+from psmpc_cli.logs.files import check_output
+from psmpc_cli.logs.run import Run, read_comparison
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
@@ -114,7 +114,7 @@ def compare_tasks(
         InputError: The file exists already or cannot be written.
         RunError: A log could not be written, or a process was killed each time.
     """
-    refuse(path, force)
+    check_output(path, force)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         meanwhile = TemporaryDirectory(prefix=f".{path.stem}-", dir=path.parent)

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from psmpc_cli.logs.read import Log
+from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.summary import StageSummary, Summary
 from psmpc_cli.ocp.feasibility import look_ahead
 from psmpc_cli.ocp.problem import StageCosts, build_stages
 from psmpc_cli.robot.model import build_model
-from psmpc_cli.simulation.summary import StageSummary, Summary, summarize, task_of
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.claims import REAL, Claims, Event
 from psmpc_cli.studies.front_movement import FrontMovement
@@ -136,12 +136,12 @@ class Evidence:
         return self.moment(f"{start.method}.{start.symbol.removesuffix(REAL)}")
 
 
-def gather_run(log: Log) -> RunEvidence:
+def gather_run(log: Run) -> RunEvidence:
     """Return what a log shows."""
-    task = task_of(log)
+    task = log.task
     controller = task.spec.controller
     return RunEvidence(
-        summary=summarize(log),
+        summary=log.summary(),
         horizon=controller.horizon,
         nodes=np.nan if controller.nodes == "auto" else controller.nodes,
         sample_time=controller.sample_time,
@@ -152,7 +152,7 @@ def gather_run(log: Log) -> RunEvidence:
     )
 
 
-def _onsets(log: Log) -> Iterator[tuple[str, Onset]]:
+def _onsets(log: Run) -> Iterator[tuple[str, Onset]]:
     presence, beyond = log["window/presence"], log["window/first"] + log["window/count"]
     postponed = log["events/postponed"].astype(bool)
     for index, name in enumerate(log.stage_names):
@@ -170,12 +170,12 @@ def _onsets(log: Log) -> Iterator[tuple[str, Onset]]:
             )
 
 
-def _errors(log: Log, task: Task) -> Iterator[tuple[str, tuple[np.ndarray, np.ndarray]]]:
+def _errors(log: Run, task: Task) -> Iterator[tuple[str, tuple[np.ndarray, np.ndarray]]]:
     model = build_model(task.robot)
     costs = StageCosts(model)
     known = np.isfinite(log.final["time"])
     time = np.append(log.time, log.final["time"])[: len(log.time) + known]
-    Q = np.vstack([log["state/Q"], log.final["Q"]])[: len(time)]
+    Q = np.vstack([log["state/Q"], log.final["Q_seen"]])[: len(time)]
     for stage in build_stages(task.spec, task.robot, model):
         if stage.end_rows and len(time):
             error = costs.errors(stage, np.hstack([Q, np.zeros_like(Q)]))[:, list(stage.end_rows)]

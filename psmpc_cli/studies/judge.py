@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from psmpc_cli.simulation.summary import Summary
+from psmpc_cli.logs.summary import Summary
 from psmpc_cli.studies.claims import Claim, Finding
 from psmpc_cli.studies.evidence import ROUNDING, Evidence, Moment, least_slack, settled, trends
 from psmpc_cli.studies.fronts import CLEARLY
@@ -111,7 +111,7 @@ def _all_early(claim: Claim, evidence: Evidence) -> Finding:
     """All of the stages start early."""
     starts = [evidence.moment(name) for name in claim.reads]
     run, names = starts[0].run, [start.stage for start in starts]
-    early = tuple(name for name in names if (stage := run.stage(name)) is not None and stage.premature)
+    early = tuple(name for name in names if (stage := run.stage(name)) is not None and stage.early)
     cause = []
     for name in sorted(set(names) - set(early)):
         onset = run.onsets.get(name)

@@ -6,12 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from psmpc_cli.logs.read import Log as Run
 from psmpc_cli.logs.results import Quantity
-from psmpc_cli.ocp.problem import StageCosts, build_stages
-from psmpc_cli.robot.model import build_model
-from psmpc_cli.simulation.measures import end_error
-from psmpc_cli.simulation.summary import Summary, summarize, task_of
+from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.summary import Summary
 
 Row = Mapping[str, Any]
 """The values of a cell by the names of their arrays."""
@@ -60,11 +57,8 @@ def _limit(kind: str, name: str) -> Reader:
 
 def _error_at_end(run: Run, stage: int) -> float:
     """Compute the error of a stage's end condition at the end of the run, over its tolerance. Paper eq. (18)."""
-    true = "_true" if "Q_true" in run.final else ""
-    x = np.concatenate([run.final[f"Q{true}"], run.final[f"Qdot{true}"]])
-    task = task_of(run)
-    model = build_model(task.robot)
-    return end_error(StageCosts(model), build_stages(task.spec, task.robot, model)[stage], x)
+    x = np.concatenate([run.final["Q"], run.final["v"]])
+    return run.problem.costs.end_error(run.problem.stages[stage], x)
 
 
 def _stage_cost(run: Run, summary: Summary) -> np.ndarray:
@@ -177,17 +171,17 @@ def second_stage(index: int) -> tuple[PerCell, ...]:
 
 def measure_run(run: Run) -> tuple[Row, str]:
     """Measure a run to the end of its task, with why it ended; a mission that fails is no failure to measure it."""
-    return {**_row(WHOLE_RUN, run), "reason": summarize(run).reason}, ""
+    return {**_row(WHOLE_RUN, run), "reason": run.summary().reason}, ""
 
 
 def measure_second_stage(index: int, run: Run) -> tuple[Row, str]:
     """Measure a run to the end of the second of two studied stages; it failed if it did not reach that."""
     reached = np.isfinite(run.stages["switch_time"][index])
-    return _row(second_stage(index), run), "" if reached else summarize(run).reason
+    return _row(second_stage(index), run), "" if reached else run.summary().reason
 
 
 def _row(quantities: Sequence[PerCell], run: Run) -> Row:
     """Read quantities from a run; those along a coordinate without entries are left out."""
-    summary = summarize(run)
+    summary = run.summary()
     values = {quantity.name: quantity.value(run, summary) for quantity in quantities}
     return {name: value for name, value in values.items() if np.size(value)}

@@ -7,12 +7,11 @@ import numpy as np
 
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.errors import LogError
-from psmpc_cli.logs.read import Log
+from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import SHORTEST, Window, normalization
 from psmpc_cli.simulation.logged_window import logged_solve
 from psmpc_cli.simulation.setup import Experiment, build_experiment, converging
-from psmpc_cli.simulation.summary import task_of
 from psmpc_cli.solvers import build_solver
 
 Vector = np.ndarray
@@ -58,13 +57,13 @@ class Scan:
         return np.asarray(self.cost + delta * self.instants)
 
 
-def pick_window(log: Log) -> OneWindow:
+def pick_window(log: Run) -> OneWindow:
     """Return the window of a log's first switch whose optimized instant lies `LATE_IN_HORIZON`.
 
     Raises:
         LogError: The log has no plans, or no window with one switch.
     """
-    experiment = build_experiment(converging(task_of(log)))
+    experiment = build_experiment(converging(log.task))
     count, first = log["window/count"], log["window/first"]
     with_one = np.flatnonzero(count == 2)
     if not len(with_one):
@@ -75,7 +74,7 @@ def pick_window(log: Log) -> OneWindow:
     return window_at(log, experiment, sample)
 
 
-def window_at(log: Log, experiment: Experiment, sample: int) -> OneWindow:
+def window_at(log: Run, experiment: Experiment, sample: int) -> OneWindow:
     """Return the window of a sample from what its solve was given, and its plan.
 
     Raises:

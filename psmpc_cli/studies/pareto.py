@@ -12,12 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError, RunError
-from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import SHORTEST
 from psmpc_cli.simulation.run import header
 from psmpc_cli.simulation.setup import build_experiment, converging
-from psmpc_cli.simulation.summary import task_of
 from psmpc_cli.solvers import NlpSolver, Outcome, Solution
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.fronts import CONSTRAINED, FREE, WEIGHTED, Front, Grid, SampleFronts, write_pareto
@@ -122,7 +121,7 @@ def solve_pareto(
     """Find the fronts at samples of a run and write them into a file, whole or not at all.
 
     Args:
-        run: Log of the run, with its plans.
+        run: Run of the run, with its plans.
         question: What is asked.
         path: The file.
         jobs: Processes; by default one for each core.
@@ -135,10 +134,10 @@ def solve_pareto(
         RunError: Processes are ended from outside again and again.
     """
     ensure_answerable(question)
-    log = read_log(run)
+    log = read_run(run)
     if not log.plans:
         raise LogError(f"{run}: holds no plans; expected a log of a task with log: {{plans: true}}")
-    loaded = task_of(log)
+    loaded = log.task
     stages = _stages(question, loaded)
     names = [log.stage_names[stage] for stage in stages]
     grid = _grid(question)
@@ -173,13 +172,13 @@ def _grid(question: Question) -> Grid:
     )
 
 
-def possible_samples(log: Log, stages: tuple[int, int]) -> np.ndarray:
+def possible_samples(log: Run, stages: tuple[int, int]) -> np.ndarray:
     """Return the samples whose window holds exactly the two stages and was solved (K,)."""
     alone = (log["window/first"] == stages[0]) & (log["window/count"] == 2)
     return np.flatnonzero(alone & (log["events/solve_failed"] == 0))
 
 
-def choose_samples(log: Log, stages: tuple[int, int], at: Sequence[float]) -> list[int]:
+def choose_samples(log: Run, stages: tuple[int, int], at: Sequence[float]) -> list[int]:
     """Return the samples at these times [s]; without any, some evenly from the first to the last possible one.
 
     Raises:
@@ -314,8 +313,8 @@ class SampleTask:
 
 def solve_sample(task: SampleTask) -> SampleFronts:
     """Return the fronts at one sample."""
-    log, grid = read_log(task.log), task.grid
-    trade_off = TradeOff(window_at(log, build_experiment(converging(task_of(log))), task.sample))
+    log, grid = read_run(task.log), task.grid
+    trade_off = TradeOff(window_at(log, build_experiment(converging(log.task)), task.sample))
     window, plan = trade_off.one.window, trade_off.one.plan
     wait = float(plan.instants[0]) - window.start
     ratio = float(window.omega[1] / window.omega[0])

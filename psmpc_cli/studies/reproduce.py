@@ -9,9 +9,8 @@ from typing import Any
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.comparison import extract_log, read_comparison
-from psmpc_cli.logs.read import Log
 from psmpc_cli.logs.results import Results
+from psmpc_cli.logs.run import Run, read_comparison
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
@@ -62,7 +61,7 @@ class Reproduction:
     """
 
     changes: tuple[str, ...]
-    logs: Mapping[str, Log]
+    logs: Mapping[str, Run]
     weights: SweepCells
     fronts: Results | None
     findings: tuple[Finding, ...]
@@ -75,7 +74,7 @@ class Reproduction:
 
 
 def judge_claims(
-    logs: Mapping[str, Log],
+    logs: Mapping[str, Run],
     weights: SweepCells,
     fronts: Results | None,
     changes: Sequence[str] = (),
@@ -113,7 +112,7 @@ def run_methods(
     jobs: int | None = None,
     began: Callable[[Mapping[str, Path]], None] = lambda paths: None,
     done: Callable[[str], None] = lambda name: None,
-) -> Mapping[str, Log]:
+) -> Mapping[str, Run]:
     """Run every method and return its log; the logs go to one file of a directory.
 
     Args:
@@ -169,7 +168,7 @@ def sweep_weights(
 
 def find_fronts(
     directory: Path,
-    log: Log,
+    log: Run,
     points: int,
     force: bool = False,
     jobs: int | None = None,
@@ -198,7 +197,7 @@ def find_fronts(
         return None
     with TemporaryDirectory(prefix=".fronts-", dir=directory) as meanwhile:
         run = Path(meanwhile) / "psmpc.h5"
-        extract_log(directory / LOGS, "psmpc", run)
+        read_comparison(directory / LOGS)["psmpc"].save(run)
         solve_pareto(run, Question("1,2", (), points, "weighted-sum", False), path, jobs, force, done)
     return read_pareto(path)
 

@@ -30,8 +30,8 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError, RunError, SpecError
-from psmpc_cli.logs.read import Log as Run
 from psmpc_cli.logs.results import Quantity, Results, ResultsWriter, create_results, read_results
+from psmpc_cli.logs.run import Run
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.document import describe
 from psmpc_cli.specs.load import Task, parse_task

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 import yaml
 
-from psmpc_cli.logs.read import Log, read_log
-from psmpc_cli.simulation.monitors import signal
+from psmpc_cli.logs.run import Run, read_run
+from psmpc_cli.logs.summary import Summary, signal
 from psmpc_cli.simulation.run import simulate
-from psmpc_cli.simulation.summary import Summary, summarize
 from psmpc_cli.specs.load import load_task
 
 PROTOTYPE = {"approach": 10.1, "capture": 13.1, "transport": 23.2, "release": 29.6}
@@ -32,23 +31,23 @@ RUNS = {
 
 
 @pytest.fixture(scope="module")
-def log_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Log]:
+def log_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Run]:
     """Run each variant once."""
-    logs: dict[str, Log] = {}
+    logs: dict[str, Run] = {}
 
-    def get(name: str) -> Log:
+    def get(name: str) -> Run:
         if name not in logs:
             path = tmp_path_factory.mktemp("runs") / "run.h5"
             simulate(load_task("transport", (*RUNS[name], "log.plans=false", "log.shares=false")), path)
-            logs[name] = read_log(path)
+            logs[name] = read_run(path)
         return logs[name]
 
     return get
 
 
 @pytest.fixture(scope="module")
-def psmpc(log_of: Callable[[str], Log]) -> Summary:
-    return summarize(log_of("psmpc"))
+def psmpc(log_of: Callable[[str], Run]) -> Summary:
+    return log_of("psmpc").summary()
 
 
 def ends(summary: Summary) -> dict[str, float]:
@@ -64,8 +63,8 @@ def test_instants_are_no_later_than_published(psmpc: Summary) -> None:
         assert instant <= PUBLISHED[stage] + 0.2
 
 
-def test_instants_in_the_prototypes_setting_are_the_prototypes(log_of: Callable[[str], Log]) -> None:
-    summary = summarize(log_of(PROTOTYPE_SETTING))
+def test_instants_in_the_prototypes_setting_are_the_prototypes(log_of: Callable[[str], Run]) -> None:
+    summary = log_of(PROTOTYPE_SETTING).summary()
     for stage, instant in ends(summary).items():
         assert abs(instant - PROTOTYPE[stage]) <= 0.5
     assert summary.succeeded
@@ -75,7 +74,7 @@ def test_instants_in_the_prototypes_setting_are_the_prototypes(log_of: Callable[
 
 def test_capture_starts_as_soon_as_its_switch_is_seen(psmpc: Summary) -> None:
     capture = psmpc.stages[1]
-    assert capture.premature
+    assert capture.early
     assert abs(capture.actual_start - 6.2) <= 0.5
 
 
@@ -103,8 +102,8 @@ def test_momentum_and_energy_balance(psmpc: Summary) -> None:
     assert psmpc.energy_error < 1e-9
 
 
-def test_the_plant_follows_the_ideal_one(psmpc: Summary, log_of: Callable[[str], Log]) -> None:
-    ideal = summarize(log_of("psmpc, ideal plant"))
+def test_the_plant_follows_the_ideal_one(psmpc: Summary, log_of: Callable[[str], Run]) -> None:
+    ideal = log_of("psmpc, ideal plant").summary()
     for stage, instant in ends(ideal).items():
         assert ends(psmpc)[stage] == pytest.approx(instant, abs=0.1)
 
@@ -121,7 +120,7 @@ def longest_alternation(u: np.ndarray) -> int:
 
 
 @pytest.mark.parametrize("name", list(RUNS))
-def test_no_control_chatters(log_of: Callable[[str], Log], name: str) -> None:
+def test_no_control_chatters(log_of: Callable[[str], Run], name: str) -> None:
     assert max(longest_alternation(u) for u in log_of(name)["control/u"].T) <= 3
 
 
@@ -131,7 +130,7 @@ def test_the_alternation_counter_counts() -> None:
 
 
 @pytest.mark.parametrize("name", ["psmpc", "smpc"])
-def test_predicted_instants_stay_where_they_are(log_of: Callable[[str], Log], name: str) -> None:
+def test_predicted_instants_stay_where_they_are(log_of: Callable[[str], Run], name: str) -> None:
     log = log_of(name)
     instants, first, count = log["window/instants"], log["window/first"], log["window/count"]
     approach = instants[:, 0][np.isfinite(instants[:, 0])]
@@ -142,8 +141,8 @@ def test_predicted_instants_stay_where_they_are(log_of: Callable[[str], Log], na
     assert np.abs(np.diff(ahead)[same]).max() <= 0.3
 
 
-def test_smpc_opens_the_grippers_early_and_fails(log_of: Callable[[str], Log]) -> None:
-    smpc = summarize(log_of("smpc"))
+def test_smpc_opens_the_grippers_early_and_fails(log_of: Callable[[str], Run]) -> None:
+    smpc = log_of("smpc").summary()
     assert smpc.completed
     assert not smpc.succeeded
     assert not smpc.monitors[0].held
@@ -154,8 +153,8 @@ def test_smpc_opens_the_grippers_early_and_fails(log_of: Callable[[str], Log]) -
 
 
 @pytest.mark.parametrize("name", list(RUNS))
-def test_the_runs_are_where_the_baseline_has_them(log_of: Callable[[str], Log], name: str) -> None:
-    summary, baseline = summarize(log_of(name)), BASELINE[name]
+def test_the_runs_are_where_the_baseline_has_them(log_of: Callable[[str], Run], name: str) -> None:
+    summary, baseline = log_of(name).summary(), BASELINE[name]
     assert ends(summary) == pytest.approx(baseline["switch_time"], abs=0.05)
     assert starts(summary) == pytest.approx(baseline["actual_start"], abs=0.15)
     assert summary.control_effort == pytest.approx(baseline["control_effort"], rel=0.03)
@@ -164,8 +163,8 @@ def test_the_runs_are_where_the_baseline_has_them(log_of: Callable[[str], Log], 
     assert distances == pytest.approx(baseline["gripper_distance"], abs=0.02)
 
 
-def test_an_automatic_mesh_leads_to_the_same_instants(psmpc: Summary, log_of: Callable[[str], Log]) -> None:
-    automatic = summarize(log_of(AUTOMATIC))
+def test_an_automatic_mesh_leads_to_the_same_instants(psmpc: Summary, log_of: Callable[[str], Run]) -> None:
+    automatic = log_of(AUTOMATIC).summary()
     assert ends(automatic) == pytest.approx(ends(psmpc), abs=0.1)
     assert ends(automatic)["release"] == pytest.approx(ends(psmpc)["release"], abs=0.2)
     assert automatic.succeeded
@@ -173,10 +172,10 @@ def test_an_automatic_mesh_leads_to_the_same_instants(psmpc: Summary, log_of: Ca
 
 
 @pytest.mark.parametrize("name", ["psmpc", "smpc"])
-def test_the_runs_are_where_the_converged_solvers_are(log_of: Callable[[str], Log], name: str) -> None:
+def test_the_runs_are_where_the_converged_solvers_are(log_of: Callable[[str], Run], name: str) -> None:
     """Those are in the baseline: at this mesh each takes a minute."""
     converged = BASELINE[f"{name}, converged (fatrop)"]
-    *instants, end = ends(summarize(log_of(name))).values()
+    *instants, end = ends(log_of(name).summary()).values()
     *expected, expected_end = converged["switch_time"].values()
     assert instants == pytest.approx(expected, abs=0.1)
     assert end == pytest.approx(expected_end, abs=0.2)

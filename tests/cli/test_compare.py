@@ -10,7 +10,7 @@ import pytest
 
 from psmpc_cli.cli import parallel
 from psmpc_cli.figures.registry import figures_of
-from psmpc_cli.logs.comparison import read_comparison
+from psmpc_cli.logs.run import read_comparison
 
 from ..there_and_back import TASK
 from .command import Psmpc, Ran

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import numpy as np
 
-from psmpc_cli.logs.read import read_log
+from psmpc_cli.logs.run import read_run
 
 from .command import Psmpc
 
@@ -12,7 +12,7 @@ def test_an_interrupted_run_is_finished(psmpc: Psmpc, part: Path) -> None:
     assert ran.code == 0
     assert ran.stderr.splitlines()[0].split()[:2] == ["0.5", "s"]
     assert ran.stdout.splitlines()[-1] == "log: part.h5"
-    log = read_log(part)
+    log = read_run(part)
     assert log.attributes["finished"] is np.True_
     assert log.stages["switch_time"][-1] == log.final["time"]
     again = psmpc("simulate", "--continue", "part.h5", "--no-figures")

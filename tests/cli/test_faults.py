@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from faults import Fault, during, psmpc, simulate, strike, unmeasured
 
-from psmpc_cli.logs.read import read_log
+from psmpc_cli.logs.run import read_run
 
 from ..there_and_back import TASK
 
@@ -41,7 +41,7 @@ def test_a_run_that_a_signal_ends_leaves_every_sample_it_told_of(
     assert ended.held >= ended.told >= samples
     assert ended.told <= ended.before + 3
     assert "Traceback" not in ended.err
-    assert read_log(log).attributes["end_reason"] == {2: "interrupted", 15: "terminated", 9: ""}[number]
+    assert read_run(log).attributes["end_reason"] == {2: "interrupted", 15: "terminated", 9: ""}[number]
     before = log.read_bytes()
     assert simulate(Fault(), log, task).code == 2
     assert log.read_bytes() == before

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from psmpc_cli.cli.pareto import pareto
 from psmpc_cli.cli.plot import plot
 from psmpc_cli.errors import InputError, LogError, PsmpcError, SpecError
-from psmpc_cli.logs.read import read_log
+from psmpc_cli.logs.run import read_run
 from psmpc_cli.studies.fronts import read_pareto
 
 from ..there_and_back import TASK
@@ -64,7 +64,7 @@ def test_results_and_figures_are_there(studied: tuple[Path, str]) -> None:
 
 def test_the_log_of_the_run_is_kept_and_can_be_studied_in_turn(studied: tuple[Path, str], tmp_path: Path) -> None:
     log = studied[0].with_name("run.h5")
-    assert read_log(log).plans
+    assert read_run(log).plans
     called(pareto, log, *QUICK, "--no-figures", "-o", tmp_path / "again.h5", "-q")
     again, first = read_pareto(tmp_path / "again.h5"), read_pareto(studied[0])
     assert (again["weighted_J_1"] == first["weighted_J_1"]).all()

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import numpy as np
 
-from psmpc_cli.logs.read import read_log
+from psmpc_cli.logs.run import read_run
 
 from ..simulation.logged import there_and_back
 from .command import Psmpc
@@ -16,7 +16,7 @@ def test_a_replay_shows_iterations_and_what_is_equal(psmpc: Psmpc, part: Path) -
     assert lines[1].split()[:4] == ["iter", "objective", "inf_pr", "inf_du"]
     rows = {line.rpartition("  ")[0].split("  ")[0]: line.split()[-1] for line in lines}
     assert [rows[name] for name in ("objective J", "go ends [s]", "control of base.x")] == ["0.0e+00"] * 3
-    count = read_log(part)["solver/iterations"][3]
+    count = read_run(part)["solver/iterations"][3]
     assert lines[-1] == f"the log is repeated to 1e-06: optimal after {count} iterations, again optimal after {count}"
 
 

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from psmpc_cli.cli.reproduce import reproduce
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.comparison import read_comparison
 from psmpc_cli.logs.results import read_results
+from psmpc_cli.logs.run import read_comparison
 from psmpc_cli.logs.schema import SWEEP
 from psmpc_cli.studies.fronts import read_pareto
 from psmpc_cli.studies.reproduce import METHODS

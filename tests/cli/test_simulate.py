@@ -16,7 +16,7 @@ from psmpc_cli.cli import simulate as module
 from psmpc_cli.figures import animation
 from psmpc_cli.figures.animation import offscreen_driver
 from psmpc_cli.figures.registry import figures_of
-from psmpc_cli.logs.read import read_log
+from psmpc_cli.logs.run import read_run
 from psmpc_cli.logs.schema import Sample
 
 from ..there_and_back import TASK
@@ -41,7 +41,7 @@ def simulate(psmpc: Psmpc) -> Psmpc:
 def test_a_run_leaves_its_log_and_prints_its_summary(simulate: Psmpc) -> None:
     ran = simulate()
     assert ran.code == 0
-    log = read_log(Path("runs/task.h5"))
+    log = read_run(Path("runs/task.h5"))
     assert log.attributes["finished"] is np.True_
     lines = ran.stdout.splitlines()
     assert lines[0].split("  ")[0] == "stage"
@@ -99,7 +99,7 @@ def test_a_run_that_cannot_go_on_says_why(simulate: Psmpc) -> None:
         "up to then"
     )
     assert ran.stdout.splitlines()[-2].startswith("mission failed: no window could be solved")
-    assert read_log(Path("runs/task.h5"))["events/solve_failed"].all()
+    assert read_run(Path("runs/task.h5"))["events/solve_failed"].all()
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_the_log_goes_where_it_is_told(simulate: Psmpc, arguments: tuple[str, ..
 
 def test_controller_and_plant_are_those_asked_for(simulate: Psmpc) -> None:
     simulate("--controller", "hard", "--plant", "rk4", "--set", "seed=7", "--set", "stages.back.priority=50")
-    log = read_log(Path("runs/task-hard-rk4.h5"))
+    log = read_run(Path("runs/task-hard-rk4.h5"))
     assert [log.attributes[name] for name in ("controller", "plant", "seed")] == ["hard", "rk4", 7]
     assert log.stages["priority"].tolist() == [1, 50]
     assert set(log["window/count"]) == {1}
@@ -173,7 +173,7 @@ def test_an_earlier_log_is_kept_without_force(simulate: Psmpc) -> None:
     )
     assert Path("runs/task.h5").read_bytes() == before
     assert simulate("--force", "--set", "time_limit=1.4").code == 0
-    assert read_log(Path("runs/task.h5")).final["time"] == pytest.approx(1.4)
+    assert read_run(Path("runs/task.h5")).final["time"] == pytest.approx(1.4)
 
 
 def test_a_bad_task_costs_no_earlier_log(simulate: Psmpc) -> None:
@@ -281,7 +281,7 @@ def test_signals_end_the_run_after_the_sample_in_hand(
     ran = simulate()
     assert ran.code == code
     assert ran.stdout.splitlines()[-2] == f"mission not finished: {reason}, after 0.3 s"
-    log = read_log(Path("runs/task.h5"))
+    log = read_run(Path("runs/task.h5"))
     assert log.time == pytest.approx([0, 0.1, 0.2, 0.3])
     assert (log.attributes["finished"], log.attributes["end_reason"]) == (False, reason)
     assert [signal.getsignal(each) for each, _, _ in SIGNALS] == before
@@ -305,7 +305,7 @@ def test_an_interrupted_process_leaves_log_summary_and_figures(
     assert child.returncode == code
     assert first.split()[:3] == ["0.0", "s", "approach"]
     assert "Traceback" not in stderr
-    log = read_log(tmp_path / "log.h5")
+    log = read_run(tmp_path / "log.h5")
     assert len(log.time) >= 1
     assert (log.attributes["finished"], log.attributes["end_reason"]) == (False, reason)
     assert f"\nmission not finished: {reason}, after {log.time[-1]:.1f} s\n" in stdout

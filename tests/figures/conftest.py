@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from psmpc_cli.figures.run import Run, load_run
-from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.logs.run import Run, read_run
 
 from .made_up import Story, write_story
 
@@ -32,13 +31,13 @@ def log_path(tmp_path_factory: pytest.TempPathFactory, write_log: Write) -> Path
 
 
 @pytest.fixture(scope="session")
-def log(log_path: Path) -> Log:
-    return read_log(log_path)
+def log(log_path: Path) -> Run:
+    return read_run(log_path)
 
 
 @pytest.fixture(scope="session")
-def run(log: Log) -> Run:
-    return load_run(log)
+def run(log: Run) -> Run:
+    return log
 
 
 @pytest.fixture(scope="session")
@@ -52,7 +51,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Run]:
     }
     folder = tmp_path_factory.mktemp("comparison")
     return {
-        name: load_run(read_log(write_story(folder / f"{name}.h5", replace(story, attributes={"controller": name}))))
+        name: read_run(write_story(folder / f"{name}.h5", replace(story, attributes={"controller": name})))
         for name, story in stories.items()
     }
 
@@ -61,7 +60,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Run]:
 def load(tmp_path: Path, write_log: Write) -> Callable[..., Run]:
     """The run of a story: (**story) -> run."""
     numbers = count()
-    return lambda **story: load_run(read_log(write_log(tmp_path / f"{next(numbers)}.h5", **story)))
+    return lambda **story: read_run(write_log(tmp_path / f"{next(numbers)}.h5", **story))
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ from psmpc_cli.figures.animation import (
 from psmpc_cli.figures.offscreen import model_of
 from psmpc_cli.figures.registry import draw
 from psmpc_cli.figures.robot_drawing import View, scene_of
-from psmpc_cli.figures.run import Run
+from psmpc_cli.logs.run import Run
 
 Load = Callable[..., Run]
 
@@ -51,7 +51,7 @@ def test_an_animation_shows_every_frame_beside_the_chosen_figures(tmp_path: Path
     files = draw("run", run, tmp_path, ["svg"], only=["states"], films=["animation"])
     assert [path.name for path in files] == ["states.svg", "animation.gif"]
     frames = frames_of(files[1])
-    assert len(frames) == len(run.time)
+    assert len(frames) == len(run.motion.time)
     assert frames[0].shape[0] % 2 == frames[0].shape[1] % 2 == 0
 
 
@@ -67,7 +67,7 @@ def test_beside_existing_figures_only_the_animation_is_made(tmp_path: Path, load
 
 def test_frames_span_the_run_and_are_bounded(run: Run, load: Load) -> None:
     times = frame_times(run)
-    assert (times[0], times[-1], len(times)) == (0.0, run.end, len(run.time))
+    assert (times[0], times[-1], len(times)) == (0.0, run.motion.end, len(run.motion.time))
     assert np.all(np.diff(times) > 0)
     assert len(frame_times(load(sample=0.1))) == LONGEST
 
@@ -143,7 +143,7 @@ def test_a_film_shows_the_robot_in_every_frame_or_is_rejected_where_mujoco_canno
         return
     assert draw("run", run, folder, only=(), films=["render"]) == [folder / "render.gif"]
     frames = frames_of(folder / "render.gif")
-    assert len(frames) == len(run.time)
+    assert len(frames) == len(run.motion.time)
     for blue in ((frame[..., 2] - frame[..., 0] > 60) for frame in frames):
         assert blue.sum() > 100
     assert np.abs(frames[-1] - frames[0]).max() > 60

@@ -13,8 +13,8 @@ from matplotlib.patches import Rectangle, StepPatch
 
 from psmpc_cli.figures.coordinates import plot_controls, plot_errors, plot_forces, plot_states, plot_velocities
 from psmpc_cli.figures.instants import cost_shares, plot_compared_instants, plot_instants, plot_shares, plot_solve_time
-from psmpc_cli.figures.run import Run
 from psmpc_cli.figures.style import EARLY, STAGE
+from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.library import find
 
 from .drawn import bars, common_legend, curves, legend, long_curves, points
@@ -42,7 +42,7 @@ def strip_texts(figure: Figure) -> list[str]:
 
 def changed(run: Run, path: str, values: np.ndarray) -> Run:
     """The run with another column."""
-    return replace(run, log=replace(run.log, columns={**run.log.columns, path: values}))
+    return replace(run, log=replace(run, arrays={**run.arrays, path: values}))
 
 
 def test_every_other_stage_and_early_starts_are_marked_in_every_panel_and_explained(run: Run) -> None:
@@ -89,12 +89,12 @@ def test_the_strip_names_the_stages_or_numbers_them_with_a_key(
 def test_states_are_drawn_to_the_end_of_the_run(run: Run) -> None:
     figure = plot_states(run)
     low, high = figure.axes[1].get_xlim()
-    assert low < run.time[0] and run.end < high
+    assert low < run.motion.time[0] and run.motion.end < high
     position, angle, arm_1, arm_2 = figure.axes[1:]
-    np.testing.assert_array_equal(curves(position)["y"], np.column_stack([run.time, run.Q[:, 1]]))
-    np.testing.assert_array_equal(curves(angle)["θ"][:, 1], run.Q[:, 2])
-    np.testing.assert_array_equal(curves(arm_1)["joint 3"][:, 1], run.Q[:, 5])
-    np.testing.assert_array_equal(curves(arm_2)["joint 1"][:, 1], run.Q[:, 6])
+    np.testing.assert_array_equal(curves(position)["y"], np.column_stack([run.motion.time, run.motion.Q[:, 1]]))
+    np.testing.assert_array_equal(curves(angle)["θ"][:, 1], run.motion.Q[:, 2])
+    np.testing.assert_array_equal(curves(arm_1)["joint 3"][:, 1], run.motion.Q[:, 5])
+    np.testing.assert_array_equal(curves(arm_2)["joint 1"][:, 1], run.motion.Q[:, 6])
     labels = ["Base position\n(m)", "Base angle\n(rad)", "Arm 1 angle\n(rad)", "Arm 2 angle\n(rad)"]
     assert [axes.get_ylabel() for axes in figure.axes[1:]] == labels
 
@@ -117,9 +117,9 @@ def test_velocities_have_the_limits_in_force(run: Run, load: Load, one_arm: dict
 def test_what_the_controller_saw_is_drawn_where_it_can_be_told_apart(load: Load, run: Run) -> None:
     blurred = load(blur=0.1)
     figure = plot_velocities(blurred)
-    np.testing.assert_array_equal(curves(figure.axes[1])["x"], np.column_stack([run.time, run.Qdot[:, 0]]))
+    np.testing.assert_array_equal(curves(figure.axes[1])["x"], np.column_stack([run.motion.time, run.motion.v[:, 0]]))
     seen = [points(line)[:, 1:] for axes in figure.axes[1:] for line in axes.lines if line.get_label() == "_seen"]
-    np.testing.assert_array_equal(np.hstack(seen), blurred.Qdot_seen)
+    np.testing.assert_array_equal(np.hstack(seen), blurred.motion.v_seen)
     assert "seen by the controller" in common_legend(figure)
     assert "seen by the controller" not in common_legend(plot_states(load(blur=1e-4)))
 
@@ -130,14 +130,14 @@ def test_controls_are_steps_held_to_the_end_of_the_run(run: Run) -> None:
         drawn = [line for line in axes.lines if len(points(line)) > 2]
         assert drawn and all(line.get_drawstyle() == "steps-post" for line in drawn)
     time, x = curves(figure.axes[1])["x"].T
-    np.testing.assert_array_equal(time, [*run.log.time, run.end])
-    np.testing.assert_array_equal(x, [*run.log["control/u"][:, 0], run.log["control/u"][-1, 0]])
+    np.testing.assert_array_equal(time, [*run.time, run.motion.end])
+    np.testing.assert_array_equal(x, [*run["control/u"][:, 0], run["control/u"][-1, 0]])
     assert "limit" not in common_legend(figure)
     assert figure.axes[1].get_ylabel() == "Base control\n(m/s²)"
 
 
 def test_short_peaks_make_the_axis_logarithmic_and_say_so(run: Run) -> None:
-    values = np.full((len(run.log.time), run.model.n), 0.01)
+    values = np.full((len(run.time), run.problem.model.n), 0.01)
     calm, peaked = plot_controls(changed(run, "control/u", values)).axes[1], values.copy()
     assert (calm.get_yscale(), calm.get_title(loc="left")) == ("linear", "")
     peaked[5] = 3.0
@@ -148,11 +148,11 @@ def test_short_peaks_make_the_axis_logarithmic_and_say_so(run: Run) -> None:
 
 def test_forces_are_those_of_every_tick_where_logged_else_of_the_samples(run: Run, load: Load) -> None:
     figure = plot_forces(run)
-    np.testing.assert_array_equal(curves(figure.axes[2])["θ"][:, 1], run.log["force/F"][:, 2])
+    np.testing.assert_array_equal(curves(figure.axes[2])["θ"][:, 1], run["force/F"][:, 2])
     assert [axes.get_ylabel() for axes in figure.axes[1:4:2]] == ["Base force\n(N)", "Arm 1 torque\n(N m)"]
     fine = load(last=2.0, ticks=True)
     drawn = curves(plot_forces(fine).axes[1])["x"]
-    np.testing.assert_array_equal(drawn, np.column_stack([fine.log.ticks["time"], fine.log.ticks["F"][:, 0]]))
+    np.testing.assert_array_equal(drawn, np.column_stack([fine.ticks["time"], fine.ticks["F"][:, 0]]))
 
 
 def test_errors_are_the_largest_of_a_group_in_the_coordinates_the_stage_controls(run: Run) -> None:
@@ -163,7 +163,7 @@ def test_errors_are_the_largest_of_a_group_in_the_coordinates_the_stage_controls
     approach = next(curve for curve in found if curve[0, 0] == 0.0)
     np.testing.assert_allclose(approach[0, 1], 2.0)  # from 0 to (-2, 2): not the distance
     joints = [curve for curve in long_curves(angle) if curve[0, 0] == 13.0]
-    target, start = run.stages[2].target, np.array([np.interp(13.0, run.time, column) for column in run.Q.T])
+    target, start = run.problem.stages[2].target, run.motion.coordinates_at(13.0)
     expected = [abs(start[2] - target[2]), *(np.abs(start - target)[rows].max() for rows in (slice(3, 6), slice(6, 9)))]
     np.testing.assert_allclose([curve[0, 1] for curve in joints], expected)
 
@@ -186,12 +186,12 @@ def test_a_tolerance_stands_over_its_stage_and_is_explained(run: Run) -> None:
 
 
 def test_every_planned_switch_time_is_drawn_and_how_far_it_is_off(run: Run) -> None:
-    figure, instants = plot_instants(run), run.log["window/instants"]
+    figure, instants = plot_instants(run), run["window/instants"]
     drawn = curves(figure.axes[1])
     assert list(drawn) == ["approach", "capture", "transport"]
     for stage, curve in enumerate(drawn.values()):
         seen = np.isfinite(instants[:, stage])
-        np.testing.assert_array_equal(curve, np.column_stack([run.log.time[seen], instants[seen, stage]]))
+        np.testing.assert_array_equal(curve, np.column_stack([run.time[seen], instants[seen, stage]]))
     for curve, end in zip(long_curves(figure.axes[2]), (10.0, 13.0, 23.0), strict=True):
         np.testing.assert_allclose(curve[:, 1], 20.0 * (end - curve[:, 0]), atol=1e-6)  # as made up, in ms
     assert figure.axes[2].get_ylabel() == "Planned minus\nactual (ms)"
@@ -208,14 +208,14 @@ def test_compared_switch_times_are_drawn_over_time_and_against_the_actual_end(ru
     overview, *details = plot_compared_instants(runs).axes
     assert [axes.get_title() for axes in details] == [f"end of {name}" for name in ("approach", "capture", "transport")]
     run = runs["psmpc"]
-    seen = np.isfinite(run.log["window/instants"][:, 0])
-    time, instants = run.log.time[seen], run.log["window/instants"][seen, 0]
+    seen = np.isfinite(run["window/instants"][:, 0])
+    time, instants = run.time[seen], run["window/instants"][seen, 0]
     assert any(np.array_equal(points(line), np.column_stack([time, instants])) for line in overview.lines)
     expected = np.column_stack([time - 10.0, 1e3 * (instants - 10.0)])
     assert any(np.array_equal(points(line), expected) for line in details[0].lines)
     marked = [points(line)[:, 0] for line in overview.lines if line.get_marker() not in ("", "None", None)]
     for found, one in zip(marked, runs.values(), strict=True):
-        np.testing.assert_array_equal(found, one.log.stages["switch_time"])
+        np.testing.assert_array_equal(found, one.stages["switch_time"])
 
 
 def columns(figure: Figure, runs: Runs) -> list[list[Axes]]:
@@ -228,11 +228,11 @@ def test_a_column_holds_its_controllers_states_on_common_axes(runs: Runs) -> Non
     assert [column[0].get_title() for column in found] == ["PSMPC", "SMPC", "HTMPC", "Hard switching"]
     for column, run in zip(found, runs.values(), strict=True):
         drawn = [points(line) for axes in column[1:] for line in axes.lines if len(points(line)) > 2]
-        for line, Q in zip(drawn, run.Q.T, strict=True):
-            np.testing.assert_allclose(line, np.column_stack([run.time, Q]))
+        for line, Q in zip(drawn, run.motion.Q.T, strict=True):
+            np.testing.assert_allclose(line, np.column_stack([run.motion.time, Q]))
     assert len({axes.get_xlim() for column in found for axes in column}) == 1
     assert all(len({axes.get_ylim() for axes in row}) == 1 for row in zip(*found, strict=True))
-    assert found[0][0].get_xlim()[1] > max(run.end for run in runs.values())
+    assert found[0][0].get_xlim()[1] > max(run.motion.end for run in runs.values())
 
 
 def stacks(axes: Axes) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -243,7 +243,7 @@ def stacks(axes: Axes) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def test_cost_shares_are_weighted_by_the_priorities_but_under_smpc(run: Run, load: Load) -> None:
-    k = int(np.argmin(np.abs(run.log.time - 8.0)))  # approach and capture, priorities 1 and 100, cost 1 and 1/2
+    k = int(np.argmin(np.abs(run.time - 8.0)))  # approach and capture, priorities 1 and 100, cost 1 and 1/2
     np.testing.assert_allclose(cost_shares(run)[k], [1 / 51, 50 / 51, np.nan, np.nan])
     smpc = load(task=find("task", "transport").read_text().replace("kind: psmpc", "kind: smpc"))
     np.testing.assert_allclose(cost_shares(smpc)[k][:2], [2 / 3, 1 / 3])
@@ -252,7 +252,7 @@ def test_cost_shares_are_weighted_by_the_priorities_but_under_smpc(run: Run, loa
 def test_the_bands_of_the_shares_fill_the_panels_and_switches_are_marked(run: Run) -> None:
     figure = plot_shares(run)
     for axes in figure.axes[1:]:
-        bottom, found = np.zeros(len(run.log.time)), stacks(axes)
+        bottom, found = np.zeros(len(run.time)), stacks(axes)
         assert list(found) == ["approach", "capture", "transport", "release"]
         for low, top in found.values():
             np.testing.assert_allclose(low, bottom)
@@ -260,13 +260,13 @@ def test_the_bands_of_the_shares_fill_the_panels_and_switches_are_marked(run: Ru
         np.testing.assert_allclose(bottom, 100.0)
         assert {line.get_xdata()[0] for line in axes.lines} == {10.0, 13.0, 23.0, 6.4}
     _, top = stacks(figure.axes[2])["approach"]  # handed over before the switch
-    assert np.all(top[run.log.time < 5.9] == 100.0) and np.all(top[run.log.time > 10.1] == 0.0)
+    assert np.all(top[run.time < 5.9] == 100.0) and np.all(top[run.time > 10.1] == 0.0)
     assert legend(figure.axes[1]) == ["approach", "capture", "transport", "release"]
     assert common_legend(figure) == ["switch", "next stage already acts", "early start"]
 
 
 def test_shares_that_were_not_logged_have_no_panel_and_missing_ones_are_explained(run: Run, runs: Runs) -> None:
-    share = run.log["window/share"]
+    share = run["window/share"]
     without = changed(run, "window/share", np.full_like(share, np.nan))
     assert [axes.get_ylabel() for axes in plot_shares(without).axes[1:]] == ["Share in the\nweighted cost (%)"]
     assert len(plot_shares({"psmpc": without, "smpc": without}).axes) == 4
@@ -281,7 +281,7 @@ def test_every_solve_is_drawn_once_by_the_stages_in_its_window(run: Run) -> None
     for axes, column, unit in zip(figure.axes[1:], ("solver/wall_time", "solver/iterations"), (1e3, 1.0), strict=True):
         drawn = np.vstack(list(curves(axes).values()))
         drawn = drawn[np.argsort(drawn[:, 0])]
-        np.testing.assert_allclose(drawn, np.column_stack([run.log.time, run.log[column] * unit]))
+        np.testing.assert_allclose(drawn, np.column_stack([run.time, run[column] * unit]))
         (crosses,) = [line for line in axes.lines if line.get_marker() == "x"]
         np.testing.assert_array_equal(points(crosses)[:, 0], [20.0])
     assert legend(figure.axes[1]) == ["1 stage", "2 stages", "3 stages in the window"]

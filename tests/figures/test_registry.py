@@ -11,8 +11,8 @@ from PIL import Image
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.figures.registry import default_directory, draw, draw_file, figures_of, plot
-from psmpc_cli.figures.run import Run
 from psmpc_cli.figures.style import in_style
+from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.load import Task
 
 from .drawn import check_figure, common_legend

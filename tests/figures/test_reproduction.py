@@ -13,8 +13,8 @@ from matplotlib.patches import Rectangle
 from psmpc_cli.figures.registry import draw as draw_into
 from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.figures.reproduction import SMALLEST, plot_monitors, plot_presence, plot_schedule
-from psmpc_cli.figures.run import Run
 from psmpc_cli.figures.style import EARLY, in_style
+from psmpc_cli.logs.run import Run
 
 from .drawn import check_figure, common_legend, curves, legend, points
 
@@ -25,10 +25,10 @@ PUBLISHED = {"approach": 10.3, "capture": 15.1}
 
 def waiting(run: Run) -> Run:
     """The run, in which Capture waits from 6 s to 10 s and adds ever more, at first next to nothing."""
-    presence = np.full_like(run.log["window/presence"], np.nan)
-    waits = (run.log.time > 6.0) & (run.log.time < 10.0)
-    presence[waits, 1] = 10.0 ** (run.log.time[waits] - 9.0) * (run.log.time[waits] > 6.5)
-    return replace(run, log=replace(run.log, columns={**run.log.columns, "window/presence": presence}))
+    presence = np.full_like(run["window/presence"], np.nan)
+    waits = (run.time > 6.0) & (run.time < 10.0)
+    presence[waits, 1] = 10.0 ** (run.time[waits] - 9.0) * (run.time[waits] > 6.5)
+    return replace(run, log=replace(run, arrays={**run.arrays, "window/presence": presence}))
 
 
 def draw(plot: Callable[..., Figure], *arguments: Any) -> Figure:
@@ -52,7 +52,7 @@ def test_presence_is_drawn_where_a_stage_waits(run: Run) -> None:
     assert drawn["capture"][:, 0].max() < 10.0
     assert drawn["capture"][:, 1].min() == SMALLEST
     assert "published start" in common_legend(figure)
-    assert [8.8, run.task.onset.epsilon] in [points(line)[0].tolist() for line in figure.axes[1].lines]
+    assert [8.8, run.task.spec.onset.epsilon] in [points(line)[0].tolist() for line in figure.axes[1].lines]
 
 
 def test_presence_of_a_run_in_which_no_stage_waits(run: Run, odd: Run) -> None:
@@ -74,7 +74,7 @@ def test_monitors_are_drawn_with_their_bound_and_where_they_broke(load: Load, ru
 
 def test_monitors_of_a_run_that_did_not_get_there_and_of_a_task_without_any(odd: Run, run: Run) -> None:
     draw(plot_monitors, odd)
-    figure = draw(plot_monitors, replace(run, task=run.task.model_copy(update={"monitors": ()})))
+    figure = draw(plot_monitors, replace(run, task=run.task.spec.model_copy(update={"monitors": ()})))
     assert "no monitor" in figure.axes[1].get_title(loc="left")
 
 

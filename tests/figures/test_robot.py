@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from psmpc_cli.figures.robot_drawing import View, base_outline, grasp, reach, scene_of
-from psmpc_cli.figures.run import Run
 from psmpc_cli.figures.snapshots import (
     configurations,
     object_poses,
@@ -21,6 +20,7 @@ from psmpc_cli.figures.snapshots import (
     plot_snapshots,
 )
 from psmpc_cli.figures.style import PAGE, PALETTE, in_style, new_figure
+from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task
@@ -40,16 +40,16 @@ def drawn_points(run: Run, time: float) -> np.ndarray:
 @settings(max_examples=15)
 @given(share=st.floats(0, 1))
 def test_the_view_shows_all_that_is_drawn(run: Run, share: float) -> None:
-    time = share * run.end
+    time = share * run.motion.end
     view, found = scene_of(run).view([time]), drawn_points(run, time)
     low, high = np.array([view.x[0], view.y[0]]), np.array([view.x[1], view.y[1]])
     assert np.all((low < found) & (found < high))
 
 
 def test_a_base_turns_and_moves_with_its_pose(run: Run) -> None:
-    np.testing.assert_allclose(np.abs(base_outline(run.model, np.zeros(9))), [[0.3, 0.18]] * 4)
-    assert reach(run.model) == pytest.approx(1.2)
-    corners = base_outline(run.model, np.r_[1.0, 2.0, np.pi / 2, np.zeros(6)])
+    np.testing.assert_allclose(np.abs(base_outline(run.problem.model, np.zeros(9))), [[0.3, 0.18]] * 4)
+    assert reach(run.problem.model) == pytest.approx(1.2)
+    corners = base_outline(run.problem.model, np.r_[1.0, 2.0, np.pi / 2, np.zeros(6)])
     np.testing.assert_allclose(corners.mean(axis=0), [1.0, 2.0])
     np.testing.assert_allclose(np.ptp(corners, axis=0), [0.36, 0.6])
 
@@ -74,8 +74,8 @@ def test_a_motion_along_one_line_keeps_a_panel_of_sensible_shape(load: Load, one
 def test_the_object_rests_until_it_is_taken(run: Run, time: float) -> None:
     scene = scene_of(run)
     assert (scene.taken, scene.left, scene.lost) == (13.0, 23.0, False)
-    assert run.task.object is not None
-    np.testing.assert_array_equal(scene.object_pose(time), run.task.object.pose)
+    assert run.task.spec.object is not None
+    np.testing.assert_array_equal(scene.object_pose(time), run.task.spec.object.pose)
 
 
 @settings(max_examples=25)
@@ -93,7 +93,7 @@ def test_the_object_stays_where_it_was_let_go(run: Run, time: float) -> None:
 def in_grasp(run: Run, time: float) -> np.ndarray:
     """The object's pose in the frame of the grippers."""
     scene = scene_of(run)
-    pose, frame = scene.object_pose(time), grasp(run.model, scene.configuration(time))
+    pose, frame = scene.object_pose(time), grasp(run.problem.model, scene.configuration(time))
     assert pose is not None
     c, s = np.cos(frame[2]), np.sin(frame[2])
     offset = pose[:2] - frame[:2]
@@ -157,11 +157,11 @@ def marks(axes: Axes) -> np.ndarray:
 
 def test_targets_of_the_stages_that_act_are_marked(run: Run) -> None:
     first, second, *_ = plot_snapshots(run).axes
-    stage = run.stages[0]
-    xi = np.asarray(run.model.g(stage.target)).ravel()
-    expected = np.array([xi[rows][:2] for rows in run.model.pose_rows.values()])
+    stage = run.problem.stages[0]
+    xi = np.asarray(run.problem.model.g(stage.target)).ravel()
+    expected = np.array([xi[rows][:2] for rows in run.problem.model.pose_rows.values()])
     np.testing.assert_allclose(marks(first), expected)
-    capture = np.array([run.stages[1].target[rows][:2] for rows in run.model.pose_rows.values()])
+    capture = np.array([run.problem.stages[1].target[rows][:2] for rows in run.problem.model.pose_rows.values()])
     np.testing.assert_allclose(marks(second), np.vstack([expected, capture]))  # it starts early
 
 
@@ -170,8 +170,8 @@ def test_paths_of_the_ends_of_the_arms_begin_at_the_frame_before(run: Run) -> No
     for axes, since, until in ((fourth, 10.0, 13.0), (fifth, 13.0, 23.0)):
         paths = [line for line in axes.lines if line.get_linewidth() == pytest.approx(0.6)]
         assert [line.get_color() for line in paths] == list(PALETTE[:2])
-        for line, rows in zip(paths, list(run.model.pose_rows.values())[1:], strict=True):
-            ends = [[np.interp(time, run.time, column) for column in run.xi.T[rows][:2]] for time in (since, until)]
+        for line, rows in zip(paths, list(run.problem.model.pose_rows.values())[1:], strict=True):
+            ends = run.motion.poses_at(np.array([since, until]))[:, rows][:, :2]
             np.testing.assert_allclose(points(line)[[0, -1]], ends)
 
 

@@ -58,7 +58,8 @@ def record(k: int, first: int = 0, count: int = 1, length: int = 7, multipliers:
         elif column.ragged:
             row[column.path] = draw(length)
         else:
-            row[column.path] = draw(*(sizes[dim] for dim in column.dims[1:]))
+            values = draw(*(sizes[dim] for dim in column.dims[1:]))
+            row[column.path] = values if column.dtype == "S16" else values.astype(column.dtype)
     return row | {
         "time": SAMPLE * k,
         "window/first": first,

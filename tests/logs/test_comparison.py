@@ -6,12 +6,14 @@ import h5py
 import numpy as np
 import pytest
 
-from psmpc_cli.errors import InputError, LogError, RunError
-from psmpc_cli.logs.comparison import extract_log, merge_logs, read_comparison
-from psmpc_cli.logs.read import kind_of, read_log
+from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.logs.comparison import compare_logs, merge_logs
+from psmpc_cli.logs.files import kind_of
+from psmpc_cli.logs.run import read_comparison, read_run
 from psmpc_cli.logs.schema import COMPARISON, RUN
-from psmpc_cli.logs.write import LogWriter
+from psmpc_cli.logs.write import Header, LogWriter
 
+from ..little_room import files_of_at_most
 from .records import HEADER, LEAN, record
 
 FINAL = {"final/end_time": 0.3, "final/Q": np.zeros(3)}
@@ -40,7 +42,7 @@ def test_every_log_comes_back_as_it_was_and_in_order(merged: Path, logs: dict[st
     found = read_comparison(merged)
     assert list(found) == list(logs)
     for name, log in found.items():
-        alone = read_log(logs[name])
+        alone = read_run(logs[name])
         assert {**log.attributes} == {**alone.attributes}
         for part in ("columns", "stages", "final", "monitors", "ticks"):
             assert getattr(log, part).keys() == getattr(alone, part).keys()
@@ -58,19 +60,15 @@ def test_every_dataset_keeps_its_dimensions_and_attributes(merged: Path, logs: d
                     same_dataset(alone[place], file[f"runs/{name}/{place}"], f"/runs/{name}")
 
 
-def test_a_run_can_be_taken_out_as_the_log_it_was(merged: Path, logs: dict[str, Path], tmp_path: Path) -> None:
-    extract_log(merged, "smpc", tmp_path / "out.h5")
+def test_a_run_can_be_saved_as_the_log_it_was(merged: Path, logs: dict[str, Path], tmp_path: Path) -> None:
+    read_comparison(merged)["smpc"].save(tmp_path / "out.h5")
     with h5py.File(tmp_path / "out.h5") as file, h5py.File(logs["smpc"]) as alone:
         assert dict(file.attrs) == dict(alone.attrs)
         places: list[str] = []
         alone.visit(places.append)
         for place in places:
             same_dataset(alone[place], file[place], "")
-    assert read_log(tmp_path / "out.h5").plans == read_log(logs["smpc"]).plans
-    with pytest.raises(LogError, match="found no run psmpc, expected one of"):
-        extract_log(merged, "psmpc", tmp_path / "none.h5")
-    with pytest.raises(InputError, match="cannot be written"):
-        extract_log(merged, "smpc", tmp_path / "nowhere" / "out.h5")
+    assert compare_logs(logs["smpc"], tmp_path / "out.h5").differences == ()
 
 
 def same_dataset(one: h5py.Dataset | h5py.Group, other: h5py.Dataset | h5py.Group, root: str) -> None:
@@ -93,7 +91,7 @@ def test_the_kind_tells_files_apart(merged: Path, logs: dict[str, Path], tmp_pat
         del file.attrs["kind"]
     assert [kind_of(path) for path in (merged, logs["hard"], unsaid)] == [COMPARISON, RUN, RUN]
     with pytest.raises(LogError, match="found a comparison of several runs, expected the log of one"):
-        read_log(merged)
+        read_run(merged)
     with pytest.raises(LogError, match="found the log of one run, expected a comparison"):
         read_comparison(unsaid)
 
@@ -115,15 +113,64 @@ def test_nothing_is_overwritten_without_force(merged: Path, logs: dict[str, Path
     assert [path.name for path in merged.parent.iterdir()] == [merged.name]
 
 
-def test_nothing_is_left_of_a_comparison_that_could_not_be_written(
-    tmp_path: Path, logs: dict[str, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_is_left_of_a_comparison_that_could_not_be_written(tmp_path: Path, logs: dict[str, Path]) -> None:
     path = tmp_path / "comparison.h5"
-    logs["hard"].write_bytes(logs["hard"].read_bytes()[:3000])
-    with pytest.raises(InputError, match=r"comparison\.h5 cannot be written"):
+    with files_of_at_most(20_000), pytest.raises(InputError, match=r"comparison\.h5 cannot be written: File too large"):
         merge_logs(logs, path)
-    full = shutil.disk_usage(tmp_path)._replace(free=10)
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: full)
-    with pytest.raises(RunError, match="no space left"):
-        merge_logs(logs, path)
-    assert not list(tmp_path.glob("comparison*"))
+    assert not list(tmp_path.glob("*comparison*"))
+
+
+def write(path: Path, samples: int, header: Header = HEADER) -> Path:
+    with LogWriter(path, header) as writer:
+        for k in range(samples):
+            writer.write(record(k, length=7 + k))
+    return path
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> tuple[Path, Path]:
+    return write(tmp_path / "one.h5", 4), write(tmp_path / "other.h5", 4)
+
+
+def test_equal_logs_do_not_differ(pair: tuple[Path, Path]) -> None:
+    comparison = compare_logs(*pair)
+    assert comparison.differences == ()
+    assert comparison.compared > 50
+
+
+def test_wall_times_are_not_compared(pair: tuple[Path, Path]) -> None:
+    with h5py.File(pair[1], "r+") as file:
+        file["solver/wall_time"][...] = 9.0
+    assert compare_logs(*pair).differences == ()
+
+
+def test_the_largest_difference_and_the_first_row_are_told(pair: tuple[Path, Path]) -> None:
+    with h5py.File(pair[1], "r+") as file:
+        file["state/Q"][1, 2] += 0.25
+        file["state/Q"][3, 0] -= 0.5
+        file["solver/status"][2] = b"failed"
+        file["window/instants"][0, 0] = 7.0
+    status, position, instants = compare_logs(*pair).differences
+    assert (position.path, position.largest, position.row, position.units) == ("state/Q", 0.5, 1, "m, rad")
+    assert (status.path, status.row, status.what) == ("solver/status", 2, "texts")
+    assert np.isnan(status.largest)
+    assert (instants.path, instants.row, instants.what) == ("window/instants", 0, "values only one of them has")
+
+
+def test_logs_of_other_lengths_and_contents_differ(tmp_path: Path, pair: tuple[Path, Path]) -> None:
+    longer = compare_logs(pair[0], write(tmp_path / "longer.h5", 5))
+    assert {each.path: each.what for each in longer.differences}["state/Q"] == "shapes 4x3 and 5x3"
+    lean = {each.path: each.what for each in compare_logs(pair[0], write(tmp_path / "lean.h5", 4, LEAN)).differences}
+    assert lean["plan/solution"] == lean["ticks/F"] == "only the log has it"
+    more = {each.path: each.what for each in compare_logs(tmp_path / "lean.h5", pair[0]).differences}
+    assert more["plan/solution"] == "only the run has it"
+
+
+def test_of_a_longer_log_the_first_samples_can_be_compared(tmp_path: Path) -> None:
+    header = replace(HEADER, has=frozenset({"ticks"}))
+    one, other = write(tmp_path / "one.h5", 4, header), write(tmp_path / "other.h5", 6, header)
+    assert compare_logs(one, other, 4).differences == ()
+    with h5py.File(other, "r+") as file:
+        file["stages/priority"][0] = 8.0
+    assert [each.path for each in compare_logs(one, other, 4).differences] == ["stages/priority"]
+    assert compare_logs(one, other, 4, without=("stages/",)).differences == ()

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import InputError, RunError
-from psmpc_cli.logs.read import Log, read_log, read_plan
+from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import columns
 from psmpc_cli.logs.write import ROWS_IN_A_CHUNK, Header, LogWriter
 
@@ -23,16 +23,16 @@ STAGE_TIMES = {"switch_time": np.arange(4.0), "actual_start": np.arange(4.0) / 2
 STAGE_TIMES["actual_start_by_epsilon"] = np.arange(8.0).reshape(4, 2)
 
 
-def write(path: Path, records: Sequence[Row], header: Header = HEADER) -> Log:
+def write(path: Path, records: Sequence[Row], header: Header = HEADER) -> Run:
     path.unlink(missing_ok=True)
     with LogWriter(path, header) as log:
         for one in records:
             log.write(one)
         log.finish(True, "d met its end condition", FINAL)
-    return read_log(path)
+    return read_run(path)
 
 
-def assert_same_rows(log: Log, records: Sequence[Row]) -> None:
+def assert_same_rows(log: Run, records: Sequence[Row]) -> None:
     for path, values in log.columns.items():
         assert len(values) == len(records)
         np.testing.assert_array_equal(values, np.array([one[path] for one in records]).reshape(values.shape))
@@ -56,10 +56,11 @@ def test_what_is_written_is_read_back(tmp_path: Path, made: list[Row]) -> None:
     assert_same_rows(log, made)
     for k, one in enumerate(made):
         for name in ("guess", "guess_multipliers", "parameters", "solution"):
-            np.testing.assert_array_equal(read_plan(log.path, name, k), one[f"plan/{name}"])
+            np.testing.assert_array_equal(log.plan(name, k), one[f"plan/{name}"])
     assert len(log.ticks["time"]) == TICKS * len(made)
-    for name, values in log.ticks.items():
-        np.testing.assert_array_equal(values.ravel(), [x for one in made for x in np.ravel(one[f"ticks/{name}"])])
+    for name in ("time", "Q", "Qdot", "F"):
+        written = [x for one in made for x in np.ravel(one[f"ticks/{name}"])]
+        np.testing.assert_array_equal(log[f"ticks/{name}"].ravel(), written)
 
 
 def test_header_and_ending_are_read_back(tmp_path: Path) -> None:
@@ -67,17 +68,17 @@ def test_header_and_ending_are_read_back(tmp_path: Path) -> None:
     assert (log.coordinates, log.pose_coordinates, log.stage_names) == (COORDINATES, POSES, STAGES)
     assert log.stages["priority"].tolist() == [1.0, 100.0, 1.0, 0.01]
     assert log.stages["epsilon"].tolist() == [1e-3, 1e-1]
-    assert log.plans
+    assert log.has_plans
     assert (log.attributes["finished"], log.attributes["end_reason"]) == (True, "d met its end condition")
     assert log.attributes["task_yaml"] == "not: a task"
     assert log.final["time"] == 0.4
-    assert [log.final[name].tolist() for name in ("Q", "Qdot", "xi")] == [[0, 1, 2], [3, 4, 5], [0, 1, 2]]
+    assert [log.final[name].tolist() for name in ("Q", "v", "xi")] == [[0, 1, 2], [3, 4, 5], [0, 1, 2]]
 
 
 def test_stage_times_are_read_back(tmp_path: Path) -> None:
     with LogWriter(tmp_path / "log.h5", LEAN) as log:
         log.update({f"stages/{name}": values for name, values in STAGE_TIMES.items()})
-    stages = read_log(tmp_path / "log.h5").stages
+    stages = read_run(tmp_path / "log.h5").stages
     for name, values in STAGE_TIMES.items():
         np.testing.assert_array_equal(stages[name], values)
 
@@ -93,14 +94,14 @@ def test_a_log_without_ticks_and_plans_has_neither(tmp_path: Path) -> None:
     path = tmp_path / "log.h5"
     with LogWriter(path, LEAN) as log:
         log.write(record(0))
-    read = read_log(path)
-    assert (read.plans, read.ticks, len(read.time)) == (False, {}, 1)
+    read = read_run(path)
+    assert (read.has_plans, read.ticks, len(read.time)) == (False, {}, 1)
 
 
 def test_a_long_task_text_fits(tmp_path: Path) -> None:
     path, text = tmp_path / "log.h5", "stages: []\n" * 100_000
     LogWriter(path, replace(LEAN, attributes={**LEAN.attributes, "task_yaml": text})).close()
-    assert read_log(path).attributes["task_yaml"] == text
+    assert read_run(path).attributes["task_yaml"] == text
 
 
 @pytest.mark.parametrize("samples", [0, 3])
@@ -150,14 +151,14 @@ def test_every_record_is_in_the_file_before_the_next_begins(tmp_path: Path) -> N
     path, made = tmp_path / "log.h5", [record(k, count=1 + k % 3, length=5 + k) for k in range(5)]
     with LogWriter(path, HEADER) as log:
         for k, one in enumerate(made):
-            assert len(read_log(copy_at_a_kill(path)).time) == k
+            assert len(read_run(copy_at_a_kill(path)).time) == k
             log.write(one)
             killed = copy_at_a_kill(path)
-            assert_same_rows(read_log(killed), made[: k + 1])
-            assert read_log(killed).attributes["finished"] is np.False_
-            np.testing.assert_array_equal(read_plan(killed, "solution", k), one["plan/solution"])
+            assert_same_rows(read_run(killed), made[: k + 1])
+            assert read_run(killed).attributes["finished"] is np.False_
+            np.testing.assert_array_equal(read_run(killed).plan("solution", k), one["plan/solution"])
         log.update({"stages/switch_time": np.arange(4.0)})
-        assert read_log(copy_at_a_kill(path)).stages["switch_time"].tolist() == [0, 1, 2, 3]
+        assert read_run(copy_at_a_kill(path)).stages["switch_time"].tolist() == [0, 1, 2, 3]
 
 
 def test_half_a_record_is_dropped_at_the_end(tmp_path: Path) -> None:
@@ -167,11 +168,11 @@ def test_half_a_record_is_dropped_at_the_end(tmp_path: Path) -> None:
         log.write(made[0])
         with pytest.raises(ValueError, match="zip"):
             log.write(broken)
-        assert_same_rows(read_log(copy_at_a_kill(path)), made[:1])
+        assert_same_rows(read_run(copy_at_a_kill(path)), made[:1])
         log.finish(False, "interrupted", FINAL)
     with h5py.File(path) as file:
         assert {len(file[column.path]) for column in columns("time", frozenset())} == {1}
-    assert_same_rows(read_log(path), made[:1])
+    assert_same_rows(read_run(path), made[:1])
 
 
 def test_a_record_may_be_written_again_after_an_interruption(tmp_path: Path) -> None:
@@ -181,9 +182,9 @@ def test_a_record_may_be_written_again_after_an_interruption(tmp_path: Path) -> 
         with pytest.raises(ValueError, match="zip"):
             log.write(record(7, length=30) | {"balance/energy": np.zeros(2)})
         log.write(made[1])
-    read = read_log(path)
+    read = read_run(path)
     assert_same_rows(read, made)
-    np.testing.assert_array_equal(read_plan(path, "solution", 1), made[1]["plan/solution"])
+    np.testing.assert_array_equal(read_run(path).plan("solution", 1), made[1]["plan/solution"])
     assert len(read.ticks["time"]) == 2 * TICKS
 
 
@@ -192,7 +193,7 @@ def test_rows_beyond_a_chunk_are_kept(tmp_path: Path) -> None:
     with LogWriter(path, LEAN) as log:
         for k in range(count):
             log.write(record(k))
-    assert_same_rows(read_log(path), [record(k) for k in range(count)])
+    assert_same_rows(read_run(path), [record(k) for k in range(count)])
 
 
 def test_existing_log_is_kept_without_force(tmp_path: Path) -> None:
@@ -210,7 +211,7 @@ def test_force_replaces_a_log(tmp_path: Path) -> None:
     write(path, [record(0)])
     with LogWriter(path, LEAN, force=True):
         pass
-    assert not len(read_log(path).time)
+    assert not len(read_run(path).time)
 
 
 def test_force_replaces_what_a_link_points_to(tmp_path: Path) -> None:
@@ -220,7 +221,7 @@ def test_force_replaces_what_a_link_points_to(tmp_path: Path) -> None:
     with LogWriter(link, LEAN, force=True):
         pass
     assert link.is_symlink()
-    assert not len(read_log(path).time)
+    assert not len(read_run(path).time)
 
 
 def test_force_replaces_logs_only(tmp_path: Path) -> None:
@@ -271,5 +272,5 @@ def test_no_room_for_a_record_ends_the_run_and_keeps_the_log(tmp_path: Path) -> 
     assert str(refused.value) == (f"{path} cannot be written any further, it holds the run up to then: File too large")
     assert refused.value.exit_code == 3
     assert 0 < written < 100
-    assert_same_rows(read_log(path), made[:written])
-    np.testing.assert_array_equal(read_plan(path, "guess", written - 1), made[written - 1]["plan/guess"])
+    assert_same_rows(read_run(path), made[:written])
+    np.testing.assert_array_equal(read_run(path).plan("guess", written - 1), made[written - 1]["plan/guess"])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.studies.reproduce import Reproduction, judge_claims
 from psmpc_cli.studies.weights import sweep_cells
 
@@ -27,15 +27,15 @@ STORIES: dict[str, dict[str, Any]] = {
 }
 
 
-def made_up(path: Path, method: str) -> Log:
+def made_up(path: Path, method: str) -> Run:
     """The log of a made-up run, in which every stage waits for two seconds and adds more and more."""
     attributes = {"controller": method, "digest": method * 8, "casadi_version": "3.8", "numpy_version": "2.0"}
-    log = read_log(write_story(path, Story(**STORIES[method], attributes=attributes)))
+    log = read_run(write_story(path, Story(**STORIES[method], attributes=attributes)))
     presence = np.full_like(log["window/presence"], np.nan)
     for stage, end in enumerate(STORIES[method]["ends"][:-1], start=1):
         waits = (log.time > end - 2.0) & (log.time < end) & (method != "htmpc")
         presence[waits, stage] = 10.0 ** (log.time[waits] - end)
-    return replace(log, columns={**log.columns, "window/presence": presence})
+    return replace(log, arrays={**log.arrays, "window/presence": presence})
 
 
 @pytest.fixture(scope="session")

@@ -9,13 +9,12 @@ import h5py
 import pytest
 
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.logs.differences import compare_logs
-from psmpc_cli.logs.read import read_log
+from psmpc_cli.logs.comparison import compare_logs
+from psmpc_cli.logs.run import read_run
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.simulation.run import continue_run, header, rerun, unequal_conditions
 from psmpc_cli.simulation.setup import build_experiment
-from psmpc_cli.simulation.summary import task_of
 
 from .logged import there_and_back
 
@@ -53,7 +52,7 @@ simulate(load_task(sys.argv[1]), Path(sys.argv[2]), watch=watch)
 def test_a_killed_run_is_completed(tmp_path: Path) -> None:
     whole, path = there_and_back(tmp_path), tmp_path / "killed.h5"
     assert subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "task.yaml"), str(path)]).returncode == -9
-    log = read_log(path)
+    log = read_run(path)
     assert (log.attributes["end_reason"], len(log.time)) == ("", 5)
     assert continue_run(log) is not None
     assert compare_logs(whole.path, path).differences == ()
@@ -64,14 +63,14 @@ def test_where_rows_differ_the_log_stays_as_it_was(tmp_path: Path) -> None:
     with h5py.File(log.path, "r+") as file:
         file["state/Q"][2, 0] += 1e-9
     before = log.path.read_bytes()
-    comparison = continue_run(read_log(log.path))
+    comparison = continue_run(read_run(log.path))
     assert comparison is not None
     assert [(each.path, each.row) for each in comparison.differences] == [("state/Q", 2)]
     assert log.path.read_bytes() == before
     elsewhere = tmp_path / "whole.h5"
-    assert continue_run(read_log(log.path), elsewhere) is not None
+    assert continue_run(read_run(log.path), elsewhere) is not None
     assert log.path.read_bytes() == before
-    assert read_log(elsewhere).attributes["finished"]
+    assert read_run(elsewhere).attributes["finished"]
 
 
 def test_a_run_interrupted_while_it_is_continued_stays_as_it_was(tmp_path: Path) -> None:
@@ -95,13 +94,12 @@ def test_a_run_that_has_ended_is_not_continued(tmp_path: Path) -> None:
 HOLD = """
 import sys
 from pathlib import Path
-from psmpc_cli.logs.read import read_log
+from psmpc_cli.logs.run import read_run
 from psmpc_cli.simulation.run import simulate
-from psmpc_cli.simulation.summary import task_of
 def watch(sample):
     print("held", flush=True)
     sys.stdin.read()
-simulate(task_of(read_log(Path(sys.argv[1]))), Path(sys.argv[1]), watch, force=True)
+simulate(task_of(read_run(Path(sys.argv[1]))), Path(sys.argv[1]), watch, force=True)
 """
 
 
@@ -113,7 +111,7 @@ def test_a_run_that_still_goes_on_is_not_continued(tmp_path: Path) -> None:
         assert other.stdout is not None
         assert other.stdout.readline() == "held\n"
         with pytest.raises(InputError, match="its run still goes on"):
-            continue_run(read_log(path))
+            continue_run(read_run(path))
         other.kill()
 
 
@@ -141,13 +139,13 @@ def test_conditions_under_which_runs_may_differ_are_named(tmp_path: Path, monkey
         file.attrs["casadi_version"] = "1.0"
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
     monkeypatch.setattr("os.cpu_count", lambda: 4)
-    versions, threads = unequal_conditions(read_log(log.path))
+    versions, threads = unequal_conditions(read_run(log.path))
     assert versions.startswith("casadi 1.0 wrote the log, this is ")
     assert threads.startswith("OMP_NUM_THREADS is not 1")
 
 
 def test_a_log_without_samples_cannot_be_repeated(tmp_path: Path) -> None:
-    about = header(build_experiment(task_of(there_and_back(tmp_path, samples=1))))
+    about = header(build_experiment(there_and_back(tmp_path, samples=1).task))
     LogWriter(tmp_path / "empty.h5", about).close()
     with pytest.raises(LogError, match="holds no samples"):
-        rerun(read_log(tmp_path / "empty.h5"), tmp_path / "again.h5")
+        rerun(read_run(tmp_path / "empty.h5"), tmp_path / "again.h5")

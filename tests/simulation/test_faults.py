@@ -11,11 +11,11 @@ import pytest
 from faults import Fault, Seen, during, inject, meaningless, not_converging, pushed, raising, unmeasured
 
 from psmpc_cli.errors import RunError
-from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.logs.run import Run, read_run
+from psmpc_cli.logs.summary import Summary
 from psmpc_cli.simulation import run as running
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.simulation.setup import Experiment, build_experiment
-from psmpc_cli.simulation.summary import Summary, summarize
 from psmpc_cli.solvers.base import FEASIBLE
 from psmpc_cli.specs.load import Task, load_task
 
@@ -31,7 +31,7 @@ EVER = 1000
 class Faulty:
     """A run in which something went wrong."""
 
-    log: Log
+    log: Run
     summary: Summary
     seen: Seen
     stuck: bool
@@ -61,9 +61,9 @@ def faulty(tmp_path_factory: pytest.TempPathFactory) -> Start:
         quick = ("solver.kind=sqp", "solver.compiled=false", "log.shares=false")
         with patch.object(running, "build_experiment", build):
             simulate(load_task(folder / "task.yaml", (*quick, *changes)), path)
-        log = read_log(path)
+        log = read_run(path)
         assert np.isfinite(log["state/Q"]).all()
-        return Faulty(log, summarize(log), seen, bool(log.attributes["stuck"]))
+        return Faulty(log, log.summary(), seen, bool(log.attributes["stuck"]))
 
     return start
 
@@ -102,7 +102,7 @@ def test_the_plan_stands_in_for_what_is_not_measured(
     assert_goes_on(run, untouched)
     assert run.summary.unmeasured == samples
     np.testing.assert_allclose(run.log.time[run.log["events/unmeasured"] == 1], 0.3 + 0.1 * np.arange(samples))
-    assert run.summary.fallbacks == 0
+    assert run.summary.failed_solves == 0
     # the plant is the one that was planned with, and a plan is its own within that
     np.testing.assert_allclose(run.log["state/Q"][:8], untouched.log["state/Q"][:8], atol=FEASIBLE)
 
@@ -136,7 +136,7 @@ def test_the_shifted_plan_goes_on_where_a_solver_fails(
 ) -> None:
     run = faulty(fault(during(0.3, samples)))
     assert_goes_on(run, untouched)
-    assert run.summary.fallbacks == samples
+    assert run.summary.failed_solves == samples
     statuses = set(run.log["solver/status"][run.log["events/solve_failed"] == 1].astype(str))
     assert statuses == {"iteration_limit" if fault is not_converging else "failed"}
 
@@ -155,7 +155,7 @@ def test_what_a_solver_raised_is_reported(faulty: Start, caplog: pytest.LogCaptu
 def test_a_level_that_raises_leaves_the_level_before_it(faulty: Start) -> None:
     run = faulty(raising(during(0.3, 2)), "controller.kind=htmpc", "solver.kind=fatrop")
     assert run.summary.completed
-    assert run.summary.fallbacks == 2
+    assert run.summary.failed_solves == 2
 
 
 def test_one_iteration_a_sample_is_enough_for_a_deadline_that_is_always_missed(
@@ -190,7 +190,7 @@ def test_a_stage_whose_end_is_out_of_reach_does_not_end_until_it_is_reached(faul
     assert np.abs(np.interp(switch, log.time, log["state/Q"][:, 0]) - 0.3) < 6e-3
     assert run.seen.rates.max() <= LIMIT + 0.3
     if kind == "sqp":
-        assert run.summary.fallbacks == 0
+        assert run.summary.failed_solves == 0
         assert log["events/postponed"][blow]
 
 

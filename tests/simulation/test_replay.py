@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.logs.read import Log
+from psmpc_cli.logs.run import Run
 from psmpc_cli.simulation.replay import replay
 
 from .logged import there_and_back
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Log:
+def log(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return there_and_back(tmp_path_factory.mktemp("run"))
 
 
-def window_with_a_switch(log: Log) -> int:
+def window_with_a_switch(log: Run) -> int:
     return int(np.argmax(log["window/count"] == 2))
 
 
@@ -43,7 +43,7 @@ def test_our_own_solver_repeats_the_log_and_shows_its_iterations(tmp_path: Path)
         assert objective == pytest.approx(log["solver/objective"][sample], rel=1e-8)
 
 
-def test_objective_instants_and_control_are_compared(log: Log) -> None:
+def test_objective_instants_and_control_are_compared(log: Run) -> None:
     sample = window_with_a_switch(log)
     compared = {each.name: each.logged for each in replay(log, sample).compared}
     assert list(compared)[:2] == ["objective J", "go ends [s]"]
@@ -53,14 +53,14 @@ def test_objective_instants_and_control_are_compared(log: Log) -> None:
     np.testing.assert_allclose(controls, log["control/u"][sample], atol=1e-12)
 
 
-def test_another_solver_finds_the_same_optimum(log: Log) -> None:
+def test_another_solver_finds_the_same_optimum(log: Run) -> None:
     again = replay(log, window_with_a_switch(log), "ipopt")
     assert not again.same_solver
     assert 0 < again.largest < 1e-3
     assert again.experiment.task.solver.kind == "ipopt"
 
 
-def test_a_solver_that_does_not_exist_is_refused(log: Log) -> None:
+def test_a_solver_that_does_not_exist_is_refused(log: Run) -> None:
     with pytest.raises(
         SpecError, match=r'--solver simplex: solver\.kind: found the text "simplex", expected one of sqp'
     ):

@@ -13,10 +13,9 @@ import pytest
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError, RunError
-from psmpc_cli.logs.read import Log, read_log, read_plan
+from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.simulation.run import simulate
-from psmpc_cli.simulation.summary import summarize, task_of
 from psmpc_cli.specs.load import Task, load_task
 
 from ..little_room import files_of_at_most
@@ -58,7 +57,7 @@ def told() -> Kept:
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory, told: Kept) -> Log:
+def finished(tmp_path_factory: pytest.TempPathFactory, told: Kept) -> Run:
     path, logger = tmp_path_factory.mktemp("runs") / "log.h5", logging.getLogger("psmpc_cli")
     level = logger.level
     logger.addHandler(told)
@@ -66,10 +65,10 @@ def finished(tmp_path_factory: pytest.TempPathFactory, told: Kept) -> Log:
     simulate(coarse(), path)
     logger.removeHandler(told)
     logger.setLevel(level)
-    return read_log(path)
+    return read_run(path)
 
 
-def test_the_log_of_a_finished_run_says_how_it_ended(finished: Log) -> None:
+def test_the_log_of_a_finished_run_says_how_it_ended(finished: Run) -> None:
     assert finished.attributes["finished"] is np.True_
     assert finished.attributes["end_reason"] == "release met its end condition"
     assert finished.final["time"] == pytest.approx(finished.stages["switch_time"][-1])
@@ -79,9 +78,9 @@ def test_the_log_of_a_finished_run_says_how_it_ended(finished: Log) -> None:
     assert (finished.stages["actual_start"][1:] <= finished.stages["switch_time"][:-1]).all()
 
 
-def test_the_log_says_what_ran(finished: Log) -> None:
+def test_the_log_says_what_ran(finished: Run) -> None:
     loaded, attributes = coarse(), finished.attributes
-    assert task_of(finished).digest == attributes["digest"] == loaded.digest
+    assert finished.task.digest == attributes["digest"] == loaded.digest
     expected = {"psmpc_version": __version__, "casadi_version": version("casadi"), "numpy_version": np.__version__}
     expected |= {"controller": "psmpc", "plant": "ideal", "solver": "sqp", "task_name": "transport"}
     assert {name: attributes[name] for name in expected} == expected
@@ -90,16 +89,16 @@ def test_the_log_says_what_ran(finished: Log) -> None:
     assert finished.coordinates[2:4] == ("base.theta", "arm_1.1")
 
 
-def test_the_verdicts_of_the_monitors_are_in_the_log(finished: Log) -> None:
+def test_the_verdicts_of_the_monitors_are_in_the_log(finished: Run) -> None:
     assert finished.monitors["name"].tolist() == ["object held"]
     assert finished.monitors["held"].tolist() == [1]
-    assert finished.monitors["margin"][0] == pytest.approx(summarize(finished).monitors[0].margin)
+    assert finished.monitors["margin"][0] == pytest.approx(finished.summary().monitors[0].margin)
 
 
-def test_every_plan_is_in_the_log(finished: Log) -> None:
-    first, last = (read_plan(finished.path, "solution", k) for k in (0, len(finished.time) - 1))
+def test_every_plan_is_in_the_log(finished: Run) -> None:
+    first, last = (finished.plan("solution", k) for k in (0, len(finished.time) - 1))
     two_stages = np.flatnonzero(finished["window/count"] == 2)[0]
-    assert len(read_plan(finished.path, "solution", two_stages)) > len(first) == len(last) > 0
+    assert len(finished.plan("solution", two_stages)) > len(first) == len(last) > 0
     assert np.isfinite(first).all()
 
 
@@ -160,7 +159,7 @@ def test_a_run_without_solutions_brakes_and_says_why(caplog: pytest.LogCaptureFi
     assert messages[-1] == "1.40 s: solve failed (iteration_limit); the robot brakes to rest"
 
 
-def test_events_are_reported_to_who_asks(finished: Log, told: Kept) -> None:
+def test_events_are_reported_to_who_asks(finished: Run, told: Kept) -> None:
     happened = [text.partition(" s: ")[2].partition(" at ")[0] for text in told.messages if text.startswith("INFO: ")]
     assert [text for text in happened if text.endswith("ended")] == [
         f"{stage} ended" for stage in finished.stage_names[:-1]
@@ -174,10 +173,10 @@ def test_a_run_whose_log_finds_no_room_ends_with_what_it_has(tmp_path: Path) -> 
     path, seen = tmp_path / "log.h5", list[Sample]()
     with files_of_at_most(2_000_000), pytest.raises(RunError, match="cannot be written any further") as refused:
         simulate(coarse("log.ticks=true"), path, watch=seen.append)
-    log = read_log(path)
+    log = read_run(path)
     assert len(log.time) == len(seen) > 0
     assert log.attributes["end_reason"] == str(refused.value)
-    assert summarize(log).reason == str(refused.value)
+    assert log.summary().reason == str(refused.value)
 
 
 READ = "import h5py, sys; print(len(h5py.File(sys.argv[1])['time']))"
@@ -218,16 +217,16 @@ def test_a_killed_run_leaves_every_sample_it_told_of(tmp_path: Path, samples: in
         time.sleep(delay)
         child.kill()
         told += child.stdout.read()
-    log = read_log(path)
+    log = read_run(path)
     assert len(log.time) >= told.count("\n") >= samples
     assert log.time == pytest.approx(0.1 * np.arange(len(log.time)))
     assert (log.attributes["finished"], log.attributes["end_reason"]) == (False, "")
-    summary = summarize(log)
+    summary = log.summary()
     assert (summary.ended, summary.succeeded) == (False, False)
     with h5py.File(path) as file:
         assert len(file["state/Q"]) >= len(log.time)
     for k in range(len(log.time) if plans else 0):
-        assert np.isfinite(read_plan(path, "solution", k)).all()
+        assert np.isfinite(read_run(path).plan("solution", k)).all()
 
 
 def test_a_copy_of_a_log_in_the_making_is_a_log(tmp_path: Path) -> None:
@@ -235,7 +234,7 @@ def test_a_copy_of_a_log_in_the_making_is_a_log(tmp_path: Path) -> None:
 
     def watch(sample: Sample) -> None:
         copy = shutil.copy(path, tmp_path / "copy.h5")
-        held.append(len(read_log(Path(copy)).time))
+        held.append(len(read_run(Path(copy)).time))
 
     simulate(coarse("time_limit=0.5"), path, watch=watch)
     assert held == [1, 2, 3, 4, 5]

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.differences import compare_logs
-from psmpc_cli.logs.read import Log
+from psmpc_cli.logs.comparison import compare_logs
+from psmpc_cli.logs.run import Run
 from psmpc_cli.plant.uncertainty import measurement_noise
 from psmpc_cli.simulation.setup import build_experiment
-from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.specs.load import load_task
 
 from ..there_and_back import TASK
@@ -33,12 +32,12 @@ PAYLOAD = "uncertainty.payload={mass: 4, inertia: 0.3}"
 NOISE = "uncertainty.noise={position: 1e-3, angle: 1e-3, velocity: 1e-3, angular_velocity: 1e-3}"
 
 
-def logged(folder: Path, *changes: str, samples: int | None = None, name: str = "log") -> Log:
+def logged(folder: Path, *changes: str, samples: int | None = None, name: str = "log") -> Run:
     """Return the log of a run of three stages, interrupted after so many samples."""
     return there_and_back(folder, *changes, samples=samples, name=name, text=THREE_STAGES)
 
 
-def held(log: Log) -> np.ndarray:
+def held(log: Run) -> np.ndarray:
     return log["payload/held"].astype(bool)
 
 
@@ -171,18 +170,18 @@ def test_integral_action_bears_a_known_delay(tmp_path: Path, known: int) -> None
 def test_integral_action_gets_over_friction(tmp_path: Path, offset_free: str) -> None:
     log = logged(tmp_path, STICKY, *WRIST, f"controller.offset_free={offset_free}", *LIGHT)
     assert bool(log.attributes["finished"]) == (offset_free == "true")
-    assert ("control/disturbance" in log.columns) == (offset_free == "true")
+    assert ("control/disturbance" in log) == (offset_free == "true")
     assert np.abs(log["balance/energy"]).max() < 1e-6
 
 
 def test_what_remains_at_the_end_is_told_of_the_true_state_too(tmp_path: Path) -> None:
     log = logged(tmp_path, NOISE, *LIGHT)
-    found = summarize(log).end_errors
+    found = log.summary().end_errors
     assert found is not None
     measured, true = found
     assert measured <= 1
     assert true != measured
-    assert summarize(logged(tmp_path, *LIGHT, samples=1, name="quiet")).end_errors is None
+    assert logged(tmp_path, *LIGHT, samples=1, name="quiet").summary().end_errors is None
 
 
 def test_friction_too_stiff_for_the_step_is_refused(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.logs.read import read_log
+from psmpc_cli.logs.run import read_run
 from psmpc_cli.simulation.verify import QUANTITIES, verify
 
 from .logged import there_and_back
@@ -46,7 +46,7 @@ def test_a_limit_the_physics_passes_is_found_with_its_instant(tmp_path: Path) ->
     log = there_and_back(tmp_path, *RIGID, "log.ticks=true", samples=5)
     with h5py.File(log.path, "r+") as file:
         file["state/Qdot"][3, 0] = 0.25
-    peak = verify(read_log(log.path)).loop["velocity limit"]
+    peak = verify(read_run(log.path)).loop["velocity limit"]
     assert peak.where == log.coordinates[0]
     assert peak.sample == 3
     assert 0.3 <= peak.time <= 0.4

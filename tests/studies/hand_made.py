@@ -6,8 +6,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from psmpc_cli.simulation.monitors import Verdict
-from psmpc_cli.simulation.summary import StageSummary, Summary
+from psmpc_cli.logs.summary import StageSummary, Summary, Verdict
 from psmpc_cli.studies.claims import load_claims
 from psmpc_cli.studies.evidence import Evidence, Onset, RunEvidence
 from psmpc_cli.studies.weights import SweepCells

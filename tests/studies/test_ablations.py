@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.figures.registry import draw
-from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
@@ -58,14 +58,14 @@ def small() -> Task:
 
 
 @pytest.fixture(scope="module")
-def log(small: Task, tmp_path_factory: pytest.TempPathFactory) -> Log:
+def log(small: Task, tmp_path_factory: pytest.TempPathFactory) -> Run:
     path = tmp_path_factory.mktemp("one") / "run.h5"
     simulate(small, path)
-    return read_log(path)
+    return read_run(path)
 
 
 @pytest.fixture(scope="module")
-def one(log: Log) -> OneWindow:
+def one(log: Run) -> OneWindow:
     return pick_window(log)
 
 
@@ -112,7 +112,7 @@ def test_a_run_that_never_ends_is_said_to() -> None:
     assert ending(29.31) == "ends after 29.3 s"
 
 
-def test_the_window_is_the_run_s(log: Log, one: OneWindow) -> None:
+def test_the_window_is_the_run_s(log: Run, one: OneWindow) -> None:
     sample = int(np.argmin(np.abs(log.time - one.window.start)))
     assert log["window/count"][sample] == 2
     np.testing.assert_allclose(one.window.x0, np.r_[log["state/Q"][sample], log["state/Qdot"][sample]])
@@ -141,10 +141,10 @@ def test_a_run_of_one_stage_has_no_window_to_look_at(tmp_path: Path) -> None:
     )
     simulate(load_task("transport", [*SMALL, one_stage]), tmp_path / "run.h5")
     with pytest.raises(LogError, match="no window with one switch"):
-        pick_window(read_log(tmp_path / "run.h5"))
+        pick_window(read_run(tmp_path / "run.h5"))
 
 
-def test_j_at_the_optimal_instant_is_the_optimum(one: OneWindow, log: Log) -> None:
+def test_j_at_the_optimal_instant_is_the_optimum(one: OneWindow, log: Run) -> None:
     instant = one.plan.instants - one.window.start
     scan = scan_instants(one, instant)
     sample = int(np.argmin(np.abs(log.time - one.window.start)))
@@ -214,7 +214,7 @@ def test_minima_are_found_the_lowest_first_and_shallow_ones_left_out(cost: list[
     assert minima(curve(cost)) == found
 
 
-def test_ahead_falls_with_time_and_is_unknown_without_a_switch(log: Log) -> None:
+def test_ahead_falls_with_time_and_is_unknown_without_a_switch(log: Run) -> None:
     _, to_go = ahead(log)
     np.testing.assert_array_equal(np.isnan(to_go), log["window/count"] < 2)
     known = np.isfinite(to_go)
@@ -222,7 +222,7 @@ def test_ahead_falls_with_time_and_is_unknown_without_a_switch(log: Log) -> None
     assert np.all(to_go[known] <= log.attributes["horizon"])
 
 
-def test_variation_is_the_joints_alone_and_never_falls(log: Log) -> None:
+def test_variation_is_the_joints_alone_and_never_falls(log: Run) -> None:
     time, total = variation(log)
     assert len(time) == len(total)
     assert np.all(np.diff(total) >= 0)

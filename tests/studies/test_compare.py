@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.comparison import read_comparison
-from psmpc_cli.logs.read import read_log
+from psmpc_cli.logs.run import read_comparison, read_run
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.compare import (
@@ -85,7 +84,7 @@ def test_runs_in_parallel_are_the_runs_alone(tmp_path: Path, tasks: dict[str, Ta
     assert list(path.parent.iterdir()) == [path]  # the logs it was made from are gone
     for name, task in tasks.items():
         simulate(task, tmp_path / "alone.h5", force=True)
-        alone = read_log(tmp_path / "alone.h5")
+        alone = read_run(tmp_path / "alone.h5")
         assert alone.columns.keys() == found[name].columns.keys()
         for column in ("state/Q", "control/u", "window/instants", "window/share"):
             np.testing.assert_array_equal(found[name][column], alone[column])
@@ -120,7 +119,7 @@ def test_progress_is_told_by_simulated_times(tmp_path: Path, tasks: dict[str, Ta
     paths, level = log_paths(tasks, tmp_path), logging.getLogger("psmpc_cli").level
     assert simulated_times(paths) == {}
     assert run_variants(tasks, tmp_path, jobs=1) == paths
-    last = {name: float(read_log(path).time[-1]) for name, path in paths.items()}
+    last = {name: float(read_run(path).time[-1]) for name, path in paths.items()}
     assert simulated_times(paths) == pytest.approx(last)
     assert logging.getLogger("psmpc_cli").level == level
 

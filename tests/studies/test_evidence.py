@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.studies.evidence import RunEvidence, gather_run
 
 from ..figures.made_up import Story, write_story
@@ -13,16 +13,16 @@ from .hand_made import evidence
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Log:
+def log(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """A run in which Capture starts early."""
-    return read_log(write_story(tmp_path_factory.mktemp("logs") / "run.h5", Story()))
+    return read_run(write_story(tmp_path_factory.mktemp("logs") / "run.h5", Story()))
 
 
 def time_of(symbol: str, found: RunEvidence) -> float:
     return evidence(psmpc=found).moment(f"psmpc.{symbol}").time
 
 
-def test_times_are_those_of_the_log(log: Log) -> None:
+def test_times_are_those_of_the_log(log: Run) -> None:
     found = gather_run(log)
     assert time_of("t2", found) == 13.0
     assert time_of("t1_real", found) == 6.4
@@ -34,12 +34,12 @@ def test_times_are_those_of_the_log(log: Log) -> None:
     assert isnan(found.regular_start("docking"))
 
 
-def test_settings_are_those_of_the_task(log: Log) -> None:
+def test_settings_are_those_of_the_task(log: Run) -> None:
     found = gather_run(log)
     assert (found.horizon, found.nodes, found.sample_time, found.epsilon) == (4.0, 100, 0.1, 0.1)
 
 
-def test_stages_near_their_targets_as_they_end(log: Log) -> None:
+def test_stages_near_their_targets_as_they_end(log: Run) -> None:
     errors = gather_run(log).errors
     assert set(errors) == {"approach", "capture", "transport", "release"}
     assert errors["approach"][1][0] > 100
@@ -49,13 +49,13 @@ def test_stages_near_their_targets_as_they_end(log: Log) -> None:
     assert errors["release"][1][-1] < 1.0
 
 
-def test_velocity_limits_bound_the_ends(log: Log) -> None:
+def test_velocity_limits_bound_the_ends(log: Run) -> None:
     earliest = gather_run(log).earliest_ends
     assert 9.9 < earliest["approach"] <= 10.0
     assert list(earliest.values()) == sorted(earliest.values())
 
 
-def test_an_onset_is_what_a_stage_added_while_it_waited(log: Log) -> None:
+def test_an_onset_is_what_a_stage_added_while_it_waited(log: Run) -> None:
     presence = np.full_like(log["window/presence"], np.nan)
     waits = (log.time > 6.0) & (log.time < 8.0)
     presence[waits, 1] = log.time[waits] - 6.0
@@ -75,7 +75,7 @@ def test_an_onset_is_what_a_stage_added_while_it_waited(log: Log) -> None:
 
 
 def test_a_run_that_was_killed_has_evidence_too(tmp_path: Path) -> None:
-    found = gather_run(read_log(write_story(tmp_path / "killed.h5", Story(last=11.0))))
+    found = gather_run(read_run(write_story(tmp_path / "killed.h5", Story(last=11.0))))
     assert time_of("t1", found) == 10.0
     assert isnan(time_of("t_end", found))
     assert found.errors["capture"][0][-1] <= 11.0

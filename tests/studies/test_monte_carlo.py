@@ -8,7 +8,6 @@ import pytest
 
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.simulation.run import simulate
-from psmpc_cli.simulation.summary import summarize
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.monte_carlo import (
     CRASHED,
@@ -45,7 +44,7 @@ def runs(folder: Path) -> MonteCarloRuns:
 
 def test_a_run_is_recorded_as_the_same_seed_simulates(runs: MonteCarloRuns, folder: Path) -> None:
     assert runs["seed"].tolist() == [4, 5, 6]
-    summary = summarize(simulate(load_task(folder / "task.yaml", [NOISE, "seed=5"])))
+    summary = simulate(load_task(folder / "task.yaml", [NOISE, "seed=5"])).summary()
     assert summary.end_errors is not None
     assert runs["end_time"][1] == summary.duration
     assert runs["final_error"][1] == summary.end_errors[1]
@@ -54,7 +53,7 @@ def test_a_run_is_recorded_as_the_same_seed_simulates(runs: MonteCarloRuns, fold
     assert runs["velocity_margin"][1] == {limit.kind: limit.margin for limit in summary.limits}["velocity"]
     assert runs["monitor_margin"][1].tolist() == [summary.monitors[0].margin]
     assert runs["control_effort"][1] == summary.control_effort
-    assert (runs["succeeded"][1], runs["fallbacks"][1]) == (summary.succeeded, summary.fallbacks)
+    assert (runs["succeeded"][1], runs["fallbacks"][1]) == (summary.succeeded, summary.failed_solves)
     assert len(np.unique(runs["final_error"])) == 3
     assert runs.command(2) == f"psmpc simulate {folder / 'task.yaml'} --set '{NOISE}' --set seed=4 --set seed=6"
 

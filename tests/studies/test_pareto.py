@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.logs.read import Log, read_log
 from psmpc_cli.logs.results import Results
+from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.studies.fronts import STATUS, costs_of, dominated, extents, methods_in, read_pareto
 from psmpc_cli.studies.pareto import HIGHEST, LOWEST, Question, choose_samples, is_log, parse_times, solve_pareto
 
@@ -26,8 +26,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def log(run: Path) -> Log:
-    return read_log(run)
+def log(run: Path) -> Run:
+    return read_run(run)
 
 
 @pytest.fixture(scope="module")
@@ -63,14 +63,14 @@ def test_coordinates_are_named(studied: Results, in_space: Results) -> None:
     assert in_space["criterion"].tolist() == ["J_1", "J_2", "t_s - T0"]
 
 
-def test_the_file_says_what_ran(studied: Results, log: Log) -> None:
+def test_the_file_says_what_ran(studied: Results, log: Run) -> None:
     for name in ("task_yaml", "robot_yaml", "digest", "task_name", "horizon"):
         assert studied.attributes[name] == log.attributes[name]
     assert studied.attributes["kind"] == "pareto"
     assert studied.attributes["stages"] == "1,2"
 
 
-def test_the_chosen_point_is_the_run_s(studied: Results, log: Log) -> None:
+def test_the_chosen_point_is_the_run_s(studied: Results, log: Run) -> None:
     for i, instant in enumerate(studied["instant"]):
         sample = int(np.argmin(np.abs(log.time - instant)))
         chosen = [studied["chosen_J_1"][i], studied["chosen_J_2"][i]]
@@ -123,7 +123,7 @@ def test_bounds_alone_need_two_weighted_sums_only(run: Path, tmp_path: Path) -> 
     assert results["constrained_J_1"].shape == (1, POINTS)
 
 
-def test_samples_are_those_whose_window_holds_both_stages_alone(log: Log) -> None:
+def test_samples_are_those_whose_window_holds_both_stages_alone(log: Run) -> None:
     samples = choose_samples(log, (0, 1), ())
     assert len(samples) == 5
     assert np.all(log["window/count"][samples] == 2)
@@ -132,17 +132,17 @@ def test_samples_are_those_whose_window_holds_both_stages_alone(log: Log) -> Non
     assert samples[0] == possible[0] and samples[-1] == possible[-1]
 
 
-def test_a_time_is_its_nearest_sample_once(log: Log) -> None:
+def test_a_time_is_its_nearest_sample_once(log: Run) -> None:
     assert choose_samples(log, (0, 1), (0.51, 0.52)) == [5]
 
 
-def test_times_without_such_a_window_are_refused(log: Log) -> None:
+def test_times_without_such_a_window_are_refused(log: Run) -> None:
     with pytest.raises(InputError, match=r"--at: found 1\.5, .* go and back alone; expected times from 0\.1 to 0\.7"):
         choose_samples(log, (0, 1), (0.3, 1.5))
 
 
 def test_a_run_without_such_a_window_is_refused(tmp_path: Path) -> None:
-    log = read_log(run_there_and_back(tmp_path, "controller.kind=hard"))
+    log = read_run(run_there_and_back(tmp_path, "controller.kind=hard"))
     with pytest.raises(InputError, match="found no sample whose window holds go and back alone"):
         choose_samples(log, (0, 1), ())
 

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from psmpc_cli.errors import InputError, SpecError
-from psmpc_cli.logs.comparison import merge_logs, read_comparison
-from psmpc_cli.logs.read import read_log
+from psmpc_cli.logs.comparison import merge_logs
+from psmpc_cli.logs.run import read_comparison, read_run
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.claims import Claim, Finding
 from psmpc_cli.studies.reproduce import (
@@ -98,7 +98,7 @@ def test_the_fronts_are_found_from_the_run_there_is(tmp_path: Path) -> None:
 def test_a_run_without_such_a_window_has_no_fronts_and_none_of_an_earlier_run(
     tmp_path: Path, reproduction: Reproduction
 ) -> None:
-    log = read_log(run_there_and_back(tmp_path, "controller.kind=hard"))
+    log = read_run(run_there_and_back(tmp_path, "controller.kind=hard"))
     assert find_fronts(tmp_path, log, 3, force=True, jobs=1) is None
     assert not (tmp_path / "fronts.h5").exists()
     logs = dict.fromkeys(METHODS, log)

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.logs.read import Log, read_log
+from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.simulation.setup import build_experiment
-from psmpc_cli.simulation.summary import task_of
 from psmpc_cli.studies.one_window import window_at
 from psmpc_cli.studies.pareto import Scalarization, TradeOff, constrained, weighted_sum
 
@@ -13,20 +12,20 @@ RATIOS = (0.03, 0.3, 1.0, 3.0, 30.0)
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Log:
-    return read_log(run_there_and_back(tmp_path_factory.mktemp("run"), "stages[1].priority=3"))
+def log(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return read_run(run_there_and_back(tmp_path_factory.mktemp("run"), "stages[1].priority=3"))
 
 
 @pytest.fixture(scope="module")
-def sample(log: Log) -> int:
+def sample(log: Run) -> int:
     """One in the middle of those with the switch in the window."""
     with_switch = np.flatnonzero((log["window/count"] == 2) & (log["window/first"] == 0))
     return int(with_switch[len(with_switch) // 2])
 
 
 @pytest.fixture(scope="module")
-def trade_off(log: Log, sample: int) -> TradeOff:
-    return TradeOff(window_at(log, build_experiment(task_of(log)), sample))
+def trade_off(log: Run, sample: int) -> TradeOff:
+    return TradeOff(window_at(log, build_experiment(log.task), sample))
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +34,7 @@ def wait(trade_off: TradeOff) -> float:
 
 
 def test_the_run_s_own_weights_lead_to_the_run_s_optimum(
-    trade_off: TradeOff, log: Log, sample: int, wait: float
+    trade_off: TradeOff, log: Run, sample: int, wait: float
 ) -> None:
     costs = trade_off.costs_of(trade_off.one.plan)
     np.testing.assert_allclose(costs, log["window/cost"][sample, :2], rtol=1e-6)

@@ -1,0 +1,347 @@
+"""The summary of a run: what is computed from the datasets of its log, given by their paths."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from psmpc_cli.ocp.problem import Problem, Stage, StageCosts
+from psmpc_cli.specs.task import MonitorSpec
+
+Arrays = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class StageSummary:
+    """One stage: when it started and ended [s], and the published values where there are any; NaN where unknown.
+
+    `duration` is the time from the switch time of the stage before it to its own [s].
+    """
+
+    name: str
+    priority: float
+    actual_start: float
+    published_start: float
+    early: bool
+    switch_time: float
+    published_switch: float
+    duration: float
+
+
+@dataclass(frozen=True)
+class SolveSummary:
+    """Wall time of the solves [s] and iterations, over all windows or those with a switch in them."""
+
+    count: int
+    median: float
+    p95: float
+    p99: float
+    largest: float
+    iterations: float
+
+
+@dataclass(frozen=True)
+class LimitSummary:
+    """The smallest margin to a kind of limit over all ticks, its coordinate, and it over half the limits' distance."""
+
+    kind: str
+    coordinate: str
+    margin: float
+    relative: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a monitor held, and by what margin: the smallest distance of the signal to its bounds.
+
+    Attributes:
+        margin: In the signal's unit; negative where it was broken; NaN where no sample falls into the stage.
+        broken_at: First sample at which it was broken [s], NaN if it held.
+    """
+
+    name: str
+    held: bool
+    margin: float
+    broken_at: float
+
+
+@dataclass(frozen=True)
+class Largest:
+    """The largest value of a quantity.
+
+    Attributes:
+        value: [m, rad, m/s, rad/s], or [1] for an end condition.
+        where: The coordinate, its velocity, or the stage.
+        time: Of the sample after which it was measured [s].
+    """
+
+    value: float
+    where: str
+    time: float
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """The largest deviations of a run.
+
+    Attributes:
+        off_plan: Of the state at a sample from the prediction of the plan before it, of a position and of a velocity.
+        beyond_limits: Violations of a position and of a velocity limit at a tick, where there are any.
+        end_condition: Error over tolerance at a planned switch time; None without one.
+    """
+
+    off_plan: tuple[Largest, ...]
+    beyond_limits: tuple[Largest, ...]
+    end_condition: Largest | None
+
+
+@dataclass(frozen=True)
+class Variation:
+    """Total variation of the control at the samples, sum_k |u_{k+1} - u_k|, over the coordinates of a group.
+
+    Attributes:
+        base_position: Of the base's position [m/s^2].
+        base_angle: Of its angles [rad/s^2].
+        joints: Of all joints [rad/s^2].
+    """
+
+    base_position: float
+    base_angle: float
+    joints: float
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The results of a run.
+
+    Attributes:
+        ended: The run came to an end; it was neither killed nor interrupted.
+        completed: The last stage met its end condition.
+        succeeded: It did, and every monitor held.
+        reason: Why the run stopped.
+        duration: Simulated time [s].
+        stages: By stage.
+        solves, switching_solves: All solves, and those of windows with a switch.
+        missed: Samples whose solve took longer than the sample time.
+        appended, postponed, failed_solves: How often each happened.
+        unmeasured: Samples whose state was not measured, at least in part.
+        basins: How often another guess of the switch times than the last plan's won; None if there was no other.
+        unsolved_levels: Levels of a lexicographic controller that did not converge; None under any other.
+        limits: The tightest position and velocity margins.
+        control_effort: Integral of |u|^2.
+        base_force, base_torque: Integrals of their norms [N s], [N m s].
+        variation: Total variation of the control.
+        momentum_error, energy_error: Largest drift of the balances of momentum and energy.
+        monitors: The verdicts.
+        distances: Distance between the first two end-effectors at the end of each stage [m]; NaN with one arm.
+        deviations: Deviations of the motion from the plans, and beyond the limits.
+        end_errors: Error of the last stage's end condition over its tolerance at the end, of the state seen and of the
+            true state; None without noise.
+    """
+
+    ended: bool
+    completed: bool
+    succeeded: bool
+    reason: str
+    duration: float
+    stages: tuple[StageSummary, ...]
+    solves: SolveSummary
+    switching_solves: SolveSummary
+    missed: int
+    appended: int
+    postponed: int
+    failed_solves: int
+    unmeasured: int
+    basins: int | None
+    unsolved_levels: int | None
+    limits: tuple[LimitSummary, ...]
+    control_effort: float
+    base_force: float
+    base_torque: float
+    variation: Variation
+    momentum_error: float
+    energy_error: float
+    monitors: tuple[Verdict, ...]
+    distances: tuple[float, ...]
+    deviations: Deviations
+    end_errors: tuple[float, float] | None = None
+
+
+def summarize(arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -> Summary:
+    """Summarize a run from the datasets and attributes of its log, and the problem it solved."""
+    spec, stages = problem.spec, problem.stages
+    completed, monitors = bool(attributes["finished"]), verdicts(spec.monitors, arrays)
+    time, end, wall_time = arrays["time"], float(arrays["final/end_time"]), arrays["solver/wall_time"]
+    published = spec.published.get(str(attributes["controller"]))
+    last = float(time[-1]) if len(time) else 0.0
+    u = arrays["control/u"]
+    return Summary(
+        ended=bool(np.isfinite(end)),
+        completed=completed,
+        succeeded=completed and all(verdict.held for verdict in monitors),
+        reason=str(attributes["end_reason"]) or "the run was killed, or goes on",
+        duration=end if np.isfinite(end) else last,
+        stages=tuple(
+            _stage(arrays, i, published.actual_start if published else {}, published.switch_time if published else {})
+            for i in range(len(stages))
+        ),
+        solves=_solves(arrays, np.ones(len(time), bool)),
+        switching_solves=_solves(arrays, arrays["window/count"] > 1),
+        missed=int(np.sum(wall_time > spec.controller.sample_time)),
+        appended=int(arrays["events/appended"].sum()),
+        postponed=int(arrays["events/postponed"].sum()),
+        failed_solves=int(arrays["events/solve_failed"].sum()),
+        unmeasured=int(arrays["events/unmeasured"].sum()),
+        basins=int(np.sum(arrays["window/basin"] > 0)) if np.any(arrays["window/basin"] >= 0) else None,
+        unsolved_levels=int(np.sum(arrays["levels/solved"] == 0)) if "levels/solved" in arrays else None,
+        limits=_limits(arrays, stages),
+        control_effort=float(arrays["effort/control"].sum()),
+        base_force=float(arrays["effort/base_force"].sum()),
+        base_torque=float(arrays["effort/base_torque"].sum()),
+        variation=variation(np.abs(np.diff(u, axis=0)).sum(axis=0), tuple(arrays["coordinate"])),
+        momentum_error=float(np.max(np.abs(arrays["balance/momentum"]), initial=0.0)) if len(time) else np.nan,
+        energy_error=float(np.max(np.abs(arrays["balance/energy"]), initial=0.0)) if len(time) else np.nan,
+        monitors=monitors,
+        distances=_distances(arrays),
+        deviations=_deviations(arrays),
+        end_errors=_end_errors(arrays, problem.costs, stages[-1]),
+    )
+
+
+def verdicts(monitors: tuple[MonitorSpec, ...], arrays: Arrays) -> tuple[Verdict, ...]:
+    """Judge monitors by the datasets of a log."""
+    return tuple(_verdict(monitor, arrays) for monitor in monitors)
+
+
+def signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
+    """Compute the monitored signal at every sample (K,): distance [m] between two frames, or speed [m/s] of frames.
+
+    Speed is that of the frame's position between samples, the largest of the named frames.
+    """
+    positions = [_position(arrays, name) for name in monitor.of]
+    if monitor.quantity == "distance":
+        origin = positions[1] if len(positions) > 1 else _position(arrays, "base")
+        return np.asarray(np.linalg.norm(positions[0] - origin, axis=1))
+    if len(arrays["time"]) < 2:
+        return np.zeros(len(arrays["time"]))
+    steps = [np.linalg.norm(np.gradient(position, axis=0), axis=1) for position in positions]
+    return np.asarray(np.max(steps, axis=0) / np.gradient(arrays["time"]))
+
+
+def variation(by_coordinate: np.ndarray, coordinates: tuple[str, ...]) -> Variation:
+    """Sum the total variation of each coordinate (n,) over base position, base angle and joints."""
+    base = np.array([name.startswith("base.") for name in coordinates], bool)
+    position = np.array([name in ("base.x", "base.y", "base.z") for name in coordinates], bool)
+    return Variation(*(float(by_coordinate[group].sum()) for group in (position, base & ~position, ~base)))
+
+
+def _stage(
+    arrays: Arrays, index: int, published_start: Mapping[str, float], published_switch: Mapping[str, float]
+) -> StageSummary:
+    name, switch = str(arrays["stages/name"][index]), arrays["stages/switch_time"]
+    return StageSummary(
+        name=name,
+        priority=float(arrays["stages/priority"][index]),
+        actual_start=float(arrays["stages/actual_start"][index]),
+        published_start=published_start.get(name, np.nan),
+        early=bool(arrays["stages/early"][index]),
+        switch_time=float(switch[index]),
+        published_switch=published_switch.get(name, np.nan),
+        duration=float(switch[index] - (switch[index - 1] if index else 0.0)),
+    )
+
+
+def _solves(arrays: Arrays, chosen: np.ndarray) -> SolveSummary:
+    wall_time, iterations = arrays["solver/wall_time"][chosen], arrays["solver/iterations"][chosen]
+    if not len(wall_time):
+        return SolveSummary(0, np.nan, np.nan, np.nan, np.nan, np.nan)
+    median, p95, p99, largest = np.percentile(wall_time, [50, 95, 99, 100])
+    return SolveSummary(len(wall_time), median, p95, p99, largest, float(np.median(iterations)))
+
+
+def _limits(arrays: Arrays, stages: tuple[Stage, ...]) -> tuple[LimitSummary, ...]:
+    """Find for positions and velocities the coordinate whose margin is smallest relative to its limit."""
+    tightest = []
+    for kind in ("position", "velocity"):
+        margin = arrays[f"margin/{kind}"]
+        if not np.isfinite(margin).any():
+            continue
+        limits = [stages[index].limits for index in arrays["window/first"]]
+        width = np.array([getattr(limit, f"{kind}_high") - getattr(limit, f"{kind}_low") for limit in limits]) / 2
+        bounded = np.isfinite(width) & (width > 0)
+        relative = np.where(np.isfinite(margin), margin / np.where(bounded, width, 1.0), np.inf)
+        row, column = np.unravel_index(np.argmin(relative), relative.shape)
+        coordinate = str(arrays["coordinate"][column])
+        tightest.append(LimitSummary(kind, coordinate, float(margin[row, column]), float(relative[row, column])))
+    return tuple(tightest)
+
+
+def _end_errors(arrays: Arrays, costs: StageCosts, stage: Stage) -> tuple[float, float] | None:
+    """Compute the last stage's end errors of the final state, as the controller saw it and true."""
+    if "final/Q_true" not in arrays or np.isnan(arrays["final/end_time"]):
+        return None
+    states = (np.concatenate([arrays[f"final/Q{which}"], arrays[f"final/Qdot{which}"]]) for which in ("", "_true"))
+    seen, true = (costs.end_error(stage, x) for x in states)
+    return seen, true
+
+
+def _distances(arrays: Arrays) -> tuple[float, ...]:
+    names, time = list(arrays["pose_coordinate"]), np.append(arrays["time"], arrays["final/end_time"])
+    arms = [name.removesuffix(".x") for name in names if name.endswith(".x") and name != "base.x"]
+    if len(arms) < 2 or len(time) < 2:
+        return (np.nan,) * len(arrays["stages/name"])
+    xi = np.vstack([arrays["pose/xi"], arrays["final/xi"]])
+    gap = [xi[:, names.index(f"{arms[0]}.{axis}")] - xi[:, names.index(f"{arms[1]}.{axis}")] for axis in "xy"]
+    distance, known = np.hypot(*gap), np.isfinite(time)
+    return tuple(float(np.interp(t, time[known], distance[known])) for t in arrays["stages/switch_time"])
+
+
+def _deviations(arrays: Arrays) -> Deviations:
+    coordinates = tuple(arrays["coordinate"])
+    velocities = tuple(f"{name} velocity" for name in coordinates)
+    off_plan = [_largest(arrays, f"deviation/{q}", names) for q, names in (("Q", coordinates), ("Qdot", velocities))]
+    beyond = [
+        _largest(arrays, f"margin/{kind}", names, below=True)
+        for kind, names in (("position", coordinates), ("velocity", velocities))
+    ]
+    return Deviations(
+        off_plan=tuple(largest for largest in off_plan if largest is not None),
+        beyond_limits=tuple(largest for largest in beyond if largest is not None and largest.value > 0),
+        end_condition=_largest(arrays, "deviation/end", tuple(arrays["stages/name"])),
+    )
+
+
+def _largest(arrays: Arrays, path: str, names: tuple[str, ...], below: bool = False) -> Largest | None:
+    """Find the largest magnitude of a dataset, or how far it goes below 0; None if it has no number."""
+    values = arrays[path]
+    found = np.where(np.isnan(values), -np.inf, -values if below else np.abs(values))
+    if not np.isfinite(found).any():
+        return None
+    row, column = np.unravel_index(int(np.argmax(found)), found.shape)
+    return Largest(float(found[row, column]), str(names[int(column)]), float(arrays["time"][row]))
+
+
+def _verdict(monitor: MonitorSpec, arrays: Arrays) -> Verdict:
+    during = arrays["window/first"] == list(arrays["stages/name"]).index(monitor.during)
+    if not during.any():
+        return Verdict(monitor.name, False, np.nan, np.nan)
+    values, time = signal(monitor, arrays)[during], arrays["time"][during]
+    margins = [np.full(len(values), np.inf)]
+    if monitor.above_start_at_most is not None:
+        margins.append(values[0] + monitor.above_start_at_most - values)
+    if monitor.below_start_at_most is not None:
+        margins.append(values - values[0] + monitor.below_start_at_most)
+    if monitor.at_most is not None:
+        margins.append(monitor.at_most - values)
+    if monitor.at_least is not None:
+        margins.append(values - monitor.at_least)
+    margin = np.min(margins, axis=0)
+    broken = np.flatnonzero(~(margin >= 0))  # a signal that is not a number holds no bound
+    broken_at = float(time[broken[0]]) if len(broken) else np.nan
+    return Verdict(monitor.name, not len(broken), float(margin.min()), broken_at)
+
+
+def _position(arrays: Arrays, frame: str) -> np.ndarray:
+    names = list(arrays["pose_coordinate"])
+    return arrays["pose/xi"][:, [names.index(f"{frame}.x"), names.index(f"{frame}.y")]]

@@ -1,0 +1,252 @@
+import csv
+import struct
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.logs.run import Run, read_run
+from psmpc_cli.logs.schema import FORMAT_VERSION, columns
+from psmpc_cli.logs.write import ROWS_IN_A_CHUNK, Header, LogWriter
+
+from .records import COORDINATES, HEADER, LEAN, SAMPLE, STAGES, TICKS, record
+
+SAMPLES = 3
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path = tmp_path / "log.h5"
+    with LogWriter(path, HEADER) as log:
+        for k in range(SAMPLES):
+            log.write(record(k))
+    return path
+
+
+@pytest.fixture(scope="module")
+def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    path = tmp_path_factory.mktemp("whole") / "log.h5"
+    with LogWriter(path, HEADER) as log:
+        log.write(record(0))
+    return path.read_bytes()
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(LogError) as refused:
+        read_run(path)
+    assert refused.value.exit_code == 2
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+def make_nothing(path: Path) -> None:
+    """Leave it missing."""
+
+
+def make_foreign(path: Path) -> None:
+    h5py.File(path, "w").close()
+
+
+REFUSED: list[tuple[str, Callable[[Path], object]]] = [
+    ("found no such file", make_nothing),
+    ("found a directory", Path.mkdir),
+    ("found an empty file", Path.touch),
+    ("found no HDF5 file", lambda path: path.write_text("robot: planar_dual_arm\n")),
+    ("found an HDF5 file of another program", make_foreign),
+    ("found no regular file", lambda path: path.symlink_to("/dev/null")),
+]
+
+
+@pytest.mark.parametrize(("found", "make"), REFUSED, ids=[found for found, _ in REFUSED])
+def test_what_is_no_log_is_named(tmp_path: Path, found: str, make: Callable[[Path], object]) -> None:
+    make(tmp_path / "log.h5")
+    expected = f"{tmp_path / 'log.h5'}: {found}, expected a log written by psmpc simulate"
+    assert refusal(tmp_path / "log.h5") == expected
+
+
+def test_file_below_a_file_is_no_log(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert refusal(tmp_path / "file" / "log.h5").endswith(
+        "found no such file, expected a log written by psmpc simulate"
+    )
+
+
+def test_other_version_is_named(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file.attrs["format_version"], file.attrs["psmpc_version"] = 99, "7.0"
+    assert refusal(path) == (
+        f"{path}: found log format 99, written by psmpc 7.0; this version reads format {FORMAT_VERSION}: "
+        "read it with that version, or run the experiment again"
+    )
+
+
+@pytest.mark.parametrize("name", ["finished", "end_reason", "task_yaml", "robot_yaml", "task_name", "stuck"])
+def test_missing_attribute_is_named(path: Path, name: str) -> None:
+    with h5py.File(path, "r+") as file:
+        del file.attrs[name]
+    assert refusal(path) == f"{path}: found no attribute {name}, expected a log written by psmpc simulate"
+
+
+@pytest.mark.parametrize("name", ["time", "state/Q", "stage", "stages/name", "final/end_time", "monitors"])
+def test_missing_dataset_is_damage(path: Path, name: str) -> None:
+    with h5py.File(path, "r+") as file:
+        del file[name]
+    assert refusal(path).startswith(f"{path}: found an HDF5 file that is cut off or damaged (")
+
+
+@pytest.mark.parametrize("name", ["time", "state/Q", "ticks/F", "stages/name"])
+def test_group_in_place_of_a_dataset_is_damage(path: Path, name: str) -> None:
+    with h5py.File(path, "r+") as file:
+        del file[name]
+        file.create_group(name)
+    assert refusal(path).startswith(f"{path}: found an HDF5 file that is cut off or damaged (")
+
+
+@given(st.floats(0, 1, exclude_max=True))
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_log_that_is_cut_off_anywhere_is_refused(tmp_path: Path, content: bytes, part: float) -> None:
+    path = tmp_path / "log.h5"
+    path.write_bytes(content[: int(part * len(content))])
+    message = refusal(path)
+    assert any(f": found {what}" in message for what in ("an empty file", "no HDF5 file", "an HDF5 file that is cut"))
+
+
+def test_a_row_that_a_kill_left_in_some_datasets_only_is_left_out(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        for name in ("time", "state/Q", "solver/status"):
+            file[name].resize(SAMPLES + 1, axis=0)
+    log = read_run(path)
+    assert {len(values) for values in log.columns.values()} == {SAMPLES}
+    assert log.time[-1] == SAMPLE * (SAMPLES - 1)
+
+
+@pytest.mark.parametrize("held", [0, ROWS_IN_A_CHUNK])
+@pytest.mark.parametrize("reason", ["", "interrupted"])
+def test_a_kill_that_left_a_chunk_half_allocated_costs_that_chunk_only(tmp_path: Path, held: int, reason: str) -> None:
+    path, header = tmp_path / "log.h5", replace(LEAN, attributes={**LEAN.attributes, "end_reason": reason})
+    with LogWriter(path, header) as log:
+        for k in range(held):
+            log.write(record(k))
+        (before,) = struct.unpack_from("<Q", path.read_bytes(), 40)  # where the space allocated in the file ends
+        log.write(record(held))
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<Q", content, 40, before)
+    path.write_bytes(content)
+    if reason:
+        assert refusal(path).startswith(f"{path}: found an HDF5 file that is cut off or damaged (")
+    else:
+        assert {len(values) for values in read_run(path).columns.values()} == {held}
+
+
+def test_plans_are_optional(tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "log.h5", LEAN) as log:
+        log.write(record(0))
+    with pytest.raises(LogError, match=r"found no plans, expected the log of a task with log: \{plans: true\}"):
+        read_run(tmp_path / "log.h5").plan("solution", 0)
+
+
+@pytest.mark.parametrize("sample", [-1, SAMPLES])
+def test_a_sample_that_the_log_lacks_has_no_plan(path: Path, sample: int) -> None:
+    with pytest.raises(LogError, match=f"found no sample {sample}, expected one from 0 to {SAMPLES - 1}"):
+        read_run(path).plan("solution", sample)
+
+
+def log_of(path: Path, header: Header = HEADER) -> Run:
+    with LogWriter(path, header) as log:
+        for k in range(3):
+            log.write(record(k, count=2))
+    return read_run(path)
+
+
+def table(path: Path) -> tuple[list[str], list[list[str]]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        heading, *rows = csv.reader(file)
+    return heading, rows
+
+
+def test_samples_have_a_named_column_for_every_number(tmp_path: Path) -> None:
+    log = log_of(tmp_path / "log.h5")
+    log.to_csv(tmp_path / "tables")
+    heading, rows = table(tmp_path / "tables" / "samples.csv")
+    assert len(heading) == len(set(heading)) == 1 + sum(log[c.path].size // 3 for c in columns("time") if not c.only)
+    assert heading[:2] == ["time [s]", "state/Q/base.x"]
+    assert {"window/instants/d", "balance/momentum/angular", "solver/wall_time [s]", "window/first"} <= set(heading)
+    for name, values in (
+        ("state/Q/arm_1.1", log["state/Q"][:, 2]),
+        ("window/instants/a", log["window/instants"][:, 0]),
+        ("solver/wall_time [s]", log["solver/wall_time"]),
+    ):
+        assert [float(line[heading.index(name)]) for line in rows] == values.tolist()
+    assert [line[heading.index("solver/status")] for line in rows] == ["optimal", "iteration_limit", "optimal"]
+
+
+def test_stages_and_ticks_are_tables_too(tmp_path: Path) -> None:
+    files = log_of(tmp_path / "log.h5").to_csv(tmp_path)
+    assert [path.name for path in files] == ["samples.csv", "stages.csv", "ticks.csv"]
+    heading, rows = table(files[1])
+    assert [row[heading.index("name")] for row in rows] == list(STAGES)
+    assert heading[-2:] == ["actual_start/0.001", "actual_start/0.1"]
+    heading, rows = table(files[2])
+    assert heading == ["time [s]", *(f"{name}/{row}" for name in ("Q", "Qdot", "F") for row in COORDINATES)]
+    assert len(rows) == 3 * TICKS
+
+
+def test_no_table_of_ticks_without_ticks(tmp_path: Path) -> None:
+    assert [path.name for path in log_of(tmp_path / "log.h5", LEAN).to_csv(tmp_path)] == [
+        "samples.csv",
+        "stages.csv",
+    ]
+
+
+def test_tables_are_overwritten_with_force_only(tmp_path: Path) -> None:
+    log = log_of(tmp_path / "log.h5", LEAN)
+    (tmp_path / "stages.csv").write_text("mine")
+    with pytest.raises(InputError) as refused:
+        log.to_csv(tmp_path)
+    assert str(refused.value) == (
+        f"{tmp_path / 'stages.csv'} exists already: choose another directory, or overwrite with --force"
+    )
+    assert (tmp_path / "stages.csv").read_text() == "mine"
+    assert not (tmp_path / "samples.csv").exists()
+    log.to_csv(tmp_path, force=True)
+    assert table(tmp_path / "stages.csv")[0][0] == "name"
+
+
+def test_a_file_is_no_directory_for_tables(tmp_path: Path) -> None:
+    log = log_of(tmp_path / "log.h5", LEAN)
+    with pytest.raises(InputError) as refused:
+        log.to_csv(log.path)
+    assert str(refused.value) == f"{log.path} cannot be written: it is no directory"
+
+
+def test_samples_are_an_xarray_dataset_with_named_dimensions(tmp_path: Path) -> None:
+    pytest.importorskip("xarray")
+    log = log_of(tmp_path / "log.h5")
+    samples = log.to_xarray()
+    assert samples["state/Q"].sel(coordinate="arm_1.1").values.tolist() == log["state/Q"][:, 2].tolist()
+    assert samples["window/instants"].sel(stage="b", time=0.1).shape == ()
+    assert samples["force/F"].attrs["units"] == "N, N m"
+
+
+def test_without_xarray_it_says_how_to_install_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(InputError, match="pip install xarray"):
+        log_of(tmp_path / "log.h5").to_xarray()
+
+
+def test_a_run_is_saved_as_the_log_it_was(path: Path, tmp_path: Path) -> None:
+    run = read_run(path)
+    run.save(tmp_path / "saved.h5")
+    saved = read_run(tmp_path / "saved.h5")
+    assert dict(saved.attributes) == dict(run.attributes)
+    for name, values in {**run.arrays, **run.plans}.items():
+        np.testing.assert_array_equal({**saved.arrays, **saved.plans}[name], values, name)
+    with pytest.raises(InputError, match="exists already"):
+        run.save(path)

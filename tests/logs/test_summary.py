@@ -1,0 +1,311 @@
+"""The summary of a run from the datasets of its log: stages, solves, limits, monitors, deviations and smoothness."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from psmpc_cli.errors import LogError
+from psmpc_cli.logs.run import Run, read_run
+from psmpc_cli.logs.summary import Arrays, Verdict, signal, variation, verdicts
+from psmpc_cli.logs.write import LogWriter
+from psmpc_cli.simulation.run import header, simulate
+from psmpc_cli.simulation.setup import build_experiment
+from psmpc_cli.specs.load import load_task
+from psmpc_cli.specs.task import MonitorSpec
+
+from ..simulation.logged import there_and_back
+
+CHANGES = ("controller.nodes=5", "plant.kind=ideal", "time_limit=2", "log.plans=false")
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Two seconds of a transport run."""
+    path = tmp_path_factory.mktemp("runs") / "log.h5"
+    simulate(load_task("transport", CHANGES), path)
+    return read_run(path)
+
+
+@pytest.fixture
+def nothing(tmp_path: Path) -> Run:
+    """The log of a run that was killed before its first sample."""
+    loaded = load_task("transport", CHANGES)
+    LogWriter(tmp_path / "log.h5", header(build_experiment(loaded))).close()
+    return read_run(tmp_path / "log.h5")
+
+
+def changed(log: Run, **columns: np.ndarray | float) -> Run:
+    """The log with values in some columns, named with _ in place of /."""
+    by_name = {path.replace("/", "_"): path for path in log.arrays}
+    new = {by_name[name]: np.broadcast_to(v, log[by_name[name]].shape) for name, v in columns.items()}
+    return replace(log, arrays={**log.arrays, **new})
+
+
+def test_a_run_up_to_its_time_limit(log: Run) -> None:
+    summary = log.summary()
+    assert (summary.ended, summary.completed, summary.succeeded) == (True, False, False)
+    assert summary.reason == "time limit of 2 s reached"
+    assert summary.duration == pytest.approx(2.0)
+    assert [stage.name for stage in summary.stages] == ["approach", "capture", "transport", "release"]
+    assert [stage.priority for stage in summary.stages] == [1, 100, 1, 0.01]
+    assert summary.solves.count == 20
+    assert summary.switching_solves.count == summary.appended == summary.postponed == summary.failed_solves == 0
+    assert [(limit.kind, limit.coordinate[:4]) for limit in summary.limits] == [
+        ("position", "base"),
+        ("velocity", "base"),
+    ]
+    assert summary.momentum_error < 1e-9
+    assert summary.control_effort == pytest.approx(log["effort/control"].sum())
+    assert np.isnan(summary.distances).all()
+
+
+def test_a_run_without_samples_has_a_summary(nothing: Run) -> None:
+    summary = nothing.summary()
+    assert (summary.ended, summary.succeeded, summary.duration) == (False, False, 0.0)
+    assert summary.reason == "the run was killed, or goes on"
+    assert (summary.solves.count, summary.switching_solves.count, summary.limits) == (0, 0, ())
+    assert np.isnan([summary.solves.median, summary.momentum_error, *summary.distances]).all()
+    assert [(verdict.held, np.isnan(verdict.margin)) for verdict in summary.monitors] == [(False, True)]
+
+
+def test_published_values_are_those_of_the_same_controller(log: Run) -> None:
+    stages = log.summary().stages
+    np.testing.assert_equal([stage.published_switch for stage in stages], [np.nan, 13.8, 24.4, 31.3])
+    np.testing.assert_equal([stage.published_start for stage in stages], [np.nan, 6.3, np.nan, np.nan])
+    other = replace(log, attributes={**log.attributes, "controller": "hard"})
+    assert np.isnan([stage.published_switch for stage in other.summary().stages]).all()
+
+
+def test_solve_times_are_told_apart_by_windows_with_a_switch(log: Run) -> None:
+    times, count = np.arange(1.0, 21.0), np.r_[np.ones(15), np.full(5, 2)].astype(int)
+    summary = changed(log, solver_wall_time=times, solver_iterations=times, window_count=count).summary()
+    assert (summary.solves.median, summary.solves.largest, summary.solves.iterations) == (10.5, 20.0, 10.5)
+    assert (summary.switching_solves.count, summary.switching_solves.median) == (5, 18.0)
+    assert 19 < summary.solves.p95 < summary.solves.p99 < 20
+
+
+def test_basins_that_changed_are_counted_if_there_were_several_guesses(log: Run) -> None:
+    assert log.summary().basins is None
+    assert changed(log, window_basin=np.r_[np.full(10, -1), np.zeros(7), 1, 0, 2]).summary().basins == 2
+    assert changed(log, window_basin=np.zeros(20)).summary().basins == 0
+
+
+def test_events_are_counted(log: Run) -> None:
+    once, often = np.arange(20) == 3, np.arange(20) < 7
+    summary = changed(log, events_appended=once, events_postponed=often, events_solve_failed=once).summary()
+    assert (summary.appended, summary.postponed, summary.failed_solves) == (1, 7, 1)
+
+
+def test_the_tightest_limit_is_relative_to_its_width(log: Run) -> None:
+    margin = np.full((20, 9), np.inf)
+    margin[4, 0], margin[7, 5] = 0.5, 0.4  # of 5 m, and of pi
+    (position, velocity) = changed(log, margin_position=margin).summary().limits
+    assert (position.coordinate, position.margin) == ("base.x", 0.5)
+    assert position.relative == pytest.approx(0.1)
+    margin[7, 5] = -1e-3
+    (position, velocity) = changed(log, margin_position=margin).summary().limits
+    assert (position.coordinate, position.margin) == ("arm_1.3", -1e-3)
+    assert position.relative == pytest.approx(-1e-3 / np.pi)
+    assert velocity.kind == "velocity"
+
+
+def test_without_limits_there_is_no_tightest_one(log: Run) -> None:
+    assert [limit.kind for limit in changed(log, margin_position=np.inf).summary().limits] == ["velocity"]
+
+
+def test_a_broken_monitor_fails_the_mission(log: Run) -> None:
+    opened = log["pose/xi"].copy()
+    opened[10:, log.pose_coordinates.index("arm_1.x")] += 1.0
+    done = replace(log, attributes={**log.attributes, "finished": True})
+    for xi, succeeded in ((log["pose/xi"], True), (opened, False)):
+        summary = changed(done, window_first=2, pose_xi=xi).summary()
+        assert (summary.completed, summary.succeeded) == (True, succeeded)
+        assert [verdict.held for verdict in summary.monitors] == [succeeded]
+
+
+def test_grippers_are_measured_when_a_stage_ends(log: Run) -> None:
+    xi = np.zeros_like(log["pose/xi"])
+    xi[:, log.pose_coordinates.index("arm_1.x")] = log.time
+    final = np.zeros(9)
+    final[log.pose_coordinates.index("arm_1.x")] = log.final["time"]
+    ends = np.array([0.55, 1.0, 2.0, np.nan])
+    summary = changed(log, pose_xi=xi, stages_switch_time=ends, final_xi=final).summary()
+    np.testing.assert_allclose(summary.distances, [0.55, 1.0, 2.0, np.nan])
+
+
+@pytest.mark.parametrize(("name", "text"), [("task_yaml", "not: a task"), ("robot_yaml", "[")])
+def test_texts_of_another_version_are_named(nothing: Run, name: str, text: str) -> None:
+    with pytest.raises(LogError, match=r"log\.h5: the task or robot in it is not valid in this version:\n"):
+        replace(nothing, attributes={**nothing.attributes, name: text}).summary()
+
+
+def test_texts_of_another_run_are_rejected(nothing: Run) -> None:
+    other = load_task("approach_capture").task_yaml
+    with pytest.raises(LogError, match="the task and robot in it do not describe the run it holds"):
+        replace(nothing, attributes={**nothing.attributes, "task_yaml": other}).summary()
+
+
+POSES = tuple(f"{part}.{axis}" for part in ("base", "arm_1", "arm_2") for axis in ("x", "y", "theta"))
+SAMPLE = 0.5
+
+
+def log_of(stage: Sequence[int], **positions: Sequence[tuple[float, float]]) -> Arrays:
+    """The datasets that monitors use: the current stage, and the positions of the frames."""
+    xi = np.zeros((len(stage), len(POSES)))
+    for name, points in positions.items():
+        xi[:, POSES.index(f"{name}.x") : POSES.index(f"{name}.x") + 2] = np.reshape(points, (-1, 2))
+    time = SAMPLE * np.arange(len(stage))
+    names = {
+        "stages/name": np.array(["approach", "capture", "transport", "release"]),
+        "pose_coordinate": np.array(POSES),
+    }
+    return {"time": time, "window/first": np.array(stage, int), "pose/xi": xi, **names}
+
+
+def monitor(
+    bounds: Mapping[str, float], quantity: str = "distance", of: Sequence[str] = ("arm_1", "arm_2")
+) -> MonitorSpec:
+    about = {"name": "m", "quantity": quantity, "of": list(of), "during": "transport"}
+    return MonitorSpec.model_validate({**about, **bounds})
+
+
+def verdict(log: Arrays, monitor: MonitorSpec) -> Verdict:
+    (found,) = verdicts((monitor,), log)
+    return found
+
+
+def apart(*distances: float) -> Arrays:
+    """The grippers so far apart: before, during (all but the first and last sample) and after Transport."""
+    stage = [1, *([2] * (len(distances) - 2)), 3]
+    return log_of(stage, arm_1=[(1.0, d) for d in distances], arm_2=[(1.0, 0.0)] * len(distances))
+
+
+BOUNDS = [
+    ({"at_most": 1.0}, (9, 0.5, 0.9, 0.7, 9), True, 0.1, np.nan),
+    ({"at_most": 1.0}, (0, 0.5, 1.2, 1.1, 0), False, -0.2, 1.0),
+    ({"at_least": 1.0}, (0, 1.5, 1.3, 1.4, 0), True, 0.3, np.nan),
+    ({"at_least": 1.0}, (9, 1.5, 1.3, 0.5, 9), False, -0.5, 1.5),
+    ({"above_start_at_most": 0.25}, (0, 1.0, 0.1, 1.2, 9), True, 0.05, np.nan),
+    ({"above_start_at_most": 0.25}, (9, 1.0, 1.5, 1.2, 0), False, -0.25, 1.0),
+    ({"below_start_at_most": 0.25}, (0, 1.0, 5.0, 0.8, 0), True, 0.05, np.nan),
+    ({"below_start_at_most": 0.25}, (0, 1.0, 0.5, 0.2, 2), False, -0.55, 1.0),
+    ({"at_most": 2.0, "at_least": 0.9}, (0, 1.0, 1.5, 1.2, 9), True, 0.1, np.nan),
+    ({"at_most": 2.0, "at_least": 0.9}, (0, 1.0, 1.5, 0.8, 9), False, -0.1, 1.5),
+]
+
+
+@pytest.mark.parametrize(("bounds", "distances", "held", "margin", "broken_at"), BOUNDS)
+def test_bounds_hold_during_the_stage_alone(
+    bounds: dict[str, float],
+    distances: tuple[float, ...],
+    held: bool,
+    margin: float,
+    broken_at: float,
+) -> None:
+    found = verdict(apart(*distances), monitor(bounds))
+    assert found.held is held
+    assert found.margin == pytest.approx(margin)
+    assert found.broken_at == pytest.approx(broken_at, nan_ok=True)
+
+
+def test_a_bound_that_is_just_met_holds() -> None:
+    found = verdict(apart(0, 1.0, 1.0, 0), monitor({"at_most": 1.0}))
+    assert found.held
+    assert found.margin == 0.0
+
+
+def test_a_stage_without_samples_is_not_judged() -> None:
+    for log in (log_of([0, 1, 1]), log_of([])):
+        found = verdict(log, monitor({"at_most": 1.0}))
+        assert not found.held
+        assert np.isnan(found.margin)
+        assert np.isnan(found.broken_at)
+
+
+@pytest.mark.parametrize("quantity", ["distance", "speed"])
+def test_one_sample_is_enough(quantity: str) -> None:
+    of = ("arm_1", "arm_2")[: 2 if quantity == "distance" else 1]
+    found = verdict(log_of([2], arm_1=[(3.0, 4.0)], arm_2=[(3.0, 3.5)]), monitor({"at_most": 0.6}, quantity, of))
+    assert found.held
+    assert found.margin == pytest.approx(0.1 if quantity == "distance" else 0.6)
+
+
+def test_a_signal_that_is_not_a_number_breaks_its_bound() -> None:
+    found = verdict(apart(0, 1.0, np.nan, 1.0, 0), monitor({"at_most": 2.0}))
+    assert not found.held
+    assert found.broken_at == 1.0
+
+
+def test_every_monitor_is_judged_in_order() -> None:
+    tight, loose = monitor({"at_most": 0.1}), monitor({"at_most": 9.0}).model_copy(update={"name": "loose"})
+    assert [(v.name, v.held) for v in verdicts((tight, loose), apart(0, 1, 1, 0))] == [("m", False), ("loose", True)]
+
+
+def test_distance_of_one_frame_is_to_the_base() -> None:
+    log = log_of([2, 2], base=[(1.0, 1.0), (1.0, 1.0)], arm_1=[(4.0, 5.0), (1.0, 3.0)])
+    assert signal(monitor({"at_most": 1.0}, of=["arm_1"]), log).tolist() == [5.0, 2.0]
+
+
+def test_speed_is_that_of_the_fastest_frame() -> None:
+    still, moving = [(0.0, 0.0)] * 3, [(0.0, 0.0), (0.3, 0.4), (0.6, 0.8)]
+    log = log_of([2, 2, 2], arm_1=still, arm_2=moving)
+    assert signal(monitor({"at_most": 1.0}, "speed", ["arm_1"]), log).tolist() == [0.0] * 3
+    assert signal(monitor({"at_most": 1.0}, "speed", ["arm_1", "arm_2"]), log) == pytest.approx([1.0] * 3)
+
+
+@given(st.lists(st.floats(0, 10), min_size=1, max_size=8), st.floats(0, 10), st.floats(0, 3))
+def test_the_margin_is_the_smallest_and_tells_whether_it_held(distances: list[float], most: float, rise: float) -> None:
+    found = verdict(apart(0, *distances, 0), monitor({"at_most": most, "above_start_at_most": rise}))
+    assert found.margin == pytest.approx(min(min(most, distances[0] + rise) - d for d in distances))
+    assert found.held is (found.margin >= 0)
+    assert np.isnan(found.broken_at) == found.held
+
+
+def test_deviations_are_the_largest_of_the_run(tmp_path: Path) -> None:
+    log = there_and_back(tmp_path, "plant.kind=rk4", "log.shares=false")
+    found = log.summary().deviations
+    position, velocity = found.off_plan
+    assert position.value == np.abs(log["deviation/Q"]).max()
+    assert velocity.value == np.abs(log["deviation/Qdot"]).max() < 1e-3
+    assert velocity.where.endswith(" velocity")
+    assert found.beyond_limits == ()
+    assert found.end_condition is not None
+    assert (found.end_condition.where, found.end_condition.value) == ("go", pytest.approx(1.0, abs=1e-3))
+    margin = log["margin/velocity"].copy()
+    margin[2, 1] = -0.125
+    (beyond,) = changed(log, margin_velocity=margin).summary().deviations.beyond_limits
+    assert (beyond.value, beyond.where, beyond.time) == (0.125, f"{log.coordinates[1]} velocity", log.time[2])
+
+
+def test_with_noise_the_end_errors_are_of_the_state_seen_and_of_the_true_one(tmp_path: Path) -> None:
+    summary = there_and_back(tmp_path, "uncertainty.noise.position=1e-3", "log.shares=false").summary()
+    assert summary.end_errors is not None
+    seen, true = summary.end_errors
+    assert seen <= 1 + 1e-6
+    assert abs(true - seen) > 1e-3
+
+
+COORDINATES = ("base.x", "base.y", "base.theta", "arm_1.1", "arm_1.2")
+CONTROLS = arrays(float, (6, 5), elements=st.floats(-9, 9))
+
+
+def by_group(u: np.ndarray) -> np.ndarray:
+    return np.array(astuple(variation(np.abs(np.diff(u, axis=0)).sum(axis=0), COORDINATES)))
+
+
+def test_the_variation_is_summed_by_group() -> None:
+    u = np.zeros((4, 5))
+    u[1] = [1, -2, 3, 4, -5]
+    np.testing.assert_array_equal(by_group(u), [6, 6, 18])
+
+
+@given(CONTROLS, st.floats(0.1, 10))
+def test_the_variation_scales_with_the_control_and_a_monotone_control_has_the_least(u: np.ndarray, by: float) -> None:
+    np.testing.assert_allclose(by_group(by * u + 1), by * by_group(u), atol=1e-9)
+    assert np.all(by_group(np.linspace(u[0], u[-1], len(u))) <= by_group(u) + 1e-9)

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,14 +12,14 @@ from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.checks import check_robot, check_task, known_names, parts_of
-from psmpc_cli.specs.document import Document, plain, read, write
+from psmpc_cli.specs.document import Document, Raw, plain, read, write
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
 from psmpc_cli.specs.messages import Fault
 from psmpc_cli.specs.messages import Path as Location
-from psmpc_cli.specs.overrides import Changes, override
+from psmpc_cli.specs.overrides import BY_CONTROLLER, Changes, for_controller, override
 from psmpc_cli.specs.priorities import prioritize
 from psmpc_cli.specs.robot import RobotSpec
-from psmpc_cli.specs.task import TaskSpec
+from psmpc_cli.specs.task import ControllerSpec, TaskSpec
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -56,7 +56,8 @@ class Task:
     Attributes:
         spec: The task.
         robot: Its robot; `robot.parts` are the names and sizes of the parts of Q.
-        task_yaml: The text of the task with all overrides; it loads again to the same task.
+        task_yaml: The text of the task with all overrides; it loads again to the same task. What `by_controller` has is
+            in it as written: it holds for whichever controller a later override chooses.
         robot_yaml: The text of the robot.
         source: The task's text with the position of every value, for messages about it.
     """
@@ -146,12 +147,34 @@ def validate_task(document: Document, robot: Document | None) -> tuple[TaskSpec 
     """Return the task that a document describes, None if it is not valid, and every fault of the document.
 
     Checks that depend on the robot are made as far as its document can be read, even if that is not valid. Priorities
-    are resolved from comparisons.
+    are resolved from comparisons. The task has what its `by_controller` sets for its controller, and is validated
+    with what that sets for any other one, too.
     """
+    controller = Raw(document)["controller"].valid(ControllerSpec) or ControllerSpec()
+    own, origins, _ = for_controller(document, controller.kind)
+    task, faults = _validate_as_written(own, robot)
+    found = [fault for fault in faults if _origin(fault, origins) is None]
+    for kind, _ in Raw(document)[BY_CONTROLLER].items():
+        variant, origins, misplaced = for_controller(document, kind)
+        located = [_origin(fault, origins) for fault in _validate_as_written(variant, robot)[1]]
+        found += [*misplaced, *(fault for fault in located if fault is not None)]
+    return None if found or task is None else prioritize(task), tuple(found)
+
+
+def _validate_as_written(document: Document, robot: Document | None) -> tuple[TaskSpec | None, tuple[Fault, ...]]:
+    """Return the task that a document describes for no controller in particular, and every fault of it."""
     task, faults = _validate(document, "task", TaskSpec, known_names(document, parts_of(robot)))
     if _kind_of(document) == "task":
         faults = (*faults, *check_task(document, robot))
-    return None if faults or task is None else prioritize(task), faults
+    return task, faults
+
+
+def _origin(fault: Fault, origins: Mapping[Location, Location]) -> Fault | None:
+    """Return a fault of a key that a controller has of its own, located there; None if it is of another key."""
+    for path, origin in origins.items():
+        if fault.path[: len(path)] == path:
+            return replace(fault, path=(*origin, *fault.path[len(path) :]))
+    return None
 
 
 def _read(kind: Kind, reference: str | Path) -> tuple[Path, Document]:
@@ -182,7 +205,7 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
         robot=spec,
         task_yaml=write(document.data) if overridden else document.text,
         robot_yaml=source.text,
-        source=document,
+        source=for_controller(document, task.controller.kind)[0],
     )
 
 

@@ -4,7 +4,7 @@ Plain validated data in SI units.
 """
 
 from collections.abc import Mapping
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Discriminator, Field, Tag
 
@@ -357,6 +357,9 @@ class TaskSpec(Spec):
     monitors: tuple[MonitorSpec, ...] = Field((), description="what must hold for the mission to succeed")
     published: Mapping[_ControllerKey, PublishedRun] = Field(
         {}, description="published runs to compare with, by controller"
+    )
+    by_controller: Mapping[_ControllerKey, Mapping[str, Any]] = Field(
+        {}, exclude=True, description="keys to change where a controller runs, by controller and path"
     )
     log: LogSpec = Field(LogSpec(), description="what the log holds beyond the samples")
     time_limit: Positive = Field(60.0, description="time after which the run is stopped [s]")

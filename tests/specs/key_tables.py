@@ -105,8 +105,10 @@ def _default(value: Mapping[str, Any], models: Mapping[str, Any]) -> str:
     return "its keys' defaults" if isinstance(default, Mapping) else f"`{json.dumps(default)}`".replace('"', "")
 
 
-def _words(value: Mapping[str, Any], models: Mapping[str, Any]) -> str:
-    """Say what a value may be."""
+def _words(value: Mapping[str, Any] | bool, models: Mapping[str, Any]) -> str:
+    """Say what a value may be; the schema `true` allows any."""
+    if isinstance(value, bool):
+        return "any value of [that key](#keys-of-one-controller)"
     if "$ref" in value:
         return f"[mapping]({SECTIONS[value['$ref'].rpartition('/')[2]]})"
     for key in ("anyOf", "oneOf"):

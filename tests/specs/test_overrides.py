@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -153,3 +154,51 @@ def test_all_wrong_overrides_are_reported_together() -> None:
         "--set controller.nodes=0",
         "--set nonsense",
     ]
+
+
+OWN = {"htmpc": {"skills.move.weights.control": 0.1, "stages.approach.ends_when.tolerance": 0.05}}
+AS_HTMPC = {"controller.kind": "htmpc"}
+
+
+def test_keys_of_one_controller_hold_for_it_alone() -> None:
+    waiting, chosen = (load_task("transport", {"by_controller": OWN, **kind}) for kind in ({}, AS_HTMPC))
+    assert waiting.digest == TRANSPORT.digest
+    assert chosen.digest == load_task("transport", {**AS_HTMPC, **OWN["htmpc"]}).digest
+    for task, kind, same in ((waiting, {}, waiting), (chosen, {}, chosen), (waiting, AS_HTMPC, chosen)):
+        assert parse_task(task.task_yaml, task.robot_yaml, "transport", kind).digest == same.digest
+    other = parse_task(chosen.task_yaml, chosen.robot_yaml, "transport", {"controller.kind": "psmpc"})
+    assert other.digest == TRANSPORT.digest
+
+
+@pytest.mark.parametrize(
+    ("override", "control", "tolerance"),
+    [
+        ({"skills.move.weights.control": 0.2}, 0.2, 0.05),
+        ({"skills.reach.weights.control": 0.2}, 0.1, 0.05),
+        ({"stages[0].ends_when": {"coordinates": "base", "tolerance": 0.02}}, 0.1, 0.02),
+        ({"controller": "htmpc"}, 0.1, 0.05),
+    ],
+)
+def test_overrides_win_over_keys_of_a_controller(override: dict[str, Any], control: float, tolerance: float) -> None:
+    task = load_task("transport", {"by_controller": OWN, **AS_HTMPC, **override})
+    for each in (task, parse_task(task.task_yaml, task.robot_yaml, "stored")):
+        assert each.spec.skills["move"].weights.control == control
+        assert each.spec.stages[0].ends_when is not None
+        assert each.spec.stages[0].ends_when.tolerance == tolerance
+
+
+def test_keys_of_every_controller_are_validated(tmp_path: Path) -> None:
+    wrong = {
+        "  mpc: {}": (3, "by_controller.mpc: found no such controller"),
+        "  hard: {skills.move.spac: joint}": (10, "by_controller.hard.skills.move.spac: found an unknown key"),
+        "  htmpc: {stages.aproach.at: 1}": (11, "by_controller.htmpc.stages.aproach.at: stages: found no entry"),
+        "  smpc: {controler.nodes: 10}": (10, "by_controller.smpc.controler.nodes: found an unknown key"),
+        "  psmpc: {controller.kind: smpc}": (11, "by_controller.psmpc.controller.kind: found the key"),
+    }
+    path = tmp_path / "own.yaml"
+    path.write_text("\n".join((TRANSPORT.task_yaml + "by_controller:", *wrong)) + "\n", encoding="utf-8")
+    with pytest.raises(SpecError) as raised:
+        load_task(path)
+    first = TRANSPORT.task_yaml.count("\n") + 2
+    for line, (column, message) in enumerate(wrong.values(), start=first):
+        assert f"{path}:{line}:{column}: {message}" in str(raised.value)

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from psmpc_cli.cli.uncertainty import uncertainty_in_words
 from psmpc_cli.ocp.feasibility import Outlook
-from psmpc_cli.specs.coordinates import AXES, Space, labels, resolve_limits
+from psmpc_cli.specs.coordinates import AXES, Space, labels, resolve_limits, target_axes
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.messages import counted
 from psmpc_cli.specs.priorities import ACCEPTABLE, weigh_stages
@@ -82,8 +82,8 @@ def _targets(robot: RobotSpec, outlook: Outlook, space: Space) -> dict[str, str]
     """Return the target of every part, of a trajectory its last row, angles in degrees."""
     lengths: dict[str, list[str]] = {part: [] for part in robot.parts}
     angles: dict[str, list[str]] = {part: [] for part in robot.parts}
-    for label, value in zip(labels(robot, space), outlook.stage.target, strict=True):
-        part, _, axis = label.rpartition(".")
+    numbers = [(part, axis) for part, axes in target_axes(robot.parts, space).items() for axis in axes]
+    for (part, axis), value in zip(numbers, outlook.stage.target, strict=True):
         if axis in AXES[:2]:
             lengths[part].append(f"{value:g}")
         else:
@@ -91,7 +91,9 @@ def _targets(robot: RobotSpec, outlook: Outlook, space: Space) -> dict[str, str]
     to = "to " if outlook.stage.trajectory else ""
     return {
         part: to
-        + ", ".join([*([f"{', '.join(lengths[part])} m"] if lengths[part] else []), f"{', '.join(angles[part])} deg"])
+        + ", ".join(
+            f"{', '.join(found[part])} {unit}" for found, unit in ((lengths, "m"), (angles, "deg")) if found[part]
+        )
         for part in robot.parts
     }
 

@@ -13,6 +13,7 @@ from psmpc_cli.figures import style
 from psmpc_cli.figures.timeline import open_timeline
 from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.specs.coordinates import AXES, error_axes
 
 HEIGHT = 0.92
 """Height of a panel of coordinates [in]."""
@@ -275,24 +276,24 @@ def plot_errors(run: Run) -> Figure:
 
 def error_groups(run: Run, span: Span) -> Iterator[ErrorGroup]:
     """Give the groups of coordinates a stage controls."""
-    stage, d = run.problem.stages[span.index], run.problem.model.dimension
+    stage, first = run.problem.stages[span.index], 0
     tolerances = dict(zip(stage.end_rows, stage.tolerance, strict=True))
-    parts = run.problem.model.parts if stage.space == "joint" else run.problem.model.pose_rows
-    for frame, (name, rows) in enumerate(parts.items()):
-        angles = rows.start + (d if stage.space == "task" or name == "base" else 0)
-        for angular, every in ((False, range(rows.start, angles)), (True, range(angles, rows.stop))):
+    for frame, axes in enumerate(error_axes(run.problem.model.spec.parts, stage.space).values()):
+        rows = dict(enumerate(axes, start=first))
+        first += len(axes)
+        for angular in (False, True):
+            every = [row for row, axis in rows.items() if (axis not in AXES[:2]) == angular]
             ending = [row for row in every if row in tolerances]
             tolerance = min(float(tolerances[row]) for row in ending) if ending else None
             if every:
-                yield ErrorGroup(frame, angular, ending or list(every), tolerance)
+                yield ErrorGroup(frame, angular, ending or every, tolerance)
 
 
 def stage_errors(run: Run, span: Span, time: np.ndarray) -> np.ndarray:
-    """Return the errors at times (K,) [s] in the coordinates a stage controls (K, n) or (K, m) [m, rad]."""
+    """Return the errors at times (K,) [s] in the coordinates a stage controls (K, rows) [m, rad]."""
     stage = run.problem.stages[span.index]
-    values = run.motion.Q if stage.space == "joint" else run.motion.xi
-    present = np.column_stack([np.interp(time, run.motion.time, column) for column in values.T])
-    return np.asarray(present - stage.reference(time - span.start))
+    Q = np.column_stack([np.interp(time, run.motion.time, column) for column in run.motion.Q.T])
+    return run.problem.costs.errors(stage, np.hstack([Q, np.zeros_like(Q)]), time - span.start)
 
 
 def _plot_group(axes: Axes, run: Run, span: Span, group: ErrorGroup, look: Mapping[str, Any]) -> None:

@@ -13,6 +13,7 @@ from matplotlib.ticker import MultipleLocator
 from psmpc_cli.figures import style
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import verdicts
+from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.robot.model import RobotModel, arm_points
 from psmpc_cli.specs.task import MonitorSpec
 
@@ -107,8 +108,7 @@ class Scene:
         model, target = self.run.problem.model, self.run.problem.stages[stage]
         start = next((span.start for span in self.run.spans if span.index == stage), time)
         aim = target.reference(np.array([max(time - start, 0.0)]))[0]
-        xi = aim if target.space == "task" else np.asarray(model.g(aim)).ravel()
-        return np.array([xi[rows][:2] for rows in model.pose_rows.values()])
+        return SKILLS[target.space].aims(model, aim)
 
     def tip_paths(self, since: float, time: float) -> dict[str, np.ndarray]:
         """Return the path of each end-effector (., 2) [m] between two times [s]."""

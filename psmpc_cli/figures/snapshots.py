@@ -27,6 +27,7 @@ from psmpc_cli.figures.robot_drawing import (
 )
 from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.ocp.problem import Stage, build_stages
+from psmpc_cli.ocp.skills import SKILLS, Posture
 from psmpc_cli.robot.model import RobotModel, arm_points, build_model
 from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.specs.coordinates import stack
@@ -263,12 +264,9 @@ def configurations(task: Task, model: RobotModel, stages: Sequence[Stage]) -> li
     """
     stops = [stack(task.spec.initial, task.robot, "joint")]
     for stage in stages:
-        if stage.space == "joint":
-            stops.append(stage.target)
-            continue
-        Q, base = stops[-1].copy(), stage.target[model.pose_rows["base"]]
-        Q[model.parts["base"]] = base
-        for arm in task.robot.arms:
+        before = Posture(stops[-1], np.asarray(model.g(stops[-1])).ravel())
+        Q, base = SKILLS[stage.space].after(model, before, stage.target).Q.copy(), stage.target[model.pose_rows["base"]]
+        for arm in task.robot.arms if stage.space == "task" else ():
             found = reach_of(task.robot, arm, tuple(base), tuple(stage.target[model.pose_rows[arm]])).configuration
             if found is not None:
                 Q[model.parts[arm]] = found

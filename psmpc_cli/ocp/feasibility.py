@@ -332,7 +332,7 @@ def reach_with(robot: RobotSpec, arm: str, limits: Limits, xi: np.ndarray, base:
 
 def reaches_of(stage: Stage, robot: RobotSpec, xi: np.ndarray) -> dict[str, Reach]:
     """Return how far poses xi (m,) of a stage's target are, of the arms whose poses count."""
-    if stage.space == "joint" or not counts(stage, BASE):
+    if stage.space != "task" or not counts(stage, BASE):
         return {}
     arms = [arm for arm in robot.arms if counts(stage, pose_rows(robot, arm))]
     return {arm: reach_with(robot, arm, stage.limits, xi) for arm in arms}

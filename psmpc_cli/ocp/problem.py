@@ -47,7 +47,7 @@ class Stage:
 
     index: int
     name: str
-    space: str
+    space: Space
     input: str
     priority: float
     target: np.ndarray
@@ -196,6 +196,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
     spec = task.stages[index]
     trajectory = Trajectory(np.array(spec.target.times), waypoints) if isinstance(spec.target, TrajectorySpec) else None
     skill = task.skills[spec.skill]
+    absent = None if SKILLS[skill.space].absent is None else 0.0
     end = spec.ends_when if spec.at is None else None
     return Stage(
         index=index,
@@ -205,7 +206,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         priority=spec.priority,
         target=waypoints[-1],
         trajectory=trajectory,
-        weights=stack(skill.weights.parts, robot, skill.space),
+        weights=stack(skill.weights.parts, robot, skill.space, absent, of_error=True),
         control_weights=_control_weights(skill, robot, model),
         end_rows=() if end is None else rows(end.coordinates, robot, skill.space),
         tolerance=np.zeros(0) if end is None else tolerances(end, robot, skill.space),
@@ -239,8 +240,8 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
     Q = stack(task.initial, robot, "joint")
     posture, found = Posture(Q, np.asarray(model.g(Q)).ravel()), []
     for spec in task.stages:
-        skill = SKILLS[task.skills[spec.skill].space]
-        waypoints = _waypoints(spec, robot, task.skills[spec.skill].space)
+        space = task.skills[spec.skill].space
+        skill, waypoints = SKILLS[space], _waypoints(spec, robot, space)
         turning = list(skill.angles(model))
         if spec.angles == "nearest":
             waypoints[:, turning] = _unwrapped(skill.before(model, posture)[turning], waypoints[:, turning])
@@ -253,7 +254,7 @@ def _waypoints(spec: StageSpec, robot: RobotSpec, space: Space) -> np.ndarray:
     """Return the rows of a stage's target as given, (T, rows)."""
     if isinstance(spec.target, TrajectorySpec):
         return stack_rows(spec.target, robot, space)
-    return stack(spec.target, robot, space)[None]
+    return stack(spec.target, robot, space, SKILLS[space].absent)[None]
 
 
 def _unwrapped(before: np.ndarray, rows: np.ndarray) -> np.ndarray:

@@ -247,7 +247,9 @@ class SkillWeights(SideBySide):
 class SkillSpec(Spec):
     """A reusable cost and its limits. Paper eqs. (9), (10), (30), (31)."""
 
-    space: Literal["joint", "task"] = Field(description="joint: cost on Q, eq. (30); task: cost on xi, eq. (31)")
+    space: Literal["joint", "task", "point"] = Field(
+        description="joint: cost on Q, eq. (30); task: cost on xi, eq. (31); point: end-effectors point at points"
+    )
     input: Literal["joint", "task"] = Field("joint", description="the control is the acceleration of Q or of xi")
     weights: SkillWeights = Field(description="weights by part, and of the control")
     limits: Mapping[Part, PartLimits] = Field({}, description="limits of this skill, within the task's")

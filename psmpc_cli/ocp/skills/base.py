@@ -32,6 +32,8 @@ class Skill:
         angles: Numbers of a target that are angles, of which the nearest equivalent is meant.
         before: The numbers of a target that describe a posture; only those of `angles` are used.
         after: The posture to which a target leads.
+        aims: Positions (frames, dimension) [m] of base and end-effectors, or of their points, that a target is about.
+        absent: The numbers of a part that the target leaves out, whose weights are then 0; None where all are required.
     """
 
     space: str
@@ -41,3 +43,5 @@ class Skill:
     angles: Callable[[RobotModel], tuple[int, ...]]
     before: Callable[[RobotModel, Posture], np.ndarray]
     after: Callable[[RobotModel, Posture, np.ndarray], Posture]
+    aims: Callable[[RobotModel, np.ndarray], np.ndarray]
+    absent: float | None = None

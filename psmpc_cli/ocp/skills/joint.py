@@ -17,6 +17,11 @@ def after(model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
     return Posture(target, np.asarray(model.g(target)).ravel())
 
 
+def aims(model: RobotModel, target: np.ndarray) -> np.ndarray:
+    """Return the positions of base and end-effectors at Q_d (frames, dimension) [m]."""
+    return model.poses(target)[:, : model.dimension]
+
+
 SKILL = Skill(
     space="joint",
     rows=lambda model: model.n,
@@ -25,4 +30,5 @@ SKILL = Skill(
     angles=lambda model: angle_rows(model).Q,
     before=lambda model, posture: posture.Q,
     after=after,
+    aims=aims,
 )

@@ -10,6 +10,9 @@ import numpy as np
 from psmpc_cli.ocp.skills.base import Posture, Skill
 from psmpc_cli.robot.model import RobotModel
 
+FAR = 1e3
+"""Coordinates of the point of an arm that need not point at anything [m]: the row stays smooth, and has no weight."""
+
 
 def rows(model: RobotModel) -> int:
     """Return the number of rows of the error: the base's pose, and an angle for each arm."""
@@ -41,6 +44,13 @@ def after(model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
     return Posture(Q, np.asarray(model.g(Q)).ravel())
 
 
+def aims(model: RobotModel, target: np.ndarray) -> np.ndarray:
+    """Return the position of the base and the points (frames, dimension) [m]; NaN of an arm without one."""
+    base, d = model.pose_rows["base"], model.dimension
+    found = np.vstack([target[base][:d], target[base.stop :].reshape(-1, d)])
+    return np.where(found == FAR, np.nan, found)
+
+
 def _arms(model: RobotModel) -> int:
     return len(model.pose_rows) - 1
 
@@ -53,4 +63,6 @@ SKILL = Skill(
     angles=lambda model: tuple(range(model.dimension, model.pose_rows["base"].stop)),
     before=lambda model, posture: posture.xi,
     after=after,
+    aims=aims,
+    absent=FAR,
 )

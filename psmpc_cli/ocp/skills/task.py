@@ -18,6 +18,11 @@ def after(model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
     return Posture(np.r_[target[base], posture.Q[model.parts["base"].stop :]], target)
 
 
+def aims(model: RobotModel, target: np.ndarray) -> np.ndarray:
+    """Return the positions of base and end-effectors in xi_d (frames, dimension) [m]."""
+    return target.reshape(len(model.pose_rows), -1)[:, : model.dimension]
+
+
 SKILL = Skill(
     space="task",
     rows=lambda model: model.m,
@@ -26,4 +31,5 @@ SKILL = Skill(
     angles=lambda model: angle_rows(model).xi,
     before=lambda model, posture: posture.xi,
     after=after,
+    aims=aims,
 )

@@ -11,7 +11,15 @@ from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met,
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.plan import Plan, braking_plan, resting_plan, shift
 from psmpc_cli.ocp.problem import Problem, Stage, build_problem
-from psmpc_cli.ocp.window import SHORTEST, Along, Window, first_counts, node_counts, normalization, own_violations
+from psmpc_cli.ocp.window import (
+    SHORTEST,
+    Along,
+    Window,
+    first_counts,
+    node_counts,
+    normalization,
+    own_violations,
+)
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import FEASIBLE, Outcome, Solution, Solver, build_solver
 from psmpc_cli.specs.load import Task
@@ -165,7 +173,7 @@ class Controller:
         sequence, solution = self._solve_longest(before, longer, prediction, x)
         solved = solution.outcome.usable and (measured or not self._is_used_up(time))
         if solved:
-            sequence = MovingSequence(sequence.first, solution.plan.instants, sequence.entered)
+            sequence = replace(sequence, instants=solution.plan.instants)
         levels = self._hierarchy.descend(sequence, solution, prediction) if self._hierarchy and solved else ()
         self.sequence, self._solved = sequence, solution
         plan = self._plan_in_force((levels or (solution,))[-1].plan if solved else None, prediction, time, x)
@@ -188,8 +196,11 @@ class Controller:
 
     def _drop_stages(self, time: float, x: np.ndarray) -> tuple[Switch, ...]:
         """Drop the stages that are over at a time [s], by the plan or by the measured state x (2n,)."""
+        stages, costs = self.stages, self.costs
+        self.sequence = self.sequence.noticed(stages, costs, time, x)
         sequence, passed = drop_passed(self.sequence if self._on_course(time, x) else self.sequence.alone, time)
-        self.sequence, met = drop_met(sequence, self.stages, self.costs, time, x)
+        sequence, met = drop_met(sequence.noticed(stages, costs, time, x), stages, costs, time, x)
+        self.sequence = sequence.noticed(stages, costs, time, x)
         if not self.done and self.sequence.first == len(self.stages) - 1:
             self.done = is_over(self.sequence, self.stages, self.costs, time, x)
             met += [Switch(self.sequence.first, time)] if self.done else []
@@ -273,6 +284,7 @@ class Controller:
             stages=stages,
             start=prediction.start,
             elapsed=prediction.start - sequence.entered,
+            hold=sequence.hold_left(self.stages, prediction.start),
             x0=x,
             omega=priorities_in_force(spec, stages),
             offset=offset,

@@ -18,11 +18,16 @@ class MovingSequence:
         first: Index of the current stage.
         instants: Planned switch times in the window [s], absolute; as many as stages that follow the current one.
         entered: When the current stage began [s].
+        met_since: Since when every sample has met the end condition of the current stage [s], where the stage has to
+            hold it; infinite if the last one did not.
+        broken: The end condition was met and lost again. The next stage then waits until the current one is over.
     """
 
     first: int
     instants: np.ndarray
     entered: float
+    met_since: float = np.inf
+    broken: bool = False
 
     @property
     def count(self) -> int:
@@ -37,12 +42,27 @@ class MovingSequence:
     @property
     def alone(self) -> "MovingSequence":
         """The current stage without those that wait."""
-        return MovingSequence(self.first, np.zeros(0), self.entered)
+        return replace(self, instants=np.zeros(0))
 
     @property
     def last(self) -> int:
         """Index of the window's last stage."""
         return self.first + len(self.instants)
+
+    def noticed(self, stages: tuple[Stage, ...], costs: StageCosts, now: float, x: np.ndarray) -> "MovingSequence":
+        """Return the sequence after a sample at time now [s] that measured x (2n,)."""
+        stage = stages[self.first]
+        if not stage.hold:
+            return self
+        if costs.met(stage, x[None])[0]:
+            return replace(self, met_since=min(self.met_since, now))
+        broken = self.broken or np.isfinite(self.met_since)
+        return replace(self.alone if broken else self, met_since=np.inf, broken=broken)
+
+    def hold_left(self, stages: tuple[Stage, ...], now: float) -> float:
+        """Return for how long the end condition of the current stage must still be met at time now [s] on [s]."""
+        hold = stages[self.first].hold
+        return min(max(hold - (now - self.met_since), 0.0), hold)
 
 
 class Switch(NamedTuple):
@@ -63,9 +83,9 @@ def drop_passed(sequence: MovingSequence, now: float) -> tuple[MovingSequence, l
 
 
 def is_over(sequence: MovingSequence, stages: tuple[Stage, ...], costs: StageCosts, now: float, x: np.ndarray) -> bool:
-    """Tell whether the current stage is over: the state x (2n,) meets its end condition, or its fixed time has come."""
+    """Tell whether the current stage is over: at its fixed time, or when x meets its end condition and has held it."""
     stage = stages[sequence.first]
-    dwelt = now - sequence.entered >= stage.dwell - 1e-9
+    dwelt = now - sequence.entered >= stage.dwell - 1e-9 and sequence.hold_left(stages, now) <= 1e-9
     over = costs.met(stage, x[None])[0] if stage.at is None else now >= stage.at - SHORTEST
     return bool(dwelt and over)
 
@@ -85,7 +105,9 @@ def detect(
     """Return the sequence with the next stage appended if its switch is seen in the prediction, else None.
 
     It is seen when the predicted states meet the end condition of the window's last stage within its detection margin
-    (a stage alone only creeps up to its target), or when its fixed switching time lies in the horizon.
+    (a stage alone only creeps up to its target), or when its fixed switching time lies in the horizon. The successor of
+    a stage that has to hold its end condition is seen once the current state meets it, unless it was lost before: so
+    that its pull cannot break the hold again and again.
     """
     if sequence.last == len(stages) - 1:
         return None
@@ -95,9 +117,12 @@ def detect(
     latest = guess.end - 10 * SHORTEST
     if stage.at is not None:
         return _appended(sequence, stage.at) if begins < stage.at < latest else None
-    hits = (
-        costs.met(stage, guess.X, margin) & (guess.times >= max(begins, since + stage.dwell)) & (guess.times <= latest)
-    )
+    earliest = max(begins, since + stage.dwell)
+    if stage.hold:
+        over = max(guess.start + sequence.hold_left(stages, guess.start), earliest)
+        holding = sequence.count == 1 and np.isfinite(sequence.met_since) and not sequence.broken
+        return _appended(sequence, max(over, begins + 10 * SHORTEST)) if holding and over <= latest else None
+    hits = costs.met(stage, guess.X, margin) & (guess.times >= earliest) & (guess.times <= latest)
     if not hits.any():
         return None
     hit = float(guess.times[np.argmax(hits)])

@@ -284,7 +284,8 @@ def earliest_ends(stages: Sequence[Stage], Q: np.ndarray) -> tuple[tuple[float, 
         asked = {row: tolerance for row, tolerance in end_tolerances(stage).items() if is_coordinate(stage, row)}
         arrivals = {row: _arrival(stages, stage, row, tolerance, known[row]) for row, tolerance in asked.items()}
         possible = [time for time in arrivals.values() if np.isfinite(time)]
-        end = max([(ends[-1][0] if ends else 0.0) + stage.dwell, *possible])
+        least = max(stage.dwell, stage.hold)
+        end = max([(ends[-1][0] if ends else 0.0) + least, *(time + stage.hold for time in possible)])
         end = stage.at if stage.at is not None else end
         known |= {row: _Known(float(stage.target[row]), asked[row], stage.index, end) for row in asked}
         ends.append((end, tuple(row for row, time in arrivals.items() if np.isinf(time))))

@@ -40,6 +40,7 @@ class Stage:
         end_rows: Rows of the error on which the end condition (18) stands; empty where `at` is given.
         tolerance: Its tolerance, one per end row [m, rad].
         end_velocity: Bound on the rate of those rows [m/s, rad/s], or None.
+        hold: How long the end condition must be met without a break [s].
         at: Fixed switching time [s], or None.
         dwell: Minimum duration [s], that of the trajectory at least.
         onset_rows: Rows of the control whose norm marks the actual start.
@@ -57,6 +58,7 @@ class Stage:
     end_rows: tuple[int, ...]
     tolerance: np.ndarray
     end_velocity: float | None
+    hold: float
     at: float | None
     dwell: float
     limits: Limits
@@ -196,7 +198,6 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
     spec = task.stages[index]
     trajectory = Trajectory(np.array(spec.target.times), waypoints) if isinstance(spec.target, TrajectorySpec) else None
     skill = task.skills[spec.skill]
-    absent = None if SKILLS[skill.space].absent is None else 0.0
     end = spec.ends_when if spec.at is None else None
     return Stage(
         index=index,
@@ -206,11 +207,12 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         priority=spec.priority,
         target=waypoints[-1],
         trajectory=trajectory,
-        weights=stack(skill.weights.parts, robot, skill.space, absent, of_error=True),
+        weights=stack(skill.weights.parts, robot, skill.space, missing=0.0, of_error=True),
         control_weights=_control_weights(skill, robot, model),
         end_rows=() if end is None else rows(end.coordinates, robot, skill.space),
         tolerance=np.zeros(0) if end is None else tolerances(end, robot, skill.space),
         end_velocity=None if end is None else end.velocity,
+        hold=0.0 if end is None else end.hold,
         at=spec.at,
         dwell=spec.dwell if trajectory is None else max(spec.dwell, float(trajectory.times[-1])),
         limits=resolve_limits(robot, task.limits, skill.limits),
@@ -253,8 +255,10 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
 def _waypoints(spec: StageSpec, robot: RobotSpec, space: Space) -> np.ndarray:
     """Return the rows of a stage's target as given, (T, rows)."""
     if isinstance(spec.target, TrajectorySpec):
-        return stack_rows(spec.target, robot, space)
-    return stack(spec.target, robot, space, SKILLS[space].absent)[None]
+        values = stack_rows(spec.target, robot, space)
+    else:
+        values = stack(spec.target, robot, space)[None]
+    return np.where(np.isnan(values), SKILLS[space].absent, values)
 
 
 def _unwrapped(before: np.ndarray, rows: np.ndarray) -> np.ndarray:

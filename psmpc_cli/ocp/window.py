@@ -41,6 +41,7 @@ class Window:
         stages: The stages, the current one first.
         start: T0 [s].
         elapsed: Time the current stage has run already [s].
+        hold: Time for which the end condition of the current stage must still be met before the stage may end [s].
         x0: Measured state (2n,).
         omega: Priorities in force, (S + 1,).
         offset, scale: Normalization of each stage's cost, (S + 1,) each. Paper eq. (12).
@@ -64,12 +65,13 @@ class Window:
     nodes: tuple[int, ...]
     discretization: str = "exact"
     soft: bool = False
+    hold: float = 0.0
     cost_bound: float = np.inf
 
     @property
     def numbers(self) -> np.ndarray:
-        """What a log needs besides the measured state: elapsed time, then omega, offset and scale, (1 + 3 (S + 1),)."""
-        return np.concatenate([[self.elapsed], self.omega, self.offset, self.scale])
+        """What a log needs besides the measured state: elapsed, hold, omega, offset and scale, (2 + 3 (S + 1),)."""
+        return np.concatenate([[self.elapsed, self.hold], self.omega, self.offset, self.scale])
 
     @property
     def K(self) -> int:
@@ -232,9 +234,9 @@ def end_tolerance(stage: Stage) -> np.ndarray:
 
 
 def shortest_durations(window: Window) -> np.ndarray:
-    """Return the shortest duration of each stage (S + 1,): eps, or what is left of its dwell time."""
+    """Return the shortest duration of each stage (S + 1,): eps, or what is left of its dwell and hold times."""
     dwell = np.array([stage.dwell for stage in window.stages])
-    dwell[0] -= window.elapsed
+    dwell[0] = max(dwell[0] - window.elapsed, window.hold)
     dwell[-1] = 0.0
     return np.asarray(np.maximum(dwell, SHORTEST))
 

@@ -1,17 +1,82 @@
-"""Replay: one horizon of a run, its problem rebuilt from the log alone and solved again."""
+"""Replay: one horizon of a run, its window and guess rebuilt from the log alone and solved again."""
 
 import re
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psmpc_cli.errors import InputError
+from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.run import Run
-from psmpc_cli.simulation.logged_window import ensure_sample, logged_sequences, logged_solve
+from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.ocp.window import Window
 from psmpc_cli.simulation.setup import Experiment, build_experiment
 from psmpc_cli.solvers import Outcome, Solution, build_solver
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.overrides import Short
+
+MOST_NODES = 1000
+"""Intervals a stage has at most; a log with more is damaged."""
+
+
+def logged_solve(run: Run, problem: Problem, sample: int) -> Solution:
+    """Read the solve of a sample; under HTMPC that of the first level.
+
+    Its multipliers are those that it started from, and it has no costs.
+
+    Args:
+        run: A run with plans.
+        problem: Its problem.
+        sample: The number of the sample.
+
+    Raises:
+        LogError: The run holds no plans, not this sample, or a plan that is not of its window.
+    """
+    vectors = (run.plan(name, sample) for name in ("parameters", "guess", "solution", "guess_multipliers"))
+    numbers, guess, solution, duals = vectors
+    status = run["solver/status"][sample]
+    status = status.decode(errors="replace") if isinstance(status, bytes) else str(status)
+    if status.upper() not in Outcome.__members__:
+        raise LogError(f"{run.path}: found the outcome {status!r} of sample {sample}, which this version does not know")
+    try:
+        window = _window(run, problem, numbers, sample)
+        return Solution(
+            outcome=Outcome[status.upper()],
+            plan=window.plan_of(solution),
+            objective=float(run["solver/objective"][sample]) / float(np.max(window.omega)),
+            iterations=int(run["solver/iterations"][sample]),
+            wall_time=float(run["solver/wall_time"][sample]),
+            window=window,
+            guess=window.plan_of(guess),
+            warm=bool(run["solver/warm"][sample]),
+            guess_duals=duals,
+        )
+    except ValueError:
+        raise LogError(f"{run.path}: the plan of sample {sample} is not one of the window that the log has") from None
+
+
+def _window(run: Run, problem: Problem, numbers: np.ndarray, sample: int) -> Window:
+    """Return the window of a sample from its numbers; raise ValueError where they are not of that window."""
+    first, count, spec = int(run["window/first"][sample]), int(run["window/count"][sample]), problem.spec
+    stages, nodes = problem.stages[first : first + count], run["window/nodes"][sample, first : first + count]
+    if len(stages) != count or not (np.isfinite(nodes) & (nodes >= 1) & (nodes <= MOST_NODES)).all():
+        raise ValueError
+    (elapsed, hold), (omega, offset, scale) = numbers[:2], numbers[2:].reshape(3, count)
+    return Window(
+        stages=stages,
+        start=float(run.time[sample]),
+        elapsed=float(elapsed),
+        hold=float(hold),
+        x0=np.concatenate([run["state/Q"][sample], run["state/Qdot"][sample]]),
+        omega=omega,
+        offset=offset,
+        scale=scale,
+        horizon=spec.controller.horizon,
+        pending_cost=spec.controller.pending_cost,
+        terminal_cost=spec.controller.terminal_cost,
+        nodes=tuple(int(count) for count in nodes),
+        discretization=spec.controller.discretization,
+        soft=spec.limits_are_soft,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,16 +137,14 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
     """Solve the horizon of a sample again, by default with the run's own solver.
 
     Raises:
-        LogError: The log holds no plans, or not those of its windows.
-        InputError: It does not hold this sample.
+        LogError: The log holds no plans, not this sample, or a plan that is not of its window.
+        InputError: The name of the solver is none.
         SpecError: The solver does not exist or cannot solve this task.
     """
-    ensure_sample(log, sample)
     loaded = log.task
     chosen = loaded if solver is None else _with_solver(loaded, solver)
     experiment = build_experiment(chosen)
-    sequence = logged_sequences(log, experiment)[sample].sequence
-    logged = logged_solve(log, experiment, sequence, sample)
+    logged = logged_solve(log, experiment.problem, sample)
     solution, iterations = solve_again(experiment, logged, chosen.spec.solver.kind == loaded.spec.solver.kind)
     return Replay(
         experiment=experiment,

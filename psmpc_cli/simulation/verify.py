@@ -11,8 +11,8 @@ from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant.adaptive import INSIDE, AdaptiveDynamics, Flow
-from psmpc_cli.simulation.logged_window import LoggedSequence, logged_sequences, logged_solve, logged_state
 from psmpc_cli.simulation.measures import state_at
+from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.simulation.setup import Experiment, build_experiment
 
 Vector = np.ndarray
@@ -84,8 +84,8 @@ def verify(log: Run, every: int = 1, watch: Callable[[int], None] = lambda sampl
         raise LogError(f"{log.path}: holds no {missing}; expected a log of a task with log: {{plans: true}}")
     experiment = build_experiment(log.task)
     verifier = _Verifier(log, experiment)
-    for sample, logged in enumerate(logged_sequences(log, experiment)):
-        verifier.take(sample, logged, sample % every == 0)
+    for sample in range(len(log.time)):
+        verifier.take(sample, sample % every == 0)
         watch(sample)
     return verifier.result()
 
@@ -104,16 +104,16 @@ class _Verifier:
         self._count, self._samples, self._left_out = 0, 0, 0
         self._plan: Plan | None = None
 
-    def take(self, sample: int, logged: LoggedSequence, horizon: bool) -> None:
+    def take(self, sample: int, horizon: bool) -> None:
         """Integrate the closed loop after a sample, and its horizon if asked for."""
         failed = bool(self._log["events/solve_failed"][sample])
         if not failed:
-            solve = logged_solve(self._log, self._experiment, logged.sequence, sample)
+            solve = logged_solve(self._log, self._experiment.problem, sample)
             self._plan = solve.plan
             if horizon:
                 self._take_horizon(sample, solve.plan, solve.window)
         if not self._uncertain:
-            self._take_loop(sample, self._experiment.stages[logged.sequence.first])
+            self._take_loop(sample, self._experiment.stages[int(self._log["window/first"][sample])])
 
     def result(self) -> Verification:
         """Return what was found."""
@@ -146,7 +146,7 @@ class _Verifier:
         log, task = self._log, self._experiment.task
         ticks = round(task.controller.sample_time * task.plant.low_level_rate)
         edges = log.time[sample] + np.arange(ticks + 1) / task.plant.low_level_rate
-        x, plan = logged_state(log, sample), self._plan
+        x, plan = _state(log, sample), self._plan
         known = plan is not None and not self._levels and not log["events/braking"][sample]
         if log.ticks:
             held = log.ticks["F"][sample * ticks : (sample + 1) * ticks]
@@ -183,7 +183,7 @@ class _Verifier:
         """Note how far the next logged state is from the integrated one."""
         log = self._log
         if sample + 1 < len(log.time):
-            after = logged_state(log, sample + 1)
+            after = _state(log, sample + 1)
         elif np.isfinite(log.final["time"]):
             after = np.concatenate([log.final["Q"], log.final["v"]])
         else:
@@ -221,3 +221,8 @@ class _Verifier:
         if quantity not in peaks or not value <= peaks[quantity].value:
             where = (names or list(self._log.coordinates))[int(column)]
             peaks[quantity] = Peak(value, where, float(times[row]), sample)
+
+
+def _state(log: Run, sample: int) -> Vector:
+    """Return the state measured at a sample (2n,)."""
+    return np.concatenate([log["state/Q"][sample], log["state/Qdot"][sample]])

@@ -5,12 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import SHORTEST, Window, normalization
-from psmpc_cli.simulation.logged_window import logged_solve
+from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.simulation.setup import Experiment, build_experiment, converging
 from psmpc_cli.solvers import build_solver
 
@@ -80,10 +79,7 @@ def window_at(log: Run, experiment: Experiment, sample: int) -> OneWindow:
     Raises:
         LogError: The log has no plans, or what it holds is not of this window.
     """
-    first, count = int(log["window/first"][sample]), int(log["window/count"][sample])
-    instants = log["window/instants"][sample, first : first + count - 1]
-    entered = float(log.stages["switch_time"][first - 1]) if first else 0.0
-    solve = logged_solve(log, experiment, MovingSequence(first, instants, entered), sample)
+    solve = logged_solve(log, experiment.problem, sample)
     return OneWindow(_ratio(solve.window.omega), experiment, solve.window, solve.plan)
 
 

@@ -33,7 +33,7 @@ class Skill:
         before: The numbers of a target that describe a posture; only those of `angles` are used.
         after: The posture to which a target leads.
         aims: Positions (frames, dimension) [m] of base and end-effectors, or of their points, that a target is about.
-        absent: The numbers of a part that the target leaves out, whose weights are then 0; None where all are required.
+        absent: The numbers of a part that the target leaves out, whose weights are then 0; NaN where all are required.
     """
 
     space: str
@@ -44,4 +44,4 @@ class Skill:
     before: Callable[[RobotModel, Posture], np.ndarray]
     after: Callable[[RobotModel, Posture, np.ndarray], Posture]
     aims: Callable[[RobotModel, np.ndarray], np.ndarray]
-    absent: float | None = None
+    absent: float = np.nan

@@ -98,7 +98,8 @@ class LogWriter:
         Raises:
             RunError: As for `append`.
         """
-        self._ensure_there()
+        if not self._is_there():
+            raise RunError(f"{self.path} was removed or replaced while the run went on, and what it held is lost")
         ahead = [(column, dataset, np.asarray(row[column.path])) for column, dataset in self._ahead]
         with self._writing():
             self._reserve(self._chunks + 2 * sum(values.nbytes for _, _, values in ahead))
@@ -140,11 +141,12 @@ class LogWriter:
             return
         with self._writing():
             self.file.flush()
-            image = _image(self._header, self.file) if self._finished else b""
+            replaced = self._finished and self._is_there()
+            image = _image(self._header, self.file) if replaced else b""
             os.ftruncate(self.file.id.get_vfd_handle(), self.file.id.get_filesize())
             self.file.close()
-        part = self.path.resolve().with_name(f".{self.path.name}.{os.getpid()}.part")
-        if image:
+        if replaced:
+            part = self.path.resolve().with_name(f".{self.path.name}.{os.getpid()}.part")
             with suppress(OSError):
                 part.write_bytes(image)
                 os.replace(part, self.path.resolve())
@@ -164,20 +166,14 @@ class LogWriter:
         if self.path is not None:
             self.file.flush()
 
-    def _ensure_there(self) -> None:
-        """Make sure that the file still has its name: what is written to one that has none is lost.
-
-        Raises:
-            RunError: It was removed, or another stands in its place.
-        """
+    def _is_there(self) -> bool:
+        """Tell whether the file still has its name: what is written to one that has none is lost."""
         if self.path is None:
-            return
+            return True
         try:
-            there = os.path.samestat(os.stat(self.path), os.fstat(self.file.id.get_vfd_handle()))
+            return os.path.samestat(os.stat(self.path), os.fstat(self.file.id.get_vfd_handle()))
         except OSError:
-            there = False
-        if not there:
-            raise RunError(f"{self.path} was removed or replaced while the run went on, and what it held is lost")
+            return False
 
     def _reserve(self, size: int = 0) -> None:
         """Make sure of room for so many bytes more: HDF5 does not survive a full disk, so it must never meet one."""

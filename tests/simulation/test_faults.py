@@ -114,7 +114,7 @@ def test_without_a_measurement_the_robot_brakes_when_the_last_trusted_plan_ends(
     run = faulty(unmeasured(during(0.3, EVER), *entries), "stages.go.target.base=[0.4, 0, 0]")
     assert_brakes(run, "the state was not measured", after=0.2)
     assert run.summary.unmeasured == len(run.log.time) - 3
-    assert "0.30 s: the state was not measured; the plan's prediction stands in for it" in caplog.messages
+    assert "0.30 s: the state was not measured; the plan's prediction is used for it" in caplog.messages
     assert caplog.messages[-1].endswith("the robot brakes to rest")
 
 

@@ -28,7 +28,6 @@ from random import Random
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from psmpc_cli.logs.seal import MARK, SIZE, unseal
 
 from psmpc_cli.errors import LogError, SpecError
 from psmpc_cli.logs.files import kind_of
@@ -138,22 +137,14 @@ def run(random: Random, folder: Path) -> tuple[bytes, Verdict]:
 
 
 def spoilt(random: Random, folder: Path, names: tuple[str, ...]) -> bytes:
-    """Write a mutated file and return its content: its seal broken, taken off, or made anew by a stranger."""
+    """Write a mutated file and return its content."""
     path = folder / "bad.h5"
     shutil.copy(folder / random.choice(names), path)
     if random.random() < 0.25:
         mutated_file(path, random)
     else:
-        if unsealed := random.random() < 0.9:
-            unseal(path)
-        content = mutated_bytes(path.read_bytes(), random)
-        path.write_bytes(content + foreign_seal(content) if unsealed and random.random() < 0.3 else content)
+        path.write_bytes(mutated_bytes(path.read_bytes(), random))
     return path.read_bytes()
-
-
-def foreign_seal(content: bytes) -> bytes:
-    """Return the seal that a stranger can make."""
-    return MARK + hashlib.sha256(content).digest() + bytes(range(SIZE))
 
 
 KINDS: dict[str, Callable[[Random, Path], tuple[bytes, Verdict]]] = {

@@ -7,8 +7,7 @@ import typer
 
 from psmpc_cli.cli.summary import print_table
 from psmpc_cli.logs.results import Results
-from psmpc_cli.studies.front_movement import front_movement
-from psmpc_cli.studies.fronts import HEADINGS, NOTE, WEIGHTED, front_rows, front_texts, methods_in
+from psmpc_cli.studies.fronts import HEADINGS, NOTE, WEIGHTED, front_movement, front_rows, front_texts, methods_in
 
 
 def print_fronts(results: Results, path: Path) -> None:

@@ -198,8 +198,8 @@ def _draw_end(axes: Axes, scene: Scene, stage: int) -> None:
         axes.add_patch(Polygon(base_outline(model, Q), fill=False, edgecolor=GHOST, linewidth=0.6, zorder=1.1))
         for points in arm_points(model, Q).values():
             axes.plot(*points.T, color=GHOST, linewidth=0.9, solid_joinstyle="round", zorder=1.1)
-    span = next(span for span in run.spans if span.index == stage)
-    scene.draw(axes, end, since=span.start, stages=[stage])
+    since = next((span.start for span in run.spans if span.index == stage), end)  # none if it ended within a sample
+    scene.draw(axes, end, since=since, stages=[stage])
 
 
 def _common_view(scenes: Iterable[Scene]) -> View:

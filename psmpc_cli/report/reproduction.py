@@ -23,11 +23,9 @@ from psmpc_cli.figures.reproduction import plot_monitors, plot_presence, plot_sc
 from psmpc_cli.figures.snapshots import plot_compared_snapshots
 from psmpc_cli.figures.style import in_style, title_of
 from psmpc_cli.logs.run import Run
-from psmpc_cli.studies.claims import HEADINGS, load_claims
-from psmpc_cli.studies.evidence import settled
-from psmpc_cli.studies.front_movement import front_movement
+from psmpc_cli.studies.claims import HEADINGS, load_claims, settled
 from psmpc_cli.studies.fronts import HEADINGS as FRONT_HEADINGS
-from psmpc_cli.studies.fronts import NOTE, front_rows, front_texts
+from psmpc_cli.studies.fronts import NOTE, front_movement, front_rows, front_texts
 from psmpc_cli.studies.judge import ABSOLUTE, RELATIVE, mission_end
 from psmpc_cli.studies.reproduce import METHODS, Reproduction
 from psmpc_cli.studies.weights import recommend

@@ -6,8 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from psmpc_cli.logs.summary import Summary
-from psmpc_cli.studies.claims import Claim, Finding
-from psmpc_cli.studies.evidence import ROUNDING, Evidence, Moment, least_slack, settled, trends
+from psmpc_cli.studies.claims import ROUNDING, Claim, Evidence, Finding, Moment, least_slack, settled, trends
 from psmpc_cli.studies.fronts import CLEARLY
 from psmpc_cli.studies.weights import along_ratio
 

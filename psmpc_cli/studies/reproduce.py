@@ -15,11 +15,9 @@ from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.ablations import Ablation, run_ablations
-from psmpc_cli.studies.claims import Finding, Value, load_claims
+from psmpc_cli.studies.claims import Evidence, Finding, Value, gather_run, load_claims
 from psmpc_cli.studies.compare import compare_tasks
-from psmpc_cli.studies.evidence import Evidence, gather_run
-from psmpc_cli.studies.front_movement import front_movement
-from psmpc_cli.studies.fronts import front_rows, read_pareto
+from psmpc_cli.studies.fronts import front_movement, front_rows, read_pareto
 from psmpc_cli.studies.judge import judge
 from psmpc_cli.studies.pareto import Question, possible_samples, solve_pareto
 from psmpc_cli.studies.runner import Study, Watch, ignore, run_study

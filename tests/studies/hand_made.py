@@ -7,8 +7,7 @@ from typing import Any, cast
 import numpy as np
 
 from psmpc_cli.logs.summary import StageSummary, Summary, Verdict
-from psmpc_cli.studies.claims import load_claims
-from psmpc_cli.studies.evidence import Evidence, Onset, RunEvidence
+from psmpc_cli.studies.claims import Evidence, Onset, RunEvidence, load_claims
 from psmpc_cli.studies.weights import SweepCells
 
 STAGES = ("approach", "capture", "transport", "release")
@@ -67,7 +66,7 @@ def stage(name: str, start: float, end: float, early: Mapping[str, float]) -> St
     given: dict[str, Any] = {
         "name": name,
         "actual_start": early.get(name, start),
-        "premature": name in early,
+        "early": name in early,
         "switch_time": end,
     }
     return StageSummary(**{field.name: given.get(field.name) for field in fields(StageSummary)})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.logs.run import Run, read_run
-from psmpc_cli.studies.evidence import RunEvidence, gather_run
+from psmpc_cli.studies.claims import RunEvidence, gather_run
 
 from ..figures.made_up import Story, write_story
 from .hand_made import evidence
@@ -63,8 +63,8 @@ def test_an_onset_is_what_a_stage_added_while_it_waited(log: Run) -> None:
     postponed[[0, np.flatnonzero(waits)[0] - 1]] = 1
     window = {"window/first": np.zeros_like(log["window/first"]), "window/count": np.ones_like(log["window/count"])}
     window["window/count"][0] = 2  # what is postponed there is the stage after the next
-    columns = {**log.columns, **window, "window/presence": presence, "events/postponed": postponed}
-    onsets = gather_run(replace(log, columns=columns)).onsets
+    arrays = {**log.arrays, **window, "window/presence": presence, "events/postponed": postponed}
+    onsets = gather_run(replace(log, arrays=arrays)).onsets
     assert set(onsets) == {"capture"}
     onset = onsets["capture"]
     assert onset.time == pytest.approx(log.time[waits])

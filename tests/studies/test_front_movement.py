@@ -5,7 +5,7 @@ import pytest
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Quantity, Results
-from psmpc_cli.studies.front_movement import front_movement
+from psmpc_cli.studies.fronts import front_movement
 
 RATIOS = np.geomspace(1e-3, 1e3, 7)
 INSTANTS = np.array([6.0, 7.0, 8.0])

@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.logs.results import Results
-from psmpc_cli.studies.claims import Claim, Finding, load_claims
-from psmpc_cli.studies.evidence import Evidence, RunEvidence, least_slack, settled, trends
-from psmpc_cli.studies.front_movement import front_movement
+from psmpc_cli.studies.claims import Claim, Evidence, Finding, RunEvidence, least_slack, load_claims, settled, trends
+from psmpc_cli.studies.fronts import front_movement
 from psmpc_cli.studies.judge import judge
 from psmpc_cli.studies.weights import SweepCells, sweep_cells
 

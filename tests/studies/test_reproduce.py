@@ -70,8 +70,9 @@ def test_the_sweep_takes_the_changes_that_are_about_how_tasks_are_run() -> None:
     spec, own = sweep.task.spec, load_task("approach_capture").spec
     assert (spec.controller.nodes, spec.plant.kind) == (7, "ideal")
     assert (spec.stages, spec.time_limit) == (own.stages, own.time_limit)
-    assert sweep.stages == (0, 1)
-    assert (sweep.sampling.omega.min(), sweep.sampling.omega.max()) == (1e-3, 1e3)
+    assert len(sweep.cells) == 9
+    assert sweep.cells[0] == ("stages[0].priority=0.001", "stages[1].priority=0.001")
+    assert sweep.cells[-1] == ("stages[0].priority=1000.0", "stages[1].priority=1000.0")
 
 
 def test_the_sweep_is_in_the_json(data: dict[str, Any]) -> None:

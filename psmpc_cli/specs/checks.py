@@ -6,7 +6,10 @@ values that it reads to be valid. The rules of single values and of names are pa
 
 import math
 from collections.abc import Collection, Iterator, Mapping
+from itertools import product
 from typing import get_args
+
+from pydantic import BaseModel
 
 from psmpc_cli.specs.coordinates import (
     QUANTITIES,
@@ -18,7 +21,6 @@ from psmpc_cli.specs.coordinates import (
     target_axes,
 )
 from psmpc_cli.specs.document import Document, Raw
-from psmpc_cli.specs.fields import Pair
 from psmpc_cli.specs.messages import Fault, choice, counted, dotted, quoted
 from psmpc_cli.specs.priorities import check_agreement
 from psmpc_cli.specs.robot import PartLimits
@@ -46,12 +48,6 @@ REQUIRED: dict[Space, tuple[str, ...]] = {"point": ("base",)}
 
 BOUNDS = ("above_start_at_most", "below_start_at_most", "at_most", "at_least")
 """Ways to bound a monitored signal."""
-
-FRAMES = {"distance": 2, "speed": 1}
-"""How many frames a monitored quantity is about."""
-
-PHYSICAL = ("mass", "inertia", "centre_of_mass", "friction", "force_limits", "impulse", "payload")
-"""Keys of an uncertainty that mean nothing to a plant without bodies and forces."""
 
 TURN = 2 * math.pi * (1 + 1e-9)
 """Largest angle without a unit [rad]."""
@@ -111,12 +107,8 @@ def check_task(document: Document, robot: Document | None) -> Iterator[Fault]:
         yield from _rising_times(stage["target"]["times"])
     for monitor in task["monitors"].entries():
         yield from _monitor(monitor)
-    yield from _instants(task, stages)
-    yield from _object(task)
-    yield from _solver(task)
-    yield from _timing(task)
-    yield from _priorities(task)
-    yield from _uncertainty(task)
+    for check in (_instants, _object, _combinations, _timing, _priorities, _uncertainty):
+        yield from check(task)
     if robot is not None and parts:
         yield from _numbers_by_part(task, parts)
         yield from _coordinates(task, parts)
@@ -142,25 +134,22 @@ def _repeated_names(listed: Raw) -> Iterator[Fault]:
 def _numbers_by_part(task: Raw, parts: Mapping[str, int]) -> Iterator[Fault]:
     """Give missing parts, wrong lengths and angles without a unit wherever a task has numbers by part."""
     joint = target_axes(parts, "joint")
-    yield from _by_part(task["initial"], joint, angles=True)
-    yield from _by_part(task["initial_velocity"], joint, required=())
+    yield from _by_part(task["initial"], joint, joint, angles=True)
+    yield from _by_part(task["initial_velocity"], joint)
     for _, skill in task["skills"].items():
         space, weights = _space(skill), skill["weights"]
         if space is not None:
-            yield from _by_part(weights, error_axes(parts, space), REQUIRED.get(space), beside="control")
-        control: Space = "task" if skill["input"].text == "task" else "joint"
-        yield from _by_part(weights["control"], target_axes(parts, control))
+            yield from _by_part(weights, error_axes(parts, space), REQUIRED.get(space, joint))
+        control = target_axes(parts, "task" if skill["input"].text == "task" else "joint")
+        yield from _by_part(weights["control"], control, control)
     for stage in task["stages"].entries():
         space = _space(task["skills"][stage["skill"].text or ""])
         if space is not None:
-            axes, required = target_axes(parts, space), REQUIRED.get(space)
-            yield from _by_part(stage["target"], axes, required, beside="times", angles=True)
-            yield from _by_part(stage["ends_when"]["tolerance"], error_axes(parts, space), (), one=True)
-    arms = {part: axes for part, axes in joint.items() if part != "base"}
+            yield from _by_part(stage["target"], target_axes(parts, space), REQUIRED.get(space, joint), angles=True)
+            yield from _by_part(stage["ends_when"]["tolerance"], error_axes(parts, space), one=True)
     uncertainty = task["uncertainty"]
-    yield from _by_part(uncertainty["force_limits"], joint, (), one=True)
-    for kind in ("viscous", "coulomb"):
-        yield from _by_part(uncertainty["friction"][kind], arms, (), one=True)
+    for place in (uncertainty["force_limits"], uncertainty["friction"]["viscous"], uncertainty["friction"]["coulomb"]):
+        yield from _by_part(place, joint, one=True)
     yield from _within_a_turn(task["object"]["pose"][2])
 
 
@@ -170,29 +159,22 @@ def _space(skill: Raw) -> Space | None:
 
 
 def _by_part(
-    place: Raw,
-    axes: Axes,
-    required: Collection[str] | None = None,
-    beside: str = "",
-    one: bool = False,
-    angles: bool = False,
+    place: Raw, axes: Axes, required: Collection[str] = (), one: bool = False, angles: bool = False
 ) -> Iterator[Fault]:
     """Give what is wrong with one mapping by part.
 
     Args:
         place: The mapping; its values are lists of numbers, or lists of such rows where it has the key `times`.
         axes: The names of the numbers of every part.
-        required: The parts that must be there; all if not given.
-        beside: A key of the mapping that is no part.
+        required: The parts that must be there.
         one: Whether one number may stand for all of a part.
         angles: Whether some of the numbers are angles, so that they need a unit beyond one turn.
     """
-    given = {key: part for key, part in place.items() if key != beside}
-    required = axes if required is None else required
+    given = {key: part for key, part in place.items() if key in (*axes, "arms")}
     missing = [part for part in required if not any(stands_for(key, part) for key in given)]
     if missing and isinstance(place.value, dict):
         yield place.fault(f"also {', '.join(missing)}", ", ".join(given) or "no part", at_key=True)
-    times = place["times"].length if beside == "times" else None
+    times = place["times"].length
     for key, part in given.items():
         rows = [row for row in part.entries() if row.length is not None]
         if times is not None and part.length not in (None, times):
@@ -251,17 +233,23 @@ def _coordinates(task: Raw, parts: Mapping[str, int]) -> Iterator[Fault]:
 
 def _limits(task: Raw, robot: Raw, parts: Mapping[str, int]) -> Iterator[Fault]:
     """Give limits of a task and its skills with wrong lengths, and those that are wider than the limits before them."""
-    axes = target_axes(parts, "joint")
-    before = [("the robot's", _valid_limits(robot["limits"])), ("the task's", _valid_limits(task["limits"]))]
-    layers = [(task["limits"], before[:1]), *((skill["limits"], before) for _, skill in task["skills"].items())]
-    for limits, outer in layers:
-        yield from _limit_lengths(limits, axes)
-        for key, given in _valid_limits(limits).items():
-            for quantity in QUANTITIES:
-                for index, pair in enumerate(getattr(given, quantity) or ()):
-                    wider = [_wider(pair, index, part, quantity, outer) for part in parts if stands_for(key, part)]
-                    if any(wider):
-                        yield limits[key][quantity][index].fault(f"within {next(filter(None, wider))}")
+    outer = {"the robot's": _valid_limits(robot["limits"])}
+    yield from _narrower(task["limits"], outer, parts)
+    outer["the task's"] = _valid_limits(task["limits"])
+    for _, skill in task["skills"].items():
+        yield from _narrower(skill["limits"], outer, parts)
+
+
+def _narrower(limits: Raw, outer: Mapping[str, Mapping[str, PartLimits]], parts: Mapping[str, int]) -> Iterator[Fault]:
+    """Give limits with wrong lengths, and those that are wider than the outer ones."""
+    yield from _limit_lengths(limits, target_axes(parts, "joint"))
+    inner = _valid_limits(limits)
+    for part, quantity, (whose, layer) in product(parts, QUANTITIES, outer.items()):
+        given, allowed = limits_of_part(inner, part, quantity) or (), limits_of_part(layer, part, quantity) or ()
+        for index, ((low, high), (least, most)) in enumerate(zip(given, allowed, strict=False)):
+            if low < least or high > most:
+                key = part if limits[part][quantity].exists else "arms"
+                yield limits[key][quantity][index].fault(f"within {whose} [{least:.6g}, {most:.6g}]")
 
 
 def _limit_lengths(limits: Raw, axes: Axes) -> Iterator[Fault]:
@@ -279,36 +267,16 @@ def _valid_limits(limits: Raw) -> dict[str, PartLimits]:
     return {key: valid for key, part in limits.items() if (valid := part.valid(PartLimits)) is not None}
 
 
-def _wider(
-    pair: Pair, index: int, part: str, quantity: str, outer: list[tuple[str, dict[str, PartLimits]]]
-) -> str | None:
-    """Name the bounds of a coordinate that a pair exceeds, None if there are none."""
-    for whose, layer in outer:
-        allowed = limits_of_part(layer, part, quantity)
-        if allowed is not None and index < len(allowed):
-            least, most = allowed[index]
-            if pair[0] < least or pair[1] > most:
-                return f"{whose} [{least:.6g}, {most:.6g}] of {part}"
-    return None
-
-
 # Stages, their order in time, and the object.
 
 
 def _end(stage: Raw, last: bool) -> Iterator[Fault]:
     """Give a stage without an end, or with two."""
-    at, condition = stage["at"].exists, stage["ends_when"].exists
-    if not isinstance(stage.value, dict):
-        return
-    if last and at:
-        yield stage["at"].fault('"ends_when", which ends the run', '"at" in the last stage', at_key=True)
-    elif last and not condition:
-        yield stage.fault("it in the last stage: it ends the run", 'no "ends_when"', at_key=True)
-    elif not last and at and condition:
-        yield stage["at"].fault("one of them", 'both "ends_when" and "at"', at_key=True)
-    elif not last and not at and not condition:
-        wanted = "one of them in every stage but the last"
-        yield stage.fault(wanted, 'neither "ends_when" nor "at"', at_key=True)
+    ends = [key for key in ("ends_when", "at") if stage[key].exists]
+    if isinstance(stage.value, dict) and (ends != ["ends_when"] if last else len(ends) != 1):
+        wanted = '"ends_when" in the last stage: it ends the run' if last else 'either "ends_when" or "at"'
+        place = stage["at"] if "at" in ends else stage
+        yield place.fault(wanted, " and ".join(map(quoted, ends)) or "no end", at_key=True)
 
 
 def _rising_times(listed: Raw) -> Iterator[Fault]:
@@ -328,41 +296,33 @@ def _time_limit(task: Raw) -> float | None:
     return given.number if given.exists else float(TaskSpec.model_fields["time_limit"].default)
 
 
-def _instants(task: Raw, stages: list[Raw]) -> Iterator[Fault]:
-    """Give fixed switch times and shortest durations that no order of events can keep."""
-    limit, earliest, because = _time_limit(task), 0.0, "the start"
-    for stage in stages:
-        last = [time.number or 0.0 for time in stage["target"]["times"].entries()][-1:]
-        durations = {"dwell": stage["dwell"].number or 0.0, "trajectory": last[0] if last else 0.0}
-        key = max(durations, key=lambda name: durations[name])
-        lasts, at = max(durations[key], 0.0), stage["at"].number
-        if at is None:
-            because = f"the {key} of {dotted(stage.path)}" if lasts else because
-            earliest += lasts
-            continue
-        if at <= earliest or at < earliest + lasts:
-            after = f"{earliest + lasts:g} s ({f'{key} after ' if lasts else ''}{because})"
-            yield stage["at"].fault(f"a time after {after}", f"{at:g} s")
-        elif limit is not None and at >= limit:
+def _instants(task: Raw) -> Iterator[Fault]:
+    """Give fixed switch times that no order of events can keep."""
+    limit, earliest = _time_limit(task), 0.0
+    for stage in task["stages"].entries():
+        times = [time.number or 0.0 for time in stage["target"]["times"].entries()]
+        lasts, at = max([0.0, stage["dwell"].number or 0.0, *times[-1:]]), stage["at"].number
+        if at is not None and (at <= earliest or at < earliest + lasts):
+            wanted = f"a time after {earliest + lasts:g} s (fixed times, dwells and trajectories take until then)"
+            yield stage["at"].fault(wanted, f"{at:g} s")
+        elif at is not None and limit is not None and at >= limit:
             yield stage["at"].fault(f"a time before the time_limit of {limit:g} s", f"{at:g} s")
-        earliest, because = max(at, earliest + lasts), dotted(stage["at"].path)
-
-
-def _held_between(task: Raw) -> tuple[str, str, int] | None:
-    """Return the stages that take the object and let it go, and how much later the second is; None if not known."""
-    stages, thing = task["stages"].texts("name"), task["object"]
-    taken, let_go = thing["taken_by"].text, thing["let_go_by"].text
-    if taken not in stages or let_go not in stages or taken is None or let_go is None:
-        return None
-    return taken, let_go, stages.index(let_go) - stages.index(taken)
+        earliest = max(at or 0.0, earliest + lasts)
 
 
 def _object(task: Raw) -> Iterator[Fault]:
-    """Give an object that is let go before it is taken."""
-    held = _held_between(task)
-    if held and held[2] <= 0:
-        wanted = f"a stage after {quoted(held[0])}, which takes the object"
-        yield task["object"]["let_go_by"].fault(wanted, quoted(held[1]))
+    """Give an object that is let go before it is taken, and a payload that no stage holds."""
+    thing, payload = task["object"], task["uncertainty"]["payload"]
+    if payload.exists and not thing.exists:
+        wanted = "one: it says which stages take the payload and let it go"
+        yield payload.fault(wanted, 'no "object"', at_key=True)
+    order = {name: index for index, name in enumerate(task["stages"].texts("name"))}
+    taken, let_go = (order.get(thing[key].text or "") for key in ("taken_by", "let_go_by"))
+    if taken is not None and let_go is not None and let_go <= taken:
+        yield thing["let_go_by"].fault(f"a stage after {thing['taken_by'].text}, which takes the object")
+    elif taken is not None and let_go is not None and let_go == taken + 1 and payload.exists:
+        wanted = "at least one that holds the payload"
+        yield payload.fault(wanted, "no stage between object.taken_by and object.let_go_by", at_key=True)
 
 
 def _monitor(monitor: Raw) -> Iterator[Fault]:
@@ -373,64 +333,57 @@ def _monitor(monitor: Raw) -> Iterator[Fault]:
     if least is not None and most is not None and least > most:
         yield monitor["at_least"].fault(f"no more than at_most, {most:g}", f"{least:g}")
     frames = [frame.text for frame in monitor["of"].entries()]
-    number = FRAMES.get(monitor["quantity"].text or "")
-    if number is not None and frames and (len(frames) != number or len(set(frames)) != number):
-        wanted = "one frame" if number == 1 else "two different frames"
-        yield monitor["of"].fault(f"{wanted} for a {monitor['quantity'].text}")
+    number = {"distance": 2, "speed": 1}.get(monitor["quantity"].text or "")
+    if number is not None and frames and not len(frames) == len(set(frames)) == number:
+        yield monitor["of"].fault("two different frames for a distance, one for a speed")
 
 
 # Controller, solver and plant.
 
 
-def _solver(task: Raw) -> Iterator[Fault]:
-    """Give what the solver or the controller cannot do."""
-    controller, solver = task["controller"].valid(ControllerSpec), task["solver"].valid(SolverSpec)
-    lexicographic = controller is not None and controller.kind == "htmpc"
-    if controller is not None and lexicographic and controller.nodes == "auto":
-        found = "auto with controller htmpc (whose levels are compared node by node)"
-        yield task["controller"]["nodes"].fault("a whole number", found)
-    if solver is not None and solver.deadline is not None:
-        place, found = task["solver"]["deadline"], f"{solver.deadline:g} s with "
-        if solver.kind == "fatrop":
-            found += "solver fatrop (which cannot stop early)"
-            yield place.fault("none, or kind: sqp or ipopt", found)
-        elif solver.kind == "sqp" and lexicographic:
-            found += "controller htmpc (whose levels fatrop solves, which cannot stop early)"
-            yield place.fault("none, or kind: ipopt", found)
-    for _, skill in task["skills"].items():
-        if skill["input"].text == "task" and solver is not None and solver.kind != "ipopt":
-            found = f'"task" with solver {solver.kind} (whose control is the acceleration of Q)'
-            yield skill["input"].fault('"joint", or solver: ipopt', found)
-        if skill["input"].text == "task" and lexicographic:
-            found = '"task" with controller htmpc (whose levels share the acceleration of Q)'
-            yield skill["input"].fault('"joint"', found)
+def _combinations(task: Raw) -> Iterator[Fault]:
+    """Give what the controller or the solver of a task cannot do."""
+    controller, solver = _kind(task["controller"], ControllerSpec), _kind(task["solver"], SolverSpec)
+    nodes, deadline, htmpc = task["controller"]["nodes"], task["solver"]["deadline"], controller == "htmpc"
+    inputs = [skill["input"] for _, skill in task["skills"].items() if skill["input"].text == "task"]
+    joint = '"joint" (task needs solver ipopt, and another controller than htmpc)'
+    rules = (
+        (nodes, htmpc and nodes.text == "auto", "a number with controller htmpc, which compares levels node by node"),
+        (deadline, deadline.exists and solver == "fatrop", "none with solver fatrop, which cannot stop early"),
+        (deadline, deadline.exists and solver == "sqp" and htmpc, "none, or solver ipopt, with controller htmpc"),
+        *((place, htmpc or solver in ("sqp", "fatrop"), joint) for place in inputs),
+    )
+    for place, conflicts, wanted in rules:
+        if conflicts:
+            yield place.fault(wanted)
+
+
+def _kind(section: Raw, model: type[BaseModel]) -> str:
+    """Return the kind of a section that also can be its kind alone."""
+    return section.text or section["kind"].text or str(model.model_fields["kind"].default)
 
 
 def _timing(task: Raw) -> Iterator[Fault]:
     """Give times of controller and plant that do not divide each other as they must, or into too many parts."""
     controller, plant = task["controller"].valid(ControllerSpec), task["plant"].valid(PlantSpec)
-    sample = None if controller is None else controller.sample_time
-    if controller is not None and sample is not None:
-        found = f"{controller.horizon:g} s"
-        if sample > controller.horizon:
-            yield task["controller"]["sample_time"].fault(f"at most the horizon of {found}", f"{sample:g} s")
-        if controller.horizon > MOST_SAMPLES * sample * (1 + ROUNDING):
-            yield task["controller"]["horizon"].fault(f"at most {MOST_SAMPLES} samples of {sample:g} s", found)
+    if controller is None:
+        return
+    horizon, sample = controller.horizon, controller.sample_time
+    if sample > horizon:
+        yield task["controller"]["sample_time"].fault(f"at most the horizon of {horizon:g} s", f"{sample:g} s")
+    if horizon > MOST_SAMPLES * sample * (1 + ROUNDING):
+        yield task["controller"]["horizon"].fault(f"at most {MOST_SAMPLES} samples of {sample:g} s", f"{horizon:g} s")
     if plant is None:
         return
-    tick, rate = 1 / plant.low_level_rate, task["plant"]["low_level_rate"]
-    step = plant.step or tick
-    if sample is not None and sample / step > MOST_STEPS * (1 + ROUNDING):
-        found = f"{sample / step:.6g} steps in a sample of {sample:g} s"
-        yield (rate if plant.step is None else task["plant"]["step"]).fault(f"at most {MOST_STEPS}", found)
+    tick, rate, hertz = 1 / plant.low_level_rate, task["plant"]["low_level_rate"], f"{plant.low_level_rate:g} Hz"
+    step, place = plant.step or tick, rate if plant.step is None else task["plant"]["step"]
+    if sample / step > MOST_STEPS * (1 + ROUNDING):
+        yield place.fault(f"at most {MOST_STEPS}", f"{sample / step:.6g} steps in a sample of {sample:g} s")
         return
-    hertz = f"{plant.low_level_rate:g} Hz"
-    if sample is not None and not _divides(tick, sample):
-        found = f"{hertz}, which makes {sample / tick:.6g} ticks of a sample_time of {sample:g} s"
-        yield rate.fault("a whole number of ticks", found)
+    if not _divides(tick, sample):
+        yield rate.fault(f"a whole number of ticks in a sample_time of {sample:g} s", hertz)
     if not _divides(step, tick):
-        found = f"{step:g} s, which makes {tick / step:.6g} steps of a tick of {tick:g} s (low_level_rate {hertz})"
-        yield task["plant"]["step"].fault("a whole number of steps", found)
+        yield place.fault(f"a whole number of steps in a tick of {tick:g} s (low_level_rate {hertz})", f"{step:g} s")
 
 
 def _divides(part: float, whole: float) -> bool:
@@ -473,35 +426,24 @@ def _priorities(task: Raw) -> Iterator[Fault]:
 
 
 def _uncertainty(task: Raw) -> Iterator[Fault]:
-    """Give what the plant cannot do, a payload that no stage holds, and times outside the run."""
+    """Give what the plant cannot do, and times outside the run."""
     place, controller = task["uncertainty"], task["controller"].valid(ControllerSpec)
-    spec, plant = place.valid(UncertaintySpec), task["plant"].valid(PlantSpec)
+    spec = place.valid(UncertaintySpec)
     if spec is None:
         return
     if controller is not None and controller.known_delay > spec.delay:
-        most = counted(spec.delay, "sample", "samples")
-        wanted = f"at most the {most} of uncertainty.delay" if spec.delay else "an uncertainty.delay as long at least"
-        yield task["controller"]["known_delay"].fault(wanted, str(controller.known_delay))
+        wanted = f"at most uncertainty.delay, which is {counted(spec.delay, 'sample', 'samples')}"
+        yield task["controller"]["known_delay"].fault(wanted)
     if controller is not None and spec.delay * controller.sample_time >= controller.horizon:
         found = f"{spec.delay} samples of {controller.sample_time:g} s"
         yield place["delay"].fault(f"less than the horizon of {controller.horizon:g} s", found)
-    if plant is not None and plant.kind == "ideal" and spec.changes_the_plant:
-        found = ", ".join(key for key in PHYSICAL if place[key].exists)
-        found += " with plant ideal (which has neither bodies nor forces)"
-        yield place.fault("none but noise and delay, or plant: rk4 or mujoco", found)
-    limit = _time_limit(task)
-    if spec.impulse is not None and not any((*spec.impulse.linear, spec.impulse.angular)):
+    if _kind(task["plant"], PlantSpec) == "ideal" and spec.changes_the_plant:
+        yield place.fault("only noise and delay with plant ideal, which has neither bodies nor forces")
+    limit, impulse = _time_limit(task), spec.impulse
+    if impulse is not None and not any((*impulse.linear, impulse.angular)):
         yield place["impulse"].fault("linear: [x, y] in N s, or angular in N m s", "no impulse", at_key=True)
-    if spec.impulse is not None and limit is not None and spec.impulse.at >= limit:
-        wanted = f"a time before the time_limit of {limit:g} s"
-        yield place["impulse"]["at"].fault(wanted, f"{spec.impulse.at:g} s")
-    held = _held_between(task)
-    if spec.payload is not None and not task["object"].exists:
-        wanted = "one: it says which stages take the payload and let it go"
-        yield place["payload"].fault(wanted, 'no "object"', at_key=True)
-    elif spec.payload is not None and held and held[2] == 1:
-        between = f"{quoted(held[0])} (which takes the object) and {quoted(held[1])} (which lets it go)"
-        yield place["payload"].fault("at least one that holds the payload", f"no stage between {between}", at_key=True)
+    if impulse is not None and limit is not None and impulse.at >= limit:
+        yield place["impulse"]["at"].fault(f"a time before the time_limit of {limit:g} s", f"{impulse.at:g} s")
 
 
 def _shares(place: Raw, arms: list[str]) -> Iterator[Fault]:

@@ -4,18 +4,16 @@ PyYAML parses; scalars are resolved here by the core schema of YAML 1.2, and syn
 write YAML.
 """
 
-import copy
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import PydanticSerializationError, to_jsonable_python
 from yaml.error import MarkedYAMLError
-from yaml.events import AliasEvent, MappingStartEvent, ScalarEvent, SequenceStartEvent
 from yaml.reader import ReaderError
 
 from psmpc_cli.errors import SpecError
@@ -55,7 +53,6 @@ _WORDS: dict[str, Scalar] = {
     **dict.fromkeys((".nan", ".NaN", ".NAN"), math.nan),
 }
 _INTEGER = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
-_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _INFINITE = re.compile(r"[-+]?\.(inf|Inf|INF)")
 
 
@@ -76,10 +73,9 @@ class Document:
     Attributes:
         name: Its name in messages: the path as the user gave it.
         text: The YAML text.
-        data: What it holds; None if it is not `readable`.
+        data: What it holds; None if it is empty or no YAML.
         entries: The position of every value of `data`.
         faults: What is wrong with it as YAML.
-        readable: Whether there are `data` in spite of `faults`.
     """
 
     name: str
@@ -87,7 +83,6 @@ class Document:
     data: Data = None
     entries: Mapping[Path, Entry] = field(default_factory=dict)
     faults: tuple[Fault, ...] = ()
-    readable: bool = True
 
     def entry(self, path: Path) -> Entry:
         """Return the entry of a path, or of the nearest value around it."""
@@ -219,19 +214,19 @@ class Raw:
 
 def read(name: str, text: str) -> Document:
     """Read a YAML text; what is wrong with it as YAML is in the document's `faults`."""
-    reader = _Reader(text)
+    entries: dict[Path, Entry] = {}
+    faults: list[Fault] = []
     try:
-        data = reader.read()
-    except _NotYamlError as error:
-        return Document(name, text, faults=(error.fault,), readable=False)
+        node = _Loader(text).get_single_node()
+        data = None if node is None else _convert(node, (), None, entries, faults)
     except MarkedYAMLError as error:
-        return Document(name, text, faults=(_explain(error),), readable=False)
+        return Document(name, text, faults=(_explain(error),))
     except ReaderError as error:
         start = text.rfind("\n", 0, error.position) + 1
         place = Place(text.count("\n", 0, error.position) + 1, error.position - start + 1)
         code = f"found the control character U+{ord(text[error.position]):04X}, expected printable text"
-        return Document(name, text, faults=(Fault((), code, place=place),), readable=False)
-    return Document(name, text, data, reader.entries, tuple(reader.faults))
+        return Document(name, text, faults=(Fault((), code, place=place),))
+    return Document(name, text, data, entries, tuple(faults))
 
 
 def write(data: Data) -> str:
@@ -260,7 +255,7 @@ def resolve(word: str) -> Scalar:
     infinite = -math.inf if word.startswith("-") else math.inf
     if _INTEGER.fullmatch(word):
         return infinite if len(word) > MOST_DIGITS else int(word, {"0o": 8, "0x": 16}.get(word[:2], 10))
-    if _FLOAT.fullmatch(word):
+    if re.fullmatch(DECIMAL, word):
         return float(word)
     return infinite if _INFINITE.fullmatch(word) else word
 
@@ -288,108 +283,65 @@ def describe(value: Data, written: str | None = None) -> str:
     return shortened(written) if written else (f"{value:g}" if math.isfinite(value) else str(value))
 
 
-class _NotYamlError(Exception):
-    """A text is no YAML, or exceeds what a description can be."""
-
-    def __init__(self, message: str, mark: Any) -> None:
-        super().__init__(message)
-        self.fault = Fault((), message, place=_place_of(mark))
-
-
-class _Reader:
-    """The events of one YAML text as plain data, the position of every value, and faults that do not end the text."""
+class _Loader(yaml.BaseLoader):
+    """Composes the nodes of a text of bounded size without tags."""
 
     def __init__(self, text: str) -> None:
-        self.entries: dict[Path, Entry] = {}
-        self.faults: list[Fault] = []
-        self._events: Iterator[Any] = yaml.parse(text, Loader=yaml.SafeLoader)
-        self._paths: list[Path] = []
-        self._anchors: dict[str, tuple[int, int, Data]] = {}
+        super().__init__(text)
+        self._depth = self._nodes = 0
 
-    def read(self) -> Data:
-        """Read the only document of the text; None if there is none."""
-        next(self._events)  # the start of the stream
-        if isinstance(next(self._events), yaml.StreamEndEvent):
-            return None
-        data = self._value(next(self._events), (), None)
-        next(self._events)  # the end of the document
-        event = next(self._events)
-        if not isinstance(event, yaml.StreamEndEvent):
-            wanted = 'expected one document (no "---" or "...")'
-            raise _NotYamlError(f"found more after the document, {wanted}", event.start_mark)
-        return data
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        event = cast(Any, self).peek_event()  # untyped in the stubs of PyYAML
+        if getattr(event, "tag", None) is not None:
+            tag = quoted(event.tag.replace("tag:yaml.org,2002:", "!!"))
+            raise _NotYamlError(
+                problem=f"the tag {tag}, expected plain YAML without tags", problem_mark=event.start_mark
+            )
+        self._nodes += 1
+        _check_size(self._depth, self._nodes, event.start_mark)
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
 
-    def _value(self, event: Any, path: Path, key: Place | None) -> Data:
-        """Read the value that begins with an event."""
-        if isinstance(event, AliasEvent):
-            return self._copy(event, path, key)
-        if event.tag is not None:
-            tag = event.tag.replace("tag:yaml.org,2002:", "!!")
-            raise _NotYamlError(f"found the tag {quoted(tag)}, expected plain YAML without tags", event.start_mark)
-        start = len(self._paths)
-        written = event.value if isinstance(event, ScalarEvent) else None
-        self._enter(path, Entry(_place_of(event.start_mark), key, written), event.start_mark)
-        data: Data
-        if isinstance(event, MappingStartEvent):
-            data = self._mapping(path)
-        elif isinstance(event, SequenceStartEvent):
-            data = []
-            while not isinstance(inside := next(self._events), yaml.SequenceEndEvent):
-                data.append(self._value(inside, (*path, len(data)), None))
+
+class _NotYamlError(MarkedYAMLError):
+    """A text has tags, or exceeds what a description can be."""
+
+
+def _check_size(depth: int, values: int, mark: Any) -> None:
+    """Raise an error beyond the bounds of a description."""
+    if depth > DEEPEST:
+        problem = f"a value nested deeper than {DEEPEST} levels with aliases expanded, expected less"
+        raise _NotYamlError(problem=problem, problem_mark=mark)
+    if values > MOST_VALUES:
+        problem = f"more than {MOST_VALUES} keys and values with aliases expanded, expected fewer"
+        raise _NotYamlError(problem=problem, problem_mark=mark)
+
+
+def _convert(node: Any, path: Path, key: Place | None, entries: dict[Path, Entry], faults: list[Fault]) -> Data:
+    """Return a node as plain data, and add the position of every value and what is wrong with keys.
+
+    The first of equal keys counts.
+    """
+    _check_size(len(path), len(entries), node.start_mark)
+    entries[path] = Entry(_place_of(node.start_mark), key, node.value if isinstance(node, yaml.ScalarNode) else None)
+    if isinstance(node, yaml.ScalarNode):
+        return resolve(node.value) if node.style is None else str(node.value)
+    if isinstance(node, yaml.SequenceNode):
+        return [_convert(item, (*path, index), None, entries, faults) for index, item in enumerate(node.value)]
+    mapping: dict[str, Data] = {}
+    for key_node, value_node in node.value:
+        word, place = key_node.value, _place_of(key_node.start_mark)
+        if not isinstance(word, str):
+            faults.append(Fault(path, "found a list or mapping as a key, expected a word", place=place))
+        elif word in mapping:
+            first = entries[(*path, word)].key
+            line = f" (first in line {first.line})" if first else ""
+            faults.append(Fault((*path, word), f"found this key again{line}, expected every key once", place=place))
         else:
-            data = resolve(event.value) if event.style is None else str(event.value)
-        if event.anchor is not None:
-            self._anchors[event.anchor] = (start, len(self._paths), data)
-        return data
-
-    def _mapping(self, path: Path) -> dict[str, Data]:
-        """Read the keys and values of a mapping; the first of equal keys counts."""
-        mapping: dict[str, Data] = {}
-        while not isinstance(event := next(self._events), yaml.MappingEndEvent):
-            place = _place_of(event.start_mark)
-            if not isinstance(event, ScalarEvent):
-                self.faults.append(Fault(path, "found a list or mapping as a key, expected a word", place=place))
-                self._skip(event)
-                self._skip(next(self._events))
-            elif event.value in mapping:
-                first = self.entries[(*path, event.value)].key
-                line = f" (first in line {first.line})" if first else ""
-                message = f"found this key again{line}, expected every key once"
-                self.faults.append(Fault((*path, event.value), message, place=place))
-                self._skip(next(self._events))
-            else:
-                mapping[event.value] = self._value(next(self._events), (*path, event.value), place)
-        return mapping
-
-    def _copy(self, alias: Any, path: Path, key: Place | None) -> Data:
-        """Copy the value of an anchor with its positions."""
-        if alias.anchor not in self._anchors:
-            name = alias.anchor
-            raise _NotYamlError(f"found the alias *{name}, expected an anchor &{name} before it", alias.start_mark)
-        start, end, data = self._anchors[alias.anchor]
-        anchored = self._paths[start]
-        for at in self._paths[start:end]:
-            entry = self.entries[at]
-            copied = Entry(entry.place, key, entry.written) if at == anchored else entry
-            self._enter((*path, *at[len(anchored) :]), copied, alias.start_mark)
-        return copy.deepcopy(data)
-
-    def _enter(self, path: Path, entry: Entry, mark: Any) -> None:
-        """Keep the position of one more value within the bounds of a description."""
-        if len(path) > DEEPEST:
-            raise _NotYamlError(f"found a value nested deeper than {DEEPEST} levels, expected less", mark)
-        if len(self._paths) >= MOST_VALUES:
-            raise _NotYamlError(f"found more than {MOST_VALUES} values with aliases expanded, expected fewer", mark)
-        self.entries[path] = entry
-        self._paths.append(path)
-
-    def _skip(self, event: Any) -> None:
-        """Pass over the value that begins with an event."""
-        depth = int(isinstance(event, MappingStartEvent | SequenceStartEvent))
-        while depth:
-            event = next(self._events)
-            depth += isinstance(event, MappingStartEvent | SequenceStartEvent)
-            depth -= isinstance(event, yaml.MappingEndEvent | yaml.SequenceEndEvent)
+            mapping[word] = _convert(value_node, (*path, word), place, entries, faults)
+    return mapping
 
 
 class _Writer(yaml.SafeDumper):
@@ -418,6 +370,7 @@ _KINDS = {"]": "list", "}": "mapping", "collection": "list", "mapping": "mapping
 
 _IN_LIST = 'found {token}, expected "," or "{kind}" in the {what} that starts in {line}'
 _IN_BLOCK = "found {token}, expected the {what} that starts in {line} to go on (is it indented like its neighbours?)"
+_ONE_DOCUMENT = 'found more after the document, expected one document (no "---" or "...")'
 _BEGAN: tuple[tuple[str, str], ...] = (
     (r"expected ',' or '(?P<kind>[\]}])', but got '(?P<token><stream end>)'", _IN_LIST),
     (r"could not find expected ':'", 'found a word alone, expected "key: value"'),
@@ -429,27 +382,27 @@ _SHOWS: tuple[tuple[str, str], ...] = (
     (r"character '(?P<token>.)' that cannot start", "found {token} at the start of a word, expected it in quotes"),
     (r"expected ',' or '(?P<kind>[\]}])', but got '(?P<token>.+)'", _IN_LIST),
     (r"block (?P<kind>collection|mapping) expected <block end>, but found '(?P<token>.+)'", _IN_BLOCK),
-    (r"expected '<document start>'", 'found more after the document, expected one document (no "---" or "...")'),
+    (r"undefined alias '(?P<kind>.+)'", "found the alias *{kind}, expected an anchor &{kind} before it"),
+    (r"duplicate anchor '(?P<kind>.+)'", "found the anchor &{kind} again, expected every anchor once"),
+    (r"expected '<document start>'|found another document", _ONE_DOCUMENT),
 )
 """Patterns of PyYAML's errors and messages for them, located where the construct began or where the error shows."""
 
 
 def _explain(error: MarkedYAMLError) -> Fault:
     """Say what a syntax error found and expected."""
+    place = _place_of(error.problem_mark) if error.problem_mark else None
+    if isinstance(error, _NotYamlError):
+        return Fault((), f"found {error.problem}", place=place)
     text = " ".join(part for part in (error.context, error.problem) if part)
     line = f"line {error.context_mark.line + 1}" if error.context_mark else "its first line"
     for mark, rows in ((error.context_mark, _BEGAN), (error.problem_mark, _SHOWS)):
         for pattern, message in rows:
             if mark and (match := re.search(pattern, text)):
                 kind, token = (match.groupdict().get(name, "") for name in ("kind", "token"))
-                words = {
-                    "token": _TOKENS.get(token, f'"{token}"'),
-                    "kind": kind,
-                    "what": _KINDS.get(kind),
-                    "line": line,
-                }
-                return Fault((), message.format(**words), place=_place_of(mark))
-    place = _place_of(error.problem_mark) if error.problem_mark else None
+                token = _TOKENS.get(token, f'"{token}"')
+                found = message.format(token=token, kind=kind, what=_KINDS.get(kind), line=line)
+                return Fault((), found, place=_place_of(mark))
     return Fault((), f"found no valid YAML, {error.problem}", place=place)
 
 

@@ -237,12 +237,10 @@ def _validate(
     document: Document, kind: Kind, model: type[Model], names: Mapping[str, Collection[str]]
 ) -> tuple[Model | None, tuple[Fault, ...]]:
     """Return a document as a model, None if it is none, and its faults."""
-    if not document.readable:
-        return None, document.faults
     required = [name for name, field in model.model_fields.items() if field.is_required()]
     wanted = f"a {kind}: a mapping with the keys {', '.join(required)}"
     if document.data is None:
-        return None, (Fault((), f"found an empty file, expected {wanted}"),)
+        return None, document.faults or (Fault((), f"found an empty file, expected {wanted}"),)
     if not isinstance(document.data, dict):
         return None, (*document.faults, Fault((), f"found {document.found(())}, expected {wanted}"))
     if _kind_of(document) != kind and not _marked(document, kind):

@@ -2,84 +2,74 @@
 
 import logging
 import sys
+from typing import Annotated
 
 import typer
 
 from psmpc_cli import __version__
-from psmpc_cli.cli import (
-    bench,
-    check,
-    compare,
-    init,
-    monte_carlo,
-    pareto,
-    plot,
-    replay,
-    reproduce,
-    rerun,
-    schema,
-    show,
-    simulate,
-    sweep_weights,
-    verify,
-)
+from psmpc_cli.cli import inspect, paper, run, study
 from psmpc_cli.errors import PsmpcError, SpecError
+
+ABOUT = "Priority-based switching MPC for space robots: YAML task specs in, HDF5 logs and figures out."
+
+COMMANDS = (
+    run.simulate,
+    study.compare,
+    study.pareto,
+    study.sweep_weights,
+    study.monte_carlo,
+    inspect.bench,
+    inspect.check,
+    run.plot,
+    paper.reproduce,
+    run.replay,
+    run.rerun,
+    run.verify,
+    run.show,
+    inspect.init,
+    inspect.schema,
+)
+"""All commands, in the order of the help."""
 
 app = typer.Typer(
     name="psmpc",
-    help="Priority-based switching MPC for space robots: YAML task specs in, HDF5 logs and figures out.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
 )
-for command in (
-    simulate.simulate,
-    compare.compare,
-    pareto.pareto,
-    sweep_weights.sweep_weights,
-    monte_carlo.monte_carlo,
-    bench.bench,
-    check.check,
-    plot.plot,
-    reproduce.reproduce,
-    replay.replay,
-    rerun.rerun,
-    verify.verify,
-    show.show,
-    init.init,
-    schema.schema,
-):
-    app.command()(command)
+for command in COMMANDS:
+    app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)  # wrapped, not cut
 
 
 class EchoHandler(logging.Handler):
-    """Writes what the library reports to whatever standard error is now: a live display stands in for it at times."""
+    """Writes messages of the library to the present standard error, which a live display replaces for a while."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write one message as one line."""
-        sys.stderr.write(f"{record.levelname.lower()}: {record.getMessage()}\n")
+        level = f"{record.levelname.lower()}: " if record.levelno > logging.INFO else ""
+        sys.stderr.write(f"{level}{record.getMessage()}\n")
 
 
 def print_version(wanted: bool) -> None:
-    """Print the version and leave."""
+    """Print the version and exit."""
     if wanted:
         typer.echo(f"psmpc {__version__}")
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(help=ABOUT)
 def options(
-    version: bool = typer.Option(
-        False, "--version", callback=print_version, is_eager=True, help="Print the version and exit."
-    ),
+    version: Annotated[
+        bool, typer.Option("--version", callback=print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
 ) -> None:
-    """Priority-based switching MPC for space robots: YAML task specs in, HDF5 logs and figures out."""
+    """Accept the options of `psmpc` itself."""
 
 
-def complain(message: str) -> None:
-    """Write what is wrong to standard error; nothing in a file or its name can command the terminal."""
+def print_error(message: str) -> None:
+    """Write a message to standard error, with escapes for characters that could control the terminal."""
     from psmpc_cli.specs.messages import printable
 
     shown = "\n".join("\t".join(map(printable, line.split("\t"))) for line in message.split("\n"))
@@ -90,13 +80,13 @@ def main() -> None:
     """Run the command line; exit codes: 0 done, 1 a check asked for fails, 2 bad input, 3 the run could not go on."""
     logging.basicConfig(handlers=[EchoHandler()], level=logging.WARNING)
     try:
-        app()
+        app(prog_name="psmpc")
     except PsmpcError as error:
         located = isinstance(error, SpecError)  # begins with file:line:column, which terminals and editors can follow
-        complain(str(error) if located else f"psmpc: {error}")
+        print_error(str(error) if located else f"psmpc: {error}")
         sys.exit(error.exit_code)
     except OSError as error:
         if error.filename is None:
             raise
-        complain(f"psmpc: {error.filename}: {error.strerror}")
+        print_error(f"psmpc: {error.filename}: {error.strerror}")
         sys.exit(PsmpcError.exit_code)

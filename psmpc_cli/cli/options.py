@@ -1,27 +1,134 @@
-"""Options that several commands have in common."""
+"""Options that commands share, and the paths of what they write."""
 
-from typing import Annotated
+import logging
+import os
+from collections.abc import Iterator
+from itertools import count, islice, takewhile
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-FOLDERS = "Missing folders are made."
-"""What becomes of an -o in a folder that does not exist."""
+from psmpc_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from psmpc_cli.specs.overrides import Change
+
+RUNS = Path("runs")
+"""Folder of the default outputs."""
+
+NATIVE = "psmpc_cli.native"
+"""Logger of the compilation, which a user sees once."""
+
+TASK = "Task file, or the name of a built-in task such as transport."
+
+
+def _set_log_level(quiet: bool) -> bool:
+    """Choose which messages of the library are printed: warnings and the compilation, or errors only."""
+    logging.getLogger("psmpc_cli").setLevel(logging.ERROR if quiet else logging.WARNING)
+    logging.getLogger(NATIVE).setLevel(logging.ERROR if quiet else logging.INFO)
+    return quiet
+
 
 Changes = Annotated[
     list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change any key of the task; repeatable.")
 ]
-"""Keys of the task given on the command line."""
-
+Controller = Annotated[
+    str | None, typer.Option(metavar="psmpc|smpc|hard|htmpc", help="Controller; short for --set controller.kind=...")
+]
+Plant = Annotated[str | None, typer.Option(metavar="ideal|rk4|mujoco", help="Plant; short for --set plant.kind=...")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite files of an earlier command.")]
+Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures beside the file.")]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", callback=_set_log_level, help="No progress, no warnings and no summary.")
+]
 Jobs = Annotated[
     int | None, typer.Option(min=1, metavar="N", help="Processes at once. Default: one a core.", show_default=False)
 ]
-"""How many processes run at once."""
+Dask = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster with this scheduler.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Continue a study that was stopped, in its file.")]
 
-Dask = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster with its scheduler there.")]
-"""Which cluster runs are made on."""
 
-Resume = Annotated[bool, typer.Option("--resume", help="Go on with one that was stopped.")]
-"""Whether a study goes on with its file."""
+def output_option(default: str, metavar: str = "FILE", what: str = "Results.") -> Any:
+    """Build the option -o of a command whose default output is `default`."""
+    help = f"{what} Missing folders are made. Default: {default}{', numbered' if '/' in default else ''}."
+    return typer.Option("-o", "--output", metavar=metavar, help=help, show_default=False)
 
-Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures beside the file.")]
-"""Whether figures are drawn."""
+
+def shorthands(controller: str | None, plant: str | None) -> "list[Change]":
+    """Build the changes that --controller and --plant are short for."""
+    from psmpc_cli.specs.overrides import Short
+
+    given = {"controller": controller, "plant": plant}
+    return [Short(f"--{name}", f"{name}.kind", value) for name, value in given.items() if value is not None]
+
+
+def output_file(given: Path | None, name: str, force: bool, figures: bool, resume: bool = False) -> Path:
+    """Choose the file that a command writes and make sure that nothing is overwritten unasked.
+
+    Args:
+        given: The path after -o; by default the first of runs/NAME.h5, runs/NAME-2.h5, ... that neither exists nor has
+            a folder of figures.
+        name: Stem of the default.
+        force: Overwrite an existing file; by default runs/NAME.h5.
+        figures: Whether figures are drawn beside the file.
+        resume: Continue an existing file; by default the last of those above.
+
+    Raises:
+        InputError: The file or its folder of figures exists and is not to be overwritten, or the folder is read-only.
+    """
+    from psmpc_cli.figures.registry import default_directory
+    from psmpc_cli.logs.files import check_output
+
+    default = RUNS / f"{name}.h5"
+    if resume:
+        return given or [default, *takewhile(Path.exists, islice(_numbered(default), 1, None))][-1]
+    path = given or (default if force else next(path for path in _numbered(default) if not _taken(path)))
+    _ensure_writable(path)
+    check_output(path, force)
+    if figures:
+        _check_figures(default_directory(path), force)
+    return path
+
+
+def _check_figures(folder: Path, force: bool) -> None:
+    """Raise InputError if figures would be drawn beside other files, or over a file."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is no directory, but the figures go there: choose another log with -o")
+    if not force and folder.exists() and any(folder.iterdir()):
+        raise InputError(
+            f"{folder} holds files already: choose another log with -o, overwrite with --force, or use --no-figures"
+        )
+
+
+def output_folder(given: Path | None, name: str, force: bool) -> Path:
+    """Choose the folder that a command fills: the one given, or the first of runs/NAME, runs/NAME-2, ... that is free.
+
+    Raises:
+        InputError: It holds files that are not to be overwritten, or cannot be written.
+    """
+    default = RUNS / name
+    folder = given or (default if force else next(path for path in _numbered(default) if not _taken(path)))
+    _ensure_writable(folder / "file")
+    if any(parent.exists() and not parent.is_dir() for parent in (folder, *folder.absolute().parents)):
+        raise InputError(f"{folder} cannot be written: it is no directory; choose another one with -o")
+    if folder.exists() and any(folder.iterdir()) and not force:
+        raise InputError(f"{folder} holds files already: choose another directory with -o, or overwrite with --force")
+    return folder
+
+
+def _numbered(path: Path) -> Iterator[Path]:
+    """Yield a path NAME and then NAME-2, NAME-3 and so on, with its ending."""
+    return (path if number == 1 else path.with_stem(f"{path.stem}-{number}") for number in count(1))
+
+
+def _taken(path: Path) -> bool:
+    """Tell whether a path exists, or the folder of its figures."""
+    return path.exists() or path.with_suffix("").exists()
+
+
+def _ensure_writable(path: Path) -> None:
+    """Raise InputError if the first existing folder above a path is read-only."""
+    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    if folder.is_dir() and not os.access(folder, os.W_OK):
+        raise InputError(f"{path} cannot be written: {folder.resolve()} is read-only; choose another place with -o")

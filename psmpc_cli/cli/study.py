@@ -1,117 +1,271 @@
-"""What the commands of studies share: refused options, progress, signals, tables and figures."""
+"""Many runs of a task: `psmpc compare`, `sweep-weights`, `monte-carlo` and `pareto`."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from psmpc_cli.errors import InputError
+from psmpc_cli.cli.options import (
+    TASK,
+    Changes,
+    Dask,
+    Figures,
+    Force,
+    Jobs,
+    Quiet,
+    Resume,
+    output_file,
+    output_option,
+)
+from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
-    from psmpc_cli.studies.runner import Progress, Watch
+    from psmpc_cli.logs.results import Results
+    from psmpc_cli.specs.load import Task
+    from psmpc_cli.studies.runner import Study
+    from psmpc_cli.studies.weights import Sampling
 
-T = TypeVar("T")
+PREPARED = ("log.plans=true", "log.shares=false")
+"""Changes of a task whose windows are studied: the log holds the windows, and no more than is needed."""
+
+Stages = Annotated[str, typer.Option(metavar="A,B", help="The two stages in a row that vary, by number or name.")]
+
+MOST_RUNS = 100_000
+"""Largest number of runs of a Monte Carlo study."""
 
 
-def refuse_what_stands(path: Path, force: bool, figures: bool) -> None:
-    """Refuse to write over an earlier study or its figures.
+def compare(
+    task: Annotated[str, typer.Argument(help=TASK)],
+    controllers: Annotated[
+        str, typer.Option(metavar="KIND,...", help="Of psmpc, smpc, htmpc, hard; differences are to the first.")
+    ] = "psmpc,smpc,htmpc,hard",
+    output: Annotated[Path | None, output_option("runs/<task>-comparison.h5", what="File of all logs.")] = None,
+    force: Force = False,
+    changes: Changes = None,
+    jobs: Jobs = None,
+    figures: Figures = True,
+    quiet: Quiet = False,
+) -> None:
+    """Run several controllers on the identical task: one table, one file of logs, and figures side by side."""
+    from psmpc_cli.cli.progress import ParallelRuns, ending_on_signals
+    from psmpc_cli.cli.tables import print_comparison
+    from psmpc_cli.logs.run import read_comparison
+    from psmpc_cli.ocp.feasibility import ensure_feasible
+    from psmpc_cli.studies.compare import compare_tasks, compared_tasks, controllers_in
+
+    tasks = compared_tasks(task, controllers_in(controllers), changes or [])
+    first = next(iter(tasks.values()))
+    ensure_feasible(first)
+    path = output_file(output, f"{first.spec.name}-comparison", force, figures)
+    with ending_on_signals("no comparison was written"), ParallelRuns(quiet).shown() as runs:
+        compare_tasks(tasks, path, force, jobs, runs.began, runs.done)
+    _present(path, "comparison", read_comparison(path), partial(print_comparison, path=path), figures, force, quiet)
+
+
+def sweep_weights(
+    grid: Annotated[
+        str | None, typer.Argument(help="Points of omega_1 by omega_2, such as 25x25; or a number of ratios: 49.")
+    ] = None,
+    task: Annotated[
+        str | None, typer.Argument(help="Task, before or after the grid. Default: approach_capture.")
+    ] = None,
+    stages: Stages = "1,2",
+    bounds: Annotated[str, typer.Option("--range", metavar="LOW:HIGH", help="Range of both priorities.")] = "1e-3:1e3",
+    epsilon: Annotated[
+        str | None, typer.Option(metavar="E,...", help="Thresholds of the actual start. Default: onset.series.")
+    ] = None,
+    sampling: Annotated[
+        str | None, typer.Option(metavar="random:N", help="N random draws from the range instead of a grid.")
+    ] = None,
+    output: Annotated[Path | None, output_option("runs/<task>-sweep.h5")] = None,
+    every_cell: Annotated[bool, typer.Option("--every-cell", help="Run cells of equal ratio separately.")] = False,
+    resume: Resume = False,
+    force: Force = False,
+    changes: Changes = None,
+    jobs: Jobs = None,
+    dask: Dask = None,
+    figures: Figures = True,
+    quiet: Quiet = False,
+) -> None:
+    """Run the closed loop under many pairs of priorities: how they decide the actual start. Paper Fig. 6."""
+    from psmpc_cli.cli.tables import print_sweep
+    from psmpc_cli.studies.sweep import weight_study
+    from psmpc_cli.studies.weights import parse_stages, sweep_cells
+
+    loaded, cells = _sweep(grid, task, bounds, epsilon, sampling, changes or [])
+    study = weight_study(loaded, parse_stages(stages, loaded), cells, every_cell)
+    path, results = _run_study(study, output, f"{loaded.spec.name}-sweep", force, resume, jobs, dask, figures, quiet)
+    _present(path, "sweep", sweep_cells(results), print_sweep, figures, force or resume, quiet)
+
+
+def _sweep(
+    grid: str | None, task: str | None, bounds: str, epsilon: str | None, sampling: str | None, changes: list[str]
+) -> "tuple[Task, Sampling]":
+    """Return the task and the cells of a sweep; grid and task may be in either order.
 
     Raises:
-        InputError: There is one.
+        InputError: There is no sampling, or more than one.
+        SpecError: The task is not valid.
     """
-    from psmpc_cli.cli.outputs import refuse_old_figures
-    from psmpc_cli.figures.registry import default_directory
-    from psmpc_cli.logs.files import check_output
+    from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task
+    from psmpc_cli.studies.weights import grid_sampling, is_grid, parse_epsilons, parse_range, random_sampling
 
-    check_output(path, force)
-    if figures:
-        refuse_old_figures(default_directory(path), force)
+    if grid is not None and not is_grid(grid):
+        grid, task = task, grid
+    epsilons = parse_epsilons(epsilon) if epsilon is not None else ()
+    loaded = load_sweep_task(task or DEFAULT_TASK, tuple(changes), epsilons)
+    if (grid is None) == (sampling is None):
+        found = "neither a grid nor --sampling" if grid is None else "both a grid and --sampling"
+        raise InputError(f"found {found}, expected one: 25x25, a number of ratios such as 49, or --sampling random:100")
+    limits = parse_range(bounds)
+    if sampling is not None:
+        return loaded, random_sampling(sampling, limits, loaded.spec.seed)
+    return loaded, grid_sampling(str(grid), limits)
 
 
-def refuse_both(resume: bool, force: bool, jobs: int | None, dask: str | None) -> None:
-    """Refuse --resume with --force, and --jobs with --dask.
+def monte_carlo(
+    task: Annotated[str, typer.Argument(help="Task file or built-in task, with an uncertainty.")],
+    runs: Annotated[int, typer.Option(min=1, max=MOST_RUNS, metavar="N", help="Runs, each with its own seed.")],
+    output: Annotated[Path | None, output_option("runs/<task>-monte-carlo.h5")] = None,
+    resume: Resume = False,
+    force: Force = False,
+    changes: Changes = None,
+    jobs: Jobs = None,
+    dask: Dask = None,
+    figures: Figures = True,
+    quiet: Quiet = False,
+) -> None:
+    """Run a task many times, each with another seed for its uncertainty: how often it succeeds, and how runs spread."""
+    from psmpc_cli.cli.tables import print_monte_carlo
+    from psmpc_cli.studies.monte_carlo import MonteCarloRuns, monte_carlo_study
+
+    study = monte_carlo_study(task, runs, tuple(changes or ()))
+    default = f"{study.task.spec.name}-monte-carlo"
+    path, results = _run_study(study, output, default, force, resume, jobs, dask, figures, quiet, "failed")
+    _present(path, "monte_carlo", MonteCarloRuns(results), print_monte_carlo, figures, force or resume, quiet)
+
+
+def _run_study(
+    study: "Study",
+    output: Path | None,
+    default: str,
+    force: bool,
+    resume: bool,
+    jobs: int | None,
+    dask: str | None,
+    figures: bool,
+    quiet: bool,
+    failed: str = "cells failed",
+) -> "tuple[Path, Results]":
+    """Run a study into its file, with its progress; a signal ends it, and the file keeps what was done.
 
     Raises:
-        InputError: Both are given.
+        InputError: Options exclude each other, or the file is not to be overwritten.
+        SpecError: The task cannot be done.
     """
+    from psmpc_cli.cli.progress import ending_on_signals, watched_study
+    from psmpc_cli.ocp.feasibility import ensure_feasible
+    from psmpc_cli.studies.runner import run_study
+
     if resume and force:
         raise InputError("found both --resume and --force, expected at most one of them")
     if jobs is not None and dask is not None:
         raise InputError("found both --jobs and --dask, expected at most one: a cluster has as many workers as it has")
+    ensure_feasible(study.task)
+    path = output_file(output, default, force, figures, resume)
+    with (
+        ending_on_signals(f"{path} holds what was done: continue with --resume"),
+        watched_study(quiet, failed) as watch,
+    ):
+        return path, run_study(study, path, jobs, dask, force, resume, watch)
 
 
-@contextmanager
-def resumable(path: Path) -> Iterator[None]:
-    """Let a signal end what fills in a file; what there is stays."""
-    from psmpc_cli.cli.termination import stopping_on_signals
-
-    with stopping_on_signals() as interruption:
-        try:
-            yield
-        except KeyboardInterrupt as reason:
-            typer.echo(f"psmpc: {reason}; {path} holds what was done: go on with --resume", err=True)
-            raise typer.Exit(interruption.exit_code) from None
-
-
-@contextmanager
-def watching_study(quiet: bool, failed: str = "cells failed") -> "Iterator[Watch]":
-    """Show how far a study has come: a bar with the estimated end on a terminal, a line for every run elsewhere.
-
-    Args:
-        quiet: Show nothing.
-        failed: Follows the number of cells that failed.
-    """
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True)
-    if quiet:
-        yield lambda progress: None
-    elif not console.is_terminal:
-        yield lambda progress: typer.echo(
-            f"{progress.ended} of {progress.runs} runs{_outlook(progress, failed)}", err=True
-        )
-    else:
-        columns = (
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("runs"),
-            TimeElapsedColumn(),
-            TextColumn("{task.description}"),
-        )
-        with Progress(*columns, console=console, transient=True) as bar:
-            task = bar.add_task("")
-            yield lambda progress: bar.update(
-                task, total=progress.runs, completed=progress.ended, description=_outlook(progress, failed)
-            )
-
-
-def _outlook(progress: "Progress", failed: str) -> str:
-    failures = f", {progress.failed} {failed}" if progress.failed else ""
-    if not 0 < progress.ended < progress.runs:
-        return failures
-    left = progress.elapsed / progress.ended * (progress.runs - progress.ended)
-    return f"{failures}, about {left // 60:.0f} min {left % 60:.0f} s left"
-
-
-def present(
-    path: Path,
-    results: T,
-    table: Callable[[T], None],
-    draw: Callable[..., list[Path]],
-    figures: bool,
-    force: bool,
-    quiet: bool,
+def _present(
+    path: Path, kind: str, results: Any, table: Callable[[Any], None], figures: bool, force: bool, quiet: bool
 ) -> None:
     """Print the table of a study's results and draw their figures beside its file."""
-    from psmpc_cli.figures.registry import default_directory
+    from psmpc_cli.figures.registry import default_directory, draw
 
     if not quiet:
         table(results)
     if figures:
         directory = default_directory(path)
-        drawn = draw(results, directory, force=force)
+        drawn = draw(kind, results, directory, force=force)
         if not quiet:
             typer.echo(f"{len(drawn)} figures in {directory}")
+
+
+def pareto(
+    task: Annotated[
+        str, typer.Argument(help="Task file, the name of a built-in task, or the log of a run with its plans.")
+    ] = "approach_capture",
+    stages: Stages = "1,2",
+    at: Annotated[
+        str | None, typer.Option(metavar="T,...", help="Samples [s]. Default: five, from detection to the switch.")
+    ] = None,
+    points: Annotated[int, typer.Option(metavar="N", help="Points of each front, by each method.")] = 25,
+    method: Annotated[
+        str, typer.Option(metavar="weighted-sum|epsilon-constraint|both", help="How the points are found.")
+    ] = "both",
+    free_instant: Annotated[bool, typer.Option("--free-instant", help="The instant is a third criterion.")] = False,
+    output: Annotated[Path | None, output_option("runs/<task>-pareto.h5")] = None,
+    log: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep the log of the closed loop here.")] = None,
+    force: Force = False,
+    changes: Changes = None,
+    jobs: Jobs = None,
+    figures: Figures = True,
+    quiet: Quiet = False,
+) -> None:
+    """Compute what two stages cost at each other's expense: Pareto fronts at several samples of a run. Paper Fig. 7."""
+    from psmpc_cli.cli.progress import ending_on_signals
+    from psmpc_cli.cli.tables import print_fronts
+    from psmpc_cli.ocp.feasibility import ensure_feasible
+    from psmpc_cli.specs.load import load_task
+    from psmpc_cli.studies.fronts import read_pareto
+    from psmpc_cli.studies.pareto import Question, ensure_answerable, is_log, parse_times, solve_pareto
+    from psmpc_cli.studies.weights import parse_stages
+
+    question = Question(stages, parse_times(at), points, method, free_instant)
+    ensure_answerable(question)
+    loaded = None if is_log(task) else load_task(task, [*(changes or []), *PREPARED])
+    if loaded is not None:
+        parse_stages(stages, loaded)
+        ensure_feasible(loaded)
+    elif changes or log is not None:
+        raise InputError(f"{task} is the log of a run: it is studied as it ran, without --set and --log")
+    path = output_file(output, f"{loaded.spec.name if loaded else Path(task).stem}-pareto", force, figures)
+    if log is not None:
+        output_file(log, "", force, figures=False)
+
+    def done(instant: float, ended: int, count: int) -> None:
+        if not quiet:
+            typer.echo(f"front at {instant:.1f} s done, {ended} of {count}", err=True)
+
+    with TemporaryDirectory(prefix="psmpc-pareto-") as folder:
+        run = Path(task) if loaded is None else log or Path(folder) / "run.h5"
+        if loaded is not None:
+            _run_closed_loop(loaded, run, quiet)
+        with ending_on_signals("no results were written"):
+            solve_pareto(run, question, path, jobs, force, done)
+    _present(path, "pareto", read_pareto(path), print_fronts, figures, force, quiet)
+
+
+def _run_closed_loop(task: "Task", path: Path, quiet: bool) -> None:
+    """Run a task into a log with its progress; a signal ends the command.
+
+    Raises:
+        RunError: The closed loop could not go on.
+    """
+    from psmpc_cli.cli.progress import watched_run
+    from psmpc_cli.simulation.run import simulate
+
+    with watched_run(quiet) as (watch, interruption):
+        run = simulate(task, path, watch, force=True)
+    if run.interrupted:
+        typer.echo(f"psmpc: {run.attributes['end_reason']}; no results were written", err=True)
+        raise typer.Exit(interruption.exit_code)
+    if run.attributes["stuck"]:
+        raise RunError(f"the closed loop could not go on: {run.attributes['end_reason']}")

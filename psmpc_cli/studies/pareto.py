@@ -141,7 +141,7 @@ def solve_pareto(
     stages = _stages(question, loaded)
     names = [log.stage_names[stage] for stage in stages]
     grid = _grid(question)
-    tasks = [SampleTask(run, sample, grid) for sample in choose_samples(log, stages, question.at)]
+    tasks = [SampleTask(run.absolute(), sample, grid) for sample in choose_samples(log, stages, question.at)]
     found: dict[int, SampleFronts] = {}
     for index, fronts in compute(solve_sample, tasks, jobs):
         if fronts is None:

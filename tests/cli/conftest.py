@@ -1,5 +1,6 @@
-"""The command line, and a log to start from, for every command's tests."""
+"""The command line, a small task and logs of it, for every command's tests."""
 
+import shutil
 import sys
 from pathlib import Path
 
@@ -8,13 +9,15 @@ import pytest
 from psmpc_cli.cli.main import main
 
 from ..simulation.logged import there_and_back
+from ..there_and_back import TASK
 from .command import Psmpc, Ran
 
 
 @pytest.fixture
 def psmpc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Psmpc:
-    """The command line in this process, in a folder of the test's own."""
+    """The command line in this process, in a folder of the test's own that holds task.yaml."""
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "task.yaml").write_text(TASK)
 
     def run(*arguments: str) -> Ran:
         monkeypatch.setattr(sys, "argv", ["psmpc", *arguments])
@@ -26,7 +29,22 @@ def psmpc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
     return run
 
 
+@pytest.fixture(scope="session")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the logs of a run that ended and of one that was interrupted after six samples."""
+    folder = tmp_path_factory.mktemp("logs")
+    there_and_back(folder, name="ended")
+    there_and_back(folder, samples=6, name="part")
+    return folder
+
+
 @pytest.fixture
-def part(tmp_path: Path) -> Path:
-    """The log of a run that was interrupted after six samples."""
-    return there_and_back(tmp_path, samples=6, name="part").path
+def ended(logs: Path, tmp_path: Path) -> Path:
+    """The log of a run, in the folder of the test."""
+    return Path(shutil.copy(logs / "ended.h5", tmp_path))
+
+
+@pytest.fixture
+def part(logs: Path, tmp_path: Path) -> Path:
+    """The log of a run that was interrupted after six samples, in the folder of the test."""
+    return Path(shutil.copy(logs / "part.h5", tmp_path))

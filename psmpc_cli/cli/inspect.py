@@ -1,0 +1,129 @@
+"""What a task or robot amounts to and what this machine can do: `psmpc check`, `init`, `schema` and `bench`."""
+
+import json
+from dataclasses import replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from psmpc_cli.cli.options import TASK, Changes, Force, Quiet
+from psmpc_cli.errors import InputError, PsmpcError, SpecError
+
+
+def check(
+    files: Annotated[list[str], typer.Argument(help="Robots or tasks: YAML files or built-in names.")],
+    changes: Changes = None,
+    gradients: Annotated[bool, typer.Option("--gradients", help="Audit the gradients of the switch times.")] = False,
+    figure: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the scenario (png, pdf, svg).")] = None,
+    force: Force = False,
+) -> None:
+    """Report every problem of robots and tasks by file, line and column; print valid ones as a table."""
+    problems, agree = [], True
+    for reference in files:
+        try:
+            agree &= _check_one(reference, changes or [], gradients)
+            if figure is not None:
+                _draw_scenario(reference, changes or [], figure, force)
+        except PsmpcError as error:
+            problems.append(str(error))
+    if problems:
+        raise SpecError("\n".join(problems))
+    if not agree:
+        raise typer.Exit(1)
+
+
+def _check_one(reference: str, changes: list[str], gradients: bool) -> bool:
+    """Print the table of one robot or task and the audit of its gradients; tell whether those agree.
+
+    Raises:
+        SpecError: It is not valid.
+    """
+    from psmpc_cli.cli.task_tables import print_gradients, print_robot, print_task
+    from psmpc_cli.ocp.feasibility import look_ahead, remarks, review
+    from psmpc_cli.specs.load import kind_of_reference, load_robot, load_task
+
+    if kind_of_reference(reference) == "robot":
+        print_robot(load_robot(reference).spec)
+        return True
+    task = load_task(reference, changes)
+    outlooks = look_ahead(task)
+    if problems := review(task, outlooks):
+        raise SpecError(task.source.report(problems))
+    print_task(task, outlooks)
+    if doubtful := remarks(task, outlooks):
+        typer.echo(f"probably not meant:\n{task.source.report(doubtful)}\n")
+    return not gradients or print_gradients(task)
+
+
+def _draw_scenario(reference: str, changes: list[str], figure: Path, force: bool) -> None:
+    """Draw the scenario of a task; InputError if it is a robot, or if the file cannot be written."""
+    from psmpc_cli.figures.registry import draw_file
+    from psmpc_cli.specs.load import kind_of_reference, load_task
+
+    if kind_of_reference(reference) == "robot":
+        raise InputError(f"--figure draws the scenario of a task, found the robot {reference}")
+    typer.echo(f"scenario: {draw_file('scenario', load_task(reference, changes), figure, force)}")
+
+
+def init(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Where; made if necessary.", show_default=False)],
+    force: Force = False,
+) -> None:
+    """Copy the built-in robots and tasks, to edit them."""
+    from psmpc_cli.specs.library import write_starter
+
+    for path in write_starter(directory, overwrite=force):
+        typer.echo(str(path))
+
+
+class Kind(StrEnum):
+    """The kinds of description."""
+
+    robot = "robot"
+    task = "task"
+
+
+def schema(
+    kind: Annotated[Kind | None, typer.Argument(help="One kind. Default: both, by kind.", show_default=False)] = None,
+) -> None:
+    """Print the JSON Schema of robot and task descriptions, for editors."""
+    from psmpc_cli.specs.library import json_schema, json_schemas
+
+    typer.echo(json.dumps(json_schemas() if kind is None else json_schema(kind.value), indent=2))
+
+
+def bench(
+    task: Annotated[str, typer.Argument(help=TASK)] = "transport",
+    nodes: Annotated[str | None, typer.Option(metavar="N,...", help="Default: 25,50,100,200,auto.")] = None,
+    solvers: Annotated[
+        str, typer.Option(metavar="NAME,...", help="Back-ends; piqp is sqp without compiled code.")
+    ] = "sqp,piqp,fatrop,ipopt",
+    repeat: Annotated[int | None, typer.Option(min=1, metavar="N", help="Solves of each window. Default: 3.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Less than a minute: few windows, coarse meshes.")] = False,
+    changes: Changes = None,
+    quiet: Quiet = False,
+) -> None:
+    """Time the solves of windows recorded from real runs: every back-end, warm and cold, against CasADi with IPOPT."""
+    import os
+
+    os.environ["OMP_NUM_THREADS"] = "1"  # one thread of linear algebra; it has an effect only before NumPy is loaded
+    from psmpc_cli.cli.progress import ending_on_signals
+    from psmpc_cli.cli.tables import print_table
+    from psmpc_cli.studies import bench as study
+
+    choices = study.QUICK if quick else study.Choices()
+    choices = choices if nodes is None else replace(choices, nodes=study.parse_nodes(nodes))
+    choices = choices if repeat is None else replace(choices, repeat=repeat)
+    choices = replace(choices, solvers=study.parse_solvers(solvers))
+    tasks = study.load_bench(task, changes or [], choices)
+
+    def echo(line: str) -> None:
+        if not quiet:
+            typer.echo(line, err=True)
+
+    with ending_on_signals("no table was made", at_once=False) as interruption:
+        found = study.run_bench(tasks, choices, echo, interruption.check)
+    print_table(study.HEADINGS, list(study.bench_rows(found)), left=3)
+    typer.echo(f"{study.NOTE}\n\n{study.describe_machine(found)}")

@@ -1,0 +1,362 @@
+"""One run and its log: `psmpc simulate`, `rerun`, `replay`, `verify`, `show` and `plot`."""
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from psmpc_cli.cli.options import (
+    TASK,
+    Changes,
+    Controller,
+    Figures,
+    Force,
+    Plant,
+    Quiet,
+    output_file,
+    output_option,
+    shorthands,
+)
+from psmpc_cli.errors import InputError, LogError, RunError
+
+if TYPE_CHECKING:
+    from psmpc_cli.logs.run import Run
+    from psmpc_cli.logs.schema import Sample
+    from psmpc_cli.simulation.replay import Replay
+    from psmpc_cli.simulation.verify import Peaks
+    from psmpc_cli.specs.overrides import Change
+
+    Watch = Callable[[Sample], None]
+
+Log = Annotated[Path, typer.Argument(help="The log of a run.")]
+AnyFile = Annotated[Path, typer.Argument(help="A log, or results of any study.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every event and all that was measured.")]
+Render = Annotated[bool, typer.Option("--render", help="Film the run with MuJoCo's renderer (psmpc[mujoco]).")]
+
+EQUAL = 1e-6
+"""Largest difference up to which a replayed solve counts as equal."""
+
+
+def simulate(
+    task: Annotated[str | None, typer.Argument(help=TASK, show_default=False)] = None,
+    output: Annotated[Path | None, output_option("runs/<task>.h5", what="Log file.")] = None,
+    force: Force = False,
+    changes: Changes = None,
+    controller: Controller = None,
+    plant: Plant = None,
+    figures: Figures = True,
+    render: Render = False,
+    unfinished: Annotated[
+        Path | None, typer.Option("--continue", metavar="LOG", help="Finish an unfinished run, by repeating it.")
+    ] = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Run a task in closed loop and write its log and figures."""
+    from psmpc_cli.cli.progress import watched_run
+    from psmpc_cli.cli.tables import print_summary
+    from psmpc_cli.figures.animation import offscreen_driver
+    from psmpc_cli.logs.run import read_run
+
+    if quiet and verbose:
+        raise InputError("found both --quiet and --verbose, expected at most one of them")
+    if verbose:
+        logging.getLogger("psmpc_cli").setLevel(logging.INFO)
+    overrides = [*(changes or []), *shorthands(controller, plant)]
+    drawing = figures or render
+    if unfinished is not None:
+        if task or overrides:
+            raise InputError(
+                "--continue repeats the task in the log: expected no task, --set, --controller or --plant beside it"
+            )
+        path = unfinished if output is None else output_file(output, "", force, drawing)
+        run = _continuation(unfinished, output)
+    elif task is not None:
+        path, run = _new_run(task, overrides, output, (controller, plant), force, drawing)
+    else:
+        raise InputError("found no task: expected a task file, a built-in name such as transport, or --continue LOG")
+    if render:
+        offscreen_driver()
+    with watched_run(quiet) as (watch, interruption):
+        run(watch)
+    log = read_run(path)
+    if not quiet:
+        print_summary(log, verbose)
+    if drawing and len(log.time):
+        _draw(log, force or path == unfinished, quiet, figures, render)
+    if log.interrupted:
+        raise typer.Exit(interruption.exit_code)
+    if log.attributes["stuck"]:
+        raise _stuck(log)
+
+
+def _new_run(
+    task: str,
+    overrides: "Sequence[Change]",
+    output: Path | None,
+    variants: Sequence[str | None],
+    force: bool,
+    figures: bool,
+) -> "tuple[Path, Callable[[Watch], object]]":
+    """Check a task and the place of its log; return the log's path and the function that runs the task."""
+    from psmpc_cli.ocp.feasibility import ensure_feasible
+    from psmpc_cli.simulation.run import simulate as run
+    from psmpc_cli.specs.load import load_task
+
+    loaded = load_task(task, overrides)
+    ensure_feasible(loaded)
+    name = "-".join([loaded.spec.name, *(variant for variant in variants if variant is not None)])
+    path = output_file(output, name, force, figures)
+    return path, lambda watch: run(loaded, path, watch, force)
+
+
+def _continuation(path: Path, output: Path | None) -> "Callable[[Watch], object]":
+    """Return the function that finishes an unfinished run, by running it again from its beginning."""
+    from psmpc_cli.cli.tables import print_differences
+    from psmpc_cli.logs.run import read_run
+    from psmpc_cli.simulation.run import continue_run, ensure_unfinished, unequal_conditions
+
+    log = read_run(path)
+    ensure_unfinished(log)
+
+    def run(watch: "Watch") -> None:
+        comparison = continue_run(log, output, watch)
+        if comparison is None or not comparison.differences:
+            return
+        print_differences(comparison, unequal_conditions(log))
+        if output is None:
+            typer.echo(
+                f"{path} was not continued and is unchanged, since its run differs from it when it is repeated; "
+                "with -o FILE the whole run goes to another file",
+                err=True,
+            )
+            raise typer.Exit(1)
+
+    return run
+
+
+def _draw(log: "Run", force: bool, quiet: bool, figures: bool, render: bool) -> None:
+    """Draw every figure of a log, film it, or both."""
+    from psmpc_cli.figures.registry import default_directory, draw
+
+    directory, films = default_directory(log.path), ("render",) if render else ()
+    drawn = draw("run", log, directory, only=None if figures else (), force=force, films=films)
+    if not quiet:
+        typer.echo(f"{len(drawn)} figures in {directory}" if figures else f"film in {directory}")
+
+
+def _stuck(log: "Run") -> RunError:
+    """Build the error of a run that could not go on, with what the last solve's outcome advises."""
+    from psmpc_cli.solvers import Outcome
+
+    outcomes = [Outcome[str(status).upper()] for status in log["solver/status"][-1:]]
+    advice = "".join(f" ({outcome.value})" for outcome in outcomes if not outcome.usable)
+    return RunError(f"{log.attributes['end_reason']}{advice}; {log.path} holds the run up to then")
+
+
+def rerun(
+    log: Log,
+    output: Annotated[Path | None, output_option("none", what="Keep the new log.")] = None,
+    force: Force = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit code 1 if anything differs.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Repeat a run from its log and compare every dataset but the wall times."""
+    from psmpc_cli.cli.progress import watched_run
+    from psmpc_cli.cli.tables import print_differences
+    from psmpc_cli.logs.run import read_run
+    from psmpc_cli.simulation.run import rerun as repeat
+    from psmpc_cli.simulation.run import unequal_conditions
+
+    loaded = read_run(log)
+    with TemporaryDirectory(prefix="psmpc-") as folder, watched_run(quiet) as (watch, interruption):
+        path = Path(folder) / "again.h5" if output is None else output_file(output, "", force, figures=False)
+        comparison = repeat(loaded, path, force, watch)
+    if comparison is None:
+        raise typer.Exit(interruption.exit_code)
+    if not comparison.differences:
+        typer.echo(f"equal: all {comparison.compared} datasets but the wall times")
+        return
+    print_differences(comparison, unequal_conditions(loaded))
+    if strict:
+        raise typer.Exit(1)
+
+
+def replay(
+    log: Log,
+    step: Annotated[int, typer.Option("--step", metavar="K", help="Number of the sample, from 0.")],
+    solver: Annotated[str | None, typer.Option(metavar="sqp|fatrop|ipopt", help="Default: that of the run.")] = None,
+) -> None:
+    """Solve one horizon of a run again, from its log alone, and compare it with what was logged."""
+    from psmpc_cli.cli.tables import print_table
+    from psmpc_cli.logs.run import read_run
+    from psmpc_cli.simulation.replay import replay as solve_again
+
+    run = read_run(log)
+    found = solve_again(run, step, solver)
+    window = found.logged.window
+    stages = ", ".join(stage.name for stage in window.stages)
+    kind = found.experiment.task.solver.kind
+    typer.echo(f"sample {step} of {len(run.time)}, {window.start:.2f} s: window of {stages}; solver {kind}")
+    for remark in found.remarks:
+        typer.echo(f"note: {remark}")
+    typer.echo("\n".join(found.iterations))
+    if found.largest_priority != 1:
+        typer.echo(f"objective in the lines above: J over the largest priority, {found.largest_priority:g}")
+    rows = [(each.name, f"{each.logged:.9g}", f"{each.again:.9g}", f"{each.difference:.1e}") for each in found.compared]
+    rows.append(("largest of a control in the plan", "", "", f"{found.apart:.1e}"))
+    print_table(("", "logged", "again", "difference"), rows, left=1)
+    typer.echo(_agreement(found, int(run["solver/iterations"][step])))
+
+
+def _agreement(found: "Replay", iterations: int) -> str:
+    """Write how a solve and its repetition ended, and whether they agree."""
+    before, after = found.logged.outcome, found.solution.outcome
+    ended = f"{before.name.lower()} after {iterations} iterations"
+    again = f"{after.name.lower()} after {found.solution.iterations}"
+    why = "" if found.same_solver else ", by another solver"
+    if found.largest <= EQUAL:
+        return f"the log is repeated to {EQUAL:g}{why}: {ended}, again {again}"
+    return f"differs from the log by up to {found.largest:.1e}{why}: {ended}, again {again}"
+
+
+def verify(
+    log: Log,
+    every: Annotated[int, typer.Option(metavar="N", min=1, help="Integrate every N-th horizon only.")] = 1,
+) -> None:
+    """Integrate the full dynamics along every plan of a log and along its closed loop, with an adaptive integrator."""
+    import time
+
+    from psmpc_cli.logs.run import read_run
+    from psmpc_cli.simulation.verify import verify as integrate
+
+    began = time.perf_counter()
+    found = integrate(read_run(log), every)
+    typer.echo(f"{found.count} horizons, the low-level law acting at every instant")
+    if found.count:
+        _print_peaks(found.horizons)
+    if found.samples:
+        typer.echo(f"\nclosed loop, {found.samples} samples, each from its logged state, the force held over a tick")
+        _print_peaks(found.loop)
+    for remark in found.remarks:
+        typer.echo(f"note: {remark}")
+    typer.echo(f"integrated in {time.perf_counter() - began:.1f} s")
+
+
+def _print_peaks(peaks: "Peaks") -> None:
+    """Print the largest deviations of the integrated motion."""
+    from psmpc_cli.cli.tables import print_table
+    from psmpc_cli.simulation.verify import QUANTITIES
+
+    rows = []
+    for quantity, name in QUANTITIES.items():
+        if (peak := peaks.get(quantity)) is None:
+            continue
+        value = f"{peak.value:.6f}" if quantity == "end condition" else f"{peak.value:.1e}" if peak.value else "0"
+        where = (peak.where, f"{peak.time:.3f}") if peak.value else ("", "")
+        rows.append((name, value, *where, str(peak.sample)))
+    print_table(("", "largest", "of", "at [s]", "sample"), rows, left=1)
+
+
+def show(
+    log: AnyFile,
+    csv: Annotated[Path | None, typer.Option(metavar="DIR", help="Export a log's tables as CSV files.")] = None,
+    force: Force = False,
+    verbose: Verbose = False,
+) -> None:
+    """Print the summary of a log, or the table of a comparison or a study, again, or export tables of logs."""
+    from psmpc_cli.cli import tables
+    from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
+
+    kind, found = _read(log)
+    if csv is not None:
+        if kind not in (RUN, COMPARISON):
+            raise InputError(
+                f"--csv: {log} holds a {kind}, expected logs; other programs open its file, such as xarray"
+            )
+        for name, run in ({"": found} if kind == RUN else found).items():
+            for path in run.to_csv(csv / name, force):
+                typer.echo(str(path))
+        return
+    printers: Mapping[str, Callable[[Any], None]] = {
+        RUN: partial(tables.print_summary, verbose=verbose),
+        COMPARISON: partial(tables.print_comparison, path=log),
+        SWEEP: tables.print_sweep,
+        PARETO: tables.print_fronts,
+        MONTE_CARLO: tables.print_monte_carlo,
+    }
+    printers[kind](found)
+
+
+def plot(
+    log: AnyFile,
+    output: Annotated[Path | None, output_option("beside the log", "DIR", "Directory of the figures.")] = None,
+    formats: Annotated[
+        list[str] | None, typer.Option("--format", metavar="png|pdf|svg", help="Repeatable. Default: png.")
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="One of the figures below; repeatable.")
+    ] = None,
+    animate: Annotated[
+        bool, typer.Option("--animate", help="Add a GIF of the robot moving, an MP4 with ffmpeg.")
+    ] = False,
+    render: Render = False,
+    run: Annotated[str | None, typer.Option(metavar="NAME", help="Draw this run of a comparison.")] = None,
+    force: Force = False,
+) -> None:
+    """Draw the figures of a log, or of the results of any study.
+
+    Figures of a log: states, velocities, controls, forces, errors, instants, shares, snapshots, solve_time. Of a
+    comparison: states, instants, shares, snapshots. Of a Pareto study: front, front_3d. Of a sweep: surface, heat_map
+    (of random draws: draws), starts, sensitivity. Of a Monte Carlo study: success, runs.
+    """
+    from psmpc_cli.figures.animation import mp4_possible
+    from psmpc_cli.figures.registry import default_directory, draw
+    from psmpc_cli.logs.schema import COMPARISON, RUN
+
+    kind, subject = _read(log)
+    directory = output or default_directory(log)
+    films = [name for name, chosen in (("animation", animate), ("render", render)) if chosen]
+    if run is not None:
+        if kind != COMPARISON or run not in subject:
+            runs = f"one of {', '.join(subject)}" if kind == COMPARISON else f"a comparison, and this file is a {kind}"
+            raise InputError(f"--run: found no run '{run}' in {log}, expected {runs}")
+        kind, subject, directory = RUN, subject[run], output or directory / run
+    if films and kind != RUN:
+        instead = "but a run of it is: choose one with --run" if kind == COMPARISON else "but the log of a run is"
+        raise InputError(f"--{'animate' if animate else 'render'}: a {kind} is not animated, {instead}")
+    for path in draw(kind.replace("-", "_"), subject, directory, formats or ("png",), only or None, force, films):
+        typer.echo(str(path))
+    if films and not mp4_possible():
+        typer.echo("psmpc: no MP4 was written: found no ffmpeg on the PATH", err=True)
+
+
+def _read(path: Path) -> tuple[str, Any]:
+    """Read a file written by psmpc; return its kind and content.
+
+    Raises:
+        LogError: The file is missing, damaged or of another program.
+    """
+    from psmpc_cli.logs.files import kind_of
+    from psmpc_cli.logs.results import read_results
+    from psmpc_cli.logs.run import read_comparison, read_run
+    from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
+    from psmpc_cli.studies.fronts import read_pareto
+    from psmpc_cli.studies.monte_carlo import read_monte_carlo
+    from psmpc_cli.studies.weights import sweep_cells
+
+    readers: Mapping[str, Callable[[Path], Any]] = {
+        RUN: read_run,
+        COMPARISON: read_comparison,
+        SWEEP: lambda path: sweep_cells(read_results(path, SWEEP)),
+        PARETO: read_pareto,
+        MONTE_CARLO: read_monte_carlo,
+    }
+    kind = kind_of(path)
+    if kind not in readers:
+        raise LogError(f"{path}: found a {kind}, expected one of: {', '.join(readers)}")
+    return kind, readers[kind](path)

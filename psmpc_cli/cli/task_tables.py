@@ -1,0 +1,181 @@
+"""Robots and tasks as tables: what `psmpc check` prints."""
+
+from collections.abc import Iterator, Sequence
+from itertools import zip_longest
+from json import dumps
+from math import degrees, floor, isinf
+
+import typer
+
+from psmpc_cli.cli.tables import print_table
+from psmpc_cli.ocp.feasibility import Outlook
+from psmpc_cli.simulation.gradient_audit import AD_TOLERANCE, DIFFERENCE_TOLERANCE, audit_gradients
+from psmpc_cli.simulation.setup import build_experiment, converging
+from psmpc_cli.specs.coordinates import AXES, Space, labels, resolve_limits, target_axes
+from psmpc_cli.specs.document import plain
+from psmpc_cli.specs.fields import Spec
+from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.messages import counted
+from psmpc_cli.specs.priorities import ACCEPTABLE, weigh_stages
+from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.task import PrioritiesSpec, StageSpec
+
+Rows = list[Sequence[str]]
+
+
+def print_task(task: Task, outlooks: Sequence[Outlook]) -> None:
+    """Print a task: what runs it, and its stages part by part."""
+    spec, controller = task.spec, task.spec.controller
+    typer.echo(f"{spec.name}: {spec.description}" if spec.description else spec.name)
+    typer.echo(
+        f"robot {task.robot.name}; controller {controller.kind}, horizon {controller.horizon:g} s, "
+        f"{controller.nodes} nodes a stage, sample time {controller.sample_time:g} s; "
+        f"solver {spec.solver.kind}; plant {spec.plant.kind}"
+    )
+    if spec.priorities is not None:
+        typer.echo(_comparisons(spec.priorities, [stage.name for stage in spec.stages]))
+    if spec.uncertainty.in_force:
+        typer.echo(f"uncertain, seed {spec.seed}, known delay {spec.controller.known_delay}:")
+        typer.echo("\n".join(f"  {line}" for line in _changes(spec.uncertainty, "uncertainty")))
+    headings = ("stage", "part", "target", "ends within", "distance of reach", "not before")
+    print_table(headings, [row for outlook in outlooks for row in _stage(task, outlook)], left=len(headings))
+
+
+def print_robot(robot: RobotSpec) -> None:
+    """Print a robot: its bodies, and the limits of its coordinates."""
+    typer.echo(f"{robot.name}: {robot.description}" if robot.description else robot.name)
+    rows: Rows = [("base", "", f"{robot.base.mass:g}", f"{robot.base.inertia:g}", "")]
+    for name, arm in robot.arms.items():
+        mount = (name, f"at {arm.mount.position[0]:g}, {arm.mount.position[1]:g} m, {degrees(arm.mount.angle):g} deg")
+        links = ((f"{link.mass:g}", f"{link.inertia:g}", f"{link.a:g} + {link.b:g}") for link in arm.links)
+        rows += [(*(mount if i == 0 else ("", "")), *link) for i, link in enumerate(links)]
+    for headings, part in (
+        (("part", "mount", "mass [kg]", "inertia [kg m^2]", "a + b [m]"), rows),
+        (("coordinate", "position", "velocity", "acceleration"), _limits(robot)),
+    ):
+        print_table(headings, part, left=len(headings))
+        typer.echo()
+
+
+def _comparisons(priorities: PrioritiesSpec, stages: list[str]) -> str:
+    """Write the number of comparisons behind the priorities, and how consistent they are."""
+    found, count = weigh_stages(priorities, stages), len(priorities.compare)
+    if found.surplus > 0:
+        agreement = f"consistency ratio {found.ratio:.2g}, acceptable up to {ACCEPTABLE:g}"
+    else:
+        agreement = "as few as possible, so their consistency is not known"
+    return f"priorities from {counted(count, 'comparison', 'comparisons')}: {agreement}"
+
+
+def _stage(task: Task, outlook: Outlook) -> Rows:
+    """Build the rows of one stage, one for each part."""
+    spec = task.spec.stages[outlook.stage.index]
+    space = task.spec.skills[spec.skill].space
+    about = [spec.name, f"{spec.skill} ({space})", f"priority {spec.priority:g}"]
+    about += [f"follows {outlook.stage.trajectory.times[-1]:g} s"] if outlook.stage.trajectory else []
+    about += [f"at least {spec.dwell:g} s"] if spec.dwell else []
+    values, ends = _targets(task.robot, outlook, space), _ends(task.robot, outlook, spec, space)
+    parts = [(part, values[part], ends[part], _reach(outlook, part)) for part in task.robot.parts]
+    earliest = [f"{floor(outlook.earliest_end * 100) / 100:g} s"]
+    lines = zip_longest(about, parts, earliest)
+    return [(left or "", *(middle or ("",) * 4), right or "") for left, middle, right in lines]
+
+
+def _targets(robot: RobotSpec, outlook: Outlook, space: Space) -> dict[str, str]:
+    """Write the target of every part, of a trajectory its last row; angles in degrees."""
+    lengths: dict[str, list[str]] = {part: [] for part in robot.parts}
+    angles: dict[str, list[str]] = {part: [] for part in robot.parts}
+    numbers = [(part, axis) for part, axes in target_axes(robot.parts, space).items() for axis in axes]
+    for (part, axis), value in zip(numbers, outlook.stage.target, strict=True):
+        if axis in AXES[:2]:
+            lengths[part].append(f"{value:g}")
+        else:
+            angles[part].append(f"{degrees(value):.4g}")
+    to = "to " if outlook.stage.trajectory else ""
+    return {
+        part: to
+        + ", ".join(
+            f"{', '.join(found[part])} {unit}" for found, unit in ((lengths, "m"), (angles, "deg")) if found[part]
+        )
+        for part in robot.parts
+    }
+
+
+def _ends(robot: RobotSpec, outlook: Outlook, spec: StageSpec, space: Space) -> dict[str, str]:
+    """Write what ends a stage, by part: a fixed time, or the tolerances of its coordinates."""
+    if spec.at is not None:
+        return dict.fromkeys(robot.parts, "") | {"base": f"at {spec.at:g} s"}
+    names, found = labels(robot, space), {}
+    asked = dict(zip(outlook.stage.end_rows, outlook.stage.tolerance, strict=True))
+    for part in robot.parts:
+        rows = [row for row, label in enumerate(names) if label.rpartition(".")[0] == part]
+        numbers = [f"{asked[row]:g}" if row in asked else "-" for row in rows]
+        text = "" if set(numbers) == {"-"} else numbers[0] if len(set(numbers)) == 1 else ", ".join(numbers)
+        rest = spec.ends_when.velocity if spec.ends_when else None
+        found[part] = f"{text} ({rest:g}/s)" if text and rest is not None else text
+    return found
+
+
+def _reach(outlook: Outlook, part: str) -> str:
+    """Write the distance of a target from the mount of its arm, and the full reach of the arm."""
+    reach = outlook.reaches.get(part)
+    return "" if reach is None else f"{reach.distance:.3f} of {reach.full_reach:.3f} m"
+
+
+def _limits(robot: RobotSpec) -> Rows:
+    """Build the rows of the limits of every coordinate."""
+    limits, rows = resolve_limits(robot), Rows()
+    quantities = (
+        (limits.position_low, limits.position_high, ""),
+        (limits.velocity_low, limits.velocity_high, "/s"),
+        (limits.acceleration_low, limits.acceleration_high, "/s^2"),
+    )
+    for row, label in enumerate(labels(robot, "joint")):
+        unit = "m" if label in ("base.x", "base.y") else "rad"
+        spans = (_span(float(low[row]), float(high[row]), unit + per) for low, high, per in quantities)
+        rows.append((label, *spans))
+    return rows
+
+
+def _span(low: float, high: float, unit: str) -> str:
+    """Write a pair of bounds, angles in degrees; empty if there is none."""
+    if isinf(low) and isinf(high):
+        return ""
+    if unit == "rad":
+        low, high, unit = degrees(low), degrees(high), "deg"
+    return f"{low:.4g} to {high:.4g} {unit}"
+
+
+def print_gradients(task: Task) -> bool:
+    """Audit the gradient at every switch of a task, print it, and tell whether it agrees with both references."""
+    audits = audit_gradients(build_experiment(converging(task)))
+    nodes = task.spec.controller.uniform_nodes
+    typer.echo("Gradient of the cost by the switching instant")
+    gaps = (f"costate gap, N_s = {nodes}", f"N_s = {2 * nodes}")
+    rows = [
+        (
+            " to ".join(audit.switch),
+            f"{audit.gradient:.4f}",
+            f"{audit.to_differentiation:.1e}",
+            f"{audit.to_differences:.1e}",
+            *(f"{gap:.1e}" for gap in audit.costate_gaps),
+            "yes" if audit.holds else "NO",
+        )
+        for audit in audits
+    ]
+    print_table(("switch", "dJ/dt_s [1/s]", "adjoint - AD", "adjoint - differences", *gaps, "agrees"), rows, left=1)
+    typer.echo(
+        f"Differences are relative; expected: at most {AD_TOLERANCE:g} and {DIFFERENCE_TOLERANCE:g}. The costate "
+        "formula's gap, taken at an optimum without limits and end conditions, halves with twice the nodes."
+    )
+    return all(audit.holds for audit in audits)
+
+
+def _changes(spec: Spec, path: str) -> Iterator[str]:
+    """Yield a line for every key that differs from its default, with its description."""
+    for name, field in type(spec).model_fields.items():
+        value = getattr(spec, name)
+        if isinstance(value, Spec):
+            yield from _changes(value, f"{path}.{name}")
+        elif value != field.default:
+            yield f"{path}.{name}: {dumps(plain(value))} ({field.description})"

@@ -1,0 +1,172 @@
+"""Bad input to any command: exit code 2, one message that names what is wrong, and no file is left or changed."""
+
+import shlex
+import shutil
+import sys
+from pathlib import Path
+
+import h5py
+import pytest
+
+from psmpc_cli.figures.animation import offscreen_driver
+
+from .command import Psmpc
+
+NOISY = "task.yaml --jobs 1 --set uncertainty.noise.position=1e-3"
+
+BAD: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("simulate", ("no task", "transport", "--continue LOG")),
+    ("simulate nowhere", ('"nowhere"', "built-in task", "transport")),
+    ("simulate task.yaml --set controller.nodes=many", ("controller.nodes", '"many"', "auto")),
+    ("simulate task.yaml --set controller.nodes", ('no "="', "path=value")),
+    ("simulate task.yaml --set controler.nodes=5", ("unknown key", '"controller"')),
+    (
+        "simulate task.yaml --controller mpc",
+        ("--controller mpc", "controller.kind", '"smpc"', "psmpc, smpc, hard, htmpc"),
+    ),
+    ("simulate task.yaml --plant mars", ("--plant mars", "plant.kind", "ideal, rk4, mujoco")),
+    ("simulate task.yaml --quiet --verbose", ("--quiet", "--verbose")),
+    ("simulate task.yaml --speed", ("--speed",)),
+    ("simulate task.yaml -o part.h5", ("part.h5 exists", "-o", "--force")),
+    ("simulate task.yaml -o task.yaml --force", ("task.yaml is no log",)),
+    ("simulate task.yaml -o .", ("is a directory",)),
+    ("simulate task.yaml -o taken.h5", ("taken holds files", "-o", "--force", "--no-figures")),
+    ("simulate task.yaml -o blocked.h5", ("blocked is no directory", "-o")),
+    ("simulate task.yaml -o task.yaml/log.h5 --no-figures", ("task.yaml", "directory")),
+    ("simulate task.yaml --continue part.h5", ("--continue", "expected no task")),
+    ("simulate --continue part.h5 --plant rk4", ("--continue", "--plant")),
+    ("simulate --continue none.h5", ("none.h5", "no such file")),
+    ("simulate --continue ended.h5", ("ended.h5", "has ended", "nothing to continue")),
+    ("rerun part.h5 -o ended.h5", ("ended.h5 exists",)),
+    *((f"{line} compared.h5", ("compared.h5: found a comparison",)) for line in ("rerun", "verify", "replay --step 0")),
+    ("simulate --continue compared.h5", ("compared.h5: found a comparison",)),
+    ("rerun task.yaml", ("task.yaml", "HDF5")),
+    ("verify task.yaml", ("task.yaml", "HDF5")),
+    ("verify part.h5 --every 0", ("--every",)),
+    ("replay part.h5 --step 6", ("no sample 6", "0 to 5")),
+    ("replay part.h5 --step 2 --solver nlp", ('"nlp"', "sqp, fatrop, ipopt")),
+    ("show none.h5", ("none.h5", "no such file")),
+    ("show task.yaml", ("task.yaml", "HDF5")),
+    ("plot none.h5", ("none.h5", "no such file")),
+    ("plot ended.h5 --only stats", ("'stats'", "states, velocities, controls")),
+    ("plot ended.h5 --format jpg", ("'jpg'", "png, pdf, svg")),
+    ("plot ended.h5 --run psmpc", ("--run", "comparison")),
+    ("plot part.h5 -o task.yaml", ("task.yaml", "-o")),
+    ("compare task.yaml --controllers psmpc,spmc", ("'spmc'", "psmpc, smpc, hard, htmpc")),
+    ("compare task.yaml --set controller.kind=smpc", ("controller.kind", "--controllers")),
+    ("compare task.yaml --set controller.nods=3", ('"nodes"',)),
+    ("compare task.yaml --jobs 0", ("--jobs",)),
+    ("compare task.yaml -o taken.h5", ("taken holds files",)),
+    ("sweep-weights", ("neither a grid nor --sampling", "25x25")),
+    ("sweep-weights task.yaml", ("neither a grid nor --sampling",)),
+    ("sweep-weights 3x3 task.yaml --sampling random:5", ("both a grid and --sampling",)),
+    ("sweep-weights 25y25 task.yaml", ("'25y25'", "25x25")),
+    ("sweep-weights task.yaml 1x5", ("'1x5'",)),
+    ("sweep-weights task.yaml --sampling sobol:5", ("'sobol:5'", "random:N")),
+    ("sweep-weights 3x3 task.yaml --range 1:0.1", ("--range", "'1:0.1'")),
+    ("sweep-weights 3x3 task.yaml --epsilon 0", ("--epsilon", "'0'")),
+    ("sweep-weights 3x3 task.yaml --stages 2,3", ("--stages", "'2,3'", "1 go, 2 back")),
+    ("sweep-weights 3x3 task.yaml --set controller.kind=smpc", ("smpc", "no priorities")),
+    ("sweep-weights 3x3 task.yaml --resume", ("--resume", "runs/task-sweep.h5")),
+    ("sweep-weights 3x3 task.yaml --resume --force", ("--resume and --force",)),
+    ("sweep-weights 3x3 task.yaml --jobs 1 --dask tcp://127.0.0.1:9", ("--jobs and --dask",)),
+    ("sweep-weights 3x3 nowhere.yaml", ("nowhere.yaml",)),
+    ("monte-carlo task.yaml", ("--runs",)),
+    ("monte-carlo task.yaml --runs 0", ("--runs",)),
+    ("monte-carlo task.yaml --runs 2", ("task.yaml", "nothing random")),
+    (f"monte-carlo {NOISY} --runs 2 --resume", ("--resume", "runs/task-monte-carlo.h5")),
+    (f"monte-carlo {NOISY} --runs 2 -o task.yaml", ("task.yaml exists",)),
+    ("pareto task.yaml --at soon", ("--at", "'soon'")),
+    ("pareto task.yaml --method guess", ("--method", "'guess'", "weighted-sum")),
+    ("pareto task.yaml --stages 2,1", ("--stages", "'2,1'", "1 go, 2 back")),
+    ("pareto task.yaml --points 1", ("--points",)),
+    ("pareto task.yaml --log part.h5", ("part.h5 exists",)),
+    ("pareto ended.h5 --set controller.nodes=3", ("ended.h5", "--set")),
+    ("pareto nowhere", ("nowhere",)),
+    ("reproduce --fronts 2", ("--fronts",)),
+    ("reproduce --weights many", ("'many'", "25x25")),
+    ("reproduce --set controller.kind=hard", ("controller.kind",)),
+    ("reproduce --set controller=smpc", ("controller.kind",)),
+    ("reproduce -o taken", ("taken holds files", "--force")),
+    ("reproduce -o task.yaml/out", ("no directory", "-o")),
+    ("reproduce --json task.yaml", ("task.yaml exists", "--json", "--force")),
+    ("bench task.yaml --nodes many", ("--nodes", "'many'")),
+    ("bench task.yaml --solvers snopt", ("--solvers", "'snopt'")),
+    ("bench task.yaml --set solver.kind=ipopt", ("--solvers",)),
+    ("check nowhere", ("nowhere",)),
+    ("check task.yaml --figure scenario.jpg", ("'jpg'", "png, pdf, svg")),
+    ("check planar_dual_arm --figure scenario.png", ("robot", "task")),
+    ("init taken", ("taken",)),
+    ("init task.yaml", ("task.yaml",)),
+    ("schema plant", ("robot", "task")),
+    ("fly", ("fly",)),
+)
+"""Command lines, and words that the message must have."""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, ended: Path, part: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with logs, a folder in which files stand where outputs would go, and a file in place of a folder."""
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # which bench sets
+    (tmp_path / "taken" / "tasks").mkdir(parents=True)
+    (tmp_path / "taken" / "tasks" / "transport.yaml").write_text("mine")
+    (tmp_path / "blocked").touch()
+    with h5py.File(shutil.copy(ended, tmp_path / "compared.h5"), "r+") as file:
+        file.attrs["kind"] = "comparison"
+    return tmp_path
+
+
+@pytest.mark.parametrize(("line", "words"), BAD, ids=[line for line, _ in BAD])
+def test_bad_input_is_named_and_leaves_nothing(psmpc: Psmpc, folder: Path, line: str, words: tuple[str, ...]) -> None:
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    ran = psmpc(*shlex.split(line))
+    assert ran.code == 2
+    assert not ran.stdout or line.startswith("check")
+    assert [word for word in words if word not in ran.stderr] == [], ran.stderr
+    assert "Traceback" not in ran.stderr
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+    assert not (folder / "runs").exists()
+
+
+def test_problems_of_all_files_come_together_after_the_tables(psmpc: Psmpc, tmp_path: Path) -> None:
+    text = (tmp_path / "task.yaml").read_text()
+    (tmp_path / "bad.yaml").write_text(text.replace("tolerance: 0.005", "tolerance: -3", 1))
+    (tmp_path / "far.yaml").write_text(text.replace("base: [0.1, 0, 0]", "base: [9, 0, 0]", 1))
+    ran = psmpc("check", "bad.yaml", "task.yaml", "far.yaml", "nowhere")
+    assert ran.code == 2
+    assert ran.stdout.startswith("task\n")
+    heads = [line.split(": found")[0] for line in ran.stderr.splitlines() if line[0] != " "]
+    assert [head.rpartition(": ")[2] for head in heads] == [
+        "stages[0].ends_when.tolerance",
+        "stages[0].target.base[0]",
+        "nowhere",
+    ]
+
+
+def test_a_read_only_folder_is_named_with_the_option_that_helps(psmpc: Psmpc, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.access", lambda *arguments: False)
+    ran = psmpc("simulate", "task.yaml")
+    assert ran.code == 2
+    assert "read-only" in ran.stderr
+    assert "-o" in ran.stderr
+
+
+def test_a_plant_without_its_package_is_found_before_a_log_is_touched(
+    psmpc: Psmpc, ended: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = ended.read_bytes()
+    monkeypatch.delitem(sys.modules, "psmpc_cli.plant.mujoco_plant", raising=False)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    ran = psmpc("simulate", "task.yaml", "--no-figures", "--plant", "mujoco", "-o", "ended.h5", "--force")
+    assert (ran.code, ran.stdout) == (2, "")
+    assert "pip install 'psmpc[mujoco]'" in ran.stderr.splitlines()[-1]
+    assert ended.read_bytes() == before
+
+
+def test_a_film_that_cannot_be_drawn_is_found_before_the_run(psmpc: Psmpc, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "crayons")
+    offscreen_driver.cache_clear()
+    ran = psmpc("simulate", "task.yaml", "--render")
+    assert (ran.code, ran.stdout, len(ran.stderr.splitlines())) == (2, "", 1)
+    assert "--render" in ran.stderr
+    assert not Path("runs").exists()

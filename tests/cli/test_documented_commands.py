@@ -1,0 +1,46 @@
+"""Every command line in README.md and docs/ is one that the real commands accept."""
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+from psmpc_cli.cli.main import app
+
+ROOT = Path(__file__).resolve().parents[2]
+
+CODE = re.compile(r"^```\w*\n(.*?)^```|^((?: {4}.*\n)+)|`(psmpc [^`]+)`", re.MULTILINE | re.DOTALL)
+
+GROUP = get_command(app)
+
+COMMAND = re.compile(rf"^ *(?:\S+ )*?(psmpc (?:{'|'.join(GROUP.commands)})\b.*)", re.MULTILINE)
+
+
+def command_lines() -> Iterator[tuple[str, str]]:
+    """Give page and command of every command line in code, without the explanation that follows two spaces."""
+    for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
+        for blocks in CODE.findall(page.read_text()):
+            for line in COMMAND.findall("".join(blocks).replace("\\\n", " ")):
+                yield page.name, re.split(r"(?<=\S) {2,}(?!-|\")", line)[0].replace("\n", " ")
+
+
+LINES = sorted(set(command_lines()))
+
+
+def test_there_are_command_lines() -> None:
+    assert len(LINES) > 60
+    assert {"README.md", "sweeps.md", "tasks.md"} <= {page for page, _ in LINES}
+
+
+@pytest.mark.parametrize(("page", "line"), LINES, ids=[line for _, line in LINES])
+def test_a_documented_command_is_accepted(page: str, line: str) -> None:
+    _, name, *arguments = shlex.split(line)
+    command = GROUP.commands[name]
+    if not arguments or "[" in line.partition("{")[0]:  # the name alone, or a synopsis
+        options = {option for parameter in command.params for option in parameter.opts}
+        assert set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", " ".join(arguments))) <= options
+    else:
+        command.make_context(name, arguments)

@@ -1,0 +1,125 @@
+"""`psmpc check`, `init` and `schema`."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from psmpc_cli.specs.library import built_ins, json_schema
+from psmpc_cli.specs.load import load_robot, load_task
+
+from .command import Psmpc
+
+
+def words(text: str) -> list[str]:
+    """Lines of a table with single spaces."""
+    return [" ".join(line.split()) for line in text.splitlines()]
+
+
+def test_a_valid_task_is_a_table(psmpc: Psmpc) -> None:
+    ran = psmpc("check", "transport")
+    assert (ran.code, ran.stderr) == (0, "")
+    lines = words(ran.stdout)
+    assert lines[0].startswith("transport: ")
+    assert lines[2] == "stage part target ends within distance of reach not before"
+    assert lines[3].split()[:2] == ["approach", "base"]
+    assert any(line.startswith("reach (task) arm_1 -1.9334, 3.1677 m, 165 deg") for line in lines)
+    assert any("1.036 of 1.200 m" in line for line in lines)
+
+
+def test_a_valid_robot_is_a_table_without_empty_columns(psmpc: Psmpc) -> None:
+    lines = words(psmpc("check", "planar_dual_arm").stdout)
+    assert "base 30 1.35" in lines
+    assert "arm_2 at -0.3, 0 m, 180 deg 4.2 0.35 0.25 + 0.25" in lines
+    assert "coordinate position velocity" in lines  # there are no limits of accelerations
+    assert "base.theta -180 to 180 deg -0.2 to 0.2 rad/s" in lines
+
+
+def test_everything_of_a_task_is_in_its_table(psmpc: Psmpc, tmp_path: Path) -> None:
+    changes = (
+        "priorities.compare=[[trace, unfold, 90], [trace, stow, 100], [unfold, stow, 1]]",
+        "uncertainty.mass=0.1",
+        "uncertainty.noise.angle=2e-3",
+        "uncertainty.delay=2",
+        "uncertainty.payload=null",
+        "controller.known_delay=1",
+    )
+    ran = psmpc("check", "tracking", *(word for change in changes for word in ("--set", change)))
+    assert ran.code == 0, ran.stderr
+    assert "priorities from 3 comparisons: consistency ratio 0.0012, acceptable up to 0.1" in ran.stdout
+    assert "uncertain, seed 0, known delay 1:" in ran.stdout
+    for key in ("uncertainty.mass: 0.1 (", "uncertainty.noise.angle: 0.002 (", "uncertainty.delay: 2 ("):
+        assert f"  {key}" in ran.stdout
+    assert "payload" not in ran.stdout
+    assert "follows 16 s" in ran.stdout
+    text = (tmp_path / "task.yaml").read_text().replace("target: {base: [0.1", "dwell: 2\n    target: {base: [0.1")
+    (tmp_path / "dwell.yaml").write_text(text.replace("ends_when: {coordinates: [base], tolerance: 0.005}", "at: 3", 1))
+    lines = words(psmpc("check", "dwell.yaml").stdout)
+    assert any(line.startswith("go base 0.1, 0 m, 0 deg at 3 s") for line in lines)
+    assert any("at least 2 s" in line for line in lines)
+
+
+def test_a_remark_is_printed_but_no_error(psmpc: Psmpc, tmp_path: Path) -> None:
+    text = load_task("transport").task_yaml.replace("base: [-2, 2, 30 deg]", "base: [-2, -2, 30 deg]", 1)
+    (tmp_path / "odd.yaml").write_text(text)
+    ran = psmpc("check", "odd.yaml")
+    assert ran.code == 0
+    assert "odd.yaml:22:20: stages[1].target.base: found the base 4 m from" in ran.stdout
+
+
+@pytest.mark.parametrize("tolerance", [1e-8, 0.0])
+def test_gradients_are_audited(psmpc: Psmpc, monkeypatch: pytest.MonkeyPatch, tolerance: float) -> None:
+    monkeypatch.setattr("psmpc_cli.simulation.gradient_audit.AD_TOLERANCE", tolerance)
+    ran = psmpc("check", "task.yaml", "--gradients")
+    assert ran.code == (0 if tolerance else 1), ran.stdout
+    (row,) = [line for line in words(ran.stdout) if line.startswith("go to back")]
+    assert row.split()[-1] == ("yes" if tolerance else "NO")
+
+
+def test_a_scenario_is_drawn(psmpc: Psmpc) -> None:
+    assert psmpc("check", "task.yaml", "--figure", "scenario.png").stdout.splitlines()[-1] == "scenario: scenario.png"
+    assert Path("scenario.png").stat().st_size > 0
+    assert psmpc("check", "task.yaml", "--figure", "scenario.png").code == 2
+    assert psmpc("check", "task.yaml", "--figure", "scenario.png", "--force").code == 0
+
+
+def test_every_built_in_is_copied_and_loads_to_the_same(psmpc: Psmpc) -> None:
+    ran = psmpc("init", "new/project")
+    assert ran.code == 0
+    folder = Path("new/project")
+    assert sorted(ran.stdout.split()) == sorted(str(path) for path in folder.rglob("*") if path.is_file())
+    for name in built_ins("task"):
+        copied = load_task(folder / "tasks" / f"{name}.yaml")
+        assert copied.spec.model_copy(update={"robot": load_task(name).spec.robot}) == load_task(name).spec
+    for name in built_ins("robot"):
+        assert load_robot(folder / "robots" / f"{name}.yaml").spec == load_robot(name).spec
+    for path in (*folder.glob("robots/*.yaml"), *folder.glob("tasks/*.yaml")):
+        schema = path.read_text().splitlines()[0].partition("$schema=")[2]
+        assert (path.parent / schema).resolve().is_file()
+    robot = folder / "robots" / "planar_dual_arm.yaml"
+    robot.write_text(robot.read_text().replace("mass: 30", "mass: 60"))
+    assert load_task(folder / "tasks" / "transport.yaml").robot.base.mass == 60
+    assert psmpc("init", "new/project").code == 2
+    assert psmpc("init", "new/project", "--force").code == 0
+    assert load_task(folder / "tasks" / "transport.yaml").robot.base.mass == 30
+
+
+def test_schemas_are_printed(psmpc: Psmpc) -> None:
+    for kind in ("robot", "task"):
+        assert json.loads(psmpc("schema", kind).stdout) == json_schema(kind)
+    assert json.loads(psmpc("schema").stdout) == {"robot": json_schema("robot"), "task": json_schema("task")}
+
+
+def test_choices_in_the_help_are_those_of_the_task(psmpc: Psmpc) -> None:
+    task = json_schema("task")
+    for key, option, command in (("controller", "--controller", "simulate"), ("plant", "--plant", "simulate")):
+        kinds = task["$defs"][f"{key.capitalize()}Spec"]["anyOf"][0]["enum"]
+        assert f"{option} {'|'.join(kinds)}" in psmpc(command, "--help").stdout
+    solvers = task["$defs"]["SolverSpec"]["anyOf"][0]["enum"]
+    assert f"--solver {'|'.join(solvers)}" in psmpc("replay", "--help").stdout
+
+
+def test_no_help_text_is_cut(psmpc: Psmpc) -> None:
+    text = psmpc("--help").stdout.partition("Commands:")[2]
+    assert "..." not in text
+    assert "Print the JSON Schema of robot and task descriptions" in " ".join(text.split())

@@ -1,0 +1,255 @@
+"""Commands on one run and its log, on a task of two seconds."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import h5py
+import pytest
+
+from psmpc_cli import __version__
+from psmpc_cli.figures.registry import figures_of
+from psmpc_cli.logs.run import read_run
+
+from ..simulation.logged import there_and_back
+from ..there_and_back import TASK
+from .command import Psmpc, Ran
+
+PSMPC = [sys.executable, "-c", "from psmpc_cli.cli.main import main; main()"]
+
+
+@pytest.fixture
+def simulate(psmpc: Psmpc) -> Psmpc:
+    """`psmpc simulate task.yaml --no-figures`, and more."""
+    return lambda *arguments: psmpc("simulate", "task.yaml", "--no-figures", *arguments)
+
+
+def test_a_run_leaves_its_log_and_figures_and_prints_its_summary(psmpc: Psmpc) -> None:
+    ran = psmpc("simulate", "task.yaml", "--set", "published.psmpc.switch_time.go=9.1")
+    assert ran.code == 0
+    log = read_run(Path("runs/task.h5"))
+    assert log.attributes["finished"]
+    assert {path.stem for path in Path("runs/task").iterdir()} == set(figures_of("run"))
+    mission, headings, go, back, *measures, last, figures = ran.stdout.splitlines()
+    assert mission.startswith("mission succeeded: back met its end condition, after 1.9 s")
+    assert headings.split()[0] == "stage"
+    assert re.findall(r"published \w+", headings) == ["published end"]  # of the starts nothing was published
+    assert (go.split()[0], go.split()[4], back.split()[0]) == ("go", "9.1", "back")
+    assert len(measures) <= 12
+    assert {"solve time", "failed solves", "tightest velocity margin"} <= {line.split("  ")[0] for line in measures}
+    assert (last, figures) == ("log: runs/task.h5", f"{len(figures_of('run'))} figures in runs/task")
+    assert max(map(len, ran.stdout.splitlines())) < 160
+    shown = psmpc("show", "runs/task.h5")
+    assert shown.stdout.splitlines() == ran.stdout.splitlines()[:-1]
+    verbose = psmpc("show", "runs/task.h5", "--verbose").stdout
+    assert len(verbose.splitlines()) >= len(shown.stdout.splitlines()) + 5
+    assert "drift of momentum" in verbose
+
+
+def test_progress_is_plain_lines_without_a_terminal(simulate: Psmpc) -> None:
+    lines = simulate().stderr.splitlines()
+    form = r" *\d+\.\d s  (go|back) +planned switch times: ([\d., ]+|none +) +(-|[\d.]+) x real time  failed solves: 0"
+    assert len(lines) == 2
+    assert all(re.fullmatch(form, line) for line in lines)
+
+
+def test_quiet_prints_nothing(simulate: Psmpc) -> None:
+    assert simulate("--quiet") == Ran(0, "", "")
+    assert Path("runs/task.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            "monitors=[{name: closed, quantity: distance, of: [arm_1, arm_2], during: back, at_most: 1.0}]",
+            ("mission failed: back met its end condition; monitor did not hold: closed, after 1.9 s", "BROKEN at"),
+        ),
+        ("time_limit=1.5", ("mission failed: time limit of 1.5 s reached, after 1.5 s",)),
+    ],
+)
+def test_a_failed_mission_is_a_result(simulate: Psmpc, change: str, words: tuple[str, ...]) -> None:
+    ran = simulate("--set", change)
+    assert ran.code == 0
+    assert ran.stdout.startswith(words[0])
+    assert all(word in ran.stdout for word in words)
+
+
+def test_a_run_that_cannot_go_on_says_why(simulate: Psmpc) -> None:
+    ran = simulate("--set", "solver={kind: fatrop, max_iterations: 1}", "--set", "controller.horizon=1")
+    assert ran.code == 3
+    last = ran.stderr.splitlines()[-1]
+    assert all(word in last for word in ("no window could be solved", "solver.max_iterations", "runs/task.h5"))
+    assert ran.stdout.startswith("mission failed: no window could be solved")
+    assert read_run(Path("runs/task.h5"))["events/solve_failed"].all()
+
+
+def test_controller_and_plant_are_those_chosen(simulate: Psmpc) -> None:
+    simulate("--controller", "hard", "--plant", "rk4", "--set", "seed=7", "--set", "stages.back.priority=50")
+    log = read_run(Path("runs/task-hard-rk4.h5"))
+    assert [log.attributes[name] for name in ("controller", "plant", "seed")] == ["hard", "rk4", 7]
+    assert log.stages["priority"].tolist() == [1, 50]
+
+
+def test_a_film_is_written_beside_the_log(simulate: Psmpc, monkeypatch: pytest.MonkeyPatch) -> None:
+    from psmpc_cli.figures import animation, registry
+
+    drawn = []
+    monkeypatch.setattr(registry, "draw", lambda *arguments, **options: drawn.append((arguments, options)) or [])
+    monkeypatch.setattr(animation, "offscreen_driver", lambda: "a driver")
+    assert simulate("--render").code == 0
+    ((_, log, folder), options) = drawn[0]
+    assert (log.path, folder) == (Path("runs/task.h5"), Path("runs/task"))
+    assert (options["only"], options["films"], options["force"]) == ((), ("render",), False)
+
+
+def test_a_default_output_is_numbered_and_nothing_is_overwritten(psmpc: Psmpc) -> None:
+    short = ("simulate", "task.yaml", "--no-figures", "--set", "time_limit=0.3", "-q")
+    for expected in ("task.h5", "task-2.h5", "task-3.h5"):
+        before = {path: path.read_bytes() for path in Path("runs").glob("*")}
+        assert psmpc(*short).code == 0
+        after = {path: path.read_bytes() for path in Path("runs").glob("*")}
+        assert after.keys() - before.keys() == {Path("runs") / expected}
+        assert all(after[path] == content for path, content in before.items())
+    Path("runs/task-4").mkdir()
+    assert psmpc(*short).code == 0
+    assert psmpc(*short, "--controller", "smpc").code == 0
+    assert {path.name for path in Path("runs").glob("*.h5")} >= {"task-5.h5", "task-smpc.h5"}
+    before = Path("runs/task-2.h5").read_bytes()
+    assert psmpc(*short, "--force", "--set", "seed=3").code == 0
+    assert read_run(Path("runs/task.h5")).attributes["seed"] == 3
+    assert Path("runs/task-2.h5").read_bytes() == before
+
+
+def test_a_named_output_is_overwritten_with_force_only(simulate: Psmpc) -> None:
+    short = ("--set", "time_limit=0.3", "-q", "-o", "deep/er/log.hdf5")
+    assert simulate(*short).code == 0
+    before = Path("deep/er/log.hdf5").read_bytes()
+    ran = simulate(*short)
+    assert (ran.code, ran.stderr.count("\n")) == (2, 1)
+    assert simulate(*short, "--force", "--set", "controller.nodes=0").code == 2
+    assert Path("deep/er/log.hdf5").read_bytes() == before
+    assert simulate(*short, "--force", "--set", "seed=3").code == 0
+    assert read_run(Path("deep/er/log.hdf5")).attributes["seed"] == 3
+
+
+def test_an_interrupted_run_is_finished(psmpc: Psmpc, part: Path) -> None:
+    (part.parent / "part").mkdir()
+    (part.parent / "part" / "states.png").write_text("of the interrupted run")
+    ran = psmpc("simulate", "--continue", "part.h5")
+    assert ran.code == 0
+    assert "log: part.h5" in ran.stdout.splitlines()
+    assert read_run(part).attributes["finished"]
+    assert Path("part/states.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_run_that_differs_is_not_continued(psmpc: Psmpc, part: Path) -> None:
+    with h5py.File(part, "r+") as file:
+        file["force/F"][4, 1] += 1.0
+    before = part.read_bytes()
+    ran = psmpc("simulate", "--continue", "part.h5", "--no-figures", "-q")
+    assert ran.code == 1
+    assert "force/F" in ran.stdout
+    assert "part.h5 was not continued" in ran.stderr
+    assert part.read_bytes() == before
+    assert psmpc("simulate", "--continue", "part.h5", "--no-figures", "-o", "whole.h5").code == 0
+    assert read_run(Path("whole.h5")).attributes["finished"]
+
+
+def test_a_rerun_says_whether_everything_is_equal(psmpc: Psmpc, part: Path) -> None:
+    ran = psmpc("rerun", "part.h5", "--quiet", "--strict", "-o", "again.h5")
+    assert (ran.code, ran.stderr) == (0, "")
+    assert ran.stdout.startswith("equal: all ")
+    with h5py.File("again.h5", "r+") as file:
+        file["force/F"][4, 1] += 1.0
+    ran = psmpc("rerun", "again.h5", "--quiet")
+    assert ran.code == 0
+    assert any(
+        line.split()[0] == "force/F" and line.split()[-2:] == ["1.0e+00", "4"] for line in ran.stdout.splitlines()
+    )
+    assert "differs: 1 of " in ran.stdout
+    assert psmpc("rerun", "again.h5", "--quiet", "--strict").code == 1
+    assert sorted(path.name for path in Path().glob("*.h5")) == ["again.h5", "part.h5"]
+
+
+def test_a_replay_shows_iterations_and_what_is_equal(psmpc: Psmpc, part: Path) -> None:
+    ran = psmpc("replay", "part.h5", "--step", "3")
+    assert (ran.code, ran.stderr) == (0, "")
+    lines = ran.stdout.splitlines()
+    assert lines[0] == "sample 3 of 6, 0.30 s: window of go, back; solver fatrop"
+    assert lines[1].split()[:4] == ["iter", "objective", "inf_pr", "inf_du"]
+    rows = {line.rpartition("  ")[0].split("  ")[0]: line.split()[-1] for line in lines}
+    assert [rows[name] for name in ("objective J", "go ends [s]", "control of base.x")] == ["0.0e+00"] * 3
+    assert lines[-1].startswith("the log is repeated to 1e-06: optimal after")
+    other = psmpc("replay", "part.h5", "--step", "3", "--solver", "ipopt").stdout.splitlines()
+    assert "solver ipopt" in other[0]
+    assert ", by another solver: optimal after " in other[-1]
+
+
+def test_a_replay_by_sqp_explains_its_objective(psmpc: Psmpc, tmp_path: Path) -> None:
+    there_and_back(tmp_path, "solver.kind=sqp", "stages.go.priority=50", samples=4, name="own")
+    lines = psmpc("replay", "own.h5", "--step", "3").stdout.splitlines()
+    assert lines[1].split() == ["iter", "objective", "inf_pr", "||d||", "alpha", "qp"]
+    assert "objective in the lines above: J over the largest priority, 50" in lines
+
+
+def test_figures_are_drawn_where_and_as_asked(psmpc: Psmpc, ended: Path) -> None:
+    assert psmpc("plot", "ended.h5", "--only", "states", "--only", "errors").stdout.split() == [
+        "ended/states.png",
+        "ended/errors.png",
+    ]
+    again = psmpc("plot", "ended.h5", "--only", "states")
+    assert again.code == 2
+    assert all(word in again.stderr for word in ("states.png", "-o", "--force"))
+    assert psmpc("plot", "ended.h5", "--only", "states", "--force").code == 0
+    written = psmpc("plot", "ended.h5", "-o", "out", "--only", "instants", "--format", "svg", "--format", "pdf").stdout
+    assert sorted(written.split()) == ["out/instants.pdf", "out/instants.svg"]
+
+
+@pytest.mark.slow
+def test_an_animation_is_added(psmpc: Psmpc, ended: Path) -> None:
+    assert "ended/animation.gif" in psmpc("plot", "ended.h5", "--only", "states", "--animate").stdout
+    assert Path("ended/animation.gif").read_bytes().startswith(b"GIF89a")
+
+
+def test_the_version_is_printed(psmpc: Psmpc) -> None:
+    assert psmpc("--version") == Ran(0, f"psmpc {__version__}\n", "")
+
+
+@pytest.mark.slow
+def test_a_terminal_shows_one_live_line_and_every_event_above_it(tmp_path: Path) -> None:
+    task, terminal = tmp_path / "task.yaml", os.openpty()
+    task.write_text(TASK)
+    arguments = ["simulate", str(task), "--no-figures", "-o", str(tmp_path / "log.h5"), "--verbose"]
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}
+    with subprocess.Popen(
+        [*PSMPC, *arguments], env=environment, stdout=subprocess.DEVNULL, stderr=terminal[1]
+    ) as child:
+        os.close(terminal[1])
+        shown = b""
+        with suppress(OSError):  # the end of a terminal
+            while part := os.read(terminal[0], 4096):
+                shown += part
+    os.close(terminal[0])
+    assert child.returncode == 0
+    lines = [re.sub(r"\x1b\[[?\d]*[a-zA-Z]", "", line) for line in shown.decode().splitlines()]
+    assert {"0.10 s: back entered the window", "0.80 s: go ended at 0.74 s"} <= set(lines)
+    assert any(re.search(r"\d s  back +planned switch times: none", line) for line in lines)
+
+
+@pytest.mark.slow
+def test_the_first_compilation_is_one_line(tmp_path: Path) -> None:
+    if shutil.which("cc") is None:
+        pytest.fail("the tests need a C compiler")
+    task = tmp_path / "task.yaml"
+    task.write_text(TASK)
+    arguments = ["simulate", str(task), "--no-figures", "-o", str(tmp_path / "log.h5"), "--set", "solver.kind=sqp"]
+    environment = {**os.environ, "PSMPC_CACHE": str(tmp_path / "cache")}
+    ran = subprocess.run([*PSMPC, *arguments], env=environment, capture_output=True, text=True, check=True)
+    assert sum("compiling" in line for line in ran.stderr.splitlines()) == 1
+    again = subprocess.run([*PSMPC, *arguments, "--force"], env=environment, capture_output=True, text=True, check=True)
+    assert "compiling" not in again.stderr

@@ -1,0 +1,149 @@
+"""Commands that run a task many times, on a task of two seconds."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from psmpc_cli.figures.registry import figures_of
+from psmpc_cli.logs.results import read_results
+from psmpc_cli.logs.run import read_comparison, read_run
+from psmpc_cli.logs.schema import SWEEP
+from psmpc_cli.studies.fronts import read_pareto
+from psmpc_cli.studies.sweep import COMPUTED, SHARED
+
+from .command import Psmpc, Ran
+
+ROW = re.compile(r"(?P<label>\S.*?) {2,}(?P<cells>.+)")
+
+NOISY = ("task.yaml", "--set", "uncertainty.noise.position=1e-3", "--jobs", "1")
+
+
+def rows(ran: Ran) -> dict[str, list[str]]:
+    """The cells of a comparison's table, by the label of their row."""
+    found = (ROW.fullmatch(line) for line in ran.stdout.splitlines())
+    return {match["label"]: re.split(" {2,}", match["cells"].strip()) for match in found if match}
+
+
+def test_a_comparison_is_one_table_one_file_and_figures(psmpc: Psmpc) -> None:
+    ran = psmpc("compare", "task.yaml", "--jobs", "1", "--controllers", "psmpc,smpc,hard", "--set", "log.plans=false")
+    assert ran.code == 0
+    assert ran.stderr.splitlines() == ["psmpc done, 1 of 3", "smpc done, 2 of 3", "hard done, 3 of 3"]
+    lines = ran.stdout.splitlines()
+    assert [line.split(":")[0] for line in lines[:3]] == ["psmpc", "smpc", "hard"]
+    assert all("mission succeeded" in line for line in lines[:3])
+    table, logs = rows(ran), read_comparison(Path("runs/task-comparison.h5"))
+    assert list(logs) == ["psmpc", "smpc", "hard"]
+    assert all(len(cells) == 3 for cells in table.values())
+    ends = [log.stages["switch_time"][1] for log in logs.values()]
+    assert table["back ends [s]"][0] == f"{ends[0]:.2f}"
+    assert table["back ends [s]"][2] == f"{ends[2]:.2f} ({ends[2] - ends[0]:+.2f})"
+    assert table["go ends [s]"][1].endswith("(=) [0.9]")
+    assert table["back actually starts [s]"][0].startswith("early ")
+    assert "levels not solved" not in table
+    assert "psmpc and smpc are the same controller for this task: all its priorities are equal" in lines
+    assert {path.stem for path in Path("runs/task-comparison").iterdir()} == set(figures_of("comparison"))
+    assert max(map(len, lines)) < 160
+    assert psmpc("show", "runs/task-comparison.h5").stdout.splitlines() == lines[:-1]
+    path = "runs/task-comparison.h5"
+    assert psmpc("plot", path, "--run", "hard", "--only", "shares").stdout == "runs/task-comparison/hard/shares.png\n"
+    csv = psmpc("show", path, "--csv", "csv").stdout.splitlines()
+    assert csv == [f"csv/{name}/{table}.csv" for name in logs for table in ("samples", "stages")]
+    for arguments, words in (
+        (("--run", "htmpc"), ("htmpc", "psmpc, smpc, hard")),
+        (("--animate",), ("comparison", "--run")),
+        (("--only", "forces"), ("states, instants, shares, snapshots",)),
+    ):
+        ran = psmpc("plot", path, *arguments)
+        assert (ran.code, ran.stdout) == (2, "")
+        assert all(word in ran.stderr for word in words)
+
+
+def test_a_failed_mission_of_a_comparison_is_a_result(psmpc: Psmpc) -> None:
+    far = "monitors=[{name: far apart, quantity: distance, of: [arm_1, arm_2], during: back, at_least: 9}]"
+    changes = ("--set", far, "--set", "stages.go.priority=50")
+    ran = psmpc("compare", "task.yaml", "--jobs", "1", "--controllers", "hard", "--no-figures", "-o", "a.h5", *changes)
+    assert ran.code == 0
+    assert ran.stdout.startswith("hard: mission failed: back met its end condition; monitor did not hold: far apart")
+    assert rows(ran)["monitor: far apart"][0].startswith("BROKEN at")
+    assert "same controller" not in ran.stdout
+
+
+def test_a_sweep_is_a_table_a_file_and_figures(psmpc: Psmpc) -> None:
+    arguments = ("sweep-weights", "task.yaml", "2x2", "--range", "0.1:10", "--jobs", "1")
+    ran = psmpc(*arguments)
+    assert ran.code == 0
+    assert "4 cells: 3 computed, 1 shared" in ran.stdout
+    assert "3 of 3 runs" in ran.stderr
+    path = Path("runs/task-sweep.h5")
+    status = read_results(path, SWEEP)["status"].ravel().tolist()
+    assert status == [COMPUTED, COMPUTED, COMPUTED, SHARED]
+    assert psmpc("show", str(path)).stdout.splitlines() == ran.stdout.splitlines()[:-1]
+    drawn = {figure.name for figure in Path("runs/task-sweep").iterdir()}
+    assert psmpc("plot", str(path), "-o", "again").code == 0
+    assert {figure.name for figure in Path("again").iterdir()} == drawn
+    before = path.read_bytes()
+    assert "3 computed" in psmpc("sweep-weights", "2x2", "task.yaml", *arguments[3:], "--resume").stdout
+    other = psmpc("sweep-weights", "3x3", "task.yaml", *arguments[3:], "--resume")
+    assert other.code == 2
+    assert "another sweep" in other.stderr
+    assert path.read_bytes() == before
+    assert "sweep" in psmpc("show", str(path), "--csv", "tables").stderr
+    assert not Path("tables").exists()
+
+
+def test_draws_and_thresholds_of_a_sweep(psmpc: Psmpc) -> None:
+    arguments = ("--jobs", "1", "--no-figures", "-q", "-o", "draws.h5", "--epsilon", "0.5,1e-3")
+    assert psmpc("sweep-weights", "task.yaml", "--sampling", "random:2", *arguments) == Ran(0, "", "")
+    results = read_results(Path("draws.h5"), SWEEP)
+    assert results["omega_1"].shape == (2,)
+    assert results["epsilon"].tolist() == [1e-3, 0.5]
+
+
+def test_a_monte_carlo_study_is_a_table_a_file_and_figures(psmpc: Psmpc) -> None:
+    ran = psmpc("monte-carlo", *NOISY, "--runs", "2")
+    assert ran.code == 0
+    assert ran.stdout.startswith("2 of 2 runs succeeded")
+    assert "2 of 2 runs" in ran.stderr
+    path, figures = Path("runs/task-monte-carlo.h5"), Path("runs/task-monte-carlo")
+    assert {figure.stem for figure in figures.iterdir()} == {"success", "runs"}
+    assert psmpc("show", str(path)).stdout.splitlines() == ran.stdout.splitlines()[:-1]
+    assert psmpc("plot", str(path), "-o", "again", "--only", "runs").code == 0
+    assert Path("again/runs.png").read_bytes() == (figures / "runs.png").read_bytes()
+    ran = psmpc("monte-carlo", *NOISY, "--runs", "3", "--resume")
+    assert ran.code == 0
+    assert "1 of 1 runs" in ran.stderr
+    assert ran.stdout.startswith("3 of 3 runs succeeded")
+    assert psmpc("monte-carlo", *NOISY, "--runs", "1", "--no-figures").stdout.splitlines()[-1].endswith("carlo-2.h5")
+
+
+def test_pareto_fronts_are_a_table_a_file_and_figures(psmpc: Psmpc) -> None:
+    quick = ("--points", "3", "--at", "0.3,0.5", "--method", "weighted-sum", "--jobs", "1")
+    ran = psmpc("pareto", "task.yaml", *quick, "--log", "run.h5")
+    assert ran.code == 0
+    heading, *lines = ran.stdout.splitlines()
+    assert all(word in heading for word in ("T0 [s]", "t_s [s]", "J_1 [s]", "J_2 [s]", "hypervolume"))
+    assert [line.split()[0] for line in lines[:2]] == ["0.30", "0.50"]
+    assert "at 2 of 2 instants" in ran.stdout
+    path = Path("runs/task-pareto.h5")
+    assert read_pareto(path)["weighted_J_1"].shape == (2, 3)
+    assert [figure.name for figure in Path("runs/task-pareto").iterdir()] == ["front.png"]
+    assert psmpc("show", str(path)).stdout.splitlines() == ran.stdout.splitlines()[:-1]
+    assert psmpc("plot", str(path), "-o", "again", "--format", "svg").stdout == "again/front.svg\n"
+    assert "pareto" in psmpc("plot", str(path), "--animate").stderr
+    assert read_run(Path("run.h5")).plans
+    assert psmpc("pareto", "run.h5", *quick, "--no-figures", "-o", "again.h5", "-q") == Ran(0, "", "")
+    again, first = read_pareto(Path("again.h5")), read_pareto(path)
+    assert (again["weighted_J_1"] == first["weighted_J_1"]).all()
+
+
+@pytest.mark.slow
+def test_a_bench_is_a_table_of_this_machine(psmpc: Psmpc, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # which the command sets
+    small = ("--set", "stages[0].target.base=[0.3, 0, 0]", "--nodes", "5", "--solvers", "sqp,piqp", "--repeat", "1")
+    ran = psmpc("bench", "task.yaml", *small)
+    assert ran.code == 0
+    first = [line.split()[:3] for line in ran.stdout.splitlines()[1:6]]
+    ways = [["5", name, start] for name in ("sqp", "piqp") for start in ("warm", "cold")]
+    assert first == [*ways, ["5", "reference", "cold"]]
+    assert "nodes 5: 3 windows done" in ran.stderr

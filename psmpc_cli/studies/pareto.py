@@ -135,7 +135,7 @@ def solve_pareto(
     """
     ensure_answerable(question)
     log = read_run(run)
-    if not log.plans:
+    if not log.has_plans:
         raise LogError(f"{run}: holds no plans; expected a log of a task with log: {{plans: true}}")
     loaded = log.task
     stages = _stages(question, loaded)

@@ -38,7 +38,7 @@ Row = dict[str, np.ndarray | float | str]
 
 def record(k: int, first: int = 0, count: int = 1, length: int = 7, multipliers: int = 0) -> Row:
     """Return what sample k leaves, all its numbers different, with `count` stages in the window."""
-    numbers = iter(k + np.arange(1, 10000) / 10000)
+    numbers = iter(k + np.arange(1, 100_000) / 100_000)
 
     def draw(*shape: int) -> np.ndarray:
         return np.array([next(numbers) for _ in range(int(np.prod(shape)))]).reshape(shape)

@@ -99,7 +99,7 @@ from psmpc_cli.simulation.run import simulate
 def watch(sample):
     print("held", flush=True)
     sys.stdin.read()
-simulate(task_of(read_run(Path(sys.argv[1]))), Path(sys.argv[1]), watch, force=True)
+simulate(read_run(Path(sys.argv[1])).task, Path(sys.argv[1]), watch, force=True)
 """
 
 

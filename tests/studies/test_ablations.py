@@ -80,12 +80,14 @@ def ablations(small: Task, told: list[str], tmp_path_factory: pytest.TempPathFac
     return {ablation.name: ablation for ablation in found}
 
 
+@pytest.mark.slow
 def test_each_departure_is_taken_back(ablations: Mapping[str, Ablation], told: list[str]) -> None:
     assert list(ablations) == ["pending_cost", "normalization", "discretization"]
     runs = {*CHANGES, *(f"{kind}, {count} nodes" for kind in ("exact", "euler") for count in meshes(NODES))}
     assert set(told) == runs - {f"exact, {NODES} nodes"}
 
 
+@pytest.mark.slow
 def test_a_sentence_is_one_and_has_the_numbers_measured(ablations: Mapping[str, Ablation]) -> None:
     for ablation in ablations.values():
         assert ablation.sentence.endswith(".")
@@ -94,12 +96,14 @@ def test_a_sentence_is_one_and_has_the_numbers_measured(ablations: Mapping[str, 
     assert all(ending(end) in ablations["normalization"].sentence for end in ends)
 
 
+@pytest.mark.slow
 def test_what_is_measured_can_be_drawn(ablations: Mapping[str, Ablation], tmp_path: Path) -> None:
     for name, ablation in ablations.items():
         (path,) = draw("ablations", ablation.panels, tmp_path, only=[f"ablation_{name}"])
         assert path.stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_the_runs_differ_from_ours_where_they_are_changed(ablations: Mapping[str, Ablation]) -> None:
     """As printed the instant lies at the end of the horizon, with the pending cost it does not."""
     numbers = ablations["pending_cost"].numbers
@@ -120,6 +124,7 @@ def test_the_window_is_the_run_s(log: Run, one: OneWindow) -> None:
     assert one.plan.instants == pytest.approx(log["window/instants"][sample, :1])
 
 
+@pytest.mark.slow
 def test_the_windows_are_of_runs_with_other_priorities(ablations: Mapping[str, Ablation], one: OneWindow) -> None:
     assert one.label == "1 : 10"
     for objective in ("printed", "ours"):

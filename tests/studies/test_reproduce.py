@@ -87,6 +87,7 @@ def test_the_fronts_are_in_the_json(data: dict[str, Any]) -> None:
     assert data["fronts"]["samples"][1]["J_1"] is None
 
 
+@pytest.mark.slow
 def test_the_fronts_are_found_from_the_run_there_is(tmp_path: Path) -> None:
     merge_logs({"psmpc": run_there_and_back(tmp_path)}, tmp_path / "out" / "runs.h5")
     log = read_comparison(tmp_path / "out" / "runs.h5")["psmpc"]

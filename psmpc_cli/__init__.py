@@ -12,6 +12,7 @@ except PackageNotFoundError:  # run from a source tree that was never installed
 PUBLIC = {
     "compare": "psmpc_cli.studies.compare",
     "monte_carlo": "psmpc_cli.studies.monte_carlo",
+    "plot": "psmpc_cli.figures.registry",
     "sweep": "psmpc_cli.studies.sweep",
 }
 """The public names and the modules they are imported from, when they are first used."""

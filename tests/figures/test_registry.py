@@ -5,12 +5,13 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import psmpc_cli as psmpc
 import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.figures.registry import default_directory, draw, draw_file, figures_of, plot
+from psmpc_cli.figures.registry import default_directory, draw, draw_file, figures_of
 from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.load import Task
@@ -63,13 +64,13 @@ def test_a_figure_is_plotted_by_name_in_its_own_style_whatever_the_user_s(
     run: Run, runs: Mapping[str, Run], tmp_path: Path
 ) -> None:
     with mpl.rc_context({"font.size": 30.0, "xtick.labelsize": 30.0}):
-        figure = plot(run, "states")
+        figure = psmpc.plot(run, "states")
         figure.savefig(tmp_path / "states.png")
     assert isinstance(figure, Figure)
     assert max(label.get_fontsize() for axes in figure.axes for label in axes.get_xticklabels()) < 10
-    assert "SMPC" in common_legend(plot({"smpc": runs["smpc"]}, "instants"))
+    assert "SMPC" in common_legend(psmpc.plot({"smpc": runs["smpc"]}, "instants"))
     with pytest.raises(InputError, match=r"no figure 'state', expected one of states, velocities, .*solve_time"):
-        plot(run, "state")
+        psmpc.plot(run, "state")
 
 
 @pytest.mark.slow

@@ -28,7 +28,7 @@ def waiting(run: Run) -> Run:
     presence = np.full_like(run["window/presence"], np.nan)
     waits = (run.time > 6.0) & (run.time < 10.0)
     presence[waits, 1] = 10.0 ** (run.time[waits] - 9.0) * (run.time[waits] > 6.5)
-    return replace(run, log=replace(run, arrays={**run.arrays, "window/presence": presence}))
+    return replace(run, arrays={**run.arrays, "window/presence": presence})
 
 
 def draw(plot: Callable[..., Figure], *arguments: Any) -> Figure:
@@ -72,9 +72,11 @@ def test_monitors_are_drawn_with_their_bound_and_where_they_broke(load: Load, ru
     assert "bound" in common_legend(held)
 
 
-def test_monitors_of_a_run_that_did_not_get_there_and_of_a_task_without_any(odd: Run, run: Run) -> None:
+def test_monitors_of_a_run_that_did_not_get_there_and_of_a_task_without_any(
+    odd: Run, load: Load, one_arm: dict[str, Any]
+) -> None:
     draw(plot_monitors, odd)
-    figure = draw(plot_monitors, replace(run, task=run.task.spec.model_copy(update={"monitors": ()})))
+    figure = draw(plot_monitors, load(**one_arm))
     assert "no monitor" in figure.axes[1].get_title(loc="left")
 
 

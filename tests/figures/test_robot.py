@@ -112,7 +112,7 @@ def test_the_object_of_a_run_killed_before_is_never_taken_and_a_task_without_one
     killed, without = scene_of(load(last=8.0)), scene_of(load(**one_arm))
     assert (killed.taken, killed.left, killed.lost) == (np.inf, np.inf, False)
     assert without.object_pose(1.0) is None and not without.lost
-    np.testing.assert_allclose(grasp(without.run.model, np.zeros(5)), [1.2, 0.0, 0.0])
+    np.testing.assert_allclose(grasp(without.run.problem.model, np.zeros(5)), [1.2, 0.0, 0.0])
 
 
 def titles(figure: Figure) -> list[str]:

@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
-import psmpc_cli as psmpc
 import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
+import psmpc_cli as psmpc
 from psmpc_cli.errors import InputError
 from psmpc_cli.figures.registry import default_directory, draw, draw_file, figures_of
 from psmpc_cli.figures.style import in_style

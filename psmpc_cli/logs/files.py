@@ -99,15 +99,17 @@ def _state(path: Path) -> tuple[int, int] | None:
     return status.st_size, status.st_mtime_ns
 
 
-def _foreign(group: h5py.Group) -> str | None:
+def _foreign(group: h5py.Group, levels: int = 4) -> str | None:
     """Return what below a group psmpc never writes: links, references, data in other files; None if there is none."""
+    if not levels:
+        return "groups within groups within groups"
     for name in group:
         where = ascii(name[:60])
         if not isinstance(group.get(name, getlink=True), h5py.HardLink):
             return f"a link to another object at {where}"
         item = group[name]
         if isinstance(item, h5py.Group):
-            found = _foreign(item)
+            found = _foreign(item, levels - 1)
         else:
             elsewhere = item.external or item.is_virtual
             references = item.dtype.hasobject and h5py.check_string_dtype(item.dtype) is None

@@ -2,7 +2,6 @@
 
 import copy
 import re
-from random import Random
 from typing import Any
 
 import pytest
@@ -12,10 +11,9 @@ from hypothesis import strategies as st
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.document import MOST_VALUES, Data, read, write
 from psmpc_cli.specs.library import LARGEST_FILE
-from psmpc_cli.specs.load import load_robot, load_task, parse_task
+from psmpc_cli.specs.load import load_task, parse_task
 
 from ..fuzzing import fuzzing
-from ..mutated_text import mutated_description
 
 TRANSPORT = load_task("transport")
 TASK, ROBOT = (read("original", text) for text in (TRANSPORT.task_yaml, TRANSPORT.robot_yaml))
@@ -94,22 +92,6 @@ def test_mutated_description_is_loaded_or_rejected(document: Any, data: st.DataO
 @given(data=st.data())
 def test_many_mutated_descriptions_are_loaded_or_rejected(document: Any, data: st.DataObject) -> None:
     load_mutated(document, data)
-
-
-@pytest.mark.slow
-@fuzzing(600)
-@given(seed=st.integers(0, 2**32), of_robot=st.booleans())
-def test_mutated_file_is_loaded_or_rejected(
-    tmp_path_factory: pytest.TempPathFactory, seed: int, of_robot: bool
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "mutated.yaml"
-    path.write_bytes(mutated_description(TRANSPORT.robot_yaml if of_robot else TRANSPORT.task_yaml, Random(seed)))
-    before = path.read_bytes()
-    try:
-        load_robot(path) if of_robot else load_task(path)
-    except SpecError as error:
-        assert is_clear(error)
-    assert path.read_bytes() == before
 
 
 @pytest.mark.slow

@@ -1,0 +1,243 @@
+"""Damaged files, descriptions and command lines, drawn at random, are read, done or rejected in one message."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from random import Random
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from psmpc_cli.errors import SpecError
+from psmpc_cli.logs.comparison import merge_logs
+from psmpc_cli.specs.load import load_robot, load_task
+
+from .cli.command import Ran
+from .fuzzing import fuzzing
+from .made_up_fronts import made_up_fronts
+from .made_up_sweep import made_up_sweep
+from .simulation.logged import there_and_back
+from .there_and_back import TASK
+
+pytestmark = pytest.mark.slow
+
+FILES = ("log.h5", "part.h5", "compared.h5", "sweep.h5", "fronts.h5")
+
+WORDS = (
+    *("", "-", "--", "-x", "--help", "nan", "-1", "0", "1e999", "9" * 30, ".", "..", "none.h5", "a\nb", "a" * 5000),
+    *("task.yaml", "empty.h5", "--force", "--quiet", "--set", "--only", "--format", "--run", "--step", "--every"),
+    *("=", "x=[", "stages[9].name=1", "time_limit=.nan", "initial.base=[1e300, 0, 0]", "solver.kind=*a", "1,2", "1:0"),
+    *("random:x", "0x0", "png", "exe", "states", "psmpc", "transport", "planar_dual_arm", *FILES),
+)
+"""Words that are put into command lines."""
+
+LINES = (
+    *("show log.h5", "show part.h5 --csv new", "show compared.h5", "show sweep.h5", "show fronts.h5"),
+    *("plot part.h5 --only states -o new --format svg", "plot compared.h5 --run one --only controls -o new"),
+    *("replay part.h5 --step 2", "verify part.h5 --every 3", "rerun part.h5 -o new.h5 --strict"),
+    *("simulate task.yaml -o new.h5 --no-figures --set time_limit=0.3", "check task.yaml --set seed=1"),
+    *("compare task.yaml --controllers pid,smpc -o new.h5", "pareto log.h5 --stages 1,9 --points 3 -o new.h5"),
+    *("sweep-weights 2x2 task.yaml --stages 2,9 --range 1:10 -o new.h5", "monte-carlo task.yaml --runs 0", "init new"),
+)
+"""Command lines that end soon; some are wrong already."""
+
+NUMBERS = (
+    *("controller.horizon", "controller.sample_time", "controller.nodes", "controller.zeta", "solver.tolerance"),
+    *("plant.low_level_rate", "plant.step", "seed", "time_limit", "stages.go.dwell", "stages.go.priority"),
+    *("stages.go.target.base[0]", "stages.go.ends_when.tolerance", "skills.move.weights.control", "initial.base[0]"),
+    *("uncertainty.mass", "uncertainty.friction.viscous", "uncertainty.noise.velocity", "uncertainty.payload.mass"),
+)
+"""Numbers of the task that a setting can change."""
+
+READ = """
+import json, sys
+from pathlib import Path
+from psmpc_cli.errors import LogError
+from psmpc_cli.logs.files import kind_of
+from psmpc_cli.logs.results import read_results
+from psmpc_cli.logs.run import read_comparison, read_run
+readers = {"run": lambda path: read_run(path).plans, "comparison": read_comparison}
+for line in sys.stdin:
+    path = Path(json.loads(line))
+    try:
+        kind = kind_of(path)
+        readers[kind](path) if kind in readers else read_results(path, kind)
+        print("read", flush=True)
+    except LogError as error:
+        print("rejected" if "\\n" not in str(error) else "several lines", flush=True)
+    except Exception as error:
+        print(repr(error), flush=True)
+"""
+"""Reads the files named on standard input; HDF5 may crash on a damaged one, and this process with it."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fuzz")
+    there_and_back(folder)
+    there_and_back(folder, samples=6, name="part")
+    merge_logs({"one": folder / "log.h5", "two": folder / "part.h5"}, folder / "compared.h5")
+    made_up_sweep(folder / "sweep.h5", "3x3", waiting=(1,), failed=(2,))
+    made_up_fronts(folder / "fronts.h5", failed=(1,))
+    (folder / "task.yaml").write_text(TASK)
+    (folder / "empty.h5").touch()
+    return folder
+
+
+class Reader:
+    """Reads files in a process of its own, which is started again after a crash."""
+
+    def __init__(self) -> None:
+        self.process: subprocess.Popen[str] | None = None
+
+    def read(self, path: Path) -> str:
+        """Return read, rejected, crashed, or what was raised instead."""
+        if self.process is None or self.process.poll() is not None:
+            command = [sys.executable, "-c", READ]
+            self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.process.stdin.write(json.dumps(str(path)) + "\n")
+        self.process.stdin.flush()
+        return self.process.stdout.readline().strip() or "crashed"
+
+
+@pytest.fixture(scope="module")
+def reader() -> Iterator[Reader]:
+    reader = Reader()
+    yield reader
+    if reader.process is not None:
+        reader.process.kill()
+        reader.process.communicate()
+
+
+def mutated_bytes(content: bytes, random: Random) -> bytes:
+    """Cut a file off, overwrite or remove a part of it, or flip bits."""
+    changed, at, length = bytearray(content), random.randrange(len(content)), random.choice([1, 8, 64, 512, 4096])
+    kind = random.randrange(5)
+    if kind == 0:
+        return content[:at]
+    if kind == 1:
+        changed[at : at + length] = random.choice([b"\x00", b"\xff"]) * length
+    elif kind == 2:
+        del changed[at : at + length]
+    else:
+        for _ in range(random.choice([1, 2, 8, 64])):
+            changed[random.randrange(len(content))] ^= 1 << random.randrange(8)
+    return bytes(changed)
+
+
+def _replace(file: h5py.File, name: str, value: object) -> None:
+    del file[name]
+    if value is not None:
+        file[name] = value
+
+
+def _set_attribute(file: h5py.File, name: str, value: object) -> None:
+    place = file if name.startswith("s") else file[name]
+    place.attrs[next(iter(place.attrs))] = value
+
+
+EDITS: tuple[Callable[[h5py.File, str], None], ...] = (
+    lambda file, name: _replace(file, name, None),
+    lambda file, name: _replace(file, name, h5py.SoftLink("/time")),
+    lambda file, name: _replace(file, name, h5py.ExternalLink("/dev/zero", "/x")),
+    lambda file, name: _replace(file, name, file["/"]),
+    lambda file, name: _replace(file, name, np.array([file.ref] * 3, h5py.ref_dtype)),
+    lambda file, name: _replace(file, name, file[name][()][..., None]),
+    lambda file, name: _replace(file, name, "text"),
+    lambda file, name: _replace(file, name, h5py.Empty("f")),
+    lambda file, name: _set_attribute(file, name, b"\xff\xfe"),
+    lambda file, name: _set_attribute(file, name, np.zeros(5)),
+)
+"""Changes of a dataset by HDF5's own means."""
+
+
+@fuzzing(150)
+@given(seed=st.integers(0, 2**32), name=st.sampled_from(FILES))
+def test_a_damaged_file_is_read_or_rejected(folder: Path, reader: Reader, seed: int, name: str) -> None:
+    random, path = Random(seed), folder / "bad.h5"
+    path.write_bytes(mutated_bytes((folder / name).read_bytes(), random))
+    assert reader.read(path) in ("read", "rejected", "crashed")
+
+
+@pytest.mark.parametrize("edit", range(len(EDITS)))
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_that_was_edited_is_read_or_rejected(folder: Path, reader: Reader, name: str, edit: int) -> None:
+    path = folder / "bad.h5"
+    path.write_bytes((folder / name).read_bytes())
+    with h5py.File(path, "r+") as file:
+        names: list[str] = []
+        file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
+        EDITS[edit](file, Random(edit).choice(names))
+    assert reader.read(path) in ("read", "rejected")
+
+
+@fuzzing(150)
+@given(seed=st.integers(0, 2**32), of_robot=st.booleans())
+def test_a_damaged_description_is_loaded_or_rejected(folder: Path, seed: int, of_robot: bool) -> None:
+    random, original, path = Random(seed), load_task("transport"), folder / "bad.yaml"
+    path.write_bytes(mutated_bytes((original.robot_yaml if of_robot else original.task_yaml).encode(), random))
+    try:
+        load_robot(path) if of_robot else load_task(path)
+    except SpecError as error:
+        assert len(str(error)) < 30_000
+        assert all(line.replace("\t", " ").isprintable() for line in str(error).split("\n"))
+
+
+@fuzzing(60)
+@given(
+    st.sampled_from(LINES),
+    st.lists(st.tuples(st.integers(1, 8), st.sampled_from(WORDS), st.booleans()), min_size=1, max_size=3),
+)
+def test_a_mutated_command_line_is_done_or_rejected(
+    folder: Path, command: Callable[..., Ran], line: str, changes: list[tuple[int, str, bool]]
+) -> None:
+    words = line.split()
+    for at, word, instead in changes:
+        words[at : at + instead] = [word]
+    kept = {name: (folder / name).read_bytes() for name in FILES}
+    ran = command(*words)
+    assert ran.code in (0, 1, 2, 3), ran.stderr
+    assert "Traceback" not in ran.stderr
+    assert ran.code in (0, 1) or ran.stderr
+    if "--force" not in words:
+        assert {name: (folder / name).read_bytes() for name in FILES} == kept
+
+
+@fuzzing(10)
+@given(st.lists(st.tuples(st.sampled_from(NUMBERS), st.floats(-13, 13)), min_size=1, max_size=2))
+def test_numbers_of_any_magnitude_are_rejected_or_give_a_readable_log(
+    command: Callable[..., Ran], settings: list[tuple[str, float]]
+) -> None:
+    Path("new.h5").unlink(missing_ok=True)
+    changes = ["plant.kind=rk4", "solver.compiled=false", "log.shares=false", "time_limit=0.3"]
+    changes += [f"{key}={10**magnitude:.3g}" for key, magnitude in settings]
+    ran = command(
+        "simulate", "task.yaml", "-o", "new.h5", "--no-figures", "-q", *[w for c in changes for w in ("--set", c)]
+    )
+    assert ran.code in (0, 2, 3), ran.stderr
+    assert "Traceback" not in ran.stderr
+    assert ran.code == 2 or command("show", "new.h5").code == 0
+
+
+@pytest.fixture
+def command(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Ran]:
+    """The command line in this process, in the folder of the files."""
+    from psmpc_cli.cli.main import main
+
+    monkeypatch.chdir(folder)
+
+    def run(*words: str) -> Ran:
+        monkeypatch.setattr(sys, "argv", ["psmpc", *words])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as left:
+            main()
+        return Ran(int(left.value.code or 0), *capsys.readouterr())
+
+    return run

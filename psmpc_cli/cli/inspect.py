@@ -89,9 +89,10 @@ def schema(
     kind: Annotated[Kind | None, typer.Argument(help="One kind. Default: both, by kind.", show_default=False)] = None,
 ) -> None:
     """Print the JSON Schema of robot and task descriptions, for editors."""
-    from psmpc_cli.specs.library import json_schema, json_schemas
+    from psmpc_cli.specs.library import KINDS, json_schema
 
-    typer.echo(json.dumps(json_schemas() if kind is None else json_schema(kind.value), indent=2))
+    found = {each: json_schema(each) for each in KINDS} if kind is None else json_schema(kind.value)
+    typer.echo(json.dumps(found, indent=2))
 
 
 def bench(

@@ -1,6 +1,5 @@
 """The kinds of value that descriptions are made of, and the base of their models: every error says what it expected."""
 
-import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -157,9 +156,7 @@ def number(value: object) -> float:
     """Return a finite number as float; a text or a truth value is none."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise expected(_a_number(value))
-    if not math.isfinite(value):
-        raise expected("a finite number (a float ends at 1.8e308)")
-    if abs(value) > LARGEST:
+    if not abs(value) <= LARGEST:
         raise expected(f"a number of at most {LARGEST:g} in magnitude")
     return float(value)
 
@@ -259,17 +256,13 @@ def _mirrored(value: object) -> object:
     """Return a number v as the pair (-v, v); a pair as it is."""
     if isinstance(value, list | tuple):
         return value
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise expected("a number, or a pair [low, high]")
     size = number_or_angle(value)
-    if size < 0:
-        raise expected("a number of at least 0, or a pair [low, high]")
     return 0.0 - size, size
 
 
 def _around_rest(bounds: Pair) -> Pair:
     if not bounds[0] <= 0 <= bounds[1]:
-        raise expected("a pair [low, high] around 0, or the robot could not rest")
+        raise expected("a number of at least 0, or a pair [low, high] around 0: the robot must be able to rest")
     return bounds
 
 
@@ -321,7 +314,8 @@ Vector2 = Annotated[tuple[Number, Number], listed("2 entries", 2)]
 Row = Annotated[tuple[Angle, ...], listed("a list of numbers, one row of values for every time")]
 Interval = Annotated[tuple[Angle, Angle], listed("a pair [low, high]", 2), AfterValidator(_ordered)]
 Rate = Annotated[
-    Interval,
+    tuple[Angle, Angle],
+    listed("a pair [low, high]", 2),
     BeforeValidator(_mirrored),
     AfterValidator(_around_rest),
     _Or({"type": "number", "minimum": 0}, {"type": "string", "pattern": ANGLE_PATTERN}),

@@ -87,11 +87,6 @@ def json_schema(kind: Kind) -> dict[str, Any]:
     return {"$schema": DIALECT, "title": f"psmpc {kind}", **_untitled(schema)}
 
 
-def json_schemas() -> dict[str, Any]:
-    """Return the JSON Schemas by kind."""
-    return {kind: json_schema(kind) for kind in KINDS}
-
-
 def _untitled(schema: Any) -> Any:
     """Return a schema without the titles, which only repeat the keys."""
     if isinstance(schema, dict):

@@ -26,9 +26,6 @@ Model = TypeVar("Model", bound=BaseModel)
 LONGEST_PATH = 1000
 """Characters of a path that a task refers to."""
 
-MARKS: dict[Kind, tuple[str, ...]] = {"robot": ("arms", "base"), "task": ("stages", "skills", "robot")}
-"""Keys that only one kind of description has."""
-
 
 @dataclass(frozen=True)
 class LoadedRobot:
@@ -133,7 +130,7 @@ def kind_of_reference(reference: str | Path) -> Kind:
     """
     if str(reference) in built_ins("robot") and not Path(reference).is_file():
         return "robot"
-    return _kind_of(_read("task", reference)[1])
+    return _kind_of(_read("task", reference)[1]) or "task"
 
 
 def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Fault, ...]]:
@@ -164,7 +161,7 @@ def validate_task(document: Document, robot: Document | None) -> tuple[TaskSpec 
 def _validate_as_written(document: Document, robot: Document | None) -> tuple[TaskSpec | None, tuple[Fault, ...]]:
     """Return the task that a document describes for no controller in particular, and every fault of it."""
     task, faults = _validate(document, "task", TaskSpec, known_names(document, parts_of(robot)))
-    if _kind_of(document) == "task":
+    if _kind_of(document) != "robot":
         faults = (*faults, *check_task(document, robot))
     return task, faults
 
@@ -224,13 +221,12 @@ def _robot_of(task: Document, folder: Path) -> tuple[Document | None, tuple[Faul
         return None, (Fault(("robot",), str(error)),)
 
 
-def _kind_of(document: Document) -> Kind:
-    """Return whether a document describes a robot or a task; a task if in doubt."""
-    return "robot" if _marked(document, "robot") and not _marked(document, "task") else "task"
-
-
-def _marked(document: Document, kind: Kind) -> bool:
-    return isinstance(document.data, dict) and any(key in document.data for key in MARKS[kind])
+def _kind_of(document: Document) -> Kind | None:
+    """Return whether a document describes a robot or a task by the keys that only one of them has, None if in doubt."""
+    keys: Collection[str] = document.data if isinstance(document.data, dict) else ()
+    robot = any(key in keys for key in ("arms", "base"))
+    task = any(key in keys for key in ("stages", "skills", "robot"))
+    return None if robot == task else "robot" if robot else "task"
 
 
 def _validate(
@@ -243,8 +239,8 @@ def _validate(
         return None, document.faults or (Fault((), f"found an empty file, expected {wanted}"),)
     if not isinstance(document.data, dict):
         return None, (*document.faults, Fault((), f"found {document.found(())}, expected {wanted}"))
-    if _kind_of(document) != kind and not _marked(document, kind):
-        return None, (Fault((), f"found the description of a {_kind_of(document)}, expected {wanted}"),)
+    if (found := _kind_of(document)) not in (kind, None):
+        return None, (Fault((), f"found the description of a {found}, expected {wanted}"),)
     try:
         return model.model_validate(document.data, context=names), document.faults
     except ValidationError as error:

@@ -193,7 +193,5 @@ def _key(value: Data, step: str | int, path: Path) -> str | int:
         return names[step]
     if str(step).isdecimal() and int(step) < len(value):
         return int(step)
-    if isinstance(step, str) and names:
-        raise _MisplacedError(f"{dotted(path)}: found no entry named {quoted(step)}{choice(step, names)}")
-    last = f"an index from [0] to [{len(value) - 1}]" if value else "no index, the list is empty"
-    raise _MisplacedError(f"{dotted(path)}: found {dotted((step,))}, expected {last}")
+    valid = [*names, f"an index from 0 to {len(value) - 1}"] if value else ["no index, the list is empty"]
+    raise _MisplacedError(f"{dotted(path)}: found no entry {step}{choice(str(step), valid)}")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from psmpc_cli.specs.document import Data, read, write
-from psmpc_cli.specs.library import Kind, json_schema, json_schemas
+from psmpc_cli.specs.library import Kind, json_schema
 from psmpc_cli.specs.load import load_robot, load_task, parse_task, validate_robot
 from psmpc_cli.specs.task import StageSpec, TaskSpec
 
@@ -75,10 +75,6 @@ def test_examples_of_robots_load(number: int) -> None:
 def test_committed_schema_is_the_generated_one(kind: Kind) -> None:
     committed = (DOCS / "schema" / f"{kind}.json").read_text(encoding="utf-8")
     assert json.loads(committed) == json_schema(kind), f"psmpc schema {kind} > docs/schema/{kind}.json writes it anew"
-
-
-def test_both_kinds_are_keyed_by_kind() -> None:
-    assert json_schemas() == {"robot": json_schema("robot"), "task": json_schema("task")}
 
 
 def test_numbers_and_angles() -> None:

@@ -109,11 +109,14 @@ def test_without_overrides_the_text_is_the_file() -> None:
             "stages[x]=3",
             'found the path "stages[x]", expected one such as stages[1].priority or stages.capture.priority',
         ),
-        ("stages[7].priority=1", "stages: found [7], expected an index from [0] to [3]"),
+        (
+            "stages[7].priority=1",
+            "stages: found no entry 7, expected one of approach, capture, transport, release, an index from 0 to 3",
+        ),
         (
             "stages.captur.priority=1",
-            'stages: found no entry named "captur" (did you mean "capture"?), '
-            "expected one of approach, capture, transport, release",
+            'stages: found no entry captur (did you mean "capture"?), '
+            "expected one of approach, capture, transport, release, an index from 0 to 3",
         ),
         (
             "controller.kind.x=1",

@@ -91,6 +91,6 @@ def test_strict_force_and_ablations(ran: Result, folder: Path) -> None:
     report = (folder / "out" / "report.html").read_text(encoding="utf-8")
     assert len(ablations) == 3
     assert all(ablation["sentence"] in again.stdout for ablation in ablations)
-    assert all(f"Ablation of the {ablation['name'].replace('_', ' ')}" in report for ablation in ablations)
+    assert all(f"With and without the {ablation['name'].replace('_', ' ')}" in report for ablation in ablations)
     figures = {f"ablation_{ablation['name']}.png" for ablation in ablations}
     assert {path.name for path in (folder / "out").iterdir()} == {*FILES, "new.json", *figures}

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs import library
-from psmpc_cli.specs.library import LARGEST_FILE, built_ins, read_text, shown
+from psmpc_cli.specs.library import LARGEST_FILE, built_ins, read_text
 from psmpc_cli.specs.load import kind_of_reference, load_robot, load_task, parse_task
 
 ROBOT = load_robot("planar_dual_arm").robot_yaml
@@ -44,14 +43,6 @@ def test_built_in_task_is_the_paper_s() -> None:
 @pytest.mark.parametrize("name", built_ins("task"))
 def test_built_in_tasks_load_and_have_the_editor_s_mode_line(name: str) -> None:
     assert load_task(name).task_yaml.startswith("# yaml-language-server: $schema=../docs/schema/task.json\n")
-
-
-def test_built_ins_of_an_installed_package_are_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    inside = tmp_path / "psmpc_cli" / "builtin" / "tasks"
-    inside.mkdir(parents=True)
-    (inside / "own.yaml").touch()
-    monkeypatch.setattr(library, "__file__", str(tmp_path / "psmpc_cli" / "specs" / "library.py"))
-    assert built_ins("task") == {"own": inside / "own.yaml"}
 
 
 def test_path_comes_before_built_in_name_but_a_directory_does_not(
@@ -193,10 +184,3 @@ def test_large_missing_and_unreadable_files_are_rejected_with_the_reason(tmp_pat
     assert error_of(below) == f"{below}: found no readable file (Not a directory), expected a YAML file"
     with pytest.raises(SpecError, match="found no file"):
         load_task(tmp_path / ("long" * 100))
-
-
-def test_paths_are_shown_as_the_user_sees_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert shown(tmp_path / "a" / "b.yaml") == str(Path("a/b.yaml"))
-    assert shown(Path("../c.yaml")) == str(Path("../c.yaml"))
-    assert shown(tmp_path.parent / "d.yaml") == str(tmp_path.parent / "d.yaml")

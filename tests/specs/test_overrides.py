@@ -90,14 +90,6 @@ def test_a_mapping_sets_values_of_python() -> None:
         load_task("transport", {"controller.kind": "mars"})
 
 
-def test_later_override_wins() -> None:
-    assert specified("controller.nodes=25", "controller.nodes=30").controller.nodes == 30
-
-
-def test_without_overrides_the_text_is_the_file() -> None:
-    assert TRANSPORT.task_yaml.startswith("# yaml-language-server: $schema=")
-
-
 @pytest.mark.parametrize(
     ("override", "message"),
     [

@@ -108,16 +108,6 @@ def test_three_comparisons_may_miss_each_other_by_less_than_a_factor_of_three() 
     assert weigh(4, [*pairs, (3, 2)], [2, 3, 50, 7]).worst == 2  # the last of those that contradict each other alike
 
 
-@given(st.integers(1, 8), st.lists(st.tuples(st.integers(0, 7), st.integers(0, 7)), max_size=10))
-def test_groups_are_what_comparisons_connect(count: int, drawn: list[Pair]) -> None:
-    links = np.eye(count, dtype=int)
-    pairs = [(a % count, b % count) for a, b in drawn]
-    for a, b in pairs:
-        links[a, b] = links[b, a] = 1
-    connected = np.linalg.matrix_power(links, count) > 0
-    assert {tuple(group) for group in groups(count, pairs)} == {tuple(np.flatnonzero(row)) for row in connected}
-
-
 ROBOT = load_robot("planar_dual_arm").robot_yaml
 NUMBERS = load_task("transport").task_yaml
 UNRATED = "\n".join(line for line in NUMBERS.splitlines() if not line.startswith("    priority:")) + "\n"

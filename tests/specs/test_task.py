@@ -4,7 +4,7 @@ import pytest
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.load import load_robot, load_task, parse_task
-from psmpc_cli.specs.task import EndCondition, SkillWeights, SolverSpec, StageSpec, TaskSpec, UncertaintySpec
+from psmpc_cli.specs.task import EndCondition, SkillWeights, StageSpec, TaskSpec, UncertaintySpec
 
 TASK = load_task("transport").task_yaml
 ROBOT = load_robot("planar_dual_arm").robot_yaml
@@ -13,11 +13,6 @@ ROBOT = load_robot("planar_dual_arm").robot_yaml
 def edited(old: str, new: str) -> TaskSpec:
     assert old in TASK
     return parse_task(TASK.replace(old, new), ROBOT, "transport").spec
-
-
-def test_kind_alone_means_a_mapping() -> None:
-    assert SolverSpec.model_validate("ipopt") == SolverSpec(kind="ipopt")
-    assert edited("solver: {kind: sqp}", "solver: ipopt").solver == SolverSpec(kind="ipopt")
 
 
 def test_weights_are_beside_control() -> None:

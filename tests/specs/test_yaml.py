@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.specs.document import MOST_FAULTS, Data, Document, angle, read, resolve, write
+from psmpc_cli.specs.document import MOST_FAULTS, Data, angle, read, resolve, write
 from psmpc_cli.specs.messages import Fault, Place
 
 texts = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc", "Co", "Cn")), max_size=12)
@@ -48,12 +48,6 @@ def test_the_first_of_equal_keys_counts_and_odd_keys_are_passed_over() -> None:
     document = read("twice", "a: 1\nb: 2\na: {c: [3]}\n[x, y]: {z: 4}\nd: 5\n")
     assert document.data == {"a": 1, "b": 2, "d": 5}
     assert [(fault.path, fault.place) for fault in document.faults] == [(("a",), Place(3, 1)), ((), Place(4, 1))]
-
-
-def test_path_that_does_not_exist_has_the_position_of_the_value_around_it() -> None:
-    document = read("around", "a:\n  b: {c: 1}\n")
-    assert document.entry(("a", "b", "x", 3)) == document.entry(("a", "b"))
-    assert Document("empty", "").entry(("a",)).place.line == 1
 
 
 @pytest.mark.parametrize(
@@ -109,9 +103,3 @@ def test_faults_are_in_the_order_of_lines_once_and_not_too_many() -> None:
     text = document.report([Fault((f"k{i}",), "found it") for i in range(80)])
     assert text.count("found it") == MOST_FAULTS
     assert text.endswith("f: 30 more problems")
-
-
-def test_line_that_is_empty_or_not_in_the_text_is_left_out() -> None:
-    document = read("f", "a: 1\n\n")
-    assert document.report([Fault((), "here", place=Place(2, 1))]) == "f:2:1: here"
-    assert document.report([Fault((), "there", place=Place(9, 1))]) == "f:9:1: there"

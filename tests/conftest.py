@@ -18,8 +18,8 @@ settings.load_profile("psmpc")
 
 
 @pytest.fixture(autouse=True)
-def as_loud_as_before() -> Iterator[None]:
-    """Commands that are told to be quiet, or not, are so for one test."""
+def restored_log_levels() -> Iterator[None]:
+    """Restore the log levels that commands choose."""
     loggers = [logging.getLogger(name) for name in ("psmpc_cli", "psmpc_cli.native")]
     levels = [logger.level for logger in loggers]
     yield

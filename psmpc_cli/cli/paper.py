@@ -62,8 +62,8 @@ def _run(
     quiet: bool,
 ) -> "Reproduction":
     """Run everything with its progress; a signal ends it, and no report is written."""
-    from psmpc_cli.cli.progress import ParallelRuns, ending_on_signals, watched_study
-    from psmpc_cli.studies.reproduce import ablate, find_fronts, judge_claims, run_methods, sweep_weights
+    from psmpc_cli.cli.progress import ended_runs, ending_on_signals, watched_study
+    from psmpc_cli.studies.reproduce import METHODS, ablate, find_fronts, judge_claims, run_methods, sweep_weights
 
     def echo(line: str) -> None:
         if not quiet:
@@ -73,8 +73,8 @@ def _run(
         echo(f"fronts: {instant:.1f} s done, {ended} of {count}")
 
     with ending_on_signals("no report was written"):
-        with ParallelRuns(quiet).shown() as runs:
-            logs = run_methods(directory, changes, force, jobs, runs.began, runs.done)
+        with ended_runs(quiet, len(METHODS)) as done:
+            logs = run_methods(directory, changes, force, jobs, done)
         with watched_study(quiet, "cells failed") as watch:
             cells = sweep_weights(directory, changes, weights, force, jobs, watch)
         results = find_fronts(directory, logs["psmpc"], fronts, force, jobs, front_found)

@@ -2,18 +2,15 @@
 
 import signal
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import typer
 
 if TYPE_CHECKING:
-    from rich.text import Text
-
     from psmpc_cli.logs.schema import Sample
     from psmpc_cli.studies.runner import Progress
 
@@ -94,40 +91,30 @@ def live_line(quiet: bool) -> Iterator[Callable[..., None]]:
 
 @contextmanager
 def watched_run(quiet: bool) -> "Iterator[tuple[Callable[[Sample], None], Interruption]]":
-    """Provide a watcher that shows the progress of a run and ends it after the sample at which a signal came."""
-    line, due = RunLine(), 0.0
+    """Provide a watcher that shows the progress of a run and ends it after the sample at which a signal came.
+
+    Its line has time, stage, planned switch times, real-time factor since the first sample, and failed solves.
+    """
+    began, due, failed = 0.0, 0.0, 0
     with handled_signals(at_once=False) as interruption, live_line(quiet) as show:
 
         def watch(sample: "Sample") -> None:
-            nonlocal due
-            is_due = sample.command.time >= due or bool(sample.command.switches)
-            due = sample.command.time + PLAIN_INTERVAL if is_due else due
-            show(line.text(sample), is_due)
+            nonlocal began, due, failed
+            command, now = sample.command, time.monotonic()
+            began = began or now
+            failed += "solve_failed" in command.events
+            factor = f"{command.time / (now - began):.1f}" if command.time > 0 else "-"
+            ahead = ", ".join(f"{instant:.2f}" for instant in command.instants) or "none"
+            is_due = command.time >= due or bool(command.switches)
+            due = command.time + PLAIN_INTERVAL if is_due else due
+            show(
+                f"{command.time:5.1f} s  {command.stage.name:<10} planned switch times: {ahead:<12} "
+                f"{factor:>5} x real time  failed solves: {failed}",
+                is_due,
+            )
             interruption.check()
 
         yield watch, interruption
-
-
-class RunLine:
-    """The progress of a run as one line; the real-time factor counts from the first sample on."""
-
-    def __init__(self) -> None:
-        self._began: float | None = None
-        self._failed = 0
-
-    def text(self, sample: "Sample") -> str:
-        """Write simulated time, stage, planned switch times, real-time factor and number of failed solves."""
-        command, now = sample.command, time.monotonic()
-        self._failed += "solve_failed" in command.events
-        if self._began is None:
-            self._began = now
-        elapsed = now - self._began
-        factor = f"{command.time / elapsed:.1f}" if elapsed > 0 and command.time > 0 else "-"
-        ahead = ", ".join(f"{instant:.2f}" for instant in command.instants) or "none"
-        return (
-            f"{command.time:5.1f} s  {command.stage.name:<10} planned switch times: {ahead:<12} "
-            f"{factor:>5} x real time  failed solves: {self._failed}"
-        )
 
 
 @contextmanager
@@ -151,46 +138,15 @@ def watched_study(quiet: bool, failed: str) -> "Iterator[Callable[[Progress], No
         yield watch
 
 
-class ParallelRuns:
-    """Shows the progress of runs in other processes: their simulated times, from the notes beside their logs."""
+@contextmanager
+def ended_runs(quiet: bool, count: int) -> Iterator[Callable[[str], None]]:
+    """Provide what is called with the name of each of `count` parallel runs that ends, and shows it."""
+    ended: list[str] = []
+    with live_line(quiet) as show:
 
-    def __init__(self, quiet: bool) -> None:
-        self._quiet = quiet
-        self._paths: Mapping[str, Path] = {}
-        self._done: list[str] = []
+        def done(name: str) -> None:
+            ended.append(name)
+            show(f"{name} done, {len(ended)} of {count}")
 
-    def __rich__(self) -> "Text":
-        """Show the simulated time of every run."""
-        from rich.text import Text
-
-        from psmpc_cli.studies.compare import simulated_times
-
-        times = simulated_times(self._paths)
-        states = {name: f"{times[name]:.1f} s" if name in times else "waits" for name in self._paths}
-        states |= dict.fromkeys(self._done, "done")
-        text = "   ".join(f"{name} {state}" for name, state in states.items())
-        return Text(text, overflow="ellipsis", no_wrap=True)
-
-    @contextmanager
-    def shown(self) -> Iterator[Self]:
-        """Show a live line on a terminal, a line for each run that ends elsewhere."""
-        from rich.console import Console
-        from rich.live import Live
-
-        console = Console(stderr=True)
-        if self._quiet or not console.is_terminal:
-            yield self
-            return
-        self._quiet = True
-        with Live(self, console=console, refresh_per_second=2, transient=True):
-            yield self
-
-    def began(self, paths: Mapping[str, Path]) -> None:
-        """Store the paths of the logs, by name."""
-        self._paths = dict(paths)
-
-    def done(self, name: str) -> None:
-        """Store that a run has ended."""
-        self._done.append(name)
-        if not self._quiet:
-            typer.echo(f"{name} done, {len(self._done)} of {len(self._paths)}", err=True)
+        show(f"0 of {count} runs done", due=False)
+        yield done

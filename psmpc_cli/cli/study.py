@@ -50,7 +50,7 @@ def compare(
     quiet: Quiet = False,
 ) -> None:
     """Run several controllers on the identical task: one table, one file of logs, and figures side by side."""
-    from psmpc_cli.cli.progress import ParallelRuns, ending_on_signals
+    from psmpc_cli.cli.progress import ended_runs, ending_on_signals
     from psmpc_cli.cli.tables import print_comparison
     from psmpc_cli.logs.run import read_comparison
     from psmpc_cli.ocp.feasibility import ensure_feasible
@@ -60,8 +60,8 @@ def compare(
     first = next(iter(tasks.values()))
     ensure_feasible(first)
     path = output_file(output, f"{first.spec.name}-comparison", force, figures)
-    with ending_on_signals("no comparison was written"), ParallelRuns(quiet).shown() as runs:
-        compare_tasks(tasks, path, force, jobs, runs.began, runs.done)
+    with ending_on_signals("no comparison was written"), ended_runs(quiet, len(tasks)) as done:
+        compare_tasks(tasks, path, force, jobs, done)
     _present(path, "comparison", read_comparison(path), partial(print_comparison, path=path), figures, force, quiet)
 
 

@@ -11,7 +11,6 @@ from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.logs.comparison import merge_logs
 from psmpc_cli.logs.files import check_output
 from psmpc_cli.logs.run import Run, read_comparison
-from psmpc_cli.logs.schema import Sample
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.task import ControllerSpec
@@ -97,7 +96,6 @@ def compare_tasks(
     path: Path,
     force: bool = False,
     jobs: int | None = None,
-    began: Callable[[Mapping[str, Path]], None] = lambda paths: None,
     done: Callable[[str], None] = lambda name: None,
 ) -> None:
     """Run every task in a process of its own and write all logs into one file, whole or not at all.
@@ -107,7 +105,6 @@ def compare_tasks(
         path: The file.
         force: Whether an existing file is overwritten.
         jobs: Processes; by default one for each core.
-        began: Called with the paths of the logs meanwhile, for `simulated_times`.
         done: Called with the name of each run that ends.
 
     Raises:
@@ -121,7 +118,6 @@ def compare_tasks(
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror or error}") from None
     with meanwhile as directory:
-        began(log_paths(tasks, Path(directory)))
         merge_logs(run_variants(tasks, Path(directory), jobs, done), path, force)
 
 
@@ -142,7 +138,8 @@ def run_variants(
     Raises:
         RunError: A log could not be written, or a process was killed each time.
     """
-    paths = log_paths(variants, directory.absolute())  # a process that is used again may be in another directory
+    folder = directory.absolute()  # a process that is used again may be in another directory
+    paths = {name: folder / f"{number}.h5" for number, name in enumerate(variants)}
     chosen = [Variant(name, task, paths[name]) for name, task in variants.items()]
     for index, name in compute(_run, chosen, jobs):
         if name is None:
@@ -152,33 +149,13 @@ def run_variants(
     return paths
 
 
-def log_paths(names: Iterable[str], directory: Path) -> dict[str, Path]:
-    """Return the paths of the logs of variants, by name."""
-    return {name: directory / f"{number}.h5" for number, name in enumerate(names)}
-
-
-def simulated_times(paths: Mapping[str, Path]) -> dict[str, float]:
-    """Read the simulated time of each run [s], from the notes beside their logs; those that wait are left out."""
-    notes = {name: _note(path) for name, path in paths.items()}
-    return {name: float(text) for name, note in notes.items() if note.exists() and (text := note.read_text())}
-
-
 def _run(variant: Variant) -> str:
     """Run one variant; its warnings are counted in its log."""
-    package, note = logging.getLogger("psmpc_cli"), _note(variant.path)
+    package = logging.getLogger("psmpc_cli")
     level = package.level
-
-    def watch(sample: Sample) -> None:
-        note.write_text(f"{sample.command.time:.3f}")
-
     package.setLevel(logging.ERROR)
     try:
-        simulate(variant.task, variant.path, watch, True)
+        simulate(variant.task, variant.path, force=True)
     finally:
         package.setLevel(level)
     return variant.name
-
-
-def _note(path: Path) -> Path:
-    """Return the path at which a run notes its simulated time, beside its log."""
-    return path.with_suffix(".time")

@@ -108,7 +108,6 @@ def run_methods(
     changes: Sequence[str] = (),
     force: bool = False,
     jobs: int | None = None,
-    began: Callable[[Mapping[str, Path]], None] = lambda paths: None,
     done: Callable[[str], None] = lambda name: None,
 ) -> Mapping[str, Run]:
     """Run every method and return its log; the logs go to one file of a directory.
@@ -118,7 +117,6 @@ def run_methods(
         changes: Keys of the task to change, each `path=value`.
         force: Overwrite logs.
         jobs: Number of parallel processes; default the number of cores.
-        began: Called with the paths of the logs during the runs.
         done: Called with the name of each run as it ends.
 
     Raises:
@@ -127,7 +125,7 @@ def run_methods(
         RunError: A log could not be written.
     """
     path = directory / LOGS
-    compare_tasks(load_variants(changes), path, force, jobs, began, done)
+    compare_tasks(load_variants(changes), path, force, jobs, done)
     return read_comparison(path)
 
 

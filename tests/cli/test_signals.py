@@ -131,7 +131,7 @@ def test_a_signal_ends_a_comparison_that_leaves_nothing(
 ) -> None:
     process = start("compare", "transport", "--set", "controller.nodes=12", "-o", "a.h5")
     for _ in range(600):
-        if list(tmp_path.glob(".a-*/*.time")):
+        if list(tmp_path.glob(".a-*/*.h5")):
             break
         time.sleep(0.1)
     process.send_signal(number)

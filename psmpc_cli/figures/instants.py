@@ -1,6 +1,6 @@
 """Planned switch times, the stages' shares and solve times over time. Paper Figs. 1 and 11."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.timeline import DOTTED, Timeline, open_timeline
+from psmpc_cli.figures.timeline import DOTTED, open_timeline
 from psmpc_cli.logs.run import Run
 
 ACROSS = 4
@@ -155,7 +155,12 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
             _plot_stack(axes, run, values)
         timeline.panels[row, 0].set_ylabel(f"Share in the\n{whole} (%)")
     timeline.label(0, f"Share in the\n{COST} (%)", handle=1.2)
-    return _finish_shares(timeline, columns, [values for found in shares.values() for values in found])
+    handles: list[Artist] = []
+    if any(len(run.spans) > 1 for run in columns):
+        handles.append(style.entry("switch", color="black", linewidth=0.6))
+    if not all(np.isfinite(values).any(axis=1).all() for found in shares.values() for values in found):
+        handles.append(style.patch_entry("no share: stages agree, or no solution", facecolor="white"))
+    return timeline.finish(handles)
 
 
 def cost_shares(run: Run) -> np.ndarray:
@@ -196,16 +201,6 @@ def _plot_stack(axes: Axes, run: Run, shares: np.ndarray) -> None:
 def _tint(color: str) -> tuple[float, ...]:
     """Return a colour mixed with white: filled areas need less of it than lines."""
     return tuple(0.75 * part + 0.25 for part in to_rgb(color))
-
-
-def _finish_shares(timeline: Timeline, runs: Iterable[Run], shares: Iterable[np.ndarray]) -> Figure:
-    """Explain switches and samples without shares in the common legend and return the figure."""
-    handles: list[Artist] = []
-    if any(len(run.spans) > 1 for run in runs):
-        handles.append(style.entry("switch", color="black", linewidth=0.6))
-    if not all(np.isfinite(values).any(axis=1).all() for values in shares):
-        handles.append(style.patch_entry("no share: stages agree, or no solution", facecolor="white"))
-    return timeline.finish(handles)
 
 
 def plot_solve_time(run: Run) -> Figure:

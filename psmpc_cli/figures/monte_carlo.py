@@ -1,6 +1,6 @@
 """The runs of a Monte Carlo study: how often they succeed, when their stages end, how near to limits they come."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,6 @@ from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
-
-MARKS = ("o", "^", "s", "D")
 
 RING_LOOK: Mapping[str, Any] = {
     "color": "black",
@@ -23,9 +21,6 @@ RING_LOOK: Mapping[str, Any] = {
     "zorder": 1.8,
 }
 """Look of the ring around a run that failed, behind the marks."""
-
-LOST: Mapping[str, Any] = {"color": "black", "marker": "x", "markersize": 3.0 + 1, "linestyle": "none"}
-"""Look of a run without a value, on the lower edge of a panel."""
 
 
 def plot_success(runs: MonteCarloRuns) -> Figure:
@@ -62,12 +57,30 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
 
 def plot_runs(runs: MonteCarloRuns) -> Figure:
     """Plot final error [tolerances], tightest margins [%] and those of the monitors [m, m/s] of every run."""
-    panels: list[Callable[[Axes, MonteCarloRuns], None]] = [_plot_errors, _plot_margins]
-    panels += [_plot_monitors] if runs.monitors else []
+    error, kinds = runs["final_error"], ("position", "velocity")
+    monitored = zip(runs.monitors, runs["monitor_margin"].T, strict=True) if runs.monitors else ()
+    panels = [
+        ("Final error\n(tolerances)", {"": error}, 1.0, "tolerance"),
+        (
+            "Tightest margin\n(% of the limit)",
+            {kind: 100 * runs[f"relative_{kind}_margin"] for kind in kinds},
+            0.0,
+            "limit",
+        ),
+        ("Margin of monitor\n(m, m/s)", {style.readable(name): margin for name, margin in monitored}, 0.0, "bound"),
+    ][: 3 if runs.monitors else 2]
     figure = style.new_figure(len(panels) * 1.15 + 0.65)
     rows = figure.subplots(len(panels), 1, sharex=True)
-    for axes, plot in zip(rows, panels, strict=True):
-        plot(axes, runs)
+    for axes, (label, values, level, name) in zip(rows, panels, strict=True):
+        _plot_by_run(axes, runs, values)
+        axes.axhline(level, color=style.EDGE, linewidth=0.7, zorder=1.5, label=name)
+        axes.set_ylabel(label)
+    known = error[np.isfinite(error) & (error > 0)]
+    if len(known) and known.max() > 30.0 * known.min():
+        rows[0].set_yscale("log")
+    else:
+        rows[0].set_ylim(0.0, 1.12 * max(1.0, float(np.nanmax(error, initial=0.0))))
+    for axes in rows:
         style.panel_legend(axes)
     rows[-1].set_xlabel("Seed of the run (1)")
     rows[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -75,43 +88,11 @@ def plot_runs(runs: MonteCarloRuns) -> Figure:
     return figure
 
 
-def _plot_errors(axes: Axes, runs: MonteCarloRuns) -> None:
-    error = runs["final_error"]
-    _plot_by_run(axes, runs, {"": error})
-    known = error[np.isfinite(error) & (error > 0)]
-    if len(known) and known.max() > 30.0 * known.min():
-        axes.set_yscale("log")
-    else:
-        axes.set_ylim(0.0, 1.12 * max(1.0, float(np.nanmax(error, initial=0.0))))
-    _draw_line(axes, 1.0, "tolerance")
-    axes.set_ylabel("Final error\n(tolerances)")
-
-
-def _plot_margins(axes: Axes, runs: MonteCarloRuns) -> None:
-    _plot_by_run(axes, runs, {kind: 100 * runs[f"relative_{kind}_margin"] for kind in ("position", "velocity")})
-    _draw_line(axes, 0.0, "limit")
-    axes.set_ylabel("Tightest margin\n(% of the limit)")
-
-
-def _plot_monitors(axes: Axes, runs: MonteCarloRuns) -> None:
-    margins = runs["monitor_margin"].T
-    _plot_by_run(
-        axes, runs, {style.readable(name): margin for name, margin in zip(runs.monitors, margins, strict=True)}
-    )
-    _draw_line(axes, 0.0, "bound")
-    axes.set_ylabel("Margin of monitor\n(m, m/s)")
-
-
-def _draw_line(axes: Axes, level: float, name: str) -> None:
-    """Draw the line on one side of which the values of a panel should stay."""
-    axes.axhline(level, color=style.EDGE, linewidth=0.7, zorder=1.5, label=name)
-
-
 def _plot_by_run(axes: Axes, runs: MonteCarloRuns, values: Mapping[str, np.ndarray]) -> None:
     """Plot quantities (runs,) over the seed; failed runs are ringed, or crosses on the lower edge without values."""
     seed, failed = runs["seed"], runs.failed
     for number, (name, value) in enumerate(values.items()):
-        look = style.line_look(number) | {"marker": MARKS[number % len(MARKS)], "linestyle": "none"}
+        look = style.line_look(number) | {"marker": style.MARKERS[number % len(style.MARKERS)], "linestyle": "none"}
         axes.plot(seed, value, markersize=3.0, markeredgewidth=0, label=name or "_all", **look)
         axes.plot(seed[failed], value[failed], **RING_LOOK)
     axes.margins(y=0.12)
@@ -120,4 +101,4 @@ def _plot_by_run(axes: Axes, runs: MonteCarloRuns, values: Mapping[str, np.ndarr
         axes.plot([], [], label="failed", **RING_LOOK)
     if (lost := seed[failed & ~known]).size:
         below = axes.get_xaxis_transform()
-        axes.plot(lost, np.zeros(len(lost)), transform=below, label="failed, no value", clip_on=False, **LOST)
+        axes.plot(lost, np.zeros(len(lost)), transform=below, label="failed, no value", clip_on=False, **style.FAILED)

@@ -1,13 +1,12 @@
 """What the reproduction of the paper shows beside its claims, and the ablations of what departs from the paper."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator, StrMethodFormatter
 
 from psmpc_cli.figures import style
@@ -41,8 +40,8 @@ BROKEN: Mapping[str, Any] = {"color": style.PALETTE[1], "linestyle": "none", "ma
 HEIGHT, MARGIN, AXIS = 1.2, 0.25, 0.3
 """Height of a panel, of around it all, and of an axis with its label [in]."""
 
-ROW, NAME, BAR, ACTS = 0.38, 0.38, 0.55, 0.2
-"""Height of a run's row [in]; of its name, its bars and the early part on their lower edge, as parts of the row."""
+ROW = 0.38
+"""Height of a run's row of bars [in]."""
 
 HORIZON = "T_f"
 """The curve that says how far ahead the horizon ends."""
@@ -145,24 +144,19 @@ def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, 
         runs: By method.
         published: Published ends by method and stage [s].
     """
-    figure = style.new_figure(0.9 + 0.55 * len(runs))
+    figure = style.new_figure(0.9 + 0.5 * len(runs))
     axes = figure.subplots()
     ends = [run.motion.end for run in runs.values()]
     latest = max(ends + [time for times in published.values() for time in times.values()])
     axes.set_xlim(0.0, latest * 1.02)
-    axes.set_ylim(len(runs) - 0.4, -0.6)
-    for row, (name, run) in enumerate(runs.items()):
-        axes.annotate(style.title_of(name), (0.0, row), (-3, 0), textcoords="offset points", ha="right", va="center")
-        for span in run.spans:
-            _draw_span(axes, row, span)
+    _draw_schedule(axes, {style.title_of(name): run.spans for name, run in runs.items()})
+    for row, name in enumerate(runs):
         for time in published.get(name, {}).values():
-            axes.plot(time, row - 0.46 / 2 - 0.1, **PUBLISHED)
-    axes.set_yticks([])
+            axes.plot(time, row - 0.33, **PUBLISHED)
     axes.set_xlabel("Time (s)")
     names = enumerate(next(iter(runs.values())).stage_names, start=1)
-    axes.set_title(
-        ", ".join(f"{number} {style.readable(name)}" for number, name in names), loc="left", pad=4, fontsize=style.TEXT
-    )
+    legend = ", ".join(f"{number} {style.readable(name)}" for number, name in names)
+    axes.set_title(legend, loc="left", pad=4, fontsize=style.TEXT)
     handles: list[Artist] = []
     if any(span.early is not None for run in runs.values() for span in run.spans):
         handles.append(style.patch_entry("next stage already acts", facecolor=style.EARLY))
@@ -170,23 +164,20 @@ def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, 
     return figure
 
 
-def _draw_span(axes: Axes, row: int, span: Span) -> None:
-    """Draw a stage's bar with its number, and its early part below."""
-    face = style.STAGE if span.index % 2 else "white"
-    axes.barh(row, span.end - span.start, 0.46, span.start, facecolor=face, edgecolor=style.EDGE, linewidth=0.5)
-    if span.early is not None:
-        low = row + 0.46 / 2 + 0.18 / 2
-        axes.barh(
-            low,
-            span.start - span.early,
-            0.18,
-            span.early,
-            facecolor=style.EARLY,
-            edgecolor=style.EDGE,
-            linewidth=0.4,
-        )
-    middle = (span.start + span.end) / 2
-    axes.text(middle, row, str(span.index + 1), fontsize=style.TEXT, ha="center", va="center_baseline")
+def _draw_schedule(axes: Axes, runs: Mapping[str, Sequence[Span]]) -> None:
+    """Draw the stages of each run as numbered bars in a row with its name, and early starts below them."""
+    axes.set_yticks(range(len(runs)), [style.wrapped(name, 0.7) for name in runs])
+    axes.tick_params(axis="y", length=0)
+    axes.set_ylim(len(runs) - 0.5, -0.6)
+    look: dict[str, Any] = {"edgecolor": style.EDGE, "linewidth": 0.5}
+    for row, spans in enumerate(runs.values()):
+        for span in spans:
+            face = style.STAGE if span.index % 2 else "white"
+            axes.barh(row, span.end - span.start, 0.46, span.start, facecolor=face, **look)
+            middle = (span.start + span.end) / 2
+            axes.text(middle, row, str(span.index + 1), fontsize=style.TEXT, ha="center", va="center_baseline")
+            if span.early is not None:
+                axes.barh(row + 0.32, span.start - span.early, 0.18, span.early, facecolor=style.EARLY, **look)
 
 
 def plot_pending_cost(panels: Panels) -> Figure:
@@ -313,30 +304,20 @@ def _plot_scan(axes: Axes, curves: Curves, minima: Curves, found: Curves, end: f
 
 
 def _plot_stages(axes: Axes, runs: Curves) -> None:
-    """Draw the stages of each run as bars, by number, and on their lower edge from when on the next one acts."""
-    axes.set_ylim(len(runs), 0.0)
-    axes.set_yticks([])
+    """Draw the stages of each run, given as the starts and ends of its stages, infinite or NaN if it has none."""
+    spans: dict[str, list[Span]] = {}
+    for label, (starts, ends) in runs.items():
+        times = zip(starts, np.r_[0.0, ends[:-1]], ends, strict=True)
+        spans[NAMES.get(label, label)] = [
+            Span(index, "", begin, end, start if start < begin else None)
+            for index, (start, begin, end) in enumerate(times)
+            if np.isfinite([begin, end]).all()
+        ]
+    _draw_schedule(axes, spans)
     axes.tick_params(labelbottom=False)
-    for row, (label, (starts, ends)) in enumerate(runs.items()):
-        axes.text(0.008, row + NAME / 2, NAMES.get(label, label), transform=axes.get_yaxis_transform(), **_SMALL)
-        begins = np.r_[0.0, ends[:-1]]
-        for stage, (start, begin, end) in enumerate(zip(starts, begins, ends, strict=True)):
-            if not np.isfinite([begin, end]).all():
-                break
-            axes.add_patch(_bar(begin, row + NAME, end - begin, BAR, style.STAGE if stage % 2 else "white"))
-            axes.text((begin + end) / 2, row + NAME + (BAR - ACTS) / 2, str(stage + 1), ha="center", **_SMALL)
-            if start < begin:
-                axes.add_patch(_bar(start, row + NAME + BAR - ACTS, begin - start, ACTS, style.EARLY))
     keys = [
         style.patch_entry("stage, by number", facecolor="white"),
         style.patch_entry("next one already acts", facecolor=style.EARLY),
     ]
     axes.legend(handles=keys, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, handlelength=1.0)
     axes.set_title("(a)", loc="left", pad=3.5, fontsize=style.TEXT)
-
-
-def _bar(left: float, top: float, width: float, height: float, face: str) -> Rectangle:
-    return Rectangle((left, top), width, height, facecolor=face, edgecolor=style.EDGE, linewidth=0.5)
-
-
-_SMALL: dict[str, Any] = {"fontsize": style.TEXT, "va": "center"}

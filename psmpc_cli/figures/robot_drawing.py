@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
-from matplotlib.ticker import MultipleLocator
+from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from psmpc_cli.figures import style
 from psmpc_cli.logs.run import Run
@@ -34,24 +34,18 @@ class View:
     y: tuple[float, float]
 
     @property
-    def step(self) -> float:
-        """Distance of ticks [m], the same on both axes: 1, 2 or 5 times a power of ten."""
-        width = self.x[1] - self.x[0]
-        power = 10.0 ** np.floor(np.log10(width / 6))
-        return float(power * next(step for step in (1, 2, 5, 10) if width <= 6 * step * power))
-
-    @property
     def aspect(self) -> float:
         """Height over width."""
         return (self.y[1] - self.y[0]) / (self.x[1] - self.x[0])
 
     def show(self, axes: Axes) -> None:
         """Set a panel's limits and ticks, with equal scales."""
+        step = float(np.ptp(MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(*self.x)[:2]))
         axes.set_xlim(self.x)
         axes.set_ylim(self.y)
         axes.set_aspect("equal")
-        axes.xaxis.set_major_locator(MultipleLocator(self.step))
-        axes.yaxis.set_major_locator(MultipleLocator(self.step))
+        axes.xaxis.set_major_locator(MultipleLocator(step))
+        axes.yaxis.set_major_locator(MultipleLocator(step))
 
 
 def view_around(points: np.ndarray) -> View:
@@ -82,10 +76,6 @@ class Scene:
     left: float
     lost: bool
 
-    def configuration(self, time: float) -> np.ndarray:
-        """Return Q (n,) [m, rad] at a time [s], interpolated between samples."""
-        return np.array([np.interp(time, self.run.motion.time, column) for column in self.run.motion.Q.T])
-
     def object_pose(self, time: float) -> np.ndarray | None:
         """Return the object's pose (3,) [m, m, rad] at a time [s]; None where the task has no object."""
         spec = self.run.task.spec.object
@@ -94,7 +84,7 @@ class Scene:
         pose = np.array(spec.pose, float)
         if time <= self.taken:
             return pose
-        before, now = self.configuration(self.taken), self.configuration(min(time, self.left))
+        before, now = map(self.run.motion.coordinates_at, (self.taken, min(time, self.left)))
         return carried(self.run.problem.model, pose, before, now)
 
     def acting(self, time: float) -> list[int]:
@@ -114,16 +104,13 @@ class Scene:
         """Return the path of each end-effector (., 2) [m] between two times [s]."""
         run = self.run
         times = np.r_[since, run.motion.time[(run.motion.time > since) & (run.motion.time < time)], time]
-        return {
-            name: np.column_stack([np.interp(times, run.motion.time, column) for column in run.motion.xi.T[rows][:2]])
-            for name, rows in run.problem.model.pose_rows.items()
-            if name != "base"
-        }
+        xi = run.motion.poses_at(times)
+        return {name: xi[:, rows][:, :2] for name, rows in run.problem.model.pose_rows.items() if name != "base"}
 
     def points(self, time: float) -> np.ndarray:
         """Return points (., 2) [m] whose hull holds robot and object at a time [s]."""
         pose, spec = self.object_pose(time), self.run.task.spec.object
-        found = [outline(self.run.problem.model, self.configuration(time))]
+        found = [outline(self.run.problem.model, self.run.motion.coordinates_at(time))]
         return np.vstack([*found, *([] if pose is None or spec is None else [rectangle(pose, spec.shape)])])
 
     def view(self, times: Iterable[float]) -> View:
@@ -146,7 +133,7 @@ class Scene:
             stages: Whose targets are drawn; those that act by default.
             width: Scales the lines.
         """
-        run, pose, Q = self.run, self.object_pose(time), self.configuration(time)
+        run, pose, Q = self.run, self.object_pose(time), self.run.motion.coordinates_at(time)
         if pose is not None and run.task.spec.object is not None:
             look = object_look(self.lost and time >= self.left, width)
             axes.add_patch(Polygon(rectangle(pose, run.task.spec.object.shape), zorder=1, **look))

@@ -67,30 +67,41 @@ def plot_snapshots(run: Run) -> Figure:
     frames = key_frames(scene)
     view = scene.view(key.time for key in frames)
     width, columns = (style.COLUMN, min(2, len(frames))) if len(frames) <= 10 else (style.PAGE, ACROSS)
-    across = (width - AROUND) / columns
-    titles = [style.wrapped(f"({letters(i)}) {key.event}", across) for i, key in enumerate(frames)]
-    rows, lines = -(-len(frames) // columns), 1 + max(title.count("\n") for title in titles)
-    figure = style.new_figure(rows * (across * view.aspect + lines * style.LINE + 0.08) + AXIS, width)
-    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    events = [f"({letters(i)}) {key.event}" for i, key in enumerate(frames)]
+    figure, grid = _panels(view, events, columns, width)
     before = frames[0].time
-    for i, (axes, key, title) in enumerate(zip(grid, frames, titles, strict=False)):
+    for axes, key in zip(grid, frames, strict=False):
         scene.draw(axes, key.time, since=before)
         before = key.time
-        view.show(axes)
-        axes.set_title(title, loc="left", pad=2, fontsize=style.TEXT)
-        if i % columns == 0:
-            axes.set_ylabel("y (m)")
-        if i >= len(frames) - columns:
-            axes.set_xlabel("x (m)")
-            axes.tick_params(labelbottom=True)
     handles, vacant = scene_handles([scene]), grid[len(frames) :]
-    for axes in vacant:
-        axes.set_axis_off()
     if len(vacant):
         vacant[0].legend(handles=handles, loc="center")
     else:
         style.add_legend(figure, handles)
     return figure
+
+
+def _panels(view: View, titles: Sequence[str], columns: int, width: float) -> tuple[Figure, np.ndarray]:
+    """Return a figure and its panels, all to one scale, one below each title; those that are left over are empty.
+
+    Titles are broken between words to the width of a panel.
+    """
+    across, rows = (width - AROUND) / columns, -(-len(titles) // columns)
+    broken = ["\n".join(style.wrapped(line, across - 0.05) for line in title.split("\n")) for title in titles]
+    lines = 1 + max(title.count("\n") for title in broken)
+    figure = style.new_figure(rows * (across * view.aspect + lines * style.LINE + 0.08) + AXIS, width)
+    grid: np.ndarray = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for i, (axes, title) in enumerate(zip(grid, broken, strict=False)):
+        view.show(axes)
+        axes.set_title(title, loc="left", pad=2, fontsize=style.TEXT)
+        if i % columns == 0:
+            axes.set_ylabel("y (m)")
+        if i >= len(titles) - columns:
+            axes.set_xlabel("x (m)")
+            axes.tick_params(labelbottom=True)
+    for axes in grid[len(titles) :]:
+        axes.set_axis_off()
+    return figure, grid
 
 
 def key_instants(scene: Scene) -> list[KeyInstant]:
@@ -140,27 +151,17 @@ def plot_compared_snapshots(runs: Mapping[str, Run]) -> Figure:
     scenes = {name: scene_of(run) for name, run in runs.items()}
     names = next(iter(runs.values())).stage_names
     across = min(ACROSS, len(names))
-    rows = -(-len(names) // across)
-    view = _common_view(scenes.values())
-    width = (style.PAGE - AROUND) / across
-    titles = _stage_titles(runs.values(), width - 0.1)
-    lines = 1 + max(title.count("\n") for title in titles)
-    figure = style.new_figure(len(runs) * rows * (width * view.aspect + lines * style.LINE + 0.08) + AXIS, style.PAGE)
-    grid = figure.subplots(len(runs) * rows, across, sharex=True, sharey=True, squeeze=False)
-    for k, (name, scene) in enumerate(scenes.items()):
-        block = grid[k * rows : (k + 1) * rows]
-        for stage, axes in enumerate(block.ravel()):
+    vacant = -len(names) % across
+    titles = _stage_titles(runs.values(), vacant)
+    figure, grid = _panels(_common_view(scenes.values()), titles, across, style.PAGE)
+    for (name, scene), block in zip(scenes.items(), grid.reshape(len(runs), -1), strict=True):
+        for stage, axes in enumerate(block):
             if stage < len(names):
                 _draw_end(axes, scene, stage)
-                view.show(axes)
-                title = titles[k * len(names) + stage]
-                axes.set_title(title + "\n " * (lines - 1 - title.count("\n")), loc="left", pad=2, fontsize=style.TEXT)
             else:
                 axes.set_axis_off()
-        for axes in block[:, 0]:
+        for axes in block[::across]:
             axes.set_ylabel(f"{style.title_of(name)}\ny (m)")
-    for axes in grid[-1]:
-        axes.set_xlabel("x (m)")
     handles = scene_handles(scenes.values())
     if any(span.early is not None for run in runs.values() for span in run.spans):
         handles.append(style.entry("robot at the early start of the next stage", color=GHOST, linewidth=0.9))
@@ -168,18 +169,19 @@ def plot_compared_snapshots(runs: Mapping[str, Run]) -> Figure:
     return figure
 
 
-def _stage_titles(runs: Iterable[Run], width: float) -> list[str]:
-    """Return every panel's title, in lines no wider than this [in]: when a stage ends, and when the next one starts."""
+def _stage_titles(runs: Iterable[Run], vacant: int) -> list[str]:
+    """Return every panel's title, when a stage ends and when the next one starts; after each run so many empty ones."""
     titles: list[str] = []
-    for run in runs:
+    for number, run in enumerate(runs):
         for stage, name in enumerate(run.stage_names):
             end, start = float(run.stages["switch_time"][stage]), _next_span(run, stage)
             ended = f"ends at {end:.1f}{NO_BREAK}s" if np.isfinite(end) else "did not end"
-            lines = [style.wrapped(f"({letters(len(titles))}) {style.readable(name)} {ended}", width)]
+            lines = [f"({letters(len(titles) - number * vacant)}) {style.readable(name)} {ended}"]
             if np.isfinite(end) and start is not None:
                 begun = "starts then" if start.early is None else f"starts at {start.early:.1f}{NO_BREAK}s"
-                lines.append(style.wrapped(f"{style.readable(start.name)} {begun}", width))
+                lines.append(f"{style.readable(start.name)} {begun}")
             titles.append("\n".join(lines))
+        titles += [""] * vacant
     return titles
 
 
@@ -194,7 +196,7 @@ def _draw_end(axes: Axes, scene: Scene, stage: int) -> None:
     if not np.isfinite(end):
         return
     if following is not None and following.early is not None:
-        Q, model = scene.configuration(following.early), run.problem.model
+        Q, model = run.motion.coordinates_at(following.early), run.problem.model
         axes.add_patch(Polygon(base_outline(model, Q), fill=False, edgecolor=GHOST, linewidth=0.6, zorder=1.1))
         for points in arm_points(model, Q).values():
             axes.plot(*points.T, color=GHOST, linewidth=0.9, solid_joinstyle="round", zorder=1.1)
@@ -228,26 +230,14 @@ def plot_scenario(task: Task) -> Figure:
     if task.spec.object is not None:
         points += [rectangle(pose, task.spec.object.shape) for pose in objects]
     view = view_around(np.vstack(points))
-    columns = min(2, len(stages))
-    rows, across = -(-len(stages) // columns), (style.COLUMN - AROUND) / columns
-    figure = style.new_figure(rows * (across * view.aspect + 2 * style.LINE) + AXIS)
-    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for i, (axes, stage) in enumerate(zip(grid, stages, strict=False)):
+    titles = [f"{i}. {style.readable(stage.name)}, priority {stage.priority:g}" for i, stage in enumerate(stages, 1)]
+    figure, grid = _panels(view, titles, min(2, len(stages)), style.COLUMN)
+    for i, axes in enumerate(grid[: len(stages)]):
         if task.spec.object is not None:
             look = object_look(lost=False)
             axes.add_patch(Polygon(rectangle(objects[i], task.spec.object.shape), zorder=1, **look))
         draw_robot(axes, model, stops[i], alpha=FAINT)
         draw_robot(axes, model, stops[i + 1])
-        view.show(axes)
-        title = f"{i + 1}. {style.readable(stage.name)}, priority {stage.priority:g}"
-        axes.set_title(title, loc="left", pad=2, fontsize=style.TEXT)
-        if i % columns == 0:
-            axes.set_ylabel("y (m)")
-        if i >= len(stages) - columns:
-            axes.set_xlabel("x (m)")
-            axes.tick_params(labelbottom=True)
-    for axes in grid[len(stages) :]:
-        axes.set_axis_off()
     look = {"facecolor": style.BODY, "edgecolor": "black", "linewidth": 0.7}
     handles: list[Artist] = [style.patch_entry("base at the target", **look)]
     handles += [style.patch_entry("where the stage begins", alpha=FAINT, **look), *arm_handles(model)]

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from matplotlib.animation import FFMpegWriter
@@ -20,11 +21,11 @@ from psmpc_cli.figures.animation import (
     LONGEST,
     camera_on,
     events_at,
-    film_arrays,
+    film_model,
+    film_of,
     frame_times,
     offscreen_driver,
 )
-from psmpc_cli.figures.offscreen import model_of
 from psmpc_cli.figures.registry import draw
 from psmpc_cli.figures.robot_drawing import View, scene_of
 from psmpc_cli.logs.run import Run
@@ -94,8 +95,8 @@ def test_an_animation_that_cannot_be_written_is_named(tmp_path: Path, load: Load
 @pytest.mark.parametrize("view", [View((-4, 2), (-1, 3)), View((100, 101), (-3, -2)), View((0, 2000), (0, 500))])
 def test_the_camera_sees_the_whole_view_and_hardly_more(view: View) -> None:
     size = (400, 640)
-    *place, distance, azimuth, elevation, field = camera_on(view, size)
-    assert (azimuth, elevation, field) == (90, -ELEVATION, FIELD_OF_VIEW)
+    *place, distance, azimuth, elevation = camera_on(view, size)
+    assert (azimuth, elevation) == (90, -ELEVATION)
     c, s = np.cos(np.radians(ELEVATION)), np.sin(np.radians(ELEVATION))
     corners = np.array([[x, y, 0] for x in view.x for y in view.y])
     seen = corners - (np.array(place) - distance * np.array([0, c, -s]))
@@ -105,20 +106,19 @@ def test_the_camera_sees_the_whole_view_and_hardly_more(view: View) -> None:
     assert max(np.abs(beside).max(), np.abs(above).max()) == pytest.approx(1)
 
 
-def test_a_film_has_base_links_and_object_where_the_run_has_them(
-    run: Run, load: Load, one_arm: dict[str, object]
-) -> None:
+def test_a_film_has_base_links_and_object_where_the_run_has_them(run: Run) -> None:
     scene, times = scene_of(run), np.array([0.0, 12.0, 20.0])
-    film = film_arrays(scene, times)
-    np.testing.assert_allclose(film["poses"][:, 0], [scene.configuration(time)[:3] for time in times])
-    np.testing.assert_allclose(film["poses"][:, -1], [scene.object_pose(time) for time in times])
-    links = film["poses"][:, film["kinds"] == "capsule"]
-    assert links.shape[1] == 6
-    np.testing.assert_allclose(np.unwrap(links[:, :3, 2])[0], np.cumsum(scene.configuration(0.0)[3:6]), atol=1e-9)
-    assert [int(edge) % 2 for edge in film["size"]] == [0, 0]
-    assert model_of(film).nmocap == film["poses"].shape[1]
-    alone = film_arrays(scene_of(load(**one_arm)), np.array([0.0, 3.0]))
-    assert len(alone["kinds"]) == 1 + 2 * 2 + 3
+    film = film_of(scene, times)
+    model = film_model(film).compile()
+    data, times_of = mujoco.MjData(model), zip(times, film.Q, film.poses, strict=True)
+    for time, Q, pose in times_of:
+        data.qpos = Q
+        mujoco.mj_forward(model, data)
+        ends = run.motion.poses_at(np.array([time]))[0]
+        for name, rows in run.problem.model.pose_rows.items():
+            np.testing.assert_allclose(data.site(f"robot.{name}").xpos[:2], ends[rows][:2], atol=1e-9)
+        np.testing.assert_array_equal(pose, scene.object_pose(time))
+    assert film.size[0] % 2 == film.size[1] % 2 == 0
 
 
 def mujoco_draws() -> bool:

@@ -93,7 +93,7 @@ def test_the_object_stays_where_it_was_let_go(run: Run, time: float) -> None:
 def in_grasp(run: Run, time: float) -> np.ndarray:
     """The object's pose in the frame of the grippers."""
     scene = scene_of(run)
-    pose, frame = scene.object_pose(time), grasp(run.problem.model, scene.configuration(time))
+    pose, frame = scene.object_pose(time), grasp(run.problem.model, run.motion.coordinates_at(time))
     assert pose is not None
     c, s = np.cos(frame[2]), np.sin(frame[2])
     offset = pose[:2] - frame[:2]

@@ -1,12 +1,9 @@
-"""Runs that a signal ends at some instant, or whose log cannot be written: what they leave, and the exit code."""
+"""Runs that cannot go on, or whose log cannot be written: the message, and the exit code."""
 
-import signal
 from pathlib import Path
 
 import pytest
-from faults import Fault, during, psmpc, simulate, strike, unmeasured
-
-from psmpc_cli.logs.run import read_run
+from faults import Fault, during, psmpc, simulate, unmeasured
 
 from ..there_and_back import TASK
 
@@ -21,32 +18,7 @@ def task(tmp_path: Path) -> str:
     return str(path)
 
 
-@pytest.mark.parametrize(
-    ("number", "kind", "samples", "delay"),
-    [
-        (signal.SIGINT, "sqp", 3, 0.013),
-        (signal.SIGINT, "fatrop", 2, 0.007),
-        (signal.SIGINT, "ipopt", 1, 0.021),
-        (signal.SIGTERM, "sqp", 2, 0.004),
-        (signal.SIGKILL, "sqp", 4, 0.009),
-    ],
-)
-def test_a_run_that_a_signal_ends_leaves_every_sample_it_told_of(
-    tmp_path: Path, task: str, number: signal.Signals, kind: str, samples: int, delay: float
-) -> None:
-    log = tmp_path / "log.h5"
-    ended = strike(number, log, task, *QUICK, FAR, f"solver.kind={kind}", samples=samples, delay=delay)
-    assert ended.code == 128 + number
-    assert ended.held is not None
-    assert ended.held >= ended.told >= samples
-    assert ended.told <= ended.before + 3
-    assert "Traceback" not in ended.err
-    assert read_run(log).attributes["end_reason"] == {2: "interrupted", 15: "terminated", 9: ""}[number]
-    before = log.read_bytes()
-    assert simulate(Fault(), log, task).code == 2
-    assert log.read_bytes() == before
-
-
+@pytest.mark.slow
 def test_a_run_that_cannot_measure_any_more_says_so(tmp_path: Path, task: str) -> None:
     log = tmp_path / "log.h5"
     ran = simulate(unmeasured(during(0.3, 1000)), log, task, *QUICK, FAR)

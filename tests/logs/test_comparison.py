@@ -19,10 +19,11 @@ from .records import HEADER, LEAN, record
 FINAL = {"final/end_time": 0.3, "final/Q": np.zeros(3)}
 
 
-@pytest.fixture
-def logs(tmp_path: Path) -> dict[str, Path]:
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """A log with everything in it, a lean one, and one with levels; not in the order of the alphabet."""
-    paths = {name: tmp_path / f"{name}.h5" for name in ("smpc", "hard", "htmpc")}
+    folder = tmp_path_factory.mktemp("logs")
+    paths = {name: folder / f"{name}.h5" for name in ("smpc", "hard", "htmpc")}
     for path, header in zip(paths.values(), (HEADER, LEAN, replace(LEAN, has=frozenset({"levels"}))), strict=True):
         with LogWriter(path, header) as log:
             for k in range(3):
@@ -31,11 +32,17 @@ def logs(tmp_path: Path) -> dict[str, Path]:
     return paths
 
 
-@pytest.fixture
-def merged(tmp_path: Path, logs: dict[str, Path]) -> Path:
-    path = tmp_path / "runs" / "comparison.h5"
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, logs: dict[str, Path]) -> Path:
+    path = tmp_path_factory.mktemp("merged") / "runs" / "comparison.h5"
     merge_logs(logs, path)
     return path
+
+
+@pytest.fixture
+def merged(tmp_path: Path, made: Path) -> Path:
+    (tmp_path / "runs").mkdir()
+    return Path(shutil.copy(made, tmp_path / "runs"))
 
 
 def test_every_log_comes_back_as_it_was_and_in_order(merged: Path, logs: dict[str, Path]) -> None:

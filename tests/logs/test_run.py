@@ -12,10 +12,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.logs.run import Run, read_run
+from psmpc_cli.logs.comparison import compare_logs
+from psmpc_cli.logs.run import IN_MEMORY, Run, read_run
 from psmpc_cli.logs.schema import FORMAT_VERSION, columns
 from psmpc_cli.logs.write import ROWS_IN_A_CHUNK, Header, LogWriter
+from psmpc_cli.simulation.run import simulate
+from psmpc_cli.specs.load import load_task
 
+from ..simulation.logged import there_and_back
 from .records import COORDINATES, HEADER, LEAN, SAMPLE, STAGES, TICKS, record
 
 SAMPLES = 3
@@ -110,7 +114,7 @@ def test_group_in_place_of_a_dataset_is_damage(path: Path, name: str) -> None:
 
 
 @given(st.floats(0, 1, exclude_max=True))
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_log_that_is_cut_off_anywhere_is_refused(tmp_path: Path, content: bytes, part: float) -> None:
     path = tmp_path / "log.h5"
     path.write_bytes(content[: int(part * len(content))])
@@ -250,3 +254,14 @@ def test_a_run_is_saved_as_the_log_it_was(path: Path, tmp_path: Path) -> None:
         np.testing.assert_array_equal({**saved.arrays, **saved.plans}[name], values, name)
     with pytest.raises(InputError, match="exists already"):
         run.save(path)
+
+
+def test_a_run_in_memory_is_the_one_it_would_have_written(tmp_path: Path) -> None:
+    changes = ["uncertainty.noise={position: 1e-3, velocity: 1e-3}", "log.shares=false"]
+    written = there_and_back(tmp_path, *changes)
+    run = simulate(load_task(tmp_path / "task.yaml", changes))
+    run.save(tmp_path / "saved.h5")
+    assert compare_logs(written.path, tmp_path / "saved.h5").differences == ()
+    np.testing.assert_array_equal(run.plan("solution", 3), written.plan("solution", 3))
+    assert run.path == IN_MEMORY
+    assert run.summary().end_errors == written.summary().end_errors

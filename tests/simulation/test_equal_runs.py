@@ -20,6 +20,7 @@ def datasets(path: Path) -> dict[str, np.ndarray]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("other", [("controller.kind=smpc",), EQUAL], ids=["smpc", "again"])
 def test_logs_equal_in_every_dataset_but_the_wall_times(tmp_path: Path, other: tuple[str, ...]) -> None:
     """SMPC is PSMPC with all priorities 1, and a run repeated is the same run."""

@@ -93,9 +93,10 @@ def assert_brakes(run: Faulty, reason: str, after: float) -> None:
     assert run.seen.rates.max() <= LIMIT + 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [1, 5])
 @pytest.mark.parametrize("entries", [(), (0,), (9,)])
-def test_the_plan_stands_in_for_what_is_not_measured(
+def test_the_plan_is_used_for_what_is_not_measured(
     faulty: Start, untouched: Faulty, samples: int, entries: tuple[int, ...]
 ) -> None:
     run = faulty(unmeasured(during(0.3, samples), *entries))
@@ -107,6 +108,7 @@ def test_the_plan_stands_in_for_what_is_not_measured(
     np.testing.assert_allclose(run.log["state/Q"][:8], untouched.log["state/Q"][:8], atol=FEASIBLE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("entries", [(), (9,)])
 def test_without_a_measurement_the_robot_brakes_when_the_last_trusted_plan_ends(
     faulty: Start, caplog: pytest.LogCaptureFixture, entries: tuple[int, ...]
@@ -118,6 +120,7 @@ def test_without_a_measurement_the_robot_brakes_when_the_last_trusted_plan_ends(
     assert caplog.messages[-1].endswith("the robot brakes to rest")
 
 
+@pytest.mark.slow
 def test_a_measurement_that_returns_ends_the_braking(faulty: Start) -> None:
     run = faulty(unmeasured(during(0.3, 11)), "stages.go.target.base=[0.4, 0, 0]", "time_limit=10")
     assert run.log["events/braking"].any()
@@ -129,6 +132,7 @@ def test_a_run_that_never_measured_anything_does_not_begin(faulty: Start) -> Non
         faulty(unmeasured(during(0.0, EVER)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", [not_converging, raising, meaningless])
 @pytest.mark.parametrize("samples", [1, 5])
 def test_the_shifted_plan_goes_on_where_a_solver_fails(
@@ -141,6 +145,7 @@ def test_the_shifted_plan_goes_on_where_a_solver_fails(
     assert statuses == {"iteration_limit" if fault is not_converging else "failed"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", [not_converging, raising])
 def test_a_solver_that_fails_for_long_leaves_the_robot_at_rest(faulty: Start, fault: Callable[..., Fault]) -> None:
     run = faulty(fault(during(0.3, 50)), "stages.go.target.base=[0.4, 0, 0]", "time_limit=10")
@@ -152,12 +157,14 @@ def test_what_a_solver_raised_is_reported(faulty: Start, caplog: pytest.LogCaptu
     assert "the solver raised RuntimeError: Error in Function::call for 'window': evaluation failed" in caplog.messages
 
 
+@pytest.mark.slow
 def test_a_level_that_raises_leaves_the_level_before_it(faulty: Start) -> None:
     run = faulty(raising(during(0.3, 2)), "controller.kind=htmpc", "solver.kind=fatrop")
     assert run.summary.completed
     assert run.summary.failed_solves == 2
 
 
+@pytest.mark.slow
 def test_one_iteration_a_sample_is_enough_for_a_deadline_that_is_always_missed(
     faulty: Start, untouched: Faulty
 ) -> None:
@@ -166,6 +173,7 @@ def test_one_iteration_a_sample_is_enough_for_a_deadline_that_is_always_missed(
     assert set(run.log["solver/iterations"]) == {1}
 
 
+@pytest.mark.slow
 def test_a_robot_without_an_iteration_stays_where_it_is(faulty: Start) -> None:
     run = faulty(Fault(), "solver.kind=ipopt", "solver.deadline=1e-6")
     assert_brakes(run, "no window could be solved", after=0.0)
@@ -178,6 +186,7 @@ BLOW = pushed(1.7, x=-0.3)
 """Against the motion, with the switch in the window: the robot is on its way, and cannot be there in time any more."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sqp", "fatrop"])
 def test_a_stage_whose_end_is_out_of_reach_does_not_end_until_it_is_reached(faulty: Start, kind: str) -> None:
     run = faulty(BLOW, *WEAK, f"solver.kind={kind}")
@@ -207,6 +216,7 @@ def test_a_log_that_is_removed_ends_the_run(faulty: Start, tmp_path: Path) -> No
     assert not log.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [1e12, np.inf, np.nan])
 def test_a_motion_that_diverges_ends_the_run_before_its_numbers_lose_their_meaning(faulty: Start, rate: float) -> None:
     run = faulty(pushed(1.0, x=rate))

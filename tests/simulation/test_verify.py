@@ -26,6 +26,7 @@ def test_the_exact_discretization_leaves_nothing_between_the_nodes(tmp_path: Pat
     assert found.loop["plant"].value < 1e-7
 
 
+@pytest.mark.slow
 def test_euler_steps_are_seen_to_miss_the_motion(tmp_path: Path) -> None:
     exact, euler = (
         verify(there_and_back(tmp_path, *RIGID, f"controller.discretization={kind}", samples=4, name=kind))
@@ -34,6 +35,7 @@ def test_euler_steps_are_seen_to_miss_the_motion(tmp_path: Path) -> None:
     assert euler.horizons["position"].value > 1e-3 > 1e3 * exact.horizons["position"].value
 
 
+@pytest.mark.slow
 def test_the_held_force_costs_in_proportion_to_the_tick(tmp_path: Path) -> None:
     slow, fast = (
         verify(there_and_back(tmp_path, *RIGID, f"plant.low_level_rate={rate}", samples=5, name=str(rate)))
@@ -60,6 +62,7 @@ def test_every_nth_horizon_is_integrated(tmp_path: Path) -> None:
     assert told == list(range(7))
 
 
+@pytest.mark.slow
 def test_of_levels_the_first_and_with_ticks_the_closed_loop(tmp_path: Path) -> None:
     htmpc = ("controller.kind=htmpc", *RIGID)
     found = verify(there_and_back(tmp_path, *htmpc, samples=3))
@@ -71,6 +74,7 @@ def test_of_levels_the_first_and_with_ticks_the_closed_loop(tmp_path: Path) -> N
     assert found.loop["plant"].value < 1e-7
 
 
+@pytest.mark.slow
 def test_failed_solves_have_no_horizon_and_braking_no_plan(tmp_path: Path) -> None:
     log = there_and_back(tmp_path, "solver.max_iterations=9", "stages[1].priority=3", samples=7)
     failed = int(log["events/solve_failed"].sum())

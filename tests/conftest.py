@@ -3,13 +3,13 @@
 import logging
 from collections.abc import Callable, Iterator
 
+import numpy as np
 import pytest
 from hypothesis import settings
 
-from psmpc_cli.control import Command
+from psmpc_cli.control import Command, State
 from psmpc_cli.ocp.problem import Stage, StageCosts, build_stages
 from psmpc_cli.robot.model import RobotModel, build_model
-from psmpc_cli.simulation.loop import closed_loop
 from psmpc_cli.simulation.setup import Experiment, build_experiment
 from psmpc_cli.specs.load import Task, load_task
 
@@ -64,5 +64,10 @@ def experiment_of() -> Callable[..., Experiment]:
 @pytest.fixture(scope="session")
 def decisions(experiment_of: Callable[..., Experiment]) -> list[Command]:
     """Every command of a PSMPC run of the transport task on a coarse mesh and the ideal plant."""
-    experiment = experiment_of("controller.nodes=20", "plant.kind=ideal")
-    return [sample.command for sample in closed_loop(experiment)]
+    experiment = experiment_of("controller.nodes=20")
+    controller, x, found = experiment.controller, experiment.x0, list[Command]()
+    while not controller.done:
+        time = 0.1 * len(found)
+        found.append(controller.step(time, State.of(x)))
+        x = found[-1].plan.states_at(np.array([time + 0.1]))[0]
+    return found

@@ -1,7 +1,7 @@
 """A plan, how it is read at other times, and the mesh of its nodes."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -41,9 +41,17 @@ class Grid:
 
 def mesh(durations: np.ndarray, nodes: tuple[int, ...]) -> np.ndarray:
     """Return the node times (K + 1,) [s] from the start of the window; `durations` of all stages. Paper eq. (19)."""
-    ends = np.concatenate([[0.0], np.cumsum(durations)])
-    pieces = [a + (b - a) * np.arange(1, N + 1) / N for a, b, N in zip(ends[:-1], ends[1:], nodes, strict=True)]
-    return np.concatenate([[0.0], *pieces])
+    stage, count, N = _places(nodes)
+    ends = np.concatenate(([0.0], durations.cumsum()))
+    begin = ends[stage]
+    return np.concatenate(([0.0], begin + (ends[stage + 1] - begin) * count / N))
+
+
+@lru_cache(maxsize=256)
+def _places(nodes: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return stage, number in the stage and N_s of every node but the first, (K,) each."""
+    stage = np.repeat(np.arange(len(nodes)), nodes)
+    return stage, np.concatenate([np.arange(1, N + 1) for N in nodes]), np.array(nodes)[stage]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +91,14 @@ class Plan:
 
     def control_at(self, times: np.ndarray) -> np.ndarray:
         """Return the acceleration just after each time (len(times), n); zero past the plan's end."""
-        u: np.ndarray = self.u[self.intervals_at(times)]
-        u[times >= self.end - 1e-12] = 0.0
-        return u
+        return self.at(times)[1]
 
     def states_at(self, times: np.ndarray) -> np.ndarray:
         """Return the states (len(times), 2n), exact between the nodes; past its end the robot coasts."""
+        return self.at(times)[0]
+
+    def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the states (len(times), 2n) and the accelerations just after each time (len(times), n)."""
         n, k = self.u.shape[1], self.intervals_at(times)
         X, u, since = self.X[k], self.u[k], (times - self.times[k])[:, None]
         past = times >= self.end - 1e-12
@@ -96,7 +106,7 @@ class Plan:
             X[past], u[past], since[past, 0] = self.X[-1], 0.0, times[past] - self.end
         X[:, :n] += since * X[:, n:] + since**2 / 2 * u
         X[:, n:] += since * u
-        return np.asarray(X)
+        return X, u
 
     @cached_property
     def _impulse(self) -> np.ndarray:
@@ -129,9 +139,9 @@ def shift(plan: Plan, now: float, horizon: float, x: np.ndarray) -> Plan:
     end = now + horizon
     inside = plan.times[(plan.times > now + 1e-9) & (plan.times < end - 1e-9)]
     times = np.concatenate([[now], inside, [end]])
-    X = plan.states_at(times)
+    X, u = plan.at(times)
     X[0] = x
-    return Plan(times, X, plan.control_at(times[:-1]), plan.instants[plan.instants > now])
+    return Plan(times, X, u[:-1], plan.instants[plan.instants > now])
 
 
 def braking_plan(start: float, x: np.ndarray, duration: float) -> Plan:

@@ -107,10 +107,6 @@ class StageCosts:
         n = self.model.n
         return self._of(stage).rate(X[:, :n], X[:, n:], stage.target, rows=len(X))[0]
 
-    def along(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
-        """Return Lbar at the nodes (K + 1,) of X (K + 1, 2n), u (K, n); the last control counts twice."""
-        return self.at(stage, X, np.vstack([u, u[-1:]]), since)
-
     def at(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
         if stage.input == "task":

@@ -243,16 +243,17 @@ def shortest_durations(window: Window) -> np.ndarray:
 
 def durations(instants: np.ndarray, start: float, horizon: float) -> np.ndarray:
     """Return the durations (S + 1,) [s] between start, the instants and the end of the horizon."""
-    return np.asarray(np.diff(instants, prepend=start, append=start + horizon))
+    ends = np.concatenate(([start], instants, [start + horizon]))
+    return np.asarray(ends[1:] - ends[:-1])
 
 
 def on_mesh(plan: Plan, window: Window) -> Plan:
     """Return a plan read at the nodes of a window, begun at its measured state; the plan's instants (S,) stay."""
     tau = durations(plan.instants, window.start, window.horizon)
     times = window.start + mesh(tau, window.nodes)
-    X = plan.states_at(times)
+    X, u = plan.at(times)
     X[0] = window.x0
-    return Plan(times, X, plan.control_at(times[:-1]), plan.instants)
+    return Plan(times, X, u[:-1], plan.instants)
 
 
 def plan_on_mesh(window: Window, X: np.ndarray, u: np.ndarray, tau: np.ndarray) -> Plan:
@@ -312,7 +313,8 @@ def normalization(
         return np.zeros(len(stages)), np.ones(len(stages))
     times = np.linspace(prediction.start, prediction.end, round((prediction.end - prediction.start) / step) + 1)
     X, u = prediction.states_at(times), prediction.mean_control(times)
-    over_time = [costs.along(stage, X, u, times - begin) for stage, begin in zip(stages, begins, strict=True)]
+    u = np.concatenate([u, u[-1:]])
+    over_time = [costs.at(stage, X, u, times - begin) for stage, begin in zip(stages, begins, strict=True)]
     nadir = np.array([values.max() for values in over_time])
     if kind == "nadir":
         return np.zeros(len(stages)), nadir + zeta

@@ -61,7 +61,8 @@ class Solution:
         costs: Normalized cost integral of each stage, without priorities, (S + 1,). Paper eq. (16).
         terminal: Normalized terminal cost of the last stage, times kappa.
         violations: By how much nodes violate soft limits at worst, (2n,) [m, rad, m/s, rad/s]; (0,) if hard.
-        duals: Multipliers that can start the next solve by the same back-end, in its own order; (0,) if it has none.
+        duals: Multipliers that can start the next solve, in the back-end's own order; (0,) if it has none. Another
+            back-end ignores them.
         guess_duals: Those that this one started from.
         bound_multiplier: Multiplier of the window's `cost_bound`; NaN without one.
         basin: Which guess of the instants won, 0 the shifted plan's own; -1 where there was no other. See `multistart`.

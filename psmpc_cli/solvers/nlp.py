@@ -251,7 +251,7 @@ class NlpSolver(Solver):
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
         nlp, solver = self._of(window)
         duals = None
-        if previous is not None and len(previous.duals) and solver.takes_duals:
+        if previous is not None and solver.takes_duals:
             duals = shift_multipliers(nlp, guess, self.nlp(previous.window), previous)
         z, p = self._pack(window, guess), _flat(window, guess.instants)
         found = solver.solve(z, p, _bounds(nlp, window, guess, within), duals)
@@ -339,12 +339,14 @@ def _bounds(nlp: Nlp, window: Window, guess: Plan, within: float) -> Bounds:
     return Bounds(lbx, ubx, lbg, ubg)
 
 
-def shift_multipliers(nlp: Nlp, guess: Plan, old: Nlp, previous: Solution) -> tuple[np.ndarray, np.ndarray]:
-    """Return the last solution's multipliers of bounds and rows at each node's time.
+def shift_multipliers(nlp: Nlp, guess: Plan, old: Nlp, previous: Solution) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the last solution's multipliers of bounds and rows at each node's time; None if it has none of its NLP.
 
     On another mesh, multipliers of bounds change with the length of the intervals that they stand for.
     """
     layout, had = nlp.layout, old.layout
+    if len(previous.duals) != had.size + old.count:
+        return None
     x, g = np.split(previous.duals, [had.size])
     nodes = _same_node(layout, had, guess.times, previous.plan.times)
     lam_x, lam_g = np.zeros(layout.size), np.zeros(nlp.count)

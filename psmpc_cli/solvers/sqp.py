@@ -277,9 +277,9 @@ class SqpSolver(Solver):
 
 def _end_multipliers(setup: _Setup, previous: Solution | None) -> Mapping[int, np.ndarray]:
     """Return the multipliers of curved end conditions by stage, where the solve before has left any."""
-    if previous is None or not len(previous.duals):
-        return {}
     sizes = [setup.form.stages[s].end_rows for s in setup.form.curved_stages]
+    if previous is None or not sizes or len(previous.duals) != sum(sizes):
+        return {}
     return dict(zip(setup.form.curved_stages, np.split(previous.duals, np.cumsum(sizes)[:-1]), strict=True))
 
 

@@ -71,7 +71,8 @@ def test_later_levels_lower_their_own_cost(experiment_of: Build) -> None:
     first, second = command.levels[:2]
     stage, costs = experiment.stages[1], experiment.costs
     assert second.outcome.usable
-    along = [trapezoid(costs.along(stage, plan.X, plan.u), plan.times) for plan in (first.plan, second.plan)]
+    plans = [(plan, np.vstack([plan.u, plan.u[-1:]])) for plan in (first.plan, second.plan)]
+    along = [trapezoid(costs.at(stage, plan.X, u), plan.times) for plan, u in plans]
     assert along[1] < along[0]
     assert np.abs(command.u[0] - first.plan.u[0]).max() > 1e-3
 

@@ -1,63 +1,56 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
-from psmpc_cli.ocp.transcription import Nlp, transcribe
-from psmpc_cli.ocp.velocity_form import Point, VelocityForm
 
-from psmpc_cli.control import Command
-from psmpc_cli.ocp.gauss_newton import Linearization, linearize
-from psmpc_cli.ocp.window import Parameters, window_shape
+from psmpc_cli.ocp.gauss_newton import Linearization, Point, VelocityForm
+from psmpc_cli.ocp.problem import Problem, Stage, build_problem
+from psmpc_cli.ocp.window import Window, plan_on_mesh, window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.solvers import NlpSolver
+from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.task import SolverSpec
+
+from .windows import coasting, moving, window_over
 
 H = 1e-6
 
 
 class Case:
-    """A window of a run at a point off its guess, with a terminal cost, an offset and a reference that moves."""
+    """A window at a point off its guess, with a terminal cost, an offset and a target that moves."""
 
-    def __init__(self, model: RobotModel, decision: Command, discretization: str, seed: int) -> None:
-        window, random = decision.solution.window, np.random.default_rng(seed)
-        shape = window_shape(window.stages, (20,) * len(window.stages), discretization)
-        moving = tuple(replace(stage, moving=True, end_velocity=bool(stage.end_rows)) for stage in shape.stages)
-        self.nlp: Nlp = transcribe(model, replace(shape, stages=moving))
-        self.form = VelocityForm(model, self.nlp.shape, self.nlp.layout)
-        plain = VelocityForm(model, shape, self.nlp.layout).numbers(decision.solution.parameters)
-        self.p: Parameters[np.ndarray] = replace(
-            plain,
-            terminal=np.array(0.3),
-            offset=np.full(len(shape.nodes), 0.2),
-            paths=tuple(
-                np.hstack([np.tile(target[:, None], 21), random.normal(scale=0.1, size=(len(target), 21))])
-                for target in plain.targets
-            ),
-        )
-        guess = self.form.point(decision.solution.guess.z, self.p)
-        X = guess.X + random.normal(scale=0.1, size=guess.X.shape)
-        X[0] = guess.X[0]
-        self.point = Point(X, guess.tau + random.uniform(0.0, 0.1, size=guess.tau.shape))
-        self.direction = Point(random.normal(size=X.shape), random.normal(scale=0.1, size=guess.tau.shape))
+    def __init__(self, model: RobotModel, stages: tuple[Stage, ...], discretization: str) -> None:
+        slow = [replace(stage, end_velocity=0.1) for stage in stages]
+        stages = (*slow[:-1], moving(slow[-1])) if len(slow) > 1 else (moving(slow[0]),)
+        changes = {"terminal_cost": 0.3, "offset": np.full(len(stages), 0.2), "discretization": discretization}
+        self.window: Window = window_over(stages, **changes)
+        instants = np.linspace(1.0, 5.0, len(stages) + 1)[1:-1]
+        self.form = VelocityForm(model, window_shape(self.window))
+        self.p, random = window_numbers(self.window, instants), np.random.default_rng(len(stages))
+        X = coasting(self.window, *instants).X
+        X[1:] += random.normal(scale=0.1, size=X[1:].shape)
+        self.point = Point(X, np.diff(instants, prepend=1.0) + random.uniform(0.0, 0.1, size=len(instants)))
+        self.direction = Point(random.normal(size=X.shape), random.normal(scale=0.1, size=len(instants)))
 
     def by_differences(self, of: Callable[[Point], np.ndarray]) -> np.ndarray:
         after, before = (of(self.point.moved(self.direction, sign * H)) for sign in (1, -1))
         return (after - before) / (2 * H)
 
-    @property
-    def parameters(self) -> np.ndarray:
-        return np.concatenate([np.ravel(piece, order="F") for piece in self.p.pieces()])
+
+@pytest.fixture(scope="module")
+def problem(transport: Task) -> Problem:
+    return build_problem(transport)
 
 
-@pytest.fixture(params=[(1, "exact"), (2, "exact"), (2, "euler"), (3, "exact")], ids=str)
-def case(request: pytest.FixtureRequest, model: RobotModel, decisions: list[Command]) -> Case:
-    stages, discretization = request.param
-    chosen = [d for d in decisions if len(d.solution.window.stages) == stages]
-    return Case(model, chosen[len(chosen) // 2], discretization, seed=stages)
+@pytest.fixture(scope="module", params=[(1, "exact"), (2, "exact"), (2, "euler"), (3, "exact")], ids=str)
+def case(request: pytest.FixtureRequest, model: RobotModel, stages: tuple[Stage, ...]) -> Case:
+    count, discretization = request.param
+    return Case(model, stages[1 : 1 + count], discretization)
 
 
 def dense_hessian(case: Case, model: Linearization) -> np.ndarray:
-    n, K, S = case.form.layout.n, case.form.layout.K, case.form.layout.switches
+    n, K, S = case.form.grid.n, case.form.grid.K, case.form.grid.switches
     hessian = np.zeros((2 * n * (K + 1) + S, 2 * n * (K + 1) + S))
     for k in range(K + 1):
         at = 2 * n * k
@@ -70,48 +63,68 @@ def dense_hessian(case: Case, model: Linearization) -> np.ndarray:
     return np.triu(hessian) + np.triu(hessian, 1).T
 
 
-def test_a_parameter_vector_is_split_into_what_it_was_made_of(case: Case) -> None:
-    found = case.form.numbers(case.parameters)
-    for piece, original in zip(found.pieces(), case.p.pieces(), strict=True):
-        np.testing.assert_array_equal(piece, original)
-
-
-def test_objective_and_constraints_are_those_of_the_nlp(case: Case) -> None:
-    z = case.form.decision(case.point, case.p)
-    f, g = ca.Function("nlp", [case.nlp.x, case.nlp.p], [case.nlp.f, case.nlp.g])(z, case.parameters)
-    at, n = case.form.residuals(case.point, case.p), case.form.layout.n
-    assert at.objective == pytest.approx(float(f), rel=1e-12)
-    rows = np.asarray(g).ravel()
-    np.testing.assert_allclose(rows[case.nlp.gap_rows[:, :n]], at.gaps, atol=1e-12)
-    np.testing.assert_allclose(rows[case.nlp.gap_rows[:, n:]], 0.0, atol=1e-12)
-    for s, end in at.ends.items():
-        np.testing.assert_allclose(rows[case.nlp.end_rows[s]], end, atol=1e-12)
-
-
-def test_a_point_survives_the_way_through_the_nlp(case: Case) -> None:
-    again = case.form.point(case.form.decision(case.point, case.p), case.p)
-    np.testing.assert_array_equal(again.X, case.point.X)
-    np.testing.assert_array_equal(again.tau, case.point.tau)
+def test_costs_and_constraints_are_those_of_the_nlp(case: Case, problem: Problem) -> None:
+    """Both are derived from the residual of the skill, once over nodes in C and once unrolled."""
+    nlp = NlpSolver(problem, SolverSpec(kind="ipopt"))
+    point, window = case.point, case.window
+    plan = plan_on_mesh(window, point.X, case.form.inputs(point, window.horizon), point.tau)
+    at = case.form.residuals(point, window_numbers(window, plan.instants))
+    np.testing.assert_allclose(nlp.costs(window, plan)[:-1], at.costs[:-1], rtol=1e-12)
+    assert nlp.costs(window, plan)[-1] == pytest.approx(at.costs[-1] + at.terminal, rel=1e-12)
+    at = case.form.residuals(point, case.p)
+    linear = case.form.linearize(case.point, case.p).at
+    assert linear.objective == pytest.approx(at.objective, rel=1e-12)
+    np.testing.assert_allclose(linear.costs, at.costs, rtol=1e-12)
 
 
 def test_derivatives_agree_with_central_differences(case: Case) -> None:
-    model, d, n = linearize(case.form, case.point, case.p), case.direction, case.form.layout.n
+    model, d, n = case.form.linearize(case.point, case.p), case.direction, case.form.grid.n
     J = case.by_differences(lambda point: np.array(case.form.residuals(point, case.p).objective))
     assert float(J) == pytest.approx((model.gradient * d.X).sum() + model.gradient_tau @ d.tau, rel=1e-6)
     gaps = np.diff(d.X[:, :n], axis=0) + model.gap_tau @ d.tau
     gaps += model.gap_velocity[:, :1] * d.X[:-1, n:] + model.gap_velocity[:, 1:] * d.X[1:, n:]
-    np.testing.assert_allclose(
-        case.by_differences(lambda point: case.form.residuals(point, case.p).gaps), gaps, atol=1e-8
-    )
+    found = case.by_differences(lambda point: case.form.residuals(point, case.p).gaps)
+    np.testing.assert_allclose(found, gaps, atol=1e-8)
     for s, values in model.end_derivatives.items():
-        row, column = case.form.terms[s].end_derivatives
-        change = np.zeros(case.form.terms[s].end_rows)
-        np.add.at(change, row, values * d.X[case.form.layout.first_node[s + 1]][column])
+        row, column = case.form.stages[s].end_places
+        change = np.zeros(case.form.stages[s].end_rows)
+        np.add.at(change, row, values * d.X[case.form.grid.first_node[s + 1]][column])
         found = case.by_differences(lambda point, s=s: case.form.residuals(point, case.p).ends[s])
         np.testing.assert_allclose(found, change, atol=1e-7)
 
 
 def test_the_hessian_is_positive_semidefinite(case: Case) -> None:
-    eigenvalues = np.linalg.eigvalsh(dense_hessian(case, linearize(case.form, case.point, case.p)))
+    eigenvalues = np.linalg.eigvalsh(dense_hessian(case, case.form.linearize(case.point, case.p)))
     assert eigenvalues[0] >= -1e-10 * eigenvalues[-1]
     assert eigenvalues[-1] > 0
+
+
+def test_the_curvature_of_end_conditions_is_the_change_of_their_derivatives(
+    model: RobotModel, stages: tuple[Stage, ...]
+) -> None:
+    """Conditions on coordinates have none, those on poses have; nothing else of the model changes."""
+    assert VelocityForm(model, window_shape(window_over(stages[:2]))).curved_stages == ()
+    window = window_over(stages[1:3])
+    form, p = VelocityForm(model, window_shape(window)), window_numbers(window, np.array([3.0]))
+    point, multipliers = Point(coasting(window, 3.0).X, np.array([2.0])), np.random.default_rng(0).normal(size=9)
+    node, n = form.grid.first_node[1], form.grid.n
+
+    def gradient(Q: np.ndarray) -> np.ndarray:
+        """Of multipliers times rows, by Q."""
+        X = point.X.copy()
+        X[node, :n] = Q
+        _, derivatives = form.ends(Point(X, point.tau), p)[0]
+        found, (row, column) = np.zeros(2 * n), form.stages[0].end_places
+        np.add.at(found, column, derivatives * multipliers[row])
+        return found[:n]
+
+    plain = form.linearize(point, p)
+    curved = form.curved(plain, point, p, {0: multipliers})
+    added, Q, step = curved.positions - plain.positions, point.X[node, :n], 1e-5
+    numeric = np.array([(gradient(Q + step * e) - gradient(Q - step * e)) / (2 * step) for e in np.eye(n)])
+    assert form.curved_stages == (0,)
+    assert np.abs(added[node]).max() > 0.1
+    assert added[node] == pytest.approx(np.triu(numeric), abs=1e-8)
+    assert not np.delete(added, node, axis=0).any()
+    for name in ("gradient", "gradient_tau", "velocities", "coupling", "arrow", "durations"):
+        assert getattr(curved, name) is getattr(plain, name)

@@ -1,159 +1,163 @@
+from collections.abc import Iterator
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
-from psmpc_cli.ocp.lexicographic import LevelShape, transcribe_level
-from psmpc_cli.ocp.transcription import Nlp, transcribe
-from psmpc_cli.solvers.casadi_nlp import CasadiSolver
 
-from psmpc_cli.control import Command
-from psmpc_cli.ocp.window import Bounds, bounds, window_shape
-from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.solvers import Guess, Outcome, Solution, build_solver
-from psmpc_cli.solvers.base import FEASIBLE
+from psmpc_cli.control import Command, State
+from psmpc_cli.ocp.problem import Problem, build_problem
+from psmpc_cli.simulation.setup import build_experiment
+from psmpc_cli.solvers import FEASIBLE, NlpSolver, Outcome, Solution, build_solver
+from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.task import SolverSpec
 
-CONVERGED = SolverSpec(kind="sqp", iterations=50)
-ONE = SolverSpec(kind="sqp")
+from .windows import CONVERGED, FATROP, ONE, again, changed, chosen, far_away
 
-
-class Recorded:
-    """A window of a run, with what a back-end needs to solve it."""
-
-    def __init__(self, model: RobotModel, decision: Command) -> None:
-        window = decision.solution.window
-        self.guess, self.parameters = decision.solution.guess, decision.solution.parameters
-        self.nlp: Nlp = transcribe(model, window_shape(window.stages, (20,) * len(window.stages), "exact"))
-        self.bounds = bounds(self.nlp, window)
-        self._evaluate = ca.Function("nlp", [self.nlp.x, self.nlp.p], [self.nlp.f, self.nlp.g])
-
-    def solve(self, spec: SolverSpec, warm: bool = True, limits: Bounds | None = None) -> Solution:
-        guess = self.guess if warm else Guess(self.guess.z)
-        return build_solver(self.nlp, spec).solve(guess, self.parameters, limits or self.bounds)
-
-    def instants(self, z: np.ndarray) -> np.ndarray:
-        return np.cumsum(z[self.nlp.layout.duration_index[0]])
-
-    def merit(self, z: np.ndarray, penalty: float) -> float:
-        """The exact l1 merit function of the NLP."""
-        f, g = (np.asarray(values).ravel() for values in self._evaluate(z, self.parameters))
-        return float(f[0] + penalty * sum(piece.clip(0).sum() for piece in self.excess(z, g)))
-
-    def violation(self, z: np.ndarray) -> float:
-        _, g = self._evaluate(z, self.parameters)
-        return max(piece.max(initial=0.0) for piece in self.excess(z, np.asarray(g).ravel()))
-
-    def excess(self, z: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, ...]:
-        held = self.bounds
-        return held.lbx - z, z - held.ubx, held.lbg - g, g - held.ubg
-
-
-def chosen(decisions: list[Command], stages: int) -> Command:
-    """A sample whose guess is warm, in the midst of the windows over that many stages."""
-    warm = [d for d in decisions if len(d.solution.window.stages) == stages and d.solution.guess.warm]
-    return warm[len(warm) // 2]
-
-
-@pytest.fixture(params=[1, 2, 3], ids=["one_stage", "two_stages", "three_stages"])
-def recorded(request: pytest.FixtureRequest, model: RobotModel, decisions: list[Command]) -> Recorded:
-    return Recorded(model, chosen(decisions, request.param))
+FEW = SolverSpec(kind="sqp", iterations=40, max_iterations=40)
+TASK = """\
+robot: planar_dual_arm
+initial: {base: [-0.1782, -0.5503, -0.0252], arm_1: [0.7556, -0.8237, 0.1881], arm_2: [0.3979, 0.2407, -0.2723]}
+controller: {nodes: 20}
+solver: sqp
+plant: ideal
+skills:
+  move:  {space: joint, weights: {base: [100, 100, 10], arms: [100, 100, 10], control: 0.03}}
+  reach: {space: task, weights: {base: [100, 100, 100], arms: [10, 10, 1], control: 0.03}}
+stages:
+  - name: reach
+    skill: reach
+    priority: 2.93
+    target: {base: [0.0274, 0.0256, -0.445], arm_1: [1.0229, -0.6876, -1.6485], arm_2: [-1.2303, 0.8117, -0.9274]}
+    ends_when: {coordinates: [arms], tolerance: 4e-3}
+  - name: leave
+    skill: move
+    priority: 66.7
+    target: {base: [-0.3603, -0.4868, -0.6498], arm_1: [-0.0964, -1.3829, -0.6488], arm_2: [0.2388, 0.6594, -1.1601]}
+    ends_when: {coordinates: [base], tolerance: 1e-2}
+"""
+"""Arms are at their poses long before a base that is free to be anywhere, and what waits is urgent."""
 
 
 @pytest.fixture(scope="module")
-def two_stages(model: RobotModel, decisions: list[Command]) -> Recorded:
-    return Recorded(model, chosen(decisions, 2))
+def problem(transport: Task) -> Problem:
+    return build_problem(transport)
 
 
-def assert_same_optimum(recorded: Recorded, one: Solution, other: Solution) -> None:
-    assert one.outcome is other.outcome is Outcome.OPTIMAL
-    assert one.objective == pytest.approx(other.objective, rel=1e-5)
-    apart = recorded.instants(one.z) - recorded.instants(other.z)
-    assert np.abs(apart).max(initial=0.0) < 1e-3
+@pytest.fixture(scope="module")
+def two_stages(decisions: list[Command]) -> Solution:
+    return chosen(decisions, 2)
 
 
-@pytest.mark.parametrize("warm", [True, False], ids=["warm", "cold"])
-def test_iterated_to_convergence_it_reaches_the_optimum_of_fatrop(recorded: Recorded, warm: bool) -> None:
-    solution = recorded.solve(CONVERGED, warm)
-    assert_same_optimum(recorded, solution, recorded.solve(SolverSpec(kind="fatrop")))
-    assert recorded.violation(solution.z) < 1e-8
+@pytest.mark.parametrize("stages", [1, 2, 3])
+def test_one_iteration_on_the_shifted_plan_comes_near_the_optimum(
+    problem: Problem, decisions: list[Command], stages: int
+) -> None:
+    solved, judge = chosen(decisions, stages), NlpSolver(problem, FATROP)
+    found, optimum = (again(build_solver(problem, spec), solved) for spec in (ONE, FATROP))
+    assert found.iterations == 1
+    assert found.outcome.usable
+    assert judge.violation(found.window, found.plan) <= FEASIBLE
+    started = solved.window.omega / solved.window.omega.max() @ judge.costs(solved.window, solved.guess)
+    started += float((solved.guess.instants - solved.window.start).sum())
+    infeasible = judge.violation(solved.window, solved.guess) > FEASIBLE
+    assert infeasible or abs(found.objective - optimum.objective) <= abs(started - optimum.objective) + 1e-9
 
 
-def test_one_iteration_on_the_shifted_plan_decreases_the_merit_function(recorded: Recorded) -> None:
-    solution, optimum = recorded.solve(ONE), recorded.solve(SolverSpec(kind="fatrop"))
-    penalty = 2 * float(np.abs(np.r_[optimum.lam_g, optimum.lam_x]).max())
-    assert solution.iterations == 1
-    assert solution.outcome.usable
-    assert recorded.merit(solution.z, penalty) < recorded.merit(recorded.guess.z, penalty)
-    assert recorded.violation(solution.z) <= FEASIBLE
-
-
-def test_a_cold_start_is_iterated_until_the_step_is_small(two_stages: Recorded) -> None:
+def test_a_cold_start_is_iterated_until_the_step_is_small(problem: Problem, two_stages: Solution) -> None:
     """What is not marked as the shifted plan is none, however good it is."""
-    z = two_stages.guess.z.copy()
-    z[two_stages.nlp.layout.duration_index] += 0.2
-    spoiled = Recorded.__new__(Recorded)
-    spoiled.__dict__.update(two_stages.__dict__, guess=Guess(z))
-    cold = spoiled.solve(ONE, warm=False)
+    guess = replace(two_stages.guess, instants=two_stages.guess.instants + 0.2)
+    cold = build_solver(problem, ONE).solve(two_stages.window, guess)
+    assert not cold.warm
     assert cold.iterations > 1
-    assert cold.objective == pytest.approx(two_stages.solve(CONVERGED).objective, rel=1e-5)
+    assert cold.objective == pytest.approx(again(build_solver(problem, CONVERGED), two_stages).objective, rel=1e-5)
 
 
-@pytest.mark.parametrize("what", ["fixed_instant", "bounded_inputs", "slow_at_the_end"])
-def test_other_bounds_lead_to_the_optimum_of_fatrop_too(two_stages: Recorded, what: str) -> None:
-    held, layout = two_stages.bounds, two_stages.nlp.layout
-    lbx, ubx = held.lbx.copy(), held.ubx.copy()
-    if what == "fixed_instant":
-        at = two_stages.instants(two_stages.guess.z)[0] + 0.3
-        lbx[layout.duration_index[0]] = ubx[layout.duration_index[0]] = at
-    elif what == "bounded_inputs":
-        strongest = np.abs(two_stages.solve(CONVERGED).z[layout.input_index(1)]).max()
-        lbx[layout.input_index(1)], ubx[layout.input_index(1)[:, :5]] = -strongest / 2, strongest / 2
-    else:
-        late = layout.state_index[30:, 9:]
-        fastest = np.abs(two_stages.solve(CONVERGED).z[late]).max()
-        lbx[late], ubx[late] = -fastest / 2, fastest / 2
-    limits = Bounds(lbx, ubx, held.lbg, held.ubg)
-    solution = two_stages.solve(CONVERGED, limits=limits)
-    assert_same_optimum(two_stages, solution, two_stages.solve(SolverSpec(kind="fatrop"), limits=limits))
-    assert solution.objective > two_stages.solve(CONVERGED).objective + 1e-6
+def test_a_stage_too_short_for_its_end_condition_starts_again_from_a_late_switch(
+    problem: Problem, decisions: list[Command]
+) -> None:
+    """No step of the first program lengthens the stage and speeds it up at once; a later guess replaces it."""
+    capture = [d.solution for d in decisions if len(d.instants) == 1 and d.stage.index == 1]
+    window = next(each.window for each in capture if each.plan.instants[0] - each.window.start < 2.7)
+    solver = build_solver(problem, CONVERGED)
+    optimum = solver.solve(window, next(each.plan for each in capture if each.window is window))
+    early = window.start + 0.1 * (optimum.plan.instants - window.start)
+    found = solver.solve(window, replace(optimum.plan, instants=early))
+    assert found.outcome is Outcome.OPTIMAL
+    assert found.plan.instants == pytest.approx(optimum.plan.instants, abs=1e-4)
 
 
-def test_a_window_without_a_solution_is_infeasible_at_once(two_stages: Recorded) -> None:
-    """An end condition 10 m away in a 4 s horizon."""
-    held, rows = two_stages.bounds, two_stages.nlp.end_rows[0]
-    lbg, ubg = held.lbg.copy(), held.ubg.copy()
-    lbg[rows], ubg[rows] = 10.0, 10.1
-    solution = two_stages.solve(ONE, warm=False, limits=replace(held, lbg=lbg, ubg=ubg))
-    assert solution.outcome is Outcome.INFEASIBLE
-    assert solution.iterations == 1
-    assert ":" in solution.outcome.value
+def test_a_program_without_a_solution_is_named_in_the_report(problem: Problem, two_stages: Solution) -> None:
+    lines: list[str] = []
+    again(build_solver(problem, CONVERGED, lines.append), changed(two_stages, far_away, 0), False)
+    assert lines[-1].endswith("no step meets the linearized constraints")
 
 
-def test_a_deadline_stops_it_after_the_iteration_that_passes_it(two_stages: Recorded) -> None:
-    stopped = two_stages.solve(SolverSpec(kind="sqp", iterations=50, deadline=1e-9))
-    assert stopped.iterations == 1
-    assert stopped.outcome is Outcome.FEASIBLE
-    assert two_stages.solve(SolverSpec(kind="sqp", iterations=50, deadline=60.0)).outcome is Outcome.OPTIMAL
+def test_each_line_of_the_report_leads_from_the_guess_to_the_solution(problem: Problem, two_stages: Solution) -> None:
+    lines: list[str] = []
+    found = again(build_solver(problem, CONVERGED, lines.append), two_stages)
+    rows = [line.split(maxsplit=6) for line in lines[1:]]
+    assert rows[0][3:] == ["-", "-", "-"]
+    assert float(rows[-1][1]) == pytest.approx(found.objective, rel=1e-8)
+    assert float(rows[-1][3]) <= np.sqrt(CONVERGED.tolerance)
+    assert all(0 < float(row[4]) <= 1 and int(row[5]) > 0 for row in rows[1:])
 
 
-def test_an_iterate_that_violates_constraints_at_the_deadline_does_not_count(two_stages: Recorded) -> None:
-    z = two_stages.guess.z.copy()
-    z[two_stages.nlp.layout.state_index[1:]] += 0.05
-    z[two_stages.nlp.layout.duration_index] += 0.3
-    spec = SolverSpec(kind="sqp", deadline=1e-9)
-    solution = build_solver(two_stages.nlp, spec).solve(Guess(z), two_stages.parameters, two_stages.bounds)
-    assert two_stages.violation(solution.z) > FEASIBLE
-    assert solution.outcome is Outcome.DEADLINE
-    assert not solution.outcome.usable
+@pytest.mark.parametrize("soft", [False, True], ids=["hard", "soft"])
+def test_without_compiled_code_piqp_solves_the_programs(problem: Problem, two_stages: Solution, soft: bool) -> None:
+    solved = replace(two_stages, window=replace(two_stages.window, soft=soft))
+    specs = (CONVERGED, CONVERGED.model_copy(update={"compiled": False}))
+    found, other = (again(build_solver(problem, spec), solved) for spec in specs)
+    assert found.outcome is other.outcome is Outcome.OPTIMAL
+    assert found.objective == pytest.approx(other.objective, rel=1e-6)
 
 
-def test_ipopt_stops_at_a_deadline_too(two_stages: Recorded) -> None:
-    stopped = two_stages.solve(SolverSpec(kind="ipopt", deadline=1e-6), warm=False)
-    assert stopped.iterations < two_stages.solve(SolverSpec(kind="ipopt"), warm=False).iterations
-    assert stopped.outcome is (Outcome.FEASIBLE if two_stages.violation(stopped.z) <= FEASIBLE else Outcome.DEADLINE)
+@pytest.fixture(scope="module")
+def curved(transport: Task) -> dict[bool, Solution]:
+    """Windows of a closed loop whose first stage ends at poses: the first one, cold, and a warm one after it."""
+
+    def solved() -> Iterator[Solution]:
+        experiment = build_experiment(parse_task(TASK, transport.robot_yaml, "reach"))
+        x = experiment.x0
+        for time in 0.1 * np.arange(15):
+            command = experiment.controller.step(time, State.of(x))
+            x = command.plan.states_at(np.array([time + 0.1]))[0]
+            yield command.solution
+
+    found = [solution for solution in solved() if len(solution.window.stages) == 2]
+    return {warm: next(solution for solution in found if solution.warm == warm) for warm in (False, True)}
 
 
-def test_the_levels_of_htmpc_are_left_to_fatrop(model: RobotModel) -> None:
-    level = transcribe_level(model, LevelShape(("joint", "task"), "cost", 8, "exact"))
-    assert isinstance(build_solver(level, ONE), CasadiSolver)
+@pytest.fixture(scope="module")
+def reaching(transport: Task) -> Problem:
+    return build_problem(parse_task(TASK, transport.robot_yaml, "reach"))
+
+
+def test_windows_with_a_curved_end_converge_in_a_few_iterations(
+    reaching: Problem, curved: dict[bool, Solution]
+) -> None:
+    optimum = again(build_solver(reaching, FATROP), curved[True])
+    warm, cold = (again(build_solver(reaching, FEW), curved[each], each) for each in (True, False))
+    assert warm.outcome is cold.outcome is optimum.outcome is Outcome.OPTIMAL
+    assert warm.iterations <= 5
+    assert cold.iterations <= 15
+    assert warm.objective == pytest.approx(optimum.objective, rel=1e-6)
+
+
+def test_multipliers_of_a_curved_end_are_carried_to_the_next_solve_and_spare_iterations(
+    reaching: Problem, curved: dict[bool, Solution]
+) -> None:
+    solved, solver = curved[True], build_solver(reaching, FEW)
+    assert np.abs(solved.guess_duals).max() > 1.0
+    with_them = again(solver, solved)
+    np.testing.assert_array_equal(with_them.guess_duals, solved.guess_duals)
+    without = again(solver, replace(solved, guess_duals=np.zeros(0)))
+    assert with_them.iterations < without.iterations
+    assert with_them.duals == pytest.approx(without.duals, abs=1e-2)
+
+
+def test_multipliers_of_another_back_end_are_ignored(reaching: Problem, curved: dict[bool, Solution]) -> None:
+    foreign = replace(curved[True], guess_duals=np.ones(7))
+    for kind in ("sqp", "fatrop", "ipopt"):
+        found = again(build_solver(reaching, SolverSpec.model_validate({"kind": kind, "iterations": 40})), foreign)
+        assert found.outcome is Outcome.OPTIMAL
+        assert len(found.guess_duals) == 0

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from psmpc_cli.ocp.velocity_form import Point
-from psmpc_cli.solvers.qp_solution import QpSolution
 
-from psmpc_cli.ocp.gauss_newton import Linearization
+from psmpc_cli.ocp.gauss_newton import Linearization, Point
+from psmpc_cli.solvers.sqp_window import QpSolution
 
 from .random_programs import Task
 
@@ -71,10 +70,10 @@ def optimality(task: Task, found: QpSolution) -> Optimality:
         low, high, z = [*low, [lowest]], [*high, [highest]], [*z, [value]]
     for s, values in model.end_derivatives.items():
         row, at = (
-            np.zeros((form.terms[s].end_rows, len(x))),
-            form.terms[s],
+            np.zeros((form.stages[s].end_rows, len(x))),
+            form.stages[s],
         )
-        row[at.end_derivatives[0], 2 * n * (form.layout.first_node[s + 1] - 1) + at.end_derivatives[1]] = values
+        row[at.end_places[0], 2 * n * (form.grid.first_node[s + 1] - 1) + at.end_places[1]] = values
         rows.append(row)
         low, high = [*low, limits.ends[s][0] - model.at.ends[s]], [*high, limits.ends[s][1] - model.at.ends[s]]
         z.append(found.ends[s])
@@ -114,7 +113,7 @@ def _accelerations(task: Task, found: QpSolution) -> list[tuple[tuple[np.ndarray
     (K, n), S, form = task.model.coupling.shape, len(task.point.tau), task.form
     if not (found.shape.input_low or found.shape.input_high):
         return []
-    share = (form.stage_durations / form.nodes[:, None])[form.layout.stage_of]
+    share = form.interval_steps
     h, dv, pieces = form.steps(task.point, task.horizon), np.diff(task.point.X[:, n:], axis=0), []
     for limit, sign in ((task.limits.input_low, -1), (task.limits.input_high, 1)):
         finite = np.where(np.isfinite(limit), limit, 0.0)

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
-from psmpc_cli.ocp.layout import Layout
-from psmpc_cli.ocp.velocity_form import Point, Residuals, VelocityForm
-from psmpc_cli.solvers.sqp_limits import Limits
 
-from psmpc_cli.ocp.gauss_newton import Linearization
+from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
+from psmpc_cli.ocp.objective import StageFunctions
+from psmpc_cli.ocp.plan import Grid
+from psmpc_cli.solvers.sqp_window import Limits
 
 COORDINATES = 2
 END_ROWS = 2
@@ -29,36 +29,31 @@ class Task:
 def structure(nodes: tuple[int, ...]) -> VelocityForm:
     """What of a velocity form the programs need: stages of few nodes, two end rows at each switch."""
     n, S = COORDINATES, len(nodes) - 1
-    layout = Layout(n, nodes, (n,) * len(nodes), (n,) * len(nodes))
     every, row = np.triu_indices(n), np.repeat(np.arange(END_ROWS), 2 * n)
     dense = (row, np.tile(np.arange(2 * n), END_ROWS))
-    terms = [
-        SimpleNamespace(end_rows=END_ROWS if s < S else 0, end_derivatives=dense, hessian=every) for s in range(S + 1)
-    ]
 
-    def steps(point: Point, horizon: float) -> np.ndarray:
-        tau = np.r_[point.tau, horizon - point.tau.sum()]
-        return np.asarray((tau / np.array(nodes))[layout.stage_of, None])
+    class Form(VelocityForm):
+        def __init__(self) -> None:
+            self.grid, self.nodes, self.weights, self.curved_stages = Grid(n, nodes), np.array(nodes), (0.5, 0.5), ()
+            ends = [END_ROWS if s < S else 0 for s in range(S + 1)]
+            stages = [SimpleNamespace(end_rows=rows, end_places=dense, hessian_places=every) for rows in ends]
+            self.stages = cast(list[StageFunctions], stages)
 
-    durations = np.vstack([np.eye(S), -np.ones((1, S))])
-    form = SimpleNamespace(
-        layout=layout, nodes=np.array(nodes), terms=terms, stage_durations=durations, steps=steps, weights=(0.5, 0.5)
-    )
-    return cast(VelocityForm, form)
+    return Form()
 
 
 def random_task(rng: np.random.Generator, nodes: tuple[int, ...], what: set[str]) -> Task:
     """A program that a random step meets; `what` names what it has besides bounds on states and durations."""
     form, n, horizon = structure(nodes), COORDINATES, 2.0
-    layout, S = form.layout, len(nodes) - 1
-    point = Point(rng.normal(size=(layout.K + 1, 2 * n)), np.full(S, horizon / (S + 1)))
+    grid, S = form.grid, len(nodes) - 1
+    point = Point(rng.normal(size=(grid.K + 1, 2 * n)), np.full(S, horizon / (S + 1)))
     model = _random_model(rng, form, point, horizon)
-    step = _random_step(rng, model, layout)
+    step = _random_step(rng, model, grid)
     return Task(form, model, _limits_about(rng, form, model, point, step, what), point, horizon)
 
 
 def _random_model(rng: np.random.Generator, form: VelocityForm, point: Point, horizon: float) -> Linearization:
-    n, K, S = COORDINATES, form.layout.K, form.layout.switches
+    n, K, S = COORDINATES, form.grid.K, form.grid.switches
     h = form.steps(point, horizon)
     positions, arrow = np.zeros((K + 1, n, n)), np.zeros((K + 1, 2 * n, S))
     velocities, coupling, durations = np.zeros((K + 1, n)), np.zeros((K, n)), np.zeros((S, S))
@@ -75,7 +70,7 @@ def _random_model(rng: np.random.Generator, form: VelocityForm, point: Point, ho
         durations = durations + e.T @ (b[:, None] * e)
     ends = {s: rng.normal(size=END_ROWS) for s in range(S)}
     return Linearization(
-        at=Residuals(0.0, rng.normal(size=(K, n)) * 0.1, ends),
+        at=Residuals(0.0, np.zeros(S + 1), 0.0, rng.normal(size=(K, n)) * 0.1, ends),
         gradient=rng.normal(size=(K + 1, 2 * n)),
         gradient_tau=rng.normal(size=S),
         positions=np.triu(positions),
@@ -89,11 +84,11 @@ def _random_model(rng: np.random.Generator, form: VelocityForm, point: Point, ho
     )
 
 
-def _random_step(rng: np.random.Generator, model: Linearization, layout: Layout) -> Point:
+def _random_step(rng: np.random.Generator, model: Linearization, grid: Grid) -> Point:
     """A step that closes the gaps."""
-    n, X, tau = COORDINATES, np.zeros((layout.K + 1, 2 * COORDINATES)), 0.1 * rng.normal(size=layout.switches)
-    X[1:, n:] = rng.normal(size=(layout.K, n))
-    for k in range(layout.K):
+    n, X, tau = COORDINATES, np.zeros((grid.K + 1, 2 * COORDINATES)), 0.1 * rng.normal(size=grid.switches)
+    X[1:, n:] = rng.normal(size=(grid.K, n))
+    for k in range(grid.K):
         by_v, v = model.gap_velocity[k], X[:, n:]
         change = by_v[0] * v[k] + by_v[1] * v[k + 1] + model.gap_tau[k] @ tau + model.at.gaps[k]
         X[k + 1, :n] = X[k, :n] - change
@@ -103,7 +98,7 @@ def _random_step(rng: np.random.Generator, model: Linearization, layout: Layout)
 def _limits_about(
     rng: np.random.Generator, form: VelocityForm, model: Linearization, point: Point, step: Point, what: set[str]
 ) -> Limits:
-    n, K, S = COORDINATES, form.layout.K, form.layout.switches
+    n, K, S = COORDINATES, form.grid.K, form.grid.switches
     X, tau = (point.X + step.X)[1:], point.tau + step.tau
 
     def around(value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -120,7 +115,7 @@ def _limits_about(
     tau_low, tau_high = tau - 0.3, np.full(S, np.inf)
     if "fixed" in what and S:
         tau_low[0] = tau_high[0] = tau[0]
-    share = (form.stage_durations / form.nodes[:, None])[form.layout.stage_of]
+    share = form.interval_steps
     h = form.steps(point, 2.0) + (share @ step.tau)[:, None]
     u = np.diff((point.X + step.X)[:, n:], axis=0) / h
     low, high = around(u) if "inputs" in what else (np.full((K, n), -np.inf), np.full((K, n), np.inf))
@@ -134,11 +129,17 @@ def _limits_about(
         ends=ends,
         input_low=low,
         input_high=high,
+        bounded_inputs=_finite(low, high),
     )
 
 
+def _finite(low: np.ndarray, high: np.ndarray) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    below, above = (tuple(np.flatnonzero(np.isfinite(bound)).tolist()) for bound in (low, high))
+    return below, above
+
+
 def _at_ends(form: VelocityForm, step: Point) -> list[tuple[int, np.ndarray]]:
-    return [(s, step.X[form.layout.first_node[s + 1]]) for s in range(form.layout.switches)]
+    return [(s, step.X[form.grid.first_node[s + 1]]) for s in range(form.grid.switches)]
 
 
 def unattainable(task: Task) -> Task:

@@ -1,0 +1,121 @@
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from psmpc_cli.ocp.objective import StageShape, stage_functions
+from psmpc_cli.ocp.problem import Stage, StageCosts, Trajectory
+from psmpc_cli.ocp.skills import SKILLS
+from psmpc_cli.robot.model import RobotModel
+
+X_U = tuple[np.ndarray, np.ndarray]
+
+
+def advance(model: RobotModel, kind: str, discretization: str, x: np.ndarray, u: np.ndarray, steps: int) -> np.ndarray:
+    """The state 0.4 s later, in so many steps."""
+    step = stage_functions(model, StageShape("joint", kind)).step(discretization)
+    for _ in range(steps):
+        x = np.asarray(step(x, u, 0.4 / steps)).ravel()
+    return x
+
+
+@pytest.fixture
+def x_u() -> X_U:
+    random = np.random.default_rng(1)
+    x = np.r_[0, 0, 0, 0.5, 0.6, 0.4, -0.5, -0.6, -0.4, 0.1 * random.standard_normal(9)]
+    return x, 0.3 * random.standard_normal(9)
+
+
+def test_exact_step_does_not_depend_on_how_it_is_divided(model: RobotModel, x_u: X_U) -> None:
+    once, seven = (advance(model, "joint", "exact", *x_u, steps) for steps in (1, 7))
+    np.testing.assert_allclose(once, seven, atol=1e-13)
+
+
+def test_euler_step_converges_to_the_exact_one_with_first_order(model: RobotModel, x_u: X_U) -> None:
+    exact = advance(model, "joint", "exact", *x_u, 1)
+    errors = [np.abs(advance(model, "joint", "euler", *x_u, steps) - exact).max() for steps in (10, 20)]
+    assert errors[0] / errors[1] == pytest.approx(2, rel=1e-6)
+
+
+def test_task_input_is_the_acceleration_of_the_poses(model: RobotModel, costs: StageCosts, x_u: X_U) -> None:
+    (x, u), h = x_u, 1e-4
+    after = np.asarray(stage_functions(model, StageShape("joint", "task")).step("exact")(x, u, h)).ravel()
+    acceleration = costs.task_acceleration(x[None], (after[9:] - x[9:])[None] / h)[0]
+    np.testing.assert_allclose(acceleration, u, atol=2e-2)
+
+
+@pytest.fixture(scope="module", params=sorted(SKILLS))
+def stage(request: pytest.FixtureRequest, model: RobotModel, stages: tuple[Stage, ...]) -> Stage:
+    """A stage of each skill."""
+    skill, random = SKILLS[request.param], np.random.default_rng(2)
+    rows = skill.rows(model)
+    return replace(
+        stages[0],
+        space=request.param,
+        target=random.standard_normal(skill.numbers(model)),
+        weights=random.uniform(0.5, 2.0, rows),
+        end_rows=tuple(range(rows)),
+        tolerance=np.full(rows, 0.1),
+    )
+
+
+def test_the_cost_is_the_weighted_square_of_error_and_control(stage: Stage, costs: StageCosts) -> None:
+    random = np.random.default_rng(0)
+    X, u = random.standard_normal((5, 18)), random.standard_normal((5, 9))
+    of_states, error = costs.of_states(stage, X), costs.errors(stage, X)
+    np.testing.assert_allclose(of_states, error**2 @ stage.weights, rtol=1e-12)
+    np.testing.assert_allclose(costs.at(stage, X, u), of_states + u**2 @ stage.control_weights, rtol=1e-12)
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_rate_is_that_of_the_error(stage: Stage, costs: StageCosts, seed: int) -> None:
+    x, h = np.random.default_rng(seed).uniform(-1, 1, 18), 1e-6
+    X = np.array([x + sign * h * np.r_[x[9:], np.zeros(9)] for sign in (-1, 0, 1)])
+    before, _, after = costs.errors(stage, X)
+    np.testing.assert_allclose(costs.rates(stage, X[1:2])[0], (after - before) / (2 * h), rtol=1e-5, atol=1e-6)
+
+
+def test_a_target_that_moves_through_one_value_costs_what_it_costs_at_rest(stage: Stage, costs: StageCosts) -> None:
+    X, u = np.random.default_rng(0).standard_normal((4, 18)), np.ones((4, 9))
+    still = replace(stage, trajectory=Trajectory(np.array([0.0, 5.0]), np.tile(stage.target, (2, 1))))
+    np.testing.assert_allclose(costs.at(still, X, u, np.arange(4.0)), costs.at(stage, X, u))
+
+
+def test_an_end_condition_is_met_within_tolerance_and_velocity(stage: Stage, model: RobotModel) -> None:
+    costs, X = StageCosts(model), np.zeros((1, 18))
+    here = replace(stage, tolerance=np.abs(costs.errors(stage, X)[0]))
+    closer = replace(stage, tolerance=here.tolerance - 1e-3)
+    assert [bool(costs.met(each, X)[0]) for each in (here, closer)] == [True, False]
+    assert costs.met(closer, X, margin=1.5)[0] or here.tolerance.min() < 3e-3
+    X[0, 9:] = 1.0
+    assert costs.met(replace(here, end_velocity=10.0), X)[0]
+    assert not costs.met(replace(here, end_velocity=0.5), X)[0]
+    assert not costs.met(replace(here, end_rows=()), X)[0]
+
+
+Pointing = Callable[[float, float], float]
+
+
+@pytest.fixture(scope="module")
+def pointing(model: RobotModel, stages: tuple[Stage, ...], costs: StageCosts) -> Pointing:
+    """The angle of the first arm's axis, at a point in a direction from its end-effector and so far away."""
+    frame = model.pose_rows["arm_1"]
+
+    def angle(direction: float, distance: float) -> float:
+        x, y, theta = np.asarray(model.g(np.zeros(9))).ravel()[frame]
+        point = [x + distance * np.cos(theta + direction), y + distance * np.sin(theta + direction)]
+        stage = replace(stages[0], space="point", target=np.r_[0, 0, 0, point, 1e3, 1e3])
+        return float(costs.errors(stage, np.zeros((1, 18)))[0, 3])
+
+    return angle
+
+
+@given(direction=st.floats(-3.1, 3.1), distance=st.floats(0.01, 100))
+def test_an_axis_is_off_its_point_by_an_angle_at_any_distance(
+    pointing: Pointing, direction: float, distance: float
+) -> None:
+    assert pointing(direction, distance) == pytest.approx(-direction, abs=1e-9)

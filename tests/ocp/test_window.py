@@ -1,0 +1,201 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from psmpc_cli.control import Command
+from psmpc_cli.ocp.plan import Grid, Plan, mesh
+from psmpc_cli.ocp.problem import Problem, Stage, StageCosts, Trajectory, build_problem
+from psmpc_cli.ocp.window import (
+    COUNTS,
+    Along,
+    desired_paths,
+    durations,
+    first_counts,
+    node_counts,
+    node_limits,
+    normalization,
+    on_mesh,
+    own_violations,
+    shares_of_time,
+    shortest_durations,
+)
+from psmpc_cli.solvers import build_solver
+from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.task import SolverSpec
+
+from .windows import coasting, moving, window_over
+
+STEP, TOLERANCE = 0.1, 5e-3
+
+
+def moving_plan(nodes: int) -> Plan:
+    """A plan that moves the base at 0.2 m/s; the same motion on any mesh."""
+    times = np.linspace(0, 4, nodes + 1)
+    X = np.zeros((nodes + 1, 18))
+    X[:, 0], X[:, 9] = -0.2 * times, -0.2
+    return Plan(times, X, np.zeros((nodes, 9)), np.zeros(0))
+
+
+def costs_along(costs: StageCosts, stages: tuple[Stage, ...], plan: Plan) -> list[np.ndarray]:
+    return [costs.at(stage, plan.X, np.zeros((len(plan.X), 9))) for stage in stages]
+
+
+def test_nadir_is_the_largest_cost_of_the_prediction(stages: tuple[Stage, ...], costs: StageCosts) -> None:
+    plan = moving_plan(40)
+    offset, scale = normalization("nadir", 1e-3, stages[:2], np.zeros(2), costs, plan, STEP)
+    largest = [values.max() for values in costs_along(costs, stages[:2], plan)]
+    np.testing.assert_allclose(scale, np.array(largest) + 1e-3, rtol=1e-9)
+    assert not offset.any()
+
+
+def test_range_subtracts_the_smallest_cost(stages: tuple[Stage, ...], costs: StageCosts) -> None:
+    plan = moving_plan(40)
+    offset, scale = normalization("range", 1e-3, stages[:2], np.zeros(2), costs, plan, STEP)
+    over_nodes = costs_along(costs, stages[:2], plan)
+    np.testing.assert_allclose(offset, [values.min() for values in over_nodes], rtol=1e-9)
+    np.testing.assert_allclose(scale, [np.ptp(values) + 1e-3 for values in over_nodes], rtol=1e-9)
+
+
+def test_none_leaves_the_cost_as_it_is(stages: tuple[Stage, ...], costs: StageCosts) -> None:
+    offset, scale = normalization("none", 1e-3, stages[:2], np.zeros(2), costs, moving_plan(4), STEP)
+    assert (offset.tolist(), scale.tolist()) == ([0, 0], [1, 1])
+
+
+@pytest.mark.parametrize("begins", [0.0, 2.0, 9.0])
+def test_nadir_of_a_trajectory_counts_from_where_its_stage_begins(
+    stages: tuple[Stage, ...], costs: StageCosts, begins: float
+) -> None:
+    stage, plan, times = moving(stages[1]), moving_plan(40), np.linspace(0, 4, 41)
+    _, scale = normalization("nadir", 0.0, [stage], np.array([begins]), costs, plan, STEP)
+    wanted = np.array([np.interp(times - begins, [0, 30], column) for column in stage.waypoints.T]).T
+    errors = costs.errors(replace(stage, trajectory=None), plan.X) + stage.target - wanted
+    assert scale[0] == pytest.approx(np.max(errors**2 @ stage.weights))
+
+
+@pytest.mark.parametrize("width", [1e-2, 1e-4])
+def test_a_short_tall_control_counts_by_what_it_does_to_the_velocity(
+    stages: tuple[Stage, ...], costs: StageCosts, width: float
+) -> None:
+    """Intervals shrink to nothing before a switch; the scale must not follow the height of one control there."""
+    times, u, X = np.array([0.0, 1.02, 1.02 + width, 4.0]), np.zeros((3, 9)), np.zeros((4, 18))
+    u[1, 3], X[2:, 12], X[3, 3] = 0.1 / width, 0.1, 0.1 * (4 - 1.02 - width)
+    _, scale = normalization("nadir", 1e-3, stages[:1], np.zeros(1), costs, Plan(times, X, u, np.zeros(0)), STEP)
+    assert scale[0] < costs.at(stages[0], X[:1], u[:1])[0] + 100 * 0.3**2 + 1.0 + 1.0
+
+
+def test_a_plan_is_rebuilt_from_its_vector(stages: tuple[Stage, ...]) -> None:
+    window = window_over(stages[:3], nodes=(2, 5, 3))
+    plan = coasting(window, 1.7, 3.1)
+    again = window.plan_of(plan.flat)
+    for name in ("times", "X", "u", "instants"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(plan, name))
+    np.testing.assert_array_equal(on_mesh(again, window).X, plan.X)
+    with pytest.raises(ValueError, match="reshape"):
+        window.plan_of(plan.flat[:-1])
+
+
+@given(elapsed=st.floats(0, 5), hold=st.floats(0, 2))
+def test_a_stage_lasts_what_is_left_of_its_dwell_and_hold(
+    stages: tuple[Stage, ...], elapsed: float, hold: float
+) -> None:
+    dwelling = tuple(replace(stage, dwell=3.0) for stage in stages[:3])
+    shortest = shortest_durations(window_over(dwelling, elapsed=elapsed, hold=hold))
+    np.testing.assert_allclose(shortest, [max(3.0 - elapsed, hold, 1e-3), 3.0, 1e-3])
+
+
+def test_a_path_bends_where_its_trajectory_does(stages: tuple[Stage, ...]) -> None:
+    bent = Trajectory(np.array([0.0, 1.0, 2.0]), np.outer([0.0, 1.0, 5.0], np.ones(9)))
+    window = window_over((stages[0], replace(stages[1], trajectory=bent)))
+    _, path = desired_paths(window, np.array([3.0]))
+    np.testing.assert_allclose(path.values[:, 0] + 2.0 * path.slopes[:, 0], [0, 0.5, 1, 3, 5])
+    np.testing.assert_allclose(path.slopes[:, 0], [0, 0.25, 2, 3, 0])
+
+
+@given(guess=st.floats(0.5, 3.5), tau=st.floats(0.1, 3.9), elapsed=st.floats(0, 20))
+def test_a_straight_trajectory_is_followed_wherever_the_optimizer_moves_its_end(
+    stages: tuple[Stage, ...], guess: float, tau: float, elapsed: float
+) -> None:
+    window = window_over((moving(stages[1]), moving(stages[2])), elapsed=elapsed)
+    for s, (since, duration) in enumerate([(elapsed, tau), (0.0, 4.0 - tau)]):
+        path = desired_paths(window, np.array([1.0 + guess]))[s]
+        wanted = window.stages[s].reference(since + duration * np.arange(5) / 4)
+        np.testing.assert_allclose(path.values + duration * path.slopes, wanted, atol=1e-12)
+
+
+def test_at_a_switch_the_limits_of_both_stages_hold(stages: tuple[Stage, ...]) -> None:
+    narrow = replace(stages[1].limits, velocity_high=stages[1].limits.velocity_high / 2)
+    _, high = node_limits(Grid(9, (4, 4)), (stages[0], replace(stages[1], limits=narrow)))
+    np.testing.assert_array_equal(high[:4, 9:], np.tile(stages[0].limits.velocity_high, (4, 1)))
+    np.testing.assert_array_equal(high[4:, 9:], np.tile(narrow.velocity_high, (5, 1)))
+
+
+def test_nodes_share_the_time_of_the_intervals_beside_them() -> None:
+    times = mesh(np.array([1.5, 2.5]), (2, 5))
+    values = np.random.default_rng(0).standard_normal(8)
+    assert shares_of_time(np.diff(times)[:, None])[:, 0] @ values == pytest.approx(np.trapezoid(values, times))
+
+
+def test_a_measured_state_violates_the_limits_of_the_current_stage(stages: tuple[Stage, ...]) -> None:
+    x0 = np.zeros(18)
+    x0[9] = 0.3
+    assert own_violations(x0, stages) == pytest.approx(np.where(np.arange(18) == 9, 0.1, 0.0))
+
+
+def picked(decisions: list[Command]) -> list[Command]:
+    """Windows of a run: before, at and after appends, with one, two and three stages, before and after switches."""
+    appended = [k for k, command in enumerate(decisions) if "appended" in command.events]
+    return [decisions[k + d] for k in appended for d in (-1, 0, 1, 12)] + decisions[20::70]
+
+
+def counts_of(command: Command, costs: StageCosts, before: dict[int, int], tolerance: float = TOLERANCE) -> list[int]:
+    along, plan = Along(command.solution.plan, costs, STEP), command.solution.plan
+    return list(node_counts(command.solution.window, plan.instants, along, tolerance, before))
+
+
+@pytest.fixture(scope="module")
+def problem(transport: Task) -> Problem:
+    return build_problem(transport)
+
+
+@pytest.mark.slow
+def test_windows_of_a_run_agree_with_two_hundred_nodes(decisions: list[Command], problem: Problem) -> None:
+    """Switch times to 20 ms, J to 1 %, with a fraction of the nodes."""
+    solver, saved = build_solver(problem, SolverSpec(kind="sqp", iterations=50)), []
+    for command in picked(decisions):
+        solved = command.solution
+        counts, fine = counts_of(command, problem.costs, {}), [200] * len(solved.window.stages)
+        one, other = (solver.solve(replace(solved.window, nodes=tuple(n)), solved.plan) for n in (counts, fine))
+        assert one.outcome.usable
+        assert other.outcome.usable
+        assert one.objective == pytest.approx(other.objective, rel=1e-2)
+        assert np.abs(one.plan.instants - other.plan.instants).max(initial=0.0) < 0.02
+        saved.append(sum(counts) / sum(fine))
+    assert np.median(saved) < 0.5
+
+
+def test_no_interval_is_longer_than_a_sample(decisions: list[Command], costs: StageCosts) -> None:
+    for command in picked(decisions):
+        window, counts = command.solution.window, counts_of(command, costs, {})
+        tau = durations(command.solution.plan.instants, window.start, window.horizon)
+        assert np.all(tau / counts <= STEP + 1e-9)
+        assert set(counts) <= set(COUNTS)
+
+
+def test_a_stage_keeps_its_count_while_that_is_enough(decisions: list[Command], costs: StageCosts) -> None:
+    command = next(d for d in decisions if len(d.solution.window.stages) == 2)
+    counts = counts_of(command, costs, {})
+    had = {stage.index: N for stage, N in zip(command.solution.window.stages, counts, strict=True)}
+    for before in (had, dict.fromkeys(had, 3), dict.fromkeys(had, 200)):
+        assert counts_of(command, costs, before) == counts
+
+
+def test_a_tighter_tolerance_takes_more_nodes(decisions: list[Command], costs: StageCosts) -> None:
+    few, many = (counts_of(decisions[20], costs, {}, part) for part in (2e-2, 2e-3))
+    assert sum(few) < sum(many)
+
+
+def test_the_first_window_is_ready_for_costs_that_fall_to_nothing(decisions: list[Command]) -> None:
+    assert first_counts(decisions[0].solution.window, np.zeros(0), TOLERANCE, STEP) == (128,)

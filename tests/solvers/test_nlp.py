@@ -1,0 +1,100 @@
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.problem import Problem, Stage, StageCosts, build_problem
+from psmpc_cli.ocp.window import Window
+from psmpc_cli.solvers import NlpSolver
+from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.task import SolverSpec
+
+from ..ocp.windows import N, coasting, moving, window_over
+
+
+@pytest.fixture(scope="module")
+def problem(transport: Task) -> Problem:
+    return build_problem(transport)
+
+
+@pytest.fixture(scope="module")
+def solver(problem: Problem) -> NlpSolver:
+    return NlpSolver(problem, SolverSpec(kind="fatrop"))
+
+
+def by_hand(window: Window, plan: Plan, costs: StageCosts) -> np.ndarray:
+    """What each stage adds to the objective along a plan: the sum of (20), each trajectory begun with its stage."""
+    begins, found = [window.start - window.elapsed, *plan.instants], []
+    for s, (stage, begin) in enumerate(zip(window.stages, begins, strict=True)):
+        at, since = slice(s * N, (s + 1) * N), plan.times - begin
+        L = costs.at(stage, plan.X[at], plan.u[at], since[at])
+        found.append(float((L - window.offset[s]) @ np.diff(plan.times)[at]) / window.scale[s])
+    last = costs.at(stage, plan.X[-1:], np.zeros((1, 9)), since[-1:])[0]
+    found[-1] += window.terminal_cost * (last - window.offset[-1]) / window.scale[-1]
+    return np.array(found)
+
+
+@settings(max_examples=15)
+@given(first=st.floats(1.1, 2.9), second=st.floats(0.1, 1.9), elapsed=st.floats(0, 20), seed=st.integers(0, 2**32 - 1))
+def test_the_objective_is_the_sum_of_the_stages_costs_at_the_nodes(
+    solver: NlpSolver,
+    stages: tuple[Stage, ...],
+    costs: StageCosts,
+    first: float,
+    second: float,
+    elapsed: float,
+    seed: int,
+) -> None:
+    three = (moving(stages[0]), stages[1], moving(stages[2]))
+    window = window_over(three, elapsed=elapsed, terminal_cost=0.5, offset=np.array([0.0, 0.1, 0.2]))
+    plan = coasting(window, first, first + second)
+    plan = replace(plan, u=np.random.default_rng(seed).standard_normal(plan.u.shape))
+    np.testing.assert_allclose(solver.costs(window, plan), by_hand(window, plan, costs), rtol=1e-9)
+
+
+def test_a_plan_violates_what_it_breaks(solver: NlpSolver, stages: tuple[Stage, ...]) -> None:
+    x0 = np.zeros(18)
+    x0[9] = 0.15
+    free = tuple(replace(stage, end_rows=(), tolerance=np.zeros(0)) for stage in stages[:2])
+    window = window_over(free, x0=x0)
+    coast = coasting(window, 3.0)
+    assert solver.violation(window, coast) == pytest.approx(0.0, abs=1e-12)
+    fast = window_over(free, x0=x0 + 0.15 * np.eye(18)[9])
+    assert solver.violation(fast, coasting(fast, 3.0)) == pytest.approx(0.1)
+    assert solver.violation(replace(fast, soft=True), coasting(fast, 3.0)) == pytest.approx(0.0, abs=1e-12)
+    gap = replace(coast, X=coast.X + 0.2 * np.outer(np.arange(9) == 3, np.eye(18)[4]))
+    assert solver.violation(window, gap) == pytest.approx(0.2)
+    ends = window_over((replace(free[0], end_rows=(0,), tolerance=np.array([0.1])), free[1]), x0=x0)
+    assert solver.violation(ends, coast) == pytest.approx(abs(0.15 * 2.0 - stages[0].target[0]) - 0.1)
+    timed = window_over((replace(free[0], at=3.4), free[1]), x0=x0)
+    assert solver.violation(timed, coast) == pytest.approx(0.4)
+    dwelling = window_over((replace(free[0], dwell=3.5), free[1]), x0=x0)
+    assert solver.violation(dwelling, coast) == pytest.approx(3.5 - 0.5 - 2.0)
+    late = coasting(window, 5.0 - 1e-4)
+    assert solver.violation(window, late) == pytest.approx(1e-3 - 1e-4)
+
+
+CHANGES: dict[str, dict[str, Any]] = {"as they are": {}, "at rest": {"end_velocity": 0.1}, "timed": {"at": 3.0}}
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("changes", CHANGES.values(), ids=CHANGES)
+@pytest.mark.parametrize("soft", [False, True], ids=["hard", "soft"])
+def test_rows_and_variables_follow_the_order_structured_solvers_need(
+    solver: NlpSolver, stages: tuple[Stage, ...], count: int, changes: dict[str, Any], soft: bool
+) -> None:
+    nlp = solver.nlp(window_over(tuple(replace(stage, **changes) for stage in stages[:count]), soft=soft))
+    assert sum(nlp.nx) + sum(nlp.nu) == nlp.x.shape[0] == nlp.layout.size
+    assert sum(nlp.nx[1:]) + sum(nlp.ng) == nlp.g.shape[0] == nlp.count
+    row = 0
+    for k in range(nlp.layout.K):
+        assert nlp.gap_rows[k].tolist() == list(range(row, row + nlp.layout.nx))
+        row += nlp.layout.nx + nlp.ng[k]
+    found = [*nlp.gap_rows.ravel(), *nlp.x0_rows, *nlp.instant_rows.values(), *nlp.limit_rows.ravel()]
+    found += [row for rows in nlp.end_rows.values() for row in rows]
+    found += [] if nlp.last_duration_row is None else [nlp.last_duration_row]
+    assert sorted(found) == list(range(nlp.count))

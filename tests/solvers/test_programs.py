@@ -1,0 +1,198 @@
+"""The quadratic programs of windows: our own method, PIQP's, and the conditions of an optimum."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from psmpc_cli.control import Command
+from psmpc_cli.native.library import CompilationError, find_compiler
+from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
+from psmpc_cli.ocp.window import PENALTY, scaled_violations, shares_of_time, window_numbers, window_shape
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.solvers.qp_multistage import MultistageQp
+from psmpc_cli.solvers.riccati import RiccatiQp, load_kernel
+from psmpc_cli.solvers.sqp_window import (
+    NARROWEST_SOFT,
+    QpSolution,
+    QpStatus,
+    fixed_limits,
+    moved_apart,
+    window_limits,
+)
+
+from .optimality import energy, objective, optimality
+from .random_programs import Task, random_task, unattainable
+
+SEEDS, FEATURES = st.integers(0, 2**32 - 1), st.sets(st.sampled_from(("equal", "fixed", "inputs", "tied")))
+NODES = st.sampled_from([(1,), (4,), (3, 2), (5, 5), (2, 3, 2)])
+
+
+def our_method(task: Task, tolerance: float = 1e-9) -> RiccatiQp:
+    """Our method, which is C: a machine without a compiler has but the other one, and nothing to hold against it.
+
+    Where there is a compiler, a method that it cannot make is a fault.
+    """
+    try:
+        find_compiler()
+    except CompilationError as error:
+        pytest.skip(str(error))
+    kernel = load_kernel(task.form.grid.n, task.form.grid.switches)
+    assert kernel is not None
+    return RiccatiQp(task.form, task.limits.shape, tolerance, kernel)
+
+
+def ours(task: Task, tolerance: float = 1e-9) -> QpSolution:
+    """Solve a program by our method."""
+    return our_method(task, tolerance).solve(task.model, task.limits, task.point, task.horizon)
+
+
+def piqp(task: Task, tolerance: float = 1e-9) -> QpSolution:
+    """Solve a program by PIQP."""
+    qp = MultistageQp(task.form, task.limits.shape, tolerance)
+    return qp.solve(task.model, task.limits, task.point, task.horizon)
+
+
+def recorded(model: RobotModel, command: Command) -> Task:
+    """The program at the guess of a window of a run."""
+    window, guess = command.solution.window, command.solution.guess
+    form, tau = VelocityForm(model, window_shape(window)), np.diff(guess.instants, prepend=window.start)
+    point, numbers = Point(guess.X, tau), window_numbers(window, guess.instants)
+    limits = window_limits(fixed_limits(form, window), window, tau, np.inf)
+    return Task(form, form.linearize(point, numbers), limits, point, window.horizon)
+
+
+@pytest.fixture(params=[1, 2, 3], ids=["one_stage", "two_stages", "three_stages"])
+def tasks(request: pytest.FixtureRequest, model: RobotModel, decisions: list[Command]) -> list[Task]:
+    """Programs of a run: after an append, and warm."""
+    of_size = [d for d in decisions if len(d.solution.window.stages) == request.param]
+    return [recorded(model, d) for d in (of_size[0], of_size[len(of_size) // 2], of_size[-1])]
+
+
+def assert_optimal(task: Task, found: QpSolution) -> None:
+    assert found.status is QpStatus.SOLVED
+    missed, scale = optimality(task, found), 1 + found.largest
+    assert missed.gaps < 1e-9
+    assert missed.limits < 1e-8
+    assert missed.gradient < 1e-8 * scale
+    assert missed.complementarity < 1e-8 * scale
+
+
+def test_programs_of_a_run_are_solved_like_piqp_solves_them(tasks: Sequence[Task]) -> None:
+    for task in tasks:
+        found, other = ours(task), piqp(task)
+        assert_optimal(task, found)
+        assert other.status is QpStatus.SOLVED
+        assert objective(task.model, found.step) == pytest.approx(objective(task.model, other.step), rel=1e-6, abs=1e-8)
+        assert np.abs(found.step.tau - other.step.tau).max(initial=0.0) < 1e-6
+        assert energy(task.model, found.step, other.step) < 1e-8
+
+
+@settings(max_examples=60)
+@given(
+    seed=SEEDS,
+    nodes=NODES,
+    what=FEATURES,
+)
+def test_random_programs_end_where_their_conditions_hold(seed: int, nodes: tuple[int, ...], what: set[str]) -> None:
+    task = random_task(np.random.default_rng(seed), nodes, what)
+    found = ours(task)
+    assert_optimal(task, found)
+
+
+@settings(max_examples=30)
+@given(seed=SEEDS, what=FEATURES)
+def test_random_programs_reach_the_objective_of_piqp(seed: int, what: set[str]) -> None:
+    task = random_task(np.random.default_rng(seed), (3, 3), what)
+    other = piqp(task)
+    if other.status is QpStatus.SOLVED:
+        best = objective(task.model, other.step)
+        assert objective(task.model, ours(task).step) == pytest.approx(best, rel=1e-6, abs=1e-6)
+
+
+@settings(max_examples=30)
+@given(seed=SEEDS, what=FEATURES)
+def test_a_program_without_a_solution_is_proved_to_have_none(seed: int, what: set[str]) -> None:
+    task = unattainable(random_task(np.random.default_rng(seed), (3, 2), what))
+    found = ours(task)
+    assert found.status is QpStatus.INFEASIBLE
+    assert found.iterations < 30
+
+
+def test_a_program_with_numbers_that_are_none_fails(tasks: Sequence[Task]) -> None:
+    gradient = tasks[0].model.gradient.copy()
+    gradient[3, 0] = np.nan
+    assert ours(replace(tasks[0], model=replace(tasks[0].model, gradient=gradient))).status is QpStatus.FAILED
+
+
+def test_solving_again_gives_the_same(tasks: Sequence[Task]) -> None:
+    """No memory is left over from the program before."""
+    task, other = tasks[-1], tasks[0]
+    qp = our_method(task)
+    first = qp.solve(task.model, task.limits, task.point, task.horizon)
+    qp.solve(other.model, other.limits, other.point, other.horizon)
+    again = qp.solve(task.model, task.limits, task.point, task.horizon)
+    assert np.array_equal(first.step.X, again.step.X)
+    assert np.array_equal(first.X, again.X)
+
+
+def softened(task: Task) -> Task:
+    low, high = moved_apart(task.limits.X_low, task.limits.X_high, NARROWEST_SOFT)
+    return replace(task, limits=replace(task.limits, X_low=low, X_high=high, soft=True))
+
+
+def moved(task: Task, rng: np.random.Generator) -> Task:
+    """The same program with every third bound of a state where no step need reach it."""
+    away = np.where(rng.random(task.limits.X_low.shape) < 1 / 3, rng.normal(size=task.limits.X_low.shape), 0.0)
+    limits = replace(task.limits, X_low=task.limits.X_low + away, X_high=task.limits.X_high + away)
+    return replace(task, limits=limits)
+
+
+def shares(task: Task) -> np.ndarray:
+    return shares_of_time(task.form.steps(task.point, task.horizon))[1:]
+
+
+def costs_of_violations(task: Task, step: Point) -> float:
+    X = (task.point.X + step.X)[1:]
+    return float((shares(task) * scaled_violations(X, task.limits.X_low, task.limits.X_high)).sum())
+
+
+def total(task: Task, found: QpSolution) -> float:
+    return objective(task.model, found.step) + costs_of_violations(task, found.step)
+
+
+@settings(max_examples=40)
+@given(seed=SEEDS, nodes=NODES, what=FEATURES)
+def test_both_methods_violate_what_cannot_be_met_at_the_same_cost(
+    seed: int, nodes: tuple[int, ...], what: set[str]
+) -> None:
+    rng = np.random.default_rng(seed)
+    task = softened(moved(random_task(rng, nodes, what), rng))
+    found, other = ours(task), piqp(task)
+    assert found.status is QpStatus.SOLVED
+    assert (np.abs(found.X) <= PENALTY * shares(task) * (1 + 1e-9)).all()
+    if other.status is QpStatus.SOLVED:
+        assert total(task, found) == pytest.approx(total(task, other), rel=1e-6, abs=1e-6)
+
+
+@settings(max_examples=40)
+@given(seed=SEEDS, nodes=NODES, what=FEATURES)
+def test_a_program_that_hard_bounds_allow_has_the_same_solution_with_soft_ones(
+    seed: int, nodes: tuple[int, ...], what: set[str]
+) -> None:
+    task = softened(random_task(np.random.default_rng(seed), nodes, what))
+    hard, soft = ours(replace(task, limits=replace(task.limits, soft=False))), ours(task)
+    assert hard.status is soft.status is QpStatus.SOLVED
+    if (np.abs(hard.X) < PENALTY * shares(task)).all():
+        assert costs_of_violations(task, soft.step) < 1e-6
+        assert objective(task.model, soft.step) == pytest.approx(objective(task.model, hard.step), rel=1e-6, abs=1e-6)
+
+
+@settings(max_examples=20)
+@given(seed=SEEDS, what=FEATURES)
+def test_soft_bounds_do_not_help_where_an_end_condition_cannot_be_met(seed: int, what: set[str]) -> None:
+    task = softened(unattainable(random_task(np.random.default_rng(seed), (3, 2), what)))
+    assert ours(task).status is QpStatus.INFEASIBLE

@@ -447,7 +447,10 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
     for name in ATTRIBUTES:
         if name not in group.attrs:
             raise LogError(f"{path}: found no attribute {name}, {EXPECTED}")
-    image = group.file.id.get_file_image() if path == IN_MEMORY else b""
+    image = b""
+    if path == IN_MEMORY:
+        group.file.flush()
+        image = group.file.id.get_file_image()
     return Run(path, dict(group.attrs), arrays_in(group), group.name, "plan/solution" in group, image)
 
 

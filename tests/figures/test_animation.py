@@ -1,6 +1,5 @@
 """The robot in motion: drawn, and filmed by MuJoCo."""
 
-import importlib.util
 import os
 import subprocess
 import sys
@@ -47,6 +46,7 @@ def frames_of(path: Path) -> list[np.ndarray]:
         return [np.asarray(frame.convert("RGB"), int) for frame in ImageSequence.Iterator(film)]
 
 
+@pytest.mark.slow
 def test_an_animation_shows_every_frame_beside_the_chosen_figures(tmp_path: Path, load: Load) -> None:
     run = load(last=1.0)
     files = draw("run", run, tmp_path, ["svg"], only=["states"], films=["animation"])
@@ -78,12 +78,6 @@ def test_titles_say_what_happens(load: Load) -> None:
     assert events_at(scene, 5.0) == ["approach"]
     assert events_at(scene, 7.0) == ["approach", "capture already acts"]
     assert events_at(scene, 25.0) == ["release", "object lost"]
-
-
-def test_an_mp4_is_written_where_ffmpeg_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert [path.name for path in animation.film_files(Path(), "animation")] == ["animation.gif"]
-    monkeypatch.setattr(FFMpegWriter, "isAvailable", lambda: True)
-    assert [path.name for path in animation.film_files(Path(), "render")] == ["render.gif", "render.mp4"]
 
 
 def test_an_animation_that_cannot_be_written_is_named(tmp_path: Path, load: Load) -> None:
@@ -132,6 +126,7 @@ def mujoco_draws() -> bool:
     return any(ran.returncode == 0 for ran in tried)
 
 
+@pytest.mark.slow
 def test_a_film_shows_the_robot_in_every_frame_or_is_rejected_where_mujoco_cannot_draw(
     tmp_path: Path, load: Load
 ) -> None:
@@ -159,12 +154,7 @@ def test_a_driver_that_does_not_exist_is_rejected_with_what_helps(
     assert not (tmp_path / "out").exists()
 
 
-def test_without_the_package_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(animation, "find_spec", lambda name: importlib.util.find_spec("no_such_package"))
-    with pytest.raises(InputError, match=r"pip install 'psmpc\[mujoco\]'"):
-        offscreen_driver()
-
-
+@pytest.mark.slow
 def test_a_renderer_that_dies_says_how(tmp_path: Path, load: Load, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(animation, "offscreen_driver", lambda: "crayons")
     with pytest.raises(RunError, match=r"MuJoCo's renderer failed: .*crayons"):

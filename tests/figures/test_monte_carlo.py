@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.errors import LogError
 from psmpc_cli.figures.monte_carlo import plot_runs, plot_success
 from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.figures.style import in_style
@@ -70,15 +70,6 @@ def test_failed_runs_are_ringed_behind_their_marks_even_those_without_values(tmp
 def test_lines_that_runs_are_judged_by_are_named(tmp_path: Path) -> None:
     figure = plot_runs(made_up_monte_carlo(tmp_path / "study.h5"))
     assert [legend(axes)[-1] for axes in figure.axes] == ["tolerance", "limit", "bound"]
-
-
-def test_figures_are_chosen_by_name_and_nothing_is_overwritten(tmp_path: Path) -> None:
-    runs = made_up_monte_carlo(tmp_path / "study.h5", 3)
-    assert draw("monte_carlo", runs, tmp_path / "figures", ("svg",), ["runs"]) == [tmp_path / "figures" / "runs.svg"]
-    with pytest.raises(InputError, match="--force"):
-        draw("monte_carlo", runs, tmp_path / "figures", ("svg",))
-    with pytest.raises(InputError, match="no figure 'states', expected one of success, runs"):
-        draw("monte_carlo", runs, tmp_path, only=["states"])
 
 
 def test_a_study_that_has_not_begun_has_nothing_to_draw(tmp_path: Path) -> None:

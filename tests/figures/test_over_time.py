@@ -75,6 +75,7 @@ def test_bars_of_stages_that_overlap_have_rows_of_their_own(load: Load, early: d
     assert all(low <= row < row + 0.86 <= high for *_, row in found)
 
 
+@pytest.mark.slow
 def test_the_strip_names_the_stages_or_numbers_them_with_a_key(
     run: Run, load: Load, many_stages: dict[str, Any]
 ) -> None:

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.errors import LogError
 from psmpc_cli.figures.pareto import plot_fronts, plot_in_space
 from psmpc_cli.figures.registry import draw
 from psmpc_cli.figures.style import PAGE, in_style
@@ -114,11 +114,6 @@ def test_dominated_points_are_crossed_out_and_the_run_s_weights_named() -> None:
     assert "weights of the run" in common_legend(figure(made_up(narrow=True, ratio=(1, 10, 100))))
 
 
-def test_what_is_not_there_is_not_explained() -> None:
-    entries = common_legend(figure(made_up(narrow=True, method="weighted")))
-    assert "$J_2$ bounded" not in entries
-
-
 def test_points_that_could_not_be_solved_for_leave_a_gap() -> None:
     results = made_up(narrow=True, method="weighted")
     for s in (1, 2):
@@ -134,6 +129,7 @@ def test_the_fronts_in_space_are_fit_to_print(method: str) -> None:
         check_figure(plot_in_space(made_up(later=3, method=method)))
 
 
+@pytest.mark.slow
 def test_the_third_criterion_gets_a_figure_of_its_own(tmp_path: Path) -> None:
     drawn = draw("pareto", made_up(later=3), tmp_path / "new")
     assert [path.name for path in drawn] == ["front.png", "front_3d.png"]
@@ -154,15 +150,6 @@ def test_a_held_instant_without_points_is_left_out() -> None:
         )
     with in_style():
         plot_in_space(results).draw_without_rendering()
-
-
-def test_files_are_chosen_and_not_overwritten_unasked(tmp_path: Path) -> None:
-    drawn = draw("pareto", made_up(narrow=True), tmp_path, formats=("pdf", "svg"))
-    assert [path.name for path in drawn] == ["front.pdf", "front.svg"]
-    with pytest.raises(InputError, match="already"):
-        draw("pareto", made_up(), tmp_path, formats=("svg",))
-    with pytest.raises(InputError, match="no figure 'front_3d', expected one of front"):
-        draw("pareto", made_up(), tmp_path, only=("front_3d",))
 
 
 def test_a_study_without_a_single_point_cannot_be_drawn(tmp_path: Path) -> None:

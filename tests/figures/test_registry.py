@@ -32,9 +32,8 @@ STORIES: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize(
-    "story", [story if story == "three at once" else pytest.param(story, marks=pytest.mark.slow) for story in STORIES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("story", STORIES)
 def test_every_figure_of_a_run_is_fit_to_print(story: str, load: Load) -> None:
     run = load(**STORIES[story])
     for figure in figures_of("run").values():
@@ -51,9 +50,8 @@ def test_figures_of_many_long_names_are_fit_to_print(load: Load, many_stages: di
                 check_figure(figures_of(kind)[name].function(subject))
 
 
-@pytest.mark.parametrize(
-    "compared", [("smpc", "hard"), pytest.param(("psmpc", "smpc", "htmpc", "hard"), marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("compared", [("smpc", "hard"), ("psmpc", "smpc", "htmpc", "hard")])
 def test_every_figure_of_a_comparison_is_fit_to_print(compared: tuple[str, ...], runs: Mapping[str, Run]) -> None:
     for figure in figures_of("comparison").values():
         with in_style():
@@ -90,6 +88,7 @@ def test_a_format_is_what_it_says_and_the_same_each_time(tmp_path: Path, run: Ru
     assert first[0].read_bytes().startswith(BEGINNINGS[ending])
 
 
+@pytest.mark.slow
 def test_chosen_figures_come_once_and_in_order(tmp_path: Path, runs: Mapping[str, Run]) -> None:
     one = {"smpc": runs["smpc"]}
     files = draw("comparison", one, tmp_path, ["svg", "pdf", "svg"], ["instants", "states", "instants"])

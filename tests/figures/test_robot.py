@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from psmpc_cli.figures.robot_drawing import View, base_outline, grasp, reach, scene_of
+from psmpc_cli.figures.robot_drawing import View, grasp, scene_of
 from psmpc_cli.figures.snapshots import (
     configurations,
     object_poses,
@@ -44,14 +44,6 @@ def test_the_view_shows_all_that_is_drawn(run: Run, share: float) -> None:
     view, found = scene_of(run).view([time]), drawn_points(run, time)
     low, high = np.array([view.x[0], view.y[0]]), np.array([view.x[1], view.y[1]])
     assert np.all((low < found) & (found < high))
-
-
-def test_a_base_turns_and_moves_with_its_pose(run: Run) -> None:
-    np.testing.assert_allclose(np.abs(base_outline(run.problem.model, np.zeros(9))), [[0.3, 0.18]] * 4)
-    assert reach(run.problem.model) == pytest.approx(1.2)
-    corners = base_outline(run.problem.model, np.r_[1.0, 2.0, np.pi / 2, np.zeros(6)])
-    np.testing.assert_allclose(corners.mean(axis=0), [1.0, 2.0])
-    np.testing.assert_allclose(np.ptp(corners, axis=0), [0.36, 0.6])
 
 
 @pytest.mark.parametrize(("width", "step"), [(5.4, 1.0), (6.1, 2.0), (0.5, 0.1), (31.0, 10.0)])
@@ -144,6 +136,7 @@ def test_instants_between_which_nothing_moves_share_a_frame(load: Load) -> None:
     assert titles(plot_snapshots(load(early={1: 0.3})))[0] == "(a) 0.0 s: start, 0.3 s: capture starts"
 
 
+@pytest.mark.slow
 def test_the_loss_of_the_object_and_the_end_of_a_killed_run_have_frames(load: Load) -> None:
     events = [title.rsplit(": ", 1)[-1] for title in titles(plot_snapshots(load(early={1: 6.4, 3: 17.0})))]
     assert events.index("release starts") < events.index("object lost") < events.index("transport ends")

@@ -13,7 +13,6 @@ from psmpc_cli.figures.style import (
     STAGE,
     TEXT,
     in_style,
-    legend_columns,
     line_look,
     new_figure,
     readable,
@@ -69,14 +68,6 @@ def test_names_become_words_and_stay_short() -> None:
     long = readable("inspect_the_far_side_of_panel_12")
     assert len(long) <= LONGEST_NAME
     assert long.startswith("inspect") and long.endswith("12")
-
-
-def test_a_legend_takes_no_more_columns_than_fit() -> None:
-    width = 3.0
-    assert legend_columns(["x", "y"], width) == 2
-    assert legend_columns(["a rather long entry of a legend, too long for a column"] * 3, width) == 1
-    assert 1 < legend_columns(["an entry"] * 10, width) < 10
-    assert legend_columns([], width) == 1
 
 
 def test_figures_are_unknown_to_pyplot() -> None:

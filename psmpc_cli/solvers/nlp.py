@@ -70,27 +70,12 @@ BARRIER_START = 1e-4
 
 
 class StructuredNlp(Protocol):
-    """A nonlinear program of CasADi with the sizes of state, input and path rows at each node."""
+    """A nonlinear program of CasADi, and the sizes of state, input and path rows at each node."""
 
-    @property
-    def problem(self) -> dict[str, ca.SX]:
-        """The NLP as CasADi's solvers take it."""
-        ...
-
-    @property
-    def nx(self) -> tuple[int, ...]:
-        """Size of the state at each node."""
-        ...
-
-    @property
-    def nu(self) -> tuple[int, ...]:
-        """Size of the input at each node; 0 at the last."""
-        ...
-
-    @property
-    def ng(self) -> tuple[int, ...]:
-        """Number of path rows at each node."""
-        ...
+    problem: dict[str, ca.SX]
+    nx: tuple[int, ...]
+    nu: tuple[int, ...]
+    ng: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,7 +268,7 @@ class NlpSolver(Solver):
         for s, stage in enumerate(window.stages):
             at = slice(layout.first_node[s], layout.first_node[s + 1])
             joint = stage.input == "joint"
-            z[layout.input_index(s)] = u[at] if joint else self._problem.costs.task_acceleration(plan.X[at], u[at])
+            z[layout.input_index[s]] = u[at] if joint else self._problem.costs.task_acceleration(plan.X[at], u[at])
         if layout.soft:
             z[layout.violation_index] = scaled_violations(plan.X, *node_limits(layout, window.stages))
         return z
@@ -296,7 +281,7 @@ def _unpack(layout: Layout, window: Window, z: np.ndarray) -> Plan:
     for s, stage in enumerate(window.stages):
         first, last = layout.first_node[s], layout.first_node[s + 1]
         if stage.input == "joint":
-            u[first:last] = z[layout.input_index(s)]
+            u[first:last] = z[layout.input_index[s]]
         else:
             times, velocities = plan.times[first : last + 1], plan.X[first : last + 1, layout.n :]
             u[first:last] = np.diff(velocities, axis=0) / np.diff(times)[:, None]
@@ -316,7 +301,7 @@ def _bounds(nlp: Nlp, window: Window, guess: Plan, within: float) -> Bounds:
     low, high = node_limits(layout, window.stages)
     for s, stage in enumerate(window.stages):
         if stage.input == "joint":
-            inputs = layout.input_index(s)
+            inputs = layout.input_index[s]
             lbx[inputs], ubx[inputs] = stage.limits.acceleration_low, stage.limits.acceleration_high
     tau = np.diff(guess.instants, prepend=window.start)
     lbx[layout.duration_index[0]] = np.maximum(shortest_durations(window)[:-1], tau - within)
@@ -357,7 +342,7 @@ def shift_multipliers(nlp: Nlp, guess: Plan, old: Nlp, previous: Solution) -> tu
     for s in range(len(layout.nodes)):
         first, last = layout.first_node[s], layout.first_node[s + 1]
         intervals = np.minimum(nodes[first:last], had.first_node[s + 1] - 1) - had.first_node[s]
-        lam_x[layout.input_index(s)] = x[had.input_index(s)[intervals]] * shorter[first:last, None]
+        lam_x[layout.input_index[s]] = x[had.input_index[s][intervals]] * shorter[first:last, None]
     lam_g[nlp.gap_rows] = g[old.gap_rows[np.minimum(nodes[:-1], had.K - 1)]]
     lam_x[layout.violation_index] = x[had.violation_index[nodes]] * at_nodes
     lam_g[nlp.limit_rows] = g[old.limit_rows[:, nodes]] * at_nodes

@@ -11,7 +11,7 @@ from scipy.sparse import csc_matrix
 
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, VelocityForm
 from psmpc_cli.ocp.window import PENALTY, shares_of_time
-from psmpc_cli.solvers.sqp_window import Limits, QpShape, QpSolution, QpStatus
+from psmpc_cli.solvers.sqp_window import QpShape, QpSolution, QpStatus, WindowBounds
 
 MAX_ITERATIONS = 60
 """Interior-point iterations of one program; a solvable one takes 8 to 25."""
@@ -61,7 +61,7 @@ class MultistageQp:
         settings.eps_abs = settings.eps_duality_gap_abs = tolerance
         self._ready = False
 
-    def solve(self, model: Linearization, limits: Limits, point: Point, horizon: float) -> QpSolution:
+    def solve(self, model: Linearization, limits: WindowBounds, point: Point, horizon: float) -> QpSolution:
         """Solve the program about a point."""
         low, high = self._inequality_bounds(model, limits, point, horizon)
         tied = np.array([limits.until[s] - point.tau[: s + 1].sum() for s in self.shape.tied])
@@ -83,7 +83,7 @@ class MultistageQp:
         self._ready = True
         return self._solution(self._solver.solve())
 
-    def _bounds(self, limits: Limits, point: Point) -> tuple[np.ndarray, np.ndarray]:
+    def _bounds(self, limits: WindowBounds, point: Point) -> tuple[np.ndarray, np.ndarray]:
         """Return low and high of the unknowns."""
         low, high = np.full(self._size, -np.inf), np.full(self._size, np.inf)
         free = np.isin(np.arange(self._S), self.shape.fixed, invert=True)
@@ -154,7 +154,7 @@ class MultistageQp:
             at += row.size
         return _Pattern(places, (at, self._size))
 
-    def _inequalities(self, model: Linearization, limits: Limits) -> list[np.ndarray]:
+    def _inequalities(self, model: Linearization, limits: WindowBounds) -> list[np.ndarray]:
         values = [np.ones(self._S), *model.end_derivatives.values()]
         share = self.form.interval_steps
         for index, limit in self._limited(limits):
@@ -165,7 +165,7 @@ class MultistageQp:
             values += [np.ones(2 * self._x.size), violated, -violated]
         return values
 
-    def _limited(self, limits: Limits) -> list[tuple[np.ndarray, np.ndarray]]:
+    def _limited(self, limits: WindowBounds) -> list[tuple[np.ndarray, np.ndarray]]:
         shape = self.shape
         return [
             (np.array(shape.input_low, int), limits.input_low),
@@ -173,7 +173,7 @@ class MultistageQp:
         ]
 
     def _inequality_bounds(
-        self, model: Linearization, limits: Limits, point: Point, horizon: float
+        self, model: Linearization, limits: WindowBounds, point: Point, horizon: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return low and high of the rows' change."""
         low, high = [np.full(min(self._S, 1), -np.inf)], [np.full(min(self._S, 1), limits.together - point.tau.sum())]

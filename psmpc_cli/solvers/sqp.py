@@ -20,11 +20,11 @@ from psmpc_cli.solvers.nlp import Report
 from psmpc_cli.solvers.qp_multistage import MultistageQp
 from psmpc_cli.solvers.riccati import RiccatiQp, load_kernel
 from psmpc_cli.solvers.sqp_window import (
-    Limits,
     QpShape,
     QpSolution,
     QpStatus,
     Violation,
+    WindowBounds,
     beyond,
     change_of_violations,
     fixed_limits,
@@ -87,7 +87,7 @@ class _Setup:
     """What the windows over the same stages and nodes share: form, bounds, programs by soft and fixed durations."""
 
     form: VelocityForm
-    limits: Limits
+    limits: WindowBounds
     programs: dict[QpShape, Qp] = field(default_factory=dict)
 
 
@@ -97,7 +97,7 @@ class _Problem:
 
     setup: _Setup
     p: Parameters[np.ndarray]
-    limits: Limits
+    limits: WindowBounds
     qp: Qp
 
     @property
@@ -188,7 +188,7 @@ class SqpSolver(Solver):
             return qp if proof.status is QpStatus.FAILED else proof
         return qp
 
-    def _problem(self, setup: _Setup, p: Parameters[np.ndarray], limits: Limits) -> _Problem:
+    def _problem(self, setup: _Setup, p: Parameters[np.ndarray], limits: WindowBounds) -> _Problem:
         if limits.shape not in setup.programs:
             setup.programs[limits.shape] = self._quadratic_programs(setup.form, limits.shape)
         return _Problem(setup, p, limits, setup.programs[limits.shape])
@@ -310,7 +310,7 @@ def _counts(found: Iterate, before: Iterate, slope: float, penalty: float) -> bo
     return rise + penalty * (found.violation.total - before.violation.total) <= DECREASE * predicted + noise
 
 
-def later(form: VelocityForm, limits: Limits, point: Point, horizon: float) -> Point | None:
+def later(form: VelocityForm, limits: WindowBounds, point: Point, horizon: float) -> Point | None:
     """Return the motion of a guess with its last switch near the latest instant; None where that cannot move.
 
     A stage that is too short for its end condition has to last longer and to be faster at once. The product of the two

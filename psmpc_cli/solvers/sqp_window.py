@@ -45,7 +45,7 @@ class QpShape:
 
 
 @dataclass(frozen=True, eq=False)
-class Limits:
+class WindowBounds:
     """The bounds of one window.
 
     Attributes:
@@ -85,7 +85,7 @@ class Limits:
         )
 
 
-def fixed_limits(form: VelocityForm, window: Window) -> Limits:
+def fixed_limits(form: VelocityForm, window: Window) -> WindowBounds:
     """Return the bounds that all windows over the same stages and nodes share, those of durations left out."""
     layout, stages = form.grid, window.stages
     low, high = node_limits(layout, stages)
@@ -98,7 +98,7 @@ def fixed_limits(form: VelocityForm, window: Window) -> Limits:
     ]
     low_inputs, high_inputs = (tuple(np.flatnonzero(np.isfinite(bound)).tolist()) for bound in inputs)
     none = np.zeros(0)
-    return Limits(
+    return WindowBounds(
         X_low=low,
         X_high=high,
         tau_low=none,
@@ -114,7 +114,7 @@ def fixed_limits(form: VelocityForm, window: Window) -> Limits:
     )
 
 
-def window_limits(shared: Limits, window: Window, tau: np.ndarray, within: float) -> Limits:
+def window_limits(shared: WindowBounds, window: Window, tau: np.ndarray, within: float) -> WindowBounds:
     """Return the bounds of a window, durations within so many seconds of guessed ones (S,) [s]."""
     S = len(tau)
     return replace(
@@ -143,7 +143,7 @@ class Violation:
     total: float
 
 
-def violation(form: VelocityForm, limits: Limits, point: Point, at: Residuals, horizon: float) -> Violation:
+def violation(form: VelocityForm, limits: WindowBounds, point: Point, at: Residuals, horizon: float) -> Violation:
     """Return by how much a point violates gaps, end conditions and hard limits."""
     past = [np.abs(at.gaps)]
     if not limits.soft:
@@ -161,7 +161,7 @@ def violation(form: VelocityForm, limits: Limits, point: Point, at: Residuals, h
     return Violation(float(max(every.max(), 0.0)), float(np.maximum(every, 0.0).sum()))
 
 
-def beyond(limits: Limits, point: Point) -> np.ndarray:
+def beyond(limits: WindowBounds, point: Point) -> np.ndarray:
     """Return rho times the violations of soft limits at a point, (K + 1, 2n); (K + 1, 0) where limits are hard."""
     if not limits.soft or limits.first is None:
         return np.zeros((len(point.X), 0))
@@ -169,7 +169,7 @@ def beyond(limits: Limits, point: Point) -> np.ndarray:
     return scaled_violations(point.X, low, high)
 
 
-def penalized(form: VelocityForm, limits: Limits, point: Point, at: Residuals, horizon: float) -> Residuals:
+def penalized(form: VelocityForm, limits: WindowBounds, point: Point, at: Residuals, horizon: float) -> Residuals:
     """Return the residuals at a point, the penalty of its violations counted in the objective."""
     if not limits.soft:
         return at
@@ -177,7 +177,9 @@ def penalized(form: VelocityForm, limits: Limits, point: Point, at: Residuals, h
     return replace(at, objective=at.objective + float(penalty))
 
 
-def linearize_penalized(form: VelocityForm, limits: Limits, point: Point, p: Parameters[np.ndarray]) -> Linearization:
+def linearize_penalized(
+    form: VelocityForm, limits: WindowBounds, point: Point, p: Parameters[np.ndarray]
+) -> Linearization:
     """Return the model at a point, its violations counted with the durations they last.
 
     What a step changes of the violations is left to the program, which knows it exactly.
@@ -190,7 +192,7 @@ def linearize_penalized(form: VelocityForm, limits: Limits, point: Point, p: Par
     return replace(model, at=at, gradient_tau=model.gradient_tau + by_tau)
 
 
-def change_of_violations(form: VelocityForm, limits: Limits, point: Point, step: Point, horizon: float) -> float:
+def change_of_violations(form: VelocityForm, limits: WindowBounds, point: Point, step: Point, horizon: float) -> float:
     """Return what a step changes of the penalty, as long as durations stay."""
     if not limits.soft:
         return 0.0

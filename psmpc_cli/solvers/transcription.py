@@ -69,14 +69,10 @@ class Layout(Grid):
         return np.asarray((self.offsets + self.nx + inputs)[:, None] + np.arange(self.violations))
 
     @cached_property
-    def input_indices(self) -> tuple[np.ndarray, ...]:
+    def input_index(self) -> tuple[np.ndarray, ...]:
         """Indices of the inputs of each stage's intervals, (N_s, inputs)."""
         first = [self.offsets[a:b] for a, b in pairwise(self.first_node)]
         return tuple(k[:, None] + self.nx + np.arange(inputs) for k, inputs in zip(first, self.inputs, strict=True))
-
-    def input_index(self, stage: int) -> np.ndarray:
-        """Return the indices of the inputs of a stage's intervals, (N_s, inputs)."""
-        return self.input_indices[stage]
 
 
 class Nlp:
@@ -88,8 +84,8 @@ class Nlp:
     Attributes:
         shape: The window's shape.
         layout: Offsets of the decision variables.
-        x, p, f, g: Decision variables, parameters, objective, constraints.
-        ng: Number of path rows at each node, (K + 1,).
+        x, p, f, g: Decision variables, parameters, objective, constraints; `problem` as CasADi's solvers take them.
+        nx, nu, ng: Sizes of state, of input with violations of soft limits, and of path rows at each node, (K + 1,).
         gap_rows: Rows of g that close the gap after each interval, (K, nx).
         x0_rows: Rows that fix the initial state, (2n,).
         last_duration_row: Row with the last stage's duration, None with one stage.
@@ -120,6 +116,9 @@ class Nlp:
             ng[-1] += 1
         self.ng = tuple(ng)
         self.g = ca.vertcat(*self._added)
+        self.problem = {"x": self.x, "p": self.p, "f": self.f, "g": self.g}
+        self.nx = (layout.nx,) * (layout.K + 1)
+        self.nu = tuple(inputs + layout.violations for inputs in (*(layout.inputs[s] for s in layout.stage_of), 0))
         self._costs = ca.vertcat(*costs), terminal
 
     @cached_property
@@ -131,22 +130,6 @@ class Nlp:
     def rows(self) -> ca.Function:
         """x, p -> g."""
         return ca.Function("rows", [self.x, self.p], [self.g])
-
-    @property
-    def nx(self) -> tuple[int, ...]:
-        """Size of the state at each node, (K + 1,)."""
-        return (self.layout.nx,) * (self.layout.K + 1)
-
-    @property
-    def nu(self) -> tuple[int, ...]:
-        """Size of the input at each node, violations of soft limits included, (K + 1,)."""
-        layout = self.layout
-        return tuple(inputs + layout.violations for inputs in (*(layout.inputs[s] for s in layout.stage_of), 0))
-
-    @property
-    def problem(self) -> dict[str, ca.SX]:
-        """The NLP as CasADi's solvers take it."""
-        return {"x": self.x, "p": self.p, "f": self.f, "g": self.g}
 
     def _add(self, row: ca.SX) -> np.ndarray:
         """Add rows to g and return their indices."""

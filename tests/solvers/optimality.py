@@ -109,7 +109,7 @@ def _sums(task: Task, found: QpSolution) -> list[tuple[int, float, float, float]
 
 
 def _accelerations(task: Task, found: QpSolution) -> list[tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]]:
-    """Limits on accelerations: low and high, rows, multipliers, once from below and once from above."""
+    """WindowBounds on accelerations: low and high, rows, multipliers, once from below and once from above."""
     (K, n), S, form = task.model.coupling.shape, len(task.point.tau), task.form
     if not (found.shape.input_low or found.shape.input_high):
         return []

@@ -9,7 +9,7 @@ import numpy as np
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
 from psmpc_cli.ocp.objective import StageFunctions
 from psmpc_cli.ocp.plan import Grid
-from psmpc_cli.solvers.sqp_window import Limits
+from psmpc_cli.solvers.sqp_window import WindowBounds
 
 COORDINATES = 2
 END_ROWS = 2
@@ -21,7 +21,7 @@ class Task:
 
     form: VelocityForm
     model: Linearization
-    limits: Limits
+    limits: WindowBounds
     point: Point
     horizon: float
 
@@ -97,7 +97,7 @@ def _random_step(rng: np.random.Generator, model: Linearization, grid: Grid) -> 
 
 def _limits_about(
     rng: np.random.Generator, form: VelocityForm, model: Linearization, point: Point, step: Point, what: set[str]
-) -> Limits:
+) -> WindowBounds:
     n, K, S = COORDINATES, form.grid.K, form.grid.switches
     X, tau = (point.X + step.X)[1:], point.tau + step.tau
 
@@ -119,7 +119,7 @@ def _limits_about(
     h = form.steps(point, 2.0) + (share @ step.tau)[:, None]
     u = np.diff((point.X + step.X)[:, n:], axis=0) / h
     low, high = around(u) if "inputs" in what else (np.full((K, n), -np.inf), np.full((K, n), np.inf))
-    return Limits(
+    return WindowBounds(
         X_low=X_low,
         X_high=X_high,
         tau_low=tau_low,

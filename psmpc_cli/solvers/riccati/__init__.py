@@ -15,9 +15,9 @@ from psmpc_cli.native.library import library
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, VelocityForm
 from psmpc_cli.ocp.window import PENALTY, shares_of_time
 from psmpc_cli.solvers.qp_multistage import MAX_ITERATIONS, NEARLY
-from psmpc_cli.solvers.sqp_window import Limits, QpShape, QpSolution, QpStatus
+from psmpc_cli.solvers.sqp_window import QpShape, QpSolution, QpStatus, WindowBounds
 
-SOURCES = ("recursion.c", "program.c", "soft.c", "newton.c", "interior_point.c")
+SOURCES = ("recursion.c", "program.c", "interior_point.c")
 
 FLAGS = ("-O3", "-march=native", "-fopenmp-simd", "-fno-math-errno")
 """Without -ffast-math: a step that is not finite has to be noticed."""
@@ -111,7 +111,7 @@ class RiccatiQp:
         )
         self._memory = kernel.memory(self._program)
 
-    def solve(self, model: Linearization, limits: Limits, point: Point, horizon: float) -> QpSolution:
+    def solve(self, model: Linearization, limits: WindowBounds, point: Point, horizon: float) -> QpSolution:
         """Solve the program about a point."""
         low, high = self._row_limits(model, limits, point, horizon)
         found = {
@@ -163,7 +163,7 @@ class RiccatiQp:
         return rows
 
     def _row_limits(
-        self, model: Linearization, limits: Limits, point: Point, horizon: float
+        self, model: Linearization, limits: WindowBounds, point: Point, horizon: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return low and high of the rows: states, durations, their sum, end rows, accelerations from either side."""
         low = [(limits.X_low - point.X[1:]).ravel(), np.where(self._free, limits.tau_low - point.tau, -np.inf)]

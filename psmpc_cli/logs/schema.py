@@ -376,7 +376,7 @@ SCHEMA = (
     ),
     _plan(
         "parameters",
-        "elapsed time of each window, then priorities, offsets and scales of its stages",
+        "elapsed time and hold left of each window, then priorities, offsets and scales of its stages",
         lambda s: s.command.solution.window.numbers,
     ),
     _plan("solution", "solution of each solve, as plan/guess", lambda s: s.command.solution.plan.flat),

@@ -34,7 +34,7 @@ Watch = Callable[[Sample], None]
 
 def simulate(
     task: Task,
-    path: Path | None = None,
+    path: Path | str | None = None,
     watch: Watch = lambda sample: None,
     force: bool = False,
     until: int | None = None,
@@ -55,7 +55,7 @@ def simulate(
         InputError: The log exists already or cannot be written.
         RunError: The log could not be written any further.
     """
-    experiment = build_experiment(task)
+    experiment, path = build_experiment(task), None if path is None else Path(path)
     with LogWriter(path, header(experiment), force) as writer:
         _write(experiment, writer, watch, until)
         if path is None:

@@ -1,0 +1,39 @@
+"""docs/python.md: every line of its code is run, block after block."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import psmpc_cli as psmpc
+
+PAGE = Path(__file__).parents[1] / "docs" / "python.md"
+
+
+@pytest.mark.slow
+def test_the_page_runs(tmp_path: Path) -> None:
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    script = tmp_path / "page.py"
+    body = "\n".join(blocks).replace("\n", "\n    ")
+    script.write_text(f'if __name__ == "__main__":\n    {body}\n', encoding="utf-8")
+    ran = subprocess.run(
+        [sys.executable, "-W", "error", str(script)], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert "LogError" in ran.stdout
+
+
+def test_every_public_name_is_there() -> None:
+    for name in psmpc.__all__:
+        assert getattr(psmpc, name).__module__.startswith("psmpc_cli")
+    assert set(psmpc.__all__) <= set(dir(psmpc))
+    unknown = "simulat"
+    with pytest.raises(AttributeError, match="expected one of"):
+        getattr(psmpc, unknown)
+
+
+def test_nothing_heavy_is_imported_before_it_is_used() -> None:
+    code = "import psmpc_cli, sys; print(sorted({'casadi', 'h5py', 'matplotlib', 'numpy'} & set(sys.modules)))"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "[]\n"

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,7 +36,7 @@ class Metrics:
         position_margin, velocity_margin: Smallest distance to a limit (n,) [m, rad], [m/s, rad/s].
         control_effort: Integral of |u|^2.
         base_force, base_torque: Integrals of the norm of the base's force [N s] and torque [N m s].
-        deviation: State at the next sample less the plan's (2n,).
+        position_deviation, velocity_deviation: State at the next sample less the plan's (n,) [m, rad], [m/s, rad/s].
         end_errors: By stage index, the error of its end condition over its tolerance, of stages that end by the plan
             before the next sample.
         momentum_error: p(t) - p(0) - integral of the external wrench, at the next sample (3,) [N s, N m s].
@@ -55,7 +56,8 @@ class Metrics:
     control_effort: float
     base_force: float
     base_torque: float
-    deviation: np.ndarray
+    position_deviation: np.ndarray
+    velocity_deviation: np.ndarray
     end_errors: Mapping[int, float]
     momentum_error: np.ndarray
     energy_error: float
@@ -133,7 +135,8 @@ class Column:
         return self.dims[1:] == (f"{self.path}_element",)
 
 
-def _metric(name: str) -> Value:
+def _m(name: str) -> Callable[[Sample], Any]:
+    """Return what reads one of the metrics."""
     return attrgetter(f"metrics.{name}")
 
 
@@ -141,9 +144,9 @@ def _window(path: str, units: str, long_name: str, values: Value) -> Column:
     """Return the column of values of the stages in the window, in the places of those stages."""
 
     def placed(sample: Sample) -> np.ndarray:
-        row, found = np.full(sample.stages, np.nan), np.atleast_1d(values(sample))
-        first = sample.command.sequence.first
-        row[first : first + len(found)] = found
+        sequence = sample.command.sequence
+        row, found = np.full(sample.stages, np.nan), np.atleast_1d(values(sample))[: sequence.count]
+        row[sequence.first : sequence.first + len(found)] = found
         return row
 
     return Column(path, units, f"{long_name}; NaN outside the window", placed, dims=("time", "stage"))
@@ -162,6 +165,10 @@ def _by_stage(values: Callable[[Sample], Mapping[int, float]], unknown: float = 
 def _levels(value: Callable[[Solution], float], unknown: float = np.nan) -> Value:
     """Return a value of each level in the place of its stage (S,)."""
     return _by_stage(lambda s: dict(enumerate(map(value, s.command.levels), start=s.command.sequence.first)), unknown)
+
+
+def _costs(sample: Sample) -> ArrayLike:
+    return () if "solve_failed" in sample.command.events else sample.command.solution.costs
 
 
 def _level_costs(sample: Sample) -> Mapping[int, float]:
@@ -183,17 +190,18 @@ def _scale(path: str, units: str, long_name: str, dtype: str = "text", only: str
 
 
 _Q, _V, _A, _F = "m, rad", "m/s, rad/s", "m/s^2, rad/s^2", "N, N m"
-_sample = partial(Column, dims=("time",))
-_sample_n = partial(Column, dims=("time", "coordinate"))
-_sample_s = partial(Column, dims=("time", "stage"))
-_tick_n = partial(Column, dims=("ticks/tick", "coordinate"), only="ticks")
+_t = partial(Column, dims=("time",))
+_tn = partial(Column, dims=("time", "coordinate"))
+_ts = partial(Column, dims=("time", "stage"))
+_tick = partial(Column, dims=("ticks/tick", "coordinate"), only="ticks")
+_level = partial(Column, dims=("time", "stage"), only="levels")
 _stage = partial(Column, dims=("stage",))
 _final = partial(Column, dims=("coordinate",))
 _body = partial(Column, dims=("uncertainty/body",), only="drawn")
 
 SCHEMA = (
     # what runs along the dimensions
-    _sample("time", "s", "sample time", lambda s: s.command.time),
+    _t("time", "s", "sample time", lambda s: s.command.time),
     Column("ticks/tick", "1", "number of the tick, from 0", lambda s: s.tick_numbers, "i8", ("ticks/tick",), "ticks"),
     _scale("coordinate", "1", "generalized coordinate"),
     _scale("pose_coordinate", "1", "pose coordinate"),
@@ -204,187 +212,133 @@ SCHEMA = (
     _scale("uncertainty/body", "1", "body", only="drawn"),
     _scale("uncertainty/axis", "1", "axis of the body", only="drawn"),
     # a row a sample
-    _sample_n("state/Q", _Q, "generalized coordinates, as the controller saw them", lambda s: s.command.x[: s.n]),
-    _sample_n("state/Qdot", _V, "generalized velocities, as the controller saw them", lambda s: s.command.x[s.n :]),
-    _sample_n("control/u", _A, "applied acceleration over the first tick", lambda s: s.metrics.u[0]),
-    _sample_n("force/F", _F, "generalized force of the low-level controller at the sample", lambda s: s.ticks.F[0]),
-    Column("pose/xi", _Q, "poses of base and end-effectors", _metric("xi"), dims=("time", "pose_coordinate")),
-    _sample("window/first", "1", "index of the current stage", lambda s: s.command.sequence.first, "i4"),
-    _sample("window/count", "1", "number of stages in the window", lambda s: s.command.sequence.count, "i4"),
+    _tn("state/Q", _Q, "generalized coordinates, as the controller saw them", lambda s: s.command.x[: s.n]),
+    _tn("state/Qdot", _V, "generalized velocities, as the controller saw them", lambda s: s.command.x[s.n :]),
+    _tn("control/u", _A, "applied acceleration over the first tick", lambda s: s.metrics.u[0]),
+    _tn("force/F", _F, "generalized force of the low-level controller at the sample", lambda s: s.ticks.F[0]),
+    Column("pose/xi", _Q, "poses of base and end-effectors", _m("xi"), dims=("time", "pose_coordinate")),
+    _t("window/first", "1", "index of the current stage", lambda s: s.command.sequence.first, "i4"),
+    _t("window/count", "1", "number of stages in the window", lambda s: s.command.sequence.count, "i4"),
     _window("window/instants", "s", "planned switch time that ends each stage", lambda s: s.command.instants),
-    _window(
-        "window/cost",
-        "1",
-        "normalized cost integral of each stage",
-        lambda s: () if "solve_failed" in s.command.events else s.command.solution.costs,
-    ),
-    _sample(
+    _window("window/cost", "1", "normalized cost integral of each stage", _costs),
+    _t(
         "window/basin",
         "1",
-        "guess of the switch times that won, 0 the last plan's; -1 if the only one",
+        "guess of the switch times that won, 0 the last plan's; -1 if alone",
         lambda s: s.command.solution.basin,
         "i4",
     ),
-    _window(
-        "window/nodes",
-        "1",
-        "intervals N_s of each stage",
-        lambda s: s.command.solution.window.nodes[: s.command.sequence.count],
-    ),
-    _sample_s(
+    _window("window/nodes", "1", "intervals N_s of each stage", lambda s: s.command.solution.window.nodes),
+    _ts(
         "window/presence",
         _A,
         "how much of a waiting stage is in the control; NaN if not looked at",
-        _by_stage(lambda s: s.metrics.presence),
+        _by_stage(_m("presence")),
     ),
-    _sample_s(
+    _ts(
         "window/share",
         "1",
         "share of each stage in the applied control; NaN where it has none",
-        _by_stage(lambda s: s.metrics.shares),
+        _by_stage(_m("shares")),
     ),
     _event("appended", "a stage entered the window"),
     _event("postponed", "a stage was seen, but the window with it had no solution yet"),
     _event("solve_failed", "the solve failed and the shifted plan went on"),
     _event("braking", "the plan was used up and the robot braked to rest"),
     _event("unmeasured", "the measured state was not finite, and the plan's was used for it"),
-    _sample("solver/status", "1", "outcome of the solve", lambda s: s.command.outcome.name.lower(), "S16"),
-    _sample(
+    _t("solver/status", "1", "outcome of the solve", lambda s: s.command.outcome.name.lower(), "S16"),
+    _t(
         "solver/warm", "1", "the solve started from the last solution, shifted", lambda s: s.command.solution.warm, "i1"
     ),
-    _sample("solver/iterations", "1", "iterations of the solve", lambda s: s.command.iterations, "i4"),
-    _sample("solver/wall_time", "s", "wall time of the solve alone", lambda s: s.command.solve_time),
-    _sample("solver/objective", "1", "objective J", lambda s: s.command.solution.J),
+    _t("solver/iterations", "1", "iterations of the solve", lambda s: s.command.iterations, "i4"),
+    _t("solver/wall_time", "s", "wall time of the solve alone", lambda s: s.command.solve_time),
+    _t("solver/objective", "1", "objective J", lambda s: s.command.solution.J),
     _window(
-        "normalization/nadir",
-        "1",
-        "divisor of each window stage's cost",
-        lambda s: s.command.solution.window.scale[: s.command.sequence.count],
+        "normalization/nadir", "1", "divisor of each window stage's cost", lambda s: s.command.solution.window.scale
     ),
-    _sample("cost/current_stage", "1", "cost Lbar of the current stage", _metric("stage_cost")),
-    _sample_n(
-        "margin/position", _Q, "smallest distance to a position limit until the next sample", _metric("position_margin")
-    ),
-    _sample_n(
-        "margin/velocity", _V, "smallest distance to a velocity limit until the next sample", _metric("velocity_margin")
-    ),
-    _sample(
-        "effort/control", "m^2/s^3, rad^2/s^3", "integral of |u|^2 until the next sample", _metric("control_effort")
-    ),
-    _sample(
-        "effort/base_force",
-        "N s",
-        "integral of the norm of the base force until the next sample",
-        _metric("base_force"),
-    ),
-    _sample(
-        "effort/base_torque",
-        "N m s",
-        "integral of the magnitude of the base torque until the next sample",
-        _metric("base_torque"),
-    ),
-    _sample_n(
-        "deviation/Q",
-        _Q,
-        "generalized coordinates at the next sample less the plan's",
-        lambda s: s.metrics.deviation[: s.n],
-    ),
-    _sample_n(
-        "deviation/Qdot",
-        _V,
-        "generalized velocities at the next sample less the plan's",
-        lambda s: s.metrics.deviation[s.n :],
-    ),
-    _sample_s(
+    _t("cost/current_stage", "1", "cost Lbar of the current stage", _m("stage_cost")),
+    _tn("margin/position", _Q, "smallest distance to a position limit until the next sample", _m("position_margin")),
+    _tn("margin/velocity", _V, "smallest distance to a velocity limit until the next sample", _m("velocity_margin")),
+    _t("effort/control", "m^2/s^3, rad^2/s^3", "integral of |u|^2 until the next sample", _m("control_effort")),
+    _t("effort/base_force", "N s", "integral of the norm of the base force", _m("base_force")),
+    _t("effort/base_torque", "N m s", "integral of the magnitude of the base torque", _m("base_torque")),
+    _tn("deviation/Q", _Q, "generalized coordinates at the next sample less the plan's", _m("position_deviation")),
+    _tn("deviation/Qdot", _V, "generalized velocities at the next sample less the plan's", _m("velocity_deviation")),
+    _ts(
         "deviation/end",
         "1",
         "error of an end condition over its tolerance, where its stage ends",
-        _by_stage(lambda s: s.metrics.end_errors),
+        _by_stage(_m("end_errors")),
     ),
     Column(
         "balance/momentum",
         "N s, N m s",
         "momentum less the integral of the external wrench",
-        _metric("momentum_error"),
+        _m("momentum_error"),
         dims=("time", "momentum"),
     ),
-    _sample("balance/energy", "J", "kinetic energy less the work of the generalized forces", _metric("energy_error")),
-    _sample_s(
+    _t("balance/energy", "J", "kinetic energy less the work of the generalized forces", _m("energy_error")),
+    _level(
         "levels/objective",
         "1",
         "optimum of the cost each level minimizes; NaN where none converged",
         _levels(lambda level: level.costs[-1] if level.outcome.usable else np.nan),
-        only="levels",
     ),
-    _sample_s(
-        "levels/cost",
-        "1",
-        "cost of each level's stage at the last level that converged",
-        _by_stage(_level_costs),
-        only="levels",
-    ),
-    _sample_s(
+    _level("levels/cost", "1", "cost of each level's stage at the last level that converged", _by_stage(_level_costs)),
+    _level(
         "levels/wall_time",
         "s",
         "wall time of each level's solve alone; NaN where there was none",
         _levels(lambda level: level.wall_time),
-        only="levels",
     ),
-    _sample_s(
+    _level(
         "levels/solved",
         "1",
-        "1 if the level converged, 0 if not, -1 where there was none",
+        "1 if the level converged, 0 if not, -1 if there was none",
         _levels(lambda level: level.outcome.usable, -1),
         "i1",
-        only="levels",
     ),
-    _sample_n("state/Q_true", _Q, "generalized coordinates, true", lambda s: s.metrics.true[: s.n], only="true state"),
-    _sample_n(
-        "state/Qdot_true", _V, "generalized velocities, true", lambda s: s.metrics.true[s.n :], only="true state"
-    ),
-    _sample(
+    _tn("state/Q_true", _Q, "generalized coordinates, true", lambda s: s.metrics.true[: s.n], only="true state"),
+    _tn("state/Qdot_true", _V, "generalized velocities, true", lambda s: s.metrics.true[s.n :], only="true state"),
+    _t(
         "payload/held",
         "1",
         "whether the grippers hold the payload from the sample on",
-        _metric("held"),
+        _m("held"),
         "i1",
         only="payload",
     ),
-    _sample(
+    _t(
         "payload/energy",
         "J",
-        "kinetic energy gained at the sample by taking it up or letting it go",
-        _metric("payload_energy"),
+        "kinetic energy gained by taking it up or letting it go",
+        _m("payload_energy"),
         only="payload",
     ),
-    _sample_n(
+    _tn(
         "control/disturbance",
         _A,
         "estimated disturbance, taken off the control",
         lambda s: s.command.disturbance,
         only="disturbance",
     ),
-    _plan(
-        "guess",
-        "plan each solve started from: instants, states, accelerations",
-        lambda s: s.command.solution.guess.flat,
-    ),
+    _plan("guess", "plan it started from: instants, states, accelerations", lambda s: s.command.solution.guess.flat),
     _plan(
         "guess_multipliers",
-        "multipliers each solve started from; empty where it took none",
+        "multipliers each solve started from; may be empty",
         lambda s: s.command.solution.guess_duals,
     ),
     _plan(
         "parameters",
-        "elapsed time and hold left of each window, then priorities, offsets and scales of its stages",
+        "elapsed time and hold left, then priorities, offsets, scales of the stages",
         lambda s: s.command.solution.window.numbers,
     ),
     _plan("solution", "solution of each solve, as plan/guess", lambda s: s.command.solution.plan.flat),
     # a row a tick
     Column("ticks/time", "s", "tick time", lambda s: s.ticks.time[:-1], dims=("ticks/tick",), only="ticks"),
-    _tick_n("ticks/Q", _Q, "generalized coordinates at every tick", lambda s: s.ticks.X[:-1, : s.n]),
-    _tick_n("ticks/Qdot", _V, "generalized velocities at every tick", lambda s: s.ticks.X[:-1, s.n :]),
-    _tick_n("ticks/F", _F, "generalized force held from the tick on", lambda s: s.ticks.F),
+    _tick("ticks/Q", _Q, "generalized coordinates at every tick", lambda s: s.ticks.X[:-1, : s.n]),
+    _tick("ticks/Qdot", _V, "generalized velocities at every tick", lambda s: s.ticks.X[:-1, s.n :]),
+    _tick("ticks/F", _F, "generalized force held from the tick on", lambda s: s.ticks.F),
     # what does not grow
     _stage("stages/name", "1", "name of the stage", dtype="text"),
     _stage("stages/priority", "1", "priority omega of the stage"),

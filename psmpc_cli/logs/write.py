@@ -25,8 +25,11 @@ from psmpc_cli.errors import RunError
 from psmpc_cli.logs.files import write_new
 from psmpc_cli.logs.schema import FORMAT_VERSION, RUN, SCHEMA, Column, Sample
 
-ROWS_IN_A_CHUNK, TICKS_IN_A_CHUNK, ELEMENTS_IN_A_CHUNK = 256, 4096, 4096
+ROWS_IN_A_CHUNK, TICKS_IN_A_CHUNK, ELEMENTS_IN_A_CHUNK = 256, 4096, 512
 """Chunks are large: space is set aside rarely, and between those times a killed run can only lose its last row."""
+
+ROWS_IN_A_PACK = 16
+"""Rows of vectors that a finished log compresses together."""
 
 SPARE = 2**17
 """Room kept free for what HDF5 itself adds [bytes]."""
@@ -284,10 +287,8 @@ def _empty(file: h5py.File, column: Column, header: Header) -> h5py.Dataset:
         shape = widths if known is None else np.shape(known)
         return file.create_dataset(column.path, shape, dtype, known, fillvalue=None if text else column.unknown)
     if column.ragged:
-        packed = {"shuffle": True, "compression": "gzip", "compression_opts": 1, "fillvalue": np.nan}
-        return file.create_dataset(
-            column.path, (0, 0), dtype, maxshape=(None, None), chunks=(1, ELEMENTS_IN_A_CHUNK), **packed
-        )
+        chunks = (1, ELEMENTS_IN_A_CHUNK)
+        return file.create_dataset(column.path, (0, 0), dtype, maxshape=(None, None), chunks=chunks, fillvalue=np.nan)
     widths = widths[0 if column.is_scale else 1 :]
     chunk = ROWS_IN_A_CHUNK if column.dims[0] == "time" else TICKS_IN_A_CHUNK
     return file.create_dataset(column.path, (0, *widths), dtype, maxshape=(None, *widths), chunks=(chunk, *widths))
@@ -295,18 +296,12 @@ def _empty(file: h5py.File, column: Column, header: Header) -> h5py.Dataset:
 
 def _checked(file: h5py.File, column: Column, logged: h5py.Dataset) -> h5py.Dataset:
     """Create a dataset with all that a finished run says, so that damage to it is noticed when it is read."""
-    if column.ragged:  # zlib has checksums of its own
-        logged.file.copy(logged, file.require_group("plan"), column.path.rpartition("/")[2], without_attrs=True)
-        return file[column.path]
     if column.value is None:
         compact = h5p.create(h5p.DATASET_CREATE)
         compact.set_layout(h5d.COMPACT)
         return file.create_dataset(column.path, data=logged[()], dtype=logged.dtype, dcpl=compact)
-    return file.create_dataset(
-        column.path,
-        data=logged[()],
-        dtype=logged.dtype,
-        maxshape=logged.maxshape,
-        chunks=logged.chunks,
-        fletcher32=True,
-    )
+    same = {"data": logged[()], "dtype": logged.dtype, "maxshape": logged.maxshape, "fletcher32": True}
+    if column.ragged:
+        packed = {"shuffle": True, "compression": "gzip", "compression_opts": 1, "fillvalue": np.nan}
+        return file.create_dataset(column.path, chunks=(ROWS_IN_A_PACK, ELEMENTS_IN_A_CHUNK), **packed, **same)
+    return file.create_dataset(column.path, chunks=logged.chunks, **same)

@@ -122,7 +122,7 @@ class Plan:
         """
         k = self.intervals_at(edges)
         at = self._impulse[k] + (np.minimum(edges, self.end) - self.times[k])[:, None] * self.u[k]
-        return np.asarray(np.diff(at, axis=0) / np.diff(edges)[:, None])
+        return np.asarray((at[1:] - at[:-1]) / (edges[1:] - edges[:-1])[:, None])
 
 
 def resting_plan(start: float, horizon: float, nodes: int, x: np.ndarray) -> Plan:

@@ -76,6 +76,7 @@ def measure(experiment: Experiment, command: Command, ticks: Ticks, observed: Ob
     base = ticks.F[:, experiment.model.parts["base"]]
     position, velocity = _margins(stage, ticks, experiment.model.n)
     momentum_error, energy_error = observed.balance.drift(*uncertainty.kept(stage.index, ticks.X[-1]))
+    deviation = ticks.X[-1] - command.plan.states_at(ticks.time[-1:])[0]
     metrics = Metrics(
         u=u,
         xi=experiment.model.poses(x[: experiment.model.n]).ravel(),
@@ -84,10 +85,11 @@ def measure(experiment: Experiment, command: Command, ticks: Ticks, observed: Ob
         shares=observed.shares,
         position_margin=position,
         velocity_margin=velocity,
-        control_effort=float(tick @ np.sum(u**2, axis=1)),
+        control_effort=float(tick @ (u * u).sum(axis=1)),
         base_force=float(tick @ np.linalg.norm(base[:, :-1], axis=1)),
         base_torque=float(tick @ np.abs(base[:, -1])),
-        deviation=ticks.X[-1] - command.plan.states_at(ticks.time[-1:])[0],
+        position_deviation=deviation[: experiment.model.n],
+        velocity_deviation=deviation[experiment.model.n :],
         end_errors=_end_errors(experiment, command, ticks),
         momentum_error=momentum_error,
         energy_error=energy_error,
@@ -101,8 +103,8 @@ def measure(experiment: Experiment, command: Command, ticks: Ticks, observed: Ob
 def _margins(stage: Stage, ticks: Ticks, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the smallest distance to a position and to a velocity limit over all ticks after the sample, (n,) each."""
     limits, Q, Qdot = stage.limits, ticks.X[1:, :n], ticks.X[1:, n:]
-    position = np.minimum(Q - limits.position_low, limits.position_high - Q).min(axis=0)
-    velocity = np.minimum(Qdot - limits.velocity_low, limits.velocity_high - Qdot).min(axis=0)
+    position = np.minimum(Q.min(axis=0) - limits.position_low, limits.position_high - Q.max(axis=0))
+    velocity = np.minimum(Qdot.min(axis=0) - limits.velocity_low, limits.velocity_high - Qdot.max(axis=0))
     return position, velocity
 
 

@@ -39,7 +39,7 @@ def run(plant: str, nodes: int, directory: Path) -> Run:
 
 def deviation(log: Run, model: RobotModel, integrator: mujoco.mjtIntegrator, substeps: int, window: float) -> float:
     """Return by how much a coordinate or rate leaves the log's when its forces are replayed, anew every window [s]."""
-    ticks, X = log.ticks, np.hstack([log.ticks["Q"], log.ticks["Qdot"]])
+    ticks, X = log.ticks, np.hstack([log.ticks["Q"], log.ticks["v"]])
     tick = float(ticks["time"][1] - ticks["time"][0])
     plant, length = MujocoPlant(model, tick, substeps), min(round(window / tick), len(X))
     plant.engine.opt.integrator = integrator

@@ -12,6 +12,8 @@ from psmpc_cli.logs.summary import Summary, signal
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
 
+pytestmark = pytest.mark.slow
+
 PROTOTYPE = {"approach": 10.1, "capture": 13.1, "transport": 23.2, "release": 29.6}
 PUBLISHED = {"approach": 10.3, "capture": 13.8, "transport": 24.4, "release": 31.3}
 BASELINE = yaml.safe_load((Path(__file__).parents[2] / "benchmarks" / "baseline.yaml").read_text(encoding="utf-8"))

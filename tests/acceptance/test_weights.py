@@ -11,6 +11,8 @@ from psmpc_cli.studies.runner import run_study
 from psmpc_cli.studies.sweep import COMPUTED, DEFAULT_TASK, load_sweep_task, weight_study
 from psmpc_cli.studies.weights import grid_sampling
 
+pytestmark = pytest.mark.slow
+
 BASELINE = yaml.safe_load((Path(__file__).parents[2] / "benchmarks" / "weights.yaml").read_text(encoding="utf-8"))
 
 SAMPLE = 0.1 + 1e-9

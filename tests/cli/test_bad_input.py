@@ -163,6 +163,7 @@ def test_a_plant_without_its_package_is_found_before_a_log_is_touched(
     assert ended.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_film_that_cannot_be_drawn_is_found_before_the_run(psmpc: Psmpc, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MUJOCO_GL", "crayons")
     offscreen_driver.cache_clear()

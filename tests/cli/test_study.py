@@ -25,6 +25,7 @@ def rows(ran: Ran) -> dict[str, list[str]]:
     return {match["label"]: re.split(" {2,}", match["cells"].strip()) for match in found if match}
 
 
+@pytest.mark.slow
 def test_a_comparison_is_one_table_one_file_and_figures(psmpc: Psmpc) -> None:
     ran = psmpc("compare", "task.yaml", "--jobs", "1", "--controllers", "psmpc,smpc,hard", "--set", "log.plans=false")
     assert ran.code == 0
@@ -69,6 +70,7 @@ def test_a_failed_mission_of_a_comparison_is_a_result(psmpc: Psmpc) -> None:
     assert "same controller" not in ran.stdout
 
 
+@pytest.mark.slow
 def test_a_sweep_is_a_table_a_file_and_figures(psmpc: Psmpc) -> None:
     arguments = ("sweep-weights", "task.yaml", "2x2", "--range", "0.1:10", "--jobs", "1")
     ran = psmpc(*arguments)

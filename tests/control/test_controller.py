@@ -91,7 +91,7 @@ def test_the_force_of_a_tick_is_computed_torque() -> None:
     simulated = simulate(task)
     command = Controller(task).step(0.0, State(simulated["state/Q"][0], simulated["state/Qdot"][0]))
     for tick in (0, 1, 57, 99):
-        state = State(simulated.ticks["Q"][tick], simulated.ticks["Qdot"][tick])
+        state = State(simulated.ticks["Q"][tick], simulated.ticks["v"][tick])
         force = command.force(simulated.ticks["time"][tick], state)
         np.testing.assert_allclose(force, simulated.ticks["F"][tick], rtol=1e-9, atol=1e-12)
 

@@ -29,6 +29,8 @@ from psmpc_cli.figures.registry import draw
 from psmpc_cli.figures.robot_drawing import View, scene_of
 from psmpc_cli.logs.run import Run
 
+pytestmark = pytest.mark.slow
+
 Load = Callable[..., Run]
 
 

@@ -256,6 +256,7 @@ def test_a_run_is_saved_as_the_log_it_was(path: Path, tmp_path: Path) -> None:
         run.save(path)
 
 
+@pytest.mark.slow
 def test_a_run_in_memory_is_the_one_it_would_have_written(tmp_path: Path) -> None:
     changes = ["uncertainty.noise={position: 1e-3, velocity: 1e-3}", "log.shares=false"]
     written = there_and_back(tmp_path, *changes)

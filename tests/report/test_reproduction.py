@@ -16,6 +16,8 @@ from psmpc_cli.studies.reproduce import Reproduction
 
 from .conftest import CREATED, HOSTILE
 
+pytestmark = pytest.mark.slow
+
 VOID = ("img", "meta")
 """Elements without content and closing tag."""
 

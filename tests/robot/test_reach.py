@@ -52,6 +52,7 @@ def test_grasp_is_reached_as_published(planar_dual_arm: RobotSpec, arm: str) -> 
     assert reach.full_reach == pytest.approx(1.2)
 
 
+@pytest.mark.slow
 @given(moving_robots())
 @laws
 def test_any_pose_an_arm_takes_is_reachable(state: State) -> None:

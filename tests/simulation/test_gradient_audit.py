@@ -5,6 +5,8 @@ import pytest
 from psmpc_cli.simulation.gradient_audit import audit_gradients
 from psmpc_cli.simulation.setup import Experiment
 
+pytestmark = pytest.mark.slow
+
 
 def test_costate_formula_meets_the_adjoint_at_unconstrained_optima_with_first_order(
     experiment_of: Callable[..., Experiment],

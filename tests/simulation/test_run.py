@@ -203,6 +203,7 @@ simulate(load_task("transport", sys.argv[2:]), Path(sys.argv[1]), watch=lambda p
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("samples", "delay", "plans"), [(0, 0.0, True), (1, 0.001, True), (13, 0.007, False), (50, 0.0233, True)]
 )

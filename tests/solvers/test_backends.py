@@ -16,6 +16,8 @@ from psmpc_cli.specs.task import SolverSpec
 from ..ocp.windows import moving
 from .windows import CONVERGED, FATROP, IPOPT, ONE, again, changed, chosen, far_away
 
+pytestmark = pytest.mark.slow
+
 Change = Callable[[Stage], Stage]
 
 

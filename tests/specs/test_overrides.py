@@ -51,6 +51,7 @@ def test_override_equals_editing_the_file(override: str, old: str, new: str, tmp
     assert specified(override) == load_task(edited).spec != TRANSPORT.spec
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(
     st.sampled_from(["approach", "capture", "transport", "release"]),

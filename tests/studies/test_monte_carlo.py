@@ -23,6 +23,8 @@ from psmpc_cli.studies.runner import Progress, Study, run_study
 from ..made_up_monte_carlo import made_up_monte_carlo
 from ..there_and_back import TASK
 
+pytestmark = pytest.mark.slow
+
 NOISE = "uncertainty.noise={position: 1e-3, angle: 1e-3}"
 
 

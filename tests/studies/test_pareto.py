@@ -12,6 +12,8 @@ from psmpc_cli.studies.pareto import HIGHEST, LOWEST, Question, choose_samples, 
 from ..there_and_back import TASK
 from .there_and_back_run import run_there_and_back
 
+pytestmark = pytest.mark.slow
+
 POINTS = 6
 
 

@@ -67,6 +67,7 @@ def test_a_higher_ratio_starts_the_second_stage_no_later_and_never_before_it_is_
     assert np.all(starts >= floor - 1e-9)
 
 
+@pytest.mark.slow
 def test_the_final_error_of_a_stage_that_ends_by_the_plan_is_the_log_s(shared: Results) -> None:
     """Read at the planned switch time, and not at the sample after it."""
     changes = ("controller.nodes=12",)

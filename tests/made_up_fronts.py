@@ -6,7 +6,7 @@ import numpy as np
 
 from psmpc_cli.logs.results import Results
 from psmpc_cli.solvers import Outcome
-from psmpc_cli.studies.fronts import WEIGHTED, Front, Grid, SampleFronts, read_pareto, write_pareto
+from psmpc_cli.studies.fronts import WEIGHTED, Front, FrontGrid, SampleFronts, read_pareto, write_pareto
 
 RATIOS = np.geomspace(1e-3, 1e3, 7)
 
@@ -21,7 +21,7 @@ def made_up_fronts(
 ) -> Results:
     """A study of weighted sums in which all points of these samples failed."""
     fronts = [_sample(i, drift, i in failed) for i in range(samples)]
-    grid = Grid(RATIOS, True, 0, np.zeros(1), False)
+    grid = FrontGrid(RATIOS, True, 0, np.zeros(1), False)
     attributes = {"task_name": "made_up", "horizon": T_H, "method": "weighted-sum", "stages": "1,2"}
     write_pareto(path, attributes, ("approach", "capture"), grid, fronts, False)
     return read_pareto(path)

@@ -38,7 +38,7 @@ Curves = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Quantity:
+class PlottedQuantity:
     """A quantity with a value for each generalized coordinate.
 
     Attributes:
@@ -74,7 +74,7 @@ def plot_states(runs: Run | Mapping[str, Run]) -> Figure:
 
     Of one run it also shows what the controller saw of them.
     """
-    quantity = Quantity(
+    quantity = PlottedQuantity(
         ("position", "angle"),
         ("m", "rad"),
         lambda run: (run.motion.time, run.motion.Q),
@@ -85,7 +85,7 @@ def plot_states(runs: Run | Mapping[str, Run]) -> Figure:
 
 def plot_velocities(run: Run) -> Figure:
     """Plot generalized velocities [m/s, rad/s] with the limits in force and what the controller saw."""
-    quantity = Quantity(
+    quantity = PlottedQuantity(
         ("velocity", "velocity"),
         ("m/s", "rad/s"),
         lambda run: (run.motion.time, run.motion.v),
@@ -97,7 +97,7 @@ def plot_velocities(run: Run) -> Figure:
 
 def plot_controls(run: Run) -> Figure:
     """Plot the applied accelerations [m/s^2, rad/s^2], constant over each sample, with the limits in force."""
-    quantity = Quantity(
+    quantity = PlottedQuantity(
         ("control", "control"), ("m/s²", "rad/s²"), _controls, limits="acceleration", steps=True, peaked=True
     )
     return plot_quantity(run, quantity)
@@ -105,7 +105,7 @@ def plot_controls(run: Run) -> Figure:
 
 def plot_forces(run: Run) -> Figure:
     """Plot base force [N], base torque and joint torques [N m] at every tick if logged, else at every sample."""
-    return plot_quantity(run, Quantity(("force", "torque"), ("N", "N m"), _forces, peaked=True))
+    return plot_quantity(run, PlottedQuantity(("force", "torque"), ("N", "N m"), _forces, peaked=True))
 
 
 def _controls(run: Run) -> Curves:
@@ -121,7 +121,7 @@ def _forces(run: Run) -> Curves:
     return (ticks["time"], ticks["F"]) if len(ticks.get("time", ())) else (run.time, run["force/F"])
 
 
-def plot_quantity(runs: Run | Mapping[str, Run], quantity: Quantity) -> Figure:
+def plot_quantity(runs: Run | Mapping[str, Run], quantity: PlottedQuantity) -> Figure:
     """Plot a quantity over time, a row of panels for base position, base angles and each arm, a column for each run."""
     columns = [runs] if isinstance(runs, Run) else list(runs.values())
     panels = coordinate_panels(columns[0].problem.model)
@@ -160,7 +160,7 @@ def coordinate_panels(model: RobotModel) -> tuple[Panel, ...]:
     return tuple(panels)
 
 
-def _axis_label(panel: Panel, quantity: Quantity) -> str:
+def _axis_label(panel: Panel, quantity: PlottedQuantity) -> str:
     """Return name, quantity and unit on two lines, broken so that they fit the panel's height."""
     name, word, unit = panel.name.capitalize(), quantity.words[panel.angular], f"({quantity.units[panel.angular]})"
     return f"{name} {word}\n{unit}" if style.text_width(f"{name} {word}") < HEIGHT else f"{name}\n{word} {unit}"

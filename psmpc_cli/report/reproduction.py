@@ -128,7 +128,7 @@ def _method_images(method: str, run: Run) -> Iterator[tuple[str, Image]]:
 
 
 def _image(draw: Callable[[], Figure], caption: str, short: str) -> Image:
-    """Draw a figure; `short` says in words what it shows."""
+    """Draw a figure; `short` is its description."""
     with in_style():
         figure, file = draw(), BytesIO()
         figure.savefig(file, format="png", dpi=DPI)

@@ -54,7 +54,7 @@ FORMS: Mapping[str, str] = {
     RANGE: "with the range as printed",
     ALL_PRINTED: "with the range and delta = 0, both as printed,",
 }
-"""The runs that differ in their normalization, in words."""
+"""The runs that differ in their normalization."""
 
 DISCRETIZATIONS = ("exact", "euler")
 

@@ -49,7 +49,7 @@ NOTE = "t_s, J_1 and J_2: as the run optimized them with its own weights"
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class FrontGrid:
     """Which problems are solved at every sample.
 
     Attributes:
@@ -116,7 +116,7 @@ def write_pareto(
     path: Path,
     attributes: Mapping[str, str | int | float],
     stages: Sequence[str],
-    grid: Grid,
+    grid: FrontGrid,
     fronts: Sequence[SampleFronts],
     force: bool,
 ) -> None:
@@ -175,12 +175,12 @@ def methods_in(results: Results) -> tuple[str, ...]:
     return tuple(method for method in (WEIGHTED, CONSTRAINED) if f"{method}_J_1" in results.quantities)
 
 
-def _dims(method: str, grid: Grid) -> tuple[str, ...]:
+def _dims(method: str, grid: FrontGrid) -> tuple[str, ...]:
     later = ("later",) if grid.free and method != FREE else ()
     return ("instant", *later, DIMENSION[method])
 
 
-def _coordinates(stages: Sequence[str], grid: Grid, fronts: Sequence[SampleFronts]) -> list[Quantity]:
+def _coordinates(stages: Sequence[str], grid: FrontGrid, fronts: Sequence[SampleFronts]) -> list[Quantity]:
     criteria = ["J_1", "J_2", "t_s - T0"] if grid.free else ["J_1", "J_2"]
     found = [
         Quantity("instant", ("instant",), np.array([front.start for front in fronts]), "s", "sampling instant T0"),

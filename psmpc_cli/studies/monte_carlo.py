@@ -13,7 +13,7 @@ from psmpc_cli.logs.results import Quantity, Results, read_results
 from psmpc_cli.logs.schema import MONTE_CARLO
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.measures import WHOLE_RUN, Row, measure_run
-from psmpc_cli.studies.runner import Outcome, Study, Watch, changed, ignore, run_study
+from psmpc_cli.studies.runner import CellOutcome, Study, Watch, changed, ignore, run_study
 from psmpc_cli.studies.sweep import LIGHT, names_along
 
 Array = np.ndarray
@@ -117,7 +117,7 @@ def _arrays(runs: int, along: Mapping[str, int]) -> list[Quantity]:
     ]
 
 
-def _entry(outcome: Outcome, cell: int, origin: int) -> Row:
+def _entry(outcome: CellOutcome, cell: int, origin: int) -> Row:
     """Complete the row of a run; the status is last: a run that does not wait is complete."""
     crashed = bool(outcome.failure)
     row = {"completed": 0, "succeeded": 0} if crashed else outcome.row

@@ -19,7 +19,7 @@ from psmpc_cli.simulation.run import header
 from psmpc_cli.simulation.setup import build_experiment, converging
 from psmpc_cli.solvers import NlpSolver, Outcome, Solution
 from psmpc_cli.specs.load import Task
-from psmpc_cli.studies.fronts import CONSTRAINED, FREE, WEIGHTED, Front, Grid, SampleFronts, write_pareto
+from psmpc_cli.studies.fronts import CONSTRAINED, FREE, WEIGHTED, Front, FrontGrid, SampleFronts, write_pareto
 from psmpc_cli.studies.one_window import OneWindow, window_at
 from psmpc_cli.studies.runner import compute
 from psmpc_cli.studies.weights import parse_stages
@@ -162,8 +162,8 @@ def _stages(question: Question, loaded: Task) -> tuple[int, int]:
     return stages
 
 
-def _grid(question: Question) -> Grid:
-    return Grid(
+def _grid(question: Question) -> FrontGrid:
+    return FrontGrid(
         ratios=np.geomspace(LOWEST, HIGHEST, question.points),
         weighted=question.method != "epsilon-constraint",
         bounds=0 if question.method == "weighted-sum" else question.points,
@@ -226,7 +226,7 @@ def constrained(bound: float) -> Scalarization:
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class FrontPoint:
     """The optimum of a scalarization.
 
     Attributes:
@@ -266,10 +266,10 @@ class TradeOff:
         problem = self.one.experiment.problem
         return NlpSolver(problem, problem.spec.solver.model_copy(update={"kind": "ipopt"}))
 
-    def solve(self, scalarization: Scalarization, near: Point | Plan, wait: float | None) -> Point:
+    def solve(self, scalarization: Scalarization, near: FrontPoint | Plan, wait: float | None) -> FrontPoint:
         """Return the optimum, started from a plan or another point, with the instant so long after T0 [s], or free."""
         window = replace(self.one.window, omega=np.array(scalarization.weights), cost_bound=scalarization.bound)
-        plan, before = (near.plan, near.solution) if isinstance(near, Point) else (near, None)
+        plan, before = (near.plan, near.solution) if isinstance(near, FrontPoint) else (near, None)
         guess, within = plan, np.inf
         if wait is not None:
             guess, within = replace(plan, instants=np.array([window.start + wait])), 0.0
@@ -280,19 +280,19 @@ class TradeOff:
         point = self._point(solution, solution.bound_multiplier, plan)
         return replace(point, solution=solution) if solution.outcome.usable else point
 
-    def _point(self, solution: Solution, ratio: float, guess: Plan) -> Point:
+    def _point(self, solution: Solution, ratio: float, guess: Plan) -> FrontPoint:
         """Return what a solve has come to; without a solution nothing but its outcome, and the guess."""
         window, plan, outcome = self.one.window, solution.plan, solution.outcome
         if not outcome.usable:
-            return Point(np.full(2, np.nan), np.nan, np.nan, np.nan, outcome, guess)
+            return FrontPoint(np.full(2, np.nan), np.nan, np.nan, np.nan, outcome, guess)
         J = solution.costs + np.array([0.0, solution.terminal])
-        return Point(J, float(plan.instants[0]) - window.start, solution.objective, ratio, outcome, plan)
+        return FrontPoint(J, float(plan.instants[0]) - window.start, solution.objective, ratio, outcome, plan)
 
     def costs_of(self, plan: Plan) -> Vector:
         """Return J_1 and J_2 (2,) of a plan."""
         return self._solver.costs(self.one.window, plan)
 
-    def value(self, scalarization: Scalarization, point: Point) -> float:
+    def value(self, scalarization: Scalarization, point: FrontPoint) -> float:
         """Return what a scalarization makes of a point, whatever that was found for; infinite where it is not allowed.
 
         All points of a window share one feasible set, so each is a candidate for every scalarization.
@@ -308,7 +308,7 @@ class SampleTask:
 
     log: Path
     sample: int
-    grid: Grid
+    grid: FrontGrid
 
 
 def solve_sample(task: SampleTask) -> SampleFronts:
@@ -334,7 +334,7 @@ def solve_sample(task: SampleTask) -> SampleFronts:
     )
 
 
-def _sweep(trade_off: TradeOff, grid: Grid, ratio: float, wait: float | None) -> tuple[dict[str, Front], int]:
+def _sweep(trade_off: TradeOff, grid: FrontGrid, ratio: float, wait: float | None) -> tuple[dict[str, Front], int]:
     """Find the fronts with the instant so long after T0 [s], or free, and how many points were solved again."""
     ratios = grid.ratios if grid.weighted or wait is None else grid.ratios[[0, -1]]
     sums = [weighted_sum(float(ratio)) for ratio in ratios]
@@ -350,19 +350,21 @@ def _sweep(trade_off: TradeOff, grid: Grid, ratio: float, wait: float | None) ->
     return {WEIGHTED: _front(sums, weighted), CONSTRAINED: _front(limits, found)}, again + more
 
 
-def _outward(trade_off: TradeOff, sums: Sequence[Scalarization], first: int, wait: float | None) -> list[Point]:
+def _outward(trade_off: TradeOff, sums: Sequence[Scalarization], first: int, wait: float | None) -> list[FrontPoint]:
     """Solve weighted sums in order of their ratio, from `first` to both ends, each from its neighbour."""
-    found: dict[int, Point] = {}
-    near: Point | Plan = trade_off.one.plan
+    found: dict[int, FrontPoint] = {}
+    near: FrontPoint | Plan = trade_off.one.plan
     for i in (*range(first, len(sums)), *range(first - 1, -1, -1)):
         near = found[first] if i == first - 1 else near
         found[i] = near = trade_off.solve(sums[i], near, wait)
     return [found[i] for i in range(len(sums))]
 
 
-def _downward(trade_off: TradeOff, limits: Sequence[Scalarization], known: Sequence[Point], wait: float) -> list[Point]:
+def _downward(
+    trade_off: TradeOff, limits: Sequence[Scalarization], known: Sequence[FrontPoint], wait: float
+) -> list[FrontPoint]:
     """Solve epsilon-constraint problems, each from its neighbour, the first from the known point of largest J_2."""
-    found: list[Point] = []
+    found: list[FrontPoint] = []
     near = max(known, key=lambda point: float(np.nan_to_num(point.J[1], nan=-np.inf)))
     for limit in limits:
         found.append(trade_off.solve(limit, near, wait))
@@ -371,8 +373,8 @@ def _downward(trade_off: TradeOff, limits: Sequence[Scalarization], known: Seque
 
 
 def improved(
-    trade_off: TradeOff, problems: Sequence[Scalarization], points: Sequence[Point], wait: float | None
-) -> tuple[list[Point], int]:
+    trade_off: TradeOff, problems: Sequence[Scalarization], points: Sequence[FrontPoint], wait: float | None
+) -> tuple[list[FrontPoint], int]:
     """Return the points, those solved again that another one served better or that had none; and how many those are.
 
     So no point is left in a local optimum that any other knows to leave.
@@ -394,7 +396,7 @@ def improved(
     return points, again
 
 
-def _front(problems: Sequence[Scalarization], points: Sequence[Point]) -> Front:
+def _front(problems: Sequence[Scalarization], points: Sequence[FrontPoint]) -> Front:
     outcomes = list(Outcome)
     return Front(
         J=np.array([point.J for point in points]).reshape(-1, 2),

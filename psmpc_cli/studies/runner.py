@@ -84,7 +84,7 @@ def ignore(progress: Progress) -> None:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CellOutcome:
     """What a run of a cell led to.
 
     Attributes:
@@ -126,7 +126,7 @@ class Study:
     coordinates: Sequence[Quantity]
     arrays: Sequence[Quantity]
     measure: Callable[[Run], tuple[Row, str]]
-    entry: Callable[[Outcome, int, int], Row]
+    entry: Callable[[CellOutcome, int, int], Row]
     again: tuple[int, ...]
     identity: Mapping[str, str | int | float]
     attributes: Mapping[str, str | int | float]
@@ -186,7 +186,7 @@ def run_study(
     run = partial(_run_cell, study.task, study.measure, study.stop)
     with ResultsWriter(path) as writer:
         for number, found in compute(run, [study.cells[cell] for cell in needed], jobs, dask):
-            outcome = Outcome({}, LOST, np.nan) if found is None else found
+            outcome = CellOutcome({}, LOST, np.nan) if found is None else found
             alike = np.flatnonzero(study.origins == needed[number])
             for cell in alike:
                 index = tuple(map(int, np.unravel_index(cell, study.shape)))
@@ -201,7 +201,7 @@ def run_study(
 
 def _run_cell(
     task: Task, measure: Callable[[Run], tuple[Row, str]], stop: int | None, changes: tuple[str, ...]
-) -> Outcome:
+) -> CellOutcome:
     """Run a cell and measure it; an error is its outcome, so that it ends nothing."""
     began = time.perf_counter()
     try:
@@ -209,7 +209,7 @@ def _run_cell(
     except Exception as error:
         logger.exception("a cell failed")
         row, failure = {}, f"{type(error).__name__}: {error}"
-    return Outcome(row, failure, time.perf_counter() - began)
+    return CellOutcome(row, failure, time.perf_counter() - began)
 
 
 def changed(task: Task, changes: Sequence[str]) -> Task:

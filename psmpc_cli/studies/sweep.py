@@ -22,7 +22,7 @@ from psmpc_cli.studies.measures import (
     measure_second_stage,
     second_stage,
 )
-from psmpc_cli.studies.runner import Outcome, Study, Watch, changed, ignore, run_study
+from psmpc_cli.studies.runner import CellOutcome, Study, Watch, changed, ignore, run_study
 from psmpc_cli.studies.weights import DIMENSIONS, GRID, RATIOS, Sampling, origins
 
 DEFAULT_TASK = "approach_capture"
@@ -224,7 +224,7 @@ def _arrays(
     ]
 
 
-def _entry(outcome: Outcome, cell: int, origin: int) -> Row:
+def _entry(outcome: CellOutcome, cell: int, origin: int) -> Row:
     """Complete the row of a cell; the status is last: a cell that does not wait is complete."""
     return {
         **outcome.row,

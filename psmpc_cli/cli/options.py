@@ -75,7 +75,7 @@ def output_file(given: Path | None, name: str, force: bool, figures: bool, resum
         resume: Continue an existing file; by default the last of those above.
 
     Raises:
-        InputError: The file or its folder of figures exists and is not to be overwritten, or the folder is read-only.
+        InputError: The file or its folder of figures exists and is not to be overwritten, or cannot be written.
     """
     from psmpc_cli.figures.registry import default_directory
     from psmpc_cli.logs.files import check_output
@@ -83,22 +83,11 @@ def output_file(given: Path | None, name: str, force: bool, figures: bool, resum
     default = RUNS / f"{name}.h5"
     if resume:
         return given or [default, *takewhile(Path.exists, islice(_numbered(default), 1, None))][-1]
-    path = given or (default if force else next(path for path in _numbered(default) if not _taken(path)))
-    _ensure_writable(path)
+    path = given or _free(default, force)
     check_output(path, force)
     if figures:
-        _check_figures(default_directory(path), force)
+        _ensure_fillable(default_directory(path), force, "with --force, or leave the figures out with --no-figures")
     return path
-
-
-def _check_figures(folder: Path, force: bool) -> None:
-    """Raise InputError if figures would be drawn beside other files, or over a file."""
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder} is no directory, but the figures go there: choose another log with -o")
-    if not force and folder.exists() and any(folder.iterdir()):
-        raise InputError(
-            f"{folder} holds files already: choose another log with -o, overwrite with --force, or use --no-figures"
-        )
 
 
 def output_folder(given: Path | None, name: str, force: bool) -> Path:
@@ -107,14 +96,14 @@ def output_folder(given: Path | None, name: str, force: bool) -> Path:
     Raises:
         InputError: It holds files that are not to be overwritten, or cannot be written.
     """
-    default = RUNS / name
-    folder = given or (default if force else next(path for path in _numbered(default) if not _taken(path)))
-    _ensure_writable(folder / "file")
-    if any(parent.exists() and not parent.is_dir() for parent in (folder, *folder.absolute().parents)):
-        raise InputError(f"{folder} cannot be written: it is no directory; choose another one with -o")
-    if folder.exists() and any(folder.iterdir()) and not force:
-        raise InputError(f"{folder} holds files already: choose another directory with -o, or overwrite with --force")
+    folder = given or _free(RUNS / name, force)
+    _ensure_fillable(folder, force, "with --force")
     return folder
+
+
+def _free(default: Path, force: bool) -> Path:
+    """Choose the first numbered path that neither exists nor has a folder of figures; the default itself if forced."""
+    return default if force else next(p for p in _numbered(default) if not (p.exists() or p.with_suffix("").exists()))
 
 
 def _numbered(path: Path) -> Iterator[Path]:
@@ -122,13 +111,12 @@ def _numbered(path: Path) -> Iterator[Path]:
     return (path if number == 1 else path.with_stem(f"{path.stem}-{number}") for number in count(1))
 
 
-def _taken(path: Path) -> bool:
-    """Tell whether a path exists, or the folder of its figures."""
-    return path.exists() or path.with_suffix("").exists()
-
-
-def _ensure_writable(path: Path) -> None:
-    """Raise InputError if the first existing folder above a path is read-only."""
-    folder = next(parent for parent in path.absolute().parents if parent.exists())
-    if folder.is_dir() and not os.access(folder, os.W_OK):
-        raise InputError(f"{path} cannot be written: {folder.resolve()} is read-only; choose another place with -o")
+def _ensure_fillable(folder: Path, force: bool, overwrite: str) -> None:
+    """Raise InputError if a folder is no folder, is read-only, or has files that are not to be overwritten."""
+    existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not existing.is_dir():
+        raise InputError(f"{existing} is no directory, but files go there: choose another place with -o")
+    if not os.access(existing, os.W_OK):
+        raise InputError(f"{folder} cannot be written: {existing.resolve()} is read-only; choose another with -o")
+    if folder.exists() and any(folder.iterdir()) and not force:
+        raise InputError(f"{folder} holds files already: choose another place with -o, overwrite {overwrite}")

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import count
 from types import FrameType
 from typing import TYPE_CHECKING
 
@@ -81,8 +82,8 @@ def live_line(quiet: bool) -> Iterator[Callable[..., None]]:
     from rich.live import Live
     from rich.text import Text
 
-    console = Console(stderr=True)
-    if not quiet and console.is_terminal:
+    console = Console(stderr=True, quiet=quiet)
+    if console.is_terminal:
         with Live(console=console, refresh_per_second=8, transient=True) as live:
             yield lambda text, due=True: live.update(Text(text, overflow="ellipsis", no_wrap=True))
     else:
@@ -139,14 +140,9 @@ def watched_study(quiet: bool, failed: str) -> "Iterator[Callable[[Progress], No
 
 
 @contextmanager
-def ended_runs(quiet: bool, count: int) -> Iterator[Callable[[str], None]]:
-    """Provide what is called with the name of each of `count` parallel runs that ends, and shows it."""
-    ended: list[str] = []
+def ended_runs(quiet: bool, runs: int) -> Iterator[Callable[[str], None]]:
+    """Provide what is called with the name of each of several parallel runs that ends, and shows it."""
+    numbers = count(1)
     with live_line(quiet) as show:
-
-        def done(name: str) -> None:
-            ended.append(name)
-            show(f"{name} done, {len(ended)} of {count}")
-
-        show(f"0 of {count} runs done", due=False)
-        yield done
+        show(f"0 of {runs} runs done", due=False)
+        yield lambda name: show(f"{name} done, {next(numbers)} of {runs}")

@@ -1,11 +1,10 @@
 """One run and its log: `psmpc simulate`, `rerun`, `replay`, `verify`, `show` and `plot`."""
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,12 +20,10 @@ from psmpc_cli.cli.options import (
     output_option,
     shorthands,
 )
-from psmpc_cli.errors import InputError, LogError, RunError
+from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
-    from psmpc_cli.logs.run import Run
     from psmpc_cli.logs.schema import Sample
-    from psmpc_cli.simulation.replay import Replay
     from psmpc_cli.simulation.verify import Peaks
     from psmpc_cli.specs.overrides import Change
 
@@ -58,9 +55,11 @@ def simulate(
 ) -> None:
     """Run a task in closed loop and write its log and figures."""
     from psmpc_cli.cli.progress import watched_run
-    from psmpc_cli.cli.tables import print_summary
+    from psmpc_cli.cli.tables import draw_beside, print_summary
     from psmpc_cli.figures.animation import offscreen_driver
     from psmpc_cli.logs.run import read_run
+    from psmpc_cli.logs.schema import RUN
+    from psmpc_cli.solvers import Outcome
 
     if quiet and verbose:
         raise InputError("found both --quiet and --verbose, expected at most one of them")
@@ -87,11 +86,14 @@ def simulate(
     if not quiet:
         print_summary(log, verbose)
     if drawing and len(log.time):
-        _draw(log, force or path == unfinished, quiet, figures, render)
+        films = ("render",) if render else ()
+        draw_beside(path, RUN, log, force or path == unfinished, quiet, figures, films)
     if log.interrupted:
         raise typer.Exit(interruption.exit_code)
     if log.attributes["stuck"]:
-        raise _stuck(log)
+        outcomes = [Outcome[str(status).upper()] for status in log["solver/status"][-1:]]
+        advice = "".join(f" ({outcome.value})" for outcome in outcomes if not outcome.usable)
+        raise RunError(f"{log.attributes['end_reason']}{advice}; {log.path} holds the run up to then")
 
 
 def _new_run(
@@ -137,25 +139,6 @@ def _continuation(path: Path, output: Path | None) -> "Callable[[Watch], object]
             raise typer.Exit(1)
 
     return run
-
-
-def _draw(log: "Run", force: bool, quiet: bool, figures: bool, render: bool) -> None:
-    """Draw every figure of a log, film it, or both."""
-    from psmpc_cli.figures.registry import default_directory, draw
-
-    directory, films = default_directory(log.path), ("render",) if render else ()
-    drawn = draw("run", log, directory, only=None if figures else (), force=force, films=films)
-    if not quiet:
-        typer.echo(f"{len(drawn)} figures in {directory}" if figures else f"film in {directory}")
-
-
-def _stuck(log: "Run") -> RunError:
-    """Build the error of a run that could not go on, with what the last solve's outcome advises."""
-    from psmpc_cli.solvers import Outcome
-
-    outcomes = [Outcome[str(status).upper()] for status in log["solver/status"][-1:]]
-    advice = "".join(f" ({outcome.value})" for outcome in outcomes if not outcome.usable)
-    return RunError(f"{log.attributes['end_reason']}{advice}; {log.path} holds the run up to then")
 
 
 def rerun(
@@ -210,18 +193,14 @@ def replay(
     rows = [(each.name, f"{each.logged:.9g}", f"{each.again:.9g}", f"{each.difference:.1e}") for each in found.compared]
     rows.append(("largest of a control in the plan", "", "", f"{found.apart:.1e}"))
     print_table(("", "logged", "again", "difference"), rows, left=1)
-    typer.echo(_agreement(found, int(run["solver/iterations"][step])))
-
-
-def _agreement(found: "Replay", iterations: int) -> str:
-    """Write how a solve and its repetition ended, and whether they agree."""
-    before, after = found.logged.outcome, found.solution.outcome
-    ended = f"{before.name.lower()} after {iterations} iterations"
-    again = f"{after.name.lower()} after {found.solution.iterations}"
-    why = "" if found.same_solver else ", by another solver"
+    result = f"differs from the log by up to {found.largest:.1e}"
     if found.largest <= EQUAL:
-        return f"the log is repeated to {EQUAL:g}{why}: {ended}, again {again}"
-    return f"differs from the log by up to {found.largest:.1e}{why}: {ended}, again {again}"
+        result = f"the log is repeated to {EQUAL:g}"
+    typer.echo(
+        f"{result}{'' if found.same_solver else ', by another solver'}: {found.logged.outcome.name.lower()} after "
+        f"{int(run['solver/iterations'][step])} iterations, again {found.solution.outcome.name.lower()} after "
+        f"{found.solution.iterations}"
+    )
 
 
 def verify(
@@ -269,10 +248,10 @@ def show(
     verbose: Verbose = False,
 ) -> None:
     """Print the summary of a log, or the table of a comparison or a study, again, or export tables of logs."""
-    from psmpc_cli.cli import tables
-    from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
+    from psmpc_cli.cli.tables import print_summary, read_file
+    from psmpc_cli.logs.schema import COMPARISON, RUN
 
-    kind, found = _read(log)
+    kind, found, print_content = read_file(log)
     if csv is not None:
         if kind not in (RUN, COMPARISON):
             raise InputError(
@@ -281,15 +260,10 @@ def show(
         for name, run in ({"": found} if kind == RUN else found).items():
             for path in run.to_csv(csv / name, force):
                 typer.echo(str(path))
-        return
-    printers: Mapping[str, Callable[[Any], None]] = {
-        RUN: partial(tables.print_summary, verbose=verbose),
-        COMPARISON: partial(tables.print_comparison, path=log),
-        SWEEP: tables.print_sweep,
-        PARETO: tables.print_fronts,
-        MONTE_CARLO: tables.print_monte_carlo,
-    }
-    printers[kind](found)
+    elif kind == RUN:
+        print_summary(found, verbose)
+    else:
+        print_content(found)
 
 
 def plot(
@@ -314,11 +288,12 @@ def plot(
     comparison: states, instants, shares, snapshots. Of a Pareto study: front, front_3d. Of a sweep: surface, heat_map
     (of random draws: draws), starts, sensitivity. Of a Monte Carlo study: success, runs.
     """
+    from psmpc_cli.cli.tables import read_file
     from psmpc_cli.figures.animation import mp4_possible
     from psmpc_cli.figures.registry import default_directory, draw
     from psmpc_cli.logs.schema import COMPARISON, RUN
 
-    kind, subject = _read(log)
+    kind, subject, _ = read_file(log)
     directory = output or default_directory(log)
     films = [name for name, chosen in (("animation", animate), ("render", render)) if chosen]
     if run is not None:
@@ -333,30 +308,3 @@ def plot(
         typer.echo(str(path))
     if films and not mp4_possible():
         typer.echo("psmpc: no MP4 was written: found no ffmpeg on the PATH", err=True)
-
-
-def _read(path: Path) -> tuple[str, Any]:
-    """Read a file written by psmpc; return its kind and content.
-
-    Raises:
-        LogError: The file is missing, damaged or of another program.
-    """
-    from psmpc_cli.logs.files import kind_of
-    from psmpc_cli.logs.results import read_results
-    from psmpc_cli.logs.run import read_comparison, read_run
-    from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
-    from psmpc_cli.studies.fronts import read_pareto
-    from psmpc_cli.studies.monte_carlo import read_monte_carlo
-    from psmpc_cli.studies.weights import sweep_cells
-
-    readers: Mapping[str, Callable[[Path], Any]] = {
-        RUN: read_run,
-        COMPARISON: read_comparison,
-        SWEEP: lambda path: sweep_cells(read_results(path, SWEEP)),
-        PARETO: read_pareto,
-        MONTE_CARLO: read_monte_carlo,
-    }
-    kind = kind_of(path)
-    if kind not in readers:
-        raise LogError(f"{path}: found a {kind}, expected one of: {', '.join(readers)}")
-    return kind, readers[kind](path)

@@ -1,10 +1,8 @@
 """Many runs of a task: `psmpc compare`, `sweep-weights`, `monte-carlo` and `pareto`."""
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,7 +21,6 @@ from psmpc_cli.cli.options import (
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
-    from psmpc_cli.logs.results import Results
     from psmpc_cli.specs.load import Task
     from psmpc_cli.studies.runner import Study
     from psmpc_cli.studies.weights import Sampling
@@ -51,8 +48,7 @@ def compare(
 ) -> None:
     """Run several controllers on the identical task: one table, one file of logs, and figures side by side."""
     from psmpc_cli.cli.progress import ended_runs, ending_on_signals
-    from psmpc_cli.cli.tables import print_comparison
-    from psmpc_cli.logs.run import read_comparison
+    from psmpc_cli.cli.tables import present
     from psmpc_cli.ocp.feasibility import ensure_feasible
     from psmpc_cli.studies.compare import compare_tasks, compared_tasks, controllers_in
 
@@ -62,7 +58,7 @@ def compare(
     path = output_file(output, f"{first.spec.name}-comparison", force, figures)
     with ending_on_signals("no comparison was written"), ended_runs(quiet, len(tasks)) as done:
         compare_tasks(tasks, path, force, jobs, done)
-    _present(path, "comparison", read_comparison(path), partial(print_comparison, path=path), figures, force, quiet)
+    present(path, figures, force, quiet)
 
 
 def sweep_weights(
@@ -91,14 +87,12 @@ def sweep_weights(
     quiet: Quiet = False,
 ) -> None:
     """Run the closed loop under many pairs of priorities: how they decide the actual start. Paper Fig. 6."""
-    from psmpc_cli.cli.tables import print_sweep
     from psmpc_cli.studies.sweep import weight_study
-    from psmpc_cli.studies.weights import parse_stages, sweep_cells
+    from psmpc_cli.studies.weights import parse_stages
 
     loaded, cells = _sweep(grid, task, bounds, epsilon, sampling, changes or [])
     study = weight_study(loaded, parse_stages(stages, loaded), cells, every_cell)
-    path, results = _run_study(study, output, f"{loaded.spec.name}-sweep", force, resume, jobs, dask, figures, quiet)
-    _present(path, "sweep", sweep_cells(results), print_sweep, figures, force or resume, quiet)
+    _run_study(study, output, f"{loaded.spec.name}-sweep", force, resume, jobs, dask, figures, quiet)
 
 
 def _sweep(
@@ -139,13 +133,11 @@ def monte_carlo(
     quiet: Quiet = False,
 ) -> None:
     """Run a task many times, each with another seed for its uncertainty: how often it succeeds, and how runs spread."""
-    from psmpc_cli.cli.tables import print_monte_carlo
-    from psmpc_cli.studies.monte_carlo import MonteCarloRuns, monte_carlo_study
+    from psmpc_cli.studies.monte_carlo import monte_carlo_study
 
     study = monte_carlo_study(task, runs, tuple(changes or ()))
     default = f"{study.task.spec.name}-monte-carlo"
-    path, results = _run_study(study, output, default, force, resume, jobs, dask, figures, quiet, "failed")
-    _present(path, "monte_carlo", MonteCarloRuns(results), print_monte_carlo, figures, force or resume, quiet)
+    _run_study(study, output, default, force, resume, jobs, dask, figures, quiet, "failed")
 
 
 def _run_study(
@@ -159,14 +151,15 @@ def _run_study(
     figures: bool,
     quiet: bool,
     failed: str = "cells failed",
-) -> "tuple[Path, Results]":
-    """Run a study into its file, with its progress; a signal ends it, and the file keeps what was done.
+) -> None:
+    """Run a study into its file, with its progress, and present it; after a signal the file keeps what was done.
 
     Raises:
         InputError: Options exclude each other, or the file is not to be overwritten.
         SpecError: The task cannot be done.
     """
     from psmpc_cli.cli.progress import ending_on_signals, watched_study
+    from psmpc_cli.cli.tables import present
     from psmpc_cli.ocp.feasibility import ensure_feasible
     from psmpc_cli.studies.runner import run_study
 
@@ -180,22 +173,8 @@ def _run_study(
         ending_on_signals(f"{path} holds what was done: continue with --resume"),
         watched_study(quiet, failed) as watch,
     ):
-        return path, run_study(study, path, jobs, dask, force, resume, watch)
-
-
-def _present(
-    path: Path, kind: str, results: Any, table: Callable[[Any], None], figures: bool, force: bool, quiet: bool
-) -> None:
-    """Print the table of a study's results and draw their figures beside its file."""
-    from psmpc_cli.figures.registry import default_directory, draw
-
-    if not quiet:
-        table(results)
-    if figures:
-        directory = default_directory(path)
-        drawn = draw(kind, results, directory, force=force)
-        if not quiet:
-            typer.echo(f"{len(drawn)} figures in {directory}")
+        run_study(study, path, jobs, dask, force, resume, watch)
+    present(path, figures, force or resume, quiet)
 
 
 def pareto(
@@ -221,10 +200,9 @@ def pareto(
 ) -> None:
     """Compute what two stages cost at each other's expense: Pareto fronts at several samples of a run. Paper Fig. 7."""
     from psmpc_cli.cli.progress import ending_on_signals
-    from psmpc_cli.cli.tables import print_fronts
+    from psmpc_cli.cli.tables import present
     from psmpc_cli.ocp.feasibility import ensure_feasible
     from psmpc_cli.specs.load import load_task
-    from psmpc_cli.studies.fronts import read_pareto
     from psmpc_cli.studies.pareto import Question, ensure_answerable, is_log, parse_times, solve_pareto
     from psmpc_cli.studies.weights import parse_stages
 
@@ -250,7 +228,7 @@ def pareto(
             _run_closed_loop(loaded, run, quiet)
         with ending_on_signals("no results were written"):
             solve_pareto(run, question, path, jobs, force, done)
-    _present(path, "pareto", read_pareto(path), print_fronts, figures, force, quiet)
+    present(path, figures, force, quiet)
 
 
 def _run_closed_loop(task: "Task", path: Path, quiet: bool) -> None:

@@ -1,10 +1,11 @@
-"""Results as tables: runs, comparisons, repeated runs, sweeps, Monte Carlo studies and Pareto fronts."""
+"""Files of runs and studies as tables and figures: what commands print, and draw beside their files."""
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import typer
@@ -12,15 +13,18 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from psmpc_cli.logs.summary import SolveSummary, StageSummary, Summary
+from psmpc_cli.errors import LogError
+from psmpc_cli.logs.files import kind_of
+from psmpc_cli.logs.results import Results, read_results
+from psmpc_cli.logs.run import Run, read_comparison, read_run
+from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
+from psmpc_cli.logs.summary import Largest, SolveSummary, Summary, Verdict
+from psmpc_cli.studies import fronts
+from psmpc_cli.studies.monte_carlo import STATUS, MonteCarloRuns, read_monte_carlo
+from psmpc_cli.studies.weights import SweepCells, guidance, sweep_cells
 
 if TYPE_CHECKING:
-    from psmpc_cli.logs.comparison import Comparison, Difference
-    from psmpc_cli.logs.results import Results
-    from psmpc_cli.logs.run import Run
-    from psmpc_cli.logs.summary import Largest, Verdict
-    from psmpc_cli.studies.monte_carlo import MonteCarloRuns
-    from psmpc_cli.studies.weights import SweepCells
+    from psmpc_cli.logs.comparison import Comparison
 
 Row = Sequence[str]
 
@@ -30,41 +34,70 @@ PLAIN_WIDTH = 160
 NOTHING = ("", "-")
 """Cells without content; a column that has no others is not printed."""
 
-STAGE_HEADINGS = (
-    "stage",
-    "priority",
-    "actual start [s]",
-    "published start",
-    "ends [s]",
-    "published end",
-    "grippers apart [m]",
-)
-
-COMPARED: tuple[tuple[str, Callable[[Summary], float], int], ...] = (
-    ("end of the run [s]", lambda run: run.duration, 2),
-    ("control effort, integral of |u|^2", lambda run: run.control_effort, 2),
-    ("base thrusters, force [N s]", lambda run: run.base_force, 2),
-    ("base thrusters, torque [N m s]", lambda run: run.base_torque, 2),
-    ("variation of u, base position [m/s^2]", lambda run: run.variation.base_position, 2),
-    ("variation of u, base angle [rad/s^2]", lambda run: run.variation.base_angle, 2),
-    ("variation of u, joints [rad/s^2]", lambda run: run.variation.joints, 2),
-    ("solve time, median [ms]", lambda run: 1e3 * run.solves.median, 1),
-    ("solve time, p95 [ms]", lambda run: 1e3 * run.solves.p95, 1),
-    ("solve time, p99 [ms]", lambda run: 1e3 * run.solves.p99, 1),
-    ("solve time, maximum [ms]", lambda run: 1e3 * run.solves.largest, 1),
-    ("solves longer than a sample", lambda run: run.missed, 0),
-    ("failed solves", lambda run: run.failed_solves, 0),
-    ("levels not solved", lambda run: math.nan if run.unsolved_levels is None else run.unsolved_levels, 0),
-)
-"""Rows of a comparison: name, measure, decimals."""
+DETAIL, ALONE = "detail", "alone"
 
 MOST_ROWS = 49
 """Rows of a sweep's table; of more runs so many are printed, evenly from the smallest to the largest ratio."""
 
-SWEEP_COLUMNS = ("completion_time", "control_effort", "final_error")
-
 WORST = 5
 """Number of the worst runs of a Monte Carlo study that are printed."""
+
+
+def _solves(solves: SolveSummary) -> str:
+    times = (solves.median, solves.p95, solves.p99, solves.largest)
+    return " / ".join(f"{1e3 * time:.1f}" for time in times) if solves.count else "none"
+
+
+def _largest(*found: Largest | None) -> str:
+    return " / ".join(f"{each.where}: {each.value:.3g} at {each.time:.1f} s" for each in found if each is not None)
+
+
+def _margin(summary: Summary, kind: str) -> str:
+    """Write the smallest margin to a kind of limit, in percent of the limit, and its coordinate."""
+    found = (limit for limit in summary.limits if limit.kind == kind)
+    return next((f"{100 * each.relative:.3f} % ({each.margin:.1e}) {each.coordinate}" for each in found), "")
+
+
+def _end_errors(summary: Summary) -> str:
+    if summary.end_errors is None:
+        return ""
+    return "{:.4f} as the controller saw it, {:.4f} true".format(*summary.end_errors)
+
+
+MEASURES: tuple[tuple[str, Callable[[Summary], float | str], int, str], ...] = (
+    ("solve time, median / p95 / p99 / max [ms]", lambda run: _solves(run.solves), 0, ""),
+    ("the same, windows with a switch [ms]", lambda run: _solves(run.switching_solves), 0, DETAIL),
+    ("solves", lambda run: run.solves.count, 0, DETAIL),
+    ("iterations of a solve, median", lambda run: run.solves.iterations, 0, DETAIL),
+    ("solves longer than a sample", lambda run: run.missed, 0, ""),
+    ("failed solves", lambda run: run.failed_solves, 0, ""),
+    ("samples not measured", lambda run: run.unmeasured or math.nan, 0, ""),
+    ("levels not solved", lambda run: math.nan if run.unsolved_levels is None else run.unsolved_levels, 0, ""),
+    ("stages appended", lambda run: run.appended, 0, DETAIL),
+    ("stages postponed", lambda run: run.postponed, 0, DETAIL),
+    ("other guesses of the switch times chosen", lambda run: math.nan if run.basins is None else run.basins, 0, ""),
+    ("tightest position margin, of the limit", lambda run: _margin(run, "position"), 0, ""),
+    ("tightest velocity margin, of the limit", lambda run: _margin(run, "velocity"), 0, ""),
+    ("farthest beyond a limit, any tick", lambda run: _largest(*run.deviations.beyond_limits) or "none", 0, ALONE),
+    ("farthest off the plan in a sample", lambda run: _largest(*run.deviations.off_plan), 0, DETAIL + ALONE),
+    ("end error over tolerance, planned switches", lambda run: _largest(run.deviations.end_condition), 0, DETAIL),
+    ("end error over tolerance, at the end", _end_errors, 0, ALONE),
+    ("control effort, integral of |u|^2", lambda run: run.control_effort, 2, ""),
+    ("base thrusters, force [N s]", lambda run: run.base_force, 2, ""),
+    ("base thrusters, torque [N m s]", lambda run: run.base_torque, 2, ""),
+    ("variation of u, base position [m/s^2]", lambda run: run.variation.base_position, 2, DETAIL),
+    ("variation of u, base angle [rad/s^2]", lambda run: run.variation.base_angle, 2, DETAIL),
+    ("variation of u, joints [rad/s^2]", lambda run: run.variation.joints, 2, DETAIL),
+    ("drift of momentum [N s]", lambda run: number(run.momentum_error, 1, "e"), 0, DETAIL),
+    ("drift of the energy balance [J]", lambda run: number(run.energy_error, 1, "e"), 0, DETAIL),
+)
+"""Rows of a run's summary and of a comparison: name, value (a comparison shows the differences of numbers), decimals,
+and where it is shown: `DETAIL`, not in a short summary; `ALONE`, not in a comparison."""
+
+
+def number(value: float, digits: int, form: str = "f") -> str:
+    """Write a number with so many decimals, a dash for NaN."""
+    return "-" if math.isnan(value) else f"{value:.{digits}{form}}"
 
 
 def print_table(headings: Row | None, rows: Sequence[Row], left: int = 2) -> None:
@@ -93,17 +126,73 @@ def print_table(headings: Row | None, rows: Sequence[Row], left: int = 2) -> Non
     typer.echo("\n".join(line.rstrip() for line in capture.get().splitlines()))
 
 
-def number(value: float, digits: int) -> str:
-    """Write a number with so many decimals, a dash for NaN."""
-    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+def read_file(path: Path) -> tuple[str, Any, Callable[[Any], None]]:
+    """Read a file written by psmpc; return its kind, its content, and what prints the content.
+
+    Raises:
+        LogError: The file is missing, damaged or of another program.
+    """
+    kinds: Mapping[str, tuple[Callable[[Path], Any], Callable[[Any], None]]] = {
+        RUN: (read_run, print_summary),
+        COMPARISON: (read_comparison, partial(print_comparison, path=path)),
+        SWEEP: (lambda path: sweep_cells(read_results(path, SWEEP)), print_sweep),
+        PARETO: (fronts.read_pareto, print_fronts),
+        MONTE_CARLO: (read_monte_carlo, print_monte_carlo),
+    }
+    kind = kind_of(path)
+    if kind not in kinds:
+        raise LogError(f"{path}: found a {kind}, expected one of: {', '.join(kinds)}")
+    read, show = kinds[kind]
+    return kind, read(path), show
 
 
-def print_summary(run: "Run", verbose: bool = False) -> None:
+def present(path: Path, figures: bool, force: bool, quiet: bool) -> None:
+    """Print the table of a study's file and draw its figures beside it."""
+    kind, results, show = read_file(path)
+    if not quiet:
+        show(results)
+    if figures:
+        draw_beside(path, kind, results, force, quiet)
+
+
+def draw_beside(
+    path: Path, kind: str, subject: Any, force: bool, quiet: bool, figures: bool = True, films: Collection[str] = ()
+) -> None:
+    """Draw the figures of a file's content into its folder of figures, its films, or both, and say so."""
+    from psmpc_cli.figures.registry import default_directory, draw
+
+    directory = default_directory(path)
+    only = None if figures else ()
+    drawn = draw(kind.replace("-", "_"), subject, directory, only=only, force=force, films=films)
+    if not quiet:
+        typer.echo(f"{len(drawn)} figures in {directory}" if figures else f"film in {directory}")
+
+
+def print_summary(run: Run, verbose: bool = False) -> None:
     """Print a run: how the mission went, its stages, what was measured; all of it if `verbose`."""
     summary = run.summary()
     typer.echo(describe_mission(summary))
-    print_table(STAGE_HEADINGS, [_stage(*each) for each in zip(summary.stages, summary.distances, strict=True)])
-    print_table(None, [*_measures(summary), *(_details(summary) if verbose else ())])
+    headings = ("stage", "priority", "actual start [s]", "published start", "ends [s]", "published end")
+    stages = [
+        (
+            stage.name,
+            f"{stage.priority:g}",
+            number(stage.actual_start, 2) + (" (early)" if stage.early else ""),
+            number(stage.published_start, 1),
+            number(stage.switch_time, 2),
+            number(stage.published_switch, 1),
+            number(distance, 3),
+        )
+        for stage, distance in zip(summary.stages, summary.distances, strict=True)
+    ]
+    print_table((*headings, "grippers apart [m]"), stages)
+    rows = [
+        (label, value if isinstance(value := of(summary), str) else number(value, digits))
+        for label, of, digits, where in MEASURES
+        if verbose or DETAIL not in where
+    ]
+    rows += [(f"monitor: {verdict.name}", _verdict(verdict)) for verdict in summary.monitors]
+    print_table(None, [row for row in rows if row[1] not in NOTHING])
     typer.echo(f"log: {run.path}")
 
 
@@ -115,78 +204,15 @@ def describe_mission(summary: Summary) -> str:
     return f"mission {outcome}: {summary.reason}{monitors}, after {summary.duration:.1f} s"
 
 
-def _stage(stage: StageSummary, distance: float) -> Row:
-    return (
-        stage.name,
-        f"{stage.priority:g}",
-        number(stage.actual_start, 2) + (" (early)" if stage.early else ""),
-        number(stage.published_start, 1),
-        number(stage.switch_time, 2),
-        number(stage.published_switch, 1),
-        number(distance, 3),
-    )
-
-
-def _measures(summary: Summary) -> Iterator[Row]:
-    """Yield what tells whether a run can be trusted and what it costs."""
-    yield "solve time", _solves(summary.solves)
-    yield "solves longer than a sample", str(summary.missed)
-    yield "failed solves", str(summary.failed_solves)
-    if summary.unmeasured:
-        yield "samples not measured", str(summary.unmeasured)
-    if summary.unsolved_levels:
-        yield "levels not solved", str(summary.unsolved_levels)
-    for limit in summary.limits:
-        margin = f"{limit.coordinate}: {limit.margin:.2e} ({100 * limit.relative:.3f} % of the limit)"
-        yield f"tightest {limit.kind} margin", margin
-    yield "farthest beyond a limit, any tick", " / ".join(map(_largest, summary.deviations.beyond_limits)) or "none"
-    if summary.end_errors is not None:
-        seen, true = summary.end_errors
-        yield "end error at the end", f"{seen:.4f} of its tolerance as the controller saw it, {true:.4f} true"
-    yield "control effort, integral of |u|^2", f"{summary.control_effort:.2f}"
-    yield "base thrusters, force / torque", f"{summary.base_force:.2f} N s / {summary.base_torque:.2f} N m s"
-    for verdict in summary.monitors:
-        yield f"monitor: {verdict.name}", _verdict(verdict, f", by up to {-verdict.margin:.3f}")
-
-
-def _details(summary: Summary) -> Iterator[Row]:
-    """Yield what tells how the controller worked."""
-    variation, deviations = summary.variation, summary.deviations
-    yield "solve time, windows with a switch", _solves(summary.switching_solves)
-    yield "stages appended / postponed", f"{summary.appended} / {summary.postponed}"
-    if summary.basins is not None:
-        yield "other guesses of the switch times chosen", str(summary.basins)
-    if deviations.off_plan:
-        yield "farthest off the plan in a sample", " / ".join(map(_largest, deviations.off_plan))
-    if (end := deviations.end_condition) is not None:
-        yield "end error at a planned switch time", f"{end.where}: {end.value:.4f} of its tolerance at {end.time:.1f} s"
-    yield (
-        "variation of the control",
-        f"base {variation.base_position:.2f} m/s^2 and {variation.base_angle:.2f} rad/s^2, "
-        f"joints {variation.joints:.2f} rad/s^2",
-    )
-    drifts = ("-" if math.isnan(each) else f"{each:.1e}" for each in (summary.momentum_error, summary.energy_error))
-    yield "drift of momentum / energy balance", "{} N s / {} J".format(*drifts)
-
-
-def _solves(solves: SolveSummary) -> str:
-    if not solves.count:
-        return "none"
-    times = " / ".join(f"{1e3 * t:.1f}" for t in (solves.median, solves.p95, solves.p99, solves.largest))
-    return f"median / p95 / p99 / max {times} ms, {solves.iterations:.0f} iterations, {solves.count} solves"
-
-
-def _largest(largest: "Largest") -> str:
-    return f"{largest.where}: {largest.value:.1e} at {largest.time:.1f} s"
-
-
-def _verdict(verdict: "Verdict", by: str = "") -> str:
+def _verdict(verdict: Verdict) -> str:
     if verdict.held:
         return f"held, margin {verdict.margin:.3f}"
-    return "not judged" if math.isnan(verdict.broken_at) else f"BROKEN at {verdict.broken_at:.1f} s{by}"
+    return (
+        "not judged" if math.isnan(verdict.broken_at) else f"BROKEN at {verdict.broken_at:.1f} s ({verdict.margin:.3f})"
+    )
 
 
-def print_comparison(runs: "Mapping[str, Run]", path: Path) -> None:
+def print_comparison(runs: Mapping[str, Run], path: Path) -> None:
     """Print runs of one task side by side, with differences to the first one."""
     summaries = {name: run.summary() for name, run in runs.items()}
     first, *others = summaries
@@ -205,20 +231,22 @@ def print_comparison(runs: "Mapping[str, Run]", path: Path) -> None:
 
 def _compared(runs: Sequence[Summary]) -> Iterator[Row]:
     """Yield the rows of a comparison: a measure of every run."""
-    for i, stage in enumerate(runs[0].stages):
-        stages = [run.stages[i] for run in runs]
-        starts = _differences([each.actual_start for each in stages], 2, [each.published_start for each in stages])
+    for stages in zip(*(run.stages for run in runs), strict=True):
+        name, published = stages[0].name, [each.published_start for each in stages]
+        starts = _differences([each.actual_start for each in stages], 2, published)
         early = ("early " if each.early else "" for each in stages)
-        yield f"{stage.name} actually starts [s]", *map("".join, zip(early, starts, strict=True))
+        yield f"{name} actually starts [s]", *map("".join, zip(early, starts, strict=True))
         published = [each.published_switch for each in stages]
-        yield f"{stage.name} ends [s]", *_differences([each.switch_time for each in stages], 2, published)
-        yield f"{stage.name} lasts [s]", *_differences([each.duration for each in stages], 2)
-    for label, measure, digits in COMPARED:
-        yield label, *_differences([measure(run) for run in runs], digits)
-    for kind in ("position", "velocity"):
-        yield f"tightest {kind} margin, of the limit", *(_tightest(run, kind) for run in runs)
-    for i, monitor in enumerate(runs[0].monitors):
-        yield f"monitor: {monitor.name}", *(_verdict(run.monitors[i]) for run in runs)
+        yield f"{name} ends [s]", *_differences([each.switch_time for each in stages], 2, published)
+        yield f"{name} lasts [s]", *_differences([each.duration for each in stages], 2)
+    yield "end of the run [s]", *_differences([run.duration for run in runs], 2)
+    for label, of, digits, where in MEASURES:
+        if ALONE not in where:
+            values = [of(run) for run in runs]
+            numbers = [value for value in values if not isinstance(value, str)]
+            yield label, *(_differences(numbers, digits) if numbers else [str(value or "-") for value in values])
+    for verdicts in zip(*(run.monitors for run in runs), strict=True):
+        yield f"monitor: {verdicts[0].name}", *map(_verdict, verdicts)
 
 
 def _differences(values: Sequence[float], digits: int, published: Sequence[float] = ()) -> list[str]:
@@ -231,33 +259,23 @@ def _differences(values: Sequence[float], digits: int, published: Sequence[float
     return list(map("".join, zip(texts, marks, strict=True)))
 
 
-def _tightest(run: Summary, kind: str) -> str:
-    """Write the smallest margin to a kind of limit in percent of the limit, and its coordinate."""
-    found = [limit for limit in run.limits if limit.kind == kind]
-    return f"{100 * found[0].relative:.3f} % {found[0].coordinate}" if found else "-"
-
-
 def print_differences(comparison: "Comparison", conditions: Sequence[str]) -> None:
     """Print how a repeated run differs from its log, and the conditions under which that is to be expected."""
-
-    def row(each: "Difference") -> Row:
+    rows = []
+    for each in comparison.differences:
         largest = "" if math.isnan(each.largest) else f"{each.largest:.1e}"
         text = f"{largest} ({each.what})" if largest and each.what else each.what or largest
-        return each.path, each.units, text, "" if each.row < 0 else str(each.row)
-
-    headings = ("dataset", "units", "largest difference", "first in row")
-    print_table(headings, [row(each) for each in comparison.differences])
-    count = f"{len(comparison.differences)} of {comparison.compared} datasets"
-    typer.echo(f"differs: {count}; wall times were not compared")
+        rows.append((each.path, each.units, text, "" if each.row < 0 else str(each.row)))
+    print_table(("dataset", "units", "largest difference", "first in row"), rows)
+    typer.echo(f"differs: {len(rows)} of {comparison.compared} datasets; wall times were not compared")
     for condition in conditions:
         typer.echo(f"note: {condition}")
 
 
-def print_sweep(cells: "SweepCells") -> None:
+def print_sweep(cells: SweepCells) -> None:
     """Print a sweep over weights, complete or not: a row for each run, the cells by status, the recommended ratio."""
-    from psmpc_cli.studies.weights import guidance
-
-    _print_groups(cells)
+    if cells.groups:
+        _print_groups(cells)
     meanings = cells.results.quantities["status"].meanings
     counts = np.bincount(cells.of("status"), minlength=len(meanings))
     parts = ", ".join(f"{count} {meaning}" for meaning, count in zip(meanings, counts, strict=True) if count)
@@ -269,17 +287,15 @@ def print_sweep(cells: "SweepCells") -> None:
     typer.echo(f"sweep: {cells.results.path}")
 
 
-def _print_groups(cells: "SweepCells") -> None:
+def _print_groups(cells: SweepCells) -> None:
     """Print a row for each run of a sweep, or for each ratio if runs of one ratio are equal."""
     (first, second), groups = cells.names, cells.groups
-    if not groups:
-        return
     apart = len(groups) > len(np.unique([f"{cells.ratio[group[0]]:.9g}" for group in groups]))
     kept = np.unique(np.linspace(0, len(groups) - 1, min(len(groups), MOST_ROWS)).round().astype(int))
     rows = []
     for group in (groups[k] for k in kept):
         instant, starts = np.median(cells.instant[group]), np.median(cells.of("actual_start")[group], axis=0)
-        others = (np.median(cells.of(name)[group]) for name in SWEEP_COLUMNS)
+        others = (np.median(cells.of(name)[group]) for name in ("completion_time", "control_effort", "final_error"))
         weights = cells.omega[group[0]] if apart else cells.ratio[group[:1]]
         rows.append(
             (
@@ -296,7 +312,7 @@ def _print_groups(cells: "SweepCells") -> None:
         typer.echo(f"{len(kept)} of {len(groups)} {'runs' if apart else 'ratios'}")
 
 
-def print_monte_carlo(runs: "MonteCarloRuns") -> None:
+def print_monte_carlo(runs: MonteCarloRuns) -> None:
     """Print a Monte Carlo study, complete or not: the success rate, the spread of the runs, and the worst of them."""
     typer.echo(_success(runs))
     rows = [(each.name, str(each.runs), *(number(value, 3) for value in each.at)) for each in runs.quantiles()]
@@ -319,10 +335,8 @@ def print_monte_carlo(runs: "MonteCarloRuns") -> None:
     typer.echo(f"study: {runs.results.path}")
 
 
-def _success(runs: "MonteCarloRuns") -> str:
+def _success(runs: MonteCarloRuns) -> str:
     """Write how many runs succeeded, how sure the rate is, the runs by status, and how many exceeded limits."""
-    from psmpc_cli.studies.monte_carlo import STATUS
-
     made, succeeded = int(runs.made.sum()), int(runs.succeeded.sum())
     counts = zip(STATUS, np.bincount(runs["status"], minlength=len(STATUS)), strict=True)
     states = ", ".join(f"{count} {meaning}" for meaning, count in counts if count)
@@ -338,16 +352,13 @@ def _success(runs: "MonteCarloRuns") -> str:
     return "; ".join(parts)
 
 
-def print_fronts(results: "Results") -> None:
+def print_fronts(results: Results) -> None:
     """Print a Pareto study: a row for each sample, and how the fronts move."""
-    from psmpc_cli.studies.fronts import HEADINGS, NOTE, WEIGHTED, front_movement, front_rows, front_texts, methods_in
-
-    print_table(HEADINGS, [front_texts(row) for row in front_rows(results)], left=0)
-    typer.echo(NOTE)
-    if WEIGHTED in methods_in(results):
-        movement = front_movement(results)
-        for sentence in (movement.over_ratio, *movement.over_time):
-            typer.echo(sentence)
+    print_table(fronts.HEADINGS, [fronts.front_texts(row) for row in fronts.front_rows(results)], left=0)
+    typer.echo(fronts.NOTE)
+    if fronts.WEIGHTED in fronts.methods_in(results):
+        movement = fronts.front_movement(results)
+        typer.echo("\n".join((movement.over_ratio, *movement.over_time)))
     if "constrained_off_weighted" in results.quantities:
         off = results["constrained_off_weighted"]
         typer.echo(

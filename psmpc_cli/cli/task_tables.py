@@ -75,7 +75,8 @@ def _stage(task: Task, outlook: Outlook) -> Rows:
     about += [f"follows {outlook.stage.trajectory.times[-1]:g} s"] if outlook.stage.trajectory else []
     about += [f"at least {spec.dwell:g} s"] if spec.dwell else []
     values, ends = _targets(task.robot, outlook, space), _ends(task.robot, outlook, spec, space)
-    parts = [(part, values[part], ends[part], _reach(outlook, part)) for part in task.robot.parts]
+    reaches = {part: f"{each.distance:.3f} of {each.full_reach:.3f} m" for part, each in outlook.reaches.items()}
+    parts = [(part, values[part], ends[part], reaches.get(part, "")) for part in task.robot.parts]
     earliest = [f"{floor(outlook.earliest_end * 100) / 100:g} s"]
     lines = zip_longest(about, parts, earliest)
     return [(left or "", *(middle or ("",) * 4), right or "") for left, middle, right in lines]
@@ -83,22 +84,14 @@ def _stage(task: Task, outlook: Outlook) -> Rows:
 
 def _targets(robot: RobotSpec, outlook: Outlook, space: Space) -> dict[str, str]:
     """Write the target of every part, of a trajectory its last row; angles in degrees."""
-    lengths: dict[str, list[str]] = {part: [] for part in robot.parts}
-    angles: dict[str, list[str]] = {part: [] for part in robot.parts}
-    numbers = [(part, axis) for part, axes in target_axes(robot.parts, space).items() for axis in axes]
-    for (part, axis), value in zip(numbers, outlook.stage.target, strict=True):
-        if axis in AXES[:2]:
-            lengths[part].append(f"{value:g}")
-        else:
-            angles[part].append(f"{degrees(value):.4g}")
-    to = "to " if outlook.stage.trajectory else ""
-    return {
-        part: to
-        + ", ".join(
-            f"{', '.join(found[part])} {unit}" for found, unit in ((lengths, "m"), (angles, "deg")) if found[part]
-        )
-        for part in robot.parts
-    }
+    numbers, found = iter(outlook.stage.target), {}
+    for part, axes in target_axes(robot.parts, space).items():
+        values = list(zip(axes, numbers, strict=False))
+        lengths = ", ".join(f"{value:g}" for axis, value in values if axis in AXES[:2])
+        angles = ", ".join(f"{degrees(value):.4g}" for axis, value in values if axis not in AXES[:2])
+        texts = (f"{text} {unit}" for text, unit in ((lengths, "m"), (angles, "deg")) if text)
+        found[part] = ("to " if outlook.stage.trajectory else "") + ", ".join(texts)
+    return found
 
 
 def _ends(robot: RobotSpec, outlook: Outlook, spec: StageSpec, space: Space) -> dict[str, str]:
@@ -116,34 +109,18 @@ def _ends(robot: RobotSpec, outlook: Outlook, spec: StageSpec, space: Space) -> 
     return found
 
 
-def _reach(outlook: Outlook, part: str) -> str:
-    """Write the distance of a target from the mount of its arm, and the full reach of the arm."""
-    reach = outlook.reaches.get(part)
-    return "" if reach is None else f"{reach.distance:.3f} of {reach.full_reach:.3f} m"
-
-
 def _limits(robot: RobotSpec) -> Rows:
-    """Build the rows of the limits of every coordinate."""
+    """Build the rows of the limits of every coordinate, angles in degrees; empty where there is none."""
     limits, rows = resolve_limits(robot), Rows()
-    quantities = (
-        (limits.position_low, limits.position_high, ""),
-        (limits.velocity_low, limits.velocity_high, "/s"),
-        (limits.acceleration_low, limits.acceleration_high, "/s^2"),
-    )
     for row, label in enumerate(labels(robot, "joint")):
-        unit = "m" if label in ("base.x", "base.y") else "rad"
-        spans = (_span(float(low[row]), float(high[row]), unit + per) for low, high, per in quantities)
-        rows.append((label, *spans))
+        length, spans = label in ("base.x", "base.y"), [label]
+        for quantity, unit in (("position", "deg"), ("velocity", "rad/s"), ("acceleration", "rad/s^2")):
+            ends = (float(getattr(limits, f"{quantity}_{end}")[row]) for end in ("low", "high"))
+            low, high = (degrees(end) if unit == "deg" and not length else end for end in ends)
+            shown = unit.replace("deg", "m").replace("rad", "m") if length else unit
+            spans.append("" if isinf(low) and isinf(high) else f"{low:.4g} to {high:.4g} {shown}")
+        rows.append(spans)
     return rows
-
-
-def _span(low: float, high: float, unit: str) -> str:
-    """Write a pair of bounds, angles in degrees; empty if there is none."""
-    if isinf(low) and isinf(high):
-        return ""
-    if unit == "rad":
-        low, high, unit = degrees(low), degrees(high), "deg"
-    return f"{low:.4g} to {high:.4g} {unit}"
 
 
 def print_gradients(task: Task) -> bool:

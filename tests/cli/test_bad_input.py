@@ -2,7 +2,6 @@
 
 import shlex
 import shutil
-import sys
 from pathlib import Path
 
 import h5py
@@ -30,6 +29,8 @@ BAD: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("simulate task.yaml -o part.h5", ("part.h5 exists", "-o", "--force")),
     ("simulate task.yaml -o task.yaml --force", ("task.yaml is no log",)),
     ("simulate task.yaml -o .", ("is a directory",)),
+    ("simulate task.yaml --no-figures -o /dev/full", ("/dev/full exists",)),
+    ("simulate task.yaml --no-figures -o /dev/full --force", ("/dev/full is no log",)),
     ("simulate task.yaml -o taken.h5", ("taken holds files", "-o", "--force", "--no-figures")),
     ("simulate task.yaml -o blocked.h5", ("blocked is no directory", "-o")),
     ("simulate task.yaml -o task.yaml/log.h5 --no-figures", ("task.yaml", "directory")),
@@ -149,18 +150,6 @@ def test_a_read_only_folder_is_named_with_the_option_that_helps(psmpc: Psmpc, mo
     assert ran.code == 2
     assert "read-only" in ran.stderr
     assert "-o" in ran.stderr
-
-
-def test_a_plant_without_its_package_is_found_before_a_log_is_touched(
-    psmpc: Psmpc, ended: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    before = ended.read_bytes()
-    monkeypatch.delitem(sys.modules, "psmpc_cli.plant.mujoco_plant", raising=False)
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    ran = psmpc("simulate", "task.yaml", "--no-figures", "--plant", "mujoco", "-o", "ended.h5", "--force")
-    assert (ran.code, ran.stdout) == (2, "")
-    assert "pip install 'psmpc[mujoco]'" in ran.stderr.splitlines()[-1]
-    assert ended.read_bytes() == before
 
 
 @pytest.mark.slow

@@ -96,27 +96,14 @@ def test_every_built_in_is_copied_and_loads_to_the_same(psmpc: Psmpc) -> None:
     for path in (*folder.glob("robots/*.yaml"), *folder.glob("tasks/*.yaml")):
         schema = path.read_text().splitlines()[0].partition("$schema=")[2]
         assert (path.parent / schema).resolve().is_file()
-    robot = folder / "robots" / "planar_dual_arm.yaml"
-    robot.write_text(robot.read_text().replace("mass: 30", "mass: 60"))
-    assert load_task(folder / "tasks" / "transport.yaml").robot.base.mass == 60
     assert psmpc("init", "new/project").code == 2
     assert psmpc("init", "new/project", "--force").code == 0
-    assert load_task(folder / "tasks" / "transport.yaml").robot.base.mass == 30
 
 
 def test_schemas_are_printed(psmpc: Psmpc) -> None:
     for kind in ("robot", "task"):
         assert json.loads(psmpc("schema", kind).stdout) == json_schema(kind)
     assert json.loads(psmpc("schema").stdout) == {"robot": json_schema("robot"), "task": json_schema("task")}
-
-
-def test_choices_in_the_help_are_those_of_the_task(psmpc: Psmpc) -> None:
-    task = json_schema("task")
-    for key, option, command in (("controller", "--controller", "simulate"), ("plant", "--plant", "simulate")):
-        kinds = task["$defs"][f"{key.capitalize()}Spec"]["anyOf"][0]["enum"]
-        assert f"{option} {'|'.join(kinds)}" in psmpc(command, "--help").stdout
-    solvers = task["$defs"]["SolverSpec"]["anyOf"][0]["enum"]
-    assert f"--solver {'|'.join(solvers)}" in psmpc("replay", "--help").stdout
 
 
 def test_no_help_text_is_cut(psmpc: Psmpc) -> None:

@@ -2,7 +2,6 @@
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 from contextlib import suppress
@@ -39,8 +38,8 @@ def test_a_run_leaves_its_log_and_figures_and_prints_its_summary(psmpc: Psmpc) -
     assert headings.split()[0] == "stage"
     assert re.findall(r"published \w+", headings) == ["published end"]  # of the starts nothing was published
     assert (go.split()[0], go.split()[4], back.split()[0]) == ("go", "9.1", "back")
-    assert len(measures) <= 12
-    assert {"solve time", "failed solves", "tightest velocity margin"} <= {line.split("  ")[0] for line in measures}
+    assert len(measures) <= 14
+    assert {"failed solves", "tightest velocity margin, of the limit"} <= {line.split("  ")[0] for line in measures}
     assert (last, figures) == ("log: runs/task.h5", f"{len(figures_of('run'))} figures in runs/task")
     assert max(map(len, ran.stdout.splitlines())) < 160
     shown = psmpc("show", "runs/task.h5")
@@ -125,31 +124,11 @@ def test_a_default_output_is_numbered_and_nothing_is_overwritten(psmpc: Psmpc) -
     assert Path("runs/task-2.h5").read_bytes() == before
 
 
-def test_a_named_output_is_overwritten_with_force_only(simulate: Psmpc) -> None:
-    short = ("--set", "time_limit=0.3", "-q", "-o", "deep/er/log.hdf5")
-    assert simulate(*short).code == 0
-    before = Path("deep/er/log.hdf5").read_bytes()
-    ran = simulate(*short)
-    assert (ran.code, ran.stderr.count("\n")) == (2, 1)
-    assert simulate(*short, "--force", "--set", "controller.nodes=0").code == 2
-    assert Path("deep/er/log.hdf5").read_bytes() == before
-    assert simulate(*short, "--force", "--set", "seed=3").code == 0
-    assert read_run(Path("deep/er/log.hdf5")).attributes["seed"] == 3
-
-
 def test_an_interrupted_run_is_finished(psmpc: Psmpc, part: Path) -> None:
     ran = psmpc("simulate", "--continue", "part.h5", "--no-figures")
     assert ran.code == 0
     assert ran.stdout.splitlines()[-1] == "log: part.h5"
     assert read_run(part).attributes["finished"]
-
-
-@pytest.mark.slow
-def test_figures_of_an_interrupted_run_are_replaced(psmpc: Psmpc, part: Path) -> None:
-    (part.parent / "part").mkdir()
-    (part.parent / "part" / "states.png").write_text("of the interrupted run")
-    assert psmpc("simulate", "--continue", "part.h5").code == 0
-    assert Path("part/states.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_run_that_differs_is_not_continued(psmpc: Psmpc, part: Path) -> None:
@@ -195,11 +174,21 @@ def test_a_replay_shows_iterations_and_what_is_equal(psmpc: Psmpc, part: Path) -
     assert ", by another solver: optimal after " in other[-1]
 
 
-def test_a_replay_by_sqp_explains_its_objective(psmpc: Psmpc, tmp_path: Path) -> None:
-    there_and_back(tmp_path, "solver.kind=sqp", "stages.go.priority=50", samples=4, name="own")
-    lines = psmpc("replay", "own.h5", "--step", "3").stdout.splitlines()
-    assert lines[1].split() == ["iter", "objective", "inf_pr", "||d||", "alpha", "qp"]
-    assert "objective in the lines above: J over the largest priority, 50" in lines
+def test_a_verification_names_what_where_and_when(psmpc: Psmpc, part: Path) -> None:
+    ran = psmpc("verify", "part.h5", "--every", "2")
+    assert (ran.code, ran.stderr) == (0, "")
+    assert "3 horizons, the low-level law acting at every instant" in ran.stdout
+    assert "closed loop, 6 samples, each from its logged state, the force held over a tick" in ran.stdout
+    for name in ("position off the plan", "beyond a velocity limit", "logged state off the integrated one"):
+        assert any(line.startswith(name) for line in ran.stdout.splitlines())
+
+
+def test_a_closed_loop_that_is_left_out_has_no_table(psmpc: Psmpc, tmp_path: Path) -> None:
+    there_and_back(tmp_path, "controller.offset_free=true", samples=3, name="uncertain")
+    out = psmpc("verify", "uncertain.h5").stdout
+    assert "3 horizons" in out
+    assert "note: the closed loop was left out" in out
+    assert "closed loop, " not in out
 
 
 def test_figures_are_drawn_where_and_as_asked(psmpc: Psmpc, ended: Path) -> None:
@@ -213,12 +202,6 @@ def test_figures_are_drawn_where_and_as_asked(psmpc: Psmpc, ended: Path) -> None
     assert psmpc("plot", "ended.h5", "--only", "states", "--force").code == 0
     written = psmpc("plot", "ended.h5", "-o", "out", "--only", "instants", "--format", "svg", "--format", "pdf").stdout
     assert sorted(written.split()) == ["out/instants.pdf", "out/instants.svg"]
-
-
-@pytest.mark.slow
-def test_an_animation_is_added(psmpc: Psmpc, ended: Path) -> None:
-    assert "ended/animation.gif" in psmpc("plot", "ended.h5", "--only", "states", "--animate").stdout
-    assert Path("ended/animation.gif").read_bytes().startswith(b"GIF89a")
 
 
 def test_the_version_is_printed(psmpc: Psmpc) -> None:
@@ -244,17 +227,3 @@ def test_a_terminal_shows_one_live_line_and_every_event_above_it(tmp_path: Path)
     lines = [re.sub(r"\x1b\[[?\d]*[a-zA-Z]", "", line) for line in shown.decode().splitlines()]
     assert {"0.10 s: back entered the window", "0.80 s: go ended at 0.74 s"} <= set(lines)
     assert any(re.search(r"\d s  back +planned switch times: none", line) for line in lines)
-
-
-@pytest.mark.slow
-def test_the_first_compilation_is_one_line(tmp_path: Path) -> None:
-    if shutil.which("cc") is None:
-        pytest.fail("the tests need a C compiler")
-    task = tmp_path / "task.yaml"
-    task.write_text(TASK)
-    arguments = ["simulate", str(task), "--no-figures", "-o", str(tmp_path / "log.h5"), "--set", "solver.kind=sqp"]
-    environment = {**os.environ, "PSMPC_CACHE": str(tmp_path / "cache")}
-    ran = subprocess.run([*PSMPC, *arguments], env=environment, capture_output=True, text=True, check=True)
-    assert sum("compiling" in line for line in ran.stderr.splitlines()) == 1
-    again = subprocess.run([*PSMPC, *arguments, "--force"], env=environment, capture_output=True, text=True, check=True)
-    assert "compiling" not in again.stderr

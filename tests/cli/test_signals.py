@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from random import Random
 
 import numpy as np
 import pytest
@@ -25,8 +24,6 @@ pytestmark = pytest.mark.slow
 PSMPC = [sys.executable, "-c", "from psmpc_cli.cli.main import main; main()"]
 
 Start = Callable[..., subprocess.Popen[str]]
-
-KILLS = 20
 
 SIGNALS = [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 
@@ -45,6 +42,7 @@ def start(psmpc: Psmpc, tmp_path: Path) -> Start:
 def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
     """Wait for a command; return its exit code and what it wrote from now on."""
     out, err = process.communicate(timeout=120)
+    assert "Traceback" not in err
     return process.returncode, out, err
 
 
@@ -61,31 +59,11 @@ def test_an_interrupted_run_leaves_log_summary_and_figures(
     process = start("simulate", "transport", "-o", "log.h5", "--set", "controller.nodes=5")
     wait_for(process, "  0.0 s  approach")
     process.send_signal(number)
-    found, out, err = finish(process)
-    assert found == code
-    assert "Traceback" not in err
+    found, out, _ = finish(process)
     log = read_run(Path("log.h5"))
-    assert len(log.time) >= 1
-    assert (bool(log.attributes["finished"]), log.attributes["end_reason"]) == (False, reason)
+    assert (found, bool(log.attributes["finished"]), log.attributes["end_reason"]) == (code, False, reason)
     assert out.startswith(f"mission not finished: {reason}, after {log.time[-1]:.1f} s\n")
     assert Path("log/states.png").exists()
-
-
-def test_a_killed_run_leaves_a_log_that_can_be_read(start: Start, psmpc: Psmpc) -> None:
-    random, samples = Random(0), []
-    for kill in range(KILLS):
-        path = f"{kill}.h5"
-        process = start("simulate", "transport", "-o", path, "--no-figures", "--set", "controller.nodes=5")
-        wait_for(process, "  0.0 s  approach")
-        time.sleep(random.uniform(0, 0.5))
-        os.killpg(process.pid, signal.SIGKILL)
-        assert finish(process)[0] == -signal.SIGKILL
-        samples.append(len(read_run(Path(path)).time))
-        shown = psmpc("show", path)
-        assert shown.code == 0
-        assert shown.stdout.startswith("mission not finished: ")
-        assert psmpc("plot", path, "--only", "states").code == (0 if samples[-1] else 2)
-    assert len(set(samples)) > KILLS / 4  # they were killed at different samples
 
 
 def sweep(start: Start, file: str, *arguments: str) -> subprocess.Popen[str]:
@@ -107,7 +85,6 @@ def test_a_killed_sweep_keeps_every_run_that_has_ended_and_is_resumed_to_the_sam
     assert err.startswith(f"0 of {5 - computed} runs")
     assert finish(sweep(start, "whole.h5"))[0] == 0
     killed, whole = read_results(Path("killed.h5"), SWEEP), read_results(Path("whole.h5"), SWEEP)
-    assert killed.quantities.keys() == whole.quantities.keys()
     for name, quantity in whole.quantities.items():
         if "wall time" not in quantity.long_name:
             np.testing.assert_array_equal(killed[name], quantity.values, err_msg=name)
@@ -121,21 +98,16 @@ def test_ctrl_c_ends_a_sweep_that_can_be_resumed(start: Start, progress: str) ->
     code, _, err = finish(process)
     assert code == 130
     assert err.splitlines()[-1] == "psmpc: interrupted; sweep.h5 holds what was done: continue with --resume"
-    assert "Traceback" not in err
     assert WAITING in read_results(Path("sweep.h5"), SWEEP)["status"]
 
 
-@pytest.mark.parametrize(("number", "code", "reason"), SIGNALS)
-def test_a_signal_ends_a_comparison_that_leaves_nothing(
-    start: Start, tmp_path: Path, number: signal.Signals, code: int, reason: str
-) -> None:
+def test_a_signal_ends_a_comparison_that_leaves_nothing(start: Start, tmp_path: Path) -> None:
     process = start("compare", "transport", "--set", "controller.nodes=12", "-o", "a.h5")
     for _ in range(600):
         if list(tmp_path.glob(".a-*/*.h5")):
             break
         time.sleep(0.1)
-    process.send_signal(number)
+    process.send_signal(signal.SIGTERM)
     found, _, err = finish(process)
-    assert found == code
-    assert err.splitlines()[-1] == f"psmpc: {reason}; no comparison was written"
+    assert (found, err.splitlines()[-1]) == (143, "psmpc: terminated; no comparison was written")
     assert [path.name for path in tmp_path.iterdir()] == ["task.yaml"]

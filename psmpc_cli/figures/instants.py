@@ -1,12 +1,11 @@
 """Planned switch times, the stages' shares and solve times over time. Paper Figs. 1 and 11."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -35,23 +34,23 @@ def plot_instants(run: Run) -> Figure:
     A switch happens when its planned time meets the line of the present time; the horizon ends T_h above that line.
     The second panel is there only if a planned switch happened.
     """
-    instants, switches = run["window/instants"], run.stages["switch_time"]
-    planned = [stage for stage in range(len(run.problem.stages)) if _planned(run, stage).any()]
+    planned, switches = _planned([run]), run.stages["switch_time"]
     happened = [stage for stage in planned if np.isfinite(switches[stage])]
     timeline = open_timeline(run, 2 if happened else 1, 1.5)
-    above: Axes = timeline.panels[0, 0]
+    above, below = timeline.panels[0, 0], timeline.panels[-1, 0]
     ends, horizon = np.array([run.motion.time[0], run.motion.end]), run.task.spec.controller.horizon
     above.plot(ends, ends, zorder=1.5, **PRESENT)
     above.plot(ends, ends + horizon, linestyle=DASHED, zorder=1.5, **PRESENT)
     above.set_ylim(ends[0], ends[1] + horizon)
     for stage in planned:
-        _plot_stage(above, run, stage, instants[:, stage], _stage_label(run, stage, len(planned)))
+        time, instant = _planned_end(run, stage)
+        look: dict[str, Any] = {"markevery": [0], "linewidth": 1.3, **style.mark_look(stage)}
+        above.plot(time, instant, label=style.readable(run.stage_names[stage]), **look)
+        if stage in happened:
+            below.plot(time, 1e3 * (instant - switches[stage]), **look)
     above.plot(switches, switches, "o", color="black", markerfacecolor="white", markersize=3.5, zorder=3)
     timeline.label(0, "Planned switch\ntime (s)", "" if planned else "no switch time was planned")
     if happened:
-        below: Axes = timeline.panels[1, 0]
-        for stage in happened:
-            _plot_stage(below, run, stage, 1e3 * (instants[:, stage] - switches[stage]), "_")
         below.axhline(0.0, zorder=1.5, **PRESENT)
         below.set_ylabel("Planned minus\nactual (ms)")
     return timeline.finish(
@@ -63,78 +62,49 @@ def plot_instants(run: Run) -> Figure:
     )
 
 
-def _planned(run: Run, stage: int) -> np.ndarray:
-    """Return at which samples (K,) the end of a stage was planned."""
-    return np.asarray(np.isfinite(run["window/instants"][:, stage]))
+def _planned(runs: Iterable[Run]) -> list[int]:
+    """Return the stages whose end any of these runs planned."""
+    return sorted({int(s) for run in runs for s in np.flatnonzero(np.isfinite(run["window/instants"]).any(axis=0))})
 
 
-def _stage_label(run: Run, stage: int, count: int) -> str:
-    """Return a stage's name in a legend of so many stages, or its number where there are too many for names."""
-    return style.readable(run.stage_names[stage]) if count <= 6 else str(stage + 1)
-
-
-def _plot_stage(axes: Axes, run: Run, stage: int, values: np.ndarray, label: str) -> None:
-    """Plot a stage's values (K,) at the samples at which its end was planned, the first with a marker."""
-    which = _planned(run, stage)
-    look: dict[str, Any] = {
-        "color": style.PALETTE[stage % len(style.PALETTE)],
-        "marker": style.MARKERS[stage % len(style.MARKERS)],
-    }
-    axes.plot(run.time[which], values[which], label=label, markevery=[0], linewidth=1.3, **look)
+def _planned_end(run: Run, stage: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the samples at which the end of a stage was planned, and for when, (K,) [s] each."""
+    instants = run["window/instants"][:, stage]
+    return run.time[np.isfinite(instants)], instants[np.isfinite(instants)]
 
 
 def plot_compared_instants(runs: Mapping[str, Run]) -> Figure:
     """Plot the planned switch times of several runs [s], and by stage how far they are from the actual one [ms]."""
-    first = next(iter(runs.values()))
-    planned = [s for s in range(len(first.problem.stages)) if any(_planned(run, s).any() for run in runs.values())]
+    planned, names = _planned(runs.values()), next(iter(runs.values())).stage_names
     across = min(ACROSS, len(planned)) or 1
     rows = -(-len(planned) // across)
     figure = style.new_figure(2.2 + rows * (1.5 + style.LINE) + 0.8, style.PAGE)
     grid = figure.add_gridspec(1 + rows, across, height_ratios=[2.2] + [1.5] * rows)
-    _plot_overview(figure.add_subplot(grid[0, :]), runs)
+    overview, end = figure.add_subplot(grid[0, :]), max(run.motion.end for run in runs.values())
+    overview.plot([0.0, end], [0.0, end], zorder=1.5, **PRESENT)
+    overview.set(xlim=(0.0, end * 1.012), ylim=(0.0, end * 1.05), xlabel="Time (s)", ylabel="Planned switch\ntime (s)")
     shared: Axes | None = None
     for i, stage in enumerate(planned):
         axes = figure.add_subplot(grid[1 + i // across, i % across], sharey=shared, sharex=shared)
         shared = shared or axes
         axes.axhline(0.0, zorder=1.5, **PRESENT)
         for number, run in enumerate(runs.values()):
-            which, end = _planned(run, stage), float(run.stages["switch_time"][stage])
-            if which.any() and np.isfinite(end):
-                difference = run["window/instants"][which, stage] - end
-                axes.plot(run.time[which] - end, 1e3 * difference, linewidth=1.3, **style.line_look(number))
-        axes.set_title(f"end of {style.readable(first.stage_names[stage])}", fontsize=style.TEXT, pad=3)
+            (time, instant), end = _planned_end(run, stage), float(run.stages["switch_time"][stage])
+            overview.plot(time, instant, linewidth=1.3, **style.line_look(number))
+            if np.isfinite(end):
+                axes.plot(time - end, 1e3 * (instant - end), linewidth=1.3, **style.line_look(number))
+        axes.set_title(f"end of {style.readable(names[stage])}", fontsize=style.TEXT, pad=3)
         axes.set_xlabel("Time minus actual end (s)")
-        if i % across == 0:
-            axes.set_ylabel("Planned minus\nactual (ms)")
-        else:
-            axes.tick_params(labelleft=False)
-    looks = (style.line_look(i) | _hollow(i) for i in range(len(runs)))
-    handles = [style.entry(style.title_of(name), linewidth=1.3, **look) for name, look in zip(runs, looks, strict=True)]
+        axes.set_ylabel("Planned minus\nactual (ms)")
+        axes.label_outer()
+    handles: list[Artist] = []
+    for number, (name, run) in enumerate(runs.items()):
+        hollow = {"markersize": 4.5, "markeredgewidth": 0.9, "markerfacecolor": "none", **style.mark_look(number)}
+        switches = run.stages["switch_time"]
+        overview.plot(switches, switches, zorder=3, **hollow, linestyle="none")
+        handles.append(style.entry(style.title_of(name), linewidth=1.3, **hollow | style.line_look(number)))
     style.add_legend(figure, [*handles, style.entry("present time; markers: actual switches", **PRESENT)])
     return figure
-
-
-def _plot_overview(axes: Axes, runs: Mapping[str, Run]) -> None:
-    """Plot the planned switch times over time, up to the line of the present time, where they happen."""
-    end = max(run.motion.end for run in runs.values())
-    axes.plot([0.0, end], [0.0, end], zorder=1.5, **PRESENT)
-    for i, run in enumerate(runs.values()):
-        for stage in range(len(run.problem.stages)):
-            which = _planned(run, stage)
-            axes.plot(run.time[which], run["window/instants"][which, stage], linewidth=1.3, **style.line_look(i))
-        switches = run.stages["switch_time"]
-        axes.plot(switches, switches, linestyle="none", zorder=3, **_hollow(i))
-    axes.set_xlim(0.0, end * 1.012)
-    axes.set_ylim(0.0, end * 1.05)
-    axes.set_xlabel("Time (s)")
-    axes.set_ylabel("Planned switch\ntime (s)")
-
-
-def _hollow(index: int) -> dict[str, Any]:
-    """Return the look of a run's hollow markers."""
-    color = style.line_look(index)["color"]
-    marker = {"marker": style.MARKERS[index % len(style.MARKERS)], "markersize": 4.5, "markeredgewidth": 0.9}
-    return {**marker, "color": color, "markerfacecolor": "none"}
 
 
 def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
@@ -154,7 +124,7 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
         for axes, run, values in zip(timeline.panels[row], columns, found, strict=True):
             _plot_stack(axes, run, values)
         timeline.panels[row, 0].set_ylabel(f"Share in the\n{whole} (%)")
-    timeline.label(0, f"Share in the\n{COST} (%)", handle=1.2)
+    timeline.label(0, f"Share in the\n{COST} (%)")  # one legend serves both rows
     handles: list[Artist] = []
     if any(len(run.spans) > 1 for run in columns):
         handles.append(style.entry("switch", color="black", linewidth=0.6))
@@ -173,7 +143,7 @@ def cost_shares(run: Run) -> np.ndarray:
 
 def _plot_stack(axes: Axes, run: Run, shares: np.ndarray) -> None:
     """Stack the shares (K, S), a step a sample, and mark when stages end and when the next one starts early."""
-    last, count = run.time[-1], len(run.problem.stages)
+    last = run.time[-1]
     edges = np.r_[run.time, run.motion.end if run.motion.end > last else last + run.task.spec.controller.sample_time]
     top = np.zeros(len(run.time))
     for stage in map(int, np.flatnonzero(np.any(np.isfinite(shares), axis=0))):
@@ -183,12 +153,12 @@ def _plot_stack(axes: Axes, run: Run, shares: np.ndarray) -> None:
             edges,
             baseline=bottom,
             fill=True,
-            facecolor=_tint(style.PALETTE[stage % len(style.PALETTE)]),
+            facecolor=(style.PALETTE[stage % len(style.PALETTE)], 0.75),
             edgecolor="white",
             linewidth=0.0,
             zorder=1,
             hatch=HATCHES[stage % len(HATCHES)],
-            label=_stage_label(run, stage, count),
+            label=style.readable(run.stage_names[stage]),
         )
     for span in run.spans:
         if span.index:
@@ -196,11 +166,6 @@ def _plot_stack(axes: Axes, run: Run, shares: np.ndarray) -> None:
         if span.early is not None:
             axes.axvline(span.early, color="black", linestyle=DOTTED, linewidth=0.8)
     axes.set_ylim(0, 100)
-
-
-def _tint(color: str) -> tuple[float, ...]:
-    """Return a colour mixed with white: filled areas need less of it than lines."""
-    return tuple(0.75 * part + 0.25 for part in to_rgb(color))
 
 
 def plot_solve_time(run: Run) -> Figure:
@@ -212,22 +177,18 @@ def plot_solve_time(run: Run) -> Figure:
     counts = np.unique(count[solved])
     for i, stages in enumerate(counts):
         which = solved & (count == stages)
-        look: dict[str, Any] = {
-            "color": style.PALETTE[i % len(style.PALETTE)],
-            "marker": style.MARKERS[i % len(style.MARKERS)],
-        }
         label = f"{stages} stage{'s' if stages > 1 else ''}{' in the window' if stages == counts[-1] else ''}"
         for axes, values in ((above, wall), (below, iterations)):
-            axes.plot(time[which], values[which], label=label, linestyle="none", markersize=1.8, **look)
+            axes.plot(time[which], values[which], label=label, linestyle="none", markersize=1.8, **style.mark_look(i))
     limit = run.task.spec.controller.sample_time * 1e3
     above.axhline(limit, **PRESENT)
     style.make_logarithmic(above)
     above.margins(y=0.1)
-    below.set_ylabel("Iterations\nof the solve")
+    below.set_ylabel("Iterations of\nthe solve (1)")
     below.margins(y=0.1)
     below.set_ylim(bottom=0)
     below.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, steps=[1, 2, 5, 10]))
-    timeline.label(0, "Solve time\n(ms)", handle=0.8)
+    timeline.label(0, "Solve time\n(ms)")
     handles = [style.entry(f"sample time, {limit:g} ms", **PRESENT)]
     failed = run["events/solve_failed"].astype(bool)
     if np.any(failed):

@@ -1,6 +1,7 @@
 """What the reproduction of the paper shows beside its claims, and the ablations of what departs from the paper."""
 
 from collections.abc import Mapping, Sequence
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -166,7 +167,7 @@ def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, 
 
 def _draw_schedule(axes: Axes, runs: Mapping[str, Sequence[Span]]) -> None:
     """Draw the stages of each run as numbered bars in a row with its name, and early starts below them."""
-    axes.set_yticks(range(len(runs)), [style.wrapped(name, 0.7) for name in runs])
+    axes.set_yticks(range(len(runs)), [fill(name, 12) for name in runs])
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(len(runs) - 0.5, -0.6)
     look: dict[str, Any] = {"edgecolor": style.EDGE, "linewidth": 0.5}
@@ -279,7 +280,7 @@ def _plot_over_time(rows: tuple[Axes, Axes], panels: Panels, letters: str = "ab"
     above.tick_params(labelbottom=False)
     above.margins(x=0.012)
     below.set_xlabel("Time (s)")
-    style.panel_legend(above, f"({letters[0]})", 0.9)
+    style.panel_legend(above, f"({letters[0]})")
     style.panel_legend(below, f"({letters[1]})")
 
 

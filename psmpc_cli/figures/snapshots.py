@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from string import ascii_lowercase
+from textwrap import fill
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -87,7 +88,8 @@ def _panels(view: View, titles: Sequence[str], columns: int, width: float) -> tu
     Titles are broken between words to the width of a panel.
     """
     across, rows = (width - AROUND) / columns, -(-len(titles) // columns)
-    broken = ["\n".join(style.wrapped(line, across - 0.05) for line in title.split("\n")) for title in titles]
+    characters = int(across / style.CHARACTER)
+    broken = ["\n".join(fill(line, characters) for line in title.split("\n")) for title in titles]
     lines = 1 + max(title.count("\n") for title in broken)
     figure = style.new_figure(rows * (across * view.aspect + lines * style.LINE + 0.08) + AXIS, width)
     grid: np.ndarray = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()

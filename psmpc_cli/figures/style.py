@@ -11,14 +11,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.textpath import TextPath
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 COLUMN, PAGE = 3.5, 7.16
 """Widths of one column and of a page of two columns [in]."""
 
-AXIS_WIDTH = 2.75
+AXIS_WIDTH = 2.85
 """About the width of the axes in one column [in]: what names and legends have to fit."""
+
+CHARACTER = 0.056
+"""Width of a character of the smallest text, about [in]."""
+
+MOST_COLUMNS = 8
+"""Most columns of a legend."""
 
 TEXT = 7.0
 """Smallest text [pt]."""
@@ -47,9 +52,6 @@ TITLES = {"psmpc": "PSMPC", "smpc": "SMPC", "htmpc": "HTMPC", "hard": "Hard swit
 
 LINE = 0.125
 """Height of a line of text [in]."""
-
-HANDLE, LEGEND_GAP = 1.7, 0.12
-"""Length of the lines in a legend [em]; of the gap between two entries [in]."""
 
 STAGE, EARLY, EDGE, BODY, OBJECT = "#ECECEC", "#FAD28A", "#444444", "#C9D3DA", "#F5EDA0"
 """Colours of every other stage, a stage that acts early, limits and outlines, the base, the object."""
@@ -82,9 +84,9 @@ STYLE: Mapping[str, Any] = {
     "legend.frameon": False,
     "legend.borderpad": 0.1,
     "legend.borderaxespad": 0.2,
-    "legend.handlelength": HANDLE,
+    "legend.handlelength": 1.5,
     "legend.handletextpad": 0.5,
-    "legend.columnspacing": 1.1,
+    "legend.columnspacing": 0.9,
     "legend.labelspacing": 0.25,
     "lines.linewidth": 1.1,
     "lines.markersize": 3.0,
@@ -120,6 +122,11 @@ def line_look(index: int) -> dict[str, Any]:
     return {"color": PALETTE[index % len(PALETTE)], "linestyle": DASHES[index % len(DASHES)]}
 
 
+def mark_look(index: int) -> dict[str, Any]:
+    """Return colour and marker of what has this place in its panel."""
+    return {"color": PALETTE[index % len(PALETTE)], "marker": MARKERS[index % len(MARKERS)]}
+
+
 def readable(name: str) -> str:
     """Return a name from a specification as words, such as arm 1 for arm_1; a very long one without its middle."""
     words = name.replace("_", " ")
@@ -132,32 +139,6 @@ def title_of(controller: str) -> str:
     return TITLES.get(controller, readable(controller))
 
 
-def text_width(text: str) -> float:
-    """Return the width of a text in the smallest size [in]."""
-    return float(TextPath((0, 0), text, size=TEXT).get_extents().width) / 72 if text.strip() else 0.0
-
-
-def wrapped(text: str, width: float) -> str:
-    """Break a text between words into lines no wider than this [in], as far as its words allow."""
-    lines = [""]
-    for word in text.split(" "):
-        longer = f"{lines[-1]} {word}".lstrip()
-        if lines[-1] and text_width(longer) > width:
-            lines.append(word)
-        else:
-            lines[-1] = longer
-    return "\n".join(lines)
-
-
-def legend_columns(labels: Iterable[str], width: float, handle: float = HANDLE) -> int:
-    """Return in how many columns these entries of a legend, with lines of length `handle` [em], fit a width [in]."""
-    line = (handle + 0.5) * TEXT / 72
-    widths = [line + text_width(label) + LEGEND_GAP for label in labels]
-    if sum(widths) <= width + LEGEND_GAP:
-        return max(1, len(widths))
-    return max(1, int((width + LEGEND_GAP) / max(widths)))
-
-
 def entry(label: str, **look: Any) -> Line2D:
     """Return a legend entry for a line or a marker."""
     return Line2D([], [], label=label, **look)
@@ -168,34 +149,35 @@ def patch_entry(label: str, **look: Any) -> Patch:
     return Patch(label=label, **{"edgecolor": EDGE, "linewidth": 0.4, **look})
 
 
-def add_legend(figure: Figure, handles: Iterable[Artist], above: bool = False, room: float = 0.1) -> None:
-    """Write a legend, each label once, below or above all axes, and make the figure taller by its height.
-
-    No entry uses `room` [in] of the figure's width.
-    """
-    place: Any = "outside upper center" if above else "outside lower center"
+def add_legend(figure: Figure, handles: Iterable[Artist], above: bool = False) -> None:
+    """Write a legend, each label once, below or above all axes, and make the figure taller by its height."""
     entries = {str(handle.get_label()): handle for handle in handles}
-    if not entries:
-        return
-    columns = legend_columns(entries, figure.get_figwidth() - room)
-    rows = -(-len(entries) // columns)
-    figure.set_figheight(figure.get_figheight() + rows * LINE + 0.08)
-    figure.legend(handles=list(entries.values()), loc=place, ncols=columns)
+    if entries:
+        place = "outside upper center" if above else "outside lower center"
+        height = _fit_legend(figure, figure, figure.get_figwidth() - 0.05, handles=list(entries.values()), loc=place)
+        figure.set_figheight(figure.get_figheight() + height + 0.05)
 
 
-def panel_legend(axes: Axes, note: str = "", handle: float = HANDLE) -> None:
-    """Write a note and the legend, with lines of length `handle` [em], above a panel, where they cover no curve."""
-    axes.set_title(note, loc="left", pad=3.5, fontsize=TEXT)
-    handles, labels = axes.get_legend_handles_labels()
-    if not handles:
-        return
-    fitting = legend_columns(labels, AXIS_WIDTH - text_width(note), handle)
-    rows = -(-len(handles) // fitting)
-    columns = -(-len(handles) // rows)
-    figure = axes.get_figure(root=True)
-    if figure is not None:
-        figure.set_figheight(figure.get_figheight() + (rows - 1) * LINE)
-    axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, handlelength=handle)
+def panel_legend(axes: Axes, note: str = "") -> None:
+    """Write a note and the legend above a panel, where they cover no curve; rows after the first make room."""
+    figure: Any = axes.figure
+    written = axes.set_title(note, loc="left", pad=3.5, fontsize=TEXT)
+    if axes.get_legend_handles_labels()[0]:
+        width = AXIS_WIDTH - written.get_window_extent().width / figure.dpi
+        height = _fit_legend(figure, axes, width, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+        figure.set_figheight(figure.get_figheight() + max(height - LINE, 0.0))
+
+
+def _fit_legend(figure: Figure, host: Figure | Axes, width: float, **look: Any) -> float:
+    """Write the legend of a figure or panel in as many columns as fit a width [in]; return its height [in]."""
+    for columns in range(MOST_COLUMNS, 0, -1):
+        legend = host.legend(ncols=columns, **look)
+        size = legend.get_window_extent()
+        if size.width <= width * figure.dpi:
+            break
+        if columns > 1:
+            legend.remove()
+    return float(size.height / figure.dpi)
 
 
 def point_if_alone(time: np.ndarray) -> str:

@@ -87,7 +87,7 @@ def plot_surface(cells: SweepCells) -> Figure:
     if cells.waiting.any():
         handles.append(style.entry("blank: waiting", linestyle="none"))
     _set_space(axes, cells, scale)
-    style.add_legend(figure, handles, True, 0.4)
+    style.add_legend(figure, handles, above=True)
     return figure
 
 
@@ -148,7 +148,7 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
         rows[2].yaxis.set_major_locator(MaxNLocator(nbins=5, prune="lower"))
         style.panel_legend(rows[2])
     _mark_failed(rows[0], cells)
-    style.panel_legend(rows[0], handle=1.0)
+    style.panel_legend(rows[0])
     rows[-1].set_xlabel("Ratio of the priorities, ω₂/ω₁ (1)")
     figure.align_ylabels()
     return figure
@@ -195,7 +195,7 @@ def _finish_plane(figure: Figure, axes: Axes, cells: SweepCells, scale: Normaliz
         bar.set_label(_start_label(cells))
         bar.ax.set_title("$t_s$", fontsize=style.TEXT, pad=3)
         bar.ax.set_xlabel(FLOOR, fontsize=style.TEXT, labelpad=4, loc="left")
-    style.add_legend(figure, handles, True, 0.4)
+    style.add_legend(figure, handles, above=True)
 
 
 def _count_decades(axis: Axis, most: int = 7) -> None:

@@ -76,15 +76,9 @@ def test_bars_of_stages_that_overlap_have_rows_of_their_own(load: Load, early: d
 
 
 @pytest.mark.slow
-def test_the_strip_names_the_stages_or_numbers_them_with_a_key(
-    run: Run, load: Load, many_stages: dict[str, Any]
-) -> None:
+def test_the_strip_names_every_stage(run: Run, load: Load, many_stages: dict[str, Any]) -> None:
     assert strip_texts(plot_states(run)) == ["approach", "capture", "transport", "release"]
-    figure = plot_instants(load(**many_stages))
-    assert strip_texts(figure) == [str(number) for number in range(1, 15)]
-    keys = [text for text in common_legend(figure) if ":" in text]
-    assert [key.split(":")[0] for key in keys] == strip_texts(figure)
-    assert len({key.split(":")[1] for key in keys}) == 14
+    assert len(set(strip_texts(plot_instants(load(**many_stages))))) == 14
 
 
 def test_states_are_drawn_to_the_end_of_the_run(run: Run) -> None:

@@ -37,6 +37,7 @@ SEEN: Mapping[str, Any] = {"color": "#7A7A7A", "linewidth": 0.55}
 LIMIT: Mapping[str, Any] = {"color": style.EDGE, "linewidth": 0.7}
 """Look of limits and tolerances."""
 
+
 def plot_states(runs: Run | Mapping[str, Run]) -> Figure:
     """Plot base pose [m, rad] and joint angles [rad], of a run or of several side by side. Paper Figs. 8 to 10.
 

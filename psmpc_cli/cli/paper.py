@@ -1,7 +1,6 @@
 """The paper's claims, published against reproduced: `psmpc reproduce`."""
 
 from datetime import UTC, datetime
-from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +10,7 @@ from psmpc_cli.cli.options import Changes, Force, Jobs, Quiet, output_folder, ou
 from psmpc_cli.errors import InputError
 
 if TYPE_CHECKING:
-    from psmpc_cli.studies.reproduce import Reproduction
+    from psmpc_cli.studies.judge import Reproduction
 
 REPORT = "report.html"
 
@@ -29,82 +28,52 @@ def reproduce(
     quiet: Quiet = False,
 ) -> None:
     """Run what the paper's claims need: a table of published against reproduced, and a report with the figures."""
+    from psmpc_cli.cli.progress import ending_on_signals, live_line
     from psmpc_cli.figures.registry import draw
     from psmpc_cli.report.reproduction import build_report
-    from psmpc_cli.studies.reproduce import as_data, load_weights_sweep
+    from psmpc_cli.studies import reproduce as study
 
-    load_weights_sweep(changes or [], weights)
     folder = output_folder(output, "reproduce", force)
     if json is not None and (json.is_dir() or (json.exists() and not force)):
         raise InputError(f"{json} exists already: choose another file with --json, or overwrite it with --force")
-    reproduction = _run(folder, changes or [], weights, fronts, ablations, force, jobs, quiet)
+    with ending_on_signals("no report was written"), live_line(quiet) as show:
+        made = study.reproduce(folder, changes or [], weights, fronts, ablations, force, jobs, show)
     created = datetime.now(UTC).isoformat(timespec="seconds")
-    _write(folder / REPORT, build_report(reproduction, created))
-    for ablation in reproduction.ablations:
+    _write(folder / REPORT, build_report(made, created).encode())
+    for ablation in made.ablations:
         draw("ablations", ablation.panels, folder, only=[f"ablation_{ablation.name}"], force=True)
     if json is not None:
-        _write(json, dumps(as_data(reproduction, created), indent=2, allow_nan=False) + "\n")
+        _write(json, study.claims_json(made, created))
     if not quiet:
-        _print_claims(reproduction)
+        _print_claims(made)
         typer.echo(f"report: {folder / REPORT}")
-    if strict and reproduction.failing:
+    if strict and made.failing:
         raise typer.Exit(1)
 
 
-def _run(
-    directory: Path,
-    changes: list[str],
-    weights: str,
-    fronts: int,
-    ablations: bool,
-    force: bool,
-    jobs: int | None,
-    quiet: bool,
-) -> "Reproduction":
-    """Run everything with its progress; a signal ends it, and no report is written."""
-    from psmpc_cli.cli.progress import ended_runs, ending_on_signals, watched_study
-    from psmpc_cli.studies.reproduce import METHODS, ablate, find_fronts, judge_claims, run_methods, sweep_weights
-
-    def echo(line: str) -> None:
-        if not quiet:
-            typer.echo(line, err=True)
-
-    def front_found(instant: float, ended: int, count: int) -> None:
-        echo(f"fronts: {instant:.1f} s done, {ended} of {count}")
-
-    with ending_on_signals("no report was written"):
-        with ended_runs(quiet, len(METHODS)) as done:
-            logs = run_methods(directory, changes, force, jobs, done)
-        with watched_study(quiet, "cells failed") as watch:
-            cells = sweep_weights(directory, changes, weights, force, jobs, watch)
-        results = find_fronts(directory, logs["psmpc"], fronts, force, jobs, front_found)
-        departures = ablate(directory, changes, jobs, lambda name: echo(f"ablations: {name} done")) if ablations else ()
-        return judge_claims(logs, cells, results, changes, departures)
-
-
-def _print_claims(reproduction: "Reproduction") -> None:
+def _print_claims(made: "Reproduction") -> None:
     """Print every claim, and why some do not hold or are earlier than published."""
     from psmpc_cli.cli.tables import print_table
     from psmpc_cli.studies.claims import HEADINGS
     from psmpc_cli.studies.weights import guidance
 
-    print_table(HEADINGS, [tuple(finding.row.values()) for finding in reproduction.findings], left=1)
-    for finding in reproduction.findings:
+    print_table(HEADINGS, [finding.row for finding in made.findings], left=1)
+    for finding in made.findings:
         if finding.cause:
             holds = "holds" if finding.holds else "does not hold"
             typer.echo(f"\n{finding.claim.id} {holds}: {finding.claim.statement}")
             for point in finding.cause:
                 typer.echo(f"  - {point}")
-    typer.echo(f"\nweights: {guidance(reproduction.weights)}")
-    for ablation in reproduction.ablations:
+    typer.echo(f"\nweights: {guidance(made.weights)}")
+    for ablation in made.ablations:
         typer.echo(f"\nwithout our {ablation.name.replace('_', ' ')}: {ablation.sentence}")
-    count = len(reproduction.findings)
-    typer.echo(f"\n{count - len(reproduction.failing)} of {count} claims hold")
+    count = len(made.findings)
+    typer.echo(f"\n{count - len(made.failing)} of {count} claims hold")
 
 
-def _write(path: Path, text: str) -> None:
+def _write(path: Path, text: bytes) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+        path.write_bytes(text)
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror or error}") from None

@@ -6,11 +6,13 @@ Nothing here draws: an `Ablation` carries plain arrays, and `psmpc_cli.figures.r
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
+from scipy.signal import find_peaks
 
 from psmpc_cli.logs.run import Run, read_run
-from psmpc_cli.specs.load import Task, parse_task
+from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.compare import run_variants
 from psmpc_cli.studies.one_window import (
     OneWindow,
@@ -22,19 +24,14 @@ from psmpc_cli.studies.one_window import (
     scan_instants,
     with_priorities,
 )
+from psmpc_cli.studies.runner import changed
 
 Curve = tuple[np.ndarray, np.ndarray]
 Curves = Mapping[str, Curve]
 Logs = Mapping[str, Run]
 
-OURS, EQUAL, PRINTED, NONE, RANGE, ALL_PRINTED = (
-    "ours",
-    "equal priorities",
-    "printed",
-    "none",
-    "range",
-    "range and printed",
-)
+OURS, EQUAL, PRINTED, NONE, RANGE = "ours", "equal priorities", "printed", "none", "range"
+ALL_PRINTED = "range and printed"
 
 EVERY_RUN = ("controller.kind=psmpc", "log.plans=false", "log.shares=false")
 
@@ -95,11 +92,7 @@ class Ablation:
 
 
 def run_ablations(
-    task: Task,
-    directory: Path,
-    jobs: int | None = None,
-    done: Callable[[str], None] = lambda name: None,
-    points: int = POINTS,
+    task: Task, jobs: int | None = None, done: Callable[[str], None] = lambda name: None, points: int = POINTS
 ) -> list[Ablation]:
     """Run a task of several stages under PSMPC as it is and with each departure taken back, and compare.
 
@@ -107,7 +100,6 @@ def run_ablations(
 
     Args:
         task: The task.
-        directory: Where the logs go; existing ones of the same name are overwritten.
         jobs: Number of parallel processes; default the number of cores.
         done: Called with the name of each run as it ends.
         points: Switch times at which J(t_s) is computed.
@@ -123,12 +115,10 @@ def run_ablations(
         for kind in DISCRETIZATIONS:
             changes = (f"controller.nodes={count}", f"controller.discretization={kind}")
             variants.setdefault(_on_mesh(kind, count, nodes), changes)
-    tasks = {
-        name: parse_task(task.task_yaml, task.robot_yaml, task.spec.name, (*converged, *EVERY_RUN, *changes))
-        for name, changes in variants.items()
-    }
-    logs = {name: read_run(path) for name, path in run_variants(tasks, directory, jobs, done).items()}
-    equal, ours = pick_window(logs[EQUAL]), pick_window(logs[OURS])
+    tasks = {name: changed(task, (*converged, *EVERY_RUN, *changes)) for name, changes in variants.items()}
+    with TemporaryDirectory(prefix="psmpc-ablations-") as folder:
+        logs = {name: read_run(path) for name, path in run_variants(tasks, Path(folder), jobs, done).items()}
+        equal, ours = pick_window(logs[EQUAL]), pick_window(logs[OURS])
     return [
         _pending_cost(logs, (equal, ours, with_priorities(ours, (1.0, 1.0))), points),
         _normalization(logs),
@@ -148,12 +138,11 @@ def _on_mesh(kind: str, count: int, nodes: int) -> str:
 
 def _pending_cost(logs: Logs, windows: Sequence[OneWindow], points: int) -> Ablation:
     """Compare the objective as printed, delta = 0, with ours: the runs, and J(t_s) in windows of other runs."""
-    runs = (PRINTED, OURS)
-    panels: dict[str, dict[str, Curve]] = {
-        **_over_time(logs, runs),
-        **{f"{what}, {name}": {} for what in ("J", "minima", "found") for name in runs},
-    }
-    numbers, said = _measured(logs, runs), []
+    runs = {PRINTED: "with the objective as printed", OURS: "with ours"}
+    panels = _over_time(logs, runs)
+    panels |= {f"{what}, {name}": {} for what in ("J", "minima", "found") for name in runs}
+    numbers = _measured(logs, runs)
+    said = [f"{words} {_described(numbers, name)}" for name, words in runs.items()]
     for one in windows:
         label, window = one.label, one.window
         scan = scan_instants(one, instant_grid(window.horizon, points))
@@ -166,20 +155,11 @@ def _pending_cost(logs: Logs, windows: Sequence[OneWindow], points: int) -> Abla
             for what, key, times in (("minima", "minimum of J for", lowest), ("found", "found for", found)):
                 panels[f"{what}, {name}"][label] = times, np.interp(times, scan.instants, cost / cost[0])
                 numbers |= {f"{key} {label}, {name}, {i}": float(time) for i, time in enumerate(times, start=1)}
-            guessed = sorted({f"{time:.2f}" for time in found})
             said.append(
-                f"with priorities {label} at {window.start:.1f} s, {name}: minimum after {_listed(lowest)} s, found "
-                f"{joined(guessed)} s"
+                f"with priorities {label} at {window.start:.1f} s, {name}: minima of J after {_listed(lowest)} s, the "
+                f"lowest first, found {_listed(np.unique(np.round(found, 2)))} s"
             )
-    sentence = (
-        "With the objective as printed (in parentheses: ours) the planned end of the current stage is at T_f in "
-        f"{numbers['at T_f, printed']:.0%} ({numbers['at T_f, ours']:.0%}) of the samples that have one and jumps "
-        f"{numbers['jumps, printed']:.0f} ({numbers['jumps, ours']:.0f}) times by more than {JUMP:g} s, the joints' "
-        f"control varies by {numbers['variation, printed']:.1f} ({numbers['variation, ours']:.1f}) rad/s^2, and the run"
-        f" {ending(numbers['end, printed'])} ({ending(numbers['end, ours'])}); minima of J over the switch time, the "
-        f"lowest first, and what the solver finds from {len(GUESSES)} guesses: {'; '.join(said)}."
-    )
-    return Ablation("pending_cost", sentence, panels, numbers)
+    return Ablation("pending_cost", _sentence(said), panels, numbers)
 
 
 def _normalization(logs: Logs) -> Ablation:
@@ -190,12 +170,11 @@ def _normalization(logs: Logs) -> Ablation:
         **_over_time(logs, FORMS),
     }
     said = [
-        f"{words} at {_listed([numbers[f'start of {stage}, {name}'] for stage in stages], 1)} s, the run "
-        f"{ending(numbers[f'end, {name}'])}, the planned switch time jumps {numbers[f'jumps, {name}']:.0f} times by "
-        f"more than {JUMP:g} s and the joints' control varies by {numbers[f'variation, {name}']:.1f} rad/s^2"
+        f"{words} {', '.join(stages)} start at {_listed([numbers[f'start of {stage}, {name}'] for stage in stages], 1)}"
+        f" s, {_described(numbers, name)}"
         for name, words in FORMS.items()
     ]
-    return Ablation("normalization", f"{joined(stages).capitalize()} start {'; '.join(said)}.", panels, numbers)
+    return Ablation("normalization", _sentence(said), panels, numbers)
 
 
 def _discretization(logs: Logs, one: OneWindow, nodes: int) -> Ablation:
@@ -203,22 +182,21 @@ def _discretization(logs: Logs, one: OneWindow, nodes: int) -> Ablation:
     counts = meshes(nodes)
     panels: dict[str, dict[str, Curve]] = {"error": {}, "missed": {}, "end": {}}
     numbers: dict[str, float] = {}
-    for kind in DISCRETIZATIONS:
-        errors, missed = np.array([on_mesh(one, count, kind) for count in counts]).T
-        ends = np.array([_end(logs[_on_mesh(kind, count, nodes)]) for count in counts])
-        for panel, values in (("error", errors), ("missed", missed), ("end", ends)):
-            panels[panel][kind] = np.array(counts, float), values
-            numbers |= {f"{panel}, {kind}, {c} nodes": float(v) for c, v in zip(counts, values, strict=True)}
     said = []
-    for kind, words in (("euler", "Euler's"), ("exact", "the exact")):
-        (error, fine_error), (miss, fine_miss), (end, fine_end) = (panels[p][kind][1][[0, -1]] for p in panels)
+    for kind, words in (("exact", "the exact"), ("euler", "Euler's")):
+        ends = [_end(logs[_on_mesh(kind, count, nodes)]) for count in counts]
+        values = np.column_stack([[on_mesh(one, count, kind) for count in counts], ends])
+        for panel, column in zip(panels, values.T, strict=True):
+            panels[panel][kind] = np.array(counts, float), column
+            numbers |= {f"{panel}, {kind}, {c} nodes": float(v) for c, v in zip(counts, column, strict=True)}
+        (error, miss, end), (fine_error, fine_miss, fine_end) = values[0], values[-1]
         said.append(
             f"{words} prediction of a coordinate is off by {error:.2g} ({fine_error:.2g}) m or rad, its control leads "
             f"at t_s to {miss:.2g} ({fine_miss:.2g}) tolerances from the target, and the run {ending(end)} "
             f"({ending(fine_end)})"
         )
-    where = f"With N_s = {counts[0]} ({counts[-1]}) and in the window at {one.window.start:.1f} s"
-    return Ablation("discretization", f"{where} {'; '.join(said)}.", panels, numbers)
+    where = f"with N_s = {counts[0]} ({counts[-1]}), in the window at {one.window.start:.1f} s"
+    return Ablation("discretization", _sentence([f"{where}, {said[0]}", *said[1:]]), panels, numbers)
 
 
 def ahead(log: Run) -> Curve:
@@ -237,7 +215,7 @@ def variation(log: Run) -> Curve:
 def _over_time(logs: Logs, names: Iterable[str]) -> dict[str, dict[str, Curve]]:
     """Return the panels of runs over time: `ahead` with the end of their common horizon, and `variation`."""
     runs = {name: ahead(logs[name]) for name in names}
-    horizon = max(_horizon(logs[name]) for name in runs)
+    horizon = max(logs[name].task.spec.controller.horizon for name in runs)
     latest = max(float(time[-1]) for time, _ in runs.values())
     end = np.array([0.0, latest]), np.full(2, horizon)
     return {"instant": {**runs, END: end}, "variation": {name: variation(logs[name]) for name in runs}}
@@ -251,7 +229,7 @@ def _measured(logs: Logs, names: Iterable[str]) -> dict[str, float]:
         time, to_go = ahead(log)
         known, same = np.isfinite(to_go), np.diff(log["window/first"]) == 0
         moves = np.abs(np.diff(to_go + time))[same & known[1:] & known[:-1]]
-        late = to_go[known] >= _horizon(log) - JUMP / 2
+        late = to_go[known] >= log.task.spec.controller.horizon - JUMP / 2
         numbers |= {
             f"at T_f, {name}": float(np.mean(late)) if known.any() else 0.0,
             f"jumps, {name}": float(np.sum(moves > JUMP)),
@@ -262,8 +240,13 @@ def _measured(logs: Logs, names: Iterable[str]) -> dict[str, float]:
     return numbers
 
 
-def _horizon(log: Run) -> float:
-    return float(np.asarray(log.attributes["horizon"]))
+def _described(numbers: Mapping[str, float], name: str) -> str:
+    """Return what was measured of a run in words."""
+    return (
+        f"the run {ending(numbers[f'end, {name}'])}, the planned switch time is at T_f in "
+        f"{numbers[f'at T_f, {name}']:.0%} of the samples that have one and jumps {numbers[f'jumps, {name}']:.0f} "
+        f"times by more than {JUMP:g} s, and the joints' control varies by {numbers[f'variation, {name}']:.1f} rad/s^2"
+    )
 
 
 def _end(log: Run) -> float:
@@ -274,13 +257,9 @@ def _end(log: Run) -> float:
 
 def minima(scan: Scan) -> list[float]:
     """Return the switch times after T0 [s] at which J has a minimum, the lowest first, without shallow ones."""
-    J = np.r_[np.inf, scan.cost, np.inf]
-    places = [i for i in range(len(scan.cost)) if J[i] > J[i + 1] <= J[i + 2]]
-    lowest, *others = sorted(places, key=lambda i: float(scan.cost[i]))
-    least = PROMINENT * float(np.ptp(scan.cost))
-    ridges = {i: float(scan.cost[min(i, lowest) : max(i, lowest) + 1].max()) for i in others}
-    deep = [i for i in others if ridges[i] - float(scan.cost[i]) >= least]
-    return [float(scan.instants[i]) for i in (lowest, *deep)]
+    depth = np.r_[-np.inf, -scan.cost, -np.inf]  # J may be lowest at an end
+    places, _ = find_peaks(depth, prominence=PROMINENT * np.ptp(scan.cost))
+    return [float(scan.instants[i]) for i in sorted(places - 1, key=lambda i: float(scan.cost[i]))]
 
 
 def ending(time: float) -> str:
@@ -289,10 +268,9 @@ def ending(time: float) -> str:
 
 
 def _listed(times: Iterable[float], digits: int = 2) -> str:
-    return joined(f"{time:.{digits}f}" if np.isfinite(time) else "never" for time in times)
+    return ", ".join(f"{time:.{digits}f}" if np.isfinite(time) else "never" for time in times)
 
 
-def joined(words: Iterable[str]) -> str:
-    """Return words as a list in a sentence."""
-    *others, last = words
-    return f"{', '.join(others)} and {last}" if others else last
+def _sentence(parts: Sequence[str]) -> str:
+    text = "; ".join(parts)
+    return f"{text[0].upper()}{text[1:]}."

@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import get_args
@@ -21,15 +20,6 @@ CONTROLLERS: tuple[str, ...] = ("psmpc", "smpc", "htmpc", "hard")
 
 VARIED = "controller.kind"
 """The one key in which the tasks of a comparison differ."""
-
-
-@dataclass(frozen=True)
-class Variant:
-    """One run of several: its name, its task, and the path of its log."""
-
-    name: str
-    task: Task
-    path: Path
 
 
 def compare(
@@ -127,35 +117,20 @@ def run_variants(
     jobs: int | None = None,
     done: Callable[[str], None] = lambda name: None,
 ) -> dict[str, Path]:
-    """Run every variant of a task into a log of its own below `directory` and return the logs by name.
-
-    Args:
-        variants: Tasks by name.
-        directory: Where the logs go; existing ones of the same name are overwritten.
-        jobs: Processes; by default one for each core.
-        done: Called with the name of each variant that ends.
-
-    Raises:
-        RunError: A log could not be written, or a process was killed each time.
-    """
+    """Run every task as `compare_tasks` does, into a log of its own below a directory, and return the logs by name."""
     folder = directory.absolute()  # a process that is used again may be in another directory
     paths = {name: folder / f"{number}.h5" for number, name in enumerate(variants)}
-    chosen = [Variant(name, task, paths[name]) for name, task in variants.items()]
-    for index, name in compute(_run, chosen, jobs):
-        if name is None:
-            lost = chosen[index].name
+    names = list(variants)
+    for index, ended in compute(_run, [(variants[name], paths[name]) for name in names], jobs):
+        if ended is None:
+            lost = names[index]
             raise RunError(f"{lost}: its process was killed each time, perhaps for lack of memory: try fewer --jobs")
-        done(name)
+        done(names[index])
     return paths
 
 
-def _run(variant: Variant) -> str:
-    """Run one variant; its warnings are counted in its log."""
-    package = logging.getLogger("psmpc_cli")
-    level = package.level
-    package.setLevel(logging.ERROR)
-    try:
-        simulate(variant.task, variant.path, force=True)
-    finally:
-        package.setLevel(level)
-    return variant.name
+def _run(variant: tuple[Task, Path]) -> bool:
+    """Run a task in a process of its own; its warnings are counted in its log."""
+    logging.getLogger("psmpc_cli").setLevel(logging.ERROR)
+    simulate(*variant, force=True)
+    return True

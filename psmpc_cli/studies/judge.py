@@ -1,30 +1,142 @@
 """The rules that judge the paper's claims, and the computed causes of what does not hold: docs/reproduce.md."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
 
-from psmpc_cli.logs.summary import Summary
-from psmpc_cli.studies.claims import ROUNDING, Claim, Evidence, Finding, Moment, least_slack, settled, trends
-from psmpc_cli.studies.fronts import CLEARLY
-from psmpc_cli.studies.weights import along_ratio
+from psmpc_cli.logs.results import Results
+from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.summary import StageSummary, Summary
+from psmpc_cli.ocp.feasibility import earliest_ends
+from psmpc_cli.specs.coordinates import stack
+from psmpc_cli.studies.ablations import Ablation
+from psmpc_cli.studies.claims import Claim, Finding, load_claims
+from psmpc_cli.studies.fronts import CLEARLY, FrontMovement, front_movement
+from psmpc_cli.studies.weights import SweepCells, along_ratio
 
 ABSOLUTE, RELATIVE = 0.8, 0.05
 """Tolerance of a published time: this many seconds or this part of it, whichever is larger."""
+
+ROUNDING = 1e-9
+"""Times closer than this are the same [s]."""
+
+BETWEEN_SAMPLES = 1e-6
+"""Margin for a time on the grid of the samples [s]."""
 
 UNIT = "m/s^2, rad/s^2"
 
 NO_WINDOW = "no window of the PSMPC run holds the first two stages alone and was solved"
 
+ENDS = ("t1", "t2", "t3", "t_end")
+"""The times at which the stages end, as the paper writes them."""
 
-def judge(claim: Claim, evidence: Evidence) -> Finding:
-    """Return what becomes of a claim; without a cell that completed no claim on the weights holds."""
-    cells = evidence.weights
+REAL = "_real"
+"""Suffix of the actual start of the stage after such a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """The end of a stage of a run, such as t1, or the actual start of the one after it, t1_real."""
+
+    run: Run
+    summary: Summary
+    symbol: str
+
+    @property
+    def starts(self) -> bool:
+        """Whether it is an actual start."""
+        return self.symbol.endswith(REAL)
+
+    @property
+    def index(self) -> int:
+        """Index of the stage."""
+        return ENDS.index(self.symbol.removesuffix(REAL)) + self.starts
+
+    @property
+    def stage(self) -> StageSummary:
+        """The stage."""
+        return self.summary.stages[self.index]
+
+    @property
+    def time(self) -> float:
+        """When it happened [s]; NaN if it did not."""
+        return self.stage.actual_start if self.starts else self.stage.switch_time
+
+    @property
+    def end_before(self) -> "Moment":
+        """The end of the stage before one that starts."""
+        return Moment(self.run, self.summary, self.symbol.removesuffix(REAL))
+
+    def presence(self, before: float) -> float:
+        """Return the largest control that the waiting stage added before a time [s]; 0 if it added none."""
+        added = self.run["window/presence"][self.run.time < before, self.index]
+        return float(np.max(added[np.isfinite(added)], initial=0.0))
+
+    def __str__(self) -> str:
+        return f"{self.symbol} of {str(self.run.attributes['controller']).upper()}"
+
+
+@dataclass(frozen=True, eq=False)
+class Reproduction:
+    """What was run for the claims, and what became of them.
+
+    Attributes:
+        runs: By method.
+        weights: The sweep over the weights of Approach and Capture.
+        fronts: Their Pareto fronts in the PSMPC run; None if none of its windows holds both alone.
+        changes: Keys of the task that were changed.
+        ablations: The ablations of the PSMPC run, if they were run.
+    """
+
+    runs: Mapping[str, Run]
+    weights: SweepCells
+    fronts: Results | None
+    changes: tuple[str, ...] = ()
+    ablations: tuple[Ablation, ...] = ()
+
+    @cached_property
+    def summaries(self) -> dict[str, Summary]:
+        """The summaries of the runs."""
+        return {name: run.summary() for name, run in self.runs.items()}
+
+    @cached_property
+    def movement(self) -> FrontMovement | None:
+        """How the fronts move."""
+        return None if self.fronts is None else front_movement(self.fronts)
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """The judged claims."""
+        return tuple(judge(claim, self) for claim in load_claims())
+
+    @property
+    def failing(self) -> tuple[Finding, ...]:
+        """The claims that do not hold."""
+        return tuple(finding for finding in self.findings if not finding.holds)
+
+    def moments(self, claim: Claim) -> list[Moment]:
+        """Return the times that a claim reads, such as psmpc.t1_real."""
+        names = (name.partition(".") for name in claim.reads)
+        return [Moment(self.runs[method], self.summaries[method], symbol) for method, _, symbol in names]
+
+    def published(self, method: str, starts: bool) -> dict[str, float]:
+        """Return the published ends, or actual starts, of a method's stages [s]."""
+        claims = [claim for claim in load_claims() if claim.rule == "time" and claim.group == method]
+        moments = [(claim.number, moment) for claim in claims for moment in self.moments(claim)]
+        return {moment.stage.name: time for time, moment in moments if moment.starts == starts}
+
+
+def judge(claim: Claim, made: Reproduction) -> Finding:
+    """Judge a claim; without a cell that completed no claim on the weights holds."""
+    cells = made.weights
     if claim.group == "weights" and not cells.ended.any():
         reasons = sorted({str(reason) for reason in cells.of("reason")[cells.failed]})
-        return Finding(claim, float("nan"), False, "s", cause=("no cell of the sweep completed", *reasons))
-    return RULES[claim.rule](claim, evidence)
+        return Finding(claim, np.nan, False, cause=("no cell of the sweep completed", *reasons))
+    finding = RULES[claim.rule](claim, made)
+    return finding._replace(cause=() if finding.holds and not finding.earlier else tuple(filter(None, finding.cause)))
 
 
 def within(published: float) -> float:
@@ -32,173 +144,209 @@ def within(published: float) -> float:
     return max(ABSOLUTE, RELATIVE * published)
 
 
-def _setting(claim: Claim, evidence: Evidence) -> Finding:
+def _setting(claim: Claim, made: Reproduction) -> Finding:
     """All runs have the setting."""
-    (name,), published = claim.reads, _number(claim)
-    found = sorted({float(getattr(run, name)) for run in evidence.runs.values()})
-    reproduced = next((value for value in found if value != published), published)
-    holds = found == [published]
-    cause = () if holds else (f"the runs were made with {', '.join(f'{value:g}' for value in found)}",)
-    unit = "s" if name == "horizon" else ""
-    return Finding(claim, reproduced, holds, unit, reproduced - published, cause=cause)
+    values = {getattr(run.task.spec.controller, claim.reads[0]) for run in made.runs.values()}
+    found = sorted(np.nan if value == "auto" else float(value) for value in values)
+    reproduced = next((value for value in found if value != claim.number), claim.number)
+    cause = f"the runs were made with {', '.join(f'{value:g}' for value in found)}"
+    return Finding(claim, reproduced, found == [claim.number], reproduced - claim.number, cause=(cause,))
 
 
-def _time(claim: Claim, evidence: Evidence) -> Finding:
+def _time(claim: Claim, made: Reproduction) -> Finding:
     """A time is within its tolerance, or earlier if the mission succeeded."""
-    moment, published = evidence.moment(claim.reads[0]), _number(claim)
+    (moment,), published = made.moments(claim), claim.number
     difference, tolerance = moment.time - published, within(published)
     near = abs(difference) <= tolerance + ROUNDING
-    earlier = not near and difference < 0 and moment.run.summary.succeeded
-    cause = () if near else _cause_of_time(moment, published, evidence)
-    return Finding(claim, moment.time, near or earlier, "s", difference, tolerance, earlier, cause)
+    earlier = not near and difference < 0 and moment.summary.succeeded
+    cause = () if near else tuple(_why_off(moment, published, made.published(claim.group, starts=False)))
+    return Finding(claim, moment.time, near or earlier, difference, tolerance, earlier, cause)
 
 
-def _cause_of_time(moment: Moment, published: float, evidence: Evidence) -> tuple[str, ...]:
-    run, tolerance = moment.run, within(published)
+def _why_off(moment: Moment, published: float, ends: Mapping[str, float]) -> Iterator[str]:
+    """Give the causes of a difference from a published time; `ends` are all published ends of the method."""
     if np.isnan(moment.time):
-        return (_never(moment),)
-    late = moment.time > published
-    points = [] if late else [_earlier(run.summary)]
-    if moment.event == "start":
-        return *points, *_thresholds(moment, published - tolerance, published + tolerance)
-    points.append(_increments(moment, evidence))
-    if late and moment.stage in run.errors:
-        error = float(np.interp(published, *run.errors[moment.stage]))
+        yield _never(moment)
+        return
+    late, summary, tolerance = moment.time > published, moment.summary, within(published)
+    if not late and summary.succeeded:
+        yield "earlier than published, and the mission succeeded"
+    elif not late:
+        ended = "; ".join(mission_end(summary))
+        yield f"earlier than published does not count because the mission failed ({ended})"
+    if moment.starts:
+        yield from _thresholds(moment, published - tolerance, published + tolerance)
+        return
+    reached = zip(ENDS[: moment.index + 1], summary.stages, strict=False)
+    off = {symbol: stage.switch_time - ends.get(stage.name, np.nan) for symbol, stage in reached}
+    known = [("the start", 0.0), *((symbol, late) for symbol, late in off.items() if np.isfinite(late))]
+    gains = (f"{now - before:+.2f} s from {one} to {other}" for (one, before), (other, now) in pairwise(known))
+    yield f"the difference arises {', '.join(gains)}"
+    if late:
+        run, Q = moment.run, [np.interp(published, moment.run.motion.time, row) for row in moment.run.motion.Q_seen.T]
+        error = run.problem.costs.end_error(run.problem.stages[moment.index], np.r_[Q, np.zeros(len(Q))])
         digits = 0 if error >= 10 else 1
-        points.append(f"at {published:g} s {moment.stage} was still {error:.{digits}f} tolerances away")
-    return *points, *_too_early_for_limits(moment, published)
+        yield f"at {published:g} s {moment.stage.name} was still {error:.{digits}f} tolerances away"
+    yield from _too_early_for_limits(moment, published)
 
 
-def _on_time(claim: Claim, evidence: Evidence) -> Finding:
-    """A stage starts when the stage before it ends, to one sample."""
-    return _start(claim, evidence, 0.0, lambda start: [_monitors(start.run.summary)])
+def _too_early_for_limits(moment: Moment, published: float) -> Iterator[str]:
+    """Tell that a published end is before the earliest that velocity limits allow, if so."""
+    task = moment.run.task
+    ends = earliest_ends(moment.run.problem.stages, stack(task.spec.initial, task.robot, "joint"))
+    earliest, _ = ends[moment.index]
+    if not moment.starts and published < earliest:
+        limited = f"within its velocity limits {moment.stage.name} cannot end before {earliest:.2f} s"
+        yield f"published is {published:g} s, but {limited}"
 
 
-def _once_seen(claim: Claim, evidence: Evidence) -> Finding:
-    """A stage starts a horizon before the stage before it ends, to one sample."""
-    return _start(claim, evidence, evidence.moment(claim.reads[0]).run.horizon, _postponed)
+def _thresholds(start: Moment, earliest: float, latest: float) -> Iterator[str]:
+    """Tell which thresholds would give a start between two times [s], and how the start depends on them."""
+    run, name, sought = start.run, start.stage.name, f"a start from {earliest:.2f} s to {latest:.2f} s"
+    if not np.isfinite(run["window/presence"][:, start.index]).any():
+        yield f"{name} never waits in a window"
+        return
+    yield f"{name} starts where the control it adds reaches epsilon = {run.task.spec.onset.epsilon:g} {UNIT}"
+    above, at_most = start.presence(earliest - BETWEEN_SAMPLES), start.presence(latest + BETWEEN_SAMPLES)
+    if latest >= start.end_before.time:  # above its largest presence a stage starts on time
+        yield f"{sought} takes an epsilon above {above:.2g}"
+    elif at_most > above:
+        yield f"{sought} takes an epsilon above {above:.2g} and up to {at_most:.2g}"
+    else:
+        yield f"no epsilon gives {sought}"
+    starts = sorted(zip(run.stages["epsilon"], run.stages["actual_start_by_epsilon"][start.index], strict=True))
+    yield f"by epsilon it starts at {', '.join(f'{_seconds(time)} for {epsilon:g}' for epsilon, time in starts)}"
 
 
-def _start(claim: Claim, evidence: Evidence, lead: float, more: Callable[[Moment], list[str]]) -> Finding:
-    start = evidence.moment(claim.reads[0])
-    end, sample = evidence.end_before(start), start.run.sample_time
-    expected = end.time - lead
+def _coincides(claim: Claim, made: Reproduction, horizons: int) -> Finding:
+    """A stage starts so many horizons before the one before it ends, to one sample."""
+    (start,) = made.moments(claim)
+    end, controller, run = start.end_before, start.run.task.spec.controller, start.run
+    expected, sample = end.time - horizons * controller.horizon, controller.sample_time
     difference = start.time - expected
     holds = abs(difference) <= sample + ROUNDING
-    never = [_never(moment) for moment in (start, end) if np.isnan(moment.time)]
-    cause = never[:1] or [_both(start, end), *_thresholds(start, expected - sample, expected + sample), *more(start)]
-    return Finding(claim, difference, holds, "s", difference, sample, cause=() if holds else _told(cause))
+    cause = [_never(moment) for moment in (start, end) if np.isnan(moment.time)][:1]
+    if not cause and not holds:
+        cause = [_both(start, end), *_thresholds(start, expected - sample, expected + sample)]
+        beyond = run["window/first"] + run["window/count"] == start.index
+        if postponed := np.count_nonzero(beyond & (run["events/postponed"] != 0)):
+            seen = f"it was within the horizon at {postponed} samples"
+            cause.append(f"{seen} at which the window with it had no solution yet")
+        cause.append(_monitors(start.summary))
+    return Finding(claim, difference, holds, difference, sample, cause=tuple(cause))
 
 
-def _floor(claim: Claim, evidence: Evidence) -> Finding:
+def _floor(claim: Claim, made: Reproduction) -> Finding:
     """No stage starts more than a sample before the end of the stage before it comes into the horizon."""
-    starts = [evidence.moment(name) for name in claim.reads]
-    run = starts[0].run
-    slacks = {start.stage: start.time - (evidence.end_before(start).time - run.horizon) for start in starts}
-    least = min((slack for slack in slacks.values() if np.isfinite(slack)), default=float("nan"))
-    holds = bool(least >= -run.sample_time - ROUNDING)
+    starts = made.moments(claim)
+    controller = starts[0].run.task.spec.controller
+    slacks = [start.time - (start.end_before.time - controller.horizon) for start in starts]
     cause = [
-        f"{start.stage} starts {-slacks[start.stage]:.2f} s before {evidence.end_before(start).symbol} - T_h: an "
-        "earlier end was predicted"
-        for start in starts
-        if slacks[start.stage] < 0
-    ] or [f"no stage ended: {run.summary.reason}"]
-    return Finding(claim, least, holds, "s", min(least, 0.0), run.sample_time, cause=() if holds else _told(cause))
+        f"{start.stage.name} starts {-slack:.2f} s before {start.end_before.symbol} - T_h: an earlier end was predicted"
+        for start, slack in zip(starts, slacks, strict=True)
+        if slack < 0
+    ] or [f"no stage ended: {starts[0].summary.reason}"]
+    return _not_below(claim, min(filter(np.isfinite, slacks), default=np.nan), controller.sample_time, cause)
 
 
-def _all_early(claim: Claim, evidence: Evidence) -> Finding:
+def _weights_floor(claim: Claim, made: Reproduction) -> Finding:
+    """No actual start of any cell, for any threshold, is more than a sample before t_s - T_h."""
+    cells = made.weights
+    starts = cells.of("actual_start")
+    slacks = np.where(cells.ended[:, None], starts - cells.floor[:, None], np.inf)
+    cell, k = np.unravel_index(np.argmin(slacks), slacks.shape)
+    where = f"at ratio {cells.ratio[cell]:.4g} and epsilon = {cells.epsilons[k]:g} it starts at {starts[cell, k]:.2f} s"
+    cause = [f"{where}, {-slacks[cell, k]:.2f} s before t_s - T_h"]
+    return _not_below(claim, float(slacks[cell, k]), cells.task.spec.controller.sample_time, cause)
+
+
+def _not_below(claim: Claim, slack: float, sample: float, cause: Iterable[str]) -> Finding:
+    return Finding(claim, slack, slack >= -sample - ROUNDING, min(slack, 0.0), sample, cause=tuple(cause))
+
+
+def _all_early(claim: Claim, made: Reproduction) -> Finding:
     """All of the stages start early."""
-    starts = [evidence.moment(name) for name in claim.reads]
-    run, names = starts[0].run, [start.stage for start in starts]
-    early = tuple(name for name in names if (stage := run.stage(name)) is not None and stage.early)
-    cause = []
-    for name in sorted(set(names) - set(early)):
-        onset = run.onsets.get(name)
-        added = f"adds at most {onset.largest():.2g} {UNIT} before its time" if onset else "never waits in a window"
-        cause.append(f"{name} {added}; epsilon = {run.epsilon:g}")
+    starts = made.moments(claim)
+    cause = [
+        f"{start.stage.name} adds at most {start.presence(np.inf):.2g} {UNIT} before its time; "
+        f"epsilon = {start.run.task.spec.onset.epsilon:g}"
+        for start in starts
+        if not start.stage.early
+    ]
+    early = tuple(start.stage.name for start in starts if start.stage.early)
     return Finding(claim, early, not cause, cause=tuple(cause))
 
 
-def _order(claim: Claim, evidence: Evidence) -> Finding:
+def _order(claim: Claim, made: Reproduction) -> Finding:
     """The times are in this order, however small the difference."""
-    moments = [evidence.moment(name) for name in claim.reads]
-    times = tuple(moment.time for moment in moments)
-    holds = all(one < other for one, other in pairwise(times))
+    moments = made.moments(claim)
     cause = [
         f"{one} = {_seconds(one.time)} is not before {other} = {_seconds(other.time)}"
         for one, other in pairwise(moments)
         if not one.time < other.time
     ]
+    holds = not cause
     published = claim.published if isinstance(claim.published, tuple) else ()
     for moment, time in zip(moments, map(float, published), strict=True):
         cause += [f"{moment}: {point}" for point in _too_early_for_limits(moment, time)]
-    return Finding(claim, times, holds, "s", cause=() if holds else _told(cause))
+    return Finding(claim, tuple(moment.time for moment in moments), holds, cause=tuple(cause))
 
 
-def _mission(claim: Claim, evidence: Evidence) -> Finding:
+def _mission(claim: Claim, made: Reproduction) -> Finding:
     """The mission ends as published."""
-    summary = evidence.runs[claim.reads[0]].summary
+    summary = made.summaries[claim.reads[0]]
     reproduced = "succeeds" if summary.succeeded else "fails"
-    holds = reproduced == claim.published
-    return Finding(claim, reproduced, holds, cause=() if holds else mission_end(summary))
+    return Finding(claim, reproduced, reproduced == claim.published, cause=mission_end(summary))
 
 
-def _released_early(claim: Claim, evidence: Evidence) -> Finding:
+def _released_early(claim: Claim, made: Reproduction) -> Finding:
     """A monitor is violated after the last stage has started and before the stage before it ends."""
-    start = evidence.moment(claim.reads[0])
-    end, summary = evidence.end_before(start), start.run.summary
-    losses = [verdict.broken_at for verdict in summary.monitors if np.isfinite(verdict.broken_at)]
-    lost = min(losses, default=float("nan"))
-    holds = bool(start.time <= lost < end.time)
-    reproduced = f"lost at {lost:.1f} s, {end.symbol} = {end.time:.1f} s" if losses else "not lost"
-    return Finding(claim, reproduced, holds, cause=() if holds else _told([_both(start, end), _monitors(summary)]))
+    (start,) = made.moments(claim)
+    end, summary = start.end_before, start.summary
+    lost = min((one.broken_at for one in summary.monitors if np.isfinite(one.broken_at)), default=np.nan)
+    reproduced = f"lost at {lost:.1f} s, {end.symbol} = {end.time:.1f} s" if np.isfinite(lost) else "not lost"
+    cause = _both(start, end), _monitors(summary)
+    return Finding(claim, reproduced, start.time <= lost < end.time, cause=cause)
 
 
-def _trend(claim: Claim, evidence: Evidence) -> Finding:
+def _trend(claim: Claim, made: Reproduction) -> Finding:
     """For every threshold no larger ratio starts more than a sample later, and the largest one starts early."""
-    cells = evidence.weights
-    sample, found = cells.task.spec.controller.sample_time, trends(cells)
-    shown, worst = found[cells.chosen], max(trend.rise for trend in found)
-    cause = [
-        f"for epsilon = {one.epsilon:g} it is {one.rise:.2f} s later at ratio {one.ratio:.4g} than at a smaller or "
-        "equal ratio"
-        for one in found
-        if one.rise > sample + ROUNDING
-    ]
-    cause += [
-        f"for epsilon = {one.epsilon:g} it is {one.first:.2f} s at the smallest, {one.last:.2f} s at the largest ratio"
-        for one in found
-        if one.first - one.last <= sample + ROUNDING
-    ]
-    reproduced = f"{shown.first:.2f} s to {shown.last:.2f} s"
-    return Finding(claim, reproduced, not cause, "s", worst, sample, cause=tuple(cause))
+    cells = made.weights
+    sample = cells.task.spec.controller.sample_time
+    late, still, rises, shown = [], [], [], []
+    for epsilon, values in zip(cells.epsilons, cells.of("actual_start").T, strict=True):
+        start = along_ratio(cells, values)
+        rise = start.highest - np.minimum.accumulate(start.lowest)
+        worst, (first, last) = int(np.argmax(rise)), start.middle[[0, -1]]
+        rises.append(float(rise[worst]))
+        shown.append(f"{first:.2f} s to {last:.2f} s")
+        begun = f"for epsilon = {epsilon:g} it is"
+        if rises[-1] > sample + ROUNDING:
+            at = f"at ratio {start.ratio[worst]:.4g} than at a smaller or equal ratio"
+            late.append(f"{begun} {rises[-1]:.2f} s later {at}")
+        if first - last <= sample + ROUNDING:
+            still.append(f"{begun} {first:.2f} s at the smallest, {last:.2f} s at the largest ratio")
+    return Finding(claim, shown[cells.chosen], not late + still, max(rises), sample, cause=(*late, *still))
 
 
-def _weights_floor(claim: Claim, evidence: Evidence) -> Finding:
-    """No actual start of any cell, for any threshold, is more than a sample before t_s - T_h."""
-    sample = evidence.weights.task.spec.controller.sample_time
-    slack, start, ratio, epsilon = least_slack(evidence.weights)
-    holds = slack >= -sample - ROUNDING
-    where = f"at ratio {ratio:.4g} and epsilon = {epsilon:g} it starts at {start:.2f} s"
-    cause = () if holds else (f"{where}, {-slack:.2f} s before t_s - T_h",)
-    return Finding(claim, slack, holds, "s", min(slack, 0.0), sample, cause=cause)
-
-
-def _settles(claim: Claim, evidence: Evidence) -> Finding:
+def _settles(claim: Claim, made: Reproduction) -> Finding:
     """The actual start at the largest ratio is within the tolerance of published times."""
-    cells, published = evidence.weights, _number(claim)
-    (start, ratio), tolerance = settled(cells), within(published)
-    holds = abs(start - published) <= tolerance + ROUNDING
+    cells, tolerance = made.weights, within(claim.number)
+    start = along_ratio(cells, cells.of("actual_start")[:, cells.chosen])
+    last = float(start.middle[-1])
+    apart = np.abs(start.middle - last) > cells.task.spec.controller.sample_time + ROUNDING
+    ratio = start.ratio[np.flatnonzero(apart)[-1] + 1 if apart.any() else 0]
     cause = (
-        f"from ratio {ratio:.4g} on it is {start:.2f} s to one sample, for epsilon = {cells.epsilons[cells.chosen]:g}",
+        f"from ratio {ratio:.4g} on it is {last:.2f} s to one sample, for epsilon = {cells.epsilons[cells.chosen]:g}",
         f"t_s - T_h = {float(np.median(cells.floor[cells.ended])):.2f} s, and no start can be before it",
     )
-    return Finding(claim, start, holds, "s", start - published, tolerance, cause=() if holds else cause)
+    difference = last - claim.number
+    return Finding(claim, last, abs(difference) <= tolerance + ROUNDING, difference, tolerance, cause=cause)
 
 
-def _chosen(claim: Claim, evidence: Evidence) -> Finding:
+def _chosen(claim: Claim, made: Reproduction) -> Finding:
     """At the ratio Capture completes earlier than with equal weights, at less effort than at the largest ratio."""
-    cells = evidence.weights
+    cells = made.weights
     completion, effort = (along_ratio(cells, cells.of(name.partition(".")[2])) for name in claim.reads)
     logs, names = np.log(completion.ratio), [f"{ratio:.4g}" for ratio in completion.ratio]
     there, equal = (int(np.argmin(np.abs(logs - np.log(ratio)))) for ratio in (claim.ratio, 1.0))
@@ -214,40 +362,34 @@ def _chosen(claim: Claim, evidence: Evidence) -> Finding:
     return Finding(claim, reproduced, not cause, cause=tuple(cause))
 
 
-def _along_ratio(claim: Claim, evidence: Evidence) -> Finding:
+def _along_ratio(claim: Claim, made: Reproduction) -> Finding:
     """At every sample the optimum moves to the upper left as the ratio grows, and never back by more than rounding."""
-    movement = evidence.fronts
+    movement, cause = made.movement, list[str]()
     if movement is None:
         return Finding(claim, "unknown", False, cause=(NO_WINDOW,))
-    cause = [
-        f"at {instant:g} s it moves against it by {step:.2g} of the front"
-        for instant, step in zip(movement.instants, movement.against, strict=True)
-        if step > CLEARLY
-    ]
-    cause += [
-        f"at {instant:g} s it does not move, or was not found"
-        for instant, moves in zip(movement.instants, movement.moves, strict=True)
-        if not moves
-    ]
+    for instant, step, moves in zip(movement.instants, movement.against, movement.moves, strict=True):
+        if step > CLEARLY:
+            cause.append(f"at {instant:g} s it moves against it by {step:.2g} of the front")
+        if not moves:
+            cause.append(f"at {instant:g} s it does not move, or was not found")
     reproduced = f"{claim.published} at {movement.moving} of {len(movement.instants)}"
     return Finding(claim, reproduced, not cause, cause=tuple(cause))
 
 
-def _along_time(claim: Claim, evidence: Evidence) -> Finding:
+def _along_time(claim: Claim, made: Reproduction) -> Finding:
     """In normalized costs the front moves to the upper left, on average, from every sample to the next."""
-    movement = evidence.fronts
+    movement = made.movement
     if movement is None or len(movement.instants) < 2:
         reason = NO_WINDOW if movement is None else "the fronts of a single sample cannot be compared"
         return Finding(claim, "unknown", False, cause=(reason,))
-    holds = movement.with_time
-    return Finding(claim, movement.directions(), holds, cause=() if holds else movement.over_time)
+    return Finding(claim, movement.directions(), movement.with_time, cause=movement.over_time)
 
 
-RULES: Mapping[str, Callable[[Claim, Evidence], Finding]] = {
+RULES: Mapping[str, Callable[[Claim, Reproduction], Finding]] = {
     "setting": _setting,
     "time": _time,
-    "on_time": _on_time,
-    "once_seen": _once_seen,
+    "on_time": partial(_coincides, horizons=0),
+    "once_seen": partial(_coincides, horizons=1),
     "floor": _floor,
     "all_early": _all_early,
     "order": _order,
@@ -265,75 +407,11 @@ RULES: Mapping[str, Callable[[Claim, Evidence], Finding]] = {
 
 def mission_end(summary: Summary) -> tuple[str, ...]:
     """Return how a mission ended: why the run ended, and its monitors."""
-    return _told([summary.reason, _monitors(summary)])
-
-
-def _number(claim: Claim) -> float:
-    if not isinstance(claim.published, float):
-        raise TypeError(f"{claim.id}: found {claim.published!r}, expected a published number")
-    return claim.published
-
-
-def _earlier(summary: Summary) -> str:
-    if summary.succeeded:
-        return "earlier than published, and the mission succeeded"
-    return f"earlier than published does not count because the mission failed ({'; '.join(mission_end(summary))})"
+    return tuple(filter(None, (summary.reason, _monitors(summary))))
 
 
 def _never(moment: Moment) -> str:
-    known = moment.run.stage(moment.stage) is not None
-    reason = moment.run.summary.reason if known else "the task has no such stage"
-    return f"{moment.stage} did not {moment.event}: {reason}"
-
-
-def _thresholds(start: Moment, earliest: float, latest: float) -> list[str]:
-    """Return which thresholds would give a start between two times [s], and how the start depends on them."""
-    run, stage, onset = start.run, start.stage, start.run.onsets.get(start.stage)
-    if onset is None:
-        return [f"{stage} never waits in a window"]
-    above, at_most = onset.thresholds(earliest, latest)
-    between = f"a start from {earliest:.2f} s to {latest:.2f} s"
-    needed = f"no epsilon gives {between}"
-    if latest >= run.regular_start(stage):  # above its largest presence a stage starts on time
-        needed = f"{between} takes an epsilon above {above:.2g}"
-    elif at_most > above:
-        needed = f"{between} takes an epsilon above {above:.2g} and up to {at_most:.2g}"
-    starts = ", ".join(f"{_seconds(time)} for {epsilon:g}" for epsilon, time in sorted(onset.starts.items()))
-    by_epsilon = [f"by epsilon it starts at {starts}"] if starts else []
-    return [f"{stage} starts where the control it adds reaches epsilon = {run.epsilon:g} {UNIT}", needed, *by_epsilon]
-
-
-def _postponed(start: Moment) -> list[str]:
-    onset = start.run.onsets.get(start.stage)
-    if onset is None or not onset.postponed:
-        return []
-    return [f"it was within the horizon at {onset.postponed} samples at which the window with it had no solution yet"]
-
-
-def _increments(moment: Moment, evidence: Evidence) -> str:
-    """Return how much of a difference arises between one published end and the next."""
-    published = evidence.claims.published(moment.method, "end")
-    off, symbols = [0.0], ["the start"]
-    for symbol, stage in evidence.claims.stages.items():
-        time = evidence.moment(f"{moment.method}.{symbol}").time
-        if stage in published and np.isfinite(time):
-            off.append(time - published[stage])
-            symbols.append(symbol)
-        if stage == moment.stage:
-            break
-    gains = zip(pairwise(off), pairwise(symbols), strict=True)
-    return "the difference arises " + ", ".join(
-        f"{there - here:+.2f} s from {one} to {other}" for (here, there), (one, other) in gains
-    )
-
-
-def _too_early_for_limits(moment: Moment, published: float) -> list[str]:
-    """Return that a published end is before the earliest that velocity limits allow, if so."""
-    earliest = moment.run.earliest_ends.get(moment.stage, -np.inf)
-    if moment.event == "start" or published >= earliest:
-        return []
-    limited = f"within its velocity limits {moment.stage} cannot end before {earliest:.2f} s"
-    return [f"published is {published:g} s, but {limited}"]
+    return f"{moment.stage.name} did not {'start' if moment.starts else 'end'}: {moment.summary.reason}"
 
 
 def _monitors(summary: Summary) -> str:
@@ -347,13 +425,8 @@ def _monitors(summary: Summary) -> str:
 
 
 def _both(start: Moment, end: Moment) -> str:
-    return f"{start.stage} starts at {_seconds(start.time)}, {end.symbol} = {_seconds(end.time)}"
+    return f"{start.stage.name} starts at {_seconds(start.time)}, {end.symbol} = {_seconds(end.time)}"
 
 
 def _seconds(time: float) -> str:
     return "never" if np.isnan(time) else f"{time:.2f} s"
-
-
-def _told(points: Iterable[str]) -> tuple[str, ...]:
-    """Return the points that are not empty."""
-    return tuple(point for point in points if point)

@@ -1,11 +1,10 @@
-"""Runs what the paper's claims on its simulations need, and judges them. Documented in docs/reproduce.md."""
+"""Runs what the paper's claims on its simulations need. Documented in docs/reproduce.md."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from math import isfinite
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+
+from pydantic_core import to_json
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError
@@ -14,15 +13,15 @@ from psmpc_cli.logs.run import Run, read_comparison
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.studies.ablations import Ablation, run_ablations
-from psmpc_cli.studies.claims import Evidence, Finding, Value, gather_run, load_claims
+from psmpc_cli.studies.ablations import run_ablations
+from psmpc_cli.studies.claims import Finding
 from psmpc_cli.studies.compare import compare_tasks
-from psmpc_cli.studies.fronts import front_movement, front_rows, read_pareto
-from psmpc_cli.studies.judge import judge
+from psmpc_cli.studies.fronts import front_rows, read_pareto
+from psmpc_cli.studies.judge import ENDS, Reproduction
 from psmpc_cli.studies.pareto import Question, possible_samples, solve_pareto
-from psmpc_cli.studies.runner import Study, Watch, ignore, run_study
+from psmpc_cli.studies.runner import Study, run_study
 from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
-from psmpc_cli.studies.weights import SweepCells, grid_sampling, parse_stages, recommend, sweep_cells
+from psmpc_cli.studies.weights import grid_sampling, parse_stages, recommend, sweep_cells
 
 TASK = "transport"
 
@@ -33,7 +32,7 @@ LOGS, WEIGHTS, FRONTS = "runs.h5", "weights.h5", "fronts.h5"
 """Files of the runs, the sweep over the weights and the Pareto fronts, which psmpc plot and psmpc show read."""
 
 FORMAT = 1
-"""Version of `as_data`; increases when a key is removed or changes its meaning."""
+"""Version of the JSON file; increases when a key is removed or changes its meaning."""
 
 RANGE = (1e-3, 1e3)
 """Range of both weights."""
@@ -45,88 +44,70 @@ FOLLOWED = (1.0, 10.0)
 """Thresholds above the task's own for which actual starts are logged, for the causes of the claims on starts."""
 
 
-@dataclass(frozen=True, eq=False)
-class Reproduction:
-    """What became of the claims.
-
-    Attributes:
-        changes: Keys of the task that were changed.
-        logs: The runs, by method.
-        weights: The sweep over the weights of Approach and Capture.
-        fronts: Their Pareto fronts in the PSMPC run; None if none of its windows holds both alone.
-        findings: The judged claims.
-        ablations: The ablations of the PSMPC run, if they were run.
-    """
-
-    changes: tuple[str, ...]
-    logs: Mapping[str, Run]
-    weights: SweepCells
-    fronts: Results | None
-    findings: tuple[Finding, ...]
-    ablations: tuple[Ablation, ...] = ()
-
-    @property
-    def failing(self) -> tuple[Finding, ...]:
-        """The claims that do not hold."""
-        return tuple(finding for finding in self.findings if not finding.holds)
-
-
-def judge_claims(
-    logs: Mapping[str, Run],
-    weights: SweepCells,
-    fronts: Results | None,
+def reproduce(
+    directory: Path,
     changes: Sequence[str] = (),
-    ablations: Sequence[Ablation] = (),
+    grid: str = "7x7",
+    points: int = 13,
+    ablations: bool = False,
+    force: bool = False,
+    jobs: int | None = None,
+    told: Callable[[str], None] = lambda line: None,
 ) -> Reproduction:
-    """Judge every claim on the logs of all methods, the sweep and the fronts; `changes` of the task are noted."""
-    claims, movement = load_claims(), None if fronts is None else front_movement(fronts)
-    evidence = Evidence(claims, {name: gather_run(log) for name, log in logs.items()}, weights, movement)
-    findings = tuple(judge(claim, evidence) for claim in claims.claims)
-    return Reproduction(tuple(changes), logs, weights, fronts, findings, tuple(ablations))
+    """Run the task under every method, the sweep over the weights, the Pareto fronts, and the ablations if wanted.
+
+    Args:
+        directory: Where logs and results go.
+        changes: Keys of the task to change, each `path=value`.
+        grid: Points of the weights of Approach and Capture. Cells of equal ratio share their run: 7x7 cells, ratios
+            from 1e-6 to 1e6, take 13 runs.
+        points: Points of each front: weighted sums at five samples of the PSMPC run.
+        ablations: Whether the PSMPC run is repeated without each departure from the paper.
+        force: Overwrite files.
+        jobs: Number of parallel processes; default the number of cores.
+        told: Called with a line of progress.
+
+    Raises:
+        InputError: As for `load_variants` and `load_weights_sweep`; or a file exists already or cannot be written.
+        SpecError: The changes do not fit the task, or no run of it could succeed.
+        RunError: A file could not be written, or processes are ended from outside repeatedly.
+    """
+    variants, sweep = load_variants(changes), load_weights_sweep(changes, grid)
+    compare_tasks(variants, directory / LOGS, force, jobs, lambda name: told(f"runs: {name} done"))
+    runs = read_comparison(directory / LOGS)
+    results = run_study(
+        sweep,
+        directory / WEIGHTS,
+        jobs,
+        force=force,
+        watch=lambda progress: told(f"weights: {progress.ended} of {progress.runs} runs"),
+    )
+    fronts = _find_fronts(directory, runs["psmpc"], points, force, jobs, told)
+    departures = (
+        run_ablations(variants["psmpc"], jobs, lambda name: told(f"ablations: {name} done")) if ablations else ()
+    )
+    return Reproduction(runs, sweep_cells(results), fronts, tuple(changes), tuple(departures))
 
 
 def load_variants(changes: Sequence[str] = ()) -> dict[str, Task]:
     """Return the tasks to run, by method.
 
     Raises:
-        InputError: The changes choose a controller, or that no plans are logged, from which the fronts are found.
+        InputError: The changes choose a controller or other stages, or that no plans are logged, from which the fronts
+            are found.
         SpecError: They do not fit the task, or no run of it could succeed.
     """
     path = built_ins("task")[TASK]
     own, changed = load_task(path), load_task(path, changes)
     if changed.spec.controller.kind != own.spec.controller.kind:
         raise InputError(f"found a change of controller.kind, expected none: {', '.join(METHODS)} are run anyway")
+    if len(changed.spec.stages) != len(ENDS):
+        raise InputError(f"found {len(changed.spec.stages)} stages, expected {len(ENDS)}: claims are on each of them")
     if not changed.spec.log.plans:
         raise InputError("found log.plans: false, expected true: the fronts are found from the plans of the PSMPC run")
     ensure_feasible(changed)
     series = sorted({*changed.spec.onset.series, *FOLLOWED})
     return {kind: load_task(path, (*changes, f"controller.kind={kind}", f"onset.series={series}")) for kind in METHODS}
-
-
-def run_methods(
-    directory: Path,
-    changes: Sequence[str] = (),
-    force: bool = False,
-    jobs: int | None = None,
-    done: Callable[[str], None] = lambda name: None,
-) -> Mapping[str, Run]:
-    """Run every method and return its log; the logs go to one file of a directory.
-
-    Args:
-        directory: The directory.
-        changes: Keys of the task to change, each `path=value`.
-        force: Overwrite logs.
-        jobs: Number of parallel processes; default the number of cores.
-        done: Called with the name of each run as it ends.
-
-    Raises:
-        InputError: As for `load_variants`; or the logs exist already or cannot be written.
-        SpecError: As for `load_variants`.
-        RunError: A log could not be written.
-    """
-    path = directory / LOGS
-    compare_tasks(load_variants(changes), path, force, jobs, done)
-    return read_comparison(path)
 
 
 def load_weights_sweep(changes: Sequence[str], grid: str) -> Study:
@@ -141,90 +122,39 @@ def load_weights_sweep(changes: Sequence[str], grid: str) -> Study:
     return weight_study(task, parse_stages("1,2", task), grid_sampling(grid, RANGE))
 
 
-def sweep_weights(
-    directory: Path,
-    changes: Sequence[str],
-    grid: str,
-    force: bool = False,
-    jobs: int | None = None,
-    watch: Watch = ignore,
-) -> SweepCells:
-    """Run the sweep over a grid of both weights, such as 7x7, into a file of a directory, and return its cells.
-
-    Cells of equal ratio share their run: 7x7 cells, ratios from 1e-6 to 1e6, take 13 runs of Approach and Capture.
-
-    Raises:
-        InputError: As for `load_weights_sweep`; or the results exist already or cannot be written.
-        SpecError: As for `load_weights_sweep`.
-        RunError: The results could not be written.
-    """
-    path = directory / WEIGHTS
-    return sweep_cells(run_study(load_weights_sweep(changes, grid), path, jobs, force=force, watch=watch))
-
-
-def find_fronts(
-    directory: Path,
-    log: Run,
-    points: int,
-    force: bool = False,
-    jobs: int | None = None,
-    done: Callable[[float, int, int], None] = lambda instant, ended, count: None,
+def _find_fronts(
+    directory: Path, run: Run, points: int, force: bool, jobs: int | None, told: Callable[[str], None]
 ) -> Results | None:
-    """Find the Pareto fronts of the PSMPC run and return them; None if no window holds Approach and Capture alone.
-
-    They are weighted sums, at five samples of the run; no further run is needed.
-
-    Args:
-        directory: Where the logs are and the results go.
-        log: The PSMPC run.
-        points: Points of a front.
-        force: Overwrite results.
-        jobs: Number of parallel processes; default the number of cores.
-        done: Called with the time of each sample as it is done [s], how many are, and how many there are.
-
-    Raises:
-        InputError: The results exist already or cannot be written.
-        RunError: Processes are ended from outside repeatedly.
-    """
+    """Find the Pareto fronts of the PSMPC run; None if no window holds Approach and Capture alone."""
     path = directory / FRONTS
     if force:
         path.unlink(missing_ok=True)
-    if not len(possible_samples(log, (0, 1))):
+    if not len(possible_samples(run, (0, 1))):
         return None
     with TemporaryDirectory(prefix=".fronts-", dir=directory) as meanwhile:
-        run = Path(meanwhile) / "psmpc.h5"
-        read_comparison(directory / LOGS)["psmpc"].save(run)
-        solve_pareto(run, Question("1,2", (), points, "weighted-sum", False), path, jobs, force, done)
+        log = Path(meanwhile) / "psmpc.h5"
+        run.save(log)
+        solve_pareto(
+            log,
+            Question("1,2", (), points, "weighted-sum", False),
+            path,
+            jobs,
+            force,
+            lambda instant, ended, count: told(f"fronts: {instant:.1f} s done, {ended} of {count}"),
+        )
     return read_pareto(path)
 
 
-def ablate(
-    directory: Path,
-    changes: Sequence[str],
-    jobs: int | None = None,
-    done: Callable[[str], None] = lambda name: None,
-) -> tuple[Ablation, ...]:
-    """Run the ablations of the PSMPC run; their logs are in a directory during that time only.
-
-    Raises:
-        RunError: A log could not be written.
-    """
-    task = load_variants(changes)["psmpc"]
-    with TemporaryDirectory(prefix=".ablations-", dir=directory) as meanwhile:
-        return tuple(run_ablations(task, Path(meanwhile), jobs, done))
-
-
-def as_data(reproduction: Reproduction, created: str) -> dict[str, Any]:
-    """Return the claim table for JSON; what is unknown, or does not apply, is null. Keys: docs/reproduce.md."""
-    cells, fronts = reproduction.weights, reproduction.fronts
-    best = recommend(cells)
-    return {
+def claims_json(made: Reproduction, created: str) -> bytes:
+    """Write the claim table as JSON; what is unknown, or does not apply, is null. Keys: docs/reproduce.md."""
+    cells, fronts, best = made.weights, made.fronts, recommend(made.weights)
+    data = {
         "format": FORMAT,
         "psmpc_version": __version__,
         "created": created,
         "task": TASK,
-        "changes": list(reproduction.changes),
-        "digests": {name: str(log.attributes["digest"]) for name, log in reproduction.logs.items()},
+        "changes": made.changes,
+        "digests": {name: str(run.attributes["digest"]) for name, run in made.runs.items()},
         "weights": {
             "task": cells.task.spec.name,
             "digest": str(cells.results.attributes["digest"]),
@@ -238,33 +168,18 @@ def as_data(reproduction: Reproduction, created: str) -> dict[str, Any]:
         else {
             "stages": fronts["stage"].tolist(),
             "method": str(fronts.attributes["method"]),
-            "samples": [_plain(asdict(row)) for row in front_rows(fronts)],
+            "samples": front_rows(fronts),
         },
-        "claims": [_claim_data(finding) for finding in reproduction.findings],
-        "ablations": [
-            {"name": one.name, "sentence": one.sentence, "numbers": _plain(one.numbers)}
-            for one in reproduction.ablations
-        ],
-        "held": len(reproduction.findings) - len(reproduction.failing),
-        "failed": len(reproduction.failing),
+        "claims": [_claim_data(finding) for finding in made.findings],
+        "ablations": [{"name": one.name, "sentence": one.sentence, "numbers": one.numbers} for one in made.ablations],
+        "held": len(made.findings) - len(made.failing),
+        "failed": len(made.failing),
     }
+    return to_json(data, indent=2, inf_nan_mode="null") + b"\n"
 
 
-def _claim_data(finding: Finding) -> dict[str, Any]:
-    values = {key: getattr(finding, key) for key in ("reproduced", "difference", "tolerance", "holds", "earlier")}
-    return {
-        **finding.claim.model_dump(include={"id", "statement", "source"}),
-        "unit": finding.unit or None,
-        "published": _plain(finding.claim.published),
-        **_plain(values),
-        "cause": "; ".join(finding.cause) or None,
-    }
-
-
-def _plain(value: Mapping[str, Any] | Value) -> Any:
-    """Return a value for JSON: lists for tuples, null for numbers that are not finite."""
-    if isinstance(value, Mapping):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, tuple):
-        return [_plain(entry) for entry in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
+def _claim_data(finding: Finding) -> dict[str, object]:
+    claim = finding.claim
+    about = {"id": claim.id, "statement": claim.statement, "source": claim.source, "unit": claim.unit or None}
+    measured = {"published": claim.published, **finding._asdict(), "cause": "; ".join(finding.cause) or None}
+    return {**about, **{key: value for key, value in measured.items() if key != "claim"}}

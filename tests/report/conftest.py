@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.logs.run import Run, read_run
-from psmpc_cli.studies.reproduce import Reproduction, judge_claims
+from psmpc_cli.studies.judge import Reproduction
 from psmpc_cli.studies.weights import sweep_cells
 
 from ..figures.made_up import Story, write_story
@@ -43,4 +43,4 @@ def reproduction(tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
     folder = tmp_path_factory.mktemp("made_up")
     logs = {name: made_up(folder / f"{name}.h5", name) for name in STORIES}
     cells = sweep_cells(made_up_sweep(folder / "weights.h5", "5x5", failed=(3,)))
-    return judge_claims(logs, cells, made_up_fronts(folder / "fronts.h5", failed=(1,)), (HOSTILE,))
+    return Reproduction(logs, cells, made_up_fronts(folder / "fronts.h5", failed=(1,)), (HOSTILE,))

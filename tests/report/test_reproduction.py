@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from psmpc_cli.report.reproduction import build_report
-from psmpc_cli.studies.reproduce import Reproduction
+from psmpc_cli.studies.judge import Reproduction
 
 from .conftest import CREATED, HOSTILE
 
@@ -200,4 +200,4 @@ def test_it_says_how_it_was_made_and_nothing_of_the_machine(tree: Node, reproduc
     assert facts["date"] == CREATED
     assert "CasADi 3.8" in facts["versions"]
     assert facts["task digest, SMPC"] == "smpc" * 8
-    assert all(str(log.path.parent) not in tree.text for log in reproduction.logs.values())
+    assert all(str(log.path.parent) not in tree.text for log in reproduction.runs.values())

@@ -1,77 +1,88 @@
-"""Hand-made evidence: what a run would have to say, without any run."""
+"""Hand-made runs of the transport task: the log of a made-up one with other times, monitors and waiting stages."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
-from typing import Any, cast
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import cast
 
 import numpy as np
 
-from psmpc_cli.logs.summary import StageSummary, Summary, Verdict
-from psmpc_cli.studies.claims import Evidence, Onset, RunEvidence, load_claims
+from psmpc_cli.logs.run import Run, read_run
+from psmpc_cli.logs.schema import SCHEMA
+from psmpc_cli.studies.judge import Reproduction
 from psmpc_cli.studies.weights import SweepCells
+
+from ..figures.made_up import Story, write_story
 
 STAGES = ("approach", "capture", "transport", "release")
 
-HELD = Verdict("object held", True, 0.05, float("nan"))
+TIMES = np.round(np.arange(0.0, 30.0, 0.1), 1)
 
 
-def lost(at: float) -> Verdict:
-    return Verdict("object held", False, -0.5, at)
+@cache
+def _made_up() -> Run:
+    with TemporaryDirectory() as folder:
+        run = read_run(write_story(Path(folder) / "run.h5", Story(sample=0.4)))
+    assert run.problem is not None  # built once, before the file is gone
+    return run
 
 
-def run(
+def hand_made(
     ends: Sequence[float] = (10.0, 14.0, 24.0, 30.0),
     early: Mapping[str, float] | None = None,
-    monitors: Sequence[Verdict] = (HELD,),
-    onsets: Mapping[str, Onset] | None = None,
-    earliest_ends: Mapping[str, float] | None = None,
-    errors: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
-    nodes: float = 100,
-) -> RunEvidence:
-    """A run whose stages end at these times, NaN if never; `early` are the actual starts before their time."""
-    return RunEvidence(
-        summary=summary(ends, early or {}, monitors),
-        horizon=4.0,
-        nodes=nodes,
-        sample_time=0.1,
-        epsilon=0.1,
-        onsets=onsets or {},
-        errors=errors or {},
-        earliest_ends=earliest_ends or {},
-    )
+    lost: float | None = None,
+    presence: Mapping[str, Mapping[float, float]] | None = None,
+    starts: Mapping[float, float] | None = None,
+    postponed: Sequence[float] = (),
+    method: str = "psmpc",
+) -> Run:
+    """A run with a sample every 0.1 s to 30 s.
 
-
-def evidence(**runs: RunEvidence) -> Evidence:
-    """Evidence for the claims on runs, which look at no sweep and no fronts."""
-    return Evidence(load_claims(), runs, cast(SweepCells, None), None)
-
-
-def summary(ends: Sequence[float], early: Mapping[str, float], monitors: Sequence[Verdict]) -> Summary:
+    Args:
+        ends: When its stages end; NaN if never.
+        early: Actual starts before their time, by stage.
+        lost: When the grippers move apart; during transport that violates the monitor.
+        presence: What a waiting stage adds at each time, by stage.
+        starts: Actual starts of every stage by threshold.
+        postponed: Times at which the stage after the window's last one is postponed.
+        method: The controller.
+    """
+    base, early = _made_up(), early or {}
+    sampled = [column.path for column in SCHEMA if column.value is not None and column.dims[0] == "time"]
+    rows = np.resize(np.arange(len(base.time)), len(TIMES))
+    arrays = {path: values[rows] if path in sampled else values for path, values in base.arrays.items()}
+    begins = np.r_[0.0, ends[:-1]]
+    first = np.minimum(np.searchsorted(ends, TIMES, side="right"), 3)
+    xi = np.tile(base["pose/xi"][:1], (len(TIMES), 1))
+    xi[(np.inf if lost is None else lost) <= TIMES, base.pose_coordinates.index("arm_1.y")] += 1.0
+    added = np.full((len(TIMES), 4), np.nan)
+    for stage, values in (presence or {}).items():
+        added[np.searchsorted(TIMES, np.array(list(values)) - 1e-6), STAGES.index(stage)] = list(values.values())
+    thresholds = np.array(list(starts or {0.1: np.nan}))
+    arrays |= {
+        "time": TIMES,
+        "window/first": first,
+        "window/count": np.ones_like(first),
+        "window/presence": added,
+        "pose/xi": xi,
+        "events/postponed": np.isin(TIMES, postponed),
+        "stages/switch_time": np.array(ends),
+        "stages/actual_start": np.array([early.get(name, begin) for name, begin in zip(STAGES, begins, strict=True)]),
+        "stages/early": np.array([name in early for name in STAGES]),
+        "stages/epsilon": thresholds,
+        "stages/actual_start_by_epsilon": np.tile(list((starts or {0.1: np.nan}).values()), (4, 1)),
+        "final/end_time": np.nanmax([1.0, *ends]),
+    }
     completed = bool(np.isfinite(ends[-1]))
-    given: dict[str, Any] = {
-        "ended": True,
-        "completed": completed,
-        "succeeded": completed and all(verdict.held for verdict in monitors),
-        "reason": "release met its end condition" if completed else "time limit of 60 s reached",
-        "duration": float(np.nan_to_num(ends).max()),
-        "stages": tuple(
-            stage(name, start, end, early) for name, start, end in zip(STAGES, (0.0, *ends[:-1]), ends, strict=True)
-        ),
-        "monitors": tuple(monitors),
-    }
-    return Summary(**{field.name: given.get(field.name) for field in fields(Summary)})
+    reason = "release met its end condition" if completed else "time limit of 60 s reached"
+    attributes = {**base.attributes, "controller": method, "finished": completed, "end_reason": reason}
+    made = replace(base, arrays=arrays, attributes=attributes)
+    vars(made).update(task=base.task, problem=base.problem)  # the same for all: made once
+    return made
 
 
-def stage(name: str, start: float, end: float, early: Mapping[str, float]) -> StageSummary:
-    given: dict[str, Any] = {
-        "name": name,
-        "actual_start": early.get(name, start),
-        "early": name in early,
-        "switch_time": end,
-    }
-    return StageSummary(**{field.name: given.get(field.name) for field in fields(StageSummary)})
-
-
-def onset(presence: Mapping[float, float], starts: Mapping[float, float] | None = None, postponed: int = 0) -> Onset:
-    """What a waiting stage adds at each sample."""
-    return Onset(np.array(list(presence)), np.array(list(presence.values())), starts or {}, postponed)
+def reproduced(**runs: Run) -> Reproduction:
+    """What there is for the claims on runs, which look at no sweep and no fronts."""
+    return Reproduction(runs, cast(SweepCells, None), None)

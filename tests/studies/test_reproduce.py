@@ -1,58 +1,56 @@
 import json
 import re
-from math import nan
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from psmpc_cli.errors import InputError, SpecError
-from psmpc_cli.logs.comparison import merge_logs
-from psmpc_cli.logs.run import read_comparison, read_run
+from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.studies.claims import Claim, Finding
-from psmpc_cli.studies.reproduce import (
-    METHODS,
-    Reproduction,
-    as_data,
-    find_fronts,
-    judge_claims,
-    load_variants,
-    load_weights_sweep,
-)
+from psmpc_cli.studies.judge import Reproduction
+from psmpc_cli.studies.reproduce import METHODS, claims_json, load_variants, load_weights_sweep
 from psmpc_cli.studies.weights import sweep_cells
 
 from ..made_up_fronts import made_up_fronts
 from ..made_up_sweep import made_up_sweep
-from .there_and_back_run import run_there_and_back
+from .hand_made import hand_made
+
+ENDS = {"htmpc": (10.1, 17.7, 27.8, 34.0), "smpc": (10.0, 14.8, 24.8, float("nan")), "psmpc": (10.2, 13.0, 23.0, 28.8)}
 
 
-def finding(published: Any, reproduced: Any, holds: bool = False, **more: Any) -> Finding:
-    claim = Claim(id="a.b", statement="a happens", source="section IV", rule="time", reads=(), published=published)
-    return Finding(claim, reproduced, holds, **more)
-
-
-NEVER = finding(1.0, nan, unit="s", tolerance=0.8, cause=("one thing", "another"))
-FINDINGS = (
-    NEVER,
-    finding(10.0, 8.0, True, unit="s", difference=-2.0, tolerance=0.8, earlier=True, cause=("earlier",)),
-    finding((1.0, 2.0), (2.0, 1.5), unit="s", cause=("so",)),
-    finding(("a", "b"), ("a",), cause=("b",)),
-    finding("fails", "fails", True),
+ONE_STAGE = (
+    "stages=[{name: go, skill: move, target: {base: [-0.1, 0, 0], arms: [0, 0, 0]}, ends_when: {coordinates: base}}]",
+    "object=null",
+    "monitors=[]",
+    "published={}",
 )
 
 
+def hand_made_runs() -> dict[str, Run]:
+    runs = {method: hand_made(ends, method=method) for method, ends in ENDS.items()}
+    for run in runs.values():
+        run.attributes["digest"] = "of the task"
+    return runs
+
+
 @pytest.fixture
-def reproduction(tmp_path: Path) -> Reproduction:
-    """Of a made-up sweep and made-up fronts, with findings to choose."""
+def made(tmp_path: Path) -> Reproduction:
+    """Of hand-made runs, a made-up sweep and made-up fronts."""
     weights = sweep_cells(made_up_sweep(tmp_path / "weights.h5", "3x3", failed=(1,)))
-    return Reproduction(("x=1",), {}, weights, made_up_fronts(tmp_path / "fronts.h5", failed=(1,)), FINDINGS)
+    fronts = made_up_fronts(tmp_path / "fronts.h5", failed=(1,))
+    return Reproduction(hand_made_runs(), weights, fronts, ("x=1",))
 
 
 @pytest.fixture
-def data(reproduction: Reproduction) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(json.dumps(as_data(reproduction, "now"), allow_nan=False))
+def data(made: Reproduction) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(claims_json(made, "now"))
     return found
+
+
+@pytest.fixture
+def claims(data: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    return {claim["id"]: claim for claim in data["claims"]}
 
 
 def test_the_runs_differ_in_the_controller_alone() -> None:
@@ -87,27 +85,10 @@ def test_the_fronts_are_in_the_json(data: dict[str, Any]) -> None:
     assert data["fronts"]["samples"][1]["J_1"] is None
 
 
-@pytest.mark.slow
-def test_the_fronts_are_found_from_the_run_there_is(tmp_path: Path) -> None:
-    merge_logs({"psmpc": run_there_and_back(tmp_path)}, tmp_path / "out" / "runs.h5")
-    log = read_comparison(tmp_path / "out" / "runs.h5")["psmpc"]
-    results = find_fronts(tmp_path / "out", log, 3, jobs=1)
-    assert results is not None
-    assert results["weighted_J_1"].shape == (5, 3)
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"runs.h5", "fronts.h5"}
-
-
-def test_a_run_without_such_a_window_has_no_fronts_and_none_of_an_earlier_run(
-    tmp_path: Path, reproduction: Reproduction
-) -> None:
-    log = read_run(run_there_and_back(tmp_path, "controller.kind=hard"))
-    assert find_fronts(tmp_path, log, 3, force=True, jobs=1) is None
-    assert not (tmp_path / "fronts.h5").exists()
-    logs = dict.fromkeys(METHODS, log)
-    judged = judge_claims(logs, reproduction.weights, None)
-    fronts = [found for found in judged.findings if found.claim.group == "fronts"]
-    assert [found.holds for found in fronts] == [False, False]
-    assert as_data(judged, "now")["fronts"] is None
+def test_without_fronts_the_json_has_none(made: Reproduction) -> None:
+    data = json.loads(claims_json(Reproduction(made.runs, made.weights, None), "now"))
+    assert data["fronts"] is None
+    assert [claim["holds"] for claim in data["claims"] if claim["id"].startswith("fronts")] == [False, False]
 
 
 def test_the_runs_follow_starts_beyond_the_thresholds_of_the_task() -> None:
@@ -135,34 +116,38 @@ def test_what_does_not_fit_is_refused() -> None:
         load_variants(["controller.kind=hard"])
     with pytest.raises(InputError, match=r"log\.plans"):
         load_variants(["log.plans=false"])
+    with pytest.raises(InputError, match="found 1 stages, expected 4"):
+        load_variants(ONE_STAGE)
     with pytest.raises(SpecError, match="nodse"):
         load_variants(["controller.nodse=7"])
     with pytest.raises(SpecError):
         load_variants(["stages.capture.target.arm_1=[9, 9, 0]"])
 
 
-def test_the_json_has_no_number_that_is_none(data: dict[str, Any]) -> None:
-    assert data["claims"][0] == {
-        "id": "a.b",
-        "statement": "a happens",
-        "source": "section IV",
+def test_the_json_has_null_for_what_never_happened(claims: dict[str, dict[str, Any]]) -> None:
+    assert claims["htmpc.t2"] == {
+        "id": "htmpc.t2",
+        "statement": "capture ends at t2 = 17.2 s",
+        "source": "section IV-C",
         "unit": "s",
-        "published": 1.0,
-        "reproduced": None,
-        "difference": None,
-        "tolerance": 0.8,
-        "holds": False,
+        "published": 17.2,
+        "reproduced": 17.7,
+        "difference": pytest.approx(0.5),
+        "tolerance": pytest.approx(0.86),
+        "holds": True,
         "earlier": False,
-        "cause": "one thing; another",
+        "cause": None,
     }
+    assert claims["order.t_end"]["reproduced"] == [28.8, 34.0]
+    assert claims["smpc.starts_early"]["reproduced"] == []
+    assert claims["psmpc.t_end"]["earlier"] is True
+    assert claims["smpc.mission"]["unit"] is None
+    assert claims["psmpc.t1_real.once_seen"]["cause"].count("; ") == 2
 
 
-def test_the_json_counts_and_keeps_lists(data: dict[str, Any]) -> None:
-    assert (data["held"], data["failed"]) == (2, 3)
-    assert data["claims"][2]["published"] == [1.0, 2.0]
-    assert data["claims"][3]["reproduced"] == ["a"]
-    assert data["claims"][4]["cause"] is None
-    assert data["claims"][1]["earlier"] is True
+def test_the_json_counts(data: dict[str, Any]) -> None:
+    assert data["held"] == sum(claim["holds"] for claim in data["claims"])
+    assert data["held"] + data["failed"] == len(data["claims"]) == 33
     assert data["changes"] == ["x=1"]
 
 

@@ -4,11 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from psmpc_cli.logs.results import Results
-from psmpc_cli.solvers import Outcome
-from psmpc_cli.studies.fronts import WEIGHTED, Front, FrontGrid, SampleFronts, read_pareto, write_pareto
+from psmpc_cli.logs.results import Quantity, Results
+from psmpc_cli.studies.pareto import STATUS, Question, write_pareto
 
-RATIOS = np.geomspace(1e-3, 1e3, 7)
+QUESTION = Question("1,2", (), 7, "weighted-sum", False)
 
 T_S, T_H = 10.0, 4.0
 
@@ -20,18 +19,22 @@ def made_up_fronts(
     path: Path, drift: tuple[float, float] = FALLING, samples: int = 3, failed: tuple[int, ...] = ()
 ) -> Results:
     """A study of weighted sums in which all points of these samples failed."""
-    fronts = [_sample(i, drift, i in failed) for i in range(samples)]
-    grid = FrontGrid(RATIOS, True, 0, np.zeros(1), False)
     attributes = {"task_name": "made_up", "horizon": T_H, "method": "weighted-sum", "stages": "1,2"}
-    write_pareto(path, attributes, ("approach", "capture"), grid, fronts, False)
-    return read_pareto(path)
+    cells = [_sample(i, drift, i in failed) for i in range(samples)]
+    return write_pareto(path, attributes, ("approach", "capture"), QUESTION, cells, False)
 
 
-def _sample(i: int, drift: tuple[float, float], failed: bool) -> SampleFronts:
-    along = np.linspace(0.1, 1.0, len(RATIOS))
-    J = np.column_stack([1.0 + along**2 + i * drift[1], 4.0 + (1.0 - along) ** 2 + i * drift[0]])
-    J = np.full_like(J, np.nan) if failed else J
-    wait, none = T_S - 6.5 - i, np.full(len(RATIOS), np.inf)
-    outcome = np.full(len(RATIOS), list(Outcome).index(Outcome.INFEASIBLE if failed else Outcome.OPTIMAL), "i1")
-    front = Front(J, np.full(len(RATIOS), wait), J @ [1.0, 1.0], RATIOS, none, outcome)
-    return SampleFronts(6.5 + i, wait, J[5], 100.0, np.ones(2), {WEIGHTED: (front,)}, 0)
+def _sample(i: int, drift: tuple[float, float], failed: bool) -> list[Quantity]:
+    along = np.linspace(0.1, 1.0, QUESTION.points)
+    J_1, J_2 = 1.0 + along**2 + i * drift[1], 4.0 + (1.0 - along) ** 2 + i * drift[0]
+    if failed:
+        J_1, J_2 = np.full((2, QUESTION.points), np.nan)
+    status = STATUS.index("infeasible" if failed else "optimal")
+    numbers = {"instant": 6.5 + i, "t_s": T_S, "chosen_ratio": 100.0, "chosen_J_1": J_1[5], "chosen_J_2": J_2[5]}
+    points = {"J_1": J_1, "J_2": J_2, "wait": np.full(QUESTION.points, T_S - 6.5 - i), "objective": J_1 + J_2}
+    return [
+        *(Quantity(name, (), np.array(value), "1", "") for name, value in numbers.items()),
+        Quantity("scale", ("stage",), np.ones(2), "1", ""),
+        *(Quantity(f"weighted_{name}", ("ratio",), values, "1", "") for name, values in points.items()),
+        Quantity("weighted_status", ("ratio",), np.full(QUESTION.points, status, "i1"), "1", "", STATUS),
+    ]

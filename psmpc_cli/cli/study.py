@@ -105,11 +105,12 @@ def _sweep(
         SpecError: The task is not valid.
     """
     from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task
-    from psmpc_cli.studies.weights import grid_sampling, is_grid, parse_epsilons, parse_range, random_sampling
+    from psmpc_cli.studies.weights import grid_sampling, is_grid, parse_numbers, parse_range, random_sampling
 
     if grid is not None and not is_grid(grid):
         grid, task = task, grid
-    epsilons = parse_epsilons(epsilon) if epsilon is not None else ()
+    expected = "positive numbers between commas, such as 1e-3,1e-2,0.1"
+    epsilons = parse_numbers("--epsilon", epsilon, expected, above=0.0) if epsilon is not None else ()
     loaded = load_sweep_task(task or DEFAULT_TASK, tuple(changes), epsilons)
     if (grid is None) == (sampling is None):
         found = "neither a grid nor --sampling" if grid is None else "both a grid and --sampling"
@@ -199,16 +200,18 @@ def pareto(
     quiet: Quiet = False,
 ) -> None:
     """Compute what two stages cost at each other's expense: Pareto fronts at several samples of a run. Paper Fig. 7."""
+    from h5py import is_hdf5
+
     from psmpc_cli.cli.progress import ending_on_signals
     from psmpc_cli.cli.tables import present
     from psmpc_cli.ocp.feasibility import ensure_feasible
     from psmpc_cli.specs.load import load_task
-    from psmpc_cli.studies.pareto import Question, ensure_answerable, is_log, parse_times, solve_pareto
-    from psmpc_cli.studies.weights import parse_stages
+    from psmpc_cli.studies.pareto import Question, solve_pareto
+    from psmpc_cli.studies.weights import parse_numbers, parse_stages
 
-    question = Question(stages, parse_times(at), points, method, free_instant)
-    ensure_answerable(question)
-    loaded = None if is_log(task) else load_task(task, [*(changes or []), *PREPARED])
+    times = parse_numbers("--at", at, "times in seconds between commas, such as 6.1,8.0") if at is not None else ()
+    question = Question(stages, times, points, method, free_instant)
+    loaded = None if is_hdf5(task) else load_task(task, [*(changes or []), *PREPARED])
     if loaded is not None:
         parse_stages(stages, loaded)
         ensure_feasible(loaded)

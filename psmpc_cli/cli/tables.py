@@ -136,7 +136,7 @@ def read_file(path: Path) -> tuple[str, Any, Callable[[Any], None]]:
         RUN: (read_run, print_summary),
         COMPARISON: (read_comparison, partial(print_comparison, path=path)),
         SWEEP: (lambda path: sweep_cells(read_results(path, SWEEP)), print_sweep),
-        PARETO: (fronts.read_pareto, print_fronts),
+        PARETO: (lambda path: read_results(path, PARETO), print_fronts),
         MONTE_CARLO: (read_monte_carlo, print_monte_carlo),
     }
     kind = kind_of(path)
@@ -354,9 +354,9 @@ def _success(runs: MonteCarloRuns) -> str:
 
 def print_fronts(results: Results) -> None:
     """Print a Pareto study: a row for each sample, and how the fronts move."""
-    print_table(fronts.HEADINGS, [fronts.front_texts(row) for row in fronts.front_rows(results)], left=0)
+    print_table(fronts.HEADINGS, fronts.front_texts(results), left=0)
     typer.echo(fronts.NOTE)
-    if fronts.WEIGHTED in fronts.methods_in(results):
+    if "weighted_J_1" in results.quantities:
         movement = fronts.front_movement(results)
         typer.echo("\n".join((movement.over_ratio, *movement.over_time)))
     if "constrained_off_weighted" in results.quantities:

@@ -57,7 +57,7 @@ def build_report(made: Reproduction, created: str) -> str:
         headings=HEADINGS,
         recommended=recommend(made.weights),
         rows=rows,
-        fronts=[front_texts(row) for row in rows],
+        fronts=() if made.fronts is None else front_texts(made.fronts),
         front_headings=FRONT_HEADINGS,
         note=NOTE,
         figures=dict(_figures(made)),
@@ -83,7 +83,7 @@ def _figures(made: Reproduction) -> Iterator[tuple[str, Draw]]:
     yield "snapshots", partial(plot_compared_snapshots, made.runs)
     for name, entry in figures_of("sweep", cells).items() if cells.ended.any() else ():
         yield f"sweep {name}", partial(entry.function, cells)
-    if fronts is not None and any(row.failed < row.points for row in front_rows(fronts)):
+    if fronts is not None and any(row["failed"] < row["points"] for row in front_rows(fronts)):
         yield "fronts", partial(plot_fronts, fronts)
     for one in made.ablations:
         yield f"ablation_{one.name}", partial(figures_of("ablations")[f"ablation_{one.name}"].function, one.panels)

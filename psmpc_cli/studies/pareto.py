@@ -1,26 +1,35 @@
-"""Pareto fronts of two stages' costs at several samples of a run. Paper section IV-B, Fig. 7.
+"""Pareto fronts of two stages' costs at several samples of a run: docs/pareto.md. Paper section IV-B, Fig. 7.
 
 At each sample the window with both stages is solved for one trade-off between their costs after another: weighted sums
 and epsilon constraints, each from the best point known.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError, RunError
+from psmpc_cli.logs.results import Quantity, Results, create_results, read_results
 from psmpc_cli.logs.run import Run, read_run
-from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.window import SHORTEST
+from psmpc_cli.logs.schema import PARETO
+from psmpc_cli.ocp.problem import Problem, build_problem
+from psmpc_cli.ocp.window import SHORTEST, Window
+from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.simulation.run import header
 from psmpc_cli.simulation.setup import build_experiment, converging
-from psmpc_cli.solvers import NlpSolver, Outcome, Solution
-from psmpc_cli.specs.load import Task
-from psmpc_cli.studies.fronts import CONSTRAINED, FREE, WEIGHTED, Front, FrontGrid, SampleFronts, write_pareto
-from psmpc_cli.studies.one_window import OneWindow, window_at
+from psmpc_cli.solvers import NlpSolver, Solution
+from psmpc_cli.studies.fronts import (
+    CONSTRAINED,
+    FREE,
+    STATUS,
+    WEIGHTED,
+    dominated,
+    extents,
+    hypervolume,
+    off_weighted_sums,
+)
 from psmpc_cli.studies.runner import compute
 from psmpc_cli.studies.weights import parse_stages
 
@@ -40,17 +49,17 @@ LATER = np.linspace(0.0, 0.8, 5)
 FEWEST = 3
 """Points of a front."""
 
-HDF5 = b"\x89HDF\r\n\x1a\n"
-"""How an HDF5 file begins."""
-
 SLACK = 1e-7
 """By how much a point may exceed a bound on J_2 and still stand for it, as a part of the bound."""
 
 BETTER = 1e-6
-"""By how much another point has to serve a scalarization better before it is solved again from there."""
+"""By how much another point has to serve a problem better before it is solved again from there."""
 
 ROUNDS = 5
 """How often at most the points of a front are compared and solved again."""
+
+BEYOND = 0.1
+"""How far beyond the worst value of a criterion the reference point lies, as a part of what the points span."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +72,9 @@ class Question:
         points: Points of a front, by each method.
         method: One of `METHODS`.
         free: Whether the switching instant is a criterion of its own.
+
+    Raises:
+        InputError: The method is unknown, or there are too few points.
     """
 
     stages: str
@@ -71,43 +83,21 @@ class Question:
     method: str
     free: bool
 
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(f"--method: found '{self.method}', expected one of {', '.join(METHODS)}")
+        if self.points < FEWEST:
+            raise InputError(f"--points: found {self.points}, expected at least {FEWEST}")
 
-def parse_times(text: str | None) -> tuple[float, ...]:
-    """Return the times of a list such as 6.1,8.0 [s], rising, each once; none without one.
+    @property
+    def ratios(self) -> Vector:
+        """omega_2 / omega_1 of the weighted sums, rising (N,)."""
+        return np.geomspace(LOWEST, HIGHEST, self.points)
 
-    Raises:
-        InputError: They are not finite numbers.
-    """
-    if text is None:
-        return ()
-    try:
-        times = tuple(sorted({float(part) for part in text.split(",")}))
-    except ValueError:
-        times = (np.nan,)
-    if not np.isfinite(times).all():
-        raise InputError(f"--at: found '{text}', expected times in seconds between commas, such as 6.1,8.0")
-    return times
-
-
-def is_log(reference: str) -> bool:
-    """Return whether what a user named is a file of ours rather than a task."""
-    path = Path(reference)
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(HDF5)) == HDF5
-
-
-def ensure_answerable(question: Question) -> None:
-    """Refuse a question that no run can answer.
-
-    Raises:
-        InputError: The method is unknown, or there are too few points.
-    """
-    if question.method not in METHODS:
-        raise InputError(f"--method: found '{question.method}', expected one of {', '.join(METHODS)}")
-    if question.points < FEWEST:
-        raise InputError(f"--points: found {question.points}, expected at least {FEWEST}")
+    @property
+    def later(self) -> Vector:
+        """How much later the instant is held than the run's optimum, as parts of what is left of the horizon (H,)."""
+        return LATER if self.free else LATER[:1]
 
 
 def solve_pareto(
@@ -117,11 +107,11 @@ def solve_pareto(
     jobs: int | None = None,
     force: bool = False,
     done: Callable[[float, int, int], None] = lambda instant, ended, count: None,
-) -> None:
+) -> Results:
     """Find the fronts at samples of a run and write them into a file, whole or not at all.
 
     Args:
-        run: Run of the run, with its plans.
+        run: Log of the run, with its plans.
         question: What is asked.
         path: The file.
         jobs: Processes; by default one for each core.
@@ -133,46 +123,27 @@ def solve_pareto(
         LogError: The log has no plans, or cannot be read.
         RunError: Processes are ended from outside again and again.
     """
-    ensure_answerable(question)
     log = read_run(run)
     if not log.has_plans:
         raise LogError(f"{run}: holds no plans; expected a log of a task with log: {{plans: true}}")
-    loaded = log.task
-    stages = _stages(question, loaded)
-    names = [log.stage_names[stage] for stage in stages]
-    grid = _grid(question)
-    tasks = [SampleTask(run.absolute(), sample, grid) for sample in choose_samples(log, stages, question.at)]
-    found: dict[int, SampleFronts] = {}
-    for index, fronts in compute(solve_sample, tasks, jobs):
-        if fronts is None:
-            raise RunError("a process was killed each time, perhaps for lack of memory: try fewer --jobs")
-        found[index] = fronts
-        done(fronts.start, len(found), len(tasks))
-    attributes = {**header(build_experiment(loaded)).attributes, "method": question.method}
-    attributes["stages"] = ",".join(str(stage + 1) for stage in stages)
-    write_pareto(path, attributes, names, grid, [found[i] for i in range(len(tasks))], force)
-
-
-def _stages(question: Question, loaded: Task) -> tuple[int, int]:
-    """Return the two stages; refuse a free instant where it is given."""
-    stages = parse_stages(question.stages, loaded)
-    first = loaded.spec.stages[stages[0]]
+    stages = parse_stages(question.stages, log.task)
+    first = log.task.spec.stages[stages[0]]
     if question.free and first.at is not None:
         raise InputError(f"--free-instant: {first.name} ends at a fixed time, expected a stage with an end condition")
-    return stages
+    cells = [(run.absolute(), question, sample) for sample in choose_samples(log, stages, question.at)]
+    found: dict[int, list[Quantity]] = {}
+    for index, quantities in compute(_solve_sample, cells, jobs):
+        if quantities is None:
+            raise RunError("a process was killed each time, perhaps for lack of memory: try fewer --jobs")
+        found[index] = quantities
+        done(float(quantities[0].values), len(found), len(cells))
+    attributes = {**header(build_experiment(log.task)).attributes, "method": question.method}
+    attributes["stages"] = ",".join(str(stage + 1) for stage in stages)
+    names = [log.stage_names[stage] for stage in stages]
+    return write_pareto(path, attributes, names, question, [found[i] for i in range(len(cells))], force)
 
 
-def _grid(question: Question) -> FrontGrid:
-    return FrontGrid(
-        ratios=np.geomspace(LOWEST, HIGHEST, question.points),
-        weighted=question.method != "epsilon-constraint",
-        bounds=0 if question.method == "weighted-sum" else question.points,
-        parts=LATER if question.free else LATER[:1],
-        free=question.free,
-    )
-
-
-def possible_samples(log: Run, stages: tuple[int, int]) -> np.ndarray:
+def possible_samples(log: Run, stages: tuple[int, int]) -> Vector:
     """Return the samples whose window holds exactly the two stages and was solved (K,)."""
     alone = (log["window/first"] == stages[0]) & (log["window/count"] == 2)
     return np.flatnonzero(alone & (log["events/solve_failed"] == 0))
@@ -202,179 +173,152 @@ def choose_samples(log: Run, stages: tuple[int, int], at: Sequence[float]) -> li
     return [int(possible[place]) for place in dict.fromkeys(nearest)]
 
 
-@dataclass(frozen=True)
-class Scalarization:
-    """What makes one problem of two costs: min w_1 J_1 + w_2 J_2 subject to J_2 <= bound.
-
-    Attributes:
-        weights: w_1 and w_2, the larger one 1.
-        bound: The largest J_2; infinite for a weighted sum.
-    """
-
-    weights: tuple[float, float]
-    bound: float = np.inf
-
-
-def weighted_sum(ratio: float) -> Scalarization:
-    """Return the weighted sum with this omega_2 / omega_1."""
-    return Scalarization((min(1.0, 1.0 / ratio), min(1.0, ratio)))
-
-
-def constrained(bound: float) -> Scalarization:
-    """Return the epsilon-constraint problem: J_1 alone, with J_2 bounded."""
-    return Scalarization((1.0, 0.0), bound)
-
-
-@dataclass(frozen=True, eq=False)
-class FrontPoint:
-    """The optimum of a scalarization.
-
-    Attributes:
-        J: J_1 and J_2, normalized as in the window (2,); NaN if there is none.
-        wait: t_s - T0 [s].
-        objective: What was minimized, the pending cost included.
-        ratio: omega_2 / omega_1 of the weighted sum with the same optimum, -dJ_1/dJ_2 of the front there.
-        outcome: How the solve ended.
-        plan: The plan.
-        solution: The solve, where J_2 was bounded: its multipliers can start the next one.
-    """
-
-    J: Vector
-    wait: float
-    objective: float
-    ratio: float
-    outcome: Outcome
-    plan: Plan
-    solution: Solution | None = None
-
-
 class TradeOff:
-    """Solves scalarizations of one window.
+    """Solves a window for the optima of problems that weigh its two costs differently.
 
-    J_s is what stage s adds to the objective at priority 1: its normalized cost integral, and of the last stage the
-    terminal cost where the task has one. Paper eqs. (12), (29).
+    A problem is the window with other priorities, the larger one 1, and perhaps a bound on J_2; a point is its
+    solution. J_s is what stage s adds to the objective at priority 1: its normalized cost integral, and of the last
+    stage the terminal cost where the task has one. Paper eqs. (12), (29).
     """
 
-    def __init__(self, one: OneWindow) -> None:
-        self.one = one
-        problem = one.experiment.problem
-        self._solver = NlpSolver(problem, problem.spec.solver)
+    def __init__(self, problem: Problem) -> None:
+        spec = problem.spec.solver
+        self._solver = NlpSolver(problem, spec)
+        # IPOPT, whatever the task says: a row that reaches over all nodes breaks the structure others live on
+        self._bounded = NlpSolver(problem, spec.model_copy(update={"kind": "ipopt"}))
 
-    @cached_property
-    def _bounded(self) -> NlpSolver:
-        """IPOPT, whatever the task says: a row that reaches over all nodes breaks the structure others live on."""
-        problem = self.one.experiment.problem
-        return NlpSolver(problem, problem.spec.solver.model_copy(update={"kind": "ipopt"}))
+    def solve(self, problem: Window, near: Solution, wait: float | None) -> Solution:
+        """Return the optimum, started from another point, with the instant so long after T0 [s], or free.
 
-    def solve(self, scalarization: Scalarization, near: FrontPoint | Plan, wait: float | None) -> FrontPoint:
-        """Return the optimum, started from a plan or another point, with the instant so long after T0 [s], or free."""
-        window = replace(self.one.window, omega=np.array(scalarization.weights), cost_bound=scalarization.bound)
-        plan, before = (near.plan, near.solution) if isinstance(near, FrontPoint) else (near, None)
-        guess, within = plan, np.inf
-        if wait is not None:
-            guess, within = replace(plan, instants=np.array([window.start + wait])), 0.0
-        if np.isinf(scalarization.bound):
-            solution = self._solver.solve(window, guess, within=within)
-            return self._point(solution, scalarization.weights[1] / scalarization.weights[0], plan)
-        solution = self._bounded.solve(window, guess, before, within)
-        point = self._point(solution, solution.bound_multiplier, plan)
-        return replace(point, solution=solution) if solution.outcome.usable else point
-
-    def _point(self, solution: Solution, ratio: float, guess: Plan) -> FrontPoint:
-        """Return what a solve has come to; without a solution nothing but its outcome, and the guess."""
-        window, plan, outcome = self.one.window, solution.plan, solution.outcome
-        if not outcome.usable:
-            return FrontPoint(np.full(2, np.nan), np.nan, np.nan, np.nan, outcome, guess)
-        J = solution.costs + np.array([0.0, solution.terminal])
-        return FrontPoint(J, float(plan.instants[0]) - window.start, solution.objective, ratio, outcome, plan)
-
-    def costs_of(self, plan: Plan) -> Vector:
-        """Return J_1 and J_2 (2,) of a plan."""
-        return self._solver.costs(self.one.window, plan)
-
-    def value(self, scalarization: Scalarization, point: FrontPoint) -> float:
-        """Return what a scalarization makes of a point, whatever that was found for; infinite where it is not allowed.
-
-        All points of a window share one feasible set, so each is a candidate for every scalarization.
+        Where there is none, costs and objective are NaN and the plan is the other point's.
         """
-        allowed = point.J[1] <= scalarization.bound * (1 + SLACK)
-        value = float(np.dot(scalarization.weights, point.J)) + self.one.window.pending_cost * point.wait
-        return value if allowed and np.isfinite(value) else np.inf
+        guess, within = near.plan, np.inf
+        if wait is not None:
+            guess, within = replace(guess, instants=np.array([problem.start + wait])), 0.0
+        if np.isinf(problem.cost_bound):
+            point = self._solver.solve(problem, guess, within=within)
+        else:
+            point = self._bounded.solve(problem, guess, near if np.isfinite(near.window.cost_bound) else None, within)
+        if point.outcome.usable:
+            return point
+        unknown = np.full(2, np.nan)
+        return replace(point, plan=near.plan, costs=unknown, objective=np.nan, bound_multiplier=np.nan)
+
+    def costs_of(self, solve: Solution) -> Vector:
+        """Return J_1 and J_2 (2,) along the plan of a solve."""
+        return self._solver.costs(solve.window, solve.plan)
 
 
-@dataclass(frozen=True, eq=False)
-class SampleTask:
-    """One sample of a log, and the problems to solve there."""
-
-    log: Path
-    sample: int
-    grid: FrontGrid
+def weighted_sum(window: Window, ratio: float) -> Window:
+    """Return the weighted sum with this omega_2 / omega_1: min J_1 + ratio J_2, over the larger weight."""
+    return replace(window, omega=np.array([min(1.0, 1.0 / ratio), min(1.0, ratio)]))
 
 
-def solve_sample(task: SampleTask) -> SampleFronts:
-    """Return the fronts at one sample."""
-    log, grid = read_run(task.log), task.grid
-    trade_off = TradeOff(window_at(log, build_experiment(converging(log.task)), task.sample))
-    window, plan = trade_off.one.window, trade_off.one.plan
-    wait = float(plan.instants[0]) - window.start
-    ratio = float(window.omega[1] / window.omega[0])
-    held = wait + grid.parts * max(window.horizon - SHORTEST - wait, 0.0)
-    swept = [_sweep(trade_off, grid, ratio, float(at)) for at in held]
-    free = [_sweep(trade_off, grid, ratio, None)] if grid.free else []
-    wanted = {WEIGHTED: grid.weighted, CONSTRAINED: bool(grid.bounds)}
-    fronts = {method: tuple(found[method] for found, _ in swept) for method in wanted if wanted[method]}
-    return SampleFronts(
-        start=window.start,
-        wait=wait,
-        J=trade_off.costs_of(plan),
-        ratio=ratio,
-        scale=window.scale,
-        fronts=fronts | ({FREE: (free[0][0][WEIGHTED],)} if free else {}),
-        again=sum(again for _, again in [*swept, *free]),
-    )
+def constrained(window: Window, bound: float) -> Window:
+    """Return the epsilon-constraint problem: min J_1 subject to J_2 <= bound."""
+    return replace(window, omega=np.array([1.0, 0.0]), cost_bound=bound)
 
 
-def _sweep(trade_off: TradeOff, grid: FrontGrid, ratio: float, wait: float | None) -> tuple[dict[str, Front], int]:
-    """Find the fronts with the instant so long after T0 [s], or free, and how many points were solved again."""
-    ratios = grid.ratios if grid.weighted or wait is None else grid.ratios[[0, -1]]
-    sums = [weighted_sum(float(ratio)) for ratio in ratios]
-    points = _outward(trade_off, sums, int(np.argmin(np.abs(np.log(ratios / ratio)))), wait)
-    points, again = improved(trade_off, sums, points, wait)
-    if wait is None or not grid.bounds:
-        return {WEIGHTED: _front(sums, points)}, again
-    second = [point.J[1] for point in points]
-    limits = [constrained(float(bound)) for bound in np.linspace(second[0], second[-1], grid.bounds)]
-    every = points + _downward(trade_off, limits, points, wait)
-    every, more = improved(trade_off, sums + limits, every, wait)
-    weighted, found = every[: len(sums)], every[len(sums) :]
-    return {WEIGHTED: _front(sums, weighted), CONSTRAINED: _front(limits, found)}, again + more
+def point_costs(points: Sequence[Solution]) -> Vector:
+    """Return J_1 and J_2 of points (P, 2), normalized as in the window."""
+    return np.array([point.costs + np.array([0.0, point.terminal]) for point in points]).reshape(-1, 2)
 
 
-def _outward(trade_off: TradeOff, sums: Sequence[Scalarization], first: int, wait: float | None) -> list[FrontPoint]:
-    """Solve weighted sums in order of their ratio, from `first` to both ends, each from its neighbour."""
-    found: dict[int, FrontPoint] = {}
-    near: FrontPoint | Plan = trade_off.one.plan
-    for i in (*range(first, len(sums)), *range(first - 1, -1, -1)):
-        near = found[first] if i == first - 1 else near
-        found[i] = near = trade_off.solve(sums[i], near, wait)
-    return [found[i] for i in range(len(sums))]
+def _waits(points: Sequence[Solution]) -> Vector:
+    """Return t_s - T0 of points (P,) [s]."""
+    waits = [point.plan.instants[0] - point.window.start for point in points]
+    return np.where(np.isnan(point_costs(points)[:, 0]), np.nan, waits)
 
 
-def _downward(
-    trade_off: TradeOff, limits: Sequence[Scalarization], known: Sequence[FrontPoint], wait: float
-) -> list[FrontPoint]:
-    """Solve epsilon-constraint problems, each from its neighbour, the first from the known point of largest J_2."""
-    found: list[FrontPoint] = []
-    near = max(known, key=lambda point: float(np.nan_to_num(point.J[1], nan=-np.inf)))
+def values_of(problem: Window, points: Sequence[Solution]) -> Vector:
+    """Return what a problem makes of points (P,), whatever they were found for; infinite where it is not allowed.
+
+    All points of a window share one feasible set, so each is a candidate for every problem.
+    """
+    J = point_costs(points)
+    values = J @ problem.omega + problem.pending_cost * _waits(points)
+    return np.where(J[:, 1] <= problem.cost_bound * (1 + SLACK), np.nan_to_num(values, nan=np.inf), np.inf)
+
+
+def _solve_sample(cell: tuple[Path, Question, int]) -> list[Quantity]:
+    """Measure a cell: find the fronts at a sample of a log; the sampling instant comes first."""
+    path, question, sample = cell
+    log = read_run(path)
+    problem = build_problem(converging(log.task))
+    trade_off, solve = TradeOff(problem), logged_solve(log, problem, sample)
+    window, instant = solve.window, float(solve.plan.instants[0])
+    wait = instant - window.start
+    held = wait + question.later * max(window.horizon - SHORTEST - wait, 0.0)
+    swept = [_sweep(trade_off, solve, question, float(at)) for at in held]
+    points = swept[0][0]
+    if question.free:
+        swept.append(_sweep(trade_off, solve, question, None))
+        *held_points, free = (found for found, _ in swept)
+        points = [*_stacked("later", held_points), *free]
+    J, again = trade_off.costs_of(solve), sum(again for _, again in swept)
+    ratio = window.omega[1] / window.omega[0]
+    return [
+        _number("instant", window.start, "s", "sampling instant T0"),
+        _number("t_s", instant, "s", "switching instant, as the run optimized it"),
+        _number("chosen_ratio", ratio, "1", "omega_2 / omega_1 of the run"),
+        _number("chosen_J_1", J[0], "s", "J_1 of the run's optimum"),
+        _number("chosen_J_2", J[1], "s", "J_2 of the run's optimum"),
+        Quantity("scale", ("stage",), window.scale, "1", "normalization of each stage's cost, for all points"),
+        _number("again", again, "1", "points solved again because another one served them better"),
+        *points,
+    ]
+
+
+def _number(name: str, value: float, units: str, long_name: str) -> Quantity:
+    return Quantity(name, (), np.array(value), units, long_name)
+
+
+def _stacked(dim: str, cells: Sequence[Sequence[Quantity]]) -> list[Quantity]:
+    """Return arrays along a further dimension, made of those that every cell has in the same order."""
+    return [
+        replace(alike[0], dims=(dim, *alike[0].dims), values=np.array([each.values for each in alike]))
+        for alike in zip(*cells, strict=True)
+    ]
+
+
+def _sweep(trade_off: TradeOff, solve: Solution, question: Question, wait: float | None) -> tuple[list[Quantity], int]:
+    """Find the fronts with the instant so long after T0 [s], or free, and how many points were solved again.
+
+    Weighted sums are solved from the run's own ratio to both ends, epsilon constraints between what the first and the
+    last ratio lead to from the point of largest J_2 downwards, each from its neighbour.
+    """
+    window, whole = solve.window, wait is None or question.method != "epsilon-constraint"
+    ratios = question.ratios if whole else question.ratios[[0, -1]]
+    sums = [weighted_sum(window, ratio) for ratio in ratios]
+    first = int(np.argmin(np.abs(np.log(ratios / (window.omega[1] / window.omega[0])))))
+    found: dict[int, Solution] = {}
+    for outward in (range(first, len(sums)), range(first - 1, -1, -1)):
+        near = found.get(first, solve)
+        for i in outward:
+            found[i] = near = trade_off.solve(sums[i], near, wait)
+    points, again = improved(trade_off, sums, [found[i] for i in range(len(sums))], wait)
+    if wait is None or question.method == "weighted-sum":
+        return _arrays(FREE if wait is None else WEIGHTED, points), again
+    second = point_costs(points)[:, 1]
+    limits = [constrained(window, bound) for bound in np.linspace(second[0], second[-1], question.points)]
+    near = points[int(np.argmax(np.nan_to_num(second, nan=-np.inf)))]
+    bounded = []
     for limit in limits:
-        found.append(trade_off.solve(limit, near, wait))
-        near = found[-1] if found[-1].outcome.usable else near
-    return found
+        bounded.append(trade_off.solve(limit, near, wait))
+        near = bounded[-1] if bounded[-1].outcome.usable else near
+    every, more = improved(trade_off, sums + limits, points + bounded, wait)
+    points, bounded = every[: len(sums)], every[len(sums) :]
+    if not whole:
+        return _arrays(CONSTRAINED, bounded), again + more
+    off = off_weighted_sums(point_costs(bounded), point_costs(points), ratios)
+    words = "distance above the weighted sums' chords (positive) or below their lines (negative), over the front"
+    agreement = Quantity("constrained_off_weighted", ("bound",), off, "1", words)
+    return [*_arrays(WEIGHTED, points), *_arrays(CONSTRAINED, bounded), agreement], again + more
 
 
 def improved(
-    trade_off: TradeOff, problems: Sequence[Scalarization], points: Sequence[FrontPoint], wait: float | None
-) -> tuple[list[FrontPoint], int]:
+    trade_off: TradeOff, problems: Sequence[Window], points: Sequence[Solution], wait: float | None
+) -> tuple[list[Solution], int]:
     """Return the points, those solved again that another one served better or that had none; and how many those are.
 
     So no point is left in a local optimum that any other knows to leave.
@@ -383,12 +327,12 @@ def improved(
     for _ in range(ROUNDS):
         better = 0
         for i, problem in enumerate(problems):
-            values = np.array([trade_off.value(problem, point) for point in points])
+            values = values_of(problem, points)
             best = int(np.argmin(values))
             if not values[best] < values[i] - BETTER * abs(values[best]):
                 continue
             solved = trade_off.solve(problem, points[best], wait)
-            if trade_off.value(problem, solved) < values[i]:
+            if values_of(problem, [solved])[0] < values[i]:
                 points[i], better = solved, better + 1
         again += better
         if not better:
@@ -396,13 +340,85 @@ def improved(
     return points, again
 
 
-def _front(problems: Sequence[Scalarization], points: Sequence[FrontPoint]) -> Front:
-    outcomes = list(Outcome)
-    return Front(
-        J=np.array([point.J for point in points]).reshape(-1, 2),
-        wait=np.array([point.wait for point in points]),
-        objective=np.array([point.objective for point in points]),
-        ratio=np.array([point.ratio for point in points]),
-        bound=np.array([problem.bound for problem in problems]),
-        outcome=np.array([outcomes.index(point.outcome) for point in points], "i1"),
-    )
+def _arrays(method: str, points: Sequence[Solution]) -> list[Quantity]:
+    """Return the arrays of a method's points."""
+    J, status = point_costs(points), [STATUS.index(point.outcome.name.lower()) for point in points]
+    minimized = "J_1 with J_2 bounded" if method == CONSTRAINED else "weighted sum"
+    arrays = [
+        ("J_1", J[:, 0], "s", "normalized cost of the first stage"),
+        ("J_2", J[:, 1], "s", "normalized cost of the second stage"),
+        ("wait", _waits(points), "s", "t_s - T0"),
+        (
+            "objective",
+            [each.objective for each in points],
+            "1",
+            f"{minimized} and pending cost, over the larger weight",
+        ),
+        ("status", np.array(status, "i1"), "1", "outcome of the solve"),
+    ]
+    if method == CONSTRAINED:
+        ratio = "omega_2 / omega_1 with the same optimum, -dJ_1/dJ_2"
+        arrays += [
+            ("limit", [each.window.cost_bound for each in points], "s", "bound on J_2"),
+            ("ratio", [each.bound_multiplier for each in points], "1", ratio),
+        ]
+    dims = ("bound",) if method == CONSTRAINED else ("ratio",)
+    return [
+        Quantity(f"{method}_{name}", dims, np.array(values), units, words, STATUS if name == "status" else ())
+        for name, values, units, words in arrays
+    ]
+
+
+def write_pareto(
+    path: Path,
+    attributes: Mapping[str, str | int | float],
+    stages: Sequence[str],
+    question: Question,
+    cells: Sequence[Sequence[Quantity]],
+    force: bool,
+) -> Results:
+    """Write the fronts found at several samples into a file, with what they dominate, and read it.
+
+    Raises:
+        InputError: The file exists already or cannot be written; with `force`, it exists and is no HDF5 file.
+    """
+    found = {quantity.name: quantity for quantity in _stacked("instant", cells)}
+    quantities = [*found.values(), *_coordinates(stages, question, found)]
+    names = ["J_1", "J_2", "wait"] if question.free else ["J_1", "J_2"]
+    criteria = {
+        method: np.stack([found[f"{method}_{name}"].values for name in names], axis=-1)
+        for method in (WEIGHTED, CONSTRAINED, FREE)
+        if f"{method}_J_1" in found
+    }
+    every = np.concatenate([values.reshape(len(cells), -1, len(names)) for values in criteria.values()], axis=1)
+    worst, span = np.nanmax(every, axis=(0, 1), initial=0.0), extents(every.reshape(-1, len(names)))
+    reference = worst + BEYOND * span
+    volumes, units = [hypervolume(points, reference) for points in every], "s^3" if question.free else "s^2"
+    quantities += [
+        Quantity("reference", ("criterion",), reference, "s", "reference point of the hypervolume"),
+        Quantity("hypervolume", ("instant",), np.array(volumes), units, "measure of what is dominated"),
+    ]
+    ends = np.cumsum([values[0, ..., 0].size for values in criteria.values()])[:-1]
+    marks = np.split(np.array([dominated(points) for points in every], "i1"), ends, axis=1)
+    for method, values in zip(criteria, marks, strict=True):
+        like = found[f"{method}_J_1"]
+        shaped = values.reshape(like.values.shape)
+        quantities.append(Quantity(f"{method}_dominated", like.dims, shaped, "1", "another point is better"))
+    create_results(path, PARETO, {**attributes, "free_instant": int(question.free)}, quantities, force)
+    return read_results(path, PARETO)
+
+
+def _coordinates(stages: Sequence[str], question: Question, found: Mapping[str, Quantity]) -> list[Quantity]:
+    """Build the coordinates of what was found, but for the instants."""
+    criteria = ["J_1", "J_2", "t_s - T0"] if question.free else ["J_1", "J_2"]
+    bound = "bound on J_2, from the smallest ratio's (0) to the largest one's (1)"
+    later = "how much later the instant is held than the run's optimum, as a part of what is left of the horizon"
+    known = {
+        "stage": (np.array(stages), "the two stages"),
+        "criterion": (np.array(criteria), "what is to be small"),
+        "ratio": (question.ratios, "omega_2 / omega_1"),
+        "bound": (np.linspace(0.0, 1.0, question.points), bound),
+        "later": (question.later, later),
+    }
+    along = {"criterion", *(dim for quantity in found.values() for dim in quantity.dims)}
+    return [Quantity(name, (name,), values, "1", words) for name, (values, words) in known.items() if name in along]

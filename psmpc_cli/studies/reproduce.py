@@ -16,7 +16,7 @@ from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.ablations import run_ablations
 from psmpc_cli.studies.claims import Finding
 from psmpc_cli.studies.compare import compare_tasks
-from psmpc_cli.studies.fronts import front_rows, read_pareto
+from psmpc_cli.studies.fronts import front_rows
 from psmpc_cli.studies.judge import ENDS, Reproduction
 from psmpc_cli.studies.pareto import Question, possible_samples, solve_pareto
 from psmpc_cli.studies.runner import Study, run_study
@@ -134,7 +134,7 @@ def _find_fronts(
     with TemporaryDirectory(prefix=".fronts-", dir=directory) as meanwhile:
         log = Path(meanwhile) / "psmpc.h5"
         run.save(log)
-        solve_pareto(
+        return solve_pareto(
             log,
             Question("1,2", (), points, "weighted-sum", False),
             path,
@@ -142,7 +142,6 @@ def _find_fronts(
             force,
             lambda instant, ended, count: told(f"fronts: {instant:.1f} s done, {ended} of {count}"),
         )
-    return read_pareto(path)
 
 
 def claims_json(made: Reproduction, created: str) -> bytes:

@@ -70,18 +70,18 @@ def parse_range(text: str) -> tuple[float, float]:
     return bounds
 
 
-def parse_epsilons(text: str) -> tuple[float, ...]:
-    """Parse the thresholds of a list such as 1e-3,1e-2, and sort them.
+def parse_numbers(option: str, text: str, expected: str, above: float = -np.inf) -> tuple[float, ...]:
+    """Parse the numbers of a list such as 1e-3,1e-2, and sort them, each once.
 
     Raises:
-        InputError: One is no positive number.
+        InputError: One is no finite number above the smallest.
     """
     try:
         found = sorted({float(part) for part in text.split(",")})
     except ValueError:
-        found = []
-    if not found or not 0 < found[0] <= found[-1] < np.inf:
-        raise InputError(f"--epsilon: found '{text}', expected positive numbers between commas, such as 1e-3,1e-2,0.1")
+        found = [np.nan]
+    if not all(above < number < np.inf for number in found):
+        raise InputError(f"{option}: found '{text}', expected {expected}")
     return tuple(found)
 
 

@@ -10,8 +10,7 @@ from typer.testing import CliRunner, Result
 from psmpc_cli.cli.main import app
 from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.run import read_comparison
-from psmpc_cli.logs.schema import SWEEP
-from psmpc_cli.studies.fronts import read_pareto
+from psmpc_cli.logs.schema import PARETO, SWEEP
 from psmpc_cli.studies.reproduce import METHODS
 from psmpc_cli.studies.weights import sweep_cells
 
@@ -79,7 +78,7 @@ def test_report_and_results_say_the_same(ran: Result, data: dict[str, Any], fold
     cells = sweep_cells(read_results(folder / "out" / "weights.h5", SWEEP))
     assert cells.omega.tolist() == [[1e-3, 1e-3], [1e3, 1e-3], [1e-3, 1e3], [1e3, 1e3]]
     assert data["weights"]["digest"] == cells.results.attributes["digest"]
-    fronts = read_pareto(folder / "out" / "fronts.h5")
+    fronts = read_results(folder / "out" / "fronts.h5", PARETO)
     assert fronts.attributes["digest"] == runs["psmpc"].attributes["digest"]
     assert [sample["instant"] for sample in data["fronts"]["samples"]] == fronts["instant"].tolist()
 

@@ -8,8 +8,7 @@ import pytest
 from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.run import read_comparison, read_run
-from psmpc_cli.logs.schema import SWEEP
-from psmpc_cli.studies.fronts import read_pareto
+from psmpc_cli.logs.schema import PARETO, SWEEP
 from psmpc_cli.studies.sweep import COMPUTED, SHARED
 
 from .command import Psmpc, Ran
@@ -121,14 +120,14 @@ def test_pareto_fronts_are_a_table_a_file_and_figures(psmpc: Psmpc) -> None:
     assert [line.split()[0] for line in lines[:2]] == ["0.30", "0.50"]
     assert "at 2 of 2 instants" in ran.stdout
     path = Path("runs/task-pareto.h5")
-    assert read_pareto(path)["weighted_J_1"].shape == (2, 3)
+    assert read_results(path, PARETO)["weighted_J_1"].shape == (2, 3)
     assert [figure.name for figure in Path("runs/task-pareto").iterdir()] == ["front.png"]
     assert psmpc("show", str(path)).stdout.splitlines() == ran.stdout.splitlines()[:-1]
     assert psmpc("plot", str(path), "-o", "again", "--format", "svg").stdout == "again/front.svg\n"
     assert "pareto" in psmpc("plot", str(path), "--animate").stderr
     assert read_run(Path("run.h5")).plans
     assert psmpc("pareto", "run.h5", *quick, "--no-figures", "-o", "again.h5", "-q") == Ran(0, "", "")
-    again, first = read_pareto(Path("again.h5")), read_pareto(path)
+    again, first = read_results(Path("again.h5"), PARETO), read_results(path, PARETO)
     assert (again["weighted_J_1"] == first["weighted_J_1"]).all()
 
 

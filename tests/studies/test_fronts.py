@@ -1,10 +1,23 @@
+"""What the points of fronts dominate, what weighted sums miss of them, and how they move."""
+
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from psmpc_cli.studies.fronts import CLEARLY, dominated, extents, hypervolume, off_weighted_sums
+from psmpc_cli.logs.results import Quantity, Results
+from psmpc_cli.studies.fronts import (
+    CLEARLY,
+    direction,
+    dominated,
+    extents,
+    front_movement,
+    hypervolume,
+    off_weighted_sums,
+)
 
 CLOUDS = st.integers(2, 3).flatmap(
     lambda count: arrays(float, st.tuples(st.integers(1, 12), st.just(count)), elements=st.integers(0, 6).map(float))
@@ -92,3 +105,71 @@ def test_without_points_nothing_is_known() -> None:
     assert np.isnan(off_weighted_sums(np.ones((3, 2)), nothing, np.ones(2))).all()
     assert np.isnan(off_weighted_sums(nothing, convex_front(RATIOS), RATIOS)).all()
     np.testing.assert_array_equal(extents(nothing), 1.0)
+
+
+INSTANTS = np.array([6.0, 7.0, 8.0])
+
+
+def made_up(J: np.ndarray) -> Results:
+    """A study with these J_1 and J_2 (instants, ratios, 2), of a switch at 9 s in a horizon of 4 s."""
+    arrays = {"instant": INSTANTS[: len(J)], "t_s": np.full(len(J), 9.0)}
+    arrays |= {"weighted_J_1": J[..., 0], "weighted_J_2": J[..., 1]}
+    quantities = {name: Quantity(name, (), values, "s", "") for name, values in arrays.items()}
+    return Results(Path("made_up.h5"), {"horizon": 4.0}, quantities)
+
+
+def front(right: float = 0.0, up: float = 0.0) -> np.ndarray:
+    along = np.linspace(0.1, 1.0, len(RATIOS))
+    return np.column_stack([along**2 + up, (1 - along) ** 2 + right])
+
+
+def test_a_front_that_moves_to_the_upper_left_is_said_to() -> None:
+    movement = front_movement(made_up(np.array([front(2, 0), front(1, 1), front(0, 2)])))
+    assert movement.moving == 3
+    assert movement.with_time
+    np.testing.assert_allclose(movement.steps["normalized"], [[1, -1], [1, -1]])
+    assert movement.against == (0.0, 0.0, 0.0)
+
+
+def test_where_each_step_leads_is_said() -> None:
+    movement = front_movement(made_up(np.array([front(0, 1), front(1, 0), front(2, 1)])))
+    assert [direction(step) for step in movement.steps["normalized"]] == ["lower right", "upper right"]
+    assert not movement.with_time
+    assert any("lower right (1 of 2) and upper right (1 of 2)" in words for words in movement.over_time)
+
+
+def test_a_step_back_along_a_front_is_found_and_last_digits_are_none() -> None:
+    swapped, rounded = front(), front()
+    swapped[[2, 3]] = swapped[[3, 2]]
+    rounded[3] = rounded[2] * [1 - 1e-7, 1 + 1e-7]
+    movement = front_movement(made_up(np.array([front(), swapped, rounded])))
+    assert movement.moving == 2
+    assert movement.against[0] == 0.0
+    assert movement.against[1] > 0.1
+    assert "upper left at 2 of 3 instants" in movement.over_ratio
+
+
+def test_a_front_that_only_grows_does_not_move_over_its_own_extent() -> None:
+    movement = front_movement(made_up(np.array([front(), 3 * front()])))
+    np.testing.assert_allclose(movement.steps["own extent"], np.zeros((1, 2)), atol=1e-12)
+
+
+def test_costs_that_follow_the_stages_parts_of_the_horizon_do_not_move_per_second() -> None:
+    parts = np.array([[3.0, 1.0], [2.0, 2.0], [1.0, 3.0]])
+    movement = front_movement(made_up(parts[:, None, :] * front()))
+    np.testing.assert_allclose(movement.parts, parts)
+    assert movement.directions() == "lower right (2 of 2)"
+    np.testing.assert_allclose(movement.steps["per second"], np.zeros((2, 2)), atol=1e-12)
+
+
+def test_points_that_could_not_be_solved_for_are_left_out() -> None:
+    J = np.array([front(1, 0), front(0, 1)])
+    J[0, 2] = J[1, 5] = np.nan
+    movement = front_movement(made_up(J))
+    assert movement.moving == 2 and movement.with_time
+
+
+def test_one_instant_does_not_move() -> None:
+    movement = front_movement(made_up(front()[None]))
+    assert movement.over_time == ()
+    assert len(movement.steps["normalized"]) == 0

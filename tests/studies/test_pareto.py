@@ -1,3 +1,5 @@
+"""Pareto studies of a small run: the trade-offs of one window, and the file of several."""
+
 from pathlib import Path
 
 import numpy as np
@@ -6,10 +8,24 @@ import pytest
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run, read_run
-from psmpc_cli.studies.fronts import STATUS, costs_of, dominated, extents, methods_in, read_pareto
-from psmpc_cli.studies.pareto import HIGHEST, LOWEST, Question, choose_samples, is_log, parse_times, solve_pareto
+from psmpc_cli.ocp.problem import build_problem
+from psmpc_cli.simulation.replay import logged_solve
+from psmpc_cli.simulation.setup import converging
+from psmpc_cli.solvers import Solution
+from psmpc_cli.studies.fronts import STATUS, dominated, extents, held_costs
+from psmpc_cli.studies.pareto import (
+    HIGHEST,
+    LOWEST,
+    Question,
+    TradeOff,
+    choose_samples,
+    constrained,
+    point_costs,
+    solve_pareto,
+    values_of,
+    weighted_sum,
+)
 
-from ..there_and_back import TASK
 from .there_and_back_run import run_there_and_back
 
 pytestmark = pytest.mark.slow
@@ -24,7 +40,7 @@ def question(**changes: object) -> Question:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return run_there_and_back(tmp_path_factory.mktemp("run"))
+    return run_there_and_back(tmp_path_factory.mktemp("run"), "stages[1].priority=3")
 
 
 @pytest.fixture(scope="module")
@@ -35,20 +51,16 @@ def log(run: Path) -> Run:
 @pytest.fixture(scope="module")
 def studied(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Results:
     path = tmp_path_factory.mktemp("held") / "pareto.h5"
-    solve_pareto(run, question(at=(0.2, 0.5)), path, 1)
-    return read_pareto(path)
+    return solve_pareto(run, question(at=(0.2, 0.5)), path, 1)
 
 
 @pytest.fixture(scope="module")
 def in_space(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Results:
     path = tmp_path_factory.mktemp("free") / "pareto.h5"
-    solve_pareto(run, question(at=(0.3,), method="weighted-sum", free=True), path, 1)
-    return read_pareto(path)
+    return solve_pareto(run, question(at=(0.3,), method="weighted-sum", free=True), path, 1)
 
 
 def test_every_point_is_solved_for(studied: Results, in_space: Results) -> None:
-    assert methods_in(studied) == ("weighted", "constrained")
-    assert methods_in(in_space) == ("weighted",)
     for results, names in ((studied, ("weighted", "constrained")), (in_space, ("weighted", "free"))):
         for name in names:
             assert np.all(results[f"{name}_status"] == STATUS.index("optimal"))
@@ -82,7 +94,7 @@ def test_the_chosen_point_is_the_run_s(studied: Results, log: Run) -> None:
 
 
 def test_the_front_falls_and_the_run_s_point_lies_on_it(studied: Results) -> None:
-    for i, J in enumerate(costs_of(studied, "weighted")):
+    for i, J in enumerate(held_costs(studied, "weighted")):
         least = 1e-6 * extents(J)
         assert np.all(np.diff(J[:, 0]) >= -least[0])
         assert np.all(np.diff(J[:, 1]) <= least[1])
@@ -103,8 +115,8 @@ def test_bounds_are_kept_to_and_reach_from_one_end_of_the_front_to_the_other(stu
 
 
 def test_the_reference_is_worse_than_every_point(studied: Results) -> None:
-    for method in methods_in(studied):
-        assert np.all(costs_of(studied, method) < studied["reference"])
+    for method in ("weighted", "constrained"):
+        assert np.all(held_costs(studied, method) < studied["reference"])
     assert np.all(studied["hypervolume"] > 0)
 
 
@@ -119,9 +131,8 @@ def test_a_third_criterion_has_its_own_fronts(in_space: Results) -> None:
 
 def test_bounds_alone_need_two_weighted_sums_only(run: Path, tmp_path: Path) -> None:
     path = tmp_path / "pareto.h5"
-    solve_pareto(run, question(at=(0.5,), method="epsilon-constraint"), path, 1)
-    results = read_pareto(path)
-    assert methods_in(results) == ("constrained",)
+    results = solve_pareto(run, question(at=(0.5,), method="epsilon-constraint"), path, 1)
+    assert "weighted_J_1" not in results.quantities
     assert results["constrained_J_1"].shape == (1, POINTS)
 
 
@@ -139,7 +150,7 @@ def test_a_time_is_its_nearest_sample_once(log: Run) -> None:
 
 
 def test_times_without_such_a_window_are_refused(log: Run) -> None:
-    with pytest.raises(InputError, match=r"--at: found 1\.5, .* go and back alone; expected times from 0\.1 to 0\.7"):
+    with pytest.raises(InputError, match=r"--at: found 1\.5, .* go and back alone; expected times from 0\.1 to 0\.6"):
         choose_samples(log, (0, 1), (0.3, 1.5))
 
 
@@ -171,25 +182,6 @@ def test_a_log_without_plans_is_refused(tmp_path: Path) -> None:
         solve_pareto(run, question(), tmp_path / "pareto.h5", 1)
 
 
-@pytest.mark.parametrize(("text", "times"), [(None, ()), ("6.1", (6.1,)), ("8, 6.1,8", (6.1, 8.0))])
-def test_times_are_read_rising_and_once(text: str | None, times: tuple[float, ...]) -> None:
-    assert parse_times(text) == times
-
-
-@pytest.mark.parametrize("text", ["", "soon", "1,,2", "nan", "1;2"])
-def test_what_is_no_list_of_times_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="--at: found"):
-        parse_times(text)
-
-
-def test_a_log_is_told_from_a_task(run: Path, tmp_path: Path) -> None:
-    (tmp_path / "task.yaml").write_text(TASK)
-    assert is_log(str(run))
-    assert not is_log(str(tmp_path / "task.yaml"))
-    assert not is_log("transport")
-    assert not is_log(str(tmp_path))
-
-
 def test_xarray_opens_the_file_with_named_coordinates(studied: Results, in_space: Results) -> None:
     xarray = pytest.importorskip("xarray")
     pytest.importorskip("h5netcdf")
@@ -199,3 +191,88 @@ def test_xarray_opens_the_file_with_named_coordinates(studied: Results, in_space
             np.testing.assert_allclose(np.ravel(first)[0], np.ravel(results["weighted_J_1"])[0])
             assert set(data["weighted_J_1"].coords) == set(results.quantities["weighted_J_1"].dims)
             assert data["hypervolume"].sizes == {"instant": len(results["instant"])}
+
+
+RATIOS = (0.03, 0.3, 1.0, 3.0, 30.0)
+
+
+@pytest.fixture(scope="module")
+def solve(log: Run) -> Solution:
+    """One in the middle of those with the switch in the window; its omega_2 / omega_1 is 3."""
+    with_switch = np.flatnonzero((log["window/count"] == 2) & (log["window/first"] == 0))
+    return logged_solve(log, build_problem(log.task), int(with_switch[len(with_switch) // 2]))
+
+
+@pytest.fixture(scope="module")
+def trade_off(log: Run) -> TradeOff:
+    return TradeOff(build_problem(converging(log.task)))
+
+
+@pytest.fixture(scope="module")
+def wait(solve: Solution) -> float:
+    return float(solve.plan.instants[0]) - solve.window.start
+
+
+def wait_of(point: Solution) -> float:
+    return float(point.plan.instants[0]) - point.window.start
+
+
+def test_the_run_s_own_weights_lead_to_the_run_s_optimum(trade_off: TradeOff, solve: Solution, wait: float) -> None:
+    costs = trade_off.costs_of(solve)
+    for held in (wait, None):
+        point = trade_off.solve(weighted_sum(solve.window, 3.0), solve, held)
+        np.testing.assert_allclose(point_costs([point])[0], costs, rtol=1e-3)
+        assert wait_of(point) == pytest.approx(wait, abs=1e-4)
+        assert point.objective == pytest.approx(solve.objective, rel=1e-5)
+
+
+def test_only_the_ratio_of_the_weights_counts(solve: Solution) -> None:
+    assert weighted_sum(solve.window, 100.0).omega.tolist() == [0.01, 1.0]
+    assert weighted_sum(solve.window, 0.01).omega.tolist() == [1.0, 0.01]
+
+
+def test_more_weight_on_the_second_stage_makes_it_cheaper_and_the_first_dearer(
+    trade_off: TradeOff, solve: Solution, wait: float
+) -> None:
+    J = point_costs([trade_off.solve(weighted_sum(solve.window, ratio), solve, wait) for ratio in RATIOS])
+    assert np.all(np.diff(J[:, 0]) > 0)
+    assert np.all(np.diff(J[:, 1]) < 0)
+
+
+@pytest.mark.parametrize("ratio", RATIOS[1:-1])
+def test_a_bound_where_a_weighted_sum_ends_leads_to_the_same_point(
+    trade_off: TradeOff, solve: Solution, wait: float, ratio: float
+) -> None:
+    """On a convex front both methods find the same points, and the multiplier of the bound is the ratio."""
+    summed = trade_off.solve(weighted_sum(solve.window, ratio), solve, wait)
+    J = point_costs([summed])
+    bounded = trade_off.solve(constrained(solve.window, float(J[0, 1])), solve, wait)
+    np.testing.assert_allclose(point_costs([bounded]), J, rtol=1e-5)
+    assert bounded.bound_multiplier == pytest.approx(ratio, rel=1e-2)
+
+
+def test_a_bound_no_plan_keeps_to_gives_no_point(trade_off: TradeOff, solve: Solution, wait: float) -> None:
+    point = trade_off.solve(constrained(solve.window, 1e-9), solve, wait)
+    assert not point.outcome.usable
+    assert np.isnan(point_costs([point])).all()
+    assert values_of(weighted_sum(solve.window, 1.0), [point]) == np.inf
+
+
+def test_a_held_instant_stays_and_a_free_one_is_the_cheapest(trade_off: TradeOff, solve: Solution, wait: float) -> None:
+    problem = weighted_sum(solve.window, 3.0)
+    later = trade_off.solve(problem, solve, wait + 0.1)
+    assert wait_of(later) == pytest.approx(wait + 0.1, abs=1e-12)
+    free = trade_off.solve(problem, later, None)
+    assert free.objective <= later.objective
+    assert wait_of(free) == pytest.approx(wait, abs=1e-3)
+
+
+def test_a_point_serves_other_problems_if_it_keeps_to_their_bound(
+    trade_off: TradeOff, solve: Solution, wait: float
+) -> None:
+    problem = weighted_sum(solve.window, 1.0)
+    point = trade_off.solve(problem, solve, wait)
+    own, second = values_of(problem, [point])[0], float(point_costs([point])[0, 1])
+    assert own == pytest.approx(point.objective, rel=1e-9)
+    assert values_of(constrained(solve.window, second), [point])[0] < own
+    assert values_of(constrained(solve.window, 0.9 * second), [point])[0] == np.inf

@@ -20,7 +20,7 @@ from psmpc_cli.studies.weights import (
     guidance,
     is_grid,
     origins,
-    parse_epsilons,
+    parse_numbers,
     parse_range,
     parse_stages,
     random_sampling,
@@ -86,14 +86,14 @@ def test_what_is_no_range_is_refused_with_its_text(text: str) -> None:
     assert f"'{text}'" in str(error.value)
 
 
-@pytest.mark.parametrize("text", ["", "0", "-1,1", "a", "1e-3;1e-2", "nan", "inf"])
-def test_what_are_no_thresholds_is_refused_with_its_text(text: str) -> None:
-    with pytest.raises(InputError, match="expected positive numbers"):
-        parse_epsilons(text)
+@pytest.mark.parametrize("text", ["", "0", "-1,1", "a", "1e-3;1e-2", "nan", "inf", "1,,2"])
+def test_what_is_no_list_of_numbers_is_rejected_with_its_text(text: str) -> None:
+    with pytest.raises(InputError, match=r"--epsilon: found '.*', expected positive numbers"):
+        parse_numbers("--epsilon", text, "positive numbers", above=0.0)
 
 
-def test_thresholds_come_sorted_and_each_once() -> None:
-    assert parse_epsilons("0.1, 1e-3,0.1") == (1e-3, 0.1)
+def test_numbers_come_sorted_and_each_once() -> None:
+    assert parse_numbers("--at", "0.1, 1e-3,0.1", "times") == (1e-3, 0.1)
 
 
 def test_a_task_is_not_taken_for_a_grid() -> None:

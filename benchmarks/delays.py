@@ -51,7 +51,7 @@ def row(delay: int, known: int, weight: float, runs: MonteCarloRuns) -> tuple[st
         spread(runs.end_time, 1),
         spread(runs["final_error"], 2),
         spread(runs["control_effort"], 0),
-        f"{np.maximum(runs['fallbacks'], 0).mean():.1f}",
+        f"{np.maximum(runs['solves_failed'], 0).mean():.1f}",
         "; ".join(f"{len(seeds)}: {reason}" for reason, seeds in failures(runs).items()),
     )
 

@@ -62,7 +62,7 @@ def row(controller: str, runs: MonteCarloRuns) -> tuple[str, ...]:
         spread(100 * runs["relative_velocity_margin"], 0),
         spread(runs["monitor_margin"][:, 0], 3),
         spread(runs["control_effort"], 0),
-        f"{np.maximum(runs['fallbacks'], 0).mean():.2f}",
+        f"{np.maximum(runs['solves_failed'], 0).mean():.2f}",
         spread(runs["run_time"], 1),
     )
 

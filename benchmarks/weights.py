@@ -44,7 +44,7 @@ def table(results: Results) -> dict[str, object]:
         "approach_ends": float(np.median(results["switch_time"][:, 0])),
         "actual_start": rows,
         "capture_ends": [float(end) for end in results["completion_time"]],
-        "failed_solves": int(results["fallbacks"].sum()),
+        "failed_solves": int(results["solves_failed"].sum()),
     }
 
 

@@ -30,7 +30,7 @@ def numbers(ratio: float) -> Numbers:
         "final_error": 0.9,
         "control_effort": 1.0 + ratio / 100,
         "solves": 100.0,
-        "fallbacks": 0.0,
+        "solves_failed": 0.0,
     }
 
 

@@ -279,7 +279,7 @@ def print_sweep(cells: SweepCells) -> None:
     meanings = cells.results.quantities["status"].meanings
     counts = np.bincount(cells.of("status"), minlength=len(meanings))
     parts = ", ".join(f"{count} {meaning}" for meaning, count in zip(meanings, counts, strict=True) if count)
-    solves, failed = cells.count("solves"), cells.count("fallbacks")
+    solves, failed = cells.count("solves"), cells.count("solves_failed")
     typer.echo(f"{len(cells.ratio)} cells: {parts}; {solves} solves, {failed} of them failed")
     for reason, count in Counter(cells.of("reason")[cells.failed]).most_common():
         typer.echo(f"  {count} failed: {reason}")

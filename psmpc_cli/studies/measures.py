@@ -118,7 +118,7 @@ SPENT = (
     PerCell("solve_time_largest", "s", "longest wall time of a solve", lambda _, summary: summary.solves.largest),
     _whole("appended", "stages that entered the window"),
     _whole("postponed", "samples at which a stage was seen, but the window with it had no solution"),
-    _whole("fallbacks", _FAILED, lambda _, summary: summary.failed_solves),
+    _whole("solves_failed", _FAILED, lambda _, summary: summary.failed_solves),
     _whole(
         "basin_changes",
         "windows in which another guess of the instants than the last plan's won",

@@ -159,7 +159,7 @@ def claims_json(made: Reproduction, created: str) -> bytes:
             "digest": str(cells.results.attributes["digest"]),
             "sampling": str(cells.results.attributes["sampling"]),
             "failed_cells": int(cells.failed.sum()),
-            "failed_solves": cells.count("fallbacks"),
+            "failed_solves": cells.count("solves_failed"),
             "recommended": None if best is None else best.ratio,
         },
         "fronts": None

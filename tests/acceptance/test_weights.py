@@ -28,7 +28,7 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Results:
 
 def test_no_cell_and_no_solve_fails_at_any_ratio(sweep: Results) -> None:
     assert np.all(sweep["status"] == COMPUTED)
-    assert not sweep["fallbacks"].any()
+    assert not sweep["solves_failed"].any()
 
 
 def test_capture_starts_the_earlier_the_higher_the_ratio(sweep: Results) -> None:

@@ -55,7 +55,7 @@ def test_a_run_is_recorded_as_the_same_seed_simulates(runs: MonteCarloRuns, fold
     assert runs["velocity_margin"][1] == {limit.kind: limit.margin for limit in summary.limits}["velocity"]
     assert runs["monitor_margin"][1].tolist() == [summary.monitors[0].margin]
     assert runs["control_effort"][1] == summary.control_effort
-    assert (runs["succeeded"][1], runs["fallbacks"][1]) == (summary.succeeded, summary.failed_solves)
+    assert (runs["succeeded"][1], runs["solves_failed"][1]) == (summary.succeeded, summary.failed_solves)
     assert len(np.unique(runs["final_error"])) == 3
     assert runs.command(2) == f"psmpc simulate {folder / 'task.yaml'} --set '{NOISE}' --set seed=4 --set seed=6"
 

@@ -45,7 +45,7 @@ def test_cells_that_share_come_out_as_if_each_had_been_computed(shared: Results)
     np.testing.assert_allclose(shared["actual_start"], computed["actual_start"], atol=0.1 + 1e-9)
     for name in ("control_effort", "stage_cost", "base_force", "variation_joints"):
         np.testing.assert_allclose(shared[name], computed[name], rtol=1e-3)
-    for name in ("solves", "appended", "fallbacks"):
+    for name in ("solves", "appended", "solves_failed"):
         np.testing.assert_array_equal(shared[name], computed[name])
 
 

@@ -20,8 +20,9 @@ from psmpc_cli.robot.model import build_model
 from psmpc_cli.specs.document import Data, write
 from psmpc_cli.specs.load import Task, load_robot, parse_task
 from psmpc_cli.specs.robot import Arm, RobotSpec
-from psmpc_cli.studies.bench import HEADINGS, NODES, Bench, bench_rows, describe_machine, load_bench, median_time, run_bench
+from psmpc_cli.studies.bench import (
     HEADINGS,
+    NODES,
     Bench,
     bench_rows,
     describe_machine,

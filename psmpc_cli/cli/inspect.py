@@ -1,6 +1,7 @@
 """What a task or robot amounts to and what this machine can do: `psmpc check`, `init`, `schema` and `bench`."""
 
 import json
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -40,16 +41,14 @@ def _check_one(reference: str, changes: list[str], gradients: bool) -> bool:
         SpecError: It is not valid.
     """
     from psmpc_cli.cli.task_tables import print_gradients, print_robot, print_task
-    from psmpc_cli.ocp.feasibility import look_ahead, remarks, review
-    from psmpc_cli.specs.load import kind_of_reference, load_robot, load_task
+    from psmpc_cli.ocp.feasibility import load_feasible, look_ahead, remarks
+    from psmpc_cli.specs.load import kind_of_reference, load_robot
 
     if kind_of_reference(reference) == "robot":
         print_robot(load_robot(reference).spec)
         return True
-    task = load_task(reference, changes)
+    task = load_feasible(reference, changes)
     outlooks = look_ahead(task)
-    if problems := review(task, outlooks):
-        raise SpecError(task.source.report(problems))
     print_task(task, outlooks)
     if doubtful := remarks(task, outlooks):
         typer.echo(f"probably not meant:\n{task.source.report(doubtful)}\n")
@@ -113,14 +112,17 @@ def bench(
     from psmpc_cli.cli.tables import print_table
     from psmpc_cli.studies import bench as study
 
-    tasks = study.load_bench(task, changes or [], nodes or ("25,50" if quick else study.NODES))
-    repeat, appends = repeat or (1 if quick else 3), 2 if quick else None
+    choices = study.QUICK if quick else study.Choices()
+    choices = choices if nodes is None else replace(choices, nodes=study.parse_nodes(nodes))
+    choices = choices if repeat is None else replace(choices, repeat=repeat)
+    choices = replace(choices, solvers=study.parse_solvers(solvers))
+    tasks = study.load_bench(task, changes or [], choices)
 
     def echo(line: str) -> None:
         if not quiet:
             typer.echo(line, err=True)
 
     with ending_on_signals("no table was made", at_once=False) as interruption:
-        found = study.run_bench(tasks, solvers, repeat, appends, echo, interruption.check)
+        found = study.run_bench(tasks, choices, echo, interruption.check)
     print_table(study.HEADINGS, list(study.bench_rows(found)), left=3)
     typer.echo(f"{study.NOTE}\n\n{study.describe_machine(found)}")

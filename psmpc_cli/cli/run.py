@@ -105,12 +105,10 @@ def _new_run(
     figures: bool,
 ) -> "tuple[Path, Callable[[Watch], object]]":
     """Check a task and the place of its log; return the log's path and the function that runs the task."""
-    from psmpc_cli.ocp.feasibility import ensure_feasible
+    from psmpc_cli.ocp.feasibility import load_feasible
     from psmpc_cli.simulation.run import simulate as run
-    from psmpc_cli.specs.load import load_task
 
-    loaded = load_task(task, overrides)
-    ensure_feasible(loaded)
+    loaded = load_feasible(task, overrides)
     name = "-".join([loaded.spec.name, *(variant for variant in variants if variant is not None)])
     path = output_file(output, name, force, figures)
     return path, lambda watch: run(loaded, path, watch, force)

@@ -49,12 +49,10 @@ def compare(
     """Run several controllers on the identical task: one table, one file of logs, and figures side by side."""
     from psmpc_cli.cli.progress import ended_runs, ending_on_signals
     from psmpc_cli.cli.tables import present
-    from psmpc_cli.ocp.feasibility import ensure_feasible
     from psmpc_cli.studies.compare import compare_tasks, compared_tasks, controllers_in
 
     tasks = compared_tasks(task, controllers_in(controllers), changes or [])
     first = next(iter(tasks.values()))
-    ensure_feasible(first)
     path = output_file(output, f"{first.spec.name}-comparison", force, figures)
     with ending_on_signals("no comparison was written"), ended_runs(quiet, len(tasks)) as done:
         compare_tasks(tasks, path, force, jobs, done)
@@ -161,14 +159,12 @@ def _run_study(
     """
     from psmpc_cli.cli.progress import ending_on_signals, watched_study
     from psmpc_cli.cli.tables import present
-    from psmpc_cli.ocp.feasibility import ensure_feasible
     from psmpc_cli.studies.runner import run_study
 
     if resume and force:
         raise InputError("found both --resume and --force, expected at most one of them")
     if jobs is not None and dask is not None:
         raise InputError("found both --jobs and --dask, expected at most one: a cluster has as many workers as it has")
-    ensure_feasible(study.task)
     path = output_file(output, default, force, figures, resume)
     with (
         ending_on_signals(f"{path} holds what was done: continue with --resume"),
@@ -204,17 +200,15 @@ def pareto(
 
     from psmpc_cli.cli.progress import ending_on_signals
     from psmpc_cli.cli.tables import present
-    from psmpc_cli.ocp.feasibility import ensure_feasible
-    from psmpc_cli.specs.load import load_task
+    from psmpc_cli.ocp.feasibility import load_feasible
     from psmpc_cli.studies.pareto import Question, solve_pareto
     from psmpc_cli.studies.weights import parse_numbers, parse_stages
 
     times = parse_numbers("--at", at, "times in seconds between commas, such as 6.1,8.0") if at is not None else ()
     question = Question(stages, times, points, method, free_instant)
-    loaded = None if is_hdf5(task) else load_task(task, [*(changes or []), *PREPARED])
+    loaded = None if is_hdf5(task) else load_feasible(task, [*(changes or []), *PREPARED])
     if loaded is not None:
         parse_stages(stages, loaded)
-        ensure_feasible(loaded)
     elif changes or log is not None:
         raise InputError(f"{task} is the log of a run: it is studied as it ran, without --set and --log")
     path = output_file(output, f"{loaded.spec.name if loaded else Path(task).stem}-pareto", force, figures)

@@ -11,11 +11,12 @@ from psmpc_cli.cli.tables import print_table
 from psmpc_cli.ocp.feasibility import Outlook
 from psmpc_cli.simulation.gradient_audit import AD_TOLERANCE, DIFFERENCE_TOLERANCE, audit_gradients
 from psmpc_cli.simulation.setup import build_experiment, converging
-from psmpc_cli.specs.coordinates import AXES, Space, labels, resolve_limits, target_axes
+from psmpc_cli.specs.coordinates import labels, resolve_limits
 from psmpc_cli.specs.document import plain
 from psmpc_cli.specs.fields import Spec
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.messages import counted
+from psmpc_cli.specs.parts import AXES, Space, target_axes
 from psmpc_cli.specs.priorities import ACCEPTABLE, weigh_stages
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import PrioritiesSpec, StageSpec
@@ -59,7 +60,7 @@ def print_robot(robot: RobotSpec) -> None:
 
 def _comparisons(priorities: PrioritiesSpec, stages: list[str]) -> str:
     """Write the number of comparisons behind the priorities, and how consistent they are."""
-    found, count = weigh_stages(priorities, stages), len(priorities.compare)
+    found, count = weigh_stages(priorities.compare, stages), len(priorities.compare)
     if found.surplus > 0:
         agreement = f"consistency ratio {found.ratio:.2g}, acceptable up to {ACCEPTABLE:g}"
     else:

@@ -14,7 +14,7 @@ from psmpc_cli.figures import style
 from psmpc_cli.figures.timeline import open_timeline
 from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.coordinates import AXES, error_axes
+from psmpc_cli.specs.parts import AXES, error_axes
 
 HEIGHT = 0.92
 """Height of a panel of coordinates [in]."""

@@ -1,8 +1,10 @@
 """Whether a task can be done, as far as that can be told before anything is solved: limits, reach, order of events."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +13,10 @@ from psmpc_cli.ocp.problem import Stage, build_stages
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.specs.coordinates import Limits, labels, stack
-from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.messages import Fault, Path, dotted, quoted
+from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.specs.messages import Fault, dotted, quoted
+from psmpc_cli.specs.messages import Path as Location
+from psmpc_cli.specs.overrides import Changes
 from psmpc_cli.specs.robot import PartLimits, RobotSpec
 
 BASE = slice(0, 3)
@@ -56,6 +60,23 @@ class _Known:
     tolerance: float
     index: int
     time: float
+
+
+def load_feasible(reference: str | Path | Mapping[str, Any], set: Changes = ()) -> Task:
+    """Load a task as `load_task` does, and make sure that nothing stands against it.
+
+    Raises:
+        SpecError: Something is wrong or stands against it; the message has all of it, located in the task's file.
+    """
+    return load_task(reference, set, _review_sound)
+
+
+def _review_sound(task: Task, sound: Collection[int] | None) -> list[Fault]:
+    """Return what stands against a task; if only some stages are sound, against the targets of these."""
+    outlooks = look_ahead(task)
+    if sound is None:
+        return review(task, outlooks)
+    return [problem for outlook in outlooks if outlook.stage.index in sound for problem in _targets(task, outlook)]
 
 
 def ensure_feasible(task: Task) -> None:
@@ -367,7 +388,7 @@ def span_of(robot: RobotSpec, row: int, low: float, high: float, per: str = "") 
     return f"[{value_of(robot, row, low, per)}, {value_of(robot, row, high, per)}]"
 
 
-def path_of_row(task: Task, parts: Path, row: int, space: str, moment: int | None = None) -> Path:
+def path_of_row(task: Task, parts: Location, row: int, space: str, moment: int | None = None) -> Location:
     """Return where a row of Q or xi is in numbers by part; of a trajectory at the `moment`-th of its times."""
     part = labels(task.robot, "joint" if space == "joint" else "task")[row].rpartition(".")[0]
     sizes = task.robot.parts if space == "joint" else dict.fromkeys(task.robot.parts, BASE.stop)
@@ -375,14 +396,14 @@ def path_of_row(task: Task, parts: Path, row: int, space: str, moment: int | Non
     return (*path_of_part(task, parts, part, moment), row - before)
 
 
-def path_of_part(task: Task, parts: Path, part: str, moment: int | None = None) -> Path:
+def path_of_part(task: Task, parts: Location, part: str, moment: int | None = None) -> Location:
     """Return where the numbers of a part are, under its own name or under `arms`; of a trajectory at a moment."""
     own = (*parts, part)
-    path = own if own in task.source.entries or part == "base" else (*parts, "arms")
+    path = own if own in task.source.origins or part == "base" else (*parts, "arms")
     return path if moment is None else (*path, moment)
 
 
-def target_path(stage: Stage) -> Path:
+def target_path(stage: Stage) -> Location:
     """Return where a stage's target is."""
     return ("stages", stage.index, "target")
 

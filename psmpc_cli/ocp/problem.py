@@ -11,8 +11,9 @@ from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.objective import StageFunctions, StageShape, stage_functions
 from psmpc_cli.ocp.skills import SKILLS, Posture
 from psmpc_cli.robot.model import RobotModel, build_model, nearest_equivalent
-from psmpc_cli.specs.coordinates import Limits, Space, resolve_limits, rows, stack, stack_rows, tolerances
+from psmpc_cli.specs.coordinates import Limits, resolve_limits, rows, stack, stack_rows, tolerances
 from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.parts import Space
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import SkillSpec, StageSpec, TaskSpec, TrajectorySpec
 

@@ -14,7 +14,8 @@ from psmpc_cli.plant.base import Disturbance, Plant, Resistance, Ticks
 from psmpc_cli.robot.bodies import InertialParameters, body_names
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.robot import RobotSpec
-from psmpc_cli.specs.task import NoiseSpec, PayloadSpec, TaskSpec, UncertaintySpec
+from psmpc_cli.specs.task import TaskSpec
+from psmpc_cli.specs.uncertainty import NoiseSpec, PayloadSpec, UncertaintySpec
 
 ByPart = float | Mapping[str, float] | Mapping[str, tuple[float, ...]]
 """One number for all, or numbers by part; `arms` stands for every arm that has none of its own."""

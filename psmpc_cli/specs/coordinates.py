@@ -2,33 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from psmpc_cli.specs.fields import Pair
-from psmpc_cli.specs.robot import PartLimits, RobotSpec
+from psmpc_cli.specs.parts import QUANTITIES, Space, error_axes, stands_for, target_axes
+from psmpc_cli.specs.robot import PartLimits, RobotSpec, limits_of_part
 from psmpc_cli.specs.task import EndCondition, Parts, TrajectorySpec
 
-Space = Literal["joint", "task", "point"]
 Vector = NDArray[np.float64]
-
-AXES = ("x", "y", "theta")
-"""Coordinates of a pose in the plane."""
-
-ARM_AXES: dict[Space, tuple[tuple[str, ...] | None, tuple[str, ...] | None]] = {
-    "joint": (None, None),
-    "task": (AXES, AXES),
-    "point": (AXES[:2], ("direction",)),
-}
-"""For each space the names of an arm's numbers in a target, and of its rows in the error; None: its joints from 1.
-
-Those of the base are always `AXES`. The rows of the error are those of Q (joint) or xi (task), and in the space point
-the angle between the end-effector's x-axis and the line to the target's point.
-"""
-
-QUANTITIES = ("position", "velocity", "acceleration")
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,32 +51,6 @@ def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits]) -> Limits:
     return Limits(**bounds)
 
 
-def limits_of_part(limits: Mapping[str, PartLimits], part: str, quantity: str) -> tuple[Pair, ...] | None:
-    """Return the pairs that hold for a part, None if there are none; an arm's own take precedence over `arms`."""
-    given = (getattr(limits[key], quantity) for key in (part, "arms") if key in limits and stands_for(key, part))
-    return next((pairs for pairs in given if pairs is not None), None)
-
-
-def stands_for(key: str, part: str) -> bool:
-    """Tell whether a key of numbers by part means a part: itself, or any arm for `arms`."""
-    return key == part or (key == "arms" and part != "base")
-
-
-def target_axes(parts: Mapping[str, int], space: Space) -> dict[str, tuple[str, ...]]:
-    """Return the names of the numbers of a target, by part; `parts` are the robot's."""
-    return _axes(parts, ARM_AXES[space][0])
-
-
-def error_axes(parts: Mapping[str, int], space: Space) -> dict[str, tuple[str, ...]]:
-    """Return the names of the rows of the error, by part; `parts` are the robot's."""
-    return _axes(parts, ARM_AXES[space][1])
-
-
-def _axes(parts: Mapping[str, int], of_arm: tuple[str, ...] | None) -> dict[str, tuple[str, ...]]:
-    joints = {part: tuple(str(joint + 1) for joint in range(size)) for part, size in parts.items()}
-    return {part: AXES if part == "base" else of_arm or joints[part] for part in parts}
-
-
 def sizes(robot: RobotSpec, space: Space) -> dict[str, int]:
     """Return how many numbers a target has for each part, in the order of Q or xi."""
     return {part: len(axes) for part, axes in target_axes(robot.parts, space).items()}
@@ -103,12 +59,6 @@ def sizes(robot: RobotSpec, space: Space) -> dict[str, int]:
 def labels(robot: RobotSpec, space: Space) -> tuple[str, ...]:
     """Return the name of every row of the error: `base.x`, `arm_1.2`."""
     return tuple(f"{part}.{axis}" for part, axes in error_axes(robot.parts, space).items() for axis in axes)
-
-
-def names(parts: Mapping[str, int], space: Space) -> tuple[str, ...]:
-    """Return every name that means rows of the error; `parts` are the robot's."""
-    axes = error_axes(parts, space)
-    return (*parts, "arms", "all", *(f"{part}.{axis}" for part in parts for axis in axes[part]))
 
 
 def rows(chosen: Sequence[str], robot: RobotSpec, space: Space) -> tuple[int, ...]:

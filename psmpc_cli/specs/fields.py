@@ -1,5 +1,6 @@
 """The kinds of value that descriptions are made of, and the base of their models: every error says what it expected."""
 
+import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -17,14 +18,16 @@ from pydantic import (
     Tag,
     ValidationError,
     ValidationInfo,
+    ValidatorFunctionWrapHandler,
     WithJsonSchema,
+    WrapValidator,
     model_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
 
 from psmpc_cli.specs.document import ANGLE_PATTERN, DECIMAL, LARGEST, angle, resolve
-from psmpc_cli.specs.messages import choice, counted, suggestion
+from psmpc_cli.specs.messages import Path, choice, counted, suggestion
 
 NAME_PATTERN = r"^[^\s./\\\[\]=:,]+( [^\s./\\\[\]=:,]+)*$"
 """Names appear in paths, messages, files and datasets."""
@@ -42,7 +45,16 @@ SECONDS_PATTERN = rf"^{DECIMAL} *s$"
 FLAW = "flaw"
 """Type of every validation error of a `Spec`; its context holds the parts of the message."""
 
+TURN = 2 * math.pi * (1 + 1e-9)
+"""Largest angle without a unit [rad]."""
+
 Pair = tuple[float, float]
+
+Flaws = Iterator[tuple[Path, PydanticCustomError]]
+"""What is wrong inside a value, with the path from it."""
+
+Rule = Callable[[Any, Mapping[str, Any], Any], Flaws]
+"""Gives what is wrong with a value by the valid fields before it, and by the `Context` of its description."""
 
 
 def flaw(tail: str, found: str | None = None, at_key: bool = False) -> PydanticCustomError:
@@ -53,6 +65,46 @@ def flaw(tail: str, found: str | None = None, at_key: bool = False) -> PydanticC
 def expected(what: str) -> PydanticCustomError:
     """Create the error of a value that is not `what`."""
     return flaw(f", expected {what}")
+
+
+def holds(rule: Rule) -> AfterValidator:
+    """Create a validator of a rule about a valid value; without a validation context it does not apply."""
+
+    def check(value: Any, info: ValidationInfo) -> Any:
+        _raise(_applied(rule, value, info))
+        return value
+
+    return AfterValidator(check)
+
+
+def holds_as_written(rule: Rule) -> WrapValidator:
+    """Create the same of a rule about a value as it is written, which applies whatever else is wrong inside it."""
+
+    def check(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+        found = _applied(rule, value, info)
+        try:
+            valid = handler(value)
+        except ValidationError as error:
+            inside = error.errors(include_url=False)
+            found += [
+                {**each, "type": flaw(**each["ctx"]) if each["type"] == FLAW else each["type"]} for each in inside
+            ]
+        _raise(found)
+        return valid
+
+    return WrapValidator(check)
+
+
+def _applied(rule: Rule, value: object, info: ValidationInfo) -> list[Any]:
+    """Return the errors that a rule gives, none without a context."""
+    flaws = rule(value, info.data, info.context) if info.context else ()
+    return [{"type": error, "loc": at, "input": value} for at, error in flaws]
+
+
+def _raise(found: list[Any]) -> None:
+    """Raise all errors at once, if there are any."""
+    if found:
+        raise ValidationError.from_exception_data("rules", found)
 
 
 class Spec(BaseModel):
@@ -171,6 +223,21 @@ def number_or_angle(value: object) -> float:
     return number(radians)
 
 
+def beyond_a_turn(value: object) -> PydanticCustomError | None:
+    """Create the error of an angle of more than a turn without a unit: degrees, most likely. None if it is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not TURN < abs(value) <= LARGEST:
+        return None
+    wanted = f"an angle within one turn, or one with its unit: {value:g} deg, {value:g} rad"
+    return flaw(f", expected {wanted}", f'{value:g} rad (did you mean "{value:g} deg"?)')
+
+
+def _within_a_turn(value: object, info: ValidationInfo) -> object:
+    error = beyond_a_turn(value) if info.context else None
+    if error is not None:
+        raise error
+    return value
+
+
 def _a_number(instead_of: object) -> str:
     """Say that a number was expected, and what keeps a text from being one."""
     if not isinstance(instead_of, str):
@@ -218,16 +285,16 @@ def _name(value: object) -> str:
     return value
 
 
-def known(names: str, kind: str | None = None) -> AfterValidator:
-    """Create a validator of a name that must be among those that the validation context lists, if it does.
+def known(names: str | tuple[str, ...], kind: str | None = None) -> AfterValidator:
+    """Create a validator of a name that must be among those that are given, or that the context lists if it lists any.
 
     Args:
-        names: Key of the list in the context.
+        names: The names, or the attribute of the context that lists them.
         kind: For keys of a mapping, the kind of thing they name.
     """
 
     def check(value: str, info: ValidationInfo) -> str:
-        valid: Collection[str] = (info.context or {}).get(names, ())
+        valid: Collection[str] = getattr(info.context, names, ()) if isinstance(names, str) else names
         if valid and value not in valid:
             raise flaw(choice(value, valid), kind and f"no such {kind}", at_key=kind is not None)
         return value
@@ -300,6 +367,7 @@ NotNegative = Annotated[float, Field(ge=0), BeforeValidator(number)]
 Fraction = Annotated[float, Field(ge=0, lt=1), BeforeValidator(number)]
 Seconds = Annotated[float, Field(ge=0), BeforeValidator(_seconds), _Or({"type": "string", "pattern": SECONDS_PATTERN})]
 Angle = Annotated[float, BeforeValidator(number_or_angle), _or_angle]
+Direction = Annotated[float, BeforeValidator(number_or_angle), BeforeValidator(_within_a_turn), _or_angle]
 Size = Annotated[float, Field(ge=0), BeforeValidator(number_or_angle), _or_angle]
 Width = Annotated[float, Field(gt=0), BeforeValidator(number_or_angle), AfterValidator(_not_tiny), _or_angle]
 Whole = Annotated[int, BeforeValidator(_whole)]

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,20 +11,23 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.checks import check_robot, check_task, known_names, parts_of
-from psmpc_cli.specs.document import Document, Raw, plain, read, write
+from psmpc_cli.specs.document import Data, Document, Origin, plain, read, write
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
-from psmpc_cli.specs.messages import Fault
+from psmpc_cli.specs.messages import Fault, Place
 from psmpc_cli.specs.messages import Path as Location
-from psmpc_cli.specs.overrides import BY_CONTROLLER, Changes, for_controller, override
-from psmpc_cli.specs.priorities import prioritize
+from psmpc_cli.specs.overrides import Changes, for_controller, override, put, without
+from psmpc_cli.specs.parts import Context
+from psmpc_cli.specs.priorities import priorities_of
 from psmpc_cli.specs.robot import RobotSpec
-from psmpc_cli.specs.task import ControllerSpec, TaskSpec
+from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, StageSpec, TaskSpec
 
 Model = TypeVar("Model", bound=BaseModel)
 
 LONGEST_PATH = 1000
 """Characters of a path that a task refers to."""
+
+ROUNDS = 8
+"""How often what is wrong is left out of a task until the rest is valid."""
 
 
 @dataclass(frozen=True)
@@ -77,21 +80,26 @@ class Task:
         return hashlib.sha256(canonical.encode()).hexdigest()
 
 
-def load_task(reference: str | Path | Mapping[str, Any], set: Changes = ()) -> Task:
+Review = Callable[[Task, frozenset[int] | None], Iterable[Fault]]
+"""Gives what else stands against a task, by the indices of its sound stages; None: the whole task is sound."""
+
+
+def load_task(reference: str | Path | Mapping[str, Any], set: Changes = (), review: Review | None = None) -> Task:
     """Load a task and its robot.
 
     Args:
         reference: The name of a built-in task, the path of a file, or the task itself as a mapping of its keys.
         set: Keys of the task to change: a mapping of paths to values, such as `{"controller.nodes": "auto"}` or
             `{"stages.capture.priority": 10}`, or a sequence of texts `path=value` and options short for them.
+        review: Further checks, whose faults come in the same message: of the task, or of its sound part.
 
     Raises:
         SpecError: Something is wrong with the task, the robot's file or a change; the message lists all of it.
     """
     if isinstance(reference, Mapping):
-        return _task(read("task", write(plain(reference))), Path(), "task", set)
+        return _task(read("task", write(plain(reference))), Path(), "task", set, review)
     path, document = _read("task", reference)
-    return _task(document, path.parent, path.stem, set)
+    return _task(document, path.parent, path.stem, set, review)
 
 
 def load_robot(reference: str | Path) -> LoadedRobot:
@@ -135,43 +143,7 @@ def kind_of_reference(reference: str | Path) -> Kind:
 
 def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Fault, ...]]:
     """Return the robot that a document describes, None if it is not valid, and every fault of the document."""
-    robot, faults = _validate(document, "robot", RobotSpec, known_names(document, parts_of(document)))
-    faults = (*faults, *check_robot(document))
-    return None if faults else robot, faults
-
-
-def validate_task(document: Document, robot: Document | None) -> tuple[TaskSpec | None, tuple[Fault, ...]]:
-    """Return the task that a document describes, None if it is not valid, and every fault of the document.
-
-    Checks that depend on the robot are made as far as its document can be read, even if that is not valid. Priorities
-    are resolved from comparisons. The task has what its `by_controller` sets for its controller, and is validated
-    with what that sets for any other one, too.
-    """
-    controller = Raw(document)["controller"].valid(ControllerSpec) or ControllerSpec()
-    own, origins, _ = for_controller(document, controller.kind)
-    task, faults = _validate_as_written(own, robot)
-    found = [fault for fault in faults if _origin(fault, origins) is None]
-    for kind, _ in Raw(document)[BY_CONTROLLER].items():
-        variant, origins, misplaced = for_controller(document, kind)
-        located = [_origin(fault, origins) for fault in _validate_as_written(variant, robot)[1]]
-        found += [*misplaced, *(fault for fault in located if fault is not None)]
-    return None if found or task is None else prioritize(task), tuple(found)
-
-
-def _validate_as_written(document: Document, robot: Document | None) -> tuple[TaskSpec | None, tuple[Fault, ...]]:
-    """Return the task that a document describes for no controller in particular, and every fault of it."""
-    task, faults = _validate(document, "task", TaskSpec, known_names(document, parts_of(robot)))
-    if _kind_of(document) != "robot":
-        faults = (*faults, *check_task(document, robot))
-    return task, faults
-
-
-def _origin(fault: Fault, origins: Mapping[Location, Location]) -> Fault | None:
-    """Return a fault of a key that a controller has of its own, located there; None if it is of another key."""
-    for path, origin in origins.items():
-        if fault.path[: len(path)] == path:
-            return replace(fault, path=(*origin, *fault.path[len(path) :]))
-    return None
+    return _validate(document, "robot", RobotSpec, Context(document.data, document.data))
 
 
 def _read(kind: Kind, reference: str | Path) -> tuple[Path, Document]:
@@ -183,32 +155,105 @@ def _read(kind: Kind, reference: str | Path) -> tuple[Path, Document]:
     return path, read(shown(path), read_text(path))
 
 
-def _task(document: Document, robot: Document | Path, name: str, changes: Changes) -> Task:
+def _task(
+    document: Document, robot: Document | Path, name: str, changes: Changes, review: Review | None = None
+) -> Task:
     """Make the task of a document, and of its robot's or of one that it refers to from a folder.
+
+    The task has what its `by_controller` sets for its controller, and is validated with what that sets for others, too.
 
     Raises:
         SpecError: Something is wrong with either; the message lists all of it.
     """
     document, misplaced = override(document, changes)
     source, missing = (robot, ()) if isinstance(robot, Document) else _robot_of(document, robot)
-    spec, faults = (None, ()) if source is None else validate_robot(source)
-    task, task_faults = validate_task(document, source)
-    if task is None or spec is None or source is None or misplaced:
-        reports = (document.report((*task_faults, *missing)), *misplaced, source.report(faults) if source else "")
+    spec, robot_faults = (None, ()) if source is None else validate_robot(source)
+
+    def validate(task: Document) -> tuple[TaskSpec | None, tuple[Fault, ...]]:
+        context = Context(task.data, source.data if source else None, spec.limits if spec else {})
+        return _validate(task, "task", TaskSpec, context)
+
+    kind = document.value(("controller", "kind")) or document.value(("controller",))
+    own, unfit = for_controller(document, kind if isinstance(kind, str) else ControllerSpec().kind)
+    task, faults = validate(own)
+    reports = []
+    for other in CONTROLLERS:
+        variant, more = for_controller(document, other)
+        unfit += more
+        if variant not in (document, own):
+            reports.append(variant.report(fault for fault in validate(variant)[1] if fault not in faults))
+    if spec is not None and source is not None and review is not None:
+        sound = (task, None) if task is not None else _sound_part(own, spec, validate)
+        if sound is not None:
+            faults += tuple(review(Task(sound[0], spec, "", source.text, own), sound[1]))
+    reports = [
+        own.report((*faults, *missing, *unfit)),
+        *reports,
+        *misplaced,
+        source.report(robot_faults) if source else "",
+    ]
+    if any(reports) or task is None or spec is None or source is None:
         raise SpecError("\n".join(report for report in reports if report))
-    overridden = any(entry.override is not None for entry in document.entries.values())
+    overridden = any(origin.override is not None for origin in document.origins.values())
     return Task(
-        spec=task if task.name else task.model_copy(update={"name": name}),
+        spec=task.model_copy(update={"name": task.name or name, "stages": _prioritized(task)}),
         robot=spec,
         task_yaml=write(document.data) if overridden else document.text,
         robot_yaml=source.text,
-        source=for_controller(document, task.controller.kind)[0],
+        source=own,
     )
+
+
+def _prioritized(task: TaskSpec) -> tuple[StageSpec, ...]:
+    """Return the stages of a task with their priorities, which come from comparisons if the task has these."""
+    if task.priorities is None:
+        return task.stages
+    omega = priorities_of(task.priorities.compare, [stage.name for stage in task.stages])
+    return tuple(
+        stage.model_copy(update={"priority": priority}) for stage, priority in zip(task.stages, omega, strict=True)
+    )
+
+
+def _sound_part(
+    document: Document, robot: RobotSpec, validate: Callable[[Document], tuple[TaskSpec | None, tuple[Fault, ...]]]
+) -> tuple[TaskSpec, frozenset[int]] | None:
+    """Leave out what is wrong in a task until the rest is valid; a stage that is wrong gives way to a sound one.
+
+    Returns:
+        The rest and the indices of its own stages; None if too little is left.
+    """
+    replaced: set[int] = set()
+    nowhere: dict[Location, Origin] = {(): Origin(Place(1, 1))}
+    document = replace(document, faults=())
+    for _ in range(ROUNDS):
+        task, faults = validate(document)
+        if task is not None:
+            return task, frozenset(range(len(task.stages))) - replaced
+        wrong = {fault.path[:2] for fault in faults}
+        sound = [at for at in document.origins if len(at) == 2 and at[0] == "stages" and at not in wrong]
+        sound = [at for at in sound if (*at, "ends_when") in document.origins]
+        for path in dict.fromkeys(fault.path for fault in faults):
+            if path[:1] == ("initial",) or (not path and ("initial",) not in document.origins):
+                rest: dict[str, Data] = {part: [0.0] * size for part, size in robot.parts.items()}
+                document = put(document, ("initial",), rest, nowhere)
+                continue
+            within = 2 if path[:1] == ("stages",) else 0
+            end = next((i for i in range(within, len(path)) if isinstance(path[i], int)), len(path))
+            if path[:within] == path[:end] and within and sound:
+                inside = {at[2:]: origin for at, origin in document.origins.items() if at[:2] == sound[0]}
+                document = put(document, path, document.value(sound[0]), inside)
+                document = put(document, (*path, "name"), f"left out {path[1]}", nowhere)
+                replaced.add(int(path[1]))
+            elif end <= within:
+                return None
+            elif path[:end] in document.origins:
+                document = without(document, path[:end])
+    return None
 
 
 def _robot_of(task: Document, folder: Path) -> tuple[Document | None, tuple[Fault, ...]]:
     """Read the robot that a task refers to; a fault if there is none."""
-    reference = task.data.get("robot") if isinstance(task.data, dict) else None
+    reference = task.value(("robot",))
     if not isinstance(reference, str) or not reference:
         return None, ()
     try:
@@ -223,16 +268,16 @@ def _robot_of(task: Document, folder: Path) -> tuple[Document | None, tuple[Faul
 
 def _kind_of(document: Document) -> Kind | None:
     """Return whether a document describes a robot or a task by the keys that only one of them has, None if in doubt."""
-    keys: Collection[str] = document.data if isinstance(document.data, dict) else ()
+    keys = document.data if isinstance(document.data, dict) else ()
     robot = any(key in keys for key in ("arms", "base"))
     task = any(key in keys for key in ("stages", "skills", "robot"))
     return None if robot == task else "robot" if robot else "task"
 
 
 def _validate(
-    document: Document, kind: Kind, model: type[Model], names: Mapping[str, Collection[str]]
+    document: Document, kind: Kind, model: type[Model], context: Context
 ) -> tuple[Model | None, tuple[Fault, ...]]:
-    """Return a document as a model, None if it is none, and its faults."""
+    """Return a document as a model, None if it is not valid, and its faults."""
     required = [name for name, field in model.model_fields.items() if field.is_required()]
     wanted = f"a {kind}: a mapping with the keys {', '.join(required)}"
     if document.data is None:
@@ -242,9 +287,10 @@ def _validate(
     if (found := _kind_of(document)) not in (kind, None):
         return None, (Fault((), f"found the description of a {found}, expected {wanted}"),)
     try:
-        return model.model_validate(document.data, context=names), document.faults
+        valid = model.model_validate(document.data, context=context)
     except ValidationError as error:
         return None, (*document.faults, *_faults(error, document))
+    return None if document.faults else valid, document.faults
 
 
 def _faults(error: ValidationError, document: Document) -> Iterator[Fault]:
@@ -252,6 +298,6 @@ def _faults(error: ValidationError, document: Document) -> Iterator[Fault]:
     for detail in error.errors(include_url=False):
         path: Location = ()
         for step in detail["loc"]:
-            path = (*path, step) if (*path, step) in document.entries else path
+            path = (*path, step) if (*path, step) in document.origins else path
         context = detail["ctx"]
         yield Fault(path, f"found {context['found'] or document.found(path)}{context['tail']}", context["at_key"])

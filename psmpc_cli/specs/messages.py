@@ -15,7 +15,7 @@ MOST_CHOICES = 60
 """Names that a message lists."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Place:
     """A position in a text, both counted from 1."""
 

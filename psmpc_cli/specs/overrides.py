@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from psmpc_cli.specs.document import Data, Document, Entry, Raw, describe, plain, read
+from psmpc_cli.specs.document import Data, Document, Origin, describe, plain, read
 from psmpc_cli.specs.messages import Fault, Path, Place, choice, dotted, quoted
 
 _PATH = re.compile(r"[^.\[\]=]+(?:\.[^.\[\]=]+|\[\d+\])*")
@@ -63,29 +63,27 @@ def override(document: Document, changes: Changes) -> tuple[Document, tuple[str,
     return document, tuple(messages)
 
 
-def for_controller(document: Document, kind: str) -> tuple[Document, dict[Path, Path], tuple[Fault, ...]]:
+def for_controller(document: Document, kind: str) -> tuple[Document, tuple[Fault, ...]]:
     """Apply what the `by_controller` of a document has for one kind of controller.
 
     Returns:
-        The document with those keys changed, located where `by_controller` has them; the paths that were changed or
-        added with those of their origin; and faults of keys that cannot be changed.
+        The document with those keys changed, located where `by_controller` has them; faults of keys that cannot be.
     """
-    origins: dict[Path, Path] = {}
     faults = []
-    for key, value in Raw(document)[BY_CONTROLLER][kind].items():
-        entries = {at[len(value.path) :]: entry for at, entry in document.entries.items() if _inside(at, value.path)}
-        before = document.entries
+    own = document.value((BY_CONTROLLER, kind))
+    for key, value in own.items() if isinstance(own, dict) else ():
+        at = (BY_CONTROLLER, kind, key)
         try:
-            document, path = _put(document, _steps(key), copy.deepcopy(value.value), entries)
+            path = _path(document, key)
+            if path in NO_CONTROLLERS_OWN or path[0] == BY_CONTROLLER:
+                raise _MisplacedError(
+                    f"found the key {quoted(key)}, expected any key but {', '.join(map(dotted, NO_CONTROLLERS_OWN))}"
+                )
+            inside = {place[len(at) :]: origin for place, origin in document.origins.items() if _inside(place, at)}
+            document = put(document, path, value, inside)
         except _MisplacedError as error:
-            faults.append(Fault(value.path, str(error), at_key=True))
-            continue
-        added = (path[:length] for length in range(len(path), 0, -1))
-        origins |= {at: value.path for at in added if at == path or at not in before}
-        if path in NO_CONTROLLERS_OWN or path[0] == BY_CONTROLLER:
-            wanted = f"any key but {', '.join(map(dotted, NO_CONTROLLERS_OWN))}"
-            faults.append(value.fault(wanted, f"the key {quoted(key)}", at_key=True))
-    return document, origins, tuple(faults)
+            faults.append(Fault(at, str(error), at_key=True))
+    return document, tuple(faults)
 
 
 def _texts(changes: Changes) -> Iterator[tuple[str, str]]:
@@ -107,78 +105,84 @@ def _apply(document: Document, typed: str, number: int, text: str) -> Document:
     written, separator, value_text = text.partition("=")
     if not separator:
         raise _MisplacedError('found no "=", expected path=value, such as controller.nodes=25')
-    steps = _steps(written.strip())
+    path = _path(document, written.strip())
     new = read("--set", value_text)
     if new.faults:
         raise _MisplacedError(new.faults[0].message)
-    entries = {(): Entry(Place(1, 1)), **new.entries}
-    typed_entries = {
-        at: replace(entry, place=Place(number, entry.place.column), override=typed) for at, entry in entries.items()
+    origins = {
+        at: replace(origin, place=Place(number, origin.place.column), override=typed)
+        for at, origin in {(): Origin(Place(1, 1)), **new.origins}.items()
     }
-    document, path = _put(document, steps, new.data, typed_entries)
-    return _without_own(document, path)
+    document = put(document, path, new.data, origins)
+    for kind in _keys(document, (BY_CONTROLLER,)):
+        for key in _keys(document, (BY_CONTROLLER, kind)):
+            try:
+                own = _path(document, key)
+            except _MisplacedError:
+                continue
+            if _inside(own, path) or _inside(path, own):
+                document = without(document, (BY_CONTROLLER, kind, key))
+    return document
 
 
-def _steps(written: str) -> list[str | int]:
-    """Split a path as it is written into names and indices."""
-    if not _PATH.fullmatch(written):
-        wanted = "expected one such as stages[1].priority or stages.capture.priority"
-        raise _MisplacedError(f"found the path {quoted(written)}, {wanted}")
-    return [int(index) if index else name for index, name in _STEP.findall(written)]
+def _keys(document: Document, path: Path) -> tuple[str, ...]:
+    """Return the keys of the mapping at a path, none if there is no mapping."""
+    value = document.value(path)
+    return tuple(value) if isinstance(value, dict) else ()
 
 
-def _put(
-    document: Document, steps: Sequence[str | int], new: Data, new_entries: Mapping[Path, Entry]
-) -> tuple[Document, Path]:
-    """Return the document with one value replaced or added, and the path of that value.
+def without(document: Document, path: Path) -> Document:
+    """Return the document without the value at a path that leads to a key of a mapping."""
+    data: Any = copy.deepcopy(document.data)
+    around = data
+    for step in path[:-1]:
+        around = around[step]
+    del around[path[-1]]
+    return replace(document, data=data, origins={at: o for at, o in document.origins.items() if not _inside(at, path)})
+
+
+def put(document: Document, path: Path, new: Data, origins: Mapping[Path, Origin]) -> Document:
+    """Return the document with one value replaced or added, in mappings that are added too.
 
     Args:
         document: The document.
-        steps: Names and indices that lead to the value.
+        path: Where the value goes.
         new: The value.
-        new_entries: Its entries and those inside it, by path from it.
+        origins: Its origin and those of values inside it, by path from it.
     """
-    data, entries = copy.deepcopy(document.data), dict(document.entries)
-    value: Any = data
-    path: Path = ()
-    for step in steps[:-1]:
-        key = _key(value, step, path)
-        path = (*path, key)
-        child = value.get(key) if isinstance(value, dict) else value[key]
-        if child is None or (isinstance(child, str) and path in SHORTHANDS):
-            entry = document.entry(path)
-            entries |= {(*path, "kind"): entry} if entry.written else {}
-            entries[path] = replace(entry, written=None, override=new_entries[()].override)
-            child = {} if child is None else {"kind": child}
-            value[key] = child
-        value = child
-    key = _key(value, steps[-1], path)
-    path = (*path, key)
-    value[key] = new
-    entries = {at: entry for at, entry in entries.items() if not _inside(at, path)}
-    entries |= {(*path, *at): entry for at, entry in new_entries.items()}
-    return replace(document, data=data, entries=entries), path
-
-
-def _without_own(document: Document, changed: Path) -> Document:
-    """Return the document without the keys of `by_controller` that are a changed one, around it or inside it."""
-    for kind, own in Raw(document)[BY_CONTROLLER].items():
-        for key, value in own.items():
-            try:
-                path = _put(document, _steps(key), None, {(): Entry(Place(1, 1))})[1]
-            except _MisplacedError:
-                continue
-            if _inside(path, changed) or _inside(changed, path):
-                data: Any = copy.deepcopy(document.data)
-                del data[BY_CONTROLLER][kind][key]
-                entries = {at: entry for at, entry in document.entries.items() if not _inside(at, value.path)}
-                document = replace(document, data=data, entries=entries)
-    return document
+    data = copy.deepcopy(document.data)
+    kept = {at: origin for at, origin in document.origins.items() if not _inside(at, path)}
+    around: Any = data
+    for length in range(1, len(path)):
+        key, at = path[length - 1], path[:length]
+        inner = around.get(key) if isinstance(around, dict) else around[key]
+        if inner is None or isinstance(inner, str):
+            kept |= {(*at, "kind"): kept[at]} if inner else {}
+            kept[at] = replace(origins[()], written=None)
+            around[key] = {} if inner is None else {"kind": inner}
+        around = around[key]
+    around[path[-1]] = copy.deepcopy(new)
+    return replace(document, data=data, origins=kept | {(*path, *at): origin for at, origin in origins.items()})
 
 
 def _inside(path: Path, around: Path) -> bool:
     """Tell whether a path is another one, or leads into it."""
     return path[: len(around)] == around
+
+
+def _path(document: Document, written: str) -> Path:
+    """Return the path that a text means; what it leads to need not be there, the lists on the way must be."""
+    if not _PATH.fullmatch(written):
+        wanted = "expected one such as stages[1].priority or stages.capture.priority"
+        raise _MisplacedError(f"found the path {quoted(written)}, {wanted}")
+    value = document.data
+    path: Path = ()
+    for index, name in _STEP.findall(written):
+        path = (*path, _key(value, int(index) if index else name, path))
+        value = document.value(path)
+        if value is None or (isinstance(value, str) and path in SHORTHANDS):
+            value = {}
+    return path
 
 
 def _key(value: Data, step: str | int, path: Path) -> str | int:

@@ -1,17 +1,19 @@
 """Priorities from paired comparisons: logarithmic least squares, and how far the comparisons contradict each other."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from psmpc_cli.specs.document import LARGEST, Raw
-from psmpc_cli.specs.messages import Fault, quoted, shortened
-from psmpc_cli.specs.task import PrioritiesSpec, TaskSpec
+from psmpc_cli.specs.document import LARGEST
+from psmpc_cli.specs.fields import Flaws, flaw
+from psmpc_cli.specs.messages import quoted, shortened
 
 Vector = NDArray[np.float64]
 Pair = tuple[int, int]
+Comparison = tuple[str, str, float]
+"""Stage a, stage b, and how many times as important a is as b."""
 
 ACCEPTABLE = 0.1
 """Largest consistency ratio of comparisons that still agree well enough. Saaty's rule."""
@@ -92,48 +94,37 @@ def groups(count: int, pairs: Sequence[Pair]) -> list[list[int]]:
     return sorted(np.flatnonzero(labels == label).tolist() for label in range(number))
 
 
-def weigh_stages(priorities: PrioritiesSpec, stages: list[str]) -> Weighing:
-    """Weigh stages by their comparisons, which are of known stages and connect all; in the order of `stages`."""
-    pairs = [(stages.index(a), stages.index(b)) for a, b, _ in priorities.compare]
-    return weigh(len(stages), pairs, [ratio for _, _, ratio in priorities.compare])
+def weigh_stages(compare: Sequence[Comparison], stages: list[str]) -> Weighing:
+    """Weigh stages by comparisons, which are of known stages and connect all; in the order of `stages`."""
+    pairs = [(stages.index(a), stages.index(b)) for a, b, _ in compare]
+    return weigh(len(stages), pairs, [ratio for _, _, ratio in compare])
 
 
-def prioritize(task: TaskSpec) -> TaskSpec:
-    """Return a valid task with every stage's priority from its comparisons, the task itself if it has none."""
-    if task.priorities is None:
-        return task
-    omega = np.exp(weigh_stages(task.priorities, [stage.name for stage in task.stages]).logarithms)
-    stages = tuple(
-        stage.model_copy(update={"priority": float(f"{weight:.{DIGITS}g}")})
-        for stage, weight in zip(task.stages, omega, strict=True)
-    )
-    return task.model_copy(update={"stages": stages})
+def priorities_of(compare: Sequence[Comparison], stages: list[str]) -> list[float]:
+    """Return the priority of each stage by comparisons of all of them."""
+    return [float(f"{weight:.{DIGITS}g}") for weight in np.exp(weigh_stages(compare, stages).logarithms)]
 
 
-def check_agreement(comparisons: Raw, valid: PrioritiesSpec, stages: list[str]) -> Iterator[Fault]:
+def disagreements(compare: Sequence[Comparison], stages: list[str]) -> Flaws:
     """Give comparisons that leave stages unconnected, contradict each other, or lead beyond all numbers."""
-    pairs = [(stages.index(a), stages.index(b)) for a, b, _ in valid.compare]
+    pairs = [(stages.index(a), stages.index(b)) for a, b, _ in compare]
     islands = [", ".join(shortened(stages[i]) for i in group) for group in groups(len(stages), pairs)]
     if len(islands) > 1:
         found = f"nothing that compares {' with '.join(islands)}"
-        yield comparisons.fault("comparisons that connect all stages", found, at_key=True)
+        yield (), flaw(", expected comparisons that connect all stages", found, at_key=True)
         return
-    weighing = weigh_stages(valid, stages)
+    weighing = weigh_stages(compare, stages)
     sizes = np.abs(weighing.logarithms)
     if weighing.worst is not None and weighing.ratio > ACCEPTABLE:
-        yield _contradiction(comparisons[weighing.worst][2], valid, weighing, weighing.worst)
+        a, b, ratio = compare[weighing.worst]
+        implied = weighing.implied[weighing.worst] / np.log(10)
+        wanted = f"{10**implied:.3g}" if abs(implied) < 300 else f"1e{implied:+.0f}"
+        measure = f"consistency ratio {weighing.ratio:.3g}, acceptable up to {ACCEPTABLE:g}"
+        found = f"{quoted(a)} to be {ratio:g} times as important as {quoted(b)}"
+        others = f", expected about {wanted}, which the other comparisons imply ({measure})"
+        yield (weighing.worst, 2), flaw(others, found)
     elif sizes.max() > np.log(LARGEST):
         extreme = int(sizes.argmax())
         times = f"1e{weighing.logarithms[extreme] / np.log(10):+.0f} times"
         found = f"comparisons that make {quoted(stages[extreme])} {times} as important as {quoted(stages[0])}"
-        yield comparisons.fault(f"a ratio from {1 / LARGEST:g} to {LARGEST:g}", found, at_key=True)
-
-
-def _contradiction(place: Raw, valid: PrioritiesSpec, weighing: Weighing, worst: int) -> Fault:
-    """Create the fault of the worst comparison, with the ratio that the others imply."""
-    a, b, ratio = valid.compare[worst]
-    implied = weighing.implied[worst] / np.log(10)
-    wanted = f"{10**implied:.3g}" if abs(implied) < 300 else f"1e{implied:+.0f}"
-    measure = f"consistency ratio {weighing.ratio:.3g}, acceptable up to {ACCEPTABLE:g}"
-    found = f"{quoted(a)} to be {ratio:g} times as important as {quoted(b)}"
-    return place.fault(f"about {wanted}, which the other comparisons imply ({measure})", found)
+        yield (), flaw(f", expected a ratio from {1 / LARGEST:g} to {LARGEST:g}", found, at_key=True)

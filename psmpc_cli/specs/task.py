@@ -4,16 +4,18 @@ Plain validated data in SI units.
 """
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from functools import partial
+from itertools import product
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BaseModel, Discriminator, Field, Tag
+from pydantic import AfterValidator, BaseModel, Discriminator, Field, Tag
 
 from psmpc_cli.specs.fields import (
     Angle,
-    ArmName,
     Choice,
+    Direction,
     Flag,
-    Fraction,
+    Flaws,
     Intervals,
     Name,
     Names,
@@ -28,31 +30,77 @@ from psmpc_cli.specs.fields import (
     SideBySide,
     Size,
     Spec,
-    Vector2,
     Whole,
     Width,
+    expected,
+    flaw,
+    holds,
+    holds_as_written,
     known,
     listed,
 )
-from psmpc_cli.specs.robot import PartLimits
+from psmpc_cli.specs.messages import choice, counted, dotted, quoted
+from psmpc_cli.specs.parts import (
+    QUANTITIES,
+    SPACES,
+    Context,
+    Space,
+    error_axes,
+    in_joint_space,
+    misfits,
+    names,
+    stands_for,
+    target_axes,
+)
+from psmpc_cli.specs.priorities import disagreements
+from psmpc_cli.specs.robot import LimitsByPart, PartLimits, limits_of_part
+from psmpc_cli.specs.uncertainty import DEFAULT_TIME_LIMIT, UncertaintySpec, time_limit
+
+REQUIRED: dict[Space, tuple[str, ...]] = {"point": ("base",)}
+"""Parts that targets and weights must have, where these are not all: not every arm has to point at something."""
+
+ROUNDING = 1e-6
+"""By how much a ratio of times may miss a whole number."""
+
+MOST_SAMPLES = 1000
+"""Samples of a horizon."""
+
+MOST_STEPS = 20_000
+"""Steps of the integrator in a sample: more take seconds."""
 
 Parts = Mapping[str, tuple[float, ...]]
 """Numbers keyed by part name (`base`, then each arm's name, or `arms` for every arm)."""
 
+
+Fields = Mapping[str, Any]
+
+
+def _two_stages(comparison: tuple[str, str, float]) -> tuple[str, str, float]:
+    if comparison[0] == comparison[1]:
+        raise flaw(", expected two different stages", f"{quoted(comparison[0])} compared with itself")
+    return comparison
+
+
 _Coordinates = Mapping[Part, tuple[Angle, ...]]
 _Extent = Annotated[tuple[Positive, Positive], listed("2 entries", 2)]
-_Pose = Annotated[tuple[Number, Number, Angle], listed("3 entries", 3)]
-_Fractions = OrByPart[Fraction, Part, Fraction]
+_Pose = Annotated[tuple[Number, Number, Direction], listed("3 entries", 3)]
 _Control = OrByPart[Size, Part, tuple[Size, ...]]
 _Tolerance = OrByPart[Width, Part, OneOrMore[Width]]
-_ByArm = OrByPart[NotNegative, ArmName, OneOrMore[NotNegative]]
 _Frames = Names[Annotated[str, known("frames")]]
-_JointNames = Names[Annotated[str, known("joint coordinates")]]
-_SkillName = Annotated[str, known("skills")]
+_JointNames = Names[Annotated[str, known("joint_coordinates")]]
+_SkillName = Annotated[str, known("spaces")]
 _StageName = Annotated[str, known("stages")]
-_Comparison = Annotated[tuple[_StageName, _StageName, Positive], listed("a comparison [stage, stage, ratio]", 3)]
+_Comparison = Annotated[
+    tuple[_StageName, _StageName, Positive],
+    listed("a comparison [stage, stage, ratio]", 3),
+    AfterValidator(_two_stages),
+]
 _StageKey = Annotated[str, known("stages", "stage")]
-_ControllerKey = Annotated[str, known("controllers", "controller")]
+
+Kind = Literal["psmpc", "smpc", "hard", "htmpc"]
+CONTROLLERS: tuple[Kind, ...] = get_args(Kind)
+
+_ControllerKey = Annotated[str, known(CONTROLLERS, "controller")]
 
 
 class ObjectSpec(Spec):
@@ -84,92 +132,6 @@ class PublishedRun(Spec):
     actual_start: Mapping[_StageKey, Number] = Field({}, description="actual starts of the stages, by name [s]")
 
 
-class FrictionSpec(Spec):
-    """Friction in the joints: the torque -viscous * rate - coulomb * tanh(rate / width)."""
-
-    viscous: _ByArm = Field(0.0, description="one number or numbers by arm [N m s/rad]")
-    coulomb: _ByArm = Field(0.0, description="one number or numbers by arm [N m]")
-    width: Positive = Field(0.02, description="rate around 0 within which Coulomb friction turns over [rad/s]")
-
-
-class NoiseSpec(Spec):
-    """Standard deviations of what is measured, drawn anew for every coordinate at every tick."""
-
-    position: NotNegative = Field(0.0, description="of the base's position [m]")
-    angle: Size = Field(0.0, description="of the base's angle and the joints' [rad]")
-    velocity: NotNegative = Field(0.0, description="of the base's velocity [m/s]")
-    angular_velocity: Size = Field(0.0, description="of the rates of all angles [rad/s]")
-
-
-class ImpulseSpec(Spec):
-    """A blow to the base, even over one tick of the low-level loop."""
-
-    at: NotNegative = Field(description="when it comes [s]")
-    linear: Vector2 = Field((0.0, 0.0), description="impulse of the force, [x, y] [N s]")
-    angular: Number = Field(0.0, description="impulse of the torque [N m s]")
-
-
-class PayloadSpec(Spec):
-    """What the task's object weighs; while held, it is part of the last links of the arms."""
-
-    mass: Positive = Field(description="mass [kg]")
-    inertia: NotNegative = Field(description="inertia about its centre of mass [kg m^2]")
-    known: Flag = Field(False, description="whether the low-level law counts it in while it is held")
-    share: OrByPart[NotNegative, ArmName, NotNegative] | None = Field(
-        None, description="what each gripper holds of it, one number or numbers by arm; default equal shares"
-    )
-
-
-class UncertaintySpec(Spec):
-    """How the real robot differs from the one the controller knows; what is random is drawn from the task's seed."""
-
-    mass: _Fractions = Field(0.0, description="largest relative error of a body's mass, one number or numbers by part")
-    inertia: _Fractions = Field(0.0, description="the same of its inertia about the centre of mass")
-    centre_of_mass: OrByPart[NotNegative, Part, NotNegative] = Field(
-        0.0, description="largest offset of a body's centre of mass along either axis, one number or by part [m]"
-    )
-    friction: FrictionSpec = Field(FrictionSpec(), description="friction in the joints")
-    noise: NoiseSpec = Field(NoiseSpec(), description="noise of the measurement")
-    delay: Whole = Field(0, ge=0, description="samples after which a control reaches the robot")
-    force_limits: Mapping[Part, OneOrMore[Positive]] = Field(
-        {}, description="largest force and torques [Fx, Fy, torque] of the base, torques of arms, by part [N, N m]"
-    )
-    impulse: ImpulseSpec | None = Field(None, description="a blow to the base")
-    payload: PayloadSpec | None = Field(None, description="what the task's object weighs")
-
-    @property
-    def measures_with_noise(self) -> bool:
-        """Whether the controller sees another state than the true one."""
-        return any(value > 0 for value in self.noise.model_dump().values())
-
-    @property
-    def is_random(self) -> bool:
-        """Whether any of it depends on the seed."""
-        return self.measures_with_noise or any(
-            _largest(of) > 0 for of in (self.mass, self.inertia, self.centre_of_mass)
-        )
-
-    @property
-    def changes_the_plant(self) -> bool:
-        """Whether anything but what the controller reads, and when it acts, differs from what it knows."""
-        drawn = (self.mass, self.inertia, self.centre_of_mass, self.friction.viscous, self.friction.coulomb)
-        others = self.force_limits or self.impulse or self.payload
-        return bool(others) or any(_largest(value) > 0 for value in drawn)
-
-    @property
-    def in_force(self) -> bool:
-        """Whether there is any of it."""
-        return self.changes_the_plant or self.measures_with_noise or self.delay > 0
-
-
-def _largest(value: float | Mapping[str, float] | Mapping[str, tuple[float, ...]]) -> float:
-    """Return the largest of one number or numbers by part."""
-    if not isinstance(value, Mapping):
-        return value
-    lists = (given if isinstance(given, tuple) else (given,) for given in value.values())
-    return max((number for numbers in lists for number in numbers), default=0.0)
-
-
 class HtmpcSpec(Spec):
     """The lexicographic controller, eq. (32)."""
 
@@ -181,7 +143,7 @@ class HtmpcSpec(Spec):
 class ControllerSpec(Choice):
     """The controller and its objective; symbols as in docs/formulation.md."""
 
-    kind: Literal["psmpc", "smpc", "hard", "htmpc"] = Field("psmpc", description="which controller")
+    kind: Kind = Field("psmpc", description="which controller")
     horizon: Positive = Field(4.0, description="prediction horizon T_h [s]")
     nodes: Intervals = Field(100, description="intervals a stage, N_s; auto: as many as `mesh_tolerance` needs")
     mesh_tolerance: Positive = Field(
@@ -244,6 +206,18 @@ class SkillWeights(SideBySide):
     control: _Control = Field(1.0, description="weights of the control, one number or numbers by part")
 
 
+def _weights(written: Any, fields: Fields, context: Context) -> Flaws:
+    """Give missing parts and wrong lengths of a skill's weights."""
+    sizes, space = context.sizes, fields.get("space")
+    if not sizes or not isinstance(written, dict):
+        return
+    if space is not None:
+        yield from misfits(written, error_axes(sizes, space), REQUIRED.get(space, sizes))
+    axes = target_axes(sizes, fields.get("input", "joint"))
+    for at, error in misfits(written.get("control"), axes, axes):
+        yield ("control", *at), error
+
+
 class SkillSpec(Spec):
     """A reusable cost and its limits. Paper eqs. (9), (10), (30), (31)."""
 
@@ -251,8 +225,10 @@ class SkillSpec(Spec):
         description="joint: cost on Q, eq. (30); task: cost on xi, eq. (31); point: end-effectors point at points"
     )
     input: Literal["joint", "task"] = Field("joint", description="the control is the acceleration of Q or of xi")
-    weights: SkillWeights = Field(description="weights by part, and of the control")
-    limits: Mapping[Part, PartLimits] = Field({}, description="limits of this skill, within the task's")
+    weights: Annotated[SkillWeights, holds_as_written(_weights)] = Field(
+        description="weights by part, and of the control"
+    )
+    limits: LimitsByPart = Field({}, description="limits of this skill, within the task's")
 
 
 class EndCondition(Spec):
@@ -269,13 +245,24 @@ class EndCondition(Spec):
     )
 
 
+def _rising(times: tuple[float, ...], fields: Fields, context: Context) -> Flaws:
+    """Give times of a trajectory that do not rise from 0."""
+    if times[0]:
+        yield (0,), flaw(", expected 0: times count from where the stage begins", f"{times[0]:g} s")
+    for i in range(1, len(times)):
+        if times[i] <= times[i - 1]:
+            yield (i,), flaw(f", expected later than the time before it, {times[i - 1]:g} s", f"{times[i]:g} s")
+
+
 class TrajectorySpec(SideBySide):
     """A target that moves: values by part at times since the stage began, linear between, the last one held.
 
     In YAML the parts and `times` stand side by side. Paper eq. (30), "along a desired trajectory".
     """
 
-    times: tuple[Number, ...] = Field(min_length=2, description="times since the stage began, rising from 0 [s]")
+    times: Annotated[tuple[Number, ...], Field(min_length=2), holds(_rising)] = Field(
+        description="times since the stage began, rising from 0 [s]"
+    )
     parts: Mapping[Part, tuple[Row, ...]]
 
 
@@ -292,16 +279,47 @@ Target = Annotated[
 ]
 
 
+def _target(written: Any, fields: Fields, context: Context) -> Flaws:
+    """Give missing parts, wrong lengths and angles without a unit of a stage's target."""
+    sizes, space = context.sizes, context.spaces.get(fields.get("skill", ""))
+    if sizes and space is not None:
+        yield from misfits(written, target_axes(sizes, space), REQUIRED.get(space, sizes), angles=True)
+
+
+def _end(written: Any, fields: Fields, context: Context) -> Flaws:
+    """Give coordinates of an end condition that the robot does not have, and tolerances that are missing or misfit."""
+    sizes, space = context.sizes, context.spaces.get(fields.get("skill", ""))
+    if not sizes or not isinstance(written, dict):
+        return
+    coordinates, tolerance = written.get("coordinates"), written.get("tolerance")
+    listed = coordinates if isinstance(coordinates, list) else [coordinates]
+    valid = list(dict.fromkeys(name for each in SPACES if space in (each, None) for name in names(sizes, each)))
+    for i, name in enumerate(listed):
+        if isinstance(name, str) and name not in valid:
+            yield ("coordinates", i), flaw(choice(name, valid))
+    if space is not None:
+        for at, error in misfits(tolerance, error_axes(sizes, space), one=True):
+            yield ("tolerance", *at), error
+    given = [key for key in tolerance if key in (*sizes, "arms")] if isinstance(tolerance, dict) else []
+    keys = [name.partition(".")[0] for name in listed if isinstance(name, str) and name in valid]
+    needed = [part for part in sizes if any(key == "all" or stands_for(key, part) for key in keys)]
+    missing = [part for part in needed if not any(stands_for(key, part) for key in given)]
+    if given and missing:
+        yield ("tolerance",), flaw(f", expected also {', '.join(missing)}", ", ".join(sorted(given)), at_key=True)
+
+
 class StageSpec(Spec):
     """One activation of a skill."""
 
     name: Name = Field(description="name of the stage")
     skill: _SkillName = Field(description="the skill to run, by name")
     priority: Positive = Field(1.0, description="relative importance omega, eq. (11)")
-    target: Target = Field(
+    target: Annotated[Target, holds_as_written(_target)] = Field(
         description="joint: base pose and joint angles; task: base and end-effector poses; or a trajectory of them"
     )
-    ends_when: EndCondition | None = Field(None, description="the condition that ends the stage, eq. (18)")
+    ends_when: Annotated[EndCondition | None, holds_as_written(_end)] = Field(
+        None, description="the condition that ends the stage, eq. (18)"
+    )
     at: Positive | None = Field(None, description="fixed time that ends the stage [s], instead of a condition")
     dwell: NotNegative = Field(0.0, description="shortest duration, that of a trajectory at least [s]")
     onset: _JointNames | None = Field(None, description="coordinates whose control marks the stage's actual start")
@@ -336,27 +354,215 @@ class LogSpec(Spec):
     shares: Flag = Field(True, description="each stage's share in the control, for some more solves a sample")
 
 
+def _own_names(key: str, entries: Any, fields: Fields, context: Context) -> Flaws:
+    """Give names of entries of a list that an earlier entry has."""
+    first: dict[str, int] = {}
+    for i, entry in enumerate(entries if isinstance(entries, list) else ()):
+        name = entry.get("name") if isinstance(entry, dict) else None
+        if isinstance(name, str) and first.setdefault(name, i) != i:
+            found = f"{quoted(name)} again (first at {key}[{first[name]}])"
+            yield (i, "name"), flaw(", expected a name of its own", found)
+
+
+def _ends(stages: Any, fields: Fields, context: Context) -> Flaws:
+    """Give stages without an end, or with two, and priorities beside comparisons."""
+    for i, stage in enumerate(stages if isinstance(stages, list) else ()):
+        if not isinstance(stage, dict):
+            continue
+        last, ends = i == len(stages) - 1, [key for key in ("ends_when", "at") if stage.get(key) is not None]
+        if ends != ["ends_when"] if last else len(ends) != 1:
+            wanted = '"ends_when" in the last stage: it ends the run' if last else 'either "ends_when" or "at"'
+            found = " and ".join(map(quoted, ends)) or "no end"
+            yield (i, "at") if "at" in ends else (i,), flaw(f", expected {wanted}", found, at_key=True)
+        if context.value("priorities") is not None and stage.get("priority") is not None:
+            found = '"priority" at a stage and "priorities" in the task'
+            yield (i, "priority"), flaw(", expected one or the other", found, at_key=True)
+
+
+def _instants(stages: tuple[StageSpec, ...], fields: Fields, context: Context) -> Flaws:
+    """Give fixed switch times that no order of events can keep."""
+    limit, earliest, reasons = time_limit(context), 0.0, list[str]()
+    for i, stage in enumerate(stages):
+        lasts = max(stage.dwell, stage.target.times[-1] if isinstance(stage.target, TrajectorySpec) else 0.0)
+        reasons += [f"{dotted(('stages', i))} takes {lasts:g} s"] if lasts else []
+        if stage.at is not None and (stage.at <= earliest or stage.at < earliest + lasts):
+            wanted = f", expected a time after {earliest + lasts:g} s ({', '.join(reasons)})"
+            yield (i, "at"), flaw(wanted, f"{stage.at:g} s")
+        elif stage.at is not None and stage.at >= limit:
+            yield (i, "at"), flaw(f", expected a time before the time_limit of {limit:g} s", f"{stage.at:g} s")
+        earliest += lasts
+        if stage.at is not None and stage.at >= earliest:
+            earliest, reasons = stage.at, [f"{dotted(('stages', i, 'at'))} is {stage.at:g} s"]
+
+
+def _controller(controller: ControllerSpec, fields: Fields, context: Context) -> Flaws:
+    """Give times of a controller that do not fit each other, and meshes that it cannot have."""
+    horizon, sample = controller.horizon, controller.sample_time
+    delay = context.value("uncertainty", "delay") or 0
+    if sample > horizon:
+        yield ("sample_time",), flaw(f", expected at most the horizon of {horizon:g} s", f"{sample:g} s")
+    if horizon > MOST_SAMPLES * sample * (1 + ROUNDING):
+        yield ("horizon",), flaw(f", expected at most {MOST_SAMPLES} samples of {sample:g} s", f"{horizon:g} s")
+    if isinstance(delay, int) and controller.known_delay > delay:
+        wanted = f"at most uncertainty.delay, which is {counted(delay, 'sample', 'samples')}"
+        yield ("known_delay",), expected(wanted)
+    if controller.kind == "htmpc" and controller.nodes == "auto":
+        yield ("nodes",), expected("a number with controller htmpc, which compares levels node by node")
+
+
+def _solver(solver: SolverSpec, fields: Fields, context: Context) -> Flaws:
+    """Give a deadline that the solver cannot keep."""
+    controller = fields.get("controller")
+    if solver.deadline is not None and solver.kind == "fatrop":
+        yield ("deadline",), expected("none with solver fatrop, which cannot stop early, or solver sqp or ipopt")
+    elif solver.deadline is not None and solver.kind == "sqp" and controller and controller.kind == "htmpc":
+        yield ("deadline",), expected("none, or solver ipopt, with controller htmpc")
+
+
+def _plant(plant: PlantSpec, fields: Fields, context: Context) -> Flaws:
+    """Give a plant whose ticks and steps do not divide a sample, or are too many."""
+    if (controller := fields.get("controller")) is None:
+        return
+    sample, tick, hertz = controller.sample_time, 1 / plant.low_level_rate, f"{plant.low_level_rate:g} Hz"
+    step, at = (tick, "low_level_rate") if plant.step is None else (plant.step, "step")
+    if sample / step > MOST_STEPS * (1 + ROUNDING):
+        yield (at,), flaw(f", expected at most {MOST_STEPS}", f"{sample / step:.6g} steps in a sample of {sample:g} s")
+        return
+    if not _is_whole(sample / tick):
+        found = f"{hertz}, which makes {sample / tick:.6g} ticks of a sample_time of {sample:g} s"
+        yield ("low_level_rate",), flaw(", expected a whole number of ticks", found)
+    if not _is_whole(tick / step):
+        found = f"{step:g} s, which makes {tick / step:.6g} steps of a tick of {tick:g} s (low_level_rate {hertz})"
+        yield (at,), flaw(", expected a whole number of steps", found)
+
+
+def _is_whole(ratio: float) -> bool:
+    return round(ratio) >= 1 and abs(ratio - round(ratio)) <= ROUNDING * ratio
+
+
+def _within_the_robots(limits: Mapping[str, PartLimits], fields: Fields, context: Context) -> Flaws:
+    """Give limits of a task that are wider than its robot's."""
+    yield from _wider(limits, {"the robot's": context.robot_limits}, context.sizes)
+
+
+def _skills(skills: Mapping[str, SkillSpec], fields: Fields, context: Context) -> Flaws:
+    """Give limits of skills that are wider than those around them, and inputs that the solver cannot have."""
+    controller, solver = fields.get("controller"), fields.get("solver")
+    joint_only = bool(controller and controller.kind == "htmpc") or bool(solver and solver.kind != "ipopt")
+    outer = {"the robot's": context.robot_limits, "the task's": fields.get("limits", {})}
+    for name, skill in skills.items():
+        if skill.input == "task" and joint_only:
+            wanted = '"joint" (task needs solver ipopt, and another controller than htmpc)'
+            yield (name, "input"), expected(wanted)
+        for at, error in _wider(skill.limits, outer, context.sizes):
+            yield (name, "limits", *at), error
+
+
+def _wider(
+    limits: Mapping[str, PartLimits], outer: Mapping[str, Mapping[str, PartLimits]], sizes: Mapping[str, int]
+) -> Flaws:
+    """Give limits that are wider than outer ones, which are keyed by whose they are."""
+    for part, quantity, (whose, layer) in product(sizes, QUANTITIES, outer.items()):
+        given, allowed = limits_of_part(limits, part, quantity) or (), limits_of_part(layer, part, quantity) or ()
+        for index, ((low, high), (least, most)) in enumerate(zip(given, allowed, strict=False)):
+            if low < least or high > most:
+                key = part if part in limits and getattr(limits[part], quantity) is not None else "arms"
+                yield (key, quantity, index), expected(f"within {whose} [{least:.6g}, {most:.6g}]")
+
+
+def _agreement(priorities: PrioritiesSpec | None, fields: Fields, context: Context) -> Flaws:
+    """Give comparisons that leave stages unconnected, contradict each other, or lead beyond all numbers."""
+    stages = [stage.name for stage in fields.get("stages", ())]
+    if priorities is not None and stages and len(stages) == len(set(stages)):
+        for at, error in disagreements(priorities.compare, stages):
+            yield ("compare", *at), error
+
+
+def _object(thing: ObjectSpec | None, fields: Fields, context: Context) -> Flaws:
+    """Give an object that is let go before it is taken."""
+    order = context.stages
+    if thing is not None and order and order.index(thing.let_go_by) <= order.index(thing.taken_by):
+        yield ("let_go_by",), expected(f"a stage after {quoted(thing.taken_by)}, which takes the object")
+
+
+def _monitor(monitor: MonitorSpec, fields: Fields, context: Context) -> Flaws:
+    """Give a monitor that bounds nothing, contradicts itself or is about the wrong number of frames."""
+    bounds = ("above_start_at_most", "below_start_at_most", "at_most", "at_least")
+    if all(getattr(monitor, bound) is None for bound in bounds):
+        yield (), flaw(f", expected one of {', '.join(bounds)}", "no bound", at_key=True)
+    least, most = monitor.at_least, monitor.at_most
+    if least is not None and most is not None and least > most:
+        yield ("at_least",), flaw(f", expected no more than at_most, {most:g}", f"{least:g}")
+    number = 2 if monitor.quantity == "distance" else 1
+    if not len(monitor.of) == len(set(monitor.of)) == number:
+        yield ("of",), expected("two different frames for a distance, one for a speed")
+
+
+def _uncertainty(spec: UncertaintySpec, fields: Fields, context: Context) -> Flaws:
+    """Give what the plant cannot do, a delay beyond the horizon, and a payload that is never held."""
+    controller, plant = fields.get("controller"), fields.get("plant")
+    if controller is not None and spec.delay * controller.sample_time >= controller.horizon:
+        found = f"{spec.delay} samples of {controller.sample_time:g} s"
+        yield ("delay",), flaw(f", expected less than the horizon of {controller.horizon:g} s", found)
+    if plant is not None and plant.kind == "ideal" and spec.changes_the_plant:
+        found = ", ".join(key for key in type(spec).model_fields if key in spec.model_fields_set - {"noise", "delay"})
+        wanted = "only noise and delay, or plant rk4 or mujoco: ideal has neither bodies nor forces"
+        yield (), flaw(f", expected {wanted}", f"{found} with plant ideal")
+    if spec.payload is None or "object" not in fields:
+        return
+    thing, order = fields["object"], context.stages
+    if thing is None:
+        wanted = ", expected one: it says which stages take the payload and let it go"
+        yield ("payload",), flaw(wanted, 'no "object"', at_key=True)
+    elif order and order.index(thing.let_go_by) == order.index(thing.taken_by) + 1:
+        found = f"no stage between {thing.taken_by}, which takes the object, and {thing.let_go_by}, which lets it go"
+        yield ("payload",), flaw(", expected at least one that holds the payload", found, at_key=True)
+
+
+_Monitor = Annotated[MonitorSpec, holds(_monitor)]
+
+
 class TaskSpec(Spec):
     """A whole experiment."""
 
     name: Name = Field("", description="name of the task; default the file's stem")
     description: str = Field("", description="what it is, for people")
     robot: str = Field(min_length=1, description="a built-in robot's name, or a path relative to this file")
-    initial: _Coordinates = Field(description="base pose and joint angles at the start [m, rad]")
-    initial_velocity: _Coordinates = Field({}, description="their rates at the start [m/s, rad/s]; default rest")
-    controller: ControllerSpec = Field(ControllerSpec(), description="the controller and its objective")
-    solver: SolverSpec = Field(SolverSpec(), description="the NLP back-end")
-    plant: PlantSpec = Field(PlantSpec(), description="the simulated physics")
-    limits: Mapping[Part, PartLimits] = Field({}, description="limits of this task, within the robot's")
-    skills: Mapping[Name, SkillSpec] = Field(min_length=1, description="the skills by name")
-    stages: tuple[StageSpec, ...] = Field(min_length=1, description="the stages in their order")
-    priorities: PrioritiesSpec | None = Field(
+    initial: Annotated[_Coordinates, in_joint_space(required=True, angles=True)] = Field(
+        description="base pose and joint angles at the start [m, rad]"
+    )
+    initial_velocity: Annotated[_Coordinates, in_joint_space()] = Field(
+        {}, description="their rates at the start [m/s, rad/s]; default rest"
+    )
+    controller: Annotated[ControllerSpec, holds(_controller)] = Field(
+        ControllerSpec(), description="the controller and its objective"
+    )
+    solver: Annotated[SolverSpec, holds(_solver)] = Field(SolverSpec(), description="the NLP back-end")
+    plant: Annotated[PlantSpec, holds(_plant)] = Field(PlantSpec(), description="the simulated physics")
+    limits: Annotated[LimitsByPart, holds(_within_the_robots)] = Field(
+        {}, description="limits of this task, within the robot's"
+    )
+    skills: Annotated[Mapping[Name, SkillSpec], Field(min_length=1), holds(_skills)] = Field(
+        description="the skills by name"
+    )
+    stages: Annotated[
+        tuple[StageSpec, ...],
+        Field(min_length=1),
+        holds_as_written(partial(_own_names, "stages")),
+        holds_as_written(_ends),
+        holds(_instants),
+    ] = Field(description="the stages in their order")
+    priorities: Annotated[PrioritiesSpec | None, holds(_agreement)] = Field(
         None, description="priorities of all stages from paired comparisons, instead of one at each stage"
     )
     onset: OnsetSpec = Field(OnsetSpec(), description="what counts as the actual start of a stage")
-    object: ObjectSpec | None = Field(None, description="the target object")
-    uncertainty: UncertaintySpec = Field(UncertaintySpec(), description="what the controller does not know")
-    monitors: tuple[MonitorSpec, ...] = Field((), description="what must hold for the mission to succeed")
+    object: Annotated[ObjectSpec | None, holds(_object)] = Field(None, description="the target object")
+    uncertainty: Annotated[UncertaintySpec, holds(_uncertainty)] = Field(
+        UncertaintySpec(), description="what the controller does not know"
+    )
+    monitors: Annotated[tuple[_Monitor, ...], holds_as_written(partial(_own_names, "monitors"))] = Field(
+        (), description="what must hold for the mission to succeed"
+    )
     published: Mapping[_ControllerKey, PublishedRun] = Field(
         {}, description="published runs to compare with, by controller"
     )
@@ -364,7 +570,7 @@ class TaskSpec(Spec):
         {}, exclude=True, description="keys to change where a controller runs, by controller and path"
     )
     log: LogSpec = Field(LogSpec(), description="what the log holds beyond the samples")
-    time_limit: Positive = Field(60.0, description="time after which the run is stopped [s]")
+    time_limit: Positive = Field(DEFAULT_TIME_LIMIT, description="time after which the run is stopped [s]")
     seed: Whole = Field(0, ge=0, description="seed of everything random")
 
     @property

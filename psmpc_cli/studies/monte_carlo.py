@@ -8,10 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from psmpc_cli.errors import InputError
+from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.results import Quantity, Results, read_results
 from psmpc_cli.logs.schema import MONTE_CARLO
-from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.ocp.feasibility import load_feasible
+from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.measures import WHOLE_RUN, Row, measure_run
 from psmpc_cli.studies.runner import CellOutcome, Study, Watch, changed, ignore, run_study
 from psmpc_cli.studies.sweep import LIGHT, names_along
@@ -71,7 +72,7 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
     if isinstance(reference, Task):
         task, named = changed(reference, (*changes, *LIGHT)), reference.spec.name
     else:
-        task, named = load_task(reference, (*changes, *LIGHT)), str(reference)
+        task, named = load_feasible(reference, (*changes, *LIGHT)), str(reference)
     spec, along = task.spec, names_along(task)
     if not spec.uncertainty.is_random:
         raise InputError(
@@ -125,6 +126,31 @@ def _entry(outcome: CellOutcome, cell: int, origin: int) -> Row:
     return {**row, "failure": outcome.failure, "run_time": outcome.wall_time, "status": status}
 
 
+def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
+    """Compute Wilson's 95 % score interval of a success rate; 0 and 1 without runs. Wilson (1927)."""
+    from scipy.stats import binomtest
+
+    if not runs:
+        return 0.0, 1.0
+    interval = binomtest(successes, runs).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+@dataclass(frozen=True)
+class Quantiles:
+    """How a quantity spreads over the runs that have it.
+
+    Attributes:
+        name: What it is, with its unit.
+        runs: How many runs have it.
+        at: Its 5, 50 and 95 % quantiles; NaN without runs.
+    """
+
+    name: str
+    runs: int
+    at: tuple[float, float, float]
+
+
 @dataclass(frozen=True, eq=False)
 class MonteCarloRuns:
     """The runs of a study, complete or not: how often they succeed, how they spread, which are the worst.
@@ -170,12 +196,8 @@ class MonteCarloRuns:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Wilson's 95 % score interval of the success rate; 0 and 1 without runs. Wilson (1927)."""
-        from scipy.stats import binomtest
-
-        made, succeeded = int(self.made.sum()), int(self.succeeded.sum())
-        interval = binomtest(succeeded, made).proportion_ci(method="wilson") if made else (0.0, 1.0)
-        return float(interval[0]), float(interval[1])
+        """Wilson's 95 % interval of the success rate."""
+        return wilson_interval(int(self.succeeded.sum()), int(self.made.sum()))
 
     @property
     def end_time(self) -> Array:
@@ -187,23 +209,20 @@ class MonteCarloRuns:
         beyond = np.nan_to_num(-self[f"relative_{kind}_margin"])
         return np.where(beyond > EXCEEDED, beyond, 0.0)
 
-    def quantiles(self) -> Iterator[tuple[str, int, tuple[float, ...]]]:
-        """Yield how every quantity spreads: what it is, how many runs have it, and its 5, 50 and 95 % quantiles."""
-        values = {"mission ends, completed runs [s]": self.end_time}
+    def quantiles(self) -> Iterator[Quantiles]:
+        """Yield how every quantity spreads."""
+        yield _quantiles("mission ends, completed runs [s]", self.end_time)
         for number, stage in enumerate(self.stages):
             if number:
-                values[f"{stage} starts [s]"] = self["actual_start"][:, number]
+                yield _quantiles(f"{stage} starts [s]", self["actual_start"][:, number])
             if number < len(self.stages) - 1:
-                values[f"{stage} ends [s]"] = self["switch_time"][:, number]
-        values["final error [tolerances]"] = self["final_error"]
+                yield _quantiles(f"{stage} ends [s]", self["switch_time"][:, number])
+        yield _quantiles("final error [tolerances]", self["final_error"])
         for kind in ("position", "velocity"):
-            values[f"tightest {kind} margin [% of the limit]"] = 100 * self[f"relative_{kind}_margin"]
+            yield _quantiles(f"tightest {kind} margin [% of the limit]", 100 * self[f"relative_{kind}_margin"])
         for number, monitor in enumerate(self.monitors):
-            values[f"margin of {monitor} [m, m/s]"] = self["monitor_margin"][:, number]
-        values["control effort [m^2/s^3, rad^2/s^3]"] = self["control_effort"]
-        for name, each in values.items():
-            known = each[np.isfinite(each)]
-            yield name, len(known), tuple(np.quantile(known, QUANTILES) if len(known) else [np.nan] * 3)
+            yield _quantiles(f"margin of {monitor} [m, m/s]", self["monitor_margin"][:, number])
+        yield _quantiles("control effort [m^2/s^3, rad^2/s^3]", self["control_effort"])
 
     def worst(self, count: int) -> Array:
         """Return the numbers of the worst runs: those that failed first, then the latest, then the largest error."""
@@ -215,12 +234,19 @@ class MonteCarloRuns:
         """Say why a run ended, and which monitors did not hold."""
         if failure := str(self["failure"][number]):
             return f"crashed: {failure}"
-        broken = [name for k, name in enumerate(self.monitors) if self["monitor_margin"][number, k] < 0]
+        margins = self["monitor_margin"][number] if self.monitors else ()
+        broken = [name for name, margin in zip(self.monitors, margins, strict=True) if margin < 0]
         return str(self["reason"][number]) + (f"; monitor did not hold: {', '.join(broken)}" if broken else "")
 
     def command(self, number: int) -> str:
         """Return the command that repeats a run, with its log."""
         return f"{self.results.attributes.get('command', 'psmpc simulate')} --set seed={self['seed'][number]}"
+
+
+def _quantiles(name: str, values: Array) -> Quantiles:
+    known = values[np.isfinite(values)]
+    low, middle, high = np.quantile(known, QUANTILES) if len(known) else (np.nan,) * 3
+    return Quantiles(name, len(known), (float(low), float(middle), float(high)))
 
 
 def read_monte_carlo(path: Path) -> MonteCarloRuns:
@@ -229,4 +255,11 @@ def read_monte_carlo(path: Path) -> MonteCarloRuns:
     Raises:
         LogError: The file is missing, damaged, of another version, or no Monte Carlo study.
     """
-    return MonteCarloRuns(read_results(path, MONTE_CARLO))
+    results = read_results(path, MONTE_CARLO)
+    known: dict[str, tuple[str, ...]] = {each.name: ("run", each.along) for each in WHOLE_RUN if each.along}
+    known |= {"stage": ("stage",), "monitor": ("monitor",), "wall_time": ()}
+    for name, quantity in results.quantities.items():
+        if quantity.dims != (wanted := known.get(name, ("run",))):
+            along = ", ".join(wanted) or "nothing"
+            raise LogError(f"{path}: expected {name} along {along}, as psmpc monte-carlo writes it")
+    return MonteCarloRuns(results)

@@ -13,7 +13,8 @@ from psmpc_cli.control.multistart import multistart_for
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.schema import SWEEP
-from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.ocp.feasibility import load_feasible
+from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.measures import (
     WHOLE_RUN,
     PerCell,
@@ -98,7 +99,7 @@ def sweep(
 
 def _light(task: Task | str | Path) -> Task:
     """Load a task that logs no more than is measured."""
-    loaded = task if isinstance(task, Task) else load_task(task)
+    loaded = task if isinstance(task, Task) else load_feasible(task)
     return changed(loaded, LIGHT)
 
 
@@ -136,7 +137,7 @@ def load_sweep_task(reference: str | Path | Task, changes: Sequence[str] = (), e
     if isinstance(reference, Task):
         loaded = changed(reference, [*changes, *wanted, *LIGHT])
     else:
-        loaded = load_task(reference, [*changes, *wanted, *LIGHT])
+        loaded = load_feasible(reference, [*changes, *wanted, *LIGHT])
     return changed(loaded, [f"controller.multistart={multistart_for(loaded.spec.controller)}"])
 
 

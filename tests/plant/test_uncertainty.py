@@ -13,7 +13,7 @@ from psmpc_cli.plant.uncertainty import (
 )
 from psmpc_cli.robot.bodies import InertialParameters, body_names
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.task import NoiseSpec, PayloadSpec, UncertaintySpec
+from psmpc_cli.specs.uncertainty import NoiseSpec, PayloadSpec, UncertaintySpec
 
 
 def spec(**keys: object) -> UncertaintySpec:

@@ -65,7 +65,7 @@ def mutate(data: Any, path: tuple[str | int, ...], action: str, value: Any) -> A
 def load_mutated(document: Any, data: st.DataObject) -> None:
     changed = document.data
     for _ in range(data.draw(st.integers(1, 3))):
-        paths = [path for path in read("changed", write(changed)).entries if path]
+        paths = [path for path in read("changed", write(changed)).origins if path]
         if paths:
             action = data.draw(st.sampled_from(["remove", "rename", "replace"]))
             changed = mutate(changed, data.draw(st.sampled_from(paths)), action, data.draw(junk))

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.coordinates import (
-    Space,
     labels,
     resolve_limits,
     rows,
@@ -19,6 +18,7 @@ from psmpc_cli.specs.coordinates import (
     tolerances,
 )
 from psmpc_cli.specs.load import load_robot, load_task, parse_task
+from psmpc_cli.specs.parts import Space
 from psmpc_cli.specs.robot import Arm, Link, Mount, PartLimits
 from psmpc_cli.specs.task import EndCondition, TrajectorySpec
 

@@ -4,7 +4,8 @@ import pytest
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.load import load_robot, load_task, parse_task
-from psmpc_cli.specs.task import EndCondition, SkillWeights, StageSpec, TaskSpec, UncertaintySpec
+from psmpc_cli.specs.task import EndCondition, SkillWeights, StageSpec, TaskSpec
+from psmpc_cli.specs.uncertainty import UncertaintySpec
 
 TASK = load_task("transport").task_yaml
 ROBOT = load_robot("planar_dual_arm").robot_yaml

@@ -25,7 +25,7 @@ def test_written_data_is_read_as_the_same_and_every_number_is_at_its_position(va
     assert document.faults == ()
     assert json.dumps(document.data) == json.dumps(value)
     lines = document.text.splitlines()
-    for path, entry in document.entries.items():
+    for path, entry in document.origins.items():
         assert 1 <= entry.place.line <= len(lines) + 1
         if isinstance(document.value(path), int | float) and not isinstance(document.value(path), bool):
             assert lines[entry.place.line - 1][entry.place.column - 1 :].startswith(str(entry.written))
@@ -34,14 +34,14 @@ def test_written_data_is_read_as_the_same_and_every_number_is_at_its_position(va
 @given(st.text(alphabet="ab:-[]{}&*!|>'\"%@`#,? \n\t~0\x07\x85\u2028é", max_size=40))
 def test_any_text_is_read_or_rejected_with_a_reason(text: str) -> None:
     document = read("any", text)
-    assert document.data is None or document.entries[()].place.line >= 1
+    assert document.data is None or document.origins[()].place.line >= 1
 
 
 def test_aliases_are_copied() -> None:
     document = read("aliases", "a: &a {x: [1, 2]}\nb: *a\n")
     assert document.data == {"a": {"x": [1, 2]}, "b": {"x": [1, 2]}}
-    assert document.entries[("b", "x", 1)] == document.entries[("a", "x", 1)]
-    assert document.entries[("b",)].key == Place(2, 1)
+    assert document.origins[("b", "x", 1)] == document.origins[("a", "x", 1)]
+    assert document.origins[("b",)].key == Place(2, 1)
 
 
 def test_the_first_of_equal_keys_counts_and_odd_keys_are_passed_over() -> None:

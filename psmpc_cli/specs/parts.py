@@ -1,0 +1,205 @@
+"""Parts of a robot: the names of their coordinates, and the rules that numbers by part keep in any description."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal
+
+from pydantic import WrapValidator
+
+from psmpc_cli.specs.document import Data
+from psmpc_cli.specs.fields import Flaws, beyond_a_turn, expected, flaw, holds_as_written
+from psmpc_cli.specs.messages import Path, counted
+
+Space = Literal["joint", "task", "point"]
+Axes = Mapping[str, tuple[str, ...]]
+"""Names of the numbers of every part."""
+
+SPACES: tuple[Space, ...] = ("joint", "task", "point")
+
+AXES = ("x", "y", "theta")
+"""Coordinates of a pose in the plane."""
+
+ARM_AXES: dict[Space, tuple[tuple[str, ...] | None, tuple[str, ...] | None]] = {
+    "joint": (None, None),
+    "task": (AXES, AXES),
+    "point": (AXES[:2], ("direction",)),
+}
+"""For each space the names of an arm's numbers in a target, and of its rows in the error; None: its joints from 1.
+
+Those of the base are always `AXES`. The rows of the error are those of Q (joint) or xi (task), and in the space point
+the angle between the end-effector's x-axis and the line to the target's point.
+"""
+
+QUANTITIES = ("position", "velocity", "acceleration")
+
+RESERVED = ("base", "arms", "all", "control", "times")
+"""Names that have another meaning wherever arms are named."""
+
+
+@dataclass(frozen=True, eq=False)
+class Context:
+    """What the rules of one key know of the other keys, as written: what cannot be read is empty or None.
+
+    Attributes:
+        data: The robot, or the task.
+        robot: The robot.
+        robot_limits: Its limits if it is valid.
+    """
+
+    data: Data
+    robot: Data
+    robot_limits: Mapping[str, Any] = field(default_factory=dict)
+
+    def value(self, *path: str) -> Data:
+        """Return the value at a path, None if there is none."""
+        found = self.data
+        for key in path:
+            found = found.get(key) if isinstance(found, dict) else None
+        return found
+
+    @cached_property
+    def sizes(self) -> dict[str, int]:
+        """The parts of the robot and their numbers of coordinates."""
+        arms = self.robot.get("arms") if isinstance(self.robot, dict) else None
+        if not isinstance(arms, dict):
+            return {}
+        links = {name: arm.get("links") if isinstance(arm, dict) else None for name, arm in arms.items()}
+        lengths = {name: len(each) for name, each in links.items() if isinstance(each, list) and name not in RESERVED}
+        return {"base": len(AXES), **lengths} if all(lengths.get(name) for name in arms) else {}
+
+    @cached_property
+    def parts(self) -> list[str]:
+        """The keys of numbers by part."""
+        return [*self.sizes, "arms"] if self.sizes else []
+
+    @cached_property
+    def arms(self) -> list[str]:
+        """The keys of numbers by arm."""
+        return self.parts[1:]
+
+    @cached_property
+    def frames(self) -> list[str]:
+        """The parts that have a frame."""
+        return list(self.sizes)
+
+    @cached_property
+    def joint_coordinates(self) -> tuple[str, ...]:
+        """The names of coordinates of Q."""
+        return names(self.sizes, "joint") if self.sizes else ()
+
+    @cached_property
+    def spaces(self) -> dict[str, Space | None]:
+        """The skills and their spaces."""
+        skills = self.value("skills")
+        by_name = skills if isinstance(skills, dict) else {}
+        given = {name: skill.get("space") if isinstance(skill, dict) else None for name, skill in by_name.items()}
+        return {name: next((each for each in SPACES if each == space), None) for name, space in given.items()}
+
+    @cached_property
+    def stages(self) -> list[str]:
+        """The names of the stages in their order."""
+        stages = self.value("stages")
+        named = [stage.get("name") for stage in stages if isinstance(stage, dict)] if isinstance(stages, list) else []
+        return [name for name in named if isinstance(name, str)]
+
+
+def stands_for(key: str, part: str) -> bool:
+    """Tell whether a key of numbers by part means a part: itself, or any arm for `arms`."""
+    return key == part or (key == "arms" and part != "base")
+
+
+def target_axes(parts: Mapping[str, int], space: Space) -> dict[str, tuple[str, ...]]:
+    """Return the names of the numbers of a target, by part; `parts` are the robot's."""
+    return _axes(parts, ARM_AXES[space][0])
+
+
+def error_axes(parts: Mapping[str, int], space: Space) -> dict[str, tuple[str, ...]]:
+    """Return the names of the rows of the error, by part; `parts` are the robot's."""
+    return _axes(parts, ARM_AXES[space][1])
+
+
+def _axes(parts: Mapping[str, int], of_arm: tuple[str, ...] | None) -> dict[str, tuple[str, ...]]:
+    joints = {part: tuple(str(joint + 1) for joint in range(size)) for part, size in parts.items()}
+    return {part: AXES if part == "base" else of_arm or joints[part] for part in parts}
+
+
+def names(parts: Mapping[str, int], space: Space) -> tuple[str, ...]:
+    """Return every name that means rows of the error; `parts` are the robot's."""
+    axes = error_axes(parts, space)
+    return (*parts, "arms", "all", *(f"{part}.{axis}" for part in parts for axis in axes[part]))
+
+
+def misfits(written: Any, axes: Axes, required: Collection[str] = (), one: bool = False, angles: bool = False) -> Flaws:
+    """Give missing parts, wrong lengths and angles without a unit in numbers by part as written.
+
+    Args:
+        written: Lists of numbers by part, or lists of such rows beside the key `times`; anything else has no faults.
+        axes: The names of the numbers of every part.
+        required: The parts that must be there.
+        one: Whether one number may stand for all of a part.
+        angles: Whether some of the numbers are angles, so that they need a unit beyond one turn.
+    """
+    if not isinstance(written, dict):
+        return
+    given = [key for key in written if key in (*axes, "arms")]
+    missing = [part for part in required if not any(stands_for(key, part) for key in given)]
+    if missing:
+        yield (), flaw(f", expected also {', '.join(missing)}", ", ".join(given) or "no part", at_key=True)
+    times = written.get("times")
+    for key in given:
+        numbers = written[key]
+        if isinstance(times, list) and isinstance(numbers, list) and len(numbers) != len(times):
+            yield (key,), expected(f"{counted(len(times), 'row', 'rows')}, one for every entry of times")
+        rows = [(i, row) for i, row in enumerate(numbers) if isinstance(row, list)] if isinstance(numbers, list) else []
+        places: list[tuple[Path, Any]] = [((key, i), row) for i, row in rows] or [((key,), numbers)]
+        for at, row in places:
+            yield from _length(at, row, key, axes, given, one)
+            if angles:
+                yield from _angles(at, row, key, axes)
+
+
+def in_joint_space(required: bool = False, one: bool = False, angles: bool = False) -> WrapValidator:
+    """Create the validator of numbers by part of Q, all of its parts or some; further arguments as for `misfits`."""
+
+    def rule(written: Any, fields: Mapping[str, Any], context: Context) -> Flaws:
+        axes = target_axes(context.sizes, "joint")
+        yield from misfits(written, axes, axes if required else (), one, angles)
+
+    return holds_as_written(rule)
+
+
+def misfit_limits(written: Any, fields: Mapping[str, Any], context: Context) -> Flaws:
+    """Give lists of limits by part with wrong lengths, and bounds of angles without a unit."""
+    limits = {key: part for key, part in written.items() if isinstance(part, dict)} if isinstance(written, dict) else {}
+    axes = target_axes(context.sizes, "joint")
+    for quantity in QUANTITIES:
+        given = {key: part[quantity] for key, part in limits.items() if part.get(quantity) is not None}
+        for key, bounds in given.items():
+            yield from _length((key, quantity), bounds, key, axes, given)
+            if quantity == "position":
+                yield from _angles((key, quantity), bounds, key, axes)
+
+
+def _length(at: Path, row: Any, key: str, axes: Axes, given: Collection[str], one: bool = False) -> Flaws:
+    """Give a list that is not as long as each part its key stands for; parts of `given` have lists of their own."""
+    for part in axes:
+        applies = stands_for(key, part) and (key == part or part not in given)
+        if applies and isinstance(row, list) and len(row) not in (len(axes[part]), 1 if one else None):
+            named = "" if axes[part][0].isdigit() else f" ({', '.join(axes[part])})"
+            length = counted(len(axes[part]), "entry", "entries")
+            yield at, expected(f"{length} for {part}{named}{', or one' if one else ''}")
+            return
+
+
+def _angles(at: Path, row: Any, key: str, axes: Axes) -> Flaws:
+    """Give the angles without a unit in a list of numbers, or of pairs, for the parts that a key means."""
+    own = next((axes[part] for part in axes if stands_for(key, part)), ())
+    for i, (axis, item) in enumerate(zip(own, row if isinstance(row, list) else (), strict=False)):
+        if axis == "theta" or axis.isdigit():
+            values: list[tuple[Path, Any]] = [((*at, i), item)]
+            if isinstance(item, list):
+                values = [((*at, i, j), value) for j, value in enumerate(item)]
+            for place, value in values:
+                if (error := beyond_a_turn(value)) is not None:
+                    yield place, error

@@ -1,0 +1,152 @@
+"""What the controller does not know: inertial parameters, friction, noise, delay, impulse, payload."""
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from psmpc_cli.specs.fields import (
+    ArmName,
+    Flag,
+    Flaws,
+    Fraction,
+    NotNegative,
+    Number,
+    OneOrMore,
+    OrByPart,
+    Part,
+    Positive,
+    Size,
+    Spec,
+    Vector2,
+    Whole,
+    flaw,
+    holds,
+)
+from psmpc_cli.specs.parts import Context, in_joint_space
+
+ROUNDING = 1e-6
+"""By how much the shares of a payload may miss 1 in all."""
+
+DEFAULT_TIME_LIMIT = 60.0
+"""Time after which a run is stopped where the task does not say [s]."""
+
+Fields = Mapping[str, Any]
+
+_Fractions = OrByPart[Fraction, Part, Fraction]
+_ByArm = OrByPart[NotNegative, ArmName, OneOrMore[NotNegative]]
+
+
+class FrictionSpec(Spec):
+    """Friction in the joints: the torque -viscous * rate - coulomb * tanh(rate / width)."""
+
+    viscous: Annotated[_ByArm, in_joint_space(one=True)] = Field(
+        0.0, description="one number or numbers by arm [N m s/rad]"
+    )
+    coulomb: Annotated[_ByArm, in_joint_space(one=True)] = Field(0.0, description="one number or numbers by arm [N m]")
+    width: Positive = Field(0.02, description="rate around 0 within which Coulomb friction turns over [rad/s]")
+
+
+class NoiseSpec(Spec):
+    """Standard deviations of what is measured, drawn anew for every coordinate at every tick."""
+
+    position: NotNegative = Field(0.0, description="of the base's position [m]")
+    angle: Size = Field(0.0, description="of the base's angle and the joints' [rad]")
+    velocity: NotNegative = Field(0.0, description="of the base's velocity [m/s]")
+    angular_velocity: Size = Field(0.0, description="of the rates of all angles [rad/s]")
+
+
+class ImpulseSpec(Spec):
+    """A blow to the base, even over one tick of the low-level loop."""
+
+    at: NotNegative = Field(description="when it comes [s]")
+    linear: Vector2 = Field((0.0, 0.0), description="impulse of the force, [x, y] [N s]")
+    angular: Number = Field(0.0, description="impulse of the torque [N m s]")
+
+
+def time_limit(context: Context) -> float:
+    """Return the time after which a task's run is stopped [s]; infinite if it is not valid."""
+    given = context.value("time_limit")
+    return float(given) if isinstance(given, int | float) else DEFAULT_TIME_LIMIT if given is None else math.inf
+
+
+def _impulse(impulse: ImpulseSpec | None, fields: Fields, context: Context) -> Flaws:
+    """Give an impulse that is none, or comes after the run."""
+    limit = time_limit(context)
+    if impulse is not None and not any((*impulse.linear, impulse.angular)):
+        yield (), flaw(", expected linear: [x, y] in N s, or angular in N m s", "no impulse", at_key=True)
+    if impulse is not None and impulse.at >= limit:
+        yield ("at",), flaw(f", expected a time before the time_limit of {limit:g} s", f"{impulse.at:g} s")
+
+
+def _whole(share: float | Mapping[str, float] | None, fields: Fields, context: Context) -> Flaws:
+    """Give shares of a payload whose sum over the arms is not 1."""
+    arms = [part for part in context.sizes if part != "base"]
+    by_arm = share if isinstance(share, Mapping) else {"arms": share}
+    own = [by_arm.get(arm, by_arm.get("arms")) for arm in arms]
+    shares = [each for each in own if each is not None]
+    if arms and len(shares) == len(arms) and abs(sum(shares) - 1) > ROUNDING:
+        found = f"shares whose sum is {sum(shares):g}"
+        yield (), flaw(f", expected 1 over the {len(arms)} arms", found, at_key=True)
+
+
+class PayloadSpec(Spec):
+    """What the task's object weighs; while held, it is part of the last links of the arms."""
+
+    mass: Positive = Field(description="mass [kg]")
+    inertia: NotNegative = Field(description="inertia about its centre of mass [kg m^2]")
+    known: Flag = Field(False, description="whether the low-level law counts it in while it is held")
+    share: Annotated[OrByPart[NotNegative, ArmName, NotNegative] | None, holds(_whole)] = Field(
+        None, description="what each gripper holds of it, one number or numbers by arm; default equal shares"
+    )
+
+
+class UncertaintySpec(Spec):
+    """How the real robot differs from the one the controller knows; what is random is drawn from the task's seed."""
+
+    mass: _Fractions = Field(0.0, description="largest relative error of a body's mass, one number or numbers by part")
+    inertia: _Fractions = Field(0.0, description="the same of its inertia about the centre of mass")
+    centre_of_mass: OrByPart[NotNegative, Part, NotNegative] = Field(
+        0.0, description="largest offset of a body's centre of mass along either axis, one number or by part [m]"
+    )
+    friction: FrictionSpec = Field(FrictionSpec(), description="friction in the joints")
+    noise: NoiseSpec = Field(NoiseSpec(), description="noise of the measurement")
+    delay: Whole = Field(0, ge=0, description="samples after which a control reaches the robot")
+    force_limits: Annotated[Mapping[Part, OneOrMore[Positive]], in_joint_space(one=True)] = Field(
+        {}, description="largest force and torques [Fx, Fy, torque] of the base, torques of arms, by part [N, N m]"
+    )
+    impulse: Annotated[ImpulseSpec | None, holds(_impulse)] = Field(None, description="a blow to the base")
+    payload: PayloadSpec | None = Field(None, description="what the task's object weighs")
+
+    @property
+    def measures_with_noise(self) -> bool:
+        """Whether the controller sees another state than the true one."""
+        return any(value > 0 for value in self.noise.model_dump().values())
+
+    @property
+    def is_random(self) -> bool:
+        """Whether any of it depends on the seed."""
+        return self.measures_with_noise or any(
+            _largest(of) > 0 for of in (self.mass, self.inertia, self.centre_of_mass)
+        )
+
+    @property
+    def changes_the_plant(self) -> bool:
+        """Whether anything but what the controller reads, and when it acts, differs from what it knows."""
+        drawn = (self.mass, self.inertia, self.centre_of_mass, self.friction.viscous, self.friction.coulomb)
+        others = self.force_limits or self.impulse or self.payload
+        return bool(others) or any(_largest(value) > 0 for value in drawn)
+
+    @property
+    def in_force(self) -> bool:
+        """Whether there is any of it."""
+        return self.changes_the_plant or self.measures_with_noise or self.delay > 0
+
+
+def _largest(value: float | Mapping[str, float] | Mapping[str, tuple[float, ...]]) -> float:
+    """Return the largest of one number or numbers by part."""
+    if not isinstance(value, Mapping):
+        return value
+    lists = (given if isinstance(given, tuple) else (given,) for given in value.values())
+    return max((number for numbers in lists for number in numbers), default=0.0)

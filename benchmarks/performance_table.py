@@ -20,7 +20,16 @@ from psmpc_cli.robot.model import build_model
 from psmpc_cli.specs.document import Data, write
 from psmpc_cli.specs.load import Task, load_robot, parse_task
 from psmpc_cli.specs.robot import Arm, RobotSpec
-from psmpc_cli.studies.bench import HEADINGS, Bench, Choices, bench_rows, describe_machine, load_bench, run_bench
+from psmpc_cli.studies.bench import (
+    HEADINGS,
+    NODES,
+    Bench,
+    bench_rows,
+    describe_machine,
+    load_bench,
+    median_time,
+    run_bench,
+)
 
 PAGE = "performance.md"
 
@@ -51,22 +60,21 @@ def machine(bench: Bench) -> list[str]:
 
 def by_stages(bench: Bench) -> list[str]:
     """Return median times by the number of stages in the window."""
-    counts = sorted({int(count) for one in bench.timed for count in one.stages})
+    counts = sorted({solve.stages for solves in bench.solves.values() for solve in solves})
     headings = ("nodes", "solver", "start", *(f"{count} stage{'s' * (count > 1)} [ms]" for count in counts))
     rows = [
-        (one.nodes, one.solver, one.start, *(_number(1e3 * one.median(count)) for count in counts))
-        for one in bench.timed
+        (*way, *(_number(1e3 * median_time(solves, count)) for count in counts)) for way, solves in bench.solves.items()
     ]
     return table(headings, rows)
 
 
 def growth(sizes: Mapping[str, float], bench: Bench) -> Iterator[Sequence[str]]:
     """Give the exponent p of time ~ size^p for each back-end, start and number of stages, by least squares of logs."""
-    ways = dict.fromkeys((one.solver, one.start) for one in bench.timed)
-    for solver, start in ways:
-        mine = [one for one in bench.timed if (one.solver, one.start) == (solver, start) and one.nodes in sizes]
-        for count in sorted({int(count) for one in mine for count in one.stages}):
-            known = [(sizes[one.nodes], one.median(count)) for one in mine if np.isfinite(one.median(count))]
+    for solver, start in dict.fromkeys((solver, start) for _, solver, start in bench.solves):
+        mine = {size: bench.solves[nodes, solver, start] for nodes, size in sizes.items()}
+        for count in sorted({solve.stages for solves in mine.values() for solve in solves}):
+            times = {size: median_time(solves, count) for size, solves in mine.items()}
+            known = [(size, time) for size, time in times.items() if np.isfinite(time)]
             x, y = np.log(np.array(known)).reshape(-1, 2).T
             if len(np.unique(x)) > 1:
                 yield solver, start, str(count), _number(float(np.polyfit(x, y, 1)[0]))
@@ -150,16 +158,15 @@ def _poses(robot: Mapping[str, Data], arms: int, joints: int) -> dict[str, Data]
 
 def main() -> None:
     """Measure, and write the tables."""
-    choices = Choices()
-    bench = run_bench(load_bench("transport", (), choices), choices, print)
+    bench = run_bench(load_bench("transport", ()), told=print)
     write_between(PAGE, "machine", machine(bench))
     write_between(PAGE, "meshes", table(HEADINGS, bench_rows(bench)))
     write_between(PAGE, "stages", by_stages(bench))
-    nodes = {nodes: float(nodes) for nodes in choices.nodes if nodes != "auto"}
+    nodes = {nodes: float(nodes) for nodes in NODES.split(",") if nodes != "auto"}
     headings = ("solver", "start", "stages", "exponent")
     write_between(PAGE, "growth with nodes", table(headings, growth(nodes, bench)))
     sized = {f"{arms} x {joints}": [sized_task(arms, joints)] for arms, joints in ROBOTS}
-    robots = run_bench(sized, Choices(appends=1), print)
+    robots = run_bench(sized, appends=1, told=print)
     freedom = {f"{arms} x {joints}": 3.0 + arms * joints for arms, joints in ROBOTS}
     write_between(PAGE, "growth with freedom", table(headings, growth(freedom, robots)))
 

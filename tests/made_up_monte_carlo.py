@@ -1,5 +1,6 @@
 """Monte Carlo studies as if they had been run: the same file, made-up numbers."""
 
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ def made_up_monte_carlo(
     path: Path,
     runs: int = 12,
     waiting: tuple[int, ...] = (),
-    crashed: tuple[int, ...] = (),
+    crashed: Collection[int] = (),
     late: tuple[int, ...] = (),
     dropped: tuple[int, ...] = (),
     task: str = "transport",

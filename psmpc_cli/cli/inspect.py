@@ -1,7 +1,6 @@
 """What a task or robot amounts to and what this machine can do: `psmpc check`, `init`, `schema` and `bench`."""
 
 import json
-from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -112,17 +111,14 @@ def bench(
     from psmpc_cli.cli.tables import print_table
     from psmpc_cli.studies import bench as study
 
-    choices = study.QUICK if quick else study.Choices()
-    choices = choices if nodes is None else replace(choices, nodes=study.parse_nodes(nodes))
-    choices = choices if repeat is None else replace(choices, repeat=repeat)
-    choices = replace(choices, solvers=study.parse_solvers(solvers))
-    tasks = study.load_bench(task, changes or [], choices)
+    tasks = study.load_bench(task, changes or [], nodes or ("25,50" if quick else study.NODES))
+    repeat, appends = repeat or (1 if quick else 3), 2 if quick else None
 
     def echo(line: str) -> None:
         if not quiet:
             typer.echo(line, err=True)
 
     with ending_on_signals("no table was made", at_once=False) as interruption:
-        found = study.run_bench(tasks, choices, echo, interruption.check)
+        found = study.run_bench(tasks, solvers, repeat, appends, echo, interruption.check)
     print_table(study.HEADINGS, list(study.bench_rows(found)), left=3)
     typer.echo(f"{study.NOTE}\n\n{study.describe_machine(found)}")

@@ -315,7 +315,7 @@ def _print_groups(cells: SweepCells) -> None:
 def print_monte_carlo(runs: MonteCarloRuns) -> None:
     """Print a Monte Carlo study, complete or not: the success rate, the spread of the runs, and the worst of them."""
     typer.echo(_success(runs))
-    rows = [(each.name, str(each.runs), *(number(value, 3) for value in each.at)) for each in runs.quantiles()]
+    rows = [(name, str(count), *(number(value, 3) for value in at)) for name, count, at in runs.quantiles()]
     print_table(("over the runs that have it", "runs", "5 %", "50 %", "95 %"), rows, left=1)
     worst = [int(run) for run in runs.worst(WORST)]
     if worst:

@@ -4,11 +4,10 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from joblib.externals.loky import ProcessPoolExecutor
@@ -20,13 +19,10 @@ from matplotlib.figure import Figure
 
 from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.figures import style
-from psmpc_cli.figures.robot_drawing import FINGER, Scene, View, base_half, reach, scene_of
+from psmpc_cli.figures.scene import FINGER, Scene, View, base_half, reach, scene_of, view_around
+from psmpc_cli.figures.snapshots import draw_scene, show
 from psmpc_cli.logs.run import Run
 from psmpc_cli.robot.mujoco_model import mujoco_spec
-from psmpc_cli.specs.robot import RobotSpec
-
-if TYPE_CHECKING:
-    import mujoco
 
 RATE, LONGEST = 15, 150
 """Frames a second; most frames of motion."""
@@ -64,34 +60,6 @@ SURROUNDINGS = """
 """Light, and a floor of squares with edges of 1 m."""
 
 
-@dataclass(frozen=True)
-class Film:
-    """What a film shows, as plain values for another process.
-
-    Attributes:
-        robot: The robot.
-        half: Half the length and half the width of its base (2,) [m].
-        reach: Length of its longest arm [m].
-        shape: Length and width of the object [m]; None if there is none.
-        view: What is visible of the plane.
-        Q: Coordinates of the robot in every frame (K, n) [m, rad].
-        poses: Poses of the object in every frame (K, 3) [m, m, rad].
-    """
-
-    robot: RobotSpec
-    half: np.ndarray
-    reach: float
-    shape: tuple[float, float] | None
-    view: View
-    Q: np.ndarray
-    poses: np.ndarray
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Height and width of a frame [px], even, as video encoders want."""
-        return 2 * round(FILM_WIDTH * self.view.aspect * np.sin(np.radians(ELEVATION)) / 2), FILM_WIDTH
-
-
 def film_files(directory: Path, name: str) -> list[Path]:
     """Return the files of an animation or film: a GIF, and an MP4 where ffmpeg is there."""
     return [directory / f"{name}.{ending}" for ending in ("gif", "mp4")[: 1 + mp4_possible()]]
@@ -109,7 +77,7 @@ def write_animation(run: Run, paths: Iterable[Path]) -> None:
         RunError: One could not be encoded or written.
     """
     scene, times = scene_of(run), frame_times(run)
-    view = scene.view(times)
+    view = view_around(scene.extent(times))
     height = round((WIDTH * view.aspect + 0.6) * DPI / 2) * 2 / DPI  # even in pixels, as video encoders want
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     FigureCanvasAgg(figure)
@@ -127,9 +95,9 @@ def write_animation(run: Run, paths: Iterable[Path]) -> None:
 
 
 def _draw_frame(axes: Axes, scene: Scene, time: float, view: View) -> None:
-    scene.draw(axes, time, since=max(time - 3.0, float(scene.run.motion.time[0])), width=1.6)
-    view.show(axes)
-    axes.set_title(f"t = {time:.1f} s: {', '.join(events_at(scene, time))}", loc="left")
+    draw_scene(axes, scene, time, since=max(time - 3.0, float(scene.run.motion.time[0])), width=1.6)
+    show(axes, view)
+    axes.set_title(_title(scene, time), loc="left")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
 
@@ -139,13 +107,8 @@ def frame_times(run: Run) -> np.ndarray:
     return np.linspace(run.motion.time[0], run.motion.end, min(LONGEST, len(run.motion.time)))
 
 
-def events_at(scene: Scene, time: float) -> list[str]:
-    """Return what happens at a time [s]: the current stage, those that already act, whether the object is lost."""
-    spans = scene.run.spans
-    current = [span for span in spans if span.start <= time]
-    early = [span for span in spans if span.early is not None and span.early <= time < span.start]
-    events = [style.readable(current[-1].name), *(f"{style.readable(span.name)} already acts" for span in early)]
-    return events + ["object lost"] * (scene.lost and time >= scene.left)
+def _title(scene: Scene, time: float) -> str:
+    return f"t = {time:.1f} s: {', '.join(scene.events(time))}"
 
 
 def _encode(figure: Figure, path: Path, times: Sequence[float], draw_frame: Callable[[float], None]) -> None:
@@ -168,10 +131,10 @@ def write_film(run: Run, paths: Iterable[Path]) -> None:
         RunError: It failed, or a film could not be encoded or written.
     """
     scene, times = scene_of(run), frame_times(run)
-    try:
-        frames = _in_process(offscreen_driver(), render, film_of(scene, times))
-    except _DriverError as error:
-        raise RunError(f"MuJoCo's renderer failed: {error}") from None
+    view = view_around(scene.extent(times))
+    Q = [run.motion.coordinates_at(time) for time in times]
+    poses = [scene.object_pose(time) for time in times]
+    frames = _in_process(offscreen_driver(), render, film_model(scene, view), Q, poses, camera_on(view))
     height, width = frames.shape[1:3]
     figure = Figure(figsize=(width / DPI, (height + TITLE) / DPI))
     FigureCanvasAgg(figure)
@@ -181,35 +144,26 @@ def write_film(run: Run, paths: Iterable[Path]) -> None:
 
     def draw_frame(time: float) -> None:
         shown.set_data(frames[np.searchsorted(times, time)])
-        title.set_text(f"t = {time:.1f} s: {', '.join(events_at(scene, time))}")
+        title.set_text(_title(scene, time))
 
     for path in paths:
         _encode(figure, path, times.tolist(), draw_frame)
 
 
-def film_of(scene: Scene, times: np.ndarray) -> Film:
-    """Return what a film of a scene shows at these times [s]."""
-    model, spec = scene.run.problem.model, scene.run.task.spec.object
-    Q = np.array([scene.run.motion.coordinates_at(time) for time in times])
-    poses = np.zeros((len(times), 3)) if spec is None else np.array([scene.object_pose(time) for time in times])
-    shape = None if spec is None else spec.shape
-    return Film(model.spec, base_half(model), reach(model), shape, scene.view(times), Q, poses)
-
-
-def film_model(film: Film) -> "mujoco.MjSpec":
-    """Describe robot, object and surroundings of a film for MuJoCo; `qpos` is Q, the object's body is a mocap one."""
+def film_model(scene: Scene, view: View) -> str:
+    """Describe robot, object and surroundings as MJCF; `qpos` is Q, the object's body is a mocap one."""
     import mujoco
 
-    view, (height, width) = film.view, film.size
+    model, spec, (height, width) = scene.run.problem.model, scene.run.task.spec.object, frame_size(view)
     x, y = (view.x[0] + view.x[1]) / 2, (view.y[0] + view.y[1]) / 2
     span = max(view.x[1] - view.x[0], view.y[1] - view.y[0])
-    squares, thick, finger = 2 * int(np.ceil(5 * span)), 0.04 * film.reach, FINGER * film.reach
+    squares, thick, finger = 2 * int(np.ceil(5 * span)), 0.04 * reach(model), FINGER * reach(model)
     numbers = {"height": height, "width": width, "fovy": FIELD_OF_VIEW, "span": span, "x": x, "y": y}
     numbers |= {"squares": squares, "half": squares / 2, "floor": -4 * thick}
     world = mujoco.MjSpec.from_string(SURROUNDINGS.format(**numbers, floor_x=round(x), floor_y=round(y)))
-    robot = mujoco_spec(film.robot)
-    _add_box(robot.body("base"), (*film.half, 3 * thick), style.BODY)
-    for index, (name, arm) in enumerate(film.robot.arms.items()):
+    robot = mujoco_spec(model.spec)
+    _add_box(robot.body("base"), (*base_half(model), 3 * thick), style.BODY)
+    for index, (name, arm) in enumerate(model.spec.arms.items()):
         color = style.PALETTE[index % len(style.PALETTE)]
         for number, link in enumerate(arm.links, start=1):
             body, tip = robot.body(f"{name}.{number}"), link.a + link.b
@@ -220,11 +174,12 @@ def film_model(film: Film) -> "mujoco.MjSpec":
         _add_box(body, (0.2 * thick, 0.7 * finger, 0.7 * thick), color, (tip, 0, 0))
         for side in (-0.7, 0.7):
             _add_box(body, (finger / 2, 0.2 * thick, 0.7 * thick), color, (tip + finger / 2, side * finger, 0))
-    if film.shape is not None:
+    if spec is not None:
         held = world.worldbody.add_body(name="object", mocap=True)
-        _add_box(held, (film.shape[0] / 2, film.shape[1] / 2, 0.9 * thick), style.OBJECT)
+        _add_box(held, (spec.shape[0] / 2, spec.shape[1] / 2, 0.9 * thick), style.OBJECT)
     world.attach(robot, prefix="robot.", frame=world.worldbody.add_frame())
-    return world
+    world.compile()
+    return str(world.to_xml())
 
 
 def _add_box(body: Any, half: Sequence[float], color: str, place: Sequence[float] = (0, 0, 0)) -> None:
@@ -235,32 +190,40 @@ def _add_box(body: Any, half: Sequence[float], color: str, place: Sequence[float
     body.add_geom(type=kind, size=list(half), rgba=rgba, pos=list(place))
 
 
-def render(film: Film) -> np.ndarray:
-    """Render the frames (K, height, width, 3) of a film with MuJoCo."""
+def render(
+    description: str, Q: Sequence[np.ndarray], poses: Sequence[np.ndarray | None], camera: np.ndarray
+) -> np.ndarray:
+    """Render the frames (K, height, width, 3) of a model with the robot at K coordinates and the object at K poses."""
     import mujoco
 
-    model = film_model(film).compile()
-    data, camera, frames = mujoco.MjData(model), mujoco.MjvCamera(), []
-    *camera.lookat, camera.distance, camera.azimuth, camera.elevation = camera_on(film.view, film.size)
-    with mujoco.Renderer(model, *film.size) as renderer:
-        for Q, (x, y, angle) in zip(film.Q, film.poses, strict=True):
-            data.qpos = Q
-            data.mocap_pos[:], data.mocap_quat[:] = [x, y, 0], [np.cos(angle / 2), 0, 0, np.sin(angle / 2)]
+    model = mujoco.MjModel.from_xml_string(description)
+    data, eye, frames = mujoco.MjData(model), mujoco.MjvCamera(), []
+    *eye.lookat, eye.distance, eye.azimuth, eye.elevation = camera
+    with mujoco.Renderer(model, model.vis.global_.offheight, model.vis.global_.offwidth) as renderer:
+        for data.qpos, pose in zip(Q, poses, strict=True):
+            if pose is not None:
+                data.mocap_pos[0, :2] = pose[:2]
+                data.mocap_quat[0] = [np.cos(pose[2] / 2), 0, 0, np.sin(pose[2] / 2)]
             mujoco.mj_forward(model, data)
-            renderer.update_scene(data, camera)
+            renderer.update_scene(data, eye)
             frames.append(renderer.render())
     return np.array(frames)
 
 
-def camera_on(view: View, size: tuple[int, int]) -> np.ndarray:
+def frame_size(view: View) -> tuple[int, int]:
+    """Return height and width of a frame of the film [px], even, as video encoders want."""
+    return 2 * round(FILM_WIDTH * view.aspect * np.sin(np.radians(ELEVATION)) / 2), FILM_WIDTH
+
+
+def camera_on(view: View) -> np.ndarray:
     """Return place (3,) [m], distance [m], azimuth and elevation [deg] of the nearest camera that sees a whole view."""
     corners = np.array([[x, y] for x in view.x for y in view.y])
-    middle = corners.mean(axis=0)
+    middle, (height, width) = corners.mean(axis=0), frame_size(view)
     right, along = (corners - middle).T
     elevation = np.radians(ELEVATION)
     up, beyond = along * np.sin(elevation), along * np.cos(elevation)
     tall = np.tan(np.radians(FIELD_OF_VIEW) / 2)
-    wide = tall * size[1] / size[0]
+    wide = tall * width / height
     distance = max(np.max(np.abs(right) / wide - beyond), np.max(np.abs(up) / tall - beyond))
     return np.array([*middle, 0.0, distance, 90.0, -ELEVATION])
 
@@ -280,7 +243,7 @@ def offscreen_driver() -> str:
     for driver in drivers:
         try:
             _in_process(driver, _render_nothing)
-        except _DriverError as error:
+        except RunError as error:
             failures.append(f"{driver or 'the default driver'}: {error}")
         else:
             return driver
@@ -298,18 +261,18 @@ def _render_nothing() -> None:
         renderer.render()
 
 
-class _DriverError(Exception):
-    """Rendering failed; the message is the last line of what MuJoCo or the driver said."""
-
-
 def _in_process(driver: str, call: Callable[..., Any], *arguments: object) -> Any:
-    """Make a call in a process of its own: MuJoCo chooses its driver once, when it is imported, and it may crash."""
+    """Make a call in a process of its own: MuJoCo chooses its driver once, when it is imported, and it may crash.
+
+    Raises:
+        RunError: The call failed; the message has the last line of what MuJoCo or the driver said.
+    """
     with ProcessPoolExecutor(1, env={"MUJOCO_GL": driver}, initializer=_silence) as pool:
         try:
             return pool.submit(call, *arguments).result()
         except Exception as error:
             said = str(error).strip().splitlines() or [type(error).__name__]
-            raise _DriverError(said[-1]) from None
+            raise RunError(f"MuJoCo's renderer failed: {said[-1]}") from None
 
 
 def _silence() -> None:

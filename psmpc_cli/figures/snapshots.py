@@ -1,37 +1,33 @@
-"""The robot at the key instants of a run or of several, and what a task asks for. Paper Figs. 4 and 5."""
+"""The robot in the plane: at the key instants of a run or of several, and what a task asks for. Paper Figs. 4 and 5."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from string import ascii_lowercase
 from textwrap import fill
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
+from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.robot_drawing import (
+from psmpc_cli.figures.scene import (
+    NO_BREAK,
     Scene,
     View,
-    arm_handles,
-    base_outline,
-    carried,
-    draw_robot,
-    object_look,
+    bodies,
+    configurations,
+    object_poses,
     outline,
     rectangle,
-    scene_handles,
     scene_of,
     view_around,
 )
 from psmpc_cli.logs.run import Run, Span
-from psmpc_cli.ocp.problem import Stage, build_stages
-from psmpc_cli.ocp.skills import SKILLS, Posture
-from psmpc_cli.robot.model import RobotModel, arm_points, build_model
-from psmpc_cli.robot.reach import reach_of
-from psmpc_cli.specs.coordinates import stack
+from psmpc_cli.ocp.problem import build_stages
+from psmpc_cli.robot.model import RobotModel, build_model
 from psmpc_cli.specs.load import Task
 
 AXIS, AROUND = 0.3, 0.45
@@ -40,22 +36,26 @@ AXIS, AROUND = 0.3, 0.45
 ACROSS = 4
 """Frames, or stages, side by side on a page."""
 
-NO_BREAK = "\N{NO-BREAK SPACE}"
-"""Between a number and its unit."""
-
 GHOST = "#9A9A9A"
 """Colour of the robot at an early start."""
 
 FAINT = 0.25
 """Opacity of the robot where a stage begins."""
 
+TRAIL: Mapping[str, Any] = {"color": style.EDGE, "linewidth": 0.7, "linestyle": (0, (2, 1.5))}
+"""Look of the path of the base."""
 
-@dataclass(frozen=True)
-class KeyInstant:
-    """A time [s] that is shown, and what happens then."""
+TARGET: Mapping[str, Any] = {"linestyle": "none", "marker": "+", "markersize": 5.5, "markeredgewidth": 0.9}
+"""Look of a target."""
 
-    time: float
-    event: str
+BASE: Mapping[str, Any] = {"facecolor": style.BODY, "edgecolor": "black", "linewidth": 0.7}
+"""Look of the base."""
+
+OBJECT: Mapping[str, Any] = {"facecolor": style.OBJECT, "edgecolor": style.EDGE, "linewidth": 0.6}
+"""Look of the object."""
+
+LOST: Mapping[str, Any] = {"facecolor": "none", "edgecolor": style.EDGE, "linewidth": 0.8, "linestyle": (0, (3, 1.5))}
+"""Look of the object that was lost."""
 
 
 def plot_snapshots(run: Run) -> Figure:
@@ -65,16 +65,14 @@ def plot_snapshots(run: Run) -> Figure:
     panel before.
     """
     scene = scene_of(run)
-    frames = key_frames(scene)
-    view = scene.view(key.time for key in frames)
+    frames = scene.key_frames()
+    times = [instant for instant, _ in frames]
     width, columns = (style.COLUMN, min(2, len(frames))) if len(frames) <= 10 else (style.PAGE, ACROSS)
-    events = [f"({letters(i)}) {key.event}" for i, key in enumerate(frames)]
-    figure, grid = _panels(view, events, columns, width)
-    before = frames[0].time
-    for axes, key in zip(grid, frames, strict=False):
-        scene.draw(axes, key.time, since=before)
-        before = key.time
-    handles, vacant = scene_handles([scene]), grid[len(frames) :]
+    titles = [f"({letters(i)}) {event}" for i, (_, event) in enumerate(frames)]
+    figure, grid = _panels(view_around(scene.extent(times)), titles, columns, width)
+    for axes, since, time in zip(grid, [times[0], *times], times, strict=False):
+        draw_scene(axes, scene, time, since)
+    handles, vacant = _handles([scene]), grid[len(frames) :]
     if len(vacant):
         vacant[0].legend(handles=handles, loc="center")
     else:
@@ -82,8 +80,13 @@ def plot_snapshots(run: Run) -> Figure:
     return figure
 
 
+def letters(index: int) -> str:
+    """Return a, b, ..., z, aa, ab, ..."""
+    return ascii_lowercase[index] if index < 26 else letters(index // 26 - 1) + ascii_lowercase[index % 26]
+
+
 def _panels(view: View, titles: Sequence[str], columns: int, width: float) -> tuple[Figure, np.ndarray]:
-    """Return a figure and its panels, all to one scale, one below each title; those that are left over are empty.
+    """Return a figure and its panels, all to one scale, one below each title; those without a title are empty.
 
     Titles are broken between words to the width of a panel.
     """
@@ -93,55 +96,101 @@ def _panels(view: View, titles: Sequence[str], columns: int, width: float) -> tu
     lines = 1 + max(title.count("\n") for title in broken)
     figure = style.new_figure(rows * (across * view.aspect + lines * style.LINE + 0.08) + AXIS, width)
     grid: np.ndarray = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for i, (axes, title) in enumerate(zip(grid, broken, strict=False)):
-        view.show(axes)
-        axes.set_title(title, loc="left", pad=2, fontsize=style.TEXT)
+    for i, axes in enumerate(grid):
+        if i >= len(titles) or not titles[i]:
+            axes.set_axis_off()
+            continue
+        show(axes, view)
+        axes.set_title(broken[i], loc="left", pad=2, fontsize=style.TEXT)
         if i % columns == 0:
             axes.set_ylabel("y (m)")
         if i >= len(titles) - columns:
             axes.set_xlabel("x (m)")
             axes.tick_params(labelbottom=True)
-    for axes in grid[len(titles) :]:
-        axes.set_axis_off()
     return figure, grid
 
 
-def key_instants(scene: Scene) -> list[KeyInstant]:
-    """Return start, early starts, switches, loss of the object and end of a run, in the order of time."""
+def show(axes: Axes, view: View) -> None:
+    """Set a panel's limits and ticks, with equal scales."""
+    step = float(np.ptp(MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(*view.x)[:2]))
+    axes.set_xlim(view.x)
+    axes.set_ylim(view.y)
+    axes.set_aspect("equal")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MultipleLocator(step))
+
+
+def draw_scene(
+    axes: Axes, scene: Scene, time: float, since: float, stages: Iterable[int] | None = None, width: float = 1.0
+) -> None:
+    """Draw object, paths, targets and robot.
+
+    Args:
+        axes: A panel.
+        scene: What is drawn.
+        time: The time [s].
+        since: From when on the paths of the end-effectors are drawn [s].
+        stages: Whose targets are drawn; those that act by default.
+        width: Scales the lines.
+    """
     run = scene.run
-    found = [KeyInstant(float(run.motion.time[0]), "start")]
-    for span in run.spans:
-        if span.early is not None:
-            found.append(KeyInstant(span.early, f"{style.readable(span.name)} starts"))
-        if np.isfinite(run.stages["switch_time"][span.index]):
-            found.append(KeyInstant(span.end, f"{style.readable(span.name)} ends"))
-    if scene.lost:
-        found.append(KeyInstant(scene.left, "object lost"))
-    if not any(abs(key.time - run.motion.end) < 1e-6 for key in found):
-        found.append(KeyInstant(run.motion.end, "end of the run"))
-    return sorted(found, key=lambda key: key.time)
+    if run.task.spec.object is not None:
+        _draw_area(axes, scene.object_corners(time), LOST if scene.lost and time >= scene.left else OBJECT, width)
+    trail, *_ = scene.paths(float(run.motion.time[0]), time)
+    axes.plot(*trail.T, zorder=1.2, **{**TRAIL, "linewidth": TRAIL["linewidth"] * width})
+    for i, path in enumerate(scene.paths(since, time)[1:]):
+        axes.plot(*path.T, color=_arm_color(i), linewidth=0.6 * width, zorder=1.3)
+    draw_robot(axes, run.problem.model, run.motion.coordinates_at(time), width)
+    for stage in scene.acting(time) if stages is None else stages:
+        for i, point in enumerate(scene.targets(stage, time)):
+            axes.plot(*point, color=_arm_color(i - 1) if i else "black", zorder=3.5, **TARGET)
 
 
-def key_frames(scene: Scene) -> list[KeyInstant]:
-    """Return the key instants that are shown; those between which nothing moves visibly are one, with all events."""
-    frames: list[KeyInstant] = []
-    size = float(np.ptp(scene.view(key.time for key in key_instants(scene)).x))
-    told = ""
-    for key in key_instants(scene):
-        time = f"{key.time:.1f}{NO_BREAK}s"
-        moved = np.inf if not frames else np.abs(scene.points(key.time) - scene.points(frames[-1].time)).max()
-        if moved < 0.03 * size:
-            joined = f"{frames[-1].event}, " + (key.event if time == told else f"{time}: {key.event}")
-            frames[-1] = replace(frames[-1], event=joined)
-        else:
-            frames.append(KeyInstant(key.time, f"{time}: {key.event}"))
-        told = time
-    return frames
+def draw_robot(
+    axes: Axes, model: RobotModel, Q: np.ndarray, width: float = 1.0, alpha: float = 1.0, ghost: bool = False
+) -> None:
+    """Draw base, arms and grippers at Q (n,); `width` scales the lines; a ghost is grey and lies behind."""
+    base, arms = bodies(model, Q)
+    face = {"facecolor": "none", "edgecolor": GHOST} if ghost else {}
+    _draw_area(axes, base, {**BASE, **face, "alpha": alpha}, width, 1.1 if ghost else 2.0)
+    for i, (points, gripper) in enumerate(arms):
+        line: dict[str, Any] = {"color": GHOST if ghost else _arm_color(i), "alpha": alpha}
+        line["zorder"] = 1.1 if ghost else 3.0
+        axes.plot(*points.T, linewidth=1.5 * width, solid_joinstyle="round", **line)
+        axes.plot(*gripper.T, linewidth=1.0 * width, **line)
+        edge = 0.7 * width
+        axes.plot(*points[:-1].T, "o", markersize=2.2 * width, markeredgewidth=edge, markerfacecolor="white", **line)
 
 
-def letters(index: int) -> str:
-    """Return a, b, ..., z, aa, ab, ..."""
-    return ascii_lowercase[index] if index < 26 else letters(index // 26 - 1) + ascii_lowercase[index % 26]
+def _draw_area(axes: Axes, corners: np.ndarray, look: Mapping[str, Any], width: float = 1.0, zorder: float = 1) -> None:
+    axes.add_patch(Polygon(corners, zorder=zorder, **{**look, "linewidth": look["linewidth"] * width}))
+
+
+def _arm_color(index: int) -> str:
+    return style.PALETTE[index % len(style.PALETTE)]
+
+
+def _arm_handles(model: RobotModel) -> list[Artist]:
+    """Return what a legend says of the arms."""
+    arms = enumerate(map(style.readable, model.spec.arms))
+    return [style.entry(name, color=_arm_color(i), linewidth=1.5) for i, name in arms]
+
+
+def _handles(scenes: Iterable[Scene]) -> list[Artist]:
+    """Return what a legend says of drawings of these scenes."""
+    every = list(scenes)
+    run = every[0].run
+    handles = [style.patch_entry("base", **BASE), *_arm_handles(run.problem.model)]
+    if run.task.spec.object is not None:
+        handles.append(style.patch_entry("object", **OBJECT))
+    if any(scene.lost for scene in every):
+        handles.append(style.patch_entry("object, lost", **LOST))
+    return [
+        *handles,
+        style.entry("target", color="black", **TARGET),
+        style.entry("path of the base", **TRAIL),
+        style.entry("path of an arm's end", color=style.PALETTE[0], linewidth=0.6),
+    ]
 
 
 def plot_compared_snapshots(runs: Mapping[str, Run]) -> Figure:
@@ -151,72 +200,64 @@ def plot_compared_snapshots(runs: Mapping[str, Run]) -> Figure:
     ends, the paths of the end-effectors those during the stage.
     """
     scenes = {name: scene_of(run) for name, run in runs.items()}
-    names = next(iter(runs.values())).stage_names
-    across = min(ACROSS, len(names))
-    vacant = -len(names) % across
-    titles = _stage_titles(runs.values(), vacant)
+    stages = len(next(iter(runs.values())).stage_names)
+    across = min(ACROSS, stages)
+    vacant = -stages % across
+    titles: list[str] = []
+    for number, run in enumerate(runs.values()):
+        panels = enumerate(map(letters, range(number * stages, (number + 1) * stages)))
+        titles += [*(f"({letter}) {_stage_title(run, stage)}" for stage, letter in panels), *[""] * vacant]
     figure, grid = _panels(_common_view(scenes.values()), titles, across, style.PAGE)
     for (name, scene), block in zip(scenes.items(), grid.reshape(len(runs), -1), strict=True):
-        for stage, axes in enumerate(block):
-            if stage < len(names):
-                _draw_end(axes, scene, stage)
-            else:
-                axes.set_axis_off()
+        for stage, axes in enumerate(block[:stages]):
+            _draw_end(axes, scene, stage)
         for axes in block[::across]:
             axes.set_ylabel(f"{style.title_of(name)}\ny (m)")
-    handles = scene_handles(scenes.values())
+    handles = _handles(scenes.values())
     if any(span.early is not None for run in runs.values() for span in run.spans):
-        handles.append(style.entry("robot at the early start of the next stage", color=GHOST, linewidth=0.9))
+        handles.append(style.entry("robot at the early start of the next stage", color=GHOST, linewidth=1.5))
     style.add_legend(figure, handles)
     return figure
 
 
-def _stage_titles(runs: Iterable[Run], vacant: int) -> list[str]:
-    """Return every panel's title, when a stage ends and when the next one starts; after each run so many empty ones."""
-    titles: list[str] = []
-    for number, run in enumerate(runs):
-        for stage, name in enumerate(run.stage_names):
-            end, start = float(run.stages["switch_time"][stage]), _next_span(run, stage)
-            ended = f"ends at {end:.1f}{NO_BREAK}s" if np.isfinite(end) else "did not end"
-            lines = [f"({letters(len(titles) - number * vacant)}) {style.readable(name)} {ended}"]
-            if np.isfinite(end) and start is not None:
-                begun = "starts then" if start.early is None else f"starts at {start.early:.1f}{NO_BREAK}s"
-                lines.append(f"{style.readable(start.name)} {begun}")
-            titles.append("\n".join(lines))
-        titles += [""] * vacant
-    return titles
+def _stage_title(run: Run, stage: int) -> str:
+    """Return when a stage ends and when the next one starts."""
+    end, following = float(run.stages["switch_time"][stage]), _span(run, stage + 1)
+    title = style.readable(run.stage_names[stage])
+    if not np.isfinite(end):
+        return f"{title} did not end"
+    title += f" ends at {end:.1f}{NO_BREAK}s"
+    if following is None:
+        return title
+    begun = "starts then" if following.early is None else f"starts at {following.early:.1f}{NO_BREAK}s"
+    return f"{title}\n{style.readable(following.name)} {begun}"
 
 
-def _next_span(run: Run, stage: int) -> Span | None:
-    return next((span for span in run.spans if span.index == stage + 1), None)
+def _span(run: Run, stage: int) -> Span | None:
+    """Return the time in which a stage was the current one, if there is any."""
+    return next((span for span in run.spans if span.index == stage), None)
 
 
 def _draw_end(axes: Axes, scene: Scene, stage: int) -> None:
     """Draw the robot at the end of a stage, if it ended, and at the early start of the next."""
     run = scene.run
-    end, following = float(run.stages["switch_time"][stage]), _next_span(run, stage)
+    end, span, following = float(run.stages["switch_time"][stage]), _span(run, stage), _span(run, stage + 1)
     if not np.isfinite(end):
         return
     if following is not None and following.early is not None:
-        Q, model = run.motion.coordinates_at(following.early), run.problem.model
-        axes.add_patch(Polygon(base_outline(model, Q), fill=False, edgecolor=GHOST, linewidth=0.6, zorder=1.1))
-        for points in arm_points(model, Q).values():
-            axes.plot(*points.T, color=GHOST, linewidth=0.9, solid_joinstyle="round", zorder=1.1)
-    since = next((span.start for span in run.spans if span.index == stage), end)  # none if it ended within a sample
-    scene.draw(axes, end, since=since, stages=[stage])
+        draw_robot(axes, run.problem.model, run.motion.coordinates_at(following.early), ghost=True)
+    since = end if span is None else span.start  # it may end within a sample
+    draw_scene(axes, scene, end, since, stages=[stage])
 
 
 def _common_view(scenes: Iterable[Scene]) -> View:
     """Return the smallest view that shows everything that is drawn of all scenes."""
-    views = []
+    extents = []
     for scene in scenes:
-        ends = scene.run.stages["switch_time"]
-        early = [span.early for span in scene.run.spans if span.early is not None]
-        views.append(scene.view(np.concatenate([scene.run.motion.time[:1], ends[np.isfinite(ends)], early]).tolist()))
-    return View(
-        (min(view.x[0] for view in views), max(view.x[1] for view in views)),
-        (min(view.y[0] for view in views), max(view.y[1] for view in views)),
-    )
+        run, early = scene.run, [span.early for span in scene.run.spans if span.early is not None]
+        ends = [end for end in run.stages["switch_time"] if np.isfinite(end)]
+        extents.append(scene.extent([float(run.motion.time[0]), *ends, *early]))
+    return view_around(np.vstack(extents))
 
 
 def plot_scenario(task: Task) -> Figure:
@@ -226,56 +267,18 @@ def plot_scenario(task: Task) -> Figure:
     """
     model = build_model(task.robot)
     stages = build_stages(task.spec, task.robot, model)
-    stops = configurations(task, model, stages)
-    objects = object_poses(task, model, stops)
-    points = [outline(model, Q) for Q in stops]
-    if task.spec.object is not None:
-        points += [rectangle(pose, task.spec.object.shape) for pose in objects]
-    view = view_around(np.vstack(points))
+    stops, thing = configurations(task, model, stages), task.spec.object
+    objects = [rectangle(pose, thing.shape) for pose in object_poses(task, model, stops)] if thing is not None else []
+    view = view_around(np.vstack([*(outline(model, Q) for Q in stops), *objects]))
     titles = [f"{i}. {style.readable(stage.name)}, priority {stage.priority:g}" for i, stage in enumerate(stages, 1)]
     figure, grid = _panels(view, titles, min(2, len(stages)), style.COLUMN)
     for i, axes in enumerate(grid[: len(stages)]):
-        if task.spec.object is not None:
-            look = object_look(lost=False)
-            axes.add_patch(Polygon(rectangle(objects[i], task.spec.object.shape), zorder=1, **look))
+        for corners in objects[i : i + 1]:
+            _draw_area(axes, corners, OBJECT)
         draw_robot(axes, model, stops[i], alpha=FAINT)
         draw_robot(axes, model, stops[i + 1])
-    look = {"facecolor": style.BODY, "edgecolor": "black", "linewidth": 0.7}
-    handles: list[Artist] = [style.patch_entry("base at the target", **look)]
-    handles += [style.patch_entry("where the stage begins", alpha=FAINT, **look), *arm_handles(model)]
-    if task.spec.object is not None:
-        handles.append(style.patch_entry("object", **object_look(lost=False)))
+    handles: list[Artist] = [style.patch_entry("base at the target", **BASE)]
+    handles += [style.patch_entry("where the stage begins", alpha=FAINT, **BASE), *_arm_handles(model)]
+    handles += [style.patch_entry("object", **OBJECT)] * bool(objects)
     style.add_legend(figure, handles)
     return figure
-
-
-def configurations(task: Task, model: RobotModel, stages: Sequence[Stage]) -> list[np.ndarray]:
-    """Return the robot's coordinates at the start and at every stage's target, (n,) each.
-
-    Where a target is in task space the arms are those of inverse kinematics; an arm that cannot reach stays as it was.
-    """
-    stops = [stack(task.spec.initial, task.robot, "joint")]
-    for stage in stages:
-        before = Posture(stops[-1], np.asarray(model.g(stops[-1])).ravel())
-        Q, base = SKILLS[stage.space].after(model, before, stage.target).Q.copy(), stage.target[model.pose_rows["base"]]
-        for arm in task.robot.arms if stage.space == "task" else ():
-            found = reach_of(task.robot, arm, tuple(base), tuple(stage.target[model.pose_rows[arm]])).configuration
-            if found is not None:
-                Q[model.parts[arm]] = found
-        stops.append(Q)
-    return stops
-
-
-def object_poses(task: Task, model: RobotModel, stops: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the object's pose (3,) in each stage's panel: at rest, carried to the stage's target, or left there."""
-    spec = task.spec.object
-    if spec is None:
-        return []
-    names = [stage.name for stage in task.spec.stages]
-    taken, let_go = names.index(spec.taken_by) + 1, names.index(spec.let_go_by)
-    poses = []
-    for panel in range(len(names)):
-        now = min(panel + 1, let_go)
-        pose = np.array(spec.pose, float)
-        poses.append(pose if now <= taken else carried(model, pose, stops[taken], stops[now]))
-    return poses

@@ -10,7 +10,6 @@ velocities and duration together and has its exact one; the pending cost is line
 semidefinite. End conditions about poses are curved, see `VelocityForm.curved`.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -43,14 +42,14 @@ class Residuals:
         costs: Normalized cost integral of each stage, without priorities, (S + 1,). Paper eq. (16).
         terminal: Normalized terminal cost of the last stage, times kappa.
         gaps: Q+ - Q - h (Qdot + Qdot+) / 2 by interval, (K, n).
-        ends: Rows of the end condition by stage that has one.
+        ends: Rows of all end conditions, stage by stage, (E,).
     """
 
     objective: float
     costs: np.ndarray
     terminal: float
     gaps: np.ndarray
-    ends: dict[int, np.ndarray]
+    ends: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,26 +60,24 @@ class Linearization:
         at: Objective and constraints there.
         gradient, gradient_tau: (K + 1, 2n), (S,).
         positions: Upper triangle of the Hessian by Q_k, (K + 1, n, n).
-        velocities: Its diagonal by Qdot_k, (K + 1, n).
-        coupling: Its diagonal by (Qdot_k, Qdot_k+1), (K, n).
+        coupling: Its diagonal by (Qdot_k, Qdot_k+1), (K, n): it is that of squares of Qdot_k+1 - Qdot_k.
         arrow: By x_k and tau, (K + 1, 2n, S).
         durations: By tau, (S, S).
         gap_velocity: Of the gaps by Qdot_k and Qdot_k+1, one number an interval, (K, 2).
         gap_tau: By tau, (K, n, S).
-        end_derivatives: Nonzeros of the end rows' Jacobians by x.
+        end_rows: Of the end rows by x at their nodes, (E, 2n).
     """
 
     at: Residuals
     gradient: np.ndarray
     gradient_tau: np.ndarray
     positions: np.ndarray
-    velocities: np.ndarray
     coupling: np.ndarray
     arrow: np.ndarray
     durations: np.ndarray
     gap_velocity: np.ndarray
     gap_tau: np.ndarray
-    end_derivatives: dict[int, np.ndarray]
+    end_rows: np.ndarray
 
 
 class VelocityForm:
@@ -91,17 +88,19 @@ class VelocityForm:
         stages: What the stages are made of.
         nodes: N_s of each stage, (S + 1,).
         weights: Share of the velocity at either end of an interval in the change of position.
-        curved_stages: Stages of the window whose end condition is curved.
+        end_node: Node of each end row, ascending, (E,).
+        curved: Some end condition is curved.
     """
 
     def __init__(self, model: RobotModel, shape: WindowShape, native: bool = False) -> None:
-        self.shape, self.grid = shape, Grid(model.n, shape.nodes)
+        self.grid = Grid(model.n, shape.nodes)
         self.stages = [stage_functions(model, stage, native) for stage in shape.stages]
         self.nodes = np.array(shape.nodes)
         self.weights = (1.0, 0.0) if shape.discretization == "euler" else (0.5, 0.5)
+        self.end_node = np.repeat(self.grid.first_node[1:], [stage.end_rows for stage in self.stages])
         curvatures = {s: stage.end_curvature for s, stage in enumerate(self.stages)}
         self._curvatures = {s: function for s, function in curvatures.items() if function is not None}
-        self.curved_stages = tuple(self._curvatures)
+        self.curved = bool(self._curvatures)
 
     @cached_property
     def stage_durations(self) -> np.ndarray:
@@ -147,154 +146,152 @@ class VelocityForm:
 
     def residuals(self, point: Point, p: Parameters[np.ndarray]) -> Residuals:
         """Return objective and constraints at a point."""
-        n, horizon = self.grid.n, float(p.horizon)
-        tau, costs, terminal = self.durations(point, horizon), np.zeros(len(self.stages)), 0.0
+        n, tau = self.grid.n, self.durations(point, float(p.horizon))
+        costs, terminal = np.zeros(len(self.stages)), 0.0
         for s, (stage, N) in enumerate(zip(self.stages, self.grid.nodes, strict=True)):
             at, (reference, _) = self.intervals(s), self.reference(s, p, tau[s])
             L = stage.state_costs(point.X[at, :n], p.weights[s], reference[:N], rows=N)[0]
-            costs[s] = self.cost(s, point, p, tau[s], L)
+            costs[s] = _cost(s, p, N, tau[s], L, self.control(s, point, p, tau[s])[1])
         if p.terminal:
             L = stage.state_costs(point.X[-1, :n], p.weights[s], reference[-1])[0]
-            terminal = terminal_cost(p, L.item())
-        ends = {s: rows for s, (rows, _) in self.ends(point, p).items()}
-        return Residuals(self.objective(point, p, costs, terminal), costs, terminal, self.gaps(point, horizon), ends)
+            terminal = _terminal_cost(p, L)
+        return self._residuals(point, p, costs, terminal, self.ends(point, p)[0])
 
-    def cost(self, s: int, point: Point, p: Parameters[np.ndarray], tau: float, L: np.ndarray) -> float:
-        """Return the cost integral of a stage of duration tau [s], L the weighted squares of its residual at nodes."""
-        N, n = self.grid.nodes[s], self.grid.n
-        dv = np.diff(point.X[self.grid.first_node[s] : self.grid.first_node[s + 1] + 1, n:], axis=0)
-        effort = (dv**2 @ p.control_weights[s]).sum() * N / tau
-        return float((tau * (L.sum() / N - p.offset[s]) + effort) / p.scale[s])
+    def _residuals(
+        self, point: Point, p: Parameters[np.ndarray], costs: np.ndarray, terminal: float, ends: np.ndarray
+    ) -> Residuals:
+        """Return J over the largest priority from what the stages add to it, and the gaps. Cf. paper eq. (16)."""
+        J = float(p.omega @ costs + p.omega[-1] * terminal + p.pending * (self.waiting @ point.tau))
+        change = self.steps(point, float(p.horizon)) * self._mean_velocities(point)
+        return Residuals(J, costs, terminal, np.diff(point.X[:, : self.grid.n], axis=0) - change, ends)
 
-    def objective(self, point: Point, p: Parameters[np.ndarray], costs: np.ndarray, terminal: float) -> float:
-        """Return J over the window's largest priority from what the stages add to it. Cf. paper eq. (16)."""
-        return float(p.omega @ costs + p.omega[-1] * terminal + p.pending * (self.waiting @ point.tau))
+    def _mean_velocities(self, point: Point) -> np.ndarray:
+        """Return the velocities by which the positions change over the intervals, (K, n)."""
+        (before, after), Qdot = self.weights, point.X[:, self.grid.n :]
+        return np.asarray(before * Qdot[:-1] + after * Qdot[1:])
 
-    def gaps(self, point: Point, horizon: float) -> np.ndarray:
-        """Return `Q+ - Q - h (Qdot + Qdot+) / 2` by interval, (K, n)."""
-        n, (before, after) = self.grid.n, self.weights
-        Q, Qdot = point.X[:, :n], point.X[:, n:]
-        return np.asarray(np.diff(Q, axis=0) - self.steps(point, horizon) * (before * Qdot[:-1] + after * Qdot[1:]))
+    def control(self, s: int, point: Point, p: Parameters[np.ndarray], tau: float) -> tuple[np.ndarray, float]:
+        """Return dQdot over a stage's intervals (N_s, n), and |dQdot|^2_Wr N_s / tau_s, the same as |u|^2_Wr tau_s."""
+        first, last = self.grid.first_node[s], self.grid.first_node[s + 1]
+        dv = np.diff(point.X[first : last + 1, self.grid.n :], axis=0)
+        return dv, float((dv**2 @ p.control_weights[s]).sum() * self.grid.nodes[s] / tau)
 
-    def ends(self, point: Point, p: Parameters[np.ndarray]) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-        """Return the end rows of the stages that have some, and the nonzeros of their derivatives by x."""
-        found = {}
+    def ends(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows of all end conditions (E,) and their derivatives by x at their nodes (E, 2n)."""
+        values, rows, at = [np.zeros(0)], np.zeros((len(self.end_node), 2 * self.grid.n)), 0
         for s, stage in enumerate(self.stages):
             if stage.end_rows:
-                h, by_x = stage.end_terms(point.X[self.grid.first_node[s + 1]], p.targets[s])
-                found[s] = (h[0], by_x[0])
-        return found
+                h, nonzeros = stage.end_terms(point.X[self.grid.first_node[s + 1]], p.targets[s])
+                row, column = stage.end_places
+                rows[at + row, column] = nonzeros[0]
+                values.append(h[0])
+                at += stage.end_rows
+        return np.concatenate(values), rows
 
-    def curved(
-        self, model: Linearization, point: Point, p: Parameters[np.ndarray], multipliers: Mapping[int, np.ndarray]
+    def with_curvature(
+        self, model: Linearization, point: Point, p: Parameters[np.ndarray], multipliers: np.ndarray
     ) -> Linearization:
-        """Return the model with the second derivatives by Q of the end rows, each times its multiplier by stage.
+        """Return the model with the second derivatives by Q of the end rows, each times its multiplier, of (E,).
 
         Of the Lagrangian's second derivatives it is the part that matters: the multipliers of an end condition are as
         large as what a second of waiting costs, whatever the stage itself weighs. Without it steps overshoot in the
         motion that is flat in the costs, more than twofold in places, and one iteration a sample chatters.
         """
         positions, n = model.positions.copy(), self.grid.n
-        for s, of_rows in multipliers.items():
-            if s in self._curvatures:
-                node = self.grid.first_node[s + 1]
-                curvature = self._curvatures[s](point.X[node], p.targets[s], of_rows)[0]
-                positions[node] += curvature.reshape(n, n)
+        for s, curvature in self._curvatures.items():
+            node = self.grid.first_node[s + 1]
+            found = curvature(point.X[node], p.targets[s], multipliers[self.end_node == node])[0]
+            positions[node] += found.reshape(n, n)
         return replace(model, positions=positions)
 
     def linearize(self, point: Point, p: Parameters[np.ndarray]) -> Linearization:
         """Return the quadratic model at a point."""
-        horizon, D = float(p.horizon), self.stage_durations
-        sums = _Sums(self, point, self.durations(point, horizon))
-        costs = np.array([sums.add_stage(s, p) for s in range(len(self.stages))])
-        terminal = sums.add_terminal(p) if p.terminal else 0.0
-        ends, (before, after) = self.ends(point, p), self.weights
-        Qdot, of = point.X[:, self.grid.n :], self.grid.stage_of
-        by_stage = -(before * Qdot[:-1] + after * Qdot[1:]) / self.nodes[of, None]
-        at = Residuals(
-            objective=self.objective(point, p, costs, terminal),
-            costs=costs,
-            terminal=terminal,
-            gaps=self.gaps(point, horizon),
-            ends={s: rows for s, (rows, _) in ends.items()},
-        )
+        horizon, D, of = float(p.horizon), self.stage_durations, self.grid.stage_of
+        sums = _Sums(self, point, p)
+        costs = np.array([sums.add_stage(s) for s in range(len(self.stages))])
+        terminal = sums.add_terminal() if p.terminal else 0.0
+        ends, end_rows = self.ends(point, p)
+        by_stage = -self._mean_velocities(point) / self.nodes[of, None]
         return Linearization(
-            at=at,
+            at=self._residuals(point, p, costs, terminal, ends),
             gradient=sums.gradient,
             gradient_tau=D.T @ sums.by_tau + p.pending * self.waiting,
             positions=sums.positions,
-            velocities=sums.velocities,
             coupling=sums.coupling,
             arrow=sums.arrow @ D,
             durations=D.T @ (sums.durations[:, None] * D),
             gap_velocity=-self.steps(point, horizon) * np.array(self.weights),
             gap_tau=by_stage[:, :, None] * D[of][:, None, :],
-            end_derivatives={s: derivatives for s, (_, derivatives) in ends.items()},
+            end_rows=end_rows,
         )
 
 
-def terminal_cost(p: Parameters[np.ndarray], L: float) -> float:
+def _cost(s: int, p: Parameters[np.ndarray], N: int, tau: float, L: np.ndarray, effort: float) -> float:
+    """Return the cost integral of a stage of duration tau [s], L the weighted squares of its residual at nodes."""
+    return float((tau * (L.sum() / N - p.offset[s]) + effort) / p.scale[s])
+
+
+def _terminal_cost(p: Parameters[np.ndarray], L: np.ndarray) -> float:
     """Return kappa times the normalized cost of the last stage at the last node, L the square of its residual."""
-    return float(p.terminal * (L - p.offset[-1]) / p.scale[-1])
+    return float(p.terminal * (L.item() - p.offset[-1]) / p.scale[-1])
 
 
 class _Sums:
     """The sums of a linearization while it is put together; derivatives by the durations of all stages."""
 
-    def __init__(self, form: VelocityForm, point: Point, tau: np.ndarray) -> None:
+    def __init__(self, form: VelocityForm, point: Point, p: Parameters[np.ndarray]) -> None:
         K, n, S = form.grid.K, form.grid.n, form.grid.switches
-        self.form, self.point, self.tau = form, point, tau
+        self.form, self.point, self.p, self.tau = form, point, p, form.durations(point, float(p.horizon))
         self.gradient = np.zeros((K + 1, 2 * n))
         self.positions = np.zeros((K + 1, n, n))
-        self.velocities = np.zeros((K + 1, n))
         self.coupling = np.zeros((K, n))
         self.arrow = np.zeros((K + 1, 2 * n, S + 1))
         self.durations = np.zeros(S + 1)
         self.by_tau = np.zeros(S + 1)
 
-    def add_stage(self, s: int, p: Parameters[np.ndarray]) -> float:
+    def add_stage(self, s: int) -> float:
         """Add omega_s times the cost integral of a stage; return the integral."""
-        form, tau, n, N, at = self.form, self.tau[s], self.form.grid.n, self.form.grid.nodes[s], self.form.intervals(s)
-        reference, slope = form.reference(s, p, tau)
-        X, weights = self.point.X[at, :n], p.weights[s]
-        L, r, q, g, m, H = form.stages[s].gauss_newtons(X, weights, reference[:N], slope[:N], rows=N)
-        rows, columns = form.stages[s].hessian_places
-        c = p.omega[s] / p.scale[s] / N
-        self.gradient[at, :n] += 2 * c * tau * g
-        self.positions[at, rows, columns] += 2 * c * tau * H
-        self.arrow[at, :n, s] += c * (2 * tau * m + g)
-        self.durations[s] += c * (2 * tau * q + 2 * r + L / (2 * tau)).sum()
-        self.by_tau[s] += c * (L - p.offset[s] + 2 * tau * r).sum()
-        self._add_control(s, p)
-        return form.cost(s, self.point, p, tau, L)
+        p, N, tau = self.p, self.form.grid.nodes[s], self.tau[s]
+        L = self._add_states(s, self.form.intervals(s), slice(N), p.omega[s] / p.scale[s] / N, tau)
+        return _cost(s, p, N, tau, L, self._add_control(s))
 
-    def _add_control(self, s: int, p: Parameters[np.ndarray]) -> None:
-        """Add omega_s sum_i |dQdot|^2_Wr N_s / tau_s / scale_s, the same as |u|^2_Wr tau_s / N_s."""
-        n, tau, at = self.form.grid.n, self.tau[s], self.form.intervals(s)
+    def add_terminal(self) -> float:
+        """Add omega_S times the terminal cost; return that."""
+        p, last = self.p, self.form.grid.K
+        c = p.terminal * p.omega[-1] / p.scale[-1]
+        return _terminal_cost(p, self._add_states(len(self.tau) - 1, slice(last, last + 1), slice(-1, None), c, None))
+
+    def _add_states(self, s: int, at: slice, of_stage: slice, c: float, tau: float | None) -> np.ndarray:
+        """Add c times the squares of a stage's residual at some nodes, times tau [s] if given; return the squares."""
+        form, n, p = self.form, self.form.grid.n, self.p
+        (reference, slope), stage = form.reference(s, p, self.tau[s]), form.stages[s]
+        X, (rows, columns) = self.point.X[at, :n], stage.hessian_places
+        found = stage.gauss_newtons(X, p.weights[s], reference[of_stage], slope[of_stage], rows=len(X))
+        L, r, q, g, m, H = found
+        w = c if tau is None else c * tau
+        self.gradient[at, :n] += 2 * w * g
+        self.positions[at, rows, columns] += 2 * w * H
+        self.arrow[at, :n, s] += 2 * w * m
+        self.durations[s] += 2 * w * q.sum()
+        self.by_tau[s] += 2 * w * r.sum()
+        if tau is not None:
+            self.arrow[at, :n, s] += c * g
+            self.durations[s] += c * (2 * r + L / (2 * tau)).sum()
+            self.by_tau[s] += c * (L - p.offset[s]).sum()
+        return L
+
+    def _add_control(self, s: int) -> float:
+        """Add omega_s / scale_s times the effort of a stage; return the effort."""
+        n, tau, at, p = self.form.grid.n, self.tau[s], self.form.intervals(s), self.p
         after = slice(at.start + 1, at.stop + 1)
-        dv = self.point.X[after, n:] - self.point.X[at, n:]
-        b = 2 * p.omega[s] / p.scale[s] * self.form.nodes[s] / tau * p.control_weights[s]
-        effort = float((dv**2 @ b).sum()) / 2
+        dv, effort = self.form.control(s, self.point, p, tau)
+        weight = p.omega[s] / p.scale[s]
+        b = 2 * weight * self.form.nodes[s] / tau * p.control_weights[s]
         self.gradient[after, n:] += b * dv
         self.gradient[at, n:] -= b * dv
-        self.velocities[after] += b
-        self.velocities[at] += b
         self.coupling[at] -= b
         self.arrow[after, n:, s] -= b * dv / tau
         self.arrow[at, n:, s] += b * dv / tau
-        self.durations[s] += 2 * effort / tau**2
-        self.by_tau[s] -= effort / tau
-
-    def add_terminal(self, p: Parameters[np.ndarray]) -> float:
-        """Add omega_S times the terminal cost; return that."""
-        form, s, n, c = self.form, self.form.grid.switches, self.form.grid.n, p.terminal * p.omega[-1] / p.scale[-1]
-        reference, slope = form.reference(s, p, self.tau[s])
-        found = form.stages[s].gauss_newtons(self.point.X[-1, :n], p.weights[s], reference[-1], slope[-1])
-        L, r, q, g, m, H = (values[0] for values in found)
-        rows, columns = form.stages[s].hessian_places
-        self.gradient[-1, :n] += 2 * c * g
-        self.positions[-1, rows, columns] += 2 * c * H
-        self.arrow[-1, :n, s] += 2 * c * m
-        self.durations[s] += 2 * c * q[0]
-        self.by_tau[s] += 2 * c * r[0]
-        return terminal_cost(p, float(L[0]))
+        self.durations[s] += 2 * weight * effort / tau**2
+        self.by_tau[s] -= weight * effort / tau
+        return effort

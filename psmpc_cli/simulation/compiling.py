@@ -16,7 +16,7 @@ from psmpc_cli.plant import ticks_of
 from psmpc_cli.plant.rk4 import tick_function
 from psmpc_cli.plant.uncertainty import disturbs
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.solvers.riccati import kernel_library
+from psmpc_cli.solvers.quadratic import kernel_library
 from psmpc_cli.specs.task import TaskSpec
 
 

@@ -1,8 +1,10 @@
-"""A window in the velocity form as its quadratic programs need it: bounds, violations, penalties, steps."""
+"""A window in the velocity form as its quadratic programs need it: bounds, violations, penalties.
 
-from collections.abc import Mapping
+What has a bound is a row: states at nodes 1 .. K, durations, their sum, end conditions, accelerations as velocities,
+`Qdot+ - Qdot - h u_low` and `Qdot+ - Qdot - h u_high`. Violations, the programs and their multipliers share the order.
+"""
+
 from dataclasses import dataclass, replace
-from enum import Enum
 from functools import cached_property
 
 import numpy as np
@@ -26,104 +28,74 @@ NARROWEST_SOFT = 1e-4
 """The same of soft ones: nothing but the width tells their two multipliers apart, and at 1e-5 some programs fail."""
 
 
-@dataclass(frozen=True)
-class QpShape:
-    """What of the bounds decides which rows a quadratic program has.
-
-    Attributes:
-        tied: Stages at whose end the sum of the durations is given.
-        fixed: Stages whose duration is given.
-        input_low, input_high: Accelerations (of K n, flat) with a bound.
-        soft: The bounds of states may be violated at a cost.
-    """
-
-    tied: tuple[int, ...]
-    fixed: tuple[int, ...]
-    input_low: tuple[int, ...]
-    input_high: tuple[int, ...]
-    soft: bool = False
-
-
 @dataclass(frozen=True, eq=False)
 class WindowBounds:
     """The bounds of one window.
 
     Attributes:
-        X_low, X_high: Of x_1 .. x_K, (K, 2n).
-        tau_low, tau_high: Of the free durations, (S,) [s].
-        together: The longest that all free durations may last together [s].
-        until: Given sums of durations by stage.
-        ends: Low and high of the end rows by stage.
-        input_low, input_high: Of the accelerations, (K, n).
-        bounded_inputs: Accelerations (of K n, flat) with a lower and with an upper bound.
+        low, high: Of the rows, (R,).
+        given_rows, given: Sums of durations that are given, as rows of durations (G, S) and as times (G,) [s].
+        input_low, input_high: Of the accelerations, (K, n), 0 where there is none; (0, n) where none has one.
         soft: The bounds of states may be violated at a cost.
-        first: Low and high of x_0 where bounds are soft, (2n,) each.
+        first: Low and high of x_0, which count where bounds are soft, (2, 2n).
     """
 
-    X_low: np.ndarray
-    X_high: np.ndarray
-    tau_low: np.ndarray
-    tau_high: np.ndarray
-    together: float
-    until: Mapping[int, float]
-    ends: Mapping[int, tuple[np.ndarray, np.ndarray]]
+    low: np.ndarray
+    high: np.ndarray
+    given_rows: np.ndarray
+    given: np.ndarray
     input_low: np.ndarray
     input_high: np.ndarray
-    bounded_inputs: tuple[tuple[int, ...], tuple[int, ...]]
-    soft: bool = False
-    first: tuple[np.ndarray, np.ndarray] | None = None
-
-    @cached_property
-    def shape(self) -> QpShape:
-        """Which rows they make."""
-        return QpShape(
-            tied=tuple(self.until),
-            fixed=tuple(int(s) for s in np.flatnonzero(self.tau_low == self.tau_high)),
-            input_low=self.bounded_inputs[0],
-            input_high=self.bounded_inputs[1],
-            soft=self.soft,
-        )
+    soft: bool
+    first: np.ndarray
 
 
-def fixed_limits(form: VelocityForm, window: Window) -> WindowBounds:
-    """Return the bounds that all windows over the same stages and nodes share, those of durations left out."""
-    layout, stages = form.grid, window.stages
-    low, high = node_limits(layout, stages)
-    first = (low[0], high[0]) if window.soft else None
+def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
+    """Return the bounds that all windows over the same stages and nodes share, those of durations left open."""
+    grid, stages, S = form.grid, window.stages, form.grid.switches
+    low, high = node_limits(grid, stages)
+    first = np.array([low[0], high[0]])
     low, high = moved_apart(low[1:], high[1:], NARROWEST_SOFT if window.soft else NARROWEST)
-    ends = {s: end_tolerance(stages[s]) for s, stage in enumerate(form.stages) if stage.end_rows}
+    ends = [end_tolerance(stage) for stage, of_form in zip(stages, form.stages, strict=True) if of_form.end_rows]
+    tolerance, open_rows = np.concatenate([np.zeros(0), *ends]), np.full(S + 1, np.inf)
+    lows, highs = [low.ravel(), -open_rows, -tolerance], [high.ravel(), open_rows, tolerance]
     inputs = [
-        np.array([getattr(stage.limits, f"acceleration_{side}") for stage in stages])[layout.stage_of]
+        np.array([getattr(stage.limits, f"acceleration_{side}") for stage in stages])[grid.stage_of]
         for side in ("low", "high")
     ]
-    low_inputs, high_inputs = (tuple(np.flatnonzero(np.isfinite(bound)).tolist()) for bound in inputs)
-    none = np.zeros(0)
+    finite = [np.isfinite(bound) for bound in inputs]
+    if np.any(finite):
+        none = np.full(grid.K * grid.n, np.inf)
+        lows += [np.where(finite[0], 0.0, -np.inf).ravel(), -none]
+        highs += [none, np.where(finite[1], 0.0, np.inf).ravel()]
+        inputs = [np.where(has, bound, 0.0) for has, bound in zip(finite, inputs, strict=True)]
+    else:
+        inputs = [np.zeros((0, grid.n))] * 2
     return WindowBounds(
-        X_low=low,
-        X_high=high,
-        tau_low=none,
-        tau_high=none,
-        together=np.inf,
-        until={},
-        ends={s: (-tolerance, tolerance) for s, tolerance in ends.items()},
+        low=np.concatenate(lows),
+        high=np.concatenate(highs),
+        given_rows=np.zeros((0, S)),
+        given=np.zeros(0),
         input_low=inputs[0],
         input_high=inputs[1],
-        bounded_inputs=(low_inputs, high_inputs),
         soft=window.soft,
         first=first,
     )
 
 
-def window_limits(shared: WindowBounds, window: Window, tau: np.ndarray, within: float) -> WindowBounds:
+def window_bounds(shared: WindowBounds, window: Window, tau: np.ndarray, within: float) -> WindowBounds:
     """Return the bounds of a window, durations within so many seconds of guessed ones (S,) [s]."""
-    S = len(tau)
-    return replace(
-        shared,
-        tau_low=np.maximum(shortest_durations(window)[:-1], tau - within),
-        tau_high=tau + within,
-        together=window.horizon - SHORTEST if S else np.inf,
-        until={s: stage.at - window.start for s, stage in enumerate(window.stages[:-1]) if stage.at is not None},
-    )
+    S, first = len(tau), len(window.x0) * window.K  # the durations stand after the states
+    low, high = shared.low.copy(), shared.high.copy()
+    shortest, longest = np.maximum(shortest_durations(window)[:-1], tau - within), tau + within
+    fixed = shortest == longest
+    low[first : first + S] = np.where(fixed, -np.inf, shortest)
+    high[first : first + S] = np.where(fixed, np.inf, longest)
+    high[first + S] = window.horizon - SHORTEST if S else np.inf
+    tied = {s: stage.at - window.start for s, stage in enumerate(window.stages[:-1]) if stage.at is not None}
+    given_rows = np.vstack([np.tri(S)[list(tied)], np.eye(S)[fixed]])
+    given = np.array([*tied.values(), *shortest[fixed]])
+    return replace(shared, low=low, high=high, given_rows=given_rows, given=given)
 
 
 def moved_apart(low: np.ndarray, high: np.ndarray, narrowest: float) -> tuple[np.ndarray, np.ndarray]:
@@ -143,106 +115,84 @@ class Violation:
     total: float
 
 
-def violation(form: VelocityForm, limits: WindowBounds, point: Point, at: Residuals, horizon: float) -> Violation:
-    """Return by how much a point violates gaps, end conditions and hard limits."""
-    past = [np.abs(at.gaps)]
-    if not limits.soft:
-        past += [limits.X_low - point.X[1:], point.X[1:] - limits.X_high]
-    past += [limits.tau_low - point.tau, point.tau - limits.tau_high, np.array([point.tau.sum() - limits.together])]
-    for s, rows in at.ends.items():
-        past += [limits.ends[s][0] - rows, rows - limits.ends[s][1]]
-    for s, until in limits.until.items():
-        past.append(np.abs(point.tau[: s + 1].sum(keepdims=True) - until))
-    if any(limits.bounded_inputs):
-        h = form.steps(point, horizon)
-        dv = np.diff(point.X[:, form.grid.n :], axis=0)
-        past += [h * limits.input_low - dv, dv - h * limits.input_high]
-    every = np.concatenate([np.ravel(piece) for piece in past])
-    return Violation(float(max(every.max(), 0.0)), float(np.maximum(every, 0.0).sum()))
-
-
-def beyond(limits: WindowBounds, point: Point) -> np.ndarray:
-    """Return rho times the violations of soft limits at a point, (K + 1, 2n); (K + 1, 0) where limits are hard."""
-    if not limits.soft or limits.first is None:
-        return np.zeros((len(point.X), 0))
-    low, high = np.vstack([limits.first[0], limits.X_low]), np.vstack([limits.first[1], limits.X_high])
-    return scaled_violations(point.X, low, high)
-
-
-def penalized(form: VelocityForm, limits: WindowBounds, point: Point, at: Residuals, horizon: float) -> Residuals:
-    """Return the residuals at a point, the penalty of its violations counted in the objective."""
-    if not limits.soft:
-        return at
-    penalty = (shares_of_time(form.steps(point, horizon)) * beyond(limits, point)).sum()
-    return replace(at, objective=at.objective + float(penalty))
-
-
-def linearize_penalized(
-    form: VelocityForm, limits: WindowBounds, point: Point, p: Parameters[np.ndarray]
-) -> Linearization:
-    """Return the model at a point, its violations counted with the durations they last.
-
-    What a step changes of the violations is left to the program, which knows it exactly.
-    """
-    model = form.linearize(point, p)
-    if not limits.soft:
-        return model
-    by_tau = beyond(limits, point).sum(axis=1) @ shares_of_time(form.interval_steps)
-    at = penalized(form, limits, point, model.at, float(p.horizon))
-    return replace(model, at=at, gradient_tau=model.gradient_tau + by_tau)
-
-
-def change_of_violations(form: VelocityForm, limits: WindowBounds, point: Point, step: Point, horizon: float) -> float:
-    """Return what a step changes of the penalty, as long as durations stay."""
-    if not limits.soft:
-        return 0.0
-    change = beyond(limits, point.moved(step, 1.0)) - beyond(limits, point)
-    return float((shares_of_time(form.steps(point, horizon)) * change).sum())
-
-
-class QpStatus(Enum):
-    """How a quadratic program ended."""
-
-    SOLVED = "solved"
-    INFEASIBLE = "no step meets the linearized constraints"
-    FAILED = "not solved"
-
-
 @dataclass(frozen=True, eq=False)
-class QpSolution:
-    """A program's step and multipliers.
+class SqpWindow:
+    """One window: its numbers and its bounds.
 
     Attributes:
-        status: How it ended.
-        shape: Which rows it has.
-        step: The step; that of x_0 is 0.
-        gaps: Multipliers of the gaps, (K, n).
-        until: Of given sums of durations, in the order of `QpShape.tied`.
-        fixed: Of given durations, in the order of `QpShape.fixed`.
-        together: Of the last stage's shortest duration.
-        ends: Of the end rows by stage.
-        inputs: Of the limits on acceleration, as multipliers of `Qdot+ - Qdot - h u`, (K, n).
-        X: Of the limits of x_1 .. x_K, (K, 2n).
-        tau: Of those of the durations, (S,).
-        iterations: Interior-point iterations.
+        form: The window's velocity form.
+        bounds: Its bounds.
+        p: Its numbers.
     """
 
-    status: QpStatus
-    shape: QpShape
-    step: Point
-    gaps: np.ndarray
-    until: np.ndarray
-    fixed: np.ndarray
-    together: float
-    ends: dict[int, np.ndarray]
-    inputs: np.ndarray
-    X: np.ndarray
-    tau: np.ndarray
-    iterations: int
+    form: VelocityForm
+    bounds: WindowBounds
+    p: Parameters[np.ndarray]
+
+    @cached_property
+    def horizon(self) -> float:
+        """T_h [s]."""
+        return float(self.p.horizon)
 
     @property
-    def largest(self) -> float:
-        """The largest multiplier of what must hold; soft limits need not."""
-        pieces = [self.gaps, self.until, self.fixed, np.array([self.together]), *self.ends.values()]
-        pieces += [self.inputs, self.tau] if self.shape.soft else [self.inputs, self.tau, self.X]
-        return float(max(np.abs(piece).max(initial=0.0) for piece in pieces))
+    def states(self) -> int:
+        """Number of the rows of states, the first of all."""
+        return 2 * self.form.grid.n * self.form.grid.K
+
+    def rows(self, point: Point, at: Residuals) -> np.ndarray:
+        """Return the rows at a point, (R,)."""
+        rows = [point.X[1:].ravel(), point.tau, point.tau.sum(keepdims=True), at.ends]
+        if len(self.bounds.input_low):
+            h, dv = self.form.steps(point, self.horizon), np.diff(point.X[:, self.form.grid.n :], axis=0)
+            rows += [(dv - h * bound).ravel() for bound in (self.bounds.input_low, self.bounds.input_high)]
+        return np.concatenate(rows)
+
+    def violation(self, point: Point, at: Residuals) -> Violation:
+        """Return by how much a point violates gaps, end conditions and hard limits."""
+        bounds, rows, hard = self.bounds, self.rows(point, at), slice(self.states if self.bounds.soft else 0, None)
+        past = [at.gaps.ravel(), bounds.given - bounds.given_rows @ point.tau]
+        past = [*map(np.abs, past), (bounds.low - rows)[hard], (rows - bounds.high)[hard]]
+        every = np.concatenate(past)
+        return Violation(float(max(every.max(), 0.0)), float(np.maximum(every, 0.0).sum()))
+
+    def beyond(self, point: Point) -> np.ndarray:
+        """Return rho times the violations of soft limits at a point, (K + 1, 2n); (K + 1, 0) where limits are hard."""
+        if not self.bounds.soft:
+            return np.zeros((len(point.X), 0))
+        low, high = (
+            np.concatenate([first, bound[: self.states]]).reshape(point.X.shape)
+            for first, bound in zip(self.bounds.first, (self.bounds.low, self.bounds.high), strict=True)
+        )
+        return scaled_violations(point.X, low, high)
+
+    def shares(self, point: Point) -> np.ndarray:
+        """Return the share of time that each node stands for, (K + 1, 1) [s]."""
+        return shares_of_time(self.form.steps(point, self.horizon))
+
+    def residuals(self, point: Point) -> Residuals:
+        """Return the residuals at a point, the penalty of its violations counted in the objective."""
+        return self._penalized(point, self.form.residuals(point, self.p))
+
+    def _penalized(self, point: Point, at: Residuals) -> Residuals:
+        if not self.bounds.soft:
+            return at
+        return replace(at, objective=at.objective + float((self.shares(point) * self.beyond(point)).sum()))
+
+    def linearize(self, point: Point) -> Linearization:
+        """Return the model at a point, its violations counted with the durations they last.
+
+        What a step changes of the violations is left to the program, which knows it exactly.
+        """
+        model = self.form.linearize(point, self.p)
+        if not self.bounds.soft:
+            return model
+        by_tau = self.beyond(point).sum(axis=1) @ shares_of_time(self.form.interval_steps)
+        at = self._penalized(point, model.at)
+        return replace(model, at=at, gradient_tau=model.gradient_tau + by_tau)
+
+    def change_of_penalty(self, point: Point, step: Point) -> float:
+        """Return what a step changes of the penalty, as long as durations stay."""
+        if not self.bounds.soft:
+            return 0.0
+        change = self.beyond(point.moved(step, 1.0)) - self.beyond(point)
+        return float((self.shares(point) * change).sum())

@@ -2,24 +2,25 @@
 
 import os
 import platform
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.ocp.feasibility import ensure_feasible
-from psmpc_cli.ocp.plan import Plan, resting_plan
+from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.window import Window
 from psmpc_cli.simulation.loop import closed_loop
-from psmpc_cli.simulation.setup import build_experiment
+from psmpc_cli.simulation.setup import Experiment, build_experiment
 from psmpc_cli.solvers import NlpSolver, Outcome, Solution, Solver, build_solver
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.specs.task import SolverSpec
 
 CONTROLLERS = ("psmpc", "smpc")
 """The controllers whose runs give the windows: with the task's priorities, and with all of them 1."""
@@ -34,6 +35,11 @@ SOLVERS: Mapping[str, Mapping[str, object]] = {
 
 OWN = ("solver", "solver.kind", "solver.compiled", "controller", "controller.kind", "controller.nodes")
 """Keys of the task that a bench sets itself."""
+
+NODES = "25,50,100,200,auto"
+
+Way = tuple[str, str, str]
+"""A mesh, a back-end, and `warm` or `cold`."""
 
 REFERENCE = "reference"
 """CasADi with IPOPT as both come, cold at each sample."""
@@ -74,147 +80,65 @@ NOTE = (
     "failed: windows without a solution; they count in no other column"
 )
 
-Told = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Choices:
-    """What is measured.
-
-    Attributes:
-        nodes: Meshes, as `controller.nodes` has them.
-        solvers: Names from `SOLVERS`.
-        repeat: Timed solves of each window by each back-end and start.
-        appends: Number of appends of each run that give windows; None for all.
-    """
-
-    nodes: tuple[str, ...] = ("25", "50", "100", "200", "auto")
-    solvers: tuple[str, ...] = tuple(SOLVERS)
-    repeat: int = 3
-    appends: int | None = None
-
-
-QUICK = Choices(nodes=("25", "50"), repeat=1, appends=2)
-"""A bench that takes less than a minute."""
-
-
-def parse_nodes(text: str) -> tuple[str, ...]:
-    """Return the meshes of a list such as 25,50,auto, each once.
-
-    Raises:
-        InputError: One is neither a number nor auto.
-    """
-    found = [part.strip() for part in text.split(",")]
-    for part in found:
-        if not (part.isascii() and part.isdigit()) and part != "auto":
-            raise InputError(f"--nodes: found {part!r}, expected numbers of intervals or auto, such as 25,50,auto")
-    return tuple(dict.fromkeys(found))
-
-
-def parse_solvers(text: str) -> tuple[str, ...]:
-    """Return the back-ends of a list such as sqp,fatrop, each once.
-
-    Raises:
-        InputError: One is unknown.
-    """
-    found = [part.strip() for part in text.split(",")]
-    for part in found:
-        if part not in SOLVERS:
-            raise InputError(f"--solvers: found {part!r}, expected some of {', '.join(SOLVERS)}")
-    return tuple(dict.fromkeys(found))
-
 
 @dataclass(frozen=True, eq=False)
-class Recorded:
-    """A solve of a run: its window, the guessed plan, and the solution of the sample before, if it is usable."""
-
-    window: Window
-    guess: Plan
-    previous: Solution | None
-
-    @property
-    def key(self) -> tuple[float, tuple[int, ...], bytes, bytes]:
-        """The same for windows that are one problem: only the ratios of priorities count."""
-        window = self.window
-        indices = tuple(stage.index for stage in window.stages)
-        return window.start, indices, window.x0.tobytes(), (window.omega / window.omega.max()).tobytes()
-
-
-def record_windows(task: Task, appends: int | None, passed: Callable[[], None]) -> tuple[Problem, list[Recorded]]:
-    """Run the closed loop of a task and return its problem with the solves before, at and after so many appends.
-
-    `passed` is called after every sample.
-    """
-    experiment, solves = build_experiment(task), list[Recorded]()
-    previous: Solution | None = None
-    around: list[Recorded] = []
-    for sample in closed_loop(experiment):
-        passed()
-        solution = sample.command.solution
-        if solution.outcome.usable:
-            solves.append(Recorded(solution.window, solution.guess, previous))
-            lasts = [solve.window.stages[-1].index for solve in solves[-3:]]
-            if len(lasts) == 3 and lasts[1] > lasts[0]:
-                around += solves[-3:]
-        previous = solution
-        if appends is not None and len(around) >= 3 * appends:
-            break
-    return experiment.problem, around
-
-
-@dataclass(frozen=True, eq=False)
-class Timed:
-    """What a back-end came to from one kind of start in all windows of a mesh (W,).
+class TimedSolve:
+    """A window solved by a back-end from one kind of start.
 
     Attributes:
-        nodes, solver, start: The mesh, the back-end, and `warm` or `cold`.
-        stages: Number of stages in each window.
+        stages: Number of stages in the window.
         usable: Whether the solve has a solution.
         iterations: Iterations used.
-        gap: J over that of the optimum, less 1; negative where constraints are violated.
+        gap: J over that of the optimum, less 1; negative where constraints are violated; NaN without an optimum.
         late: Largest difference of a switch time from that of the optimum [s].
         violation: Largest violation of a constraint [m, rad, m/s, rad/s, s].
-        times: Wall times of the timed solves (W, repeat) [s].
-        busy: Processor time of those of each window (W,) [s].
+        times: Wall times of the timed solves (repeat,) [s].
+        busy: Their processor time [s].
     """
 
-    nodes: str
-    solver: str
-    start: str
-    stages: np.ndarray
-    usable: np.ndarray
-    iterations: np.ndarray
-    gap: np.ndarray
-    late: np.ndarray
-    violation: np.ndarray
+    stages: int
+    usable: bool
+    iterations: int
+    gap: float
+    late: float
+    violation: float
     times: np.ndarray
-    busy: np.ndarray
-
-    def median(self, stages: int | None = None) -> float:
-        """Return the median time of the solves with a solution [s], of windows with so many stages; NaN without one."""
-        chosen = self.usable & (True if stages is None else self.stages == stages)
-        return float(np.median(self.times[chosen])) if chosen.any() else np.nan
+    busy: float
 
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """What was measured: all solves, the number of windows of each mesh, and whether sqp ran as compiled C."""
+    """What was measured: all solves by mesh, back-end and kind of start, and whether sqp ran as compiled C."""
 
-    timed: tuple[Timed, ...]
-    windows: Mapping[str, int]
+    solves: Mapping[Way, Sequence[TimedSolve]]
     compiled: bool
 
     @property
     def wall_over_busy(self) -> float:
         """Wall time of all solves over their processor time: 1 on a machine that does nothing else."""
-        return float(sum(one.times.sum() for one in self.timed) / sum(one.busy.sum() for one in self.timed))
+        every = [solve for solves in self.solves.values() for solve in solves]
+        return float(sum(solve.times.sum() for solve in every) / sum(solve.busy for solve in every))
 
 
-def load_bench(reference: str, changes: Sequence[str], choices: Choices) -> dict[str, list[Task]]:
-    """Load the tasks whose runs give the windows, by mesh, one for each controller.
+def median_time(solves: Sequence[TimedSolve], stages: int | None = None) -> float:
+    """Return the median time of the solves with a solution [s], of windows with so many stages; NaN without one."""
+    return _over(np.median, [each.times for each in solves if each.usable and stages in (None, each.stages)])
+
+
+def _listed(option: str, text: str, pattern: str, expected: str) -> tuple[str, ...]:
+    """Return the entries of a list between commas, each once."""
+    found = [part.strip() for part in text.split(",")]
+    for part in found:
+        if not re.fullmatch(pattern, part):
+            raise InputError(f"{option}: found {part!r}, expected {expected}")
+    return tuple(dict.fromkeys(found))
+
+
+def load_bench(reference: str, changes: Sequence[str], nodes: str = NODES) -> dict[str, list[Task]]:
+    """Load the tasks whose runs give the windows, by mesh such as 25 or auto, one for each controller.
 
     Raises:
-        InputError: A change is of a key that a bench sets itself.
+        InputError: A change is of a key that a bench sets itself, or a mesh is none.
         SpecError: The task, a change or a mesh does not hold.
     """
     for change in changes:
@@ -223,102 +147,128 @@ def load_bench(reference: str, changes: Sequence[str], choices: Choices) -> dict
                 f"--set {change}: a bench runs psmpc and smpc with sqp; choose back-ends with --solvers, meshes with "
                 "--nodes"
             )
+    meshes = _listed("--nodes", nodes, r"[0-9]+|auto", "numbers of intervals or auto, such as 25,50,auto")
     fixed = (*changes, "solver.kind=sqp", "log.shares=false")
     tasks = {
-        nodes: [
-            load_task(reference, [*fixed, f"controller.kind={kind}", f"controller.nodes={nodes}"])
+        mesh: [
+            load_task(reference, [*fixed, f"controller.kind={kind}", f"controller.nodes={mesh}"])
             for kind in CONTROLLERS
         ]
-        for nodes in choices.nodes
+        for mesh in meshes
     }
-    ensure_feasible(next(iter(tasks.values()))[0])
+    ensure_feasible(tasks[meshes[0]][0])
     return tasks
 
 
 def run_bench(
     tasks: Mapping[str, Sequence[Task]],
-    choices: Choices,
-    told: Told = lambda line: None,
+    solvers: str = ",".join(SOLVERS),
+    repeat: int = 3,
+    appends: int | None = None,
+    told: Callable[[str], None] = lambda line: None,
     passed: Callable[[], None] = lambda: None,
 ) -> Bench:
     """Record windows and solve them again, on one mesh after the other.
 
     Args:
-        tasks: As `load_bench` returns them.
-        choices: What is measured.
+        tasks: By mesh, as `load_bench` returns them.
+        solvers: Names from `SOLVERS` between commas.
+        repeat: Timed solves of each window by each back-end and start.
+        appends: Number of appends of each run that give windows; None for all.
         told: Called with a line when a mesh is done.
-        passed: Called after every sample and every solve.
+        passed: Called after every sample and every timed solve.
 
     Raises:
+        InputError: A back-end is unknown.
         RunError: The runs give no windows.
     """
-    timed: list[Timed] = []
-    windows, compiled = {}, True
+    names = _listed("--solvers", solvers, "|".join(SOLVERS), f"some of {', '.join(SOLVERS)}")
+    ways = [(name, start) for name in names for start in ("warm", "cold")] + [(REFERENCE, "cold")]
+    timed: dict[Way, list[TimedSolve]] = {(nodes, *way): [] for nodes in tasks for way in ways}
+    compiled = True
     for nodes, variants in tasks.items():
-        recorded: dict[object, Recorded] = {}
-        for task in variants:
-            problem, found = record_windows(task, choices.appends, passed)
-            recorded |= {each.key: each for each in found}
+        experiments = [build_experiment(task) for task in variants]
+        recorded = [solve for each in experiments for solve in _windows_around_appends(each, appends, passed)]
+        problem = experiments[0].problem
         if not recorded:
             raise RunError(
                 f"{problem.spec.name}: in no sample of its runs a stage entered the window, expected a task of several "
                 "stages whose first one ends"
             )
-        timed += time_solves(nodes, problem, list(recorded.values()), choices, passed)
-        windows[nodes] = len(recorded)
-        compiled = compiled and build_experiment(variants[0]).compiled
+        for way, solve in _time_solves(problem, recorded, ways, repeat, passed):
+            timed[nodes, *way].append(solve)
+        compiled &= all(each.compiled for each in experiments)
         told(f"nodes {nodes}: {len(recorded)} windows done")
-    return Bench(tuple(timed), windows, compiled)
+    return Bench(timed, compiled)
 
 
-def time_solves(
-    nodes: str, problem: Problem, recorded: Sequence[Recorded], choices: Choices, passed: Callable[[], None]
-) -> list[Timed]:
-    """Solve windows of one mesh by every back-end, warm and cold: once untimed, then repeatedly.
-
-    The first solves build what is built once. Each round then holds every pair of window and back-end in a new random
-    order, so that other load on the machine is spread over all of them.
-    """
-    ways = [(name, start) for name in choices.solvers for start in ("warm", "cold")] + [(REFERENCE, "cold")]
-    spec = problem.spec.solver
-    solvers: dict[str, Solver] = {
-        name: build_solver(problem, _changed(spec, {**SOLVERS[name], "deadline": None})) for name in choices.solvers
-    }
-    ipopt = _changed(spec, {"kind": "ipopt"})
-    solvers[REFERENCE] = NlpSolver(problem, ipopt, options=PLAIN)
-    tight, polisher = NlpSolver(problem, _changed(spec, TIGHT)), NlpSolver(problem, ipopt, options={**PLAIN, **POLISH})
-    optima = [_optimum(each, tight, polisher) for each in recorded]
-    calls = [_call(solvers[name], each, start, name == "sqp") for name, start in ways for each in recorded]
-    solutions: list[Solution] = []
-    for call in calls:
-        solutions.append(call())
+def _windows_around_appends(
+    experiment: Experiment, appends: int | None, passed: Callable[[], None]
+) -> list[tuple[Solution, Solution | None]]:
+    """Run a closed loop; return its solves before, at and after so many appends, each with the one before it."""
+    solves, around = list[tuple[Solution, Solution | None]](), list[tuple[Solution, Solution | None]]()
+    previous: Solution | None = None
+    for sample in closed_loop(experiment):
         passed()
-    times, busy = np.zeros((len(calls), choices.repeat)), np.zeros(len(calls))
+        solution = sample.command.solution
+        if solution.outcome.usable:
+            solves.append((solution, previous))
+            lasts = [solve.window.stages[-1].index for solve, _ in solves[-3:]]
+            if len(lasts) == 3 and lasts[1] > lasts[0]:
+                around += solves[-3:]
+        previous = solution
+        if appends is not None and len(around) >= 3 * appends:
+            break
+    return around
+
+
+def _time_solves(
+    problem: Problem,
+    recorded: Sequence[tuple[Solution, Solution | None]],
+    ways: Sequence[tuple[str, str]],
+    repeat: int,
+    passed: Callable[[], None],
+) -> Iterator[tuple[tuple[str, str], TimedSolve]]:
+    """Solve windows of one mesh in every way: once untimed, then repeatedly.
+
+    The first solves build what is built once. Each round then holds every pair of window and way in a new random order,
+    so that other load on the machine is spread over all of them.
+    """
+    spec = problem.spec.solver
+    settings = {name: spec.model_copy(update={**changes, "deadline": None}) for name, changes in SOLVERS.items()}
+    solvers: dict[str, Solver] = {name: build_solver(problem, settings[name]) for name, _ in ways if name in SOLVERS}
+    solvers[REFERENCE] = NlpSolver(problem, settings["ipopt"], options=PLAIN)
+    calls = [_call(solvers[name], *each, start, name == "sqp") for name, start in ways for each in recorded]
+    solutions = [call() for call in calls]
+    times, busy = np.zeros((len(calls), repeat)), np.zeros(len(calls))
     generator = np.random.default_rng(problem.spec.seed)
-    for turn in range(choices.repeat):
+    for turn in range(repeat):
         for k in generator.permutation(len(calls)):
             began = time.process_time()
             times[k, turn] = calls[k]().wall_time
             busy[k] += time.process_time() - began
             passed()
-    found, W = [], len(recorded)
-    stages = np.array([len(each.window.stages) for each in recorded])
-    for i, (name, start) in enumerate(ways):
-        mine = slice(i * W, (i + 1) * W)
-        compared = np.array([_compared(*pair, tight) for pair in zip(solutions[mine], optima, strict=True)])
-        usable, iterations, gap, late, violation = compared.T
-        numbers = (iterations, gap, late, violation, times[mine], busy[mine])
-        found.append(Timed(nodes, name, start, stages, usable.astype(bool), *numbers))
-    return found
+    tight = NlpSolver(problem, spec.model_copy(update=TIGHT))
+    polisher = NlpSolver(problem, settings["ipopt"], options={**PLAIN, **POLISH})
+    for w, (window, guess) in enumerate((solve.window, solve.guess) for solve, _ in recorded):
+        optimum = tight.solve(window, guess)
+        polished = polisher.solve(window, optimum.plan)
+        optimum = polished if polished.outcome is Outcome.OPTIMAL else optimum
+        known = 1.0 if optimum.outcome is Outcome.OPTIMAL else np.nan
+        for k, way in zip(range(w, len(calls), len(recorded)), ways, strict=True):
+            found = solutions[k]
+            gap = known * (found.objective - optimum.objective) / abs(optimum.objective)
+            late = known * np.abs(found.plan.instants - optimum.plan.instants).max(initial=0.0)
+            violation = tight.violation(window, found.plan)
+            counts = len(window.stages), found.outcome.usable, found.iterations
+            yield way, TimedSolve(*counts, gap, late, violation, times[k], busy[k])
 
 
-def _changed(spec: SolverSpec, changes: Mapping[str, object]) -> SolverSpec:
-    return spec.model_copy(update=dict(changes))
-
-
-def _call(solver: Solver, recorded: Recorded, start: str, own: bool) -> Callable[[], Solution]:
+def _call(
+    solver: Solver, recorded: Solution, previous: Solution | None, start: str, own: bool
+) -> Callable[[], Solution]:
     """Return a solve: cold, or warm from the solution of the sample before by the same back-end (`own`: the run's)."""
-    window, guess, previous = recorded.window, recorded.guess, recorded.previous
+    window, guess = recorded.window, recorded.guess
     if start == "cold":
         resting = resting_plan(window.start, window.horizon, RESTING_NODES, window.x0)
         guess, previous = replace(resting, instants=guess.instants), None
@@ -327,43 +277,29 @@ def _call(solver: Solver, recorded: Recorded, start: str, own: bool) -> Callable
     return lambda: solver.solve(window, guess, previous)
 
 
-def _optimum(recorded: Recorded, tight: NlpSolver, polisher: NlpSolver) -> Solution:
-    """Return the optimum of a window."""
-    found = tight.solve(recorded.window, recorded.guess)
-    polished = polisher.solve(recorded.window, found.plan)
-    return polished if polished.outcome is Outcome.OPTIMAL else found
-
-
-def _compared(solution: Solution, optimum: Solution, judge: NlpSolver) -> tuple[float, ...]:
-    """Return whether a solution is usable, its iterations, gaps in J and in the switch times, and its violation."""
-    known = optimum.outcome is Outcome.OPTIMAL
-    gap = (solution.objective - optimum.objective) / abs(optimum.objective) if known else np.nan
-    late = float(np.abs(solution.plan.instants - optimum.plan.instants).max(initial=0.0)) if known else np.nan
-    return solution.outcome.usable, solution.iterations, gap, late, judge.violation(solution.window, solution.plan)
-
-
 def bench_rows(bench: Bench) -> Iterator[tuple[str, ...]]:
     """Give the rows of the table, in the order of `HEADINGS`."""
-    references = {one.nodes: one.median() for one in bench.timed if one.solver == REFERENCE}
-    for one in bench.timed:
-        good = one.usable
-        times = one.times[good].ravel() if good.any() else np.array([np.nan])
-        gap, late, violation = np.abs(one.gap[good]), one.late[good], one.violation[good]
+    for way, solves in bench.solves.items():
+        good = [solve for solve in solves if solve.usable]
+        gaps = [abs(solve.gap) for solve in good]
+        median = median_time(good)
         texts = (
-            f"{1e3 * one.median():.2f}",
-            f"{1e3 * np.percentile(times, 95):.2f}",
-            f"{references[one.nodes] / one.median():.1f}",
-            f"{_over(np.median, one.iterations[good]):.0f}",
-            f"{_over(np.median, gap):.0e}",
-            *(f"{_over(np.max, values):.0e}" for values in (gap, late, violation)),
+            f"{1e3 * median:.2f}",
+            f"{1e3 * _over(partial(np.percentile, q=95), [solve.times for solve in good]):.2f}",
+            f"{median_time(bench.solves[way[0], REFERENCE, 'cold']) / median:.1f}",
+            f"{_over(np.median, [solve.iterations for solve in good]):.0f}",
+            f"{_over(np.median, gaps):.0e}",
+            f"{_over(np.max, gaps):.0e}",
+            f"{_over(np.max, [solve.late for solve in good]):.0e}",
+            f"{_over(np.max, [solve.violation for solve in good]):.0e}",
         )
-        shown = ("-" if text == "nan" else text for text in texts)
-        yield one.nodes, one.solver, one.start, *shown, f"{int(np.sum(~good))} of {len(good)}"
+        yield *way, *("-" if text == "nan" else text for text in texts), f"{len(solves) - len(good)} of {len(solves)}"
 
 
-def _over(function: Callable[[np.ndarray], np.floating], values: np.ndarray) -> float:
+def _over(function: Callable[[np.ndarray], np.floating], values: ArrayLike) -> float:
     """Return a statistic of the values that are known; NaN without one."""
-    known = values[np.isfinite(values)]
+    found = np.asarray(values, float)
+    known = found[np.isfinite(found)]
     return float(function(known)) if len(known) else np.nan
 
 
@@ -379,6 +315,5 @@ def describe_machine(bench: Bench) -> str:
 
 def _processor(listed: Path = Path("/proc/cpuinfo")) -> str:
     """Return the name of the processor, which Linux alone lists."""
-    lines = listed.read_text(encoding="utf-8", errors="replace").splitlines() if listed.is_file() else []
-    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next((name for name in names if name), platform.processor() or "unknown processor")
+    found = re.search(r"model name\s*: *(.+)", listed.read_text(errors="replace") if listed.is_file() else "")
+    return found[1] if found else platform.processor() or "unknown processor"

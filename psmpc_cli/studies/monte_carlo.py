@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Quantity, Results, read_results
 from psmpc_cli.logs.schema import MONTE_CARLO
 from psmpc_cli.ocp.feasibility import load_feasible
@@ -126,31 +126,6 @@ def _entry(outcome: CellOutcome, cell: int, origin: int) -> Row:
     return {**row, "failure": outcome.failure, "run_time": outcome.wall_time, "status": status}
 
 
-def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
-    """Compute Wilson's 95 % score interval of a success rate; 0 and 1 without runs. Wilson (1927)."""
-    from scipy.stats import binomtest
-
-    if not runs:
-        return 0.0, 1.0
-    interval = binomtest(successes, runs).proportion_ci(method="wilson")
-    return float(interval.low), float(interval.high)
-
-
-@dataclass(frozen=True)
-class Quantiles:
-    """How a quantity spreads over the runs that have it.
-
-    Attributes:
-        name: What it is, with its unit.
-        runs: How many runs have it.
-        at: Its 5, 50 and 95 % quantiles; NaN without runs.
-    """
-
-    name: str
-    runs: int
-    at: tuple[float, float, float]
-
-
 @dataclass(frozen=True, eq=False)
 class MonteCarloRuns:
     """The runs of a study, complete or not: how often they succeed, how they spread, which are the worst.
@@ -196,8 +171,12 @@ class MonteCarloRuns:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Wilson's 95 % interval of the success rate."""
-        return wilson_interval(int(self.succeeded.sum()), int(self.made.sum()))
+        """Wilson's 95 % score interval of the success rate; 0 and 1 without runs. Wilson (1927)."""
+        from scipy.stats import binomtest
+
+        made, succeeded = int(self.made.sum()), int(self.succeeded.sum())
+        interval = binomtest(succeeded, made).proportion_ci(method="wilson") if made else (0.0, 1.0)
+        return float(interval[0]), float(interval[1])
 
     @property
     def end_time(self) -> Array:
@@ -209,20 +188,23 @@ class MonteCarloRuns:
         beyond = np.nan_to_num(-self[f"relative_{kind}_margin"])
         return np.where(beyond > EXCEEDED, beyond, 0.0)
 
-    def quantiles(self) -> Iterator[Quantiles]:
-        """Yield how every quantity spreads."""
-        yield _quantiles("mission ends, completed runs [s]", self.end_time)
+    def quantiles(self) -> Iterator[tuple[str, int, tuple[float, ...]]]:
+        """Yield how every quantity spreads: what it is, how many runs have it, and its 5, 50 and 95 % quantiles."""
+        values = {"mission ends, completed runs [s]": self.end_time}
         for number, stage in enumerate(self.stages):
             if number:
-                yield _quantiles(f"{stage} starts [s]", self["actual_start"][:, number])
+                values[f"{stage} starts [s]"] = self["actual_start"][:, number]
             if number < len(self.stages) - 1:
-                yield _quantiles(f"{stage} ends [s]", self["switch_time"][:, number])
-        yield _quantiles("final error [tolerances]", self["final_error"])
+                values[f"{stage} ends [s]"] = self["switch_time"][:, number]
+        values["final error [tolerances]"] = self["final_error"]
         for kind in ("position", "velocity"):
-            yield _quantiles(f"tightest {kind} margin [% of the limit]", 100 * self[f"relative_{kind}_margin"])
+            values[f"tightest {kind} margin [% of the limit]"] = 100 * self[f"relative_{kind}_margin"]
         for number, monitor in enumerate(self.monitors):
-            yield _quantiles(f"margin of {monitor} [m, m/s]", self["monitor_margin"][:, number])
-        yield _quantiles("control effort [m^2/s^3, rad^2/s^3]", self["control_effort"])
+            values[f"margin of {monitor} [m, m/s]"] = self["monitor_margin"][:, number]
+        values["control effort [m^2/s^3, rad^2/s^3]"] = self["control_effort"]
+        for name, each in values.items():
+            known = each[np.isfinite(each)]
+            yield name, len(known), tuple(np.quantile(known, QUANTILES) if len(known) else [np.nan] * 3)
 
     def worst(self, count: int) -> Array:
         """Return the numbers of the worst runs: those that failed first, then the latest, then the largest error."""
@@ -234,19 +216,12 @@ class MonteCarloRuns:
         """Say why a run ended, and which monitors did not hold."""
         if failure := str(self["failure"][number]):
             return f"crashed: {failure}"
-        margins = self["monitor_margin"][number] if self.monitors else ()
-        broken = [name for name, margin in zip(self.monitors, margins, strict=True) if margin < 0]
+        broken = [name for k, name in enumerate(self.monitors) if self["monitor_margin"][number, k] < 0]
         return str(self["reason"][number]) + (f"; monitor did not hold: {', '.join(broken)}" if broken else "")
 
     def command(self, number: int) -> str:
         """Return the command that repeats a run, with its log."""
         return f"{self.results.attributes.get('command', 'psmpc simulate')} --set seed={self['seed'][number]}"
-
-
-def _quantiles(name: str, values: Array) -> Quantiles:
-    known = values[np.isfinite(values)]
-    low, middle, high = np.quantile(known, QUANTILES) if len(known) else (np.nan,) * 3
-    return Quantiles(name, len(known), (float(low), float(middle), float(high)))
 
 
 def read_monte_carlo(path: Path) -> MonteCarloRuns:
@@ -255,11 +230,4 @@ def read_monte_carlo(path: Path) -> MonteCarloRuns:
     Raises:
         LogError: The file is missing, damaged, of another version, or no Monte Carlo study.
     """
-    results = read_results(path, MONTE_CARLO)
-    known: dict[str, tuple[str, ...]] = {each.name: ("run", each.along) for each in WHOLE_RUN if each.along}
-    known |= {"stage": ("stage",), "monitor": ("monitor",), "wall_time": ()}
-    for name, quantity in results.quantities.items():
-        if quantity.dims != (wanted := known.get(name, ("run",))):
-            along = ", ".join(wanted) or "nothing"
-            raise LogError(f"{path}: expected {name} along {along}, as psmpc monte-carlo writes it")
-    return MonteCarloRuns(results)
+    return MonteCarloRuns(read_results(path, MONTE_CARLO))

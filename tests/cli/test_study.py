@@ -140,4 +140,4 @@ def test_a_bench_is_a_table_of_this_machine(psmpc: Psmpc, monkeypatch: pytest.Mo
     first = [line.split()[:3] for line in ran.stdout.splitlines()[1:6]]
     ways = [["5", name, start] for name in ("sqp", "piqp") for start in ("warm", "cold")]
     assert first == [*ways, ["5", "reference", "cold"]]
-    assert "nodes 5: 3 windows done" in ran.stderr
+    assert "nodes 5: 6 windows done" in ran.stderr

@@ -11,14 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from psmpc_cli.figures.robot_drawing import View, grasp, scene_of
-from psmpc_cli.figures.snapshots import (
-    configurations,
-    object_poses,
-    plot_compared_snapshots,
-    plot_scenario,
-    plot_snapshots,
-)
+from psmpc_cli.figures.scene import View, configurations, grasp, object_poses, scene_of, view_around
+from psmpc_cli.figures.snapshots import draw_scene, plot_compared_snapshots, plot_scenario, plot_snapshots, show
 from psmpc_cli.figures.style import PAGE, PALETTE, in_style, new_figure
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.problem import Stage
@@ -32,7 +26,7 @@ Load = Callable[..., Run]
 
 def drawn_points(run: Run, time: float) -> np.ndarray:
     axes = new_figure(3.0).add_subplot()
-    scene_of(run).draw(axes, time, since=0.0)
+    draw_scene(axes, scene_of(run), time, since=0.0)
     outlines = [patch.get_xy() for patch in axes.patches if isinstance(patch, Polygon)]
     return np.vstack([*outlines, *(line.get_xydata() for line in axes.lines)])
 
@@ -41,7 +35,7 @@ def drawn_points(run: Run, time: float) -> np.ndarray:
 @given(share=st.floats(0, 1))
 def test_the_view_shows_all_that_is_drawn(run: Run, share: float) -> None:
     time = share * run.motion.end
-    view, found = scene_of(run).view([time]), drawn_points(run, time)
+    view, found = view_around(scene_of(run).extent([time])), drawn_points(run, time)
     low, high = np.array([view.x[0], view.y[0]]), np.array([view.x[1], view.y[1]])
     assert np.all((low < found) & (found < high))
 
@@ -49,7 +43,7 @@ def test_the_view_shows_all_that_is_drawn(run: Run, share: float) -> None:
 @pytest.mark.parametrize(("width", "step"), [(5.4, 1.0), (6.1, 2.0), (0.5, 0.1), (31.0, 10.0)])
 def test_ticks_are_round_few_and_the_same_on_both_axes(width: float, step: float) -> None:
     axes = new_figure(3.0).add_subplot()
-    View((0.0, width), (0.0, width)).show(axes)
+    show(axes, View((0.0, width), (0.0, width)))
     assert axes.get_aspect() == 1.0
     for ticks in (axes.get_xticks(), axes.get_yticks()):
         np.testing.assert_allclose(np.diff(ticks), step)
@@ -58,7 +52,7 @@ def test_ticks_are_round_few_and_the_same_on_both_axes(width: float, step: float
 def test_a_motion_along_one_line_keeps_a_panel_of_sensible_shape(load: Load, one_arm: dict[str, Any]) -> None:
     up, along = (np.array([x, y, 0.0, 0.0, 0.0]) for x, y in ((0.0, 50.0), (50.0, 0.0)))
     runs = [load(**{**one_arm, "points": (np.zeros(5), end)}) for end in (up, along)]
-    assert [scene_of(run).view([0.0, 6.0]).aspect for run in runs] == pytest.approx([1.6, 0.45])
+    assert [view_around(scene_of(run).extent([0.0, 6.0])).aspect for run in runs] == pytest.approx([1.6, 0.45])
 
 
 @settings(max_examples=25)

@@ -55,10 +55,12 @@ def dense_hessian(case: Case, model: Linearization) -> np.ndarray:
     for k in range(K + 1):
         at = 2 * n * k
         hessian[at : at + n, at : at + n] = model.positions[k]
-        hessian[at + n : at + 2 * n, at + n : at + 2 * n] = np.diag(model.velocities[k])
         hessian[at : at + 2 * n, 2 * n * (K + 1) :] = model.arrow[k]
         if k < K:
-            hessian[at + n : at + 2 * n, at + 3 * n : at + 4 * n] = np.diag(model.coupling[k])
+            v, after = (range(first + n, first + 2 * n) for first in (at, at + 2 * n))
+            hessian[v, v] -= model.coupling[k]
+            hessian[after, after] -= model.coupling[k]
+            hessian[v, after] = model.coupling[k]
     hessian[2 * n * (K + 1) :, 2 * n * (K + 1) :] = np.triu(model.durations)
     return np.triu(hessian) + np.triu(hessian, 1).T
 
@@ -85,12 +87,9 @@ def test_derivatives_agree_with_central_differences(case: Case) -> None:
     gaps += model.gap_velocity[:, :1] * d.X[:-1, n:] + model.gap_velocity[:, 1:] * d.X[1:, n:]
     found = case.by_differences(lambda point: case.form.residuals(point, case.p).gaps)
     np.testing.assert_allclose(found, gaps, atol=1e-8)
-    for s, values in model.end_derivatives.items():
-        row, column = case.form.stages[s].end_places
-        change = np.zeros(case.form.stages[s].end_rows)
-        np.add.at(change, row, values * d.X[case.form.grid.first_node[s + 1]][column])
-        found = case.by_differences(lambda point, s=s: case.form.residuals(point, case.p).ends[s])
-        np.testing.assert_allclose(found, change, atol=1e-7)
+    found = case.by_differences(lambda point: case.form.residuals(point, case.p).ends)
+    change = (model.end_rows * d.X[case.form.end_node]).sum(axis=1)
+    np.testing.assert_allclose(found, change, atol=1e-7)
 
 
 def test_the_hessian_is_positive_semidefinite(case: Case) -> None:
@@ -103,7 +102,7 @@ def test_the_curvature_of_end_conditions_is_the_change_of_their_derivatives(
     model: RobotModel, stages: tuple[Stage, ...]
 ) -> None:
     """Conditions on coordinates have none, those on poses have; nothing else of the model changes."""
-    assert VelocityForm(model, window_shape(window_over(stages[:2]))).curved_stages == ()
+    assert not VelocityForm(model, window_shape(window_over(stages[:2]))).curved
     window = window_over(stages[1:3])
     form, p = VelocityForm(model, window_shape(window)), window_numbers(window, np.array([3.0]))
     point, multipliers = Point(coasting(window, 3.0).X, np.array([2.0])), np.random.default_rng(0).normal(size=9)
@@ -113,18 +112,15 @@ def test_the_curvature_of_end_conditions_is_the_change_of_their_derivatives(
         """Of multipliers times rows, by Q."""
         X = point.X.copy()
         X[node, :n] = Q
-        _, derivatives = form.ends(Point(X, point.tau), p)[0]
-        found, (row, column) = np.zeros(2 * n), form.stages[0].end_places
-        np.add.at(found, column, derivatives * multipliers[row])
-        return found[:n]
+        return np.asarray(multipliers @ form.ends(Point(X, point.tau), p)[1])[:n]
 
     plain = form.linearize(point, p)
-    curved = form.curved(plain, point, p, {0: multipliers})
+    curved = form.with_curvature(plain, point, p, multipliers)
     added, Q, step = curved.positions - plain.positions, point.X[node, :n], 1e-5
     numeric = np.array([(gradient(Q + step * e) - gradient(Q - step * e)) / (2 * step) for e in np.eye(n)])
-    assert form.curved_stages == (0,)
+    assert form.curved
     assert np.abs(added[node]).max() > 0.1
     assert added[node] == pytest.approx(np.triu(numeric), abs=1e-8)
     assert not np.delete(added, node, axis=0).any()
-    for name in ("gradient", "gradient_tau", "velocities", "coupling", "arrow", "durations"):
+    for name in ("gradient", "gradient_tau", "coupling", "arrow", "durations"):
         assert getattr(curved, name) is getattr(plain, name)

@@ -11,18 +11,10 @@ from hypothesis import strategies as st
 from psmpc_cli.control import Command
 from psmpc_cli.native.library import CompilationError, find_compiler
 from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
-from psmpc_cli.ocp.window import PENALTY, scaled_violations, shares_of_time, window_numbers, window_shape
+from psmpc_cli.ocp.window import PENALTY, scaled_violations, window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.solvers.qp_multistage import MultistageQp
-from psmpc_cli.solvers.riccati import RiccatiQp, load_kernel
-from psmpc_cli.solvers.sqp_window import (
-    NARROWEST_SOFT,
-    QpSolution,
-    QpStatus,
-    fixed_limits,
-    moved_apart,
-    window_limits,
-)
+from psmpc_cli.solvers.quadratic import PiqpQp, QpSolution, QpStatus, RiccatiQp, load_kernel
+from psmpc_cli.solvers.sqp_window import NARROWEST_SOFT, SqpWindow, fixed_bounds, moved_apart, window_bounds
 
 from .optimality import energy, objective, optimality
 from .random_programs import Task, random_task, unattainable
@@ -40,20 +32,20 @@ def our_method(task: Task, tolerance: float = 1e-9) -> RiccatiQp:
         find_compiler()
     except CompilationError as error:
         pytest.skip(str(error))
-    kernel = load_kernel(task.form.grid.n, task.form.grid.switches)
+    grid = task.window.form.grid
+    kernel = load_kernel(grid.n, grid.switches)
     assert kernel is not None
-    return RiccatiQp(task.form, task.limits.shape, tolerance, kernel)
+    return RiccatiQp(kernel, tolerance)
 
 
 def ours(task: Task, tolerance: float = 1e-9) -> QpSolution:
     """Solve a program by our method."""
-    return our_method(task, tolerance).solve(task.model, task.limits, task.point, task.horizon)
+    return our_method(task, tolerance).solve(task.window, task.model, task.point)
 
 
 def piqp(task: Task, tolerance: float = 1e-9) -> QpSolution:
     """Solve a program by PIQP."""
-    qp = MultistageQp(task.form, task.limits.shape, tolerance)
-    return qp.solve(task.model, task.limits, task.point, task.horizon)
+    return PiqpQp(tolerance).solve(task.window, task.model, task.point)
 
 
 def recorded(model: RobotModel, command: Command) -> Task:
@@ -61,8 +53,8 @@ def recorded(model: RobotModel, command: Command) -> Task:
     window, guess = command.solution.window, command.solution.guess
     form, tau = VelocityForm(model, window_shape(window)), np.diff(guess.instants, prepend=window.start)
     point, numbers = Point(guess.X, tau), window_numbers(window, guess.instants)
-    limits = window_limits(fixed_limits(form, window), window, tau, np.inf)
-    return Task(form, form.linearize(point, numbers), limits, point, window.horizon)
+    bounds = window_bounds(fixed_bounds(form, window), window, tau, np.inf)
+    return Task(SqpWindow(form, bounds, numbers), form.linearize(point, numbers), point)
 
 
 @pytest.fixture(params=[1, 2, 3], ids=["one_stage", "two_stages", "three_stages"])
@@ -130,34 +122,33 @@ def test_a_program_with_numbers_that_are_none_fails(tasks: Sequence[Task]) -> No
 
 def test_solving_again_gives_the_same(tasks: Sequence[Task]) -> None:
     """No memory is left over from the program before."""
-    task, other = tasks[-1], tasks[0]
+    task = tasks[-1]
     qp = our_method(task)
-    first = qp.solve(task.model, task.limits, task.point, task.horizon)
-    qp.solve(other.model, other.limits, other.point, other.horizon)
-    again = qp.solve(task.model, task.limits, task.point, task.horizon)
+    first = qp.solve(task.window, task.model, task.point)
+    qp.solve(task.window, replace(task.model, gradient=-task.model.gradient), task.point)
+    again = qp.solve(task.window, task.model, task.point)
     assert np.array_equal(first.step.X, again.step.X)
-    assert np.array_equal(first.X, again.X)
+    assert np.array_equal(first.rows, again.rows)
 
 
-def softened(task: Task) -> Task:
-    low, high = moved_apart(task.limits.X_low, task.limits.X_high, NARROWEST_SOFT)
-    return replace(task, limits=replace(task.limits, X_low=low, X_high=high, soft=True))
+def softened(task: Task, away: np.ndarray | float = 0.0) -> Task:
+    """The same program with soft bounds of states, some of them moved."""
+    bounds, at = task.window.bounds, slice(task.window.states)
+    low, high = bounds.low.copy(), bounds.high.copy()
+    low[at], high[at] = moved_apart(low[at] + away, high[at] + away, NARROWEST_SOFT)
+    return task.with_bounds(low=low, high=high, soft=True)
 
 
-def moved(task: Task, rng: np.random.Generator) -> Task:
-    """The same program with every third bound of a state where no step need reach it."""
-    away = np.where(rng.random(task.limits.X_low.shape) < 1 / 3, rng.normal(size=task.limits.X_low.shape), 0.0)
-    limits = replace(task.limits, X_low=task.limits.X_low + away, X_high=task.limits.X_high + away)
-    return replace(task, limits=limits)
-
-
-def shares(task: Task) -> np.ndarray:
-    return shares_of_time(task.form.steps(task.point, task.horizon))[1:]
+def prices(task: Task) -> np.ndarray:
+    """What a unit beyond each bound of a state costs."""
+    n = task.window.form.grid.n
+    return np.repeat(PENALTY * task.window.shares(task.point)[1:], 2 * n)
 
 
 def costs_of_violations(task: Task, step: Point) -> float:
-    X = (task.point.X + step.X)[1:]
-    return float((shares(task) * scaled_violations(X, task.limits.X_low, task.limits.X_high)).sum())
+    bounds, at = task.window.bounds, slice(task.window.states)
+    X = (task.point.X + step.X)[1:].ravel()
+    return float((prices(task) / PENALTY * scaled_violations(X, bounds.low[at], bounds.high[at])).sum())
 
 
 def total(task: Task, found: QpSolution) -> float:
@@ -170,10 +161,12 @@ def test_both_methods_violate_what_cannot_be_met_at_the_same_cost(
     seed: int, nodes: tuple[int, ...], what: set[str]
 ) -> None:
     rng = np.random.default_rng(seed)
-    task = softened(moved(random_task(rng, nodes, what), rng))
+    task = random_task(rng, nodes, what)
+    size = task.window.states
+    task = softened(task, away=np.where(rng.random(size) < 1 / 3, rng.normal(size=size), 0.0))
     found, other = ours(task), piqp(task)
     assert found.status is QpStatus.SOLVED
-    assert (np.abs(found.X) <= PENALTY * shares(task) * (1 + 1e-9)).all()
+    assert (np.abs(found.rows[:size]) <= prices(task) * (1 + 1e-9)).all()
     if other.status is QpStatus.SOLVED:
         assert total(task, found) == pytest.approx(total(task, other), rel=1e-6, abs=1e-6)
 
@@ -184,11 +177,11 @@ def test_a_program_that_hard_bounds_allow_has_the_same_solution_with_soft_ones(
     seed: int, nodes: tuple[int, ...], what: set[str]
 ) -> None:
     task = softened(random_task(np.random.default_rng(seed), nodes, what))
-    hard, soft = ours(replace(task, limits=replace(task.limits, soft=False))), ours(task)
-    assert hard.status is soft.status is QpStatus.SOLVED
-    if (np.abs(hard.X) < PENALTY * shares(task)).all():
+    kept, soft = ours(task.with_bounds(soft=False)), ours(task)
+    assert soft.status is QpStatus.SOLVED
+    if kept.status is QpStatus.SOLVED and (np.abs(kept.rows[: task.window.states]) < prices(task)).all():
         assert costs_of_violations(task, soft.step) < 1e-6
-        assert objective(task.model, soft.step) == pytest.approx(objective(task.model, hard.step), rel=1e-6, abs=1e-6)
+        assert objective(task.model, soft.step) == pytest.approx(objective(task.model, kept.step), rel=1e-6, abs=1e-6)
 
 
 @settings(max_examples=20)

@@ -21,7 +21,7 @@ typedef struct {
     double *low, *high, *below, *above, *equal; /* the last three: 1 where there is such a limit, else 0 */
     double *v, *dv, *weight, *q;
     double *sl, *su, *zl, *zu, *dsl, *dsu, *dzl, *dzu, *il, *iu, *y, *dy, *from, *to;
-    double *el, *eu, *wl, *wu, *del, *deu, *gl, *gu; /* of the soft rows, see soft.c */
+    double *el, *eu, *wl, *wu, *del, *deu, *gl, *gu; /* of the soft rows, see below */
 } Rows;
 
 typedef struct {

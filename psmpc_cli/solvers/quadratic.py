@@ -1,0 +1,316 @@
+"""The quadratic programs of a window: an interior-point method of our own in C, and PIQP where it cannot be compiled.
+
+Unknowns are the steps of x_1 .. x_K = [Q; Qdot] and those of the durations; x_0 is measured.
+"""
+
+import ctypes
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import Enum
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import piqp
+from numpy.typing import ArrayLike
+from scipy.sparse import coo_array, csc_array, vstack
+
+from psmpc_cli.native.library import library
+from psmpc_cli.ocp.gauss_newton import Linearization, Point
+from psmpc_cli.ocp.window import PENALTY
+from psmpc_cli.solvers.sqp_window import SqpWindow
+
+SOURCES = ("recursion.c", "program.c", "interior_point.c")
+
+FLAGS = ("-O3", "-march=native", "-fopenmp-simd", "-fno-math-errno")
+"""Without -ffast-math: a step that is not finite has to be noticed."""
+
+MAX_ITERATIONS = 60
+"""Interior-point iterations of one program; a solvable one takes 8 to 25."""
+
+NEARLY = 1e-6
+"""Residuals and duality gap at which a program that ran out of iterations counts as solved."""
+
+BARRIER = 1e-2
+"""Product of slack and multiplier our own method starts from: 1e-2 was best of 1e-5 to 1e-2."""
+
+PUSH = 3e-3
+"""The smallest slack it starts from [m, rad, m/s, rad/s, s]."""
+
+SMALLEST_REGULARIZATION = 1e-10
+"""PIQP lowers its regularization to 1e-13 where it gets stuck; with tiny intervals that loses the digits it needs."""
+
+
+Piece = tuple[ArrayLike, ArrayLike, ArrayLike]
+"""Rows, columns and values of some entries of a sparse matrix, broadcast to one shape."""
+
+
+class QpStatus(Enum):
+    """How a quadratic program ended."""
+
+    SOLVED = "solved"
+    INFEASIBLE = "no step meets the linearized constraints"
+    FAILED = "not solved"
+
+
+@dataclass(frozen=True, eq=False)
+class QpSolution:
+    """A program's step and multipliers.
+
+    Attributes:
+        status: How it ended.
+        step: The step; that of x_0 is 0.
+        gaps: Multipliers of the gaps, (K, n).
+        rows: Of the rows of `SqpWindow`, (R,).
+        given: Of given sums of durations, (G,).
+        ends: Of the end conditions, a part of `rows`, (E,).
+        largest: The largest multiplier of what must hold; soft limits need not.
+        iterations: Interior-point iterations.
+    """
+
+    status: QpStatus
+    step: Point
+    gaps: np.ndarray
+    rows: np.ndarray
+    given: np.ndarray
+    ends: np.ndarray
+    largest: float
+    iterations: int
+
+
+class QpMethod(ABC):
+    """A method for the programs of windows over the same stages and nodes."""
+
+    def solve(self, window: SqpWindow, model: Linearization, point: Point) -> QpSolution:
+        """Solve the program about a point."""
+        bounds, (K, n), S, states = window.bounds, model.coupling.shape, len(point.tau), window.states
+        rows, X = window.rows(point, model.at), np.zeros((K + 1, 2 * n))
+        numbers = {
+            "positions": model.positions[1:],
+            "gradient": model.gradient[1:],
+            "gradient_tau": model.gradient_tau,
+            "coupling": model.coupling,
+            "arrow": model.arrow[1:],
+            "durations": model.durations,
+            "gap_velocity": model.gap_velocity,
+            "gap_tau": model.gap_tau,
+            "gaps": model.at.gaps,
+            "end_node": window.form.end_node - 1,
+            "end_rows": model.end_rows,
+            "given_rows": bounds.given_rows,
+            "given_change": bounds.given - bounds.given_rows @ point.tau,
+            "low": bounds.low - rows,
+            "high": bounds.high - rows,
+            "input_low": bounds.input_low,
+            "input_high": bounds.input_high,
+            "share": window.form.interval_steps,
+            "penalty": PENALTY * window.shares(point)[1:],
+            "X": X[1:],
+            "tau": np.zeros(S),
+            "gap_multipliers": np.zeros((K, n)),
+            "multipliers": np.zeros(len(rows)),
+            "given_multipliers": np.zeros(len(bounds.given)),
+        }
+        status, iterations = self._solve(numbers, bounds.soft)
+        gaps, z, given = (numbers[name] for name in ("gap_multipliers", "multipliers", "given_multipliers"))
+        hard, ends = z[states if bounds.soft else 0 :], z[states + S + 1 :][: len(model.at.ends)]
+        largest = float(max(np.abs(each).max(initial=0.0) for each in (gaps, hard, given)))
+        return QpSolution(status, Point(X, numbers["tau"]), gaps, z, given, ends, largest, iterations)
+
+    @abstractmethod
+    def _solve(self, numbers: dict[str, np.ndarray], soft: bool) -> tuple[QpStatus, int]:
+        """Write the step and the multipliers into the last five arrays; return how it ended, and the iterations."""
+
+
+class Program(ctypes.Structure):
+    """A quadratic program as the C code takes it; see `Program` in program.c."""
+
+    _fields_ = (
+        [(name, ctypes.c_int64) for name in ("K", "ends", "given", "inputs", "limit", "soft")]
+        + [(name, ctypes.c_double) for name in ("tolerance", "nearly", "barrier", "push")]
+        + [(name, ctypes.c_void_p) for name in ("positions", "gradient", "gradient_tau", "coupling", "arrow")]
+        + [(name, ctypes.c_void_p) for name in ("durations", "gap_velocity", "gap_tau", "gaps", "end_node")]
+        + [(name, ctypes.c_void_p) for name in ("end_rows", "given_rows", "given_change", "low", "high")]
+        + [(name, ctypes.c_void_p) for name in ("input_low", "input_high", "share", "penalty", "work", "X", "tau")]
+        + [(name, ctypes.c_void_p) for name in ("gap_multipliers", "multipliers", "given_multipliers", "report")]
+    )
+
+
+def kernel_library(coordinates: int, durations: int) -> Path | None:
+    """Return the shared library of our own method for these sizes; None where nothing can be compiled."""
+    sizes = f"#define N {coordinates}\n#define S {durations}\n"
+    folder = files("psmpc_cli.solvers")
+    code = sizes + "".join((folder / name).read_text(encoding="utf-8") for name in SOURCES)
+    return library(code, "qp", FLAGS)
+
+
+@cache
+def load_kernel(coordinates: int, durations: int) -> ctypes.CDLL | None:
+    """Load our own method for these sizes; None where nothing can be compiled."""
+    path = kernel_library(coordinates, durations)
+    if path is None:
+        return None
+    kernel = ctypes.CDLL(str(path))
+    kernel.psmpc_qp_memory.restype = kernel.psmpc_qp_solve.restype = ctypes.c_int64
+    return kernel
+
+
+class RiccatiQp(QpMethod):
+    """Programs by our own method, which uses the structure of double integrators."""
+
+    def __init__(self, kernel: ctypes.CDLL, tolerance: float) -> None:
+        self._kernel, self._tolerance, self._memory = kernel, tolerance, np.zeros(0)
+
+    def _solve(self, numbers: dict[str, np.ndarray], soft: bool) -> tuple[QpStatus, int]:
+        program = Program(
+            K=len(numbers["coupling"]),
+            ends=len(numbers["end_rows"]),
+            given=len(numbers["given_rows"]),
+            inputs=len(numbers["input_low"]) > 0,
+            limit=MAX_ITERATIONS,
+            soft=soft,
+            tolerance=self._tolerance,
+            nearly=max(NEARLY, self._tolerance),
+            barrier=BARRIER,
+            push=PUSH,
+        )
+        report = np.zeros(4)
+        numbers = {**numbers, "report": report, "work": self._work(program)}
+        held = {name: np.ascontiguousarray(array) for name, array in numbers.items()}  # alive while C reads them
+        for name, array in held.items():
+            setattr(program, name, array.ctypes.data)
+        status = tuple(QpStatus)[self._kernel.psmpc_qp_solve(ctypes.byref(program))]
+        return status, int(report[0])
+
+    def _work(self, program: Program) -> np.ndarray:
+        """Return memory for a program, aligned for vectors of 64 bytes."""
+        size = int(self._kernel.psmpc_qp_memory(ctypes.byref(program))) + 8
+        if size > len(self._memory):
+            self._memory = np.zeros(size)
+        return self._memory[-self._memory.ctypes.data % 64 // 8 :]
+
+
+class PiqpQp(QpMethod):
+    """Programs by PIQP's back-end for multistage problems.
+
+    Its unknowns are ordered node by node, the durations last: they couple all nodes, which PIQP knows as an arrow. A
+    soft limit has an unknown of its own for its violation. The sparsity is set up once for the rows that are limited.
+    """
+
+    def __init__(self, tolerance: float) -> None:
+        self._tolerance = tolerance
+        self._solvers: dict[tuple[object, ...], piqp.SparseSolver] = {}
+
+    def _solve(self, numbers: dict[str, np.ndarray], soft: bool) -> tuple[QpStatus, int]:
+        (K, n), S, low, high = numbers["coupling"].shape, len(numbers["tau"]), numbers["low"], numbers["high"]
+        node = (4 if soft else 2) * n
+        x = node * np.arange(K)[:, None] + np.arange(2 * n)
+        e = x + 2 * n if soft else x[:, :0]
+        tau, row = np.arange(node * K, node * K + S), np.arange(len(low))
+        size, unknown, is_soft = node * K + S, np.r_[x.ravel(), tau], soft & (row < x.size)
+        below, above, boxed = is_soft & np.isfinite(low), is_soft & np.isfinite(high), ~is_soft & (row < x.size + S)
+        hard = ~is_soft & ~boxed & (np.isfinite(low) | np.isfinite(high))
+        rows, violated = _rows(numbers, x, tau), (np.arange(x.size), e.ravel())
+        blocks = [_matrix(len(low), size, *rows)[hard]]
+        if soft:
+            ways = ((below, 1.0), (above, -1.0))
+            blocks = [*(_matrix(len(low), size, *rows, (*violated, way))[some] for some, way in ways), *blocks]
+        cost, lowest, highest, of_box = (
+            np.zeros(size),
+            np.full(size, -np.inf),
+            np.full(size, np.inf),
+            unknown[row[boxed]],
+        )
+        cost[x], cost[tau], cost[e], lowest[e] = numbers["gradient"], numbers["gradient_tau"], numbers["penalty"], 0.0
+        lowest[of_box], highest[of_box] = low[boxed], high[boxed]
+        key = soft, np.packbits([below, above, hard]).tobytes(), len(numbers["given_rows"])
+        solver = self._solvers.get(key) or self._new_solver()
+        (solver.update if key in self._solvers else solver.setup)(
+            P=_matrix(size, size, *_hessian(numbers, x, tau)),
+            c=cost,
+            A=_matrix(K * n + len(numbers["given_rows"]), size, *_equalities(numbers, x, tau)),
+            b=np.r_[-numbers["gaps"].ravel(), numbers["given_change"]],
+            G=vstack(blocks, format="csc"),
+            h_l=np.r_[low[below], np.full(above.sum(), -np.inf), low[hard]],
+            h_u=np.r_[np.full(below.sum(), np.inf), high[above], high[hard]],
+            x_l=lowest,
+            x_u=highest,
+        )
+        self._solvers[key] = solver
+        status, result, z = solver.solve(), solver.result, numbers["multipliers"]
+        found, y, of_rows = np.array(result.x), np.array(result.y), np.array(result.z_u) - np.array(result.z_l)
+        numbers["X"][:], numbers["tau"][:] = found[x], found[tau]
+        numbers["gap_multipliers"][:], numbers["given_multipliers"][:] = y[: K * n].reshape(K, n), y[K * n :]
+        z[boxed] = (np.array(result.z_bu) - np.array(result.z_bl))[of_box]
+        z[np.flatnonzero(below)] += of_rows[: below.sum()]
+        z[np.flatnonzero(above)] += of_rows[below.sum() :][: above.sum()]
+        z[hard] = of_rows[below.sum() + above.sum() :]
+        return _status(status, result.info), int(result.info.iter)
+
+    def _new_solver(self) -> piqp.SparseSolver:
+        solver = piqp.SparseSolver()
+        solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
+        solver.settings.max_iter = MAX_ITERATIONS
+        solver.settings.reg_finetune_lower_limit = SMALLEST_REGULARIZATION
+        solver.settings.eps_abs = solver.settings.eps_duality_gap_abs = self._tolerance
+        return solver
+
+
+def _status(status: piqp.Status, info: piqp.Info) -> QpStatus:
+    if status == piqp.Status.PIQP_PRIMAL_INFEASIBLE:
+        return QpStatus.INFEASIBLE
+    nearly = max(info.primal_res, info.dual_res, abs(info.duality_gap)) <= NEARLY
+    return QpStatus.SOLVED if status == piqp.Status.PIQP_SOLVED or nearly else QpStatus.FAILED
+
+
+def _matrix(rows: int, columns: int, *pieces: Piece) -> csc_array:
+    """Return the sparse matrix of pieces; the places of its nonzeros are the same whatever the values."""
+    flat = [[np.ravel(part) for part in np.broadcast_arrays(*piece)] for piece in pieces]
+    row, column, value = (np.concatenate(parts) for parts in zip(*flat, strict=True))
+    return csc_array(coo_array((value, (row, column)), shape=(rows, columns)))
+
+
+def _hessian(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> list[Piece]:
+    """Return the upper triangle of the Hessian."""
+    n, weight = numbers["coupling"].shape[1], -numbers["coupling"]
+    Q, v, (i, j), (c, d) = x[:, :n], x[:, n:], np.triu_indices(n), np.triu_indices(len(tau))
+    return [
+        (Q[:, i], Q[:, j], numbers["positions"][:, i, j]),
+        (v, v, weight),
+        (v[:-1], v[:-1], weight[1:]),
+        (v[:-1], v[1:], -weight[1:]),
+        (x[..., None], tau, numbers["arrow"]),
+        (tau[c], tau[d], numbers["durations"][c, d]),
+    ]
+
+
+def _equalities(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> list[Piece]:
+    """Return the rows of gaps and of given sums of durations."""
+    (K, n), by_v = numbers["coupling"].shape, numbers["gap_velocity"][:, :, None]
+    row, Q, v, given = np.arange(K * n).reshape(K, n), x[:, :n], x[:, n:], numbers["given_rows"]
+    return [
+        (row, Q, 1.0),
+        (row, v, by_v[:, 1]),
+        (row[1:], Q[:-1], -1.0),
+        (row[1:], v[:-1], by_v[1:, 0]),
+        (row[..., None], tau, numbers["gap_tau"]),
+        (K * n + np.arange(len(given))[:, None], tau, given),
+    ]
+
+
+def _rows(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> list[Piece]:
+    """Return the rows of `SqpWindow`."""
+    (K, n), S, ends = numbers["coupling"].shape, len(tau), len(numbers["end_rows"])
+    at, v = x.size + S + 1, x[:, n:]
+    pieces: list[Piece] = [
+        (np.arange(x.size + S), np.r_[x.ravel(), tau], 1.0),
+        (x.size + S, tau, 1.0),
+        (at + np.arange(ends)[:, None], x[numbers["end_node"]], numbers["end_rows"]),
+    ]
+    for first, limit in ((at + ends, numbers["input_low"]), (at + ends + K * n, numbers["input_high"])):
+        row = first + np.arange(limit.size).reshape(limit.shape)
+        if row.size:
+            by_tau = -limit[..., None] * numbers["share"][:, None]
+            pieces += [(row, v, 1.0), (row[1:], v[:-1], -1.0), (row[..., None], tau, by_tau)]
+    return pieces

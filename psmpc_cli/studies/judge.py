@@ -9,7 +9,7 @@ import numpy as np
 
 from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
-from psmpc_cli.logs.summary import StageSummary, Summary
+from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.feasibility import earliest_ends
 from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.studies.ablations import Ablation
@@ -23,57 +23,36 @@ ABSOLUTE, RELATIVE = 0.8, 0.05
 ROUNDING = 1e-9
 """Times closer than this are the same [s]."""
 
-BETWEEN_SAMPLES = 1e-6
-"""Margin for a time on the grid of the samples [s]."""
-
-UNIT = "m/s^2, rad/s^2"
-
 NO_WINDOW = "no window of the PSMPC run holds the first two stages alone and was solved"
 
 ENDS = ("t1", "t2", "t3", "t_end")
 """The times at which the stages end, as the paper writes them."""
 
-REAL = "_real"
-"""Suffix of the actual start of the stage after such a time."""
-
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """The end of a stage of a run, such as t1, or the actual start of the one after it, t1_real."""
+    """The end of a stage of a run, such as t1, or the actual start of the one after it, t1_real.
 
+    Attributes:
+        symbol: As the paper writes it.
+        run, summary: The run.
+        index: Of the stage that ends or starts.
+        time: When it does [s]; NaN if it did not.
+        end, ended: Symbol and time [s] of the end of the stage before one that starts; of a stage that ends, its own.
+    """
+
+    symbol: str
     run: Run
     summary: Summary
-    symbol: str
+    index: int
+    time: float
+    end: str
+    ended: float
 
     @property
-    def starts(self) -> bool:
-        """Whether it is an actual start."""
-        return self.symbol.endswith(REAL)
-
-    @property
-    def index(self) -> int:
-        """Index of the stage."""
-        return ENDS.index(self.symbol.removesuffix(REAL)) + self.starts
-
-    @property
-    def stage(self) -> StageSummary:
-        """The stage."""
-        return self.summary.stages[self.index]
-
-    @property
-    def time(self) -> float:
-        """When it happened [s]; NaN if it did not."""
-        return self.stage.actual_start if self.starts else self.stage.switch_time
-
-    @property
-    def end_before(self) -> "Moment":
-        """The end of the stage before one that starts."""
-        return Moment(self.run, self.summary, self.symbol.removesuffix(REAL))
-
-    def presence(self, before: float) -> float:
-        """Return the largest control that the waiting stage added before a time [s]; 0 if it added none."""
-        added = self.run["window/presence"][self.run.time < before, self.index]
-        return float(np.max(added[np.isfinite(added)], initial=0.0))
+    def name(self) -> str:
+        """Name of the stage."""
+        return self.summary.stages[self.index].name
 
     def __str__(self) -> str:
         return f"{self.symbol} of {str(self.run.attributes['controller']).upper()}"
@@ -119,14 +98,20 @@ class Reproduction:
 
     def moments(self, claim: Claim) -> list[Moment]:
         """Return the times that a claim reads, such as psmpc.t1_real."""
-        names = (name.partition(".") for name in claim.reads)
-        return [Moment(self.runs[method], self.summaries[method], symbol) for method, _, symbol in names]
+        found = []
+        for method, _, symbol in (name.partition(".") for name in claim.reads):
+            summary, end = self.summaries[method], symbol.removesuffix("_real")
+            before = ENDS.index(end)
+            ended, index = summary.stages[before].switch_time, before + (end != symbol)
+            time = ended if end == symbol else summary.stages[index].actual_start
+            found.append(Moment(symbol, self.runs[method], summary, index, time, end, ended))
+        return found
 
     def published(self, method: str, starts: bool) -> dict[str, float]:
         """Return the published ends, or actual starts, of a method's stages [s]."""
         claims = [claim for claim in load_claims() if claim.rule == "time" and claim.group == method]
-        moments = [(claim.number, moment) for claim in claims for moment in self.moments(claim)]
-        return {moment.stage.name: time for time, moment in moments if moment.starts == starts}
+        found = [(moment, claim.number) for claim in claims for moment in self.moments(claim)]
+        return {moment.name: time for moment, time in found if (moment.symbol != moment.end) == starts}
 
 
 def judge(claim: Claim, made: Reproduction) -> Finding:
@@ -168,14 +153,14 @@ def _why_off(moment: Moment, published: float, ends: Mapping[str, float]) -> Ite
     if np.isnan(moment.time):
         yield _never(moment)
         return
-    late, summary, tolerance = moment.time > published, moment.summary, within(published)
+    late, summary = moment.time > published, moment.summary
     if not late and summary.succeeded:
         yield "earlier than published, and the mission succeeded"
     elif not late:
         ended = "; ".join(mission_end(summary))
         yield f"earlier than published does not count because the mission failed ({ended})"
-    if moment.starts:
-        yield from _thresholds(moment, published - tolerance, published + tolerance)
+    if moment.symbol != moment.end:
+        yield _by_threshold(moment)
         return
     reached = zip(ENDS[: moment.index + 1], summary.stages, strict=False)
     off = {symbol: stage.switch_time - ends.get(stage.name, np.nan) for symbol, stage in reached}
@@ -186,7 +171,7 @@ def _why_off(moment: Moment, published: float, ends: Mapping[str, float]) -> Ite
         run, Q = moment.run, [np.interp(published, moment.run.motion.time, row) for row in moment.run.motion.Q_seen.T]
         error = run.problem.costs.end_error(run.problem.stages[moment.index], np.r_[Q, np.zeros(len(Q))])
         digits = 0 if error >= 10 else 1
-        yield f"at {published:g} s {moment.stage.name} was still {error:.{digits}f} tolerances away"
+        yield f"at {published:g} s {moment.name} was still {error:.{digits}f} tolerances away"
     yield from _too_early_for_limits(moment, published)
 
 
@@ -195,54 +180,46 @@ def _too_early_for_limits(moment: Moment, published: float) -> Iterator[str]:
     task = moment.run.task
     ends = earliest_ends(moment.run.problem.stages, stack(task.spec.initial, task.robot, "joint"))
     earliest, _ = ends[moment.index]
-    if not moment.starts and published < earliest:
-        limited = f"within its velocity limits {moment.stage.name} cannot end before {earliest:.2f} s"
+    if moment.symbol == moment.end and published < earliest:
+        limited = f"within its velocity limits {moment.name} cannot end before {earliest:.2f} s"
         yield f"published is {published:g} s, but {limited}"
 
 
-def _thresholds(start: Moment, earliest: float, latest: float) -> Iterator[str]:
-    """Tell which thresholds would give a start between two times [s], and how the start depends on them."""
-    run, name, sought = start.run, start.stage.name, f"a start from {earliest:.2f} s to {latest:.2f} s"
+def _by_threshold(start: Moment) -> str:
+    """Tell how the start of a stage depends on the threshold."""
+    run = start.run
     if not np.isfinite(run["window/presence"][:, start.index]).any():
-        yield f"{name} never waits in a window"
-        return
-    yield f"{name} starts where the control it adds reaches epsilon = {run.task.spec.onset.epsilon:g} {UNIT}"
-    above, at_most = start.presence(earliest - BETWEEN_SAMPLES), start.presence(latest + BETWEEN_SAMPLES)
-    if latest >= start.end_before.time:  # above its largest presence a stage starts on time
-        yield f"{sought} takes an epsilon above {above:.2g}"
-    elif at_most > above:
-        yield f"{sought} takes an epsilon above {above:.2g} and up to {at_most:.2g}"
-    else:
-        yield f"no epsilon gives {sought}"
-    starts = sorted(zip(run.stages["epsilon"], run.stages["actual_start_by_epsilon"][start.index], strict=True))
-    yield f"by epsilon it starts at {', '.join(f'{_seconds(time)} for {epsilon:g}' for epsilon, time in starts)}"
+        return f"{start.name} never waits in a window"
+    found = sorted(zip(run.stages["epsilon"], run.stages["actual_start_by_epsilon"][start.index], strict=True))
+    return (
+        f"{start.name} starts where the control it adds reaches epsilon = {run.task.spec.onset.epsilon:g} m/s^2, "
+        f"rad/s^2; by epsilon it starts at {', '.join(f'{_seconds(time)} for {epsilon:g}' for epsilon, time in found)}"
+    )
 
 
 def _coincides(claim: Claim, made: Reproduction, horizons: int) -> Finding:
     """A stage starts so many horizons before the one before it ends, to one sample."""
     (start,) = made.moments(claim)
-    end, controller, run = start.end_before, start.run.task.spec.controller, start.run
-    expected, sample = end.time - horizons * controller.horizon, controller.sample_time
-    difference = start.time - expected
-    holds = abs(difference) <= sample + ROUNDING
-    cause = [_never(moment) for moment in (start, end) if np.isnan(moment.time)][:1]
-    if not cause and not holds:
-        cause = [_both(start, end), *_thresholds(start, expected - sample, expected + sample)]
-        beyond = run["window/first"] + run["window/count"] == start.index
-        if postponed := np.count_nonzero(beyond & (run["events/postponed"] != 0)):
-            seen = f"it was within the horizon at {postponed} samples"
-            cause.append(f"{seen} at which the window with it had no solution yet")
-        cause.append(_monitors(start.summary))
-    return Finding(claim, difference, holds, difference, sample, cause=tuple(cause))
+    run, controller = start.run, start.run.task.spec.controller
+    difference = start.time - (start.ended - horizons * controller.horizon)
+    beyond = run["window/first"] + run["window/count"] == start.index
+    postponed = np.count_nonzero(beyond & (run["events/postponed"] != 0))
+    if np.isnan(difference):
+        cause = [_never(start)]
+    else:
+        cause = [_both(start), _by_threshold(start), _monitors(start.summary)]
+        cause += [f"at {postponed} samples the window with it had no solution yet"] if postponed else []
+    holds = abs(difference) <= controller.sample_time + ROUNDING
+    return Finding(claim, difference, holds, difference, controller.sample_time, cause=tuple(cause))
 
 
 def _floor(claim: Claim, made: Reproduction) -> Finding:
     """No stage starts more than a sample before the end of the stage before it comes into the horizon."""
     starts = made.moments(claim)
     controller = starts[0].run.task.spec.controller
-    slacks = [start.time - (start.end_before.time - controller.horizon) for start in starts]
+    slacks = [start.time - (start.ended - controller.horizon) for start in starts]
     cause = [
-        f"{start.stage.name} starts {-slack:.2f} s before {start.end_before.symbol} - T_h: an earlier end was predicted"
+        f"{start.name} starts {-slack:.2f} s before {start.end} - T_h: an earlier end was predicted"
         for start, slack in zip(starts, slacks, strict=True)
         if slack < 0
     ] or [f"no stage ended: {starts[0].summary.reason}"]
@@ -267,14 +244,9 @@ def _not_below(claim: Claim, slack: float, sample: float, cause: Iterable[str]) 
 def _all_early(claim: Claim, made: Reproduction) -> Finding:
     """All of the stages start early."""
     starts = made.moments(claim)
-    cause = [
-        f"{start.stage.name} adds at most {start.presence(np.inf):.2g} {UNIT} before its time; "
-        f"epsilon = {start.run.task.spec.onset.epsilon:g}"
-        for start in starts
-        if not start.stage.early
-    ]
-    early = tuple(start.stage.name for start in starts if start.stage.early)
-    return Finding(claim, early, not cause, cause=tuple(cause))
+    early = {start.name: start.summary.stages[start.index].early for start in starts}
+    cause = tuple(_by_threshold(start) for start in starts if not early[start.name])
+    return Finding(claim, tuple(name for name in early if early[name]), not cause, cause=cause)
 
 
 def _order(claim: Claim, made: Reproduction) -> Finding:
@@ -302,11 +274,11 @@ def _mission(claim: Claim, made: Reproduction) -> Finding:
 def _released_early(claim: Claim, made: Reproduction) -> Finding:
     """A monitor is violated after the last stage has started and before the stage before it ends."""
     (start,) = made.moments(claim)
-    end, summary = start.end_before, start.summary
+    summary = start.summary
     lost = min((one.broken_at for one in summary.monitors if np.isfinite(one.broken_at)), default=np.nan)
-    reproduced = f"lost at {lost:.1f} s, {end.symbol} = {end.time:.1f} s" if np.isfinite(lost) else "not lost"
-    cause = _both(start, end), _monitors(summary)
-    return Finding(claim, reproduced, start.time <= lost < end.time, cause=cause)
+    reproduced = f"lost at {lost:.1f} s, {start.end} = {start.ended:.1f} s" if np.isfinite(lost) else "not lost"
+    cause = _both(start), _monitors(summary)
+    return Finding(claim, reproduced, start.time <= lost < start.ended, cause=cause)
 
 
 def _trend(claim: Claim, made: Reproduction) -> Finding:
@@ -411,7 +383,8 @@ def mission_end(summary: Summary) -> tuple[str, ...]:
 
 
 def _never(moment: Moment) -> str:
-    return f"{moment.stage.name} did not {'start' if moment.starts else 'end'}: {moment.summary.reason}"
+    event = "end" if moment.symbol == moment.end else "start"
+    return f"{moment.name} did not {event}: {moment.summary.reason}"
 
 
 def _monitors(summary: Summary) -> str:
@@ -424,8 +397,8 @@ def _monitors(summary: Summary) -> str:
     return ", ".join(said)
 
 
-def _both(start: Moment, end: Moment) -> str:
-    return f"{start.stage.name} starts at {_seconds(start.time)}, {end.symbol} = {_seconds(end.time)}"
+def _both(start: Moment) -> str:
+    return f"{start.name} starts at {_seconds(start.time)}, {start.end} = {_seconds(start.ended)}"
 
 
 def _seconds(time: float) -> str:

@@ -1,7 +1,7 @@
 """Monte Carlo studies: a task many times, each with other random numbers for its uncertainty; rates and spreads."""
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -82,7 +82,7 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
     if spec.seed > LARGEST_SEED - runs:
         raise InputError(f"{named}: found seed {spec.seed}, expected at most {LARGEST_SEED - runs}")
     settings = [word for change in changes for word in ("--set", change)]
-    seeds = spec.seed + np.arange(runs)
+    seeds, sizes = spec.seed + np.arange(runs), {name: len(found) for name, found in along.items()}
     return Study(
         kind=MONTE_CARLO,
         task=task,
@@ -93,29 +93,21 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
             *(Quantity(name, (name,), np.array(found), "1", name) for name, found in along.items()),
             Quantity("seed", ("run",), seeds, "1", "seed of the run"),
         ],
-        arrays=_arrays(runs, {name: len(found) for name, found in along.items()}),
+        arrays=[
+            Quantity("status", ("run",), np.full(runs, WAITING, "i4"), "1", "status of the run", STATUS),
+            Quantity("reason", ("run",), np.full(runs, ""), "1", "why the run ended"),
+            Quantity("failure", ("run",), np.full(runs, ""), "1", "what made the run crash"),
+            Quantity("run_time", ("run",), np.full(runs, np.nan), "s", "wall time of the run, with all that is around"),
+            *(each.unfilled(("run",), (runs,), sizes) for each in WHOLE_RUN if not each.along or each.along in along),
+        ],
         measure=measure_run,
         entry=_entry,
         again=(CRASHED,),
         identity={},
-        attributes={
-            "controller": spec.controller.kind,
-            "command": shlex.join(["psmpc", "simulate", named, *settings]),
-        },
+        attributes={"controller": spec.controller.kind, "command": shlex.join(["psmpc", "simulate", named, *settings])},
         stop=None,
         origins=np.arange(runs),
     )
-
-
-def _arrays(runs: int, along: Mapping[str, int]) -> list[Quantity]:
-    """Return everything that is filled in, run by run."""
-    return [
-        Quantity("status", ("run",), np.full(runs, WAITING, "i4"), "1", "status of the run", STATUS),
-        Quantity("reason", ("run",), np.full(runs, ""), "1", "why the run ended"),
-        Quantity("failure", ("run",), np.full(runs, ""), "1", "what made the run crash"),
-        Quantity("run_time", ("run",), np.full(runs, np.nan), "s", "wall time of the run, with all that is around"),
-        *(each.unfilled(("run",), (runs,), along) for each in WHOLE_RUN if not each.along or each.along in along),
-    ]
 
 
 def _entry(outcome: CellOutcome, cell: int, origin: int) -> Row:
@@ -150,11 +142,6 @@ class MonteCarloRuns:
         return np.asarray(self["succeeded"] == 1)
 
     @property
-    def completed(self) -> Array:
-        """Which runs came to the end of their last stage (runs,)."""
-        return np.asarray(self["completed"] == 1)
-
-    @property
     def failed(self) -> Array:
         """Which runs were made and did not succeed (runs,)."""
         return np.asarray(self.made & ~self.succeeded)
@@ -181,7 +168,7 @@ class MonteCarloRuns:
     @property
     def end_time(self) -> Array:
         """End of the mission (runs,) [s]; NaN where it was not completed."""
-        return np.where(self.completed, self["end_time"], np.nan)
+        return np.where(self["completed"] == 1, self["end_time"], np.nan)
 
     def exceeded(self, kind: Literal["position", "velocity"]) -> Array:
         """Return by what part of the limit each run exceeded one (runs,); 0 where it did not."""

@@ -1,8 +1,8 @@
 """Hierarchical task MPC: at each sample the remaining stages one after another, none at an earlier one's expense.
 
 Paper eq. (32), with J_i <= J_i* for all earlier stages. The first level is the window over the current stage alone;
-stages advance one by one when their end condition holds. Where limits are soft, the first level says how far they give
-way, and the later ones keep to that.
+stages advance one by one when their end condition holds. Each later level is a window over its own stage, which keeps
+the earlier ones; the limits are those of the current stage.
 """
 
 from dataclasses import replace
@@ -12,16 +12,18 @@ import numpy as np
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, Stage
-from psmpc_cli.ocp.window import normalization
-from psmpc_cli.solvers import Level, LevelSolver, Solution
+from psmpc_cli.ocp.window import Kept, Window, normalization
+from psmpc_cli.solvers import Solution, build_solver
 
 
 class Hierarchy:
     """Strict priorities in the order of the stages: the window holds the current stage, the levels look further."""
 
     def __init__(self, problem: Problem) -> None:
-        self.problem, self.spec = problem, problem.spec.controller
-        self._solver = LevelSolver(problem, problem.spec.solver)
+        self.problem, self.spec, solver = problem, problem.spec.controller, problem.spec.solver
+        # Bounded costs need their curvature, so `sqp` leaves its levels to fatrop.
+        kind = "fatrop" if solver.kind == "sqp" else solver.kind
+        self._solver = build_solver(problem, solver.model_copy(update={"kind": kind}))
 
     def descend(self, sequence: MovingSequence, first: Solution, prediction: Plan) -> tuple[Solution, ...]:
         """Solve level after level, each from the plan of the one before; a level that fails ends the descent.
@@ -31,47 +33,40 @@ class Hierarchy:
             first: The first level: the solution of the window over the current stage.
             prediction: The shifted plan; it normalizes the costs.
         """
-        levels, depth = [first], self.spec.htmpc.depth
-        stages = self.problem.stages[sequence.first :][:depth]
-        begins = np.array(
-            [sequence.entered, *(prediction.end for _ in stages[1:])]
-        )  # trajectories of later stages wait
-        bounds = [self._bound(stages[0], first, begins[0])]
-        for count in range(2, len(stages) + 1):
-            level = self._level(first, stages[:count], tuple(bounds), begins[:count], prediction)
-            solved = self._solver.solve(level, levels[-1].plan)
+        spec, stages = self.spec, self.problem.stages[sequence.first :][: self.spec.htmpc.depth]
+        begins = np.array([sequence.entered, *(prediction.end for _ in stages[1:])])  # later trajectories wait
+        _, scale = normalization("nadir", spec.zeta, stages, begins, self.problem.costs, prediction, spec.sample_time)
+        levels, kept = [first], list[Kept]()
+        for i, stage in enumerate(stages[1:], start=1):
+            kept.append(self._kept(stages[i - 1], float(scale[i - 1]), levels[-1], begins[i - 1]))
+            solved = self._solver.solve(_level(first.window, stage, scale[i], tuple(kept)), levels[-1].plan)
             if not solved.outcome.usable:
                 levels.append(replace(solved, plan=levels[-1].plan))
                 break
             levels.append(solved)
-            bounds.append(self._bound(stages[count - 1], solved, prediction.end))
         return tuple(levels)
 
-    def _level(
-        self,
-        first: Solution,
-        stages: tuple[Stage, ...],
-        bounds: tuple[np.ndarray, ...],
-        begins: np.ndarray,
-        prediction: Plan,
-    ) -> Level:
-        spec, costs = self.spec, self.problem.costs
-        _, scale = normalization("nadir", spec.zeta, stages, begins, costs, prediction, spec.sample_time)
-        return Level(
-            window=first.window,
-            stages=stages,
-            scale=scale,
-            constraint=spec.htmpc.constraint,
-            bounds=bounds,
-            tolerance=spec.htmpc.tolerance,
-            reached=first.plan.X[1:] if first.window.soft else None,
-        )
+    def _kept(self, stage: Stage, scale: float, solved: Solution, begins: float) -> Kept:
+        """Return what later levels must keep of a level's stage: its cost, or its errors at the nodes."""
+        bound = solved.costs[-1]
+        if self.spec.htmpc.constraint == "error":
+            bound = np.abs(self.problem.costs.errors(stage, solved.plan.X[1:], solved.plan.times[1:] - begins))
+        return Kept(stage if begins < solved.plan.end else _waiting(stage), scale, bound + self.spec.htmpc.tolerance)
 
-    def _bound(self, stage: Stage, solved: Solution, begins: float) -> np.ndarray:
-        """Return what later levels must keep of a level's stage: its cost, or its errors at the nodes.
 
-        The stage begins at `begins` [s], at the end of the horizon if it is yet to begin.
-        """
-        if self.spec.htmpc.constraint == "cost":
-            return solved.costs[-1:]
-        return self.problem.costs.errors(stage, solved.plan.X[1:], solved.plan.times[1:] - begins)
+def _waiting(stage: Stage) -> Stage:
+    """Return a stage that is yet to begin: its cost follows the first row of its trajectory."""
+    return replace(stage, trajectory=None, target=stage.waypoints[0])
+
+
+def _level(first: Window, stage: Stage, scale: float, kept: tuple[Kept, ...]) -> Window:
+    """Return the window of a later level."""
+    return replace(
+        first,
+        stages=(replace(_waiting(stage), limits=first.stages[0].limits),),
+        kept=kept,
+        omega=np.ones(1),
+        offset=np.zeros(1),
+        scale=np.array([scale]),
+        terminal_cost=0.0,
+    )

@@ -17,7 +17,7 @@ import numpy as np
 
 from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.plan import Grid
-from psmpc_cli.ocp.window import Parameters, WindowShape
+from psmpc_cli.ocp.window import Parameters, WindowShape, reference
 from psmpc_cli.robot.model import RobotModel
 
 
@@ -134,26 +134,16 @@ class VelocityForm:
         """Return the accelerations over the intervals, (K, n)."""
         return np.asarray(np.diff(point.X[:, self.grid.n :], axis=0) / self.steps(point, horizon))
 
-    def reference(self, s: int, p: Parameters[np.ndarray], tau: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return what a stage's cost follows at its nodes, and its slope by the duration, (N_s + 1, numbers) each.
-
-        Of a target at rest both are of one row.
-        """
-        path, N = p.paths[s], self.grid.nodes[s]
-        if path.shape[1] == 0:
-            return p.targets[s][None], np.zeros((1, len(p.targets[s])))
-        return (path[:, : N + 1] + path[:, N + 1 :] * tau).T, path[:, N + 1 :].T
-
     def residuals(self, point: Point, p: Parameters[np.ndarray]) -> Residuals:
         """Return objective and constraints at a point."""
         n, tau = self.grid.n, self.durations(point, float(p.horizon))
         costs, terminal = np.zeros(len(self.stages)), 0.0
         for s, (stage, N) in enumerate(zip(self.stages, self.grid.nodes, strict=True)):
-            at, (reference, _) = self.intervals(s), self.reference(s, p, tau[s])
-            L = stage.state_costs(point.X[at, :n], p.weights[s], reference[:N], rows=N)[0]
+            at, (wanted, _) = self.intervals(s), reference(p, s, tau[s])
+            L = stage.state_costs(point.X[at, :n], p.weights[s], wanted[:N], rows=N)[0]
             costs[s] = _cost(s, p, N, tau[s], L, self.control(s, point, p, tau[s])[1])
         if p.terminal:
-            L = stage.state_costs(point.X[-1, :n], p.weights[s], reference[-1])[0]
+            L = stage.state_costs(point.X[-1, :n], p.weights[s], wanted[-1])[0]
             terminal = _terminal_cost(p, L)
         return self._residuals(point, p, costs, terminal, self.ends(point, p)[0])
 
@@ -264,9 +254,9 @@ class _Sums:
     def _add_states(self, s: int, at: slice, of_stage: slice, c: float, tau: float | None) -> np.ndarray:
         """Add c times the squares of a stage's residual at some nodes, times tau [s] if given; return the squares."""
         form, n, p = self.form, self.form.grid.n, self.p
-        (reference, slope), stage = form.reference(s, p, self.tau[s]), form.stages[s]
+        (wanted, slope), stage = reference(p, s, self.tau[s]), form.stages[s]
         X, (rows, columns) = self.point.X[at, :n], stage.hessian_places
-        found = stage.gauss_newtons(X, p.weights[s], reference[of_stage], slope[of_stage], rows=len(X))
+        found = stage.gauss_newtons(X, p.weights[s], wanted[of_stage], slope[of_stage], rows=len(X))
         L, r, q, g, m, H = found
         w = c if tau is None else c * tau
         self.gradient[at, :n] += 2 * w * g

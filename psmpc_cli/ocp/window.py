@@ -34,6 +34,21 @@ SPARE = 2
 
 
 @dataclass(frozen=True, eq=False)
+class Kept:
+    """An earlier stage that a level of HTMPC must not make worse over the whole window. Paper eq. (32).
+
+    Attributes:
+        stage: The stage.
+        scale: Normalization of its cost.
+        bound: The largest its cost integral may be, (), or each of its errors at the nodes after the first, (K, rows).
+    """
+
+    stage: Stage
+    scale: float
+    bound: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Window:
     """The stages of one prediction horizon [T0, T0 + T_h].
 
@@ -50,6 +65,7 @@ class Window:
         discretization: `exact` or `euler`.
         soft: Limits on the states may be violated, at a cost.
         cost_bound: The largest cost integral of the last stage, for epsilon constraints; IPOPT alone takes one.
+        kept: Earlier stages that must not get worse, under HTMPC; IPOPT and fatrop take them, in windows of one stage.
     """
 
     stages: tuple[Stage, ...]
@@ -67,6 +83,7 @@ class Window:
     soft: bool = False
     hold: float = 0.0
     cost_bound: float = np.inf
+    kept: tuple[Kept, ...] = ()
 
     @property
     def numbers(self) -> np.ndarray:
@@ -100,6 +117,8 @@ class WindowShape:
         discretization: `exact` or `euler`.
         soft: Limits on the states may be violated, at a cost.
         bounded: The cost integral of the last stage is bounded.
+        kept: Of each earlier stage that must not get worse.
+        kept_errors: Their errors are bounded node by node, not their cost integrals.
     """
 
     stages: tuple[StageShape, ...]
@@ -107,6 +126,8 @@ class WindowShape:
     discretization: str
     soft: bool = False
     bounded: bool = False
+    kept: tuple[StageShape, ...] = ()
+    kept_errors: bool = False
 
 
 def window_shape(window: Window) -> WindowShape:
@@ -128,19 +149,21 @@ def window_shape(window: Window) -> WindowShape:
         discretization=window.discretization,
         soft=window.soft,
         bounded=np.isfinite(window.cost_bound),
+        kept=tuple(StageShape(each.stage.space, moving=each.stage.trajectory is not None) for each in window.kept),
+        kept_errors=any(each.bound.ndim for each in window.kept),
     )
 
 
 @dataclass(frozen=True, eq=False)
 class Parameters(Generic[T]):
-    """The NLP's parameters.
+    """The NLP's parameters; what is of each stage is of the window's stages, then of those that are kept.
 
     Attributes:
         x0: Measured state (2n,).
         horizon: T_h [s].
         pending, terminal: delta and kappa.
         omega: Priorities over the window's largest, (S + 1,).
-        offset, scale: Normalization L = (Lbar - offset) / scale, (S + 1,) each. Paper eq. (12).
+        offset, scale: Of each stage, normalization L = (Lbar - offset) / scale. Paper eq. (12).
         weights, control_weights: Of each stage, (rows,) and (inputs,).
         targets: Of each stage, (rows,): what its end condition is about, and its cost where the target stands still.
         paths: Of each stage, (rows, 2 (N_s + 1)): what its cost follows at its nodes as functions of its duration,
@@ -167,63 +190,52 @@ class Parameters(Generic[T]):
 
 def window_numbers(window: Window, instants: np.ndarray) -> Parameters[np.ndarray]:
     """Return the parameters of a window's optimization, its instants guessed at (S,) [s]."""
+    stages, none = (*window.stages, *(each.stage for each in window.kept)), np.zeros(len(window.kept))
     return Parameters(
         x0=window.x0,
         horizon=np.array(window.horizon),
         pending=np.array(window.pending_cost),
         terminal=np.array(window.terminal_cost),
         omega=window.omega / float(np.max(window.omega)),
-        offset=window.offset,
-        scale=window.scale,
-        weights=tuple(stage.weights for stage in window.stages),
-        control_weights=tuple(stage.control_weights for stage in window.stages),
-        targets=tuple(stage.target for stage in window.stages),
-        paths=_path_columns(window, instants),
+        offset=np.append(window.offset, none),
+        scale=np.append(window.scale, [each.scale for each in window.kept]),
+        weights=tuple(stage.weights for stage in stages),
+        control_weights=tuple(stage.control_weights for stage in stages),
+        targets=tuple(stage.target for stage in stages),
+        paths=_paths(window, instants),
     )
 
 
-def _path_columns(window: Window, instants: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return what each stage's cost follows, (rows, 2 (N_s + 1)); (rows, 0) where the target stands still."""
-    still = [np.zeros((len(stage.target), 0)) for stage in window.stages]
-    if all(stage.trajectory is None for stage in window.stages):
-        return tuple(still)
-    paths = desired_paths(window, instants)
-    stages = zip(window.stages, paths, still, strict=True)
-    return tuple(none if stage.trajectory is None else path.columns for stage, path, none in stages)
+def _paths(window: Window, instants: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return what each stage's cost follows, about the durations that guessed instants give; see `Parameters`.
 
-
-@dataclass(frozen=True, eq=False)
-class DesiredPath:
-    """What a stage's cost follows at its nodes if the stage lasts tau [s]: `values + tau slopes`, (N_s + 1, rows).
-
+    A trajectory's time counts from where its stage begins: for the current stage in the past, for others at an instant.
     A node moves along the trajectory as the stage gets longer. Between two of its times the trajectory is straight, and
     so is this; a node that passes one of them is put right by the next solve.
     """
-
-    values: np.ndarray
-    slopes: np.ndarray
-
-    @property
-    def columns(self) -> np.ndarray:
-        """Both as the NLP's parameters have them, (rows, 2 (N_s + 1))."""
-        return np.vstack([self.values, self.slopes]).T
-
-
-def desired_paths(window: Window, instants: np.ndarray) -> tuple[DesiredPath, ...]:
-    """Return what each stage's cost follows, about the durations that the guessed instants (S,) [s] give.
-
-    A trajectory's time counts from where its stage begins: for the current stage in the past, for others at an instant.
-    """
     tau = durations(instants, window.start, window.horizon)
     elapsed = [window.elapsed, *np.zeros(len(instants))]
-    stages = zip(window.stages, window.nodes, tau, elapsed, strict=True)
-    return tuple(_desired_path(stage, N, duration, before) for stage, N, duration, before in stages)
+    paths = [_path(*each) for each in zip(window.stages, window.nodes, tau, elapsed, strict=True)]
+    return (*paths, *(_path(each.stage, window.K, window.horizon, window.elapsed) for each in window.kept))
 
 
-def _desired_path(stage: Stage, N: int, tau: float, elapsed: float) -> DesiredPath:
+def _path(stage: Stage, N: int, tau: float, elapsed: float) -> np.ndarray:
+    if stage.trajectory is None:
+        return np.zeros((len(stage.target), 0))
     share = np.arange(N + 1) / N
     slopes = stage.rate(elapsed + share * tau) * share[:, None]
-    return DesiredPath(stage.reference(elapsed + share * tau) - tau * slopes, slopes)
+    return np.vstack([stage.reference(elapsed + share * tau) - tau * slopes, slopes]).T
+
+
+def reference(p: Parameters[np.ndarray], s: int, tau: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return what a stage's cost follows at its nodes, and its slope by the duration tau [s], (N_s + 1, numbers) each.
+
+    Of a target at rest both are of one row.
+    """
+    path, nodes = p.paths[s], p.paths[s].shape[1] // 2
+    if not nodes:
+        return p.targets[s][None], np.zeros((1, len(p.targets[s])))
+    return (path[:, :nodes] + path[:, nodes:] * tau).T, path[:, nodes:].T
 
 
 def end_tolerance(stage: Stage) -> np.ndarray:

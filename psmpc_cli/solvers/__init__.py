@@ -2,12 +2,11 @@
 
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
-from psmpc_cli.solvers.levels import Level, LevelSolver
 from psmpc_cli.solvers.nlp import NlpSolver, Report
 from psmpc_cli.solvers.sqp import SqpSolver
 from psmpc_cli.specs.task import SolverSpec
 
-__all__ = ["FEASIBLE", "Level", "LevelSolver", "NlpSolver", "Outcome", "Report", "Solution", "Solver", "build_solver"]
+__all__ = ["FEASIBLE", "NlpSolver", "Outcome", "Report", "Solution", "Solver", "build_solver"]
 
 
 def build_solver(

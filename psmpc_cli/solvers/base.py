@@ -3,7 +3,6 @@
 import logging
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -58,7 +57,8 @@ class Solution:
         window: The window.
         guess: The plan it started from, on the window's mesh.
         warm: It started from the solution of the same stages at the sample before.
-        costs: Normalized cost integral of each stage, without priorities, (S + 1,). Paper eq. (16).
+        costs: Normalized cost integral of each stage, without priorities, (S + 1,), those of kept stages before. Paper
+            eq. (16).
         terminal: Normalized terminal cost of the last stage, times kappa.
         violations: By how much nodes violate soft limits at worst, (2n,) [m, rad, m/s, rad/s]; (0,) if hard.
         duals: Multipliers that can start the next solve, in the back-end's own order; (0,) if it has none. Another
@@ -90,29 +90,14 @@ class Solution:
         return self.objective * float(np.max(self.window.omega))
 
 
-def attempt(window: Window, guess: Plan, solve: Callable[[], Solution]) -> Solution:
-    """Return what a solve of a window returns, whatever the back-end does.
-
-    A solve that raises, or whose plan is not finite, has failed: the robot moves meanwhile, and the plan in force
-    remains. The exception is logged.
-    """
-    began = time.perf_counter()
-    try:
-        solution = solve()
-    except (ArithmeticError, RuntimeError, ValueError) as error:
-        logger.warning("the solver raised %s: %s", type(error).__name__, str(error).partition("\n")[0])
-        return Solution(Outcome.FAILED, guess, np.nan, 0, time.perf_counter() - began, window, guess)
-    plan = solution.plan
-    if solution.outcome.usable and not (np.isfinite(plan.X).all() and np.isfinite(plan.u).all()):
-        return replace(solution, outcome=Outcome.FAILED)
-    return solution
-
-
 class Solver(ABC):
     """A back-end for the windows of one problem."""
 
     def solve(self, window: Window, guess: Plan, previous: Solution | None = None, within: float = np.inf) -> Solution:
         """Solve a window, started from a guessed plan, which is read at the nodes of the window.
+
+        A solve that raises, or whose plan is not finite, has failed: the robot moves meanwhile, and the plan in force
+        remains. The exception is logged.
 
         Args:
             window: The window.
@@ -122,9 +107,17 @@ class Solver(ABC):
             within: Durations are kept within so many seconds of the guessed ones; 0 holds the instants.
         """
         guess = on_mesh(guess, window)
-        if previous is not None and not _continues(previous, window):
-            previous = None
-        return attempt(window, guess, lambda: self._solve(window, guess, previous, within))
+        previous = previous if previous is not None and _continues(previous, window) else None
+        began = time.perf_counter()
+        try:
+            solution = self._solve(window, guess, previous, within)
+        except (ArithmeticError, RuntimeError, ValueError) as error:
+            logger.warning("the solver raised %s: %s", type(error).__name__, str(error).partition("\n")[0])
+            return Solution(Outcome.FAILED, guess, np.nan, 0, time.perf_counter() - began, window, guess)
+        plan = solution.plan
+        if solution.outcome.usable and not (np.isfinite(plan.X).all() and np.isfinite(plan.u).all()):
+            return replace(solution, outcome=Outcome.FAILED)
+        return solution
 
     @abstractmethod
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:

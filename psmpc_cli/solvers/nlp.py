@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from contextlib import nullcontext, redirect_stdout
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -69,15 +69,6 @@ BARRIER_START = 1e-4
 """fatrop: the first barrier parameter. The shifted plan is a good guess, and 1e-2 costs a third more iterations."""
 
 
-class StructuredNlp(Protocol):
-    """A nonlinear program of CasADi, and the sizes of state, input and path rows at each node."""
-
-    problem: dict[str, ca.SX]
-    nx: tuple[int, ...]
-    nu: tuple[int, ...]
-    ng: tuple[int, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class Bounds:
     """Bounds on the decision variables and on the rows of g."""
@@ -93,19 +84,6 @@ class Bounds:
         return float(max(piece.max(initial=0.0) for piece in past))
 
 
-@dataclass(frozen=True, eq=False)
-class FlatSolution:
-    """What a plug-in returned: point, multipliers of bounds and rows, objective, iterations, wall time [s]."""
-
-    outcome: Outcome
-    z: np.ndarray
-    lam_x: np.ndarray
-    lam_g: np.ndarray
-    objective: float
-    iterations: int
-    wall_time: float
-
-
 class PluginSolver:
     """One NLP, compiled for a CasADi plug-in.
 
@@ -118,12 +96,12 @@ class PluginSolver:
 
     def __init__(
         self,
-        nlp: StructuredNlp,
+        nlp: Nlp,
         spec: SolverSpec,
         report: Report | None = None,
         options: Mapping[str, Any] | None = None,
     ) -> None:
-        self._nlp, self._plugin, self._report = nlp, spec.kind, report
+        self.nlp, self._plugin, self._report = nlp, spec.kind, report
         settings: dict[str, Any] = {"print_level": 0, "tol": spec.tolerance, "max_iter": spec.max_iterations}
         if spec.kind == "ipopt":
             settings |= {"sb": "yes", "mu_init": 1e-2, "acceptable_iter": 0}
@@ -144,16 +122,20 @@ class PluginSolver:
     def _build(self, settings: Mapping[str, Any]) -> ca.Function:
         options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
         if self._plugin == "fatrop":
-            nlp = self._nlp
+            nlp = self.nlp
             sizes = {"N": len(nlp.nu) - 1, "nx": nlp.nx, "nu": nlp.nu, "ng": nlp.ng}
             options |= {"structure_detection": "manual", **sizes}
         loud = {} if self._report is None else {"print_level": PRINT_LEVEL}
-        return ca.nlpsol("window", self._plugin, self._nlp.problem, {**options, self._plugin: {**settings, **loud}})
+        return ca.nlpsol("window", self._plugin, self.nlp.problem, {**options, self._plugin: {**settings, **loud}})
 
     def solve(
         self, z: np.ndarray, p: np.ndarray, bounds: Bounds, duals: tuple[np.ndarray, np.ndarray] | None = None
-    ) -> FlatSolution:
-        """Solve for the parameters p from the point z, and from multipliers of bounds and rows if there are any."""
+    ) -> tuple[Outcome, dict[str, np.ndarray], int, float]:
+        """Solve for the parameters p from the point z, and from multipliers of bounds and rows if there are any.
+
+        Returns:
+            The outcome; f, x, g, lam_x, lam_g as CasADi names them; the number of iterations; the wall time [s].
+        """
         start, solver = {"x0": z}, self._cold
         if duals is not None:
             start, solver = {**start, "lam_x0": duals[0], "lam_g0": duals[1]}, self._warm
@@ -164,20 +146,12 @@ class PluginSolver:
         if self._report is not None:
             for line in filter(ITERATION.match, written.getvalue().splitlines()):
                 self._report(line)
-        stats, z = solver.stats(), np.asarray(result["x"]).ravel()
-        outcome = _outcome(stats, z)
-        stepped = outcome is Outcome.DEADLINE and int(stats["iter_count"]) > 0  # else this is the guess
-        if stepped and bounds.violation(z, np.asarray(result["g"]).ravel()) <= FEASIBLE:
+        found, stats = {name: np.asarray(values).ravel() for name, values in result.items()}, solver.stats()
+        outcome, iterations = _outcome(stats, found["x"]), int(stats["iter_count"])
+        stepped = outcome is Outcome.DEADLINE and iterations > 0  # else this is the guess
+        if stepped and bounds.violation(found["x"], found["g"]) <= FEASIBLE:
             outcome = Outcome.FEASIBLE
-        return FlatSolution(
-            outcome=outcome,
-            z=z,
-            lam_x=np.asarray(result["lam_x"]).ravel(),
-            lam_g=np.asarray(result["lam_g"]).ravel(),
-            objective=float(result["f"]),
-            iterations=int(stats["iter_count"]),
-            wall_time=wall_time,
-        )
+        return outcome, found, iterations, wall_time
 
 
 def _outcome(stats: Mapping[str, object], z: np.ndarray) -> Outcome:
@@ -206,11 +180,11 @@ class NlpSolver(Solver):
         options: Mapping[str, Any] | None = None,
     ) -> None:
         self._problem, self._spec, self._report, self._options = problem, spec, report, options
-        self._compiled: dict[WindowShape, tuple[Nlp, PluginSolver]] = {}
+        self._compiled: dict[WindowShape, PluginSolver] = {}
 
     def nlp(self, window: Window) -> Nlp:
         """Return the NLP of a window, transcribed on first use."""
-        return self._of(window)[0]
+        return self._of(window).nlp
 
     def violation(self, window: Window, plan: Plan) -> float:
         """Return by how much a plan on the mesh of a window violates a constraint at worst."""
@@ -224,39 +198,39 @@ class NlpSolver(Solver):
         costs, terminal = nlp.costs(self._pack(window, plan), _flat(window, plan.instants))
         return np.append(np.asarray(costs).ravel()[:-1], float(costs[-1] + terminal))
 
-    def _of(self, window: Window) -> tuple[Nlp, PluginSolver]:
+    def _of(self, window: Window) -> PluginSolver:
         shape = window_shape(window)
         if shape not in self._compiled:
             if shape.bounded and self._spec.kind != "ipopt":
                 raise InputError(f"found a bound on a cost and the solver {self._spec.kind}, expected ipopt")
             nlp = Nlp(self._problem.model, shape)
-            self._compiled[shape] = nlp, PluginSolver(nlp, self._spec, self._report, self._options)
+            self._compiled[shape] = PluginSolver(nlp, self._spec, self._report, self._options)
         return self._compiled[shape]
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
-        nlp, solver = self._of(window)
-        duals = None
-        if previous is not None and solver.takes_duals:
-            duals = shift_multipliers(nlp, guess, self.nlp(previous.window), previous)
+        solver, duals = self._of(window), None
+        nlp = solver.nlp
+        if previous is not None and solver.takes_duals and window_shape(previous.window) == nlp.shape:
+            duals = shift_multipliers(nlp, guess, previous)
         z, p = self._pack(window, guess), _flat(window, guess.instants)
-        found = solver.solve(z, p, _bounds(nlp, window, guess, within), duals)
-        violations = found.z[nlp.layout.violation_index[1:]].max(axis=0) / PENALTY
-        costs, terminal = nlp.costs(found.z, p)
+        outcome, found, iterations, wall_time = solver.solve(z, p, _bounds(nlp, window, guess, within), duals)
+        z, layout = found["x"], nlp.layout
+        costs, terminal = nlp.costs(z, p)
         return Solution(
-            outcome=found.outcome,
-            plan=_unpack(nlp.layout, window, found.z),
-            objective=found.objective,
-            iterations=found.iterations,
-            wall_time=found.wall_time,
+            outcome=outcome,
+            plan=_unpack(layout, window, z),
+            objective=found["f"].item(),
+            iterations=iterations,
+            wall_time=wall_time,
             window=window,
             guess=guess,
             warm=previous is not None,
             costs=np.asarray(costs).ravel(),
             terminal=float(terminal),
-            violations=violations,
-            duals=np.concatenate([found.lam_x, found.lam_g]) if solver.takes_duals else np.zeros(0),
+            violations=z[layout.violation_index[1:]].max(axis=0) / PENALTY,
+            duals=np.concatenate([found["lam_x"], found["lam_g"]]) if solver.takes_duals else np.zeros(0),
             guess_duals=np.zeros(0) if duals is None else np.concatenate(duals),
-            bound_multiplier=float(found.lam_g[-1]) if np.isfinite(window.cost_bound) else np.nan,
+            bound_multiplier=float(found["lam_g"][-1]) if np.isfinite(window.cost_bound) else np.nan,
         )
 
     def _pack(self, window: Window, plan: Plan) -> np.ndarray:
@@ -319,51 +293,31 @@ def _bounds(nlp: Nlp, window: Window, guess: Plan, within: float) -> Bounds:
     for s, rows in nlp.end_rows.items():
         tolerance = end_tolerance(window.stages[s])
         lbg[rows], ubg[rows] = -tolerance, tolerance
+    for rows, each in zip(nlp.kept_rows, window.kept, strict=True):
+        lbg[rows], ubg[rows] = -each.bound.ravel() if each.bound.ndim else -np.inf, each.bound.ravel()
     if np.isfinite(window.cost_bound):
         lbg[-1], ubg[-1] = -np.inf, window.cost_bound
     return Bounds(lbx, ubx, lbg, ubg)
 
 
-def shift_multipliers(nlp: Nlp, guess: Plan, old: Nlp, previous: Solution) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the last solution's multipliers of bounds and rows at each node's time; None if it has none of its NLP.
+def shift_multipliers(nlp: Nlp, guess: Plan, previous: Solution) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the last solution's multipliers of bounds and rows, read at the time of each node of a guess.
 
-    On another mesh, multipliers of bounds change with the length of the intervals that they stand for.
+    None if the last solution has none of this program.
     """
-    layout, had = nlp.layout, old.layout
-    if len(previous.duals) != had.size + old.count:
+    layout = nlp.layout
+    if len(previous.duals) != layout.size + nlp.count:
         return None
-    x, g = np.split(previous.duals, [had.size])
-    nodes = _same_node(layout, had, guess.times, previous.plan.times)
-    lam_x, lam_g = np.zeros(layout.size), np.zeros(nlp.count)
-    shorter = np.repeat(np.array(had.nodes) / np.array(layout.nodes), layout.nodes)
-    at_nodes = np.r_[shorter, shorter[-1]][:, None]
-    states, states_before = (np.hstack([each.state_index, each.duration_index]) for each in (layout, had))
-    lam_x[states] = x[states_before[nodes]] * at_nodes
-    for s in range(len(layout.nodes)):
-        first, last = layout.first_node[s], layout.first_node[s + 1]
-        intervals = np.minimum(nodes[first:last], had.first_node[s + 1] - 1) - had.first_node[s]
-        lam_x[layout.input_index[s]] = x[had.input_index[s][intervals]] * shorter[first:last, None]
-    lam_g[nlp.gap_rows] = g[old.gap_rows[np.minimum(nodes[:-1], had.K - 1)]]
-    lam_x[layout.violation_index] = x[had.violation_index[nodes]] * at_nodes
-    lam_g[nlp.limit_rows] = g[old.limit_rows[:, nodes]] * at_nodes
-    for rows, rows_before in zip(_other_rows(nlp), _other_rows(old), strict=True):
-        lam_g[rows] = g[rows_before]
+    x, g = np.split(previous.duals, [layout.size])
+    lam_x, lam_g, nodes = x.copy(), g.copy(), np.zeros(layout.K + 1, int)
+    for s, inputs in enumerate(layout.input_index):
+        first, last = layout.first_node[s : s + 2]
+        at = slice(first, last + 1)
+        nearest = np.interp(guess.times[at], previous.plan.times[at], np.arange(first, last + 1))
+        nodes[at] = np.round(nearest).astype(int)
+        lam_x[inputs] = x[inputs[np.minimum(nodes[first:last], last - 1) - first]]
+    for index in (layout.state_index, layout.duration_index, layout.violation_index):
+        lam_x[index] = x[index[nodes]]
+    lam_g[nlp.gap_rows] = g[nlp.gap_rows[np.minimum(nodes[:-1], layout.K - 1)]]
+    lam_g[nlp.limit_rows] = g[nlp.limit_rows[:, nodes]]
     return lam_x, lam_g
-
-
-def _other_rows(nlp: Nlp) -> list[np.ndarray]:
-    """Return the rows of g that close no gap and hold no soft limit, group by group."""
-    last = [] if nlp.last_duration_row is None else [nlp.last_duration_row]
-    bound = [np.array([nlp.count - 1])] if nlp.shape.bounded else []
-    return [nlp.x0_rows, np.array([*last, *nlp.instant_rows.values()], int), *nlp.end_rows.values(), *bound]
-
-
-def _same_node(layout: Layout, old: Layout, times: np.ndarray, old_times: np.ndarray) -> np.ndarray:
-    """Return for each node the old node of the same stage nearest in time, (K + 1,)."""
-    nodes = np.zeros(layout.K + 1, int)
-    for s in range(len(layout.nodes)):
-        here = slice(layout.first_node[s], layout.first_node[s + 1] + 1)
-        there = slice(old.first_node[s], old.first_node[s + 1] + 1)
-        index = np.interp(times[here], old_times[there], np.arange(there.start, there.stop))
-        nodes[here] = np.round(index).astype(int)
-    return nodes

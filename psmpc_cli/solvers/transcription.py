@@ -21,20 +21,28 @@ from psmpc_cli.robot.model import RobotModel
 class Layout(Grid):
     """Offsets of the decision variables x_0, u_0, x_1, u_1, ..., x_K, each x_k = [Q; Qdot; tau_0 .. tau_{S-1}].
 
-    Where limits are soft, rho times the violations of [Q; Qdot], e_k, follow on u_k, and on x_K.
+    Where costs of other stages are bounded, their sums so far follow on the durations in each x_k. Where limits are
+    soft, rho times the violations of [Q; Qdot], e_k, follow on u_k, and on x_K.
 
     Attributes:
         inputs: Inputs of each stage.
         soft: Limits on the states may be violated.
+        sums: Number of sums of costs.
     """
 
     inputs: tuple[int, ...]
     soft: bool = False
+    sums: int = 0
 
     @property
     def nx(self) -> int:
-        """Size of x_k, the durations included."""
-        return 2 * self.n + self.switches
+        """Size of x_k, durations and sums included."""
+        return 2 * self.n + self.switches + self.sums
+
+    @property
+    def durations(self) -> slice:
+        """Where the durations are in x_k."""
+        return slice(2 * self.n, 2 * self.n + self.switches)
 
     @cached_property
     def offsets(self) -> np.ndarray:
@@ -92,25 +100,33 @@ class Nlp:
         instant_rows: Row with the cumulated duration to the end of a stage with a fixed switching time, by stage.
         end_rows: Rows with the end condition, error rows first, then rates, by stage of the window.
         limit_rows: Rows of soft limits at the nodes, below and above, (2, K + 1, 2n); (2, K + 1, 0) if hard.
+        kept_rows: Rows with the cost integral of each kept stage, or with its errors at the nodes after the first.
     """
 
     def __init__(self, model: RobotModel, shape: WindowShape) -> None:
-        self._functions = [stage_functions(model, stage) for stage in shape.stages]
-        self.shape = shape
-        self.layout = layout = Layout(model.n, shape.nodes, tuple(f.inputs for f in self._functions), shape.soft)
-        self._p = symbolic_parameters(shape, layout, [(f.rows, f.numbers) for f in self._functions])
+        self._functions = [stage_functions(model, stage) for stage in (*shape.stages, *shape.kept)]
+        inputs = tuple(functions.inputs for functions in self._functions[: len(shape.stages)])
+        sums = 0 if shape.kept_errors else len(shape.kept)
+        self.shape, self.layout = shape, Layout(model.n, shape.nodes, inputs, shape.soft, sums)
+        layout = self.layout
+        self._p = symbolic_parameters(shape, layout, self._functions)
         xs = [ca.SX.sym(f"x{k}", layout.nx) for k in range(layout.K + 1)]
         us = [ca.SX.sym(f"u{k}", layout.inputs[layout.stage_of[k]]) for k in range(layout.K)]
         es = [ca.SX.sym(f"e{k}", layout.violations) for k in range(layout.K + 1)]
         self.x = ca.vertcat(*(v for node in zip(xs, [*us, ca.SX(0, 1)], es, strict=True) for v in node))
         self.p = ca.vertcat(*(ca.vec(piece) for piece in self._p.pieces()))
-        costs = _stage_costs(layout, self._functions, self._p, xs, us)
+        costs = [ca.SX(0) for _ in layout.nodes]
+        for k, s in enumerate(layout.stage_of):
+            costs[s] += self._added_cost(s, k, k - int(layout.first_node[s]), xs, us)
+        kept = [
+            [self._added_cost(len(costs) + i, k, k, xs, us) for k in range(layout.K)] for i in range(len(shape.kept))
+        ]
         terminal = _terminal_cost(layout, self._functions, self._p, xs[-1])
-        pending = sum((ca.sum1(xs[0][2 * layout.n :][:s]) for s in range(1, layout.switches + 1)), ca.SX(0))
+        pending = sum((ca.sum1(xs[0][layout.durations][:s]) for s in range(1, layout.switches + 1)), ca.SX(0))
         J = ca.dot(self._p.omega, ca.vertcat(*costs)) + self._p.pending * pending + self._p.omega[-1] * terminal
         self.f = J + _penalty(layout, self._p, xs, es)
         self._added, self.count = list[ca.SX](), 0
-        ng = self._write_rows(xs, us, es)
+        ng = self._write_rows(xs, us, es, kept)
         if shape.bounded:
             self._add(costs[-1] + terminal)
             ng[-1] += 1
@@ -119,11 +135,11 @@ class Nlp:
         self.problem = {"x": self.x, "p": self.p, "f": self.f, "g": self.g}
         self.nx = (layout.nx,) * (layout.K + 1)
         self.nu = tuple(inputs + layout.violations for inputs in (*(layout.inputs[s] for s in layout.stage_of), 0))
-        self._costs = ca.vertcat(*costs), terminal
+        self._costs = ca.vertcat(*map(sum, kept), *costs), terminal
 
     @cached_property
     def costs(self) -> ca.Function:
-        """x, p -> normalized cost integral of each stage, without priorities, (S + 1,), and the terminal cost."""
+        """x, p -> normalized cost integrals without priorities, of kept stages, then (S + 1,); the terminal cost."""
         return ca.Function("costs", [self.x, self.p], list(self._costs))
 
     @cached_property
@@ -137,14 +153,23 @@ class Nlp:
         self.count += row.shape[0]
         return np.arange(self.count - row.shape[0], self.count)
 
-    def _write_rows(self, xs: list[ca.SX], us: list[ca.SX], es: list[ca.SX]) -> list[int]:
+    def _added_cost(self, s: int, k: int, node: int, xs: list[ca.SX], us: list[ca.SX]) -> ca.SX:
+        """Return L_s(x_k, u_k) tau / N of a stage over an interval, which begins at one of the stage's own nodes."""
+        layout, p, of = self.layout, self._p, int(self.layout.stage_of[k])
+        tau = duration(layout, p, xs[k], of)
+        numbers = reference(p, s, node, tau), p.weights[s], p.control_weights[s]
+        Lbar = self._functions[s].cost(xs[k][: 2 * layout.n], us[k], *numbers)
+        return (Lbar - p.offset[s]) / p.scale[s] * tau / layout.nodes[of]
+
+    def _write_rows(self, xs: list[ca.SX], us: list[ca.SX], es: list[ca.SX], kept: list[list[ca.SX]]) -> list[int]:
         """Write the constraints node by node and return the number of path rows at each."""
         layout, stages, ng = self.layout, self.shape.stages, []
         gaps, limits, size = [], [], 2 * layout.n
         self.end_rows: dict[int, np.ndarray] = {}
+        kept_rows: list[list[np.ndarray]] = [[] for _ in kept]
         for k, (x, e) in enumerate(zip(xs, es, strict=True)):
             if k < layout.K:
-                gaps.append(self._add(self._gap(k, xs, us)))
+                gaps.append(self._add(self._gap(k, xs, us, kept)))
             before = self.count
             if k == 0:
                 self._write_start(x)
@@ -152,52 +177,48 @@ class Nlp:
                 s = int(layout.stage_of[k - 1])
                 if stages[s].end_rows:
                     self.end_rows[s] = self._add(self._functions[s].end(x[:size], self._p.targets[s]))
+            for i, rows in enumerate(kept_rows):
+                if self.shape.kept_errors and k:
+                    s = len(stages) + i
+                    wanted = reference(self._p, s, k, self._p.horizon)
+                    rows.append(self._add(self._functions[s].residual(x[: layout.n], wanted)))
+                elif layout.sums and k == layout.K:
+                    rows.append(self._add(x[layout.durations.stop + i]))
             violated = x[: layout.violations], e / PENALTY
             limits.append([self._add(violated[0] + violated[1]), self._add(violated[0] - violated[1])])
             ng.append(self.count - before)
         self.gap_rows, self.limit_rows = np.array(gaps), np.array(limits, int).transpose(1, 0, 2)
+        self.kept_rows = [np.concatenate(rows) for rows in kept_rows]
         return ng
 
     def _write_start(self, x: ca.SX) -> None:
         layout = self.layout
-        self.x0_rows = self._add(x[: 2 * layout.n] - self._p.x0)
+        measured = ca.vertcat(self._p.x0, ca.SX.zeros(layout.sums))
+        self.x0_rows = self._add(ca.vertcat(x[: 2 * layout.n], x[layout.durations.stop :]) - measured)
         self.last_duration_row: int | None = None
         if layout.switches:
             self.last_duration_row = int(self._add(duration(layout, self._p, x, layout.switches))[0])
-        tau, fixed = x[2 * layout.n :], [s for s, stage in enumerate(self.shape.stages[:-1]) if stage.fixed_end]
+        tau, fixed = x[layout.durations], [s for s, stage in enumerate(self.shape.stages[:-1]) if stage.fixed_end]
         self.instant_rows = {s: int(self._add(ca.sum1(tau[: s + 1]))[0]) for s in fixed}
 
-    def _gap(self, k: int, xs: list[ca.SX], us: list[ca.SX]) -> ca.SX:
+    def _gap(self, k: int, xs: list[ca.SX], us: list[ca.SX], kept: list[list[ca.SX]]) -> ca.SX:
         layout, s = self.layout, int(self.layout.stage_of[k])
         dt = duration(layout, self._p, xs[k], s) / layout.nodes[s]
         after = self._functions[s].step(self.shape.discretization)(xs[k][: 2 * layout.n], us[k], dt)
-        return xs[k + 1] - ca.vertcat(after, xs[k][2 * layout.n :])
+        sums = [xs[k][layout.durations.stop + i] + kept[i][k] for i in range(layout.sums)]
+        return xs[k + 1] - ca.vertcat(after, xs[k][layout.durations], *sums)
 
 
 def duration(layout: Layout, parameters: Parameters[ca.SX], x: ca.SX, stage: int) -> ca.SX:
     """Return tau_s of a stage from a node's state; the last stage takes what is left of the horizon."""
-    tau = x[2 * layout.n :]
+    tau = x[layout.durations]
     return parameters.horizon - ca.sum1(tau) if stage == layout.switches else tau[stage]
-
-
-def _stage_costs(
-    layout: Layout, functions: list[StageFunctions], p: Parameters[ca.SX], xs: list[ca.SX], us: list[ca.SX]
-) -> list[ca.SX]:
-    """Return sum_i L_s(x_i, u_i) tau_s / N_s of each stage."""
-    costs = [ca.SX(0) for _ in layout.nodes]
-    for k, u in enumerate(us):
-        s = int(layout.stage_of[k])
-        tau = duration(layout, p, xs[k], s)
-        wanted = reference(p, layout, s, k - int(layout.first_node[s]), tau)
-        Lbar = functions[s].cost(xs[k][: 2 * layout.n], u, wanted, p.weights[s], p.control_weights[s])
-        costs[s] += (Lbar - p.offset[s]) / p.scale[s] * tau / layout.nodes[s]
-    return costs
 
 
 def _terminal_cost(layout: Layout, functions: list[StageFunctions], p: Parameters[ca.SX], x: ca.SX) -> ca.SX:
     """Return the normalized cost of the last stage at the last node without control, times kappa."""
     S = layout.switches
-    u, wanted = ca.SX.zeros(layout.inputs[S]), reference(p, layout, S, layout.nodes[S], duration(layout, p, x, S))
+    u, wanted = ca.SX.zeros(layout.inputs[S]), reference(p, S, layout.nodes[S], duration(layout, p, x, S))
     last = functions[S].cost(x[: 2 * layout.n], u, wanted, p.weights[S], p.control_weights[S])
     return p.terminal * (last - p.offset[S]) / p.scale[S]
 
@@ -212,28 +233,29 @@ def _penalty(layout: Layout, p: Parameters[ca.SX], xs: list[ca.SX], es: list[ca.
     return sum((w * ca.sum1(e) for w, e in zip(weights, es, strict=True)), ca.SX(0))
 
 
-def symbolic_parameters(shape: WindowShape, layout: Layout, sizes: list[tuple[int, int]]) -> Parameters[ca.SX]:
-    """Return the parameters as symbols; `sizes` are the rows of each stage's error and the numbers of its target."""
-    stages = range(layout.switches + 1)
-    columns = [2 * (N + 1) if stage.moving else 0 for stage, N in zip(shape.stages, shape.nodes, strict=True)]
+def symbolic_parameters(shape: WindowShape, layout: Layout, functions: list[StageFunctions]) -> Parameters[ca.SX]:
+    """Return the parameters as symbols; `functions` are those of the stages and of the kept ones."""
+    shapes, nodes = (*shape.stages, *shape.kept), (*shape.nodes, *(layout.K for _ in shape.kept))
+    columns = [2 * (N + 1) if stage.moving else 0 for stage, N in zip(shapes, nodes, strict=True)]
+    each = list(enumerate(functions))
     return Parameters(
         x0=ca.SX.sym("x0", 2 * layout.n),
         horizon=ca.SX.sym("T_h"),
         pending=ca.SX.sym("delta"),
         terminal=ca.SX.sym("kappa"),
         omega=ca.SX.sym("omega", layout.switches + 1),
-        offset=ca.SX.sym("offset", layout.switches + 1),
-        scale=ca.SX.sym("scale", layout.switches + 1),
-        weights=tuple(ca.SX.sym(f"W_{s}", sizes[s][0]) for s in stages),
-        control_weights=tuple(ca.SX.sym(f"W_r_{s}", layout.inputs[s]) for s in stages),
-        targets=tuple(ca.SX.sym(f"target_{s}", sizes[s][1]) for s in stages),
-        paths=tuple(ca.SX.sym(f"path_{s}", sizes[s][1], columns[s]) for s in stages),
+        offset=ca.SX.sym("offset", len(functions)),
+        scale=ca.SX.sym("scale", len(functions)),
+        weights=tuple(ca.SX.sym(f"W_{s}", stage.rows) for s, stage in each),
+        control_weights=tuple(ca.SX.sym(f"W_r_{s}", stage.inputs) for s, stage in each),
+        targets=tuple(ca.SX.sym(f"target_{s}", stage.numbers) for s, stage in each),
+        paths=tuple(ca.SX.sym(f"path_{s}", stage.numbers, columns[s]) for s, stage in each),
     )
 
 
-def reference(p: Parameters[ca.SX], layout: Layout, stage: int, node: int, tau: ca.SX) -> ca.SX:
+def reference(p: Parameters[ca.SX], stage: int, node: int, tau: ca.SX) -> ca.SX:
     """Return what a stage's cost follows at one of its nodes, 0 to N_s, if the stage lasts tau [s]."""
-    path, N = p.paths[stage], layout.nodes[stage]
+    path = p.paths[stage]
     if path.shape[1] == 0:
         return p.targets[stage]
-    return path[:, node] + path[:, N + 1 + node] * tau
+    return path[:, node] + path[:, path.shape[1] // 2 + node] * tau

@@ -11,7 +11,6 @@ from psmpc_cli.ocp.problem import Problem, Stage, StageCosts, Trajectory, build_
 from psmpc_cli.ocp.window import (
     COUNTS,
     Along,
-    desired_paths,
     durations,
     first_counts,
     node_counts,
@@ -19,8 +18,10 @@ from psmpc_cli.ocp.window import (
     normalization,
     on_mesh,
     own_violations,
+    reference,
     shares_of_time,
     shortest_durations,
+    window_numbers,
 )
 from psmpc_cli.solvers import build_solver
 from psmpc_cli.specs.load import Task
@@ -109,9 +110,9 @@ def test_a_stage_lasts_what_is_left_of_its_dwell_and_hold(
 def test_a_path_bends_where_its_trajectory_does(stages: tuple[Stage, ...]) -> None:
     bent = Trajectory(np.array([0.0, 1.0, 2.0]), np.outer([0.0, 1.0, 5.0], np.ones(9)))
     window = window_over((stages[0], replace(stages[1], trajectory=bent)))
-    _, path = desired_paths(window, np.array([3.0]))
-    np.testing.assert_allclose(path.values[:, 0] + 2.0 * path.slopes[:, 0], [0, 0.5, 1, 3, 5])
-    np.testing.assert_allclose(path.slopes[:, 0], [0, 0.25, 2, 3, 0])
+    wanted, slopes = reference(window_numbers(window, np.array([3.0])), 1, 2.0)
+    np.testing.assert_allclose(wanted[:, 0], [0, 0.5, 1, 3, 5])
+    np.testing.assert_allclose(slopes[:, 0], [0, 0.25, 2, 3, 0])
 
 
 @given(guess=st.floats(0.5, 3.5), tau=st.floats(0.1, 3.9), elapsed=st.floats(0, 20))
@@ -120,9 +121,9 @@ def test_a_straight_trajectory_is_followed_wherever_the_optimizer_moves_its_end(
 ) -> None:
     window = window_over((moving(stages[1]), moving(stages[2])), elapsed=elapsed)
     for s, (since, duration) in enumerate([(elapsed, tau), (0.0, 4.0 - tau)]):
-        path = desired_paths(window, np.array([1.0 + guess]))[s]
+        found, _ = reference(window_numbers(window, np.array([1.0 + guess])), s, duration)
         wanted = window.stages[s].reference(since + duration * np.arange(5) / 4)
-        np.testing.assert_allclose(path.values + duration * path.slopes, wanted, atol=1e-12)
+        np.testing.assert_allclose(found, wanted, atol=1e-12)
 
 
 def test_at_a_switch_the_limits_of_both_stages_hold(stages: tuple[Stage, ...]) -> None:

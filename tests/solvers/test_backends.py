@@ -160,17 +160,16 @@ def test_ipopt_stops_at_a_deadline_too(problem: Problem, judge: NlpSolver, two_s
     assert stopped.outcome is (Outcome.FEASIBLE if within else Outcome.DEADLINE)
 
 
-def test_ipopt_starts_from_multipliers_on_the_same_and_on_another_mesh(problem: Problem, two_stages: Solution) -> None:
+def test_ipopt_starts_from_multipliers_on_the_same_mesh(problem: Problem, two_stages: Solution) -> None:
     solver = build_solver(problem, IPOPT)
     cold = again(solver, two_stages, False)
-    for nodes in ((20, 20), (24, 16)):
-        window = replace(two_stages.window, nodes=nodes)
-        warm = solver.solve(window, cold.plan, cold)
-        assert warm.warm
-        assert len(warm.guess_duals) == len(warm.duals) > 0
-        assert warm.iterations < solver.solve(window, cold.plan).iterations
-    same = solver.solve(cold.window, cold.plan, cold)
-    np.testing.assert_allclose(same.guess_duals, cold.duals)
+    warm = solver.solve(cold.window, cold.plan, cold)
+    assert warm.warm
+    np.testing.assert_allclose(warm.guess_duals, cold.duals)
+    assert warm.iterations < solver.solve(cold.window, cold.plan).iterations
+    other = solver.solve(replace(two_stages.window, nodes=(24, 16)), cold.plan, cold)
+    assert other.outcome is Outcome.OPTIMAL
+    assert len(other.guess_duals) == 0
 
 
 def test_a_solution_of_other_stages_or_a_failed_one_starts_nothing(problem: Problem, decisions: list[Command]) -> None:

@@ -10,7 +10,6 @@ from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.logs.comparison import merge_logs
 from psmpc_cli.logs.files import check_output
 from psmpc_cli.logs.run import Run, read_comparison
-from psmpc_cli.ocp.feasibility import load_feasible
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import ControllerSpec
@@ -78,7 +77,7 @@ def compared_tasks(task: Task | str | Path, controllers: Iterable[str], changes:
     """
     if any(change.partition("=")[0].strip() == VARIED for change in changes):
         raise InputError(f"--set {VARIED}: a comparison varies it; choose with --controllers")
-    loaded = changed(task, changes) if isinstance(task, Task) else load_feasible(task, changes)
+    loaded = changed(task, changes)
     return {kind: changed(loaded, (f"{VARIED}={kind}",)) for kind in controllers}
 
 

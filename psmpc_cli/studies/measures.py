@@ -1,20 +1,17 @@
-"""What studies keep of a run: tables of quantities, each with how it is read from the run and its summary."""
+"""What studies keep of a run: tables of quantities, each with how it is read from the run."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
 from psmpc_cli.logs.results import Quantity
 from psmpc_cli.logs.run import Run
-from psmpc_cli.logs.summary import Summary
 
 Row = Mapping[str, Any]
 """The values of a cell by the names of their arrays."""
-
-
-Reader = Callable[[Run, Summary], Any]
 
 
 @dataclass(frozen=True)
@@ -23,36 +20,36 @@ class PerCell:
 
     Attributes:
         name, units, long_name: Of the array.
-        read: Reads it from a run and its summary; by default it is what the summary has by that name.
+        read: What it is of a run's summary, such as `solves.count`, or what reads it from the run; by default what the
+            summary has by the name of the array.
         along: The further coordinate.
-        whole: Whether the values are whole numbers, -1 until they are filled in; others are NaN.
+        unfilled: The value until one is filled in: a number, a whole number or a text as the others.
+        meanings: What the values 0, 1, ... of a code mean.
     """
 
     name: str
     units: str
     long_name: str
-    read: Reader | None = None
+    read: str | Callable[[Run], Any] = ""
     along: str = ""
-    whole: bool = False
+    unfilled: float | int | str = np.nan
+    meanings: tuple[str, ...] = ()
 
-    def value(self, run: Run, summary: Summary) -> Any:
-        """Read the quantity."""
-        return getattr(summary, self.name) if self.read is None else self.read(run, summary)
-
-    def unfilled(self, dims: tuple[str, ...], shape: tuple[int, ...], along: Mapping[str, int]) -> Quantity:
-        """Build the array with nothing filled in, for cells along dims of this shape and coordinates of these sizes."""
-        extra = (self.along,) if self.along else ()
-        size = (*shape, *(along[name] for name in extra))
-        values = np.full(size, -1, "i4") if self.whole else np.full(size, np.nan)
-        return Quantity(self.name, (*dims, *extra), values, self.units, self.long_name)
+    def array(self, dims: tuple[str, ...], sizes: Mapping[str, int]) -> Quantity:
+        """Build the array with nothing filled in, for cells along dims and coordinates of these sizes."""
+        dims = (*dims, self.along) if self.along else dims
+        kind = "i4" if isinstance(self.unfilled, int) else None
+        values = np.full([sizes[name] for name in dims], self.unfilled, kind)
+        return Quantity(self.name, dims, values, self.units, self.long_name, self.meanings)
 
 
-def _limit(kind: str, name: str) -> Reader:
-    def read(run: Run, summary: Summary) -> float:
-        found = [getattr(limit, name) for limit in summary.limits if limit.kind == kind]
-        return float(found[0]) if found else np.nan
+def _whole(name: str, long_name: str, read: str | Callable[[Run], Any] = "") -> PerCell:
+    return PerCell(name, "1", long_name, read, unfilled=-1)
 
-    return read
+
+def _margin(kind: str, name: str) -> Callable[[Run], float]:
+    """Read a margin to the limits of a kind; NaN if there are none."""
+    return lambda run: next((getattr(each, name) for each in run.summary().limits if each.kind == kind), np.nan)
 
 
 def _error_at_end(run: Run, stage: int) -> float:
@@ -61,69 +58,54 @@ def _error_at_end(run: Run, stage: int) -> float:
     return run.problem.costs.end_error(run.problem.stages[stage], x)
 
 
-def _stage_cost(run: Run, summary: Summary) -> np.ndarray:
+def _stage_cost(run: Run) -> np.ndarray:
     weights = run["cost/current_stage"] * float(np.asarray(run.attributes["sample_time"]))
     return np.bincount(run["window/first"], weights, minlength=len(run.stage_names))
 
 
-def _variation(group: str) -> Reader:
-    return lambda _, summary: getattr(summary.variation, group)
-
-
-def _whole(name: str, long_name: str, read: Reader | None = None) -> PerCell:
-    return PerCell(name, "1", long_name, read, whole=True)
-
-
-def _by_stage(name: str, long_name: str, read: Reader) -> PerCell:
-    return PerCell(name, "s", long_name, read, "stage")
-
-
-_ENDS = _by_stage("switch_time", "instant that ended each stage", lambda run, _: run.stages["switch_time"])
+_ENDS = PerCell("switch_time", "s", "instant that ended each stage", lambda run: run.stages["switch_time"], "stage")
+_STARTS, _CURRENT = "actual start of each stage", "integral of the cost Lbar of each stage while it was the current one"
 _FINAL = "largest error of the last stage's end condition at the end, over its tolerance"
 _BEYOND = "tightest distance to a {} limit at a tick; negative beyond it"
 _OVER = "the same distance to a {} limit, over half the limits' distance"
 _MARGINS = "smallest distance of each monitor's signal to its bounds"
 _VARIES = "total variation of the {} acceleration"
-_FAILED = "failed solves after which the shifted plan went on"
 _MOST = "largest number of iterations of a solve"
+_BASINS = "windows in which another guess of the instants than the last plan's won"
 
 OUTCOME = (
     _whole("completed", "1 if the last stage met its end condition, 0 if not"),
     _whole("succeeded", "1 if it did and every monitor held on the true state, 0 if not"),
-    PerCell("end_time", "s", "end of the run, whatever ended it", lambda _, summary: summary.duration),
+    PerCell("end_time", "s", "end of the run, whatever ended it", "duration"),
     _ENDS,
-    _by_stage("actual_start", "actual start of each stage", lambda run, _: run.stages["actual_start"]),
-    PerCell("final_error", "1", _FINAL, lambda run, _: _error_at_end(run, -1)),
-    PerCell("position_margin", "m, rad", _BEYOND.format("position"), _limit("position", "margin")),
-    PerCell("velocity_margin", "m/s, rad/s", _BEYOND.format("velocity"), _limit("velocity", "margin")),
-    PerCell("relative_position_margin", "1", _OVER.format("position"), _limit("position", "relative")),
-    PerCell("relative_velocity_margin", "1", _OVER.format("velocity"), _limit("velocity", "relative")),
-    PerCell("monitor_margin", "m, m/s", _MARGINS, lambda _, summary: [v.margin for v in summary.monitors], "monitor"),
+    PerCell("actual_start", "s", _STARTS, lambda run: run.stages["actual_start"], "stage"),
+    PerCell("final_error", "1", _FINAL, lambda run: _error_at_end(run, -1)),
+    PerCell("position_margin", "m, rad", _BEYOND.format("position"), _margin("position", "margin")),
+    PerCell("velocity_margin", "m/s, rad/s", _BEYOND.format("velocity"), _margin("velocity", "margin")),
+    PerCell("relative_position_margin", "1", _OVER.format("position"), _margin("position", "relative")),
+    PerCell("relative_velocity_margin", "1", _OVER.format("velocity"), _margin("velocity", "relative")),
+    PerCell("monitor_margin", "m, m/s", _MARGINS, lambda run: [v.margin for v in run.summary().monitors], "monitor"),
     _whole("unmeasured", "samples whose state was not measured, at least in part"),
 )
 """What became of a run."""
 
 SPENT = (
-    _by_stage("stage_cost", "integral of the cost Lbar of each stage while it was the current one", _stage_cost),
+    PerCell("stage_cost", "s", _CURRENT, _stage_cost, "stage"),
     PerCell("control_effort", "m^2/s^3, rad^2/s^3", "integral of |u|^2"),
     PerCell("base_force", "N s", "integral of the norm of the base force"),
     PerCell("base_torque", "N m s", "integral of the magnitude of the base torque"),
-    PerCell("variation_base_position", "m/s^2", _VARIES.format("base's linear"), _variation("base_position")),
-    PerCell("variation_base_angle", "rad/s^2", _VARIES.format("base's angular"), _variation("base_angle")),
-    PerCell("variation_joints", "rad/s^2", _VARIES.format("joints'"), _variation("joints")),
-    _whole("solves", "number of solves", lambda _, summary: summary.solves.count),
-    PerCell("iterations_median", "1", "median of the iterations of a solve", lambda _, s: s.solves.iterations),
-    _whole("iterations_largest", _MOST, lambda run, _: max(run["solver/iterations"], default=0)),
-    PerCell("solve_time_median", "s", "median wall time of a solve", lambda _, summary: summary.solves.median),
-    PerCell("solve_time_largest", "s", "longest wall time of a solve", lambda _, summary: summary.solves.largest),
+    PerCell("variation_base_position", "m/s^2", _VARIES.format("base's linear"), "variation.base_position"),
+    PerCell("variation_base_angle", "rad/s^2", _VARIES.format("base's angular"), "variation.base_angle"),
+    PerCell("variation_joints", "rad/s^2", _VARIES.format("joints'"), "variation.joints"),
+    _whole("solves", "number of solves", "solves.count"),
+    PerCell("iterations_median", "1", "median of the iterations of a solve", "solves.iterations"),
+    _whole("iterations_largest", _MOST, lambda run: max(run["solver/iterations"], default=0)),
+    PerCell("solve_time_median", "s", "median wall time of a solve", "solves.median"),
+    PerCell("solve_time_largest", "s", "longest wall time of a solve", "solves.largest"),
     _whole("appended", "stages that entered the window"),
     _whole("postponed", "samples at which a stage was seen, but the window with it had no solution"),
-    _whole("solves_failed", _FAILED, lambda _, summary: summary.failed_solves),
-    _whole(
-        "basin_changes",
-        "windows in which another guess of the instants than the last plan's won",
-        lambda _, summary: summary.basins or 0,
-    ),
+    _whole("solves_failed", "failed solves after which the shifted plan went on", "failed_solves"),
+    _whole("basin_changes", _BASINS, lambda run: run.summary().basins or 0),
 )
 """What a run took."""
 
@@ -132,38 +114,31 @@ WHOLE_RUN = (*OUTCOME, *SPENT)
 
 
 def second_stage(index: int) -> tuple[PerCell, ...]:
-    """Build the quantities of the second of two stages in a row, for a run that ends with it.
+    """Build the quantities of the second of two stages in a row, whose index this is, for a run that ends with it."""
 
-    Args:
-        index: Its index.
-    """
-
-    def detected(run: Run) -> np.ndarray:
-        """Find the first sample with the switch in its window (1,); (0,) if there is none."""
+    def at_detection(run: Run, signal: np.ndarray) -> float:
+        """Read a signal at the first sample with the switch in its window; NaN if there is none."""
         first = run["window/first"]
-        return np.flatnonzero((first < index) & (first + run["window/count"] > index))[:1]
+        found = np.flatnonzero((first < index) & (first + run["window/count"] > index))
+        return float(signal[found[0]]) if len(found) else np.nan
 
-    def detection_time(run: Run, _: Summary) -> float:
-        return float(np.append(run.time[detected(run)], np.nan)[0])
-
-    def instant_at_detection(run: Run, _: Summary) -> float:
-        return float(np.append(run["window/instants"][detected(run), index - 1], np.nan)[0])
-
-    def final_error(run: Run, _: Summary) -> float:
+    def final_error(run: Run) -> float:
         """Read the error at the planned switch time, as logged; without one, compute it where the run ended."""
         if np.isnan(run.stages["switch_time"][index]):
             return np.nan
         planned = float(run["deviation/end"][-1, index]) if len(run.time) else np.nan
         return planned if np.isfinite(planned) else _error_at_end(run, index)
 
-    error = "largest error of the second stage's end condition at its end, over its tolerance"
+    seen, planned = "first sample with the switch in the window", "optimized switching instant at that sample"
     starts, ends = "actual start of the second stage", "instant that ended the second stage"
+    error = "largest error of the second stage's end condition at its end, over its tolerance"
+    before = index - 1
     return (
-        PerCell("detection_time", "s", "first sample with the switch in the window", detection_time),
-        PerCell("instant_at_detection", "s", "optimized switching instant at that sample", instant_at_detection),
+        PerCell("detection_time", "s", seen, lambda run: at_detection(run, run.time)),
+        PerCell("instant_at_detection", "s", planned, lambda run: at_detection(run, run["window/instants"][:, before])),
         _ENDS,
-        PerCell("actual_start", "s", starts, lambda run, _: run.stages["actual_start_by_epsilon"][index], "epsilon"),
-        PerCell("completion_time", "s", ends, lambda run, _: run.stages["switch_time"][index]),
+        PerCell("actual_start", "s", starts, lambda run: run.stages["actual_start_by_epsilon"][index], "epsilon"),
+        PerCell("completion_time", "s", ends, lambda run: run.stages["switch_time"][index]),
         PerCell("final_error", "1", error, final_error),
         *SPENT,
     )
@@ -182,6 +157,7 @@ def measure_second_stage(index: int, run: Run) -> tuple[Row, str]:
 
 def _row(quantities: Sequence[PerCell], run: Run) -> Row:
     """Read quantities from a run; those along a coordinate without entries are left out."""
-    summary = run.summary()
-    values = {quantity.name: quantity.value(run, summary) for quantity in quantities}
-    return {name: value for name, value in values.items() if np.size(value)}
+    summary, row = run.summary(), {}
+    for each in quantities:
+        row[each.name] = attrgetter(each.read or each.name)(summary) if isinstance(each.read, str) else each.read(run)
+    return {name: value for name, value in row.items() if np.size(value)}

@@ -11,17 +11,23 @@ import numpy as np
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Quantity, Results, read_results
 from psmpc_cli.logs.schema import MONTE_CARLO
-from psmpc_cli.ocp.feasibility import load_feasible
 from psmpc_cli.specs.load import Task
-from psmpc_cli.studies.measures import WHOLE_RUN, Row, measure_run
-from psmpc_cli.studies.runner import CellOutcome, Study, Watch, changed, ignore, run_study
-from psmpc_cli.studies.sweep import LIGHT, names_along
+from psmpc_cli.studies.measures import WHOLE_RUN, PerCell, Row, measure_run
+from psmpc_cli.studies.runner import LIGHT, WAITING, CellOutcome, Study, Watch, changed, ignore, names_along, run_study
 
 Array = np.ndarray
 
-WAITING, ENDED, CRASHED = range(3)
+ENDED, CRASHED = range(WAITING + 1, 3)
 STATUS = ("waiting", "ended", "crashed")
-"""Codes of a run's status and what they mean."""
+"""Codes of a run's status besides `WAITING`, and what all of them mean."""
+
+OF_RUN = (
+    PerCell("status", "1", "status of the run", "", "", WAITING, STATUS),
+    PerCell("reason", "1", "why the run ended", unfilled=""),
+    PerCell("failure", "1", "what made the run crash", unfilled=""),
+    PerCell("run_time", "s", "wall time of the run, with all that is around"),
+)
+"""What the results have of a run besides what is measured of it."""
 
 LARGEST_SEED = 2**63 - 1
 """Larger ones do not fit the file."""
@@ -69,11 +75,8 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
         InputError: Nothing of it is random, or its seed leaves no room for others.
         SpecError: The task does not hold.
     """
-    if isinstance(reference, Task):
-        task, named = changed(reference, (*changes, *LIGHT)), reference.spec.name
-    else:
-        task, named = load_feasible(reference, (*changes, *LIGHT)), str(reference)
-    spec, along = task.spec, names_along(task)
+    task = changed(reference, (*changes, *LIGHT))
+    named, spec = reference.spec.name if isinstance(reference, Task) else str(reference), task.spec
     if not spec.uncertainty.is_random:
         raise InputError(
             f"{named}: found nothing random below uncertainty, all runs would be equal; expected a range of mass, "
@@ -82,31 +85,24 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
     if spec.seed > LARGEST_SEED - runs:
         raise InputError(f"{named}: found seed {spec.seed}, expected at most {LARGEST_SEED - runs}")
     settings = [word for change in changes for word in ("--set", change)]
-    seeds, sizes = spec.seed + np.arange(runs), {name: len(found) for name, found in along.items()}
+    seeds = spec.seed + np.arange(runs)
     return Study(
         kind=MONTE_CARLO,
         task=task,
         cells=[(f"seed={seed}",) for seed in seeds],
-        shape=(runs,),
+        dims=("run",),
         coordinates=[
             Quantity("run", ("run",), np.arange(runs), "1", "number of the run"),
-            *(Quantity(name, (name,), np.array(found), "1", name) for name, found in along.items()),
+            *names_along(task),
             Quantity("seed", ("run",), seeds, "1", "seed of the run"),
         ],
-        arrays=[
-            Quantity("status", ("run",), np.full(runs, WAITING, "i4"), "1", "status of the run", STATUS),
-            Quantity("reason", ("run",), np.full(runs, ""), "1", "why the run ended"),
-            Quantity("failure", ("run",), np.full(runs, ""), "1", "what made the run crash"),
-            Quantity("run_time", ("run",), np.full(runs, np.nan), "s", "wall time of the run, with all that is around"),
-            *(each.unfilled(("run",), (runs,), sizes) for each in WHOLE_RUN if not each.along or each.along in along),
-        ],
+        quantities=(*OF_RUN, *WHOLE_RUN),
         measure=measure_run,
         entry=_entry,
-        again=(CRASHED,),
-        identity={},
-        attributes={"controller": spec.controller.kind, "command": shlex.join(["psmpc", "simulate", named, *settings])},
-        stop=None,
-        origins=np.arange(runs),
+        attributes={
+            "controller": spec.controller.kind,
+            "command": shlex.join(["psmpc", "simulate", named, *settings]),
+        },
     )
 
 

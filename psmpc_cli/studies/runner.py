@@ -4,7 +4,6 @@ A study is a task, the keys that each cell changes in it, and a measure: a funct
 named values. Sweeps and Monte Carlo studies are instances. The results are labelled arrays, which xarray opens.
 """
 
-import json
 import logging
 import os
 import re
@@ -13,7 +12,7 @@ import time
 import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from itertools import islice
@@ -29,14 +28,14 @@ from joblib.externals.loky.backend import resource_tracker as loky_resource_trac
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from psmpc_cli import __version__
-from psmpc_cli.errors import InputError, RunError, SpecError
+from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.logs.results import Quantity, Results, ResultsWriter, create_results, read_results
 from psmpc_cli.logs.run import Run
+from psmpc_cli.ocp.feasibility import load_feasible
 from psmpc_cli.simulation.run import simulate
-from psmpc_cli.specs.document import describe
 from psmpc_cli.specs.load import Task, parse_task
-from psmpc_cli.specs.messages import dotted, quoted, shortened
-from psmpc_cli.studies.measures import Row
+from psmpc_cli.specs.messages import quoted
+from psmpc_cli.studies.measures import PerCell, Row
 
 logger = logging.getLogger(__name__)
 
@@ -55,8 +54,8 @@ WAITING = 0
 CONNECTING = 10
 """Time within which a Dask scheduler answers and has a worker [s]."""
 
-NAMED_KEYS = 3
-"""Keys that a message about another task names."""
+LIGHT = ("log.shares=false", "log.plans=false", "log.ticks=false")
+"""Changes of a task: what is logged but not measured, and costs solves or memory."""
 
 
 @dataclass(frozen=True)
@@ -106,38 +105,39 @@ class Study:
         kind: Kind of the results file.
         task: The task.
         cells: The keys that each cell changes in the task, each `path=value`.
-        shape: Shape of the arrays, whose elements in C order are the cells.
+        dims: Dimensions of the cells' arrays, whose elements in C order are the cells.
         coordinates: The coordinates, and what is known of the cells before they run.
-        arrays: Status, texts and everything else that is filled in, with the values that mean "not yet".
+        quantities: What is filled in; `status` is one of them, whose first code waits and whose last one has failed.
+            Those along a coordinate that there is not are left out.
         measure: The row of a run and why it failed, empty if it did not. Pickles.
         entry: Completes the row of an outcome by the status and what goes with it, given the cell and that whose run it
             shares.
-        again: Status codes of cells that a resumed study computes.
         identity: What the file of a study to resume has in common with this one, by its name for a user.
         attributes: Further attributes of the file.
         stop: Index of the stage at whose end the runs stop; None for the end of the task.
-        origins: For each cell the one whose run it shares (cells,), itself if none.
+        origins: For each cell the one whose run it shares (cells,), itself if none; by default that is so of all.
     """
 
     kind: str
     task: Task
     cells: Sequence[tuple[str, ...]]
-    shape: tuple[int, ...]
+    dims: tuple[str, ...]
     coordinates: Sequence[Quantity]
-    arrays: Sequence[Quantity]
+    quantities: Sequence[PerCell]
     measure: Callable[[Run], tuple[Row, str]]
     entry: Callable[[CellOutcome, int, int], Row]
-    again: tuple[int, ...]
-    identity: Mapping[str, str | int | float]
-    attributes: Mapping[str, str | int | float]
-    stop: int | None
-    origins: np.ndarray
+    identity: Mapping[str, str | int | float] = field(default_factory=dict)
+    attributes: Mapping[str, str | int | float] = field(default_factory=dict)
+    stop: int | None = None
+    origins: np.ndarray | None = None
 
     @property
-    def quantities(self) -> list[Quantity]:
+    def arrays(self) -> list[Quantity]:
         """All arrays of the results file with nothing computed."""
+        sizes = {each.name: len(each.values) for each in self.coordinates if each.dims == (each.name,)}
+        filled = [each.array(self.dims, sizes) for each in self.quantities if each.along in ("", *sizes)]
         spent = Quantity("wall_time", (), np.array(0.0), "s", f"wall time spent on the {self.name}")
-        return [*self.coordinates, *self.arrays, spent]
+        return [*self.coordinates, *filled, spent]
 
     @property
     def name(self) -> str:
@@ -176,20 +176,21 @@ def run_study(
             return run_study(study, Path(folder) / "results.h5", jobs, dask, watch=watch)
     if resume:
         before = _resumed(study, path)
-        status, spent = before["status"].ravel(), float(before["wall_time"])
     else:
         create_file(study, path, force)
-        status, spent = np.full(len(study.cells), WAITING), 0.0
-    needed = np.unique(study.origins[np.isin(status, (WAITING, *study.again))])
+        before = read_results(path, study.kind)
+    status, spent = before.quantities["status"], float(before["wall_time"])
+    origins = np.arange(len(study.cells)) if study.origins is None else study.origins
+    needed = np.unique(origins[np.isin(status.values.ravel(), (WAITING, len(status.meanings) - 1))])
     began, progress = time.monotonic(), Progress(len(needed), 0, 0, 0.0)
     watch(progress)
     run = partial(_run_cell, study.task, study.measure, study.stop)
     with ResultsWriter(path) as writer:
         for number, found in compute(run, [study.cells[cell] for cell in needed], jobs, dask):
             outcome = CellOutcome({}, LOST, np.nan) if found is None else found
-            alike = np.flatnonzero(study.origins == needed[number])
+            alike = np.flatnonzero(origins == needed[number])
             for cell in alike:
-                index = tuple(map(int, np.unravel_index(cell, study.shape)))
+                index = tuple(map(int, np.unravel_index(cell, status.values.shape)))
                 writer.write(index, study.entry(outcome, int(cell), int(needed[number])))
             elapsed = time.monotonic() - began
             writer.write((), {"wall_time": spent + elapsed})
@@ -212,13 +213,21 @@ def _run_cell(
     return CellOutcome(row, failure, time.perf_counter() - began)
 
 
-def changed(task: Task, changes: Sequence[str]) -> Task:
-    """Return a task with keys changed.
+def changed(task: Task | str | Path, changes: Sequence[str]) -> Task:
+    """Return a task, its file or a built-in one of this name, with keys changed.
 
     Raises:
-        SpecError: The changes do not fit the task.
+        SpecError: The task, or a change of it, does not hold, or no run of it could succeed.
     """
-    return parse_task(task.task_yaml, task.robot_yaml, task.spec.name, changes)
+    if isinstance(task, Task):
+        return parse_task(task.task_yaml, task.robot_yaml, task.spec.name, changes)
+    return load_feasible(task, changes)
+
+
+def names_along(task: Task) -> list[Quantity]:
+    """Build the further coordinates of a whole run's quantities, without empty ones."""
+    names = {"stage": [each.name for each in task.spec.stages], "monitor": [each.name for each in task.spec.monitors]}
+    return [Quantity(name, (name,), np.array(found), "1", name) for name, found in names.items() if found]
 
 
 def create_file(study: Study, path: Path, force: bool = False) -> None:
@@ -230,7 +239,7 @@ def create_file(study: Study, path: Path, force: bool = False) -> None:
     created = datetime.now(UTC).isoformat(timespec="seconds")
     task = {"task_name": study.task.spec.name, "task_yaml": study.task.task_yaml, "robot_yaml": study.task.robot_yaml}
     attributes = {**_identity(study), "created": created, **task, **study.attributes}
-    create_results(path, study.kind, attributes, study.quantities, force)
+    create_results(path, study.kind, attributes, study.arrays, force)
 
 
 def _identity(study: Study) -> dict[str, str | int | float]:
@@ -251,18 +260,18 @@ def _resumed(study: Study, path: Path) -> Results:
         found = results.attributes.get(name)
         if found != wanted:
             plainly = f"found {name.replace('_', ' ')} {found}, this one has {wanted}"
-            difference = differing_keys(results, study.task) if name == "digest" else plainly
+            difference = _difference(results, study.task) if name == "digest" else plainly
             raise InputError(
                 f"--resume: {path} holds another {study.name}: {difference}; give the same task and options, or choose "
                 "another file with -o"
             )
-    (cells, *_), (found_cells, *_) = study.shape, results["status"].shape
+    cells, found_cells = len(study.cells), results["status"].size
     if found_cells > cells:
         raise InputError(f"--resume: {path} has {found_cells} runs, found {cells}, expected at least as many")
     if found_cells < cells:
         part = path.with_name(f".{path.name}.longer")
         attributes = {name: value for name, value in results.attributes.items() if isinstance(value, str | int | float)}
-        create_results(part, study.kind, attributes, [_extended(new, results) for new in study.quantities], True)
+        create_results(part, study.kind, attributes, [_extended(new, results) for new in study.arrays], True)
         part.replace(path)
         results = read_results(path, study.kind)
     return results
@@ -274,43 +283,15 @@ def _extended(new: Quantity, results: Results) -> Quantity:
     return replace(new, values=np.concatenate([old, new.values[len(old) :]]) if old.ndim else old)
 
 
-def differing_keys(results: Results, task: Task) -> str:
-    """Say in which keys the task in a results file differs from another one: the name, or the first few keys."""
-    name = str(results.attributes.get("task_name", ""))
-    if name != task.spec.name:
-        return f"found the task {quoted(name)}, this one is {quoted(task.spec.name)}"
-    task_yaml, robot_yaml = (str(results.attributes.get(key, "")) for key in ("task_yaml", "robot_yaml"))
-    try:
-        found = parse_task(task_yaml, robot_yaml, name)
-    except SpecError:
-        return f"found a task {quoted(name)} that does not hold in this version"
-    differing = _differing(_keys(found), _keys(task), ())
-    named = [f"{key} {before}, this one has {now}" for key, before, now in islice(differing, NAMED_KEYS)]
-    more = sum(1 for _ in differing)
-    rest = f"; and {more} more {'key differs' if more == 1 else 'keys differ'}" if more else ""
-    return f"found {'; '.join(named)}{rest}" if named else "found the arms of its robot in another order"
-
-
-def _keys(task: Task) -> dict[str, object]:
-    return {**task.spec.model_dump(mode="json"), "robot": task.robot.model_dump(mode="json")}
-
-
-def _differing(before: object, now: object, path: tuple[str | int, ...]) -> Iterator[tuple[str, str, str]]:
-    """Yield path and both values of every key that differs."""
-    if isinstance(before, dict) and isinstance(now, dict):
-        for key in dict.fromkeys((*before, *now)):
-            yield from _differing(before.get(key), now.get(key), (*path, key))
-    elif isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
-        for i, (one, other) in enumerate(zip(before, now, strict=True)):
-            yield from _differing(one, other, (*path, i))
-    elif before != now:
-        yield dotted(path), _written(before), _written(now)
-
-
-def _written(value: object) -> str:
-    if value is None or (isinstance(value, list) and any(isinstance(entry, dict) for entry in value)):
-        return describe(value)
-    return shortened(json.dumps(value, ensure_ascii=False))
+def _difference(results: Results, task: Task) -> str:
+    """Say how the task in a results file differs from another one: by its name, or by lines of their texts."""
+    for key, own in (("task_name", task.spec.name), ("task_yaml", task.task_yaml), ("robot_yaml", task.robot_yaml)):
+        before, now = str(results.attributes[key]).splitlines(), own.splitlines()
+        lines = [[line.strip() for line in one if line not in other] for one, other in ((before, now), (now, before))]
+        if any(lines):
+            found, wanted = (quoted("; ".join(each)) for each in lines)
+            return f"found {found} in its {key.replace('_', ' ')}, this one has {wanted}"
+    return "found the lines of its task in another order"
 
 
 class _ProcessKilledError(Exception):
@@ -428,10 +409,11 @@ def _on_cluster(
 
 @contextmanager
 def _client(address: str) -> Iterator[Any]:
-    """Connect to a Dask cluster whose workers have one thread and this version.
+    """Connect to a Dask cluster, and make sure that its workers compute what this process would.
 
     Raises:
-        InputError: There is none, or it has other workers; or Dask is not installed.
+        InputError: There is none, it has no workers, or they have several threads or another version; or Dask is not
+            installed.
     """
     try:
         from distributed import Client
@@ -443,6 +425,7 @@ def _client(address: str) -> Iterator[Any]:
         each.setLevel(logging.CRITICAL + 1)
     try:
         with _connected(Client, address) as client:
+            _check_workers(client, address)
             yield client
     finally:
         for each, level in zip(loggers, levels, strict=True):
@@ -450,35 +433,31 @@ def _client(address: str) -> Iterator[Any]:
 
 
 def _connected(client_type: Any, address: str) -> Any:
-    """Connect to a scheduler and make sure that its workers compute what this process would.
-
-    Raises:
-        InputError: None answers, or it has no such workers.
-    """
+    """Connect to a scheduler; raise InputError if none answers."""
     try:
         if not re.fullmatch(r"(?:\w+://)?[\w.\-\[\]:]+:\d+", address):
             raise ValueError("it has no port")
-        client = client_type(address, timeout=CONNECTING, set_as_default=False)
+        return client_type(address, timeout=CONNECTING, set_as_default=False)
     except Exception as error:  # whatever answers there
         raise InputError(
             f"--dask: found no Dask scheduler at '{address}' ({' '.join(str(error).split())}); "
             "start one with: dask scheduler --host 127.0.0.1 --dashboard-address 127.0.0.1:8787"
         ) from None
+
+
+def _check_workers(client: Any, address: str) -> None:
+    """Raise InputError if a cluster has no workers, or one with several threads or of another version."""
     try:
         client.wait_for_workers(1, timeout=CONNECTING)
     except TimeoutError:
-        client.close()
         raise InputError(
             f"--dask: the scheduler at {address} has no workers; start one on this machine with: dask worker {address} "
             "--nthreads 1 --host 127.0.0.1 --dashboard-address 127.0.0.1:0"
         ) from None
     versions = client.run(resolve_name, "psmpc_cli:__version__", on_error="return")
     for worker, threads in client.nthreads().items():
-        version = versions.get(worker)
-        if threads != 1 or version != __version__:
-            client.close()
+        if threads != 1 or versions.get(worker) != __version__:
             raise InputError(
-                f"--dask: worker {worker} has {threads} threads and psmpc {version}, expected 1 (--nthreads 1; "
-                f"--nworkers for several calls at a time) and {__version__} as here"
+                f"--dask: worker {worker} has {threads} threads and psmpc {versions.get(worker)}, expected 1 "
+                f"(--nthreads 1; --nworkers for several calls at a time) and {__version__} as here"
             )
-    return client

@@ -13,28 +13,24 @@ from psmpc_cli.control.multistart import multistart_for
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.schema import SWEEP
-from psmpc_cli.ocp.feasibility import load_feasible
 from psmpc_cli.specs.load import Task
-from psmpc_cli.studies.measures import (
-    WHOLE_RUN,
-    PerCell,
-    Row,
-    measure_run,
-    measure_second_stage,
-    second_stage,
-)
-from psmpc_cli.studies.runner import CellOutcome, Study, Watch, changed, ignore, run_study
+from psmpc_cli.studies.measures import WHOLE_RUN, PerCell, Row, measure_run, measure_second_stage, second_stage
+from psmpc_cli.studies.runner import LIGHT, WAITING, CellOutcome, Study, Watch, changed, ignore, names_along, run_study
 from psmpc_cli.studies.weights import DIMENSIONS, GRID, RATIOS, Sampling, origins
 
 DEFAULT_TASK = "approach_capture"
 """The built-in task of Approach and Capture alone."""
 
-WAITING, COMPUTED, SHARED, FAILED = range(4)
-STATUS = ("waiting", "computed", "shared", "failed")
-"""Codes of a cell's status and what they mean."""
+COMPUTED, SHARED, FAILED = range(WAITING + 1, 4)
+"""Codes of a cell's status besides `WAITING`."""
 
-LIGHT = ("log.shares=false", "log.plans=false", "log.ticks=false")
-"""Changes of the task: what is logged but not measured, and costs solves or memory."""
+OF_CELL = (
+    PerCell("status", "1", "status of the cell", "", "", WAITING, ("waiting", "computed", "shared", "failed")),
+    PerCell("origin", "1", "flat index of the cell whose run it shares", unfilled=-1),
+    PerCell("reason", "1", "why the cell failed", unfilled=""),
+    PerCell("cell_time", "s", "wall time of the cell's run, with all that is around"),
+)
+"""What the results have of a cell itself."""
 
 MOST_RUNS = 100_000
 """Largest number of runs of a sweep; a larger one is a typing error."""
@@ -69,44 +65,26 @@ def sweep(
         InputError: There are no values or too many, or as for `run_study`.
         SpecError: A value does not fit the task.
     """
-    loaded = _light(task)
-    shape = tuple(len(each) for each in values.values())
-    if not shape or not 0 < np.prod(shape) <= MOST_RUNS:
-        raise InputError(f"a sweep: found {np.prod(shape or 0)} runs, expected 1 to {MOST_RUNS}")
+    loaded = changed(task, LIGHT)
+    runs = int(np.prod([len(each) for each in values.values()])) if values else 0
+    if not 0 < runs <= MOST_RUNS:
+        raise InputError(f"a sweep: found {runs} runs, expected 1 to {MOST_RUNS}")
     changes = {key: [f"{key}={json.dumps(_plain(value))}" for value in each] for key, each in values.items()}
     for change in (change for each in changes.values() for change in each):
         changed(loaded, (change,))
-    names = [Quantity(name, (name,), np.array(found), "1", name) for name, found in names_along(loaded).items()]
     axes = [Quantity(key, (key,), _axis(each), "1", f"value of {key}") for key, each in values.items()]
-    cells = list(product(*changes.values()))
     study = Study(
         kind=SWEEP,
         task=loaded,
-        cells=cells,
-        shape=shape,
-        coordinates=[*axes, *names],
-        arrays=_arrays(WHOLE_RUN, tuple(values), shape, {name.name: len(name.values) for name in names}),
+        cells=list(product(*changes.values())),
+        dims=tuple(values),
+        coordinates=[*axes, *names_along(loaded)],
+        quantities=(*OF_CELL, *WHOLE_RUN),
         measure=measure_run,
         entry=_entry,
-        again=(FAILED,),
         identity={"keys": "; ".join(change for each in changes.values() for change in each)},
-        attributes={},
-        stop=None,
-        origins=np.arange(len(cells)),
     )
     return run_study(study, path, jobs, dask, force, resume, watch)
-
-
-def _light(task: Task | str | Path) -> Task:
-    """Load a task that logs no more than is measured."""
-    loaded = task if isinstance(task, Task) else load_feasible(task)
-    return changed(loaded, LIGHT)
-
-
-def names_along(task: Task) -> dict[str, list[str]]:
-    """Return the entries of the further coordinates of a whole run's quantities, without empty ones."""
-    names = {"stage": [each.name for each in task.spec.stages], "monitor": [each.name for each in task.spec.monitors]}
-    return {name: found for name, found in names.items() if found}
 
 
 def _plain(value: Any) -> Any:
@@ -134,10 +112,7 @@ def load_sweep_task(reference: str | Path | Task, changes: Sequence[str] = (), e
         SpecError: The task does not hold.
     """
     wanted = [f"onset.series={list(epsilons)}"] if epsilons else []
-    if isinstance(reference, Task):
-        loaded = changed(reference, [*changes, *wanted, *LIGHT])
-    else:
-        loaded = load_feasible(reference, [*changes, *wanted, *LIGHT])
+    loaded = changed(reference, [*changes, *wanted, *LIGHT])
     return changed(loaded, [f"controller.multistart={multistart_for(loaded.spec.controller)}"])
 
 
@@ -150,9 +125,8 @@ def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_
         sampling: Their priorities in each cell.
         every_cell: Whether cells with equal ratios of all priorities are computed one by one, instead of sharing a run.
     """
-    spec, omega, dims = task.spec, sampling.omega, DIMENSIONS[sampling.kind]
+    spec, omega = task.spec, sampling.omega
     keys = [f"stages[{stage}].priority" for stage in stages]
-    cells = [tuple(f"{key}={float(each)!r}" for key, each in zip(keys, pair, strict=True)) for pair in omega]
     names = [stage.name for stage in spec.stages]
     units = "m/s^2, rad/s^2" if spec.onset.kind == "control" else "1"
     further = [
@@ -162,15 +136,12 @@ def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_
     return Study(
         kind=SWEEP,
         task=task,
-        cells=cells,
-        shape=sampling.shape,
+        cells=[tuple(f"{key}={float(each)!r}" for key, each in zip(keys, pair, strict=True)) for pair in omega],
+        dims=DIMENSIONS[sampling.kind],
         coordinates=[*_weights(sampling, [names[stage] for stage in stages]), *further],
-        arrays=_arrays(
-            second_stage(stages[1]), dims, sampling.shape, {each.name: len(each.values) for each in further}
-        ),
+        quantities=(*OF_CELL, *second_stage(stages[1])),
         measure=partial(measure_second_stage, stages[1]),
         entry=_entry,
-        again=(FAILED,),
         identity={
             "stages": ",".join(str(stage + 1) for stage in stages),
             "sampling": sampling.label,
@@ -186,7 +157,7 @@ def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_
             "onset": spec.onset.kind,
         },
         stop=stages[1],
-        origins=np.arange(len(cells)) if every_cell else origins(task, stages, omega),
+        origins=None if every_cell else origins(task, stages, omega),
     )
 
 
@@ -207,21 +178,6 @@ def _weights(sampling: Sampling, names: Sequence[str]) -> list[Quantity]:
         Quantity("ratio", dims, ratio, "1", over),
         Quantity("omega_1", dims, omega[:, 0], "1", first),
         Quantity("omega_2", dims, omega[:, 1], "1", second),
-    ]
-
-
-def _arrays(
-    quantities: Sequence[PerCell], dims: tuple[str, ...], shape: tuple[int, ...], along: Mapping[str, int]
-) -> list[Quantity]:
-    """Return the status of the cells and everything that is measured, with nothing filled in."""
-    return [
-        Quantity("status", dims, np.full(shape, WAITING, "i4"), "1", "status of the cell", STATUS),
-        Quantity("origin", dims, np.full(shape, -1, "i4"), "1", "flat index of the cell whose run it shares"),
-        Quantity("reason", dims, np.full(shape, ""), "1", "why the cell failed"),
-        Quantity(
-            "cell_time", dims, np.full(shape, np.nan), "s", "wall time of the cell's run, with all that is around"
-        ),
-        *(each.unfilled(dims, shape, along) for each in quantities if not each.along or each.along in along),
     ]
 
 

@@ -15,7 +15,8 @@ import pytest
 from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.run import read_run
 from psmpc_cli.logs.schema import SWEEP
-from psmpc_cli.studies.sweep import SHARED, WAITING
+from psmpc_cli.studies.runner import WAITING
+from psmpc_cli.studies.sweep import SHARED
 
 from .command import Psmpc
 

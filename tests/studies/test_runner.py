@@ -22,9 +22,9 @@ import psmpc_cli
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Results, read_results
 from psmpc_cli.logs.schema import SWEEP
-from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.studies.runner import LOST, Progress, Study, changed, compute, create_file, differing_keys, run_study
-from psmpc_cli.studies.sweep import COMPUTED, FAILED, SHARED, WAITING, load_sweep_task, weight_study
+from psmpc_cli.specs.load import Task, parse_task
+from psmpc_cli.studies.runner import LOST, WAITING, Progress, Study, changed, compute, create_file, run_study
+from psmpc_cli.studies.sweep import COMPUTED, FAILED, SHARED, load_sweep_task, weight_study
 from psmpc_cli.studies.weights import grid_sampling
 
 from ..there_and_back import TASK
@@ -190,7 +190,7 @@ def test_a_cell_that_kills_its_process_is_lost_and_the_others_are_computed(tmp_p
     [
         ((), "3x3", False, "sampling 2x2, this one has 3x3"),
         ((), "2x2", True, "every cell 0, this one has 1"),
-        (("controller.nodes=9",), "2x2", False, "controller.nodes 5, this one has 9"),
+        (("controller.nodes=9",), "2x2", False, "nodes: 9"),
     ],
 )
 def test_another_study_is_not_resumed(
@@ -218,31 +218,19 @@ def test_an_existing_file_is_kept_without_force(whole: Results, task: Task) -> N
         run_study(study_of(task), whole.path)
 
 
-def results_of(task: Task, **attributes: str) -> Results:
-    texts = {"task_name": task.spec.name, "task_yaml": task.task_yaml, "robot_yaml": task.robot_yaml}
-    return Results(Path("study.h5"), {**texts, **attributes}, {})
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        (("controller.nodes=25",), "found controller.nodes 100, this one has 25"),
-        (("stages.capture.priority=5",), "found stages[1].priority 100.0, this one has 5.0"),
-        (("monitors=[]",), "found monitors a list of 1 entry, this one has []"),
-        (("controller.nodes=25", "controller.kind=smpc", "seed=3", "uncertainty.mass=0.1"), "; and 1 more key differs"),
-    ],
-)
-def test_another_task_is_told_by_the_keys_that_differ(changes: tuple[str, ...], words: str) -> None:
-    assert words in differing_keys(results_of(load_task("transport")), load_task("transport", changes))
-
-
-def test_another_task_is_told_by_its_name_and_its_robot() -> None:
-    task = load_task("transport")
-    said = differing_keys(results_of(task), load_task("approach_capture"))
-    assert said == 'found the task "transport", this one is "approach_capture"'
-    heavier = task.robot_yaml.replace("mass: 30, inertia", "mass: 31, inertia", 1)
-    assert differing_keys(results_of(task, robot_yaml=heavier), task) == "found robot.base.mass 31.0, this one has 30.0"
-    assert "does not hold in this version" in differing_keys(results_of(task, task_yaml="nonsense: 1"), task)
+def test_a_study_of_another_task_or_robot_is_told_by_it(tmp_path: Path, task: Task) -> None:
+    path, heavier = tmp_path / "study.h5", task.robot_yaml.replace("mass: 30", "mass: 31", 1)
+    for other, words in (
+        (
+            load_sweep_task("approach_capture"),
+            'found "task" in its task name, this one has "approach_capture"',
+        ),
+        (parse_task(task.task_yaml, heavier, task.spec.name), "in its robot yaml"),
+    ):
+        create_file(study_of(task), path, force=True)
+        with pytest.raises(InputError, match="holds another sweep") as error:
+            run_study(study_of(other), path, resume=True)
+        assert words in str(error.value)
 
 
 @contextmanager

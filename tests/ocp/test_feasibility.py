@@ -109,16 +109,6 @@ def test_misprint_in_approach_alone_is_remarked() -> None:
             ],
         ),
         (
-            [
-                "skills.move.limits={arm_1: {position: [[-1, 0.5], [-180 deg, 180 deg], [-180 deg, 180 deg]]}}",
-                "stages.transport.target.arm_1=[0, 0, 0]",
-            ],
-            [
-                "stages[1].ends_when: found a pose of arm_1 that it can take only beyond its joint limits in "
-                '"transport", expected one within them'
-            ],
-        ),
-        (
             ["skills.move.limits={base: {velocity: [0.1, [-0.1, 0], 0.1]}}"],
             [
                 "stages[0].ends_when: found base.y to be moved, expected velocity limits that allow it, "

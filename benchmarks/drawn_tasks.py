@@ -10,7 +10,8 @@ from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.robot.model import RobotModel, build_model
 from psmpc_cli.specs.document import write
-from psmpc_cli.specs.load import LoadedRobot, Task, load_robot, parse_task
+from psmpc_cli.specs.library import find, read_text
+from psmpc_cli.specs.load import Task, load_robot, parse_task
 
 ROBOT = "planar_dual_arm"
 STAGES = (2, 4)
@@ -116,18 +117,13 @@ def _by_part(values: np.ndarray) -> dict[str, list[float]]:
 
 
 @cache
-def _robot() -> LoadedRobot:
-    return load_robot(ROBOT)
-
-
-@cache
 def _model() -> RobotModel:
-    return build_model(_robot().spec)
+    return build_model(load_robot(ROBOT))
 
 
 def _robot_yaml(speed: float) -> str:
     """Return the robot's text with its velocity limits scaled."""
-    data = yaml.safe_load(_robot().robot_yaml)
+    data = yaml.safe_load(read_text(find("robot", ROBOT)))
     for limits in data["limits"].values():
         limits["velocity"] = [_rounded(speed * limit) for limit in limits["velocity"]]
     return write(data)

@@ -119,7 +119,7 @@ def sized_task(arms: int, joints: int) -> Task:
 
 def sized_robot(arms: int, joints: int) -> dict[str, Data]:
     """Return a robot as YAML has it, its arms around the base."""
-    pattern = load_robot(PATTERN).spec
+    pattern = load_robot(PATTERN)
     arm = next(iter(pattern.arms.values()))
     shoulder = math.hypot(*arm.mount.position)
     angles = [2 * math.pi * k / arms for k in range(arms)]

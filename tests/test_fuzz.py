@@ -13,9 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.errors import SpecError
 from psmpc_cli.logs.comparison import merge_logs
-from psmpc_cli.specs.load import load_robot, load_task
 
 from .cli.command import Ran
 from .fuzzing import fuzzing
@@ -176,18 +174,6 @@ def test_a_file_that_was_edited_is_read_or_rejected(folder: Path, reader: Reader
         file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
         EDITS[edit](file, Random(edit).choice(names))
     assert reader.read(path) in ("read", "rejected")
-
-
-@fuzzing(150)
-@given(seed=st.integers(0, 2**32), of_robot=st.booleans())
-def test_a_damaged_description_is_loaded_or_rejected(folder: Path, seed: int, of_robot: bool) -> None:
-    random, original, path = Random(seed), load_task("transport"), folder / "bad.yaml"
-    path.write_bytes(mutated_bytes((original.robot_yaml if of_robot else original.task_yaml).encode(), random))
-    try:
-        load_robot(path) if of_robot else load_task(path)
-    except SpecError as error:
-        assert len(str(error)) < 30_000
-        assert all(line.replace("\t", " ").isprintable() for line in str(error).split("\n"))
 
 
 @fuzzing(60)

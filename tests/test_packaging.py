@@ -120,17 +120,3 @@ def test_no_file_names_a_path_of_one_machine() -> None:
 
 def test_the_set_up_leaves_the_package_index_to_the_machine() -> None:
     assert files_with(ADDRESS, among=("constraints.txt", "Makefile", ".ci/*")) == []
-
-
-@pytest.mark.parametrize(
-    ("pattern", "text"),
-    [
-        (REGISTRY, "see files.python" + "hosted.org"),
-        (REGISTRY, "https://test.py" + "pi.org/simple"),
-        (MACHINE, "from /ho" + "me/someone/psmpc"),
-        (ADDRESS, "psmpc @ file" + ":wheels/psmpc.whl"),
-        (ADDRESS, "--index-" + "url"),
-    ],
-)
-def test_the_patterns_find_what_they_are_for(pattern: re.Pattern[str], text: str) -> None:
-    assert pattern.search(text)

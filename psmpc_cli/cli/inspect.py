@@ -44,7 +44,7 @@ def _check_one(reference: str, changes: list[str], gradients: bool) -> bool:
     from psmpc_cli.specs.load import kind_of_reference, load_robot
 
     if kind_of_reference(reference) == "robot":
-        print_robot(load_robot(reference).spec)
+        print_robot(load_robot(reference))
         return True
     task = load_feasible(reference, changes)
     outlooks = look_ahead(task)

@@ -57,10 +57,8 @@ def output_option(default: str, metavar: str = "FILE", what: str = "Results.") -
 
 def shorthands(controller: str | None, plant: str | None) -> "list[Change]":
     """Build the changes that --controller and --plant are short for."""
-    from psmpc_cli.specs.overrides import Short
-
     given = {"controller": controller, "plant": plant}
-    return [Short(f"--{name}", f"{name}.kind", value) for name, value in given.items() if value is not None]
+    return [(f"--{name} {value}", f"{name}.kind={value}") for name, value in given.items() if value is not None]
 
 
 def output_file(given: Path | None, name: str, force: bool, figures: bool, resume: bool = False) -> Path:

@@ -129,7 +129,7 @@ def load_robot(reference: str | Path) -> RobotModel:
     Raises:
         SpecError: The file does not describe a robot; the message has all its errors with their positions.
     """
-    return build_model(load_robot_spec(reference).spec)
+    return build_model(load_robot_spec(reference))
 
 
 def build_model(spec: RobotSpec, damping: float = 1e-2) -> RobotModel:

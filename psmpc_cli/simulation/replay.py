@@ -12,7 +12,6 @@ from psmpc_cli.ocp.window import Window
 from psmpc_cli.simulation.setup import Experiment, build_experiment
 from psmpc_cli.solvers import Outcome, Solution, build_solver
 from psmpc_cli.specs.load import Task, parse_task
-from psmpc_cli.specs.overrides import Short
 
 MOST_NODES = 1000
 """Intervals a stage has at most; a log with more is damaged."""
@@ -161,7 +160,8 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
 def _with_solver(loaded: Task, solver: str) -> Task:
     if re.fullmatch(r"[\w-]+", solver) is None:
         raise InputError(f"--solver: found {solver!r}, expected the name of a solver such as ipopt")
-    return parse_task(loaded.task_yaml, loaded.robot_yaml, loaded.spec.name, [Short("--solver", "solver.kind", solver)])
+    change = (f"--solver {solver}", f"solver.kind={solver}")
+    return parse_task(loaded.task_yaml, loaded.robot_yaml, loaded.spec.name, [change])
 
 
 def solve_again(experiment: Experiment, logged: Solution, same_solver: bool = True) -> tuple[Solution, tuple[str, ...]]:

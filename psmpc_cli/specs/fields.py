@@ -27,7 +27,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
 
 from psmpc_cli.specs.document import ANGLE_PATTERN, DECIMAL, LARGEST, angle, resolve
-from psmpc_cli.specs.messages import Path, choice, counted, suggestion
+from psmpc_cli.specs.messages import Path, choice, suggestion
 
 NAME_PATTERN = r"^[^\s./\\\[\]=:,]+( [^\s./\\\[\]=:,]+)*$"
 """Names appear in paths, messages, files and datasets."""
@@ -53,8 +53,11 @@ Pair = tuple[float, float]
 Flaws = Iterator[tuple[Path, PydanticCustomError]]
 """What is wrong inside a value, with the path from it."""
 
-Rule = Callable[[Any, Mapping[str, Any], Any], Flaws]
-"""Gives what is wrong with a value by the valid fields before it, and by the `Context` of its description."""
+Fields = Mapping[str, Any]
+"""The valid fields of a model before the one that a rule is about."""
+
+Rule = Callable[[Any, Fields, Any], Flaws]
+"""Gives what is wrong with a value, by the fields before it and the `Context` of its description."""
 
 
 def flaw(tail: str, found: str | None = None, at_key: bool = False) -> PydanticCustomError:
@@ -147,21 +150,20 @@ def _explained(details: list[ErrorDetails], model: type[Spec]) -> Iterator[Any]:
         elif kind == "too_short" and len(value) >= context["min_length"]:
             continue  # only too short because wrong entries do not count
         else:
-            wording = _WORDINGS.get(kind)
-            error = expected(wording(context) if wording else detail["msg"])
+            error = expected(_WORDINGS.get(kind, detail["msg"]).format(**context))
         yield {"type": error, "loc": at, "input": value}
 
 
-_WORDINGS: dict[str, Callable[[dict[str, Any]], str]] = {
-    "string_type": lambda context: "a text (in quotes if it looks like a number)",
-    "bool_type": lambda context: "true or false",
-    "tuple_type": lambda context: "a list",
-    "greater_than": lambda context: f"a number greater than {context['gt']:g}",
-    "greater_than_equal": lambda context: f"a number of at least {context['ge']:g}",
-    "less_than": lambda context: f"a number less than {context['lt']:g}",
-    "less_than_equal": lambda context: f"a number of at most {context['le']:g}",
-    "too_short": lambda context: f"at least {counted(context['min_length'], 'entry', 'entries')}",
-    "string_too_short": lambda context: "a text that is not empty",
+_WORDINGS = {
+    "string_type": "a text (in quotes if it looks like a number)",
+    "bool_type": "true or false",
+    "tuple_type": "a list",
+    "greater_than": "a number greater than {gt:g}",
+    "greater_than_equal": "a number of at least {ge:g}",
+    "less_than": "a number less than {lt:g}",
+    "less_than_equal": "a number of at most {le:g}",
+    "too_short": "a length of at least {min_length}",
+    "string_too_short": "a text that is not empty",
 }
 
 
@@ -285,16 +287,16 @@ def _name(value: object) -> str:
     return value
 
 
-def known(names: str | tuple[str, ...], kind: str | None = None) -> AfterValidator:
-    """Create a validator of a name that must be among those that are given, or that the context lists if it lists any.
+def known(names: Callable[[Any], Collection[str]], kind: str | None = None) -> AfterValidator:
+    """Create a validator of a name that must be among those that the context lists, if it lists any.
 
     Args:
-        names: The names, or the attribute of the context that lists them.
+        names: Returns them from the context.
         kind: For keys of a mapping, the kind of thing they name.
     """
 
     def check(value: str, info: ValidationInfo) -> str:
-        valid: Collection[str] = getattr(info.context, names, ()) if isinstance(names, str) else names
+        valid = names(info.context) if info.context else ()
         if valid and value not in valid:
             raise flaw(choice(value, valid), kind and f"no such {kind}", at_key=kind is not None)
         return value
@@ -333,13 +335,7 @@ def _around_rest(bounds: Pair) -> Pair:
     return bounds
 
 
-def _names(value: object) -> object:
-    if not isinstance(value, str | list | tuple):
-        raise expected("a name, or a list of names")
-    return [value] if isinstance(value, str) else value
-
-
-def _one_or_more(value: object) -> object:
+def _alone(value: object) -> object:
     return value if isinstance(value, list | tuple | dict) else [value]
 
 
@@ -392,16 +388,13 @@ Rate = Annotated[
 _Key = TypeVar("_Key")
 _One = TypeVar("_One")
 _Each = TypeVar("_Each")
-Names = Annotated[tuple[_One, ...], Field(min_length=1), BeforeValidator(_names), _Or()]
-"""A list of names that is not empty, or one name alone."""
-
-OneOrMore = Annotated[tuple[_One, ...], Field(min_length=1), BeforeValidator(_one_or_more), _Or()]
-"""A list of numbers that is not empty, or one number alone."""
+OneOrMore = Annotated[tuple[_One, ...], Field(min_length=1), BeforeValidator(_alone), _Or()]
+"""A list that is not empty, or one entry alone."""
 
 OrByPart = Annotated[
     Annotated[_One, Tag("number")] | Annotated[Mapping[_Key, _Each], Tag("parts")], Discriminator(_shape)
 ]
 """One number for all parts, or numbers by part: `OrByPart[one, key, each]`."""
 
-Part = Annotated[str, known("parts", "part of the robot")]
-ArmName = Annotated[str, known("arms", "part of the robot")]
+Part = Annotated[str, known(lambda context: context.parts, "part of the robot")]
+ArmName = Annotated[str, known(lambda context: context.parts[1:], "part of the robot")]

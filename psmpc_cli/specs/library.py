@@ -15,7 +15,7 @@ Kind = Literal["robot", "task"]
 
 KINDS: tuple[Kind, ...] = ("robot", "task")
 
-LARGEST_FILE = 2**20
+LARGEST_FILE = 2**18
 """Bytes of a description; the built-in ones have some three thousand."""
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"

@@ -31,21 +31,6 @@ ROUNDS = 8
 
 
 @dataclass(frozen=True)
-class LoadedRobot:
-    """A robot and where it came from.
-
-    Attributes:
-        spec: The robot.
-        robot_yaml: The text it was read from.
-        source: That text with the position of every value.
-    """
-
-    spec: RobotSpec
-    robot_yaml: str
-    source: Document
-
-
-@dataclass(frozen=True)
 class Task:
     """A valid task with its robot: what controllers, simulations and studies start from.
 
@@ -102,7 +87,7 @@ def load_task(reference: str | Path | Mapping[str, Any], set: Changes = (), revi
     return _task(document, path.parent, path.stem, set, review)
 
 
-def load_robot(reference: str | Path) -> LoadedRobot:
+def load_robot(reference: str | Path) -> RobotSpec:
     """Load a robot from a path or by the name of a built-in one.
 
     Raises:
@@ -112,7 +97,7 @@ def load_robot(reference: str | Path) -> LoadedRobot:
     robot, faults = validate_robot(document)
     if robot is None:
         raise SpecError(document.report(faults))
-    return LoadedRobot(robot, document.text, document)
+    return robot
 
 
 def parse_task(task_yaml: str, robot_yaml: str, name: str, set: Changes = ()) -> Task:

@@ -4,7 +4,7 @@ import copy
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from psmpc_cli.specs.document import Data, Document, Origin, describe, plain, read
@@ -23,23 +23,8 @@ NO_CONTROLLERS_OWN: tuple[Path, ...] = (("robot",), ("controller",), ("controlle
 """Keys that cannot depend on the controller."""
 
 
-@dataclass(frozen=True)
-class Short:
-    """An option that is short for `--set key=value`.
-
-    Attributes:
-        option: As it is typed, such as --plant.
-        key: Path of the key it sets.
-        value: What was typed after it.
-    """
-
-    option: str
-    key: str
-    value: str
-
-
-Change = str | Short
-"""One key to change: `path=value`, or an option short for that."""
+Change = str | tuple[str, str]
+"""One key to change: `path=value`, or an option as it was typed and the `path=value` that it is short for."""
 
 Changes = Mapping[str, Any] | Sequence[Change]
 """Keys to change: values by path, or a sequence of changes in their order."""
@@ -94,10 +79,7 @@ def _texts(changes: Changes) -> Iterator[tuple[str, str]]:
             yield f"set {text}", text
         return
     for change in changes:
-        if isinstance(change, Short):
-            yield f"{change.option} {change.value}", f"{change.key}={change.value}"
-        else:
-            yield f"--set {change}", change
+        yield (f"--set {change}", change) if isinstance(change, str) else change
 
 
 def _apply(document: Document, typed: str, number: int, text: str) -> Document:

@@ -74,21 +74,6 @@ class Context:
         return [*self.sizes, "arms"] if self.sizes else []
 
     @cached_property
-    def arms(self) -> list[str]:
-        """The keys of numbers by arm."""
-        return self.parts[1:]
-
-    @cached_property
-    def frames(self) -> list[str]:
-        """The parts that have a frame."""
-        return list(self.sizes)
-
-    @cached_property
-    def joint_coordinates(self) -> tuple[str, ...]:
-        """The names of coordinates of Q."""
-        return names(self.sizes, "joint") if self.sizes else ()
-
-    @cached_property
     def spaces(self) -> dict[str, Space | None]:
         """The skills and their spaces."""
         skills = self.value("skills")

@@ -14,11 +14,11 @@ from psmpc_cli.specs.fields import (
     Angle,
     Choice,
     Direction,
+    Fields,
     Flag,
     Flaws,
     Intervals,
     Name,
-    Names,
     NotNegative,
     Number,
     OneOrMore,
@@ -72,9 +72,6 @@ Parts = Mapping[str, tuple[float, ...]]
 """Numbers keyed by part name (`base`, then each arm's name, or `arms` for every arm)."""
 
 
-Fields = Mapping[str, Any]
-
-
 def _two_stages(comparison: tuple[str, str, float]) -> tuple[str, str, float]:
     if comparison[0] == comparison[1]:
         raise flaw(", expected two different stages", f"{quoted(comparison[0])} compared with itself")
@@ -86,21 +83,21 @@ _Extent = Annotated[tuple[Positive, Positive], listed("2 entries", 2)]
 _Pose = Annotated[tuple[Number, Number, Direction], listed("3 entries", 3)]
 _Control = OrByPart[Size, Part, tuple[Size, ...]]
 _Tolerance = OrByPart[Width, Part, OneOrMore[Width]]
-_Frames = Names[Annotated[str, known("frames")]]
-_JointNames = Names[Annotated[str, known("joint_coordinates")]]
-_SkillName = Annotated[str, known("spaces")]
-_StageName = Annotated[str, known("stages")]
+_Frames = OneOrMore[Annotated[str, known(lambda context: list(context.sizes))]]
+_JointNames = OneOrMore[Annotated[str, known(lambda context: names(context.sizes, "joint") if context.sizes else ())]]
+_SkillName = Annotated[str, known(lambda context: context.spaces)]
+_StageName = Annotated[str, known(lambda context: context.stages)]
 _Comparison = Annotated[
     tuple[_StageName, _StageName, Positive],
     listed("a comparison [stage, stage, ratio]", 3),
     AfterValidator(_two_stages),
 ]
-_StageKey = Annotated[str, known("stages", "stage")]
+_StageKey = Annotated[str, known(lambda context: context.stages, "stage")]
 
 Kind = Literal["psmpc", "smpc", "hard", "htmpc"]
 CONTROLLERS: tuple[Kind, ...] = get_args(Kind)
 
-_ControllerKey = Annotated[str, known(CONTROLLERS, "controller")]
+_ControllerKey = Annotated[str, known(lambda context: CONTROLLERS, "controller")]
 
 
 class ObjectSpec(Spec):
@@ -237,7 +234,7 @@ class EndCondition(Spec):
     A coordinate is a part (`base`), `arms`, `all`, or one of a part (`base.x`, `arm_1.2`).
     """
 
-    coordinates: Names[str] = Field(description="what must be at the target")
+    coordinates: OneOrMore[str] = Field(description="what must be at the target")
     tolerance: _Tolerance = Field(3e-3, description="how near, one number or numbers by part [m, rad]")
     velocity: Width | None = Field(None, description="how much at rest [m/s, rad/s]")
     hold: Seconds = Field(

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field
 
 from psmpc_cli.specs.fields import (
     ArmName,
+    Fields,
     Flag,
     Flaws,
     Fraction,
@@ -31,8 +32,6 @@ ROUNDING = 1e-6
 
 DEFAULT_TIME_LIMIT = 60.0
 """Time after which a run is stopped where the task does not say [s]."""
-
-Fields = Mapping[str, Any]
 
 _Fractions = OrByPart[Fraction, Part, Fraction]
 _ByArm = OrByPart[NotNegative, ArmName, OneOrMore[NotNegative]]
@@ -122,31 +121,26 @@ class UncertaintySpec(Spec):
     @property
     def measures_with_noise(self) -> bool:
         """Whether the controller sees another state than the true one."""
-        return any(value > 0 for value in self.noise.model_dump().values())
+        return _any(self.noise.model_dump())
 
     @property
     def is_random(self) -> bool:
         """Whether any of it depends on the seed."""
-        return self.measures_with_noise or any(
-            _largest(of) > 0 for of in (self.mass, self.inertia, self.centre_of_mass)
-        )
+        return _any(self.model_dump(include={"noise", "mass", "inertia", "centre_of_mass"}))
 
     @property
     def changes_the_plant(self) -> bool:
         """Whether anything but what the controller reads, and when it acts, differs from what it knows."""
-        drawn = (self.mass, self.inertia, self.centre_of_mass, self.friction.viscous, self.friction.coulomb)
-        others = self.force_limits or self.impulse or self.payload
-        return bool(others) or any(_largest(value) > 0 for value in drawn)
+        return _any(self.model_dump(exclude={"noise": True, "delay": True, "friction": {"width"}}))
 
     @property
     def in_force(self) -> bool:
         """Whether there is any of it."""
-        return self.changes_the_plant or self.measures_with_noise or self.delay > 0
+        return _any(self.model_dump(exclude={"friction": {"width"}}))
 
 
-def _largest(value: float | Mapping[str, float] | Mapping[str, tuple[float, ...]]) -> float:
-    """Return the largest of one number or numbers by part."""
-    if not isinstance(value, Mapping):
-        return value
-    lists = (given if isinstance(given, tuple) else (given,) for given in value.values())
-    return max((number for numbers in lists for number in numbers), default=0.0)
+def _any(value: object) -> bool:
+    """Tell whether there is a number other than 0 in plain data."""
+    if isinstance(value, Mapping | tuple):
+        return any(map(_any, value.values() if isinstance(value, Mapping) else value))
+    return bool(value)

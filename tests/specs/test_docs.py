@@ -9,7 +9,7 @@ import pytest
 
 from psmpc_cli.specs.document import Data, read, write
 from psmpc_cli.specs.library import Kind, json_schema
-from psmpc_cli.specs.load import load_robot, load_task, parse_task, validate_robot
+from psmpc_cli.specs.load import load_task, parse_task, validate_robot
 from psmpc_cli.specs.task import StageSpec, TaskSpec
 
 from .key_tables import DOCS, ROOTS, documented, models_of, with_tables
@@ -64,7 +64,7 @@ def test_examples_of_tasks_load(number: int) -> None:
 
 @pytest.mark.parametrize("number", range(len(list(examples("robots.md")))))
 def test_examples_of_robots_load(number: int) -> None:
-    robot = read("robot", load_robot("planar_dual_arm").robot_yaml).data
+    robot = read("robot", load_task("transport").robot_yaml).data
     assert isinstance(robot, dict)
     found, problems = validate_robot(read("example", write({**robot, **list(examples("robots.md"))[number]})))
     assert problems == ()

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.coordinates import (
     labels,
     resolve_limits,
@@ -22,7 +21,7 @@ from psmpc_cli.specs.parts import Space
 from psmpc_cli.specs.robot import Arm, Link, Mount, PartLimits
 from psmpc_cli.specs.task import EndCondition, TrajectorySpec
 
-DUAL = load_robot("planar_dual_arm").spec
+DUAL = load_robot("planar_dual_arm")
 LINK = Link(mass=1, inertia=1, a=0.1, b=0.1)
 ARMS = {size: Arm(mount=Mount(position=(0, 0)), links=(LINK,) * size) for size in (1, 4)}
 UNEVEN = DUAL.model_copy(update={"arms": {"short": ARMS[1], "long": ARMS[4]}, "limits": {}})
@@ -84,7 +83,7 @@ stages:
       {times: [0, 4], base: [[0, 0, 0], [0.5, 0, 30 deg]], arm_1: [[0, 0, 0], [1, 2, 3]], arms: [[0, 0, 0], [4, 5, 6]]}
     ends_when: {coordinates: base}
 """
-ROBOT = load_robot("planar_dual_arm").robot_yaml
+ROBOT = load_task("transport").robot_yaml
 
 
 def test_rows_of_a_trajectory_are_stacked_in_the_order_of_q() -> None:
@@ -105,15 +104,6 @@ def test_one_number_is_set_and_the_effective_text_keeps_it(moment: int, part: st
     assert target.parts[part][moment][axis] == value
     again = parse_task(task.task_yaml, task.robot_yaml, task.spec.name)
     assert (again.spec, again.digest) == (task.spec, task.digest)
-
-
-@pytest.mark.parametrize("dwell", ["", "\n    dwell: 3"])
-def test_instant_must_come_after_the_trajectory(dwell: str) -> None:
-    rest = "  - {name: rest, skill: move, target: {base: [0, 0, 0], arms: [0, 0, 0]}, ends_when: {coordinates: all}}\n"
-    text = FOLLOW.replace("ends_when: {coordinates: base}", f"at: 5{dwell}") + rest
-    assert parse_task(text, ROBOT, "follow").spec.stages[0].at == 5
-    with pytest.raises(SpecError, match=r"found 3.5 s, expected a time after 4 s"):
-        parse_task(text.replace("at: 5", "at: 3.5"), ROBOT, "follow")
 
 
 bounds = st.floats(0.0, 10.0).flatmap(lambda high: st.tuples(st.floats(-10.0, 0.0), st.just(high)))

@@ -18,13 +18,15 @@ from ..figures.made_up import Story, write_story
 
 STAGES = ("approach", "capture", "transport", "release")
 
+VERSIONS = {"casadi_version": "3.8", "numpy_version": "2.0"}
+
 TIMES = np.round(np.arange(0.0, 30.0, 0.1), 1)
 
 
 @cache
 def _made_up() -> Run:
     with TemporaryDirectory() as folder:
-        run = read_run(write_story(Path(folder) / "run.h5", Story(sample=0.4)))
+        run = read_run(write_story(Path(folder) / "run.h5", Story(attributes=VERSIONS)))
     assert run.problem is not None  # built once, before the file is gone
     return run
 
@@ -78,6 +80,7 @@ def hand_made(
     completed = bool(np.isfinite(ends[-1]))
     reason = "release met its end condition" if completed else "time limit of 60 s reached"
     attributes = {**base.attributes, "controller": method, "finished": completed, "end_reason": reason}
+    attributes["digest"] = method * 8
     made = replace(base, arrays=arrays, attributes=attributes)
     vars(made).update(task=base.task, problem=base.problem)  # the same for all: made once
     return made

@@ -6,7 +6,6 @@ from typing import Any
 import pytest
 
 from psmpc_cli.errors import InputError, SpecError
-from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.judge import Reproduction
 from psmpc_cli.studies.reproduce import METHODS, claims_json, load_variants, load_weights_sweep
@@ -27,19 +26,13 @@ ONE_STAGE = (
 )
 
 
-def hand_made_runs() -> dict[str, Run]:
-    runs = {method: hand_made(ends, method=method) for method, ends in ENDS.items()}
-    for run in runs.values():
-        run.attributes["digest"] = "of the task"
-    return runs
-
-
 @pytest.fixture
 def made(tmp_path: Path) -> Reproduction:
     """Of hand-made runs, a made-up sweep and made-up fronts."""
     weights = sweep_cells(made_up_sweep(tmp_path / "weights.h5", "3x3", failed=(1,)))
     fronts = made_up_fronts(tmp_path / "fronts.h5", failed=(1,))
-    return Reproduction(hand_made_runs(), weights, fronts, ("x=1",))
+    runs = {method: hand_made(ends, method=method) for method, ends in ENDS.items()}
+    return Reproduction(runs, weights, fronts, ("x=1",))
 
 
 @pytest.fixture

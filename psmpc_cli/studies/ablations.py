@@ -4,7 +4,7 @@ Nothing here draws: an `Ablation` carries plain arrays, and `psmpc_cli.figures.r
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,7 +16,6 @@ from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.compare import run_variants
 from psmpc_cli.studies.one_window import (
     OneWindow,
-    Scan,
     instant_grid,
     on_mesh,
     optimize_instants,
@@ -149,7 +148,7 @@ def _pending_cost(logs: Logs, windows: Sequence[OneWindow], points: int) -> Abla
         numbers |= {f"T0, {label}": window.start, f"earliest, {label}": float(scan.instants[0])}
         for name, delta in ((PRINTED, 0.0), (OURS, window.pending_cost)):
             cost = scan.with_pending(delta)
-            lowest = np.array(minima(replace(scan, cost=cost)))
+            lowest = np.array(minima(scan.instants, cost))
             found = optimize_instants(one, delta, [part * window.horizon for part in GUESSES])
             panels[f"J, {name}"][label] = scan.instants, cost / cost[0]
             for what, key, times in (("minima", "minimum of J for", lowest), ("found", "found for", found)):
@@ -192,8 +191,8 @@ def _discretization(logs: Logs, one: OneWindow, nodes: int) -> Ablation:
         (error, miss, end), (fine_error, fine_miss, fine_end) = values[0], values[-1]
         said.append(
             f"{words} prediction of a coordinate is off by {error:.2g} ({fine_error:.2g}) m or rad, its control leads "
-            f"at t_s to {miss:.2g} ({fine_miss:.2g}) tolerances from the target, and the run {ending(end)} "
-            f"({ending(fine_end)})"
+            f"at t_s to {miss:.2g} ({fine_miss:.2g}) tolerances from the target, and the run {_ending(end)} "
+            f"({_ending(fine_end)})"
         )
     where = f"with N_s = {counts[0]} ({counts[-1]}), in the window at {one.window.start:.1f} s"
     return Ablation("discretization", _sentence([f"{where}, {said[0]}", *said[1:]]), panels, numbers)
@@ -243,7 +242,7 @@ def _measured(logs: Logs, names: Iterable[str]) -> dict[str, float]:
 def _described(numbers: Mapping[str, float], name: str) -> str:
     """Return what was measured of a run in words."""
     return (
-        f"the run {ending(numbers[f'end, {name}'])}, the planned switch time is at T_f in "
+        f"the run {_ending(numbers[f'end, {name}'])}, the planned switch time is at T_f in "
         f"{numbers[f'at T_f, {name}']:.0%} of the samples that have one and jumps {numbers[f'jumps, {name}']:.0f} "
         f"times by more than {JUMP:g} s, and the joints' control varies by {numbers[f'variation, {name}']:.1f} rad/s^2"
     )
@@ -255,14 +254,14 @@ def _end(log: Run) -> float:
     return summary.duration if summary.completed else np.nan
 
 
-def minima(scan: Scan) -> list[float]:
-    """Return the switch times after T0 [s] at which J has a minimum, the lowest first, without shallow ones."""
-    depth = np.r_[-np.inf, -scan.cost, -np.inf]  # J may be lowest at an end
-    places, _ = find_peaks(depth, prominence=PROMINENT * np.ptp(scan.cost))
-    return [float(scan.instants[i]) for i in sorted(places - 1, key=lambda i: float(scan.cost[i]))]
+def minima(instants: np.ndarray, cost: np.ndarray) -> list[float]:
+    """Return the switch times (G,) [s] at which J (G,) has a minimum, the lowest first, without shallow ones."""
+    depth = np.r_[-np.inf, -cost, -np.inf]  # J may be lowest at an end
+    places, _ = find_peaks(depth, prominence=PROMINENT * np.ptp(cost))
+    return [float(instants[i]) for i in sorted(places - 1, key=lambda i: float(cost[i]))]
 
 
-def ending(time: float) -> str:
+def _ending(time: float) -> str:
     """Return when a run ends [s], or that it never does, in words."""
     return f"ends after {time:.1f} s" if np.isfinite(time) else "never ends"
 

@@ -11,12 +11,8 @@ from .hand_made import hand_made, reproduced
 CLAIMS = {claim.id: claim for claim in load_claims()}
 
 
-def test_every_claim_has_a_name_of_its_own_and_a_rule() -> None:
-    assert len(CLAIMS) == len(load_claims()) == 33
-    assert {claim.rule for claim in CLAIMS.values()} == set(RULES)
-
-
 def test_the_names_of_claims_stay() -> None:
+    assert len(CLAIMS) == len(load_claims()) == 33
     assert {name for name, claim in CLAIMS.items() if claim.rule != "time"} == {
         *("setting.horizon", "setting.nodes", "htmpc.mission", "smpc.mission", "psmpc.mission"),
         *("smpc.starts_early", "smpc.floor", "smpc.released_early", "psmpc.floor", "psmpc.t1_real.once_seen"),
@@ -27,20 +23,13 @@ def test_the_names_of_claims_stay() -> None:
     assert all(claim.id == claim.reads[0] for claim in CLAIMS.values() if claim.rule == "time")
 
 
-def test_claims_on_the_methods_have_a_topic() -> None:
+def test_claims_agree_with_each_other() -> None:
+    assert {claim.rule for claim in CLAIMS.values()} == set(RULES)
     for claim in CLAIMS.values():
         assert (claim.topic is not None) == (claim.group in ("htmpc", "smpc", "psmpc"))
-
-
-def test_orders_hold_in_what_is_published_and_agree_with_the_claims_on_times() -> None:
-    for claim in CLAIMS.values():
         if claim.rule == "order":
             assert claim.published == tuple(CLAIMS[name].published for name in claim.reads)
             assert list(claim.published) == sorted(claim.published)
-
-
-def test_numbers_in_statements_are_the_published_ones() -> None:
-    for claim in CLAIMS.values():
         if claim.rule in ("time", "setting", "settles"):
             assert f"{claim.published:g}" in claim.statement
 

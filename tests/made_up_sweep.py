@@ -53,9 +53,10 @@ def made_up_sweep(
     loaded = load_sweep_task(task, (), epsilons)
     cells = sampling_of(sampling)
     create_file(weight_study(loaded, (0, 1), cells), path, True)
+    shape = read_results(path, SWEEP)["status"].shape
     with ResultsWriter(path) as writer:
         for cell, ratio in enumerate(cells.ratio):
-            index = tuple(map(int, np.unravel_index(cell, cells.shape)))
+            index = tuple(map(int, np.unravel_index(cell, shape)))
             if cell in failed:
                 writer.write(index, {"reason": "time limit of 30 s reached", "origin": cell, "status": FAILED})
             elif cell not in waiting:

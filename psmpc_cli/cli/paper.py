@@ -55,7 +55,7 @@ def _print_claims(made: "Reproduction") -> None:
     """Print every claim, and why some do not hold or are earlier than published."""
     from psmpc_cli.cli.tables import print_table
     from psmpc_cli.studies.claims import HEADINGS
-    from psmpc_cli.studies.weights import guidance
+    from psmpc_cli.studies.weights import recommend
 
     print_table(HEADINGS, [finding.row for finding in made.findings], left=1)
     for finding in made.findings:
@@ -64,7 +64,7 @@ def _print_claims(made: "Reproduction") -> None:
             typer.echo(f"\n{finding.claim.id} {holds}: {finding.claim.statement}")
             for point in finding.cause:
                 typer.echo(f"  - {point}")
-    typer.echo(f"\nweights: {guidance(made.weights)}")
+    typer.echo(f"\nweights: {recommend(made.weights).sentence}")
     for ablation in made.ablations:
         typer.echo(f"\nwithout our {ablation.name.replace('_', ' ')}: {ablation.sentence}")
     count = len(made.findings)

@@ -21,7 +21,7 @@ from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 from psmpc_cli.logs.summary import Largest, SolveSummary, Summary, Verdict
 from psmpc_cli.studies import fronts
 from psmpc_cli.studies.monte_carlo import STATUS, MonteCarloRuns, read_monte_carlo
-from psmpc_cli.studies.weights import SweepCells, guidance, sweep_cells
+from psmpc_cli.studies.weights import SweepCells, recommend, sweep_cells
 
 if TYPE_CHECKING:
     from psmpc_cli.logs.comparison import Comparison
@@ -283,7 +283,7 @@ def print_sweep(cells: SweepCells) -> None:
     typer.echo(f"{len(cells.ratio)} cells: {parts}; {solves} solves, {failed} of them failed")
     for reason, count in Counter(cells.of("reason")[cells.failed]).most_common():
         typer.echo(f"  {count} failed: {reason}")
-    typer.echo(guidance(cells))
+    typer.echo(recommend(cells).sentence)
     typer.echo(f"sweep: {cells.results.path}")
 
 

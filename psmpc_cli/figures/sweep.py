@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.studies.weights import ALLOWED, WITHIN, AlongRatio, Recommendation, SweepCells, along_ratio, recommend
+from psmpc_cli.studies.weights import ALLOWED, WITHIN, AlongRatio, SweepCells, along_ratio, recommend
 
 COLORS = "viridis"
 
@@ -130,7 +130,7 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
     figure = style.new_figure(len(panels) * 1.05 + 0.6)
     rows = figure.subplots(len(panels), 1, sharex=True)
     _set_ratio(rows[0], cells)
-    best = recommend(cells)
+    best = recommend(cells).ratio
     for axes, (values, label) in zip(rows, panels, strict=True):
         _plot_along(axes, values, **style.line_look(0))
         axes.set_ylabel(label)
@@ -268,14 +268,14 @@ def _mark_failed(axes: Axes, cells: SweepCells) -> None:
         axes.plot(ratio, low, transform=axes.get_xaxis_transform(), label="failed", **style.FAILED)
 
 
-def _mark_ratios(axes: Axes, cells: SweepCells, best: Recommendation | None, labelled: bool) -> None:
+def _mark_ratios(axes: Axes, cells: SweepCells, best: float | None, labelled: bool) -> None:
     """Mark the task's own ratio, if it lies within the sweep, and the recommended one."""
     if cells.ratio.min() <= cells.own_ratio <= cells.ratio.max():
         label = f"task's {cells.own_ratio:.4g}" if labelled else "_"
         axes.axvline(cells.own_ratio, color=style.EDGE, linewidth=0.9, linestyle=(0, (1, 1)), label=label, zorder=1.7)
     if best is not None:
-        label = f"recommended {best.ratio:.4g}" if labelled else "_"
-        axes.axvline(best.ratio, color=style.PALETTE[1], linewidth=1.1, label=label, zorder=1.8)
+        label = f"recommended {best:.4g}" if labelled else "_"
+        axes.axvline(best, color=style.PALETTE[1], linewidth=1.1, label=label, zorder=1.8)
 
 
 def _shade_near_earliest(axes: Axes, completion: AlongRatio) -> None:

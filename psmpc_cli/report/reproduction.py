@@ -55,7 +55,7 @@ def build_report(made: Reproduction, created: str) -> str:
         made=made,
         groups={name: list(group) for name, group in groupby(made.findings, lambda one: one.claim.group)},
         headings=HEADINGS,
-        recommended=recommend(made.weights),
+        recommended=recommend(made.weights).sentence,
         rows=rows,
         fronts=() if made.fronts is None else front_texts(made.fronts),
         front_headings=FRONT_HEADINGS,

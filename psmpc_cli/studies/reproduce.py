@@ -146,7 +146,7 @@ def _find_fronts(
 
 def claims_json(made: Reproduction, created: str) -> bytes:
     """Write the claim table as JSON; what is unknown, or does not apply, is null. Keys: docs/reproduce.md."""
-    cells, fronts, best = made.weights, made.fronts, recommend(made.weights)
+    cells, fronts, best = made.weights, made.fronts, recommend(made.weights).ratio
     data = {
         "format": FORMAT,
         "psmpc_version": __version__,
@@ -160,7 +160,7 @@ def claims_json(made: Reproduction, created: str) -> bytes:
             "sampling": str(cells.results.attributes["sampling"]),
             "failed_cells": int(cells.failed.sum()),
             "failed_solves": cells.count("solves_failed"),
-            "recommended": None if best is None else best.ratio,
+            "recommended": best,
         },
         "fronts": None
         if fronts is None

@@ -166,11 +166,11 @@ def _weights(sampling: Sampling, names: Sequence[str]) -> list[Quantity]:
     dims, omega, ratio = DIMENSIONS[sampling.kind], sampling.omega, sampling.ratio
     first, second, over = (*(f"priority of {name}" for name in names), "omega_2 / omega_1")
     if sampling.kind == GRID:
-        cells = omega.reshape(*sampling.shape, 2)
+        columns = np.count_nonzero(omega[:, 1] == omega[0, 1])
         return [
-            Quantity("omega_2", ("omega_2",), cells[:, 0, 1], "1", second),
-            Quantity("omega_1", ("omega_1",), cells[0, :, 0], "1", first),
-            Quantity("ratio", dims, ratio.reshape(sampling.shape), "1", over),
+            Quantity("omega_2", ("omega_2",), omega[::columns, 1], "1", second),
+            Quantity("omega_1", ("omega_1",), omega[:columns, 0], "1", first),
+            Quantity("ratio", dims, ratio.reshape(-1, columns), "1", over),
         ]
     number = Quantity("cell", dims, np.arange(len(omega)), "1", "number of the cell")
     return [

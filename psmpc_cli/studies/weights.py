@@ -2,14 +2,14 @@
 
 import re
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Literal
+from typing import NamedTuple
 
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError, SpecError
 from psmpc_cli.logs.results import Results
 from psmpc_cli.specs.load import Task, parse_task
+from psmpc_cli.studies.runner import WAITING
 
 Array = np.ndarray
 
@@ -37,16 +37,14 @@ class Sampling:
     """The pairs of priorities that a sweep tries.
 
     Attributes:
-        kind: A grid over both priorities, ratios with the geometric mean of both at 1, or random draws.
+        kind: GRID over both priorities, RATIOS with the geometric mean of both at 1, or RANDOM draws.
         label: As the user wrote it, such as 25x25, 49 or random:40.
-        omega: Priorities of the two stages in each cell, (cells, 2).
-        shape: Of the results' arrays: (omega_2, omega_1) of a grid, (cells,) of the others.
+        omega: Priorities of the two stages in each cell, (cells, 2); those of a grid go along omega_2, then omega_1.
     """
 
-    kind: Literal["grid", "ratios", "random"]
+    kind: str
     label: str
     omega: Array
-    shape: tuple[int, ...]
 
     @property
     def ratio(self) -> Array:
@@ -94,44 +92,36 @@ def grid_sampling(text: str, bounds: tuple[float, float]) -> Sampling:
     """Build the cells of a grid such as 25x25 (omega_1 by omega_2), or of a number of ratios such as 49.
 
     Raises:
-        InputError: The text is neither.
+        InputError: The text is neither, or there are too many.
     """
     match = re.fullmatch(r"(\d+)(?:x(\d+))?", text.strip())
     sizes = [int(size) for size in match.groups() if size] if match else []
-    if not sizes or min(sizes) < 2:
+    if not sizes or min(sizes) < 2 or np.prod(sizes) > MOST_CELLS:
         raise InputError(
             f"the grid: found '{text}', expected two sizes of at least 2 such as 25x25 (omega_1 by omega_2), or a "
-            "number of ratios such as 49"
+            f"number of ratios such as 49; at most {MOST_CELLS} cells"
         )
-    _ensure_few(text, int(np.prod(sizes)))
     low, high = np.log10(bounds)
     if len(sizes) == 1:
         half = np.linspace(low - high, high - low, sizes[0]) / 2
-        return Sampling("ratios", text.strip(), 10.0 ** np.column_stack([-half, half]), (sizes[0],))
+        return Sampling(RATIOS, text.strip(), 10.0 ** np.column_stack([-half, half]))
     axes = [10.0 ** np.linspace(low, high, size) for size in sizes]
     omega_2, omega_1 = np.meshgrid(axes[1], axes[0], indexing="ij")
-    omega = np.column_stack([omega_1.ravel(), omega_2.ravel()])
-    return Sampling("grid", text.strip(), omega, (sizes[1], sizes[0]))
+    return Sampling(GRID, text.strip(), np.column_stack([omega_1.ravel(), omega_2.ravel()]))
 
 
 def random_sampling(text: str, bounds: tuple[float, float], seed: int) -> Sampling:
     """Build the cells of a sampling such as random:40: log-uniform draws from the box.
 
     Raises:
-        InputError: The text is none.
+        InputError: The text is none, or there are too many.
     """
     match = re.fullmatch(r"random:(\d+)", text.strip())
-    if match is None or int(match[1]) < 1:
-        raise InputError(f"--sampling: found '{text}', expected random:N with N of at least 1, such as random:100")
-    _ensure_few(text, int(match[1]))
+    if match is None or not 1 <= int(match[1]) <= MOST_CELLS:
+        raise InputError(f"--sampling: found '{text}', expected random:N with N from 1 to {MOST_CELLS}, as random:100")
     low, high = np.log10(bounds)
     draws = np.random.default_rng(seed).uniform(low, high, (int(match[1]), 2))
-    return Sampling("random", text.strip(), 10.0**draws, (len(draws),))
-
-
-def _ensure_few(text: str, cells: int) -> None:
-    if cells > MOST_CELLS:
-        raise InputError(f"found '{text}' with {cells} cells, expected at most {MOST_CELLS}")
+    return Sampling(RANDOM, text.strip(), 10.0**draws)
 
 
 def parse_stages(text: str, task: Task) -> tuple[int, int]:
@@ -176,13 +166,23 @@ class SweepCells:
         results: The content of its file.
         task: The task; in the cells the priorities of the studied stages are others.
         stages: Indices of the two studied stages.
+        names: Their names.
         sampling: GRID, RATIOS or RANDOM.
+        omega: Their priorities in each cell (cells, 2).
+        ratio: omega_2 / omega_1 of each cell (cells,).
+        own_ratio: omega_2 / omega_1 of the task itself.
+        epsilons: Thresholds of the actual start (epsilons,).
     """
 
     results: Results
     task: Task
     stages: tuple[int, int]
+    names: tuple[str, str]
     sampling: str
+    omega: Array
+    ratio: Array
+    own_ratio: float
+    epsilons: Array
 
     def of(self, name: str) -> Array:
         """Return a quantity of the cells (cells, ...)."""
@@ -190,47 +190,19 @@ class SweepCells:
         return values.reshape(-1, *values.shape[self.results["status"].ndim :])
 
     @property
-    def names(self) -> tuple[str, str]:
-        """Names of the studied stages."""
-        first, second = (self.task.spec.stages[stage].name for stage in self.stages)
-        return first, second
-
-    @cached_property
-    def omega(self) -> Array:
-        """Priorities of the two studied stages (cells, 2)."""
-        if self.sampling == GRID:
-            omega_2, omega_1 = np.meshgrid(self.results["omega_2"], self.results["omega_1"], indexing="ij")
-            return np.column_stack([omega_1.ravel(), omega_2.ravel()])
-        return np.column_stack([self.results["omega_1"], self.results["omega_2"]])
-
-    @property
-    def ratio(self) -> Array:
-        """omega_2 / omega_1 (cells,)."""
-        return np.asarray(self.omega[:, 1] / self.omega[:, 0])
-
-    @property
-    def own_ratio(self) -> float:
-        """omega_2 / omega_1 of the task itself."""
-        first, second = (self.task.spec.stages[stage].priority for stage in self.stages)
-        return float(second / first)
-
-    @property
     def failed(self) -> Array:
         """Which cells failed (cells,)."""
-        return self._is("failed")
+        return np.asarray(self.of("status") == self.results.quantities["status"].meanings.index("failed"))
 
     @property
     def waiting(self) -> Array:
         """Which cells have not been run (cells,)."""
-        return self._is("waiting")
+        return np.asarray(self.of("status") == WAITING)
 
     @property
     def ended(self) -> Array:
         """Which cells came to their end (cells,)."""
         return np.asarray(~(self.failed | self.waiting))
-
-    def _is(self, meaning: str) -> Array:
-        return np.asarray(self.of("status") == self.results.quantities["status"].meanings.index(meaning))
 
     def count(self, name: str) -> int:
         """Sum up a number over the runs; a run that several cells share counts once."""
@@ -244,11 +216,6 @@ class SweepCells:
         same = origins(self.task, self.stages, self.omega)[which]
         first = sorted(np.unique(same), key=lambda cell: (round(float(np.log10(self.ratio[cell])), SAME), cell))
         return [which[same == cell] for cell in first]
-
-    @property
-    def epsilons(self) -> Array:
-        """Thresholds of the actual start (epsilons,)."""
-        return self.results["epsilon"]
 
     @property
     def chosen(self) -> int:
@@ -275,14 +242,29 @@ def sweep_cells(results: Results) -> SweepCells:
     """
     samplings = {dims: sampling for sampling, dims in DIMENSIONS.items()}
     try:
-        attributes = results.attributes
-        texts = (str(attributes[key]) for key in ("task_yaml", "robot_yaml", "task_name"))
-        first, second = (int(number) - 1 for number in str(attributes["stages"]).split(","))
-        return SweepCells(results, parse_task(*texts), (first, second), samplings[results.quantities["status"].dims])
+        sampling = samplings[results.quantities["status"].dims]
+        task = parse_task(*(str(results.attributes[key]) for key in ("task_yaml", "robot_yaml", "task_name")))
+        first, second = (int(number) - 1 for number in str(results.attributes["stages"]).split(","))
     except (KeyError, ValueError) as error:
         raise LogError(f"{results.path}: expected a file of psmpc sweep-weights, but it lacks {error}") from None
     except SpecError as error:
         raise LogError(f"{results.path}: the task or robot in it does not hold in this version:\n{error}") from None
+    omega_1, omega_2 = results["omega_1"], results["omega_2"]
+    if sampling == GRID:
+        omega_2, omega_1 = np.meshgrid(omega_2, omega_1, indexing="ij")
+    omega = np.column_stack([omega_1.ravel(), omega_2.ravel()])
+    stages = task.spec.stages[first], task.spec.stages[second]
+    return SweepCells(
+        results=results,
+        task=task,
+        stages=(first, second),
+        names=(stages[0].name, stages[1].name),
+        sampling=sampling,
+        omega=omega,
+        ratio=omega[:, 1] / omega[:, 0],
+        own_ratio=float(stages[1].priority / stages[0].priority),
+        epsilons=results["epsilon"],
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,38 +290,14 @@ def along_ratio(cells: SweepCells, values: Array) -> AlongRatio:
     return AlongRatio(ratio[first], middle, lowest, highest)
 
 
-@dataclass(frozen=True)
-class Recommendation:
-    """The recommended ratio and what it is compared with.
+class Recommendation(NamedTuple):
+    """The recommended omega_2 / omega_1, if any, and a sentence: what speaks for it, or why there is none."""
 
-    Attributes:
-        ratio: omega_2 / omega_1.
-        completion, error, effort: At this ratio: completion [s], final error [tolerances] (NaN of a stage without end
-            condition) and control effort.
-        earliest: Earliest completion at any ratio [s].
-        efforts: Smallest and largest effort at any ratio.
-        preliminary: Cells wait, so that it may change.
-    """
-
-    ratio: float
-    completion: float
-    error: float
-    effort: float
-    earliest: float
-    efforts: tuple[float, float]
-    preliminary: bool
-
-    def __str__(self) -> str:
-        allowed = "" if np.isnan(self.error) else f", and its final error is {self.error:.2f} of the tolerance"
-        return (
-            f"recommended omega_2/omega_1{' so far' if self.preliminary else ''}: {self.ratio:.4g}, the smallest that "
-            f"completes within {WITHIN:.0%} of the earliest: at {self.completion:.2f} s, earliest {self.earliest:.2f} s"
-            f"{allowed}; control effort {self.effort:.2f}, of {self.efforts[0]:.2f} to {self.efforts[1]:.2f} over all "
-            "ratios"
-        )
+    ratio: float | None
+    sentence: str
 
 
-def recommend(cells: SweepCells) -> Recommendation | None:
+def recommend(cells: SweepCells) -> Recommendation:
     """Recommend the smallest ratio that completes within 5 % of the earliest completion and raises no error, if any.
 
     The final error is the largest error of the second stage's end condition when the stage ends, over its tolerance. A
@@ -352,57 +310,32 @@ def recommend(cells: SweepCells) -> Recommendation | None:
     Of several cells with one ratio the latest completion and the largest error count, and a ratio of which one failed
     is not recommended.
     """
-    judged = _judge_ratios(cells)
-    good = np.flatnonzero(judged.early & ~judged.raised & ~judged.failing)
-    if not len(good):
-        return None
-    best, effort = int(good[0]), along_ratio(cells, cells.of("control_effort"))
-    return Recommendation(
-        ratio=float(judged.completion.ratio[best]),
-        completion=float(judged.completion.highest[best]),
-        error=float(judged.error.highest[best]),
-        effort=float(effort.middle[best]),
-        earliest=float(judged.completion.lowest.min()),
-        efforts=(float(effort.lowest.min()), float(effort.highest.max())),
-        preliminary=bool(cells.waiting.any()),
-    )
-
-
-def guidance(cells: SweepCells) -> str:
-    """Say which ratio is recommended, or why there is none."""
-    if (best := recommend(cells)) is not None:
-        return str(best)
-    judged = _judge_ratios(cells)
-    if not len(judged.early):
-        return "no ratio is recommended: no cell has come to its end"
-    within = f"within {WITHIN:.0%} of the earliest completion, {judged.completion.lowest.min():.2f} s"
-    if not judged.early.any():
-        return f"no ratio is recommended: none completes {within} in all its cells, whose other priorities differ"
-    found = [
-        f"{np.sum(judged.early & which)} {words}"
-        for which, words in (
-            (judged.failing, "had a cell that failed"),
-            (judged.raised & ~judged.failing, "raised the final error"),
-        )
-        if np.any(judged.early & which)
-    ]
-    return f"no ratio is recommended: of the {judged.early.sum()} that complete {within}, {' and '.join(found)}"
-
-
-@dataclass(frozen=True, eq=False)
-class _JudgedRatios:
-    """The ratios of a sweep, and which of them complete early, raise the final error, or have a failed cell."""
-
-    completion: AlongRatio
-    error: AlongRatio
-    early: Array
-    raised: Array
-    failing: Array
-
-
-def _judge_ratios(cells: SweepCells) -> _JudgedRatios:
-    completion, error = (along_ratio(cells, cells.of(name)) for name in ("completion_time", "final_error"))
-    early = completion.highest <= (1 + WITHIN) * completion.lowest.min(initial=np.inf)
+    names = ("completion_time", "final_error", "control_effort")
+    completion, error, effort = (along_ratio(cells, cells.of(name)) for name in names)
+    if not len(completion.ratio):
+        return Recommendation(None, "no ratio is recommended: no cell has come to its end")
+    earliest = float(completion.lowest.min())
+    early = completion.highest <= (1 + WITHIN) * earliest
     failing = np.isclose(completion.ratio[:, None], cells.ratio[cells.failed], rtol=1e-8).any(axis=1)
-    raised = error.highest > max(ALLOWED, np.nan_to_num(error.highest[0] if len(error.highest) else 0.0))
-    return _JudgedRatios(completion, error, early, raised, failing)
+    raised = error.highest > max(ALLOWED, np.nan_to_num(error.highest[0]))
+    if (early & ~raised & ~failing).any():
+        best = int(np.argmax(early & ~raised & ~failing))
+        ratio, final = float(completion.ratio[best]), error.highest[best]
+        allowed = "" if np.isnan(final) else f", and its final error is {final:.2f} of the tolerance"
+        return Recommendation(
+            ratio,
+            f"recommended omega_2/omega_1{' so far' if cells.waiting.any() else ''}: {ratio:.4g}, the smallest that "
+            f"completes within {WITHIN:.0%} of the earliest: at {completion.highest[best]:.2f} s, earliest "
+            f"{earliest:.2f} s{allowed}; control effort {effort.middle[best]:.2f}, of {effort.lowest.min():.2f} to "
+            f"{effort.highest.max():.2f} over all ratios",
+        )
+    within = f"within {WITHIN:.0%} of the earliest completion, {earliest:.2f} s"
+    if not early.any():
+        why = f"none completes {within} in all its cells, whose other priorities differ"
+        return Recommendation(None, f"no ratio is recommended: {why}")
+    counts = {
+        "had a cell that failed": np.sum(early & failing),
+        "raised the final error": np.sum(early & raised & ~failing),
+    }
+    found = " and ".join(f"{count} {words}" for words, count in counts.items() if count)
+    return Recommendation(None, f"no ratio is recommended: of the {early.sum()} that complete {within}, {found}")

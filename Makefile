@@ -14,7 +14,7 @@ OLD_ENOUGH := import sys; \
 	sys.version_info >= (3, 11) or sys.exit("psmpc needs Python 3.11 or newer, and this is " \
 	+ sys.version.split()[0] + " at " + sys.executable + "; choose another: make PYTHON=python3.11 ...")
 
-.PHONY: help setup demo test test-all check build baseline calibration reliability random-tasks peers pin clean
+.PHONY: help setup demo test test-all check build docs-tables baseline calibration random-tasks pin clean
 
 help:
 	@echo 'make setup   the environment in $(VENV), from the pinned versions'
@@ -25,9 +25,8 @@ help:
 	@echo 'make build   the wheel, tried out in an empty environment'
 	@echo 'make baseline     benchmarks/{baseline,weights}.yaml anew: the tables changes are compared with (some 5 minutes)'
 	@echo 'make calibration  benchmarks/calibration.jsonl completed: what the paper leaves open, at random (some 2 hours anew)'
-	@echo 'make reliability  the tables of docs/reliability.md on faults anew (some 5 minutes)'
+	@echo 'make docs-tables  the tables of README.md and docs/ anew, on a quiet machine; ONLY=WORD: of a page or a command'
 	@echo 'make random-tasks benchmarks/random_tasks.yaml anew: one iteration of sqp a sample against fatrop (some 15 minutes)'
-	@echo 'make peers        the table of docs/peers.md anew: the same windows in rockit and do-mpc (some 5 minutes)'
 	@echo 'make pin     constraints.txt anew, from the newest versions'
 	@echo 'make clean   removes the environment, the wheel and the caches (runs/ stays)'
 
@@ -70,9 +69,6 @@ calibration: $(READY)
 	$(BIN)/python benchmarks/calibration.py screen 619
 	$(BIN)/python benchmarks/calibration.py refine 60
 
-reliability: $(READY)
-	$(BIN)/python benchmarks/reliability.py
-
 random-tasks: $(READY)
 	$(BIN)/python benchmarks/random_tasks.py
 
@@ -83,8 +79,10 @@ $(PEERS)/.venv-%/.ready: $(PEERS)/requirements-%.txt
 	PIP_CONSTRAINT= $(@D)/bin/python -m pip install --quiet --requirement $<
 	@touch $@
 
-peers: $(READY) $(PEERS)/.venv-rockit/.ready $(PEERS)/.venv-do-mpc/.ready
-	$(BIN)/python $(PEERS)/compare.py
+PEERS_READY := $(PEERS)/.venv-rockit/.ready $(PEERS)/.venv-do-mpc/.ready
+
+docs-tables: $(READY) $(if $(ONLY),$(if $(findstring peers,$(ONLY)),$(PEERS_READY)),$(PEERS_READY))
+	$(BIN)/python benchmarks/pages.py $(ONLY)
 
 pin:
 	.ci/pin $(PYTHON)

@@ -1,4 +1,4 @@
-"""Runs the transport task with late controls, known and not: the table of docs/reliability.md on delays.
+"""Runs the transport task with late controls, known and not: prints the table of docs/reliability.md on delays.
 
     python benchmarks/delays.py [--runs N] [--jobs N] [-o DIR]          20 runs a row, some 5 minutes on two cores
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from monte_carlo import UNCERTAINTY, failures, spread
-from pages import write_between
+from pages import markdown
 
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns, monte_carlo_study
 from psmpc_cli.studies.runner import run_study
@@ -58,20 +58,17 @@ def row(delay: int, known: int, weight: float, runs: MonteCarloRuns) -> tuple[st
 
 def table(count: int, directory: Path, jobs: int) -> Iterator[str]:
     """Give the lines of the table."""
-    yield f"| {' | '.join(HEADINGS)} |"
-    yield "|---" * len(HEADINGS) + "|"
-    for delay, known, weight in ROWS:
-        yield f"| {' | '.join(row(delay, known, weight, measure(delay, known, weight, count, directory, jobs)))} |"
+    return markdown(HEADINGS, (row(*each, measure(*each, count, directory, jobs)) for each in ROWS))
 
 
 def main() -> None:
-    """Measure and write."""
+    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("-o", dest="directory", type=Path, default=Path("runs"))
     given = parser.parse_args()
-    write_between("reliability.md", "delays", list(table(given.runs, given.directory, given.jobs)))
+    print("\n".join(table(given.runs, given.directory, given.jobs)))
 
 
 if __name__ == "__main__":

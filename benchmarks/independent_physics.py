@@ -1,4 +1,4 @@
-"""Compares the plant rk4 with MuJoCo on the transport task: the table of docs/reliability.md, on standard output.
+"""Compares the plant rk4 with MuJoCo on the transport task: prints a table of docs/reliability.md.
 
     python benchmarks/independent_physics.py [NODES]
 
@@ -11,6 +11,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from pages import markdown
 
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.summary import Summary
@@ -83,13 +84,12 @@ def rows(rk4: Run, engine: Run, model: RobotModel) -> dict[str, str]:
 
 
 def main(nodes: int) -> None:
-    """Write the table."""
+    """Print the table."""
     with tempfile.TemporaryDirectory() as directory:
         logs = [run(plant, nodes, Path(directory)) for plant in ("rk4", "mujoco")]
     lines = rows(*logs, build_model(load_task("transport").robot))
-    width = max(map(len, lines))
-    sys.stdout.write(f"N_s = {nodes}, MuJoCo {mujoco.__version__}\n\n")
-    sys.stdout.writelines(f"| {name:{width}} | {value} |\n" for name, value in lines.items())
+    headings = (f"rk4 against MuJoCo {mujoco.__version__}, N_s = {nodes}", "largest difference")
+    print("\n".join(markdown(headings, lines.items())))
 
 
 if __name__ == "__main__":

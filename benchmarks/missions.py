@@ -1,4 +1,4 @@
-"""Runs random missions of the transport kind under every controller: the tables of docs/missions.md.
+"""Runs random missions of the transport kind under every controller: prints the tables of docs/missions.md.
 
     python benchmarks/missions.py [CONTROLLER=MISSIONS ...]
 
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import ArrayLike
-from pages import write_between
+from pages import markdown
 from scipy.stats import binomtest, bootstrap
 
 from psmpc_cli.errors import SpecError
@@ -31,6 +31,9 @@ STAND_OFF, GRIP = np.array([0.0, -0.978]), np.array([0.6415, 0.0])
 
 OBJECT, DESTINATION = ((1.5, 4.0), 90.0), ((0.0, 2.0), 60.0)
 """Ranges of the poses that are drawn: distance from the origin [m] and angle [deg]."""
+
+SUCCESS = ("controller", "succeeded", "success rate", "time less that of `hard` [s]", "effort over that of `hard`")
+STARTS = ("controller", "Capture starts early by [s]", "Transport by [s]", "Release by [s]", "lost after Release began")
 
 Row = dict[str, Any]
 
@@ -111,8 +114,7 @@ def tables(made: dict[tuple[str, int], Row]) -> Iterator[str]:
     """Give the lines of the tables: success, what it costs against hard switching, when stages start."""
     names = dict.fromkeys(name for name, _ in made)
     by = {name: {seed: row for (of, seed), row in made.items() if of == name} for name in names}
-    yield "| controller | succeeded | success rate | time less that of `hard` [s] | effort over that of `hard` |"
-    yield "|---|---|---|---|---|"
+    rows_of_success = []
     for name, rows in by.items():
         succeeded = sum(row["succeeded"] for row in rows.values())
         rate = binomtest(succeeded, len(rows)).proportion_ci(method="wilson")
@@ -122,15 +124,17 @@ def tables(made: dict[tuple[str, int], Row]) -> Iterator[str]:
             median([r["effort"] / h["effort"] for r, h in pairs]),
         )
         interval = f"{100 * rate.low:.1f} to {100 * rate.high:.1f} %"
-        yield f"| `{name}` | {succeeded} of {len(rows)} | {interval} | {' | '.join(paired)} |"
+        rows_of_success.append((f"`{name}`", f"{succeeded} of {len(rows)}", interval, *paired))
+    yield from markdown(SUCCESS, rows_of_success)
     yield ""
-    yield "| controller | Capture starts early by [s] | Transport by [s] | Release by [s] | lost after Release began |"
-    yield "|---|---|---|---|---|"
+    rows_of_starts = []
     for name, rows in by.items():
         ends, starts = (np.array([row[key] for row in rows.values()]) for key in ("switch_time", "actual_start"))
         lost = [(row["broken_at"], row["actual_start"][3]) for row in rows.values() if row["broken_at"] is not None]
-        early = " | ".join(median(column) for column in (ends[:, :3] - starts[:, 1:]).T)
-        yield f"| `{name}` | {early} | {sum(at >= start for at, start in lost)} of {len(lost)} |"
+        early = (median(column) for column in (ends[:, :3] - starts[:, 1:]).T)
+        after = f"{sum(at >= start for at, start in lost)} of {len(lost)}"
+        rows_of_starts.append((f"`{name}`", *early, after))
+    yield from markdown(STARTS, rows_of_starts)
 
 
 def median(values: ArrayLike) -> str:
@@ -141,7 +145,7 @@ def median(values: ArrayLike) -> str:
 
 
 def main() -> None:
-    """Run what is missing and write the tables."""
+    """Run what is missing and print the tables."""
     given = (each.partition("=") for each in sys.argv[1:])
     counts = {name: int(count) for name, _, count in given} or MISSIONS
     made = results()
@@ -151,7 +155,7 @@ def main() -> None:
         for row in Parallel(n_jobs=2, return_as="generator_unordered")(calls):
             file.write(json.dumps(row) + "\n")
             file.flush()
-    write_between("missions.md", "results", tables(results()))
+    print("\n".join(tables(results())))
 
 
 if __name__ == "__main__":

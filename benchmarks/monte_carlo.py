@@ -1,4 +1,4 @@
-"""Runs the transport task many times with an uncertainty, controller by controller: the table of docs/monte_carlo.md.
+"""Runs the transport task many times with an uncertainty, by controller: prints the table of docs/monte_carlo.md.
 
     python benchmarks/monte_carlo.py [CONTROLLER=RUNS ...] [--jobs N] [-o DIR]
     python benchmarks/monte_carlo.py psmpc=200 smpc=200 htmpc=50 hard=50        the default, some 13 minutes
@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
-from pages import write_between
+from pages import markdown
 
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns, monte_carlo_study
 from psmpc_cli.studies.runner import Progress, run_study
@@ -77,10 +77,7 @@ def spread(values: np.ndarray, digits: int) -> str:
 
 def table(rows: Mapping[str, MonteCarloRuns]) -> Iterator[str]:
     """Give the lines of the table, and of why runs failed."""
-    yield f"| {' | '.join(HEADINGS)} |"
-    yield "|---" * len(HEADINGS) + "|"
-    for controller, runs in rows.items():
-        yield f"| {' | '.join(row(controller, runs))} |"
+    yield from markdown(HEADINGS, (row(controller, runs) for controller, runs in rows.items()))
     yield ""
     yield "Spreads are 5 / 50 / 95 % quantiles; those of the end are over completed runs."
     for controller, runs in rows.items():
@@ -98,19 +95,15 @@ def failures(runs: MonteCarloRuns) -> Mapping[str, list[int]]:
 
 
 def main() -> None:
-    """Measure and write."""
+    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("counts", nargs="*", metavar="CONTROLLER=RUNS")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("-o", dest="directory", type=Path, default=Path("runs"))
-    parser.add_argument("--print", action="store_true", help="print the table and leave the page alone")
     given = parser.parse_args()
     counts = {name: int(count) for name, _, count in (each.partition("=") for each in given.counts)} or RUNS
     measured = {name: measure(name, count, given.directory, given.jobs) for name, count in counts.items()}
-    if given.print:
-        print("\n".join(table(measured)))
-    else:
-        write_between("monte_carlo.md", "results", table(measured))
+    print("\n".join(table(measured)))
 
 
 if __name__ == "__main__":

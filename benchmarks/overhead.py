@@ -16,6 +16,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from pages import markdown
 
 from psmpc_cli import load_task
 from psmpc_cli.logs.write import LogWriter
@@ -78,11 +79,12 @@ def main() -> None:
         for shares in (False, True):
             repeats = [measure(nodes, shares, Path(folder) / f"{shares}-{k}.h5") for k in range(3)]
             runs[shares] = np.min(repeats, axis=0)
-    print(f"{'median of a sample [ms]':26}without shares  with shares")
-    for name, without, with_shares in zip(PARTS, *(1e3 * np.median(runs[key], axis=0) for key in runs), strict=True):
-        print(f"{name:26}{without:14.2f}{with_shares:13.2f}")
-    solve, rest, whole = (np.median(runs[False][:, PARTS.index(name)]) for name in ("solve", "rest", "whole sample"))
-    print(f"without shares, in solves: rest {rest / solve:.2f} (at most 0.4), whole sample {whole / solve:.2f} (1.8)")
+    columns = [1e3 * np.median(runs[shares], axis=0) for shares in (False, True)]
+    rows = [(name, *(f"{times[i]:.2f}" for times in columns)) for i, name in enumerate(PARTS)]
+    solve, rest, whole = (columns[0][PARTS.index(name)] for name in ("solve", "rest", "whole sample"))
+    rows.append(("rest over solve, at most 0.4", f"{rest / solve:.2f}", ""))
+    rows.append(("whole sample over solve, at most 1.8", f"{whole / solve:.2f}", ""))
+    print("\n".join(markdown((f"median of a sample, N_s = {nodes} [ms]", "without shares", "with shares"), rows)))
 
 
 if __name__ == "__main__":

@@ -1,21 +1,95 @@
-"""Tables of the documentation that programs write."""
+"""Writes the tables of README.md and docs/, each of which stands between two comments; the first names its command.
 
-from collections.abc import Iterable
+    python benchmarks/pages.py                     all tables anew, `make docs-tables`; some hours, on a quiet machine
+    python benchmarks/pages.py performance.md      those of a page, or those whose command contains the word
+    python benchmarks/pages.py --quick             those of tables.py alone, some seconds
+
+Between `<!-- table: COMMAND -->` and `<!-- end -->` stands what the command prints. It is a script of this folder with
+its arguments, or commands of psmpc joined by `&&`, which run in a folder of their own and stand above what they print.
+A command that fails and has printed nothing leaves its table as it is; the exit code is 1 if one has failed.
+"""
+
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-DOCS = Path(__file__).parents[1] / "docs"
+HERE = Path(__file__).parent
+ROOT = HERE.parent
+
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+
+BLOCK = re.compile(r"<!-- table: (.+?) -->\n(.*?)<!-- end -->", re.DOTALL)
+
+QUICK = "tables.py"
+"""The script whose tables take seconds; a test compares them with the pages."""
+
+PSMPC = [sys.executable, "-c", "from psmpc_cli.cli.main import main; main()"]
 
 
-def write_between(page: str, marker: str, lines: Iterable[str]) -> None:
-    """Put lines between `<!-- marker -->` and `<!-- end of marker -->` of a page of docs/, instead of those there.
+def markdown(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> Iterator[str]:
+    """Yield the lines of a table in Markdown."""
+    yield f"| {' | '.join(headings)} |"
+    yield "|" + "---|" * len(headings)
+    for row in rows:
+        yield f"| {' | '.join(map(str, row))} |"
 
-    Raises:
-        SystemExit: The page has no such place.
-    """
-    path, begin, end = DOCS / page, f"<!-- {marker} -->\n", f"<!-- end of {marker} -->"
-    text = path.read_text(encoding="utf-8")
-    before, found, rest = text.partition(begin)
-    _, ended, after = rest.partition(end)
-    if not (found and ended):
-        raise SystemExit(f"{path}: found no place for the table of {marker}")
-    path.write_text(before + begin + "".join(f"{line}\n" for line in lines) + end + after, encoding="utf-8")
+
+def blocks() -> Iterator[tuple[Path, str, str]]:
+    """Yield page, command and text of every table."""
+    for page in PAGES:
+        for command, text in BLOCK.findall(page.read_text(encoding="utf-8")):
+            yield page, command, text
+
+
+def write(page: Path, command: str, text: str) -> None:
+    """Replace the text of a command's tables on a page."""
+
+    def replaced(match: re.Match[str]) -> str:
+        return f"<!-- table: {command} -->\n{text}<!-- end -->" if match[1] == command else match[0]
+
+    page.write_text(BLOCK.sub(replaced, page.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+def output(command: str) -> tuple[str, bool]:
+    """Run a command; return what stands on the page, and whether it succeeded."""
+    script, *words = command.split()
+    if script == QUICK:  # in this process, since there are many
+        from tables import table
+
+        return table(*words), True
+    if script != "psmpc":
+        ran = subprocess.run([sys.executable, HERE / script, *words], stdout=subprocess.PIPE, text=True, check=False)
+        return ran.stdout, ran.returncode == 0
+    text, succeeded = "", True
+    with TemporaryDirectory() as folder:
+        for line in command.split(" && "):
+            arguments = [*PSMPC, *shlex.split(line)[1:]]
+            ran = subprocess.run(arguments, stdout=subprocess.PIPE, text=True, check=False, cwd=folder)
+            text += f"$ {line}\n{ran.stdout}"
+            succeeded &= ran.returncode == 0
+    return f"```\n{text}```\n" if succeeded else "", succeeded
+
+
+def main(words: Sequence[str]) -> int:
+    """Write the tables chosen by the words; return how many commands failed."""
+    chosen = [QUICK if word == "--quick" else word for word in words] or [""]
+    pages: dict[str, list[Path]] = {}
+    for page, command, _ in blocks():
+        if any(word in command or word == page.name for word in chosen):
+            pages.setdefault(command, []).append(page)
+    failed = 0
+    for command, each in pages.items():
+        sys.stderr.write(f"{', '.join(page.name for page in each)}: {command}\n")
+        text, succeeded = output(command)
+        failed += not succeeded
+        for page in each if text else ():
+            write(page, command, text)
+    return failed
+
+
+if __name__ == "__main__":
+    raise SystemExit(min(main(sys.argv[1:]), 1))

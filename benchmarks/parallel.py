@@ -1,4 +1,4 @@
-"""Measures what a second process brings a sweep, beside what it brings a loop of pure arithmetic.
+"""Measures what a second process brings a sweep, beside a loop of pure arithmetic: prints a table of docs/sweeps.md.
 
     python benchmarks/parallel.py [KEY=VALUE ...]          keys of the task, such as solver=sqp
 
@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from pages import markdown
 
 from psmpc_cli.studies.runner import compute, run_study
 from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
@@ -50,8 +51,8 @@ def time_sweep(jobs: int, changes: tuple[str, ...]) -> float:
 def main(changes: tuple[str, ...]) -> None:
     """Measure and print."""
     timed: dict[str, Callable[[int], float]] = {
-        "arithmetic": time_loop,
-        "sweep": lambda jobs: time_sweep(jobs, changes),
+        "a loop of arithmetic": time_loop,
+        "16 runs of a sweep that share nothing": lambda jobs: time_sweep(jobs, changes),
     }
     times: dict[tuple[str, int], list[float]] = {(name, jobs): [] for name in timed for jobs in (1, 2)}
     time_sweep(2, changes)  # whatever is compiled is compiled now
@@ -59,11 +60,10 @@ def main(changes: tuple[str, ...]) -> None:
         for name, jobs in times:
             times[name, jobs].append(timed[name](jobs))
     efficiency = {name: float(np.median(times[name, 1]) / np.median(times[name, 2]) / 2) for name in timed}
-    for (name, jobs), taken in times.items():
-        print(f"{name:<11} {jobs} process{'es' if jobs > 1 else ''}: " + ", ".join(f"{t:.1f}" for t in taken) + " s")
-    for name, found in efficiency.items():
-        print(f"efficiency of 2 processes, {name}: {found:.3f}")
-    print(f"sweep over arithmetic: {efficiency['sweep'] / efficiency['arithmetic']:.3f}")
+    rows = [
+        (name, *(f"{np.median(times[name, jobs]):.1f}" for jobs in (1, 2)), f"{efficiency[name]:.2f}") for name in timed
+    ]
+    print("\n".join(markdown(("", "one process [s]", "two [s]", "efficiency of two"), rows)))
 
 
 if __name__ == "__main__":

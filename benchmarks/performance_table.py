@@ -1,8 +1,8 @@
-"""Measures what docs/performance.md says of solve times and writes its tables; on a machine that does nothing else.
+"""Measures what docs/performance.md says of times and prints its tables; on a machine that does nothing else.
 
-    python benchmarks/performance_table.py            10 to 15 minutes
-
-Each table is between two comments with its name; everything else on the page remains as it is.
+python benchmarks/performance_table.py runs [NODES]     whole runs of the transport task; a minute
+python benchmarks/performance_table.py windows          solves of single windows by every back-end; 10 to 15 minutes
+python benchmarks/performance_table.py freedom          how solve times grow with the robot; some minutes
 """
 
 import os
@@ -10,12 +10,19 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy is loaded
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
 
 import numpy as np
-from pages import write_between
+from pages import PSMPC, markdown
 
+from psmpc_cli.logs.run import read_run
+from psmpc_cli.logs.summary import Summary
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.specs.document import Data, write
 from psmpc_cli.specs.load import Task, load_robot, parse_task
@@ -31,7 +38,27 @@ from psmpc_cli.studies.bench import (
     run_bench,
 )
 
-PAGE = "performance.md"
+RUNS: Mapping[str, Sequence[str]] = {
+    "as shipped": (),
+    "without our C kernel, `solver.compiled=false`": ("solver.compiled=false",),
+    "`controller.nodes=auto`": ("controller.nodes=auto",),
+    "`controller.nodes=25`": ("controller.nodes=25",),
+    "`controller.kind=smpc`": ("controller.kind=smpc",),
+    "`controller.kind=hard`": ("controller.kind=hard",),
+    "converged, `solver=fatrop`": ("solver=fatrop",),
+}
+"""Keys that are changed in each run of the transport task."""
+
+RUN_HEADINGS = (
+    "`psmpc simulate transport --no-figures`",
+    "windows with a switch: median, p99, max [ms]",
+    "over the first row",
+    "all windows: median, p99 [ms]",
+    "solves over 100 ms",
+    "failed solves",
+    "ends of the stages [s]",
+    "wall time [s]",
+)
 
 QUIET = 1.1
 """Wall over processor time up to which times mean something."""
@@ -42,30 +69,86 @@ PATTERN = "planar_dual_arm"
 ROBOTS = tuple((arms, joints) for arms in (1, 2, 3) for joints in (3, 5, 7))
 """Arms of each robot, and joints of each arm."""
 
+GROWTH = ("solver", "start", "stages", "exponent")
+
 BASE_GOAL, BENT = (1.0, 0.4, 0.3), 0.5
 """Goal of the base [m, rad], and the sum of the angles of an arm's joints at the goal [rad]."""
 
 
-def table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return a table in Markdown."""
-    return ["| " + " | ".join(line) + " |" for line in (headings, ["---"] * len(headings), *rows)]
+def runs(nodes: str = "100") -> Iterator[str]:
+    """Yield the tables of whole runs: solve times and wall time by setting; first and later runs on a machine."""
+    rows, first, mesh = [], math.nan, f"controller.nodes={nodes}"
+    with TemporaryDirectory() as folder:
+        os.environ["PSMPC_CACHE"] = str(Path(folder) / "cache")
+        log = Path(folder) / "run.h5"
+        times = {"first run on a machine: compilation and figures": _wall_time(log, "--figures", mesh)}
+        times["later runs, with figures"] = _wall_time(log, "--figures", mesh)
+        for name, changes in RUNS.items():
+            wall_time = _wall_time(log, "--no-figures", mesh, *changes)
+            summary = read_run(log).summary()
+            first = summary.switching_solves.median if math.isnan(first) else first
+            rows.append((name, *_solves(summary, first), f"{wall_time:.1f}"))
+    yield from markdown(RUN_HEADINGS, rows)
+    yield ""
+    named = [(name, f"{taken:.1f}") for name, taken in times.items()]
+    yield from markdown(("`psmpc simulate transport`", "wall time [s]"), named)
 
 
-def machine(bench: Bench) -> list[str]:
-    """Return what the bench ran on."""
-    busy = " **The machine was busy: times are too long, and do not compare from mesh to mesh.**"
+def _wall_time(log: Path, option: str, *changes: str) -> float:
+    """Return how long the command takes for a run of the transport task, a process of its own [s]."""
+    settings = [word for change in changes for word in ("--set", change)]
+    began = perf_counter()
+    subprocess.run([*PSMPC, "simulate", "transport", "-q", "--force", "-o", log, option, *settings], check=True)
+    return perf_counter() - began
+
+
+def _solves(summary: Summary, first: float) -> Iterator[str]:
+    """Yield the cells of a run's solves; `first` is the median of the first row [s]."""
+    switching, all_of_them = summary.switching_solves, summary.solves
+    times = (switching.median, switching.p99, switching.largest)
+    yield ", ".join(_number(1e3 * time) for time in times)
+    yield _number(switching.median / first)
+    yield f"{_number(1e3 * all_of_them.median)}, {_number(1e3 * all_of_them.p99)}"
+    yield str(summary.missed)
+    yield str(summary.failed_solves)
+    yield ", ".join(f"{stage.switch_time:.2f}" for stage in summary.stages)
+
+
+def windows() -> Iterator[str]:
+    """Yield the machine, and the tables of solves of single windows: by mesh, by number of stages, growth with N_s."""
+    bench = run_bench(load_bench("transport", ()), told=_tell)
     made = datetime.now(UTC).isoformat(timespec="seconds")
-    return [f"{describe_machine(bench)}; {made}.{busy if bench.wall_over_busy > QUIET else ''}"]
+    yield f"{describe_machine(bench)}; {made}."
+    if bench.wall_over_busy > QUIET:
+        yield "**The machine was busy: times are too long, and those of different meshes cannot be compared.**"
+    yield ""
+    yield from markdown(HEADINGS, bench_rows(bench))
+    yield from ("", "Medians by the number of stages in the window:", "")
+    yield from by_stages(bench)
+    yield from ("", "The exponent p of time ~ N_s^p, by least squares of the logarithms of these medians:", "")
+    nodes = {nodes: float(nodes) for nodes in NODES.split(",") if nodes != "auto"}
+    yield from markdown(GROWTH, growth(nodes, bench))
 
 
-def by_stages(bench: Bench) -> list[str]:
+def freedom() -> Iterator[str]:
+    """Yield the table of how solve times grow with the degrees of freedom."""
+    sized = {f"{arms} x {joints}": [sized_task(arms, joints)] for arms, joints in ROBOTS}
+    robots = run_bench(sized, appends=1, told=_tell)
+    yield from markdown(GROWTH, growth({f"{arms} x {joints}": 3.0 + arms * joints for arms, joints in ROBOTS}, robots))
+
+
+def _tell(line: str) -> None:
+    sys.stderr.write(f"{line}\n")
+
+
+def by_stages(bench: Bench) -> Iterator[str]:
     """Return median times by the number of stages in the window."""
     counts = sorted({solve.stages for solves in bench.solves.values() for solve in solves})
     headings = ("nodes", "solver", "start", *(f"{count} stage{'s' * (count > 1)} [ms]" for count in counts))
     rows = [
         (*way, *(_number(1e3 * median_time(solves, count)) for count in counts)) for way, solves in bench.solves.items()
     ]
-    return table(headings, rows)
+    return markdown(headings, rows)
 
 
 def growth(sizes: Mapping[str, float], bench: Bench) -> Iterator[Sequence[str]]:
@@ -156,20 +239,6 @@ def _poses(robot: Mapping[str, Data], arms: int, joints: int) -> dict[str, Data]
     return {part: [float(value) for value in xi[rows]] for part, rows in model.pose_rows.items()}
 
 
-def main() -> None:
-    """Measure, and write the tables."""
-    bench = run_bench(load_bench("transport", ()), told=print)
-    write_between(PAGE, "machine", machine(bench))
-    write_between(PAGE, "meshes", table(HEADINGS, bench_rows(bench)))
-    write_between(PAGE, "stages", by_stages(bench))
-    nodes = {nodes: float(nodes) for nodes in NODES.split(",") if nodes != "auto"}
-    headings = ("solver", "start", "stages", "exponent")
-    write_between(PAGE, "growth with nodes", table(headings, growth(nodes, bench)))
-    sized = {f"{arms} x {joints}": [sized_task(arms, joints)] for arms, joints in ROBOTS}
-    robots = run_bench(sized, appends=1, told=print)
-    freedom = {f"{arms} x {joints}": 3.0 + arms * joints for arms, joints in ROBOTS}
-    write_between(PAGE, "growth with freedom", table(headings, growth(freedom, robots)))
-
-
 if __name__ == "__main__":
-    main()
+    name, *words = sys.argv[1:]
+    print("\n".join({"runs": runs, "windows": windows, "freedom": freedom}[name](*words)))

@@ -1,7 +1,7 @@
-"""Injects faults into the transport task and writes what each does: the tables of docs/reliability.md.
+"""Injects faults into the transport task and prints what each does: tables of docs/reliability.md.
 
-    python benchmarks/reliability.py          some 5 minutes
-    make reliability
+    python benchmarks/reliability.py faults      some 3 minutes
+    python benchmarks/reliability.py signals     some 2 minutes
 
 N_s = 25, solver sqp, unless a row says otherwise. The exit code is 1 if a run is not as it should be: a rate or force
 beyond `RATES` or `FORCE`, a log that cannot be read or lacks a sample it told of, a second run that overwrites.
@@ -32,7 +32,7 @@ from faults import (
     strike,
     unmeasured,
 )
-from pages import write_between
+from pages import markdown
 
 from psmpc_cli.logs.run import Run, read_run
 
@@ -47,6 +47,9 @@ INSTANTS = 20
 """How many runs are ended by each signal."""
 
 EVER = 1000
+
+Line = tuple[tuple[str, ...], bool]
+"""A row of a table, and whether what it tells is as it should be."""
 
 FAULTS: dict[str, tuple[Fault, Sequence[str]]] = {
     "none": (Fault(), SQP),
@@ -181,7 +184,7 @@ def afterwards(log: Path, err: str, code: int, before: bytes) -> Row:
     return Row(said, flags(found), stages_done(found), "", code, code == 3 and len(found.time) > 0)
 
 
-def signals(folder: Path, number: signal.Signals, name: str, changes: Sequence[str], count: int) -> tuple[str, bool]:
+def signals(folder: Path, number: signal.Signals, name: str, changes: Sequence[str], count: int) -> Line:
     """Return the row of runs that a signal ends at random instants, and whether all were safe."""
     rng = np.random.default_rng(0)
     instants = [(int(samples), float(rng.uniform(0, 0.2))) for samples in rng.integers(0, 120, count)]
@@ -206,7 +209,7 @@ def signals(folder: Path, number: signal.Signals, name: str, changes: Sequence[s
         f"{len(started)} of {len(started)}" if safe else "NOT ALL",
         ", ".join(sorted({str(one.code) for _, one in ended})),
     )
-    return f"| {' | '.join(columns)} |", safe
+    return columns, safe
 
 
 def complete(log: Path, struck: Struck) -> bool:
@@ -218,44 +221,55 @@ def complete(log: Path, struck: Struck) -> bool:
     return struck.held >= struck.told and again.code == 2 and log.read_bytes() == before
 
 
-def closed_loop(folder: Path, told: Callable[[str], None]) -> Iterator[tuple[str, bool]]:
-    """Give the table of faults in the loop and in the output, line by line."""
-    yield "| fault | what happens | flags in the log | stages done, end | largest rate, force | exit code |", True
-    yield "|---|---|---|---|---|---|", True
+def closed_loop(folder: Path) -> Iterator[Line]:
+    """Yield the rows of faults in the loop and in the output."""
     results = ((name, in_the_loop(folder / f"{i}.h5", *what)) for i, (name, what) in enumerate(FAULTS.items()))
     for rows in (results, outputs(folder)):
         for name, row in rows:
-            told(name)
-            yield f"| {name} | {row.what} | {row.flags} | {row.end} | {row.largest} | {row.code} |", row.safe
+            yield (name, row.what, row.flags, row.end, row.largest, str(row.code)), row.safe
 
 
-def ended_by_signals(folder: Path, told: Callable[[str], None]) -> Iterator[tuple[str, bool]]:
-    """Give the table of signals, line by line."""
-    head = ("signal", "runs", "sent after samples", "samples after it, at most", "ended within")
-    yield f"| {' | '.join(head)} | samples lost | whole logs, not overwritten | exit code |", True
-    yield "|---|---|---|---|---|---|---|---|", True
+def ended_by_signals(folder: Path) -> Iterator[Line]:
+    """Yield the rows of signals."""
     rows = [(number, number.name, SQP, INSTANTS) for number in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)]
     slow = [(signal.SIGINT, f"SIGINT, {kind}", (*TASK, f"solver.kind={kind}"), 5) for kind in ("fatrop", "ipopt")]
     for number, name, changes, count in [*rows, *slow]:
-        told(name)
         yield signals(folder, number, name, changes, count)
 
 
-def main() -> int:
-    """Write both tables between their markers; return how many rows were not as they should be."""
+TABLES: dict[str, tuple[Callable[[Path], Iterator[Line]], tuple[str, ...]]] = {
+    "faults": (
+        closed_loop,
+        ("fault", "what happens", "flags in the log", "stages done, end", "largest rate, force", "exit code"),
+    ),
+    "signals": (
+        ended_by_signals,
+        (
+            "signal",
+            "runs",
+            "sent after samples",
+            "samples after it, at most",
+            "ended within",
+            "samples lost",
+            "whole logs, not overwritten",
+            "exit code",
+        ),
+    ),
+}
+"""The rows and headings of each table."""
 
-    def told(name: str) -> None:
-        sys.stderr.write(f"{name}\n")
 
-    unsafe = 0
-    for marker, table in (("faults", closed_loop), ("signals", ended_by_signals)):
-        with tempfile.TemporaryDirectory() as folder:
-            lines = list(table(Path(folder), told))
-        unsafe += sum(not safe for _, safe in lines)
-        sys.stderr.writelines(f"NOT AS IT SHOULD BE: {line}\n" for line, safe in lines if not safe)
-        write_between("reliability.md", marker, [line for line, _ in lines])
-    return unsafe
+def main(name: str) -> int:
+    """Print a table; return how many rows were not as they should be."""
+    rows, headings = TABLES[name]
+    lines = []
+    with tempfile.TemporaryDirectory() as folder:
+        for columns, safe in rows(Path(folder)):
+            sys.stderr.write(f"{'' if safe else 'NOT AS IT SHOULD BE: '}{columns[0]}\n")
+            lines.append((columns, safe))
+    print("\n".join(markdown(headings, (columns for columns, _ in lines))))
+    return sum(not safe for _, safe in lines)
 
 
 if __name__ == "__main__":
-    raise SystemExit(min(main(), 1))
+    raise SystemExit(min(main(sys.argv[1]), 1))

@@ -396,15 +396,3 @@ def columns(along: str, has: frozenset[str] | None = None) -> tuple[Column, ...]
         and (column.dims[:1] == (along,) if along else column.value is None)
         and (has is None or not column.only or column.only in has)
     )
-
-
-def table(along: str, only: str) -> str:
-    """Return the Markdown table of the datasets along a dimension, as in `columns`, that all runs have, or some."""
-    sizes = {"time": "K", "ticks/tick": "M", "coordinate": "n", "pose_coordinate": "m", "stage": "S", "momentum": "3"}
-    rows = ["| dataset | shape | units | what |", "|---|---|---|---|"]
-    for column in columns(along):
-        if column.only == only:
-            shape = ["K", "its longest"] if column.ragged else [sizes.get(d, d) if along else d for d in column.dims]
-            comma = "," if along and len(shape) == 1 else ""
-            rows.append(f"| `{column.path}` | ({', '.join(shape)}{comma}) | {column.units} | {column.long_name} |")
-    return "\n".join(rows)

@@ -1,16 +1,14 @@
-"""Every command line in README.md and docs/ is one that the real commands accept."""
+"""Every command line in README.md and docs/, those of tables too, is one that the real commands accept."""
 
 import re
 import shlex
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
+from pages import PAGES, blocks
 from typer.main import get_command
 
 from psmpc_cli.cli.main import app
-
-ROOT = Path(__file__).resolve().parents[2]
 
 CODE = re.compile(r"^```\w*\n(.*?)^```|^((?: {4}.*\n)+)|`(psmpc [^`]+)`", re.MULTILINE | re.DOTALL)
 
@@ -21,10 +19,13 @@ COMMAND = re.compile(rf"^ *(?:\S+ )*?(psmpc (?:{'|'.join(GROUP.commands)})\b.*)"
 
 def command_lines() -> Iterator[tuple[str, str]]:
     """Give page and command of every command line in code, without the explanation that follows two spaces."""
-    for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
-        for blocks in CODE.findall(page.read_text()):
-            for line in COMMAND.findall("".join(blocks).replace("\\\n", " ")):
+    for page in PAGES:
+        text = re.sub("<!--.*?-->", "", page.read_text(encoding="utf-8"))
+        for found in CODE.findall(text):
+            for line in COMMAND.findall("".join(found).replace("\\\n", " ")):
                 yield page.name, re.split(r"(?<=\S) {2,}(?!-|\")", line)[0].replace("\n", " ")
+    for page, command, _ in blocks():
+        yield from ((page.name, line) for line in command.split(" && ") if line.startswith("psmpc "))
 
 
 LINES = sorted(set(command_lines()))

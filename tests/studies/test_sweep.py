@@ -10,7 +10,6 @@ from psmpc_cli.errors import InputError, SpecError
 from psmpc_cli.logs.results import Results
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.studies.measures import WHOLE_RUN, second_stage
 from psmpc_cli.studies.runner import changed, run_study
 from psmpc_cli.studies.sweep import COMPUTED, FAILED, SHARED, load_sweep_task, sweep, weight_study
 from psmpc_cli.studies.weights import grid_sampling, parse_stages
@@ -18,7 +17,6 @@ from psmpc_cli.studies.weights import grid_sampling, parse_stages
 from ..there_and_back import TASK
 
 COARSE = ("controller.nodes=12", "plant.kind=ideal")
-DOCS = Path(__file__).parents[2] / "docs"
 
 
 def swept(
@@ -133,15 +131,3 @@ def test_a_value_that_does_not_fit_is_told_before_anything_runs(task: Task, tmp_
     with pytest.raises(InputError, match="found 0 runs"):
         sweep(task, {})
     assert not (tmp_path / "sweep.h5").exists()
-
-
-@pytest.mark.parametrize(
-    ("page", "mark", "quantities"), [("sweeps.md", "cells", second_stage(1)), ("monte_carlo.md", "runs", WHOLE_RUN)]
-)
-def test_the_pages_have_every_quantity(page: str, mark: str, quantities: tuple) -> None:
-    text = (DOCS / page).read_text(encoding="utf-8")
-    _, begun, rest = text.partition(f"<!-- {mark} -->\n| array | units | what |\n|---|---|---|\n")
-    found, ended, _ = rest.partition(f"<!-- end of {mark} -->")
-    assert begun and ended
-    rows = ((f"`{quantity.name}`", quantity.units, quantity.long_name) for quantity in quantities)
-    assert found == "".join(f"| {' | '.join(row)} |\n" for row in rows)

@@ -1,0 +1,231 @@
+"""The tables of the documentation that take seconds: from the code, from benchmarks' results, and from short runs.
+
+    python benchmarks/tables.py NAME WORDS         such as keys TaskSpec; pages.py writes all of them
+
+A test compares them with the pages.
+"""
+
+import json
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pages import markdown
+from pydantic import BaseModel
+from typer.main import get_command
+
+import psmpc_cli as psmpc
+from psmpc_cli.cli.main import app
+from psmpc_cli.logs import schema
+from psmpc_cli.specs.document import ANGLE_PATTERN
+from psmpc_cli.specs.fields import NAME_PATTERN, SECONDS_PATTERN
+from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.task import TaskSpec
+from psmpc_cli.studies.measures import WHOLE_RUN, second_stage
+
+BASELINE = Path(__file__).with_name("baseline.yaml")
+
+UNITS = {
+    *("1", "m", "rad", "s", "kg", "kg m^2", "Hz", "m/s", "rad/s", "m/s^2", "rad/s^2"),
+    *("N", "N m", "N s", "N m s", "N m s/rad"),
+}
+NOT_WRITTEN = "parts"
+"""Stands for keys that are parts of the robot."""
+
+SECTIONS = {
+    model: section
+    for section, models in {
+        "robots.md#limits": "PartLimits",
+        "#controller": "ControllerSpec HtmpcSpec",
+        "#solver-and-plant": "SolverSpec PlantSpec",
+        "#skills": "SkillSpec SkillWeights",
+        "#stages": "StageSpec",
+        "#trajectories": "TrajectorySpec",
+        "#end-conditions": "EndCondition",
+        "#priorities-from-paired-comparisons": "PrioritiesSpec",
+        "#actual-starts": "OnsetSpec",
+        "#object-and-monitors": "ObjectSpec MonitorSpec",
+        "#uncertainty": "UncertaintySpec FrictionSpec NoiseSpec ImpulseSpec PayloadSpec",
+        "#published-and-log": "PublishedRun LogSpec",
+        "#bodies": "Base Arm Mount Link Tool",
+    }.items()
+    for model in models.split()
+}
+"""Where a model is described."""
+
+
+def keys(name: str) -> Iterator[str]:
+    """Yield the table of the keys of a model of tasks or robots."""
+    models = models_of(TaskSpec) | models_of(RobotSpec)
+    mapping = _mapping(models[name])
+    rows = [
+        _row(key, value, key in mapping.get("required", ()), models)
+        for key, value in mapping["properties"].items()
+        if key != NOT_WRITTEN
+    ]
+    return markdown(("key", "value", "unit", "default", "meaning"), rows)
+
+
+def models_of(root: type[BaseModel]) -> dict[str, Any]:
+    """Return the JSON Schemas of a model and of those within it, by name."""
+    found = root.model_json_schema()
+    return {**found["$defs"], root.__name__: found}
+
+
+def _mapping(model: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the mapping among the ways to write a model."""
+    return model if "properties" in model else next(_mapping(way) for way in model["anyOf"] if "enum" not in way)
+
+
+def _row(key: str, value: Mapping[str, Any], required: bool, models: Mapping[str, Any]) -> tuple[str, ...]:
+    meaning, units = _without_unit(value["description"])
+    default = "required" if required else _default(value, models)
+    return f"`{key}`", _words(value, models), units, default, meaning
+
+
+def _without_unit(description: str) -> tuple[str, str]:
+    """Return a description without the unit at its end, and all units in it."""
+    groups = [
+        match for match in re.finditer(r" \[([^\]]*)\]", description) if {*re.split(r", ", match[1])}.issubset(UNITS)
+    ]
+    units = "; ".join(match[1] for match in groups)
+    if len(groups) == 1:
+        return description[: groups[0].start()] + description[groups[0].end() :], units
+    return description, units
+
+
+def _default(value: Mapping[str, Any], models: Mapping[str, Any]) -> str:
+    default = value.get("default")
+    if default is None or default in ("", {}, []):
+        return "none"
+    return "its keys' defaults" if isinstance(default, Mapping) else f"`{json.dumps(default)}`".replace('"', "")
+
+
+def _words(value: Mapping[str, Any] | bool, models: Mapping[str, Any]) -> str:
+    """Say what a value may be; the schema `true` allows any."""
+    if isinstance(value, bool):
+        return "any value of [that key](#keys-of-one-controller)"
+    if "$ref" in value:
+        return f"[mapping]({SECTIONS[value['$ref'].rpartition('/')[2]]})"
+    for key in ("anyOf", "oneOf"):
+        if key in value:
+            return _either([way for way in value[key] if way.get("type") != "null"], models)
+    if "enum" in value or "const" in value:
+        return ", ".join(f"`{choice}`" for choice in value.get("enum", [value.get("const")]))
+    kind = value["type"]
+    if kind == "array":
+        return _list(value, models)
+    if kind == "object":
+        named = next(iter(value.get("patternProperties", {}).values()), value.get("additionalProperties"))
+        return f"by name: {_words(named, models)}"
+    if kind == "string":
+        kinds = {NAME_PATTERN: "name", ANGLE_PATTERN: "angle", SECONDS_PATTERN: "`2 s`"}
+        return kinds.get(value.get("pattern", ""), "text")
+    return {"boolean": "`true`, `false`", "integer": "whole number", "number": "number"}[kind] + _bounds(value)
+
+
+def _either(ways: list[Mapping[str, Any]], models: Mapping[str, Any]) -> str:
+    """Name alternatives; a number or an angle with its unit is one kind of value."""
+    words = sorted(dict.fromkeys(_words(way, models) for way in ways), key=lambda word: word == "[low, high]")
+    if len(words) > 1 and words[0].startswith("number") and words[1] == "angle":
+        words[:2] = [words[0].replace("number", "number or angle", 1)]
+    return ", or ".join(words)
+
+
+def _list(value: Mapping[str, Any], models: Mapping[str, Any]) -> str:
+    if "prefixItems" in value:
+        words = [_words(item, models) for item in value["prefixItems"]]
+        return "[low, high]" if words == ["number or angle"] * 2 else f"[{', '.join(words)}]"
+    least = f", at least {value['minItems']}" if value.get("minItems", 0) > 1 else ""
+    return f"list of {_words(value['items'], models)}{least}"
+
+
+def _bounds(value: Mapping[str, Any]) -> str:
+    if value["type"] == "boolean":
+        return ""
+    texts = {"exclusiveMinimum": "> {:g}", "minimum": ">= {:g}", "maximum": "<= {:g}", "exclusiveMaximum": "< {:g}"}
+    found = [text.format(value[key]) for key, text in texts.items() if key in value]
+    return f" {' and '.join(found)}" if found else ""
+
+
+def datasets(along: str, *only: str) -> Iterator[str]:
+    """Yield the table of the datasets along a dimension, or fixed ones, that logs have, or some logs (`only`)."""
+    sizes = {"time": "K", "ticks/tick": "M", "coordinate": "n", "pose_coordinate": "m", "stage": "S", "momentum": "3"}
+    rows = []
+    for column in schema.columns("" if along == "fixed" else along):
+        if column.only == " ".join(only):
+            dims = column.dims if along == "fixed" else [sizes.get(name, name) for name in column.dims]
+            shape = ["K", "its longest"] if column.ragged else dims
+            comma = "," if along != "fixed" and len(shape) == 1 else ""
+            rows.append((f"`{column.path}`", f"({', '.join(shape)}{comma})", column.units, column.long_name))
+    return markdown(("dataset", "shape", "units", "what"), rows)
+
+
+def quantities(study: str) -> Iterator[str]:
+    """Yield the table of what a study records of each of its runs: a sweep or a monte-carlo study."""
+    found = {"sweep": second_stage(1), "monte-carlo": WHOLE_RUN}[study]
+    rows = ((f"`{each.name}`", each.units, each.long_name) for each in found)
+    return markdown(("array", "units", "what"), rows)
+
+
+def commands() -> Iterator[str]:
+    """Yield the table of the commands."""
+    given = vars(get_command(app))["commands"]
+    rows = ((f"`psmpc {name}`", command.get_short_help_str(200)) for name, command in given.items())
+    return markdown(("command", "what it does"), rows)
+
+
+def baseline(*names: str) -> Iterator[str]:
+    """Yield the table of the transport task at N_s = 100 from benchmarks/baseline.yaml, all of it or some rows."""
+    published = psmpc.load_task("transport").spec.published
+    measured = yaml.safe_load(BASELINE.read_text(encoding="utf-8"))
+    rows = []
+    for name, found in measured.items():
+        if names and name not in names:
+            continue
+        if name in published:
+            rows.append(
+                (f"{name}, published", *_times(published[name].switch_time, published[name].actual_start), "", "")
+            )
+        apart = ", ".join(f"{found['gripper_distance'][stage]:.3f}" for stage in ("capture", "transport"))
+        rows.append((name, *_times(found["switch_time"], found["actual_start"]), apart, found["mission"]))
+    return markdown(("", *TIMES, "grippers apart at the ends of Capture, Transport [m]", "mission"), rows)
+
+
+TIMES = ("Capture starts [s]", "Approach ends", "Capture ends", "Transport ends", "end")
+
+
+def _times(ends: Mapping[str, float], starts: Mapping[str, float]) -> Iterator[str]:
+    """Yield the cells of the columns of times."""
+    yield f"{starts['capture']:.1f}" if "capture" in starts else "-"
+    for stage in ("approach", "capture", "transport", "release"):
+        yield f"{ends[stage]:.2f}" if stage in ends else "-"
+
+
+def transport() -> Iterator[str]:
+    """Yield the table of the transport task on coarse meshes."""
+    rows = []
+    for nodes, kind in ((12, "psmpc"), (12, "smpc"), (12, "hard"), (25, "psmpc")):
+        changes = {"controller.nodes": nodes, "controller.kind": kind, "log.shares": False}
+        summary = psmpc.simulate(psmpc.load_task("transport", changes)).summary()
+        ends = {stage.name: stage.switch_time for stage in summary.stages}
+        starts = {stage.name: stage.actual_start for stage in summary.stages}
+        rows.append((nodes, kind, *_times(ends, starts), "succeeded" if summary.succeeded else "failed"))
+    return markdown(("N_s", "controller", *TIMES, "mission"), rows)
+
+
+TABLES: Mapping[str, Callable[..., Iterable[str]]] = {
+    function.__name__: function for function in (keys, datasets, quantities, commands, baseline, transport)
+}
+
+
+def table(name: str, *words: str) -> str:
+    """Return the text of a table."""
+    return "".join(f"{line}\n" for line in TABLES[name](*words))
+
+
+if __name__ == "__main__":
+    print(table(*sys.argv[1:]), end="")

@@ -1,0 +1,42 @@
+"""The tables of README.md and docs/ are what their commands print, as far as those take seconds; none is by hand."""
+
+import re
+from pathlib import Path
+
+import pytest
+from pages import BLOCK, HERE, PAGES, QUICK, blocks
+from tables import models_of, table
+
+from psmpc_cli.logs.schema import SCHEMA
+from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.task import TaskSpec
+
+BLOCKS = list(blocks())
+QUICK_ONES = [block for block in BLOCKS if block[1].startswith(QUICK)]
+
+
+@pytest.mark.parametrize(("page", "command", "text"), QUICK_ONES, ids=[command for _, command, _ in QUICK_ONES])
+def test_a_quick_table_is_what_its_command_prints(page: Path, command: str, text: str) -> None:
+    assert text == table(*command.split()[1:]), f"python benchmarks/pages.py --quick writes {page.name} anew"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=[page.name for page in PAGES])
+def test_no_table_of_numbers_is_by_hand(page: Path) -> None:
+    by_hand = BLOCK.sub("", page.read_text(encoding="utf-8"))
+    assert "<!-- table:" not in by_hand
+    rows = [line.strip("| ").split("|") for line in by_hand.splitlines() if line.startswith("|")]
+    assert [row for row in rows if sum(bool(re.match(r" *-?\d", cell)) for cell in row) > 1] == []
+
+
+def test_the_script_of_every_table_is_there() -> None:
+    scripts = {command.split()[0] for _, command, _ in BLOCKS} - {"psmpc"}
+    assert [script for script in scripts if not (HERE / script).is_file()] == []
+
+
+def test_every_key_and_every_dataset_is_in_a_table() -> None:
+    commands = [command for _, command, _ in BLOCKS]
+    models = {*models_of(TaskSpec), *models_of(RobotSpec)}
+    assert sorted(f"{QUICK} keys {model}" for model in models) == sorted(c for c in commands if f"{QUICK} keys" in c)
+    datasets = "".join(text for _, command, text in BLOCKS if f"{QUICK} datasets" in command)
+    listed = re.findall(r"^\| `([\w/]+)` \|", datasets, re.MULTILINE)
+    assert sorted(listed) == sorted(column.path for column in SCHEMA if not column.is_scale)

@@ -23,9 +23,6 @@ from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, StageSpec, TaskSpe
 
 Model = TypeVar("Model", bound=BaseModel)
 
-LONGEST_PATH = 1000
-"""Characters of a path that a task refers to."""
-
 ROUNDS = 8
 """How often what is wrong is left out of a task until the rest is valid."""
 
@@ -207,7 +204,7 @@ def _sound_part(
     Returns:
         The rest and the indices of its own stages; None if too little is left.
     """
-    replaced: set[int] = set()
+    replaced: set[object] = set()
     nowhere: dict[Location, Origin] = {(): Origin(Place(1, 1))}
     document = replace(document, faults=())
     for _ in range(ROUNDS):
@@ -215,22 +212,21 @@ def _sound_part(
         if task is not None:
             return task, frozenset(range(len(task.stages))) - replaced
         wrong = {fault.path[:2] for fault in faults}
-        sound = [at for at in document.origins if len(at) == 2 and at[0] == "stages" and at not in wrong]
-        sound = [at for at in sound if (*at, "ends_when") in document.origins]
+        ends = [at for at in document.origins if len(at) == 3 and (at[0], at[2]) == ("stages", "ends_when")]
+        sound = next((at[:2] for at in ends if at[:2] not in wrong), None)
         for path in dict.fromkeys(fault.path for fault in faults):
+            stage = path[:1] == ("stages",) and len(path) > 1
+            end = next((i for i in range(2 if stage else 0, len(path)) if isinstance(path[i], int)), len(path))
             if path[:1] == ("initial",) or (not path and ("initial",) not in document.origins):
                 rest: dict[str, Data] = {part: [0.0] * size for part, size in robot.parts.items()}
                 document = put(document, ("initial",), rest, nowhere)
-                continue
-            within = 2 if path[:1] == ("stages",) else 0
-            end = next((i for i in range(within, len(path)) if isinstance(path[i], int)), len(path))
-            if path[:within] == path[:end] and within and sound:
-                inside = {at[2:]: origin for at, origin in document.origins.items() if at[:2] == sound[0]}
-                document = put(document, path, document.value(sound[0]), inside)
-                document = put(document, (*path, "name"), f"left out {path[1]}", nowhere)
-                replaced.add(int(path[1]))
-            elif end <= within:
+            elif not path[:end] or (stage and end == 2 and sound is None):
                 return None
+            elif stage and end == 2 and sound is not None:
+                inside = {at[2:]: origin for at, origin in document.origins.items() if at[:2] == sound}
+                document = put(document, path, document.value(sound), inside)
+                document = put(document, (*path, "name"), f"left out {path[1]}", nowhere)
+                replaced.add(path[1])
             elif path[:end] in document.origins:
                 document = without(document, path[:end])
     return None
@@ -242,9 +238,6 @@ def _robot_of(task: Document, folder: Path) -> tuple[Document | None, tuple[Faul
     if not isinstance(reference, str) or not reference:
         return None, ()
     try:
-        if len(reference) > LONGEST_PATH:
-            wanted = f"expected a built-in robot's name or a path of at most {LONGEST_PATH}"
-            raise SpecError(f"found {len(reference)} characters, {wanted}")
         path = find("robot", reference, folder)
         return read(shown(path), read_text(path)), ()
     except SpecError as error:

@@ -483,13 +483,10 @@ def _object(thing: ObjectSpec | None, fields: Fields, context: Context) -> Flaws
 
 
 def _monitor(monitor: MonitorSpec, fields: Fields, context: Context) -> Flaws:
-    """Give a monitor that bounds nothing, contradicts itself or is about the wrong number of frames."""
+    """Give a monitor that bounds nothing or is about the wrong number of frames."""
     bounds = ("above_start_at_most", "below_start_at_most", "at_most", "at_least")
     if all(getattr(monitor, bound) is None for bound in bounds):
         yield (), flaw(f", expected one of {', '.join(bounds)}", "no bound", at_key=True)
-    least, most = monitor.at_least, monitor.at_most
-    if least is not None and most is not None and least > most:
-        yield ("at_least",), flaw(f", expected no more than at_most, {most:g}", f"{least:g}")
     number = 2 if monitor.quantity == "distance" else 1
     if not len(monitor.of) == len(set(monitor.of)) == number:
         yield ("of",), expected("two different frames for a distance, one for a speed")

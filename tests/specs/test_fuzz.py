@@ -9,16 +9,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
+from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.specs.document import MOST_VALUES, Data, read, write
 from psmpc_cli.specs.library import LARGEST_FILE
-from psmpc_cli.specs.load import load_task, parse_task
+from psmpc_cli.specs.load import Task, load_task, parse_task
+from psmpc_cli.specs.messages import Fault
 
 from ..fuzzing import fuzzing
 
 TRANSPORT = load_task("transport")
-TASK, ROBOT = (read("original", text) for text in (TRANSPORT.task_yaml, TRANSPORT.robot_yaml))
+TASK = read("task", TRANSPORT.task_yaml.replace("planar_dual_arm", "robot.yaml"))
+ROBOT = read("robot", TRANSPORT.robot_yaml)
 TWO_ROWS = "times: [0, 16], base: [[0, 0, 0], [0.8, 0, 0]], arms: [[0, 1, 0], [1, 1, 0]]"
-MOVING = read("original", load_task("tracking", [f"stages.trace.target={{{TWO_ROWS}}}"]).task_yaml)
+TRACKING = load_task("tracking", [f"stages.trace.target={{{TWO_ROWS}}}"]).task_yaml
+MOVING = read("moving", TRACKING.replace("planar_dual_arm", "robot.yaml"))
 
 AT_THE_BOUNDS = {
     "unknown keys": "".join(f"keys{i}: 1\n" for i in range(MOST_VALUES // 2 - 100)),
@@ -60,23 +64,33 @@ def mutate(data: Any, path: tuple[str | int, ...], action: str, value: Any) -> A
 
 
 @pytest.mark.parametrize("document", [TASK, MOVING, ROBOT], ids=["task", "moving", "robot"])
-@fuzzing(25)
+@fuzzing(15)
 @given(data=st.data())
-def test_mutated_description_is_loaded_or_rejected(document: Any, data: st.DataObject) -> None:
-    changed = document.data
+def test_mutated_description_is_loaded_or_rejected(
+    tmp_path_factory: pytest.TempPathFactory, document: Any, data: st.DataObject
+) -> None:
+    """The rest of a task that is left without what is wrong is valid, too."""
+    changed, folder = document.data, tmp_path_factory.getbasetemp()
+
+    def review(task: Task, sound: frozenset[int] | None) -> list[Fault]:
+        assert sound is None or sound <= set(range(len(task.spec.stages)))
+        build_problem(task)
+        return []
+
     for _ in range(data.draw(st.integers(1, 3))):
         paths = [path for path in read("changed", write(changed)).origins if path]
         if paths:
             action = data.draw(st.sampled_from(["remove", "rename", "replace"]))
             changed = mutate(changed, data.draw(st.sampled_from(paths)), action, data.draw(junk))
-    text = write(changed)
-    texts = (TASK.text, text) if document is ROBOT else (text, ROBOT.text)
+    texts = {"task.yaml": TASK.text, "robot.yaml": ROBOT.text}
+    for name, text in {**texts, "robot.yaml" if document is ROBOT else "task.yaml": write(changed)}.items():
+        (folder / name).write_text(text, encoding="utf-8")
     try:
-        parse_task(*texts, "mutated")
+        load_task(folder / "task.yaml", review=review)
     except SpecError as error:
         found = [line for line in str(error).splitlines() if not re.match(r" +\d* \| ", line)]
         assert found
-        assert all(re.match(r"mutated( \(robot\))?:\d+:\d+: .*(found|more problems)", line) for line in found)
+        assert all(re.match(r".*(task|robot)\.yaml:\d+:\d+: .*(found|more problems)", line) for line in found)
 
 
 @pytest.mark.slow

@@ -110,7 +110,6 @@ def test_what_is_out_of_reach_is_reported_with_what_is_misspelt(
     [
         ("gone.yaml", 'found no file "gone.yaml", expected a path or a built-in robot: planar_dual_arm'),
         ("folder", "folder: found a directory, expected a YAML file"),
-        ("x" * 2000, "found 2000 characters, expected a built-in robot's name or a path of at most 1000"),
     ],
 )
 def test_robot_that_cannot_be_read_is_reported_where_the_task_names_it(

@@ -13,7 +13,6 @@ from psmpc_cli.ocp.plan import Plan, braking_plan, resting_plan, shift
 from psmpc_cli.ocp.problem import Problem, Stage, build_problem
 from psmpc_cli.ocp.window import (
     SHORTEST,
-    Along,
     Window,
     first_counts,
     node_counts,
@@ -296,17 +295,13 @@ class Controller:
             discretization=spec.discretization,
             soft=self.problem.spec.limits_are_soft,
         )
-        return self._on_its_mesh(window, sequence.instants, prediction, before) if spec.nodes == "auto" else window
-
-    def _on_its_mesh(self, window: Window, instants: np.ndarray, prediction: Plan, before: Solution | None) -> Window:
-        """Return a window with the nodes its stages need."""
-        spec = self.spec
+        if spec.nodes != "auto":
+            return window
         if before is None:
-            counts = first_counts(window, instants, spec.mesh_tolerance, spec.sample_time)
-        else:
-            had = {stage.index: N for stage, N in zip(before.window.stages, before.window.nodes, strict=True)}
-            along = Along(prediction, self.costs, spec.sample_time)
-            counts = node_counts(window, instants, along, spec.mesh_tolerance, had)
+            return replace(window, nodes=first_counts(window, sequence.instants, spec.mesh_tolerance, spec.sample_time))
+        had = {stage.index: N for stage, N in zip(before.window.stages, before.window.nodes, strict=True)}
+        plan = replace(prediction, instants=sequence.instants)
+        counts = node_counts(window, plan, self.costs, spec.sample_time, spec.mesh_tolerance, had)
         return replace(window, nodes=counts)
 
     def _plan_in_force(self, solved: Plan | None, prediction: Plan, time: float, x: np.ndarray) -> Plan:

@@ -22,16 +22,7 @@ def source_of(function: ca.Function) -> str:
 def compiled(function: ca.Function) -> ca.Function:
     """Return the function as compiled C, with the same inputs and outputs; itself where that is not possible."""
     path = library(source_of(function), function.name(), FLAGS)
-    if path is None:
-        return function
-    found = ca.external(function.name(), str(path))
-    return found if _signature(found) == _signature(function) else function
-
-
-def _signature(function: ca.Function) -> list[tuple[str, ca.Sparsity]]:
-    """Return names and sparsities of inputs and outputs."""
-    inputs = [(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
-    return inputs + [(function.name_out(i), function.sparsity_out(i)) for i in range(function.n_out())]
+    return function if path is None else ca.external(function.name(), str(path))
 
 
 class ArrayFunction:

@@ -10,7 +10,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import threading
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -27,12 +26,6 @@ FLAGS = ("-O2",)
 """Default compiler flags."""
 
 SUFFIX = ".dylib" if sys.platform == "darwin" else ".so"
-
-TIMEOUT = 300.0
-"""Longest time a compiler may take [s]."""
-
-_REPORTING = threading.Lock()
-"""Libraries are compiled in several threads at once, and each message is reported once."""
 
 
 class CompilationError(Exception):
@@ -57,7 +50,7 @@ def library(source: str, name: str, flags: Sequence[str] = FLAGS) -> Path | None
     try:
         return _library(source, name, tuple(flags))
     except (CompilationError, OSError) as error:
-        _report_once(f"{error}; continuing without compiled code")
+        _report(f"{error}; continuing without compiled code")
         return None
 
 
@@ -66,14 +59,15 @@ def cache_directory() -> Path:
 
     It exists and is writable; where that is not possible, it is a temporary directory that is deleted at exit.
     """
-    for directory in _preferred_directories():
-        try:
-            directory.mkdir(parents=True, exist_ok=True, mode=0o700)
-        except OSError:
-            continue
-        if os.access(directory, os.W_OK | os.X_OK):
-            return directory
-    return _temporary_directory()
+    chosen, base = os.environ.get(CACHE_VARIABLE), os.environ.get("XDG_CACHE_HOME", "")
+    try:
+        # The XDG specification says that a relative XDG_CACHE_HOME is ignored.
+        default = (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "psmpc"
+        directory = Path(chosen).expanduser().resolve() if chosen else default
+        directory.mkdir(parents=True, exist_ok=True, mode=0o700)
+    except (OSError, RuntimeError):  # it cannot be made, or the user has no home
+        return _temporary_directory()
+    return directory if os.access(directory, os.W_OK | os.X_OK) else _temporary_directory()
 
 
 def find_compiler() -> tuple[str, ...]:
@@ -112,7 +106,7 @@ def _library(source: str, name: str, flags: tuple[str, ...]) -> Path:
     key = "\0".join((source, " ".join(flags), compiler_macros(compiler, flags)))
     entry = directory / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:24]}{SUFFIX}"
     if not _loads(entry):
-        _report_once(f"compiling solver and plant code with {Path(compiler[0]).name} (once, kept in {directory})")
+        _report(f"compiling solver and plant code with {Path(compiler[0]).name} (once, kept in {directory})")
         _compile(compiler, source, entry, flags)
         ctypes.CDLL(str(entry))
     return entry
@@ -131,8 +125,8 @@ def _compile(compiler: tuple[str, ...], source: str, entry: Path, flags: tuple[s
 def _run(command: Sequence[str], folder: Path | None) -> str:
     """Run a compiler and return its standard output."""
     try:
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=TIMEOUT, check=False)
-    except (OSError, subprocess.TimeoutExpired) as error:
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    except OSError as error:
         raise CompilationError(f"{command[0]} did not run: {error}") from None
     if done.returncode:
         reason = next((line for line in done.stderr.splitlines() if "error" in line), f"exit code {done.returncode}")
@@ -148,27 +142,11 @@ def _loads(entry: Path) -> bool:
     return True
 
 
-def _preferred_directories() -> list[Path]:
-    if chosen := os.environ.get(CACHE_VARIABLE):
-        return [Path(chosen).expanduser().resolve()]
-    base = os.environ.get("XDG_CACHE_HOME", "")
-    try:
-        # The XDG specification says that a relative XDG_CACHE_HOME is ignored.
-        return [(Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "psmpc"]
-    except RuntimeError:  # the user has no home
-        return []
-
-
 @cache
 def _temporary_directory() -> Path:
     path = Path(tempfile.mkdtemp(prefix="psmpc-"))
     atexit.register(shutil.rmtree, path, ignore_errors=True)
     return path
-
-
-def _report_once(message: str) -> None:
-    with _REPORTING:
-        _report(message)
 
 
 @cache

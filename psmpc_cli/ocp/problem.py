@@ -1,6 +1,5 @@
 """A task made computable: the robot's model, the stages as numbers, the functions of the skills on arrays."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,7 +14,7 @@ from psmpc_cli.specs.coordinates import Limits, resolve_limits, rows, stack, sta
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.parts import Space
 from psmpc_cli.specs.robot import RobotSpec
-from psmpc_cli.specs.task import SkillSpec, StageSpec, TaskSpec, TrajectorySpec
+from psmpc_cli.specs.task import StageSpec, TaskSpec, TrajectorySpec
 
 SLACK = 1e-6
 """By how much an end condition's tolerances may be exceeded [m, rad, m/s, rad/s]: solvers stop at a tolerance."""
@@ -195,7 +194,11 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
     spec = task.stages[index]
     trajectory = Trajectory(np.array(spec.target.times), waypoints) if isinstance(spec.target, TrajectorySpec) else None
     skill = task.skills[spec.skill]
-    end = spec.ends_when if spec.at is None else None
+    end, control = spec.ends_when if spec.at is None else None, skill.weights.control
+    if isinstance(control, float | int):
+        control_weights = np.full(model.n if skill.input == "joint" else model.m, float(control))
+    else:
+        control_weights = stack(control, robot, skill.input)
     return Stage(
         index=index,
         name=spec.name,
@@ -205,7 +208,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         target=waypoints[-1],
         trajectory=trajectory,
         weights=stack(skill.weights.parts, robot, skill.space, missing=0.0, of_error=True),
-        control_weights=_control_weights(skill, robot, model),
+        control_weights=control_weights,
         end_rows=() if end is None else rows(end.coordinates, robot, skill.space),
         tolerance=np.zeros(0) if end is None else tolerances(end, robot, skill.space),
         end_velocity=None if end is None else end.velocity,
@@ -213,21 +216,8 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         at=spec.at,
         dwell=spec.dwell if trajectory is None else max(spec.dwell, float(trajectory.times[-1])),
         limits=resolve_limits(robot, task.limits, skill.limits),
-        onset_rows=_onset_rows(task.stages, index, task, robot),
+        onset_rows=rows(spec.onset if spec.onset is not None else ("all",), robot, "joint"),
     )
-
-
-def _control_weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarray:
-    control = skill.weights.control
-    if isinstance(control, float | int):
-        return np.full(model.n if skill.input == "joint" else model.m, float(control))
-    return stack(control, robot, skill.input)
-
-
-def _onset_rows(stages: Sequence[StageSpec], index: int, task: TaskSpec, robot: RobotSpec) -> tuple[int, ...]:
-    """Return the stage's onset coordinates in Q; by default all of them."""
-    names = stages[index].onset
-    return rows(names if names is not None else ("all",), robot, "joint")
 
 
 def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> list[np.ndarray]:

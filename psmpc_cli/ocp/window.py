@@ -334,23 +334,8 @@ def normalization(
     return utopia, nadir - utopia + zeta
 
 
-@dataclass(frozen=True, eq=False)
-class Along:
-    """A predicted plan, and how costs are read off it.
-
-    Attributes:
-        plan: The plan.
-        costs: The errors of the robot.
-        step: Longest time between two states that are looked at [s].
-    """
-
-    plan: Plan
-    costs: StageCosts
-    step: float
-
-
 def node_counts(
-    window: Window, instants: np.ndarray, along: Along, tolerance: float, before: Mapping[int, int]
+    window: Window, plan: Plan, costs: StageCosts, step: float, tolerance: float, before: Mapping[int, int]
 ) -> tuple[int, ...]:
     """Return the counts with the smallest sum with which twice as many would change J by the tolerance at most.
 
@@ -358,15 +343,16 @@ def node_counts(
 
     Args:
         window: The window; its own nodes do not matter.
-        instants: Predicted switching instants (S,) [s].
-        along: The prediction.
+        plan: The prediction, with the instants of the window (S,) [s].
+        costs: The costs of the robot's stages.
+        step: Longest time between two states that are looked at [s].
         tolerance: Of J, relative.
         before: Number of intervals each stage had in the window before, by stage index.
     """
-    tau = durations(instants, window.start, window.horizon)
-    changes, J = _quadrature(window, instants, tau, along)
+    tau = durations(plan.instants, window.start, window.horizon)
+    changes, J = _quadrature(window, plan, tau, costs, step)
     root = np.sqrt(changes)
-    needed = np.maximum(root * root.sum() / (2 * tolerance * J), tau / along.step)
+    needed = np.maximum(root * root.sum() / (2 * tolerance * J), tau / step)
     return tuple(_count(need, before.get(stage.index)) for need, stage in zip(needed, window.stages, strict=True))
 
 
@@ -376,17 +362,19 @@ def first_counts(window: Window, instants: np.ndarray, tolerance: float, step: f
     return tuple(_count(need, None) for need in np.maximum(1 / (2 * tolerance) * tau / window.horizon, tau / step))
 
 
-def _quadrature(window: Window, instants: np.ndarray, tau: np.ndarray, along: Along) -> tuple[np.ndarray, float]:
+def _quadrature(
+    window: Window, plan: Plan, tau: np.ndarray, costs: StageCosts, step: float
+) -> tuple[np.ndarray, float]:
     """Return N_s times the error of each stage's quadrature (S + 1,), and J, along the prediction without its control.
 
     A cost that falls and rises again counts with both, as if the errors of its parts did not cancel.
     """
-    omega, begins = window.omega / window.omega.max(), np.r_[window.start, instants]
-    changes, J = np.zeros(len(tau)), window.pending_cost * float((instants - window.start).sum())
+    omega, begins = window.omega / window.omega.max(), np.r_[window.start, plan.instants]
+    changes, J = np.zeros(len(tau)), window.pending_cost * float((plan.instants - window.start).sum())
     for s, stage in enumerate(window.stages):
-        times = np.linspace(begins[s], begins[s] + tau[s], max(2, int(np.ceil(tau[s] / along.step)) + 1))
+        times = np.linspace(begins[s], begins[s] + tau[s], max(2, int(np.ceil(tau[s] / step)) + 1))
         since = times - begins[s] + (window.elapsed if s == 0 else 0.0)
-        L = along.costs.of_states(stage, along.plan.states_at(times), since)
+        L = costs.of_states(stage, plan.states_at(times), since)
         over = omega[s] * tau[s] / window.scale[s]
         changes[s] = over / 2 * float(np.abs(np.diff(L)).sum())
         J += over * abs(float((L[:-1] + L[1:]).mean()) / 2 - window.offset[s])

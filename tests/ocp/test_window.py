@@ -10,7 +10,6 @@ from psmpc_cli.ocp.plan import Grid, Plan, mesh
 from psmpc_cli.ocp.problem import Problem, Stage, StageCosts, Trajectory, build_problem
 from psmpc_cli.ocp.window import (
     COUNTS,
-    Along,
     durations,
     first_counts,
     node_counts,
@@ -152,8 +151,7 @@ def picked(decisions: list[Command]) -> list[Command]:
 
 
 def counts_of(command: Command, costs: StageCosts, before: dict[int, int], tolerance: float = TOLERANCE) -> list[int]:
-    along, plan = Along(command.solution.plan, costs, STEP), command.solution.plan
-    return list(node_counts(command.solution.window, plan.instants, along, tolerance, before))
+    return list(node_counts(command.solution.window, command.solution.plan, costs, STEP, tolerance, before))
 
 
 @pytest.fixture(scope="module")

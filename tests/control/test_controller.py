@@ -107,15 +107,6 @@ def test_smpc_is_psmpc_with_equal_priorities(experiment_of: Build) -> None:
         np.testing.assert_array_equal(one.command.instants, other.command.instants)
 
 
-def test_scaling_all_priorities_changes_nothing(experiment_of: Build) -> None:
-    scaled = zip(("approach", "capture", "transport", "release"), (64, 6400, 64, 0.64), strict=True)
-    once, _ = run(experiment_of(*SHORT, "time_limit=2.5"))
-    again, _ = run(
-        experiment_of(*SHORT, "time_limit=2.5", *(f"stages.{name}.priority={omega}" for name, omega in scaled))
-    )
-    np.testing.assert_array_equal(states(once), states(again))
-
-
 def test_hard_switching_never_looks_past_the_current_stage(experiment_of: Build) -> None:
     samples, ending = run(experiment_of(*SHORT, "controller.kind=hard"))
     assert ending.completed
@@ -187,12 +178,6 @@ def test_a_solve_of_the_same_stages_is_warm(decisions: list[Command]) -> None:
     for before, after in pairwise(decisions):
         stages, stages_before = ([s.index for s in d.solution.window.stages] for d in (after, before))
         assert after.solution.warm == (stages == stages_before)
-
-
-def test_the_prediction_is_the_shifted_plan(decisions: list[Command]) -> None:
-    before, after = decisions[5], decisions[6]
-    at = np.array([2.0])
-    np.testing.assert_allclose(after.prediction.states_at(at), before.plan.states_at(at), atol=1e-9)
 
 
 def test_the_objective_is_made_of_the_costs_of_the_stages(experiment_of: Build) -> None:

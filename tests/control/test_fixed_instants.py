@@ -10,7 +10,7 @@ from psmpc_cli.control import Command
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.simulation.loop import Ending
 from psmpc_cli.simulation.setup import Experiment
-from psmpc_cli.solvers import Solution, Solver
+from psmpc_cli.solvers import Solver
 
 from .runs import SHORT, run
 
@@ -35,43 +35,6 @@ def ends(samples: list[Sample], ending: Ending) -> dict[int, float]:
 @pytest.fixture(scope="module")
 def solver(experiment_of: Build) -> Solver:
     return experiment_of("controller.nodes=20", "solver.kind=fatrop").controller.solver
-
-
-@pytest.fixture(scope="module", params=[0, 1, 2], ids=["approach", "capture", "transport"])
-def optimum(request: pytest.FixtureRequest, decisions: list[Command], solver: Solver) -> Solution:
-    """The optimum half way between the detection of a switch and the switch."""
-    found = [d for d in decisions if len(d.instants) == 1 and d.stage.index == request.param]
-    chosen = found[len(found) // 2].solution
-    return solver.solve(chosen.window, chosen.plan)
-
-
-def test_a_switch_held_at_the_optimum_gives_the_optimal_cost_and_another_one_costs_more(
-    solver: Solver, optimum: Solution
-) -> None:
-    held = solver.solve(optimum.window, optimum.plan, None, 0.0)
-    assert held.plan.instants == pytest.approx(optimum.plan.instants, abs=1e-7)
-    assert held.objective == pytest.approx(optimum.objective, rel=1e-6, abs=1e-6)
-    later = solver.solve(optimum.window, replace(optimum.plan, instants=optimum.plan.instants + 0.1), None, 0.0)
-    assert later.outcome.usable
-    assert later.objective > optimum.objective + 1e-3
-
-
-@pytest.mark.parametrize("with_condition", [True, False])
-def test_a_fixed_time_at_the_optimum_gives_the_optimal_cost_or_less_without_its_condition(
-    solver: Solver, optimum: Solution, with_condition: bool
-) -> None:
-    """The task files allow a time or a condition, a window both."""
-    stage = replace(optimum.window.stages[0], at=float(optimum.plan.instants[0]))
-    if not with_condition:
-        stage = replace(stage, end_rows=(), tolerance=np.zeros(0))
-    window = replace(optimum.window, stages=(stage, *optimum.window.stages[1:]))
-    solved = solver.solve(window, replace(optimum.plan, instants=optimum.plan.instants + LATER))
-    assert solved.outcome.usable
-    assert solved.plan.instants == pytest.approx(optimum.plan.instants, abs=1e-7)
-    if with_condition:
-        assert solved.objective == pytest.approx(optimum.objective, rel=1e-6, abs=1e-6)
-    else:
-        assert solved.objective <= optimum.objective + 1e-7
 
 
 @pytest.mark.parametrize("guess", [0.2, 0.9, 3.9])

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.control import State
 from psmpc_cli.control.sequence import MovingSequence, detect, drop_met
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Stage, StageCosts
@@ -67,18 +66,6 @@ def test_every_stage_of_a_run_is_held_before_it_ends(experiment_of: Build, kind:
         during = [s.command.x for s in samples if end - HOLD - 1e-9 <= s.command.time <= end - 1e-9]
         assert len(during) >= round(HOLD / 0.1)
         assert experiment.costs.met(stage, np.array(during)).all()
-
-
-def test_a_robot_pushed_away_holds_anew(experiment_of: Build) -> None:
-    experiment = experiment_of(*SHORT, f"stages.approach.ends_when.hold={HOLD}", "controller.kind=hard")
-    controller, x = experiment.controller, experiment.x0
-    x = np.r_[experiment.stages[0].target, np.zeros(9)]
-    for k in range(4):
-        assert controller.step(0.1 * k, State.of(x)).stage.index == 0
-    pushed = x + np.where(np.arange(18) == 0, 0.05, 0.0)
-    assert controller.step(0.4, State.of(pushed)).stage.index == 0
-    ends = [controller.step(0.5 + 0.1 * k, State.of(x)).stage.index for k in range(7)]
-    assert ends == [0, 0, 0, 0, 0, 1, 1]
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from psmpc_cli.simulation.setup import Experiment
 from psmpc_cli.solvers import Outcome, Solution, Solver
 from psmpc_cli.specs.task import ControllerSpec
 
-from .runs import SHORT, Unreliable, run, states
+from .runs import Unreliable, run, states
 
 COARSE = ("controller.nodes=20", "solver.kind=fatrop", "plant.kind=ideal", "log.plans=false", "log.shares=false")
 
@@ -141,11 +141,6 @@ def test_a_fixed_time_leaves_nothing_to_guess(counting: Counting, switching: Com
     timed = replace(switching.solution.window, stages=(replace(first, at=float(switching.plan.instants[0])), second))
     solve_from_several(counting, timed, switching.prediction, None, 3)
     assert len(counting.solved) == 1
-
-
-def test_hard_switching_has_no_switch_to_guess(experiment_of: Build) -> None:
-    samples, _ = run(experiment_of(*SHORT, "controller.kind=hard", "controller.multistart=3", "time_limit=1"))
-    assert {sample.command.solution.basin for sample in samples} == {-1}
 
 
 @given(switches=st.integers(1, 4), count=st.integers(1, 20))

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from psmpc_cli.control import Command, State
+from psmpc_cli.control import State
 from psmpc_cli.ocp.window import own_violations
 from psmpc_cli.simulation.setup import Experiment
 
@@ -52,12 +52,3 @@ def test_limits_are_soft_where_measurements_are_noisy_unless_the_task_says_other
     assert experiment_of(*COARSE, noisy).task.limits_are_soft
     assert not experiment_of(*COARSE, noisy, "controller.soft_limits=false").task.limits_are_soft
     assert experiment_of(*COARSE, "controller.soft_limits=true").task.limits_are_soft
-
-
-def test_ipopt_starts_from_the_multipliers_of_soft_limits_too(experiment_of: Build) -> None:
-    changes = ("controller.nodes=6", "plant.kind=ideal", "solver.kind=ipopt", "log.shares=false", "time_limit=0.3")
-    samples, _ = run(experiment_of(*changes, "controller.soft_limits=true"))
-    cold, *_, warm = (sample.command for sample in samples)
-    assert isinstance(warm, Command)
-    assert len(warm.solution.guess_duals) == len(warm.solution.duals) > 0
-    assert warm.iterations < cold.iterations

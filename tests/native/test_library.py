@@ -63,12 +63,6 @@ def test_a_cached_library_is_compiled_once_and_reported_once(
     assert str(directory) in caplog.text
 
 
-def test_source_and_flags_distinguish_libraries(directory: Path) -> None:
-    others = library(TWICE.replace("2 *", "3 *"), "numbers"), library(TWICE, "numbers", ("-O1",))
-    assert len({library(TWICE, "numbers"), *others}) == 3
-    assert twice(others[0], 1.0) == 3.0
-
-
 @pytest.mark.parametrize("damage", [b"", b"no library"], ids=["empty", "overwritten"])
 def test_a_broken_entry_is_compiled_again(directory: Path, damage: bytes) -> None:
     path = library(TWICE, "numbers")

@@ -194,15 +194,6 @@ def test_base_that_follows_a_path_is_compared_with_where_it_is_left_at_its_first
     assert remark.message.startswith('found the base 1.5 m from where "unfold" leaves it')
 
 
-def test_instant_before_the_trajectory_can_be_over_is_named() -> None:
-    rows = "base: [[-2, 2, 30 deg], [0, 0, 0]], arms: [[0, 0, 0], [0, 0, 0]]"
-    timed = f"{{name: s, skill: move, target: {{times: [0, 5], {rows}}}, at: 12}}"
-    task = transport(f"stages.capture={timed}", "object=", "published={}", "monitors=[]")
-    assert found(task) == [
-        "stages[1].at: found 12 s, expected later: stages[0] cannot end before 9.99 s under the velocity limits"
-    ]
-
-
 def test_a_time_limit_no_run_can_keep_is_remarked_on() -> None:
     """It is no error: a run may be meant to stop early."""
     task = transport("time_limit=19.9")
@@ -238,12 +229,6 @@ def test_reach_is_known_where_the_target_asks_for_poses_and_a_base() -> None:
     np.testing.assert_allclose([reach.distance for reach in reaches[3].values()], 1.2)
     free = ["skills.reach.weights.base=[0, 0, 0]", "stages.capture.ends_when.coordinates=arms"]
     assert look_ahead(load_task("transport", free))[1].reaches == {}
-
-
-def test_instants_and_dwells_carry_over_to_later_stages() -> None:
-    timed = ["stages.approach.dwell=12", "stages.capture.dwell=2"]
-    ends = [outlook.earliest_end for outlook in look_ahead(load_task("transport", timed))]
-    np.testing.assert_allclose(ends, [12, 14, 14 + (2 - 4e-3) / 0.2, 14 + (2 - 4e-3) / 0.2])
 
 
 def test_stage_does_not_end_before_its_trajectory() -> None:

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.ocp.problem import Stage, StageCosts, Trajectory, build_stages
-from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.ocp.problem import Stage, StageCosts, build_stages
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import load_task
 
 TRACKING = load_task("tracking")
@@ -84,17 +84,3 @@ def test_the_stage_after_a_trajectory_counts_angles_from_its_last_row(model: Rob
     task = load_task("transport", [f"stages.approach.target={{times: [0, 1, 2], {rows}}}"])
     after = build_stages(task.spec, task.robot, model)[1]
     assert np.degrees(after.target[2]) == pytest.approx(390)  # 30 deg, from 240
-
-
-def test_target_that_stands_still_is_a_waypoint_without_a_rate(stages: tuple[Stage, ...]) -> None:
-    assert stages[0].trajectory is None
-    np.testing.assert_array_equal(stages[0].waypoints, stages[0].target[None])
-    assert not stages[0].rate(np.array([0.0, 1.0])).any()
-
-
-def test_trajectory_of_one_value_costs_what_the_target_costs(stages: tuple[Stage, ...]) -> None:
-    model = build_model(TRACKING.robot)
-    costs, X = StageCosts(model), np.random.default_rng(0).standard_normal((4, 2 * model.n))
-    u = np.ones((4, model.n))
-    still = replace(stages[1], trajectory=Trajectory(np.array([0.0, 5.0]), np.tile(stages[1].target, (2, 1))))
-    np.testing.assert_allclose(costs.at(still, X, u, np.arange(4.0)), costs.at(stages[1], X, u))

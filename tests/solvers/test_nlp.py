@@ -1,5 +1,4 @@
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -76,25 +75,3 @@ def test_a_plan_violates_what_it_breaks(solver: NlpSolver, stages: tuple[Stage, 
     assert solver.violation(dwelling, coast) == pytest.approx(3.5 - 0.5 - 2.0)
     late = coasting(window, 5.0 - 1e-4)
     assert solver.violation(window, late) == pytest.approx(1e-3 - 1e-4)
-
-
-CHANGES: dict[str, dict[str, Any]] = {"as they are": {}, "at rest": {"end_velocity": 0.1}, "timed": {"at": 3.0}}
-
-
-@pytest.mark.parametrize("count", [1, 2, 3])
-@pytest.mark.parametrize("changes", CHANGES.values(), ids=CHANGES)
-@pytest.mark.parametrize("soft", [False, True], ids=["hard", "soft"])
-def test_rows_and_variables_follow_the_order_structured_solvers_need(
-    solver: NlpSolver, stages: tuple[Stage, ...], count: int, changes: dict[str, Any], soft: bool
-) -> None:
-    nlp = solver.nlp(window_over(tuple(replace(stage, **changes) for stage in stages[:count]), soft=soft))
-    assert sum(nlp.nx) + sum(nlp.nu) == nlp.x.shape[0] == nlp.layout.size
-    assert sum(nlp.nx[1:]) + sum(nlp.ng) == nlp.g.shape[0] == nlp.count
-    row = 0
-    for k in range(nlp.layout.K):
-        assert nlp.gap_rows[k].tolist() == list(range(row, row + nlp.layout.nx))
-        row += nlp.layout.nx + nlp.ng[k]
-    found = [*nlp.gap_rows.ravel(), *nlp.x0_rows, *nlp.instant_rows.values(), *nlp.limit_rows.ravel()]
-    found += [row for rows in nlp.end_rows.values() for row in rows]
-    found += [] if nlp.last_duration_row is None else [nlp.last_duration_row]
-    assert sorted(found) == list(range(nlp.count))

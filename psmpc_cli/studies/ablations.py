@@ -1,28 +1,27 @@
 """What each of our departures from the paper changes: a task as it is, and with each departure taken back.
 
+Runs are compared, and one window of a run is solved again: instant fixed, from other guesses, on other meshes.
+
 Nothing here draws: an `Ablation` carries plain arrays, and `psmpc_cli.figures.reproduction` draws them.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 from scipy.signal import find_peaks
 
+from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run, read_run
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.window import SHORTEST, Window, normalization
+from psmpc_cli.simulation.replay import logged_solve
+from psmpc_cli.simulation.setup import Experiment, build_experiment, converging
+from psmpc_cli.solvers import build_solver
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.compare import run_variants
-from psmpc_cli.studies.one_window import (
-    OneWindow,
-    instant_grid,
-    on_mesh,
-    optimize_instants,
-    pick_window,
-    scan_instants,
-    with_priorities,
-)
 from psmpc_cli.studies.runner import changed
 
 Curve = tuple[np.ndarray, np.ndarray]
@@ -71,6 +70,46 @@ PROMINENT = 0.01
 
 POINTS = 40
 """Switch times at which J(t_s) is computed."""
+
+LATE_IN_HORIZON = 0.3
+"""Where in the horizon the optimized instant of the window that is looked at lies."""
+
+CLOSE = 0.005
+"""How well the earliest feasible instant is found [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class OneWindow:
+    """A window of a run with a switch in it, to be solved again.
+
+    Attributes:
+        label: Priorities of its stages, the first one's as 1, such as 1 : 100.
+        experiment: The run's experiment, built anew.
+        window: The window.
+        plan: Its optimum.
+    """
+
+    label: str
+    experiment: Experiment
+    window: Window
+    plan: Plan
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """J over the window's largest priority, as printed (delta = 0), with the instant fixed and all else optimized.
+
+    Attributes:
+        instants: Instants after T0 that can be met (G,) [s], rising from the earliest.
+        cost: J at each.
+    """
+
+    instants: np.ndarray
+    cost: np.ndarray
+
+    def with_pending(self, delta: float) -> np.ndarray:
+        """Return J with a pending cost (G,): with the instant fixed it is a constant."""
+        return np.asarray(self.cost + delta * self.instants)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,3 +312,99 @@ def _listed(times: Iterable[float], digits: int = 2) -> str:
 def _sentence(parts: Sequence[str]) -> str:
     text = "; ".join(parts)
     return f"{text[0].upper()}{text[1:]}."
+
+
+def pick_window(log: Run) -> OneWindow:
+    """Return the window of a log's first switch whose optimized instant lies `LATE_IN_HORIZON`.
+
+    Raises:
+        LogError: The log has no plans, or no window with one switch.
+    """
+    with_one, first = np.flatnonzero(log["window/count"] == 2), log["window/first"]
+    if not len(with_one):
+        raise LogError(f"{log.path}: found no window with one switch, expected a run of several stages")
+    with_one = with_one[first[with_one] == first[with_one[0]]]
+    experiment = build_experiment(converging(log.task))
+    to_go = ahead(log)[1][with_one]
+    sample = int(with_one[np.argmin(np.abs(to_go - LATE_IN_HORIZON * experiment.task.controller.horizon))])
+    solve = logged_solve(log, experiment.problem, sample)
+    return OneWindow(_ratio(solve.window.omega), experiment, solve.window, solve.plan)
+
+
+def _ratio(omega: np.ndarray) -> str:
+    return " : ".join(f"{part:.3g}" for part in omega / omega[0])
+
+
+def with_priorities(one: OneWindow, priorities: tuple[float, float]) -> OneWindow:
+    """Return the window with other priorities, in the state to which its own have led.
+
+    It is normalized from the optimum they have with the old normalization, as at the sample after they were changed.
+    """
+    experiment, window = one.experiment, replace(one.window, omega=np.array(priorities))
+    controller, solver = experiment.task.controller, experiment.controller.solver
+    plan = solver.solve(window, one.plan).plan
+    begins = np.r_[window.start - window.elapsed, plan.instants]
+    kind, zeta, step = controller.normalization, controller.zeta, controller.sample_time
+    offset, scale = normalization(kind, zeta, window.stages, begins, experiment.costs, plan, step)
+    window = replace(window, offset=offset, scale=scale)
+    return OneWindow(f"{_ratio(window.omega)} from {one.label}", experiment, window, solver.solve(window, plan).plan)
+
+
+def scan_instants(one: OneWindow, grid: np.ndarray) -> Scan:
+    """Return J over the instant, on a grid (G,) [s] after T0 down to the earliest feasible one."""
+    window = replace(one.window, pending_cost=0.0)
+    plan, scanned, infeasible = one.plan, dict[float, float](), 0.0
+    tried = sorted(map(float, grid))
+    while tried or (scanned and min(scanned) - infeasible > CLOSE):
+        instant = tried.pop() if tried else (min(scanned) + infeasible) / 2
+        for guess in (plan, one.plan):
+            at = replace(guess, instants=np.array([window.start + instant]))
+            solved = one.experiment.controller.solver.solve(window, at, within=0.0)
+            if solved.outcome.usable:
+                scanned[instant], plan = solved.objective, solved.plan
+                break
+        else:
+            infeasible, tried = instant, []
+    instants = sorted(scanned)
+    return Scan(np.array(instants), np.array([scanned[instant] for instant in instants]))
+
+
+def optimize_instants(one: OneWindow, pending_cost: float, guesses: Iterable[float]) -> np.ndarray:
+    """Return the instants after T0 (len(guesses),) [s] that the solver returns from guesses [s]; NaN if it fails."""
+    window = replace(one.window, pending_cost=pending_cost)
+    found = []
+    for guess in guesses:
+        started = replace(one.plan, instants=np.array([window.start + guess]))
+        solved = one.experiment.controller.solver.solve(window, started)
+        found.append(float(solved.plan.instants[0]) - window.start if solved.outcome.usable else np.nan)
+    return np.array(found)
+
+
+def on_mesh(one: OneWindow, nodes: int, discretization: str) -> tuple[float, float]:
+    """Return how far the prediction of a plan on another mesh is from where its control leads.
+
+    First the largest difference of a coordinate at a node [m, rad], then the largest error at the switch over the
+    tolerance of the end condition [1]; both NaN if there is no solution.
+    """
+    window = replace(one.window, nodes=(nodes,) * len(one.window.stages), discretization=discretization)
+    solved = build_solver(one.experiment.problem).solve(window, one.plan)
+    if not solved.outcome.usable:
+        return np.nan, np.nan
+    real, n, stage = led_to(solved.plan), one.experiment.model.n, one.window.stages[0]
+    missed = one.experiment.costs.errors(stage, real[nodes : nodes + 1])[0, list(stage.end_rows)] / stage.tolerance
+    return float(np.abs(solved.plan.X[:, :n] - real[:, :n]).max()), float(np.max(np.abs(missed), initial=0.0))
+
+
+def led_to(plan: Plan) -> np.ndarray:
+    """Return the states at the nodes (K + 1, 2n) to which the plan's control leads from its first one."""
+    n, dt = plan.u.shape[1], np.diff(plan.times)[:, None]
+    nothing = np.zeros((1, n))
+    Qdot = plan.X[0, n:] + np.vstack([nothing, np.cumsum(dt * plan.u, axis=0)])
+    Q = plan.X[0, :n] + np.vstack([nothing, np.cumsum(dt * Qdot[:-1] + dt**2 / 2 * plan.u, axis=0)])
+    return np.hstack([Q, Qdot])
+
+
+def instant_grid(horizon: float, points: int) -> np.ndarray:
+    """Return instants after T0 [s], evenly through the horizon and ever denser towards its end."""
+    near = horizon - SHORTEST * 4.0 ** np.arange(4)
+    return np.union1d(np.linspace(0.0, horizon, points + 2)[1:-1], near)

@@ -11,22 +11,20 @@ from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.ablations import (
     CHANGES,
+    CLOSE,
     GUESSES,
     PROMINENT,
     Ablation,
-    ahead,
-    minima,
-    run_ablations,
-    variation,
-)
-from psmpc_cli.studies.one_window import (
-    CLOSE,
     OneWindow,
+    ahead,
     instant_grid,
+    minima,
     on_mesh,
     optimize_instants,
     pick_window,
+    run_ablations,
     scan_instants,
+    variation,
     with_priorities,
 )
 

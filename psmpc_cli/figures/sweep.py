@@ -1,5 +1,6 @@
 """The actual start of a stage over the priorities of two stages, and what their ratio does. Paper Fig. 6."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,60 +10,57 @@ from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
 
 from psmpc_cli.figures import style
-from psmpc_cli.studies.weights import ALLOWED, WITHIN, AlongRatio, SweepCells, along_ratio, recommend
+from psmpc_cli.studies.weights import ALLOWED, GRID, WITHIN, AlongRatio, SweepCells, along_ratio, recommend
 
 COLORS = "viridis"
 
 FLOOR = "$t_s - T_h$"
 
-WAITING: dict[str, Any] = {"color": style.EDGE, "marker": "o", "markerfacecolor": "white", "linestyle": "none"}
-"""Look of a draw that waits."""
+WAITING: Mapping[str, Any] = {"color": style.EDGE, "marker": "o", "markerfacecolor": "white", "linestyle": "none"}
+
+MARKS = {"failed": style.FAILED, "waiting": WAITING}
+"""Looks of cells without a start."""
 
 
-def _start_scale(cells: SweepCells) -> Normalize:
-    """Return the scale of actual starts, from the earliest t_s - T_h to the latest t_s [s]."""
-    instant, floor = cells.instant[cells.ended], cells.floor[cells.ended]
-    return Normalize(float(floor.min()), float(instant.max())) if len(instant) else Normalize(0.0, 1.0)
+def plot_plane(cells: SweepCells) -> Figure:
+    """Plot the actual start [s] over omega_1 and omega_2 as colours: cells of a grid, or a point for every draw.
 
-
-def plot_heat_map(cells: SweepCells) -> Figure:
-    """Plot the actual start [s] over omega_1 and omega_2 as colours, with the contour within which it is t_s - T_h.
-
-    Starts are known to one sample: within the contour the start is the first sample after t_s - T_h.
+    A contour on a grid parts the cells in which the start is t_s - T_h. Starts are known to one sample: within the
+    contour the start is the first sample after t_s - T_h.
     """
     figure = style.new_figure(2.8)
     axes = figure.add_subplot()
-    scale, shape = _start_scale(cells), cells.results["status"].shape
-    x, y = (np.log10(cells.results[name]) for name in ("omega_1", "omega_2"))
-    start, failed = _starts(cells).reshape(shape), cells.failed.reshape(shape)
-    axes.pcolormesh(edges(x), edges(y), np.ma.masked_invalid(start), norm=scale, cmap=COLORS)
-    handles = _plot_contour(axes, x, y, start - cells.floor.reshape(shape), cells.task.spec.controller.sample_time)
-    if failed.any():
-        rows, columns = np.nonzero(failed)
-        axes.plot(x[columns], y[rows], **style.FAILED)
-        handles.append(style.entry("failed", **style.FAILED))
-    if cells.waiting.any():
-        handles.append(style.patch_entry("waiting", facecolor="white"))
-    _finish_plane(figure, axes, cells, scale, handles)
-    return figure
-
-
-def plot_draws(cells: SweepCells) -> Figure:
-    """Plot the actual start [s] as the colour of a point for every random draw of omega_1 and omega_2."""
-    figure = style.new_figure(2.8)
-    axes = figure.add_subplot()
-    scale, (x, y), ended = _start_scale(cells), np.log10(cells.omega.T), cells.ended
-    look: dict[str, Any] = {"norm": scale, "cmap": COLORS, "edgecolors": style.EDGE, "linewidths": 0.3}
-    axes.scatter(x[ended], y[ended], 16, _starts(cells)[ended], **look)
+    scale, omega, marks = _start_scale(cells), np.log10(cells.omega), {"failed": cells.failed}
     handles: list[Artist] = []
-    for which, name, mark in ((cells.failed, "failed", style.FAILED), (cells.waiting, "waiting", WAITING)):
+    if cells.sampling == GRID:
+        x, y = (np.log10(cells.results[name]) for name in ("omega_1", "omega_2"))
+        start, floor = (values.reshape(len(y), len(x)) for values in (_starts(cells), cells.floor))
+        axes.pcolormesh(x, y, np.ma.masked_invalid(start), norm=scale, cmap=COLORS, shading="nearest")
+        handles += _plot_contour(axes, x, y, start - floor, cells.task.spec.controller.sample_time)
+        if cells.waiting.any():
+            handles.append(style.patch_entry("waiting", facecolor="white"))
+    else:
+        marks["waiting"] = cells.waiting
+        x, y = omega[cells.ended].T
+        edge: dict[str, Any] = {"edgecolors": style.EDGE, "linewidths": 0.3}
+        axes.scatter(x, y, 16, _starts(cells)[cells.ended], norm=scale, cmap=COLORS, **edge)
+    for name, which in marks.items():
         if which.any():
-            axes.plot(x[which], y[which], **mark)
-            handles.append(style.entry(name, **mark))
-    _finish_plane(figure, axes, cells, scale, handles)
+            axes.plot(*omega[which].T, **MARKS[name])
+            handles.append(style.entry(name, **MARKS[name]))
+    first, second = (style.readable(name) for name in cells.names)
+    for axis in (axes.xaxis, axes.yaxis):
+        _count_decades(axis, 7)
+    axes.set(xlabel=f"Priority of {first}, ω₁ (1)", ylabel=f"Priority of {second}, ω₂ (1)")
+    if cells.ended.any():
+        bar = figure.colorbar(ScalarMappable(scale, COLORS), ax=axes, pad=0.02, aspect=22)
+        bar.set_label(_start_label(cells, ", "))
+        bar.ax.set_title("$t_s$", fontsize=style.TEXT, pad=3)
+        bar.ax.set_xlabel(FLOOR, fontsize=style.TEXT, labelpad=4, loc="left")
+    style.add_legend(figure, handles, above=True)
     return figure
 
 
@@ -71,24 +69,74 @@ def plot_surface(cells: SweepCells) -> Figure:
     figure = style.new_figure(2.8)
     figure.set_layout_engine("none")  # it makes no room for the labels of axes in three dimensions
     axes: Any = figure.add_axes((0.09, 0.0, 0.91, 1.0), projection="3d", proj_type="ortho", computed_zorder=False)
-    scale, shape = _start_scale(cells), cells.results["status"].shape
-    x, y = np.meshgrid(*(np.log10(cells.results[name]) for name in ("omega_1", "omega_2")))
-    start, failed = _starts(cells).reshape(shape), cells.failed.reshape(shape)
+    scale, shape, failed = _start_scale(cells), cells.results["status"].shape, cells.failed
+    x, y = (omega.reshape(shape) for omega in np.log10(cells.omega.T))
+    start = _starts(cells).reshape(shape)
+    corners = [x.min(), x.max(), x.max(), x.min(), x.min()], [y.min(), y.min(), y.max(), y.max(), y.min()]
+    frame: dict[str, Any] = {"color": style.EDGE, "linewidth": 0.8}
     handles: list[Artist] = []
     if cells.ended.any():  # from the lowest to the highest, as they cover each other
-        floor = _plot_frame(axes, x, y, float(scale.vmin or 0.0), (0, (4, 1.5)), FLOOR)
+        floor = axes.plot(*corners, [scale.vmin] * 5, linestyle=(0, (4, 1.5)), label=FLOOR, **frame)
         colors = ScalarMappable(scale, COLORS).to_rgba(start)
         look = {"rstride": 1, "cstride": 1, "shade": False, "edgecolor": style.EDGE, "linewidth": 0.2}
         axes.plot_surface(x, y, start, facecolors=colors, **look)
-        handles = [*_plot_frame(axes, x, y, float(scale.vmax or 0.0), "-", "$t_s$"), *floor]
+        handles = [*axes.plot(*corners, [scale.vmax] * 5, label="$t_s$", **frame), *floor]
     if failed.any():
-        axes.plot(x[failed], y[failed], np.full(failed.sum(), scale.vmin), **style.FAILED)
+        axes.plot(x.flat[failed], y.flat[failed], np.full(failed.sum(), scale.vmin), **style.FAILED)
         handles.append(style.entry("failed", **style.FAILED))
     if cells.waiting.any():
         handles.append(style.entry("blank: waiting", linestyle="none"))
-    _set_space(axes, cells, scale)
+    axes.view_init(24.0, -128.0)
+    axes.set_box_aspect((1.0, 1.0, 0.78), zoom=1.03)
+    axes.set_xlabel("ω₁ (1)", labelpad=-6)
+    axes.set_ylabel("ω₂ (1)", labelpad=-6)
+    axes.set_zlabel(_start_label(cells, "\n"), labelpad=-4)
+    axes.grid(visible=False)
+    axes.set_zlim(scale.vmin, scale.vmax)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_tick_params(pad=-3)
+        axis.pane.set_facecolor("white")
+    for axis in (axes.xaxis, axes.yaxis):
+        _count_decades(axis, 4)
+    if not cells.ended.any():
+        axes.set_zticks([])
     style.add_legend(figure, handles, above=True)
     return figure
+
+
+def _start_scale(cells: SweepCells) -> Normalize:
+    """Return the scale of actual starts, from the earliest t_s - T_h to the latest t_s [s]."""
+    instant, floor = cells.instant[cells.ended], cells.floor[cells.ended]
+    return Normalize(float(floor.min()), float(instant.max())) if len(instant) else Normalize(0.0, 1.0)
+
+
+def _starts(cells: SweepCells) -> np.ndarray:
+    """Return the actual start for the one threshold that is shown, NaN where no cell has ended (cells,) [s]."""
+    return np.where(cells.ended, cells.of("actual_start")[:, cells.chosen], np.nan)
+
+
+def _start_label(cells: SweepCells, between: str) -> str:
+    """Return the label of an axis of actual starts."""
+    return f"Actual start of {style.readable(cells.names[1])}{between}ε = {cells.epsilons[cells.chosen]:g} (s)"
+
+
+def _count_decades(axis: Axis, most: int) -> None:
+    """Put ticks of an axis of logarithms at whole powers of ten."""
+    axis.set_major_locator(MaxNLocator(nbins=most, integer=True))
+    axis.set_major_formatter(StrMethodFormatter("$10^{{{x:.0f}}}$"))
+
+
+def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, sample: float) -> list[Artist]:
+    """Part the cells whose start is less than a sample above t_s - T_h from the others; return what the legend says."""
+    known = np.isfinite(above)
+    near = above < sample + 1e-6
+    if not known.any():
+        return []
+    if near[known].all() or not near[known].any():
+        return [style.entry(f"{'everywhere' if near[known].all() else 'nowhere'} at {FLOOR}", linestyle="none")]
+    for color, width in (("white", 2.0), ("black", 1.0)):  # visible on every colour
+        axes.contour(x, y, np.ma.masked_where(~known, near.astype(float)), levels=[0.5], colors=color, linewidths=width)
+    return [style.entry(f"{FLOOR}, to one sample", color="black", linewidth=1.0)]
 
 
 def plot_starts(cells: SweepCells) -> Figure:
@@ -108,8 +156,6 @@ def plot_starts(cells: SweepCells) -> Figure:
     axes.set_xlabel("Ratio of the priorities, ω₂/ω₁ (1)")
     axes.set_ylabel(f"Actual start of {style.readable(cells.names[1])} (s)")
     style.panel_legend(axes)
-    if (legend := axes.get_legend()) is not None:  # its subscripts stay clear of the frame
-        legend.set_bbox_to_anchor((1.0, 1.005), transform=axes.transAxes)
     return figure
 
 
@@ -118,30 +164,33 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
 
     Shaded are the completions within 5 % of the earliest one; the lines through all panels are ratios.
     """
-    completion, effort, error = (
-        along_ratio(cells, cells.of(name)) for name in ("completion_time", "control_effort", "final_error")
-    )
-    panels = [
-        (completion, f"Completion\nof {style.readable(cells.names[1])} (s)"),
-        (effort, "Control effort\n(m²/s³, rad²/s³)"),
+    second = style.readable(cells.names[1])
+    panels = {
+        f"Completion\nof {second} (s)": along_ratio(cells, cells.of("completion_time")),
+        "Control effort\n(m²/s³, rad²/s³)": along_ratio(cells, cells.of("control_effort")),
+        "Final error\n(tolerances)": along_ratio(cells, cells.of("final_error")),
+    }
+    completion, effort, error = panels.values()
+    shown = [
+        (label, values) for label, values in panels.items() if values is not error or np.isfinite(error.middle).any()
     ]
-    if np.isfinite(error.middle).any():
-        panels.append((error, "Final error\n(tolerances)"))
-    figure = style.new_figure(len(panels) * 1.05 + 0.6)
-    rows = figure.subplots(len(panels), 1, sharex=True)
+    figure = style.new_figure(len(shown) * 1.05 + 0.6)
+    rows = figure.subplots(len(shown), 1, sharex=True)
     _set_ratio(rows[0], cells)
-    best = recommend(cells).ratio
-    for axes, (values, label) in zip(rows, panels, strict=True):
+    _mark_ratios(rows, cells)
+    for axes, (label, values) in zip(rows, shown, strict=True):
         _plot_along(axes, values, **style.line_look(0))
         axes.set_ylabel(label)
         axes.margins(y=0.12)
-        _mark_ratios(axes, cells, best, labelled=axes is rows[0])
-    if len(completion.ratio):
-        _shade_near_earliest(rows[0], completion)
-        _scale_effort(rows[1], effort)
-    else:
-        for axes in rows[:2]:
+        if not cells.ended.any():
             axes.set_yticks([])
+    if cells.ended.any():
+        earliest = float(completion.lowest.min())
+        shade: dict[str, Any] = {"facecolor": style.STAGE, "edgecolor": "none", "zorder": 0.5}
+        rows[0].axhspan(earliest, (1 + WITHIN) * earliest, label=f"earliest + {WITHIN:.0%}", **shade)
+        low, high = float(effort.lowest.min()), float(effort.highest.max())
+        if high > 5.0 * low > 0:
+            style.make_logarithmic(rows[1], subs=(1.0, 2.0, 5.0) if high < 300.0 * low else (1.0,))
     if len(rows) == 3:
         rows[2].axhline(ALLOWED, color=style.EDGE, linewidth=0.7, linestyle=(0, (5, 2)), zorder=1.5, label="tolerance")
         rows[2].set_ylim(0.0, 1.15 * max(ALLOWED, float(np.nanmax(error.highest, initial=0.0))))
@@ -152,81 +201,6 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
     rows[-1].set_xlabel("Ratio of the priorities, ω₂/ω₁ (1)")
     figure.align_ylabels()
     return figure
-
-
-def _starts(cells: SweepCells) -> np.ndarray:
-    """Return the actual start for the one threshold that is shown, NaN where no cell has ended (cells,) [s]."""
-    return np.where(cells.ended, cells.of("actual_start")[:, cells.chosen], np.nan)
-
-
-def _start_label(cells: SweepCells, between: str = ", ") -> str:
-    """Return the label of an axis of actual starts."""
-    return f"Actual start of {style.readable(cells.names[1])}{between}ε = {cells.epsilons[cells.chosen]:g} (s)"
-
-
-def edges(centres: np.ndarray) -> np.ndarray:
-    """Return the edges (N + 1,) of cells around their centres (N,)."""
-    between = (centres[1:] + centres[:-1]) / 2
-    return np.concatenate([2 * centres[:1] - between[:1], between, 2 * centres[-1:] - between[-1:]])
-
-
-def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, sample: float) -> list[Artist]:
-    """Part the cells whose start is less than a sample above t_s - T_h from the others; return what the legend says."""
-    known = np.isfinite(above)
-    near = above < sample + 1e-6
-    if not known.any():
-        return []
-    if near[known].all() or not near[known].any():
-        return [style.entry(f"{'everywhere' if near[known].all() else 'nowhere'} at {FLOOR}", linestyle="none")]
-    for color, width in (("white", 2.0), ("black", 1.0)):  # visible on every colour
-        axes.contour(x, y, np.ma.masked_where(~known, near.astype(float)), levels=[0.5], colors=color, linewidths=width)
-    return [style.entry(f"{FLOOR}, to one sample", color="black", linewidth=1.0)]
-
-
-def _finish_plane(figure: Figure, axes: Axes, cells: SweepCells, scale: Normalize, handles: list[Artist]) -> None:
-    """Name the axes, omega_1 to the right and omega_2 up, add the bar of colours and the legend."""
-    first, second = (style.readable(name) for name in cells.names)
-    axes.set_xlabel(f"Priority of {first}, ω₁ (1)")
-    axes.set_ylabel(f"Priority of {second}, ω₂ (1)")
-    for axis in (axes.xaxis, axes.yaxis):
-        _count_decades(axis)
-    if cells.ended.any():
-        bar = figure.colorbar(ScalarMappable(scale, COLORS), ax=axes, pad=0.02, aspect=22)
-        bar.set_label(_start_label(cells))
-        bar.ax.set_title("$t_s$", fontsize=style.TEXT, pad=3)
-        bar.ax.set_xlabel(FLOOR, fontsize=style.TEXT, labelpad=4, loc="left")
-    style.add_legend(figure, handles, above=True)
-
-
-def _count_decades(axis: Axis, most: int = 7) -> None:
-    """Put ticks of an axis of logarithms at whole powers of ten."""
-    axis.set_major_locator(MaxNLocator(nbins=most, integer=True))
-    axis.set_major_formatter(FuncFormatter(lambda exponent, _: f"$10^{{{exponent:.0f}}}$"))
-
-
-def _plot_frame(axes: Any, x: np.ndarray, y: np.ndarray, height: float, dashes: object, label: str) -> list[Artist]:
-    """Draw the outline of the plane at a height; return what the legend says of it."""
-    left, right, front, back = x.min(), x.max(), y.min(), y.max()
-    corners = [left, right, right, left, left], [front, front, back, back, front], [height] * 5
-    return list(axes.plot(*corners, color=style.EDGE, linewidth=0.8, linestyle=dashes, label=label))
-
-
-def _set_space(axes: Any, cells: SweepCells, scale: Normalize) -> None:
-    """Name and place the axes in three dimensions."""
-    axes.view_init(24.0, -128.0)
-    axes.set_box_aspect((1.0, 1.0, 0.78), zoom=1.03)
-    axes.set_xlabel("ω₁ (1)", labelpad=-6)
-    axes.set_ylabel("ω₂ (1)", labelpad=-6)
-    axes.set_zlabel(_start_label(cells, "\n"), labelpad=-4)
-    for axis in (axes.xaxis, axes.yaxis):
-        _count_decades(axis, 4)
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.set_tick_params(pad=-3)
-        axis.pane.set_facecolor("white")
-    axes.grid(visible=False)
-    axes.set_zlim(scale.vmin, scale.vmax)
-    if not cells.ended.any():
-        axes.set_zticks([])
 
 
 def _set_ratio(axes: Axes, cells: SweepCells) -> None:
@@ -268,24 +242,13 @@ def _mark_failed(axes: Axes, cells: SweepCells) -> None:
         axes.plot(ratio, low, transform=axes.get_xaxis_transform(), label="failed", **style.FAILED)
 
 
-def _mark_ratios(axes: Axes, cells: SweepCells, best: float | None, labelled: bool) -> None:
+def _mark_ratios(rows: Sequence[Axes], cells: SweepCells) -> None:
     """Mark the task's own ratio, if it lies within the sweep, and the recommended one."""
-    if cells.ratio.min() <= cells.own_ratio <= cells.ratio.max():
-        label = f"task's {cells.own_ratio:.4g}" if labelled else "_"
-        axes.axvline(cells.own_ratio, color=style.EDGE, linewidth=0.9, linestyle=(0, (1, 1)), label=label, zorder=1.7)
-    if best is not None:
-        label = f"recommended {best:.4g}" if labelled else "_"
-        axes.axvline(best, color=style.PALETTE[1], linewidth=1.1, label=label, zorder=1.8)
-
-
-def _shade_near_earliest(axes: Axes, completion: AlongRatio) -> None:
-    earliest = float(completion.lowest.min())
-    label = f"earliest + {WITHIN:.0%}"
-    axes.axhspan(earliest, (1 + WITHIN) * earliest, facecolor=style.STAGE, edgecolor="none", label=label, zorder=0.5)
-
-
-def _scale_effort(axes: Axes, effort: AlongRatio) -> None:
-    """Make the axis of efforts logarithmic, with plain numbers, where they differ much."""
-    low, high = float(effort.lowest.min()), float(effort.highest.max())
-    if high > 5.0 * low > 0:
-        style.make_logarithmic(axes, subs=(1.0, 2.0, 5.0) if high < 300.0 * low else (1.0,))
+    best = recommend(cells).ratio
+    for axes in rows:
+        if cells.ratio.min() <= cells.own_ratio <= cells.ratio.max():
+            look: dict[str, Any] = {"color": style.EDGE, "linewidth": 0.9, "linestyle": (0, (1, 1)), "zorder": 1.7}
+            axes.axvline(cells.own_ratio, label=f"task's {cells.own_ratio:.4g}" if axes is rows[0] else "_", **look)
+        if best is not None:
+            label = f"recommended {best:.4g}" if axes is rows[0] else "_"
+            axes.axvline(best, color=style.PALETTE[1], linewidth=1.1, label=label, zorder=1.8)

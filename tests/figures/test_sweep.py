@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.figures.style import in_style
-from psmpc_cli.figures.sweep import plot_draws, plot_heat_map, plot_sensitivity, plot_starts, plot_surface
+from psmpc_cli.figures.sweep import plot_plane, plot_sensitivity, plot_starts, plot_surface
 from psmpc_cli.studies.weights import SweepCells, recommend, sweep_cells
 
 from ..made_up_sweep import T_H, T_S, Numbers, made_up_sweep, numbers
@@ -92,7 +92,7 @@ def contours(figure: Figure) -> list[np.ndarray]:
 
 
 def test_the_heat_map_has_omega_1_to_the_right_and_omega_2_up(sweep: Sweep) -> None:
-    figure = plot_heat_map(sweep("5x7"))
+    figure = plot_plane(sweep("5x7"))
     expected = [
         [numbers(omega_2 / omega_1)["actual_start"][1] for omega_1 in np.logspace(-3, 3, 5)]
         for omega_2 in np.logspace(-3, 3, 7)
@@ -105,13 +105,13 @@ def test_the_heat_map_has_omega_1_to_the_right_and_omega_2_up(sweep: Sweep) -> N
 
 def test_the_shown_threshold_is_named(sweep: Sweep) -> None:
     cells, draws = sweep("3x3"), sweep("random:5")
-    assert "ε = 0.1 " in plot_heat_map(cells).axes[1].get_ylabel()
+    assert "ε = 0.1 " in plot_plane(cells).axes[1].get_ylabel()
     assert "ε = 0.1 " in plot_surface(cells).axes[0].get_zlabel()
-    assert "ε = 0.1 " in plot_draws(draws).axes[1].get_ylabel()
+    assert "ε = 0.1 " in plot_plane(draws).axes[1].get_ylabel()
 
 
 def test_the_contour_is_where_starts_come_down_to_t_s_less_the_horizon(sweep: Sweep) -> None:
-    figure = plot_heat_map(sweep("7x7"))
+    figure = plot_plane(sweep("7x7"))
     (line,) = contours(figure)
     decades = line[:, 1] - line[:, 0]
     # of the made-up starts 6.2 s is the first sample after t_s - T_h = 6.14 s; they are there from 10^3 on, not at 10^2
@@ -121,7 +121,7 @@ def test_the_contour_is_where_starts_come_down_to_t_s_less_the_horizon(sweep: Sw
 
 def test_without_an_early_start_nothing_is_early(sweep: Sweep) -> None:
     cells = sweep("5x5", of=never_early)
-    figure = plot_heat_map(cells)
+    figure = plot_plane(cells)
     assert np.all(mesh(figure) == T_S)
     assert not contours(figure)
     assert any("nowhere" in text for text in common_legend(figure))
@@ -131,14 +131,14 @@ def test_without_an_early_start_nothing_is_early(sweep: Sweep) -> None:
 
 
 def test_where_all_start_at_once_seen_the_heat_map_says_so(sweep: Sweep) -> None:
-    figure = plot_heat_map(sweep("3x3", of=lambda ratio: {**numbers(ratio), "actual_start": [6.2, 6.2]}))
+    figure = plot_plane(sweep("3x3", of=lambda ratio: {**numbers(ratio), "actual_start": [6.2, 6.2]}))
     assert not contours(figure)
     assert any("everywhere" in text for text in common_legend(figure))
 
 
 def test_cells_that_wait_are_blank_and_failed_ones_are_marked(sweep: Sweep) -> None:
     cells = sweep("3x3", waiting=(1,), failed=(5,))
-    figure = plot_heat_map(cells)
+    figure = plot_plane(cells)
     masked = np.ma.getmaskarray(mesh(figure))
     assert list(zip(*np.nonzero(masked), strict=True)) == [(0, 1), (1, 2)]
     (marks,) = figure.axes[0].lines
@@ -151,7 +151,7 @@ def test_cells_that_wait_are_blank_and_failed_ones_are_marked(sweep: Sweep) -> N
 
 def test_the_plane_of_draws_shows_every_draw_once(sweep: Sweep) -> None:
     cells = sweep("random:12", waiting=(1,), failed=(5,))
-    figure = plot_draws(cells)
+    figure = plot_plane(cells)
     axes = figure.axes[0]
     (ended,) = axes.collections
     np.testing.assert_allclose(ended.get_offsets(), np.log10(cells.omega[cells.ended]))

@@ -47,40 +47,34 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
     low, high = (100 * bound for bound in runs.interval)
     rate = f"{runs.succeeded.sum()} of {made} runs succeeded; 95 % interval of the rate: {low:.0f} to {high:.0f} %"
     if (legend := axes.get_legend()) is not None:
-        figure.set_figheight(2.6 + style.LINE * -(-len(legend.get_texts()) // 2))
+        figure.set_figheight(figure.get_figheight() + style.LINE)
         legend.set_title("Stage, median of its end")
         legend.get_title().set_fontsize(style.TEXT)
         legend.set_alignment("left")
-    figure.suptitle(rate, fontsize=style.TEXT, x=0.5)
+    figure.suptitle(rate, fontsize=style.TEXT)
     return figure
 
 
 def plot_runs(runs: MonteCarloRuns) -> Figure:
     """Plot final error [tolerances], tightest margins [%] and those of the monitors [m, m/s] of every run."""
-    error, kinds = runs["final_error"], ("position", "velocity")
-    monitored = zip(runs.monitors, runs["monitor_margin"].T, strict=True) if runs.monitors else ()
-    panels = [
-        ("Final error\n(tolerances)", {"": error}, 1.0, "tolerance"),
-        (
-            "Tightest margin\n(% of the limit)",
-            {kind: 100 * runs[f"relative_{kind}_margin"] for kind in kinds},
-            0.0,
-            "limit",
-        ),
-        ("Margin of monitor\n(m, m/s)", {style.readable(name): margin for name, margin in monitored}, 0.0, "bound"),
-    ][: 3 if runs.monitors else 2]
+    error = runs["final_error"]
+    margins = {kind: 100 * runs[f"relative_{kind}_margin"] for kind in ("position", "velocity")}
+    panels = [("Final error\n(tolerances)", {"": error}, 1.0, "tolerance")]
+    panels.append(("Tightest margin\n(% of the limit)", margins, 0.0, "limit"))
+    if runs.monitors:
+        monitored = dict(zip(map(style.readable, runs.monitors), runs["monitor_margin"].T, strict=True))
+        panels.append(("Margin of monitor\n(m, m/s)", monitored, 0.0, "bound"))
     figure = style.new_figure(len(panels) * 1.15 + 0.65)
     rows = figure.subplots(len(panels), 1, sharex=True)
-    for axes, (label, values, level, name) in zip(rows, panels, strict=True):
-        _plot_by_run(axes, runs, values)
-        axes.axhline(level, color=style.EDGE, linewidth=0.7, zorder=1.5, label=name)
-        axes.set_ylabel(label)
     known = error[np.isfinite(error) & (error > 0)]
     if len(known) and known.max() > 30.0 * known.min():
         rows[0].set_yscale("log")
     else:
         rows[0].set_ylim(0.0, 1.12 * max(1.0, float(np.nanmax(error, initial=0.0))))
-    for axes in rows:
+    for axes, (label, values, level, name) in zip(rows, panels, strict=True):
+        _plot_by_run(axes, runs, values)
+        axes.axhline(level, color=style.EDGE, linewidth=0.7, zorder=1.5, label=name)
+        axes.set_ylabel(label)
         style.panel_legend(axes)
     rows[-1].set_xlabel("Seed of the run (1)")
     rows[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -92,8 +86,8 @@ def _plot_by_run(axes: Axes, runs: MonteCarloRuns, values: Mapping[str, np.ndarr
     """Plot quantities (runs,) over the seed; failed runs are ringed, or crosses on the lower edge without values."""
     seed, failed = runs["seed"], runs.failed
     for number, (name, value) in enumerate(values.items()):
-        look = style.line_look(number) | {"marker": style.MARKERS[number % len(style.MARKERS)], "linestyle": "none"}
-        axes.plot(seed, value, markersize=3.0, markeredgewidth=0, label=name or "_all", **look)
+        look = {"linestyle": "none", "markersize": 3.0, "markeredgewidth": 0, **style.mark_look(number)}
+        axes.plot(seed, value, label=name or "_all", **look)
         axes.plot(seed[failed], value[failed], **RING_LOOK)
     axes.margins(y=0.12)
     known = np.isfinite(list(values.values())).any(axis=0)

@@ -1,14 +1,13 @@
 """Pareto fronts between the costs of two stages at several samples of a run. Paper Fig. 7."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from psmpc_cli.figures import style
 from psmpc_cli.logs.results import Results
@@ -22,21 +21,20 @@ STAR: dict[str, Any] = {"color": "black", "marker": "*", "linestyle": "none", "m
 CROSS: dict[str, Any] = {"color": "#A0A0A0", "marker": "x", "linestyle": "none"}
 """Look of a dominated point."""
 
+ARROW: Mapping[str, Any] = {
+    "arrowstyle": "-|>,head_width=0.25,head_length=0.5",
+    "linewidth": 0.4,
+    "shrinkA": 0,
+    "shrinkB": 0,
+}
+"""Look of an arrow along a front."""
+
 SHADOW = "#D5D5D5"
 """Colour of the fronts on the floor."""
 
 
-@dataclass(frozen=True, eq=False)
-class Points:
-    """The points of one method at one instant.
-
-    Attributes:
-        J: J_1 and J_2 (P, 2).
-        dominated: Which are dominated (P,).
-    """
-
-    J: np.ndarray
-    dominated: np.ndarray
+Points = tuple[np.ndarray, np.ndarray]
+"""J_1 and J_2 of the points of one method at one instant (P, 2), and which are dominated (P,)."""
 
 
 def in_plane(results: Results) -> list[list[Points]]:
@@ -49,19 +47,7 @@ def held(results: Results, method: str, sample: int, later: int) -> Points:
     """Return a method's points at a sample with the instant held so much later than the run's optimum."""
     where = (sample, later) if "later" in results.quantities[f"{method}_J_1"].dims else (sample,)
     J = np.column_stack([results[f"{method}_{name}"][where] for name in ("J_1", "J_2")])
-    return Points(J, results[f"{method}_dominated"][where].astype(bool))
-
-
-def _stage_words(results: Results) -> tuple[str, str]:
-    """Return the names of both stages as words."""
-    first, second = (style.readable(str(name)) for name in results["stage"])
-    return first, second
-
-
-def _chosen_label(results: Results) -> str:
-    """Return the legend entry of the run's own weights."""
-    ratio = results["chosen_ratio"]
-    return f"$ω_2/ω_1$ = {ratio[0]:g}" if np.ptp(ratio) <= 1e-9 * ratio[0] else "weights of the run"
+    return J, results[f"{method}_dominated"][where].astype(bool)
 
 
 def in_space(results: Results) -> bool:
@@ -75,52 +61,51 @@ def plot_fronts(results: Results) -> Figure:
     The axes of a second panel are logarithmic if the costs differ so much that a linear one cannot show them all.
     """
     samples = in_plane(results)
-    every = np.concatenate([one.J for points in samples for one in points])
+    every = np.concatenate([J for points in samples for J, _ in points])
     smallest, largest = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
     panels = 2 if np.all(smallest > 0) and np.any(largest > 30.0 * smallest) else 1
     figure = style.new_figure(panels * (2.1 + 0.35) - style.LINE)
     rows = figure.subplots(panels, 1, squeeze=False)[:, 0]
-    first, second = _stage_words(results)
+    first, second = (style.readable(str(name)) for name in results["stage"])
+    rows[0].xaxis.set_major_locator(MaxNLocator(nbins=6))
+    if panels > 1:
+        _make_logarithmic(rows[1], smallest, largest)
     for axes, letter in zip(rows, "ab", strict=False):
-        if letter == "b":
-            _make_logarithmic(axes, smallest, largest)
         for i, points in enumerate(samples):
             _plot_sample(axes, points, i)
-            _draw_arrows(axes, points[0].J, _sample_look(i)["color"])
-            chosen_one = results["chosen_J_2"][i], results["chosen_J_1"][i]
-            axes.plot(*chosen_one, markeredgecolor="white", zorder=5, markeredgewidth=0.4, **STAR)
-        axes.set_ylabel(f"Cost of {first}, $J_1$ (s)")
-        axes.set_xlabel(f"Cost of {second}, $J_2$ (s)")
+            chosen = results["chosen_J_2"][i], results["chosen_J_1"][i]
+            axes.plot(*chosen, markeredgecolor="white", zorder=5, markeredgewidth=0.4, **STAR)
+        axes.set(xlabel=f"Cost of {second}, $J_2$ (s)", ylabel=f"Cost of {first}, $J_1$ (s)")
         axes.margins(0.04)
-        if panels > 1:
-            axes.set_title(f"({letter})", loc="left", pad=3.5, fontsize=style.TEXT)
-    _write_legends(figure, rows[0], results, samples)
+        axes.set_title(f"({letter})" if panels > 1 else "", loc="left", pad=3.5, fontsize=style.TEXT)
+    _name_samples(rows[0], results)
+    marks: list[Artist] = [style.entry("growing $ω_2/ω_1$", color="black", marker=">", markersize=4, linewidth=0.9)]
+    marks.append(style.entry(_chosen_label(results), **STAR))
+    if len(samples[0]) > 1:
+        marks.append(style.entry("$J_2$ bounded", color="black", marker="+", linestyle="none"))
+    if any(dominated.any() for points in samples for _, dominated in points):
+        marks.append(style.entry("dominated", **CROSS))
+    style.add_legend(figure, marks)
     figure.align_ylabels()
     return figure
 
 
 def _plot_sample(axes: Axes, found: Sequence[Points], index: int) -> None:
-    """Plot a sample's points, those of the first method joined, dominated ones crossed out."""
+    """Plot a sample's points, of the first method joined, with arrows to larger ratios, dominated ones crossed."""
     look = _sample_look(index)
-    for order, points in enumerate(found):
-        J, kept = points.J, ~points.dominated
+    for order, (J, dominated) in enumerate(found):
+        kept = J[~dominated].T[::-1]
         if order == 0:
-            axes.plot(J[kept, 1], J[kept, 0], linewidth=0.9, markersize=2.2, **look)
+            axes.plot(*kept, linewidth=0.9, markersize=2.2, **look)
         else:
-            axes.plot(J[kept, 1], J[kept, 0], "+", color=look["color"], markersize=3.5, markeredgewidth=0.6)
-        axes.plot(J[~kept, 1], J[~kept, 0], markersize=4.5, markeredgewidth=0.9, zorder=4, **CROSS)
-
-
-def _draw_arrows(axes: Axes, J: np.ndarray, color: str) -> None:
-    """Draw arrows along a curve (N, 2) of points with ever larger ratios."""
-    J = J[np.isfinite(J).all(axis=1)][:, ::-1]
-    if len(J) < 2:
+            axes.plot(*kept, "+", color=look["color"], markersize=3.5, markeredgewidth=0.6)
+        axes.plot(*J[dominated].T[::-1], markersize=4.5, markeredgewidth=0.9, zorder=4, **CROSS)
+    curve = found[0][0][np.isfinite(found[0][0]).all(axis=1)][:, ::-1]
+    if len(curve) < 2:
         return
-    look = {"arrowstyle": "-|>,head_width=0.25,head_length=0.5", "facecolor": color, "linewidth": 0.4, "shrinkB": 0}
-    length = np.cumsum(np.linalg.norm(np.diff(J, axis=0) / np.maximum(np.ptp(J, axis=0), 1e-12), axis=1))
-    for part in (0.3, 0.75):
-        k = int(np.searchsorted(length, part * length[-1])) + 1
-        axes.annotate("", xy=J[k], xytext=J[k - 1], arrowprops={**look, "shrinkA": 0}, zorder=4)
+    length = np.cumsum(np.linalg.norm(np.diff(curve, axis=0) / np.maximum(np.ptp(curve, axis=0), 1e-12), axis=1))
+    for k in np.searchsorted(length, [0.3 * length[-1], 0.75 * length[-1]]):
+        axes.annotate("", xy=curve[k + 1], xytext=curve[k], arrowprops={**ARROW, "facecolor": look["color"]}, zorder=4)
 
 
 def _make_logarithmic(axes: Axes, low: np.ndarray, high: np.ndarray) -> None:
@@ -128,31 +113,31 @@ def _make_logarithmic(axes: Axes, low: np.ndarray, high: np.ndarray) -> None:
 
     `low` and `high` are the smallest and largest J_1 and J_2 (2,).
     """
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    for axis, wide in zip((axes.yaxis, axes.xaxis), high > 100.0 * low, strict=True):
-        axis.set_major_locator(LogLocator(numticks=6) if wide else LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter(LogFormatterMathtext() if wide else StrMethodFormatter("{x:g}"))
-        axis.set_minor_formatter(NullFormatter())
+    axes.set(xscale="log", yscale="log")
+    for along, wide in zip("yx", high > 100.0 * low, strict=True):
+        if wide:
+            axis = axes.yaxis if along == "y" else axes.xaxis
+            axis.set_major_locator(LogLocator(numticks=6))
+            axis.set_minor_formatter(NullFormatter())
+        else:
+            style.make_logarithmic(axes, along)
 
 
-def _write_legends(figure: Figure, top: Axes, results: Results, samples: Sequence[Sequence[Points]]) -> None:
-    """Name the instants with their hypervolumes in the first panel, and what the marks are below the figure."""
-    top.xaxis.set_major_locator(MaxNLocator(nbins=6))
+def _name_samples(axes: Axes, results: Results) -> None:
+    """Name the samples, in the plane with their hypervolumes."""
     third = in_space(results)
     handles: list[Artist] = []
     for i, (instant, volume) in enumerate(zip(results["instant"], results["hypervolume"], strict=True)):
         label = f"{instant:.1f} s" if third else f"{instant:.1f} s: {volume:.3g} s$^2$"
         handles.append(style.entry(label, linewidth=0.9, markersize=2.2, **_sample_look(i)))
     title = "Sampling instant $T_0$" + ("" if third else ": hypervolume")
-    top.legend(handles=handles, title=title, title_fontsize=style.TEXT, loc="upper right", alignment="left")
-    marks: list[Artist] = [style.entry("growing $ω_2/ω_1$", color="black", marker=">", markersize=4, linewidth=0.9)]
-    marks.append(style.entry(_chosen_label(results), **STAR))
-    if len(samples[0]) > 1:
-        marks.append(style.entry("$J_2$ bounded", color="black", marker="+", linestyle="none"))
-    if any(one.dominated.any() for points in samples for one in points):
-        marks.append(style.entry("dominated", **CROSS))
-    style.add_legend(figure, marks)
+    axes.legend(handles=handles, title=title, title_fontsize=style.TEXT, loc="upper right", alignment="left")
+
+
+def _chosen_label(results: Results) -> str:
+    """Return the legend entry of the run's own weights."""
+    ratio = results["chosen_ratio"]
+    return f"$ω_2/ω_1$ = {ratio[0]:g}" if np.ptp(ratio) <= 1e-9 * ratio[0] else "weights of the run"
 
 
 def _sample_look(index: int) -> dict[str, Any]:
@@ -192,17 +177,17 @@ def _plot_in_space(axes: Any, results: Results, i: int) -> None:
         if not np.isfinite(found).any():
             continue
         wait = float(np.nanmax(found))
-        points = held(results, method, i, later)
-        x, y, kept = points.J[:, 1], points.J[:, 0], ~points.dominated
+        J, dominated = held(results, method, i, later)
+        y, x = J.T
         axes.plot(x, y, floor, color=SHADOW, linewidth=0.9)
         axes.plot(x, y, wait, color=style.PALETTE[0], linewidth=0.9)
-        axes.plot(x[kept], y[kept], wait, "o", color=style.PALETTE[0], markersize=2.6)
-        axes.plot(x[~kept], y[~kept], wait, markersize=3.5, markeredgewidth=0.8, **CROSS)
+        axes.plot(x[~dominated], y[~dominated], wait, "o", color=style.PALETTE[0], markersize=2.6)
+        axes.plot(x[dominated], y[dominated], wait, markersize=3.5, markeredgewidth=0.8, **CROSS)
     free = [results[f"free_{name}"][i] for name in ("J_2", "J_1", "wait")]
     axes.plot(*free, color=style.PALETTE[1], marker="s", markersize=2.2, linewidth=0.9)
     chosen = (results["chosen_J_2"][i], results["chosen_J_1"][i], results["t_s"][i] - results["instant"][i])
     axes.plot(*([value] for value in chosen), zorder=5, **STAR)
-    first, second = _stage_words(results)
+    first, second = (style.readable(str(name)) for name in results["stage"])
     axes.set_xlabel(f"{second}, $J_2$ (s)", labelpad=-3)
     axes.set_ylabel(f"{first}, $J_1$ (s)", labelpad=-4)
     axes.set_zlabel("$t_s - T_0$ (s)", labelpad=-2)

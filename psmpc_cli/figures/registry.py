@@ -25,7 +25,7 @@ FILMS: Mapping[str, Callable[[Run, Iterable[Path]], None]] = {"animation": write
 
 
 @dataclass(frozen=True)
-class Entry:
+class RegisteredFigure:
     """A figure of the table.
 
     Attributes:
@@ -34,51 +34,49 @@ class Entry:
             (curves by panel and label).
         name: Its name, which is also its file's stem.
         function: Makes it from its subject.
-        description: What it shows.
         there: Whether a subject has it.
     """
 
     kind: str
     name: str
     function: Callable[..., Figure]
-    description: str
     there: Callable[[Any], bool] = lambda subject: True
 
 
 TABLE = (
-    Entry("run", "states", coordinates.plot_states, "base pose and joint angles over time"),
-    Entry("run", "velocities", coordinates.plot_velocities, "generalized velocities with their limits"),
-    Entry("run", "controls", coordinates.plot_controls, "applied accelerations with their limits"),
-    Entry("run", "forces", coordinates.plot_forces, "base force and torque, joint torques"),
-    Entry("run", "errors", coordinates.plot_errors, "errors against the stages' targets and tolerances"),
-    Entry("run", "instants", instants.plot_instants, "planned switch times over time"),
-    Entry("run", "shares", instants.plot_shares, "the stages' shares in cost and control"),
-    Entry("run", "snapshots", snapshots.plot_snapshots, "the robot at the key instants"),
-    Entry("run", "solve_time", instants.plot_solve_time, "wall time and iterations of the solves"),
-    Entry("comparison", "states", coordinates.plot_states, "base pose and joint angles side by side"),
-    Entry("comparison", "instants", instants.plot_compared_instants, "planned switch times of all controllers"),
-    Entry("comparison", "shares", instants.plot_shares, "the stages' shares side by side"),
-    Entry("comparison", "snapshots", snapshots.plot_compared_snapshots, "the robot at the end of every stage"),
-    Entry("sweep", "surface", sweep.plot_surface, "actual start over both priorities", lambda c: c.sampling == GRID),
-    Entry("sweep", "heat_map", sweep.plot_plane, "the same from above", lambda c: c.sampling == GRID),
-    Entry("sweep", "draws", sweep.plot_plane, "actual start at random priorities", lambda c: c.sampling == RANDOM),
-    Entry("sweep", "starts", sweep.plot_starts, "actual start over the ratio of the priorities"),
-    Entry("sweep", "sensitivity", sweep.plot_sensitivity, "completion, effort and final error over the ratio"),
-    Entry("pareto", "front", pareto.plot_fronts, "Pareto fronts at several samples"),
-    Entry("pareto", "front_3d", pareto.plot_in_space, "fronts with the instant as third criterion", pareto.in_space),
-    Entry("monte_carlo", "success", monte_carlo.plot_success, "success rate and distribution of the switch times"),
-    Entry("monte_carlo", "runs", monte_carlo.plot_runs, "final error and margins of every run"),
-    Entry("scenario", "scenario", snapshots.plot_scenario, "a task's targets, stage by stage"),
-    Entry("claims", "presence", reproduction.plot_presence, "what waiting stages add to the control"),
-    Entry("claims", "monitors", reproduction.plot_monitors, "signals of the monitors with their bounds"),
-    Entry("claims", "schedule", reproduction.plot_schedule, "the stages of all methods as bars"),
-    Entry("ablations", "ablation_pending_cost", reproduction.plot_pending_cost, "with and without the pending cost"),
-    Entry("ablations", "ablation_normalization", reproduction.plot_normalization, "forms of normalization"),
-    Entry("ablations", "ablation_discretization", reproduction.plot_discretization, "discretizations over N_s"),
+    RegisteredFigure("run", "states", coordinates.plot_states),
+    RegisteredFigure("run", "velocities", coordinates.plot_velocities),
+    RegisteredFigure("run", "controls", coordinates.plot_controls),
+    RegisteredFigure("run", "forces", coordinates.plot_forces),
+    RegisteredFigure("run", "errors", coordinates.plot_errors),
+    RegisteredFigure("run", "instants", instants.plot_instants),
+    RegisteredFigure("run", "shares", instants.plot_shares),
+    RegisteredFigure("run", "snapshots", snapshots.plot_snapshots),
+    RegisteredFigure("run", "solve_time", instants.plot_solve_time),
+    RegisteredFigure("comparison", "states", coordinates.plot_states),
+    RegisteredFigure("comparison", "instants", instants.plot_compared_instants),
+    RegisteredFigure("comparison", "shares", instants.plot_shares),
+    RegisteredFigure("comparison", "snapshots", snapshots.plot_compared_snapshots),
+    RegisteredFigure("sweep", "surface", sweep.plot_surface, lambda cells: cells.sampling == GRID),
+    RegisteredFigure("sweep", "heat_map", sweep.plot_plane, lambda cells: cells.sampling == GRID),
+    RegisteredFigure("sweep", "draws", sweep.plot_plane, lambda cells: cells.sampling == RANDOM),
+    RegisteredFigure("sweep", "starts", sweep.plot_starts),
+    RegisteredFigure("sweep", "sensitivity", sweep.plot_sensitivity),
+    RegisteredFigure("pareto", "front", pareto.plot_fronts),
+    RegisteredFigure("pareto", "front_3d", pareto.plot_in_space, pareto.in_space),
+    RegisteredFigure("monte_carlo", "success", monte_carlo.plot_success),
+    RegisteredFigure("monte_carlo", "runs", monte_carlo.plot_runs),
+    RegisteredFigure("scenario", "scenario", snapshots.plot_scenario),
+    RegisteredFigure("claims", "presence", reproduction.plot_presence),
+    RegisteredFigure("claims", "monitors", reproduction.plot_monitors),
+    RegisteredFigure("claims", "schedule", reproduction.plot_schedule),
+    RegisteredFigure("ablations", "ablation_pending_cost", reproduction.plot_pending_cost),
+    RegisteredFigure("ablations", "ablation_normalization", reproduction.plot_normalization),
+    RegisteredFigure("ablations", "ablation_discretization", reproduction.plot_discretization),
 )
 
 
-def figures_of(kind: str, subject: Any = None) -> dict[str, Entry]:
+def figures_of(kind: str, subject: Any = None) -> dict[str, RegisteredFigure]:
     """Return the figures of a kind by name; of a subject, those it has."""
     return {one.name: one for one in TABLE if one.kind == kind and (subject is None or one.there(subject))}
 
@@ -138,10 +136,10 @@ def draw(
     files = [path for paths in (*figures.values(), *moving.values()) for path in paths]
     if "render" in films:
         offscreen_driver()
-    prepare(directory, files, force)
+    _make_room(files, force)
     with in_style():
         for name, paths in figures.items():
-            save(known[name].function(subject), paths)
+            _save(known[name].function(subject), paths)
         for name, paths in moving.items():
             FILMS[name](subject, paths)
     return files
@@ -153,10 +151,8 @@ def _ensure_drawable(kind: str, subject: Any) -> None:
         raise LogError(f"{subject.results.path}: found no cell that was run, expected one at least to draw")
     if kind == "monte_carlo" and not subject.made.any():
         raise LogError(f"{subject.results.path}: found no run that was made, expected one at least to draw")
-    if kind == "pareto":
-        found = (one.J for points in pareto.in_plane(subject) for one in points)
-        if not any(np.isfinite(J).any() for J in found):
-            raise LogError(f"{subject.path}: holds no point that could be solved for, so there is nothing to draw")
+    if kind == "pareto" and not any(np.isfinite(J).any() for points in pareto.in_plane(subject) for J, _ in points):
+        raise LogError(f"{subject.path}: holds no point that could be solved for, so there is nothing to draw")
 
 
 def draw_file(kind: str, subject: Any, path: Path, force: bool = False) -> Path:
@@ -166,19 +162,15 @@ def draw_file(kind: str, subject: Any, path: Path, force: bool = False) -> Path:
         InputError: The ending is unknown, the file exists or cannot be written.
     """
     _chosen("format", [path.suffix[1:]], FORMATS)
-    prepare(path.parent, [path], force)
+    _make_room([path], force)
     (one,) = figures_of(kind, subject).values()
     with in_style():
-        save(one.function(subject), [path])
+        _save(one.function(subject), [path])
     return path
 
 
-def save(figure: Figure, paths: Iterable[Path]) -> None:
-    """Write a figure into files, each in the format of its ending.
-
-    Raises:
-        InputError: One cannot be written.
-    """
+def _save(figure: Figure, paths: Iterable[Path]) -> None:
+    """Write a figure into files, each in the format of its ending; InputError if one cannot be written."""
     for path in paths:
         try:
             figure.savefig(path, metadata=_UNDATED[path.suffix[1:]])
@@ -186,21 +178,17 @@ def save(figure: Figure, paths: Iterable[Path]) -> None:
             raise InputError(f"{path} cannot be written: {error.strerror or error}") from None
 
 
-def prepare(directory: Path, files: Iterable[Path], force: bool) -> None:
-    """Make a directory and make sure that no file is overwritten without `force`.
-
-    Raises:
-        InputError: It cannot be made, or a file exists.
-    """
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        taken = [path.name for path in files if path.exists()]
-    except OSError as error:
-        raise InputError(f"{directory} cannot be made: {error.strerror or error}; choose another with -o") from None
-    if taken and not force:
-        raise InputError(
-            f"{directory} holds {', '.join(taken)} already: choose another directory with -o, or overwrite with --force"
-        )
+def _make_room(files: Iterable[Path], force: bool) -> None:
+    """Make the directories of files; InputError if one cannot be made, or without `force` if a file exists."""
+    for path in files:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            taken = path.exists() and not force
+        except OSError as error:
+            reason = f"{path.parent} cannot be made: {error.strerror or error}"
+            raise InputError(f"{reason}; choose another with -o") from None
+        if taken:
+            raise InputError(f"{path} exists already: choose another directory with -o, or overwrite with --force")
 
 
 def default_directory(log: Path) -> Path:

@@ -62,7 +62,7 @@ def test_beside_existing_figures_only_the_animation_is_made(tmp_path: Path, load
     files = draw("run", load(last=0.5), tmp_path, films=["animation"])
     assert [path.name for path in files] == ["animation.gif"]
     assert (tmp_path / "errors.png").read_text() == "mine"
-    with pytest.raises(InputError, match=r"animation\.gif already"):
+    with pytest.raises(InputError, match=r"animation\.gif exists already"):
         draw("run", load(last=0.5), tmp_path, films=["animation"])
     assert sorted(path.name for path in tmp_path.iterdir() if path.suffix != ".h5") == ["animation.gif", "errors.png"]
 

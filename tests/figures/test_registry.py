@@ -105,7 +105,7 @@ def test_an_unknown_figure_or_format_lists_the_known_ones(tmp_path: Path, run: R
 
 def test_nothing_is_overwritten_without_force(tmp_path: Path, run: Run) -> None:
     (tmp_path / "errors.png").write_text("mine")
-    with pytest.raises(InputError, match=r"holds errors\.png already.*--force"):
+    with pytest.raises(InputError, match=r"errors\.png exists already.*--force"):
         draw("run", run, tmp_path, only=["states", "errors"])
     assert [path.name for path in tmp_path.iterdir()] == ["errors.png"]
     assert (tmp_path / "errors.png").read_text() == "mine"

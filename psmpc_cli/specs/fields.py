@@ -54,7 +54,7 @@ Flaws = Iterator[tuple[Path, PydanticCustomError]]
 """What is wrong inside a value, with the path from it."""
 
 Fields = Mapping[str, Any]
-"""The valid fields of a model before the one that a rule is about."""
+"""The fields of a model before the one that a rule is about: valid, or wrong by a rule alone."""
 
 Rule = Callable[[Any, Fields, Any], Flaws]
 """Gives what is wrong with a value, by the fields before it and the `Context` of its description."""
@@ -74,6 +74,8 @@ def holds(rule: Rule) -> AfterValidator:
     """Create a validator of a rule about a valid value; without a validation context it does not apply."""
 
     def check(value: Any, info: ValidationInfo) -> Any:
+        if info.context:
+            info.context.well_formed[info.field_name] = value
         _raise(_applied(rule, value, info))
         return value
 
@@ -100,7 +102,7 @@ def holds_as_written(rule: Rule) -> WrapValidator:
 
 def _applied(rule: Rule, value: object, info: ValidationInfo) -> list[Any]:
     """Return the errors that a rule gives, none without a context."""
-    flaws = rule(value, info.data, info.context) if info.context else ()
+    flaws = rule(value, {**info.context.well_formed, **info.data}, info.context) if info.context else ()
     return [{"type": error, "loc": at, "input": value} for at, error in flaws]
 
 

@@ -45,11 +45,13 @@ class Context:
         data: The robot, or the task.
         robot: The robot.
         robot_limits: Its limits if it is valid.
+        well_formed: Values that rules were applied to, by field: other rules use them even if a rule rejects them.
     """
 
     data: Data
     robot: Data
     robot_limits: Mapping[str, Any] = field(default_factory=dict)
+    well_formed: dict[str, Any] = field(default_factory=dict)
 
     def value(self, *path: str) -> Data:
         """Return the value at a path, None if there is none."""

@@ -12,7 +12,7 @@ from psmpc_cli.specs.messages import quoted, shortened
 
 Vector = NDArray[np.float64]
 Pair = tuple[int, int]
-Comparison = tuple[str, str, float]
+PairwiseComparison = tuple[str, str, float]
 """Stage a, stage b, and how many times as important a is as b."""
 
 ACCEPTABLE = 0.1
@@ -94,18 +94,18 @@ def groups(count: int, pairs: Sequence[Pair]) -> list[list[int]]:
     return sorted(np.flatnonzero(labels == label).tolist() for label in range(number))
 
 
-def weigh_stages(compare: Sequence[Comparison], stages: list[str]) -> Weighing:
+def weigh_stages(compare: Sequence[PairwiseComparison], stages: list[str]) -> Weighing:
     """Weigh stages by comparisons, which are of known stages and connect all; in the order of `stages`."""
     pairs = [(stages.index(a), stages.index(b)) for a, b, _ in compare]
     return weigh(len(stages), pairs, [ratio for _, _, ratio in compare])
 
 
-def priorities_of(compare: Sequence[Comparison], stages: list[str]) -> list[float]:
+def priorities_of(compare: Sequence[PairwiseComparison], stages: list[str]) -> list[float]:
     """Return the priority of each stage by comparisons of all of them."""
     return [float(f"{weight:.{DIGITS}g}") for weight in np.exp(weigh_stages(compare, stages).logarithms)]
 
 
-def disagreements(compare: Sequence[Comparison], stages: list[str]) -> Flaws:
+def disagreements(compare: Sequence[PairwiseComparison], stages: list[str]) -> Flaws:
     """Give comparisons that leave stages unconnected, contradict each other, or lead beyond all numbers."""
     pairs = [(stages.index(a), stages.index(b)) for a, b, _ in compare]
     islands = [", ".join(shortened(stages[i]) for i in group) for group in groups(len(stages), pairs)]

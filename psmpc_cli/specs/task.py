@@ -94,8 +94,8 @@ _Comparison = Annotated[
 ]
 _StageKey = Annotated[str, known(lambda context: context.stages, "stage")]
 
-Kind = Literal["psmpc", "smpc", "hard", "htmpc"]
-CONTROLLERS: tuple[Kind, ...] = get_args(Kind)
+ControllerKind = Literal["psmpc", "smpc", "hard", "htmpc"]
+CONTROLLERS: tuple[ControllerKind, ...] = get_args(ControllerKind)
 
 _ControllerKey = Annotated[str, known(lambda context: CONTROLLERS, "controller")]
 
@@ -140,7 +140,7 @@ class HtmpcSpec(Spec):
 class ControllerSpec(Choice):
     """The controller and its objective; symbols as in docs/formulation.md."""
 
-    kind: Kind = Field("psmpc", description="which controller")
+    kind: ControllerKind = Field("psmpc", description="which controller")
     horizon: Positive = Field(4.0, description="prediction horizon T_h [s]")
     nodes: Intervals = Field(100, description="intervals a stage, N_s; auto: as many as `mesh_tolerance` needs")
     mesh_tolerance: Positive = Field(

@@ -15,12 +15,13 @@ from unittest.mock import patch
 import numpy as np
 
 from psmpc_cli.cli.main import main
+from psmpc_cli.control.controller import State
 from psmpc_cli.logs.run import read_run
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant import Disturbance, Plant, Ticks
 from psmpc_cli.simulation import run as running
-from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.simulation.run import Experiment
 from psmpc_cli.solvers import Outcome, Solution, Solver
 from psmpc_cli.specs.load import Task
 
@@ -83,9 +84,8 @@ class FaultyPlant:
 
 def inject(experiment: Experiment, fault: Fault, seen: Seen) -> Experiment:
     """Return an experiment in which something goes wrong."""
-    uncertainty, sample_time = experiment.uncertainty, experiment.task.controller.sample_time
-    measured = uncertainty.measured
-    uncertainty.measured = lambda sample, x: fault.blind(sample * sample_time, measured(sample, x))
+    step = experiment.controller.step
+    experiment.controller.step = lambda time, state: step(time, State.of(fault.blind(time, state.x)))
     experiment.controller.solver = FaultySolver(experiment.controller.solver, fault.spoil)
     return replace(experiment, plant=FaultyPlant(experiment.plant, fault.push, seen))
 

@@ -20,9 +20,7 @@ from pages import markdown
 
 from psmpc_cli import load_task
 from psmpc_cli.logs.write import LogWriter
-from psmpc_cli.simulation.loop import closed_loop
-from psmpc_cli.simulation.run import header
-from psmpc_cli.simulation.setup import build_experiment
+from psmpc_cli.simulation.run import build_experiment, closed_loop, header
 
 PARTS = ("solve", "counterfactual solves", "plant", "log", "rest", "whole sample")
 

@@ -10,7 +10,7 @@ from hypothesis import settings
 from psmpc_cli.control import Command, State
 from psmpc_cli.ocp.problem import Stage, StageCosts, build_stages
 from psmpc_cli.robot.model import RobotModel, build_model
-from psmpc_cli.simulation.setup import Experiment, build_experiment
+from psmpc_cli.simulation.run import Experiment, build_experiment
 from psmpc_cli.specs.load import Task, load_task
 
 settings.register_profile("psmpc", deadline=None)  # no test is about time

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from psmpc_cli.logs.results import ResultsWriter
+from psmpc_cli.logs.results import ResultsWriter, read_results
+from psmpc_cli.logs.schema import MONTE_CARLO
 from psmpc_cli.studies.monte_carlo import CRASHED, ENDED, MonteCarloRuns, monte_carlo_study, read_monte_carlo
 from psmpc_cli.studies.runner import create_file
 
@@ -25,27 +26,28 @@ def made_up_monte_carlo(
     study = monte_carlo_study(task, runs, NOISE)
     create_file(study, path, True)
     stages, monitors = len(study.task.spec.stages), len(study.task.spec.monitors)
-    with ResultsWriter(path) as writer:
-        for run in sorted({*range(runs)} - {*waiting}):
-            if run in crashed:
-                values = {"completed": 0, "succeeded": 0, "failure": "ZeroDivisionError: by zero", "status": CRASHED}
-                writer.write((run,), values)
-                continue
-            ends = 7.0 * np.arange(1, stages + 1) + 0.01 * run
-            margin = np.full(monitors, -0.01 if run in dropped else 0.04)
-            values = {
-                "completed": run not in late,
-                "succeeded": run not in (*late, *dropped),
-                "reason": "time limit of 60 s reached" if run in late else "release met its end condition",
-                "end_time": 60.0 if run in late else ends[-1],
-                "switch_time": np.where(np.arange(stages) == stages - 1, np.nan, ends) if run in late else ends,
-                "actual_start": ends - 7.0,
-                "final_error": 300.0 if run in late else 0.8 + 0.02 * run,
-                "relative_position_margin": 0.5,
-                "relative_velocity_margin": -0.01 * run,
-                **({"monitor_margin": margin} if monitors else {}),
-                "control_effort": 50.0 + run,
-                "status": ENDED,
-            }
-            writer.write((run,), values)
+    writer = ResultsWriter(read_results(path, MONTE_CARLO))
+    for run in sorted({*range(runs)} - {*waiting}):
+        if run in crashed:
+            values = {"completed": 0, "succeeded": 0, "failure": "ZeroDivisionError: by zero", "status": CRASHED}
+            writer.fill((run,), values)
+            continue
+        ends = 7.0 * np.arange(1, stages + 1) + 0.01 * run
+        margin = np.full(monitors, -0.01 if run in dropped else 0.04)
+        values = {
+            "completed": run not in late,
+            "succeeded": run not in (*late, *dropped),
+            "reason": "time limit of 60 s reached" if run in late else "release met its end condition",
+            "end_time": 60.0 if run in late else ends[-1],
+            "switch_time": np.where(np.arange(stages) == stages - 1, np.nan, ends) if run in late else ends,
+            "actual_start": ends - 7.0,
+            "final_error": 300.0 if run in late else 0.8 + 0.02 * run,
+            "relative_position_margin": 0.5,
+            "relative_velocity_margin": -0.01 * run,
+            **({"monitor_margin": margin} if monitors else {}),
+            "control_effort": 50.0 + run,
+            "status": ENDED,
+        }
+        writer.fill((run,), values)
+    writer.write()
     return read_monte_carlo(path)

@@ -53,16 +53,17 @@ def made_up_sweep(
     loaded = load_sweep_task(task, (), epsilons)
     cells = sampling_of(sampling)
     create_file(weight_study(loaded, (0, 1), cells), path, True)
-    shape = read_results(path, SWEEP)["status"].shape
-    with ResultsWriter(path) as writer:
-        for cell, ratio in enumerate(cells.ratio):
-            index = tuple(map(int, np.unravel_index(cell, shape)))
-            if cell in failed:
-                writer.write(index, {"reason": "time limit of 30 s reached", "origin": cell, "status": FAILED})
-            elif cell not in waiting:
-                values = {name: np.asarray(value) for name, value in of(float(ratio)).items()}
-                switches = np.full(len(loaded.spec.stages), np.nan)
-                switches[:2] = values["switch_time"]
-                values["switch_time"] = switches
-                writer.write(index, {**values, "origin": cell, "status": COMPUTED})
+    results = read_results(path, SWEEP)
+    writer = ResultsWriter(results)
+    for cell, ratio in enumerate(cells.ratio):
+        index = tuple(map(int, np.unravel_index(cell, results["status"].shape)))
+        if cell in failed:
+            writer.fill(index, {"reason": "time limit of 30 s reached", "origin": cell, "status": FAILED})
+        elif cell not in waiting:
+            values = {name: np.asarray(value) for name, value in of(float(ratio)).items()}
+            switches = np.full(len(loaded.spec.stages), np.nan)
+            switches[:2] = values["switch_time"]
+            values["switch_time"] = switches
+            writer.fill(index, {**values, "origin": cell, "status": COMPUTED})
+    writer.write()
     return read_results(path, SWEEP)

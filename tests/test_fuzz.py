@@ -59,7 +59,7 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.logs.files import kind_of
 from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.run import read_comparison, read_run
-readers = {"run": lambda path: read_run(path).plans, "comparison": read_comparison}
+readers = {"run": read_run, "comparison": read_comparison}
 for line in sys.stdin:
     path = Path(json.loads(line))
     try:

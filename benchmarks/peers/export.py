@@ -20,8 +20,7 @@ import numpy as np
 from psmpc_cli.ocp.plan import Plan, resting_plan, shift
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.window import Window, end_tolerance, on_mesh, shortest_durations
-from psmpc_cli.simulation.loop import closed_loop
-from psmpc_cli.simulation.setup import build_experiment
+from psmpc_cli.simulation.run import build_experiment, closed_loop
 from psmpc_cli.solvers import Solution, Solver, build_solver
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.robot import RobotSpec

@@ -118,7 +118,7 @@ def _continuation(path: Path, output: Path | None) -> "Callable[[Watch], object]
     """Return the function that finishes an unfinished run, by running it again from its beginning."""
     from psmpc_cli.cli.tables import print_differences
     from psmpc_cli.logs.run import read_run
-    from psmpc_cli.simulation.run import continue_run, ensure_unfinished, unequal_conditions
+    from psmpc_cli.simulation.replay import continue_run, ensure_unfinished, unequal_conditions
 
     log = read_run(path)
     ensure_unfinished(log)
@@ -150,8 +150,8 @@ def rerun(
     from psmpc_cli.cli.progress import watched_run
     from psmpc_cli.cli.tables import print_differences
     from psmpc_cli.logs.run import read_run
-    from psmpc_cli.simulation.run import rerun as repeat
-    from psmpc_cli.simulation.run import unequal_conditions
+    from psmpc_cli.simulation.replay import rerun as repeat
+    from psmpc_cli.simulation.replay import unequal_conditions
 
     loaded = read_run(log)
     with TemporaryDirectory(prefix="psmpc-") as folder, watched_run(quiet) as (watch, interruption):

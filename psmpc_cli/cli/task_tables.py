@@ -10,7 +10,7 @@ import typer
 from psmpc_cli.cli.tables import print_table
 from psmpc_cli.ocp.feasibility import Outlook
 from psmpc_cli.simulation.gradient_audit import AD_TOLERANCE, DIFFERENCE_TOLERANCE, audit_gradients
-from psmpc_cli.simulation.setup import build_experiment, converging
+from psmpc_cli.simulation.run import build_experiment, converging
 from psmpc_cli.specs.coordinates import labels, resolve_limits
 from psmpc_cli.specs.document import plain
 from psmpc_cli.specs.fields import Spec

@@ -1,10 +1,10 @@
 """The switching controller: PSMPC, SMPC and hard switching are one code with two switches; HTMPC adds levels."""
 
+from collections import deque
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from psmpc_cli.control.estimator import Estimator
 from psmpc_cli.control.htmpc import Hierarchy
 from psmpc_cli.control.multistart import solve_from_several
 from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed, is_over
@@ -44,7 +44,8 @@ class State:
     @classmethod
     def of(cls, x: np.ndarray) -> "State":
         """Build the state from [Q; v] (2n,)."""
-        return cls(*np.split(x, 2))
+        n = len(x) // 2
+        return cls(x[:n], x[n:])
 
     @property
     def x(self) -> np.ndarray:
@@ -146,7 +147,9 @@ class Controller:
         self.solver = solver or build_solver(self.problem, _solver_spec(self.problem.spec))
         self.sequence, self.done = MovingSequence(0, np.zeros(0), 0.0), False
         self._rate = self.problem.spec.plant.low_level_rate
+        self._ticks = np.arange(round(self.spec.sample_time * self._rate) + 1) / self._rate
         self._estimator = Estimator(self.spec, 1 / self._rate, self.problem.model.n)
+        self._soft, self._starts = self.problem.spec.limits_are_soft, self.spec.multistart or 1
         self._hierarchy = Hierarchy(self.problem) if self.spec.kind == "htmpc" else None
         self._plan: Plan | None = None
         self._braking: Plan | None = None
@@ -191,7 +194,7 @@ class Controller:
 
     def edges(self, time: float) -> np.ndarray:
         """Return the beginnings of the low-level ticks in the sample at a time [s], and its end (M + 1,)."""
-        return np.asarray(time + np.arange(round(self.spec.sample_time * self._rate) + 1) / self._rate)
+        return np.asarray(time + self._ticks)
 
     def _drop_stages(self, time: float, x: np.ndarray) -> tuple[Switch, ...]:
         """Drop the stages that are over at a time [s], by the plan or by the measured state x (2n,)."""
@@ -264,7 +267,9 @@ class Controller:
     def _solve(self, sequence: MovingSequence, prediction: Plan, x: np.ndarray) -> Solution:
         window = self.window(sequence, prediction, x, self._solved)
         guess = replace(prediction, instants=sequence.instants)
-        return solve_from_several(self.solver, window, guess, self._solved, self.spec.multistart or 1)
+        if self._starts == 1:
+            return self.solver.solve(window, guess, self._solved)
+        return solve_from_several(self.solver, window, guess, self._solved, self._starts)
 
     def window(
         self, sequence: MovingSequence, prediction: Plan, x: np.ndarray, before: Solution | None = None
@@ -293,7 +298,7 @@ class Controller:
             terminal_cost=spec.terminal_cost,
             nodes=(spec.uniform_nodes,) * len(stages),
             discretization=spec.discretization,
-            soft=self.problem.spec.limits_are_soft,
+            soft=self._soft,
         )
         if spec.nodes != "auto":
             return window
@@ -349,3 +354,61 @@ def _in_reach(solved: Solution, shorter: Solution | None = None) -> bool:
 def _after(other: Solution, solved: Solution) -> Solution:
     """Return a solve whose wall time counts another one in the same sample."""
     return replace(solved, wall_time=other.wall_time + solved.wall_time)
+
+
+class Estimator:
+    """Foresees the state over a known delay of c samples, and estimates a disturbance under offset-free control.
+
+    The state in which a command acts follows from the one measured c samples before and the accelerations planned
+    since. The disturbance, an acceleration on top of the commanded one, is taken for constant: integral action.
+
+    Attributes:
+        d: Estimated disturbance (n,) [m/s^2, rad/s^2]; zero without offset-free control.
+    """
+
+    def __init__(self, spec: ControllerSpec, tick: float, n: int) -> None:
+        """Start with what is known before the first sample: no control was planned or commanded in ticks [s]."""
+        self.spec, self.d = spec, np.zeros(n)
+        self._tick, self._v = tick, np.full(n, np.nan)
+        none = np.zeros((round(spec.sample_time / tick), n))
+        self._planned = deque([none] * spec.known_delay)
+        self._commanded = deque([none[0]] * spec.known_delay)
+        self._first = True
+
+    def foreseen(self, x: np.ndarray) -> np.ndarray:
+        """Return the state [Q; v] (2n,) in which the next command acts.
+
+        The robot has accelerated as planned since: the disturbance adds what was taken off the planned accelerations.
+
+        Args:
+            x: State measured now, or known_delay samples before (2n,).
+        """
+        if not self._planned:
+            return x
+        n, u = len(self.d), np.vstack(self._planned)
+        v = x[n:] + self._tick * np.vstack([np.zeros(n), np.cumsum(u, axis=0)])
+        Q = x[:n] + np.sum(self._tick * v[:-1] + self._tick**2 / 2 * u, axis=0)
+        return np.concatenate([Q, v[-1]])
+
+    def command(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the accelerations to command in a sample (M, n), the disturbance taken off the planned ones.
+
+        What the velocity changed by over the last sample that was measured, less what was commanded in it, passes a
+        first-order filter, d + gain ((v - v_before) / T_s - u - d). Where a measurement is not finite, d stays.
+
+        Args:
+            u: Accelerations planned over its ticks (M, n) [m/s^2, rad/s^2].
+            v: Velocity measured last (n,) [m/s, rad/s]: now, or known_delay samples before.
+        """
+        if self._planned:
+            self._planned.popleft()
+            self._planned.append(u)
+        if not self.spec.offset_free:
+            return u
+        if not self._first:
+            surplus = (v - self._v) / self.spec.sample_time - self._commanded.popleft()
+            filtered = self.d + self.spec.offset_gain * (surplus - self.d)
+            self.d = np.where(np.isfinite(surplus), filtered, self.d)
+        self._first, self._v = False, v
+        self._commanded.append((u - self.d).mean(axis=0))
+        return u - self.d

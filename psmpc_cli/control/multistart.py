@@ -51,7 +51,7 @@ def solve_from_several(
     those of all solves.
     """
     own = solver.solve(window, guess, previous)
-    if starts == 1 or not own.outcome.usable or all(stage.at is not None for stage in window.stages[:-1]):
+    if not own.outcome.usable or all(stage.at is not None for stage in window.stages[:-1]):
         return own
     earliest = solver.solve(replace(window, pending_cost=window.pending_cost + HURRY), guess)
     room = _room(window, earliest.plan.instants)

@@ -63,7 +63,7 @@ def plot_controls(run: Run) -> Figure:
 
 def plot_forces(run: Run) -> Figure:
     """Plot base force [N], base torque and joint torques [N m] at every tick if logged, else at every sample."""
-    curves = (run.ticks["time"], run.ticks["F"]) if len(run.ticks.get("time", ())) else (run.time, run.F)
+    curves = (run.ticks["time"], run.ticks["F"]) if len(run.ticks.get("time", ())) else (run.time, run["force/F"])
     return _plot_quantity(run, ("force", "torque"), ("N", "N m"), lambda run: curves, peaked=True)
 
 

@@ -8,9 +8,12 @@ import h5py
 import numpy as np
 
 from psmpc_cli import __version__
-from psmpc_cli.logs.files import image_of, write_new
+from psmpc_cli.logs.files import new_image, write_new
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import COMPARISON, FORMAT_VERSION, SCHEMA
+
+ALONG_TIME = {part.path for column in SCHEMA for part in column.parts if part.dims[:1] == ("time",)}
+"""Datasets with a row a sample."""
 
 
 def merge_logs(logs: Mapping[str, Path], path: Path, force: bool = False) -> None:
@@ -25,9 +28,9 @@ def merge_logs(logs: Mapping[str, Path], path: Path, force: bool = False) -> Non
         file.attrs.update({"kind": COMPARISON, "psmpc_version": __version__, "format_version": FORMAT_VERSION})
         file.attrs["runs"] = list(logs)
         for name, log in logs.items():
-            read_run(log).copy_into(file.create_group(f"runs/{name}"))
+            read_run(log).write_into(file.create_group(f"runs/{name}"))
 
-    write_new(path, image_of(fill), force)
+    write_new(path, new_image(fill), force)
 
 
 @dataclass(frozen=True)
@@ -70,8 +73,8 @@ def compare_logs(one: Path, other: Path, rows: int | None = None, without: tuple
         LogError: One of them cannot be read.
     """
     runs = [read_run(one), read_run(other)]
-    mine, others = ({**run.arrays, **run.plans} for run in runs)
-    wanted = [path for path in sorted(mine | others) if not (path.endswith("wall_time") or path.startswith(without))]
+    mine, others = (run.arrays for run in runs)
+    wanted = [path for path in sorted({*mine, *others}) if not (path.endswith("wall_time") or path.startswith(without))]
     found = [_difference(path, mine, others, _length(path, runs[0], rows)) for path in wanted]
     return Comparison(len(found), tuple(each for each in found if each is not None))
 
@@ -80,7 +83,7 @@ def _length(path: str, run: Run, rows: int | None) -> int | None:
     """Return how many rows of a dataset belong to so many samples; None for all it has."""
     if rows is not None and path.startswith("ticks/"):
         return rows * round(len(run["ticks/time"]) / max(len(run.time), 1))
-    return rows if path in run.columns or path in run.plans else None
+    return rows if path in ALONG_TIME else None
 
 
 def _difference(

@@ -1,25 +1,20 @@
-"""Results of a study: arrays over named coordinates in one file, filled in place while the study runs.
+"""Results of a study: arrays over named coordinates in one file, filled in while the study runs.
 
-All arrays have their full size from the beginning, with a value that says "not yet". Filling them in changes no byte of
-the file but theirs, so that a killed study leaves a readable file.
+All arrays have their full size from the beginning, with a value that says "not yet". Each cell that is filled in puts a
+whole file in the place of the one before, so that a killed study leaves a readable file.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import h5py
 import numpy as np
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import LogError, RunError
-from psmpc_cli.logs.files import image_of, kind_in, read_file, write_new
+from psmpc_cli.logs.files import kind_in, new_image, read_file, replace_file, write_new
 from psmpc_cli.logs.schema import FORMAT_VERSION
-
-TEXT_LENGTH = 200
-"""Room for a text that is filled in later [bytes]; longer ones are cut."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,30 +61,35 @@ class Results:
 def create_results(
     path: Path, kind: str, attributes: Mapping[str, str | int | float], quantities: Sequence[Quantity], force: bool
 ) -> None:
-    """Write a results file in one piece; a quantity that is its own only dimension is a coordinate.
+    """Write a results file; a quantity that is its own only dimension is a coordinate.
 
     Raises:
         InputError: The file exists already or cannot be written; with `force`, it exists and is no HDF5 file.
     """
+    about = {"kind": kind, "psmpc_version": __version__, "format_version": FORMAT_VERSION}
+    write_new(path, _image({**about, **attributes}, quantities), force)
 
+
+def _image(attributes: Mapping[str, object], quantities: Iterable[Quantity]) -> bytes:
     def fill(file: h5py.File) -> None:
-        file.attrs.update({"kind": kind, "psmpc_version": __version__, "format_version": FORMAT_VERSION, **attributes})
+        file.attrs.update(attributes)
         for quantity in sorted(quantities, key=lambda quantity: quantity.dims != (quantity.name,)):
             _create(file, quantity)
 
-    write_new(path, image_of(fill, ("v108", "v108")), force)
+    return new_image(fill)
 
 
 def _create(file: h5py.File, quantity: Quantity) -> None:
-    values = _stored(quantity)
+    values = quantity.values
+    if values.dtype.kind in "UO":
+        values = np.array(values.tolist(), h5py.string_dtype())
     # HDF5 has no checksums of texts of variable length, nor of single numbers
     chunks = values.shape if values.size and values.shape and not values.dtype.hasobject else None
     dataset = file.create_dataset(quantity.name, data=values, chunks=chunks, fletcher32=chunks is not None)
     dataset.attrs.update({"units": quantity.units, "long_name": quantity.long_name, "dims": " ".join(quantity.dims)})
     if quantity.meanings:
-        dataset.attrs.update(
-            {"flag_values": np.arange(len(quantity.meanings)), "flag_meanings": " ".join(quantity.meanings)}
-        )
+        codes = {"flag_values": np.arange(len(quantity.meanings)), "flag_meanings": " ".join(quantity.meanings)}
+        dataset.attrs.update(codes)
     if quantity.dims == (quantity.name,):
         dataset.make_scale(quantity.name)
         return
@@ -97,53 +97,34 @@ def _create(file: h5py.File, quantity: Quantity) -> None:
         dimension.attach_scale(file[name])
 
 
-def _stored(quantity: Quantity) -> np.ndarray:
-    """Return the values as they stand in the file: text that is filled in later has its room from the beginning."""
-    if quantity.values.dtype.kind != "U":
-        return quantity.values
-    if quantity.dims == (quantity.name,):
-        return np.array(quantity.values.tolist(), h5py.string_dtype())
-    room = h5py.string_dtype("utf-8", TEXT_LENGTH)
-    texts = [_cut(text) for text in quantity.values.ravel()]
-    return np.array(texts, room).reshape(quantity.values.shape)
-
-
-def _cut(text: str) -> bytes:
-    """Return a text that fits its room, no character of it cut in two."""
-    return text.encode()[:TEXT_LENGTH].decode(errors="ignore").encode()
-
-
 class ResultsWriter:
     """Fills a results file in, cell by cell."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        try:
-            self._file = h5py.File(path, "r+", locking=False)
-        except OSError as error:
-            raise RunError(f"{path} cannot be written any further: {error}") from None
+    def __init__(self, results: Results) -> None:
+        self.results = results
+        self._values = {name: _fillable(quantity.values) for name, quantity in results.quantities.items()}
 
-    def __enter__(self) -> Self:
-        return self
+    def fill(self, index: tuple[int, ...], values: Mapping[str, np.ndarray | float | str]) -> None:
+        """Fill in the values of one cell; they are in the file with the next `write`."""
+        for name, value in values.items():
+            self._values[name][index] = value
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._file.close()
-
-    def write(self, index: tuple[int, ...], values: Mapping[str, np.ndarray | float | str]) -> None:
-        """Fill in the values of one cell; they are in the file when this returns.
+    def write(self) -> None:
+        """Write the whole file in the place of the one before.
 
         Raises:
             RunError: The file cannot be written.
         """
+        filled = [replace(each, values=self._values[name]) for name, each in self.results.quantities.items()]
         try:
-            for name, value in values.items():
-                cell = _cut(value) if isinstance(value, str) else value
-                self._file[name][index] = cell
-            self._file.flush()
+            replace_file(self.results.path, _image(self.results.attributes, filled))
         except OSError as error:
-            raise RunError(f"{self.path} cannot be written any further: {error}") from None
+            raise RunError(f"{self.results.path} cannot be written any further: {error.strerror or error}") from None
+
+
+def _fillable(values: np.ndarray) -> np.ndarray:
+    """Return a copy that takes texts of any length."""
+    return values.astype(object if values.dtype.kind == "U" else values.dtype)
 
 
 def read_results(path: Path, kind: str) -> Results:

@@ -1,28 +1,26 @@
 """A whole run in memory, from its log or straight from a simulation."""
 
 import csv
-import io
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError, SpecError
-from psmpc_cli.logs.files import copy_group, image_of, kind_in, read_file, write_new
+from psmpc_cli.logs.files import kind_in, new_image, read_file, write_new
 from psmpc_cli.logs.schema import COMPARISON, RUN, SCHEMA, Column, columns
 from psmpc_cli.logs.summary import Summary, summarize
+from psmpc_cli.logs.write import create_log
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.load import Task, parse_task
 
 if TYPE_CHECKING:
     import xarray
-
-T = TypeVar("T")
 
 Array = np.ndarray
 
@@ -89,34 +87,23 @@ class Motion:
 class Run:
     """A whole run in memory, with K samples, n coordinates, m pose coordinates and S stages.
 
-    `run["window/instants"]` is the array of a dataset of the log, any but the plans; docs/log.md lists them.
+    `run["window/instants"]` is the array of a dataset of the log; docs/log.md lists them.
 
     Attributes:
         path: The file, or `IN_MEMORY`.
         attributes: Versions, effective texts of task and robot, `finished`, `end_reason`, ...
-        arrays: Every dataset but the plans, by its path.
-        group: Group of the file that holds the run.
-        has_plans: Whether the run has plans, see `plan`.
-        image: The log of a run in memory, as bytes.
+        arrays: Every dataset by its path.
     """
 
     path: Path
     attributes: Mapping[str, Any]
     arrays: Mapping[str, Array]
-    group: str = "/"
-    has_plans: bool = False
-    image: bytes = b""
 
     def __getitem__(self, path: str) -> Array:
         return self.arrays[path]
 
     def __contains__(self, path: str) -> bool:
         return path in self.arrays
-
-    @property
-    def columns(self) -> dict[str, Array]:
-        """The datasets with one row for each sample, by path; `time` is one of them."""
-        return {"time": self.time, **{column.path: self[column.path] for column in self._sampled}}
 
     @property
     def time(self) -> Array:
@@ -134,39 +121,14 @@ class Run:
         return self.arrays.get("state/Qdot_true", self["state/Qdot"])
 
     @property
-    def Q_seen(self) -> Array:
-        """Coordinates as the controller saw them (K, n) [m, rad]: measured, or predicted over a known delay."""
-        return self["state/Q"]
-
-    @property
-    def v_seen(self) -> Array:
-        """Velocities as the controller saw them (K, n) [m/s, rad/s]."""
-        return self["state/Qdot"]
-
-    @property
     def u(self) -> Array:
         """Acceleration over the first tick of each sample (K, n) [m/s^2, rad/s^2]."""
         return self["control/u"]
 
     @property
-    def F(self) -> Array:
-        """Generalized force at the samples (K, n) [N, N m]."""
-        return self["force/F"]
-
-    @property
-    def xi(self) -> Array:
-        """Poses of base and end-effectors at the samples (K, m) [m, rad]."""
-        return self["pose/xi"]
-
-    @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the n coordinates."""
         return tuple(self["coordinate"].tolist())
-
-    @property
-    def pose_coordinates(self) -> tuple[str, ...]:
-        """Names of the m pose coordinates."""
-        return tuple(self["pose_coordinate"].tolist())
 
     @property
     def stage_names(self) -> tuple[str, ...]:
@@ -192,21 +154,15 @@ class Run:
         return {"v" if name == "Qdot" else name: values for name, values in self._below("ticks").items()}
 
     @property
-    def uncertainty(self) -> dict[str, Array]:
-        """What was drawn: body, axis, mass_factor, inertia_factor, centre_of_mass; empty without an uncertainty."""
-        return self._below("uncertainty")
+    def final(self) -> dict[str, Array]:
+        """State at the end of the run: time [s], Q, v and xi; NaN if the run did not end."""
+        Q, v = (self.arrays.get(f"final/{name}_true", self[f"final/{name}"]) for name in ("Q", "Qdot"))
+        return {"time": self["final/end_time"], "Q": Q, "v": v, "xi": self["final/xi"]}
 
     @property
-    def final(self) -> dict[str, Array]:
-        """State at the end of the run: time [s], Q, v, xi, Q_seen and v_seen; NaN if the run did not end."""
-        return {
-            "time": self["final/end_time"],
-            "Q": self.arrays.get("final/Q_true", self["final/Q"]),
-            "v": self.arrays.get("final/Qdot_true", self["final/Qdot"]),
-            "xi": self["final/xi"],
-            "Q_seen": self["final/Q"],
-            "v_seen": self["final/Qdot"],
-        }
+    def has_plans(self) -> bool:
+        """Whether the run has plans, see `plan`."""
+        return "plan/solution" in self.arrays
 
     @property
     def interrupted(self) -> bool:
@@ -225,8 +181,9 @@ class Run:
             task = parse_task(task_yaml, robot_yaml, name)
         except SpecError as error:
             raise LogError(f"{self.path}: the task or robot in it is not valid in this version:\n{error}") from None
-        described = labels(task.robot, "joint"), tuple(stage.name for stage in task.spec.stages)
-        if described != (self.coordinates, self.stage_names):
+        described = labels(task.robot, "joint"), tuple(stage.name for stage in task.spec.stages), task.digest
+        held = self.coordinates, self.stage_names, self.attributes.get("digest", task.digest)
+        if described != held:
             raise LogError(f"{self.path}: the task and robot in it do not describe the run it holds")
         return task
 
@@ -248,11 +205,11 @@ class Run:
         """
         if not len(self.time):
             raise LogError(f"{self.path}: found no samples, expected at least one: the run ended before its first one")
-        final = self.final
-        rows = {name: getattr(self, name) for name in final}
-        if final["time"] > self.time[-1]:
-            rows = {name: np.concatenate([values, final[name][None]]) for name, values in rows.items()}
-        return Motion(**rows)
+        rows = [self.time, self.Q, self.v, self["pose/xi"], self["state/Q"], self["state/Qdot"]]
+        if self.final["time"] > self.time[-1]:
+            last = [*self.final.values(), self["final/Q"], self["final/Qdot"]]
+            rows = [np.concatenate([values, end[None]]) for values, end in zip(rows, last, strict=True)]
+        return Motion(*rows)
 
     @cached_property
     def spans(self) -> tuple[Span, ...]:
@@ -284,43 +241,28 @@ class Run:
         """Return one vector of a sample's solve: guess, guess_multipliers, parameters or solution.
 
         Raises:
-            LogError: The run has no plans, or not this sample's, or its file cannot be read any more.
+            LogError: The run has no plans, or not this sample's.
         """
         if not self.has_plans:
             raise LogError(f"{self.path}: found no plans, expected the log of a task with log: {{plans: true}}")
         if not 0 <= sample < len(self.time):
             choices = f"one from 0 to {len(self.time) - 1}" if len(self.time) else "none: the log holds no samples"
             raise LogError(f"{self.path}: found no sample {sample}, expected {choices}")
-        return self.plans[f"plan/{name}"][sample, : self.plans[f"plan/{name}_length"][sample]]
-
-    @cached_property
-    def plans(self) -> dict[str, Array]:
-        """The datasets below /plan by path, read when they are first used; empty without plans.
-
-        Raises:
-            LogError: The file cannot be read any more.
-        """
-        paths = [f"{column.path}{part}" for column in SCHEMA if column.ragged for part in ("", "_length")]
-        if not self.has_plans:
-            return {}
-        return self._read(lambda group: {path: np.asarray(group[path][: len(self.time)]) for path in paths})
+        return self[f"plan/{name}"][sample, : self[f"plan/{name}_length"][sample]]
 
     def save(self, path: Path | str, force: bool = False) -> None:
         """Write the run into a log of its own.
 
         Raises:
             InputError: The path is taken (with `force`, by a file that psmpc did not write), or cannot be written.
-            LogError: The file of the run cannot be read any more.
         """
-        write_new(Path(path), self.image or image_of(lambda file: self.copy_into(file)), force)
+        write_new(Path(path), new_image(self.write_into), force)
 
-    def copy_into(self, target: h5py.Group) -> None:
-        """Copy the log of the run into a group of an open file.
-
-        Raises:
-            LogError: The file of the run cannot be read any more.
-        """
-        self._read(lambda group: copy_group(group, target))
+    def write_into(self, group: h5py.Group) -> None:
+        """Write the log of the run into an empty group of an open file."""
+        present = [column for column in SCHEMA if column.path in self.arrays]
+        elements = {c.dims[1]: np.arange(self[c.path].shape[1]) for c in present if c.ragged}
+        create_log(group, present, self.attributes, {**self.arrays, **elements})
 
     def to_csv(self, directory: Path | str, force: bool = False) -> list[Path]:
         """Write samples.csv and stages.csv, and ticks.csv if ticks were logged, and return their paths.
@@ -366,18 +308,11 @@ class Run:
     @property
     def _sampled(self) -> tuple[Column, ...]:
         """The columns of the samples, without the scale `time`."""
-        return tuple(column for column in columns("time") if column.path in self.arrays)
+        return tuple(column for column in columns("time") if column.path in self.arrays and not column.ragged)
 
     def _below(self, group: str) -> dict[str, Array]:
         paths = [path for path in self.arrays if path.startswith(f"{group}/")]
         return {path.removeprefix(f"{group}/"): self.arrays[path] for path in paths}
-
-    def _read(self, read: Callable[[h5py.Group], T]) -> T:
-        """Read from the group of the run's file or image."""
-        if self.image:
-            with h5py.File(io.BytesIO(self.image), "r") as file:
-                return read(file)
-        return read_file(self.path, lambda file: read(file[self.group]))
 
     def _samples_table(self) -> Iterator[tuple[str, Array]]:
         yield "time [s]", self.time
@@ -438,7 +373,7 @@ def read_comparison(path: Path) -> dict[str, Run]:
 
 
 def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
-    """Read the run in a group of an open file; without a path that of a file in memory.
+    """Read the run in a group of an open file.
 
     Raises:
         LogError: It lacks an attribute.
@@ -447,49 +382,20 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
     for name in ATTRIBUTES:
         if name not in group.attrs:
             raise LogError(f"{path}: found no attribute {name}, {EXPECTED}")
-    image = b""
-    if path == IN_MEMORY:
-        group.file.flush()
-        image = group.file.id.get_file_image()
-    return Run(path, dict(group.attrs), arrays_in(group), group.name, "plan/solution" in group, image)
-
-
-def arrays_in(group: h5py.Group) -> dict[str, Array]:
-    """Read the datasets of the run in a group of an open file, all but the plans, by path.
-
-    Raises:
-        Exception: One of `files.DAMAGE`: it is damaged.
-    """
-    present = [c for c in SCHEMA if not c.ragged and (not c.only or c.path in group)]
-    arrays = {c.path: _array(group[c.path]) for c in present if c.value is None}
-    for along in ("time", "ticks/tick"):
-        arrays |= _rows(group, [c.path for c in present if c.value is not None and c.dims[0] == along])
+    present = [part for column in SCHEMA if not column.only or column.path in group for part in column.parts[:2]]
+    arrays = {column.path: _array(group[column.path]) for column in present}
     for column in present:
-        if arrays[column.path].shape != tuple(len(arrays[dim]) for dim in column.dims):
-            raise ValueError(f"{column.path} has shape {arrays[column.path].shape}")
+        shape = arrays[column.path].shape
+        sizes = (len(arrays[dim]) if dim in arrays else size for dim, size in zip(column.dims, shape, strict=True))
+        if shape != tuple(sizes):
+            raise ValueError(f"{column.path} has shape {shape}")
     if not (np.diff(arrays["time"]) > 0).all():
         raise ValueError("time does not rise")
-    return arrays
+    return Run(path, dict(group.attrs), arrays)
 
 
-def _rows(group: h5py.Group, paths: list[str]) -> dict[str, Array]:
-    """Read datasets along one time, as many rows as all of them have: a kill may leave the last one half written."""
-    if not paths:
-        return {}
-    rows = min(len(group[path]) for path in paths)
-    try:
-        return {path: _array(group[path])[:rows] for path in paths}
-    except OSError:
-        if group.attrs["end_reason"]:
-            raise
-    # killed at the moment in which space was allocated for this row and the following ones
-    chunk = group[paths[0]].chunks[0]
-    return {path: _array(group[path], (rows - 1) // chunk * chunk) for path in paths}
-
-
-def _array(dataset: h5py.Dataset, rows: int | None = None) -> Array:
-    """Read a dataset, or its first rows, text as text."""
-    part = () if rows is None else slice(rows)
+def _array(dataset: h5py.Dataset) -> Array:
+    """Read a dataset, text as text."""
     if h5py.check_string_dtype(dataset.dtype) is None:
-        return np.asarray(dataset[part])
-    return np.asarray(dataset.asstr()[part], dtype=str)
+        return np.asarray(dataset[()])
+    return np.asarray(dataset.asstr()[()], dtype=str)

@@ -33,14 +33,14 @@ class Metrics:
         stage_cost: Lbar of the current stage.
         presence: By stage index, how much of a waiting stage is in the control.
         shares: By stage index, its share in the applied control.
-        position_margin, velocity_margin: Smallest distance to a limit (n,) [m, rad], [m/s, rad/s].
+        margin: Smallest distance of [Q; v] to a limit (2n,) [m, rad, m/s, rad/s].
         control_effort: Integral of |u|^2.
         base_force, base_torque: Integrals of the norm of the base's force [N s] and torque [N m s].
-        position_deviation, velocity_deviation: State at the next sample less the plan's (n,) [m, rad], [m/s, rad/s].
+        deviation: State at the next sample less the plan's (2n,) [m, rad, m/s, rad/s].
         end_errors: By stage index, the error of its end condition over its tolerance, of stages that end by the plan
             before the next sample.
-        momentum_error: p(t) - p(0) - integral of the external wrench, at the next sample (3,) [N s, N m s].
-        energy_error: T - T(0) - integral of F' Qdot, at the next sample [J].
+        balance: p(t) - p(0) - integral of the external wrench [N s, N m s], and T - T(0) - integral of F' Qdot [J], at
+            the next sample (4,).
         true: The true state (2n,).
         held: Whether the grippers hold the payload from here on.
         payload_energy: Kinetic energy that taking it up or letting it go added at this sample [J].
@@ -51,16 +51,13 @@ class Metrics:
     stage_cost: float
     presence: Mapping[int, float]
     shares: Mapping[int, float]
-    position_margin: np.ndarray
-    velocity_margin: np.ndarray
+    margin: np.ndarray
     control_effort: float
     base_force: float
     base_torque: float
-    position_deviation: np.ndarray
-    velocity_deviation: np.ndarray
+    deviation: np.ndarray
     end_errors: Mapping[int, float]
-    momentum_error: np.ndarray
-    energy_error: float
+    balance: np.ndarray
     true: np.ndarray
     held: bool
     payload_energy: float
@@ -134,6 +131,15 @@ class Column:
         """Whether its rows have lengths of their own, which `<path>_length` holds."""
         return self.dims[1:] == (f"{self.path}_element",)
 
+    @property
+    def parts(self) -> "tuple[Column, ...]":
+        """The column; with it, if its rows have lengths of their own, those lengths and the index along a row."""
+        if not self.ragged:
+            return (self,)
+        path, element, value = self.path, self.dims[1], self.value
+        length = Column(f"{path}_length", "1", f"number of elements in each row of {path}", value, "i4", ("time",))
+        return self, length, Column(element, "1", f"index into a row of {path}", value, "i4", (element,))
+
 
 def _m(name: str) -> Callable[[Sample], Any]:
     """Return what reads one of the metrics."""
@@ -185,6 +191,15 @@ def _plan(name: str, long_name: str, value: Value) -> Column:
     return Column(f"plan/{name}", "1", long_name, value, dims=("time", f"plan/{name}_element"), only="plans")
 
 
+def _halves(Q: str, v: str, what: str, state: Callable[[Sample], np.ndarray], only: str = "") -> tuple[Column, ...]:
+    """Return the columns of the positions and the velocities of a state (2n,)."""
+    names = ("position", "velocity") if "limit" in what else ("coordinates", "velocities")
+    units, dims = ("m, rad", "m/s, rad/s"), ("time", "coordinate")
+    values: tuple[Value, Value] = (lambda s: state(s)[: s.n], lambda s: state(s)[s.n :])
+    columns = zip((Q, v), units, names, values, strict=True)
+    return tuple(Column(path, unit, what.format(name), of, "f8", dims, only) for path, unit, name, of in columns)
+
+
 def _scale(path: str, units: str, long_name: str, dtype: str = "text", only: str = "") -> Column:
     return Column(path, units, long_name, None, dtype, (path,), only)
 
@@ -212,8 +227,7 @@ SCHEMA = (
     _scale("uncertainty/body", "1", "body", only="drawn"),
     _scale("uncertainty/axis", "1", "axis of the body", only="drawn"),
     # a row a sample
-    _tn("state/Q", _Q, "generalized coordinates, as the controller saw them", lambda s: s.command.x[: s.n]),
-    _tn("state/Qdot", _V, "generalized velocities, as the controller saw them", lambda s: s.command.x[s.n :]),
+    *_halves("state/Q", "state/Qdot", "generalized {}, as the controller saw them", lambda s: s.command.x),
     _tn("control/u", _A, "applied acceleration over the first tick", lambda s: s.metrics.u[0]),
     _tn("force/F", _F, "generalized force of the low-level controller at the sample", lambda s: s.ticks.F[0]),
     Column("pose/xi", _Q, "poses of base and end-effectors", _m("xi"), dims=("time", "pose_coordinate")),
@@ -257,13 +271,33 @@ SCHEMA = (
         "normalization/nadir", "1", "divisor of each window stage's cost", lambda s: s.command.solution.window.scale
     ),
     _t("cost/current_stage", "1", "cost Lbar of the current stage", _m("stage_cost")),
-    _tn("margin/position", _Q, "smallest distance to a position limit until the next sample", _m("position_margin")),
-    _tn("margin/velocity", _V, "smallest distance to a velocity limit until the next sample", _m("velocity_margin")),
+    _tn(
+        "margin/position",
+        _Q,
+        "smallest distance to a position limit until the next sample",
+        lambda s: s.metrics.margin[: s.n],
+    ),
+    _tn(
+        "margin/velocity",
+        _V,
+        "smallest distance to a velocity limit until the next sample",
+        lambda s: s.metrics.margin[s.n :],
+    ),
     _t("effort/control", "m^2/s^3, rad^2/s^3", "integral of |u|^2 until the next sample", _m("control_effort")),
     _t("effort/base_force", "N s", "integral of the norm of the base force", _m("base_force")),
     _t("effort/base_torque", "N m s", "integral of the magnitude of the base torque", _m("base_torque")),
-    _tn("deviation/Q", _Q, "generalized coordinates at the next sample less the plan's", _m("position_deviation")),
-    _tn("deviation/Qdot", _V, "generalized velocities at the next sample less the plan's", _m("velocity_deviation")),
+    _tn(
+        "deviation/Q",
+        _Q,
+        "generalized coordinates at the next sample less the plan's",
+        lambda s: s.metrics.deviation[: s.n],
+    ),
+    _tn(
+        "deviation/Qdot",
+        _V,
+        "generalized velocities at the next sample less the plan's",
+        lambda s: s.metrics.deviation[s.n :],
+    ),
     _ts(
         "deviation/end",
         "1",
@@ -274,10 +308,10 @@ SCHEMA = (
         "balance/momentum",
         "N s, N m s",
         "momentum less the integral of the external wrench",
-        _m("momentum_error"),
+        lambda s: s.metrics.balance[:3],
         dims=("time", "momentum"),
     ),
-    _t("balance/energy", "J", "kinetic energy less the work of the generalized forces", _m("energy_error")),
+    _t("balance/energy", "J", "kinetic energy less the work of the generalized forces", lambda s: s.metrics.balance[3]),
     _level(
         "levels/objective",
         "1",
@@ -298,8 +332,7 @@ SCHEMA = (
         _levels(lambda level: level.outcome.usable, -1),
         "i1",
     ),
-    _tn("state/Q_true", _Q, "generalized coordinates, true", lambda s: s.metrics.true[: s.n], only="true state"),
-    _tn("state/Qdot_true", _V, "generalized velocities, true", lambda s: s.metrics.true[s.n :], only="true state"),
+    *_halves("state/Q_true", "state/Qdot_true", "generalized {}, true", _m("true"), "true state"),
     _t(
         "payload/held",
         "1",
@@ -378,21 +411,11 @@ SCHEMA = (
 MOMENTUM = ("x", "y", "angular")
 """Components of the momentum: linear, and angular about the inertial origin."""
 
-AXES = ("x", "y")
-"""Axes of a body."""
 
-
-def columns(along: str, has: frozenset[str] | None = None) -> tuple[Column, ...]:
-    """Return the datasets along `time` or `ticks/tick`, or those that do not grow for an empty `along`; no scales.
-
-    Args:
-        along: First dimension.
-        has: What the run has, as in `Header.has`; None for every dataset there can be.
-    """
+def columns(along: str) -> tuple[Column, ...]:
+    """Return the datasets along `time` or `ticks/tick`, or those that do not grow for an empty `along`; no scales."""
     return tuple(
         column
         for column in SCHEMA
-        if not column.is_scale
-        and (column.dims[:1] == (along,) if along else column.value is None)
-        and (has is None or not column.only or column.only in has)
+        if not column.is_scale and (column.dims[:1] == (along,) if along else column.value is None)
     )

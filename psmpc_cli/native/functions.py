@@ -40,24 +40,23 @@ class ArrayFunction:
         buffer: tuple[Any, Any] = function.buffer()
         self._buffer, self._evaluate = buffer
         self._inputs = [np.zeros(function.size_in(i)[::-1]) for i in range(function.n_in())]
-        self._sizes = [function.size_out(i)[::-1] for i in range(function.n_out())]
+        self._results = [np.zeros(function.size_out(i)[::-1]) for i in range(function.n_out())]
         for i, values in enumerate(self._inputs):
             self._buffer.set_arg(i, values.data)
+        for i, values in enumerate(self._results):
+            self._buffer.set_res(i, values.data)
 
     def __call__(self, *arguments: ArrayLike, rows: int | None = None) -> list[np.ndarray]:
-        """Evaluate the function and return its results, (columns, rows) each.
+        """Evaluate the function and return its results, an array of `rows` rows each.
 
         Args:
             arguments: Arrays of the transposed shapes, or what broadcasts to them.
-            rows: The number of rows given; the results of the others are undefined. Default all.
+            rows: The number of rows given and returned. Default all.
         """
         for values, argument in zip(self._inputs, arguments, strict=True):
             values[:rows] = argument
-        results = [np.empty(size) for size in self._sizes]
-        for i, values in enumerate(results):
-            self._buffer.set_res(i, values.data)
         self._evaluate()
-        return results
+        return [values[:rows].copy() for values in self._results]
 
 
 class RowFunction:
@@ -78,4 +77,4 @@ class RowFunction:
         room = -(-rows // step) * step
         if room not in self._mapped:
             self._mapped[room] = ArrayFunction(self._function.map(room) if room > 1 else self._function)
-        return [values[:rows] for values in self._mapped[room](*arguments, rows=rows)]
+        return self._mapped[room](*arguments, rows=rows)

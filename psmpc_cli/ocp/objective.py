@@ -86,7 +86,7 @@ class StageFunctions:
     def cost(self) -> ca.Function:
         """x, u, target, W, W_r -> Lbar."""
         L = self._L + weighted_square(self._u, self._W_r)
-        return ca.Function("Lbar", [self._x, self._u, self._target, self._W, self._W_r], [L])
+        return ca.Function("Lbar", [self._x, self._u, self._target, self._W, self._W_r], ca.cse([L]))
 
     @cached_property
     def costs(self) -> RowFunction:

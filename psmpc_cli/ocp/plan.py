@@ -86,8 +86,8 @@ class Plan:
         return np.concatenate([self.instants, self.X.ravel(), self.u.ravel()])
 
     def intervals_at(self, times: np.ndarray) -> np.ndarray:
-        """Return the interval that holds just after each time, clipped to the plan's."""
-        return np.asarray(np.searchsorted(self.times[1:-1], times + 1e-12, side="right"))
+        """Return the interval that holds just after each time, K past the plan's end."""
+        return np.asarray(self.times[1:].searchsorted(times + 1e-12, side="right"))
 
     def control_at(self, times: np.ndarray) -> np.ndarray:
         """Return the acceleration just after each time (len(times), n); zero past the plan's end."""
@@ -100,19 +100,21 @@ class Plan:
     def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the states (len(times), 2n) and the accelerations just after each time (len(times), n)."""
         n, k = self.u.shape[1], self.intervals_at(times)
-        X, u, since = self.X[k], self.u[k], (times - self.times[k])[:, None]
-        past = times >= self.end - 1e-12
-        if past.any():
-            X[past], u[past], since[past, 0] = self.X[-1], 0.0, times[past] - self.end
+        X, u, since = self.X[k], self._u_and_none[k], (times - self.times[k])[:, None]
         X[:, :n] += since * X[:, n:] + since**2 / 2 * u
         X[:, n:] += since * u
         return X, u
 
     @cached_property
+    def _u_and_none(self) -> np.ndarray:
+        """The accelerations, and none past the plan's end, (K + 1, n)."""
+        return np.concatenate([self.u, np.zeros((1, self.u.shape[1]))])
+
+    @cached_property
     def _impulse(self) -> np.ndarray:
-        """Integral of the acceleration up to the beginning of each interval, (K, n)."""
-        impulse = np.zeros_like(self.u)
-        np.cumsum(np.diff(self.times)[:-1, None] * self.u[:-1], axis=0, out=impulse[1:])
+        """Integral of the acceleration up to each node, (K + 1, n)."""
+        impulse = np.zeros_like(self._u_and_none)
+        ((self.times[1:] - self.times[:-1])[:, None] * self.u).cumsum(axis=0, out=impulse[1:])
         return impulse
 
     def mean_control(self, edges: np.ndarray) -> np.ndarray:
@@ -121,7 +123,7 @@ class Plan:
         Nodes and ticks do not align; the mean keeps the velocities at the ticks equal to the plan's.
         """
         k = self.intervals_at(edges)
-        at = self._impulse[k] + (np.minimum(edges, self.end) - self.times[k])[:, None] * self.u[k]
+        at = self._impulse[k] + (edges - self.times[k])[:, None] * self._u_and_none[k]
         return np.asarray((at[1:] - at[:-1]) / (edges[1:] - edges[:-1])[:, None])
 
 

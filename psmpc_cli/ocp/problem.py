@@ -91,9 +91,13 @@ class StageCosts:
 
     def __init__(self, model: RobotModel) -> None:
         self.model = model
+        self._functions: dict[tuple[str, str], StageFunctions] = {}
 
     def _of(self, stage: Stage) -> StageFunctions:
-        return stage_functions(self.model, StageShape(stage.space, stage.input))
+        key = (stage.space, stage.input)
+        if key not in self._functions:
+            self._functions[key] = stage_functions(self.model, StageShape(*key))
+        return self._functions[key]
 
     def errors(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return the stage's error at each state (K, rows) [m, rad]; X is (K, 2n).

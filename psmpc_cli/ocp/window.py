@@ -279,8 +279,7 @@ def node_limits(grid: Grid, stages: Sequence[Stage]) -> tuple[np.ndarray, np.nda
     low, high = np.full((grid.K + 1, 2 * grid.n), -np.inf), np.full((grid.K + 1, 2 * grid.n), np.inf)
     for s, stage in enumerate(stages):
         at, limits = slice(grid.first_node[s], grid.first_node[s + 1] + 1), stage.limits
-        low[at] = np.maximum(low[at], np.concatenate([limits.position_low, limits.velocity_low]))
-        high[at] = np.minimum(high[at], np.concatenate([limits.position_high, limits.velocity_high]))
+        low[at], high[at] = np.maximum(low[at], limits.state_low), np.minimum(high[at], limits.state_high)
     return low, high
 
 
@@ -298,9 +297,7 @@ def shares_of_time(steps: np.ndarray) -> np.ndarray:
 def own_violations(x0: np.ndarray, stages: Sequence[Stage]) -> np.ndarray:
     """Return by how much a measured state (2n,) violates the limits of a window's first stage itself, (2n,)."""
     limits = stages[0].limits
-    low = np.concatenate([limits.position_low, limits.velocity_low])
-    high = np.concatenate([limits.position_high, limits.velocity_high])
-    return scaled_violations(x0, low, high) / PENALTY
+    return scaled_violations(x0, limits.state_low, limits.state_high) / PENALTY
 
 
 def normalization(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.plant.base import Disturbance, Plant, Resistance, Ticks
@@ -37,7 +38,7 @@ class Contact:
 
 
 class Uncertainty:
-    """The uncertainty of one run; without any, the plant behaves as the controller knows it.
+    """The uncertainty of one run.
 
     It holds no state: what is measured follows from seed and sample, and whether the payload is held from the current
     stage.
@@ -86,13 +87,22 @@ class Uncertainty:
             law = self._with_payload(law) if self.spec.payload.known else law
         return plant.advance(start, x, u, Disturbance(robot, law, self._noise(sample), self._push(start)))
 
-    def kept(self, stage: int, x: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return momentum (3,) [N s, N m s] and energy [J] of the robot and what it holds in a stage, at x (2n,)."""
-        robot: InertialParameters | None = None
-        if self.resistance is not None:
-            robot = self._with_payload(self._true) if self.holds(stage) else self._true
-        Q, v = np.split(x, 2)
-        return self._model.momentum(Q, v, robot), self._model.kinetic_energy(Q, v, robot)
+    def true_parameters(self, stage: int) -> InertialParameters:
+        """Return the inertial parameters of the simulated robot and what it holds in a stage."""
+        if self.resistance is None:
+            return self._model.nominal
+        return self._with_payload(self._true) if self.holds(stage) else self._true
+
+    @property
+    def drawn(self) -> dict[str, ArrayLike]:
+        """What was drawn for the bodies, by path in the log."""
+        return {
+            "uncertainty/body": body_names(self._model.spec),
+            "uncertainty/axis": ("x", "y"),
+            "uncertainty/mass_factor": self.draw.mass_factor,
+            "uncertainty/inertia_factor": self.draw.inertia_factor,
+            "uncertainty/centre_of_mass": self.draw.offset,
+        }
 
     def _with_payload(self, free: InertialParameters) -> InertialParameters:
         payload = self.spec.payload

@@ -8,7 +8,7 @@ from psmpc_cli.ocp.gradient import Rollout
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.ocp.window import Window, durations, normalization
-from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.simulation.run import Experiment
 from psmpc_cli.solvers import build_solver
 from psmpc_cli.specs.coordinates import Limits
 

@@ -1,111 +1,95 @@
-"""What is measured of a run: margins to limits, efforts, the physics' own balance, starts and ends of stages."""
+"""What is measured of a run: margins to limits, efforts, balances, starts and ends of stages, presence and shares.
 
-from collections.abc import Mapping
+Presence and shares come from counterfactual solves: windows over other stages than the applied one. The presence of a
+waiting stage in the control says when it first acts (docs/formulation.md, section 8), the shares how much of the
+applied control each stage makes up (paper Fig. 1).
+"""
+
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import nnls
 
-from psmpc_cli.control.controller import Command
-from psmpc_cli.control.sequence import Switch
+from psmpc_cli.control.controller import Command, Controller
+from psmpc_cli.control.sequence import MovingSequence, Switch
 from psmpc_cli.logs.schema import Metrics, Sample
-from psmpc_cli.ocp.problem import Stage
-from psmpc_cli.ocp.window import SHORTEST
+from psmpc_cli.ocp.plan import Plan, shift
+from psmpc_cli.ocp.window import SHORTEST, Window
 from psmpc_cli.plant import Ticks
-from psmpc_cli.plant.uncertainty import Contact
-from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.plant.uncertainty import Contact, Uncertainty
+from psmpc_cli.solvers import Solution
+from psmpc_cli.specs.task import OnsetSpec
+
+DISTINCT = 1e-3
+"""Controls nearer to each other than this are the same [m/s^2, rad/s^2]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Balance:
-    """Momentum less the impulse of the external wrench, energy less the work: constant if the physics is right.
+class Meter:
+    """Measures the samples of one run, and follows its balances of momentum and energy.
 
-    Attributes:
-        momentum: At the start of the run (3,) [N s], [N m s].
-        energy: At the start of the run [J].
-        impulse: Of the external wrench since then (3,) [N s], [N m s].
-        work: Of the generalized force since then [J].
+    How the motion went is measured of the true state where that is not the one the controller saw.
     """
 
-    momentum: np.ndarray
-    energy: float
-    impulse: np.ndarray
-    work: float
+    def __init__(self, counterfactuals: "Counterfactuals", uncertainty: Uncertainty | None, x0: np.ndarray) -> None:
+        problem = counterfactuals.controller.problem
+        self._counterfactuals, self._uncertainty, self._problem = counterfactuals, uncertainty, problem
+        self._sees_the_state, self._shares = problem.spec.sees_the_state, problem.spec.log.shares
+        self._base, self._number = problem.model.parts["base"], 0
+        self._start, self._gained = self._kept(0, x0), np.zeros(4)
 
-    @classmethod
-    def at(cls, momentum: np.ndarray, energy: float) -> "Balance":
-        """Return the balance of a run that starts with this momentum (3,) and energy."""
-        return cls(momentum, energy, np.zeros(3), 0.0)
+    def measure(self, command: Command, ticks: Ticks, x: np.ndarray, u: np.ndarray, contact: Contact | None) -> Sample:
+        """Measure a sample.
 
-    def after(self, happened: Ticks | Contact) -> "Balance":
-        """Return the balance after a sample, or after an object was taken up or let go."""
-        return replace(self, impulse=self.impulse + happened.impulse, work=self.work + happened.work)
+        Args:
+            command: What the controller decided.
+            ticks: What the plant did.
+            x: True state (2n,), before anything is taken up or let go.
+            u: Accelerations that reached the robot over the ticks (M, n).
+            contact: Effect of taking up or letting go at the sample; None without a payload.
+        """
+        problem, stage, true = self._problem, command.stage, command.x if self._sees_the_state else x
+        for happened in (ticks,) if contact is None else (contact, ticks):
+            self._gained = self._gained + np.array([*happened.impulse, happened.work])
+        tick, base, end = ticks.time[1:] - ticks.time[:-1], ticks.F[:, self._base], ticks.X[-1]
+        lowest, highest = ticks.X[1:].min(axis=0), ticks.X[1:].max(axis=0)
+        since = ticks.time[:1] - command.sequence.entered
+        metrics = Metrics(
+            u=u,
+            xi=problem.model.poses(true[: problem.model.n]).ravel(),
+            stage_cost=float(problem.costs.at(stage, true[None], u[:1], since)[0]),
+            presence=self._counterfactuals.presence(command),
+            shares=self._counterfactuals.shares(command) if self._shares else {},
+            margin=np.minimum(lowest - stage.limits.state_low, stage.limits.state_high - highest),
+            control_effort=float(tick @ (u * u).sum(axis=1)),
+            base_force=float(tick @ np.sqrt((base[:, :-1] ** 2).sum(axis=1))),
+            base_torque=float(tick @ np.abs(base[:, -1])),
+            deviation=end - command.plan.states_at(ticks.time[-1:])[0],
+            end_errors=self._end_errors(command, ticks),
+            balance=self._kept(stage.index, end) - self._start - self._gained,
+            true=true,
+            held=self._uncertainty is not None and self._uncertainty.holds(stage.index),
+            payload_energy=0.0 if contact is None else contact.work,
+        )
+        self._number += 1
+        return Sample(command, ticks, metrics, self._number - 1, len(problem.stages))
 
-    def drift(self, momentum: np.ndarray, energy: float) -> tuple[np.ndarray, float]:
-        """Return the drift of momentum (3,) [N s, N m s] and of energy [J] where they are now this."""
-        return momentum - self.momentum - self.impulse, energy - self.energy - self.work
+    def _kept(self, stage: int, x: np.ndarray) -> np.ndarray:
+        """Return momentum [N s, N m s] and energy [J] of the robot and what it holds in a stage, at x (2n,): (4,)."""
+        n, model = len(x) // 2, self._problem.model
+        robot = None if self._uncertainty is None else self._uncertainty.true_parameters(stage)
+        return np.array([*model.momentum(x[:n], x[n:], robot), model.kinetic_energy(x[:n], x[n:], robot)])
 
+    def _end_errors(self, command: Command, ticks: Ticks) -> dict[int, float]:
+        """Return the end errors of stages that end by the plan before the next sample, by stage index.
 
-@dataclass(frozen=True, eq=False)
-class Observed:
-    """What the closed loop knows of a sample around its command.
-
-    Attributes:
-        number: Of the sample.
-        x: True state (2n,), before anything is taken up or let go.
-        u: Accelerations that reached the robot over the ticks (M, n).
-        presence, shares: By stage index, from counterfactual solves.
-        balance: The balance after the ticks.
-        payload_energy: What taking up or letting go added at the sample [J].
-    """
-
-    number: int
-    x: np.ndarray
-    u: np.ndarray
-    presence: Mapping[int, float]
-    shares: Mapping[int, float]
-    balance: Balance
-    payload_energy: float
-
-
-def measure(experiment: Experiment, command: Command, ticks: Ticks, observed: Observed) -> Sample:
-    """Measure a sample; how the motion went is of the true state where that is not the measured one."""
-    uncertainty, u = experiment.uncertainty, observed.u
-    x = command.x if experiment.task.sees_the_state else observed.x
-    stage = experiment.stages[command.sequence.first]
-    tick, since = np.diff(ticks.time), ticks.time[:1] - command.sequence.entered
-    base = ticks.F[:, experiment.model.parts["base"]]
-    position, velocity = _margins(stage, ticks, experiment.model.n)
-    momentum_error, energy_error = observed.balance.drift(*uncertainty.kept(stage.index, ticks.X[-1]))
-    deviation = ticks.X[-1] - command.plan.states_at(ticks.time[-1:])[0]
-    metrics = Metrics(
-        u=u,
-        xi=experiment.model.poses(x[: experiment.model.n]).ravel(),
-        stage_cost=float(experiment.costs.at(stage, x[None], u[:1], since)[0]),
-        presence=observed.presence,
-        shares=observed.shares,
-        position_margin=position,
-        velocity_margin=velocity,
-        control_effort=float(tick @ (u * u).sum(axis=1)),
-        base_force=float(tick @ np.linalg.norm(base[:, :-1], axis=1)),
-        base_torque=float(tick @ np.abs(base[:, -1])),
-        position_deviation=deviation[: experiment.model.n],
-        velocity_deviation=deviation[experiment.model.n :],
-        end_errors=_end_errors(experiment, command, ticks),
-        momentum_error=momentum_error,
-        energy_error=energy_error,
-        true=x,
-        held=uncertainty.holds(stage.index),
-        payload_energy=observed.payload_energy,
-    )
-    return Sample(command, ticks, metrics, observed.number, len(experiment.stages))
-
-
-def _margins(stage: Stage, ticks: Ticks, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the smallest distance to a position and to a velocity limit over all ticks after the sample, (n,) each."""
-    limits, Q, Qdot = stage.limits, ticks.X[1:, :n], ticks.X[1:, n:]
-    position = np.minimum(Q.min(axis=0) - limits.position_low, limits.position_high - Q.max(axis=0))
-    velocity = np.minimum(Qdot.min(axis=0) - limits.velocity_low, limits.velocity_high - Qdot.max(axis=0))
-    return position, velocity
+        At their planned switch times, which may lie up to `SHORTEST` after it: so far the motion is carried on.
+        """
+        found = {}
+        for index, instant in enumerate(command.instants, start=command.sequence.first):
+            if instant <= ticks.time[-1] + SHORTEST:
+                x = state_at(ticks.time, ticks.X, float(instant))
+                found[index] = self._problem.costs.end_error(self._problem.stages[index], x)
+        return found
 
 
 def state_at(times: np.ndarray, X: np.ndarray, time: float) -> np.ndarray:
@@ -120,17 +104,136 @@ def state_at(times: np.ndarray, X: np.ndarray, time: float) -> np.ndarray:
     return np.concatenate([X[k, :n] + since / 2 * (X[k, n:] + Qdot), Qdot])
 
 
-def _end_errors(experiment: Experiment, command: Command, ticks: Ticks) -> dict[int, float]:
-    """Return the end errors of stages that end by the plan before the next sample, by stage index.
+@dataclass(frozen=True, eq=False)
+class Counterfactual:
+    """What was found last for some stages: when [s], the plan, whether it is a solution, and the solve."""
 
-    At their planned switch times, which may lie up to `SHORTEST` after it: so far the motion is carried on as it is.
+    time: float
+    plan: Plan
+    usable: bool
+    solution: Solution
+
+
+class Counterfactuals:
+    """Solves windows for what is measured, never for what is applied; each starts from its own last plan."""
+
+    def __init__(self, controller: Controller) -> None:
+        self.controller, self.onset = controller, controller.problem.spec.onset
+        self._last: dict[tuple[int, int], Counterfactual] = {}
+        self._started: set[int] = set()
+
+    def presence(self, command: Command) -> dict[int, float]:
+        """Measure how much of each waiting stage is in the mean control over the sample, by stage index.
+
+        With `onset: control` that is the norm of what the stage adds [m/s^2, rad/s^2]: the difference to the window
+        up to the stage before it. With `closeness` it is the `closeness` to the stage's own optimum [1]. Both are in
+        the stage's onset coordinates. A stage is measured until it reaches the largest threshold.
+        """
+        sequence, presence = command.sequence, {}
+        edges = self.controller.edges(command.time)[[0, -1]] if sequence.count > 1 else np.zeros(0)
+        for stage in range(sequence.first + 1, sequence.last + 1):
+            if stage in self._started or "braking" in command.events:
+                continue
+            shorter = MovingSequence(sequence.first, sequence.instants[: stage - sequence.first - 1], sequence.entered)
+            without, _ = self._plan(shorter, command)
+            rows = list(self.controller.stages[stage].onset_rows)
+            applied, other = (plan.mean_control(edges)[0, rows] for plan in (command.plan, without))
+            if self.onset.kind == "control":
+                presence[stage] = float(np.linalg.norm(applied - other))
+            else:
+                own, usable = self._plan(_alone(stage, command.time), command)
+                if not usable:
+                    continue
+                presence[stage] = closeness(applied, other, own.mean_control(edges)[0, rows])
+            if presence[stage] >= max(self.onset.epsilon, *self.onset.series):
+                self._started.add(stage)
+        return presence
+
+    def shares(self, command: Command) -> dict[int, float]:
+        """Compute the share of each stage in the control of the first tick, by stage index.
+
+        Every stage in the window, or every level, is solved for alone. The shares are the weights of the convex
+        combination of their controls that is nearest to the applied one. There are none where the stages agree, where
+        one has no solution, or where the robot brakes without a plan.
+        """
+        first, count = command.sequence.first, max(command.sequence.count, len(command.levels))
+        if "braking" in command.events:
+            return {}
+        if count == 1:
+            return {first: 1.0}
+        controls, edges = [], self.controller.edges(command.time)[:2]
+        for stage in range(first, first + count):
+            entered = command.sequence.entered if stage == first else command.time
+            plan, usable = self._plan(_alone(stage, entered), command)
+            if not usable:
+                return {}
+            controls.append(plan.mean_control(edges)[0])
+        u = np.array(controls)
+        if np.ptp(u, axis=0).max() < DISTINCT:
+            return {}
+        weights = nearest_combination(u, command.plan.mean_control(edges)[0])
+        return dict(enumerate(map(float, weights), start=first))
+
+    def _plan(self, sequence: MovingSequence, command: Command) -> tuple[Plan, bool]:
+        """Return the plan of the window over a sequence, and whether it is a solution or its last plan, shifted."""
+        key = (sequence.first, sequence.last)
+        before = self._last.get(key)
+        if before is None or before.time < command.time:
+            self._last[key] = before = self._solve(sequence, command, before)
+        return before.plan, before.usable
+
+    def _solve(self, sequence: MovingSequence, command: Command, before: Counterfactual | None) -> Counterfactual:
+        controller, x, prediction = self.controller, command.x, command.prediction
+        if before is not None:
+            prediction = shift(before.plan, command.time, controller.spec.horizon, x)
+        previous = None if before is None else before.solution
+        window = controller.window(sequence, prediction, x, previous or command.solution)
+        guess = replace(prediction, instants=sequence.instants)
+        solution = controller.solver.solve(_on_mesh_of(command.solution.window, window), guess, previous)
+        usable = solution.outcome.usable
+        return Counterfactual(command.time, solution.plan if usable else prediction, usable, solution)
+
+
+def _alone(stage: int, entered: float) -> MovingSequence:
+    return MovingSequence(stage, np.zeros(0), entered)
+
+
+def _on_mesh_of(applied: Window, window: Window) -> Window:
+    """Return a window with the nodes of the applied one in all stages that end in both.
+
+    What a stage adds to a control is to be seen, not what a finer mesh does.
     """
-    found = {}
-    for index, instant in enumerate(command.instants, start=command.sequence.first):
-        if instant <= ticks.time[-1] + SHORTEST:
-            x = state_at(ticks.time, ticks.X, float(instant))
-            found[index] = experiment.costs.end_error(experiment.stages[index], x)
-    return found
+    counts = {stage.index: N for stage, N in zip(applied.stages, applied.nodes, strict=True)}
+    ending = zip(window.stages[:-1], window.nodes, strict=False)
+    return replace(window, nodes=(*(counts.get(stage.index, N) for stage, N in ending), window.nodes[-1]))
+
+
+def closeness(applied: np.ndarray, without: np.ndarray, own: np.ndarray) -> float:
+    """Compute how far the applied control has come from the one without a stage towards the stage's own optimum.
+
+    0 where it is as far from the own optimum as without the stage, 1 where it is the own optimum, negative where it
+    is farther away than without the stage; never more than what the stage adds over the distance of the two. Paper
+    section III-E, made a number.
+
+    Args:
+        applied: Control of the window's solution in the onset coordinates [m/s^2, rad/s^2].
+        without: Control of the window without the stage.
+        own: Control of the window over the stage alone.
+    """
+    distance = float(np.linalg.norm(without - own))
+    return (distance - float(np.linalg.norm(applied - own))) / max(distance, DISTINCT)
+
+
+def nearest_combination(u: np.ndarray, applied: np.ndarray) -> np.ndarray:
+    """Compute the weights (S,) of the convex combination of controls u (S, n) that is nearest to the applied one (n,).
+
+    With differences D = (u - applied)', nonnegative w that minimize |D w|^2 + (sum w - 1)^2 are a multiple of the
+    weights: for w = s c with sum c = 1 the minimum over s is d^2 / (1 + d^2), d = |D c|, which rises with d.
+    """
+    differences = (u - applied).T
+    scale = max(float(np.linalg.norm(differences, axis=0).max()), DISTINCT)
+    found, _ = nnls(np.vstack([differences / scale, np.ones(len(u))]), np.r_[np.zeros(len(applied)), 1.0])
+    return np.asarray(found / found.sum())
 
 
 class StageClock:
@@ -140,22 +243,18 @@ class StageClock:
     that never does so before its time starts at the switch time that ends the stage before it.
     """
 
-    def __init__(self, stages: int, epsilon: float, series: tuple[float, ...]) -> None:
-        self.thresholds = np.array([*series, epsilon])
+    def __init__(self, stages: int, onset: OnsetSpec) -> None:
+        self.thresholds = np.array([*onset.series, onset.epsilon])
         self.switch_time = np.full(stages, np.nan)
         self._early = np.full((stages, len(self.thresholds)), np.nan)
 
     def update(self, sample: Sample) -> bool:
         """Take in a sample; return whether anything changed."""
-        return self.note(sample.command.time, sample.command.switches, sample.metrics.presence)
-
-    def note(self, time: float, switches: tuple[Switch, ...], presence: Mapping[int, float]) -> bool:
-        """Take in the stages that ended and the presences at a sample [s]; return whether anything changed."""
-        self.end(switches)
-        changed = bool(switches)
-        for stage, found in presence.items():
+        self.end(sample.command.switches)
+        changed = bool(sample.command.switches)
+        for stage, found in sample.metrics.presence.items():
             starts = (found >= self.thresholds) & np.isnan(self._early[stage])
-            self._early[stage, starts] = time
+            self._early[stage, starts] = sample.command.time
             changed |= bool(starts.any())
         return changed
 

@@ -1,15 +1,22 @@
-"""Replay: one horizon of a run, its window and guess rebuilt from the log alone and solved again."""
+"""From a log alone: one horizon solved again (replay), the run repeated (rerun), an unfinished run completed."""
 
+import os
 import re
 from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 
+from psmpc_cli import __version__
 from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.logs.comparison import Comparison, compare_logs
 from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.schema import Sample
+from psmpc_cli.logs.write import claimed
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.window import Window
-from psmpc_cli.simulation.setup import Experiment, build_experiment
+from psmpc_cli.simulation.run import Experiment, Watch, build_experiment, simulate
 from psmpc_cli.solvers import Outcome, Solution, build_solver
 from psmpc_cli.specs.load import Task, parse_task
 
@@ -210,3 +217,93 @@ def _remarks(log: Run, experiment: Experiment, sample: int) -> list[str]:
     if experiment.task.solver.deadline is not None:
         found.append("solves of the run had a deadline, this one has none")
     return found
+
+
+def rerun(log: Run, path: Path, force: bool = False, watch: Watch = lambda sample: None) -> Comparison | None:
+    """Repeat a run, up to where its log ends, and compare every dataset but the wall times; None if interrupted.
+
+    Raises:
+        LogError: The log holds no samples, or does not describe a run of this version.
+        InputError: The new log exists already or cannot be written.
+        RunError: It could not be written any further.
+    """
+    ended, samples = not log.interrupted, len(log.time)
+    if not samples:
+        raise LogError(f"{log.path}: holds no samples, so there is nothing to compare a run with")
+    reason = str(log.attributes["end_reason"])
+
+    def watch_samples(sample: Sample) -> None:
+        watch(sample)
+        if not ended and sample.number + 1 == samples:
+            raise KeyboardInterrupt(reason or "as far as the log goes")
+
+    again = simulate(log.task, path, watch_samples, force)
+    if again.interrupted and (ended or len(again.time) < samples):
+        return None
+    # a killed run has judged no monitor, and may have noted no switch of its last sample
+    return compare_logs(log.path, path, None if ended else samples, () if reason else ("stages/", "monitors/"))
+
+
+def continue_run(log: Run, path: Path | None = None, watch: Watch = lambda sample: None) -> Comparison | None:
+    """Run the task of an unfinished log again from its beginning, to the end; None if interrupted.
+
+    Every row that the log holds is compared with the new one, wall times left out. Where all are equal the new log
+    takes the place of the old one in one step; where they are not, or if interrupted, the old one stays as it is.
+
+    Args:
+        log: The log.
+        path: Where the new log goes; the old one's place by default.
+        watch: Called with each sample.
+
+    Raises:
+        LogError: The run has ended, or the log does not describe a run of this version.
+        InputError: The new log cannot be written, or the run still goes on.
+        RunError: The new log could not be written any further.
+    """
+    ensure_unfinished(log)
+    if claimed(log.path):
+        raise InputError(f"{log.path} cannot be continued: its run still goes on")
+    target = log.path.resolve()
+    new = path or target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        again = simulate(log.task, new, watch)
+        if again.interrupted:
+            return None
+        comparison = compare_logs(log.path, new, len(log.time), ("stages/", "monitors/", "final/"))
+        if path is None and not comparison.differences:
+            os.replace(new, target)
+        return comparison
+    finally:
+        if path is None:
+            new.unlink(missing_ok=True)
+
+
+def ensure_unfinished(log: Run) -> None:
+    """Make sure that there is something to continue.
+
+    Raises:
+        LogError: The run has ended.
+    """
+    if not log.interrupted:
+        raise LogError(
+            f"{log.path}: this run has ended ({log.attributes['end_reason']}), so there is nothing to continue"
+        )
+
+
+def unequal_conditions(log: Run) -> tuple[str, ...]:
+    """Return what makes it pointless to expect equal numbers: other versions, several threads, a deadline."""
+    here = {
+        "psmpc_version": __version__,
+        "casadi_version": version("casadi"),
+        "numpy_version": np.__version__,
+    }
+    found = [
+        f"{name.removesuffix('_version')} {log.attributes.get(name, 'unknown')} wrote the log, this is {running}"
+        for name, running in here.items()
+        if str(log.attributes.get(name)) != running
+    ]
+    if os.environ.get("OMP_NUM_THREADS") != "1" and (os.cpu_count() or 1) > 1:
+        found.append("OMP_NUM_THREADS is not 1: sums over several threads may be rounded otherwise")
+    if (deadline := log.task.spec.solver.deadline) is not None:
+        found.append(f"solves have a deadline of {deadline:g} s: how far they come depends on the machine")
+    return tuple(found)

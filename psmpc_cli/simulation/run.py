@@ -1,35 +1,260 @@
-"""One run from a task to its log: the closed loop, its log, and who watches it."""
+"""One run: the experiment that a task describes, its closed loop, and its log."""
 
 import logging
 import os
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from psmpc_cli import __version__
-from psmpc_cli.control.controller import priorities_in_force
-from psmpc_cli.errors import InputError, LogError, RunError
-from psmpc_cli.logs.comparison import Comparison, compare_logs
-from psmpc_cli.logs.run import Run, arrays_in, read_run, run_in
-from psmpc_cli.logs.schema import AXES, MOMENTUM, Sample
+from psmpc_cli.control.controller import Command, Controller, State, priorities_in_force
+from psmpc_cli.control.sequence import Switch
+from psmpc_cli.errors import RunError
+from psmpc_cli.logs.run import Run, read_run, run_in
+from psmpc_cli.logs.schema import MOMENTUM, Sample
 from psmpc_cli.logs.summary import verdicts
-from psmpc_cli.logs.write import Header, LogWriter, claimed
-from psmpc_cli.ocp.problem import Stage
-from psmpc_cli.robot.bodies import body_names
-from psmpc_cli.simulation.loop import Ending, closed_loop
-from psmpc_cli.simulation.measures import StageClock
-from psmpc_cli.simulation.setup import Experiment, build_experiment
-from psmpc_cli.specs.coordinates import labels
+from psmpc_cli.logs.write import Header, LogWriter
+from psmpc_cli.native.functions import FLAGS, source_of
+from psmpc_cli.native.library import library
+from psmpc_cli.ocp.objective import StageShape, stage_functions
+from psmpc_cli.ocp.problem import Problem, Stage, StageCosts, build_problem
+from psmpc_cli.plant import Plant, Ticks, build_plant, ticks_of
+from psmpc_cli.plant.rk4 import tick_function
+from psmpc_cli.plant.uncertainty import Uncertainty, disturbs
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.simulation.measures import Counterfactuals, Meter, StageClock
+from psmpc_cli.solvers.quadratic import kernel_library
+from psmpc_cli.specs.coordinates import labels, stack
 from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.task import TaskSpec
 
 logger = logging.getLogger(__name__)
 
 Watch = Callable[[Sample], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """Everything one run needs. Controller, counterfactuals and plant hold state: build a new experiment for every run.
+
+    Attributes:
+        problem: The task made computable.
+        controller: Its controller.
+        counterfactuals: Solves what is measured alone.
+        plant: The physics.
+        uncertainty: What the controller does not know; None without any.
+        x0: Initial state (2n,).
+        compiled: Solver and plant run as compiled C.
+    """
+
+    problem: Problem
+    controller: Controller
+    counterfactuals: Counterfactuals
+    plant: Plant
+    uncertainty: Uncertainty | None
+    x0: np.ndarray
+    compiled: bool
+
+    @property
+    def loaded(self) -> Task:
+        """The task with its robot and their texts."""
+        return self.problem.task
+
+    @property
+    def task(self) -> TaskSpec:
+        """The task."""
+        return self.problem.spec
+
+    @property
+    def model(self) -> RobotModel:
+        """The robot."""
+        return self.problem.model
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """The stages."""
+        return self.problem.stages
+
+    @property
+    def costs(self) -> StageCosts:
+        """Errors, costs and end conditions of the stages on arrays."""
+        return self.problem.costs
+
+
+def build_experiment(loaded: Task) -> Experiment:
+    """Return the experiment a task describes."""
+    problem = build_problem(loaded)
+    task, model = problem.spec, problem.model
+    compiled, controller = compile_for(task, model, problem.stages), Controller(problem)
+    uncertainty = Uncertainty(task, model) if task.uncertainty.in_force else None
+    resistance = None if uncertainty is None else uncertainty.resistance
+    Qdot = stack(task.initial_velocity, loaded.robot, "joint") if task.initial_velocity else np.zeros(model.n)
+    return Experiment(
+        problem=problem,
+        controller=controller,
+        counterfactuals=Counterfactuals(controller),
+        plant=build_plant(task.plant, model, compiled, resistance),
+        uncertainty=uncertainty,
+        x0=np.r_[stack(task.initial, loaded.robot, "joint"), Qdot],
+        compiled=compiled,
+    )
+
+
+def converging(loaded: Task) -> Task:
+    """Return the task with a solver that solves each window to its optimum, however long that takes.
+
+    What is asked of single windows, such as a front, is about their optima; in closed loop one iteration a sample is
+    enough because the next sample goes on from there.
+    """
+    solver = loaded.spec.solver
+    kind = "fatrop" if solver.kind == "sqp" else solver.kind
+    solver = solver.model_copy(update={"kind": kind, "deadline": None})
+    return replace(loaded, spec=loaded.spec.model_copy(update={"solver": solver}))
+
+
+def compile_for(task: TaskSpec, model: RobotModel, stages: Sequence[Stage]) -> bool:
+    """Compile what a run of the task needs and is not in the cache, several libraries at once.
+
+    Returns:
+        Whether the run uses compiled code: the task allows it, needs some, and all of it could be made.
+    """
+    if not task.solver.compiled:
+        return False
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        made = list(threads.map(lambda make: make(), _libraries(task, model, stages)))
+    return bool(made) and all(path is not None for path in made)
+
+
+def _libraries(task: TaskSpec, model: RobotModel, stages: Sequence[Stage]) -> Iterator[Callable[[], Path | None]]:
+    """Give functions that make what windows and plant need, whichever stages are in a window."""
+    if task.solver.kind == "sqp":
+        for space in sorted({stage.space for stage in stages}):
+            functions = stage_functions(model, StageShape(space))
+            yield from (_library_of(functions.gauss_newton), _library_of(functions.state_cost))
+        for switches in range(len(stages)):
+            yield partial(kernel_library, model.n, switches)
+    if task.plant.kind == "rk4":
+        tick, substeps = ticks_of(task.plant)
+        yield _library_of(tick_function(model, tick, substeps, disturbs(task)))
+
+
+def _library_of(function: ca.Function) -> Callable[[], Path | None]:
+    """Return what compiles a function; its source is written here, because CasADi is not thread-safe."""
+    return partial(library, source_of(function), function.name(), FLAGS)
+
+
+BOUND = 1e9
+"""Coordinates, rates and forces beyond it are those of a motion that diverged, in any unit of the SI."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ending:
+    """How a run ended.
+
+    Attributes:
+        completed: The last stage met its end condition.
+        reason: Why the run stopped.
+        time: When [s].
+        x: In which state, as the controller saw it (2n,).
+        true: In which state it was (2n,).
+        switches: Stages that ended since the last sample, the last stage among them.
+        stuck: The run could not go on.
+    """
+
+    completed: bool
+    reason: str
+    time: float
+    x: np.ndarray
+    true: np.ndarray
+    switches: tuple[Switch, ...] = ()
+    stuck: bool = False
+
+
+def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[Sample, None, Ending]:
+    """Run the closed loop of an experiment, which is built for this run, and return how it ended.
+
+    Args:
+        experiment: The experiment.
+        until: Index of the stage at whose end the loop stops; by default that of the task.
+    """
+    controller, plant, uncertainty = experiment.controller, experiment.plant, experiment.uncertainty
+    meter = Meter(experiment.counterfactuals, uncertainty, experiment.x0)
+    x, braking_until, number, stage, link = experiment.x0, np.inf, 0, 0, _Link(experiment.task, experiment.x0)
+    while True:
+        now = number * controller.spec.sample_time
+        seen = link.measured(x if uncertainty is None else uncertainty.measured(number, x))
+        command = controller.step(now, State.of(seen))
+        if (ending := _ending(experiment, command, x, braking_until)) is not None:
+            return ending
+        if any(switch.stage == until for switch in command.switches):
+            return Ending(False, "stopped at the end of a stage", now, command.x, x, command.switches)
+        braking_until = command.plan.end if "braking" in command.events else np.inf
+        before, stage, u, contact = stage, command.sequence.first, link.commanded(command.u), None
+        if uncertainty is None:
+            ticks = plant.advance(now, x, u)
+        else:
+            contact = uncertainty.contact(x, before, stage)
+            ticks = uncertainty.advance(plant, number, now, contact.x, u, stage)
+        if not _is_bounded(ticks):
+            why = "the motion diverged, faster than it can be simulated"
+            return Ending(False, why, now, command.x, x, command.switches, stuck=True)
+        yield meter.measure(command, ticks, x, u, contact)
+        x, number = ticks.X[-1], number + 1
+
+
+class _Link:
+    """The delays between controller and robot.
+
+    Time is that at which a control acts. The controller knows of c samples: what it decides at sample k was measured at
+    k - c. The rest of the delay it does not know of: controls reach the robot late by so many samples.
+    """
+
+    def __init__(self, task: TaskSpec, x0: np.ndarray) -> None:
+        """Start with a robot that drifts into its initial state, and with controls under way that are zero."""
+        n = len(x0) // 2
+        known, drift = task.controller.known_delay, task.controller.sample_time * np.r_[x0[n:], np.zeros(n)]
+        none = np.zeros((round(task.controller.sample_time * task.plant.low_level_rate), n))
+        self._measured: deque[np.ndarray] = deque(x0 - back * drift for back in range(known, 0, -1))
+        self._commanded: deque[np.ndarray] = deque([none] * (task.uncertainty.delay - known))
+
+    def measured(self, x: np.ndarray) -> np.ndarray:
+        """Return the state that reaches the controller where x (2n,) is measured now."""
+        self._measured.append(x)
+        return self._measured.popleft()
+
+    def commanded(self, u: np.ndarray) -> np.ndarray:
+        """Return the accelerations (M, n) that reach the robot where u (M, n) are commanded now."""
+        self._commanded.append(u)
+        return self._commanded.popleft()
+
+
+def _is_bounded(ticks: Ticks) -> bool:
+    """Tell whether a motion can be simulated and logged: numbers that are finite, and whose squares have a meaning."""
+    return bool(np.abs(ticks.X).max() < BOUND and np.abs(ticks.F).max() < BOUND)
+
+
+def _ending(experiment: Experiment, command: Command, x: np.ndarray, braking_until: float) -> Ending | None:
+    """Return the ending if the run is over: last stage at its target, time limit, or at rest without a plan."""
+    now, seen, switches = command.time, command.x, command.switches
+    if experiment.controller.done:
+        return Ending(True, f"{experiment.stages[-1].name} met its end condition", now, seen, x, switches)
+    if now >= braking_until - 1e-9:
+        why = "the state was not measured" if "unmeasured" in command.events else "no window could be solved"
+        why = f"{why} and the plan was used up; the robot braked to rest"
+        return Ending(False, why, now, seen, x, switches, stuck=True)
+    if now >= experiment.task.time_limit - 1e-9:
+        return Ending(False, f"time limit of {experiment.task.time_limit:g} s reached", now, seen, x, switches)
+    return None
 
 
 def simulate(
@@ -65,8 +290,7 @@ def simulate(
 
 def _write(experiment: Experiment, writer: LogWriter, watch: Watch, until: int | None = None) -> None:
     """Write every sample of the closed loop and how it ended."""
-    onset, samples = experiment.task.onset, closed_loop(experiment, until)
-    clock = StageClock(len(experiment.stages), onset.epsilon, onset.series)
+    samples, clock = closed_loop(experiment, until), StageClock(len(experiment.stages), experiment.task.onset)
     try:
         writer.update(clock.tables)
         while True:
@@ -102,7 +326,7 @@ def _final(experiment: Experiment, ending: Ending) -> dict[str, ArrayLike]:
 
 def _verdicts(experiment: Experiment, writer: LogWriter) -> dict[str, ArrayLike]:
     """Return the verdicts of the task's monitors over the samples so far, by their paths in the log."""
-    found = verdicts(experiment.task.monitors, arrays_in(writer.file)) if experiment.task.monitors else ()
+    found = verdicts(experiment.task.monitors, run_in(writer.file).arrays) if experiment.task.monitors else ()
     return {"monitors/held": [v.held for v in found], "monitors/margin": [v.margin for v in found]}
 
 
@@ -127,15 +351,8 @@ def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
 
 def header(experiment: Experiment) -> Header:
     """Return what the log says of the run before it begins."""
-    task, loaded, draw = experiment.task, experiment.loaded, experiment.uncertainty.draw
+    task, loaded, uncertainty = experiment.task, experiment.loaded, experiment.uncertainty
     names = tuple(stage.name for stage in experiment.stages)
-    drawn: dict[str, ArrayLike] = {
-        "uncertainty/body": body_names(experiment.model.spec),
-        "uncertainty/axis": AXES,
-        "uncertainty/mass_factor": draw.mass_factor,
-        "uncertainty/inertia_factor": draw.inertia_factor,
-        "uncertainty/centre_of_mass": draw.offset,
-    }
     has = {
         "ticks": task.log.ticks,
         "plans": task.log.plans,
@@ -143,7 +360,7 @@ def header(experiment: Experiment) -> Header:
         "true state": not task.sees_the_state,
         "payload": task.uncertainty.payload is not None,
         "disturbance": task.controller.offset_free,
-        "drawn": task.uncertainty.in_force,
+        "drawn": uncertainty is not None,
     }
     return Header(
         attributes={
@@ -174,98 +391,7 @@ def header(experiment: Experiment) -> Header:
             "stages/name": names,
             "stages/priority": priorities_in_force(task.controller, experiment.stages),
             "monitors/name": tuple(monitor.name for monitor in task.monitors),
-            **(drawn if task.uncertainty.in_force else {}),
+            **({} if uncertainty is None else uncertainty.drawn),
         },
         has=frozenset(name for name, yes in has.items() if yes),
-        units={path: "1" for path in ("window/presence", "stages/epsilon") if task.onset.kind == "closeness"},
     )
-
-
-def rerun(log: Run, path: Path, force: bool = False, watch: Watch = lambda sample: None) -> Comparison | None:
-    """Repeat a run, up to where its log ends, and compare every dataset but the wall times; None if interrupted.
-
-    Raises:
-        LogError: The log holds no samples, or does not describe a run of this version.
-        InputError: The new log exists already or cannot be written.
-        RunError: It could not be written any further.
-    """
-    ended, samples = not log.interrupted, len(log.time)
-    if not samples:
-        raise LogError(f"{log.path}: holds no samples, so there is nothing to compare a run with")
-    reason = str(log.attributes["end_reason"])
-
-    def watch_samples(sample: Sample) -> None:
-        watch(sample)
-        if not ended and sample.number + 1 == samples:
-            raise KeyboardInterrupt(reason or "as far as the log goes")
-
-    again = simulate(log.task, path, watch_samples, force)
-    if again.interrupted and (ended or len(again.time) < samples):
-        return None
-    # a killed run has judged no monitor, and may have noted no switch of its last sample
-    return compare_logs(log.path, path, None if ended else samples, () if reason else ("stages/", "monitors/"))
-
-
-def continue_run(log: Run, path: Path | None = None, watch: Watch = lambda sample: None) -> Comparison | None:
-    """Run the task of an unfinished log again from its beginning, to the end; None if interrupted.
-
-    Every row that the log holds is compared with the new one, wall times left out. Where all are equal the new log
-    takes the place of the old one in one step; where they are not, or if interrupted, the old one stays as it is.
-
-    Args:
-        log: The log.
-        path: Where the new log goes; the old one's place by default.
-        watch: Called with each sample.
-
-    Raises:
-        LogError: The run has ended, or the log does not describe a run of this version.
-        InputError: The new log cannot be written, or the run still goes on.
-        RunError: The new log could not be written any further.
-    """
-    ensure_unfinished(log)
-    if claimed(log.path):
-        raise InputError(f"{log.path} cannot be continued: its run still goes on")
-    target = log.path.resolve()
-    new = path or target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        again = simulate(log.task, new, watch)
-        if again.interrupted:
-            return None
-        comparison = compare_logs(log.path, new, len(log.time), ("stages/", "monitors/", "final/"))
-        if path is None and not comparison.differences:
-            os.replace(new, target)
-        return comparison
-    finally:
-        if path is None:
-            new.unlink(missing_ok=True)
-
-
-def ensure_unfinished(log: Run) -> None:
-    """Make sure that there is something to continue.
-
-    Raises:
-        LogError: The run has ended.
-    """
-    if not log.interrupted:
-        raise LogError(
-            f"{log.path}: this run has ended ({log.attributes['end_reason']}), so there is nothing to continue"
-        )
-
-
-def unequal_conditions(log: Run) -> tuple[str, ...]:
-    """Return what makes it pointless to expect equal numbers: other versions, several threads, a deadline."""
-    here = {
-        "psmpc_version": __version__,
-        "casadi_version": version("casadi"),
-        "numpy_version": np.__version__,
-    }
-    found = [
-        f"{name.removesuffix('_version')} {log.attributes.get(name, 'unknown')} wrote the log, this is {running}"
-        for name, running in here.items()
-        if str(log.attributes.get(name)) != running
-    ]
-    if os.environ.get("OMP_NUM_THREADS") != "1" and (os.cpu_count() or 1) > 1:
-        found.append("OMP_NUM_THREADS is not 1: sums over several threads may be rounded otherwise")
-    if (deadline := log.task.spec.solver.deadline) is not None:
-        found.append(f"solves have a deadline of {deadline:g} s: how far they come depends on the machine")
-    return tuple(found)

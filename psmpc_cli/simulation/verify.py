@@ -13,7 +13,7 @@ from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant.adaptive import INSIDE, AdaptiveDynamics, Flow
 from psmpc_cli.simulation.measures import state_at
 from psmpc_cli.simulation.replay import logged_solve
-from psmpc_cli.simulation.setup import Experiment, build_experiment
+from psmpc_cli.simulation.run import Experiment, build_experiment
 
 Vector = np.ndarray
 
@@ -171,9 +171,7 @@ class _Verifier:
     def _note_limits(self, peaks: Peaks, sample: int, stage: Stage, flow: Flow, part: slice) -> None:
         """Note by how much more than at the measured state a limit is violated: the horizon leaves that state free."""
         n, limits = self._experiment.model.n, stage.limits
-        low = np.concatenate([limits.position_low, limits.velocity_low])
-        high = np.concatenate([limits.position_high, limits.velocity_high])
-        beyond = np.maximum(np.maximum(low - flow.X, flow.X - high), 0.0)
+        beyond = np.maximum(np.maximum(limits.state_low - flow.X, flow.X - limits.state_high), 0.0)
         if peaks is self._horizons:
             beyond = np.maximum(beyond - beyond[0], 0.0)
         self._note(peaks, "position limit", sample, beyond[part, :n], flow.times[part])

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,16 @@ class Limits:
     velocity_high: Vector
     acceleration_low: Vector
     acceleration_high: Vector
+
+    @cached_property
+    def state_low(self) -> Vector:
+        """Lower bounds of [Q; Qdot] (2n,)."""
+        return np.concatenate([self.position_low, self.velocity_low])
+
+    @cached_property
+    def state_high(self) -> Vector:
+        """Upper bounds of [Q; Qdot] (2n,)."""
+        return np.concatenate([self.position_high, self.velocity_high])
 
 
 def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits]) -> Limits:

@@ -18,7 +18,7 @@ from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import SHORTEST, Window, normalization
 from psmpc_cli.simulation.replay import logged_solve
-from psmpc_cli.simulation.setup import Experiment, build_experiment, converging
+from psmpc_cli.simulation.run import Experiment, build_experiment, converging
 from psmpc_cli.solvers import build_solver
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.compare import run_variants

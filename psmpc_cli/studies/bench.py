@@ -17,8 +17,7 @@ from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.simulation.loop import closed_loop
-from psmpc_cli.simulation.setup import Experiment, build_experiment
+from psmpc_cli.simulation.run import Experiment, build_experiment, closed_loop
 from psmpc_cli.solvers import NlpSolver, Outcome, Solution, Solver, build_solver
 from psmpc_cli.specs.load import Task, load_task
 

@@ -17,8 +17,7 @@ from psmpc_cli.logs.schema import PARETO
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.window import SHORTEST, Window
 from psmpc_cli.simulation.replay import logged_solve
-from psmpc_cli.simulation.run import header
-from psmpc_cli.simulation.setup import build_experiment, converging
+from psmpc_cli.simulation.run import build_experiment, converging, header
 from psmpc_cli.solvers import NlpSolver, Solution
 from psmpc_cli.studies.fronts import (
     CONSTRAINED,

@@ -185,18 +185,19 @@ def run_study(
     began, progress = time.monotonic(), Progress(len(needed), 0, 0, 0.0)
     watch(progress)
     run = partial(_run_cell, study.task, study.measure, study.stop)
-    with ResultsWriter(path) as writer:
-        for number, found in compute(run, [study.cells[cell] for cell in needed], jobs, dask):
-            outcome = CellOutcome({}, LOST, np.nan) if found is None else found
-            alike = np.flatnonzero(origins == needed[number])
-            for cell in alike:
-                index = tuple(map(int, np.unravel_index(cell, status.values.shape)))
-                writer.write(index, study.entry(outcome, int(cell), int(needed[number])))
-            elapsed = time.monotonic() - began
-            writer.write((), {"wall_time": spent + elapsed})
-            failed = progress.failed + len(alike) * bool(outcome.failure)
-            progress = Progress(len(needed), progress.ended + 1, failed, elapsed)
-            watch(progress)
+    writer = ResultsWriter(read_results(path, study.kind))
+    for number, found in compute(run, [study.cells[cell] for cell in needed], jobs, dask):
+        outcome = CellOutcome({}, LOST, np.nan) if found is None else found
+        alike = np.flatnonzero(origins == needed[number])
+        for cell in alike:
+            index = tuple(map(int, np.unravel_index(cell, status.values.shape)))
+            writer.fill(index, study.entry(outcome, int(cell), int(needed[number])))
+        elapsed = time.monotonic() - began
+        writer.fill((), {"wall_time": spent + elapsed})
+        writer.write()
+        failed = progress.failed + len(alike) * bool(outcome.failure)
+        progress = Progress(len(needed), progress.ended + 1, failed, elapsed)
+        watch(progress)
     return read_results(path, study.kind)
 
 

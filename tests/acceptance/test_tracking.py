@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.logs.schema import Sample
-from psmpc_cli.simulation.loop import closed_loop
-from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.simulation.run import Experiment, closed_loop
 
 COARSE = ("controller.nodes=12", "plant.kind=ideal", "log.plans=false")
 

@@ -125,7 +125,7 @@ def test_pareto_fronts_are_a_table_a_file_and_figures(psmpc: Psmpc) -> None:
     assert psmpc("show", str(path)).stdout.splitlines() == ran.stdout.splitlines()[:-1]
     assert psmpc("plot", str(path), "-o", "again", "--format", "svg").stdout == "again/front.svg\n"
     assert "pareto" in psmpc("plot", str(path), "--animate").stderr
-    assert read_run(Path("run.h5")).plans
+    assert read_run(Path("run.h5")).has_plans
     assert psmpc("pareto", "run.h5", *quick, "--no-figures", "-o", "again.h5", "-q") == Ran(0, "", "")
     again, first = read_results(Path("again.h5"), PARETO), read_results(path, PARETO)
     assert (again["weighted_J_1"] == first["weighted_J_1"]).all()

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from psmpc_cli.logs.write import LogWriter
-from psmpc_cli.simulation.run import header
-from psmpc_cli.simulation.setup import build_experiment
+from psmpc_cli.simulation.run import build_experiment, header
 from psmpc_cli.specs.load import load_task
 
 from ..made_up_fronts import made_up_fronts

@@ -9,9 +9,8 @@ from psmpc_cli.control import Controller
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window
-from psmpc_cli.simulation.counterfactual import Counterfactuals
-from psmpc_cli.simulation.loop import Ending, closed_loop
-from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.simulation.measures import Counterfactuals
+from psmpc_cli.simulation.run import Ending, Experiment, closed_loop
 from psmpc_cli.solvers import Outcome, Solution, Solver
 
 QUICK = ("controller.nodes=8", "plant.kind=ideal", "log.plans=false", "log.shares=false")

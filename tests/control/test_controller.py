@@ -8,9 +8,7 @@ import yaml
 from psmpc_cli.control import Command, Controller, State
 from psmpc_cli.errors import RunError
 from psmpc_cli.robot.model import build_model
-from psmpc_cli.simulation.loop import closed_loop
-from psmpc_cli.simulation.run import simulate
-from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.simulation.run import Experiment, closed_loop, simulate
 from psmpc_cli.specs.load import Task, load_task
 
 from ..there_and_back import TASK

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.control.estimator import Estimator
+from psmpc_cli.control.controller import Estimator
 from psmpc_cli.specs.load import load_task
 
 T, TICKS = 0.1, 5

@@ -8,8 +8,7 @@ import pytest
 
 from psmpc_cli.control import Command
 from psmpc_cli.logs.schema import Sample
-from psmpc_cli.simulation.loop import Ending
-from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.simulation.run import Ending, Experiment
 from psmpc_cli.solvers import Solver
 
 from .runs import SHORT, run

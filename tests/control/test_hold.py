@@ -9,7 +9,7 @@ import pytest
 from psmpc_cli.control.sequence import MovingSequence, detect, drop_met
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Stage, StageCosts
-from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.simulation.run import Experiment
 
 from .runs import SHORT, run
 

@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from psmpc_cli.simulation.loop import closed_loop
-from psmpc_cli.simulation.run import simulate
-from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.simulation.run import Experiment, closed_loop, simulate
 from psmpc_cli.specs.load import load_task
 
 from .runs import SHORT, run, states

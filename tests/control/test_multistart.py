@@ -12,8 +12,7 @@ from psmpc_cli.control import Command
 from psmpc_cli.control.multistart import even_shares, multistart_for, solve_from_several
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window
-from psmpc_cli.simulation.loop import closed_loop
-from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.simulation.run import Experiment, closed_loop
 from psmpc_cli.solvers import Outcome, Solution, Solver
 from psmpc_cli.specs.task import ControllerSpec
 

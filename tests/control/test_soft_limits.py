@@ -7,7 +7,7 @@ import pytest
 
 from psmpc_cli.control import State
 from psmpc_cli.ocp.window import own_violations
-from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.simulation.run import Experiment
 
 from .runs import run
 

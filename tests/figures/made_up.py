@@ -51,7 +51,7 @@ class Story:
 
 def write_story(path: Path, story: Story) -> Path:
     """Write the log of a story."""
-    loaded = parse_task(story.task, story.robot, "made up")
+    loaded = parse_task(story.task, story.robot, "transport")
     model = build_model(loaded.robot)
     with LogWriter(path, _header(loaded, story)) as log:
         for time in np.arange(0.0, min(story.ends[-1] - 1e-9, story.last), story.sample):
@@ -75,6 +75,7 @@ def _header(loaded: Task, story: Story) -> Header:
         "task_name": "transport",
         "task_yaml": story.task,
         "robot_yaml": story.robot,
+        "digest": loaded.digest,
     }
     names = tuple(stage.name for stage in loaded.spec.stages)
     return Header(

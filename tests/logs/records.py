@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from psmpc_cli.logs.schema import AXES, MOMENTUM, SCHEMA
+from psmpc_cli.logs.schema import MOMENTUM, SCHEMA
 from psmpc_cli.logs.write import Header
 
 COORDINATES, POSES, STAGES = ("base.x", "base.y", "arm_1.1"), ("base.x", "base.y", "base.theta"), ("a", "b", "c", "d")
@@ -24,7 +24,7 @@ HEADER = Header(
         "stages/priority": (1.0, 100.0, 1.0, 0.01),
         "monitors/name": ("object held", "größte Geschwindigkeit"),
         "uncertainty/body": ("base",),
-        "uncertainty/axis": AXES,
+        "uncertainty/axis": ("x", "y"),
     },
     has=frozenset({"ticks", "plans"}),
 )

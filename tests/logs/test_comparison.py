@@ -51,10 +51,9 @@ def test_every_log_comes_back_as_it_was_and_in_order(merged: Path, logs: dict[st
     for name, log in found.items():
         alone = read_run(logs[name])
         assert {**log.attributes} == {**alone.attributes}
-        for part in ("columns", "stages", "final", "monitors", "ticks"):
-            assert getattr(log, part).keys() == getattr(alone, part).keys()
-            for path, values in getattr(alone, part).items():
-                np.testing.assert_array_equal(getattr(log, part)[path], values)
+        assert log.arrays.keys() == alone.arrays.keys()
+        for path, values in alone.arrays.items():
+            np.testing.assert_array_equal(log[path], values)
 
 
 def test_every_dataset_keeps_its_dimensions_and_attributes(merged: Path, logs: dict[str, Path]) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.logs.results import TEXT_LENGTH, Quantity, ResultsWriter, create_results, read_results
+from psmpc_cli.logs.results import Quantity, ResultsWriter, create_results, read_results
 from psmpc_cli.logs.schema import PARETO, SWEEP
 
 QUANTITIES = (
@@ -42,30 +42,16 @@ def test_what_was_written_is_read_back_with_names_units_and_meanings(path: Path)
 
 
 def test_a_cell_is_filled_in_and_no_other(path: Path) -> None:
-    with ResultsWriter(path) as writer:
-        writer.write((1, 2), {"start": 6.1, "status": 1, "reason": "because of ü"})
-        writer.write((), {"spent": 3.5})
+    writer, reason = ResultsWriter(read_results(path, SWEEP)), "because of ü" * 100
+    writer.fill((1, 2), {"start": 6.1, "status": 1, "reason": reason})
+    writer.fill((), {"spent": 3.5})
+    writer.write()
     results = read_results(path, SWEEP)
     assert results["start"][1, 2] == 6.1
-    assert results["reason"][1, 2] == "because of ü"
+    assert results["reason"][1, 2] == reason
     assert results["spent"] == 3.5
     assert np.count_nonzero(results["status"]) == 1
     assert np.isnan(results["start"]).sum() == 5
-
-
-def test_a_cell_is_in_the_file_as_soon_as_it_is_written(path: Path) -> None:
-    with ResultsWriter(path) as writer:
-        writer.write((0, 0), {"start": 7.8})
-        assert read_results(path, SWEEP)["start"][0, 0] == 7.8
-
-
-def test_a_long_text_is_cut_at_a_whole_character(path: Path) -> None:
-    with ResultsWriter(path) as writer:
-        writer.write((0, 0), {"reason": "ü" * TEXT_LENGTH})
-        writer.write((0, 1), {"reason": "x" + "ü" * TEXT_LENGTH})
-    reasons = read_results(path, SWEEP)["reason"][0]
-    assert reasons[0] == "ü" * (TEXT_LENGTH // 2)
-    assert reasons[1] == "x" + "ü" * (TEXT_LENGTH // 2 - 1)
 
 
 def test_an_existing_file_is_not_overwritten_unasked(path: Path) -> None:

@@ -14,8 +14,7 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.summary import Arrays, Verdict, signal, variation, verdicts
 from psmpc_cli.logs.write import LogWriter
-from psmpc_cli.simulation.run import header, simulate
-from psmpc_cli.simulation.setup import build_experiment
+from psmpc_cli.simulation.run import build_experiment, header, simulate
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.task import MonitorSpec
 
@@ -121,7 +120,7 @@ def test_without_limits_there_is_no_tightest_one(log: Run) -> None:
 
 def test_a_broken_monitor_fails_the_mission(log: Run) -> None:
     opened = log["pose/xi"].copy()
-    opened[10:, log.pose_coordinates.index("arm_1.x")] += 1.0
+    opened[10:, log["pose_coordinate"].tolist().index("arm_1.x")] += 1.0
     done = replace(log, attributes={**log.attributes, "finished": True})
     for xi, succeeded in ((log["pose/xi"], True), (opened, False)):
         summary = changed(done, window_first=2, pose_xi=xi).summary()
@@ -131,9 +130,9 @@ def test_a_broken_monitor_fails_the_mission(log: Run) -> None:
 
 def test_grippers_are_measured_when_a_stage_ends(log: Run) -> None:
     xi = np.zeros_like(log["pose/xi"])
-    xi[:, log.pose_coordinates.index("arm_1.x")] = log.time
+    xi[:, log["pose_coordinate"].tolist().index("arm_1.x")] = log.time
     final = np.zeros(9)
-    final[log.pose_coordinates.index("arm_1.x")] = log.final["time"]
+    final[log["pose_coordinate"].tolist().index("arm_1.x")] = log.final["time"]
     ends = np.array([0.55, 1.0, 2.0, np.nan])
     summary = changed(log, pose_xi=xi, stages_switch_time=ends, final_xi=final).summary()
     np.testing.assert_allclose(summary.distances, [0.55, 1.0, 2.0, np.nan])

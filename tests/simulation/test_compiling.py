@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.logs.schema import Sample
-from psmpc_cli.simulation.loop import closed_loop
-from psmpc_cli.simulation.run import header
-from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.simulation.run import Experiment, closed_loop, header
 
 COARSE = ("controller.nodes=10", "solver.kind=sqp", "log.shares=false")
 

@@ -13,8 +13,8 @@ from psmpc_cli.logs.comparison import compare_logs
 from psmpc_cli.logs.run import read_run
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.logs.write import LogWriter
-from psmpc_cli.simulation.run import continue_run, header, rerun, unequal_conditions
-from psmpc_cli.simulation.setup import build_experiment
+from psmpc_cli.simulation.replay import continue_run, rerun, unequal_conditions
+from psmpc_cli.simulation.run import build_experiment, header
 
 from .logged import there_and_back
 
@@ -38,11 +38,12 @@ def test_an_interrupted_run_is_completed(tmp_path: Path, changes: tuple[str, ...
 
 
 KILLED = """
-import os, signal, sys
+import os, signal, sys, time
 from pathlib import Path
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
 def watch(sample):
+    time.sleep(0.2)
     if sample.number == 4:
         os.kill(os.getpid(), signal.SIGKILL)
 simulate(load_task(sys.argv[1]), Path(sys.argv[2]), watch=watch)
@@ -53,7 +54,8 @@ def test_a_killed_run_is_completed(tmp_path: Path) -> None:
     whole, path = there_and_back(tmp_path), tmp_path / "killed.h5"
     assert subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "task.yaml"), str(path)]).returncode == -9
     log = read_run(path)
-    assert (log.attributes["end_reason"], len(log.time)) == ("", 5)
+    assert log.attributes["end_reason"] == ""
+    assert 0 < len(log.time) < 5
     assert continue_run(log) is not None
     assert compare_logs(whole.path, path).differences == ()
 

@@ -12,10 +12,8 @@ from hypothesis.extra.numpy import arrays
 
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.logs.write import LogWriter
-from psmpc_cli.simulation.counterfactual import DISTINCT, closeness, nearest_combination
-from psmpc_cli.simulation.loop import closed_loop
-from psmpc_cli.simulation.run import header
-from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.simulation.measures import DISTINCT, closeness, nearest_combination
+from psmpc_cli.simulation.run import Experiment, closed_loop, header
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.task import OnsetSpec
 

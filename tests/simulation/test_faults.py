@@ -14,8 +14,7 @@ from psmpc_cli.errors import RunError
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.simulation import run as running
-from psmpc_cli.simulation.run import simulate
-from psmpc_cli.simulation.setup import Experiment, build_experiment
+from psmpc_cli.simulation.run import Experiment, build_experiment, simulate
 from psmpc_cli.solvers.base import FEASIBLE
 from psmpc_cli.specs.load import Task, load_task
 
@@ -201,19 +200,6 @@ def test_a_stage_whose_end_is_out_of_reach_does_not_end_until_it_is_reached(faul
     if kind == "sqp":
         assert run.summary.failed_solves == 0
         assert log["events/postponed"][blow]
-
-
-def test_a_log_that_is_removed_ends_the_run(faulty: Start, tmp_path: Path) -> None:
-    log = tmp_path / "log.h5"
-
-    def remove(now: float, x: np.ndarray) -> np.ndarray:
-        if during(0.5, 1)(now):
-            log.unlink()
-        return x
-
-    with pytest.raises(RunError, match="was removed or replaced while the run went on"):
-        faulty(Fault(push=remove), path=log)
-    assert not log.exists()
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@ from collections.abc import Callable
 import pytest
 
 from psmpc_cli.simulation.gradient_audit import audit_gradients
-from psmpc_cli.simulation.setup import Experiment
+from psmpc_cli.simulation.run import Experiment
 
 pytestmark = pytest.mark.slow
 

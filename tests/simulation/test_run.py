@@ -1,5 +1,4 @@
 import logging
-import shutil
 import subprocess
 import sys
 import time
@@ -7,7 +6,6 @@ from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
@@ -111,7 +109,7 @@ def test_the_watcher_sees_every_sample(tmp_path: Path) -> None:
 
 def test_a_run_in_memory_is_the_one_in_its_log(tmp_path: Path) -> None:
     logged, run = simulate(coarse("time_limit=1"), tmp_path / "log.h5"), simulate(coarse("time_limit=1"))
-    for path, values in logged.columns.items():
+    for path, values in logged.arrays.items():
         if path != "solver/wall_time":
             np.testing.assert_array_equal(run[path], values)
     for mine, others in ((logged.final, run.final), (logged.stages, run.stages), (logged.monitors, run.monitors)):
@@ -171,43 +169,35 @@ def test_events_are_reported_to_who_asks(finished: Run, told: Kept) -> None:
 
 def test_a_run_whose_log_finds_no_room_ends_with_what_it_has(tmp_path: Path) -> None:
     path, seen = tmp_path / "log.h5", list[Sample]()
-    with files_of_at_most(2_000_000), pytest.raises(RunError, match="cannot be written any further") as refused:
-        simulate(coarse("log.ticks=true"), path, watch=seen.append)
-    log = read_run(path)
-    assert len(log.time) == len(seen) > 0
-    assert log.attributes["end_reason"] == str(refused.value)
-    assert log.summary().reason == str(refused.value)
-
-
-READ = "import h5py, sys; print(len(h5py.File(sys.argv[1])['time']))"
-
-
-def test_the_log_can_be_read_while_it_is_written(tmp_path: Path) -> None:
-    path, read = tmp_path / "log.h5", []
 
     def watch(sample: Sample) -> None:
-        if sample.command.time > 0.45:
-            read.append(subprocess.check_output([sys.executable, "-c", READ, str(path)], text=True))
-            raise KeyboardInterrupt
+        seen.append(sample)
+        time.sleep(0.1)
 
-    simulate(coarse(), path, watch=watch)
-    assert read == ["6\n"]
+    with files_of_at_most(500_000), pytest.raises(RunError, match="cannot be written any further"):
+        simulate(coarse("log.ticks=true"), path, watch)
+    log = read_run(path)
+    assert 0 < len(log.time) < len(seen)
+    assert log.interrupted
 
 
 RUN = """
-import sys
+import sys, time
 from pathlib import Path
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
-simulate(load_task("transport", sys.argv[2:]), Path(sys.argv[1]), watch=lambda progress: print("sample", flush=True))
+def watch(sample):
+    print("sample", flush=True)
+    time.sleep(0.05)
+simulate(load_task("transport", sys.argv[2:]), Path(sys.argv[1]), watch)
 """
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("samples", "delay", "plans"), [(0, 0.0, True), (1, 0.001, True), (13, 0.007, False), (50, 0.0233, True)]
-)
-def test_a_killed_run_leaves_every_sample_it_told_of(tmp_path: Path, samples: int, delay: float, plans: bool) -> None:
+@pytest.mark.parametrize(("samples", "delay", "plans"), [(0, 0.0, True), (1, 0.001, True), (30, 0.3, False)])
+def test_a_killed_run_leaves_all_but_the_last_half_second(
+    tmp_path: Path, samples: int, delay: float, plans: bool
+) -> None:
     path = tmp_path / "log.h5"
     command = [sys.executable, "-c", RUN, str(path), *COARSE, f"log.plans={str(plans).lower()}"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
@@ -219,23 +209,23 @@ def test_a_killed_run_leaves_every_sample_it_told_of(tmp_path: Path, samples: in
         child.kill()
         told += child.stdout.read()
     log = read_run(path)
-    assert len(log.time) >= told.count("\n") >= samples
+    assert told.count("\n") - 0.5 / 0.05 <= len(log.time) <= told.count("\n") + 1
     assert log.time == pytest.approx(0.1 * np.arange(len(log.time)))
     assert (log.attributes["finished"], log.attributes["end_reason"]) == (False, "")
     summary = log.summary()
     assert (summary.ended, summary.succeeded) == (False, False)
-    with h5py.File(path) as file:
-        assert len(file["state/Q"]) >= len(log.time)
     for k in range(len(log.time) if plans else 0):
-        assert np.isfinite(read_run(path).plan("solution", k)).all()
+        assert np.isfinite(log.plan("solution", k)).all()
 
 
-def test_a_copy_of_a_log_in_the_making_is_a_log(tmp_path: Path) -> None:
+def test_a_log_in_the_making_is_a_log(tmp_path: Path) -> None:
     path, held = tmp_path / "log.h5", []
 
     def watch(sample: Sample) -> None:
-        copy = shutil.copy(path, tmp_path / "copy.h5")
-        held.append(len(read_run(Path(copy)).time))
+        time.sleep(0.2)
+        held.append(len(read_run(path).time))
 
-    simulate(coarse("time_limit=0.5"), path, watch=watch)
-    assert held == [1, 2, 3, 4, 5]
+    simulate(coarse("time_limit=0.8"), path, watch=watch)
+    assert any(0 < count < 8 for count in held)
+    assert held == sorted(held)
+    assert len(read_run(path).time) == 8

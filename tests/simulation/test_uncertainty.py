@@ -10,7 +10,7 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.logs.comparison import compare_logs
 from psmpc_cli.logs.run import Run
 from psmpc_cli.plant.uncertainty import measurement_noise
-from psmpc_cli.simulation.setup import build_experiment
+from psmpc_cli.simulation.run import build_experiment
 from psmpc_cli.specs.load import load_task
 
 from ..there_and_back import TASK
@@ -45,7 +45,7 @@ def test_a_block_of_zeros_is_no_block(tmp_path: Path) -> None:
     zeros = "uncertainty={mass: 0, inertia: {base: 0}, friction: {viscous: 0}, noise: {angle: 0}, delay: 0}"
     one, other = logged(tmp_path), logged(tmp_path, zeros, name="zeros")
     assert compare_logs(one.path, other.path).differences == ()
-    assert not other.uncertainty
+    assert "uncertainty/body" not in other
 
 
 def test_other_bodies_make_another_run_whose_balance_closes(tmp_path: Path) -> None:
@@ -58,12 +58,11 @@ def test_other_bodies_make_another_run_whose_balance_closes(tmp_path: Path) -> N
 
 def test_the_log_tells_what_was_drawn_with_units(tmp_path: Path) -> None:
     log = logged(tmp_path, BODIES, *LIGHT, samples=1)
-    drawn = log.uncertainty
-    assert list(drawn["body"][:2]) == ["base", "arm_1.1"]
-    assert drawn["centre_of_mass"].shape == (7, 2)
-    for name in ("mass_factor", "inertia_factor"):
-        assert (np.abs(drawn[name] - 1) <= 0.2).all()
-        assert (drawn[name] != 1).all()
+    assert list(log["uncertainty/body"][:2]) == ["base", "arm_1.1"]
+    assert log["uncertainty/centre_of_mass"].shape == (7, 2)
+    for name in ("uncertainty/mass_factor", "uncertainty/inertia_factor"):
+        assert (np.abs(log[name] - 1) <= 0.2).all()
+        assert (log[name] != 1).all()
     with h5py.File(log.path) as file:
         assert file["uncertainty/centre_of_mass"].attrs["units"] == "m"
         assert all(item.attrs["long_name"] for item in file["uncertainty"].values())
@@ -76,7 +75,7 @@ def test_seeds_reproduce_a_run_and_differ_from_each_other(tmp_path: Path) -> Non
     ]
     assert compare_logs(logs[0].path, logs[1].path).differences == ()
     assert not np.array_equal(logs[0]["state/Q"], logs[2]["state/Q"])
-    assert not np.array_equal(logs[0].uncertainty["mass_factor"], logs[2].uncertainty["mass_factor"])
+    assert not np.array_equal(logs[0]["uncertainty/mass_factor"], logs[2]["uncertainty/mass_factor"])
 
 
 def test_the_controller_sees_the_noise_and_the_margins_do_not(tmp_path: Path) -> None:
@@ -89,7 +88,7 @@ def test_the_controller_sees_the_noise_and_the_margins_do_not(tmp_path: Path) ->
     model = build_experiment(loaded).model
     np.testing.assert_allclose(log["pose/xi"], np.asarray(model.g(true[:, :9].T)).T, atol=1e-12)
     np.testing.assert_allclose(log.final["xi"], np.asarray(model.g(log.final["Q"])).ravel(), atol=1e-12)
-    assert (log.final["Q_seen"] != log.final["Q"]).all()
+    assert (log["final/Q"] != log.final["Q"]).all()
 
 
 def test_a_payload_is_held_from_the_end_of_one_stage_to_the_beginning_of_another(tmp_path: Path) -> None:

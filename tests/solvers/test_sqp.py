@@ -6,7 +6,7 @@ import pytest
 
 from psmpc_cli.control import Command, State
 from psmpc_cli.ocp.problem import Problem, build_problem
-from psmpc_cli.simulation.setup import build_experiment
+from psmpc_cli.simulation.run import build_experiment
 from psmpc_cli.solvers import FEASIBLE, NlpSolver, Outcome, Solution, build_solver
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.task import SolverSpec

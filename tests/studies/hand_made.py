@@ -58,7 +58,7 @@ def hand_made(
     begins = np.r_[0.0, ends[:-1]]
     first = np.minimum(np.searchsorted(ends, TIMES, side="right"), 3)
     xi = np.tile(base["pose/xi"][:1], (len(TIMES), 1))
-    xi[(np.inf if lost is None else lost) <= TIMES, base.pose_coordinates.index("arm_1.y")] += 1.0
+    xi[(np.inf if lost is None else lost) <= TIMES, base["pose_coordinate"].tolist().index("arm_1.y")] += 1.0
     added = np.full((len(TIMES), 4), np.nan)
     for stage, values in (presence or {}).items():
         added[np.searchsorted(TIMES, np.array(list(values)) - 1e-6), STAGES.index(stage)] = list(values.values())
@@ -80,7 +80,6 @@ def hand_made(
     completed = bool(np.isfinite(ends[-1]))
     reason = "release met its end condition" if completed else "time limit of 60 s reached"
     attributes = {**base.attributes, "controller": method, "finished": completed, "end_reason": reason}
-    attributes["digest"] = method * 8
     made = replace(base, arrays=arrays, attributes=attributes)
     vars(made).update(task=base.task, problem=base.problem)  # the same for all: made once
     return made

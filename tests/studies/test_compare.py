@@ -79,7 +79,7 @@ def test_runs_in_parallel_are_the_runs_alone(tmp_path: Path, tasks: dict[str, Ta
     for name, task in tasks.items():
         simulate(task, tmp_path / "alone.h5", force=True)
         alone = read_run(tmp_path / "alone.h5")
-        assert alone.columns.keys() == found[name].columns.keys()
+        assert alone.arrays.keys() == found[name].arrays.keys()
         for column in ("state/Q", "control/u", "window/instants", "window/share"):
             np.testing.assert_array_equal(found[name][column], alone[column])
 

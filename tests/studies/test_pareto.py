@@ -10,7 +10,7 @@ from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.simulation.replay import logged_solve
-from psmpc_cli.simulation.setup import converging
+from psmpc_cli.simulation.run import converging
 from psmpc_cli.solvers import Solution
 from psmpc_cli.studies.fronts import STATUS, dominated, extents, held_costs
 from psmpc_cli.studies.pareto import (

@@ -34,13 +34,7 @@ def multistart_for(controller: ControllerSpec) -> int:
     return IN_SWEEPS if controller.pending_cost < 1 else 1
 
 
-def solve_from_several(
-    solver: Solver,
-    window: Window,
-    guess: Plan,
-    previous: Solution | None,
-    starts: int,
-) -> Solution:
+def solve_from_several(solver: Solver, window: Window, guess: Plan, previous: Solution | None, starts: int) -> Solution:
     """Return the best solve of a window from so many guesses of its instants: those of a plan (S,) [s], then others.
 
     The others are spread from the earliest instants that can be met to the latest, each solved with the durations kept
@@ -55,7 +49,7 @@ def solve_from_several(
         return own
     earliest = solver.solve(replace(window, pending_cost=window.pending_cost + HURRY), guess)
     room = _room(window, earliest.plan.instants)
-    if not _comparable(earliest) or room.max() < 10 * SHORTEST:
+    if earliest.outcome is not Outcome.OPTIMAL or room.max() < 10 * SHORTEST:
         return _counting(own, own, earliest)
     shares, half_step = even_shares(len(guess.instants), starts - 1)
     within = half_step * float(room.max())
@@ -96,7 +90,7 @@ def _solve_near(solver: Solver, window: Window, plan: Plan, instants: np.ndarray
     A moving target is known about the guessed instants alone, so the window is solved again about those it found.
     """
     solved = solver.solve(window, _stretched(plan, instants), None, within)
-    if _comparable(solved) and any(stage.trajectory is not None for stage in window.stages):
+    if solved.outcome is Outcome.OPTIMAL and any(stage.trajectory is not None for stage in window.stages):
         again = solver.solve(window, solved.plan, None, within)
         return _counting(again, solved, again)
     return solved
@@ -109,15 +103,13 @@ def _stretched(plan: Plan, instants: np.ndarray) -> Plan:
 
 
 def _best(own: Solution, others: list[Solution]) -> int:
-    """Return which guess wins: 0 for the prediction's own, unless one of the others has a `BETTER` basin."""
-    objectives = [one.objective if _comparable(one) else np.inf for one in others]
+    """Return which guess wins: 0 for the prediction's own, unless one of the others has a `BETTER` basin.
+
+    Only the objective at an optimum says something of its basin.
+    """
+    objectives = [one.objective if one.outcome is Outcome.OPTIMAL else np.inf for one in others]
     best, beaten = int(np.argmin(objectives)), own.objective
     return best + 1 if objectives[best] < beaten - BETTER * abs(beaten) else 0
-
-
-def _comparable(solved: Solution) -> bool:
-    """Tell whether a solve came to its optimum, so that its objective says something of its basin."""
-    return solved.outcome is Outcome.OPTIMAL
 
 
 def _counting(solved: Solution, *all_solves: Solution) -> Solution:

@@ -258,16 +258,12 @@ class _Sums:
         X, (rows, columns) = self.point.X[at, :n], stage.hessian_places
         found = stage.gauss_newtons(X, p.weights[s], wanted[of_stage], slope[of_stage], rows=len(X))
         L, r, q, g, m, H = found
-        w = c if tau is None else c * tau
+        w, slope_w = (c, 0.0) if tau is None else (c * tau, c)
         self.gradient[at, :n] += 2 * w * g
         self.positions[at, rows, columns] += 2 * w * H
-        self.arrow[at, :n, s] += 2 * w * m
-        self.durations[s] += 2 * w * q.sum()
-        self.by_tau[s] += 2 * w * r.sum()
-        if tau is not None:
-            self.arrow[at, :n, s] += c * g
-            self.durations[s] += c * (2 * r + L / (2 * tau)).sum()
-            self.by_tau[s] += c * (L - p.offset[s]).sum()
+        self.arrow[at, :n, s] += 2 * w * m + slope_w * g
+        self.durations[s] += (2 * w * q + 2 * slope_w * r + slope_w**2 / (2 * w) * L).sum()
+        self.by_tau[s] += (slope_w * (L - p.offset[s]) + 2 * w * r).sum()
         return L
 
     def _add_control(self, s: int) -> float:

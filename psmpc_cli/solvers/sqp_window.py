@@ -93,6 +93,8 @@ def window_bounds(shared: WindowBounds, window: Window, tau: np.ndarray, within:
     high[first : first + S] = np.where(fixed, np.inf, longest)
     high[first + S] = window.horizon - SHORTEST if S else np.inf
     tied = {s: stage.at - window.start for s, stage in enumerate(window.stages[:-1]) if stage.at is not None}
+    if not tied and not fixed.any():
+        return replace(shared, low=low, high=high)
     given_rows = np.vstack([np.tri(S)[list(tied)], np.eye(S)[fixed]])
     given = np.array([*tied.values(), *shortest[fixed]])
     return replace(shared, low=low, high=high, given_rows=given_rows, given=given)

@@ -11,7 +11,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.objective import StageFunctions, stage_functions
+from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.plan import Grid
 from psmpc_cli.ocp.window import PENALTY, Parameters, WindowShape
 from psmpc_cli.robot.model import RobotModel
@@ -92,7 +92,7 @@ class Nlp:
     Attributes:
         shape: The window's shape.
         layout: Offsets of the decision variables.
-        x, p, f, g: Decision variables, parameters, objective, constraints; `problem` as CasADi's solvers take them.
+        problem: Decision variables x, parameters p, objective f and constraints g, as CasADi's solvers take them.
         nx, nu, ng: Sizes of state, of input with violations of soft limits, and of path rows at each node, (K + 1,).
         gap_rows: Rows of g that close the gap after each interval, (K, nx).
         x0_rows: Rows that fix the initial state, (2n,).
@@ -108,44 +108,41 @@ class Nlp:
         inputs = tuple(functions.inputs for functions in self._functions[: len(shape.stages)])
         sums = 0 if shape.kept_errors else len(shape.kept)
         self.shape, self.layout = shape, Layout(model.n, shape.nodes, inputs, shape.soft, sums)
-        layout = self.layout
-        self._p = symbolic_parameters(shape, layout, self._functions)
+        layout, self._p = self.layout, self._symbolic_parameters()
         xs = [ca.SX.sym(f"x{k}", layout.nx) for k in range(layout.K + 1)]
         us = [ca.SX.sym(f"u{k}", layout.inputs[layout.stage_of[k]]) for k in range(layout.K)]
         es = [ca.SX.sym(f"e{k}", layout.violations) for k in range(layout.K + 1)]
-        self.x = ca.vertcat(*(v for node in zip(xs, [*us, ca.SX(0, 1)], es, strict=True) for v in node))
-        self.p = ca.vertcat(*(ca.vec(piece) for piece in self._p.pieces()))
-        costs = [ca.SX(0) for _ in layout.nodes]
+        x = ca.vertcat(*(v for node in zip(xs, [*us, ca.SX(0, 1)], es, strict=True) for v in node))
+        costs, S = [ca.SX(0) for _ in layout.nodes], layout.switches
         for k, s in enumerate(layout.stage_of):
-            costs[s] += self._added_cost(s, k, k - int(layout.first_node[s]), xs, us)
+            costs[s] += self._L(int(s), k - int(layout.first_node[s]), xs[k], us[k]) * self._step(k, xs[k])
         kept = [
-            [self._added_cost(len(costs) + i, k, k, xs, us) for k in range(layout.K)] for i in range(len(shape.kept))
+            [self._L(S + 1 + i, k, xs[k], us[k]) * self._step(k, xs[k]) for k in range(layout.K)]
+            for i in range(len(shape.kept))
         ]
-        terminal = _terminal_cost(layout, self._functions, self._p, xs[-1])
-        pending = sum((ca.sum1(xs[0][layout.durations][:s]) for s in range(1, layout.switches + 1)), ca.SX(0))
+        terminal = self._p.terminal * self._L(S, layout.nodes[S], xs[-1], ca.SX.zeros(layout.inputs[S]))
+        pending = sum((ca.sum1(xs[0][layout.durations][:s]) for s in range(1, S + 1)), ca.SX(0))
         J = ca.dot(self._p.omega, ca.vertcat(*costs)) + self._p.pending * pending + self._p.omega[-1] * terminal
-        self.f = J + _penalty(layout, self._p, xs, es)
         self._added, self.count = list[ca.SX](), 0
         ng = self._write_rows(xs, us, es, kept)
         if shape.bounded:
             self._add(costs[-1] + terminal)
             ng[-1] += 1
-        self.ng = tuple(ng)
-        self.g = ca.vertcat(*self._added)
-        self.problem = {"x": self.x, "p": self.p, "f": self.f, "g": self.g}
-        self.nx = (layout.nx,) * (layout.K + 1)
+        self.nx, self.ng = (layout.nx,) * (layout.K + 1), tuple(ng)
         self.nu = tuple(inputs + layout.violations for inputs in (*(layout.inputs[s] for s in layout.stage_of), 0))
+        numbers = ca.vertcat(*(ca.vec(piece) for piece in self._p.pieces()))
+        self.problem = {"x": x, "p": numbers, "f": J + self._penalty(xs, es), "g": ca.vertcat(*self._added)}
         self._costs = ca.vertcat(*map(sum, kept), *costs), terminal
 
     @cached_property
     def costs(self) -> ca.Function:
         """x, p -> normalized cost integrals without priorities, of kept stages, then (S + 1,); the terminal cost."""
-        return ca.Function("costs", [self.x, self.p], list(self._costs))
+        return ca.Function("costs", [self.problem[name] for name in "xp"], list(self._costs))
 
     @cached_property
     def rows(self) -> ca.Function:
         """x, p -> g."""
-        return ca.Function("rows", [self.x, self.p], [self.g])
+        return ca.Function("rows", [self.problem[name] for name in "xp"], [self.problem["g"]])
 
     def _add(self, row: ca.SX) -> np.ndarray:
         """Add rows to g and return their indices."""
@@ -153,13 +150,34 @@ class Nlp:
         self.count += row.shape[0]
         return np.arange(self.count - row.shape[0], self.count)
 
-    def _added_cost(self, s: int, k: int, node: int, xs: list[ca.SX], us: list[ca.SX]) -> ca.SX:
-        """Return L_s(x_k, u_k) tau / N of a stage over an interval, which begins at one of the stage's own nodes."""
-        layout, p, of = self.layout, self._p, int(self.layout.stage_of[k])
-        tau = duration(layout, p, xs[k], of)
-        numbers = reference(p, s, node, tau), p.weights[s], p.control_weights[s]
-        Lbar = self._functions[s].cost(xs[k][: 2 * layout.n], us[k], *numbers)
-        return (Lbar - p.offset[s]) / p.scale[s] * tau / layout.nodes[of]
+    def _L(self, s: int, node: int, x: ca.SX, u: ca.SX) -> ca.SX:
+        """Return the normalized cost of a stage, or of a kept one, at one of its nodes, 0 to N_s."""
+        p, n, S = self._p, self.layout.n, self.layout.switches
+        wanted = self._reference(s, node, self._duration(min(s, S), x))
+        Lbar = self._functions[s].cost(x[: 2 * n], u, wanted, p.weights[s], p.control_weights[s])
+        return (Lbar - p.offset[s]) / p.scale[s]
+
+    def _duration(self, s: int, x: ca.SX) -> ca.SX:
+        """Return tau_s of a stage from a node's state; the last stage takes what is left of the horizon."""
+        tau = x[self.layout.durations]
+        return self._p.horizon - ca.sum1(tau) if s == self.layout.switches else tau[s]
+
+    def _step(self, k: int, x: ca.SX) -> ca.SX:
+        """Return the length of an interval from the state at one of its ends."""
+        s = int(self.layout.stage_of[k])
+        return self._duration(s, x) / self.layout.nodes[s]
+
+    def _reference(self, s: int, node: int, tau: ca.SX) -> ca.SX:
+        """Return what a stage's cost follows at one of its nodes if the stage lasts tau [s]."""
+        path, nodes = self._p.paths[s], self._p.paths[s].shape[1] // 2
+        return path[:, node] + path[:, nodes + node] * tau if nodes else self._p.targets[s]
+
+    def _penalty(self, xs: list[ca.SX], es: list[ca.SX]) -> ca.SX:
+        """Return what violated soft limits cost: rho times the integral of the violations, by the trapezoidal rule."""
+        before, after = ([self._step(k, xs[k + i]) for k in range(self.layout.K)] for i in (1, 0))
+        none = [ca.SX(0)]
+        shares = [(one + other) / 2 for one, other in zip(none + before, after + none, strict=True)]
+        return sum((share * ca.sum1(e) for share, e in zip(shares, es, strict=True)), ca.SX(0))
 
     def _write_rows(self, xs: list[ca.SX], us: list[ca.SX], es: list[ca.SX], kept: list[list[ca.SX]]) -> list[int]:
         """Write the constraints node by node and return the number of path rows at each."""
@@ -180,7 +198,7 @@ class Nlp:
             for i, rows in enumerate(kept_rows):
                 if self.shape.kept_errors and k:
                     s = len(stages) + i
-                    wanted = reference(self._p, s, k, self._p.horizon)
+                    wanted = self._reference(s, k, self._p.horizon)
                     rows.append(self._add(self._functions[s].residual(x[: layout.n], wanted)))
                 elif layout.sums and k == layout.K:
                     rows.append(self._add(x[layout.durations.stop + i]))
@@ -197,65 +215,32 @@ class Nlp:
         self.x0_rows = self._add(ca.vertcat(x[: 2 * layout.n], x[layout.durations.stop :]) - measured)
         self.last_duration_row: int | None = None
         if layout.switches:
-            self.last_duration_row = int(self._add(duration(layout, self._p, x, layout.switches))[0])
+            self.last_duration_row = int(self._add(self._duration(layout.switches, x))[0])
         tau, fixed = x[layout.durations], [s for s, stage in enumerate(self.shape.stages[:-1]) if stage.fixed_end]
         self.instant_rows = {s: int(self._add(ca.sum1(tau[: s + 1]))[0]) for s in fixed}
 
     def _gap(self, k: int, xs: list[ca.SX], us: list[ca.SX], kept: list[list[ca.SX]]) -> ca.SX:
         layout, s = self.layout, int(self.layout.stage_of[k])
-        dt = duration(layout, self._p, xs[k], s) / layout.nodes[s]
-        after = self._functions[s].step(self.shape.discretization)(xs[k][: 2 * layout.n], us[k], dt)
+        step = self._functions[s].step(self.shape.discretization)
+        after = step(xs[k][: 2 * layout.n], us[k], self._step(k, xs[k]))
         sums = [xs[k][layout.durations.stop + i] + kept[i][k] for i in range(layout.sums)]
         return xs[k + 1] - ca.vertcat(after, xs[k][layout.durations], *sums)
 
-
-def duration(layout: Layout, parameters: Parameters[ca.SX], x: ca.SX, stage: int) -> ca.SX:
-    """Return tau_s of a stage from a node's state; the last stage takes what is left of the horizon."""
-    tau = x[layout.durations]
-    return parameters.horizon - ca.sum1(tau) if stage == layout.switches else tau[stage]
-
-
-def _terminal_cost(layout: Layout, functions: list[StageFunctions], p: Parameters[ca.SX], x: ca.SX) -> ca.SX:
-    """Return the normalized cost of the last stage at the last node without control, times kappa."""
-    S = layout.switches
-    u, wanted = ca.SX.zeros(layout.inputs[S]), reference(p, S, layout.nodes[S], duration(layout, p, x, S))
-    last = functions[S].cost(x[: 2 * layout.n], u, wanted, p.weights[S], p.control_weights[S])
-    return p.terminal * (last - p.offset[S]) / p.scale[S]
-
-
-def _penalty(layout: Layout, p: Parameters[ca.SX], xs: list[ca.SX], es: list[ca.SX]) -> ca.SX:
-    """Return what violated soft limits cost: rho times the integral of the violations, by the trapezoidal rule."""
-    stage_of = [int(s) for s in layout.stage_of]
-    none = [ca.SX(0)]
-    before = [duration(layout, p, x, s) / layout.nodes[s] for x, s in zip(xs[1:], stage_of, strict=True)]
-    after = [duration(layout, p, x, s) / layout.nodes[s] for x, s in zip(xs[:-1], stage_of, strict=True)]
-    weights = [(one + other) / 2 for one, other in zip(none + before, after + none, strict=True)]
-    return sum((w * ca.sum1(e) for w, e in zip(weights, es, strict=True)), ca.SX(0))
-
-
-def symbolic_parameters(shape: WindowShape, layout: Layout, functions: list[StageFunctions]) -> Parameters[ca.SX]:
-    """Return the parameters as symbols; `functions` are those of the stages and of the kept ones."""
-    shapes, nodes = (*shape.stages, *shape.kept), (*shape.nodes, *(layout.K for _ in shape.kept))
-    columns = [2 * (N + 1) if stage.moving else 0 for stage, N in zip(shapes, nodes, strict=True)]
-    each = list(enumerate(functions))
-    return Parameters(
-        x0=ca.SX.sym("x0", 2 * layout.n),
-        horizon=ca.SX.sym("T_h"),
-        pending=ca.SX.sym("delta"),
-        terminal=ca.SX.sym("kappa"),
-        omega=ca.SX.sym("omega", layout.switches + 1),
-        offset=ca.SX.sym("offset", len(functions)),
-        scale=ca.SX.sym("scale", len(functions)),
-        weights=tuple(ca.SX.sym(f"W_{s}", stage.rows) for s, stage in each),
-        control_weights=tuple(ca.SX.sym(f"W_r_{s}", stage.inputs) for s, stage in each),
-        targets=tuple(ca.SX.sym(f"target_{s}", stage.numbers) for s, stage in each),
-        paths=tuple(ca.SX.sym(f"path_{s}", stage.numbers, columns[s]) for s, stage in each),
-    )
-
-
-def reference(p: Parameters[ca.SX], stage: int, node: int, tau: ca.SX) -> ca.SX:
-    """Return what a stage's cost follows at one of its nodes, 0 to N_s, if the stage lasts tau [s]."""
-    path = p.paths[stage]
-    if path.shape[1] == 0:
-        return p.targets[stage]
-    return path[:, node] + path[:, path.shape[1] // 2 + node] * tau
+    def _symbolic_parameters(self) -> Parameters[ca.SX]:
+        """Return the parameters as symbols."""
+        shape, each = self.shape, list(enumerate(self._functions))
+        shapes, nodes = (*shape.stages, *shape.kept), (*shape.nodes, *(self.layout.K for _ in shape.kept))
+        columns = [2 * (N + 1) if stage.moving else 0 for stage, N in zip(shapes, nodes, strict=True)]
+        return Parameters(
+            x0=ca.SX.sym("x0", 2 * self.layout.n),
+            horizon=ca.SX.sym("T_h"),
+            pending=ca.SX.sym("delta"),
+            terminal=ca.SX.sym("kappa"),
+            omega=ca.SX.sym("omega", len(shape.stages)),
+            offset=ca.SX.sym("offset", len(each)),
+            scale=ca.SX.sym("scale", len(each)),
+            weights=tuple(ca.SX.sym(f"W_{s}", stage.rows) for s, stage in each),
+            control_weights=tuple(ca.SX.sym(f"W_r_{s}", stage.inputs) for s, stage in each),
+            targets=tuple(ca.SX.sym(f"target_{s}", stage.numbers) for s, stage in each),
+            paths=tuple(ca.SX.sym(f"path_{s}", stage.numbers, columns[s]) for s, stage in each),
+        )

@@ -56,21 +56,16 @@ PLAIN = {"print_level": 0, "sb": "yes"}
 RESTING_NODES = 100
 """Intervals of the plan without control from which a cold start begins."""
 
-HEADINGS = (
-    "nodes",
-    "solver",
-    "start",
-    "median [ms]",
-    "p95",
-    "times faster",
-    "iterations",
-    "J off, median",
-    "worst",
-    "switch times off [s]",
-    "violation",
-    "failed",
-)
-"""Columns of the table."""
+COLUMNS: Mapping[str, tuple[Callable[[np.ndarray], np.floating], str, str]] = {
+    "iterations": (np.median, "iterations", ".0f"),
+    "J off, median": (np.median, "gap", ".0e"),
+    "worst": (np.max, "gap", ".0e"),
+    "switch times off [s]": (np.max, "late", ".0e"),
+    "violation": (np.max, "violation", ".0e"),
+}
+"""Columns of the table besides the times: statistic, what it is of, and format."""
+
+HEADINGS = ("nodes", "solver", "start", "median [ms]", "p95", "times faster", *COLUMNS, "failed")
 
 NOTE = (
     "times faster: than the reference, CasADi with IPOPT and its default options from a cold start\n"
@@ -280,19 +275,15 @@ def bench_rows(bench: Bench) -> Iterator[tuple[str, ...]]:
     """Give the rows of the table, in the order of `HEADINGS`."""
     for way, solves in bench.solves.items():
         good = [solve for solve in solves if solve.usable]
-        gaps = [abs(solve.gap) for solve in good]
-        median = median_time(good)
-        texts = (
-            f"{1e3 * median:.2f}",
-            f"{1e3 * _over(partial(np.percentile, q=95), [solve.times for solve in good]):.2f}",
-            f"{median_time(bench.solves[way[0], REFERENCE, 'cold']) / median:.1f}",
-            f"{_over(np.median, [solve.iterations for solve in good]):.0f}",
-            f"{_over(np.median, gaps):.0e}",
-            f"{_over(np.max, gaps):.0e}",
-            f"{_over(np.max, [solve.late for solve in good]):.0e}",
-            f"{_over(np.max, [solve.violation for solve in good]):.0e}",
+        median, p95 = median_time(good), _over(partial(np.percentile, q=95), [solve.times for solve in good])
+        faster = median_time(bench.solves[way[0], REFERENCE, "cold"]) / median
+        times = f"{1e3 * median:.2f}", f"{1e3 * p95:.2f}", f"{faster:.1f}"
+        values = (
+            f"{_over(statistic, np.abs([getattr(solve, name) for solve in good])):{form}}"
+            for statistic, name, form in COLUMNS.values()
         )
-        yield *way, *("-" if text == "nan" else text for text in texts), f"{len(solves) - len(good)} of {len(solves)}"
+        shown = ("-" if text == "nan" else text for text in (*times, *values))
+        yield *way, *shown, f"{len(solves) - len(good)} of {len(solves)}"
 
 
 def _over(function: Callable[[np.ndarray], np.floating], values: ArrayLike) -> float:

@@ -66,7 +66,9 @@ def _print_claims(made: "Reproduction") -> None:
                 typer.echo(f"  - {point}")
     typer.echo(f"\nweights: {recommend(made.weights).sentence}")
     for ablation in made.ablations:
-        typer.echo(f"\nwithout our {ablation.name.replace('_', ' ')}: {ablation.sentence}")
+        typer.echo()
+        rows = [(name, f"{value:.4g}") for name, value in ablation.numbers.items()]
+        print_table((f"without our {ablation.name.replace('_', ' ')}", "measured"), rows, left=1)
     count = len(made.findings)
     typer.echo(f"\n{count - len(made.failing)} of {count} claims hold")
 

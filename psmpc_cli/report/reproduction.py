@@ -45,6 +45,7 @@ def build_report(made: Reproduction, created: str) -> str:
     )
     environment.filters["unbroken"] = partial(re.sub, r"(?<=\d) (?=s\b)", "\N{NO-BREAK SPACE}")
     environment.filters |= {"title": title_of, "png": _png, "mission_end": mission_end}
+    environment.filters["shown"] = lambda value: f"{value:.4g}" if isinstance(value, float) else str(value)
     rows = () if made.fronts is None else front_rows(made.fronts)
     options = [word for change in made.changes for word in ("--set", change)]
     options += ["--weights", str(made.weights.results.attributes["sampling"])]

@@ -43,12 +43,7 @@ CHANGES: Mapping[str, tuple[str, ...]] = {
 }
 """The runs on the task's own mesh by name, with what each takes back."""
 
-FORMS: Mapping[str, str] = {
-    OURS: "with costs over their nadir",
-    NONE: "with costs as they are",
-    RANGE: "with the range as printed",
-    ALL_PRINTED: "with the range and delta = 0, both as printed,",
-}
+FORMS = (OURS, NONE, RANGE, ALL_PRINTED)
 """The runs that differ in their normalization."""
 
 DISCRETIZATIONS = ("exact", "euler")
@@ -118,13 +113,11 @@ class Ablation:
 
     Attributes:
         name: Of the departure, and of its figure.
-        sentence: What was measured.
         panels: Curves (x, y) by panel and label; `psmpc_cli.figures.reproduction` says what they are.
-        numbers: What was measured, the numbers of the sentence included.
+        numbers: What was measured, by quantity and run or window.
     """
 
     name: str
-    sentence: str
     panels: Mapping[str, Curves]
     numbers: Mapping[str, float]
 
@@ -176,65 +169,41 @@ def _on_mesh(kind: str, count: int, nodes: int) -> str:
 
 def _pending_cost(logs: Logs, windows: Sequence[OneWindow], points: int) -> Ablation:
     """Compare the objective as printed, delta = 0, with ours: the runs, and J(t_s) in windows of other runs."""
-    runs = {PRINTED: "with the objective as printed", OURS: "with ours"}
+    runs = (PRINTED, OURS)
     panels = _over_time(logs, runs)
     panels |= {f"{what}, {name}": {} for what in ("J", "minima", "found") for name in runs}
     numbers = _measured(logs, runs)
-    said = [f"{words} {_described(numbers, name)}" for name, words in runs.items()]
     for one in windows:
         label, window = one.label, one.window
         scan = scan_instants(one, instant_grid(window.horizon, points))
-        numbers |= {f"T0, {label}": window.start, f"earliest, {label}": float(scan.instants[0])}
+        numbers |= {f"T0 [s], {label}": window.start, f"earliest t_s [s], {label}": float(scan.instants[0])}
         for name, delta in ((PRINTED, 0.0), (OURS, window.pending_cost)):
             cost = scan.with_pending(delta)
-            lowest = np.array(minima(scan.instants, cost))
-            found = optimize_instants(one, delta, [part * window.horizon for part in GUESSES])
             panels[f"J, {name}"][label] = scan.instants, cost / cost[0]
-            for what, key, times in (("minima", "minimum of J for", lowest), ("found", "found for", found)):
+            found = optimize_instants(one, delta, [part * window.horizon for part in GUESSES])
+            for what, times in (("minima", np.array(minima(scan.instants, cost))), ("found", found)):
                 panels[f"{what}, {name}"][label] = times, np.interp(times, scan.instants, cost / cost[0])
-                numbers |= {f"{key} {label}, {name}, {i}": float(time) for i, time in enumerate(times, start=1)}
-            said.append(
-                f"with priorities {label} at {window.start:.1f} s, {name}: minima of J after {_listed(lowest)} s, the "
-                f"lowest first, found {_listed(np.unique(np.round(found, 2)))} s"
-            )
-    return Ablation("pending_cost", _sentence(said), panels, numbers)
+                numbers |= {f"{what} [s], {label}, {name}, {i}": float(time) for i, time in enumerate(times, start=1)}
+    return Ablation("pending_cost", panels, numbers)
 
 
 def _normalization(logs: Logs) -> Ablation:
     """Compare the normalization by the nadir with none, and with the range of eq. (12) as printed."""
-    numbers, stages = _measured(logs, FORMS), logs[OURS].stage_names[1:]
-    panels = {
-        "stages": {name: (logs[name].stages["actual_start"], logs[name].stages["switch_time"]) for name in FORMS},
-        **_over_time(logs, FORMS),
-    }
-    said = [
-        f"{words} {', '.join(stages)} start at {_listed([numbers[f'start of {stage}, {name}'] for stage in stages], 1)}"
-        f" s, {_described(numbers, name)}"
-        for name, words in FORMS.items()
-    ]
-    return Ablation("normalization", _sentence(said), panels, numbers)
+    stages = {name: (logs[name].stages["actual_start"], logs[name].stages["switch_time"]) for name in FORMS}
+    return Ablation("normalization", {"stages": stages, **_over_time(logs, FORMS)}, _measured(logs, FORMS))
 
 
 def _discretization(logs: Logs, one: OneWindow, nodes: int) -> Ablation:
     """Compare Euler's discretization, eq. (20), with the exact one over N_s: the runs, and plans in one window."""
     counts = meshes(nodes)
     panels: dict[str, dict[str, Curve]] = {"error": {}, "missed": {}, "end": {}}
-    numbers: dict[str, float] = {}
-    said = []
-    for kind, words in (("exact", "the exact"), ("euler", "Euler's")):
-        ends = [_end(logs[_on_mesh(kind, count, nodes)]) for count in counts]
-        values = np.column_stack([[on_mesh(one, count, kind) for count in counts], ends])
-        for panel, column in zip(panels, values.T, strict=True):
+    numbers = {"T0 [s]": one.window.start}
+    for kind in DISCRETIZATIONS:
+        values = [(*on_mesh(one, count, kind), _end(logs[_on_mesh(kind, count, nodes)])) for count in counts]
+        for panel, unit, column in zip(panels, ("m, rad", "tolerances", "s"), np.array(values).T, strict=True):
             panels[panel][kind] = np.array(counts, float), column
-            numbers |= {f"{panel}, {kind}, {c} nodes": float(v) for c, v in zip(counts, column, strict=True)}
-        (error, miss, end), (fine_error, fine_miss, fine_end) = values[0], values[-1]
-        said.append(
-            f"{words} prediction of a coordinate is off by {error:.2g} ({fine_error:.2g}) m or rad, its control leads "
-            f"at t_s to {miss:.2g} ({fine_miss:.2g}) tolerances from the target, and the run {_ending(end)} "
-            f"({_ending(fine_end)})"
-        )
-    where = f"with N_s = {counts[0]} ({counts[-1]}), in the window at {one.window.start:.1f} s"
-    return Ablation("discretization", _sentence([f"{where}, {said[0]}", *said[1:]]), panels, numbers)
+            numbers |= {f"{panel} [{unit}], {kind}, {c} nodes": float(v) for c, v in zip(counts, column, strict=True)}
+    return Ablation("discretization", panels, numbers)
 
 
 def ahead(log: Run) -> Curve:
@@ -269,22 +238,13 @@ def _measured(logs: Logs, names: Iterable[str]) -> dict[str, float]:
         moves = np.abs(np.diff(to_go + time))[same & known[1:] & known[:-1]]
         late = to_go[known] >= log.task.spec.controller.horizon - JUMP / 2
         numbers |= {
-            f"at T_f, {name}": float(np.mean(late)) if known.any() else 0.0,
-            f"jumps, {name}": float(np.sum(moves > JUMP)),
-            f"variation, {name}": float(variation(log)[1][-1]),
-            f"end, {name}": _end(log),
-            **{f"start of {stage.name}, {name}": stage.actual_start for stage in log.summary().stages[1:]},
+            f"planned t_s at T_f, {name}": float(np.mean(late)) if known.any() else 0.0,
+            f"jumps of t_s, {name}": float(np.sum(moves > JUMP)),
+            f"variation of the joints' control [rad/s^2], {name}": float(variation(log)[1][-1]),
+            f"end [s], {name}": _end(log),
+            **{f"start of {stage.name} [s], {name}": stage.actual_start for stage in log.summary().stages[1:]},
         }
     return numbers
-
-
-def _described(numbers: Mapping[str, float], name: str) -> str:
-    """Return what was measured of a run in words."""
-    return (
-        f"the run {_ending(numbers[f'end, {name}'])}, the planned switch time is at T_f in "
-        f"{numbers[f'at T_f, {name}']:.0%} of the samples that have one and jumps {numbers[f'jumps, {name}']:.0f} "
-        f"times by more than {JUMP:g} s, and the joints' control varies by {numbers[f'variation, {name}']:.1f} rad/s^2"
-    )
 
 
 def _end(log: Run) -> float:
@@ -298,20 +258,6 @@ def minima(instants: np.ndarray, cost: np.ndarray) -> list[float]:
     depth = np.r_[-np.inf, -cost, -np.inf]  # J may be lowest at an end
     places, _ = find_peaks(depth, prominence=PROMINENT * np.ptp(cost))
     return [float(instants[i]) for i in sorted(places - 1, key=lambda i: float(cost[i]))]
-
-
-def _ending(time: float) -> str:
-    """Return when a run ends [s], or that it never does, in words."""
-    return f"ends after {time:.1f} s" if np.isfinite(time) else "never ends"
-
-
-def _listed(times: Iterable[float], digits: int = 2) -> str:
-    return ", ".join(f"{time:.{digits}f}" if np.isfinite(time) else "never" for time in times)
-
-
-def _sentence(parts: Sequence[str]) -> str:
-    text = "; ".join(parts)
-    return f"{text[0].upper()}{text[1:]}."
 
 
 def pick_window(log: Run) -> OneWindow:

@@ -31,7 +31,7 @@ METHODS = ("htmpc", "smpc", "psmpc")
 LOGS, WEIGHTS, FRONTS = "runs.h5", "weights.h5", "fronts.h5"
 """Files of the runs, the sweep over the weights and the Pareto fronts, which psmpc plot and psmpc show read."""
 
-FORMAT = 1
+FORMAT = 2
 """Version of the JSON file; increases when a key is removed or changes its meaning."""
 
 RANGE = (1e-3, 1e3)
@@ -170,7 +170,7 @@ def claims_json(made: Reproduction, created: str) -> bytes:
             "samples": front_rows(fronts),
         },
         "claims": [_claim_data(finding) for finding in made.findings],
-        "ablations": [{"name": one.name, "sentence": one.sentence, "numbers": one.numbers} for one in made.ablations],
+        "ablations": [{"name": one.name, "numbers": one.numbers} for one in made.ablations],
         "held": len(made.findings) - len(made.failing),
         "failed": len(made.failing),
     }

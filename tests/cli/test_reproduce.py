@@ -1,5 +1,6 @@
 """`psmpc reproduce` end to end, on a transport of a few centimetres; claims and report have their own tests."""
 
+import html
 import json
 from pathlib import Path
 from typing import Any
@@ -89,7 +90,8 @@ def test_strict_force_and_ablations(ran: Result, folder: Path) -> None:
     ablations = json.loads((folder / "out" / "new.json").read_text())["ablations"]
     report = (folder / "out" / "report.html").read_text(encoding="utf-8")
     assert len(ablations) == 3
-    assert all(ablation["sentence"] in again.stdout for ablation in ablations)
+    assert all(f"\n{name} " in again.stdout for ablation in ablations for name in ablation["numbers"])
+    assert all(name in html.unescape(report) for ablation in ablations for name in ablation["numbers"])
     assert all(f"With and without the {ablation['name'].replace('_', ' ')}" in report for ablation in ablations)
     figures = {f"ablation_{ablation['name']}.png" for ablation in ablations}
     assert {path.name for path in (folder / "out").iterdir()} == {*FILES, "new.json", *figures}

@@ -285,7 +285,7 @@ def _trend(claim: Claim, made: Reproduction) -> Finding:
     """For every threshold no larger ratio starts more than a sample later, and the largest one starts early."""
     cells = made.weights
     sample = cells.task.spec.controller.sample_time
-    late, still, rises, shown = [], [], [], []
+    cause, rises, shown = [], [], []
     for epsilon, values in zip(cells.epsilons, cells.of("actual_start").T, strict=True):
         start = along_ratio(cells, values)
         rise = start.highest - np.minimum.accumulate(start.lowest)
@@ -295,10 +295,10 @@ def _trend(claim: Claim, made: Reproduction) -> Finding:
         begun = f"for epsilon = {epsilon:g} it is"
         if rises[-1] > sample + ROUNDING:
             at = f"at ratio {start.ratio[worst]:.4g} than at a smaller or equal ratio"
-            late.append(f"{begun} {rises[-1]:.2f} s later {at}")
+            cause.append(f"{begun} {rises[-1]:.2f} s later {at}")
         if first - last <= sample + ROUNDING:
-            still.append(f"{begun} {first:.2f} s at the smallest, {last:.2f} s at the largest ratio")
-    return Finding(claim, shown[cells.chosen], not late + still, max(rises), sample, cause=(*late, *still))
+            cause.append(f"{begun} {first:.2f} s at the smallest, {last:.2f} s at the largest ratio")
+    return Finding(claim, shown[cells.chosen], not cause, max(rises), sample, cause=tuple(cause))
 
 
 def _settles(claim: Claim, made: Reproduction) -> Finding:

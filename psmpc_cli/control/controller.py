@@ -150,6 +150,7 @@ class Controller:
         self._ticks = np.arange(round(self.spec.sample_time * self._rate) + 1) / self._rate
         self._estimator = Estimator(self.spec, 1 / self._rate, self.problem.model.n)
         self._soft, self._starts = self.problem.spec.limits_are_soft, self.spec.multistart or 1
+        self._nodes = self.spec.uniform_nodes
         self._hierarchy = Hierarchy(self.problem) if self.spec.kind == "htmpc" else None
         self._plan: Plan | None = None
         self._braking: Plan | None = None
@@ -296,7 +297,7 @@ class Controller:
             horizon=spec.horizon,
             pending_cost=spec.pending_cost,
             terminal_cost=spec.terminal_cost,
-            nodes=(spec.uniform_nodes,) * len(stages),
+            nodes=(self._nodes,) * len(stages),
             discretization=spec.discretization,
             soft=self._soft,
         )

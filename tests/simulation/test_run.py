@@ -1,19 +1,23 @@
 import logging
+import re
 import subprocess
 import sys
 import time
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
+from types import FrameType
 
 import numpy as np
 import pytest
 
+import psmpc_cli
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import Sample
-from psmpc_cli.simulation.run import simulate
+from psmpc_cli.logs.write import LogWriter
+from psmpc_cli.simulation.run import build_experiment, closed_loop, header, simulate
 from psmpc_cli.specs.load import Task, load_task
 
 from ..little_room import files_of_at_most
@@ -229,3 +233,25 @@ def test_a_log_in_the_making_is_a_log(tmp_path: Path) -> None:
     assert any(0 < count < 8 for count in held)
     assert held == sorted(held)
     assert len(read_run(path).time) == 8
+
+
+def test_one_sample_passes_the_files_that_the_page_on_the_architecture_lists() -> None:
+    root, passed = Path(psmpc_cli.__file__).parent, set[str]()
+
+    def note(frame: FrameType, event: str, argument: object) -> None:
+        path = Path(frame.f_code.co_filename)
+        if event == "call" and path.is_relative_to(root):
+            passed.add(str(path.relative_to(root)))
+
+    experiment = build_experiment(load_task("transport", ["controller.nodes=12", "log.shares=false"]))
+    samples = closed_loop(experiment)
+    with LogWriter(None, header(experiment)) as log:
+        for _ in range(5):
+            log.append(next(samples))
+        sys.setprofile(note)
+        log.append(next(samples))
+        sys.setprofile(None)
+    page = (root.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
+    steps = page.partition("## One sample")[2].partition("What a task does not ask for")[0]
+    assert set(re.findall(r"`(\w+/\w+\.py)`", steps)) == passed
+    assert len(passed) <= 18

@@ -94,7 +94,8 @@ def _panels(view: View, titles: Sequence[str], columns: int, width: float) -> tu
     characters = int(across / style.CHARACTER)
     broken = ["\n".join(fill(line, characters) for line in title.split("\n")) for title in titles]
     lines = 1 + max(title.count("\n") for title in broken)
-    figure = style.new_figure(rows * (across * view.aspect + lines * style.LINE + 0.08) + AXIS, width)
+    axis = AXIS * (1 + (len(titles) % columns > 0))  # also above vacant panels
+    figure = style.new_figure(rows * (across * view.aspect + lines * style.LINE + 0.08) + axis, width)
     grid: np.ndarray = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for i, axes in enumerate(grid):
         if i >= len(titles) or not titles[i]:

@@ -58,6 +58,7 @@ def check_figure(figure: Figure) -> None:
     check_apart(texts)
     check_labels(figure)
     check_room(figure)
+    check_legends(figure)
 
 
 def visible_texts(figure: Figure) -> Iterator[Text]:
@@ -110,3 +111,11 @@ def check_room(figure: Figure) -> None:
     """The axes were not squeezed by what is written around them."""
     boxes = [axes.get_position() for axes in figure.axes]
     assert max(box.x1 for box in boxes) - min(box.x0 for box in boxes) > 0.7
+
+
+def check_legends(figure: Figure) -> None:
+    """Every line with a label is in a legend."""
+    named = {*common_legend(figure), *(text for axes in figure.axes for text in legend(axes))}
+    for axes in figure.axes:
+        labels = {str(line.get_label()) for line in axes.lines}
+        assert {label for label in labels if not label.startswith("_")} <= named

@@ -17,11 +17,9 @@ from psmpc_cli.figures import animation
 from psmpc_cli.figures.animation import (
     ELEVATION,
     FIELD_OF_VIEW,
-    LONGEST,
     camera_on,
     film_model,
     frame_size,
-    frame_times,
     offscreen_driver,
 )
 from psmpc_cli.figures.registry import draw
@@ -65,20 +63,6 @@ def test_beside_existing_figures_only_the_animation_is_made(tmp_path: Path, load
     with pytest.raises(InputError, match=r"animation\.gif exists already"):
         draw("run", load(last=0.5), tmp_path, films=["animation"])
     assert sorted(path.name for path in tmp_path.iterdir() if path.suffix != ".h5") == ["animation.gif", "errors.png"]
-
-
-def test_frames_span_the_run_and_are_bounded(run: Run, load: Load) -> None:
-    times = frame_times(run)
-    assert (times[0], times[-1], len(times)) == (0.0, run.motion.end, len(run.motion.time))
-    assert np.all(np.diff(times) > 0)
-    assert len(frame_times(load(sample=0.1))) == LONGEST
-
-
-def test_titles_say_what_happens(load: Load) -> None:
-    scene = scene_of(load(early={1: 6.4, 3: 19.0}))
-    assert scene.events(5.0) == ["approach"]
-    assert scene.events(7.0) == ["approach", "capture already acts"]
-    assert scene.events(25.0) == ["release", "object lost"]
 
 
 def test_an_animation_that_cannot_be_written_is_named(tmp_path: Path, load: Load) -> None:

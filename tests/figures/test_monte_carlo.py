@@ -5,30 +5,10 @@ import pytest
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.figures.monte_carlo import plot_runs, plot_success
-from psmpc_cli.figures.registry import draw, figures_of
-from psmpc_cli.figures.style import in_style
+from psmpc_cli.figures.registry import draw
 
 from ..made_up_monte_carlo import made_up_monte_carlo
-from .drawn import check_figure, curves, legend, points
-
-CASES = {
-    "complete": {},
-    "many": {"runs": 200, "late": (3, 90), "dropped": (50, 51)},
-    "with failures": {"waiting": (0, 11), "crashed": (2,), "late": (5,), "dropped": (7,)},
-    "one run": {"runs": 1},
-    "one crash": {"runs": 1, "crashed": (0,)},
-    "all late": {"runs": 4, "late": (0, 1, 2, 3)},
-}
-
-
-@pytest.mark.parametrize(
-    "case", [case if case == "with failures" else pytest.param(case, marks=pytest.mark.slow) for case in CASES]
-)
-def test_every_figure_is_fit_to_print(tmp_path: Path, case: str) -> None:
-    runs = made_up_monte_carlo(tmp_path / "study.h5", **CASES[case])
-    for figure in figures_of("monte_carlo").values():
-        with in_style():
-            check_figure(figure.function(runs))
+from .drawn import curves, legend, points
 
 
 def test_a_curve_ends_at_the_fraction_of_runs_that_ended_the_stage(tmp_path: Path) -> None:
@@ -44,17 +24,6 @@ def test_a_curve_ends_at_the_fraction_of_runs_that_ended_the_stage(tmp_path: Pat
         assert curve[0, 1] == 0
 
 
-def test_the_legend_says_what_its_times_are_and_keeps_off_the_frame(tmp_path: Path) -> None:
-    with in_style():
-        figure = plot_success(made_up_monte_carlo(tmp_path / "study.h5"))
-        figure.draw_without_rendering()
-    (axes,) = figure.axes
-    found = axes.get_legend()
-    assert found is not None
-    assert found.get_title().get_text() == "Stage, median of its end"
-    assert min(text.get_window_extent().y0 for text in found.get_texts()) > axes.get_window_extent().y1 + 1
-
-
 def test_failed_runs_are_ringed_behind_their_marks_even_those_without_values(tmp_path: Path) -> None:
     figure = plot_runs(made_up_monte_carlo(tmp_path / "study.h5", crashed=(2,), late=(5,)))
     for axes in figure.axes:
@@ -65,11 +34,6 @@ def test_failed_runs_are_ringed_behind_their_marks_even_those_without_values(tmp
         assert set(ringed[np.isfinite(ringed[:, 1]), 0]) == {15.0}
         marks = [line for line in axes.lines if line.get_markeredgewidth() == 0]
         assert max(ring.get_zorder() for ring in rings) < min(mark.get_zorder() for mark in marks)
-
-
-def test_lines_that_runs_are_judged_by_are_named(tmp_path: Path) -> None:
-    figure = plot_runs(made_up_monte_carlo(tmp_path / "study.h5"))
-    assert [legend(axes)[-1] for axes in figure.axes] == ["tolerance", "limit", "bound"]
 
 
 def test_a_study_that_has_not_begun_has_nothing_to_draw(tmp_path: Path) -> None:

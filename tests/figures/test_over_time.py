@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle, StepPatch
 
 from psmpc_cli.figures.coordinates import plot_controls, plot_errors, plot_forces, plot_states, plot_velocities
-from psmpc_cli.figures.instants import cost_shares, plot_compared_instants, plot_instants, plot_shares, plot_solve_time
+from psmpc_cli.figures.instants import cost_shares, plot_instants, plot_shares, plot_solve_time
 from psmpc_cli.figures.style import EARLY, STAGE
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.library import find
@@ -53,13 +53,6 @@ def test_every_other_stage_and_early_starts_are_marked_in_every_panel_and_explai
         assert 6.4 in [points(line)[0, 0] for line in panel.lines]
     assert bands(figure.axes[0], EARLY) == [(6.4, 10.0)]
     assert {"every other stage", "next stage already acts", "early start"} <= set(common_legend(figure))
-
-
-def test_without_an_early_start_none_is_explained(load: Load, one_arm: dict[str, Any]) -> None:
-    figure = plot_states(load(early={}))
-    assert common_legend(figure) == ["every other stage"]
-    assert not any(bands(axes, EARLY) for axes in figure.axes)
-    assert common_legend(plot_states(load(**one_arm))) == []
 
 
 @pytest.mark.parametrize("early", [{1: 6.4}, {1: 4.0, 2: 7.0}, {1: 4.0, 2: 5.0, 3: 6.0}])
@@ -197,20 +190,6 @@ def test_a_switch_that_never_happened_has_no_difference(load: Load) -> None:
     _, *panels = plot_instants(load(last=8.0)).axes
     assert [legend(axes) for axes in panels] == [["approach"]]
     assert plot_instants(load(last=5.0)).axes[1].get_title(loc="left") == "no switch time was planned"
-
-
-def test_compared_switch_times_are_drawn_over_time_and_against_the_actual_end(runs: Runs) -> None:
-    overview, *details = plot_compared_instants(runs).axes
-    assert [axes.get_title() for axes in details] == [f"end of {name}" for name in ("approach", "capture", "transport")]
-    run = runs["psmpc"]
-    seen = np.isfinite(run["window/instants"][:, 0])
-    time, instants = run.time[seen], run["window/instants"][seen, 0]
-    assert any(np.array_equal(points(line), np.column_stack([time, instants])) for line in overview.lines)
-    expected = np.column_stack([time - 10.0, 1e3 * (instants - 10.0)])
-    assert any(np.array_equal(points(line), expected) for line in details[0].lines)
-    marked = [points(line)[:, 0] for line in overview.lines if line.get_marker() not in ("", "None", None)]
-    for found, one in zip(marked, runs.values(), strict=True):
-        np.testing.assert_array_equal(found, one.stages["switch_time"])
 
 
 def columns(figure: Figure, runs: Runs) -> list[list[Axes]]:

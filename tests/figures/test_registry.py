@@ -2,60 +2,22 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 import pytest
 from matplotlib.figure import Figure
-from PIL import Image
 
 import psmpc_cli as psmpc
 from psmpc_cli.errors import InputError
-from psmpc_cli.figures.registry import default_directory, draw, draw_file, figures_of
-from psmpc_cli.figures.style import in_style
+from psmpc_cli.figures.registry import default_directory, draw, draw_file
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.load import Task
 
-from .drawn import check_figure, common_legend
+from .drawn import common_legend
 
 Load = Callable[..., Run]
 
 BEGINNINGS = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
-
-STORIES: dict[str, dict[str, Any]] = {
-    "as usual": {},
-    "object lost": {"early": {1: 6.4, 3: 19.0}},
-    "three at once": {"early": {1: 4.0, 2: 7.0, 3: 19.0}},
-    "killed": {"last": 8.0},
-    "killed at once": {"last": 0.2},
-    "noisy": {"blur": 0.1},
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("story", STORIES)
-def test_every_figure_of_a_run_is_fit_to_print(story: str, load: Load) -> None:
-    run = load(**STORIES[story])
-    for figure in figures_of("run").values():
-        with in_style():
-            check_figure(figure.function(run))
-
-
-@pytest.mark.slow
-def test_figures_of_many_long_names_are_fit_to_print(load: Load, many_stages: dict[str, Any]) -> None:
-    run = load(**many_stages)
-    for kind, subject, names in (("run", run, ("controls", "instants")), ("comparison", {"a": run}, ("snapshots",))):
-        for name in names:
-            with in_style():
-                check_figure(figures_of(kind)[name].function(subject))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("compared", [("smpc", "hard"), ("psmpc", "smpc", "htmpc", "hard")])
-def test_every_figure_of_a_comparison_is_fit_to_print(compared: tuple[str, ...], runs: Mapping[str, Run]) -> None:
-    for figure in figures_of("comparison").values():
-        with in_style():
-            check_figure(figure.function({name: runs[name] for name in compared}))
 
 
 def test_a_figure_is_plotted_by_name_in_its_own_style_whatever_the_user_s(
@@ -69,15 +31,6 @@ def test_a_figure_is_plotted_by_name_in_its_own_style_whatever_the_user_s(
     assert "SMPC" in common_legend(psmpc.plot({"smpc": runs["smpc"]}, "instants"))
     with pytest.raises(InputError, match=r"no figure 'state', expected one of states, velocities, .*solve_time"):
         psmpc.plot(run, "state")
-
-
-@pytest.mark.slow
-def test_every_figure_of_a_run_is_written_by_name(tmp_path: Path, run: Run) -> None:
-    files = draw("run", run, tmp_path / "new" / "folder")
-    assert [path.name for path in files] == [f"{name}.png" for name in figures_of("run")]
-    for path in files:
-        with Image.open(path) as image:
-            assert image.width == 1050
 
 
 @pytest.mark.parametrize("ending", BEGINNINGS)

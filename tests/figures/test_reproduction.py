@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,10 +9,9 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from psmpc_cli.figures.registry import draw as draw_into
 from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.figures.reproduction import SMALLEST, plot_monitors, plot_presence, plot_schedule
-from psmpc_cli.figures.style import EARLY, in_style
+from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.run import Run
 
 from .drawn import check_figure, common_legend, curves, legend, points
@@ -94,11 +92,6 @@ def test_a_schedule_has_a_bar_a_stage_and_marks_what_is_published(run: Run, odd:
     assert [label.get_text() for label in axes.get_yticklabels()] == ["PSMPC", "SMPC"]
 
 
-def test_a_schedule_reaches_to_the_last_published_end(run: Run) -> None:
-    figure = draw(plot_schedule, {"psmpc": run}, {"psmpc": {"release": 50.0}})
-    assert figure.axes[0].get_xlim()[1] > 50.0
-
-
 TIME = np.linspace(0.0, 20.0, 41)
 INSTANTS = np.linspace(1.2, 4.0, 15)
 HORIZON = {"T_f": (np.array([0.0, 20.0]), np.full(2, 4.0))}
@@ -137,15 +130,6 @@ def figure(name: str) -> Figure:
         return figures_of("ablations")[f"ablation_{name}"].function(MADE_UP[name])
 
 
-@pytest.mark.parametrize("name", list(MADE_UP))
-def test_the_figure_of_an_ablation_is_fit_to_print(name: str, tmp_path: Path) -> None:
-    (path,) = draw_into("ablations", MADE_UP[name], tmp_path / "new", ["svg"], only=[f"ablation_{name}"])
-    assert path == tmp_path / "new" / f"ablation_{name}.svg"
-    drawn = figure(name)
-    with in_style():
-        check_figure(drawn)
-
-
 def test_every_curve_is_drawn_as_given() -> None:
     ahead, variation, printed, ours = figure("pending_cost").axes
     np.testing.assert_array_equal(curves(ahead)["ours"], np.column_stack([TIME, AHEAD]))
@@ -155,31 +139,12 @@ def test_every_curve_is_drawn_as_given() -> None:
             np.testing.assert_array_equal(curves(axes)[label], np.column_stack(curve))
 
 
-def test_minima_and_what_the_optimizer_returns_are_marked() -> None:
-    *_, ours = figure("pending_cost").axes
-    for marker in "ov":
-        marked = [line.get_xydata() for line in ours.lines if line.get_marker() == marker and len(line.get_xydata())]
-        assert [tuple(points[0]) for points in marked] == [(1.2, 1.2), (1.2, 2.4)]
-
-
 def test_instants_that_cannot_be_met_are_shaded() -> None:
     *_, printed, ours = figure("pending_cost").axes
     for axes in (printed, ours):
         assert "infeasible" in [text.get_text() for text in axes.texts]
         (span,) = axes.patches
         assert span.get_extents().transformed(axes.transData.inverted()).x1 == pytest.approx(INSTANTS[0])
-
-
-def test_stages_are_bars_and_early_starts_stand_out() -> None:
-    stages, *_ = figure("normalization").axes
-    bars = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in stages.patches]
-    np.testing.assert_allclose(bars, [(0.0, 10.0), (10.0, 14.0), (6.0, 10.0), (14.0, 18.0), (0.0, 10.0)])
-    assert [label.get_text() for label in stages.get_yticklabels()] == ["ours", "none"]
-    assert sum(patch.get_facecolor() == _rgba(EARLY) for patch in stages.patches) == 1
-
-
-def _rgba(color: str) -> tuple[float, ...]:
-    return (*(int(color[i : i + 2], 16) / 255 for i in (1, 3, 5)), 1.0)
 
 
 def test_a_form_without_error_is_named_and_not_drawn() -> None:

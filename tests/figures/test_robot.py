@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from psmpc_cli.figures.scene import View, configurations, grasp, object_poses, scene_of, view_around
-from psmpc_cli.figures.snapshots import draw_scene, plot_compared_snapshots, plot_scenario, plot_snapshots, show
-from psmpc_cli.figures.style import PAGE, PALETTE, in_style, new_figure
+from psmpc_cli.figures.scene import configurations, grasp, object_poses, scene_of, view_around
+from psmpc_cli.figures.snapshots import draw_scene, plot_compared_snapshots, plot_scenario, plot_snapshots
+from psmpc_cli.figures.style import PALETTE, in_style, new_figure
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.robot.model import RobotModel
@@ -38,15 +38,6 @@ def test_the_view_shows_all_that_is_drawn(run: Run, share: float) -> None:
     view, found = view_around(scene_of(run).extent([time])), drawn_points(run, time)
     low, high = np.array([view.x[0], view.y[0]]), np.array([view.x[1], view.y[1]])
     assert np.all((low < found) & (found < high))
-
-
-@pytest.mark.parametrize(("width", "step"), [(5.4, 1.0), (6.1, 2.0), (0.5, 0.1), (31.0, 10.0)])
-def test_ticks_are_round_few_and_the_same_on_both_axes(width: float, step: float) -> None:
-    axes = new_figure(3.0).add_subplot()
-    show(axes, View((0.0, width), (0.0, width)))
-    assert axes.get_aspect() == 1.0
-    for ticks in (axes.get_xticks(), axes.get_yticks()):
-        np.testing.assert_allclose(np.diff(ticks), step)
 
 
 def test_a_motion_along_one_line_keeps_a_panel_of_sensible_shape(load: Load, one_arm: dict[str, Any]) -> None:
@@ -160,13 +151,6 @@ def test_paths_of_the_ends_of_the_arms_begin_at_the_frame_before(run: Run) -> No
         for line, rows in zip(paths, list(run.problem.model.pose_rows.values())[1:], strict=True):
             ends = run.motion.poses_at(np.array([since, until]))[:, rows][:, :2]
             np.testing.assert_allclose(points(line)[[0, -1]], ends)
-
-
-@pytest.mark.slow
-def test_many_frames_take_the_width_of_a_page(load: Load, many_stages: dict[str, Any]) -> None:
-    figure = plot_snapshots(load(**many_stages))
-    assert figure.get_figwidth() == PAGE
-    assert len(titles(figure)) == 15
 
 
 def test_compared_snapshots_say_when_a_stage_ends_and_when_the_next_starts(runs: Mapping[str, Run]) -> None:

@@ -17,10 +17,6 @@ def test_stages_of_a_finished_run_follow_each_other(run: Run) -> None:
     assert [span.start for span in run.spans[1:]] == [span.end for span in run.spans[:-1]]
 
 
-def test_only_a_stage_that_starts_before_its_time_is_early(run: Run) -> None:
-    assert [span.early for span in run.spans] == [None, 6.4, None, None]
-
-
 def test_the_end_of_a_finished_run_follows_the_last_sample(run: Run, log: Run) -> None:
     assert run.motion.end == 29.6 > log.time[-1]
     np.testing.assert_array_equal(run.motion.Q[-1], log.final["Q"])
@@ -60,11 +56,6 @@ def test_the_state_is_the_true_one_beside_what_the_controller_saw(load: Load, ru
 def test_a_log_without_a_sample_is_refused(load: Load) -> None:
     with pytest.raises(LogError, match="found no samples"):
         assert load(last=-1.0).motion
-
-
-def test_a_log_of_one_sample_is_a_run(load: Load) -> None:
-    run = load(last=0.2)
-    assert [(span.name, span.start, span.end) for span in run.spans] == [("approach", 0.0, 0.0)]
 
 
 def test_texts_that_do_not_hold_are_named(tmp_path: Path, write_log: Write) -> None:

@@ -1,6 +1,5 @@
 from itertools import combinations
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
@@ -11,10 +10,7 @@ from psmpc_cli.figures.style import (
     LONGEST_NAME,
     PALETTE,
     STAGE,
-    TEXT,
-    in_style,
     line_look,
-    new_figure,
     readable,
 )
 
@@ -55,23 +51,8 @@ def test_neighbouring_lines_differ_in_print_as_well() -> None:
     assert len({str(look["linestyle"]) for look in looks[: len(DASHES)]}) == len(DASHES)
 
 
-def test_the_users_settings_neither_matter_nor_change() -> None:
-    with mpl.rc_context({"font.size": 30.0, "axes.grid": True}):
-        with in_style():
-            assert (mpl.rcParams["font.size"], mpl.rcParams["axes.grid"]) == (8.0, False)
-            assert mpl.rcParams["xtick.labelsize"] == TEXT
-        assert (mpl.rcParams["font.size"], mpl.rcParams["axes.grid"]) == (30.0, True)
-
-
 def test_names_become_words_and_stay_short() -> None:
     assert readable("arm_1") == "arm 1"
     long = readable("inspect_the_far_side_of_panel_12")
     assert len(long) <= LONGEST_NAME
     assert long.startswith("inspect") and long.endswith("12")
-
-
-def test_figures_are_unknown_to_pyplot() -> None:
-    import matplotlib.pyplot as plt
-
-    new_figure(1.0)
-    assert plt.get_fignums() == []

@@ -11,25 +11,11 @@ from matplotlib.figure import Figure
 
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.figures.registry import draw, figures_of
-from psmpc_cli.figures.style import in_style
 from psmpc_cli.figures.sweep import plot_plane, plot_sensitivity, plot_starts, plot_surface
 from psmpc_cli.studies.weights import SweepCells, recommend, sweep_cells
 
 from ..made_up_sweep import T_H, T_S, Numbers, made_up_sweep, numbers
-from .drawn import check_figure, common_legend, curves, legend, points
-
-CASES = {
-    "complete": {"sampling": "7x7"},
-    "with holes": {"sampling": "7x7", "waiting": (5, 6, 13), "failed": (0, 24, 30)},
-    "begun": {"sampling": "3x3", "waiting": tuple(range(1, 9))},
-    "failed": {"sampling": "3x3", "failed": tuple(range(9))},
-    "not square": {"sampling": "2x9"},
-    "ratios": {"sampling": "13"},
-    "ratios with holes": {"sampling": "13", "waiting": (1,), "failed": (6,)},
-    "draws": {"sampling": "random:20"},
-    "draws with holes": {"sampling": "random:20", "waiting": (1, 3), "failed": (6,)},
-    "one draw": {"sampling": "random:1"},
-}
+from .drawn import common_legend, curves, legend, points
 
 Sweep = Callable[..., SweepCells]
 
@@ -37,16 +23,6 @@ Sweep = Callable[..., SweepCells]
 @pytest.fixture
 def sweep(tmp_path: Path) -> Sweep:
     return lambda sampling, **given: sweep_cells(made_up_sweep(tmp_path / "sweep.h5", sampling, **given))
-
-
-@pytest.mark.parametrize(
-    "case", [case if case == "draws with holes" else pytest.param(case, marks=pytest.mark.slow) for case in CASES]
-)
-def test_every_figure_of_every_sampling_is_fit_to_print(sweep: Sweep, case: str) -> None:
-    cells = sweep(**CASES[case])
-    for figure in figures_of("sweep", cells).values():
-        with in_style():
-            check_figure(figure.function(cells))
 
 
 @pytest.mark.parametrize(
@@ -103,13 +79,6 @@ def test_the_heat_map_has_omega_1_to_the_right_and_omega_2_up(sweep: Sweep) -> N
     assert "capture, ω₂" in axes.get_ylabel()
 
 
-def test_the_shown_threshold_is_named(sweep: Sweep) -> None:
-    cells, draws = sweep("3x3"), sweep("random:5")
-    assert "ε = 0.1 " in plot_plane(cells).axes[1].get_ylabel()
-    assert "ε = 0.1 " in plot_surface(cells).axes[0].get_zlabel()
-    assert "ε = 0.1 " in plot_plane(draws).axes[1].get_ylabel()
-
-
 def test_the_contour_is_where_starts_come_down_to_t_s_less_the_horizon(sweep: Sweep) -> None:
     figure = plot_plane(sweep("7x7"))
     (line,) = contours(figure)
@@ -128,12 +97,6 @@ def test_without_an_early_start_nothing_is_early(sweep: Sweep) -> None:
     lines = curves(plot_starts(cells).axes[0])
     for name in ("ε = 0.001", "ε = 0.1", "$t_s$"):
         np.testing.assert_allclose(lines[name][:, 1], T_S)
-
-
-def test_where_all_start_at_once_seen_the_heat_map_says_so(sweep: Sweep) -> None:
-    figure = plot_plane(sweep("3x3", of=lambda ratio: {**numbers(ratio), "actual_start": [6.2, 6.2]}))
-    assert not contours(figure)
-    assert any("everywhere" in text for text in common_legend(figure))
 
 
 def test_cells_that_wait_are_blank_and_failed_ones_are_marked(sweep: Sweep) -> None:
@@ -174,13 +137,6 @@ def test_starts_are_drawn_by_threshold_between_t_s_and_t_s_less_the_horizon(swee
     np.testing.assert_allclose(lines["$t_s - T_h$"][:, 1], T_S - T_H)
 
 
-def test_cells_of_one_ratio_that_differ_are_a_band(sweep: Sweep) -> None:
-    cells = sweep("3x3")
-    alike = len(plot_starts(cells).axes[0].collections)
-    cells.results["actual_start"][0, 0] += 0.1
-    assert len(plot_starts(cells).axes[0].collections) > alike
-
-
 def test_the_recommended_ratio_is_marked_in_every_panel(sweep: Sweep) -> None:
     cells = sweep("13")
     best = recommend(cells).ratio
@@ -191,11 +147,6 @@ def test_the_recommended_ratio_is_marked_in_every_panel(sweep: Sweep) -> None:
     assert "recommended 10" in legend(rows[0])
     assert "task's 100" in legend(rows[0])
     assert legend(rows[2]) == ["tolerance"]
-
-
-def test_a_stage_without_end_condition_has_no_panel_of_errors(sweep: Sweep) -> None:
-    cells = sweep("5", of=lambda ratio: {**numbers(ratio), "final_error": float("nan")})
-    assert len(plot_sensitivity(cells).axes) == 2
 
 
 def test_the_surface_is_framed_by_t_s_and_t_s_less_the_horizon(sweep: Sweep) -> None:

@@ -254,22 +254,20 @@ def _solve_sample(cell: tuple[Path, Question, int]) -> list[Quantity]:
         swept.append(_sweep(trade_off, solve, question, None))
         *held_points, free = (found for found, _ in swept)
         points = [*_stacked("later", held_points), *free]
-    J, again = trade_off.costs_of(solve), sum(again for _, again in swept)
-    ratio = window.omega[1] / window.omega[0]
+    J_1, J_2 = trade_off.costs_of(solve)
+    numbers = (
+        ("instant", window.start, "s", "sampling instant T0"),
+        ("t_s", instant, "s", "switching instant, as the run optimized it"),
+        ("chosen_ratio", window.omega[1] / window.omega[0], "1", "omega_2 / omega_1 of the run"),
+        ("chosen_J_1", J_1, "s", "J_1 of the run's optimum"),
+        ("chosen_J_2", J_2, "s", "J_2 of the run's optimum"),
+        ("again", sum(more for _, more in swept), "1", "points solved again because another one served them better"),
+    )
     return [
-        _number("instant", window.start, "s", "sampling instant T0"),
-        _number("t_s", instant, "s", "switching instant, as the run optimized it"),
-        _number("chosen_ratio", ratio, "1", "omega_2 / omega_1 of the run"),
-        _number("chosen_J_1", J[0], "s", "J_1 of the run's optimum"),
-        _number("chosen_J_2", J[1], "s", "J_2 of the run's optimum"),
+        *(Quantity(name, (), np.array(value), units, words) for name, value, units, words in numbers),
         Quantity("scale", ("stage",), window.scale, "1", "normalization of each stage's cost, for all points"),
-        _number("again", again, "1", "points solved again because another one served them better"),
         *points,
     ]
-
-
-def _number(name: str, value: float, units: str, long_name: str) -> Quantity:
-    return Quantity(name, (), np.array(value), units, long_name)
 
 
 def _stacked(dim: str, cells: Sequence[Sequence[Quantity]]) -> list[Quantity]:
@@ -341,31 +339,29 @@ def improved(
 
 def _arrays(method: str, points: Sequence[Solution]) -> list[Quantity]:
     """Return the arrays of a method's points."""
-    J, status = point_costs(points), [STATUS.index(point.outcome.name.lower()) for point in points]
-    minimized = "J_1 with J_2 bounded" if method == CONSTRAINED else "weighted sum"
+    bounded = method == CONSTRAINED
+
+    def array(name: str, values: Sequence[float] | Vector, units: str, words: str) -> Quantity:
+        dims, codes = ("bound",) if bounded else ("ratio",), STATUS if name == "status" else ()
+        return Quantity(f"{method}_{name}", dims, np.array(values), units, words, codes)
+
+    J_1, J_2 = point_costs(points).T
+    status = np.array([STATUS.index(point.outcome.name.lower()) for point in points], "i1")
+    minimized = f"{'J_1 with J_2 bounded' if bounded else 'weighted sum'} and pending cost, over the larger weight"
     arrays = [
-        ("J_1", J[:, 0], "s", "normalized cost of the first stage"),
-        ("J_2", J[:, 1], "s", "normalized cost of the second stage"),
-        ("wait", _waits(points), "s", "t_s - T0"),
-        (
-            "objective",
-            [each.objective for each in points],
-            "1",
-            f"{minimized} and pending cost, over the larger weight",
-        ),
-        ("status", np.array(status, "i1"), "1", "outcome of the solve"),
+        array("J_1", J_1, "s", "normalized cost of the first stage"),
+        array("J_2", J_2, "s", "normalized cost of the second stage"),
+        array("wait", _waits(points), "s", "t_s - T0"),
+        array("objective", [point.objective for point in points], "1", minimized),
+        array("status", status, "1", "outcome of the solve"),
     ]
-    if method == CONSTRAINED:
-        ratio = "omega_2 / omega_1 with the same optimum, -dJ_1/dJ_2"
+    if bounded:
+        ratios = [point.bound_multiplier for point in points]
         arrays += [
-            ("limit", [each.window.cost_bound for each in points], "s", "bound on J_2"),
-            ("ratio", [each.bound_multiplier for each in points], "1", ratio),
+            array("limit", [point.window.cost_bound for point in points], "s", "bound on J_2"),
+            array("ratio", ratios, "1", "omega_2 / omega_1 with the same optimum, -dJ_1/dJ_2"),
         ]
-    dims = ("bound",) if method == CONSTRAINED else ("ratio",)
-    return [
-        Quantity(f"{method}_{name}", dims, np.array(values), units, words, STATUS if name == "status" else ())
-        for name, values, units, words in arrays
-    ]
+    return arrays
 
 
 def write_pareto(
@@ -409,15 +405,14 @@ def write_pareto(
 
 def _coordinates(stages: Sequence[str], question: Question, found: Mapping[str, Quantity]) -> list[Quantity]:
     """Build the coordinates of what was found, but for the instants."""
-    criteria = ["J_1", "J_2", "t_s - T0"] if question.free else ["J_1", "J_2"]
     bound = "bound on J_2, from the smallest ratio's (0) to the largest one's (1)"
     later = "how much later the instant is held than the run's optimum, as a part of what is left of the horizon"
-    known = {
-        "stage": (np.array(stages), "the two stages"),
-        "criterion": (np.array(criteria), "what is to be small"),
-        "ratio": (question.ratios, "omega_2 / omega_1"),
-        "bound": (np.linspace(0.0, 1.0, question.points), bound),
-        "later": (question.later, later),
-    }
+    known = (
+        ("stage", stages, "the two stages"),
+        ("criterion", ["J_1", "J_2", "t_s - T0"][: 3 if question.free else 2], "what is to be small"),
+        ("ratio", question.ratios, "omega_2 / omega_1"),
+        ("bound", np.linspace(0.0, 1.0, question.points), bound),
+        ("later", question.later, later),
+    )
     along = {"criterion", *(dim for quantity in found.values() for dim in quantity.dims)}
-    return [Quantity(name, (name,), values, "1", words) for name, (values, words) in known.items() if name in along]
+    return [Quantity(name, (name,), np.array(values), "1", words) for name, values, words in known if name in along]

@@ -182,17 +182,6 @@ def test_a_log_without_plans_is_refused(tmp_path: Path) -> None:
         solve_pareto(run, question(), tmp_path / "pareto.h5", 1)
 
 
-def test_xarray_opens_the_file_with_named_coordinates(studied: Results, in_space: Results) -> None:
-    xarray = pytest.importorskip("xarray")
-    pytest.importorskip("h5netcdf")
-    for results in (studied, in_space):
-        with xarray.open_dataset(results.path, engine="h5netcdf") as data:
-            first = data["weighted_J_1"].sel(instant=results["instant"][0], ratio=LOWEST)
-            np.testing.assert_allclose(np.ravel(first)[0], np.ravel(results["weighted_J_1"])[0])
-            assert set(data["weighted_J_1"].coords) == set(results.quantities["weighted_J_1"].dims)
-            assert data["hypervolume"].sizes == {"instant": len(results["instant"])}
-
-
 RATIOS = (0.03, 0.3, 1.0, 3.0, 30.0)
 
 

@@ -1,5 +1,6 @@
 """Pairs of priorities: which ones a sweep tries, what its cells came to, and which ratio it recommends."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -61,31 +62,27 @@ def test_random_draws_repeat_with_their_seed_and_stay_in_the_box() -> None:
     assert abs(np.log10(one.omega).mean()) < 0.2
 
 
-@pytest.mark.parametrize("text", ["25x", "x25", "1x25", "25x25x25", "1", "0", "2.5x3", "-3x3", "25 x 25", "400x400"])
-def test_what_is_no_grid_is_refused_with_its_text(text: str) -> None:
-    with pytest.raises(InputError, match="expected") as error:
-        grid_sampling(text, BOX)
-    assert text in str(error.value)
+def parsed_as(kind: str, text: str) -> object:
+    if kind == "--epsilon":
+        return parse_numbers(kind, text, "positive numbers", above=0.0)
+    if kind == "--range":
+        return parse_range(text)
+    return random_sampling(text, BOX, 0) if kind == "--sampling" else grid_sampling(text, BOX)
 
 
-@pytest.mark.parametrize("text", ["random", "random:", "random:0", "random:-3", "lhs:30", "random:1e3"])
-def test_what_is_no_sampling_is_refused_with_its_text(text: str) -> None:
-    with pytest.raises(InputError, match=r"expected random:N") as error:
-        random_sampling(text, BOX, 0)
-    assert text in str(error.value)
-
-
-@pytest.mark.parametrize("text", ["1e-3", "1e3:1e-3", "0:1", "-1:1", "a:b", "1:inf", "nan:1", "1:1", ""])
-def test_what_is_no_range_is_refused_with_its_text(text: str) -> None:
-    with pytest.raises(InputError, match="expected LOW:HIGH") as error:
-        parse_range(text)
-    assert f"'{text}'" in str(error.value)
-
-
-@pytest.mark.parametrize("text", ["", "0", "-1,1", "a", "1e-3;1e-2", "nan", "inf", "1,,2"])
-def test_what_is_no_list_of_numbers_is_rejected_with_its_text(text: str) -> None:
-    with pytest.raises(InputError, match=r"--epsilon: found '.*', expected positive numbers"):
-        parse_numbers("--epsilon", text, "positive numbers", above=0.0)
+@pytest.mark.parametrize(
+    ("kind", "texts"),
+    [
+        ("the grid", ["25x", "x25", "1x25", "25x25x25", "1", "0", "2.5x3", "-3x3", "25 x 25", "400x400"]),
+        ("--sampling", ["random", "random:", "random:0", "random:-3", "lhs:30", "random:1e3", "random:1000000"]),
+        ("--range", ["1e-3", "1e3:1e-3", "0:1", "-1:1", "a:b", "1:inf", "nan:1", "1:1", ""]),
+        ("--epsilon", ["", "0", "-1,1", "a", "1e-3;1e-2", "nan", "inf", "1,,2"]),
+    ],
+)
+def test_what_does_not_parse_is_rejected_with_its_text(kind: str, texts: list[str]) -> None:
+    for text in texts:
+        with pytest.raises(InputError, match=f"{kind}: found '{re.escape(text)}', expected"):
+            parsed_as(kind, text)
 
 
 def test_numbers_come_sorted_and_each_once() -> None:

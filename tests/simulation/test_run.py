@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
+from random import Random
 from types import FrameType
 
 import numpy as np
@@ -198,10 +199,10 @@ simulate(load_task("transport", sys.argv[2:]), Path(sys.argv[1]), watch)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("samples", "delay", "plans"), [(0, 0.0, True), (1, 0.001, True), (30, 0.3, False)])
-def test_a_killed_run_leaves_all_but_the_last_half_second(
-    tmp_path: Path, samples: int, delay: float, plans: bool
-) -> None:
+@pytest.mark.parametrize("kill", range(20))
+def test_a_killed_run_leaves_all_but_the_last_half_second(tmp_path: Path, kill: int) -> None:
+    random, plans = Random(kill), kill % 2 == 0
+    samples, delay = random.randrange(30), random.uniform(0.0, 0.1)
     path = tmp_path / "log.h5"
     command = [sys.executable, "-c", RUN, str(path), *COARSE, f"log.plans={str(plans).lower()}"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:

@@ -22,7 +22,7 @@ from psmpc_cli.cli.main import app
 from psmpc_cli.logs import schema
 from psmpc_cli.specs.document import ANGLE_PATTERN
 from psmpc_cli.specs.fields import NAME_PATTERN, SECONDS_PATTERN
-from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import TaskSpec
 from psmpc_cli.studies.measures import WHOLE_RUN, second_stage
 
@@ -51,6 +51,8 @@ SECTIONS = {
         "#uncertainty": "UncertaintySpec FrictionSpec NoiseSpec ImpulseSpec PayloadSpec",
         "#published-and-log": "PublishedRun LogSpec",
         "#bodies": "Base Arm Mount Link Tool",
+        "#spatial-robots": "SpatialBase SpatialArm SpatialLink SpatialJoint SpatialTool",
+        "#your-own-urdf": "Tip",
     }.items()
     for model in models.split()
 }
@@ -59,7 +61,9 @@ SECTIONS = {
 
 def keys(name: str) -> Iterator[str]:
     """Yield the table of the keys of a model of tasks or robots."""
-    models = models_of(TaskSpec) | models_of(RobotSpec)
+    models: dict[str, Any] = {}
+    for root in (TaskSpec, PlanarRobot, SpatialRobot, UrdfRobot):
+        models |= models_of(root)
     mapping = _mapping(models[name])
     rows = [
         _row(key, value, key in mapping.get("required", ()), models)

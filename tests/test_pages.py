@@ -8,7 +8,7 @@ from pages import BLOCK, HERE, PAGES, QUICK, blocks
 from tables import models_of, table
 
 from psmpc_cli.logs.schema import SCHEMA
-from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import TaskSpec
 
 BLOCKS = list(blocks())
@@ -35,7 +35,7 @@ def test_the_script_of_every_table_is_there() -> None:
 
 def test_every_key_and_every_dataset_is_in_a_table() -> None:
     commands = [command for _, command, _ in BLOCKS]
-    models = {*models_of(TaskSpec), *models_of(RobotSpec)}
+    models = {model for root in (TaskSpec, PlanarRobot, SpatialRobot, UrdfRobot) for model in models_of(root)}
     assert sorted(f"{QUICK} keys {model}" for model in models) == sorted(c for c in commands if f"{QUICK} keys" in c)
     datasets = "".join(text for _, command, text in BLOCKS if f"{QUICK} datasets" in command)
     listed = re.findall(r"^\| `([\w/]+)` \|", datasets, re.MULTILINE)

@@ -1,9 +1,9 @@
 """Robots and tasks as tables: what `psmpc check` prints."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import zip_longest
 from json import dumps
-from math import degrees, floor, isinf
+from math import atan2, degrees, floor, hypot, isinf
 
 import typer
 
@@ -16,7 +16,7 @@ from psmpc_cli.specs.document import plain
 from psmpc_cli.specs.fields import Spec
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.messages import counted
-from psmpc_cli.specs.parts import AXES, Space, target_axes
+from psmpc_cli.specs.parts import POSITION_AXES, Space, target_axes
 from psmpc_cli.specs.priorities import ACCEPTABLE, weigh_stages
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import PrioritiesSpec, StageSpec
@@ -45,17 +45,36 @@ def print_task(task: Task, outlooks: Sequence[Outlook]) -> None:
 def print_robot(robot: RobotSpec) -> None:
     """Print a robot: its bodies, and the limits of its coordinates."""
     typer.echo(f"{robot.name}: {robot.description}" if robot.description else robot.name)
-    rows: Rows = [("base", "", f"{robot.base.mass:g}", f"{robot.base.inertia:g}", "")]
-    for name, arm in robot.arms.items():
-        mount = (name, f"at {arm.mount.position[0]:g}, {arm.mount.position[1]:g} m, {degrees(arm.mount.angle):g} deg")
-        links = ((f"{link.mass:g}", f"{link.inertia:g}", f"{link.a:g} + {link.b:g}") for link in arm.links)
-        rows += [(*(mount if i == 0 else ("", "")), *link) for i, link in enumerate(links)]
-    for headings, part in (
-        (("part", "mount", "mass [kg]", "inertia [kg m^2]", "a + b [m]"), rows),
+    d, bodies = robot.dimension, robot.bodies
+    total = sum(body.mass for body in bodies)
+    typer.echo(f"{'planar' if d == 2 else 'spatial'}, {sum(robot.parts.values())} degrees of freedom, {total:.6g} kg")
+    rows: Rows = []
+    for body in bodies:
+        joint, carrier = "", ""
+        if body.joint is not None:
+            at = body.joint.at
+            place = [*at.position[:d], *(() if d == 3 else (degrees(at.rotation[2]),))]
+            carrier = f"{bodies[at.body].name} at {_listed(place)} m{', deg' if d == 2 else ''}"
+            kind = "prismatic" if body.joint.prismatic else "revolute"
+            joint = (
+                kind
+                if d == 2
+                else f"{kind} about {_listed(body.joint.axis)}".replace("prismatic about", "prismatic along")
+            )
+        inertia = body.inertia[2:3] if d == 2 else body.inertia
+        rows.append((body.name, joint, carrier, f"{body.mass:g}", _listed(body.centre[:d]), _listed(inertia)))
+    tables: list[tuple[tuple[str, ...], Rows]] = [
+        (("body", "joint", "on", "mass [kg]", "centre of mass [m]", "inertia [kg m^2]"), rows),
         (("coordinate", "position", "velocity", "acceleration"), _limits(robot)),
-    ):
+    ]
+    for headings, part in tables:
         print_table(headings, part, left=len(headings))
         typer.echo()
+
+
+def _listed(numbers: Iterable[float]) -> str:
+    """Write numbers in a row."""
+    return " ".join(f"{number:.4g}" for number in numbers)
 
 
 def _comparisons(priorities: PrioritiesSpec, stages: list[str]) -> str:
@@ -88,8 +107,12 @@ def _targets(robot: RobotSpec, outlook: Outlook, space: Space) -> dict[str, str]
     numbers, found = iter(outlook.stage.target), {}
     for part, axes in target_axes(robot.parts, space).items():
         values = list(zip(axes, numbers, strict=False))
-        lengths = ", ".join(f"{value:g}" for axis, value in values if axis in AXES[:2])
-        angles = ", ".join(f"{degrees(value):.4g}" for axis, value in values if axis not in AXES[:2])
+        lengths = ", ".join(f"{value:g}" for axis, value in values if axis in POSITION_AXES)
+        angles = ", ".join(f"{degrees(value):.4g}" for axis, value in values if axis == "theta" or axis.isdigit())
+        attitude = [value for axis, value in values if axis.startswith("q")]
+        if attitude:
+            turn = 2 * atan2(hypot(*attitude[1:]), abs(attitude[0]))
+            angles = f"turned by {degrees(turn):.4g}{', ' if angles else ''}{angles}"
         texts = (f"{text} {unit}" for text, unit in ((lengths, "m"), (angles, "deg")) if text)
         found[part] = ("to " if outlook.stage.trajectory else "") + ", ".join(texts)
     return found
@@ -114,7 +137,7 @@ def _limits(robot: RobotSpec) -> Rows:
     """Build the rows of the limits of every coordinate, angles in degrees; empty where there is none."""
     limits, rows = resolve_limits(robot), Rows()
     for row, label in enumerate(labels(robot, "joint")):
-        length, spans = label in ("base.x", "base.y"), [label]
+        length, spans = label.rpartition(".")[2] in POSITION_AXES, [label]
         for quantity, unit in (("position", "deg"), ("velocity", "rad/s"), ("acceleration", "rad/s^2")):
             ends = (float(getattr(limits, f"{quantity}_{end}")[row]) for end in ("low", "high"))
             low, high = (degrees(end) if unit == "deg" and not length else end for end in ends)

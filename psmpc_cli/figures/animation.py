@@ -163,11 +163,11 @@ def film_model(scene: Scene, view: View) -> str:
     world = mujoco.MjSpec.from_string(SURROUNDINGS.format(**numbers, floor_x=round(x), floor_y=round(y)))
     robot = mujoco_spec(model.spec)
     _add_box(robot.body("base"), (*base_half(model), 3 * thick), style.BODY)
-    for index, (name, arm) in enumerate(model.spec.arms.items()):
+    for index, name in enumerate(model.spec.arms):
         color = style.PALETTE[index % len(style.PALETTE)]
-        for number, link in enumerate(arm.links, start=1):
-            body, tip = robot.body(f"{name}.{number}"), link.a + link.b
-            line: dict[str, Any] = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": [0, 0, 0, tip, 0, 0]}
+        for number, end in enumerate(model.spec.link_ends(name), start=1):
+            body, tip = robot.body(f"{name}.{number}"), end[0]
+            line: dict[str, Any] = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": [0, 0, 0, *end]}
             body.add_geom(size=[0.7 * thick, 0, 0], rgba=[*to_rgb(color), 1], **line)
             disc: dict[str, Any] = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [thick, 1.1 * thick, 0]}
             body.add_geom(rgba=[1, 1, 1, 1], **disc)

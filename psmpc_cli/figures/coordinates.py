@@ -14,7 +14,7 @@ from psmpc_cli.figures import style
 from psmpc_cli.figures.timeline import open_timeline
 from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.parts import AXES, error_axes
+from psmpc_cli.specs.parts import POSITION_AXES, error_axes
 
 HEIGHT = 0.92
 """Height of a panel of coordinates [in]."""
@@ -217,7 +217,7 @@ def _error_groups(run: Run, span: Span) -> Iterator[tuple[int, bool, list[int], 
     tolerances = dict(zip(stage.end_rows, stage.tolerance, strict=True))
     for frame, axes in enumerate(error_axes(run.problem.model.spec.parts, stage.space).values()):
         for angular in (False, True):
-            rows = [row for row, axis in enumerate(axes, start=first) if (axis not in AXES[:2]) == angular]
+            rows = [row for row, axis in enumerate(axes, start=first) if (axis not in POSITION_AXES) == angular]
             ending = [row for row in rows if row in tolerances]
             if rows:
                 yield frame, angular, ending or rows, min((tolerances[row] for row in ending), default=np.nan)

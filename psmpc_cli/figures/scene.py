@@ -212,14 +212,15 @@ def outline(model: RobotModel, Q: np.ndarray) -> np.ndarray:
 
 def base_half(model: RobotModel) -> np.ndarray:
     """Return half the length and half the width of the base's box (2,) [m]."""
-    mounts = np.abs([arm.mount.position for arm in model.spec.arms.values()])
+    joints = [body.joint for body in model.spec.bodies if body.joint is not None]
+    mounts = np.abs([joint.at.position[:2] for joint in joints if joint.at.body == 0])
     half = np.maximum(mounts.max(axis=0), 0.1 * reach(model))
     return np.asarray(np.maximum(half, 0.6 * half.max()))
 
 
 def reach(model: RobotModel) -> float:
     """Return the length of the longest arm [m]."""
-    return max(sum(link.a + link.b for link in arm.links) for arm in model.spec.arms.values())
+    return max(float(np.linalg.norm(model.spec.link_ends(arm), axis=1).sum()) for arm in model.spec.arms)
 
 
 def rectangle(pose: np.ndarray, shape: tuple[float, float]) -> np.ndarray:

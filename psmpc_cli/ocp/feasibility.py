@@ -94,7 +94,7 @@ def review(task: Task) -> list[Fault]:
 def _initial(task: Task, first: Stage) -> Iterator[Fault]:
     """Give what of the initial state the first stage does not allow."""
     position = stack(task.spec.initial, task.robot, "joint")
-    velocity = stack(task.spec.initial_velocity, task.robot, "joint", missing=0.0)
+    velocity = stack(task.spec.initial_velocity, task.robot, "joint", missing=0.0, of_error=True)
     for key, kind, values in (("initial", "position", position), ("initial_velocity", "velocity", velocity)):
         for row in _outside(values, *_bounds(first, kind)):
             yield Fault(_place(task, (key,), row, "joint"), _beyond(task, row, values[row], first, kind))

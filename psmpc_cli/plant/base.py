@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from psmpc_cli.robot.bodies import InertialParameters
+from psmpc_cli.robot.dynamics import InertialParameters
 
 
 @dataclass(frozen=True, eq=False)

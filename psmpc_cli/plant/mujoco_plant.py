@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from psmpc_cli.plant.base import Disturbance, Resistance, Ticks
-from psmpc_cli.robot.bodies import InertialParameters, body_names
+from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.mujoco_model import mujoco_spec
 
@@ -31,7 +31,7 @@ class MujocoPlant:
         mujoco.set_mju_user_warning(logger.warning)  # by default MuJoCo writes a file in the current directory
         self._data = mujoco.MjData(self.engine)
         self._resistance = resistance
-        self._bodies = [self.engine.body(name).id for name in body_names(model.spec)]
+        self._bodies = [self.engine.body(name).id for name in (body.name for body in model.spec.bodies)]
         self._centres = self.engine.body_ipos[self._bodies, 0].copy()
 
     def advance(self, start: float, x: np.ndarray, u: np.ndarray, disturbance: Disturbance | None = None) -> Ticks:
@@ -77,12 +77,11 @@ class MujocoPlant:
 
     def _set_inertial_parameters(self, robot: InertialParameters) -> None:
         """Set masses, inertias and centres of mass of the bodies; a load becomes one body with the last link."""
-        mass, inertia, centre = robot.mass.copy(), robot.inertia.copy(), robot.offset.copy()
+        mass, inertia, centre = robot.mass.copy(), robot.inertia[:, 0].copy(), robot.offset.copy()
         centre[:, 0] += self._centres
-        link = 0
-        for number, arm in enumerate(self.model.spec.arms.values()):
-            link, held = link + len(arm.links), robot.held_mass[number]
-            apart = np.array([arm.links[-1].a + arm.links[-1].b, 0.0]) - centre[link]
+        for number, tool in enumerate(self.model.spec.tools.values()):
+            link, held = tool.body, robot.held_mass[number]
+            apart = np.array(tool.position[:2]) - centre[link]
             total = mass[link] + held
             inertia[link] += robot.held_inertia[number] + mass[link] * held / total * float(apart @ apart)
             centre[link] += held / total * apart

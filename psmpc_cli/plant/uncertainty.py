@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.plant.base import Disturbance, Plant, Resistance, Ticks
-from psmpc_cli.robot.bodies import InertialParameters, body_names
+from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import TaskSpec
@@ -97,7 +97,7 @@ class Uncertainty:
     def drawn(self) -> dict[str, ArrayLike]:
         """What was drawn for the bodies, by path in the log."""
         return {
-            "uncertainty/body": body_names(self._model.spec),
+            "uncertainty/body": tuple(body.name for body in self._model.spec.bodies),
             "uncertainty/axis": ("x", "y"),
             "uncertainty/mass_factor": self.draw.mass_factor,
             "uncertainty/inertia_factor": self.draw.inertia_factor,
@@ -169,7 +169,7 @@ class Stream(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Draw:
-    """What was drawn for the bodies of a robot, in the order of `body_names`.
+    """What was drawn for the bodies of a robot, in their order.
 
     Attributes:
         mass_factor: True mass over the nominal one (bodies,).
@@ -183,13 +183,13 @@ class Draw:
 
     def applied(self, nominal: InertialParameters) -> InertialParameters:
         """Return the true inertial parameters, with empty grippers."""
-        mass, inertia = self.mass_factor * nominal.mass, self.inertia_factor * nominal.inertia
+        mass, inertia = self.mass_factor * nominal.mass, self.inertia_factor[:, None] * nominal.inertia
         return InertialParameters(mass, inertia, self.offset, nominal.held_mass, nominal.held_inertia)
 
 
 def draw_bodies(spec: UncertaintySpec, robot: RobotSpec, seed: int) -> Draw:
     """Draw the bodies of a robot, uniformly within their ranges."""
-    count = len(body_names(robot))
+    count = len(robot.bodies)
     return Draw(
         mass_factor=1 + _by_body(spec.mass, robot) * _stream(seed, Stream.MASS).uniform(-1, 1, count),
         inertia_factor=1 + _by_body(spec.inertia, robot) * _stream(seed, Stream.INERTIA).uniform(-1, 1, count),

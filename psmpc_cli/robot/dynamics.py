@@ -1,26 +1,82 @@
-"""Equations of motion from the kinetic energy alone, by algorithmic differentiation. In space there is no gravity."""
+"""Equations of motion of a tree of bodies by the recursive Newton-Euler algorithm. In space there is no gravity.
+
+Every vector is in the frame of its body, so that the base's pose appears once, where its force and velocity are turned
+into the inertial frame. Luh, Walker, Paul (1980); Featherstone: Rigid Body Dynamics Algorithms (2008), chapter 5.
+"""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
+import numpy as np
 
-from psmpc_cli.robot.bodies import Body, Placement, bodies_at
+from psmpc_cli.robot.rotations import add, cross, exp, matrix, scaled, turn_matrix
+from psmpc_cli.specs.robot import Body, RobotSpec
+
+EXACT = 1e-15
+"""Entries of a constant rotation matrix this near to 0 and 1 are meant to be: right angles cost no operations."""
+
+Vector = list[Any]
+Matrix = list[list[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class InertialParameters:
+    """Inertial parameters of a robot's bodies in their order, and of what its grippers hold.
+
+    Attributes:
+        mass: (bodies,) [kg].
+        inertia: About the centres of mass, zz of a planar robot (bodies, 1), xx, yy, zz, xy, xz, yz of a spatial one
+            (bodies, 6) [kg m^2].
+        offset: Of the centres of mass from the nominal ones, along the axes of the body (bodies, dimension) [m].
+        held_mass: Of the load in each gripper, at the end-effector frame (arms,) [kg].
+        held_inertia: Of the load about that point, the same about each axis (arms,) [kg m^2].
+    """
+
+    mass: np.ndarray
+    inertia: np.ndarray
+    offset: np.ndarray
+    held_mass: np.ndarray
+    held_inertia: np.ndarray
+
+    @classmethod
+    def nominal(cls, spec: RobotSpec) -> "InertialParameters":
+        """Return the parameters of the robot's description, with empty grippers."""
+        bodies, moments = spec.bodies, slice(2, 3) if spec.dimension == 2 else slice(6)
+        return cls(
+            mass=np.array([body.mass for body in bodies]),
+            inertia=np.array([body.inertia[moments] for body in bodies]),
+            offset=np.zeros((len(bodies), spec.dimension)),
+            held_mass=np.zeros(len(spec.arms)),
+            held_inertia=np.zeros(len(spec.arms)),
+        )
+
+    @property
+    def vector(self) -> np.ndarray:
+        """All parameters in one vector w, the last argument of the functions of `Dynamics`."""
+        return np.concatenate(
+            [self.mass, self.inertia.T.ravel(), self.offset.T.ravel(), self.held_mass, self.held_inertia]
+        )
+
+    def holding(self, mass: np.ndarray, inertia: np.ndarray) -> "InertialParameters":
+        """Return the same robot with loads of mass (arms,) [kg] and inertia (arms,) [kg m^2] in its grippers."""
+        return replace(self, held_mass=mass, held_inertia=inertia)
 
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
     """Equations of motion as CasADi functions. They take and return columns and accept SX, MX and numbers.
 
-    Their last argument is w, the vector of `InertialParameters`: a symbol where inertial parameters vary, numbers where
-    they do not, which CasADi then folds into the expressions.
+    Q (nq,) and v (n,) are as `RobotModel` has them. The last argument is w, the vector of `InertialParameters`: a
+    symbol where inertial parameters vary, numbers where they do not, which CasADi then folds into the expressions.
 
     Attributes:
         H: Q, w -> (n, n) [kg, kg m, kg m^2]. Paper eq. (3).
-        inverse: Q, Qdot, Qddot, w -> F (n,) [N, N m], also the computed-torque law. Paper eqs. (3), (7).
-        forward: Q, Qdot, F, w -> Qddot (n,) [m/s^2, rad/s^2]. Paper eq. (3).
-        momentum: Q, Qdot, w -> linear (x, y) [N s] and angular about the inertial origin [N m s], (3,). Paper eq. (4).
-        kinetic_energy: Q, Qdot, w -> scalar [J].
+        inverse: Q, v, vdot, w -> F (n,) [N, N m], also the computed-torque law. Paper eqs. (3), (7).
+        forward: Q, v, F, w -> vdot (n,) [m/s^2, rad/s^2]. Paper eq. (3).
+        momentum: Q, v, w -> linear [N s] and angular about the inertial origin [N m s], (3,) or (6,). Paper eq. (4).
+        kinetic_energy: Q, v, w -> scalar [J].
     """
 
     H: ca.Function
@@ -30,21 +86,24 @@ class Dynamics:
     kinetic_energy: ca.Function
 
 
-def derive_dynamics(placed: Placement, Q: ca.SX, w_size: int) -> Dynamics:
-    """Derive the equations of motion of a robot placed at the symbols Q (n,), its bodies given by w (w_size,)."""
-    n, w = Q.numel(), ca.SX.sym("w", w_size)
-    Qdot, Qddot, F = (ca.SX.sym(name, n) for name in ("Qdot", "Qddot", "F"))
-    bodies = bodies_at(placed, w)
-    T, H = _kinetic_energy(bodies, Q, Qdot), _inertia(bodies, Q)
-    bias = _coriolis(T, Q, Qdot)
-    inverse = bias + ca.jtimes(ca.gradient(T, Qdot), Qdot, Qddot)
-    motion = {"Q": Q, "Qdot": Qdot}
+def derive_dynamics(spec: RobotSpec) -> Dynamics:
+    """Derive the equations of motion of a robot."""
+    n = sum(spec.parts.values())
+    Q = ca.SX.sym("Q", n + (spec.dimension == 3))
+    v, vdot, F = (ca.SX.sym(name, n) for name in ("v", "vdot", "F"))
+    w = ca.SX.sym("w", InertialParameters.nominal(spec).vector.size)
+    tree = _Tree(spec, Q, w)
+    force = tree.force(v, vdot)
+    bias = tree.force(v, ca.SX.zeros(n))
+    H = ca.triu2symm(ca.triu(ca.jacobian(force, vdot)))
+    momentum = tree.momentum(v)
+    motion = {"Q": Q, "v": v}
     return Dynamics(
         H=function("H", {"Q": Q, "w": w}, {"H": ca.densify(H)}),
-        inverse=function("inverse", {**motion, "Qddot": Qddot, "w": w}, {"F": inverse}),
-        forward=function("forward", {**motion, "F": F, "w": w}, {"Qddot": solve_spd(H, F - bias)}),
-        momentum=function("momentum", {**motion, "w": w}, {"p": _momentum(bodies, Q, Qdot)}),
-        kinetic_energy=function("kinetic_energy", {**motion, "w": w}, {"T": T}),
+        inverse=function("inverse", {**motion, "vdot": vdot, "w": w}, {"F": force}),
+        forward=function("forward", {**motion, "F": F, "w": w}, {"vdot": solve_spd(H, F - bias)}),
+        momentum=function("momentum", {**motion, "w": w}, {"p": momentum}),
+        kinetic_energy=function("kinetic_energy", {**motion, "w": w}, {"T": ca.dot(v, tree.force(0 * v, v)) / 2}),
     )
 
 
@@ -60,38 +119,169 @@ def function(name: str, inputs: Mapping[str, ca.SX], outputs: Mapping[str, ca.SX
     return ca.Function(name, list(inputs.values()), expressions, list(inputs), list(outputs))
 
 
-def _kinetic_energy(bodies: Sequence[Body], Q: ca.SX, Qdot: ca.SX) -> ca.SX:
-    """Return T of all bodies, scalar [J]."""
-    T = ca.SX(0)
-    for body in bodies:
-        v, omega = ca.jtimes(body.frame.position, Q, Qdot), ca.jtimes(body.frame.angle, Q, Qdot)
-        T += (body.mass * ca.dot(v, v) + body.inertia * omega**2) / 2
-    return T
+@dataclass(frozen=True)
+class _Lump:
+    """Mass fixed to a body: mass, centre and inertia matrix about the centre, in the frame of body number `body`."""
+
+    body: int
+    mass: Any
+    centre: Vector
+    inertia: Matrix
 
 
-def _inertia(bodies: Sequence[Body], Q: ca.SX) -> ca.SX:
-    """Return H = d2T/dQdot2, (n, n).
+@dataclass(frozen=True)
+class _Motion:
+    """Motion of a body's frame: angular velocity and acceleration, velocity and acceleration of its origin."""
 
-    Velocities are linear in Qdot, so it is the sum of their squared Jacobians: fewer operations than to differentiate
-    T twice.
-    """
-    H = ca.SX(Q.numel(), Q.numel())
-    for body in bodies:
-        J_v, J_w = ca.jacobian(body.frame.position, Q), ca.jacobian(body.frame.angle, Q)
-        H += body.mass * J_v.T @ J_v + body.inertia * J_w.T @ J_w
-    return ca.triu2symm(ca.triu(H))
+    omega: Vector
+    alpha: Vector
+    velocity: Vector
+    acceleration: Vector
 
 
-def _coriolis(T: ca.SX, Q: ca.SX, Qdot: ca.SX) -> ca.SX:
-    """Return C Qdot = Hdot Qdot - 1/2 d(Qdot' H Qdot)/dQ, (n,) [N, N m]; H Qdot = dT/dQdot. Below paper eq. (3)."""
-    return ca.jtimes(ca.gradient(T, Qdot), Q, Qdot) - ca.gradient(T, Q)
+class _Tree:
+    """The bodies of a robot at Q with inertial parameters w."""
+
+    def __init__(self, spec: RobotSpec, Q: ca.SX, w: ca.SX) -> None:
+        self.spec, self.bodies, base = spec, spec.bodies, 3 * (spec.dimension - 1)
+        if spec.dimension == 2:
+            self.position, self.turned = [Q[0], Q[1], 0.0], turn_matrix((0.0, 0.0, 1.0), Q[2])
+        else:
+            self.position, self.turned = [Q[i] for i in range(3)], matrix([Q[3 + i] for i in range(4)])
+        joints = Q[base + (spec.dimension == 3) :]
+        placed = (_joint_place(body, joints[i]) for i, body in enumerate(self.bodies[1:]))
+        self.places: list[tuple[Matrix, Vector]] = [(self.turned, self.position), *placed]
+        self.lumps = [*_own_lumps(spec, w), *_held_lumps(spec, w)]
+
+    def motions(self, v: ca.SX, vdot: ca.SX) -> list[_Motion]:
+        """Compute the motion of every body, each in its own frame."""
+        d, back = self.spec.dimension, _transposed(self.turned)
+        (linear, angular), (pulled, twisted) = _base_vectors(v, d), _base_vectors(vdot, d)
+        found = [_Motion(angular, twisted, _times(back, linear), _times(back, pulled))]
+        for i, body in enumerate(self.bodies[1:]):
+            rate, change = v[3 * (d - 1) + i], vdot[3 * (d - 1) + i]
+            found.append(_carried(found[_carrier(body)], body, *self.places[i + 1], rate, change))
+        return found
+
+    def force(self, v: ca.SX, vdot: ca.SX) -> ca.SX:
+        """Compute the generalized force (n,)."""
+        motions, d = self.motions(v, vdot), self.spec.dimension
+        forces, moments = [[0.0] * 3 for _ in motions], [[0.0] * 3 for _ in motions]
+        for lump in self.lumps:
+            motion, i = motions[lump.body], lump.body
+            centre = add(motion.acceleration, _at(motion.omega, motion.alpha, lump.centre))
+            f = scaled(centre, lump.mass)
+            spin = cross(motion.omega, _times(lump.inertia, motion.omega))
+            forces[i] = add(forces[i], f)
+            moments[i] = add(moments[i], _times(lump.inertia, motion.alpha), spin, cross(lump.centre, f))
+        joints: list[Any] = [0.0] * (len(self.bodies) - 1)
+        for i in range(len(self.bodies) - 1, 0, -1):
+            joint, (E, r) = self.bodies[i].joint, self.places[i]
+            if joint is None:
+                continue
+            joints[i - 1] = _along(joint.axis, forces[i] if joint.prismatic else moments[i])
+            f, carrier = _times(E, forces[i]), joint.at.body
+            forces[carrier] = add(forces[carrier], f)
+            moments[carrier] = add(moments[carrier], _times(E, moments[i]), cross(r, f))
+        return ca.SX(ca.vertcat(_wrench(d, _times(self.turned, forces[0]), moments[0]), *joints))
+
+    def momentum(self, v: ca.SX) -> ca.SX:
+        """Compute linear and angular momentum about the inertial origin, in the inertial frame, (3,) or (6,)."""
+        motions = self.motions(v, ca.SX.zeros(v.numel()))
+        linear, angular = [[0.0] * 3 for _ in motions], [[0.0] * 3 for _ in motions]
+        for lump in self.lumps:
+            motion, i = motions[lump.body], lump.body
+            p = scaled(add(motion.velocity, cross(motion.omega, lump.centre)), lump.mass)
+            linear[i] = add(linear[i], p)
+            angular[i] = add(angular[i], _times(lump.inertia, motion.omega), cross(lump.centre, p))
+        for i in range(len(self.bodies) - 1, -1, -1):
+            E, r = self.places[i]
+            p, h = _times(E, linear[i]), _times(E, angular[i])
+            if i == 0:
+                return _wrench(self.spec.dimension, p, add(h, cross(r, p)))
+            carrier = _carrier(self.bodies[i])
+            linear[carrier], angular[carrier] = add(linear[carrier], p), add(angular[carrier], h, cross(r, p))
+        raise AssertionError("a robot has a base")
 
 
-def _momentum(bodies: Sequence[Body], Q: ca.SX, Qdot: ca.SX) -> ca.SX:
-    """Return linear (x, y) [N s] and angular momentum about the inertial origin [N m s], (3,)."""
-    linear, angular = ca.SX(0), ca.SX(0)
-    for body in bodies:
-        position, p = body.frame.position, body.mass * ca.jtimes(body.frame.position, Q, Qdot)
-        linear += p
-        angular += body.inertia * ca.jtimes(body.frame.angle, Q, Qdot) + position[0] * p[1] - position[1] * p[0]
-    return ca.vertcat(linear, angular)
+def _base_vectors(v: ca.SX, dimension: int) -> tuple[Vector, Vector]:
+    """Return the base's linear and angular vector (3,) each in the coordinates v."""
+    if dimension == 2:
+        return [v[0], v[1], 0.0], [0.0, 0.0, v[2]]
+    return [v[i] for i in range(3)], [v[i] for i in range(3, 6)]
+
+
+def _wrench(dimension: int, linear: Vector, angular: Vector) -> ca.SX:
+    """Return the components that count, (3,) or (6,)."""
+    return ca.SX(ca.vertcat(*linear[:dimension], *(angular if dimension == 3 else angular[2:])))
+
+
+def _carrier(body: Body) -> int:
+    return 0 if body.joint is None else body.joint.at.body
+
+
+def _joint_place(body: Body, q: Any) -> tuple[Matrix, Vector]:
+    """Compute the rotation of a body's frame into that of its carrier, and its origin there, at joint coordinate q."""
+    joint = body.joint
+    assert joint is not None
+    position = list(joint.at.position)
+    at = np.array(matrix(exp(joint.at.rotation)))
+    at = np.where(np.abs(at - at.round()) < EXACT, at.round(), at).tolist()
+    if joint.prismatic:
+        return at, add(position, scaled(_times(at, joint.axis), q))
+    columns = _transposed(turn_matrix(joint.axis, q))
+    return _transposed([_times(at, column) for column in columns]), position
+
+
+def _carried(before: _Motion, body: Body, E: Matrix, r: Vector, rate: Any, change: Any) -> _Motion:
+    """Compute the motion of a body from that of its carrier; E and r are those of `_joint_place`."""
+    joint, back = body.joint, _transposed(E)
+    assert joint is not None
+    omega, alpha = _times(back, before.omega), _times(back, before.alpha)
+    velocity = _times(back, add(before.velocity, cross(before.omega, r)))
+    acceleration = _times(back, add(before.acceleration, _at(before.omega, before.alpha, r)))
+    along, turning = scaled(joint.axis, rate), cross(omega, scaled(joint.axis, rate))
+    if joint.prismatic:
+        velocity, acceleration = add(velocity, along), add(acceleration, scaled(joint.axis, change), scaled(turning, 2))
+    else:
+        omega, alpha = add(omega, along), add(alpha, scaled(joint.axis, change), turning)
+    return _Motion(omega, alpha, velocity, acceleration)
+
+
+def _own_lumps(spec: RobotSpec, w: ca.SX) -> list[_Lump]:
+    """Return the bodies' own masses."""
+    bodies, d, k = spec.bodies, spec.dimension, 1 if spec.dimension == 2 else 6
+    B, lumps = len(spec.bodies), []
+    for i, body in enumerate(bodies):
+        moments, offset = [w[B * (1 + j) + i] for j in range(k)], [w[B * (1 + k + j) + i] for j in range(d)]
+        xx, yy, zz, xy, xz, yz = [0.0, 0.0, *moments, 0.0, 0.0, 0.0] if d == 2 else moments
+        centre = add(list(body.centre), [*offset, 0.0][:3])
+        lumps.append(_Lump(i, w[i], centre, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    return lumps
+
+
+def _held_lumps(spec: RobotSpec, w: ca.SX) -> list[_Lump]:
+    """Return the loads of the grippers."""
+    tools, lumps = list(spec.tools.values()), []
+    for a, tool in enumerate(tools):
+        mass, inertia = w[w.numel() - 2 * len(tools) + a], w[w.numel() - len(tools) + a]
+        about = [[inertia if i == j else 0.0 for j in range(3)] for i in range(3)]
+        lumps.append(_Lump(tool.body, mass, list(tool.position), about))
+    return lumps
+
+
+def _at(omega: Vector, alpha: Vector, r: Vector) -> Vector:
+    """Compute the acceleration of a point at r of a body relative to its origin."""
+    return add(cross(alpha, r), cross(omega, cross(omega, r)))
+
+
+def _times(A: Matrix, b: Sequence[Any]) -> Vector:
+    return [_along(row, b) for row in A]
+
+
+def _along(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _transposed(A: Matrix) -> Matrix:
+    return [list(row) for row in zip(*A, strict=True)]

@@ -1,6 +1,6 @@
 """The model of a robot: numeric methods for Python users, CasADi functions for optimization and simulation."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,53 +10,53 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from psmpc_cli.native.functions import ArrayFunction
-from psmpc_cli.robot.bodies import InertialParameters, place_planar
-from psmpc_cli.robot.dynamics import Dynamics, derive_dynamics, function, solve_spd
+from psmpc_cli.robot.dynamics import Dynamics, InertialParameters, derive_dynamics, function, solve_spd
+from psmpc_cli.robot.kinematics import SpatialFrame, base_frame, place
+from psmpc_cli.robot.rotations import add, cross, rotate, scaled
 from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.load import load_robot as load_robot_spec
 from psmpc_cli.specs.robot import RobotSpec
 
 Array = NDArray[np.float64]
 
+DAMPING = 1e-2
+"""Of the inverse of J_C in f_2."""
+
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """Kinematics and dynamics of one robot with generalized coordinates Q and velocities v = Qdot, both (n,).
+    """Kinematics and dynamics of one robot with coordinates Q (nq,) and velocities v (n,).
 
-    A planar robot has Q = [x, y, theta of the base, joint angles arm by arm] [m, rad]. Numeric methods take and return
-    arrays; one model must not be called from several threads at once. Where a method takes `parameters`, they replace
-    the inertial parameters of the robot's description.
+    A planar robot has Q = [x, y, theta of the base, joint coordinates arm by arm] [m, rad] and v = Qdot. A spatial one
+    has Q = [position of the base's frame (3), its unit quaternion w, x, y, z (4), joint coordinates] and v = [linear
+    velocity in the inertial frame (3), angular velocity in the body's frame (3), joint rates], so nq = n + 1. Numeric
+    methods take and return arrays; one model must not be called from several threads at once. Where a method takes
+    `parameters`, they replace the inertial parameters of the robot's description.
 
     The CasADi functions take and return columns and accept SX, MX and numbers.
 
     Attributes:
         spec: The robot's description.
-        n: Number of generalized coordinates.
+        n: Number of velocity coordinates.
+        nq: Number of coordinates Q.
         m: Number of pose coordinates xi.
-        dimension: Number of position coordinates of a pose; its further rows are angles.
-        parts: Rows of Q by part: `base`, then the arms in order.
+        dimension: Number of position coordinates of a pose; its further rows are its angle, or its unit quaternion.
+        parts: Rows of v by part: `base`, then the arms in order.
         pose_rows: Rows of xi by frame: `base`, then the end-effectors of the arms.
         g: Q -> xi (m,) [m, rad]. Paper eq. (1).
-        J_C: Q -> (m, n), d xi / d Q. Paper eq. (2).
-        Jdot_Qdot: Q, Qdot -> Jdot_C Qdot (m,), the acceleration of xi at Qddot = 0.
         dynamics: The equations of motion.
-        f_1: x, u -> xdot (2n,), x = [Q; Qdot], u = Qddot. Paper eq. (8).
-        f_2: x, u -> xdot (2n,), x = [Q; Qdot], u = acceleration of xi (m,), by the damped inverse of J_C.
-        outline: Q -> joint positions of all arms, shoulder to tip, arm by arm, (2, points) [m].
+        outline: Q -> origins of the bodies, then of the end-effectors, (dimension, points) [m].
     """
 
     spec: RobotSpec
     n: int
+    nq: int
     m: int
     dimension: int
     parts: dict[str, slice]
     pose_rows: dict[str, slice]
     g: ca.Function
-    J_C: ca.Function
-    Jdot_Qdot: ca.Function
     dynamics: Dynamics
-    f_1: ca.Function
-    f_2: ca.Function
     outline: ca.Function
 
     @property
@@ -65,12 +65,58 @@ class RobotModel:
         return labels(self.spec, "joint")
 
     @cached_property
+    def J_C(self) -> ca.Function:
+        """Q -> (rows, n), velocities of the frames by v. Paper eq. (2).
+
+        Rows of a planar robot are those of xi; a spatial one has for each frame the velocity of its origin and its
+        angular velocity, both in the inertial frame (6 frames, n).
+        """
+        Q = ca.SX.sym("Q", self.nq)
+        if self.dimension == 2:
+            return function("J_C", {"Q": Q}, {"J_C": ca.densify(ca.jacobian(self.g(Q), Q))})
+        placed = place(self.spec, base_frame(self.spec, Q), Q[7:])
+        rows = [_frame_jacobian(self.spec, placed.bodies, 0, placed.bodies[0])]
+        for name, tool in self.spec.tools.items():
+            rows.append(_frame_jacobian(self.spec, placed.bodies, tool.body, placed.tools[name]))
+        return function("J_C", {"Q": Q}, {"J_C": ca.densify(ca.vertcat(*rows))})
+
+    @cached_property
+    def Jdot_Qdot(self) -> ca.Function:
+        """Q, Qdot -> Jdot_C Qdot (m,), the acceleration of xi at Qddot = 0; of a planar robot."""
+        Q, Qdot = ca.SX.sym("Q", self.n), ca.SX.sym("Qdot", self.n)
+        rate = ca.jtimes(self.J_C(Q) @ Qdot, Q, Qdot)
+        return function("Jdot_Qdot", {"Q": Q, "Qdot": Qdot}, {"Jdot_Qdot": ca.densify(rate)})
+
+    @cached_property
+    def f_1(self) -> ca.Function:
+        """x, u -> xdot (2n,), x = [Q; Qdot], u = Qddot. Paper eq. (8)."""
+        x, u = ca.SX.sym("x", 2 * self.n), ca.SX.sym("u", self.n)
+        return function("f_1", {"x": x, "u": u}, {"xdot": ca.vertcat(x[self.n :], u)})
+
+    @cached_property
+    def f_2(self) -> ca.Function:
+        """x, u -> xdot (2n,), x = [Q; Qdot], u = acceleration of xi (m,), by the damped inverse of J_C; planar.
+
+        Along a singular value sigma of J_C it reduces the commanded xi-acceleration by
+        DAMPING^2 / (sigma^2 + DAMPING^2); one unit of xi-acceleration never gives more than 1 / (2 DAMPING) of Qddot.
+        """
+        x, u = ca.SX.sym("x", 2 * self.n), ca.SX.sym("u", self.m)
+        Q, Qdot = x[: self.n], x[self.n :]
+        J_C = self.J_C(Q)
+        normal = J_C.T @ J_C + DAMPING**2 * ca.SX.eye(self.n)
+        acceleration = solve_spd(normal, J_C.T @ (u - self.Jdot_Qdot(Q, Qdot)))
+        return function("f_2", {"x": x, "u": u}, {"xdot": ca.vertcat(Qdot, acceleration)})
+
+    @cached_property
     def nominal(self) -> InertialParameters:
         """Inertial parameters of the robot's description, with empty grippers."""
         return InertialParameters.nominal(self.spec)
 
     def poses(self, Q: ArrayLike) -> Array:
-        """Return the pose (x, y, angle) [m, m, rad] of the base and of each end-effector in order, (frames, 3)."""
+        """Return the poses of the base and of each end-effector in order.
+
+        (x, y, angle) [m, m, rad], (frames, 3); of a spatial robot (x, y, z, w, x, y, z) [m], (frames, 7).
+        """
         return self._evaluate("g", Q).reshape(len(self.pose_rows), -1)
 
     def mass_matrix(self, Q: ArrayLike, parameters: InertialParameters | None = None) -> Array:
@@ -94,7 +140,7 @@ class RobotModel:
         return self._evaluate("forward", Q, v, F, self._w(parameters)).ravel()
 
     def momentum(self, Q: ArrayLike, v: ArrayLike, parameters: InertialParameters | None = None) -> Array:
-        """Return linear momentum (x, y) [N s] and angular momentum about the inertial origin [N m s], (3,)."""
+        """Return linear momentum [N s] and angular momentum about the inertial origin [N m s], (3,) or (6,)."""
         return self._evaluate("momentum", Q, v, self._w(parameters)).ravel()
 
     def kinetic_energy(self, Q: ArrayLike, v: ArrayLike, parameters: InertialParameters | None = None) -> float:
@@ -132,52 +178,43 @@ def load_robot(reference: str | Path) -> RobotModel:
     return build_model(load_robot_spec(reference))
 
 
-def build_model(spec: RobotSpec, damping: float = 1e-2) -> RobotModel:
-    """Build the model of a planar robot.
-
-    Args:
-        spec: The robot.
-        damping: Of the inverse of J_C in f_2. Along a singular value sigma of J_C it reduces the commanded
-            xi-acceleration by damping^2 / (sigma^2 + damping^2); one unit of xi-acceleration never gives more than
-            1 / (2 damping) of Qddot.
-    """
-    n = sum(spec.parts.values())
-    Q, Qdot, Qddot = (ca.SX.sym(name, n) for name in ("Q", "Qdot", "Qddot"))
-    placed = place_planar(spec, Q)
-    frames = {name: frame.pose() for name, frame in placed.frames.items()}
-    xi, x = ca.vertcat(*frames.values()), ca.vertcat(Q, Qdot)
-    u_xi = ca.SX.sym("u", xi.numel())
-    points = (frame.position for arm in placed.points.values() for frame in arm)
-    J_C = ca.jacobian(xi, Q)
-    Jdot_Qdot = ca.jtimes(J_C @ Qdot, Q, Qdot)
-    damped = _damped_acceleration(J_C, Jdot_Qdot, u_xi, damping)
+def build_model(spec: RobotSpec) -> RobotModel:
+    """Build the model of a robot."""
+    spatial, n = spec.dimension == 3, sum(spec.parts.values())
+    base = spec.parts["base"]
+    Q = ca.SX.sym("Q", n + spatial)
+    placed = place(spec, base_frame(spec, Q), Q[base + spatial :])
+    frames = {"base": placed.bodies[0], **placed.tools}
+    xi = ca.vertcat(*(frame.pose for frame in frames.values()))
+    points = [
+        ca.vertcat(frame.position if not spatial else ca.vertcat(*frame.position))
+        for frame in (*placed.bodies, *placed.tools.values())
+    ]
     return RobotModel(
         spec=spec,
         n=n,
+        nq=n + spatial,
         m=xi.numel(),
-        dimension=placed.frames["base"].position.numel(),
+        dimension=spec.dimension,
         parts=_rows(spec.parts),
-        pose_rows=_rows({name: pose.numel() for name, pose in frames.items()}),
+        pose_rows=_rows({name: frame.pose.numel() for name, frame in frames.items()}),
         g=function("g", {"Q": Q}, {"xi": xi}),
-        J_C=function("J_C", {"Q": Q}, {"J_C": ca.densify(J_C)}),
-        Jdot_Qdot=function("Jdot_Qdot", {"Q": Q, "Qdot": Qdot}, {"Jdot_Qdot": ca.densify(Jdot_Qdot)}),
-        dynamics=derive_dynamics(placed, Q, InertialParameters.nominal(spec).vector.size),
-        f_1=function("f_1", {"x": x, "u": Qddot}, {"xdot": ca.vertcat(Qdot, Qddot)}),
-        f_2=function("f_2", {"x": x, "u": u_xi}, {"xdot": ca.vertcat(Qdot, damped)}),
+        dynamics=derive_dynamics(spec),
         outline=function("outline", {"Q": Q}, {"points": ca.horzcat(*points)}),
     )
 
 
 def arm_points(model: RobotModel, Q: ArrayLike) -> dict[str, Array]:
-    """Compute the joint positions of each arm, from shoulder to tip, at Q (n,) [m, rad].
+    """Compute the joint positions of each arm, from its first joint to its tip, at Q (nq,).
 
     Returns:
-        By arm name, (links + 1, 2) [m] in the inertial frame.
+        By arm name, (links + 1, dimension) [m] in the inertial frame.
     """
-    points, first, arms = model.outline(np.asarray(Q, dtype=float)).full().T, 0, {}
-    for name, arm in model.spec.arms.items():
-        arms[name] = points[first : first + len(arm.links) + 1]
-        first += len(arm.links) + 1
+    points, first, arms = model.outline(np.asarray(Q, dtype=float)).full().T, 1, {}
+    tips = points[len(model.spec.bodies) :]
+    for tip, (name, arm) in zip(tips, model.spec.arms.items(), strict=True):
+        arms[name] = np.vstack([points[first : first + len(arm.links)], tip])
+        first += len(arm.links)
     return arms
 
 
@@ -201,13 +238,20 @@ def nearest_equivalent(angle: ArrayLike, target: ArrayLike) -> Array:
     return np.asarray(target + 2 * np.pi * np.round((np.asarray(angle, dtype=float) - target) / (2 * np.pi)))
 
 
-def _damped_acceleration(J_C: ca.SX, Jdot_Qdot: ca.SX, u: ca.SX, damping: float) -> ca.SX:
-    """Return Qddot (n,) that accelerates the poses with u (m,), by the damped inverse of J_C (m, n).
-
-    Solves (J_C' J_C + damping^2 I) Qddot = J_C' (u - Jdot_C Qdot), which is defined at singular J_C too.
-    """
-    normal = J_C.T @ J_C + damping**2 * ca.SX.eye(J_C.shape[1])
-    return solve_spd(normal, J_C.T @ (u - Jdot_Qdot))
+def _frame_jacobian(spec: RobotSpec, bodies: Sequence[SpatialFrame], body: int, frame: SpatialFrame) -> ca.SX:
+    """Return the velocity of a frame's origin and its angular velocity by v, in the inertial frame (6, n)."""
+    J, base = ca.SX.zeros(6, sum(spec.parts.values())), bodies[0]
+    for i in range(3):
+        axis = rotate(base.quaternion, [float(i == j) for j in range(3)])
+        J[i, i] = 1
+        J[:, 3 + i] = ca.vertcat(*cross(axis, add(frame.position, scaled(base.position, -1))), *axis)
+    while (joint := spec.bodies[body].joint) is not None:
+        axis = rotate(bodies[body].quaternion, joint.axis)
+        arm = add(frame.position, scaled(bodies[body].position, -1))
+        column = [*axis, 0.0, 0.0, 0.0] if joint.prismatic else [*cross(axis, arm), *axis]
+        J[:, 5 + body] = ca.vertcat(*column)
+        body = joint.at.body
+    return J
 
 
 def _rows(sizes: Mapping[str, int]) -> dict[str, slice]:

@@ -1,21 +1,22 @@
-"""The robot as a MuJoCo model, for an independent engine and for drawing; `qpos` and `qvel` are Q and Qdot."""
+"""The robot as a MuJoCo model, for an independent engine and for drawing."""
 
-from math import cos, sin
 from typing import TYPE_CHECKING, Any
 
-from psmpc_cli.specs.robot import Arm, RobotSpec
+from psmpc_cli.robot.rotations import exp
+from psmpc_cli.specs.robot import Attachment, Body, RobotSpec
 
 if TYPE_CHECKING:
     import mujoco
 
 
 def mujoco_spec(spec: RobotSpec) -> "mujoco.MjSpec":
-    """Describe a planar robot for MuJoCo, in SI units and radians.
+    """Describe a robot for MuJoCo, in SI units and radians.
 
-    No gravity, damping, contact or joint limits. The base slides along x and y and turns; joints are named
-    `<part>.<coordinate>` (`base.x`, `base.y`, `base.angle`, `arm_1.1`, ...) and bodies as in `body_names`; the sites
-    `base` and `<arm>` are the frames of xi. MuJoCo needs three moments of inertia; all are the planar one, and the two
-    about axes in the plane have no effect.
+    No gravity, damping, contact or joint limits. The base of a planar robot slides along x and y and turns, by joints
+    `base.x`, `base.y` and `base.angle`; that of a spatial one has the free joint `base`. Other joints and bodies are
+    named as in `RobotSpec.bodies`; the sites `base` and `<arm>` are the frames of poses. `qpos` and `qvel` are Q and v,
+    but where an arm is mounted on another one MuJoCo orders the joints by depth. MuJoCo needs three moments of
+    inertia: of a planar body all are the planar one, and the two about axes in the plane have no effect.
     """
     import mujoco
 
@@ -23,38 +24,34 @@ def mujoco_spec(spec: RobotSpec) -> "mujoco.MjSpec":
     robot.modelname = spec.name
     robot.option.gravity = [0, 0, 0]
     robot.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    base = robot.worldbody.add_body(name="base", **_inertial(spec.base.mass, spec.base.inertia, 0.0))
-    for name, axis in (("base.x", [1, 0, 0]), ("base.y", [0, 1, 0])):
-        base.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
-    _add_hinge(base, "base.angle")
-    base.add_site(name="base")
-    for name, arm in spec.arms.items():
-        _add_arm(base, name, arm)
+    added: list[Any] = []
+    for body in spec.bodies:
+        carrier = robot.worldbody if body.joint is None else added[body.joint.at.body]
+        place = {} if body.joint is None else _place(body.joint.at)
+        added.append(carrier.add_body(name=body.name, **place, **_inertial(body, spec.dimension)))
+        if body.joint is not None:
+            kind = mujoco.mjtJoint.mjJNT_SLIDE if body.joint.prismatic else mujoco.mjtJoint.mjJNT_HINGE
+            added[-1].add_joint(name=body.name, type=kind, axis=body.joint.axis)
+        elif spec.dimension == 3:
+            added[-1].add_freejoint(name="base")
+        else:
+            for name, axis in (("base.x", [1, 0, 0]), ("base.y", [0, 1, 0])):
+                added[-1].add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+            added[-1].add_joint(name="base.angle", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
+    added[0].add_site(name="base")
+    for name, tool in spec.tools.items():
+        added[tool.body].add_site(name=name, **_place(tool))
     return robot
 
 
-def _add_arm(base: Any, name: str, arm: Arm) -> None:
-    """Add the links of an arm, the first one to the base and each further one to the one before."""
-    parent, place = base, _place(*arm.mount.position, arm.mount.angle)
-    for number, link in enumerate(arm.links, start=1):
-        parent = parent.add_body(name=f"{name}.{number}", **place, **_inertial(link.mass, link.inertia, link.a))
-        _add_hinge(parent, f"{name}.{number}")
-        place = _place(link.a + link.b, 0.0, 0.0)
-    parent.add_site(name=name, **_place(arm.links[-1].a + arm.links[-1].b, 0.0, arm.tool.angle))
+def _inertial(body: Body, dimension: int) -> dict[str, Any]:
+    """Return the inertial parameters of a body."""
+    given = {"mass": body.mass, "ipos": body.centre, "explicitinertial": True}
+    if dimension == 2:
+        return {**given, "inertia": [body.inertia[2]] * 3}
+    return {**given, "fullinertia": body.inertia}
 
 
-def _add_hinge(body: Any, name: str) -> None:
-    """Add a joint about the plane's normal, undamped and unlimited."""
-    import mujoco
-
-    body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
-
-
-def _inertial(mass: float, inertia: float, x: float) -> dict[str, Any]:
-    """Return the inertial parameters of a body: mass [kg], inertia [kg m^2], centre of mass (x, 0) [m]."""
-    return {"mass": mass, "inertia": [inertia] * 3, "ipos": [x, 0, 0], "explicitinertial": True}
-
-
-def _place(x: float, y: float, angle: float) -> dict[str, Any]:
-    """Return position (x, y) [m] and orientation [rad] of a frame in its parent."""
-    return {"pos": [x, y, 0], "quat": [cos(angle / 2), 0, 0, sin(angle / 2)]}
+def _place(at: Attachment) -> dict[str, Any]:
+    """Return position [m] and orientation of a frame in its parent."""
+    return {"pos": at.position, "quat": exp(at.rotation)}

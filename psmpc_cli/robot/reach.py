@@ -1,4 +1,4 @@
-"""Whether an arm can reach a pose from a given base pose within its joint limits: planar inverse kinematics."""
+"""Whether an arm can reach a pose from a given base pose within its joint limits: inverse kinematics."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,8 +10,9 @@ from scipy.optimize import least_squares
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.native.functions import ArrayFunction
-from psmpc_cli.robot.bodies import PlanarFrame, place_arm
-from psmpc_cli.specs.robot import Arm, RobotSpec
+from psmpc_cli.robot.kinematics import SpatialFrame, place
+from psmpc_cli.robot.rotations import add, conjugate, exp, log, product, rotate, scaled, turn
+from psmpc_cli.specs.robot import RobotSpec
 
 Array = NDArray[np.float64]
 
@@ -24,18 +25,18 @@ STARTS, SEED = 48, 0
 
 @dataclass(frozen=True)
 class Reach:
-    """How far an end-effector pose is from an arm's shoulder, and how far the arm goes.
+    """How far an end-effector pose is from an arm's first joint, and how far the arm goes.
 
     Attributes:
-        distance: Shoulder to end-effector [m].
-        wrist_distance: Shoulder to the last joint as the full pose places it [m].
-        inner: Least distance from the shoulder that the links before the last can bring the last joint to [m].
+        distance: First joint to end-effector [m].
+        wrist_distance: First joint to the last joint as the full pose places it [m].
+        inner: Least distance from the first joint that the links before the last can bring the last joint to [m].
         outer: Largest such distance [m].
         full_reach: Length of the stretched arm [m].
         within_annulus: Whether the last joint lies between `inner` and `outer`: reachable but for joint limits.
         reachable: Whether a configuration within the joint limits takes the pose, its angle modulo 2 pi. Without
             `within_annulus` there is none; otherwise it is searched for: True is certain, False is not.
-        configuration: Such joint angles (links,) [rad]; None if not reachable.
+        configuration: Such joint coordinates (links,) [rad, m]; None if not reachable.
     """
 
     distance: float
@@ -54,24 +55,27 @@ def reach_of(robot: RobotSpec, arm: str, base_pose: Sequence[float], pose: Seque
     Args:
         robot: The robot, with position limits of the arm.
         arm: Name of the arm.
-        base_pose: (x, y, angle), (3,) [m, m, rad].
-        pose: Of the end-effector, (x, y, angle), (3,) [m, m, rad].
+        base_pose: (x, y, angle), (3,) [m, m, rad]; in space position and quaternion, (7,).
+        pose: Of the end-effector, likewise.
 
     Raises:
-        InputError: The robot has no such arm, or a pose has not three numbers.
+        InputError: The robot has no such arm, or a pose has not as many numbers.
     """
     if arm not in robot.arms:
         raise InputError(f"robot '{robot.name}' has no arm '{arm}'; it has {', '.join(robot.arms)}")
-    part, base, target = robot.arms[arm], _pose("base_pose", base_pose), _pose("pose", pose)
-    lengths = np.array([link.a + link.b for link in part.links])
+    base, target = _frame(robot, "base_pose", base_pose), _frame(robot, "pose", pose)
+    low, high = _joint_limits(robot, arm)
+    lengths = _lengths(robot, arm, np.maximum(np.abs(low), np.abs(high)))
     inner, outer = _annulus(lengths[:-1])
-    shoulder = PlanarFrame(ca.DM(base[:2]), base[2]).moved(*part.mount.position).position
-    tip = PlanarFrame(ca.DM(target[:2]), target[2] - part.tool.angle)
-    wrist_distance = float(ca.norm_2(tip.moved(-lengths[-1]).position - shoulder))
+    at_rest = place(robot, base, np.zeros(len(robot.bodies) - 1))
+    first, tool = at_rest.bodies[_rows(robot, arm).start + 1], robot.tools[arm]
+    turned = product(target.quaternion, conjugate(exp(tool.rotation)))
+    wrist = np.array(target.position) - rotate(turned, tool.position)
+    wrist_distance = float(np.linalg.norm(wrist - first.position))
     within = inner - TOLERANCE <= wrist_distance <= outer + TOLERANCE
-    q = _configuration(part, base, target, *_joint_limits(robot, arm)) if within else None
+    q = _configuration(robot, arm, base, target, low, high) if within else None
     return Reach(
-        distance=float(ca.norm_2(tip.position - shoulder)),
+        distance=float(np.linalg.norm(np.array(target.position) - first.position)),
         wrist_distance=wrist_distance,
         inner=inner,
         outer=outer,
@@ -82,6 +86,13 @@ def reach_of(robot: RobotSpec, arm: str, base_pose: Sequence[float], pose: Seque
     )
 
 
+def _lengths(robot: RobotSpec, arm: str, slides: Array) -> Array:
+    """Return the largest distance from each joint of an arm to the next, and to the tip (links,) [m]."""
+    lengths = np.linalg.norm(robot.link_ends(arm), axis=1)
+    sliding = [body.joint is not None and body.joint.prismatic for body in robot.bodies[1:][_rows(robot, arm)]]
+    return np.asarray(lengths + np.where(sliding, np.where(np.isfinite(slides), slides, 0.0), 0.0))
+
+
 def _annulus(lengths: Array) -> tuple[float, float]:
     """Return the least and largest distance [m] that links of these lengths, freely jointed, span."""
     if not lengths.size:
@@ -89,29 +100,36 @@ def _annulus(lengths: Array) -> tuple[float, float]:
     return max(0.0, float(2 * lengths.max() - lengths.sum())), float(lengths.sum())
 
 
-def _configuration(arm: Arm, base: Array, pose: Array, low: Array, high: Array) -> Array | None:
-    """Search for joint angles (links,) [rad] within the limits that take a pose, starting near zero; None if not found.
+def _configuration(
+    robot: RobotSpec, arm: str, base: SpatialFrame, target: SpatialFrame, low: Array, high: Array
+) -> Array | None:
+    """Search for joint coordinates (links,) within the limits that take a pose, starting near zero; None if not found.
 
-    Bounded least squares on the error of the pose, from several starts. Paper eq. (1).
+    Bounded least squares on the error of the pose, from several starts. Paper eq. (1). Joints of other arms are at 0.
     """
-    q = ca.SX.sym("q", len(arm.links))
-    xi = place_arm(arm, PlanarFrame(ca.SX(base[:2]), ca.SX(base[2])), q).frames["tool"].pose()
-    evaluate = ArrayFunction(ca.Function("tip", [q], [xi, ca.densify(ca.jacobian(xi, q))]))
+    q, sign, rows = ca.SX.sym("q", len(low)), ca.SX.sym("sign"), _rows(robot, arm)
+    joints = ca.SX.zeros(len(robot.bodies) - 1)
+    joints[rows.start : rows.stop] = q
+    tip = place(robot, base, joints).tools[arm]
+    turned = product(conjugate([sign * part for part in target.quaternion]), tip.quaternion)
+    missed = ca.vertcat(*add(tip.position, scaled(target.position, -1)), *log(turned))
+    evaluate = ArrayFunction(ca.Function("tip", [q, sign], [missed, ca.densify(ca.jacobian(missed, q))]))
+
+    def nearer(q: Array) -> float:
+        return min((1.0, -1.0), key=lambda sign: float(np.abs(evaluate(q, sign)[0][0][3:]).max()))
 
     def error(q: Array) -> Array:
-        missed: Array = evaluate(q)[0][0] - pose
-        missed[2] -= 2 * np.pi * np.round(missed[2] / (2 * np.pi))
+        missed: Array = evaluate(q, nearer(q))[0][0]
         return missed
 
     def slope(q: Array) -> Array:
-        return evaluate(q)[1].T
+        return evaluate(q, nearer(q))[1].T
 
     bounds = low, np.maximum(high, low + 1e-9)  # least_squares needs room between them
     for start in _starts(low, high):
         found = least_squares(error, start, slope, bounds, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=100)
         angles = _nearest_zero(found.x, low, high)
-        missed = error(angles)
-        if np.hypot(*missed[:2]) <= TOLERANCE and abs(missed[2]) <= TOLERANCE:
+        if np.abs(error(angles)).max() <= TOLERANCE:
             return angles
     return None
 
@@ -132,16 +150,26 @@ def _nearest_zero(q: Array, low: Array, high: Array) -> Array:
     return np.where((turned >= low) & (turned <= high), turned, q)
 
 
-def _pose(name: str, values: Sequence[float]) -> Array:
-    """Return three numbers as an array."""
-    pose = np.asarray(values, dtype=float)
-    if pose.shape != (3,):
-        raise InputError(f"{name} is {list(values)}, but three numbers (x, y, angle) are expected")
-    return pose
+def _frame(robot: RobotSpec, name: str, values: Sequence[float]) -> SpatialFrame:
+    """Return a pose as a frame in space."""
+    pose, size = np.asarray(values, dtype=float), 3 if robot.dimension == 2 else 7
+    if pose.shape != (size,):
+        numbers = "three numbers (x, y, angle)" if size == 3 else "seven numbers (x, y, z, quaternion w, x, y, z)"
+        raise InputError(f"{name} is {list(values)}, but {numbers} are expected")
+    if size == 3:
+        return SpatialFrame([pose[0], pose[1], 0.0], turn((0.0, 0.0, 1.0), pose[2]))
+    return SpatialFrame(pose[:3].tolist(), (pose[3:] / np.linalg.norm(pose[3:])).tolist())
+
+
+def _rows(robot: RobotSpec, arm: str) -> slice:
+    """Return the rows of an arm in the joint coordinates of all arms."""
+    sizes = {name: len(part.links) for name, part in robot.arms.items()}
+    first = sum(list(sizes.values())[: list(sizes).index(arm)])
+    return slice(first, first + sizes[arm])
 
 
 def _joint_limits(robot: RobotSpec, arm: str) -> tuple[Array, Array]:
-    """Return the lowest and highest joint angles of an arm, (links,) [rad] each; infinite where there are none."""
+    """Return the lowest and highest joint coordinates of an arm, (links,) each; infinite where there are none."""
     own, all_arms = robot.limits.get(arm), robot.limits.get("arms")
     position = (own and own.position) or (all_arms and all_arms.position)
     if not position:

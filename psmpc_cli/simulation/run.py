@@ -98,7 +98,11 @@ def build_experiment(loaded: Task) -> Experiment:
     compiled, controller = compile_for(task, model, problem.stages), Controller(problem)
     uncertainty = Uncertainty(task, model) if task.uncertainty.in_force else None
     resistance = None if uncertainty is None else uncertainty.resistance
-    Qdot = stack(task.initial_velocity, loaded.robot, "joint") if task.initial_velocity else np.zeros(model.n)
+    Qdot = (
+        stack(task.initial_velocity, loaded.robot, "joint", of_error=True)
+        if task.initial_velocity
+        else np.zeros(model.n)
+    )
     return Experiment(
         problem=problem,
         controller=controller,

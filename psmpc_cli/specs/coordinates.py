@@ -51,7 +51,7 @@ def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits]) -> Limits:
     for quantity in QUANTITIES:
         layers = [
             [
-                pair
+                pair or (-np.inf, np.inf)
                 for part, size in robot.parts.items()
                 for pair in limits_of_part(limits, part, quantity) or [(-np.inf, np.inf)] * size
             ]

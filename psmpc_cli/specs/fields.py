@@ -323,6 +323,13 @@ def _ordered(bounds: Pair) -> Pair:
     return bounds
 
 
+def _is_unit(value: tuple[float, float, float]) -> tuple[float, float, float]:
+    length = math.hypot(*value)
+    if abs(length - 1) > 1e-6:
+        raise expected(f"an axis of length 1, not {length:.6g}")
+    return value
+
+
 def _mirrored(value: object) -> object:
     """Return a number v as the pair (-v, v); a pair as it is."""
     if isinstance(value, list | tuple):
@@ -377,6 +384,9 @@ Intervals = Annotated[
 Flag = Annotated[bool, Strict()]
 Name = Annotated[str, BeforeValidator(_name), WithJsonSchema({"type": "string", "pattern": NAME_PATTERN})]
 Vector2 = Annotated[tuple[Number, Number], listed("2 entries", 2)]
+Vector3 = Annotated[tuple[Number, Number, Number], listed("3 entries", 3)]
+Angles3 = Annotated[tuple[Direction, Direction, Direction], listed("3 angles", 3)]
+Axis = Annotated[Vector3, AfterValidator(_is_unit)]
 Row = Annotated[tuple[Angle, ...], listed("a list of numbers, one row of values for every time")]
 Interval = Annotated[tuple[Angle, Angle], listed("a pair [low, high]", 2), AfterValidator(_ordered)]
 Rate = Annotated[

@@ -6,9 +6,11 @@ import re
 from pathlib import Path
 from typing import Any, Literal
 
+from pydantic import TypeAdapter
+
 from psmpc_cli.errors import InputError, SpecError
 from psmpc_cli.specs.messages import quoted, suggestion
-from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import TaskSpec
 
 Kind = Literal["robot", "task"]
@@ -83,7 +85,10 @@ def read_text(path: Path) -> str:
 
 def json_schema(kind: Kind) -> dict[str, Any]:
     """Return the JSON Schema of one kind of description."""
-    schema = (RobotSpec if kind == "robot" else TaskSpec).model_json_schema()
+    if kind == "task":
+        schema = TaskSpec.model_json_schema()
+    else:
+        schema = TypeAdapter(PlanarRobot | SpatialRobot | UrdfRobot).json_schema()
     return {"$schema": DIALECT, "title": f"psmpc {kind}", **_untitled(schema)}
 
 
@@ -102,6 +107,8 @@ def starter_files() -> dict[str, str]:
     """
     files = {f"schema/{kind}.json": json.dumps(json_schema(kind), indent=2) + "\n" for kind in KINDS}
     robots = built_ins("robot")
+    for urdf in next(iter(robots.values())).parent.glob("*.urdf"):
+        files[f"robots/{urdf.name}"] = read_text(urdf)
     for kind in KINDS:
         for path in built_ins(kind).values():
             text = _MODE_LINE.sub("../schema/", read_text(path), count=1)

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,13 +14,16 @@ from pydantic import BaseModel, ValidationError
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.document import Data, Document, Origin, plain, read, write
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
-from psmpc_cli.specs.messages import Fault, Place
+from psmpc_cli.specs.messages import Fault, Place, quoted
 from psmpc_cli.specs.messages import Path as Location
 from psmpc_cli.specs.overrides import Changes, for_controller, override, put, without
 from psmpc_cli.specs.parts import Context
 from psmpc_cli.specs.priorities import priorities_of
-from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.robot import PlanarRobot, RobotSpec, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, StageSpec, TaskSpec
+from psmpc_cli.specs.urdf import Urdf, read_urdf, spatial_robot
+
+logger = logging.getLogger(__name__)
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -90,8 +94,7 @@ def load_robot(reference: str | Path) -> RobotSpec:
     Raises:
         SpecError: Something is wrong with the file; the message lists all of it.
     """
-    document = _read("robot", reference)[1]
-    robot, faults = validate_robot(document)
+    robot, faults = validate_robot(document := _read("robot", reference)[1])
     if robot is None:
         raise SpecError(document.report(faults))
     return robot
@@ -118,14 +121,16 @@ def kind_of_reference(reference: str | Path) -> Kind:
     Raises:
         SpecError: There is no such file, or it cannot be read.
     """
-    if str(reference) in built_ins("robot") and not Path(reference).is_file():
+    if Path(reference).suffix == ".urdf" or (str(reference) in built_ins("robot") and not Path(reference).is_file()):
         return "robot"
     return _kind_of(_read("task", reference)[1]) or "task"
 
 
 def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Fault, ...]]:
     """Return the robot that a document describes, None if it is not valid, and every fault of the document."""
-    return _validate(document, "robot", RobotSpec, Context(document.data, document.data))
+    spatial = isinstance(document.data, dict) and "space" in document.data
+    context = Context(document.data, document.data)
+    return _validate(document, "robot", SpatialRobot if spatial else PlanarRobot, context)
 
 
 def _read(kind: Kind, reference: str | Path) -> tuple[Path, Document]:
@@ -134,7 +139,51 @@ def _read(kind: Kind, reference: str | Path) -> tuple[Path, Document]:
         path = find(kind, reference)
     except SpecError as error:
         raise SpecError(f"{reference}: {error}") from None
-    return path, read(shown(path), read_text(path))
+    return path, _read_file(path) if kind == "robot" else read(shown(path), read_text(path))
+
+
+def _read_file(path: Path) -> Document:
+    """Read the file of a robot: YAML, with the bodies of a URDF if it refers to one, or a URDF.
+
+    Raises:
+        SpecError: It cannot be read, or its URDF describes no robot.
+    """
+    if path.suffix != ".urdf":
+        return _expanded(read(shown(path), read_text(path)), path)
+    urdf = read_urdf(path)
+    return _of_urdf(Document(shown(path), "", {}, {(): Origin(Place(1, 1))}), urdf, None, None, {})
+
+
+def _expanded(document: Document, path: Path) -> Document:
+    """Return a robot's document with the bodies of the URDF it refers to, which lies beside its path.
+
+    Raises:
+        SpecError: The URDF cannot be read or does not have what the document names.
+    """
+    if document.value(("urdf",)) is None:
+        return document
+    file, faults = _validate(document, "robot", UrdfRobot, Context(document.data, None))
+    if file is None:
+        raise SpecError(document.report(faults))
+    tips = None if file.arms is None else {name: arm.tip for name, arm in file.arms.items()}
+    return _of_urdf(document, read_urdf(path.parent / file.urdf), file.base, tips, file.locked)
+
+
+def _of_urdf(
+    document: Document, urdf: Urdf, base: str | None, tips: Mapping[str, str] | None, locked: Mapping[str, float]
+) -> Document:
+    """Return a document with the keys of a spatial robot from a URDF in the place of those that refer to it."""
+    built = spatial_robot(urdf, base, tips, locked)
+    written: Any = document.data
+    own = {key: value for key, value in written.items() if key not in ("urdf", "locked", "base", "arms")}
+    given, limits = own.get("limits", {}), built["limits"]
+    merged = {part: {**limits.get(part, {}), **given.get(part, {})} for part in {**limits, **given}}
+    notes = "".join(f"# {note}\n" for note in urdf.notes)
+    for note in urdf.notes:
+        logger.info("%s: %s", urdf.file, note)
+    data = {**built, **own, "limits": merged}
+    text = f"# from {Path(urdf.file).name}\n{notes}{write(data)}"
+    return replace(document, text=text, data=data)
 
 
 def _task(
@@ -155,6 +204,9 @@ def _task(
         context = Context(task.data, source.data if source else None, spec.limits if spec else {})
         return _validate(task, "task", TaskSpec, context)
 
+    if spec is not None and spec.dimension == 3:
+        wanted = "expected a planar one: controllers and simulations do not take others yet"
+        missing = (*missing, Fault(("robot",), f"found the spatial robot {quoted(spec.name)}, {wanted}"))
     kind = document.value(("controller", "kind")) or document.value(("controller",))
     own, unfit = for_controller(document, kind if isinstance(kind, str) else ControllerSpec().kind)
     task, faults = validate(own)
@@ -239,7 +291,7 @@ def _robot_of(task: Document, folder: Path) -> tuple[Document | None, tuple[Faul
         return None, ()
     try:
         path = find("robot", reference, folder)
-        return read(shown(path), read_text(path)), ()
+        return _read_file(path), ()
     except SpecError as error:
         return None, (Fault(("robot",), str(error)),)
 

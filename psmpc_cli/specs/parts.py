@@ -17,19 +17,16 @@ Axes = Mapping[str, tuple[str, ...]]
 
 SPACES: tuple[Space, ...] = ("joint", "task", "point")
 
-AXES = ("x", "y", "theta")
-"""Coordinates of a pose in the plane."""
+TARGET_AXES = {2: ("x", "y", "theta"), 3: ("x", "y", "z", "qw", "qx", "qy", "qz")}
+"""Coordinates of a pose in the plane, and in space, as they are in Q, xi and targets."""
 
-ARM_AXES: dict[Space, tuple[tuple[str, ...] | None, tuple[str, ...] | None]] = {
-    "joint": (None, None),
-    "task": (AXES, AXES),
-    "point": (AXES[:2], ("direction",)),
-}
-"""For each space the names of an arm's numbers in a target, and of its rows in the error; None: its joints from 1.
+ERROR_AXES = {2: ("x", "y", "theta"), 3: ("x", "y", "z", "rx", "ry", "rz")}
+"""The same as they are in velocities, limits and errors: in space the rotation vector."""
 
-Those of the base are always `AXES`. The rows of the error are those of Q (joint) or xi (task), and in the space point
-the angle between the end-effector's x-axis and the line to the target's point.
-"""
+POSITION_AXES = ("x", "y", "z")
+
+POINTING_AXES = {2: ("direction",), 3: ("direction_y", "direction_z")}
+"""Rows of the error of an arm that points at a point: angles about the end-effector's axes."""
 
 QUANTITIES = ("position", "velocity", "acceleration")
 
@@ -63,12 +60,14 @@ class Context:
     @cached_property
     def sizes(self) -> dict[str, int]:
         """The parts of the robot and their numbers of coordinates."""
-        arms = self.robot.get("arms") if isinstance(self.robot, dict) else None
+        robot = self.robot if isinstance(self.robot, dict) else {}
+        spatial = robot.get("space") == "spatial"
+        arms = robot.get("arms", {} if spatial else None)
         if not isinstance(arms, dict):
             return {}
         links = {name: arm.get("links") if isinstance(arm, dict) else None for name, arm in arms.items()}
         lengths = {name: len(each) for name, each in links.items() if isinstance(each, list) and name not in RESERVED}
-        return {"base": len(AXES), **lengths} if all(lengths.get(name) for name in arms) else {}
+        return {"base": 6 if spatial else 3, **lengths} if all(lengths.get(name) for name in arms) else {}
 
     @cached_property
     def parts(self) -> list[str]:
@@ -98,17 +97,29 @@ def stands_for(key: str, part: str) -> bool:
 
 def target_axes(parts: Mapping[str, int], space: Space) -> dict[str, tuple[str, ...]]:
     """Return the names of the numbers of a target, by part; `parts` are the robot's."""
-    return _axes(parts, ARM_AXES[space][0])
+    d = dimension_of(parts)
+    of_arm = {"task": TARGET_AXES[d], "point": POSITION_AXES[:d]}
+    return _axes(parts, TARGET_AXES[d], of_arm.get(space))
 
 
 def error_axes(parts: Mapping[str, int], space: Space) -> dict[str, tuple[str, ...]]:
     """Return the names of the rows of the error, by part; `parts` are the robot's."""
-    return _axes(parts, ARM_AXES[space][1])
+    d = dimension_of(parts)
+    of_arm = {"task": ERROR_AXES[d], "point": POINTING_AXES[d]}
+    return _axes(parts, ERROR_AXES[d], of_arm.get(space))
 
 
-def _axes(parts: Mapping[str, int], of_arm: tuple[str, ...] | None) -> dict[str, tuple[str, ...]]:
+def dimension_of(parts: Mapping[str, int]) -> int:
+    """Return 2 or 3: in how many dimensions a robot with such parts moves."""
+    return 3 if parts.get("base") == len(ERROR_AXES[3]) else 2
+
+
+def _axes(
+    parts: Mapping[str, int], of_base: tuple[str, ...], of_arm: tuple[str, ...] | None
+) -> dict[str, tuple[str, ...]]:
+    """Return names by part; those of an arm are its joints from 1 if it has none of its own."""
     joints = {part: tuple(str(joint + 1) for joint in range(size)) for part, size in parts.items()}
-    return {part: AXES if part == "base" else of_arm or joints[part] for part in parts}
+    return {part: of_base if part == "base" else of_arm or joints[part] for part in parts}
 
 
 def names(parts: Mapping[str, int], space: Space) -> tuple[str, ...]:
@@ -147,10 +158,13 @@ def misfits(written: Any, axes: Axes, required: Collection[str] = (), one: bool 
 
 
 def in_joint_space(required: bool = False, one: bool = False, angles: bool = False) -> WrapValidator:
-    """Create the validator of numbers by part of Q, all of its parts or some; further arguments as for `misfits`."""
+    """Create the validator of numbers by part of Q (`angles`) or of v, all of its parts or some.
+
+    Further arguments are as for `misfits`.
+    """
 
     def rule(written: Any, fields: Mapping[str, Any], context: Context) -> Flaws:
-        axes = target_axes(context.sizes, "joint")
+        axes = (target_axes if angles else error_axes)(context.sizes, "joint")
         yield from misfits(written, axes, axes if required else (), one, angles)
 
     return holds_as_written(rule)
@@ -159,7 +173,7 @@ def in_joint_space(required: bool = False, one: bool = False, angles: bool = Fal
 def misfit_limits(written: Any, fields: Mapping[str, Any], context: Context) -> Flaws:
     """Give lists of limits by part with wrong lengths, and bounds of angles without a unit."""
     limits = {key: part for key, part in written.items() if isinstance(part, dict)} if isinstance(written, dict) else {}
-    axes = target_axes(context.sizes, "joint")
+    axes = error_axes(context.sizes, "joint")
     for quantity in QUANTITIES:
         given = {key: part[quantity] for key, part in limits.items() if part.get(quantity) is not None}
         for key, bounds in given.items():

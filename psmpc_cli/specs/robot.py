@@ -1,26 +1,90 @@
-"""What a robot is: a free-floating base and arms of revolute joints and rigid links. Plain validated data."""
+"""What a robot is: a free-floating base and arms of joints and rigid links, in plane or space. Validated data."""
 
 from collections.abc import Mapping
-from typing import Annotated
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, Field
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field
+from scipy.spatial.transform import Rotation
 
 from psmpc_cli.specs.fields import (
+    Angle,
+    Angles3,
+    Axis,
     Direction,
+    Flaws,
     Interval,
     Name,
     NotNegative,
+    Number,
     Pair,
     Part,
     Positive,
     Rate,
     Spec,
     Vector2,
+    Vector3,
+    expected,
     flaw,
+    holds,
     holds_as_written,
+    listed,
 )
-from psmpc_cli.specs.messages import quoted
+from psmpc_cli.specs.messages import choice, quoted
 from psmpc_cli.specs.parts import RESERVED, misfit_limits, stands_for
+
+Triple = tuple[float, float, float]
+Six = tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """A frame on a body.
+
+    Attributes:
+        body: Number of the body that carries it.
+        position: Of its origin in the body's frame (3,) [m].
+        rotation: Rotation vector from the body's frame (3,) [rad].
+    """
+
+    body: int
+    position: Triple
+    rotation: Triple
+
+
+@dataclass(frozen=True)
+class Joint:
+    """The joint through which a body is carried.
+
+    Attributes:
+        at: The joint's frame on the body that carries it.
+        axis: Unit vector in that frame (3,).
+        prismatic: Whether the body slides along the axis, or turns about it.
+    """
+
+    at: Attachment
+    axis: Triple
+    prismatic: bool = False
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body, whose frame is that of its joint.
+
+    Attributes:
+        name: `base`, or `<arm>.<number>`.
+        mass: [kg].
+        centre: Centre of mass (3,) [m].
+        inertia: About the centre of mass: xx, yy, zz, xy, xz, yz (6,) [kg m^2]; of a planar robot's bodies zz counts.
+        joint: The joint that carries it; None of the base.
+    """
+
+    name: str
+    mass: float
+    centre: Triple
+    inertia: Six
+    joint: Joint | None = None
 
 
 class Base(Spec):
@@ -60,14 +124,79 @@ class Arm(Spec):
     tool: Tool = Field(Tool(), description="the end-effector frame")
 
 
-class PartLimits(Spec):
-    """Bounds of one part's coordinates, each a (low, high) pair per coordinate; None where there is none."""
+def _moments(value: object) -> object:
+    """Take three principal moments as a matrix without products."""
+    return [*value, 0.0, 0.0, 0.0] if isinstance(value, list | tuple) and len(value) == 3 else value
 
-    position: tuple[Interval, ...] | None = Field(None, description="one [low, high] a coordinate [m, rad]")
-    velocity: tuple[Rate, ...] | None = Field(
+
+def _is_an_inertia(value: Six) -> Six:
+    """Check that a rigid body can have an inertia: positive, and no principal moment above the sum of the others."""
+    xx, yy, zz, xy, xz, yz = value
+    moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if moments[0] <= 0:
+        raise expected(f"positive principal moments, not {', '.join(f'{m:.3g}' for m in moments)} kg m^2")
+    if moments[2] > (moments[0] + moments[1]) * (1 + 1e-6):
+        raise expected(f"no principal moment above the sum of the others, not {', '.join(f'{m:.3g}' for m in moments)}")
+    return value
+
+
+Inertia = Annotated[
+    tuple[Number, Number, Number, Number, Number, Number],
+    listed("3 principal moments, or 6 numbers: xx, yy, zz, xy, xz, yz", 6),
+    BeforeValidator(_moments),
+    AfterValidator(_is_an_inertia),
+]
+
+
+class SpatialBase(Spec):
+    """The base body of a spatial robot."""
+
+    mass: Positive = Field(description="mass [kg]")
+    inertia: Inertia = Field(description="inertia about the centre of mass, xx, yy, zz (, xy, xz, yz) [kg m^2]")
+    centre_of_mass: Vector3 = Field((0.0, 0.0, 0.0), description="in the base's frame [m]")
+
+
+class SpatialJoint(Spec):
+    """A joint, and where it is on the body before it."""
+
+    kind: Literal["revolute", "prismatic"] = Field("revolute", description="revolute or prismatic")
+    axis: Axis = Field(description="unit vector in the joint's frame")
+    position: Vector3 = Field((0.0, 0.0, 0.0), description="of the joint's frame on the body before it [m]")
+    rpy: Angles3 = Field((0.0, 0.0, 0.0), description="its angles about the fixed axes x, y, z [rad]")
+
+
+class SpatialLink(Spec):
+    """One rigid link of a spatial arm; its frame is that of its joint."""
+
+    joint: SpatialJoint = Field(description="the joint that carries it")
+    mass: Positive = Field(description="mass [kg]")
+    inertia: Inertia = Field(description="inertia about the centre of mass, xx, yy, zz (, xy, xz, yz) [kg m^2]")
+    centre_of_mass: Vector3 = Field((0.0, 0.0, 0.0), description="in the link's frame [m]")
+
+
+class SpatialTool(Spec):
+    """The end-effector frame of a spatial arm."""
+
+    position: Vector3 = Field((0.0, 0.0, 0.0), description="in the last link's frame [m]")
+    rpy: Angles3 = Field((0.0, 0.0, 0.0), description="its angles about the fixed axes x, y, z [rad]")
+
+
+class SpatialArm(Spec):
+    """A chain of joints and links, from the base or from a link of another arm outward."""
+
+    mount: str = Field("base", description="what carries it: base, or the link of an arm before it, such as arm_1.2")
+    links: tuple[SpatialLink, ...] = Field(min_length=1, description="the links, from the base outward")
+    tool: SpatialTool = Field(SpatialTool(), description="the end-effector frame")
+
+
+class PartLimits(Spec):
+    """Bounds of one part's coordinates, each a (low, high) pair per coordinate; null where there is none."""
+
+    position: tuple[Interval | None, ...] | None = Field(None, description="one [low, high] a coordinate [m, rad]")
+    velocity: tuple[Rate | None, ...] | None = Field(
         None, description="one [low, high] a coordinate, or one number for both ways [m/s, rad/s]"
     )
-    acceleration: tuple[Rate, ...] | None = Field(
+    acceleration: tuple[Rate | None, ...] | None = Field(
         None, description="one [low, high] a coordinate, or one number for both ways [m/s^2, rad/s^2]"
     )
 
@@ -76,7 +205,7 @@ LimitsByPart = Annotated[Mapping[Part, PartLimits], holds_as_written(misfit_limi
 """Limits keyed by `base`, `arms` (every arm) or an arm's name."""
 
 
-def limits_of_part(limits: Mapping[str, PartLimits], part: str, quantity: str) -> tuple[Pair, ...] | None:
+def limits_of_part(limits: Mapping[str, PartLimits], part: str, quantity: str) -> tuple[Pair | None, ...] | None:
     """Return the pairs that hold for a part, None if there are none; an arm's own take precedence over `arms`."""
     given = (getattr(limits[key], quantity) for key in (part, "arms") if key in limits and stands_for(key, part))
     return next((pairs for pairs in given if pairs is not None), None)
@@ -88,18 +217,145 @@ def _not_reserved(name: str) -> str:
     return name
 
 
+ArmKey = Annotated[Name, AfterValidator(_not_reserved)]
+
+
 class RobotSpec(Spec):
-    """A space robot. Paper Table I."""
+    """A space robot: a free-floating base, and arms that are chains of joints and links. Planar or spatial.
+
+    `limits` is keyed by `base`, `arms` (every arm) or an arm's name.
+    """
 
     name: Name = Field(description="name of the robot")
     description: str = Field("", description="what it is, for people")
-    base: Base = Field(description="the base body")
-    arms: Mapping[Annotated[Name, AfterValidator(_not_reserved)], Arm] = Field(
-        min_length=1, description="the arms by name, in the order of Q"
-    )
+    arms: Mapping[ArmKey, Arm | SpatialArm]
     limits: LimitsByPart = Field({}, description="limits of base, arms (every arm) or an arm by name")
+
+    dimension: ClassVar[int]
+    """Number of position coordinates of a pose: 2 or 3."""
 
     @property
     def parts(self) -> dict[str, int]:
-        """Names and numbers of generalized coordinates of the parts, in the order of `Q = [p_b; q]`."""
-        return {"base": 3, **{name: len(arm.links) for name, arm in self.arms.items()}}
+        """Names and numbers of velocity coordinates of the parts, in the order of v: `base`, then the arms."""
+        return {"base": 3 * (self.dimension - 1), **{name: len(arm.links) for name, arm in self.arms.items()}}
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """The base, then the links of each arm from the base outward; a body comes after the one that carries it."""
+        raise NotImplementedError
+
+    @property
+    def tools(self) -> dict[str, Attachment]:
+        """The end-effector frame of each arm."""
+        raise NotImplementedError
+
+    def link_ends(self, arm: str) -> tuple[Triple, ...]:
+        """Return where each link of an arm has the next joint, the last one the end-effector, in its frame [m]."""
+        links = [body for body in self.bodies if body.name.rpartition(".")[0] == arm]
+        places = [body.joint.at.position for body in links[1:] if body.joint is not None]
+        return (*places, self.tools[arm].position)
+
+
+class PlanarRobot(RobotSpec):
+    """A robot that moves in a plane, with revolute joints. Paper Table I."""
+
+    base: Base = Field(description="the base body")
+    arms: Mapping[ArmKey, Arm] = Field(min_length=1, description="the arms by name, in the order of Q")
+
+    dimension: ClassVar[int] = 2
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """See `RobotSpec.bodies`."""
+        bodies = [Body("base", self.base.mass, (0.0, 0.0, 0.0), _about_z(self.base.inertia))]
+        for name, arm in self.arms.items():
+            place = Attachment(0, (*arm.mount.position, 0.0), (0.0, 0.0, arm.mount.angle))
+            for number, link in enumerate(arm.links, start=1):
+                centre, joint = (link.a, 0.0, 0.0), Joint(place, (0.0, 0.0, 1.0))
+                bodies.append(Body(f"{name}.{number}", link.mass, centre, _about_z(link.inertia), joint))
+                place = Attachment(len(bodies) - 1, (link.a + link.b, 0.0, 0.0), (0.0, 0.0, 0.0))
+        return tuple(bodies)
+
+    @property
+    def tools(self) -> dict[str, Attachment]:
+        """See `RobotSpec.tools`."""
+        last, tools = 0, {}
+        for name, arm in self.arms.items():
+            last, link = last + len(arm.links), arm.links[-1]
+            tools[name] = Attachment(last, (link.a + link.b, 0.0, 0.0), (0.0, 0.0, arm.tool.angle))
+        return tools
+
+
+def _mounted(arms: Mapping[str, SpatialArm], fields: Mapping[str, Any], context: Any) -> Flaws:
+    """Give arms that are mounted on what is not there before them."""
+    carriers = ["base"]
+    for name, arm in arms.items():
+        if arm.mount not in carriers:
+            yield (name, "mount"), flaw(choice(arm.mount, carriers))
+        carriers += [f"{name}.{number}" for number in range(1, len(arm.links) + 1)]
+
+
+class SpatialRobot(RobotSpec):
+    """A robot that moves in space, with revolute and prismatic joints; an arm may branch off from a link of another."""
+
+    space: Literal["spatial"] = Field("spatial", description="spatial: poses have six coordinates; without: planar")
+    base: SpatialBase = Field(description="the base body")
+    arms: Annotated[Mapping[ArmKey, SpatialArm], holds(_mounted)] = Field(
+        {}, description="the arms by name, in the order of Q"
+    )
+
+    dimension: ClassVar[int] = 3
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """See `RobotSpec.bodies`."""
+        base, index = self.base, {"base": 0}
+        bodies = [Body("base", base.mass, base.centre_of_mass, base.inertia)]
+        for name, arm in self.arms.items():
+            carrier = index[arm.mount]
+            for number, link in enumerate(arm.links, start=1):
+                joint = link.joint
+                place = Attachment(carrier, joint.position, _rotation_vector(joint.rpy))
+                moving = Joint(place, joint.axis, joint.kind == "prismatic")
+                carrier = index[f"{name}.{number}"] = len(bodies)
+                bodies.append(Body(f"{name}.{number}", link.mass, link.centre_of_mass, link.inertia, moving))
+        return tuple(bodies)
+
+    @property
+    def tools(self) -> dict[str, Attachment]:
+        """See `RobotSpec.tools`."""
+        index = {body.name: number for number, body in enumerate(self.bodies)}
+        return {
+            name: Attachment(index[f"{name}.{len(arm.links)}"], arm.tool.position, _rotation_vector(arm.tool.rpy))
+            for name, arm in self.arms.items()
+        }
+
+
+class Tip(Spec):
+    """An arm of a URDF: the joints on the way from the base to its tip."""
+
+    tip: str = Field(min_length=1, description="link whose frame is the end-effector")
+
+
+class UrdfRobot(Spec):
+    """A robot file that takes bodies, joints and limits of joints from a URDF."""
+
+    name: Name | None = Field(None, description="name of the robot, by default the URDF's")
+    description: str = Field("", description="what it is, for people")
+    urdf: str = Field(min_length=1, description="path of the URDF, relative to this file")
+    base: str | None = Field(None, description="the free-flying link, by default the root")
+    arms: Mapping[ArmKey, Tip] | None = Field(None, description="the arms by name; by default every leaf that moves")
+    locked: Mapping[str, Angle] = Field({}, description="positions of joints that belong to no arm, by name [rad, m]")
+    limits: LimitsByPart = Field(
+        {}, description="limits of base, arms (every arm) or an arm by name, besides the URDF's"
+    )
+
+
+def _about_z(inertia: float) -> Six:
+    return (0.0, 0.0, inertia, 0.0, 0.0, 0.0)
+
+
+def _rotation_vector(rpy: Triple) -> Triple:
+    """Compute the rotation vector [rad] of fixed-axis angles about x, y and z [rad]."""
+    x, y, z = Rotation.from_euler("xyz", rpy).as_rotvec().tolist()
+    return x, y, z

@@ -3,6 +3,7 @@
 Plain validated data in SI units.
 """
 
+import math
 from collections.abc import Mapping
 from functools import partial
 from itertools import product
@@ -461,8 +462,9 @@ def _wider(
     """Give limits that are wider than outer ones, which are keyed by whose they are."""
     for part, quantity, (whose, layer) in product(sizes, QUANTITIES, outer.items()):
         given, allowed = limits_of_part(limits, part, quantity) or (), limits_of_part(layer, part, quantity) or ()
-        for index, ((low, high), (least, most)) in enumerate(zip(given, allowed, strict=False)):
-            if low < least or high > most:
+        for index, (own, around) in enumerate(zip(given, allowed, strict=False)):
+            (low, high), (least, most) = own or (-math.inf, math.inf), around or (-math.inf, math.inf)
+            if own is not None and (low < least or high > most):
                 key = part if part in limits and getattr(limits[part], quantity) is not None else "arms"
                 yield (key, quantity, index), expected(f"within {whose} [{least:.6g}, {most:.6g}]")
 

@@ -8,7 +8,7 @@ import pytest
 from psmpc_cli.plant import Disturbance, Plant, Resistance, Ticks
 from psmpc_cli.plant.mujoco_plant import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
-from psmpc_cli.robot.bodies import InertialParameters
+from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.model import RobotModel
 
 TICK, M = 1e-3, 60
@@ -38,7 +38,7 @@ def everything(model: RobotModel, nothing: Disturbance) -> Disturbance:
     random, known = np.random.default_rng(9), nothing.robot
     robot = InertialParameters(
         known.mass * random.uniform(0.8, 1.2, 7),
-        known.inertia * random.uniform(0.8, 1.2, 7),
+        known.inertia * random.uniform(0.8, 1.2, (7, 1)),
         random.uniform(-0.02, 0.02, (7, 2)),
         np.array([2.5, 2.0]),
         np.array([0.3, 0.2]),

@@ -11,7 +11,7 @@ from psmpc_cli.plant.uncertainty import (
     resistance_of,
     take_up,
 )
-from psmpc_cli.robot.bodies import InertialParameters, body_names
+from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.uncertainty import NoiseSpec, PayloadSpec, UncertaintySpec
 
@@ -40,7 +40,7 @@ def test_draws_stay_within_their_ranges_by_part_and_fill_them(model: RobotModel)
     drawn = [draw_bodies(given, model.spec, seed) for seed in range(200)]
     mass = np.array([each.mass_factor for each in drawn]) - 1
     offset = np.array([each.offset for each in drawn])
-    arm_2 = [name.startswith("arm_2") for name in body_names(model.spec)]
+    arm_2 = [name.startswith("arm_2") for name in (body.name for body in model.spec.bodies)]
     for bodies, width in ((slice(0, 1), 0.2), (slice(1, 4), 0.05)):
         assert 0.95 * width < np.abs(mass[:, bodies]).max() <= width
         assert np.abs(mass[:, bodies].mean()) < 0.2 * width

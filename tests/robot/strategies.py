@@ -5,18 +5,37 @@ from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from psmpc_cli.robot.model import RobotModel, build_model
-from psmpc_cli.specs.robot import Arm, Base, Link, Mount, RobotSpec, Tool
+from psmpc_cli.specs.robot import (
+    Arm,
+    Base,
+    Link,
+    Mount,
+    PlanarRobot,
+    SpatialArm,
+    SpatialBase,
+    SpatialJoint,
+    SpatialLink,
+    SpatialRobot,
+    SpatialTool,
+    Tool,
+)
 
 Array = NDArray[np.float64]
 State = tuple[RobotModel, Array, Array, Array]
 
-laws = settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-"""Models are built as robots are drawn, which is not a matter of drawing too much."""
+laws = settings(
+    max_examples=12,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+    phases=(Phase.explicit, Phase.reuse, Phase.generate),
+)
+"""Models are built as robots are drawn, which is slow and not to be shrunk."""
 
 angles = st.floats(-math.pi, math.pi)
 
@@ -32,11 +51,82 @@ def arms(draw: st.DrawFn, fewest: int = 1, most: int = 5) -> Arm:
 
 
 @st.composite
-def robots(draw: st.DrawFn, fewest: int = 1, most: int = 5) -> RobotSpec:
+def robots(draw: st.DrawFn, fewest: int = 1, most: int = 5) -> PlanarRobot:
     """One to three arms of `fewest` to `most` links."""
     base = Base(mass=draw(st.floats(5, 100)), inertia=draw(st.floats(0.5, 10)))
     drawn = draw(st.lists(arms(fewest, most), min_size=1, max_size=3))
-    return RobotSpec(name="drawn", base=base, arms={f"arm_{i}": arm for i, arm in enumerate(drawn, start=1)})
+    return PlanarRobot(name="drawn", base=base, arms={f"arm_{i}": arm for i, arm in enumerate(drawn, start=1)})
+
+
+def vectors(size: float) -> st.SearchStrategy[tuple[float, float, float]]:
+    """Three numbers up to a size."""
+    return st.tuples(*[st.floats(-size, size)] * 3)
+
+
+inertias = st.builds(
+    lambda radii, turn: inertia_of(np.array(radii), np.array(turn)),
+    st.tuples(*[st.floats(0.1, 0.5)] * 3),
+    vectors(3.0),
+)
+"""Moments of a box turned at random."""
+
+
+def inertia_of(sides: Array, turn: Array) -> tuple[float, ...]:
+    """xx, yy, zz, xy, xz, yz of a box of 10 kg with these sides [m], turned by a rotation vector."""
+    moments = (
+        10
+        / 12
+        * np.array([sides[1] ** 2 + sides[2] ** 2, sides[0] ** 2 + sides[2] ** 2, sides[0] ** 2 + sides[1] ** 2])
+    )
+    R = Rotation.from_rotvec(turn).as_matrix()
+    full = R @ np.diag(moments) @ R.T
+    return tuple(float(full[i]) for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+
+
+def unit(direction: tuple[float, float, float]) -> tuple[float, float, float]:
+    """A unit vector."""
+    x, y, z = np.array(direction) / np.linalg.norm(direction) if np.linalg.norm(direction) > 1e-3 else (0.0, 0.0, 1.0)
+    return float(x), float(y), float(z)
+
+
+spatial_links = st.builds(
+    SpatialLink,
+    joint=st.builds(
+        SpatialJoint,
+        kind=st.sampled_from(("revolute", "prismatic")),
+        axis=vectors(1.0).map(unit),
+        position=vectors(0.5),
+        rpy=vectors(3.0),
+    ),
+    mass=st.floats(0.5, 20),
+    centre_of_mass=vectors(0.3),
+    inertia=inertias,
+)
+
+
+@st.composite
+def spatial_robots(draw: st.DrawFn) -> SpatialRobot:
+    """None to three arms of one to three joints, each on the base or on a link of an arm before it."""
+    base = SpatialBase(mass=draw(st.floats(5, 100)), inertia=draw(inertias), centre_of_mass=draw(vectors(0.2)))
+    arms: dict[str, SpatialArm] = {}
+    carriers = ["base"]
+    for i in range(draw(st.integers(0, 3))):
+        links = draw(st.lists(spatial_links, min_size=1, max_size=3))
+        tool = SpatialTool(position=draw(vectors(0.3)), rpy=draw(vectors(3.0)))
+        arms[f"arm_{i}"] = SpatialArm(mount=draw(st.sampled_from(carriers)), links=tuple(links), tool=tool)
+        carriers += [f"arm_{i}.{number}" for number in range(1, len(links) + 1)]
+    return SpatialRobot(name="drawn", base=base, arms=arms)
+
+
+@st.composite
+def moving_spatial_robots(draw: st.DrawFn) -> State:
+    """A robot, Q (nq,), v and a third column (n,)."""
+    model = build_model(draw(spatial_robots()))
+    numbers = st.lists(st.floats(-3, 3), min_size=model.nq, max_size=model.nq).map(np.array)
+    Q, v, third = draw(numbers), draw(numbers)[1:], draw(numbers)[1:]
+    length = np.linalg.norm(Q[3:7])
+    Q[3:7] = Q[3:7] / length if length > 0.1 else (1, 0, 0, 0)
+    return model, Q, v, third
 
 
 @st.composite

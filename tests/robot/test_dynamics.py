@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from psmpc_cli.robot.bodies import InertialParameters, body_names
+from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.model import RobotModel, build_model
 
 from .strategies import Array, State, assert_close_to_differences, jacobian_by_differences, laws, moving_robots
@@ -82,7 +82,7 @@ def kept(model: RobotModel, state: tuple[Array, Array], parameters: InertialPara
 
 
 def test_bodies_are_named_from_the_base_outward(model: RobotModel) -> None:
-    names = body_names(model.spec)
+    names = [body.name for body in model.spec.bodies]
     assert [names.index(name) for name in ("base", "arm_1.3", "arm_2.3")] == [0, 3, 6]
     assert len(names) == len(model.nominal.mass) == 7
 

@@ -1,0 +1,93 @@
+"""Frames of a robot, as expressions of its coordinates: in the plane, and in space."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import casadi as ca
+
+from psmpc_cli.robot.rotations import add, exp, product, rotate, scaled, turn
+from psmpc_cli.specs.robot import Attachment, Joint, RobotSpec
+
+
+@dataclass(frozen=True)
+class PlanarFrame:
+    """A frame in the plane: origin (2,) [m] and unwrapped angle of the x axis [rad], as expressions or numbers."""
+
+    position: Any
+    angle: Any
+
+    def carried(self, at: Attachment) -> Self:
+        """Return a frame that is fixed to this one."""
+        return self._slid(at.position).turned(at.rotation, 1.0)
+
+    def moved(self, joint: Joint, q: Any) -> Self:
+        """Return the frame carried through a joint at coordinate q [rad]."""
+        return self.carried(joint.at).turned(joint.axis, q)
+
+    def turned(self, axis: Sequence[float], angle: Any) -> Self:
+        """Return the frame turned about its own origin."""
+        return type(self)(self.position, self.angle + axis[2] * angle)
+
+    @property
+    def pose(self) -> Any:
+        """The pose (x, y, angle), (3,) [m, m, rad]."""
+        return ca.vertcat(self.position, self.angle)
+
+    def _slid(self, by: Sequence[Any]) -> Self:
+        c, s = ca.cos(self.angle), ca.sin(self.angle)
+        apart = ca.vertcat(by[0] * c - by[1] * s, by[0] * s + by[1] * c)
+        return type(self)(self.position + apart, self.angle)
+
+
+@dataclass(frozen=True)
+class SpatialFrame:
+    """A frame in space: origin (3,) [m] and unit quaternion (w, x, y, z), as lists of expressions or numbers."""
+
+    position: Sequence[Any]
+    quaternion: Sequence[Any]
+
+    def carried(self, at: Attachment) -> Self:
+        """Return a frame that is fixed to this one."""
+        position = add(self.position, rotate(self.quaternion, at.position))
+        return type(self)(position, product(self.quaternion, exp(at.rotation)))
+
+    def moved(self, joint: Joint, q: Any) -> Self:
+        """Return the frame carried through a joint at coordinate q [rad, m]."""
+        frame = self.carried(joint.at)
+        if joint.prismatic:
+            along = rotate(frame.quaternion, scaled(joint.axis, q))
+            return type(self)(add(frame.position, along), frame.quaternion)
+        return type(self)(frame.position, product(frame.quaternion, turn(joint.axis, q)))
+
+    @property
+    def pose(self) -> Any:
+        """The pose (x, y, z, quaternion), (7,) [m]."""
+        return ca.vertcat(*self.position, *self.quaternion)
+
+
+Frame = PlanarFrame | SpatialFrame
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Frames of a robot: of its bodies in their order, and of its end-effectors by arm."""
+
+    bodies: tuple[Any, ...]
+    tools: dict[str, Any]
+
+
+def base_frame(spec: RobotSpec, Q: Any) -> Frame:
+    """Return the base's frame at coordinates Q (nq,): (x, y, theta), or position and unit quaternion."""
+    if spec.dimension == 2:
+        return PlanarFrame(Q[:2], Q[2])
+    return SpatialFrame([Q[i] for i in range(3)], [Q[i] for i in range(3, 7)])
+
+
+def place(spec: RobotSpec, base: Frame, joints: Any) -> Placement:
+    """Compute all frames of a robot with its base at a frame, at joint coordinates (joints,) [rad, m]."""
+    frames: list[Any] = [base]
+    for number, body in enumerate(spec.bodies[1:]):
+        if body.joint is not None:
+            frames.append(frames[body.joint.at.body].moved(body.joint, joints[number]))
+    return Placement(tuple(frames), {name: frames[tool.body].carried(tool) for name, tool in spec.tools.items()})

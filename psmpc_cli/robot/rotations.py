@@ -1,0 +1,127 @@
+"""Rotations: unit quaternions (w, x, y, z) and rotation vectors, on numbers, arrays and CasADi expressions alike.
+
+A vector is a list of its components; a component is a number, an array (the same operation at many places at once) or
+an expression. Sola, Deray, Atchuthan: A micro Lie theory (2018), section on S^3 and SO(3).
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+Vector = Sequence[Any]
+
+TERMS = 13
+"""Terms of the series below in |phi|^2: exact to 1e-13 up to |phi| = pi, without a branch and smooth everywhere."""
+
+IDENTITY = (1.0, 0.0, 0.0, 0.0)
+
+
+def dot(a: Vector, b: Vector) -> Any:
+    """Compute the inner product."""
+    return sum((x * y for x, y in zip(a[1:], b[1:], strict=True)), a[0] * b[0])
+
+
+def cross(a: Vector, b: Vector) -> list[Any]:
+    """Compute the cross product of vectors (3,)."""
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def add(a: Vector, *more: Vector) -> list[Any]:
+    """Compute the sum of vectors."""
+    return [sum(rest, first) for first, *rest in zip(a, *more, strict=True)]
+
+
+def scaled(a: Vector, factor: Any) -> list[Any]:
+    """Compute factor times a."""
+    return [factor * x for x in a]
+
+
+def conjugate(q: Vector) -> list[Any]:
+    """Compute the inverse of a unit quaternion."""
+    return [q[0], -q[1], -q[2], -q[3]]
+
+
+def product(a: Vector, b: Vector) -> list[Any]:
+    """Compute the quaternion of the rotation b followed by a."""
+    v = cross(a[1:], b[1:])
+    return [a[0] * b[0] - dot(a[1:], b[1:]), *(a[0] * b[i + 1] + b[0] * a[i + 1] + v[i] for i in range(3))]
+
+
+def rotate(q: Vector, r: Vector) -> list[Any]:
+    """Compute R(q) r of a vector r (3,)."""
+    t = scaled(cross(q[1:], r), 2)
+    return add(r, scaled(t, q[0]), cross(q[1:], t))
+
+
+def matrix(q: Vector) -> list[list[Any]]:
+    """Compute the rows of the rotation matrix R(q), 3 by 3, of a unit quaternion."""
+    w, x, y, z = q
+    return [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+
+
+def turn(axis: Vector, angle: Any) -> list[Any]:
+    """Compute the quaternion of a turn by `angle` [rad] about a unit vector (3,)."""
+    library = _library(angle)
+    return [library.cos(angle / 2), *scaled(axis, library.sin(angle / 2))]
+
+
+def turn_matrix(axis: Sequence[float], angle: Any) -> list[list[Any]]:
+    """Compute the rows of the matrix of a turn by `angle` [rad] about a unit vector of numbers (3,)."""
+    library, (x, y, z) = _library(angle), axis
+    c, s = library.cos(angle), library.sin(angle)
+    skew = ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))
+    return [[(1 - c) * (axis[i] * axis[j]) + s * skew[i][j] + c * (i == j) for j in range(3)] for i in range(3)]
+
+
+def exp(phi: Vector) -> list[Any]:
+    """Compute the unit quaternion of a rotation vector (3,) [rad]; smooth everywhere."""
+    t = dot(phi, phi) / 4
+    return [1 - t * _cosc(t), *scaled(phi, _sinc(t) / 2)]
+
+
+def log(q: Vector) -> list[Any]:
+    """Compute the rotation vector (3,) [rad] of a quaternion of any length, with |phi| in [0, 2 pi).
+
+    q is not replaced by -q where w < 0: the caller chooses the sign, so that an error that passes pi within a horizon
+    stays smooth. It is smooth but at negative real q.
+    """
+    w, v = q[0], q[1:]
+    s2 = dot(v, v)
+    if _library(s2) is ca:
+        # the branch that is not taken gets harmless numbers, or its derivative would be 0 times infinity
+        near = ca.logic_and(s2 < 1e-4 * w * w, w > 0)
+        z = ca.if_else(near, s2 / ca.if_else(near, w * w, 1.0), 0.0)
+        small = (1 - z * (1 / 3 - z * (1 / 5 - z * (1 / 7 - z / 9)))) / ca.if_else(near, w, 1.0)
+        s = ca.sqrt(ca.if_else(near, 1.0, s2))
+        return scaled(v, 2 * ca.if_else(near, small, ca.atan2(s, w) / s))
+    s = np.sqrt(s2)
+    near = s <= 1e-12 * np.abs(w)
+    return scaled(v, 2 * np.where(near, 1 / np.where(near, w, 1.0), np.arctan2(s, w) / np.where(near, 1.0, s)))
+
+
+def _library(x: Any) -> Any:
+    return ca if isinstance(x, ca.SX | ca.MX) else np
+
+
+def _series(t: Any, first: int) -> Any:
+    """Compute 1 - t/((f+1)(f+2)) (1 - t/((f+3)(f+4)) (1 - ...)), f = first, by Horner's rule."""
+    value = 1.0
+    for k in range(TERMS, 0, -1):
+        value = 1 - t * value / ((2 * k + first - 1) * (2 * k + first))
+    return value
+
+
+def _sinc(t: Any) -> Any:
+    """sin(a)/a at t = a^2."""
+    return _series(t, 1)
+
+
+def _cosc(t: Any) -> Any:
+    """(1 - cos a)/a^2 at t = a^2."""
+    return _series(t, 2) / 2

@@ -1,0 +1,488 @@
+"""Robots from URDF: links and joints read with their lines, merged into the bodies that move, as keys of our own files.
+
+What a file leaves out is assumed and noted; what cannot be a robot is an error. URDF's frames: a joint's frame is that
+of its child link, its `<origin>` is in the parent link's frame, rpy are angles about fixed axes.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from psmpc_cli.errors import SpecError
+from psmpc_cli.specs.library import read_text, shown
+from psmpc_cli.specs.messages import choice, quoted
+
+Matrix = NDArray[np.float64]
+
+MOVING = ("revolute", "continuous", "prismatic")
+KINDS = (*MOVING, "fixed", "floating", "planar")
+
+READ = {
+    "robot": ("link", "joint", "material", "gazebo", "transmission"),
+    "link": ("inertial", "visual", "collision", "contact"),
+    "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "safety_controller", "calibration", "mimic"),
+}
+"""Elements of URDF, by the one they are in; others are noted."""
+
+XACRO = "{http://www.ros.org/wiki/xacro}"
+
+
+@dataclass(frozen=True)
+class UrdfLink:
+    """A link: mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m^2] in the link's frame."""
+
+    name: str
+    line: int
+    mass: float
+    centre: Matrix
+    inertia: Matrix
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A joint: where the child's frame is in the parent's at 0 (4, 4), its axis (3,), limits [rad, m] and rate."""
+
+    name: str
+    line: int
+    kind: str
+    parent: str
+    child: str
+    origin: Matrix
+    axis: Matrix
+    limits: tuple[float, float] | None
+    rate: float | None
+
+
+@dataclass
+class Urdf:
+    """A URDF file.
+
+    Attributes:
+        file: Its name, for messages.
+        name: The robot's name.
+        links, joints: By name, in the file's order.
+        notes: What was assumed, each with its line.
+    """
+
+    file: str
+    name: str
+    links: dict[str, UrdfLink] = field(default_factory=dict)
+    joints: dict[str, UrdfJoint] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def root(self) -> str:
+        """The link that no joint carries."""
+        carried = {joint.child for joint in self.joints.values()}
+        return next(name for name in self.links if name not in carried)
+
+    @property
+    def leaves(self) -> list[str]:
+        """The links that carry no other."""
+        carriers = {joint.parent for joint in self.joints.values()}
+        return [name for name in self.links if name not in carriers]
+
+    def chain(self, tip: str) -> list[UrdfJoint]:
+        """Return the joints from the root to a link."""
+        carried = {joint.child: joint for joint in self.joints.values()}
+        found: list[UrdfJoint] = []
+        while tip in carried:
+            found.insert(0, carried[tip])
+            tip = carried[tip].parent
+        return found
+
+
+def read_urdf(path: Path) -> Urdf:
+    """Read a URDF file.
+
+    Raises:
+        SpecError: It cannot be read or is no robot; the message lists everything that is wrong, with lines.
+    """
+    text, name = read_text(path), shown(path)
+    try:
+        root = etree.fromstring(text.encode())
+    except etree.XMLSyntaxError as error:
+        line, column = error.position
+        raise SpecError(f"{name}:{line}:{column}: found no XML ({error.msg}), expected a URDF file") from None
+    if any(str(part.tag).startswith(XACRO) or "${" in "".join(part.attrib.values()) for part in _described(root)):
+        raise SpecError(
+            f"{name}:1: found xacro macros, expected plain URDF: expand it first with xacro FILE > FILE.urdf"
+        )
+    if root.tag != "robot":
+        raise SpecError(f"{name}:{root.sourceline}: found <{root.tag}>, expected a URDF file with the element <robot>")
+    return _Reader(Urdf(name, root.get("name") or path.stem)).read(root)
+
+
+def _described(root: Any) -> Iterator[Any]:
+    """Give the elements that describe the robot itself, at any depth."""
+    for element in root.iterchildren(etree.Element):
+        if element.tag not in ("gazebo", "transmission"):
+            yield from element.iter(etree.Element)
+
+
+class _Reader:
+    """Reads the elements of one file and collects what is wrong with them."""
+
+    def __init__(self, urdf: Urdf) -> None:
+        self.urdf = urdf
+        self.errors: list[str] = []
+        self._unknown: set[str] = set()
+
+    def read(self, root: Any) -> Urdf:
+        """Read all elements.
+
+        Raises:
+            SpecError: Something is wrong with them.
+        """
+        for element in root.iterchildren(tag=etree.Element):
+            if element.tag in ("link", "joint"):
+                self._add(element)
+            self._note_unknown(element, "robot")
+        if meshes := len(list(root.iter("mesh"))):
+            self.urdf.notes.append(f"{meshes} meshes are not read: bodies are drawn as capsules")
+        self._check_tree(root)
+        if self.errors:
+            raise SpecError("\n".join(self.errors))
+        return self.urdf
+
+    def _add(self, element: Any) -> None:
+        known: dict[str, Any] = self.urdf.links if element.tag == "link" else self.urdf.joints
+        name = element.get("name")
+        if not name:
+            self._wrong(element, f"<{element.tag}> without a name", "the attribute name")
+        elif name in known:
+            self._wrong(
+                element,
+                f"a second {element.tag} {quoted(name)} (first at line {known[name].line})",
+                "a name of its own",
+            )
+        else:
+            known[name] = self._link(element, name) if element.tag == "link" else self._joint(element, name)
+        for part in element.iterchildren(tag=etree.Element):
+            self._note_unknown(part, element.tag)
+
+    def _link(self, element: Any, name: str) -> UrdfLink:
+        inertial, line = element.find("inertial"), element.sourceline
+        if inertial is None:
+            self._note(element, f"link {quoted(name)} has no <inertial>: it has no mass")
+            return UrdfLink(name, line, 0.0, np.zeros(3), np.zeros((3, 3)))
+        place = self._origin(inertial)
+        mass = self._number(inertial.find("mass"), "value", inertial, "<mass value=...>")
+        moments, terms = inertial.find("inertia"), ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+        if moments is None:
+            self._wrong(inertial, f"no <inertia> of link {quoted(name)}", f"<inertia {'=... '.join(terms)}=...>")
+            return UrdfLink(name, line, mass, place[:3, 3], np.eye(3))
+        optional = {"ixy", "ixz", "iyz"}
+        xx, yy, zz, xy, xz, yz = (
+            0.0 if term in optional and moments.get(term) is None else self._number(moments, term, inertial, term)
+            for term in terms
+        )
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if mass < 0:
+            self._wrong(inertial, f"a mass of {mass:g} kg of link {quoted(name)}", "a mass of at least 0")
+        principal = np.linalg.eigvalsh(inertia)
+        if mass > 0 and principal[0] <= 0:
+            self._note(moments, f"a principal moment of link {quoted(name)} is {principal[0]:.3g} kg m^2")
+        turned = place[:3, :3]
+        return UrdfLink(name, line, mass, place[:3, 3], turned @ inertia @ turned.T)
+
+    def _joint(self, element: Any, name: str) -> UrdfJoint:
+        kind, line, ends = element.get("type"), element.sourceline, {}
+        if kind not in KINDS:
+            self._wrong(
+                element, f"the type {quoted(str(kind))} of joint {quoted(name)}", choice(str(kind), KINDS).lstrip(", ")
+            )
+            kind = "fixed"
+        for end in ("parent", "child"):
+            part = element.find(end)
+            ends[end] = "" if part is None else part.get("link", "")
+            if not ends[end]:
+                self._wrong(element, f"no {end} of joint {quoted(name)}", f"<{end} link=...>")
+        axis = np.array([1.0, 0.0, 0.0])
+        if kind in MOVING and element.find("axis") is None:
+            self._note(element, f"joint {quoted(name)} has no <axis>: taken as 1 0 0")
+        elif kind in MOVING:
+            axis = np.array(self._numbers(element.find("axis"), "xyz", 3))
+            length = float(np.linalg.norm(axis))
+            if length < 1e-9:
+                self._wrong(element.find("axis"), f"an axis of length 0 of joint {quoted(name)}", "a direction")
+            elif abs(length - 1) > 1e-6:
+                self._note(
+                    element.find("axis"), f"the axis of joint {quoted(name)} has length {length:.4g}: scaled to 1"
+                )
+            axis = axis / length if length else axis
+        if element.find("mimic") is not None:
+            self._note(element.find("mimic"), f"joint {quoted(name)} mimics another: taken as a joint of its own")
+        limits, rate = self._limits(element, name, kind)
+        return UrdfJoint(name, line, kind, ends["parent"], ends["child"], self._origin(element), axis, limits, rate)
+
+    def _limits(self, element: Any, name: str, kind: str) -> tuple[tuple[float, float] | None, float | None]:
+        limit = element.find("limit")
+        if kind not in MOVING:
+            return None, None
+        if limit is None:
+            if kind != "continuous":
+                self._note(element, f"joint {quoted(name)} has no <limit>: without limits")
+            return None, None
+        low, high = (self._number(limit, end, limit, end, 0.0) for end in ("lower", "upper"))
+        rate = self._number(limit, "velocity", limit, "velocity", 0.0) or None
+        if kind == "continuous":
+            return None, rate
+        if low > high:
+            self._wrong(limit, f"the limits {low:g}, {high:g} of joint {quoted(name)}", "the lower one first")
+        if kind == "revolute" and max(-low, high) > 4 * np.pi:
+            self._note(limit, f"the limits {low:g}, {high:g} rad of joint {quoted(name)} look like degrees")
+        return (low, high), rate
+
+    def _origin(self, element: Any) -> Matrix:
+        origin, place = element.find("origin"), np.eye(4)
+        if origin is not None:
+            place[:3, 3] = self._numbers(origin, "xyz", 3)
+            place[:3, :3] = Rotation.from_euler("xyz", self._numbers(origin, "rpy", 3)).as_matrix()
+        return place
+
+    def _numbers(self, element: Any, attribute: str, count: int) -> list[float]:
+        text = element.get(attribute, " ".join("0" * count))
+        try:
+            values = [float(part) for part in text.split()]
+        except ValueError:
+            values = []
+        if len(values) != count or not np.isfinite(values).all():
+            self._wrong(element, f'{attribute}="{text}"', f"{count} numbers")
+            return [1.0] + [0.0] * (count - 1)
+        return values
+
+    def _number(self, element: Any, attribute: str, where: Any, wanted: str, missing: float | None = None) -> float:
+        text = None if element is None else element.get(attribute)
+        if text is None and missing is not None:
+            return missing
+        try:
+            value = float(text or "")
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value):
+            self._wrong(where, f"no {wanted}" if text is None else f'{attribute}="{text}"', f"a number for {attribute}")
+            return 1.0
+        return value
+
+    def _check_tree(self, root: Any) -> None:
+        """Check that the joints make a tree of the links."""
+        links, joints = self.urdf.links, self.urdf.joints
+        if not links:
+            self._wrong(root, "a robot without links", "<link> elements")
+            return
+        carried: dict[str, UrdfJoint] = {}
+        for joint in joints.values():
+            for end in (joint.parent, joint.child):
+                if end and end not in links:
+                    self._at(
+                        joint.line, f"the unknown link {quoted(end)} of joint {quoted(joint.name)}", choice(end, links)
+                    )
+            if joint.child in carried:
+                first = carried[joint.child]
+                self._at(
+                    joint.line,
+                    f"link {quoted(joint.child)} carried by two joints, {quoted(first.name)} and {quoted(joint.name)}",
+                    "one joint for each link",
+                )
+            carried[joint.child] = joint
+        roots = [name for name in links if name not in carried]
+        if self.errors:
+            return
+        if not roots:
+            self._wrong(root, "joints in a circle", "one link that no joint carries, the base")
+        elif len(roots) > 1:
+            self._wrong(root, f"{len(roots)} links that no joint carries ({', '.join(roots)})", "one, the base")
+        for name in links if len(roots) == 1 else ():
+            seen, at = {name}, name
+            while at in carried:
+                at = carried[at].parent
+                if at in seen:
+                    self._at(links[name].line, f"link {quoted(name)} in a circle of joints", "a tree from the base")
+                    return
+                seen.add(at)
+
+    def _note_unknown(self, element: Any, within: str) -> None:
+        tag = str(element.tag)
+        if tag not in READ[within] and tag not in self._unknown:
+            self._unknown.add(tag)
+            self._note(element, f"<{tag}> is not an element of URDF's <{within}>: left out")
+
+    def _note(self, element: Any, text: str) -> None:
+        self.urdf.notes.append(f"line {element.sourceline}: {text}")
+
+    def _wrong(self, element: Any, found: str, wanted: str) -> None:
+        self._at(element.sourceline, found, wanted)
+
+    def _at(self, line: int, found: str, wanted: str) -> None:
+        self.errors.append(f"{self.urdf.file}:{line}: found {found}, expected {wanted.removeprefix(', expected ')}")
+
+
+def spatial_robot(
+    urdf: Urdf,
+    base: str | None = None,
+    tips: Mapping[str, str] | None = None,
+    locked: Mapping[str, float] | None = None,
+) -> dict[str, Any]:
+    """Build the keys of a spatial robot from a URDF: bodies that do not move against each other become one.
+
+    Joints of no arm are locked, at 0 or where `locked` says, and their links count. A joint that two arms share belongs
+    to the first.
+
+    Args:
+        urdf: The file.
+        base: The free-floating link; by default the root.
+        tips: By the name of an arm, the link whose frame is its end-effector; by default every leaf that moves.
+        locked: Positions of locked joints [rad, m].
+
+    Raises:
+        SpecError: A name is unknown, an arm has no joint, or a moving body has no mass.
+    """
+    return _Merger(urdf, base or urdf.root, tips, locked or {}).robot()
+
+
+class _Merger:
+    """Merges the links of a URDF into bodies: groups of links, by number, the base's first, then arm by arm."""
+
+    def __init__(self, urdf: Urdf, base: str, tips: Mapping[str, str] | None, locked: Mapping[str, float]) -> None:
+        self.urdf, self.base, self.locked = urdf, base, locked
+        wanted = {"link": (base, *(tips or {}).values()), "joint": tuple(locked)}
+        known: dict[str, Collection[str]] = {"link": urdf.links, "joint": urdf.joints}
+        unknown = [(kind, name) for kind, names in wanted.items() for name in names if name not in known[kind]]
+        if unknown:
+            found = (
+                f"{urdf.file}: found no {kind} {quoted(name)}{choice(name, known[kind])}" for kind, name in unknown
+            )
+            raise SpecError("\n".join(found))
+        self.tips: dict[str, str] = {}
+        self.arms: dict[str, list[UrdfJoint]] = {}
+        taken: set[str] = set()
+        for name, tip in (tips or {leaf: leaf for leaf in urdf.leaves if leaf != base}).items():
+            own = [joint for joint in self._moving_towards(tip) if joint.name not in taken]
+            if own:
+                self.tips[name], self.arms[name] = tip, own
+                taken |= {joint.name for joint in own}
+            elif tips:
+                no_joint = f"found no joint of its own on the way to {quoted(tip)}, the tip of arm {quoted(name)}"
+                raise SpecError(f"{urdf.file}: {no_joint}, expected a tip that moves against the base and other arms")
+        self.body_of = {joint.name: f"{name}.{i}" for name, own in self.arms.items() for i, joint in enumerate(own, 1)}
+        self.places = self._placed()
+
+    def robot(self) -> dict[str, Any]:
+        """Build the keys."""
+        for joint in self.urdf.joints.values():
+            if joint.kind in MOVING and joint.name not in self.body_of and joint.child in self.places:
+                at = self.locked.get(joint.name, 0.0)
+                self.urdf.notes.append(
+                    f"line {joint.line}: joint {quoted(joint.name)} belongs to no arm: locked at {at:g}"
+                )
+        arms = {name: self._arm(name, own) for name, own in self.arms.items()}
+        limits = {name: _limits(own) for name, own in self.arms.items()}
+        return {
+            "name": self.urdf.name,
+            "space": "spatial",
+            "base": self._inertial("base"),
+            "arms": arms,
+            "limits": {name: found for name, found in limits.items() if found},
+        }
+
+    def _moving_towards(self, tip: str) -> list[UrdfJoint]:
+        """Return the joints that move on the way from the base to a link, those that are locked left out."""
+        above = {joint.child for joint in self.urdf.chain(self.base)}
+        way = [joint for joint in self.urdf.chain(tip) if joint.child not in above]
+        return [joint for joint in way if joint.kind in MOVING and joint.name not in self.locked]
+
+    def _placed(self) -> dict[str, tuple[str, Matrix]]:
+        """Return the body of each link and the link's frame in that of its body (4, 4), from the base on."""
+        places, waiting = {self.base: ("base", np.eye(4))}, [self.base]
+        while waiting:
+            link = waiting.pop()
+            body, frame = places[link]
+            for joint in self.urdf.joints.values():
+                if joint.parent == link and joint.child not in places:
+                    moves = joint.name in self.body_of
+                    at = (self.body_of[joint.name], np.eye(4)) if moves else (body, frame @ self._rigid(joint))
+                    places[joint.child] = at
+                    waiting.append(joint.child)
+                elif joint.child == link and joint.parent not in places and joint.kind == "fixed":
+                    places[joint.parent] = (body, frame @ np.linalg.inv(joint.origin))
+                    waiting.append(joint.parent)
+        left = [name for name in self.urdf.links if name not in places]
+        if left:
+            self.urdf.notes.append(f"links above the base are left out: {', '.join(left)}")
+        return places
+
+    def _rigid(self, joint: UrdfJoint) -> Matrix:
+        """Return the child's frame in the parent's (4, 4), at where the joint is locked."""
+        at, move = self.locked.get(joint.name, 0.0), np.eye(4)
+        if joint.kind == "prismatic":
+            move[:3, 3] = at * joint.axis
+        else:
+            move[:3, :3] = Rotation.from_rotvec(at * joint.axis).as_matrix()
+        return np.asarray(joint.origin @ move)
+
+    def _arm(self, name: str, own: Sequence[UrdfJoint]) -> dict[str, Any]:
+        links = []
+        for number, joint in enumerate(own, 1):
+            _, carrier = self.places[joint.parent]
+            place = carrier @ joint.origin
+            moving = {"kind": "prismatic" if joint.kind == "prismatic" else "revolute", "axis": _plain(joint.axis)}
+            links.append({"joint": {**moving, **_place(place)}, **self._inertial(f"{name}.{number}")})
+        _, tool = self.places[self.tips[name]]
+        return {"mount": self.places[own[0].parent][0], "links": links, "tool": _place(tool)}
+
+    def _inertial(self, body: str) -> dict[str, Any]:
+        """Return mass, centre of mass and inertia of the links of a body together, in the body's frame.
+
+        Raises:
+            SpecError: They have no mass.
+        """
+        links = [(self.urdf.links[link], frame) for link, (of, frame) in self.places.items() if of == body]
+        mass = sum(link.mass for link, _ in links)
+        if mass <= 0:
+            names, line = ", ".join(quoted(link.name) for link, _ in links), links[0][0].line
+            raise SpecError(f"{self.urdf.file}:{line}: found no mass of {names}, expected one: it moves on its own")
+        centres = [(frame @ np.append(link.centre, 1.0))[:3] for link, frame in links]
+        centre = sum((link.mass * at for (link, _), at in zip(links, centres, strict=True)), np.zeros(3)) / mass
+        inertia = np.zeros((3, 3))
+        for (link, frame), at in zip(links, centres, strict=True):
+            turned, d = frame[:3, :3], at - centre
+            inertia += turned @ link.inertia @ turned.T + link.mass * (d @ d * np.eye(3) - np.outer(d, d))
+        principal = np.linalg.eigvalsh(inertia)
+        if principal[0] <= 0:
+            found = ", ".join(f"{moment:.3g}" for moment in principal)
+            where = f"{self.urdf.file}:{links[0][0].line}"
+            raise SpecError(
+                f"{where}: found principal moments {found} kg m^2 of {links[0][0].name}, expected positive ones"
+            )
+        moments = [inertia[i] for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+        return {"mass": float(mass), "centre_of_mass": _plain(centre), "inertia": _plain(moments)}
+
+
+def _limits(own: Sequence[UrdfJoint]) -> dict[str, list[Any]]:
+    position = [None if joint.limits is None else list(joint.limits) for joint in own]
+    found: dict[str, list[Any]] = {"position": position, "velocity": [joint.rate for joint in own]}
+    return {key: values for key, values in found.items() if any(value is not None for value in values)}
+
+
+def _plain(values: Any) -> list[float]:
+    """Return numbers as they are written to YAML; rounding errors of right angles are dropped."""
+    return [0.0 if abs(value) < 1e-15 else float(value) for value in values]
+
+
+def _place(frame: Matrix) -> dict[str, Any]:
+    """Return the keys of a frame (4, 4)."""
+    R = frame[:3, :3]
+    cosine = float(np.hypot(R[0, 0], R[1, 0]))
+    pitch = np.arctan2(-R[2, 0], cosine)
+    if cosine > 1e-9:
+        rpy = np.arctan2(R[2, 1], R[2, 2]), pitch, np.arctan2(R[1, 0], R[0, 0])
+    else:
+        rpy = np.arctan2(-R[1, 2], R[1, 1]), pitch, 0.0
+    return {"position": _plain(frame[:3, 3]), "rpy": _plain(rpy)}

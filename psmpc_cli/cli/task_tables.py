@@ -18,7 +18,7 @@ from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.messages import counted
 from psmpc_cli.specs.parts import POSITION_AXES, Space, target_axes
 from psmpc_cli.specs.priorities import ACCEPTABLE, weigh_stages
-from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.robot import RobotSpec, SpatialRobot
 from psmpc_cli.specs.task import PrioritiesSpec, StageSpec
 
 Rows = list[Sequence[str]]
@@ -70,6 +70,9 @@ def print_robot(robot: RobotSpec) -> None:
     for headings, part in tables:
         print_table(headings, part, left=len(headings))
         typer.echo()
+    if isinstance(robot, SpatialRobot) and robot.assumed:
+        typer.echo("assumed:")
+        typer.echo("\n".join(f"  {note}" for note in robot.assumed))
 
 
 def _listed(numbers: Iterable[float]) -> str:

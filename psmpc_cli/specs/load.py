@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,8 +21,6 @@ from psmpc_cli.specs.priorities import priorities_of
 from psmpc_cli.specs.robot import PlanarRobot, RobotSpec, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, StageSpec, TaskSpec
 from psmpc_cli.specs.urdf import Urdf, read_urdf, spatial_robot
-
-logger = logging.getLogger(__name__)
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -178,12 +175,8 @@ def _of_urdf(
     own = {key: value for key, value in written.items() if key not in ("urdf", "locked", "base", "arms")}
     given, limits = own.get("limits", {}), built["limits"]
     merged = {part: {**limits.get(part, {}), **given.get(part, {})} for part in {**limits, **given}}
-    notes = "".join(f"# {note}\n" for note in urdf.notes)
-    for note in urdf.notes:
-        logger.info("%s: %s", urdf.file, note)
-    data = {**built, **own, "limits": merged}
-    text = f"# from {Path(urdf.file).name}\n{notes}{write(data)}"
-    return replace(document, text=text, data=data)
+    data = {**built, **own, "limits": merged, "assumed": [f"{Path(urdf.file).name}, {note}" for note in urdf.notes]}
+    return replace(document, text=write(data), data=data)
 
 
 def _task(

@@ -299,6 +299,7 @@ class SpatialRobot(RobotSpec):
     """A robot that moves in space, with revolute and prismatic joints; an arm may branch off from a link of another."""
 
     space: Literal["spatial"] = Field("spatial", description="spatial: poses have six coordinates; without: planar")
+    assumed: tuple[str, ...] = Field((), description="what a URDF leaves out and was assumed, for people")
     base: SpatialBase = Field(description="the base body")
     arms: Annotated[Mapping[ArmKey, SpatialArm], holds(_mounted)] = Field(
         {}, description="the arms by name, in the order of Q"

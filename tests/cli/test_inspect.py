@@ -110,3 +110,15 @@ def test_no_help_text_is_cut(psmpc: Psmpc) -> None:
     text = psmpc("--help").stdout.partition("Commands:")[2]
     assert "..." not in text
     assert "Print the JSON Schema of robot and task descriptions" in " ".join(text.split())
+
+
+def test_check_prints_a_urdf_s_bodies_limits_and_what_was_assumed(psmpc: Psmpc) -> None:
+    found = psmpc("check", "dual_arm_servicer").stdout
+    for words in (
+        "spatial, 20 degrees of freedom, 182 kg",
+        "left.7",
+        "-170 to 170 deg",
+        "assumed",
+        '"left_tool" has no <inertial>',
+    ):
+        assert words in found

@@ -6,6 +6,7 @@ import pytest
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.load import load_robot, load_task
+from psmpc_cli.specs.robot import SpatialRobot
 
 SERVICER = (Path(__file__).parents[2] / "robots" / "dual_arm_servicer.urdf").read_text()
 
@@ -46,7 +47,10 @@ def test_a_urdf_gives_bodies_and_limits_and_the_file_tightens_them(tmp_path: Pat
 
 def test_a_urdf_alone_has_an_arm_for_each_leaf(tmp_path: Path) -> None:
     saved(tmp_path, FILE)
-    assert list(load_robot(tmp_path / "servicer.urdf").parts) == ["base", "left_tool", "right_tool"]
+    robot = load_robot(tmp_path / "servicer.urdf")
+    assert list(robot.parts) == ["base", "left_tool", "right_tool"]
+    assert isinstance(robot, SpatialRobot)
+    assert any("left_tool" in note and "no <inertial>" in note for note in robot.assumed)
 
 
 def test_our_own_keys_give_the_same_robot_as_the_urdf(tmp_path: Path) -> None:

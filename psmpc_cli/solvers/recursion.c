@@ -99,17 +99,25 @@ static int eliminate(const vec P[C][CV], const vec G[C][CV], double b, const dou
         memset(to->J[i], 0, sizeof to->J[i]);
         numbers(to->J[i])[i] = 1.0;
     }
-    for (int l = 0; l < N; l++) {
-        double pivot = values(A[l])[l];
-        if (!(pivot > DBL_MIN)) return 0;
-        double scale = 1.0 / sqrt(pivot);
-        for (int v = 0; v < NV; v++) A[l][v] *= scale, to->J[l][v] *= scale;
-        for (int v = 0; v < CV; v++) to->Y[l][v] *= scale;
-        for (int i = l + 1; i < N; i++) {
-            double f = values(A[l])[i];
-            for (int v = i / WIDTH; v < NV; v++) A[i][v] -= f * A[l][v];
-            for (int v = 0; v < CV; v++) to->Y[i][v] -= f * to->Y[l][v];
-            for (int v = 0; v <= l / WIDTH; v++) to->J[i][v] -= f * to->J[l][v];
+    for (int l = 0; l < N; l += 2) {
+        for (int p = l; p < l + 2 && p < N; p++) {
+            double pivot = values(A[p])[p];
+            if (!(pivot > DBL_MIN)) return 0;
+            double scale = 1.0 / sqrt(pivot);
+            for (int v = p / WIDTH; v < NV; v++) A[p][v] *= scale;
+            for (int v = 0; v <= p / WIDTH; v++) to->J[p][v] *= scale;
+            for (int v = 0; v < CV; v++) to->Y[p][v] *= scale;
+            if (p > l || p + 1 == N) break;
+            double f = values(A[p])[p + 1];
+            for (int v = (p + 1) / WIDTH; v < NV; v++) A[p + 1][v] -= f * A[p][v];
+            for (int v = 0; v <= p / WIDTH; v++) to->J[p + 1][v] -= f * to->J[p][v];
+            for (int v = 0; v < CV; v++) to->Y[p + 1][v] -= f * to->Y[p][v];
+        }
+        for (int i = l + 2; i < N; i++) { /* two pivots at a time: half the loads and stores */
+            double f = values(A[l])[i], g = values(A[l + 1])[i];
+            for (int v = i / WIDTH; v < NV; v++) A[i][v] -= f * A[l][v] + g * A[l + 1][v];
+            for (int v = 0; v < CV; v++) to->Y[i][v] -= f * to->Y[l][v] + g * to->Y[l + 1][v];
+            for (int v = 0; v <= (l + 1) / WIDTH; v++) to->J[i][v] -= f * to->J[l][v] + g * to->J[l + 1][v];
         }
     }
     return 1;
@@ -128,7 +136,18 @@ static void step_back(const vec G[C][CV], const Interval *at, double a, const do
         }
     for (int i = 0; i < N; i++) numbers(P[N + i])[N + i] += R[i];
     for (int block = 0; block < CV; block++) {
-        for (int v = block; v < CV; v++) {
+        int v = block;
+        for (; v + 1 < CV; v += 2) { /* four rows by two vectors stay in registers */
+            vec sum[WIDTH][2];
+            for (int r = 0; r < WIDTH; r++)
+                for (int j = 0; j < 2; j++) sum[r][j] = P[block * WIDTH + r][v + j];
+            for (int l = 0; l < N; l++)
+                for (int r = 0; r < WIDTH; r++)
+                    for (int j = 0; j < 2; j++) sum[r][j] -= values(at->Y[l])[block * WIDTH + r] * at->Y[l][v + j];
+            for (int r = 0; r < WIDTH; r++)
+                for (int j = 0; j < 2; j++) P[block * WIDTH + r][v + j] = sum[r][j];
+        }
+        for (; v < CV; v++) {
             vec sum[WIDTH];
             for (int r = 0; r < WIDTH; r++) sum[r] = P[block * WIDTH + r][v];
             for (int l = 0; l < N; l++)

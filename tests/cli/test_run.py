@@ -122,6 +122,20 @@ def test_a_default_output_is_numbered_and_nothing_is_overwritten(psmpc: Psmpc) -
     assert psmpc(*short, "--force", "--set", "seed=3").code == 0
     assert read_run(Path("runs/task.h5")).attributes["seed"] == 3
     assert Path("runs/task-2.h5").read_bytes() == before
+    assert psmpc(*short, "--force", "-o", "runs/task-2.h5", "--set", "seed=4").code == 0
+    assert read_run(Path("runs/task-2.h5")).attributes["seed"] == 4
+
+
+def test_a_missing_package_is_found_before_a_log_is_touched(
+    psmpc: Psmpc, part: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "psmpc_cli.plant.mujoco_plant", raising=False)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    before = part.read_bytes()
+    ran = psmpc("simulate", "task.yaml", "--plant", "mujoco", "-o", "part.h5", "--force", "--no-figures")
+    assert ran.code == 2
+    assert "pip install 'psmpc[mujoco]'" in ran.stderr
+    assert part.read_bytes() == before
 
 
 def test_an_interrupted_run_is_finished(psmpc: Psmpc, part: Path) -> None:

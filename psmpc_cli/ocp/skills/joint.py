@@ -1,0 +1,33 @@
+"""The joint-space skill: base pose and joint angles. Paper eq. (30)."""
+
+import casadi as ca
+import numpy as np
+
+from psmpc_cli.ocp.skills.base import Posture, Skill
+from psmpc_cli.robot.model import RobotModel, angle_rows
+
+
+def error(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
+    """Return Q - Q_d (n,) [m, rad]."""
+    return Q - target
+
+
+def after(model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
+    """Return the posture Q_d, and its poses."""
+    return Posture(target, np.asarray(model.g(target)).ravel())
+
+
+def aims(model: RobotModel, target: np.ndarray) -> np.ndarray:
+    """Return the positions of base and end-effectors at Q_d (frames, dimension) [m]."""
+    return model.poses(target)[:, : model.dimension]
+
+
+SKILL = Skill(
+    rows=lambda model: model.n,
+    numbers=lambda model: model.n,
+    error=error,
+    angles=lambda model: angle_rows(model).Q,
+    before=lambda model, posture: posture.Q,
+    after=after,
+    aims=aims,
+)

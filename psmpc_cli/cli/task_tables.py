@@ -53,8 +53,8 @@ def print_robot(robot: RobotSpec) -> None:
         joint, carrier = "", ""
         if body.joint is not None:
             at = body.joint.at
-            place = [*at.position[:d], *(() if d == 3 else (degrees(at.rotation[2]),))]
-            carrier = f"{bodies[at.body].name} at {_listed(place)} m{', deg' if d == 2 else ''}"
+            turn = degrees(hypot(*at.rotation))
+            carrier = f"{bodies[at.body].name} at {_listed(at.position[:d])} m{f', {turn:.4g} deg' if turn else ''}"
             kind = "prismatic" if body.joint.prismatic else "revolute"
             joint = (
                 kind

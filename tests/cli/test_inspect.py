@@ -29,8 +29,8 @@ def test_a_valid_task_is_a_table(psmpc: Psmpc) -> None:
 
 def test_a_valid_robot_is_a_table_without_empty_columns(psmpc: Psmpc) -> None:
     lines = words(psmpc("check", "planar_dual_arm").stdout)
-    assert "base 30 1.35" in lines
-    assert "arm_2 at -0.3, 0 m, 180 deg 4.2 0.35 0.25 + 0.25" in lines
+    assert "base 30 0 0 1.35" in lines
+    assert "arm_2.1 revolute base at -0.3 0 m, 180 deg 4.2 0.25 0 0.35" in lines
     assert "coordinate position velocity" in lines  # there are no limits of accelerations
     assert "base.theta -180 to 180 deg -0.2 to 0.2 rad/s" in lines
 

@@ -66,8 +66,8 @@ baseline: $(READY)
 	$(BIN)/python benchmarks/weights.py
 
 calibration: $(READY)
-	$(BIN)/python benchmarks/calibration.py screen 619
-	$(BIN)/python benchmarks/calibration.py refine 60
+	$(BIN)/python benchmarks/calibration.py screen 1000
+	$(BIN)/python benchmarks/calibration.py refine 100
 
 random-tasks: $(READY)
 	$(BIN)/python benchmarks/random_tasks.py

@@ -25,9 +25,12 @@ RUNS = {
     "hard": ["controller.kind=hard"],
     "htmpc": ["controller.kind=htmpc"],
     "psmpc, W_r = 1, tolerance 3e-3": [
+        "controller.zeta=1e-3",
+        "onset=control",
         "skills.move.weights.control=1",
         "skills.reach.weights.control=1",
         *(f"stages.{stage}.ends_when.tolerance=3e-3" for stage in ("approach", "capture", "transport")),
+        "stages.release.ends_when.tolerance=0.05",
     ],
 }
 HEADER = (

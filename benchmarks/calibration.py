@@ -1,8 +1,10 @@
 """Looks for what the paper leaves open: W_r, zeta, tolerances, the cost of waiting, and epsilon of the actual starts.
 
     python benchmarks/calibration.py screen [COUNT]    random settings at N_s = 25, drawn by seed
-    python benchmarks/calibration.py refine [COUNT]    the best ones and perturbations of them at N_s = 100
+    python benchmarks/calibration.py refine [COUNT]    the best ones at N_s = 100
     python benchmarks/calibration.py show [COUNT]      the best settings of both
+    python benchmarks/calibration.py table             the best of both as a table of docs/reproduce.md
+    python benchmarks/calibration.py figure            docs/figures/early_starts.png
 
 Each setting adds a line to benchmarks/calibration.jsonl, and a setting that has its line is not repeated. PSMPC runs
 first, SMPC where PSMPC is near what is published. A setting is scored by how many claims of the paper it meets with the
@@ -12,11 +14,16 @@ best epsilon, then by the root mean square of the differences of the times.
 import json
 import sys
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
+from pages import markdown
 
+from psmpc_cli.figures.style import PALETTE, in_style
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
 
@@ -32,9 +39,13 @@ EPSILONS = {
 }
 """Thresholds of `onset: closeness`, by N_s."""
 
+HEADINGS = ("N_s", "W_r move, reach", "zeta", "pending cost", "tolerances [1e-3]", "epsilon", "claims", "rms [s]")
+
 HORIZON, SAMPLE = 4.0, 0.1
-PARENTS, SPREAD = 12, 0.12
-"""How many settings are perturbed, and the standard deviation of the logarithms of what is perturbed."""
+
+CLAIMS = 17
+"""How many claims on PSMPC and SMPC a setting is scored by."""
+FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "early_starts.png"
 
 Row = dict[str, Any]
 
@@ -52,16 +63,6 @@ def draw(seed: int) -> Row:
     capture, release = within(5e-4, 2e-2) if own_capture else base, within(2e-3, 0.1)
     zeta, pending = within(1e-3, 0.1), 1.0 if random.random() < 0.6 else within(0.1, 10)
     return {"move": move, "reach": reach, "zeta": zeta, "pending": pending, "tolerance": [base, capture, base, release]}
-
-
-def perturbed(setting: Row, seed: int) -> Row:
-    """Return a setting with every number changed at random, equal ones alike."""
-    random = np.random.default_rng(seed)
-    tolerances, others = setting["tolerance"], {key: value for key, value in setting.items() if key != "tolerance"}
-    new = {
-        value: rounded(value * np.exp(SPREAD * random.normal())) for value in sorted({*tolerances, *others.values()})
-    }
-    return {**{key: new[value] for key, value in others.items()}, "tolerance": [new[value] for value in tolerances]}
 
 
 def rounded(value: float) -> float:
@@ -138,24 +139,80 @@ def best(rows: list[Row], nodes: int) -> list[tuple[int, float, float, list[str]
 
 def settings(command: str, count: int, rows: list[Row]) -> Iterator[tuple[int, Row]]:
     """Give the settings of a screen or a refinement that have no line yet, with their seeds."""
-    screened = {row["seed"] for row in rows if row["nodes"] == 25}
-    parents = [row["setting"] for _, _, _, _, row in best(rows, 25)[:PARENTS]]
-    for seed in range(count):
-        if command == "screen" and seed not in screened:
-            yield seed, draw(seed)
-        parent = parents[seed % len(parents)] if command == "refine" else None
-        setting = parent if parent is None or seed < PARENTS else perturbed(parent, seed)
-        if setting is not None and setting not in [row["setting"] for row in rows if row["nodes"] == 100]:
-            yield seed, setting
+    if command == "screen":
+        screened = {row["seed"] for row in rows if row["nodes"] == 25}
+        yield from ((seed, draw(seed)) for seed in range(count) if seed not in screened)
+        return
+    refined = [row["setting"] for row in rows if row["nodes"] == 100]
+    for _, _, _, _, row in best(rows, 25)[:count]:
+        if row["setting"] not in refined:
+            yield row["seed"], row["setting"]
 
 
-def main(command: str, count: str = "60") -> None:
-    """Run what is missing of a screen or a refinement, or show the best settings."""
+def plot_early_starts(rows: list[Row]) -> Figure:
+    """Plot how long before its time each stage starts in the screened settings, over W_r and zeta, with the medians."""
+    screened = [row for row in rows if row["nodes"] == 25 and "smpc" in row and row["setting"]["pending"] >= 0.8]
+    keys = {"move": "$W_r$ of the skill move (1)", "zeta": "ζ (1)"}
+    curves = [
+        ("capture, PSMPC", "psmpc", 0),
+        ("release, SMPC", "smpc", 2),
+        ("capture, SMPC", "smpc", 0),
+        ("release, PSMPC", "psmpc", 2),
+        ("transport, PSMPC", "psmpc", 1),
+    ]
+    with in_style():
+        figure, panels = plt.subplots(2, 2, sharex="col", sharey=True, figsize=(7.2, 5.2), layout="constrained")
+        for (key, label), column in zip(keys.items(), panels.T, strict=True):
+            values = np.array([row["setting"][key] for row in screened])
+            edges = np.quantile(values, np.linspace(0, 1, 11))
+            for epsilon, axes in zip((0.1, 0.5), column, strict=True):
+                index = EPSILONS[25].index(epsilon)
+                for color, (name, controller, stage) in zip(PALETTE, curves, strict=False):
+                    runs = [row[controller] for row in screened]
+                    lead = np.array([run["ends"][stage] - run["starts"][stage][index] for run in runs])
+                    within = [(values >= low) & (values <= high) for low, high in pairwise(edges)]
+                    axes.plot(values, lead, ".", color=color, alpha=0.25, markersize=2.5)
+                    middles = [float(np.median(values[which])) for which in within]
+                    axes.plot(middles, [float(np.median(lead[which])) for which in within], color=color, label=name)
+                axes.set_xscale("log")
+                axes.set_title(f"closeness, ε = {epsilon:g}", loc="left")
+            column[-1].set_xlabel(label)
+        for axes in panels[:, 0]:
+            axes.set_ylabel("Starts before its time by (s)")
+        figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
+
+
+def table(rows: list[Row]) -> Iterator[str]:
+    """Yield a table of the best settings of each N_s: with one pending cost for both controllers, and with two."""
+    found = []
+    for nodes in EPSILONS:
+        ranked = best(rows, nodes)
+        for own in (False, True):
+            chosen = [each for each in ranked if ("smpc_pending" in each[-1]["setting"]) == own]
+            for misses, rms, epsilon, _, row in chosen[: 1 if own else 4]:
+                setting = row["setting"]
+                pending = f"{setting['pending']:g}" + (f", SMPC {setting['smpc_pending']:g}" if own else "")
+                weights = f"{setting['move']:g}, {setting['reach']:g}"
+                tolerances = ", ".join(f"{1e3 * each:g}" for each in setting["tolerance"])
+                claims = f"{CLAIMS - misses} of {CLAIMS}"
+                found.append((nodes, weights, setting["zeta"], pending, tolerances, epsilon, claims, f"{rms:.2f}"))
+    return markdown(HEADINGS, found)
+
+
+def main(command: str, count: str = "100") -> None:
+    """Run what is missing of a screen or a refinement, show the best settings, or write figure and tables."""
     rows = [json.loads(line) for line in RESULTS.read_text(encoding="utf-8").splitlines()]
     if command == "show":
         for nodes in EPSILONS:
             for _, rms, epsilon, names, row in best(rows, nodes)[: int(count)]:
                 print(f"N_s = {nodes}: misses {names}, rms {rms:.3f} s, epsilon {epsilon}, {row['setting']}")
+        return
+    if command == "table":
+        print("\n".join(table(rows)))
+        return
+    if command == "figure":
+        plot_early_starts(rows).savefig(FIGURE, dpi=130)
         return
     nodes = 25 if command == "screen" else 100
     for seed, setting in settings(command, int(count), rows):

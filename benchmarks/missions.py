@@ -25,7 +25,7 @@ from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
 
 RESULTS = Path(__file__).with_suffix(".jsonl")
-MISSIONS = {"psmpc": 84, "smpc": 84, "hard": 84}
+MISSIONS = dict.fromkeys(("psmpc", "smpc", "htmpc", "hard"), 200)
 STAND_OFF, GRIP = np.array([0.0, -0.978]), np.array([0.6415, 0.0])
 """Where the base stands and the first arm grips, in the object's frame [m]; the second arm grips opposite."""
 

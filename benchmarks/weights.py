@@ -21,14 +21,17 @@ SETTINGS = {
     "as shipped, N_s = 100": [],
     "W_r = 1, tolerance 3e-3, N_s = 25, ideal plant": [
         "controller.nodes=25",
+        "controller.zeta=1e-3",
         "plant.kind=ideal",
+        "onset=control",
         "skills.move.weights.control=1",
         "skills.reach.weights.control=1",
         *(f"stages.{stage}.ends_when.tolerance=3e-3" for stage in ("approach", "capture")),
     ],
 }
 HEADER = (
-    "# Actual start of Capture [s] by omega_2/omega_1, one column a threshold epsilon [rad/s^2].\n"
+    "# Actual start of Capture [s] by omega_2/omega_1, one column a threshold epsilon: of closeness [1] as shipped,\n"
+    "# of the control [rad/s^2] in the setting of the prototype.\n"
     "# Written by `make baseline`.\n"
 )
 

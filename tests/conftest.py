@@ -17,6 +17,17 @@ settings.register_profile("psmpc", deadline=None)  # no test is about time
 settings.load_profile("psmpc")
 
 
+RESPONSIVE = (
+    "controller.zeta=1e-3",
+    "onset=control",
+    "skills.move.weights.control=0.03",
+    "skills.reach.weights.control=0.03",
+    "stages.capture.ends_when.tolerance=2e-3",
+    "stages.release.ends_when.tolerance=0.05",
+)
+"""Keys of the transport task with which its windows hold up to three stages on coarse meshes."""
+
+
 @pytest.fixture(autouse=True)
 def restored_log_levels() -> Iterator[None]:
     """Restore the log levels that commands choose."""
@@ -64,7 +75,7 @@ def experiment_of() -> Callable[..., Experiment]:
 @pytest.fixture(scope="session")
 def decisions(experiment_of: Callable[..., Experiment]) -> list[Command]:
     """Every command of a PSMPC run of the transport task on a coarse mesh and the ideal plant."""
-    experiment = experiment_of("controller.nodes=20")
+    experiment = experiment_of("controller.nodes=20", *RESPONSIVE)
     controller, x, found = experiment.controller, experiment.x0, list[Command]()
     while not controller.done:
         time = 0.1 * len(found)

@@ -21,7 +21,7 @@ Panels = Mapping[str, Curves]
 """Curves (x, y) by panel and label, as the ablations measure them."""
 
 SMALLEST = 1e-5
-"""Less presence is not shown [m/s^2, rad/s^2]."""
+"""A smaller control that a waiting stage adds is not shown [m/s^2, rad/s^2]."""
 
 PUBLISHED: Mapping[str, Any] = {
     "marker": "v",
@@ -61,7 +61,9 @@ NAMES: Mapping[str, str] = {
 
 
 def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
-    """Plot what each waiting stage adds to the control, its threshold, and where it starts. Paper section IV-B.
+    """Plot how much of each waiting stage is in the control, by the task's `onset`, its threshold, and where it starts.
+
+    Paper sections III-E and IV-B.
 
     Args:
         run: The run.
@@ -69,19 +71,21 @@ def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
     """
     timeline = open_timeline(run, 1, 2.4)
     axes: Axes = timeline.panels[0, 0]
-    presence, time, waited = run["window/presence"], run.time, False
+    presence, time, waited, onset = run["window/presence"], run.time, False, run.task.spec.onset
     for stage, name in enumerate(run.stage_names):
         which = np.isfinite(presence[:, stage])
         if which.any():
-            waited, values = True, np.maximum(presence[which, stage], SMALLEST)
+            waited, values = True, np.maximum(presence[which, stage], SMALLEST if onset.kind == "control" else -1.0)
             marker = style.point_if_alone(time[which])
             axes.plot(time[which], values, label=style.readable(name), marker=marker, **style.line_look(stage))
-    axes.axhline(run.task.spec.onset.epsilon, color=style.EDGE, linewidth=0.7, zorder=1.5)
+    axes.axhline(onset.epsilon, color=style.EDGE, linewidth=0.7, zorder=1.5)
     for start in published.values():
-        axes.plot(start, run.task.spec.onset.epsilon, **PUBLISHED)
-    axes.set_yscale("log")
-    axes.set_ylim(bottom=SMALLEST)
-    label = "Control added by a waiting stage\n(m/s², rad/s²)"
+        axes.plot(start, onset.epsilon, **PUBLISHED)
+    label = "Closeness to a waiting stage's\nown optimum (1)"
+    if onset.kind == "control":
+        axes.set_yscale("log")
+        axes.set_ylim(bottom=SMALLEST)
+        label = "Control added by a waiting stage\n(m/s², rad/s²)"
     timeline.label(0, label, "" if waited else "no stage waits: one at a time")
     marks = [style.entry("published start", **PUBLISHED)] if published else []
     return timeline.finish([style.entry("threshold", color=style.EDGE, linewidth=0.7), *marks])

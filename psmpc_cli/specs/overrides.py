@@ -95,7 +95,6 @@ def _apply(document: Document, typed: str, number: int, text: str) -> Document:
         at: replace(origin, place=Place(number, origin.place.column), override=typed)
         for at, origin in {(): Origin(Place(1, 1)), **new.origins}.items()
     }
-    document = put(document, path, new.data, origins)
     for kind in _keys(document, (BY_CONTROLLER,)):
         for key in _keys(document, (BY_CONTROLLER, kind)):
             try:
@@ -104,7 +103,7 @@ def _apply(document: Document, typed: str, number: int, text: str) -> Document:
                 continue
             if _inside(own, path) or _inside(path, own):
                 document = without(document, (BY_CONTROLLER, kind, key))
-    return document
+    return put(document, path, new.data, origins)
 
 
 def _keys(document: Document, path: Path) -> tuple[str, ...]:

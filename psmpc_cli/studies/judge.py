@@ -191,9 +191,11 @@ def _by_threshold(start: Moment) -> str:
     if not np.isfinite(run["window/presence"][:, start.index]).any():
         return f"{start.name} never waits in a window"
     found = sorted(zip(run.stages["epsilon"], run.stages["actual_start_by_epsilon"][start.index], strict=True))
+    onset = run.task.spec.onset
+    measure = "its closeness to its own optimum" if onset.kind == "closeness" else "the control it adds"
     return (
-        f"{start.name} starts where the control it adds reaches epsilon = {run.task.spec.onset.epsilon:g} m/s^2, "
-        f"rad/s^2; by epsilon it starts at {', '.join(f'{_seconds(time)} for {epsilon:g}' for epsilon, time in found)}"
+        f"{start.name} starts where {measure} reaches epsilon = {onset.epsilon:g}; "
+        f"by epsilon it starts at {', '.join(f'{_seconds(time)} for {epsilon:g}' for epsilon, time in found)}"
     )
 
 

@@ -40,7 +40,7 @@ RANGE = (1e-3, 1e3)
 COMMON = ("controller", "solver", "plant")
 """Changes of these keys of the task also apply to the swept task; its stages and skills are its own."""
 
-FOLLOWED = (1.0, 10.0)
+FOLLOWED = {"control": (1.0, 10.0), "closeness": (0.9,)}
 """Thresholds above the task's own for which actual starts are logged, for the causes of the claims on starts."""
 
 
@@ -106,7 +106,7 @@ def load_variants(changes: Sequence[str] = ()) -> dict[str, Task]:
     if not changed.spec.log.plans:
         raise InputError("found log.plans: false, expected true: the fronts are found from the plans of the PSMPC run")
     ensure_feasible(changed)
-    series = sorted({*changed.spec.onset.series, *FOLLOWED})
+    series = sorted({*changed.spec.onset.series, *FOLLOWED[changed.spec.onset.kind]})
     return {kind: load_task(path, (*changes, f"controller.kind={kind}", f"onset.series={series}")) for kind in METHODS}
 
 

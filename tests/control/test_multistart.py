@@ -18,7 +18,18 @@ from psmpc_cli.specs.task import ControllerSpec
 
 from .runs import Unreliable, run, states
 
-COARSE = ("controller.nodes=20", "solver.kind=fatrop", "plant.kind=ideal", "log.plans=false", "log.shares=false")
+COARSE = (
+    "controller.nodes=20",
+    "controller.zeta=1e-3",
+    "skills.move.weights.control=0.03",
+    "skills.reach.weights.control=0.03",
+    "stages.capture.ends_when.tolerance=2e-3",
+    "onset=control",
+    "solver.kind=fatrop",
+    "plant.kind=ideal",
+    "log.plans=false",
+    "log.shares=false",
+)
 
 Build = Callable[..., Experiment]
 

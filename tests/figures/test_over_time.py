@@ -168,7 +168,7 @@ def test_the_error_of_a_moving_target_is_against_its_present_value(load: Load, o
 def test_a_tolerance_stands_over_its_stage_and_is_explained(run: Run) -> None:
     figure = plot_errors(run)
     for axes in figure.axes[1:]:
-        assert {(0.0, 10.0, 2e-3), (10.0, 13.0, 2e-3), (13.0, 23.0, 2e-3), (23.0, 29.6, 0.05)} == set(bars(axes))
+        assert {(0.0, 10.0, 2e-3), (10.0, 13.0, 1.1e-3), (13.0, 23.0, 2e-3), (23.0, 29.6, 0.012)} == set(bars(axes))
         assert legend(axes) == ["base", "arm 1", "arm 2"]
     assert "tolerance" in common_legend(figure)
 

@@ -13,6 +13,7 @@ from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.figures.reproduction import SMALLEST, plot_monitors, plot_presence, plot_schedule
 from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.run import Run
+from psmpc_cli.specs.library import find
 
 from .drawn import check_figure, common_legend, curves, legend, points
 
@@ -42,13 +43,16 @@ def odd(load: Load) -> Run:
     return load(early={1: 6.4, 3: 9.0}, last=12.0)
 
 
-def test_presence_is_drawn_where_a_stage_waits(run: Run) -> None:
+@pytest.mark.parametrize(("kind", "scale", "least"), [("control", "log", SMALLEST), ("closeness", "linear", 0.0)])
+def test_presence_is_drawn_where_a_stage_waits(load: Load, kind: str, scale: str, least: float) -> None:
+    run = load(task=find("task", "transport").read_text().replace("kind: closeness", f"kind: {kind}"))
     figure = draw(plot_presence, waiting(run), {"capture": 8.8})
     drawn = curves(figure.axes[1])
     assert set(drawn) == {"capture"}
     assert drawn["capture"][:, 0].min() > 6.0
     assert drawn["capture"][:, 0].max() < 10.0
-    assert drawn["capture"][:, 1].min() == SMALLEST
+    assert drawn["capture"][:, 1].min() == least
+    assert figure.axes[1].get_yscale() == scale
     assert "published start" in common_legend(figure)
     assert [8.8, run.task.spec.onset.epsilon] in [points(line)[0].tolist() for line in figure.axes[1].lines]
 

@@ -205,7 +205,7 @@ def test_a_time_limit_no_run_can_keep_is_remarked_on() -> None:
 def test_earliest_ends_of_the_transport() -> None:
     ends = [outlook.earliest_end for outlook in look_ahead(TRANSPORT)]
     way = (2 - 2e-3) / 0.2
-    back = (2 - 4e-3) / 0.2
+    back = (2 - 3.1e-3) / 0.2
     np.testing.assert_allclose(ends, [way, way, way + back, way + back])
 
 

@@ -64,7 +64,7 @@ def test_a_log_says_which_form_it_holds(experiment_of: Build, tmp_path) -> None:
 @pytest.fixture(scope="module")
 def observed(experiment_of: Build) -> dict[str, list[Sample]]:
     """Runs over four stages, with presence in both forms, and shares in the first."""
-    forms = {"control": ("log.shares=true",), "closeness": ("onset={kind: closeness, epsilon: 0.99}",)}
+    forms = {"control": ("onset=control", "log.shares=true"), "closeness": ("onset={kind: closeness, epsilon: 0.99}",)}
     return {kind: list(closed_loop(experiment_of(*SHORT, *changes))) for kind, changes in forms.items()}
 
 

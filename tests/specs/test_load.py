@@ -88,7 +88,7 @@ def test_faults_of_task_and_robot_come_together(tmp_path: Path, monkeypatch: pyt
         ("target: {base: [-2, 2, 30 deg]", "target: {base: [-2, 2]", "stages[0].target.base: found [-2, 2]"),
         ("    priority: 100", "    angle: exact", "stages[1].angle: found an unknown key"),
         ("initial:", "intial:", "intial: found an unknown key"),
-        ("control: 0.03}", "control: no}", "weights.control: found"),
+        ("control: 4}", "control: no}", "weights.control: found"),
         ("nodes: 100", "nodes: 1", "controller.nodes: found 1"),
         ("taken_by: capture", "taken_by: captur", "object.taken_by: found"),
     ],
@@ -139,7 +139,7 @@ def test_message_about_a_missing_task_has_the_built_in_names(reference: str, fou
 
 def test_digest_is_of_the_content_not_of_the_text() -> None:
     task = load_task("transport")
-    spelt = parse_task(TASK.replace("1e-3", "0.001").replace("onset: base", "onset: [base]"), ROBOT, "transport")
+    spelt = parse_task(TASK.replace("2e-3", "0.002").replace("onset: base", "onset: [base]"), ROBOT, "transport")
     heavier = parse_task(TASK, ROBOT.replace("mass: 30", "mass: 31"), "transport")
     swapped = ROBOT.replace("arm_1", "arm_0").replace("arm_2", "arm_1").replace("arm_0", "arm_2")
     held = load_task("transport", {"stages.release.ends_when.hold": "1 s"})

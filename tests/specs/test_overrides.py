@@ -26,7 +26,7 @@ def error_of(*overrides: str) -> str:
         ("controller.nodes=25", "nodes: 100", "nodes: 25"),
         (
             "controller=smpc",
-            "{kind: psmpc, horizon: 4.0, nodes: 100, sample_time: 0.1, pending_cost: 1.0, zeta: 1e-3}",
+            "{kind: psmpc, horizon: 4.0, nodes: 100, sample_time: 0.1, pending_cost: 1.0, zeta: 0.01}",
             "smpc",
         ),
         ("stages[1].priority=10", "priority: 100", "priority: 10"),
@@ -118,11 +118,20 @@ AS_HTMPC = {"controller.kind": "htmpc"}
 def test_keys_of_one_controller_hold_for_it_alone() -> None:
     waiting, chosen = (load_task("transport", {"by_controller": OWN, **kind}) for kind in ({}, AS_HTMPC))
     assert waiting.digest == TRANSPORT.digest
-    assert chosen.digest == load_task("transport", {**AS_HTMPC, **OWN["htmpc"]}).digest
+    assert chosen.digest == load_task("transport", {"by_controller": {}, **AS_HTMPC, **OWN["htmpc"]}).digest
     for task, kind, same in ((waiting, {}, waiting), (chosen, {}, chosen), (waiting, AS_HTMPC, chosen)):
         assert parse_task(task.task_yaml, task.robot_yaml, "transport", kind).digest == same.digest
     other = parse_task(chosen.task_yaml, chosen.robot_yaml, "transport", {"controller.kind": "psmpc"})
     assert other.digest == TRANSPORT.digest
+
+
+GO = {"name": "go", "skill": "move", "target": {"base": [1, 0, 0], "arms": [0, 0, 0]}}
+ONE_STAGE = {
+    "stages": [{**GO, "ends_when": {"coordinates": "base", "tolerance": 0.01}}],
+    "object": None,
+    "monitors": [],
+    "published": {},
+}
 
 
 @pytest.mark.parametrize(
@@ -132,6 +141,7 @@ def test_keys_of_one_controller_hold_for_it_alone() -> None:
         ({"skills.reach.weights.control": 0.2}, 0.1, 0.05),
         ({"stages[0].ends_when": {"coordinates": "base", "tolerance": 0.02}}, 0.1, 0.02),
         ({"controller": "htmpc"}, 0.1, 0.05),
+        ({**ONE_STAGE, "skills.move.weights.control": 0.3}, 0.3, 0.01),
     ],
 )
 def test_overrides_win_over_keys_of_a_controller(override: dict[str, Any], control: float, tolerance: float) -> None:
@@ -151,9 +161,10 @@ def test_keys_of_every_controller_are_validated(tmp_path: Path) -> None:
         "  psmpc: {controller.kind: smpc}": (11, "by_controller.psmpc.controller.kind: found the key"),
     }
     path = tmp_path / "own.yaml"
-    path.write_text("\n".join((TRANSPORT.task_yaml + "by_controller:", *wrong)) + "\n", encoding="utf-8")
+    before, _, _ = TRANSPORT.task_yaml.partition("by_controller:")
+    path.write_text("\n".join((before + "by_controller:", *wrong)) + "\n", encoding="utf-8")
     with pytest.raises(SpecError) as raised:
         load_task(path)
-    first = TRANSPORT.task_yaml.count("\n") + 2
+    first = before.count("\n") + 2
     for line, (column, message) in enumerate(wrong.values(), start=first):
         assert f"{path}:{line}:{column}: {message}" in str(raised.value)

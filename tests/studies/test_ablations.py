@@ -32,6 +32,7 @@ NODES = 8
 SMALL = (
     f"controller={{kind: psmpc, horizon: 1.6, nodes: {NODES}}}",
     "plant={kind: ideal, low_level_rate: 100}",
+    "skills.move.weights.control=0.03",
     "stages=[{name: go, skill: move, target: {base: [-0.12, 0.06, 0], arms: [0, 0, 0]}, "
     "ends_when: {coordinates: base}}, {name: reach, skill: move, priority: 10, target: {base: [-0.12, 0.06, 0], "
     "arms: [0.06, 0.04, 0]}, ends_when: {coordinates: all, tolerance: 0.01}, onset: arms}]",

@@ -100,9 +100,7 @@ def test_the_cause_of_a_start_says_how_it_depends_on_the_threshold() -> None:
     run: dict[str, Any] = {"early": {"capture": 6.4}, "starts": {0.1: 6.4, 1e-4: 6.2, 10.0: nan}, "lost": 23.0}
     finding = judged("time", "psmpc.t1_real", published=8.8, presence={"capture": {6.4: 0.3}}, **run)
     assert not finding.holds
-    assert "epsilon = 0.1 m/s^2, rad/s^2; by epsilon it starts at 6.20 s for 0.0001, 6.40 s for 0.1, never" in told(
-        finding
-    )
+    assert "epsilon = 0.5; by epsilon it starts at 6.20 s for 0.0001, 6.40 s for 0.1, never" in told(finding)
     assert "capture never waits in a window" in told(judged("time", "psmpc.t1_real", published=8.8, **run))
 
 
@@ -153,7 +151,7 @@ def test_all_stages_have_to_start_early() -> None:
     finding = judged(*about, early={"capture": 8.0}, presence={"release": {21.0: 0.01}}, starts={0.01: 21.0})
     assert not finding.holds
     assert finding.reproduced == ("capture",)
-    assert "release starts where the control it adds reaches epsilon = 0.1" in told(finding)
+    assert "release starts where its closeness to its own optimum reaches epsilon = 0.5" in told(finding)
 
 
 @pytest.mark.parametrize(

@@ -42,15 +42,17 @@ def data(made: Reproduction) -> dict[str, Any]:
     return found
 
 
-def test_the_runs_differ_in_the_controller_alone_and_follow_more_thresholds() -> None:
-    tasks, own = load_variants(), load_task("transport").spec
+@pytest.mark.parametrize(("onset", "followed"), [("control", 10.0), ("closeness", 0.9)])
+def test_the_runs_differ_in_the_controller_alone_and_follow_more_thresholds(onset: str, followed: float) -> None:
+    one_setting = [f"onset={onset}", "by_controller={}"]
+    tasks, own = load_variants(one_setting), load_task("transport", one_setting).spec
     assert {method: task.spec.controller.kind for method, task in tasks.items()} == {name: name for name in METHODS}
     first, *others = (task.spec.model_copy(update={"controller": None}).model_dump_json() for task in tasks.values())
     assert all(other == first for other in others)
     for task in tasks.values():
         assert (task.spec.controller.horizon, task.spec.controller.nodes) == (4.0, 100)
         assert task.spec.onset.epsilon == own.onset.epsilon
-        assert set(task.spec.onset.series) >= {*own.onset.series, 10.0}
+        assert set(task.spec.onset.series) >= {*own.onset.series, followed}
 
 
 def test_the_sweep_takes_the_changes_that_are_about_how_tasks_are_run() -> None:

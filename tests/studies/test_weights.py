@@ -144,7 +144,7 @@ def test_names_instants_and_priorities_are_those_of_the_studied_stages(path: Pat
     np.testing.assert_allclose(cells.floor, T_S - T_H)
 
 
-@pytest.mark.parametrize(("epsilons", "chosen"), [(EPSILONS, 0.1), ((0.1, 1.0, 10.0), 0.1), ((1e-3, 1e-2), 1e-2)])
+@pytest.mark.parametrize(("epsilons", "chosen"), [(EPSILONS, 0.1), ((0.1, 0.5, 0.9), 0.5), ((1e-3, 1e-2), 1e-2)])
 def test_the_chosen_threshold_is_the_tasks_or_the_largest(
     path: Path, epsilons: tuple[float, ...], chosen: float
 ) -> None:

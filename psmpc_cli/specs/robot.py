@@ -1,5 +1,6 @@
 """What a robot is: a free-floating base and arms of joints and rigid links, in plane or space. Validated data."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
@@ -220,7 +221,7 @@ def _not_reserved(name: str) -> str:
 ArmKey = Annotated[Name, AfterValidator(_not_reserved)]
 
 
-class RobotSpec(Spec):
+class RobotSpec(Spec, ABC):
     """A space robot: a free-floating base, and arms that are chains of joints and links. Planar or spatial.
 
     `limits` is keyed by `base`, `arms` (every arm) or an arm's name.
@@ -240,14 +241,14 @@ class RobotSpec(Spec):
         return {"base": 3 * (self.dimension - 1), **{name: len(arm.links) for name, arm in self.arms.items()}}
 
     @property
+    @abstractmethod
     def bodies(self) -> tuple[Body, ...]:
         """The base, then the links of each arm from the base outward; a body comes after the one that carries it."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def tools(self) -> dict[str, Attachment]:
         """The end-effector frame of each arm."""
-        raise NotImplementedError
 
     def link_ends(self, arm: str) -> tuple[Triple, ...]:
         """Return where each link of an arm has the next joint, the last one the end-effector, in its frame [m]."""

@@ -17,7 +17,7 @@ from psmpc_cli.specs.fields import Spec
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.messages import counted
 from psmpc_cli.specs.parts import POSITION_AXES, Space, target_axes
-from psmpc_cli.specs.priorities import ACCEPTABLE, weigh_stages
+from psmpc_cli.specs.priorities import ACCEPTABLE, weigh
 from psmpc_cli.specs.robot import RobotSpec, SpatialRobot
 from psmpc_cli.specs.task import PrioritiesSpec, StageSpec
 
@@ -82,7 +82,7 @@ def _listed(numbers: Iterable[float]) -> str:
 
 def _comparisons(priorities: PrioritiesSpec, stages: list[str]) -> str:
     """Write the number of comparisons behind the priorities, and how consistent they are."""
-    found, count = weigh_stages(priorities.compare, stages), len(priorities.compare)
+    found, count = weigh(priorities.compare, stages), len(priorities.compare)
     if found.surplus > 0:
         agreement = f"consistency ratio {found.ratio:.2g}, acceptable up to {ACCEPTABLE:g}"
     else:

@@ -21,11 +21,8 @@ Scalar = None | bool | int | float | str
 Data = Scalar | list["Data"] | dict[str, "Data"]
 """What YAML holds."""
 
-DEEPEST = 30
-"""Levels of nesting; a task has seven."""
-
-MOST_VALUES = 20_000
-"""Values of a file once its aliases are expanded."""
+DEEPEST, MOST_VALUES = 30, 20_000
+"""Levels of nesting (a task has seven), and values of a file once its aliases are expanded."""
 
 MOST_FAULTS = 50
 """Faults of one file that a report lists."""
@@ -126,15 +123,11 @@ class Document:
     def _source(self, place: Place) -> str:
         """Write the line of a position with a caret below its column; nothing for a line that is not in the text."""
         lines = self.text.splitlines()
-        if place.line > len(lines) or not lines[place.line - 1].strip():
+        if place.line > len(lines) or not lines[place.line - 1]:
             return ""
-        line = lines[place.line - 1]
-        start = max(0, place.column - WIDEST // 2) if len(line) > WIDEST else 0
-        shown = "".join(c if c.isprintable() or c == "\t" else "?" for c in line[start : start + WIDEST]).rstrip()
-        before = place.column - 1 - start
-        pad = "".join("\t" if c == "\t" else " " for c in shown[:before]).ljust(before)
-        margin = f"{place.line:>4} | "
-        return f"\n{margin}{shown}\n{' ' * (len(margin) - 2)}| {pad}^"
+        start = max(0, place.column - WIDEST)
+        shown = "".join(c if c.isprintable() else " " for c in lines[place.line - 1][start : start + WIDEST])
+        return f"\n{place.line:>4} | {shown.rstrip()}\n     | {' ' * (place.column - 1 - start)}^"
 
 
 def read(name: str, text: str) -> Document:
@@ -145,14 +138,16 @@ def read(name: str, text: str) -> Document:
         node = yaml.compose(text, Loader=yaml.BaseLoader)
         data = None if node is None else _convert(node, (), None, origins, faults)
     except MarkedYAMLError as error:
-        return Document(name, text, faults=(_explain(error),))
+        since = f", {error.context} that begins in line {error.context_mark.line + 1}" if error.context_mark else ""
+        message = f"found no plain YAML{since}: {error.problem}"
+        return Document(name, text, faults=(Fault((), message, place=_place_of(error.problem_mark)),))
     except ReaderError as error:
         start = text.rfind("\n", 0, error.position) + 1
         place = Place(text.count("\n", 0, error.position) + 1, error.position - start + 1)
         code = f"found the control character U+{ord(text[error.position]):04X}, expected printable text"
         return Document(name, text, faults=(Fault((), code, place=place),))
     except RecursionError:
-        return Document(name, text, faults=(Fault((), f"found {TOO_DEEP}"),))
+        return Document(name, text, faults=(Fault((), f"found no plain YAML: {TOO_LARGE}"),))
     return Document(name, text, data, origins, tuple(faults))
 
 
@@ -189,10 +184,10 @@ def resolve(word: str) -> Scalar:
 
 def angle(word: str) -> float | None:
     """Return the angle [rad] that a word such as `30 deg` means, None if it is no angle."""
-    match = re.fullmatch(rf"({DECIMAL}) *(deg|rad|°)", word)
-    if match is None:
+    if re.fullmatch(ANGLE_PATTERN, word) is None:
         return None
-    return float(match[1]) if word.endswith("rad") else math.radians(float(match[1]))
+    number = float(word.rstrip(" degra°"))
+    return number if word.endswith("rad") else math.radians(number)
 
 
 def describe(value: Data, written: str | None = None) -> str:
@@ -210,8 +205,7 @@ def describe(value: Data, written: str | None = None) -> str:
     return shortened(written) if written else (f"{value:g}" if math.isfinite(value) else str(value))
 
 
-TOO_DEEP = f"a value nested deeper than {DEEPEST} levels with aliases expanded, expected less"
-TOO_MANY = f"more than {MOST_VALUES} keys and values with aliases expanded, expected fewer"
+TOO_LARGE = f"more than {DEEPEST} levels or {MOST_VALUES} values with aliases expanded"
 
 
 def _convert(node: Any, path: Path, key: Place | None, origins: dict[Path, Origin], faults: list[Fault]) -> Data:
@@ -220,10 +214,10 @@ def _convert(node: Any, path: Path, key: Place | None, origins: dict[Path, Origi
     The first of equal keys counts.
     """
     place, tag = _place_of(node.start_mark), node.tag.replace("tag:yaml.org,2002:", "!!")
-    if len(path) > DEEPEST or len(origins) > MOST_VALUES or tag not in ("!!str", "!!seq", "!!map"):
-        tagged = f"the tag {quoted(tag)}, expected plain YAML without tags"
-        problem = TOO_DEEP if len(path) > DEEPEST else TOO_MANY if len(origins) > MOST_VALUES else tagged
-        raise MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
+    if len(path) > DEEPEST or len(origins) > MOST_VALUES:
+        raise MarkedYAMLError(problem=TOO_LARGE, problem_mark=node.start_mark)
+    if tag not in ("!!str", "!!seq", "!!map"):
+        raise MarkedYAMLError(problem=f"the tag {quoted(tag)}", problem_mark=node.start_mark)
     origins[path] = Origin(place, key, node.value if isinstance(node, yaml.ScalarNode) else None)
     if isinstance(node, yaml.ScalarNode):
         return resolve(node.value) if node.style is None else str(node.value)
@@ -255,30 +249,6 @@ class _Writer(yaml.SafeDumper):
 
 
 _Writer.add_representer(str, _Writer.represent_str)
-
-_SYNTAX: tuple[tuple[str, bool, str], ...] = (
-    (r"could not find expected ':'", True, 'a word alone, expected "key: value"'),
-    (r"quoted scalar found unexpected end", True, "a quote that is never closed, expected a second one"),
-    (r"got '<stream end>'", True, "a bracket that is never closed, expected the closing one"),
-    (r"expected ',' or '[\]}]', but got '(.+)'", False, '"{0}", expected "," or the closing bracket{since}'),
-    (r"mapping values are not", False, '":" where no key can be, expected one "key: value" a line, a space after ":"'),
-    (r"found character '\\t'", False, "a tab, expected spaces"),
-    (r"character '(.)' that cannot start", False, '"{0}" at the start of a word, expected it in quotes'),
-    (r"expected <block end>", False, "a line indented differently, expected the indentation of its neighbours{since}"),
-    (r"<document start>|another document", False, 'more after the document, expected one document (no "---" or "...")'),
-)
-"""Patterns of PyYAML's errors; whether they are located where the construct begins; what is found and expected."""
-
-
-def _explain(error: MarkedYAMLError) -> Fault:
-    """Say what a syntax error found and expected."""
-    text = " ".join(part for part in (error.context, error.problem) if part)
-    since = f" of what begins in line {error.context_mark.line + 1}" if error.context_mark else ""
-    for pattern, at_start, message in _SYNTAX:
-        if match := re.search(pattern, text):
-            mark = error.context_mark if at_start and error.context_mark else error.problem_mark
-            return Fault((), f"found {message.format(*match.groups(), since=since)}", place=_place_of(mark))
-    return Fault((), f"found {str(error.problem).removeprefix('found ')}{since}", place=_place_of(error.problem_mark))
 
 
 def _place_of(mark: Any) -> Place:

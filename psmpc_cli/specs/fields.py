@@ -26,19 +26,13 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
 
-from psmpc_cli.specs.document import ANGLE_PATTERN, DECIMAL, LARGEST, angle, resolve
+from psmpc_cli.specs.document import ANGLE_PATTERN, DECIMAL, LARGEST, angle
 from psmpc_cli.specs.messages import Path, choice, suggestion
 
 NAME_PATTERN = r"^[^\s./\\\[\]=:,]+( [^\s./\\\[\]=:,]+)*$"
 """Names appear in paths, messages, files and datasets."""
 
 LONGEST_NAME = 60
-
-SMALLEST = 1e-12
-"""Magnitude of a number that must not be 0."""
-
-LARGEST_WHOLE = 2**63 - 1
-"""Largest whole number that a log stores."""
 
 SECONDS_PATTERN = rf"^{DECIMAL} *s$"
 
@@ -211,7 +205,7 @@ class SideBySide(Spec):
 def number(value: object) -> float:
     """Return a finite number as float; a text or a truth value is none."""
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise expected(_a_number(value))
+        raise expected("a number")
     if not abs(value) <= LARGEST:
         raise expected(f"a number of at most {LARGEST:g} in magnitude")
     return float(value)
@@ -221,9 +215,8 @@ def number_or_angle(value: object) -> float:
     """Return a finite number, or an angle with its unit in rad."""
     if not isinstance(value, str):
         return number(value)
-    radians = angle(value)
-    if radians is None:
-        raise expected(f"{_a_number(value)}, or an angle such as 30 deg")
+    if (radians := angle(value)) is None:
+        raise expected("a number, or an angle such as 30 deg")
     return number(radians)
 
 
@@ -242,43 +235,24 @@ def _within_a_turn(value: object, info: ValidationInfo) -> object:
     return value
 
 
-def _a_number(instead_of: object) -> str:
-    """Say that a number was expected, and what keeps a text from being one."""
-    if not isinstance(instead_of, str):
-        return "a number"
-    if angle(instead_of) is not None:
-        return "a number without a unit"
-    return "a number" if isinstance(resolve(instead_of), bool | str | None) else "a number without quotes"
-
-
 def _seconds(value: object) -> float:
-    if isinstance(value, str) and re.fullmatch(SECONDS_PATTERN, value):
-        return number(float(value.removesuffix("s")))
-    if isinstance(value, str):
-        raise expected(f"{_a_number(value)}, or seconds such as 2 s")
-    return number(value)
-
-
-def _not_tiny(value: float) -> float:
-    if 0 < value < SMALLEST:
-        raise expected(f"a number of at least {SMALLEST:g}")
-    return value
+    if not isinstance(value, str):
+        return number(value)
+    if not re.fullmatch(SECONDS_PATTERN, value):
+        raise expected("a number, or seconds such as 2 s")
+    return number(float(value.removesuffix("s")))
 
 
 def _whole(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | float) or value != value // 1:
+    if number(value) % 1:
         raise expected("a whole number")
-    if abs(value) > LARGEST_WHOLE:
-        raise expected(f"a whole number of at most {LARGEST_WHOLE}")
-    return int(value)
+    return int(number(value))
 
 
 def _intervals(value: object) -> object:
-    if value == "auto":
-        return value
-    if isinstance(value, bool) or not isinstance(value, int | float) or value != value // 1 or not 2 <= value <= 1000:
+    if value != "auto" and not (isinstance(value, int | float) and value % 1 == 0 and 2 <= value <= 1000):
         raise expected("a whole number from 2 to 1000, or auto")
-    return int(value)
+    return value
 
 
 def _name(value: object) -> str:
@@ -367,14 +341,14 @@ class _Or:
 _or_angle = _Or({"type": "string", "pattern": ANGLE_PATTERN})
 
 Number = Annotated[float, BeforeValidator(number)]
-Positive = Annotated[float, Field(gt=0), BeforeValidator(number), AfterValidator(_not_tiny)]
+Positive = Annotated[float, Field(gt=0), BeforeValidator(number)]
 NotNegative = Annotated[float, Field(ge=0), BeforeValidator(number)]
 Fraction = Annotated[float, Field(ge=0, lt=1), BeforeValidator(number)]
 Seconds = Annotated[float, Field(ge=0), BeforeValidator(_seconds), _Or({"type": "string", "pattern": SECONDS_PATTERN})]
 Angle = Annotated[float, BeforeValidator(number_or_angle), _or_angle]
 Direction = Annotated[float, BeforeValidator(number_or_angle), BeforeValidator(_within_a_turn), _or_angle]
 Size = Annotated[float, Field(ge=0), BeforeValidator(number_or_angle), _or_angle]
-Width = Annotated[float, Field(gt=0), BeforeValidator(number_or_angle), AfterValidator(_not_tiny), _or_angle]
+Width = Annotated[float, Field(gt=0), BeforeValidator(number_or_angle), _or_angle]
 Whole = Annotated[int, BeforeValidator(_whole)]
 Intervals = Annotated[
     int | Literal["auto"],

@@ -15,7 +15,7 @@ from psmpc_cli.specs.document import Data, Document, Origin, plain, read, write
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
 from psmpc_cli.specs.messages import Fault, Place, quoted
 from psmpc_cli.specs.messages import Path as Location
-from psmpc_cli.specs.overrides import Changes, for_controller, override, put, without
+from psmpc_cli.specs.overrides import Changes, for_controller, override
 from psmpc_cli.specs.parts import Context
 from psmpc_cli.specs.priorities import priorities_of
 from psmpc_cli.specs.robot import PlanarRobot, RobotSpec, SpatialRobot, UrdfRobot
@@ -23,9 +23,6 @@ from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, StageSpec, TaskSpe
 from psmpc_cli.specs.urdf import Urdf, read_urdf, spatial_robot
 
 Model = TypeVar("Model", bound=BaseModel)
-
-ROUNDS = 8
-"""How often what is wrong is left out of a task until the rest is valid."""
 
 
 @dataclass(frozen=True)
@@ -210,9 +207,9 @@ def _task(
         if variant not in (document, own):
             reports.append(variant.report(fault for fault in validate(variant)[1] if fault not in faults))
     if spec is not None and source is not None and review is not None:
-        sound = (task, None) if task is not None else _sound_part(own, spec, validate)
-        if sound is not None:
-            faults += tuple(review(Task(sound[0], spec, "", source.text, own), sound[1]))
+        part, sound = (own, None) if task is not None else _sound_part(own, faults, spec) or (own, None)
+        if (valid := validate(part)[0]) is not None:
+            faults += tuple(review(Task(valid, spec, "", source.text, own), sound))
     reports = [
         own.report((*faults, *missing, *unfit)),
         *reports,
@@ -242,39 +239,33 @@ def _prioritized(task: TaskSpec) -> tuple[StageSpec, ...]:
 
 
 def _sound_part(
-    document: Document, robot: RobotSpec, validate: Callable[[Document], tuple[TaskSpec | None, tuple[Fault, ...]]]
-) -> tuple[TaskSpec, frozenset[int]] | None:
-    """Leave out what is wrong in a task until the rest is valid; a stage that is wrong gives way to a sound one.
+    document: Document, faults: Iterable[Fault], robot: RobotSpec
+) -> tuple[Document, frozenset[int]] | None:
+    """Return a task of the skills and stages without faults, and the indices of these stages; None if there are none.
 
-    Returns:
-        The rest and the indices of its own stages; None if too little is left.
+    A stage without faults that has an end condition is in the place of every other one.
     """
-    replaced: set[object] = set()
-    nowhere: dict[Location, Origin] = {(): Origin(Place(1, 1))}
-    document = replace(document, faults=())
-    for _ in range(ROUNDS):
-        task, faults = validate(document)
-        if task is not None:
-            return task, frozenset(range(len(task.stages))) - replaced
-        wrong = {fault.path[:2] for fault in faults}
-        ends = [at for at in document.origins if len(at) == 3 and (at[0], at[2]) == ("stages", "ends_when")]
-        sound = next((at[:2] for at in ends if at[:2] not in wrong), None)
-        for path in dict.fromkeys(fault.path for fault in faults):
-            stage = path[:1] == ("stages",) and len(path) > 1
-            end = next((i for i in range(2 if stage else 0, len(path)) if isinstance(path[i], int)), len(path))
-            if path[:1] == ("initial",) or (not path and ("initial",) not in document.origins):
-                rest: dict[str, Data] = {part: [0.0] * size for part, size in robot.parts.items()}
-                document = put(document, ("initial",), rest, nowhere)
-            elif not path[:end] or (stage and end == 2 and sound is None):
-                return None
-            elif stage and end == 2 and sound is not None:
-                inside = {at[2:]: origin for at, origin in document.origins.items() if at[:2] == sound}
-                document = put(document, path, document.value(sound), inside)
-                document = put(document, (*path, "name"), f"left out {path[1]}", nowhere)
-                replaced.add(path[1])
-            elif path[:end] in document.origins:
-                document = without(document, path[:end])
-    return None
+    wrong = {fault.path[:length] for fault in faults for length in (1, 2)}
+    skills, stages = document.value(("skills",)), document.value(("stages",))
+    if not isinstance(skills, dict) or not isinstance(stages, list):
+        return None
+    kept = {name: skill for name, skill in skills.items() if ("skills", name) not in wrong}
+    sound = {
+        i: stage
+        for i, stage in enumerate(stages)
+        if isinstance(stage, dict) and ("stages", i) not in wrong and str(stage.get("skill")) in kept
+    }
+    instead = next((stage for stage in sound.values() if stage.get("ends_when")), None)
+    if instead is None:
+        return None
+    data: dict[str, Data] = {
+        "robot": robot.name,
+        "initial": {part: [0.0] * size for part, size in robot.parts.items()},
+        "skills": kept,
+        "limits": {} if ("limits",) in wrong else document.value(("limits",)) or {},
+        "stages": [sound.get(i, {**instead, "name": f"stage {i}"}) for i in range(len(stages))],
+    }
+    return Document(document.name, "", data), frozenset(sound)
 
 
 def _robot_of(task: Document, folder: Path) -> tuple[Document | None, tuple[Fault, ...]]:

@@ -88,7 +88,11 @@ def test_a_mapping_sets_values_of_python() -> None:
         ),
         ("controller[0]=1", "controller: found a mapping of 6 keys, expected a mapping or list to set [0] in"),
         ("controller.nodes=", "controller.nodes: found nothing, expected a whole number from 2 to 1000, or auto"),
-        ("controller.nodes=[1", "found a bracket that is never closed, expected the closing one"),
+        (
+            "controller.nodes=[1",
+            "found no plain YAML, while parsing a flow sequence that begins in line 1: "
+            "expected ',' or ']', but got '<stream end>'",
+        ),
         (
             "solver.kindd=ipopt",
             'solver.kindd: found an unknown key (did you mean "kind"?), '

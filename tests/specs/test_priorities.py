@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.specs.load import Task, load_task, parse_task
-from psmpc_cli.specs.priorities import ACCEPTABLE, LARGEST_INDEX, Pair, groups, weigh
+from psmpc_cli.specs.priorities import Weighing, weigh
 from psmpc_cli.specs.task import TaskSpec
 
 RANDOM_INDEX = {3: 0.525, 4: 0.882, 5: 1.115, 6: 1.252}
@@ -16,18 +16,15 @@ few = settings(max_examples=40)
 ratios = st.floats(1e-3, 1e3)
 
 
-@st.composite
-def comparisons(draw: st.DrawFn) -> tuple[int, list[Pair], list[float]]:
-    """Comparisons that connect two to six things: a tree, and some of the other pairs."""
-    count = draw(st.integers(2, 6))
-    tree = [(draw(st.integers(0, i - 1)), i) for i in range(1, count)]
-    others = [pair for pair in combinations(range(count), 2) if pair not in tree]
-    pairs = [*tree, *draw(st.lists(st.sampled_from(others), unique=True) if others else st.just([]))]
-    turned = [pair if draw(st.booleans()) else pair[::-1] for pair in pairs]
-    return count, turned, [draw(ratios) for _ in turned]
+def names(count: int) -> list[str]:
+    return [str(index) for index in range(count)]
 
 
-def matrix_of(count: int, pairs: list[Pair], values: list[float]) -> np.ndarray:
+def weighed(count: int, pairs: list[tuple[int, int]], values: list[float]) -> Weighing:
+    return weigh([(str(a), str(b), ratio) for (a, b), ratio in zip(pairs, values, strict=True)], names(count))
+
+
+def matrix_of(count: int, pairs: list[tuple[int, int]], values: list[float]) -> np.ndarray:
     matrix = np.ones((count, count))
     for (a, b), ratio in zip(pairs, values, strict=True):
         matrix[a, b], matrix[b, a] = ratio, 1 / ratio
@@ -40,38 +37,18 @@ def test_complete_sets_weigh_by_the_geometric_means_of_their_rows(count: int, da
     pairs = list(combinations(range(count), 2))
     values = [data.draw(ratios) for _ in pairs]
     means = np.exp(np.log(matrix_of(count, pairs, values)).mean(axis=1))
-    np.testing.assert_allclose(np.exp(weigh(count, pairs, values).logarithms), means / means[0], rtol=1e-9)
+    np.testing.assert_allclose(np.exp(weighed(count, pairs, values).logarithms), means / means[0], rtol=1e-9)
 
 
 @few
-@given(comparisons(), st.data())
-def test_consistent_sets_are_met_exactly(given_set: tuple[int, list[Pair], list[float]], data: st.DataObject) -> None:
-    count, pairs, _ = given_set
+@given(st.integers(2, 6), st.data())
+def test_consistent_sets_are_met_exactly(count: int, data: st.DataObject) -> None:
+    tree = [(data.draw(st.integers(0, i - 1)), i) for i in range(1, count)]
+    pairs = [*tree, *data.draw(st.lists(st.sampled_from([(b, a) for a, b in combinations(range(count), 2)])))]
     weights = np.array([1.0, *(data.draw(ratios) for _ in range(count - 1))])
-    found = weigh(count, pairs, [weights[a] / weights[b] for a, b in pairs])
+    found = weighed(count, pairs, [weights[a] / weights[b] for a, b in pairs])
     np.testing.assert_allclose(np.exp(found.logarithms), weights, rtol=1e-9)
     assert found.ratio < 1e-12
-
-
-@few
-@given(comparisons())
-def test_implied_ratios_and_the_worst_comparison_are_those_of_the_others_alone(
-    given_set: tuple[int, list[Pair], list[float]],
-) -> None:
-    count, pairs, values = given_set
-    found, disagreements = weigh(count, pairs, values), []
-    for left, (a, b) in enumerate(pairs):
-        kept = [i for i in range(len(pairs)) if i != left]
-        others = [pairs[i] for i in kept]
-        if len(groups(count, others)) > 1:
-            assert np.isnan(found.implied[left])
-            disagreements.append(np.inf)
-            continue
-        rest = weigh(count, others, [values[i] for i in kept]).logarithms
-        assert found.implied[left] == pytest.approx(rest[a] - rest[b], abs=1e-6)
-        disagreements.append(sum((np.log(values[i]) - rest[pairs[i][0]] + rest[pairs[i][1]]) ** 2 for i in kept))
-    assert (found.worst is None) == (found.surplus == 0)
-    assert found.worst is None or disagreements[found.worst] <= min(disagreements) + 1e-6
 
 
 @pytest.mark.parametrize("count", [3, 4, 5])
@@ -83,16 +60,7 @@ def test_the_ratio_is_saatys_where_comparisons_nearly_agree(count: int) -> None:
         weights, noise = np.exp(random.standard_normal(count)), np.exp(0.1 * random.standard_normal(len(pairs)))
         values = [weights[a] / weights[b] * error for (a, b), error in zip(pairs, noise, strict=True)]
         index = (np.linalg.eigvals(matrix_of(count, pairs, values)).real.max() - count) / (count - 1)
-        assert weigh(count, pairs, values).ratio == pytest.approx(index / RANDOM_INDEX[count], rel=0.05)
-
-
-def test_three_comparisons_may_miss_each_other_by_less_than_a_factor_of_three() -> None:
-    pairs = [(0, 1), (1, 2), (0, 2)]
-    largest = np.exp(np.sqrt(3 * LARGEST_INDEX[3]))
-    assert largest == pytest.approx(2.62, abs=0.01)
-    assert weigh(3, pairs, [100, 100, 1e4 / largest * 1.001]).ratio < ACCEPTABLE
-    assert weigh(3, pairs, [100, 100, 1e4 / largest * 0.999]).ratio > ACCEPTABLE
-    assert weigh(4, [*pairs, (3, 2)], [2, 3, 50, 7]).worst == 2  # the last of those that contradict each other alike
+        assert weighed(count, pairs, values).ratio == pytest.approx(index / RANDOM_INDEX[count], rel=0.05)
 
 
 ROBOT = load_task("transport").robot_yaml

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.timeline import open_timeline
+from psmpc_cli.figures.timeline import open_timeline, runs_of
 from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.parts import POSITION_AXES, error_axes
@@ -91,13 +91,12 @@ def _plot_quantity(
         drawstyle: How its values are joined.
         peaked: It may have short peaks that hide the rest; the axis is then logarithmic far out.
     """
-    columns = [runs] if isinstance(runs, Run) else list(runs.values())
-    panels = list(_panels(columns[0].problem.model))
+    panels = list(_panels(runs_of(runs)[0].problem.model))
     timeline = open_timeline(runs, len(panels), HEIGHT)
     handles: dict[str, Artist] = {}
     for row, (part, rows, labels, angular) in enumerate(panels):
         notes: list[str] = []
-        for axes, run in zip(timeline.panels[row], columns, strict=True):
+        for axes, run in zip(timeline.panels[row], timeline.runs, strict=True):
             time, every = curves(run)
             values, marker = every[:, rows], style.point_if_alone(time)
             for i, label in enumerate(labels):

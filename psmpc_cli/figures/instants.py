@@ -1,6 +1,6 @@
 """Planned switch times, the stages' shares and solve times over time. Paper Figs. 1 and 11."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,11 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.timeline import DOTTED, open_timeline
+from psmpc_cli.figures.timeline import DOTTED, open_timeline, runs_of
 from psmpc_cli.logs.run import Run
-
-ACROSS = 4
-"""Stages side by side in the lower panels of several runs."""
 
 DASHED = (0, (5, 2))
 
@@ -28,31 +25,35 @@ PRESENT: Mapping[str, Any] = {"color": style.EDGE, "linewidth": 0.7}
 """Look of the line of the present time."""
 
 
-def plot_instants(run: Run) -> Figure:
+def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
     """Plot the planned switch time that ends each stage [s], and how far it is from the actual one [ms].
 
     A switch happens when its planned time meets the line of the present time; the horizon ends T_h above that line.
-    The second panel is there only if a planned switch happened.
+    The second row is there only if a planned switch happened.
     """
-    planned, switches = _planned([run]), run.stages["switch_time"]
-    happened = [stage for stage in planned if np.isfinite(switches[stage])]
-    timeline = open_timeline(run, 2 if happened else 1, 1.5)
-    above, below = timeline.panels[0, 0], timeline.panels[-1, 0]
-    ends, horizon = np.array([run.motion.time[0], run.motion.end]), run.task.spec.controller.horizon
-    above.plot(ends, ends, zorder=1.5, **PRESENT)
-    above.plot(ends, ends + horizon, linestyle=DASHED, zorder=1.5, **PRESENT)
-    above.set_ylim(ends[0], ends[1] + horizon)
-    for stage in planned:
-        time, instant = _planned_end(run, stage)
-        look: dict[str, Any] = {"markevery": [0], "linewidth": 1.3, **style.mark_look(stage)}
-        above.plot(time, instant, label=style.readable(run.stage_names[stage]), **look)
-        if stage in happened:
-            below.plot(time, 1e3 * (instant - switches[stage]), **look)
-    above.plot(switches, switches, "o", color="black", markerfacecolor="white", markersize=3.5, zorder=3)
-    timeline.label(0, "Planned switch\ntime (s)", "" if planned else "no switch time was planned")
+    planned = [np.isfinite(run["window/instants"]) for run in runs_of(runs)]
+    switched = [np.isfinite(run.stages["switch_time"]) for run in runs_of(runs)]
+    any_planned = np.flatnonzero(np.any([seen.any(axis=0) for seen in planned], axis=0)).tolist()
+    happened = any((seen.any(axis=0) & ended).any() for seen, ended in zip(planned, switched, strict=True))
+    timeline = open_timeline(runs, 2 if happened else 1, 1.5)
+    for column, run, seen in zip(timeline.panels.T, timeline.runs, planned, strict=True):
+        above, ends, horizon = column[0], run.motion.time[[0, -1]], run.task.spec.controller.horizon
+        above.plot(ends, ends, zorder=1.5, **PRESENT)
+        above.plot(ends, ends + horizon, linestyle=DASHED, zorder=1.5, **PRESENT)
+        above.set_ylim(bottom=ends[0])
+        switches = run.stages["switch_time"]
+        for stage in any_planned:
+            time, instant = run.time[seen[:, stage]], run["window/instants"][seen[:, stage], stage]
+            look: dict[str, Any] = {"markevery": 10**6, "linewidth": 1.3, **style.mark_look(stage)}
+            above.plot(time, instant, label=style.readable(run.stage_names[stage]), **look)
+            if np.isfinite(switches[stage]):
+                column[1].plot(time, 1e3 * (instant - switches[stage]), **look)
+        above.plot(switches, switches, "o", color="black", markerfacecolor="white", markersize=3.5, zorder=3)
+        if happened:
+            column[1].axhline(0.0, zorder=1.5, **PRESENT)
+    timeline.label(0, "Planned switch\ntime (s)", "" if any_planned else "no switch time was planned")
     if happened:
-        below.axhline(0.0, zorder=1.5, **PRESENT)
-        below.set_ylabel("Planned minus\nactual (ms)")
+        timeline.panels[1, 0].set_ylabel("Planned minus\nactual (ms)")
     return timeline.finish(
         [
             style.entry("present time", **PRESENT),
@@ -62,51 +63,6 @@ def plot_instants(run: Run) -> Figure:
     )
 
 
-def _planned(runs: Iterable[Run]) -> list[int]:
-    """Return the stages whose end any of these runs planned."""
-    return sorted({int(s) for run in runs for s in np.flatnonzero(np.isfinite(run["window/instants"]).any(axis=0))})
-
-
-def _planned_end(run: Run, stage: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the samples at which the end of a stage was planned, and for when, (K,) [s] each."""
-    instants = run["window/instants"][:, stage]
-    return run.time[np.isfinite(instants)], instants[np.isfinite(instants)]
-
-
-def plot_compared_instants(runs: Mapping[str, Run]) -> Figure:
-    """Plot the planned switch times of several runs [s], and by stage how far they are from the actual one [ms]."""
-    planned, names = _planned(runs.values()), next(iter(runs.values())).stage_names
-    across = min(ACROSS, len(planned)) or 1
-    rows = -(-len(planned) // across)
-    figure = style.new_figure(2.2 + rows * (1.5 + style.LINE) + 0.8, style.PAGE)
-    grid = figure.add_gridspec(1 + rows, across, height_ratios=[2.2] + [1.5] * rows)
-    overview, end = figure.add_subplot(grid[0, :]), max(run.motion.end for run in runs.values())
-    overview.plot([0.0, end], [0.0, end], zorder=1.5, **PRESENT)
-    overview.set(xlim=(0.0, end * 1.012), ylim=(0.0, end * 1.05), xlabel="Time (s)", ylabel="Planned switch\ntime (s)")
-    shared: Axes | None = None
-    for i, stage in enumerate(planned):
-        axes = figure.add_subplot(grid[1 + i // across, i % across], sharey=shared, sharex=shared)
-        shared = shared or axes
-        axes.axhline(0.0, zorder=1.5, **PRESENT)
-        for number, run in enumerate(runs.values()):
-            (time, instant), end = _planned_end(run, stage), float(run.stages["switch_time"][stage])
-            overview.plot(time, instant, linewidth=1.3, **style.line_look(number))
-            if np.isfinite(end):
-                axes.plot(time - end, 1e3 * (instant - end), linewidth=1.3, **style.line_look(number))
-        axes.set_title(f"end of {style.readable(names[stage])}", fontsize=style.TEXT, pad=3)
-        axes.set_xlabel("Time minus actual end (s)")
-        axes.set_ylabel("Planned minus\nactual (ms)")
-        axes.label_outer()
-    handles: list[Artist] = []
-    for number, (name, run) in enumerate(runs.items()):
-        hollow = {"markersize": 4.5, "markeredgewidth": 0.9, "markerfacecolor": "none", **style.mark_look(number)}
-        switches = run.stages["switch_time"]
-        overview.plot(switches, switches, zorder=3, **hollow, linestyle="none")
-        handles.append(style.entry(style.title_of(name), linewidth=1.3, **hollow | style.line_look(number)))
-    style.add_legend(figure, [*handles, style.entry("present time; markers: actual switches", **PRESENT)])
-    return figure
-
-
 def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
     """Plot each stage's share [%] in the window's weighted cost and in the applied control, of one or several runs.
 
@@ -114,19 +70,18 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
     in the control is the stage's weight in that combination of the controls all stages in the window would apply on
     their own which is nearest to the applied one; its panel is there only if those shares were logged.
     """
-    columns = [runs] if isinstance(runs, Run) else list(runs.values())
-    shares = {COST: [cost_shares(run) for run in columns]}
-    logged = [run["window/share"] for run in columns]
+    shares = {COST: [cost_shares(run) for run in runs_of(runs)]}
+    logged = [run["window/share"] for run in runs_of(runs)]
     if any(np.isfinite(values).any() for values in logged):
         shares[CONTROL] = logged
     timeline = open_timeline(runs, len(shares), 1.2, shaded=False)
     for row, (whole, found) in enumerate(shares.items()):
-        for axes, run, values in zip(timeline.panels[row], columns, found, strict=True):
+        for axes, run, values in zip(timeline.panels[row], timeline.runs, found, strict=True):
             _plot_stack(axes, run, values)
         timeline.panels[row, 0].set_ylabel(f"Share in the\n{whole} (%)")
     timeline.label(0, f"Share in the\n{COST} (%)")  # one legend serves both rows
     handles: list[Artist] = []
-    if any(len(run.spans) > 1 for run in columns):
+    if any(len(run.spans) > 1 for run in timeline.runs):
         handles.append(style.entry("switch", color="black", linewidth=0.6))
     if not all(np.isfinite(values).any(axis=1).all() for found in shares.values() for values in found):
         handles.append(style.patch_entry("no share: stages agree, or no solution", facecolor="white"))

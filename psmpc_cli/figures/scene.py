@@ -19,8 +19,8 @@ from psmpc_cli.specs.task import MonitorSpec
 FINGER = 0.09
 """Length of a gripper's finger, in lengths of the longest arm."""
 
-MOVED = 0.03
-"""Motions by less than this part of a picture's width cannot be seen."""
+MOVED = 0.1
+"""Motions by less than this cannot be seen, in lengths of the longest arm."""
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
 """Between a number and its unit."""
@@ -119,36 +119,29 @@ class Scene:
         events = [readable(current[-1].name), *(f"{readable(span.name)} already acts" for span in early)]
         return events + ["object lost"] * (self.lost and time >= self.left)
 
-    def key_instants(self) -> list[tuple[float, str]]:
-        """Return start, early starts, switches, loss of the object and end of the run [s] with their names, by time."""
-        run = self.run
-        found = [(float(run.motion.time[0]), "start")]
-        for span in run.spans:
-            if span.early is not None:
-                found.append((span.early, f"{readable(span.name)} starts"))
-            if np.isfinite(run.stages["switch_time"][span.index]):
-                found.append((span.end, f"{readable(span.name)} ends"))
-        if self.lost:
-            found.append((self.left, "object lost"))
-        if not any(abs(time - run.motion.end) < 1e-6 for time, _ in found):
-            found.append((run.motion.end, "end of the run"))
-        return sorted(found, key=lambda instant: instant[0])
+    def switches(self) -> list[tuple[float, str]]:
+        """Return when stages ended [s], and what to call that."""
+        ended = [span for span in self.run.spans if np.isfinite(self.run.stages["switch_time"][span.index])]
+        return [(span.end, f"{readable(span.name)} ends") for span in ended]
 
-    def key_frames(self) -> list[tuple[float, str]]:
-        """Return the key instants [s] with their titles; those between which nothing moves visibly are one."""
-        instants = self.key_instants()
-        view = view_around(self.extent(time for time, _ in instants))
-        frames: list[tuple[float, str]] = []
-        told = ""
-        for time, event in instants:
-            written = f"{time:.1f}{NO_BREAK}s"
-            if frames and np.abs(self.points(time) - self.points(frames[-1][0])).max() < MOVED * np.ptp(view.x):
-                words = event if written == told else f"{written}: {event}"
-                frames[-1] = frames[-1][0], f"{frames[-1][1]}, {words}"
+    def key_instants(self) -> list[tuple[float, str]]:
+        """Return start, early starts, switches, loss of the object and end of the run [s] with their names, by time.
+
+        Those between which nothing moves visibly are one.
+        """
+        start, end = float(self.run.motion.time[0]), self.run.motion.end
+        early = [(span.early, f"{readable(span.name)} starts") for span in self.run.spans if span.early is not None]
+        found = [(start, "start"), *early, *self.switches(), *[(self.left, "object lost")] * self.lost]
+        found += [(end, "end of the run")] * all(abs(time - end) > 1e-6 for time, _ in found)
+        kept: list[tuple[float, str]] = []
+        for time, event in sorted(found, key=lambda instant: instant[0]):
+            before = kept[-1][0] if kept else -np.inf
+            far = MOVED * reach(self.run.problem.model)
+            if kept and np.abs(self.points(time) - self.points(before)).max() < far:
+                kept[-1] = before, f"{kept[-1][1]}, {event}"
             else:
-                frames.append((time, f"{written}: {event}"))
-            told = written
-        return frames
+                kept.append((time, event))
+        return kept
 
 
 def scene_of(run: Run) -> Scene:

@@ -1,7 +1,6 @@
 """The robot in the plane: at the key instants of a run or of several, and what a task asks for. Paper Figs. 4 and 5."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from string import ascii_lowercase
+from collections.abc import Mapping, Sequence
 from textwrap import fill
 from typing import Any
 
@@ -25,7 +24,8 @@ from psmpc_cli.figures.scene import (
     scene_of,
     view_around,
 )
-from psmpc_cli.logs.run import Run, Span
+from psmpc_cli.figures.timeline import runs_of
+from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.problem import build_stages
 from psmpc_cli.robot.model import RobotModel, build_model
 from psmpc_cli.specs.load import Task
@@ -35,9 +35,6 @@ AXIS, AROUND = 0.3, 0.45
 
 ACROSS = 4
 """Frames, or stages, side by side on a page."""
-
-GHOST = "#9A9A9A"
-"""Colour of the robot at an early start."""
 
 FAINT = 0.25
 """Opacity of the robot where a stage begins."""
@@ -58,31 +55,31 @@ LOST: Mapping[str, Any] = {"facecolor": "none", "edgecolor": style.EDGE, "linewi
 """Look of the object that was lost."""
 
 
-def plot_snapshots(run: Run) -> Figure:
-    """Plot the robot at each key instant, all panels to the same scale [m].
+def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
+    """Plot the robot at each key instant of a run, or of several where their stages end; all to the same scale [m].
 
-    A panel shows the targets of the stages that act, the path of the base, and the paths of the end-effectors since the
-    panel before.
+    Several runs have a row, or several, for each controller. A panel shows the targets of the stages that act, the path
+    of the base, and the paths of the end-effectors since the panel before.
     """
-    scene = scene_of(run)
-    frames = scene.key_frames()
-    times = [instant for instant, _ in frames]
-    width, columns = (style.COLUMN, min(2, len(frames))) if len(frames) <= 10 else (style.PAGE, ACROSS)
-    titles = [f"({letters(i)}) {event}" for i, (_, event) in enumerate(frames)]
-    figure, grid = _panels(view_around(scene.extent(times)), titles, columns, width)
-    for axes, since, time in zip(grid, [times[0], *times], times, strict=False):
-        draw_scene(axes, scene, time, since)
-    handles, vacant = _handles([scene]), grid[len(frames) :]
-    if len(vacant):
-        vacant[0].legend(handles=handles, loc="center")
-    else:
-        style.add_legend(figure, handles)
+    names = [""] if isinstance(runs, Run) else [f"{style.title_of(name)}\n" for name in runs]
+    scenes, one = [scene_of(run) for run in runs_of(runs)], isinstance(runs, Run)
+    frames = [scene.key_instants() if one else scene.switches() for scene in scenes]
+    most = max(1, *map(len, frames))
+    width, across = (style.COLUMN, min(2, most)) if one and most <= 10 else (style.PAGE, min(ACROSS, most))
+    room = -(-most // across) * across  # panels of a run
+    titles: list[str] = []
+    for shown in frames:
+        titles += [*(f"{time:.1f}{NO_BREAK}s: {event}" for time, event in shown), *[""] * (room - len(shown))]
+    times = [[float(scene.run.motion.time[0]), *dict(shown)] for scene, shown in zip(scenes, frames, strict=True)]
+    view = view_around(np.vstack([scene.extent(drawn) for scene, drawn in zip(scenes, times, strict=True)]))
+    figure, grid = _panels(view, titles, across, width)
+    for block, scene, drawn, name in zip(grid.reshape(len(scenes), -1), scenes, times, names, strict=True):
+        for axes, since, time in zip(block, drawn, drawn[1:], strict=False):
+            draw_scene(axes, scene, time, since)
+        for axes in block[::across]:
+            axes.set_ylabel(f"{name}y (m)")
+    style.add_legend(figure, _handles(scenes))
     return figure
-
-
-def letters(index: int) -> str:
-    """Return a, b, ..., z, aa, ab, ..."""
-    return ascii_lowercase[index] if index < 26 else letters(index // 26 - 1) + ascii_lowercase[index % 26]
 
 
 def _panels(view: View, titles: Sequence[str], columns: int, width: float) -> tuple[Figure, np.ndarray]:
@@ -90,22 +87,23 @@ def _panels(view: View, titles: Sequence[str], columns: int, width: float) -> tu
 
     Titles are broken between words to the width of a panel.
     """
-    across, rows = (width - AROUND) / columns, -(-len(titles) // columns)
+    titles = [*titles, *[""] * (-len(titles) % columns)]
+    across, rows = (width - AROUND) / columns, len(titles) // columns
     characters = int(across / style.CHARACTER)
     broken = ["\n".join(fill(line, characters) for line in title.split("\n")) for title in titles]
     lines = 1 + max(title.count("\n") for title in broken)
-    axis = AXIS * (1 + (len(titles) % columns > 0))  # also above vacant panels
+    axis = AXIS * (1 + ("" in titles))  # also above vacant panels
     figure = style.new_figure(rows * (across * view.aspect + lines * style.LINE + 0.08) + axis, width)
     grid: np.ndarray = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for i, axes in enumerate(grid):
-        if i >= len(titles) or not titles[i]:
+        if not titles[i]:
             axes.set_axis_off()
             continue
         show(axes, view)
         axes.set_title(broken[i], loc="left", pad=2, fontsize=style.TEXT)
         if i % columns == 0:
             axes.set_ylabel("y (m)")
-        if i >= len(titles) - columns:
+        if not any(titles[i + columns :: columns]):
             axes.set_xlabel("x (m)")
             axes.tick_params(labelbottom=True)
     return figure, grid
@@ -121,17 +119,14 @@ def show(axes: Axes, view: View) -> None:
         axis.set_major_locator(MultipleLocator(step))
 
 
-def draw_scene(
-    axes: Axes, scene: Scene, time: float, since: float, stages: Iterable[int] | None = None, width: float = 1.0
-) -> None:
-    """Draw object, paths, targets and robot.
+def draw_scene(axes: Axes, scene: Scene, time: float, since: float, width: float = 1.0) -> None:
+    """Draw object, paths, robot and the targets of the stages that act.
 
     Args:
         axes: A panel.
         scene: What is drawn.
         time: The time [s].
         since: From when on the paths of the end-effectors are drawn [s].
-        stages: Whose targets are drawn; those that act by default.
         width: Scales the lines.
     """
     run = scene.run
@@ -142,21 +137,17 @@ def draw_scene(
     for i, path in enumerate(scene.paths(since, time)[1:]):
         axes.plot(*path.T, color=_arm_color(i), linewidth=0.6 * width, zorder=1.3)
     draw_robot(axes, run.problem.model, run.motion.coordinates_at(time), width)
-    for stage in scene.acting(time) if stages is None else stages:
+    for stage in scene.acting(time):
         for i, point in enumerate(scene.targets(stage, time)):
             axes.plot(*point, color=_arm_color(i - 1) if i else "black", zorder=3.5, **TARGET)
 
 
-def draw_robot(
-    axes: Axes, model: RobotModel, Q: np.ndarray, width: float = 1.0, alpha: float = 1.0, ghost: bool = False
-) -> None:
-    """Draw base, arms and grippers at Q (n,); `width` scales the lines; a ghost is grey and lies behind."""
+def draw_robot(axes: Axes, model: RobotModel, Q: np.ndarray, width: float = 1.0, alpha: float = 1.0) -> None:
+    """Draw base, arms and grippers at Q (n,); `width` scales the lines."""
     base, arms = bodies(model, Q)
-    face = {"facecolor": "none", "edgecolor": GHOST} if ghost else {}
-    _draw_area(axes, base, {**BASE, **face, "alpha": alpha}, width, 1.1 if ghost else 2.0)
+    _draw_area(axes, base, {**BASE, "alpha": alpha}, width, 2.0)
     for i, (points, gripper) in enumerate(arms):
-        line: dict[str, Any] = {"color": GHOST if ghost else _arm_color(i), "alpha": alpha}
-        line["zorder"] = 1.1 if ghost else 3.0
+        line: dict[str, Any] = {"color": _arm_color(i), "alpha": alpha, "zorder": 3.0}
         axes.plot(*points.T, linewidth=1.5 * width, solid_joinstyle="round", **line)
         axes.plot(*gripper.T, linewidth=1.0 * width, **line)
         edge = 0.7 * width
@@ -177,14 +168,13 @@ def _arm_handles(model: RobotModel) -> list[Artist]:
     return [style.entry(name, color=_arm_color(i), linewidth=1.5) for i, name in arms]
 
 
-def _handles(scenes: Iterable[Scene]) -> list[Artist]:
+def _handles(scenes: Sequence[Scene]) -> list[Artist]:
     """Return what a legend says of drawings of these scenes."""
-    every = list(scenes)
-    run = every[0].run
+    run = scenes[0].run
     handles = [style.patch_entry("base", **BASE), *_arm_handles(run.problem.model)]
     if run.task.spec.object is not None:
         handles.append(style.patch_entry("object", **OBJECT))
-    if any(scene.lost for scene in every):
+    if any(scene.lost for scene in scenes):
         handles.append(style.patch_entry("object, lost", **LOST))
     return [
         *handles,
@@ -192,73 +182,6 @@ def _handles(scenes: Iterable[Scene]) -> list[Artist]:
         style.entry("path of the base", **TRAIL),
         style.entry("path of an arm's end", color=style.PALETTE[0], linewidth=0.6),
     ]
-
-
-def plot_compared_snapshots(runs: Mapping[str, Run]) -> Figure:
-    """Plot the robot at the end of every stage [m] and, in grey, at the early start of the stage after it.
-
-    A row, or several, for each controller; all panels are to the same scale. The targets are those of the stage that
-    ends, the paths of the end-effectors those during the stage.
-    """
-    scenes = {name: scene_of(run) for name, run in runs.items()}
-    stages = len(next(iter(runs.values())).stage_names)
-    across = min(ACROSS, stages)
-    vacant = -stages % across
-    titles: list[str] = []
-    for number, run in enumerate(runs.values()):
-        panels = enumerate(map(letters, range(number * stages, (number + 1) * stages)))
-        titles += [*(f"({letter}) {_stage_title(run, stage)}" for stage, letter in panels), *[""] * vacant]
-    figure, grid = _panels(_common_view(scenes.values()), titles, across, style.PAGE)
-    for (name, scene), block in zip(scenes.items(), grid.reshape(len(runs), -1), strict=True):
-        for stage, axes in enumerate(block[:stages]):
-            _draw_end(axes, scene, stage)
-        for axes in block[::across]:
-            axes.set_ylabel(f"{style.title_of(name)}\ny (m)")
-    handles = _handles(scenes.values())
-    if any(span.early is not None for run in runs.values() for span in run.spans):
-        handles.append(style.entry("robot at the early start of the next stage", color=GHOST, linewidth=1.5))
-    style.add_legend(figure, handles)
-    return figure
-
-
-def _stage_title(run: Run, stage: int) -> str:
-    """Return when a stage ends and when the next one starts."""
-    end, following = float(run.stages["switch_time"][stage]), _span(run, stage + 1)
-    title = style.readable(run.stage_names[stage])
-    if not np.isfinite(end):
-        return f"{title} did not end"
-    title += f" ends at {end:.1f}{NO_BREAK}s"
-    if following is None:
-        return title
-    begun = "starts then" if following.early is None else f"starts at {following.early:.1f}{NO_BREAK}s"
-    return f"{title}\n{style.readable(following.name)} {begun}"
-
-
-def _span(run: Run, stage: int) -> Span | None:
-    """Return the time in which a stage was the current one, if there is any."""
-    return next((span for span in run.spans if span.index == stage), None)
-
-
-def _draw_end(axes: Axes, scene: Scene, stage: int) -> None:
-    """Draw the robot at the end of a stage, if it ended, and at the early start of the next."""
-    run = scene.run
-    end, span, following = float(run.stages["switch_time"][stage]), _span(run, stage), _span(run, stage + 1)
-    if not np.isfinite(end):
-        return
-    if following is not None and following.early is not None:
-        draw_robot(axes, run.problem.model, run.motion.coordinates_at(following.early), ghost=True)
-    since = end if span is None else span.start  # it may end within a sample
-    draw_scene(axes, scene, end, since, stages=[stage])
-
-
-def _common_view(scenes: Iterable[Scene]) -> View:
-    """Return the smallest view that shows everything that is drawn of all scenes."""
-    extents = []
-    for scene in scenes:
-        run, early = scene.run, [span.early for span in scene.run.spans if span.early is not None]
-        ends = [end for end in run.stages["switch_time"] if np.isfinite(end)]
-        extents.append(scene.extent([float(run.motion.time[0]), *ends, *early]))
-    return view_around(np.vstack(extents))
 
 
 def plot_scenario(task: Task) -> Figure:

@@ -26,11 +26,13 @@ class Timeline:
 
     Attributes:
         figure: The figure.
+        runs: A run for each column.
         panels: Its axes below the strip (rows, runs).
         handles: What its common legend says of the stages.
     """
 
     figure: Figure
+    runs: Sequence[Run]
     panels: np.ndarray
     handles: tuple[Artist, ...]
 
@@ -47,6 +49,11 @@ class Timeline:
         """Write the common legend, with more entries, below the panels and return the figure."""
         style.add_legend(self.figure, (*handles, *self.handles))
         return self.figure
+
+
+def runs_of(runs: Mapping[str, Run] | Run) -> list[Run]:
+    """Return the runs of a figure, one or several."""
+    return [runs] if isinstance(runs, Run) else list(runs.values())
 
 
 def open_timeline(runs: Mapping[str, Run] | Run, rows: int, height: float, shaded: bool = True) -> Timeline:
@@ -82,7 +89,7 @@ def open_timeline(runs: Mapping[str, Run] | Run, rows: int, height: float, shade
             _shade(panel, run.spans)
         column[-1].set_xlabel("Time (s)")
     figure.align_ylabels(axes[1:, 0])
-    return Timeline(figure, axes[1:], tuple(handles))
+    return Timeline(figure, runs_of(runs), axes[1:], tuple(handles))
 
 
 def bar_rows(spans: Sequence[Span], character: float) -> list[int]:

@@ -13,11 +13,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 from psmpc_cli.figures.coordinates import plot_states
-from psmpc_cli.figures.instants import plot_compared_instants
+from psmpc_cli.figures.instants import plot_instants
 from psmpc_cli.figures.pareto import plot_fronts
 from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.figures.reproduction import plot_monitors, plot_presence, plot_schedule
-from psmpc_cli.figures.snapshots import plot_compared_snapshots
+from psmpc_cli.figures.snapshots import plot_snapshots
 from psmpc_cli.figures.style import in_style, title_of
 from psmpc_cli.studies.claims import HEADINGS
 from psmpc_cli.studies.fronts import HEADINGS as FRONT_HEADINGS
@@ -80,8 +80,8 @@ def _figures(made: Reproduction) -> Iterator[tuple[str, Draw]]:
         yield f"{method} starts", partial(plot_presence, run, made.published(method, starts=True))
         yield f"{method} mission", partial(plot_monitors, run)
     yield "schedule", partial(plot_schedule, made.runs, ends)
-    yield "instants", partial(plot_compared_instants, made.runs)
-    yield "snapshots", partial(plot_compared_snapshots, made.runs)
+    yield "instants", partial(plot_instants, made.runs)
+    yield "snapshots", partial(plot_snapshots, made.runs)
     for name, entry in figures_of("sweep", cells).items() if cells.ended.any() else ():
         yield f"sweep {name}", partial(entry.function, cells)
     if fronts is not None and any(row["failed"] < row["points"] for row in front_rows(fronts)):

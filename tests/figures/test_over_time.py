@@ -30,16 +30,6 @@ def bands(axes: Axes, color: str) -> list[tuple[float, float]]:
     return [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in found]
 
 
-def stage_bars(figure: Figure) -> list[tuple[float, float, float]]:
-    """Left, right and lower edge of the outlines of the stages' bars on the strip."""
-    outlines = [patch for patch in figure.axes[0].patches if isinstance(patch, Rectangle) and not patch.get_fill()]
-    return [(bar.get_x(), bar.get_x() + bar.get_width(), bar.get_y()) for bar in outlines]
-
-
-def strip_texts(figure: Figure) -> list[str]:
-    return [text.get_text() for text in figure.axes[0].texts]
-
-
 def changed(run: Run, path: str, values: np.ndarray) -> Run:
     """The run with another column."""
     return replace(run, arrays={**run.arrays, path: values})
@@ -52,26 +42,8 @@ def test_every_other_stage_and_early_starts_are_marked_in_every_panel_and_explai
         assert bands(panel, EARLY) == [(6.4, 10.0)]
         assert 6.4 in [points(line)[0, 0] for line in panel.lines]
     assert bands(figure.axes[0], EARLY) == [(6.4, 10.0)]
+    assert [text.get_text() for text in figure.axes[0].texts] == ["approach", "capture", "transport", "release"]
     assert {"every other stage", "next stage already acts", "early start"} <= set(common_legend(figure))
-
-
-@pytest.mark.parametrize("early", [{1: 6.4}, {1: 4.0, 2: 7.0}, {1: 4.0, 2: 5.0, 3: 6.0}])
-def test_bars_of_stages_that_overlap_have_rows_of_their_own(load: Load, early: dict[int, float]) -> None:
-    figure = plot_states(load(early=early))
-    found = stage_bars(figure)
-    assert len(found) == 4
-    for i, (left, right, row) in enumerate(found):
-        for other_left, other_right, other_row in found[i + 1 :]:
-            assert row != other_row or right <= other_left or other_right <= left
-    assert len({row for *_, row in found}) == len(early) + 1
-    low, high = sorted(figure.axes[0].get_ylim())
-    assert all(low <= row < row + 0.86 <= high for *_, row in found)
-
-
-@pytest.mark.slow
-def test_the_strip_names_every_stage(run: Run, load: Load, many_stages: dict[str, Any]) -> None:
-    assert strip_texts(plot_states(run)) == ["approach", "capture", "transport", "release"]
-    assert len(set(strip_texts(plot_instants(load(**many_stages))))) == 14
 
 
 def test_states_are_drawn_to_the_end_of_the_run(run: Run) -> None:
@@ -184,12 +156,6 @@ def test_every_planned_switch_time_is_drawn_and_how_far_it_is_off(run: Run) -> N
         np.testing.assert_allclose(curve[:, 1], 20.0 * (end - curve[:, 0]), atol=1e-6)  # as made up, in ms
     assert figure.axes[2].get_ylabel() == "Planned minus\nactual (ms)"
     assert {"present time", "actual switch", "end of the horizon"} <= set(common_legend(figure))
-
-
-def test_a_switch_that_never_happened_has_no_difference(load: Load) -> None:
-    _, *panels = plot_instants(load(last=8.0)).axes
-    assert [legend(axes) for axes in panels] == [["approach"]]
-    assert plot_instants(load(last=5.0)).axes[1].get_title(loc="left") == "no switch time was planned"
 
 
 def columns(figure: Figure, runs: Runs) -> list[list[Axes]]:

@@ -13,8 +13,6 @@ from psmpc_cli.figures.registry import default_directory, draw, draw_file
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.load import Task
 
-from .drawn import common_legend
-
 Load = Callable[..., Run]
 
 BEGINNINGS = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
@@ -28,7 +26,7 @@ def test_a_figure_is_plotted_by_name_in_its_own_style_whatever_the_user_s(
         figure.savefig(tmp_path / "states.png")
     assert isinstance(figure, Figure)
     assert max(label.get_fontsize() for axes in figure.axes for label in axes.get_xticklabels()) < 10
-    assert "SMPC" in common_legend(psmpc.plot({"smpc": runs["smpc"]}, "instants"))
+    assert psmpc.plot({"smpc": runs["smpc"]}, "instants").axes[0].get_title() == "SMPC"
     with pytest.raises(InputError, match=r"no figure 'state', expected one of states, velocities, .*solve_time"):
         psmpc.plot(run, "state")
 

@@ -63,7 +63,7 @@ def row(controller: str, runs: MonteCarloRuns) -> tuple[str, ...]:
         spread(runs["monitor_margin"][:, 0], 3),
         spread(runs["control_effort"], 0),
         f"{np.maximum(runs['solves_failed'], 0).mean():.2f}",
-        spread(runs["run_time"], 1),
+        spread(runs["cell_time"], 1),
     )
 
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from psmpc_cli.logs.results import ResultsWriter, read_results
 from psmpc_cli.logs.schema import MONTE_CARLO
-from psmpc_cli.studies.monte_carlo import CRASHED, ENDED, MonteCarloRuns, monte_carlo_study, read_monte_carlo
-from psmpc_cli.studies.runner import create_file
+from psmpc_cli.studies.monte_carlo import MonteCarloRuns, monte_carlo_study, read_monte_carlo
+from psmpc_cli.studies.runner import COMPUTED, FAILED, create_file
 
 NOISE = ("uncertainty.noise={position: 1e-3}", "seed=10")
 
@@ -29,8 +29,7 @@ def made_up_monte_carlo(
     writer = ResultsWriter(read_results(path, MONTE_CARLO))
     for run in sorted({*range(runs)} - {*waiting}):
         if run in crashed:
-            values = {"completed": 0, "succeeded": 0, "failure": "ZeroDivisionError: by zero", "status": CRASHED}
-            writer.fill((run,), values)
+            writer.fill((run,), {"reason": "ZeroDivisionError: by zero", "status": FAILED})
             continue
         ends = 7.0 * np.arange(1, stages + 1) + 0.01 * run
         margin = np.full(monitors, -0.01 if run in dropped else 0.04)
@@ -46,7 +45,7 @@ def made_up_monte_carlo(
             "relative_velocity_margin": -0.01 * run,
             **({"monitor_margin": margin} if monitors else {}),
             "control_effort": 50.0 + run,
-            "status": ENDED,
+            "status": COMPUTED,
         }
         writer.fill((run,), values)
     writer.write()

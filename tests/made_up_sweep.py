@@ -7,8 +7,8 @@ import numpy as np
 
 from psmpc_cli.logs.results import Results, ResultsWriter, read_results
 from psmpc_cli.logs.schema import SWEEP
-from psmpc_cli.studies.runner import create_file
-from psmpc_cli.studies.sweep import COMPUTED, FAILED, load_sweep_task, weight_study
+from psmpc_cli.studies.runner import COMPUTED, FAILED, create_file
+from psmpc_cli.studies.sweep import load_sweep_task, weight_study
 from psmpc_cli.studies.weights import Sampling, grid_sampling, random_sampling
 
 T_S, T_H = 10.14, 4.0

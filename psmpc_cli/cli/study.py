@@ -215,16 +215,16 @@ def pareto(
     if log is not None:
         output_file(log, "", force, figures=False)
 
-    def done(instant: float, ended: int, count: int) -> None:
+    def told(line: str) -> None:
         if not quiet:
-            typer.echo(f"front at {instant:.1f} s done, {ended} of {count}", err=True)
+            typer.echo(line, err=True)
 
     with TemporaryDirectory(prefix="psmpc-pareto-") as folder:
         run = Path(task) if loaded is None else log or Path(folder) / "run.h5"
         if loaded is not None:
             _run_closed_loop(loaded, run, quiet)
         with ending_on_signals("no results were written"):
-            solve_pareto(run, question, path, jobs, force, done)
+            solve_pareto(run, question, path, jobs, force, told)
     present(path, figures, force, quiet)
 
 

@@ -6,14 +6,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import get_args
 
-from psmpc_cli.errors import InputError, RunError
+from psmpc_cli.errors import InputError
 from psmpc_cli.logs.comparison import merge_logs
 from psmpc_cli.logs.files import check_output
 from psmpc_cli.logs.run import Run, read_comparison
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import ControllerSpec
-from psmpc_cli.studies.runner import changed, compute
+from psmpc_cli.studies.runner import changed, compute_all
 
 CONTROLLERS: tuple[str, ...] = ("psmpc", "smpc", "htmpc", "hard")
 """What is compared by default, in the order of the table."""
@@ -120,17 +120,11 @@ def run_variants(
     """Run every task as `compare_tasks` does, into a log of its own below a directory, and return the logs by name."""
     folder = directory.absolute()  # a process that is used again may be in another directory
     paths = {name: folder / f"{number}.h5" for number, name in enumerate(variants)}
-    names = list(variants)
-    for index, ended in compute(_run, [(variants[name], paths[name]) for name in names], jobs):
-        if ended is None:
-            lost = names[index]
-            raise RunError(f"{lost}: its process was killed each time, perhaps for lack of memory: try fewer --jobs")
-        done(names[index])
-    return paths
+    return compute_all(_run, {name: (task, paths[name]) for name, task in variants.items()}, jobs, done)
 
 
-def _run(variant: tuple[Task, Path]) -> bool:
+def _run(variant: tuple[Task, Path]) -> Path:
     """Run a task in a process of its own; its warnings are counted in its log."""
     logging.getLogger("psmpc_cli").setLevel(logging.ERROR)
     simulate(*variant, force=True)
-    return True
+    return variant[1]

@@ -12,22 +12,13 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Quantity, Results, read_results
 from psmpc_cli.logs.schema import MONTE_CARLO
 from psmpc_cli.specs.load import Task
-from psmpc_cli.studies.measures import WHOLE_RUN, PerCell, Row, measure_run
-from psmpc_cli.studies.runner import LIGHT, WAITING, CellOutcome, Study, Watch, changed, ignore, names_along, run_study
+from psmpc_cli.studies.measures import WHOLE_RUN, measure_run
+from psmpc_cli.studies.runner import FAILED, LIGHT, WAITING, Study, Watch, changed, ignore, names_along, run_study
 
 Array = np.ndarray
 
-ENDED, CRASHED = range(WAITING + 1, 3)
-STATUS = ("waiting", "ended", "crashed")
-"""Codes of a run's status besides `WAITING`, and what all of them mean."""
-
-OF_RUN = (
-    PerCell("status", "1", "status of the run", "", "", WAITING, STATUS),
-    PerCell("reason", "1", "why the run ended", unfilled=""),
-    PerCell("failure", "1", "what made the run crash", unfilled=""),
-    PerCell("run_time", "s", "wall time of the run, with all that is around"),
-)
-"""What the results have of a run besides what is measured of it."""
+STATUS = ("waiting", "ended", "shared", "crashed")
+"""What the codes of a run's status mean; no run is shared."""
 
 LARGEST_SEED = 2**63 - 1
 """Larger ones do not fit the file."""
@@ -96,22 +87,14 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
             *names_along(task),
             Quantity("seed", ("run",), seeds, "1", "seed of the run"),
         ],
-        quantities=(*OF_RUN, *WHOLE_RUN),
+        quantities=WHOLE_RUN,
         measure=measure_run,
-        entry=_entry,
+        statuses=STATUS,
         attributes={
             "controller": spec.controller.kind,
             "command": shlex.join(["psmpc", "simulate", named, *settings]),
         },
     )
-
-
-def _entry(outcome: CellOutcome, cell: int, origin: int) -> Row:
-    """Complete the row of a run; the status is last: a run that does not wait is complete."""
-    crashed = bool(outcome.failure)
-    row = {"completed": 0, "succeeded": 0} if crashed else outcome.row
-    status = CRASHED if crashed else ENDED
-    return {**row, "failure": outcome.failure, "run_time": outcome.wall_time, "status": status}
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,8 +180,8 @@ class MonteCarloRuns:
 
     def why(self, number: int) -> str:
         """Say why a run ended, and which monitors did not hold."""
-        if failure := str(self["failure"][number]):
-            return f"crashed: {failure}"
+        if self["status"][number] == FAILED:
+            return f"crashed: {self['reason'][number]}"
         broken = [name for k, name in enumerate(self.monitors) if self["monitor_margin"][number, k] < 0]
         return str(self["reason"][number]) + (f"; monitor did not hold: {', '.join(broken)}" if broken else "")
 

@@ -6,11 +6,12 @@ and epsilon constraints, each from the best point known.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 
-from psmpc_cli.errors import InputError, LogError, RunError
+from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.results import Quantity, Results, create_results, read_results
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import PARETO
@@ -29,7 +30,7 @@ from psmpc_cli.studies.fronts import (
     hypervolume,
     off_weighted_sums,
 )
-from psmpc_cli.studies.runner import compute
+from psmpc_cli.studies.runner import compute_all
 from psmpc_cli.studies.weights import parse_stages
 
 Vector = np.ndarray
@@ -105,7 +106,7 @@ def solve_pareto(
     path: Path,
     jobs: int | None = None,
     force: bool = False,
-    done: Callable[[float, int, int], None] = lambda instant, ended, count: None,
+    told: Callable[[str], None] = lambda line: None,
 ) -> Results:
     """Find the fronts at samples of a run and write them into a file, whole or not at all.
 
@@ -115,7 +116,7 @@ def solve_pareto(
         path: The file.
         jobs: Processes; by default one for each core.
         force: Overwrite the file.
-        done: Told the instant of each sample as it is done [s], how many are, and how many there are.
+        told: Called with a line when a sample is done.
 
     Raises:
         InputError: The question does not fit the run, or the file exists already or cannot be written.
@@ -129,17 +130,13 @@ def solve_pareto(
     first = log.task.spec.stages[stages[0]]
     if question.free and first.at is not None:
         raise InputError(f"--free-instant: {first.name} ends at a fixed time, expected a stage with an end condition")
-    cells = [(run.absolute(), question, sample) for sample in choose_samples(log, stages, question.at)]
-    found: dict[int, list[Quantity]] = {}
-    for index, quantities in compute(_solve_sample, cells, jobs):
-        if quantities is None:
-            raise RunError("a process was killed each time, perhaps for lack of memory: try fewer --jobs")
-        found[index] = quantities
-        done(float(quantities[0].values), len(found), len(cells))
+    samples, ended = choose_samples(log, stages, question.at), count(1)
+    cells = {f"front at {log.time[sample]:g} s": (run.absolute(), question, sample) for sample in samples}
+    found = compute_all(_solve_sample, cells, jobs, lambda name: told(f"{name} done, {next(ended)} of {len(cells)}"))
     attributes = {**header(build_experiment(log.task)).attributes, "method": question.method}
     attributes["stages"] = ",".join(str(stage + 1) for stage in stages)
     names = [log.stage_names[stage] for stage in stages]
-    return write_pareto(path, attributes, names, question, [found[i] for i in range(len(cells))], force)
+    return write_pareto(path, attributes, names, question, list(found.values()), force)
 
 
 def possible_samples(log: Run, stages: tuple[int, int]) -> Vector:

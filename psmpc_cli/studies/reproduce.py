@@ -140,7 +140,7 @@ def _find_fronts(
             path,
             jobs,
             force,
-            lambda instant, ended, count: told(f"fronts: {instant:.1f} s done, {ended} of {count}"),
+            told,
         )
 
 

@@ -6,7 +6,6 @@ named values. Sweeps and Monte Carlo studies are instances. The results are labe
 
 import logging
 import os
-import re
 import signal
 import time
 import warnings
@@ -45,11 +44,15 @@ Result = TypeVar("Result")
 LOST = "its process was killed each time it was computed, perhaps for lack of memory"
 """Failure of a cell that was lost."""
 
-PATIENCE = 2
-"""Passes in a row that may end with a killed process and no result before cells are computed one at a time."""
+WAITING, COMPUTED, SHARED, FAILED = range(4)
+"""Codes of a cell's status; its run is its own, or that of another cell."""
 
-WAITING = 0
-"""Status of a cell that has not been computed."""
+OF_CELL = (
+    PerCell("origin", "1", "flat index of the cell whose run it shares", unfilled=-1),
+    PerCell("reason", "1", "why the run ended, where it says so, or the cell failed", unfilled=""),
+    PerCell("cell_time", "s", "wall time of the cell's run, with all that is around"),
+)
+"""What the results have of a cell itself besides its status."""
 
 CONNECTING = 10
 """Time within which a Dask scheduler answers and has a worker [s]."""
@@ -82,21 +85,6 @@ def ignore(progress: Progress) -> None:
     """Watch a study without doing anything."""
 
 
-@dataclass(frozen=True)
-class CellOutcome:
-    """What a run of a cell led to.
-
-    Attributes:
-        row: Its values.
-        failure: Why it failed; empty if it did not.
-        wall_time: Time from the task's text to the row [s].
-    """
-
-    row: Row
-    failure: str
-    wall_time: float
-
-
 @dataclass(frozen=True, eq=False)
 class Study:
     """A study and the arrays of its results file.
@@ -107,13 +95,11 @@ class Study:
         cells: The keys that each cell changes in the task, each `path=value`.
         dims: Dimensions of the cells' arrays, whose elements in C order are the cells.
         coordinates: The coordinates, and what is known of the cells before they run.
-        quantities: What is filled in; `status` is one of them, whose first code waits and whose last one has failed.
-            Those along a coordinate that there is not are left out.
+        quantities: What is measured; those along a coordinate that there is not are left out.
         measure: The row of a run and why it failed, empty if it did not. Pickles.
-        entry: Completes the row of an outcome by the status and what goes with it, given the cell and that whose run it
-            shares.
         identity: What the file of a study to resume has in common with this one, by its name for a user.
         attributes: Further attributes of the file.
+        statuses: What the codes of a cell's status mean.
         stop: Index of the stage at whose end the runs stop; None for the end of the task.
         origins: For each cell the one whose run it shares (cells,), itself if none; by default that is so of all.
     """
@@ -125,9 +111,9 @@ class Study:
     coordinates: Sequence[Quantity]
     quantities: Sequence[PerCell]
     measure: Callable[[Run], tuple[Row, str]]
-    entry: Callable[[CellOutcome, int, int], Row]
     identity: Mapping[str, str | int | float] = field(default_factory=dict)
     attributes: Mapping[str, str | int | float] = field(default_factory=dict)
+    statuses: tuple[str, ...] = ("waiting", "computed", "shared", "failed")
     stop: int | None = None
     origins: np.ndarray | None = None
 
@@ -135,7 +121,9 @@ class Study:
     def arrays(self) -> list[Quantity]:
         """All arrays of the results file with nothing computed."""
         sizes = {each.name: len(each.values) for each in self.coordinates if each.dims == (each.name,)}
-        filled = [each.array(self.dims, sizes) for each in self.quantities if each.along in ("", *sizes)]
+        status = PerCell("status", "1", "status of the cell", unfilled=WAITING, meanings=self.statuses)
+        all_of_cell = (status, *OF_CELL, *self.quantities)
+        filled = [each.array(self.dims, sizes) for each in all_of_cell if each.along in ("", *sizes)]
         spent = Quantity("wall_time", (), np.array(0.0), "s", f"wall time spent on the {self.name}")
         return [*self.coordinates, *filled, spent]
 
@@ -181,21 +169,23 @@ def run_study(
         before = read_results(path, study.kind)
     status, spent = before.quantities["status"], float(before["wall_time"])
     origins = np.arange(len(study.cells)) if study.origins is None else study.origins
-    needed = np.unique(origins[np.isin(status.values.ravel(), (WAITING, len(status.meanings) - 1))])
+    needed = np.unique(origins[np.isin(status.values.ravel(), (WAITING, FAILED))])
     began, progress = time.monotonic(), Progress(len(needed), 0, 0, 0.0)
     watch(progress)
     run = partial(_run_cell, study.task, study.measure, study.stop)
     writer = ResultsWriter(read_results(path, study.kind))
     for number, found in compute(run, [study.cells[cell] for cell in needed], jobs, dask):
-        outcome = CellOutcome({}, LOST, np.nan) if found is None else found
-        alike = np.flatnonzero(origins == needed[number])
+        row, failure, cell_time = ({}, LOST, np.nan) if found is None else found
+        origin = int(needed[number])
+        alike = np.flatnonzero(origins == origin)
         for cell in alike:
             index = tuple(map(int, np.unravel_index(cell, status.values.shape)))
-            writer.fill(index, study.entry(outcome, int(cell), int(needed[number])))
+            code = FAILED if failure else COMPUTED if cell == origin else SHARED
+            writer.fill(index, {"reason": failure, **row, "cell_time": cell_time, "origin": origin, "status": code})
         elapsed = time.monotonic() - began
         writer.fill((), {"wall_time": spent + elapsed})
         writer.write()
-        failed = progress.failed + len(alike) * bool(outcome.failure)
+        failed = progress.failed + len(alike) * bool(failure)
         progress = Progress(len(needed), progress.ended + 1, failed, elapsed)
         watch(progress)
     return read_results(path, study.kind)
@@ -203,15 +193,15 @@ def run_study(
 
 def _run_cell(
     task: Task, measure: Callable[[Run], tuple[Row, str]], stop: int | None, changes: tuple[str, ...]
-) -> CellOutcome:
-    """Run a cell and measure it; an error is its outcome, so that it ends nothing."""
+) -> tuple[Row, str, float]:
+    """Run a cell; return its row, why it failed and its wall time [s]: an error ends nothing."""
     began = time.perf_counter()
     try:
         row, failure = measure(simulate(changed(task, changes), until=stop))
     except Exception as error:
         logger.exception("a cell failed")
         row, failure = {}, f"{type(error).__name__}: {error}"
-    return CellOutcome(row, failure, time.perf_counter() - began)
+    return row, failure, time.perf_counter() - began
 
 
 def changed(task: Task | str | Path, changes: Sequence[str]) -> Task:
@@ -305,8 +295,8 @@ def compute(
     """Call a function on many items in parallel, and yield the index and the result of each as they come.
 
     The calls are made in processes with one thread each, never in this one: a call may kill its process, and CasADi
-    ignores Ctrl-C. If a process is killed, the calls without a result are repeated; if that goes on, one at a time,
-    until the call that kills its process is known.
+    ignores Ctrl-C. If a process is killed, the first call without a result is repeated alone, and is lost if that is
+    killed as well; then the others go on.
 
     Args:
         function: Pickles, as its items and results do. What it raises is raised here.
@@ -322,21 +312,41 @@ def compute(
         RunError: The cluster is gone.
     """
     attempt = partial(_on_this_machine, jobs or os.cpu_count() or 1) if dask is None else partial(_on_cluster, dask)
-    patience = PATIENCE if dask is None else 1  # Dask's scheduler itself repeats a call several times
-    waiting, failures = dict(enumerate(items)), 0
+    waiting, alone = dict(enumerate(items)), False
     while waiting:
-        alone = failures >= patience
         try:
             for index, result in attempt(function, dict(islice(waiting.items(), 1 if alone else None))):
                 del waiting[index]
-                failures = failures if alone else 0
                 yield index, result
         except _ProcessKilledError:
-            failures = 0 if alone else failures + 1
             if alone:
                 lost = next(iter(waiting))
                 del waiting[lost]
                 yield lost, None
+            alone = not alone
+        else:
+            alone = False
+
+
+def compute_all(
+    function: Callable[[Item], Result],
+    items: Mapping[str, Item],
+    jobs: int | None = None,
+    done: Callable[[str], None] = lambda name: None,
+) -> dict[str, Result]:
+    """Call a function on many items in parallel as `compute` does, and return the results by name.
+
+    Raises:
+        RunError: A call is lost, since it kills its process.
+    """
+    found, names = dict[str, Result](), list(items)
+    for index, result in compute(function, list(items.values()), jobs):
+        if result is None:
+            killed = f"{names[index]}: its process was killed each time, perhaps for lack of memory"
+            raise RunError(f"{killed}: try fewer --jobs")
+        found[names[index]] = result
+        done(names[index])
+    return {name: found[name] for name in names}
 
 
 def _on_this_machine(
@@ -420,45 +430,28 @@ def _client(address: str) -> Iterator[Any]:
         from distributed import Client
     except ImportError:
         raise InputError("--dask: Dask is not installed, expected the extra: pip install 'psmpc[dask]'") from None
-    loggers = [logging.getLogger(name) for name in ("distributed", "tornado", "asyncio")]
-    levels = [each.level for each in loggers]
-    for each in loggers:  # what they report is in a message of ours, or is of no interest: a call that is repeated
-        each.setLevel(logging.CRITICAL + 1)
+    for name in ("distributed", "tornado", "asyncio"):  # what they report is in a message of ours, or is a repetition
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
-        with _connected(Client, address) as client:
-            _check_workers(client, address)
-            yield client
-    finally:
-        for each, level in zip(loggers, levels, strict=True):
-            each.setLevel(level)
-
-
-def _connected(client_type: Any, address: str) -> Any:
-    """Connect to a scheduler; raise InputError if none answers."""
-    try:
-        if not re.fullmatch(r"(?:\w+://)?[\w.\-\[\]:]+:\d+", address):
-            raise ValueError("it has no port")
-        return client_type(address, timeout=CONNECTING, set_as_default=False)
+        client = Client(address or "nowhere", timeout=CONNECTING, set_as_default=False)
     except Exception as error:  # whatever answers there
         raise InputError(
             f"--dask: found no Dask scheduler at '{address}' ({' '.join(str(error).split())}); "
             "start one with: dask scheduler --host 127.0.0.1 --dashboard-address 127.0.0.1:8787"
         ) from None
-
-
-def _check_workers(client: Any, address: str) -> None:
-    """Raise InputError if a cluster has no workers, or one with several threads or of another version."""
-    try:
-        client.wait_for_workers(1, timeout=CONNECTING)
-    except TimeoutError:
-        raise InputError(
-            f"--dask: the scheduler at {address} has no workers; start one on this machine with: dask worker {address} "
-            "--nthreads 1 --host 127.0.0.1 --dashboard-address 127.0.0.1:0"
-        ) from None
-    versions = client.run(resolve_name, "psmpc_cli:__version__", on_error="return")
-    for worker, threads in client.nthreads().items():
-        if threads != 1 or versions.get(worker) != __version__:
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=CONNECTING)
+        except TimeoutError:
             raise InputError(
-                f"--dask: worker {worker} has {threads} threads and psmpc {versions.get(worker)}, expected 1 "
-                f"(--nthreads 1; --nworkers for several calls at a time) and {__version__} as here"
-            )
+                f"--dask: the scheduler at {address} has no workers; start one on this machine with: dask worker "
+                f"{address} --nthreads 1 --host 127.0.0.1 --dashboard-address 127.0.0.1:0"
+            ) from None
+        versions = client.run(resolve_name, "psmpc_cli:__version__", on_error="return")
+        for worker, threads in client.nthreads().items():
+            if threads != 1 or versions.get(worker) != __version__:
+                raise InputError(
+                    f"--dask: worker {worker} has {threads} threads and psmpc {versions.get(worker)}, expected 1 "
+                    f"(--nthreads 1; --nworkers for several calls at a time) and {__version__} as here"
+                )
+        yield client

@@ -14,23 +14,12 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.schema import SWEEP
 from psmpc_cli.specs.load import Task
-from psmpc_cli.studies.measures import WHOLE_RUN, PerCell, Row, measure_run, measure_second_stage, second_stage
-from psmpc_cli.studies.runner import LIGHT, WAITING, CellOutcome, Study, Watch, changed, ignore, names_along, run_study
+from psmpc_cli.studies.measures import WHOLE_RUN, measure_run, measure_second_stage, second_stage
+from psmpc_cli.studies.runner import LIGHT, Study, Watch, changed, ignore, names_along, run_study
 from psmpc_cli.studies.weights import DIMENSIONS, GRID, RATIOS, Sampling, origins
 
 DEFAULT_TASK = "approach_capture"
 """The built-in task of Approach and Capture alone."""
-
-COMPUTED, SHARED, FAILED = range(WAITING + 1, 4)
-"""Codes of a cell's status besides `WAITING`."""
-
-OF_CELL = (
-    PerCell("status", "1", "status of the cell", "", "", WAITING, ("waiting", "computed", "shared", "failed")),
-    PerCell("origin", "1", "flat index of the cell whose run it shares", unfilled=-1),
-    PerCell("reason", "1", "why the cell failed", unfilled=""),
-    PerCell("cell_time", "s", "wall time of the cell's run, with all that is around"),
-)
-"""What the results have of a cell itself."""
 
 MOST_RUNS = 100_000
 """Largest number of runs of a sweep; a larger one is a typing error."""
@@ -79,9 +68,8 @@ def sweep(
         cells=list(product(*changes.values())),
         dims=tuple(values),
         coordinates=[*axes, *names_along(loaded)],
-        quantities=(*OF_CELL, *WHOLE_RUN),
+        quantities=WHOLE_RUN,
         measure=measure_run,
-        entry=_entry,
         identity={"keys": "; ".join(change for each in changes.values() for change in each)},
     )
     return run_study(study, path, jobs, dask, force, resume, watch)
@@ -139,9 +127,8 @@ def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_
         cells=[tuple(f"{key}={float(each)!r}" for key, each in zip(keys, pair, strict=True)) for pair in omega],
         dims=DIMENSIONS[sampling.kind],
         coordinates=[*_weights(sampling, [names[stage] for stage in stages]), *further],
-        quantities=(*OF_CELL, *second_stage(stages[1])),
+        quantities=second_stage(stages[1]),
         measure=partial(measure_second_stage, stages[1]),
-        entry=_entry,
         identity={
             "stages": ",".join(str(stage + 1) for stage in stages),
             "sampling": sampling.label,
@@ -179,14 +166,3 @@ def _weights(sampling: Sampling, names: Sequence[str]) -> list[Quantity]:
         Quantity("omega_1", dims, omega[:, 0], "1", first),
         Quantity("omega_2", dims, omega[:, 1], "1", second),
     ]
-
-
-def _entry(outcome: CellOutcome, cell: int, origin: int) -> Row:
-    """Complete the row of a cell; the status is last: a cell that does not wait is complete."""
-    return {
-        **outcome.row,
-        "cell_time": outcome.wall_time,
-        "reason": outcome.failure,
-        "origin": origin,
-        "status": FAILED if outcome.failure else COMPUTED if cell == origin else SHARED,
-    }

@@ -7,8 +7,8 @@ import pytest
 import yaml
 
 from psmpc_cli.logs.results import Results
-from psmpc_cli.studies.runner import run_study
-from psmpc_cli.studies.sweep import COMPUTED, DEFAULT_TASK, load_sweep_task, weight_study
+from psmpc_cli.studies.runner import COMPUTED, run_study
+from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
 from psmpc_cli.studies.weights import grid_sampling
 
 pytestmark = pytest.mark.slow

@@ -15,8 +15,7 @@ import pytest
 from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.run import read_run
 from psmpc_cli.logs.schema import SWEEP
-from psmpc_cli.studies.runner import WAITING
-from psmpc_cli.studies.sweep import SHARED
+from psmpc_cli.studies.runner import SHARED, WAITING
 
 from .command import Psmpc
 

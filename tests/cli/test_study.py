@@ -9,7 +9,7 @@ from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.run import read_comparison, read_run
 from psmpc_cli.logs.schema import PARETO, SWEEP
-from psmpc_cli.studies.sweep import COMPUTED, SHARED
+from psmpc_cli.studies.runner import COMPUTED, SHARED
 
 from .command import Psmpc, Ran
 

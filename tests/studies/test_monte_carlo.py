@@ -10,14 +10,8 @@ from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.schema import MONTE_CARLO
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.studies.monte_carlo import (
-    CRASHED,
-    ENDED,
-    MonteCarloRuns,
-    monte_carlo,
-    monte_carlo_study,
-)
-from psmpc_cli.studies.runner import Progress, Study, run_study
+from psmpc_cli.studies.monte_carlo import MonteCarloRuns, monte_carlo, monte_carlo_study
+from psmpc_cli.studies.runner import COMPUTED, FAILED, Progress, Study, run_study
 
 from ..made_up_monte_carlo import made_up_monte_carlo
 from ..there_and_back import TASK
@@ -79,10 +73,10 @@ def test_a_monitor_that_does_not_hold_and_a_time_limit_are_failures(tmp_path: Pa
 def test_a_study_is_resumed_with_more_runs_and_not_with_fewer(tmp_path: Path, runs: MonteCarloRuns) -> None:
     path, seen = tmp_path / "study.h5", list[Progress]()
     run_study(study_of(tmp_path, 2), path, 2)
-    first = read_results(path, MONTE_CARLO)["run_time"]
+    first = read_results(path, MONTE_CARLO)["cell_time"]
     found = MonteCarloRuns(run_study(study_of(tmp_path, 3), path, 2, resume=True, watch=seen.append))
     assert seen[-1].runs == 1
-    assert found["run_time"][:2].tolist() == first.tolist()
+    assert found["cell_time"][:2].tolist() == first.tolist()
     for name, quantity in runs.results.quantities.items():
         if "wall time" not in quantity.long_name:
             np.testing.assert_array_equal(found[name], quantity.values, name)
@@ -106,7 +100,7 @@ def test_limits_that_are_exceeded_are_counted(tmp_path: Path) -> None:
     made_up = made_up_monte_carlo(tmp_path / "study.h5", 4, crashed=(2,))
     np.testing.assert_allclose(made_up.exceeded("velocity"), [0, 0.01, 0, 0.03])
     assert not made_up.exceeded("position").any()
-    assert made_up["status"].tolist() == [ENDED, ENDED, CRASHED, ENDED]
+    assert made_up["status"].tolist() == [COMPUTED, COMPUTED, FAILED, COMPUTED]
 
 
 @pytest.mark.parametrize(

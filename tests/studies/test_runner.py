@@ -23,8 +23,20 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Results, read_results
 from psmpc_cli.logs.schema import SWEEP
 from psmpc_cli.specs.load import Task, parse_task
-from psmpc_cli.studies.runner import LOST, WAITING, Progress, Study, changed, compute, create_file, run_study
-from psmpc_cli.studies.sweep import COMPUTED, FAILED, SHARED, load_sweep_task, weight_study
+from psmpc_cli.studies.runner import (
+    COMPUTED,
+    FAILED,
+    LOST,
+    SHARED,
+    WAITING,
+    Progress,
+    Study,
+    changed,
+    compute,
+    create_file,
+    run_study,
+)
+from psmpc_cli.studies.sweep import load_sweep_task, weight_study
 from psmpc_cli.studies.weights import grid_sampling
 
 from ..there_and_back import TASK

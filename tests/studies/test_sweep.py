@@ -10,8 +10,8 @@ from psmpc_cli.errors import InputError, SpecError
 from psmpc_cli.logs.results import Results
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.studies.runner import changed, run_study
-from psmpc_cli.studies.sweep import COMPUTED, FAILED, SHARED, load_sweep_task, sweep, weight_study
+from psmpc_cli.studies.runner import COMPUTED, FAILED, SHARED, changed, run_study
+from psmpc_cli.studies.sweep import load_sweep_task, sweep, weight_study
 from psmpc_cli.studies.weights import grid_sampling, parse_stages
 
 from ..there_and_back import TASK

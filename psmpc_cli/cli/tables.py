@@ -21,7 +21,7 @@ from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 from psmpc_cli.logs.summary import Largest, SolveSummary, Summary, Verdict
 from psmpc_cli.studies import fronts
 from psmpc_cli.studies.monte_carlo import STATUS, MonteCarloRuns, read_monte_carlo
-from psmpc_cli.studies.weights import SweepCells, recommend, sweep_cells
+from psmpc_cli.studies.weights import SweepCells, recommend
 
 if TYPE_CHECKING:
     from psmpc_cli.logs.comparison import Comparison
@@ -135,7 +135,7 @@ def read_file(path: Path) -> tuple[str, Any, Callable[[Any], None]]:
     kinds: Mapping[str, tuple[Callable[[Path], Any], Callable[[Any], None]]] = {
         RUN: (read_run, print_summary),
         COMPARISON: (read_comparison, partial(print_comparison, path=path)),
-        SWEEP: (lambda path: sweep_cells(read_results(path, SWEEP)), print_sweep),
+        SWEEP: (lambda path: SweepCells(read_results(path, SWEEP)), print_sweep),
         PARETO: (lambda path: read_results(path, PARETO), print_fronts),
         MONTE_CARLO: (read_monte_carlo, print_monte_carlo),
     }

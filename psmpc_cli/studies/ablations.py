@@ -91,23 +91,6 @@ class OneWindow:
 
 
 @dataclass(frozen=True, eq=False)
-class Scan:
-    """J over the window's largest priority, as printed (delta = 0), with the instant fixed and all else optimized.
-
-    Attributes:
-        instants: Instants after T0 that can be met (G,) [s], rising from the earliest.
-        cost: J at each.
-    """
-
-    instants: np.ndarray
-    cost: np.ndarray
-
-    def with_pending(self, delta: float) -> np.ndarray:
-        """Return J with a pending cost (G,): with the instant fixed it is a constant."""
-        return np.asarray(self.cost + delta * self.instants)
-
-
-@dataclass(frozen=True, eq=False)
 class Ablation:
     """One departure from the paper, and what becomes of a task without it.
 
@@ -175,14 +158,14 @@ def _pending_cost(logs: Logs, windows: Sequence[OneWindow], points: int) -> Abla
     numbers = _measured(logs, runs)
     for one in windows:
         label, window = one.label, one.window
-        scan = scan_instants(one, instant_grid(window.horizon, points))
-        numbers |= {f"T0 [s], {label}": window.start, f"earliest t_s [s], {label}": float(scan.instants[0])}
+        instants, printed = scan_instants(one, instant_grid(window.horizon, points))
+        numbers |= {f"T0 [s], {label}": window.start, f"earliest t_s [s], {label}": float(instants[0])}
         for name, delta in ((PRINTED, 0.0), (OURS, window.pending_cost)):
-            cost = scan.with_pending(delta)
-            panels[f"J, {name}"][label] = scan.instants, cost / cost[0]
+            cost = printed + delta * instants
+            panels[f"J, {name}"][label] = instants, cost / cost[0]
             found = optimize_instants(one, delta, [part * window.horizon for part in GUESSES])
-            for what, times in (("minima", np.array(minima(scan.instants, cost))), ("found", found)):
-                panels[f"{what}, {name}"][label] = times, np.interp(times, scan.instants, cost / cost[0])
+            for what, times in (("minima", np.array(minima(instants, cost))), ("found", found)):
+                panels[f"{what}, {name}"][label] = times, np.interp(times, instants, cost / cost[0])
                 numbers |= {f"{what} [s], {label}, {name}, {i}": float(time) for i, time in enumerate(times, start=1)}
     return Ablation("pending_cost", panels, numbers)
 
@@ -296,8 +279,15 @@ def with_priorities(one: OneWindow, priorities: tuple[float, float]) -> OneWindo
     return OneWindow(f"{_ratio(window.omega)} from {one.label}", experiment, window, solver.solve(window, plan).plan)
 
 
-def scan_instants(one: OneWindow, grid: np.ndarray) -> Scan:
-    """Return J over the instant, on a grid (G,) [s] after T0 down to the earliest feasible one."""
+def scan_instants(one: OneWindow, grid: np.ndarray) -> Curve:
+    """Return the instants that can be met and J at each, with the instant fixed and all else optimized.
+
+    J is over the window's largest priority and without pending cost, which adds a constant where the instant is fixed.
+
+    Args:
+        one: The window.
+        grid: Instants after T0 (G,) [s]; the scan goes on from them down to the earliest feasible one.
+    """
     window = replace(one.window, pending_cost=0.0)
     plan, scanned, infeasible = one.plan, dict[float, float](), 0.0
     tried = sorted(map(float, grid))
@@ -312,7 +302,7 @@ def scan_instants(one: OneWindow, grid: np.ndarray) -> Scan:
         else:
             infeasible, tried = instant, []
     instants = sorted(scanned)
-    return Scan(np.array(instants), np.array([scanned[instant] for instant in instants]))
+    return np.array(instants), np.array([scanned[instant] for instant in instants])
 
 
 def optimize_instants(one: OneWindow, pending_cost: float, guesses: Iterable[float]) -> np.ndarray:

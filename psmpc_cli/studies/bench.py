@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,6 +40,9 @@ NODES = "25,50,100,200,auto"
 
 Way = tuple[str, str, str]
 """A mesh, a back-end, and `warm` or `cold`."""
+
+Recorded = tuple[Solution, Solution | None]
+"""A solve of a run, and the one at the sample before it."""
 
 REFERENCE = "reference"
 """CasADi with IPOPT as both come, cold at each sample."""
@@ -75,8 +79,7 @@ NOTE = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class TimedSolve:
+class TimedSolve(NamedTuple):
     """A window solved by a back-end from one kind of start.
 
     Attributes:
@@ -87,7 +90,6 @@ class TimedSolve:
         late: Largest difference of a switch time from that of the optimum [s].
         violation: Largest violation of a constraint [m, rad, m/s, rad/s, s].
         times: Wall times of the timed solves (repeat,) [s].
-        busy: Their processor time [s].
     """
 
     stages: int
@@ -97,21 +99,21 @@ class TimedSolve:
     late: float
     violation: float
     times: np.ndarray
-    busy: float
 
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """What was measured: all solves by mesh, back-end and kind of start, and whether sqp ran as compiled C."""
+    """What was measured.
+
+    Attributes:
+        solves: All solves by mesh, back-end and kind of start.
+        compiled: Whether sqp ran as compiled C.
+        wall_over_busy: Wall time of the solves over their processor time: 1 on a machine that does nothing else.
+    """
 
     solves: Mapping[Way, Sequence[TimedSolve]]
     compiled: bool
-
-    @property
-    def wall_over_busy(self) -> float:
-        """Wall time of all solves over their processor time: 1 on a machine that does nothing else."""
-        every = [solve for solves in self.solves.values() for solve in solves]
-        return float(sum(solve.times.sum() for solve in every) / sum(solve.busy for solve in every))
+    wall_over_busy: float
 
 
 def median_time(solves: Sequence[TimedSolve], stages: int | None = None) -> float:
@@ -119,20 +121,16 @@ def median_time(solves: Sequence[TimedSolve], stages: int | None = None) -> floa
     return _over(np.median, [each.times for each in solves if each.usable and stages in (None, each.stages)])
 
 
-def _listed(option: str, text: str, pattern: str, expected: str) -> tuple[str, ...]:
+def _listed(text: str) -> list[str]:
     """Return the entries of a list between commas, each once."""
-    found = [part.strip() for part in text.split(",")]
-    for part in found:
-        if not re.fullmatch(pattern, part):
-            raise InputError(f"{option}: found {part!r}, expected {expected}")
-    return tuple(dict.fromkeys(found))
+    return list(dict.fromkeys(part.strip() for part in text.split(",")))
 
 
 def load_bench(reference: str, changes: Sequence[str], nodes: str = NODES) -> dict[str, list[Task]]:
     """Load the tasks whose runs give the windows, by mesh such as 25 or auto, one for each controller.
 
     Raises:
-        InputError: A change is of a key that a bench sets itself, or a mesh is none.
+        InputError: A change is of a key that a bench sets itself.
         SpecError: The task, a change or a mesh does not hold.
     """
     for change in changes:
@@ -141,16 +139,15 @@ def load_bench(reference: str, changes: Sequence[str], nodes: str = NODES) -> di
                 f"--set {change}: a bench runs psmpc and smpc with sqp; choose back-ends with --solvers, meshes with "
                 "--nodes"
             )
-    meshes = _listed("--nodes", nodes, r"[0-9]+|auto", "numbers of intervals or auto, such as 25,50,auto")
     fixed = (*changes, "solver.kind=sqp", "log.shares=false")
     tasks = {
         mesh: [
-            load_task(reference, [*fixed, f"controller.kind={kind}", f"controller.nodes={mesh}"])
+            load_task(reference, [*fixed, f"controller.nodes={mesh}", f"controller.kind={kind}"])
             for kind in CONTROLLERS
         ]
-        for mesh in meshes
+        for mesh in _listed(nodes)
     }
-    ensure_feasible(tasks[meshes[0]][0])
+    ensure_feasible(next(iter(tasks.values()))[0])
     return tasks
 
 
@@ -176,10 +173,12 @@ def run_bench(
         InputError: A back-end is unknown.
         RunError: The runs give no windows.
     """
-    names = _listed("--solvers", solvers, "|".join(SOLVERS), f"some of {', '.join(SOLVERS)}")
+    names = _listed(solvers)
+    if unknown := [name for name in names if name not in SOLVERS]:
+        raise InputError(f"--solvers: found {unknown[0]!r}, expected some of {', '.join(SOLVERS)}")
     ways = [(name, start) for name in names for start in ("warm", "cold")] + [(REFERENCE, "cold")]
     timed: dict[Way, list[TimedSolve]] = {(nodes, *way): [] for nodes in tasks for way in ways}
-    compiled = True
+    compiled, wall, busy = True, 0.0, 0.0
     for nodes, variants in tasks.items():
         experiments = [build_experiment(task) for task in variants]
         recorded = [solve for each in experiments for solve in _windows_around_appends(each, appends, passed)]
@@ -189,18 +188,18 @@ def run_bench(
                 f"{problem.spec.name}: in no sample of its runs a stage entered the window, expected a task of several "
                 "stages whose first one ends"
             )
+        began = time.perf_counter(), time.process_time()
         for way, solve in _time_solves(problem, recorded, ways, repeat, passed):
             timed[nodes, *way].append(solve)
+        wall, busy = wall + time.perf_counter() - began[0], busy + time.process_time() - began[1]
         compiled &= all(each.compiled for each in experiments)
         told(f"nodes {nodes}: {len(recorded)} windows done")
-    return Bench(timed, compiled)
+    return Bench(timed, compiled, wall / busy)
 
 
-def _windows_around_appends(
-    experiment: Experiment, appends: int | None, passed: Callable[[], None]
-) -> list[tuple[Solution, Solution | None]]:
-    """Run a closed loop; return its solves before, at and after so many appends, each with the one before it."""
-    solves, around = list[tuple[Solution, Solution | None]](), list[tuple[Solution, Solution | None]]()
+def _windows_around_appends(experiment: Experiment, appends: int | None, passed: Callable[[], None]) -> list[Recorded]:
+    """Run a closed loop; return its solves before, at and after so many appends."""
+    solves, around = list[Recorded](), list[Recorded]()
     previous: Solution | None = None
     for sample in closed_loop(experiment):
         passed()
@@ -218,7 +217,7 @@ def _windows_around_appends(
 
 def _time_solves(
     problem: Problem,
-    recorded: Sequence[tuple[Solution, Solution | None]],
+    recorded: Sequence[Recorded],
     ways: Sequence[tuple[str, str]],
     repeat: int,
     passed: Callable[[], None],
@@ -234,13 +233,11 @@ def _time_solves(
     solvers[REFERENCE] = NlpSolver(problem, settings["ipopt"], options=PLAIN)
     calls = [_call(solvers[name], *each, start, name == "sqp") for name, start in ways for each in recorded]
     solutions = [call() for call in calls]
-    times, busy = np.zeros((len(calls), repeat)), np.zeros(len(calls))
+    times = np.zeros((len(calls), repeat))
     generator = np.random.default_rng(problem.spec.seed)
     for turn in range(repeat):
         for k in generator.permutation(len(calls)):
-            began = time.process_time()
             times[k, turn] = calls[k]().wall_time
-            busy[k] += time.process_time() - began
             passed()
     tight = NlpSolver(problem, spec.model_copy(update=TIGHT))
     polisher = NlpSolver(problem, settings["ipopt"], options={**PLAIN, **POLISH})
@@ -255,7 +252,7 @@ def _time_solves(
             late = known * np.abs(found.plan.instants - optimum.plan.instants).max(initial=0.0)
             violation = tight.violation(window, found.plan)
             counts = len(window.stages), found.outcome.usable, found.iterations
-            yield way, TimedSolve(*counts, gap, late, violation, times[k], busy[k])
+            yield way, TimedSolve(*counts, gap, late, violation, times[k])
 
 
 def _call(
@@ -303,7 +300,8 @@ def describe_machine(bench: Bench) -> str:
     )
 
 
-def _processor(listed: Path = Path("/proc/cpuinfo")) -> str:
+def _processor() -> str:
     """Return the name of the processor, which Linux alone lists."""
+    listed = Path("/proc/cpuinfo")
     found = re.search(r"model name\s*: *(.+)", listed.read_text(errors="replace") if listed.is_file() else "")
     return found[1] if found else platform.processor() or "unknown processor"

@@ -21,7 +21,7 @@ from psmpc_cli.studies.judge import ENDS, Reproduction
 from psmpc_cli.studies.pareto import Question, possible_samples, solve_pareto
 from psmpc_cli.studies.runner import Study, run_study
 from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
-from psmpc_cli.studies.weights import grid_sampling, parse_stages, recommend, sweep_cells
+from psmpc_cli.studies.weights import SweepCells, grid_sampling, parse_stages, recommend
 
 TASK = "transport"
 
@@ -86,7 +86,7 @@ def reproduce(
     departures = (
         run_ablations(variants["psmpc"], jobs, lambda name: told(f"ablations: {name} done")) if ablations else ()
     )
-    return Reproduction(runs, sweep_cells(results), fronts, tuple(changes), tuple(departures))
+    return Reproduction(runs, SweepCells(results), fronts, tuple(changes), tuple(departures))
 
 
 def load_variants(changes: Sequence[str] = ()) -> dict[str, Task]:

@@ -9,7 +9,7 @@ import numpy as np
 from psmpc_cli.errors import InputError, LogError, SpecError
 from psmpc_cli.logs.results import Results
 from psmpc_cli.specs.load import Task, parse_task
-from psmpc_cli.studies.runner import WAITING
+from psmpc_cli.studies.runner import FAILED, WAITING
 
 Array = np.ndarray
 
@@ -158,7 +158,6 @@ def origins(task: Task, stages: tuple[int, int], omega: Array) -> Array:
     return np.asarray(first[inverse.ravel()])
 
 
-@dataclass(frozen=True, eq=False)
 class SweepCells:
     """The cells of a sweep over weights one after another, complete or not.
 
@@ -172,17 +171,31 @@ class SweepCells:
         ratio: omega_2 / omega_1 of each cell (cells,).
         own_ratio: omega_2 / omega_1 of the task itself.
         epsilons: Thresholds of the actual start (epsilons,).
+
+    Raises:
+        LogError: The file is another one, or the task in it does not hold in this version.
     """
 
-    results: Results
-    task: Task
-    stages: tuple[int, int]
-    names: tuple[str, str]
-    sampling: str
-    omega: Array
-    ratio: Array
-    own_ratio: float
-    epsilons: Array
+    def __init__(self, results: Results) -> None:
+        samplings = {dims: sampling for sampling, dims in DIMENSIONS.items()}
+        try:
+            self.sampling = samplings[results.quantities["status"].dims]
+            self.task = parse_task(*(str(results.attributes[key]) for key in ("task_yaml", "robot_yaml", "task_name")))
+            first, second = (int(number) - 1 for number in str(results.attributes["stages"]).split(","))
+        except (KeyError, ValueError) as error:
+            raise LogError(f"{results.path}: expected a file of psmpc sweep-weights, but it lacks {error}") from None
+        except SpecError as error:
+            message = f"{results.path}: the task or robot in it does not hold in this version:\n{error}"
+            raise LogError(message) from None
+        self.results, self.stages = results, (first, second)
+        self.names = self.task.spec.stages[first].name, self.task.spec.stages[second].name
+        omega_1, omega_2 = results["omega_1"], results["omega_2"]
+        if self.sampling == GRID:
+            omega_2, omega_1 = np.meshgrid(omega_2, omega_1, indexing="ij")
+        self.omega = np.column_stack([omega_1.ravel(), omega_2.ravel()])
+        self.ratio = self.omega[:, 1] / self.omega[:, 0]
+        self.own_ratio = float(self.task.spec.stages[second].priority / self.task.spec.stages[first].priority)
+        self.epsilons = results["epsilon"]
 
     def of(self, name: str) -> Array:
         """Return a quantity of the cells (cells, ...)."""
@@ -192,7 +205,7 @@ class SweepCells:
     @property
     def failed(self) -> Array:
         """Which cells failed (cells,)."""
-        return np.asarray(self.of("status") == self.results.quantities["status"].meanings.index("failed"))
+        return np.asarray(self.of("status") == FAILED)
 
     @property
     def waiting(self) -> Array:
@@ -232,39 +245,6 @@ class SweepCells:
     def floor(self) -> Array:
         """t_s - T_h, before which the second stage is in no window (cells,) [s]."""
         return np.asarray(self.instant - self.task.spec.controller.horizon)
-
-
-def sweep_cells(results: Results) -> SweepCells:
-    """Return the cells of a sweep over weights.
-
-    Raises:
-        LogError: The file is another one, or the task in it does not hold in this version.
-    """
-    samplings = {dims: sampling for sampling, dims in DIMENSIONS.items()}
-    try:
-        sampling = samplings[results.quantities["status"].dims]
-        task = parse_task(*(str(results.attributes[key]) for key in ("task_yaml", "robot_yaml", "task_name")))
-        first, second = (int(number) - 1 for number in str(results.attributes["stages"]).split(","))
-    except (KeyError, ValueError) as error:
-        raise LogError(f"{results.path}: expected a file of psmpc sweep-weights, but it lacks {error}") from None
-    except SpecError as error:
-        raise LogError(f"{results.path}: the task or robot in it does not hold in this version:\n{error}") from None
-    omega_1, omega_2 = results["omega_1"], results["omega_2"]
-    if sampling == GRID:
-        omega_2, omega_1 = np.meshgrid(omega_2, omega_1, indexing="ij")
-    omega = np.column_stack([omega_1.ravel(), omega_2.ravel()])
-    stages = task.spec.stages[first], task.spec.stages[second]
-    return SweepCells(
-        results=results,
-        task=task,
-        stages=(first, second),
-        names=(stages[0].name, stages[1].name),
-        sampling=sampling,
-        omega=omega,
-        ratio=omega[:, 1] / omega[:, 0],
-        own_ratio=float(stages[1].priority / stages[0].priority),
-        epsilons=results["epsilon"],
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,13 +309,9 @@ def recommend(cells: SweepCells) -> Recommendation:
             f"{earliest:.2f} s{allowed}; control effort {effort.middle[best]:.2f}, of {effort.lowest.min():.2f} to "
             f"{effort.highest.max():.2f} over all ratios",
         )
-    within = f"within {WITHIN:.0%} of the earliest completion, {earliest:.2f} s"
-    if not early.any():
-        why = f"none completes {within} in all its cells, whose other priorities differ"
-        return Recommendation(None, f"no ratio is recommended: {why}")
-    counts = {
-        "had a cell that failed": np.sum(early & failing),
-        "raised the final error": np.sum(early & raised & ~failing),
-    }
-    found = " and ".join(f"{count} {words}" for words, count in counts.items() if count)
-    return Recommendation(None, f"no ratio is recommended: of the {early.sum()} that complete {within}, {found}")
+    return Recommendation(
+        None,
+        f"no ratio is recommended: of the {early.sum()} that complete within {WITHIN:.0%} of the earliest completion, "
+        f"{earliest:.2f} s, in all cells, {np.sum(early & failing)} had a cell that failed and "
+        f"{np.sum(early & raised & ~failing)} raised the final error",
+    )

@@ -13,7 +13,7 @@ from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.run import read_comparison
 from psmpc_cli.logs.schema import PARETO, SWEEP
 from psmpc_cli.studies.reproduce import METHODS
-from psmpc_cli.studies.weights import sweep_cells
+from psmpc_cli.studies.weights import SweepCells
 
 pytestmark = pytest.mark.slow
 
@@ -76,7 +76,7 @@ def test_report_and_results_say_the_same(ran: Result, data: dict[str, Any], fold
         assert words in report
     runs = read_comparison(folder / "out" / "runs.h5")
     assert list(runs) == list(METHODS)
-    cells = sweep_cells(read_results(folder / "out" / "weights.h5", SWEEP))
+    cells = SweepCells(read_results(folder / "out" / "weights.h5", SWEEP))
     assert cells.omega.tolist() == [[1e-3, 1e-3], [1e3, 1e-3], [1e-3, 1e3], [1e3, 1e3]]
     assert data["weights"]["digest"] == cells.results.attributes["digest"]
     fronts = read_results(folder / "out" / "fronts.h5", PARETO)

@@ -12,7 +12,7 @@ from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
-from psmpc_cli.studies.weights import sweep_cells
+from psmpc_cli.studies.weights import SweepCells
 
 from ..made_up_monte_carlo import made_up_monte_carlo
 from ..made_up_sweep import made_up_sweep
@@ -34,7 +34,7 @@ class Subjects:
 
     def sweep(self, sampling: str, **given: Any) -> Any:
         """Cells of a made-up sweep."""
-        return sweep_cells(made_up_sweep(self.path, sampling, **given))
+        return SweepCells(made_up_sweep(self.path, sampling, **given))
 
     def monte_carlo(self, **given: Any) -> MonteCarloRuns:
         """Runs of a made-up study."""

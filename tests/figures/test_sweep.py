@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.figures.sweep import plot_plane, plot_sensitivity, plot_starts, plot_surface
-from psmpc_cli.studies.weights import SweepCells, recommend, sweep_cells
+from psmpc_cli.studies.weights import SweepCells, recommend
 
 from ..made_up_sweep import T_H, T_S, Numbers, made_up_sweep, numbers
 from .drawn import common_legend, curves, legend, points
@@ -22,7 +22,7 @@ Sweep = Callable[..., SweepCells]
 
 @pytest.fixture
 def sweep(tmp_path: Path) -> Sweep:
-    return lambda sampling, **given: sweep_cells(made_up_sweep(tmp_path / "sweep.h5", sampling, **given))
+    return lambda sampling, **given: SweepCells(made_up_sweep(tmp_path / "sweep.h5", sampling, **given))
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from psmpc_cli.studies.judge import Reproduction
-from psmpc_cli.studies.weights import sweep_cells
+from psmpc_cli.studies.weights import SweepCells
 
 from ..made_up_fronts import made_up_fronts
 from ..made_up_sweep import made_up_sweep
@@ -33,5 +33,5 @@ def reproduction(tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
         waits = {stage: TIMES[(end - 2.0 < TIMES) & (end > TIMES)] for stage, end in before.items()}
         presence = {stage: {t: 10.0 ** (t - before[stage]) for t in times} for stage, times in waits.items()}
         runs[method] = hand_made(**given, presence=presence, method=method)
-    cells = sweep_cells(made_up_sweep(folder / "weights.h5", "5x5", failed=(3,)))
+    cells = SweepCells(made_up_sweep(folder / "weights.h5", "5x5", failed=(3,)))
     return Reproduction(runs, cells, made_up_fronts(folder / "fronts.h5", failed=(1,)), (HOSTILE,))

@@ -78,7 +78,7 @@ def test_a_row_has_every_column_and_the_reference_is_as_fast_as_itself(bench: Be
 
 def test_failed_solves_are_counted_and_count_in_no_other_column(bench: Bench) -> None:
     way, solves = next(iter(bench.solves.items()))
-    failed = [replace(solve, usable=False) for solve in solves]
+    failed = [solve._replace(usable=False) for solve in solves]
     row = dict(zip(HEADINGS, next(bench_rows(replace(bench, solves={**bench.solves, way: failed}))), strict=True))
     assert row["failed"] == "6 of 6"
     assert set(row.values()) == {"5", "sqp", "warm", "-", "6 of 6"}
@@ -94,20 +94,15 @@ def test_the_machine_is_named(bench: Bench) -> None:
     assert bench.wall_over_busy > 0
 
 
-@pytest.mark.parametrize("text", ["", "25,", "-3", "2.5", "fine"])
-def test_meshes_that_are_none_are_named(task: str, text: str) -> None:
-    with pytest.raises(InputError, match=r"--nodes: found .* expected numbers of intervals or auto"):
-        load_bench(task, (), text)
-
-
 def test_an_unknown_back_end_is_named() -> None:
     with pytest.raises(InputError, match="--solvers: found 'snopt', expected some of sqp, piqp, fatrop, ipopt"):
         run_bench({}, "sqp,snopt")
 
 
-def test_a_mesh_outside_its_range_is_found_before_anything_runs(task: str) -> None:
+@pytest.mark.parametrize("text", ["", "25,", "5,1", "2.5", "fine"])
+def test_a_mesh_that_is_none_is_found_before_anything_runs(task: str, text: str) -> None:
     with pytest.raises(SpecError, match=r"controller\.nodes"):
-        load_bench(task, (), "5,1")
+        load_bench(task, (), text)
 
 
 @pytest.mark.parametrize("change", ["solver.kind=ipopt", "controller=smpc", "controller.nodes=7"])

@@ -12,7 +12,7 @@ from psmpc_cli.logs.results import Results
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.claims import Claim, Finding, load_claims
 from psmpc_cli.studies.judge import Reproduction, judge
-from psmpc_cli.studies.weights import SweepCells, sweep_cells
+from psmpc_cli.studies.weights import SweepCells
 
 from ..made_up_fronts import FALLING, RISING, made_up_fronts
 from ..made_up_sweep import T_H, T_S, Numbers, made_up_sweep, numbers
@@ -208,7 +208,7 @@ WEIGHTS = ("trend", "floor", "settles", "chosen")
 
 @pytest.fixture
 def sweep(tmp_path: Path) -> Sweep:
-    return lambda sampling="7x7", **given: sweep_cells(made_up_sweep(tmp_path / "sweep.h5", sampling, **given))
+    return lambda sampling="7x7", **given: SweepCells(made_up_sweep(tmp_path / "sweep.h5", sampling, **given))
 
 
 def with_changed(**changes: Callable[[float], Any]) -> Callable[[float], Numbers]:

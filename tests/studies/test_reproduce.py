@@ -10,7 +10,7 @@ from psmpc_cli.errors import InputError, SpecError
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.judge import Reproduction
 from psmpc_cli.studies.reproduce import METHODS, claims_json, load_variants, load_weights_sweep
-from psmpc_cli.studies.weights import sweep_cells
+from psmpc_cli.studies.weights import SweepCells
 
 from ..made_up_fronts import made_up_fronts
 from ..made_up_sweep import made_up_sweep
@@ -30,7 +30,7 @@ ONE_STAGE = (
 @pytest.fixture
 def made(tmp_path: Path) -> Reproduction:
     """Of hand-made runs, a made-up sweep and made-up fronts."""
-    weights = sweep_cells(made_up_sweep(tmp_path / "weights.h5", "3x3", failed=(1,)))
+    weights = SweepCells(made_up_sweep(tmp_path / "weights.h5", "3x3", failed=(1,)))
     fronts = made_up_fronts(tmp_path / "fronts.h5", failed=(1,))
     runs = {method: hand_made(ends, method=method) for method, ends in ENDS.items()}
     return Reproduction(runs, weights, fronts, ("x=1",))

@@ -15,6 +15,7 @@ from psmpc_cli.studies.weights import (
     RANDOM,
     RATIOS,
     WITHIN,
+    SweepCells,
     along_ratio,
     grid_sampling,
     is_grid,
@@ -24,7 +25,6 @@ from psmpc_cli.studies.weights import (
     parse_stages,
     random_sampling,
     recommend,
-    sweep_cells,
 )
 
 from ..made_up_sweep import EPSILONS, T_H, T_S, Numbers, made_up_sweep, numbers, sampling_of
@@ -120,7 +120,7 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize(("sampling", "kind"), [("3x5", GRID), ("7", RATIOS), ("random:9", RANDOM)])
 def test_cells_stand_in_the_order_of_the_sampling(path: Path, sampling: str, kind: str) -> None:
-    cells = sweep_cells(made_up_sweep(path, sampling))
+    cells = SweepCells(made_up_sweep(path, sampling))
     assert cells.sampling == kind
     np.testing.assert_allclose(cells.omega, sampling_of(sampling).omega)
     np.testing.assert_allclose(cells.ratio, sampling_of(sampling).ratio)
@@ -130,14 +130,14 @@ def test_cells_stand_in_the_order_of_the_sampling(path: Path, sampling: str, kin
 
 
 def test_every_cell_waits_failed_or_ended(path: Path) -> None:
-    cells = sweep_cells(made_up_sweep(path, "3x3", waiting=(0, 1), failed=(4,)))
+    cells = SweepCells(made_up_sweep(path, "3x3", waiting=(0, 1), failed=(4,)))
     assert np.flatnonzero(cells.waiting).tolist() == [0, 1]
     assert np.flatnonzero(cells.failed).tolist() == [4]
     np.testing.assert_array_equal(cells.ended, ~cells.waiting & ~cells.failed)
 
 
 def test_names_instants_and_priorities_are_those_of_the_studied_stages(path: Path) -> None:
-    cells = sweep_cells(made_up_sweep(path, "3x3"))
+    cells = SweepCells(made_up_sweep(path, "3x3"))
     assert cells.names == ("approach", "capture")
     assert cells.own_ratio == 100.0
     np.testing.assert_allclose(cells.instant, T_S)
@@ -148,12 +148,12 @@ def test_names_instants_and_priorities_are_those_of_the_studied_stages(path: Pat
 def test_the_chosen_threshold_is_the_tasks_or_the_largest(
     path: Path, epsilons: tuple[float, ...], chosen: float
 ) -> None:
-    cells = sweep_cells(made_up_sweep(path, "2", waiting=(0, 1), epsilons=epsilons))
+    cells = SweepCells(made_up_sweep(path, "2", waiting=(0, 1), epsilons=epsilons))
     assert cells.epsilons[cells.chosen] == chosen
 
 
 def test_cells_of_one_ratio_are_taken_together(path: Path) -> None:
-    cells = sweep_cells(made_up_sweep(path, "3x3", failed=(0,)))
+    cells = SweepCells(made_up_sweep(path, "3x3", failed=(0,)))
     values = np.arange(9.0)
     found = along_ratio(cells, values)
     np.testing.assert_allclose(found.ratio, [1e-6, 1e-3, 1.0, 1e3, 1e6])
@@ -164,14 +164,14 @@ def test_cells_of_one_ratio_are_taken_together(path: Path) -> None:
 
 
 def test_what_cells_share_counts_once(path: Path) -> None:
-    cells = sweep_cells(made_up_sweep(path, "3x3", waiting=(1,), failed=(2,)))
+    cells = SweepCells(made_up_sweep(path, "3x3", waiting=(1,), failed=(2,)))
     assert cells.count("solves") == 700
     cells.results["origin"][2, 2] = 0
     assert cells.count("solves") == 600
 
 
 def test_a_sweep_without_ended_cells_has_nothing_along_the_ratio(path: Path) -> None:
-    cells = sweep_cells(made_up_sweep(path, "3", waiting=(0, 1), failed=(2,)))
+    cells = SweepCells(made_up_sweep(path, "3", waiting=(0, 1), failed=(2,)))
     assert len(along_ratio(cells, cells.instant).ratio) == 0
 
 
@@ -182,7 +182,7 @@ def test_a_file_that_does_not_say_what_ran_is_refused_by_name(path: Path, change
     results = made_up_sweep(path, "2")
     attributes = {key: value for key, value in {**results.attributes, **changes}.items() if value is not None}
     with pytest.raises(LogError, match=str(path)):
-        sweep_cells(replace(results, attributes=attributes))
+        SweepCells(replace(results, attributes=attributes))
 
 
 def test_runs_are_shared_where_all_priorities_over_the_largest_are_equal() -> None:
@@ -192,9 +192,9 @@ def test_runs_are_shared_where_all_priorities_over_the_largest_are_equal() -> No
 
 
 def test_cells_with_equal_runs_are_one_group(path: Path) -> None:
-    groups = sweep_cells(made_up_sweep(path, "3x3", failed=(0,))).groups
+    groups = SweepCells(made_up_sweep(path, "3x3", failed=(0,))).groups
     assert [group.tolist() for group in groups] == [[2], [1, 5], [4, 8], [3, 7], [6]]
-    assert all(len(group) == 1 for group in sweep_cells(made_up_sweep(path, "3x3", task="transport")).groups)
+    assert all(len(group) == 1 for group in SweepCells(made_up_sweep(path, "3x3", task="transport")).groups)
 
 
 SEVEN = "7"
@@ -206,7 +206,7 @@ Recommended = Callable[..., tuple[float | None, str]]
 @pytest.fixture
 def recommended(tmp_path: Path) -> Recommended:
     def of(sampling: str = SEVEN, **given: object) -> tuple[float | None, str]:
-        return recommend(sweep_cells(made_up_sweep(tmp_path / "sweep.h5", sampling, **given)))
+        return recommend(SweepCells(made_up_sweep(tmp_path / "sweep.h5", sampling, **given)))
 
     return of
 

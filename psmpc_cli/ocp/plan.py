@@ -89,10 +89,6 @@ class Plan:
         """Return the interval that holds just after each time, K past the plan's end."""
         return np.asarray(self.times[1:].searchsorted(times + 1e-12, side="right"))
 
-    def control_at(self, times: np.ndarray) -> np.ndarray:
-        """Return the acceleration just after each time (len(times), n); zero past the plan's end."""
-        return self.at(times)[1]
-
     def states_at(self, times: np.ndarray) -> np.ndarray:
         """Return the states (len(times), 2n), exact between the nodes; past its end the robot coasts."""
         return self.at(times)[0]

@@ -8,8 +8,6 @@ import re
 import time
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext, redirect_stdout
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -69,91 +67,6 @@ BARRIER_START = 1e-4
 """fatrop: the first barrier parameter. The shifted plan is a good guess, and 1e-2 costs a third more iterations."""
 
 
-@dataclass(frozen=True, eq=False)
-class Bounds:
-    """Bounds on the decision variables and on the rows of g."""
-
-    lbx: np.ndarray
-    ubx: np.ndarray
-    lbg: np.ndarray
-    ubg: np.ndarray
-
-    def violation(self, z: np.ndarray, g: np.ndarray) -> float:
-        """Return by how much z and g(z) violate them at worst."""
-        past = (self.lbx - z, z - self.ubx, self.lbg - g, g - self.ubg)
-        return float(max(piece.max(initial=0.0) for piece in past))
-
-
-class PluginSolver:
-    """One NLP, compiled for a CasADi plug-in.
-
-    Args:
-        nlp: The program.
-        spec: Which plug-in, and its settings.
-        report: Takes the lines of the plug-in's table of iterations.
-        options: Replace the options of the plug-in itself.
-    """
-
-    def __init__(
-        self,
-        nlp: Nlp,
-        spec: SolverSpec,
-        report: Report | None = None,
-        options: Mapping[str, Any] | None = None,
-    ) -> None:
-        self.nlp, self._plugin, self._report = nlp, spec.kind, report
-        settings: dict[str, Any] = {"print_level": 0, "tol": spec.tolerance, "max_iter": spec.max_iterations}
-        if spec.kind == "ipopt":
-            settings |= {"sb": "yes", "mu_init": 1e-2, "acceptable_iter": 0}
-            settings |= {} if spec.deadline is None else {"max_wall_time": spec.deadline}
-        else:
-            settings["mu_init"] = BARRIER_START
-        self._settings = settings if options is None else dict(options)
-        self.takes_duals = spec.kind == "ipopt" and options is None
-
-    @cached_property
-    def _cold(self) -> ca.Function:
-        return self._build(self._settings)
-
-    @cached_property
-    def _warm(self) -> ca.Function:
-        return self._build({**self._settings, **WARM})
-
-    def _build(self, settings: Mapping[str, Any]) -> ca.Function:
-        options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
-        if self._plugin == "fatrop":
-            nlp = self.nlp
-            sizes = {"N": len(nlp.nu) - 1, "nx": nlp.nx, "nu": nlp.nu, "ng": nlp.ng}
-            options |= {"structure_detection": "manual", **sizes}
-        loud = {} if self._report is None else {"print_level": PRINT_LEVEL}
-        return ca.nlpsol("window", self._plugin, self.nlp.problem, {**options, self._plugin: {**settings, **loud}})
-
-    def solve(
-        self, z: np.ndarray, p: np.ndarray, bounds: Bounds, duals: tuple[np.ndarray, np.ndarray] | None = None
-    ) -> tuple[Outcome, dict[str, np.ndarray], int, float]:
-        """Solve for the parameters p from the point z, and from multipliers of bounds and rows if there are any.
-
-        Returns:
-            The outcome; f, x, g, lam_x, lam_g as CasADi names them; the number of iterations; the wall time [s].
-        """
-        start, solver = {"x0": z}, self._cold
-        if duals is not None:
-            start, solver = {**start, "lam_x0": duals[0], "lam_g0": duals[1]}, self._warm
-        began = time.perf_counter()
-        with redirect_stdout(io.StringIO()) if self._report else nullcontext(io.StringIO()) as written:
-            result = solver(p=p, lbx=bounds.lbx, ubx=bounds.ubx, lbg=bounds.lbg, ubg=bounds.ubg, **start)
-        wall_time = time.perf_counter() - began
-        if self._report is not None:
-            for line in filter(ITERATION.match, written.getvalue().splitlines()):
-                self._report(line)
-        found, stats = {name: np.asarray(values).ravel() for name, values in result.items()}, solver.stats()
-        outcome, iterations = _outcome(stats, found["x"]), int(stats["iter_count"])
-        stepped = outcome is Outcome.DEADLINE and iterations > 0  # else this is the guess
-        if stepped and bounds.violation(found["x"], found["g"]) <= FEASIBLE:
-            outcome = Outcome.FEASIBLE
-        return outcome, found, iterations, wall_time
-
-
 def _outcome(stats: Mapping[str, object], z: np.ndarray) -> Outcome:
     if not np.all(np.isfinite(z)):
         return Outcome.FAILED
@@ -179,18 +92,32 @@ class NlpSolver(Solver):
         report: Report | None = None,
         options: Mapping[str, Any] | None = None,
     ) -> None:
-        self._problem, self._spec, self._report, self._options = problem, spec, report, options
-        self._compiled: dict[WindowShape, PluginSolver] = {}
+        self._problem, self._plugin, self._report = problem, spec.kind, report
+        settings: dict[str, Any] = {"print_level": 0, "tol": spec.tolerance, "max_iter": spec.max_iterations}
+        if spec.kind == "ipopt":
+            settings |= {"sb": "yes", "mu_init": 1e-2, "acceptable_iter": 0}
+            settings |= {} if spec.deadline is None else {"max_wall_time": spec.deadline}
+        else:
+            settings["mu_init"] = BARRIER_START
+        self._settings = settings if options is None else dict(options)
+        self._takes_duals = spec.kind == "ipopt" and options is None
+        self._nlps: dict[WindowShape, Nlp] = {}
+        self._compiled: dict[tuple[WindowShape, bool], ca.Function] = {}
 
     def nlp(self, window: Window) -> Nlp:
         """Return the NLP of a window, transcribed on first use."""
-        return self._of(window).nlp
+        shape = window_shape(window)
+        if shape not in self._nlps:
+            if shape.bounded and self._plugin != "ipopt":
+                raise InputError(f"found a bound on a cost and the solver {self._plugin}, expected ipopt")
+            self._nlps[shape] = Nlp(self._problem.model, shape)
+        return self._nlps[shape]
 
     def violation(self, window: Window, plan: Plan) -> float:
         """Return by how much a plan on the mesh of a window violates a constraint at worst."""
         nlp, z = self.nlp(window), self._pack(window, plan)
         g = nlp.rows(z, _flat(window, plan.instants))
-        return _bounds(nlp, window, plan, np.inf).violation(z, np.asarray(g).ravel())
+        return _violation(_bounds(nlp, window, plan, np.inf), z, np.asarray(g).ravel())
 
     def costs(self, window: Window, plan: Plan) -> np.ndarray:
         """Return what each stage adds to the objective at priority 1 along a plan on the mesh of a window, (S + 1,)."""
@@ -198,23 +125,38 @@ class NlpSolver(Solver):
         costs, terminal = nlp.costs(self._pack(window, plan), _flat(window, plan.instants))
         return np.append(np.asarray(costs).ravel()[:-1], float(costs[-1] + terminal))
 
-    def _of(self, window: Window) -> PluginSolver:
-        shape = window_shape(window)
-        if shape not in self._compiled:
-            if shape.bounded and self._spec.kind != "ipopt":
-                raise InputError(f"found a bound on a cost and the solver {self._spec.kind}, expected ipopt")
-            nlp = Nlp(self._problem.model, shape)
-            self._compiled[shape] = PluginSolver(nlp, self._spec, self._report, self._options)
-        return self._compiled[shape]
+    def _function(self, nlp: Nlp, warm: bool) -> ca.Function:
+        """Return the compiled solver of a program, for a start with multipliers if `warm`."""
+        if (nlp.shape, warm) not in self._compiled:
+            options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
+            if self._plugin == "fatrop":
+                sizes = {"N": len(nlp.nu) - 1, "nx": nlp.nx, "nu": nlp.nu, "ng": nlp.ng}
+                options |= {"structure_detection": "manual", **sizes}
+            loud = {} if self._report is None else {"print_level": PRINT_LEVEL}
+            options[self._plugin] = {**self._settings, **(WARM if warm else {}), **loud}
+            self._compiled[nlp.shape, warm] = ca.nlpsol("window", self._plugin, nlp.problem, options)
+        return self._compiled[nlp.shape, warm]
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
-        solver, duals = self._of(window), None
-        nlp = solver.nlp
-        if previous is not None and solver.takes_duals and window_shape(previous.window) == nlp.shape:
+        nlp, start, duals = self.nlp(window), {"x0": self._pack(window, guess)}, np.zeros(0)
+        if previous is not None and self._takes_duals and window_shape(previous.window) == nlp.shape:
             duals = shift_multipliers(nlp, guess, previous)
-        z, p = self._pack(window, guess), _flat(window, guess.instants)
-        outcome, found, iterations, wall_time = solver.solve(z, p, _bounds(nlp, window, guess, within), duals)
+        if len(duals):
+            start["lam_x0"], start["lam_g0"] = np.split(duals, [nlp.layout.size])
+        solver, bounds = self._function(nlp, bool(len(duals))), _bounds(nlp, window, guess, within)
+        p, began = _flat(window, guess.instants), time.perf_counter()
+        with redirect_stdout(io.StringIO()) if self._report else nullcontext(io.StringIO()) as written:
+            result = solver(p=p, **bounds, **start)
+        wall_time = time.perf_counter() - began
+        if self._report is not None:
+            for line in filter(ITERATION.match, written.getvalue().splitlines()):
+                self._report(line)
+        found, stats = {name: np.asarray(values).ravel() for name, values in result.items()}, solver.stats()
         z, layout = found["x"], nlp.layout
+        outcome, iterations = _outcome(stats, z), int(stats["iter_count"])
+        stepped = outcome is Outcome.DEADLINE and iterations > 0  # else this is the guess
+        if stepped and _violation(bounds, z, found["g"]) <= FEASIBLE:
+            outcome = Outcome.FEASIBLE
         costs, terminal = nlp.costs(z, p)
         return Solution(
             outcome=outcome,
@@ -228,8 +170,8 @@ class NlpSolver(Solver):
             costs=np.asarray(costs).ravel(),
             terminal=float(terminal),
             violations=z[layout.violation_index[1:]].max(axis=0) / PENALTY,
-            duals=np.concatenate([found["lam_x"], found["lam_g"]]) if solver.takes_duals else np.zeros(0),
-            guess_duals=np.zeros(0) if duals is None else np.concatenate(duals),
+            duals=np.concatenate([found["lam_x"], found["lam_g"]]) if self._takes_duals else np.zeros(0),
+            guess_duals=duals,
             bound_multiplier=float(found["lam_g"][-1]) if np.isfinite(window.cost_bound) else np.nan,
         )
 
@@ -267,8 +209,8 @@ def _flat(window: Window, instants: np.ndarray) -> np.ndarray:
     return np.concatenate([np.ravel(piece, order="F") for piece in window_numbers(window, instants).pieces()])
 
 
-def _bounds(nlp: Nlp, window: Window, guess: Plan, within: float) -> Bounds:
-    """Return the bounds of a window, durations within so many seconds of the guess. Paper eqs. (14), (17), (18)."""
+def _bounds(nlp: Nlp, window: Window, guess: Plan, within: float) -> dict[str, np.ndarray]:
+    """Return lbx, ubx, lbg, ubg of a window, durations within so many seconds of the guess. Paper (14), (17), (18)."""
     layout = nlp.layout
     lbx, ubx = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
     lbg, ubg = np.zeros(nlp.count), np.zeros(nlp.count)
@@ -297,17 +239,23 @@ def _bounds(nlp: Nlp, window: Window, guess: Plan, within: float) -> Bounds:
         lbg[rows], ubg[rows] = -each.bound.ravel() if each.bound.ndim else -np.inf, each.bound.ravel()
     if np.isfinite(window.cost_bound):
         lbg[-1], ubg[-1] = -np.inf, window.cost_bound
-    return Bounds(lbx, ubx, lbg, ubg)
+    return {"lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg}
 
 
-def shift_multipliers(nlp: Nlp, guess: Plan, previous: Solution) -> tuple[np.ndarray, np.ndarray] | None:
+def _violation(bounds: Mapping[str, np.ndarray], z: np.ndarray, g: np.ndarray) -> float:
+    """Return by how much z and g(z) violate their bounds at worst."""
+    past = (bounds["lbx"] - z, z - bounds["ubx"], bounds["lbg"] - g, g - bounds["ubg"])
+    return float(max(piece.max(initial=0.0) for piece in past))
+
+
+def shift_multipliers(nlp: Nlp, guess: Plan, previous: Solution) -> np.ndarray:
     """Return the last solution's multipliers of bounds and rows, read at the time of each node of a guess.
 
-    None if the last solution has none of this program.
+    They are empty if the last solution has none of this program.
     """
     layout = nlp.layout
     if len(previous.duals) != layout.size + nlp.count:
-        return None
+        return np.zeros(0)
     x, g = np.split(previous.duals, [layout.size])
     lam_x, lam_g, nodes = x.copy(), g.copy(), np.zeros(layout.K + 1, int)
     for s, inputs in enumerate(layout.input_index):
@@ -320,4 +268,4 @@ def shift_multipliers(nlp: Nlp, guess: Plan, previous: Solution) -> tuple[np.nda
         lam_x[index] = x[index[nodes]]
     lam_g[nlp.gap_rows] = g[nlp.gap_rows[np.minimum(nodes[:-1], layout.K - 1)]]
     lam_g[nlp.limit_rows] = g[nlp.limit_rows[:, nodes]]
-    return lam_x, lam_g
+    return np.concatenate([lam_x, lam_g])

@@ -94,18 +94,6 @@ def test_controller_and_plant_are_those_chosen(simulate: Psmpc) -> None:
     assert log.stages["priority"].tolist() == [1, 50]
 
 
-def test_a_film_is_written_beside_the_log(simulate: Psmpc, monkeypatch: pytest.MonkeyPatch) -> None:
-    from psmpc_cli.figures import animation, registry
-
-    drawn = []
-    monkeypatch.setattr(registry, "draw", lambda *arguments, **options: drawn.append((arguments, options)) or [])
-    monkeypatch.setattr(animation, "offscreen_driver", lambda: "a driver")
-    assert simulate("--render").code == 0
-    ((_, log, folder), options) = drawn[0]
-    assert (log.path, folder) == (Path("runs/task.h5"), Path("runs/task"))
-    assert (options["only"], options["films"], options["force"]) == ((), ("render",), False)
-
-
 def test_a_default_output_is_numbered_and_nothing_is_overwritten(psmpc: Psmpc) -> None:
     short = ("simulate", "task.yaml", "--no-figures", "--set", "time_limit=0.3", "-q")
     for expected in ("task.h5", "task-2.h5", "task-3.h5"):

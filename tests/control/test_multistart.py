@@ -83,19 +83,6 @@ def test_an_earlier_switch_that_costs_less_is_found(experiment_of: Build, starts
 
 
 @pytest.mark.slow
-def test_a_later_switch_that_costs_less_is_found(experiment_of: Build) -> None:
-    """As printed, J may fall with the switch time; the last plan does not see it."""
-    changes = ("controller.pending_cost=0", "stages.capture.priority=0.01")
-    experiment = experiment_of(*COARSE, *changes, task="approach_capture")
-    early = decided(experiment, 9.3)
-    assert ahead(early.solution) < 1.0
-    best = solve_from_several(experiment.controller.solver, early.solution.window, early.prediction, None, 3)
-    assert best.basin == 2
-    assert ahead(best) > 3.99
-    assert best.objective < 0.9 * early.solution.objective
-
-
-@pytest.mark.slow
 def test_the_better_basin_is_kept_once_it_is_found(experiment_of: Build) -> None:
     """One change, not one a sample; and what waiting had cost is gone."""
     task = (*COARSE, "controller.pending_cost=0.1")

@@ -48,14 +48,6 @@ def test_without_a_compiler_a_function_stays_what_it_is(monkeypatch: pytest.Monk
     assert compiled(function) is function
 
 
-def test_names_and_shapes_are_kept() -> None:
-    x, y = ca.SX.sym("x", 3), ca.SX.sym("y", 2, 2)
-    function = ca.Function("pieces", [x, y], [y @ x[:2], ca.diag(x)], ["x", "y"], ["product", "diagonal"])
-    fast = compiled(function)
-    assert (fast.name_in(), fast.name_out()) == (["x", "y"], ["product", "diagonal"])
-    assert fast.sparsity_out(1) == function.sparsity_out(1)
-
-
 @pytest.fixture
 def function() -> ca.Function:
     x, y = ca.SX.sym("x", 3), ca.SX.sym("y", 2)

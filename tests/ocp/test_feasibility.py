@@ -2,8 +2,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.feasibility import ensure_feasible, look_ahead, remarks, review
@@ -41,18 +39,12 @@ def test_misprint_of_the_paper_names_arm_distance_and_reach() -> None:
     )
     with pytest.raises(SpecError) as raised:
         ensure_feasible(misprinted)
-    target = "{base: [-2, -2, 30 deg], arm_1: [-1.9334, 3.1677, 165 deg], arm_2: [-3.0446, 2.5261, -105 deg]}"
-    source = f"  22 |     target: {target}"
-    assert str(raised.value).splitlines() == [
+    first, second = (line for line in str(raised.value).splitlines() if line.startswith("paper.yaml"))
+    assert first == (
         "paper.yaml:22:45: stages[1].target.arm_1: found a pose 5.021 m from the shoulder of arm_1 with the base at "
-        "[-2, -2, 30 deg], expected at most its reach of 1.2 m",
-        source,
-        "     |                                             ^",
-        "paper.yaml:22:80: stages[1].target.arm_2: found a pose 4.741 m from the shoulder of arm_2 with the base at "
-        "[-2, -2, 30 deg], expected at most its reach of 1.2 m",
-        source,
-        "     |                                                                                ^",
-    ]
+        "[-2, -2, 30 deg], expected at most its reach of 1.2 m"
+    )
+    assert second.startswith("paper.yaml:22:80: stages[1].target.arm_2: found a pose 4.741 m")
 
 
 def test_misprint_in_approach_alone_is_remarked() -> None:
@@ -202,27 +194,6 @@ def test_a_time_limit_no_run_can_keep_is_remarked_on() -> None:
     assert remark.message.endswith('"release" cannot end before under the velocity limits')
 
 
-def test_earliest_ends_of_the_transport() -> None:
-    ends = [outlook.earliest_end for outlook in look_ahead(TRANSPORT)]
-    way = (2 - 2e-3) / 0.2
-    back = (2 - 3.1e-3) / 0.2
-    np.testing.assert_allclose(ends, [way, way, way + back, way + back])
-
-
-@settings(max_examples=6)
-@given(st.floats(-4, 4), st.floats(-4, 4), st.floats(0.01, 0.2), st.floats(0, 30))
-def test_stage_ends_no_earlier_than_its_slowest_coordinate_and_its_dwell(
-    x: float, y: float, v: float, dwell: float
-) -> None:
-    overrides = [
-        f"limits={{base: {{velocity: [{v}, {v}, {v}]}}}}",
-        f"stages.approach.target.base=[{x}, {y}, 0]",
-        f"stages.approach.dwell={dwell}",
-    ]
-    least = max(max(abs(x), abs(y)) - 2e-3, 0.0) / v
-    assert look_ahead(load_task("transport", overrides))[0].earliest_end == pytest.approx(max(least, dwell))
-
-
 def test_reach_is_known_where_the_target_asks_for_poses_and_a_base() -> None:
     reaches = [outlook.reaches for outlook in look_ahead(TRANSPORT)]
     assert [list(reach) for reach in reaches] == [[], ["arm_1", "arm_2"], [], ["arm_1", "arm_2"]]
@@ -231,12 +202,23 @@ def test_reach_is_known_where_the_target_asks_for_poses_and_a_base() -> None:
     assert look_ahead(load_task("transport", free))[1].reaches == {}
 
 
-def test_stage_does_not_end_before_its_trajectory() -> None:
-    unfold, trace, stow = look_ahead(load_task("tracking"))
-    assert trace.earliest_end == pytest.approx(unfold.earliest_end + 16)
-    assert stow.earliest_end >= trace.earliest_end
+WAY, BACK = (2 - 2e-3) / 0.2, (2 - 3.1e-3) / 0.2
+"""How long the base takes to the object and back at its largest velocity, the tolerances taken off [s]."""
 
 
-def test_a_stage_that_holds_its_end_condition_lasts_that_much_longer() -> None:
-    ends = [look.earliest_end for look in look_ahead(load_task("transport", ["stages.approach.ends_when.hold=1.5"]))]
-    assert ends[0] == pytest.approx((2 - 2e-3) / 0.2 + 1.5)
+@pytest.mark.parametrize(
+    ("task", "changes", "expected"),
+    [
+        ("transport", [], [WAY, WAY, WAY + BACK, WAY + BACK]),
+        ("transport", ["stages.approach.ends_when.hold=1.5"], [WAY + 1.5]),
+        ("transport", ["stages.approach.dwell=20"], [20]),
+        ("transport", ["limits={base: {velocity: [0.1, 0.2, 0.2]}}"], [2 * WAY]),
+        ("tracking", ["stages.unfold.dwell=20"], [20, 36]),
+    ],
+    ids=["at the limits", "held", "dwelling", "slower", "along a trajectory"],
+)
+def test_a_stage_ends_no_earlier_than_its_slowest_coordinate_dwell_and_trajectory(
+    task: str, changes: list[str], expected: list[float]
+) -> None:
+    ends = [outlook.earliest_end for outlook in look_ahead(load_task(task, changes))]
+    np.testing.assert_allclose(ends[: len(expected)], expected)

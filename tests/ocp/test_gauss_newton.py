@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.ocp.gauss_newton import Linearization, Point, VelocityForm
+from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
 from psmpc_cli.ocp.problem import Problem, Stage, build_problem
 from psmpc_cli.ocp.window import Window, plan_on_mesh, window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
@@ -12,6 +12,7 @@ from psmpc_cli.solvers import NlpSolver
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
+from ..solvers.optimality import hessian
 from .windows import coasting, moving, window_over
 
 H = 1e-6
@@ -49,22 +50,6 @@ def case(request: pytest.FixtureRequest, model: RobotModel, stages: tuple[Stage,
     return Case(model, stages[1 : 1 + count], discretization)
 
 
-def dense_hessian(case: Case, model: Linearization) -> np.ndarray:
-    n, K, S = case.form.grid.n, case.form.grid.K, case.form.grid.switches
-    hessian = np.zeros((2 * n * (K + 1) + S, 2 * n * (K + 1) + S))
-    for k in range(K + 1):
-        at = 2 * n * k
-        hessian[at : at + n, at : at + n] = model.positions[k]
-        hessian[at : at + 2 * n, 2 * n * (K + 1) :] = model.arrow[k]
-        if k < K:
-            v, after = (range(first + n, first + 2 * n) for first in (at, at + 2 * n))
-            hessian[v, v] -= model.coupling[k]
-            hessian[after, after] -= model.coupling[k]
-            hessian[v, after] = model.coupling[k]
-    hessian[2 * n * (K + 1) :, 2 * n * (K + 1) :] = np.triu(model.durations)
-    return np.triu(hessian) + np.triu(hessian, 1).T
-
-
 def test_costs_and_constraints_are_those_of_the_nlp(case: Case, problem: Problem) -> None:
     """Both are derived from the residual of the skill, once over nodes in C and once unrolled."""
     nlp = NlpSolver(problem, SolverSpec(kind="ipopt"))
@@ -93,7 +78,7 @@ def test_derivatives_agree_with_central_differences(case: Case) -> None:
 
 
 def test_the_hessian_is_positive_semidefinite(case: Case) -> None:
-    eigenvalues = np.linalg.eigvalsh(dense_hessian(case, case.form.linearize(case.point, case.p)))
+    eigenvalues = np.linalg.eigvalsh(hessian(case.form.linearize(case.point, case.p)))
     assert eigenvalues[0] >= -1e-10 * eigenvalues[-1]
     assert eigenvalues[-1] > 0
 

@@ -1,11 +1,9 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.ocp.problem import Stage, StageCosts, build_stages
+from psmpc_cli.ocp.problem import Stage, build_stages
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import load_task
 
@@ -34,16 +32,6 @@ def test_reference_is_linear_between_the_times_and_held_after_the_last(trace: St
     np.testing.assert_allclose(trace.reference((times[:-1] + times[1:]) / 2), (values[:-1] + values[1:]) / 2)
     np.testing.assert_allclose(trace.reference(times[-1] + np.array([0.0, 1.0, 50.0])), np.tile(values[-1], (3, 1)))
     np.testing.assert_allclose(trace.reference(np.array([-3.0])), values[:1])
-
-
-def test_end_condition_and_target_are_about_the_last_row(trace: Stage, costs: StageCosts, model: RobotModel) -> None:
-    assert trace.trajectory is not None
-    np.testing.assert_array_equal(trace.target, trace.trajectory.values[-1])
-    X = np.zeros((2, 2 * model.n))
-    X[1, :3] = trace.target[:3]
-    np.testing.assert_allclose(costs.errors(trace, X), np.asarray(model.g(X[:, : model.n].T)).T - trace.target)
-    base = replace(trace, end_rows=(0, 1, 2), tolerance=np.full(3, 0.01))
-    assert costs.met(base, X).tolist() == [False, True]
 
 
 @given(since=st.floats(-1, 20))

@@ -39,29 +39,20 @@ def moving_plan(nodes: int) -> Plan:
     return Plan(times, X, np.zeros((nodes, 9)), np.zeros(0))
 
 
-def costs_along(costs: StageCosts, stages: tuple[Stage, ...], plan: Plan) -> list[np.ndarray]:
-    return [costs.at(stage, plan.X, np.zeros((len(plan.X), 9))) for stage in stages]
-
-
-def test_nadir_is_the_largest_cost_of_the_prediction(stages: tuple[Stage, ...], costs: StageCosts) -> None:
-    plan = moving_plan(40)
-    offset, scale = normalization("nadir", 1e-3, stages[:2], np.zeros(2), costs, plan, STEP)
-    largest = [values.max() for values in costs_along(costs, stages[:2], plan)]
-    np.testing.assert_allclose(scale, np.array(largest) + 1e-3, rtol=1e-9)
-    assert not offset.any()
-
-
-def test_range_subtracts_the_smallest_cost(stages: tuple[Stage, ...], costs: StageCosts) -> None:
-    plan = moving_plan(40)
-    offset, scale = normalization("range", 1e-3, stages[:2], np.zeros(2), costs, plan, STEP)
-    over_nodes = costs_along(costs, stages[:2], plan)
-    np.testing.assert_allclose(offset, [values.min() for values in over_nodes], rtol=1e-9)
-    np.testing.assert_allclose(scale, [np.ptp(values) + 1e-3 for values in over_nodes], rtol=1e-9)
-
-
-def test_none_leaves_the_cost_as_it_is(stages: tuple[Stage, ...], costs: StageCosts) -> None:
-    offset, scale = normalization("none", 1e-3, stages[:2], np.zeros(2), costs, moving_plan(4), STEP)
-    assert (offset.tolist(), scale.tolist()) == ([0, 0], [1, 1])
+def test_costs_are_normalized_by_what_they_are_along_the_prediction(
+    stages: tuple[Stage, ...], costs: StageCosts
+) -> None:
+    plan, none = moving_plan(40), np.zeros((41, 9))
+    along = [costs.at(stage, plan.X, none) for stage in stages[:2]]
+    smallest, largest = (np.array([extreme(values) for values in along]) for extreme in (np.min, np.max))
+    expected = {
+        "nadir": (np.zeros(2), largest + 1e-3),
+        "range": (smallest, largest - smallest + 1e-3),
+        "none": (np.zeros(2), np.ones(2)),
+    }
+    for kind, numbers in expected.items():
+        found = normalization(kind, 1e-3, stages[:2], np.zeros(2), costs, plan, STEP)
+        np.testing.assert_allclose(found, numbers, rtol=1e-9, err_msg=kind)
 
 
 @pytest.mark.parametrize("begins", [0.0, 2.0, 9.0])

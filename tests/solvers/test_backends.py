@@ -272,11 +272,3 @@ def test_soft_limits_give_way_to_the_measured_state_alike_in_all_back_ends(
         assert judge.violation(found.window, found.plan) < 1e-6
     stopped = again(build_solver(problem, CONVERGED), hard, False)
     assert len(stopped.violations) == 0
-
-
-def test_soft_limits_that_can_be_met_change_nothing(problem: Problem, two_stages: Solution) -> None:
-    soft = replace(two_stages, window=replace(two_stages.window, soft=True))
-    for spec in (CONVERGED, FATROP):
-        found, hard = (again(build_solver(problem, spec), solved) for solved in (soft, two_stages))
-        assert found.objective == pytest.approx(hard.objective, rel=1e-5)
-        assert found.violations.max() < 1e-6

@@ -62,11 +62,6 @@ def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits]) -> Limits:
     return Limits(**bounds)
 
 
-def sizes(robot: RobotSpec, space: Space) -> dict[str, int]:
-    """Return how many numbers a target has for each part, in the order of Q or xi."""
-    return {part: len(axes) for part, axes in target_axes(robot.parts, space).items()}
-
-
 def labels(robot: RobotSpec, space: Space) -> tuple[str, ...]:
     """Return the name of every row of the error: `base.x`, `arm_1.2`."""
     return tuple(f"{part}.{axis}" for part, axes in error_axes(robot.parts, space).items() for axis in axes)

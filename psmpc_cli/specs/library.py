@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pydantic import TypeAdapter
 
 from psmpc_cli.errors import InputError, SpecError
-from psmpc_cli.specs.messages import quoted, suggestion
+from psmpc_cli.specs.messages import choice, quoted
 from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import TaskSpec
 
@@ -46,10 +46,8 @@ def find(kind: Kind, reference: str | Path, beside: Path | None = None) -> Path:
         return path
     if str(reference) in known:
         return known[str(reference)]
-    near = suggestion(Path(reference).stem, known)
-    hint = f' (did you mean "{near}"?)' if near else ""
-    options = ", ".join(known) or "of which there is none"
-    raise SpecError(f"found no file {quoted(shown(path))}{hint}, expected a path or a built-in {kind}: {options}")
+    options = choice(Path(reference).stem, [*known, "the path of a file"])
+    raise SpecError(f"found no file {quoted(shown(path))}{options}")
 
 
 def shown(path: Path) -> str:
@@ -71,13 +69,11 @@ def read_text(path: Path) -> str:
             )
         if (size := path.stat().st_size) > LARGEST_FILE:
             raise SpecError(f"{path}: found {size} bytes, expected a YAML file of at most {LARGEST_FILE}")
-        content = path.read_bytes()
-        return content.decode("utf-8-sig")
+        return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        column = error.start - content.rfind(b"\n", 0, error.start)
-        found = f"the byte 0x{content[error.start]:02x}"
-        raise SpecError(f"{path}:{line}:{column}: found {found}, expected UTF-8 text") from None
+        line = error.object.count(b"\n", 0, error.start) + 1
+        column = error.start - error.object.rfind(b"\n", 0, error.start)
+        raise SpecError(f"{path}:{line}:{column}: found {error.reason}, expected UTF-8 text") from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise SpecError(f"{path}: found no readable file ({reason}), expected a YAML file") from None
@@ -100,32 +96,21 @@ def _untitled(schema: Any) -> Any:
     return [_untitled(item) for item in schema] if isinstance(schema, list) else schema
 
 
-def starter_files() -> dict[str, str]:
-    """Return the texts of all built-in robots and tasks and their schemas, by relative path.
+def write_starter(folder: Path, overwrite: bool) -> list[Path]:
+    """Write all built-in robots and tasks and their schemas into a folder and return the files' paths.
 
     Tasks refer to the copied robots, so that editing those has an effect; editors find the copied schemas.
-    """
-    files = {f"schema/{kind}.json": json.dumps(json_schema(kind), indent=2) + "\n" for kind in KINDS}
-    robots = built_ins("robot")
-    for urdf in next(iter(robots.values())).parent.glob("*.urdf"):
-        files[f"robots/{urdf.name}"] = read_text(urdf)
-    for kind in KINDS:
-        for path in built_ins(kind).values():
-            text = _MODE_LINE.sub("../schema/", read_text(path), count=1)
-            robot = _ROBOT_LINE.search(text)
-            if kind == "task" and robot and robot[1] in robots:
-                text = text.replace(robot[0], f"robot: ../robots/{robot[1]}.yaml", 1)
-            files[f"{kind}s/{path.name}"] = text
-    return dict(sorted(files.items()))
-
-
-def write_starter(folder: Path, overwrite: bool) -> list[Path]:
-    """Write the starter files into a folder and return their paths.
 
     Raises:
         InputError: A file exists and may not be overwritten (nothing is written then), or cannot be written.
     """
-    files = {folder / name: text for name, text in starter_files().items()}
+    files = {folder / "schema" / f"{kind}.json": json.dumps(json_schema(kind), indent=2) + "\n" for kind in KINDS}
+    robots = built_ins("robot")
+    urdfs = next(iter(robots.values())).parent.glob("*.urdf")
+    for path in (*urdfs, *robots.values(), *built_ins("task").values()):
+        text = _MODE_LINE.sub("../schema/", read_text(path), count=1)
+        text = _ROBOT_LINE.sub(lambda found: f"robot: ../robots/{found[1]}.yaml", text, count=1)
+        files[folder / path.parent.name / path.name] = text
     try:
         existing = [str(path) for path in files if path.exists() or path.is_symlink()]
         if existing and not overwrite:
@@ -135,4 +120,4 @@ def write_starter(folder: Path, overwrite: bool) -> list[Path]:
             path.write_text(text, encoding="utf-8", newline="\n")
     except OSError as error:
         raise InputError(f"{error.filename or folder}: found no place to write to ({error.strerror})") from None
-    return list(files)
+    return sorted(files)

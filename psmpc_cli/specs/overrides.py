@@ -4,9 +4,11 @@ import copy
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
+from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.document import Data, Document, Origin, describe, plain, read
 from psmpc_cli.specs.messages import Fault, Path, Place, choice, dotted, quoted
 
@@ -22,16 +24,11 @@ BY_CONTROLLER = "by_controller"
 NO_CONTROLLERS_OWN: tuple[Path, ...] = (("robot",), ("controller",), ("controller", "kind"), (BY_CONTROLLER,))
 """Keys that cannot depend on the controller."""
 
-
 Change = str | tuple[str, str]
 """One key to change: `path=value`, or an option as it was typed and the `path=value` that it is short for."""
 
 Changes = Mapping[str, Any] | Sequence[Change]
 """Keys to change: values by path, or a sequence of changes in their order."""
-
-
-class _MisplacedError(Exception):
-    """A path leads nowhere."""
 
 
 def override(document: Document, changes: Changes) -> tuple[Document, tuple[str, ...]]:
@@ -43,7 +40,7 @@ def override(document: Document, changes: Changes) -> tuple[Document, tuple[str,
     for number, (typed, text) in enumerate(_texts(changes), start=1):
         try:
             document = _apply(document, typed, number, text)
-        except _MisplacedError as error:
+        except SpecError as error:
             messages.append(f"{typed}: {error}")
     return document, tuple(messages)
 
@@ -61,12 +58,12 @@ def for_controller(document: Document, kind: str) -> tuple[Document, tuple[Fault
         try:
             path = _path(document, key)
             if path in NO_CONTROLLERS_OWN or path[0] == BY_CONTROLLER:
-                raise _MisplacedError(
+                raise SpecError(
                     f"found the key {quoted(key)}, expected any key but {', '.join(map(dotted, NO_CONTROLLERS_OWN))}"
                 )
             inside = {place[len(at) :]: origin for place, origin in document.origins.items() if _inside(place, at)}
             document = put(document, path, value, inside)
-        except _MisplacedError as error:
+        except SpecError as error:
             faults.append(Fault(at, str(error), at_key=True))
     return document, tuple(faults)
 
@@ -86,33 +83,27 @@ def _apply(document: Document, typed: str, number: int, text: str) -> Document:
     """Return the document with one value replaced or added; the value is YAML."""
     written, separator, value_text = text.partition("=")
     if not separator:
-        raise _MisplacedError('found no "=", expected path=value, such as controller.nodes=25')
+        raise SpecError('found no "=", expected path=value, such as controller.nodes=25')
     path = _path(document, written.strip())
     new = read("--set", value_text)
     if new.faults:
-        raise _MisplacedError(new.faults[0].message)
+        raise SpecError(new.faults[0].message)
     origins = {
         at: replace(origin, place=Place(number, origin.place.column), override=typed)
         for at, origin in {(): Origin(Place(1, 1)), **new.origins}.items()
     }
-    for kind in _keys(document, (BY_CONTROLLER,)):
-        for key in _keys(document, (BY_CONTROLLER, kind)):
-            try:
-                own = _path(document, key)
-            except _MisplacedError:
-                continue
-            if _inside(own, path) or _inside(path, own):
-                document = without(document, (BY_CONTROLLER, kind, key))
+    overridden = []
+    for at in document.origins:
+        if len(at) == 3 and at[0] == BY_CONTROLLER:
+            with suppress(SpecError):
+                own = _path(document, str(at[2]))
+                overridden += [at] if _inside(own, path) or _inside(path, own) else []
+    for at in overridden:
+        document = _without(document, at)
     return put(document, path, new.data, origins)
 
 
-def _keys(document: Document, path: Path) -> tuple[str, ...]:
-    """Return the keys of the mapping at a path, none if there is no mapping."""
-    value = document.value(path)
-    return tuple(value) if isinstance(value, dict) else ()
-
-
-def without(document: Document, path: Path) -> Document:
+def _without(document: Document, path: Path) -> Document:
     """Return the document without the value at a path that leads to a key of a mapping."""
     data: Any = copy.deepcopy(document.data)
     around = data
@@ -155,7 +146,7 @@ def _path(document: Document, written: str) -> Path:
     """Return the path that a text means; what it leads to need not be there, the lists on the way must be."""
     if not _PATH.fullmatch(written):
         wanted = "expected one such as stages[1].priority or stages.capture.priority"
-        raise _MisplacedError(f"found the path {quoted(written)}, {wanted}")
+        raise SpecError(f"found the path {quoted(written)}, {wanted}")
     value = document.data
     path: Path = ()
     for index, name in _STEP.findall(written):
@@ -172,11 +163,11 @@ def _key(value: Data, step: str | int, path: Path) -> str | int:
         return step
     if not isinstance(value, list):
         where = f"{dotted(path)}: " if path else ""
-        raise _MisplacedError(f"{where}found {describe(value)}, expected a mapping or list to set {dotted((step,))} in")
+        raise SpecError(f"{where}found {describe(value)}, expected a mapping or list to set {dotted((step,))} in")
     names = {str(entry["name"]): i for i, entry in enumerate(value) if isinstance(entry, dict) and "name" in entry}
     if isinstance(step, str) and step in names:
         return names[step]
     if str(step).isdecimal() and int(step) < len(value):
         return int(step)
     valid = [*names, f"an index from 0 to {len(value) - 1}"] if value else ["no index, the list is empty"]
-    raise _MisplacedError(f"{dotted(path)}: found no entry {step}{choice(str(step), valid)}")
+    raise SpecError(f"{dotted(path)}: found no entry {step}{choice(str(step), valid)}")

@@ -152,9 +152,7 @@ def misfits(written: Any, axes: Axes, required: Collection[str] = (), one: bool 
         rows = [(i, row) for i, row in enumerate(numbers) if isinstance(row, list)] if isinstance(numbers, list) else []
         places: list[tuple[Path, Any]] = [((key, i), row) for i, row in rows] or [((key,), numbers)]
         for at, row in places:
-            yield from _length(at, row, key, axes, given, one)
-            if angles:
-                yield from _angles(at, row, key, axes)
+            yield from _entries(at, row, key, axes, given, one, angles)
 
 
 def in_joint_space(required: bool = False, one: bool = False, angles: bool = False) -> WrapValidator:
@@ -177,30 +175,28 @@ def misfit_limits(written: Any, fields: Mapping[str, Any], context: Context) -> 
     for quantity in QUANTITIES:
         given = {key: part[quantity] for key, part in limits.items() if part.get(quantity) is not None}
         for key, bounds in given.items():
-            yield from _length((key, quantity), bounds, key, axes, given)
-            if quantity == "position":
-                yield from _angles((key, quantity), bounds, key, axes)
+            yield from _entries((key, quantity), bounds, key, axes, given, angles=quantity == "position")
 
 
-def _length(at: Path, row: Any, key: str, axes: Axes, given: Collection[str], one: bool = False) -> Flaws:
-    """Give a list that is not as long as each part its key stands for; parts of `given` have lists of their own."""
-    for part in axes:
-        applies = stands_for(key, part) and (key == part or part not in given)
-        if applies and isinstance(row, list) and len(row) not in (len(axes[part]), 1 if one else None):
+def _entries(
+    at: Path, row: Any, key: str, axes: Axes, given: Collection[str], one: bool = False, angles: bool = False
+) -> Flaws:
+    """Give a list of numbers, or of pairs, that misfits a part its key stands for, and its angles without a unit.
+
+    Parts of `given` have lists of their own.
+    """
+    parts = [part for part in axes if stands_for(key, part) and (key == part or part not in given)]
+    if not parts or not isinstance(row, list):
+        return
+    for part in parts:
+        if len(row) not in (len(axes[part]), 1 if one else None):
             named = "" if axes[part][0].isdigit() else f" ({', '.join(axes[part])})"
             length = counted(len(axes[part]), "entry", "entries")
             yield at, expected(f"{length} for {part}{named}{', or one' if one else ''}")
-            return
-
-
-def _angles(at: Path, row: Any, key: str, axes: Axes) -> Flaws:
-    """Give the angles without a unit in a list of numbers, or of pairs, for the parts that a key means."""
-    own = next((axes[part] for part in axes if stands_for(key, part)), ())
-    for i, (axis, item) in enumerate(zip(own, row if isinstance(row, list) else (), strict=False)):
-        if axis == "theta" or axis.isdigit():
-            values: list[tuple[Path, Any]] = [((*at, i), item)]
-            if isinstance(item, list):
-                values = [((*at, i, j), value) for j, value in enumerate(item)]
+            break
+    for i, (axis, item) in enumerate(zip(axes[parts[0]], row, strict=False)):
+        if angles and (axis == "theta" or axis.isdigit()):
+            values = [((i, j), value) for j, value in enumerate(item)] if isinstance(item, list) else [((i,), item)]
             for place, value in values:
                 if (error := beyond_a_turn(value)) is not None:
-                    yield place, error
+                    yield (*at, *place), error

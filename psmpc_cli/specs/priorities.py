@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from psmpc_cli.specs.document import LARGEST
-from psmpc_cli.specs.fields import Flaws, flaw
+from psmpc_cli.specs.fields import Fields, Flaws, flaw
 from psmpc_cli.specs.messages import quoted, shortened
 
 Vector = NDArray[np.float64]
@@ -78,17 +79,21 @@ def priorities_of(compare: Sequence[PairwiseComparison], stages: Sequence[str]) 
     return [float(f"{weight:.{DIGITS}g}") for weight in np.exp(weigh(compare, stages).logarithms)]
 
 
-def disagreements(compare: Sequence[PairwiseComparison], stages: Sequence[str]) -> Flaws:
+def disagreements(priorities: Any, fields: Fields, context: Any) -> Flaws:
     """Give comparisons that leave stages unconnected, contradict each other, or lead beyond all numbers."""
     from scipy.sparse.csgraph import connected_components
 
+    stages = [stage.name for stage in fields.get("stages", ())]
+    if priorities is None or not stages or len(stages) > len(set(stages)):
+        return
+    compare = priorities.compare
     number, labels = connected_components(_incidence(compare, stages).T @ _incidence(compare, stages), directed=False)
     if number > 1:
         islands = (
             ", ".join(shortened(s) for s, at in zip(stages, labels, strict=True) if at == i) for i in range(number)
         )
         found = f"nothing that compares {' with '.join(islands)}"
-        yield (), flaw(", expected comparisons that connect all stages", found, at_key=True)
+        yield ("compare",), flaw(", expected comparisons that connect all stages", found, at_key=True)
         return
     weighing = weigh(compare, stages)
     sizes = np.abs(weighing.logarithms)
@@ -98,8 +103,9 @@ def disagreements(compare: Sequence[PairwiseComparison], stages: Sequence[str]) 
         measure = f"consistency ratio {weighing.ratio:.3g}, acceptable up to {ACCEPTABLE:g}"
         found = f"{quoted(a)} to be {ratio:g} times as important as {quoted(b)}"
         fitted = np.exp(np.log(ratio) - weighing.residuals[worst])
-        yield (worst, 2), flaw(f", expected nearer to {fitted:.3g}, which fits all comparisons best ({measure})", found)
+        wanted = f", expected nearer to {fitted:.3g}, which fits all comparisons best ({measure})"
+        yield ("compare", worst, 2), flaw(wanted, found)
     elif sizes.max() > np.log(LARGEST):
         extreme = int(sizes.argmax())
         found = f"comparisons that make {quoted(stages[extreme])} far more or less important than {quoted(stages[0])}"
-        yield (), flaw(f", expected a ratio from {1 / LARGEST:g} to {LARGEST:g}", found, at_key=True)
+        yield ("compare",), flaw(f", expected a ratio from {1 / LARGEST:g} to {LARGEST:g}", found, at_key=True)

@@ -9,7 +9,7 @@ from functools import partial
 from itertools import product
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import AfterValidator, BaseModel, Discriminator, Field, Tag
+from pydantic import BaseModel, Discriminator, Field, Tag
 
 from psmpc_cli.specs.fields import (
     Angle,
@@ -40,7 +40,7 @@ from psmpc_cli.specs.fields import (
     known,
     listed,
 )
-from psmpc_cli.specs.messages import choice, counted, dotted, quoted
+from psmpc_cli.specs.messages import choice, counted, quoted
 from psmpc_cli.specs.parts import (
     QUANTITIES,
     SPACES,
@@ -73,12 +73,6 @@ Parts = Mapping[str, tuple[float, ...]]
 """Numbers keyed by part name (`base`, then each arm's name, or `arms` for every arm)."""
 
 
-def _two_stages(comparison: tuple[str, str, float]) -> tuple[str, str, float]:
-    if comparison[0] == comparison[1]:
-        raise flaw(", expected two different stages", f"{quoted(comparison[0])} compared with itself")
-    return comparison
-
-
 _Coordinates = Mapping[Part, tuple[Angle, ...]]
 _Extent = Annotated[tuple[Positive, Positive], listed("2 entries", 2)]
 _Pose = Annotated[tuple[Number, Number, Direction], listed("3 entries", 3)]
@@ -88,11 +82,7 @@ _Frames = OneOrMore[Annotated[str, known(lambda context: list(context.sizes))]]
 _JointNames = OneOrMore[Annotated[str, known(lambda context: names(context.sizes, "joint") if context.sizes else ())]]
 _SkillName = Annotated[str, known(lambda context: context.spaces)]
 _StageName = Annotated[str, known(lambda context: context.stages)]
-_Comparison = Annotated[
-    tuple[_StageName, _StageName, Positive],
-    listed("a comparison [stage, stage, ratio]", 3),
-    AfterValidator(_two_stages),
-]
+_Comparison = Annotated[tuple[_StageName, _StageName, Positive], listed("a comparison [stage, stage, ratio]", 3)]
 _StageKey = Annotated[str, known(lambda context: context.stages, "stage")]
 
 ControllerKind = Literal["psmpc", "smpc", "hard", "htmpc"]
@@ -379,18 +369,16 @@ def _ends(stages: Any, fields: Fields, context: Context) -> Flaws:
 
 def _instants(stages: tuple[StageSpec, ...], fields: Fields, context: Context) -> Flaws:
     """Give fixed switch times that no order of events can keep."""
-    limit, earliest, reasons = time_limit(context), 0.0, list[str]()
+    limit, earliest, fixed = time_limit(context), 0.0, 0.0
     for i, stage in enumerate(stages):
-        lasts = max(stage.dwell, stage.target.times[-1] if isinstance(stage.target, TrajectorySpec) else 0.0)
-        reasons += [f"{dotted(('stages', i))} takes {lasts:g} s"] if lasts else []
-        if stage.at is not None and (stage.at <= earliest or stage.at < earliest + lasts):
-            wanted = f", expected a time after {earliest + lasts:g} s ({', '.join(reasons)})"
+        earliest += max(stage.dwell, stage.target.times[-1] if isinstance(stage.target, TrajectorySpec) else 0.0)
+        if stage.at is not None and (stage.at < earliest or stage.at == fixed):
+            wanted = f", expected a time after {earliest:g} s, by the dwells, trajectories and fixed times so far"
             yield (i, "at"), flaw(wanted, f"{stage.at:g} s")
         elif stage.at is not None and stage.at >= limit:
             yield (i, "at"), flaw(f", expected a time before the time_limit of {limit:g} s", f"{stage.at:g} s")
-        earliest += lasts
-        if stage.at is not None and stage.at >= earliest:
-            earliest, reasons = stage.at, [f"{dotted(('stages', i, 'at'))} is {stage.at:g} s"]
+        elif stage.at is not None:
+            earliest = fixed = stage.at
 
 
 def _controller(controller: ControllerSpec, fields: Fields, context: Context) -> Flaws:
@@ -421,17 +409,17 @@ def _plant(plant: PlantSpec, fields: Fields, context: Context) -> Flaws:
     """Give a plant whose ticks and steps do not divide a sample, or are too many."""
     if (controller := fields.get("controller")) is None:
         return
-    sample, tick, hertz = controller.sample_time, 1 / plant.low_level_rate, f"{plant.low_level_rate:g} Hz"
-    step, at = (tick, "low_level_rate") if plant.step is None else (plant.step, "step")
-    if sample / step > MOST_STEPS * (1 + ROUNDING):
-        yield (at,), flaw(f", expected at most {MOST_STEPS}", f"{sample / step:.6g} steps in a sample of {sample:g} s")
-        return
-    if not _is_whole(sample / tick):
-        found = f"{hertz}, which makes {sample / tick:.6g} ticks of a sample_time of {sample:g} s"
+    sample, rate = controller.sample_time, plant.low_level_rate
+    steps = sample * rate if plant.step is None else sample / plant.step
+    if steps > MOST_STEPS * (1 + ROUNDING):
+        at = "low_level_rate" if plant.step is None else "step"
+        yield (at,), flaw(f", expected at most {MOST_STEPS}", f"{steps:.6g} steps in a sample of {sample:g} s")
+    if not _is_whole(sample * rate):
+        found = f"{rate:g} Hz, which makes {sample * rate:.6g} ticks of a sample_time of {sample:g} s"
         yield ("low_level_rate",), flaw(", expected a whole number of ticks", found)
-    if not _is_whole(tick / step):
-        found = f"{step:g} s, which makes {tick / step:.6g} steps of a tick of {tick:g} s (low_level_rate {hertz})"
-        yield (at,), flaw(", expected a whole number of steps", found)
+    if plant.step is not None and not _is_whole(1 / rate / plant.step):
+        found = f"{plant.step:g} s, which makes {1 / rate / plant.step:.6g} steps of a tick of {1 / rate:g} s"
+        yield ("step",), flaw(", expected a whole number of steps", found)
 
 
 def _is_whole(ratio: float) -> bool:
@@ -469,14 +457,6 @@ def _wider(
                 yield (key, quantity, index), expected(f"within {whose} [{least:.6g}, {most:.6g}]")
 
 
-def _agreement(priorities: PrioritiesSpec | None, fields: Fields, context: Context) -> Flaws:
-    """Give comparisons that leave stages unconnected, contradict each other, or lead beyond all numbers."""
-    stages = [stage.name for stage in fields.get("stages", ())]
-    if priorities is not None and stages and len(stages) == len(set(stages)):
-        for at, error in disagreements(priorities.compare, stages):
-            yield ("compare", *at), error
-
-
 def _object(thing: ObjectSpec | None, fields: Fields, context: Context) -> Flaws:
     """Give an object that is let go before it is taken."""
     order = context.stages
@@ -495,7 +475,7 @@ def _monitor(monitor: MonitorSpec, fields: Fields, context: Context) -> Flaws:
 
 
 def _uncertainty(spec: UncertaintySpec, fields: Fields, context: Context) -> Flaws:
-    """Give what the plant cannot do, a delay beyond the horizon, and a payload that is never held."""
+    """Give what the plant cannot do, a delay beyond the horizon, and a payload without an object."""
     controller, plant = fields.get("controller"), fields.get("plant")
     if controller is not None and spec.delay * controller.sample_time >= controller.horizon:
         found = f"{spec.delay} samples of {controller.sample_time:g} s"
@@ -504,15 +484,9 @@ def _uncertainty(spec: UncertaintySpec, fields: Fields, context: Context) -> Fla
         found = ", ".join(key for key in type(spec).model_fields if key in spec.model_fields_set - {"noise", "delay"})
         wanted = "only noise and delay, or plant rk4 or mujoco: ideal has neither bodies nor forces"
         yield (), flaw(f", expected {wanted}", f"{found} with plant ideal")
-    if spec.payload is None or "object" not in fields:
-        return
-    thing, order = fields["object"], context.stages
-    if thing is None:
+    if spec.payload is not None and fields.get("object", spec) is None:
         wanted = ", expected one: it says which stages take the payload and let it go"
         yield ("payload",), flaw(wanted, 'no "object"', at_key=True)
-    elif order and order.index(thing.let_go_by) == order.index(thing.taken_by) + 1:
-        found = f"no stage between {thing.taken_by}, which takes the object, and {thing.let_go_by}, which lets it go"
-        yield ("payload",), flaw(", expected at least one that holds the payload", found, at_key=True)
 
 
 _Monitor = Annotated[MonitorSpec, holds(_monitor)]
@@ -548,7 +522,7 @@ class TaskSpec(Spec):
         holds_as_written(_ends),
         holds(_instants),
     ] = Field(description="the stages in their order")
-    priorities: Annotated[PrioritiesSpec | None, holds(_agreement)] = Field(
+    priorities: Annotated[PrioritiesSpec | None, holds(disagreements)] = Field(
         None, description="priorities of all stages from paired comparisons, instead of one at each stage"
     )
     onset: OnsetSpec = Field(OnsetSpec(), description="what counts as the actual start of a stage")

@@ -71,10 +71,8 @@ def time_limit(context: Context) -> float:
 
 
 def _impulse(impulse: ImpulseSpec | None, fields: Fields, context: Context) -> Flaws:
-    """Give an impulse that is none, or comes after the run."""
+    """Give an impulse that comes after the run."""
     limit = time_limit(context)
-    if impulse is not None and not any((*impulse.linear, impulse.angular)):
-        yield (), flaw(", expected linear: [x, y] in N s, or angular in N m s", "no impulse", at_key=True)
     if impulse is not None and impulse.at >= limit:
         yield ("at",), flaw(f", expected a time before the time_limit of {limit:g} s", f"{impulse.at:g} s")
 

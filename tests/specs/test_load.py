@@ -107,7 +107,7 @@ def test_what_is_out_of_reach_is_reported_with_what_is_misspelt(
 @pytest.mark.parametrize(
     ("reference", "reason"),
     [
-        ("gone.yaml", 'found no file "gone.yaml", expected a path or a built-in robot: '),
+        ("gone.yaml", 'found no file "gone.yaml", expected one of '),
         ("folder", "folder: found a directory, expected a YAML file"),
     ],
 )
@@ -133,7 +133,7 @@ def test_robot_that_cannot_be_read_is_reported_where_the_task_names_it(
 def test_message_about_a_missing_task_has_the_built_in_names(reference: str, found: str) -> None:
     with pytest.raises(SpecError) as raised:
         load_task(reference)
-    assert str(raised.value) == f"{found}, expected a path or a built-in task: {', '.join(built_ins('task'))}"
+    assert str(raised.value) == f"{found}, expected one of {', '.join(built_ins('task'))}, the path of a file"
 
 
 def test_digest_is_of_the_content_not_of_the_text() -> None:

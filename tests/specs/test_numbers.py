@@ -11,7 +11,6 @@ from psmpc_cli.specs.coordinates import (
     labels,
     resolve_limits,
     rows,
-    sizes,
     stack,
     stack_rows,
     tolerances,
@@ -45,7 +44,7 @@ def test_names_select_sorted_rows(chosen: list[str], space: Space, expected: tup
 
 
 def test_a_point_has_two_numbers_an_arm_and_one_row_of_the_error() -> None:
-    assert sizes(UNEVEN, "point") == {"base": 3, "short": 2, "long": 2}
+    assert stack({"arms": (1.0, 2.0)}, UNEVEN, "point", missing=0.0).tolist() == [0, 0, 0, 1, 2, 1, 2]
     assert labels(UNEVEN, "point")[3:] == ("short.direction", "long.direction")
     weights = {"base": (1.0, 1.0, 1.0), "long": (5.0,)}
     assert stack(weights, UNEVEN, "point", missing=0.0, of_error=True).tolist() == [1, 1, 1, 0, 5]

@@ -61,6 +61,7 @@ class Command:
         time: When it begins to act [s].
         x: State [Q; v] (2n,) it was decided from: the measured one, or the one foreseen over a known delay.
         u: Accelerations over the low-level ticks of the coming sample (M, n) [m/s^2, rad/s^2].
+        x_next: State [Q; v] (2n,) to which the plan leads at the next sample.
         tick: Length of a tick [s].
         plan: The plan in force.
         sequence: The stages in the window.
@@ -79,6 +80,7 @@ class Command:
     time: float
     x: np.ndarray
     u: np.ndarray
+    x_next: np.ndarray
     tick: float
     plan: Plan
     sequence: MovingSequence
@@ -170,7 +172,8 @@ class Controller:
         """
         seen = self._estimator.foreseen(state.x)
         switches = self._drop_stages(time, seen)  # stages that are over leave the window
-        x, measured = self._completed(time, seen), bool(np.isfinite(seen).all())
+        measured = bool(np.isfinite(seen).all())
+        x = seen if measured else self._completed(time, seen)
         prediction, before = self._predict(time, x), self.sequence  # the last plan, shifted
         longer = self._detect(prediction)  # the next stage enters when its switch is predicted
         sequence, solution = self._solve_longest(before, longer, prediction, x)
@@ -181,7 +184,8 @@ class Controller:
         self.sequence, self._solved = sequence, solution
         plan = self._plan_in_force((levels or (solution,))[-1].plan if solved else None, prediction, time, x)
         self._trusted = plan.end if measured and self._braking is None else self._trusted
-        u = self._estimator.command(plan.mean_control(self.edges(time)), state.v)
+        X, planned = plan.over(self.edges(time))
+        u = self._estimator.command(planned, state.v)
         happened = {
             "appended": sequence.last > before.last,
             "postponed": sequence.last < (longer or before).last,
@@ -191,7 +195,7 @@ class Controller:
         }
         events, d = frozenset(name for name, yes in happened.items() if yes), self._estimator.d
         tick, model = 1 / self._rate, self.problem.model
-        return Command(time, x, u, tick, plan, sequence, prediction, solution, events, switches, d, levels, model)
+        return Command(time, x, u, X[-1], tick, plan, sequence, prediction, solution, events, switches, d, levels, model)
 
     def edges(self, time: float) -> np.ndarray:
         """Return the beginnings of the low-level ticks in the sample at a time [s], and its end (M + 1,)."""
@@ -222,8 +226,6 @@ class Controller:
 
     def _completed(self, time: float, x: np.ndarray) -> np.ndarray:
         """Return the measured state x (2n,) with the plan's wherever it is not finite."""
-        if np.isfinite(x).all():
-            return x
         plan = self._plan if self._braking is None else self._braking
         if plan is None:
             raise RunError(f"nothing is measured at {time:g} s and there is no plan yet, so the robot does not move")

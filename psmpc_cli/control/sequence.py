@@ -85,9 +85,9 @@ def drop_passed(sequence: MovingSequence, now: float) -> tuple[MovingSequence, l
 def is_over(sequence: MovingSequence, stages: tuple[Stage, ...], costs: StageCosts, now: float, x: np.ndarray) -> bool:
     """Tell whether the current stage is over: at its fixed time, or when x meets its end condition and has held it."""
     stage = stages[sequence.first]
-    dwelt = now - sequence.entered >= stage.dwell - 1e-9 and sequence.hold_left(stages, now) <= 1e-9
-    over = costs.met(stage, x[None])[0] if stage.at is None else now >= stage.at - SHORTEST
-    return bool(dwelt and over)
+    if now - sequence.entered < stage.dwell - 1e-9 or sequence.hold_left(stages, now) > 1e-9:
+        return False
+    return bool(costs.met(stage, x[None])[0] if stage.at is None else now >= stage.at - SHORTEST)
 
 
 def drop_met(

@@ -89,11 +89,6 @@ class StageFunctions:
         return ca.Function("Lbar", [self._x, self._u, self._target, self._W, self._W_r], ca.cse([L]))
 
     @cached_property
-    def costs(self) -> RowFunction:
-        """The same at rows of arrays."""
-        return RowFunction(self.cost)
-
-    @cached_property
     def state_cost(self) -> ca.Function:
         """Q, W, target -> e'We."""
         return ca.Function("error", [self._Q, self._W, self._target], ca.cse([self._L]))

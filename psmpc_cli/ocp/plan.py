@@ -95,11 +95,24 @@ class Plan:
 
     def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the states (len(times), 2n) and the accelerations just after each time (len(times), n)."""
-        n, k = self.u.shape[1], self.intervals_at(times)
-        X, u, since = self.X[k], self._u_and_none[k], (times - self.times[k])[:, None]
-        X[:, :n] += since * X[:, n:] + since**2 / 2 * u
-        X[:, n:] += since * u
+        X, u, _ = self._read(times, self.intervals_at(times))
         return X, u
+
+    def over(self, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the states (len(edges), 2n) and the mean acceleration between consecutive edges, as `mean_control`."""
+        k = self.intervals_at(edges)
+        X, _, gained = self._read(edges, k)
+        gained += self._impulse.take(k, 0)
+        return X, (gained[1:] - gained[:-1]) / (edges[1:] - edges[:-1])[:, None]
+
+    def _read(self, times: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return states and accelerations at times in the intervals k, and the velocities gained in these so far."""
+        n, X, u = self.u.shape[1], self.X.take(k, 0), self._u_and_none.take(k, 0)
+        since = (times - self.times.take(k))[:, None]
+        gained = since * u
+        X[:, :n] += since * (X[:, n:] + gained / 2)
+        X[:, n:] += gained
+        return X, u, gained
 
     @cached_property
     def _u_and_none(self) -> np.ndarray:
@@ -118,9 +131,7 @@ class Plan:
 
         Nodes and ticks do not align; the mean keeps the velocities at the ticks equal to the plan's.
         """
-        k = self.intervals_at(edges)
-        at = self._impulse[k] + (edges - self.times[k])[:, None] * self._u_and_none[k]
-        return np.asarray((at[1:] - at[:-1]) / (edges[1:] - edges[:-1])[:, None])
+        return self.over(edges)[1]
 
 
 def resting_plan(start: float, horizon: float, nodes: int, x: np.ndarray) -> Plan:
@@ -135,11 +146,11 @@ def resting_plan(start: float, horizon: float, nodes: int, x: np.ndarray) -> Pla
 def shift(plan: Plan, now: float, horizon: float, x: np.ndarray) -> Plan:
     """Return the plan from now on, begun at the measured state x (2n,) and extended to the horizon's new end."""
     end = now + horizon
-    inside = plan.times[(plan.times > now + 1e-9) & (plan.times < end - 1e-9)]
-    times = np.concatenate([[now], inside, [end]])
-    X, u = plan.at(times)
-    X[0] = x
-    return Plan(times, X, u[:-1], plan.instants[plan.instants > now])
+    inside = slice(*plan.times.searchsorted([now + 1e-9, end - 1e-9]))
+    last, u = plan.at(np.array([now, end]))
+    times = np.concatenate([[now], plan.times[inside], [end]])
+    X = np.concatenate([x[None], plan.X[inside], last[1:]])
+    return Plan(times, X, np.concatenate([u[:1], plan._u_and_none[inside]]), plan.instants[plan.instants > now])
 
 
 def braking_plan(start: float, x: np.ndarray, duration: float) -> Plan:

@@ -87,16 +87,16 @@ class Stage:
 
 
 class StageCosts:
-    """Errors, costs and end conditions of one robot's stages on arrays of states."""
+    """Errors, costs and end conditions of one robot's stages on arrays of states; `native`, as compiled C."""
 
-    def __init__(self, model: RobotModel) -> None:
-        self.model = model
+    def __init__(self, model: RobotModel, native: bool = False) -> None:
+        self.model, self._native = model, native
         self._functions: dict[tuple[str, str], StageFunctions] = {}
 
     def _of(self, stage: Stage) -> StageFunctions:
         key = (stage.space, stage.input)
         if key not in self._functions:
-            self._functions[key] = stage_functions(self.model, StageShape(*key))
+            self._functions[key] = stage_functions(self.model, StageShape(*key), self._native)
         return self._functions[key]
 
     def errors(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
@@ -115,8 +115,7 @@ class StageCosts:
         """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
         if stage.input == "task":
             u = self.task_acceleration(X, u)
-        numbers = (_wanted(stage, since), stage.weights, stage.control_weights)
-        return self._of(stage).costs(X, u, *numbers, rows=len(X))[0][:, 0]
+        return self.of_states(stage, X, since) + (u * u) @ stage.control_weights
 
     def of_states(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return the part of Lbar (K,) that the states X (K, 2n) make, without the control's."""
@@ -139,10 +138,10 @@ class StageCosts:
         if not stage.end_rows:
             return np.zeros(len(X), bool)
         rows = list(stage.end_rows)
-        ok = np.all(np.abs(self.errors(stage, X)[:, rows]) <= stage.tolerance * margin + SLACK, axis=1)
-        if stage.end_velocity is not None:
-            ok &= np.all(np.abs(self.rates(stage, X)[:, rows]) <= stage.end_velocity * margin + SLACK, axis=1)
-        return np.asarray(ok)
+        met = (np.abs(self.errors(stage, X)[:, rows]) <= stage.tolerance * margin + SLACK).all(axis=1)
+        if stage.end_velocity is not None and met.any():
+            met &= (np.abs(self.rates(stage, X)[:, rows]) <= stage.end_velocity * margin + SLACK).all(axis=1)
+        return met
 
     def end_error(self, stage: Stage, x: np.ndarray) -> float:
         """Compute the largest error of a stage's end condition (18) at x (2n,) over its tolerance; NaN without one."""
@@ -185,7 +184,9 @@ class Problem:
 def build_problem(task: Task) -> Problem:
     """Build the problem of a task."""
     model = build_model(task.robot)
-    return Problem(task, model, build_stages(task.spec, task.robot, model), StageCosts(model))
+    solver = task.spec.solver
+    costs = StageCosts(model, solver.compiled and solver.kind == "sqp")
+    return Problem(task, model, build_stages(task.spec, task.robot, model), costs)
 
 
 def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[Stage, ...]:

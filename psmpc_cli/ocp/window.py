@@ -320,8 +320,9 @@ def normalization(
     """
     if kind == "none":
         return np.zeros(len(stages)), np.ones(len(stages))
-    times = np.linspace(prediction.start, prediction.end, round((prediction.end - prediction.start) / step) + 1)
-    X, u = prediction.states_at(times), prediction.mean_control(times)
+    length, steps = prediction.end - prediction.start, round((prediction.end - prediction.start) / step)
+    times = prediction.start + length / steps * np.arange(steps + 1)
+    X, u = prediction.over(times)
     u = np.concatenate([u, u[-1:]])
     over_time = [costs.at(stage, X, u, times - begin) for stage, begin in zip(stages, begins, strict=True)]
     nadir = np.array([values.max() for values in over_time])

@@ -37,8 +37,8 @@ class Rk4Plant:
         if self.resistance is not None and disturbance is not None:
             vectors = disturbance.robot.vector, disturbance.law.vector, self.resistance.vector
             differences = disturbance.noise, disturbance.push, np.concatenate(vectors)
-        Z, F = self._sample[M](np.r_[x, np.zeros(4)], u, *differences)
-        X = np.vstack([x, Z[:, : 2 * n]])
+        Z, F = self._sample[M](np.concatenate([x, np.zeros(4)]), u, *differences)
+        X = np.concatenate([x[None], Z[:, : 2 * n]])
         time = start + self.tick * np.arange(M + 1)
         return Ticks(time, X, F, Z[-1, 2 * n : 2 * n + 3], float(Z[-1, 2 * n + 3]))
 

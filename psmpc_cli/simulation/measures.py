@@ -51,7 +51,7 @@ class Meter:
         for happened in (ticks,) if contact is None else (contact, ticks):
             self._gained = self._gained + np.array([*happened.impulse, happened.work])
         tick, base, end = ticks.time[1:] - ticks.time[:-1], ticks.F[:, self._base], ticks.X[-1]
-        lowest, highest = ticks.X[1:].min(axis=0), ticks.X[1:].max(axis=0)
+        below, above = ticks.X[1:] - stage.limits.state_low, stage.limits.state_high - ticks.X[1:]
         since = ticks.time[:1] - command.sequence.entered
         metrics = Metrics(
             u=u,
@@ -59,11 +59,11 @@ class Meter:
             stage_cost=float(problem.costs.at(stage, true[None], u[:1], since)[0]),
             presence=self._counterfactuals.presence(command),
             shares=self._counterfactuals.shares(command) if self._shares else {},
-            margin=np.minimum(lowest - stage.limits.state_low, stage.limits.state_high - highest),
-            control_effort=float(tick @ (u * u).sum(axis=1)),
+            margin=np.minimum(below, above).min(axis=0),
+            control_effort=float((tick @ (u * u)).sum()),
             base_force=float(tick @ np.sqrt((base[:, :-1] ** 2).sum(axis=1))),
             base_torque=float(tick @ np.abs(base[:, -1])),
-            deviation=end - command.plan.states_at(ticks.time[-1:])[0],
+            deviation=end - command.x_next,
             end_errors=self._end_errors(command, ticks),
             balance=self._kept(stage.index, end) - self._start - self._gained,
             true=true,

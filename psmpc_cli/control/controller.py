@@ -195,7 +195,9 @@ class Controller:
         }
         events, d = frozenset(name for name, yes in happened.items() if yes), self._estimator.d
         tick, model = 1 / self._rate, self.problem.model
-        return Command(time, x, u, X[-1], tick, plan, sequence, prediction, solution, events, switches, d, levels, model)
+        return Command(
+            time, x, u, X[-1], tick, plan, sequence, prediction, solution, events, switches, d, levels, model
+        )
 
     def edges(self, time: float) -> np.ndarray:
         """Return the beginnings of the low-level ticks in the sample at a time [s], and its end (M + 1,)."""

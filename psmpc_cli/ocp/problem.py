@@ -115,7 +115,7 @@ class StageCosts:
         """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
         if stage.input == "task":
             u = self.task_acceleration(X, u)
-        return self.of_states(stage, X, since) + (u * u) @ stage.control_weights
+        return np.asarray(self.of_states(stage, X, since) + (u * u) @ stage.control_weights)
 
     def of_states(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return the part of Lbar (K,) that the states X (K, 2n) make, without the control's."""
@@ -141,7 +141,7 @@ class StageCosts:
         met = (np.abs(self.errors(stage, X)[:, rows]) <= stage.tolerance * margin + SLACK).all(axis=1)
         if stage.end_velocity is not None and met.any():
             met &= (np.abs(self.rates(stage, X)[:, rows]) <= stage.end_velocity * margin + SLACK).all(axis=1)
-        return met
+        return np.asarray(met)
 
     def end_error(self, stage: Stage, x: np.ndarray) -> float:
         """Compute the largest error of a stage's end condition (18) at x (2n,) over its tolerance; NaN without one."""

@@ -1,9 +1,8 @@
 """What a task or robot amounts to and what this machine can do: `psmpc check`, `init`, `schema` and `bench`."""
 
 import json
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -75,20 +74,15 @@ def init(
         typer.echo(str(path))
 
 
-class Kind(StrEnum):
-    """The kinds of description."""
-
-    robot = "robot"
-    task = "task"
-
-
 def schema(
-    kind: Annotated[Kind | None, typer.Argument(help="One kind. Default: both, by kind.", show_default=False)] = None,
+    kind: Annotated[
+        Literal["robot", "task"] | None, typer.Argument(help="One kind. Default: both, by kind.", show_default=False)
+    ] = None,
 ) -> None:
     """Print the JSON Schema of robot and task descriptions, for editors."""
     from psmpc_cli.specs.library import KINDS, json_schema
 
-    found = {each: json_schema(each) for each in KINDS} if kind is None else json_schema(kind.value)
+    found = {each: json_schema(each) for each in KINDS} if kind is None else json_schema(kind)
     typer.echo(json.dumps(found, indent=2))
 
 

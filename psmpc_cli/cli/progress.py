@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import count
 from types import FrameType
 from typing import TYPE_CHECKING
 
@@ -137,12 +136,3 @@ def watched_study(quiet: bool, failed: str) -> "Iterator[Callable[[Progress], No
             show(text)
 
         yield watch
-
-
-@contextmanager
-def ended_runs(quiet: bool, runs: int) -> Iterator[Callable[[str], None]]:
-    """Provide what is called with the name of each of several parallel runs that ends, and shows it."""
-    numbers = count(1)
-    with live_line(quiet) as show:
-        show(f"0 of {runs} runs done", due=False)
-        yield lambda name: show(f"{name} done, {next(numbers)} of {runs}")

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
@@ -73,7 +74,7 @@ def simulate(
                 "--continue repeats the task in the log: expected no task, --set, --controller or --plant beside it"
             )
         path = unfinished if output is None else output_file(output, "", force, drawing)
-        run = _continuation(unfinished, output)
+        run: Callable[[Watch], object] = partial(_continue, unfinished, output)
     elif task is not None:
         path, run = _new_run(task, overrides, output, (controller, plant), force, drawing)
     else:
@@ -114,29 +115,24 @@ def _new_run(
     return path, lambda watch: run(loaded, path, watch, force)
 
 
-def _continuation(path: Path, output: Path | None) -> "Callable[[Watch], object]":
-    """Return the function that finishes an unfinished run, by running it again from its beginning."""
+def _continue(path: Path, output: Path | None, watch: "Watch") -> None:
+    """Finish an unfinished run by running it again from its beginning; end with 1 where that differs from its log."""
     from psmpc_cli.cli.tables import print_differences
     from psmpc_cli.logs.run import read_run
-    from psmpc_cli.simulation.replay import continue_run, ensure_unfinished, unequal_conditions
+    from psmpc_cli.simulation.replay import continue_run, unequal_conditions
 
     log = read_run(path)
-    ensure_unfinished(log)
-
-    def run(watch: "Watch") -> None:
-        comparison = continue_run(log, output, watch)
-        if comparison is None or not comparison.differences:
-            return
-        print_differences(comparison, unequal_conditions(log))
-        if output is None:
-            typer.echo(
-                f"{path} was not continued and is unchanged, since its run differs from it when it is repeated; "
-                "with -o FILE the whole run goes to another file",
-                err=True,
-            )
-            raise typer.Exit(1)
-
-    return run
+    comparison = continue_run(log, output, watch)
+    if comparison is None or not comparison.differences:
+        return
+    print_differences(comparison, unequal_conditions(log))
+    if output is None:
+        typer.echo(
+            f"{path} was not continued and is unchanged, since its run differs from it when it is repeated; "
+            "with -o FILE the whole run goes to another file",
+            err=True,
+        )
+        raise typer.Exit(1)
 
 
 def rerun(

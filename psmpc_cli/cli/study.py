@@ -1,5 +1,6 @@
 """Many runs of a task: `psmpc compare`, `sweep-weights`, `monte-carlo` and `pareto`."""
 
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
@@ -47,15 +48,17 @@ def compare(
     quiet: Quiet = False,
 ) -> None:
     """Run several controllers on the identical task: one table, one file of logs, and figures side by side."""
-    from psmpc_cli.cli.progress import ended_runs, ending_on_signals
+    from psmpc_cli.cli.progress import ending_on_signals, live_line
     from psmpc_cli.cli.tables import present
     from psmpc_cli.studies.compare import compare_tasks, compared_tasks, controllers_in
 
     tasks = compared_tasks(task, controllers_in(controllers), changes or [])
     first = next(iter(tasks.values()))
     path = output_file(output, f"{first.spec.name}-comparison", force, figures)
-    with ending_on_signals("no comparison was written"), ended_runs(quiet, len(tasks)) as done:
-        compare_tasks(tasks, path, force, jobs, done)
+    with ending_on_signals("no comparison was written"), live_line(quiet) as show:
+        show(f"0 of {len(tasks)} runs done", due=False)
+        ended = count(1)
+        compare_tasks(tasks, path, force, jobs, lambda name: show(f"{name} done, {next(ended)} of {len(tasks)}"))
     present(path, figures, force, quiet)
 
 

@@ -260,7 +260,9 @@ def continue_run(log: Run, path: Path | None = None, watch: Watch = lambda sampl
         InputError: The new log cannot be written, or the run still goes on.
         RunError: The new log could not be written any further.
     """
-    ensure_unfinished(log)
+    if not log.interrupted:
+        reason = log.attributes["end_reason"]
+        raise LogError(f"{log.path}: this run has ended ({reason}), so there is nothing to continue")
     if claimed(log.path):
         raise InputError(f"{log.path} cannot be continued: its run still goes on")
     target = log.path.resolve()
@@ -276,18 +278,6 @@ def continue_run(log: Run, path: Path | None = None, watch: Watch = lambda sampl
     finally:
         if path is None:
             new.unlink(missing_ok=True)
-
-
-def ensure_unfinished(log: Run) -> None:
-    """Make sure that there is something to continue.
-
-    Raises:
-        LogError: The run has ended.
-    """
-    if not log.interrupted:
-        raise LogError(
-            f"{log.path}: this run has ended ({log.attributes['end_reason']}), so there is nothing to continue"
-        )
 
 
 def unequal_conditions(log: Run) -> tuple[str, ...]:

@@ -142,7 +142,7 @@ def load_bench(reference: str, changes: Sequence[str], nodes: str = NODES) -> di
     fixed = (*changes, "solver.kind=sqp", "log.shares=false")
     tasks = {
         mesh: [
-            load_task(reference, [*fixed, f"controller.nodes={mesh}", f"controller.kind={kind}"])
+            load_task(reference, [*fixed, (f"--nodes {mesh}", f"controller.nodes={mesh}"), f"controller.kind={kind}"])
             for kind in CONTROLLERS
         ]
         for mesh in _listed(nodes)

@@ -91,7 +91,7 @@ BAD: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("reproduce -o taken", ("taken holds files", "--force")),
     ("reproduce -o task.yaml/out", ("no directory", "-o")),
     ("reproduce --json task.yaml", ("task.yaml exists", "--json", "--force")),
-    ("bench task.yaml --nodes many", ("--nodes", "'many'")),
+    ("bench task.yaml --nodes many", ("--nodes many", "controller.nodes", '"many"')),
     ("bench task.yaml --solvers snopt", ("--solvers", "'snopt'")),
     ("bench task.yaml --set solver.kind=ipopt", ("--solvers",)),
     ("check nowhere", ("nowhere",)),

@@ -112,15 +112,6 @@ def test_hard_switching_never_looks_past_the_current_stage(experiment_of: Build)
     assert not any(sample.metrics.presence for sample in samples)
 
 
-def test_several_switches_fall_into_one_window(experiment_of: Build) -> None:
-    samples, ending = run(experiment_of(*SHORT))
-    assert ending.completed
-    assert max(len(sample.command.instants) for sample in samples) == 2
-    times = [switch for sample in samples for switch in sample.command.switches] + list(ending.switches)
-    assert [stage for stage, _ in times] == [0, 1, 2, 3]
-    assert np.all(np.diff([time for _, time in times]) > 0)
-
-
 def test_a_failed_solve_leaves_the_shifted_plan(experiment_of: Build) -> None:
     samples, ending = run(with_failures(experiment_of(*SHORT), lambda window: 0.45 < window.start < 0.95))
     failed = [sample.command for sample in samples if "solve_failed" in sample.command.events]

@@ -25,10 +25,6 @@ def follow(true: np.ndarray, gain: float, samples: int, noise: float = 0.0, dela
     return np.array(found)
 
 
-def test_nothing_is_estimated_where_there_is_nothing() -> None:
-    np.testing.assert_allclose(follow(np.zeros(2), 0.3, 20), 0, atol=1e-14)
-
-
 @pytest.mark.parametrize("delay", [0, 1, 10])
 @pytest.mark.parametrize("gain", [0.1, 0.3, 1.0])
 def test_a_constant_disturbance_is_found_at_the_filter_s_pace_however_old_measurements_are(

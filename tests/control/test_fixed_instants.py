@@ -15,9 +15,6 @@ from .runs import SHORT, run
 
 Build = Callable[..., Experiment]
 
-LATER = 0.3
-"""Where a solve with a fixed time starts: the states of a guess whose switch is so much later [s]."""
-
 
 def timed(**at: float) -> tuple[str, ...]:
     """Return changes that give stages a fixed end."""

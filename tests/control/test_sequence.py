@@ -54,16 +54,3 @@ def test_the_next_stage_is_detected_at_the_predicted_hitting_time_within_the_mar
 
 def test_nothing_is_detected_after_the_last_stage(stages: tuple[Stage, ...], costs: StageCosts) -> None:
     assert detect(MovingSequence(3, np.zeros(0), 0.0), stages, costs, arriving(1.0), 10) is None
-
-
-def test_a_fixed_instant_enters_the_window_with_the_horizon_and_ends_the_stage_on_time(
-    stages: tuple[Stage, ...], costs: StageCosts
-) -> None:
-    timed = (replace(stages[0], at=4.5, end_rows=(), tolerance=np.zeros(0)), *stages[1:])
-    assert detect(MovingSequence(0, np.zeros(0), 0.0), timed, costs, arriving(9.0), 10) is None
-    later = replace(arriving(9.0), times=arriving(9.0).times + 1.0)
-    longer = detect(MovingSequence(0, np.zeros(0), 0.0), timed, costs, later, 10)
-    assert longer is not None
-    assert longer.instants.tolist() == [4.5]
-    assert drop_met(MovingSequence(0, np.zeros(0), 0.0), timed, costs, 4.4, AT_TARGET)[0].first == 0
-    assert drop_met(MovingSequence(0, np.zeros(0), 0.0), timed, costs, 4.5, AT_TARGET)[0].first == 1

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
@@ -70,7 +70,7 @@ def holds(rule: Rule) -> AfterValidator:
     def check(value: Any, info: ValidationInfo) -> Any:
         if info.context:
             info.context.well_formed[info.field_name] = value
-        _raise(_applied(rule, value, info))
+        _raise(rule, value, info)
         return value
 
     return AfterValidator(check)
@@ -80,29 +80,23 @@ def holds_as_written(rule: Rule) -> WrapValidator:
     """Create the same of a rule about a value as it is written, which applies whatever else is wrong inside it."""
 
     def check(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-        found = _applied(rule, value, info)
         try:
             valid = handler(value)
         except ValidationError as error:
-            inside = error.errors(include_url=False)
-            found += [
-                {**each, "type": flaw(**each["ctx"]) if each["type"] == FLAW else each["type"]} for each in inside
-            ]
-        _raise(found)
+            _raise(rule, value, info, error.errors(include_url=False))
+            raise
+        _raise(rule, value, info)
         return valid
 
     return WrapValidator(check)
 
 
-def _applied(rule: Rule, value: object, info: ValidationInfo) -> list[Any]:
-    """Return the errors that a rule gives, none without a context."""
+def _raise(rule: Rule, value: object, info: ValidationInfo, inside: Iterable[ErrorDetails] = ()) -> None:
+    """Raise the errors that a rule gives, none without a context, together with those inside the value."""
     flaws = rule(value, {**info.context.well_formed, **info.data}, info.context) if info.context else ()
-    return [{"type": error, "loc": at, "input": value} for at, error in flaws]
-
-
-def _raise(found: list[Any]) -> None:
-    """Raise all errors at once, if there are any."""
+    found: list[Any] = [{"type": error, "loc": at, "input": value} for at, error in flaws]
     if found:
+        found += [{**each, "type": flaw(**each["ctx"]) if each["type"] == FLAW else each["type"]} for each in inside]
         raise ValidationError.from_exception_data("rules", found)
 
 

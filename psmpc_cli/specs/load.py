@@ -19,7 +19,7 @@ from psmpc_cli.specs.overrides import Changes, for_controller, override
 from psmpc_cli.specs.parts import Context
 from psmpc_cli.specs.priorities import priorities_of
 from psmpc_cli.specs.robot import PlanarRobot, RobotSpec, SpatialRobot, UrdfRobot
-from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, StageSpec, TaskSpec
+from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, TaskSpec
 from psmpc_cli.specs.urdf import Urdf, read_urdf, spatial_robot
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -218,23 +218,17 @@ def _task(
     ]
     if any(reports) or task is None or spec is None or source is None:
         raise SpecError("\n".join(report for report in reports if report))
+    stages = task.stages
+    if task.priorities is not None:
+        omega = priorities_of(task.priorities.compare, [stage.name for stage in stages])
+        stages = tuple(stages[i].model_copy(update={"priority": omega[i]}) for i in range(len(stages)))
     overridden = any(origin.override is not None for origin in document.origins.values())
     return Task(
-        spec=task.model_copy(update={"name": task.name or name, "stages": _prioritized(task)}),
+        spec=task.model_copy(update={"name": task.name or name, "stages": stages}),
         robot=spec,
         task_yaml=write(document.data) if overridden else document.text,
         robot_yaml=source.text,
         source=own,
-    )
-
-
-def _prioritized(task: TaskSpec) -> tuple[StageSpec, ...]:
-    """Return the stages of a task with their priorities, which come from comparisons if the task has these."""
-    if task.priorities is None:
-        return task.stages
-    omega = priorities_of(task.priorities.compare, [stage.name for stage in task.stages])
-    return tuple(
-        stage.model_copy(update={"priority": priority}) for stage, priority in zip(task.stages, omega, strict=True)
     )
 
 

@@ -94,17 +94,6 @@ def test_rows_of_a_trajectory_are_stacked_in_the_order_of_q() -> None:
     )
 
 
-@settings(max_examples=15, deadline=None)
-@given(st.integers(0, 16), st.sampled_from(["base", "arm_1", "arm_2"]), st.integers(0, 2), st.floats(-1e3, 1e3))
-def test_one_number_is_set_and_the_effective_text_keeps_it(moment: int, part: str, axis: int, value: float) -> None:
-    task = load_task("tracking", {f"stages.trace.target.{part}[{moment}][{axis}]": f"{value!r} rad"})
-    target = task.spec.stages[1].target
-    assert isinstance(target, TrajectorySpec)
-    assert target.parts[part][moment][axis] == value
-    again = parse_task(task.task_yaml, task.robot_yaml, task.spec.name)
-    assert (again.spec, again.digest) == (task.spec, task.digest)
-
-
 bounds = st.floats(0.0, 10.0).flatmap(lambda high: st.tuples(st.floats(-10.0, 0.0), st.just(high)))
 layers = st.dictionaries(
     st.sampled_from(["base", "arms", "arm_1", "arm_2"]),

@@ -1,6 +1,7 @@
 """The switching controller: PSMPC, SMPC and hard switching are one code with two switches; HTMPC adds levels."""
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from psmpc_cli.control.htmpc import Hierarchy
 from psmpc_cli.control.multistart import solve_from_several
 from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed, is_over
 from psmpc_cli.errors import RunError
+from psmpc_cli.ocp.chart import ATTITUDE, PLANAR, Chart
 from psmpc_cli.ocp.plan import Plan, braking_plan, resting_plan, shift
 from psmpc_cli.ocp.problem import Problem, Stage, build_problem
 from psmpc_cli.ocp.window import (
@@ -20,9 +22,13 @@ from psmpc_cli.ocp.window import (
     own_violations,
 )
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.rotations import exp, product
 from psmpc_cli.solvers import FEASIBLE, Outcome, Solution, Solver, build_solver
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import ControllerSpec, SolverSpec, TaskSpec
+
+KEPT_UNTIL = -0.17
+"""Real part of an attitude's error at which the other sign of its quaternion is taken: an error of some 200 deg."""
 
 ONE_STAGE = ("hard", "htmpc")
 """Controllers whose window holds the current stage alone."""
@@ -36,20 +42,20 @@ COMPARED = 30
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """State of the robot: Q (n,) [m, rad] and its velocity v (n,) [m/s, rad/s]."""
+    """State of the robot: Q (nq,) [m, rad] and its velocity v (n,) [m/s, rad/s], as `RobotModel` has them."""
 
     Q: np.ndarray
     v: np.ndarray
 
     @classmethod
     def of(cls, x: np.ndarray) -> "State":
-        """Build the state from [Q; v] (2n,)."""
+        """Build the state from [Q; v] (nq + n,)."""
         n = len(x) // 2
-        return cls(x[:n], x[n:])
+        return cls(x[: len(x) - n], x[len(x) - n :])
 
     @property
     def x(self) -> np.ndarray:
-        """Both as one vector [Q; v] (2n,)."""
+        """Both as one vector [Q; v] (nq + n,)."""
         return np.concatenate([self.Q, self.v])
 
 
@@ -59,7 +65,7 @@ class Command:
 
     Attributes:
         time: When it begins to act [s].
-        x: State [Q; v] (2n,) it was decided from: the measured one, or the one foreseen over a known delay.
+        x: State [Q; v] (nq + n,) it was decided from: the measured one, or the one foreseen over a known delay.
         u: Accelerations over the low-level ticks of the coming sample (M, n) [m/s^2, rad/s^2].
         x_next: State [Q; v] (2n,) to which the plan leads at the next sample.
         tick: Length of a tick [s].
@@ -154,6 +160,7 @@ class Controller:
         self._soft, self._starts = self.problem.spec.limits_are_soft, self.spec.multistart or 1
         self._nodes = self.spec.uniform_nodes
         self._hierarchy = Hierarchy(self.problem) if self.spec.kind == "htmpc" else None
+        self._chart, self._known_signs = PLANAR, dict[int, dict[str, float]]()
         self._plan: Plan | None = None
         self._braking: Plan | None = None
         self._solved: Solution | None = None
@@ -170,7 +177,7 @@ class Controller:
         Raises:
             RunError: Nothing is measured, and there is no plan yet.
         """
-        seen = self._estimator.foreseen(state.x)
+        seen = self._in_chart(time, self._estimator.foreseen(state))
         switches = self._drop_stages(time, seen)  # stages that are over leave the window
         measured = bool(np.isfinite(seen).all())
         x = seen if measured else self._completed(time, seen)
@@ -185,6 +192,10 @@ class Controller:
         plan = self._plan_in_force((levels or (solution,))[-1].plan if solved else None, prediction, time, x)
         self._trusted = plan.end if measured and self._braking is None else self._trusted
         X, planned = plan.over(self.edges(time))
+        x_next = X[-1]
+        if self._chart.spatial:  # from here on Q and v, and the rate of v
+            Q, v = self._chart.leave(np.vstack([x, X]))
+            x, x_next, planned = np.r_[Q[0], v[0]], np.r_[Q[-1], v[-1]], np.diff(v[1:], axis=0) * self._rate
         u = self._estimator.command(planned, state.v)
         happened = {
             "appended": sequence.last > before.last,
@@ -196,8 +207,49 @@ class Controller:
         events, d = frozenset(name for name, yes in happened.items() if yes), self._estimator.d
         tick, model = 1 / self._rate, self.problem.model
         return Command(
-            time, x, u, X[-1], tick, plan, sequence, prediction, solution, events, switches, d, levels, model
+            time, x, u, x_next, tick, plan, sequence, prediction, solution, events, switches, d, levels, model
         )
+
+    def _in_chart(self, time: float, state: State) -> np.ndarray:
+        """Return a measured state in the chart about its attitude (2n,), in which plan and stages are from now on.
+
+        Where the attitude is not finite the chart is about the one that the plan foresees.
+        """
+        model = self.problem.model
+        if model.dimension == 2:
+            return state.x
+        Q, plan = state.Q, self._plan if self._braking is None else self._braking
+        if not np.isfinite(Q[ATTITUDE]).all() and plan is not None:
+            Q = np.r_[Q[:3], plan.chart.leave(plan.states_at(np.array([time])))[0][0, ATTITUDE], Q[7:]]
+        self._chart = Chart.at(Q, model.n)
+        x = np.asarray(self._chart.enter(Q[None], state.v[None])[0])
+        self._plan = self._plan and self._plan.in_chart(self._chart)
+        self._braking = self._braking and self._braking.in_chart(self._chart)
+        ahead = self._plan or resting_plan(time, self.spec.horizon, 1, x, self._chart)
+        begins = dict(enumerate([time, *self.sequence.instants], start=self.sequence.first))
+        self.stages = tuple(
+            stage.in_chart(self._chart.anchor, x[6 : model.n], self._signs(stage, ahead, begins.get(stage.index)))
+            for stage in self.problem.stages
+        )
+        return x
+
+    def _signs(self, stage: Stage, plan: Plan, begins: float | None) -> Mapping[str, float]:
+        """Choose the signs of the quaternions in a spatial target, by frame: of q and -q the nearer one.
+
+        The nearer where the stage begins in the plan; then kept until the error passes 200 deg, so that an error that
+        passes 180 deg within a horizon stays smooth.
+        """
+        time = plan.end if begins is None else begins
+        xi = np.asarray(
+            self.problem.model.charted(plan.states_at(np.array([time]))[0, : self.problem.model.n], self._chart.anchor)
+        )
+        rows, known = self.problem.model.pose_rows, self._known_signs.setdefault(stage.index, {})
+        for frame, at in stage.attitudes.items():
+            w = float(stage.target[at : at + 4] @ xi.ravel()[rows[frame]][3:7])
+            sign = known.get(frame)
+            if sign is None or begins is None or sign * w < KEPT_UNTIL:
+                known[frame] = 1.0 if w >= 0 else -1.0
+        return known
 
     def edges(self, time: float) -> np.ndarray:
         """Return the beginnings of the low-level ticks in the sample at a time [s], and its end (M + 1,)."""
@@ -235,7 +287,7 @@ class Controller:
 
     def _predict(self, time: float, x: np.ndarray) -> Plan:
         if self._plan is None:
-            return resting_plan(time, self.spec.horizon, self.spec.uniform_nodes, x)
+            return resting_plan(time, self.spec.horizon, self.spec.uniform_nodes, x, self._chart)
         return shift(self._plan, time, self.spec.horizon, x)
 
     def _detect(self, prediction: Plan) -> MovingSequence | None:
@@ -304,6 +356,7 @@ class Controller:
             nodes=(self._nodes,) * len(stages),
             discretization=spec.discretization,
             soft=self._soft,
+            chart=self._chart,
         )
         if spec.nodes != "auto":
             return window
@@ -332,7 +385,7 @@ class Controller:
     def _brake(self, time: float, x: np.ndarray) -> Plan:
         v, limits = x[len(x) // 2 :], self.stages[self.sequence.first].limits
         strongest = np.minimum(limits.acceleration_high, -limits.acceleration_low)
-        return braking_plan(time, x, max(BRAKING_TIME, float(np.max(np.abs(v) / strongest))))
+        return braking_plan(time, x, max(BRAKING_TIME, float(np.max(np.abs(v) / strongest))), self._chart)
 
 
 def priorities_in_force(spec: ControllerSpec, stages: tuple[Stage, ...]) -> np.ndarray:
@@ -380,20 +433,25 @@ class Estimator:
         self._commanded = deque([none[0]] * spec.known_delay)
         self._first = True
 
-    def foreseen(self, x: np.ndarray) -> np.ndarray:
-        """Return the state [Q; v] (2n,) in which the next command acts.
+    def foreseen(self, state: State) -> State:
+        """Return the state in which the next command acts.
 
         The robot has accelerated as planned since: the disturbance adds what was taken off the planned accelerations.
 
         Args:
-            x: State measured now, or known_delay samples before (2n,).
+            state: Measured now, or known_delay samples before.
         """
         if not self._planned:
-            return x
+            return state
         n, u = len(self.d), np.vstack(self._planned)
-        v = x[n:] + self._tick * np.vstack([np.zeros(n), np.cumsum(u, axis=0)])
-        Q = x[:n] + np.sum(self._tick * v[:-1] + self._tick**2 / 2 * u, axis=0)
-        return np.concatenate([Q, v[-1]])
+        v = state.v + self._tick * np.vstack([np.zeros(n), np.cumsum(u, axis=0)])
+        steps = self._tick * v[:-1] + self._tick**2 / 2 * u
+        if len(state.Q) == n:
+            return State(state.Q + np.sum(steps, axis=0), v[-1])
+        moved, attitude = steps.sum(axis=0), list(state.Q[ATTITUDE])
+        for turn in steps[:, 3:6]:
+            attitude = product(attitude, exp(list(turn)))
+        return State(np.r_[state.Q[:3] + moved[:3], attitude, state.Q[7:] + moved[6:]], v[-1])
 
     def command(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the accelerations to command in a sample (M, n), the disturbance taken off the planned ones.

@@ -13,7 +13,7 @@ from psmpc_cli.ocp.problem import Stage, build_stages
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.specs.coordinates import labels, stack
-from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.specs.load import Task, ensure_planar, load_task
 from psmpc_cli.specs.messages import Fault, dotted, quoted
 from psmpc_cli.specs.messages import Path as Location
 from psmpc_cli.specs.overrides import Changes
@@ -65,6 +65,7 @@ def load_feasible(reference: str | Path | Mapping[str, Any], set: Changes = ()) 
 
 def _review_sound(task: Task, sound: Collection[int] | None) -> list[Fault]:
     """Return what stands against a task; if only some stages are sound, against the targets of these."""
+    ensure_planar(task)
     if sound is None:
         return review(task)
     return [problem for each in look_ahead(task) if each.stage.index in sound for problem in _targets(task, each)]
@@ -76,6 +77,7 @@ def ensure_feasible(task: Task) -> None:
     Raises:
         SpecError: Something does; the message has all of it, located in the task's file.
     """
+    ensure_planar(task)
     if problems := review(task):
         raise SpecError(task.source.report(problems))
 

@@ -5,6 +5,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from psmpc_cli.ocp.chart import PLANAR, Chart
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -63,12 +65,22 @@ class Plan:
         X: States [Q; Qdot] at the nodes (K + 1, 2n).
         u: Accelerations Qddot over the intervals (K, n).
         instants: Switching instants in the plan (S,) [s], absolute.
+        chart: The chart that states and accelerations are in.
     """
 
     times: np.ndarray
     X: np.ndarray
     u: np.ndarray
     instants: np.ndarray
+    chart: Chart = PLANAR
+
+    def in_chart(self, chart: Chart) -> "Plan":
+        """Return the plan in another chart: the same motion at its nodes, accelerations from its velocities."""
+        if not chart.spatial:
+            return self
+        X, n = self.chart.moved(self.X, chart), self.u.shape[1]
+        steps = np.maximum(np.diff(self.times), 1e-12)[:, None]
+        return Plan(self.times, X, np.diff(X[:, n:], axis=0) / steps, self.instants, chart)
 
     @property
     def start(self) -> float:
@@ -134,13 +146,13 @@ class Plan:
         return self.over(edges)[1]
 
 
-def resting_plan(start: float, horizon: float, nodes: int, x: np.ndarray) -> Plan:
+def resting_plan(start: float, horizon: float, nodes: int, x: np.ndarray, chart: Chart = PLANAR) -> Plan:
     """Return the plan that applies no control from x on: the first guess of a run."""
     n = len(x) // 2
     times = start + horizon * np.arange(nodes + 1) / nodes
     Qdot = np.broadcast_to(x[n:], (nodes + 1, n))
     X = np.hstack([x[:n] + (times - start)[:, None] * Qdot, Qdot])
-    return Plan(times, X, np.zeros((nodes, n)), np.zeros(0))
+    return Plan(times, X, np.zeros((nodes, n)), np.zeros(0), chart)
 
 
 def shift(plan: Plan, now: float, horizon: float, x: np.ndarray) -> Plan:
@@ -150,12 +162,13 @@ def shift(plan: Plan, now: float, horizon: float, x: np.ndarray) -> Plan:
     last, u = plan.at(np.array([now, end]))
     times = np.concatenate([[now], plan.times[inside], [end]])
     X = np.concatenate([x[None], plan.X[inside], last[1:]])
-    return Plan(times, X, np.concatenate([u[:1], plan._u_and_none[inside]]), plan.instants[plan.instants > now])
+    u = np.concatenate([u[:1], plan._u_and_none[inside]])
+    return Plan(times, X, u, plan.instants[plan.instants > now], plan.chart)
 
 
-def braking_plan(start: float, x: np.ndarray, duration: float) -> Plan:
+def braking_plan(start: float, x: np.ndarray, duration: float, chart: Chart = PLANAR) -> Plan:
     """Return the plan that brings all velocities to rest at a constant rate within `duration` [s]."""
     n = len(x) // 2
     u = -x[n:] / duration
     at_rest = np.r_[x[:n] + duration / 2 * x[n:], np.zeros(n)]
-    return Plan(np.array([start, start + duration]), np.vstack([x, at_rest]), u[None], np.zeros(0))
+    return Plan(np.array([start, start + duration]), np.vstack([x, at_rest]), u[None], np.zeros(0), chart)

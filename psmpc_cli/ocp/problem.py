@@ -1,6 +1,7 @@
 """A task made computable: the robot's model, the stages as numbers, the functions of the skills on arrays."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import casadi as ca
@@ -14,7 +15,10 @@ from psmpc_cli.specs.coordinates import Limits, resolve_limits, rows, stack, sta
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.parts import Space
 from psmpc_cli.specs.robot import RobotSpec
-from psmpc_cli.specs.task import StageSpec, TaskSpec, TrajectorySpec
+from psmpc_cli.specs.task import SkillSpec, StageSpec, TaskSpec, TrajectorySpec
+
+POSTURE = 1e-3
+"""Weight of a redundant arm's posture, over the largest of its pose."""
 
 SLACK = 1e-6
 """By how much an end condition's tolerances may be exceeded [m, rad, m/s, rad/s]: solvers stop at a tolerance."""
@@ -44,6 +48,7 @@ class Stage:
         at: Fixed switching time [s], or None.
         dwell: Minimum duration [s], that of the trajectory at least.
         onset_rows: Rows of the control whose norm marks the actual start.
+        attitudes: Of a spatial robot, the first of the target's numbers of each quaternion, by frame.
     """
 
     index: int
@@ -63,6 +68,26 @@ class Stage:
     dwell: float
     limits: Limits
     onset_rows: tuple[int, ...]
+    attitudes: Mapping[str, int] = field(default_factory=dict)
+
+    def in_chart(self, anchor: np.ndarray, joints: np.ndarray, signs: Mapping[str, float]) -> "Stage":
+        """Return the stage of a spatial robot with the numbers of its target that a sample sets.
+
+        Args:
+            anchor: Attitude about which the chart is (4,).
+            joints: Posture to which redundant joints are drawn (joints,) [rad, m].
+            signs: Of the target's quaternions, by frame: of the two for one attitude the one meant.
+        """
+
+        def placed(numbers: np.ndarray) -> np.ndarray:
+            numbers = numbers.copy()
+            for frame, at in self.attitudes.items():
+                numbers[..., at : at + 4] *= signs[frame]
+            more = np.broadcast_to(np.r_[anchor, joints], (*numbers.shape[:-1], 4 + len(joints)))
+            return np.concatenate([numbers, more], axis=-1)
+
+        path = self.trajectory and Trajectory(self.trajectory.times, placed(self.trajectory.values))
+        return replace(self, target=placed(self.target), trajectory=path)
 
     @property
     def waypoints(self) -> np.ndarray:
@@ -203,7 +228,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
     if isinstance(control, float | int):
         control_weights = np.full(model.n if skill.input == "joint" else model.m, float(control))
     else:
-        control_weights = stack(control, robot, skill.input)
+        control_weights = stack(control, robot, skill.input, of_error=True)
     return Stage(
         index=index,
         name=spec.name,
@@ -212,7 +237,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         priority=spec.priority,
         target=waypoints[-1],
         trajectory=trajectory,
-        weights=stack(skill.weights.parts, robot, skill.space, missing=0.0, of_error=True),
+        weights=_weights(skill, robot, model),
         control_weights=control_weights,
         end_rows=() if end is None else rows(end.coordinates, robot, skill.space),
         tolerance=np.zeros(0) if end is None else tolerances(end, robot, skill.space),
@@ -222,7 +247,21 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         dwell=spec.dwell if trajectory is None else max(spec.dwell, float(trajectory.times[-1])),
         limits=resolve_limits(robot, task.limits, skill.limits),
         onset_rows=rows(spec.onset if spec.onset is not None else ("all",), robot, "joint"),
+        attitudes=SKILLS[skill.space].attitudes(model) if model.dimension == 3 else {},
     )
+
+
+def _weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarray:
+    """Return the weights of the rows of the error; those of the posture of redundant arms follow from the poses'."""
+    weights = stack(skill.weights.parts, robot, skill.space, missing=0.0, of_error=True)
+    if model.dimension == 2 or skill.space != "task":
+        return weights
+    posture = []
+    for number, arm in enumerate(robot.arms, start=1):
+        own, links = weights[6 * number : 6 * number + 6], robot.parts[arm]
+        free = links > np.count_nonzero(own)
+        posture.append(np.full(links, POSTURE * own.max() if free else 0.0))
+    return np.concatenate([weights, *posture])
 
 
 def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> list[np.ndarray]:

@@ -9,6 +9,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from psmpc_cli.ocp.chart import PLANAR, Chart
 from psmpc_cli.ocp.objective import StageShape
 from psmpc_cli.ocp.plan import Grid, Plan, mesh
 from psmpc_cli.ocp.problem import Stage, StageCosts
@@ -66,6 +67,7 @@ class Window:
         soft: Limits on the states may be violated, at a cost.
         cost_bound: The largest cost integral of the last stage, for epsilon constraints; IPOPT alone takes one.
         kept: Earlier stages that must not get worse, under HTMPC; IPOPT and fatrop take them, in windows of one stage.
+        chart: The chart that its states are in.
     """
 
     stages: tuple[Stage, ...]
@@ -84,6 +86,7 @@ class Window:
     hold: float = 0.0
     cost_bound: float = np.inf
     kept: tuple[Kept, ...] = ()
+    chart: Chart = PLANAR
 
     @property
     def numbers(self) -> np.ndarray:
@@ -104,7 +107,7 @@ class Window:
         S, n = len(self.stages) - 1, len(self.x0) // 2
         instants, X, u = np.split(flat, [S, S + 2 * n * (self.K + 1)])
         times = self.start + mesh(durations(instants, self.start, self.horizon), self.nodes)
-        return Plan(times, X.reshape(self.K + 1, 2 * n), u.reshape(self.K, n), instants)
+        return Plan(times, X.reshape(self.K + 1, 2 * n), u.reshape(self.K, n), instants, self.chart)
 
 
 @dataclass(frozen=True)
@@ -265,13 +268,13 @@ def on_mesh(plan: Plan, window: Window) -> Plan:
     times = window.start + mesh(tau, window.nodes)
     X, u = plan.at(times)
     X[0] = window.x0
-    return Plan(times, X, u[:-1], plan.instants)
+    return Plan(times, X, u[:-1], plan.instants, plan.chart)
 
 
 def plan_on_mesh(window: Window, X: np.ndarray, u: np.ndarray, tau: np.ndarray) -> Plan:
     """Return the plan of states X (K + 1, 2n) and accelerations u (K, n) at the nodes, free durations tau (S,) [s]."""
     times = window.start + mesh(np.append(tau, window.horizon - tau.sum()), window.nodes)
-    return Plan(times, X, u, window.start + np.cumsum(tau))
+    return Plan(times, X, u, window.start + np.cumsum(tau), window.chart)
 
 
 def node_limits(grid: Grid, stages: Sequence[Stage]) -> tuple[np.ndarray, np.ndarray]:

@@ -84,6 +84,12 @@ def base_frame(spec: RobotSpec, Q: Any) -> Frame:
     return SpatialFrame([Q[i] for i in range(3)], [Q[i] for i in range(3, 7)])
 
 
+def charted_base(Q: Any, anchor: Any) -> SpatialFrame:
+    """Return a spatial base's frame in the chart about an anchor (4,): attitude anchor Exp(Q[3:6])."""
+    turned = product([anchor[i] for i in range(4)], exp([Q[i] for i in range(3, 6)]))
+    return SpatialFrame([Q[i] for i in range(3)], turned)
+
+
 def place(spec: RobotSpec, base: Frame, joints: Any) -> Placement:
     """Compute all frames of a robot with its base at a frame, at joint coordinates (joints,) [rad, m]."""
     frames: list[Any] = [base]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.dynamics import Dynamics, InertialParameters, derive_dynamics, function, solve_spd
-from psmpc_cli.robot.kinematics import SpatialFrame, base_frame, place
+from psmpc_cli.robot.kinematics import SpatialFrame, base_frame, charted_base, place
 from psmpc_cli.robot.rotations import add, cross, rotate, scaled
 from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.load import load_robot as load_robot_spec
@@ -63,6 +63,14 @@ class RobotModel:
     def names(self) -> tuple[str, ...]:
         """Names of the generalized coordinates, (n,): `base.x`, ..., `arm_1.1`, ..."""
         return labels(self.spec, "joint")
+
+    @cached_property
+    def charted(self) -> ca.Function:
+        """Of a spatial robot: position, rotation vector about the anchor and joints (n,), anchor (4,) -> xi (m,)."""
+        Q, anchor = ca.SX.sym("Q", self.n), ca.SX.sym("anchor", 4)
+        placed = place(self.spec, charted_base(Q, anchor), Q[6:])
+        xi = ca.vertcat(placed.bodies[0].pose, *(frame.pose for frame in placed.tools.values()))
+        return function("charted", {"Q": Q, "anchor": anchor}, {"xi": xi})
 
     @cached_property
     def J_C(self) -> ca.Function:
@@ -228,6 +236,8 @@ class AngleRows:
 
 def angle_rows(model: RobotModel) -> AngleRows:
     """Return the rows of the unwrapped angles; joint angles are not among them, as their limits tell turns apart."""
+    if model.dimension == 3:
+        return AngleRows((), ())
     xi = (row for rows in model.pose_rows.values() for row in range(rows.start + model.dimension, rows.stop))
     return AngleRows(tuple(range(model.dimension, model.parts["base"].stop)), tuple(xi))
 

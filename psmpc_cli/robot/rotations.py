@@ -1,7 +1,8 @@
 """Rotations: unit quaternions (w, x, y, z) and rotation vectors, on numbers, arrays and CasADi expressions alike.
 
 A vector is a list of its components; a component is a number, an array (the same operation at many places at once) or
-an expression. Sola, Deray, Atchuthan: A micro Lie theory (2018), section on S^3 and SO(3).
+an expression. The chart of attitude about an anchor A is R = A Exp(phi), with the body's angular velocity
+omega = J_r(phi) phidot. Sola, Deray, Atchuthan: A micro Lie theory (2018), section on S^3 and SO(3).
 """
 
 from collections.abc import Sequence
@@ -105,6 +106,25 @@ def log(q: Vector) -> list[Any]:
     return scaled(v, 2 * np.where(near, 1 / np.where(near, w, 1.0), np.arctan2(s, w) / np.where(near, 1.0, s)))
 
 
+def body_rate(phi: Vector, rate: Vector) -> list[Any]:
+    """Compute the body's angular velocity J_r(phi) phidot (3,) [rad/s]."""
+    t, a = dot(phi, phi), cross(phi, rate)
+    return add(rate, scaled(a, -_cosc(t)), scaled(cross(phi, a), _sinc3(t)))
+
+
+def chart_rate(phi: Vector, omega: Vector) -> list[Any]:
+    """Compute phidot = J_r(phi)^-1 omega (3,) [rad/s] of numbers or arrays with |phi| < 2 pi."""
+    t, a = dot(phi, phi), cross(phi, omega)
+    c = (_sinc3(t) - _series(t, 4) / 12) / (2 * _cosc(t))  # 1/|phi|^2 - (1 + cos|phi|) / (2 |phi| sin|phi|)
+    return add(omega, scaled(a, 0.5), scaled(cross(phi, a), c))
+
+
+def from_rpy(roll: float, pitch: float, yaw: float) -> list[float]:
+    """Compute the quaternion of fixed-axis angles [rad]: about x, then y, then z, as URDF has it."""
+    q = turn((0.0, 0.0, 1.0), yaw)
+    return product(product(q, turn((0.0, 1.0, 0.0), pitch)), turn((1.0, 0.0, 0.0), roll))
+
+
 def _library(x: Any) -> Any:
     return ca if isinstance(x, ca.SX | ca.MX) else np
 
@@ -125,3 +145,8 @@ def _sinc(t: Any) -> Any:
 def _cosc(t: Any) -> Any:
     """(1 - cos a)/a^2 at t = a^2."""
     return _series(t, 2) / 2
+
+
+def _sinc3(t: Any) -> Any:
+    """(a - sin a)/a^3 at t = a^2."""
+    return _series(t, 3) / 6

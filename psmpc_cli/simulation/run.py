@@ -35,7 +35,7 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.measures import Counterfactuals, Meter, StageClock
 from psmpc_cli.solvers.quadratic import kernel_library
 from psmpc_cli.specs.coordinates import labels, stack
-from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.load import Task, ensure_planar
 from psmpc_cli.specs.task import TaskSpec
 
 logger = logging.getLogger(__name__)
@@ -92,7 +92,12 @@ class Experiment:
 
 
 def build_experiment(loaded: Task) -> Experiment:
-    """Return the experiment a task describes."""
+    """Return the experiment a task describes.
+
+    Raises:
+        SpecError: Its robot is spatial.
+    """
+    ensure_planar(loaded)
     problem = build_problem(loaded)
     task, model = problem.spec, problem.model
     compiled, controller = compile_for(task, model, problem.stages), Controller(problem)

@@ -186,8 +186,19 @@ class NlpSolver(Solver):
             joint = stage.input == "joint"
             z[layout.input_index[s]] = u[at] if joint else self._problem.costs.task_acceleration(plan.X[at], u[at])
         if layout.soft:
-            z[layout.violation_index] = scaled_violations(plan.X, *node_limits(layout, window.stages))
+            z[layout.violation_index] = scaled_violations(plan.X, *_state_limits(layout, window, plan))
         return z
+
+
+def _state_limits(layout: Layout, window: Window, guess: Plan) -> tuple[np.ndarray, np.ndarray]:
+    """Return low and high of [Q; Qdot] at the nodes, (K + 1, 2n) each; those of v in the chart about a guess."""
+    low, high = node_limits(layout, window.stages)
+    if window.chart.spatial:
+        n = layout.n
+        shift = window.chart.rate_shift(guess.X)
+        low[:, n:] += shift
+        high[:, n:] += shift
+    return low, high
 
 
 def _unpack(layout: Layout, window: Window, z: np.ndarray) -> Plan:
@@ -214,7 +225,7 @@ def _bounds(nlp: Nlp, window: Window, guess: Plan, within: float) -> dict[str, n
     layout = nlp.layout
     lbx, ubx = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
     lbg, ubg = np.zeros(nlp.count), np.zeros(nlp.count)
-    low, high = node_limits(layout, window.stages)
+    low, high = _state_limits(layout, window, guess)
     for s, stage in enumerate(window.stages):
         if stage.input == "joint":
             inputs = layout.input_index[s]

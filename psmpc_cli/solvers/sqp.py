@@ -97,7 +97,7 @@ class SqpSolver(Solver):
         began, tau = time.perf_counter(), np.diff(guess.instants, prepend=window.start)
         form, shared, method = self._setup(window)
         numbers = window_numbers(window, guess.instants)
-        sqp_window = SqpWindow(form, window_bounds(shared, window, tau, within), numbers)
+        sqp_window = SqpWindow(form, window_bounds(shared, window, guess, tau, within), numbers)
         solve = _Solve(self._spec, sqp_window, method, self._report, began)
         ends = np.zeros(0)
         if previous is not None and form.curved and len(previous.duals) == len(form.end_node):

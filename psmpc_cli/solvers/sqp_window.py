@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
+from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import (
     SHORTEST,
     Parameters,
@@ -83,10 +84,14 @@ def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
     )
 
 
-def window_bounds(shared: WindowBounds, window: Window, tau: np.ndarray, within: float) -> WindowBounds:
-    """Return the bounds of a window, durations within so many seconds of guessed ones (S,) [s]."""
+def window_bounds(shared: WindowBounds, window: Window, guess: Plan, tau: np.ndarray, within: float) -> WindowBounds:
+    """Return the bounds of a window about a guess, durations within so many seconds of guessed ones (S,) [s]."""
     S, first = len(tau), len(window.x0) * window.K  # the durations stand after the states
     low, high = shared.low.copy(), shared.high.copy()
+    if window.chart.spatial:
+        rates = np.hstack([np.zeros((window.K, len(window.x0) // 2)), window.chart.rate_shift(guess.X[1:])]).ravel()
+        low[:first] += rates
+        high[:first] += rates
     shortest, longest = np.maximum(shortest_durations(window)[:-1], tau - within), tau + within
     fixed = shortest == longest
     low[first : first + S] = np.where(fixed, -np.inf, shortest)

@@ -17,6 +17,7 @@ from psmpc_cli.specs.messages import Fault, Place, quoted
 from psmpc_cli.specs.messages import Path as Location
 from psmpc_cli.specs.overrides import Changes, for_controller, override
 from psmpc_cli.specs.parts import Context
+from psmpc_cli.specs.poses import with_numbers
 from psmpc_cli.specs.priorities import priorities_of
 from psmpc_cli.specs.robot import PlanarRobot, RobotSpec, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, TaskSpec
@@ -80,6 +81,17 @@ def load_task(reference: str | Path | Mapping[str, Any], set: Changes = (), revi
         return _task(read("task", write(plain(reference))), Path(), "task", set, review)
     path, document = _read("task", reference)
     return _task(document, path.parent, path.stem, set, review)
+
+
+def ensure_planar(task: Task) -> None:
+    """Make sure that a task is planar, as simulations are so far.
+
+    Raises:
+        SpecError: Its robot is spatial.
+    """
+    if task.robot.dimension == 3:
+        found = f"found the spatial robot {quoted(task.robot.name)}, expected a planar one"
+        raise SpecError(f"robot: {found}: simulations take no others yet; Controller does (docs/python.md)")
 
 
 def load_robot(reference: str | Path) -> RobotSpec:
@@ -195,8 +207,8 @@ def _task(
         return _validate(task, "task", TaskSpec, context)
 
     if spec is not None and spec.dimension == 3:
-        wanted = "expected a planar one: controllers and simulations do not take others yet"
-        missing = (*missing, Fault(("robot",), f"found the spatial robot {quoted(spec.name)}, {wanted}"))
+        document = with_numbers(document)
+
     kind = document.value(("controller", "kind")) or document.value(("controller",))
     own, unfit = for_controller(document, kind if isinstance(kind, str) else ControllerSpec().kind)
     task, faults = validate(own)

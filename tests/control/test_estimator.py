@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.control.controller import Estimator
+from psmpc_cli.control.controller import Estimator, State
 from psmpc_cli.specs.load import load_task
 
 T, TICKS = 0.1, 5
@@ -49,14 +49,14 @@ def test_a_measurement_that_is_not_finite_changes_no_estimate() -> None:
 
 
 def test_without_a_delay_the_measured_state_is_the_one_to_decide_from() -> None:
-    x = np.arange(4.0)
-    assert estimator().foreseen(x) is x
+    state = State(np.zeros(2), np.ones(2))
+    assert estimator().foreseen(state) is state
 
 
 def test_the_foreseen_state_follows_what_was_planned_since_the_measurement() -> None:
     """Two samples of 0.1 s under 1 and 2 m/s^2 from rest at 7: 7 + 0.005 + 0.01 + 0.01 m, and 0.3 m/s."""
-    estimating, x = estimator(delay=2, offset_free=False), np.r_[7.0, 7.0, 0.0, 0.0]
-    np.testing.assert_allclose(estimating.foreseen(x), x)
+    estimating, state = estimator(delay=2, offset_free=False), State(np.full(2, 7.0), np.zeros(2))
+    np.testing.assert_allclose(estimating.foreseen(state).x, state.x)
     for u in (1.0, 2.0):
         estimating.command(np.full((TICKS, 2), u), np.zeros(2))
-    np.testing.assert_allclose(estimating.foreseen(x), [7.025, 7.025, 0.3, 0.3], atol=1e-12)
+    np.testing.assert_allclose(estimating.foreseen(state).x, [7.025, 7.025, 0.3, 0.3], atol=1e-12)

@@ -1,4 +1,8 @@
-"""The interface of a skill: its residual against a target, and what a target's numbers mean."""
+"""The interface of a skill: its residual against a target, and what a target's numbers mean.
+
+The numbers of a spatial target are followed by those that every sample sets: the anchor (4,) of the chart, and the
+posture (joints,) that redundant joints are drawn to. See `Stage.in_chart`.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,11 +11,12 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.rotations import conjugate, log, product
 
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """Where a sequence of stages leads to, stage by stage: Q (n,) and poses xi (m,), as far as targets determine them.
+    """Where a sequence of stages leads to, stage by stage: Q (nq,) and poses xi (m,), as far as targets determine them.
 
     A target in one of the two leaves the joints of the other as they were, so that xi need not be g(Q).
     """
@@ -26,12 +31,13 @@ class Skill:
 
     Attributes:
         rows: Number of rows of the error.
-        numbers: Number of numbers of a target.
-        error: Error (rows,) at Q (n,) against a target (numbers,); units of the coordinates.
-        angles: Numbers of a target that are angles, of which the nearest equivalent is meant.
+        numbers: Number of numbers of a target in a task file.
+        error: Error (rows,) at Q (n,) in the chart against a target; units of the coordinates.
+        angles: Numbers of a planar target that are angles, of which the nearest equivalent is meant.
         before: The numbers of a target that describe a posture; only those of `angles` are used.
         after: The posture to which a target leads.
         aims: Positions (frames, dimension) [m] of base and end-effectors, or of their points, that a target is about.
+        attitudes: Of a spatial target, the first numbers of its quaternions, by frame.
         absent: The numbers of a part that the target leaves out, whose weights are then 0; NaN where all are required.
     """
 
@@ -42,4 +48,29 @@ class Skill:
     before: Callable[[RobotModel, Posture], np.ndarray]
     after: Callable[[RobotModel, Posture, np.ndarray], Posture]
     aims: Callable[[RobotModel, np.ndarray], np.ndarray]
+    attitudes: Callable[[RobotModel], dict[str, int]]
     absent: float = np.nan
+
+
+def every_sample(model: RobotModel) -> int:
+    """Return how many numbers of a target every sample sets: anchor and posture of a spatial robot."""
+    return 0 if model.dimension == 2 else 4 + model.n - 6
+
+
+def anchored_poses(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
+    """Return the poses xi (m,) of a spatial robot at Q (n,) in the chart whose anchor a target has."""
+    first = target.numel() - every_sample(model)
+    return model.charted(Q, target[first : first + 4])
+
+
+def pose_error(found: ca.SX, wanted: ca.SX) -> ca.SX:
+    """Return position and rotation vector (6,) [m, rad] from a wanted pose to another; (7,) each."""
+    turned = product(conjugate([wanted[i] for i in range(3, 7)]), [found[i] for i in range(3, 7)])
+    return ca.vertcat(found[:3] - wanted[:3], *log(turned))
+
+
+def normalized(pose: np.ndarray) -> np.ndarray:
+    """Return poses (..., 7) with unit quaternions."""
+    pose = np.array(pose, dtype=float)
+    pose[..., 3:7] /= np.linalg.norm(pose[..., 3:7], axis=-1, keepdims=True)
+    return pose

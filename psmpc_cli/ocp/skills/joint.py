@@ -3,13 +3,16 @@
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.skills.base import Posture, Skill
+from psmpc_cli.ocp.skills.base import Posture, Skill, anchored_poses, pose_error
 from psmpc_cli.robot.model import RobotModel, angle_rows
 
 
 def error(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
-    """Return Q - Q_d (n,) [m, rad]."""
-    return Q - target
+    """Return Q - Q_d (n,) [m, rad]; in space with the rotation vector from the wanted attitude."""
+    if model.dimension == 2:
+        return Q - target
+    base = pose_error(anchored_poses(model, Q, target)[model.pose_rows["base"]], target[:7])
+    return ca.vertcat(base, Q[6:] - target[7 : model.nq])
 
 
 def after(model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
@@ -19,15 +22,16 @@ def after(model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
 
 def aims(model: RobotModel, target: np.ndarray) -> np.ndarray:
     """Return the positions of base and end-effectors at Q_d (frames, dimension) [m]."""
-    return model.poses(target)[:, : model.dimension]
+    return model.poses(target[: model.nq])[:, : model.dimension]
 
 
 SKILL = Skill(
     rows=lambda model: model.n,
-    numbers=lambda model: model.n,
+    numbers=lambda model: model.nq,
     error=error,
     angles=lambda model: angle_rows(model).Q,
     before=lambda model, posture: posture.Q,
     after=after,
     aims=aims,
+    attitudes=lambda model: {"base": 3},
 )

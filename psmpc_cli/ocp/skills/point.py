@@ -1,22 +1,24 @@
 """The pointing skill: base pose to keep, and each end-effector's x-axis through a point, at any distance from it.
 
-A row of an arm is the angle from the line to the point to the axis, by atan2 of their cross and dot product: smooth but
-where the axis points exactly away from the point.
+In the plane a row of an arm is the angle from the line to the point to the axis, by atan2 of cross and dot product:
+smooth but where the axis points exactly away from the point. In space its rows are the rotation vector from the axis to
+the line, whose length is that angle.
 """
 
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.skills.base import Posture, Skill
+from psmpc_cli.ocp.skills.base import Posture, Skill, anchored_poses, pose_error
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.rotations import conjugate, log, rotate
 
 FAR = 1e3
 """Coordinates of the point of an arm that need not point at anything [m]: the row stays smooth, and has no weight."""
 
 
 def rows(model: RobotModel) -> int:
-    """Return the number of rows of the error: the base's pose, and an angle for each arm."""
-    return int(model.pose_rows["base"].stop) + _arms(model)
+    """Return the number of rows of the error: the base's pose, and an angle for each arm, or two in space."""
+    return 3 + _arms(model) if model.dimension == 2 else 6 + 2 * _arms(model)
 
 
 def numbers(model: RobotModel) -> int:
@@ -25,29 +27,42 @@ def numbers(model: RobotModel) -> int:
 
 
 def error(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
-    """Return the error of the base's pose [m, rad], then the angle of each end-effector's x-axis [rad]."""
-    xi, base = model.g(Q), model.pose_rows["base"]
-    found, first = [xi[base] - target[base]], base.stop
+    """Return the error of the base's pose [m, rad], then the angles of each end-effector's x-axis [rad]."""
+    planar, base, d = model.dimension == 2, model.pose_rows["base"], model.dimension
+    xi = model.g(Q) if planar else anchored_poses(model, Q, target)
+    found, first = [xi[base] - target[base] if planar else pose_error(xi[base], target[base])], base.stop
     for frame in list(model.pose_rows.values())[1:]:
-        pose, point = xi[frame], target[first : first + model.dimension]
-        line, axis = point - pose[:2], ca.vertcat(ca.cos(pose[2]), ca.sin(pose[2]))
-        cross, dot = line[0] * axis[1] - line[1] * axis[0], ca.dot(line, axis)
-        found.append(ca.atan2(cross, dot))
-        first += model.dimension
+        line, pose = target[first : first + d] - xi[frame][:d], xi[frame]
+        found.append(_angle(line, pose[2]) if planar else _angles(line, pose[3:]))
+        first += d
     return ca.vertcat(*found)
+
+
+def _angle(line: ca.SX, angle: ca.SX) -> ca.SX:
+    """Return the angle from a line (2,) to the axis at an angle [rad]."""
+    axis = ca.vertcat(ca.cos(angle), ca.sin(angle))
+    return ca.SX(ca.atan2(line[0] * axis[1] - line[1] * axis[0], ca.dot(line, axis)))
+
+
+def _angles(line: ca.SX, attitude: ca.SX) -> ca.SX:
+    """Return the turns (2,) [rad] about the frame's y- and z-axis that would bring its x-axis to a line (3,)."""
+    x, y, z = rotate(conjugate([attitude[i] for i in range(4)]), [line[i] for i in range(3)])
+    # the shortest rotation from (1, 0, 0) to (x, y, z) has the quaternion (|line| + x, 0, -z, y)
+    turn = log([ca.norm_2(line) + x, 0.0, -z, y])
+    return ca.SX(ca.vertcat(turn[1], turn[2]))
 
 
 def after(model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
     """Return the posture with the base at its target; its joints are as before."""
     base = model.pose_rows["base"]
-    Q = np.r_[target[base], posture.Q[model.parts["base"].stop :]]
+    Q = np.r_[target[base], posture.Q[base.stop :]]
     return Posture(Q, np.asarray(model.g(Q)).ravel())
 
 
 def aims(model: RobotModel, target: np.ndarray) -> np.ndarray:
     """Return the position of the base and the points (frames, dimension) [m]; NaN of an arm without one."""
     base, d = model.pose_rows["base"], model.dimension
-    found = np.vstack([target[base][:d], target[base.stop :].reshape(-1, d)])
+    found = np.vstack([target[base][:d], target[base.stop : numbers(model)].reshape(-1, d)])
     return np.where(found == FAR, np.nan, found)
 
 
@@ -59,9 +74,10 @@ SKILL = Skill(
     rows=rows,
     numbers=numbers,
     error=error,
-    angles=lambda model: tuple(range(model.dimension, model.pose_rows["base"].stop)),
+    angles=lambda model: (2,) if model.dimension == 2 else (),
     before=lambda model, posture: posture.xi,
     after=after,
     aims=aims,
+    attitudes=lambda model: {"base": 3},
     absent=FAR,
 )

@@ -1,34 +1,43 @@
-"""The task-space skill: base pose to keep and end-effector poses to reach. Paper eq. (31)."""
+"""The task-space skill: base pose to keep and end-effector poses to reach. Paper eq. (31).
+
+In space, joints that the poses leave free (an arm of seven) are drawn to where they are: rows q - q_measured, without
+which they would drift.
+"""
 
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.skills.base import Posture, Skill
+from psmpc_cli.ocp.skills.base import Posture, Skill, anchored_poses, pose_error
 from psmpc_cli.robot.model import RobotModel, angle_rows
 
 
 def error(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
-    """Return xi - xi_d (m,) [m, rad]."""
-    return model.g(Q) - target
+    """Return xi - xi_d (m,) [m, rad]; in space position and rotation vector of each frame, then of the posture."""
+    if model.dimension == 2:
+        return model.g(Q) - target
+    xi = anchored_poses(model, Q, target)
+    errors = (pose_error(xi[rows], target[rows]) for rows in model.pose_rows.values())
+    return ca.vertcat(*errors, Q[6:] - target[target.numel() - (model.n - 6) :])
 
 
 def after(model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
     """Return the posture with poses xi_d; its joints are as before."""
     base = model.pose_rows["base"]
-    return Posture(np.r_[target[base], posture.Q[model.parts["base"].stop :]], target)
+    return Posture(np.r_[target[base], posture.Q[base.stop :]], target)
 
 
 def aims(model: RobotModel, target: np.ndarray) -> np.ndarray:
     """Return the positions of base and end-effectors in xi_d (frames, dimension) [m]."""
-    return target.reshape(len(model.pose_rows), -1)[:, : model.dimension]
+    return target[: model.m].reshape(len(model.pose_rows), -1)[:, : model.dimension]
 
 
 SKILL = Skill(
-    rows=lambda model: model.m,
+    rows=lambda model: model.m if model.dimension == 2 else 6 * len(model.pose_rows) + model.n - 6,
     numbers=lambda model: model.m,
     error=error,
     angles=lambda model: angle_rows(model).xi,
     before=lambda model, posture: posture.xi,
     after=after,
     aims=aims,
+    attitudes=lambda model: {frame: rows.start + 3 for frame, rows in model.pose_rows.items()},
 )

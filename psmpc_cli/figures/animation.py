@@ -15,10 +15,11 @@ from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.figures import style
-from psmpc_cli.figures.scene import FINGER, Scene, View, base_half, reach, scene_of, view_around
+from psmpc_cli.figures.scene import FINGER, Scene, base_half, reach, scene_of, view_around
 from psmpc_cli.figures.snapshots import draw_scene, show
 from psmpc_cli.logs.run import Run
 from psmpc_cli.robot.mujoco_model import mujoco_spec
@@ -83,7 +84,7 @@ def write_animation(run: Run, paths: Iterable[Path]) -> None:
         axes.set_title(title, loc="left")
         axes.set(xlabel="x (m)", ylabel="y (m)")
 
-    _encode(figure, WIDTH * view.aspect + 0.6, scene, times, draw_frame, paths)
+    _encode(figure, WIDTH * view.height / view.width + 0.6, scene, times, draw_frame, paths)
 
 
 def write_film(run: Run, paths: Iterable[Path]) -> None:
@@ -109,7 +110,7 @@ def write_film(run: Run, paths: Iterable[Path]) -> None:
     _encode(figure, tall + TITLE, scene, times, draw_frame, paths)
 
 
-def _shots(run: Run) -> tuple[Scene, np.ndarray, View]:
+def _shots(run: Run) -> tuple[Scene, np.ndarray, Bbox]:
     """Return a run as a scene, the time of each frame [s], no more than there are samples, and what to show."""
     scene, times = scene_of(run), np.linspace(run.motion.time[0], run.motion.end, min(LONGEST, len(run.motion.time)))
     return scene, times, view_around(scene.extent(times))
@@ -142,15 +143,15 @@ def _encode(
             raise RunError(f"{path} could not be written: {error}") from None
 
 
-def film_model(scene: Scene, view: View) -> str:
+def film_model(scene: Scene, view: Bbox) -> str:
     """Describe robot, object, floor and camera as MJCF; `qpos` is Q, the object's body is a mocap one."""
     import mujoco
 
     model, spec, width = scene.run.problem.model, scene.run.task.spec.object, round(WIDTH * DPI)
-    tall = (view.y[1] - view.y[0]) * np.sin(np.radians(ELEVATION))
-    wide, thick, finger = view.x[1] - view.x[0], 0.04 * reach(model), FINGER * reach(model)
+    wide, tall = view.width, view.height * np.sin(np.radians(ELEVATION))
+    thick, finger = 0.04 * reach(model), FINGER * reach(model)
     numbers = {"height": 2 * round(width * tall / wide / 2), "width": width, "tall": tall, "elevation": ELEVATION}
-    numbers |= {"x": sum(view.x) / 2, "y": sum(view.y) / 2, "span": max(wide, tall), "floor": -4 * thick}
+    numbers |= {"x": view.intervalx.mean(), "y": view.intervaly.mean(), "span": max(wide, tall), "floor": -4 * thick}
     world = mujoco.MjSpec.from_string(SURROUNDINGS.format(**numbers))
     robot = mujoco_spec(model.spec)
     _add_box(robot.body("base"), (*base_half(model), 3 * thick), style.BODY)

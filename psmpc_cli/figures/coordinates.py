@@ -25,9 +25,6 @@ FARTHEST = 4.0
 PEAK = 5.0
 """Peaks so many times as large as 19 in 20 values hide the rest."""
 
-APART = 1.5
-"""Distance of two lines that can be told apart in print [pt]: more than the width of one."""
-
 SMALLEST = 1e-5
 """Smaller errors are not shown [m, rad]."""
 
@@ -86,7 +83,7 @@ def _plot_quantity(
         words: Its names, of linear and of angular coordinates.
         units: Its units, of linear and of angular coordinates.
         curves: Times (K,) [s] and values (K, n) of a run.
-        seen: What the controller saw of it (K, n), drawn where it can be told apart.
+        seen: What the controller saw of it (K, n), drawn where it differs.
         limits: Which limits of the stages bound it.
         drawstyle: How its values are joined.
         peaked: It may have short peaks that hide the rest; the axis is then logarithmic far out.
@@ -95,23 +92,24 @@ def _plot_quantity(
     timeline = open_timeline(runs, len(panels), HEIGHT)
     handles: dict[str, Artist] = {}
     for row, (part, rows, labels, angular) in enumerate(panels):
-        notes: list[str] = []
+        note = ""
         for axes, run in zip(timeline.panels[row], timeline.runs, strict=True):
             time, every = curves(run)
-            values, marker = every[:, rows], style.point_if_alone(time)
+            values = every[:, rows]
             for i, label in enumerate(labels):
                 look = style.line_look(i)
-                axes.plot(time, values[:, i], label=label, marker=marker, drawstyle=drawstyle, **look)
+                axes.plot(time, values[:, i], label=label, drawstyle=drawstyle, **look)
             axes.margins(y=0.08)
-            if limits is not None and _plot_limits(axes, run, limits, rows, values, notes):
+            if limits is not None and _plot_limits(axes, run, limits, rows, values):
                 handles["limit"] = style.entry("limit", **LIMIT)
-            if seen is not None and _plot_seen(axes, time, values, seen(run)[:, rows]):
+            if seen is not None and not np.array_equal(seen(run), every, equal_nan=True):
+                axes.plot(time, seen(run)[:, rows], label="_seen", zorder=1.4, **SEEN)
                 handles["seen"] = style.entry("seen by the controller", **SEEN)
             if peaked:
-                _compress(axes, values, notes)
+                note = _compress(axes, values) or note
         word, unit = words[angular], f"({units[angular]})"
         short = len(f"{part} {word}") * style.CHARACTER < HEIGHT
-        timeline.label(row, f"{part} {word}\n{unit}" if short else f"{part}\n{word} {unit}", ", ".join(notes))
+        timeline.label(row, f"{part} {word}\n{unit}" if short else f"{part}\n{word} {unit}", note)
     return timeline.finish(list(handles.values()))
 
 
@@ -127,48 +125,30 @@ def _panels(model: RobotModel) -> Iterator[tuple[str, slice, Sequence[str], bool
             yield style.readable(name).capitalize(), rows, labels, True
 
 
-def _plot_seen(axes: Axes, time: np.ndarray, values: np.ndarray, seen: np.ndarray) -> bool:
-    """Draw what was seen (K, i) beneath those values (K, i) it can be told apart from; return whether there are any."""
-    low, high = axes.get_ylim()
-    apart = np.nanmax(np.abs(seen - values), axis=0, initial=0.0) * 72 * HEIGHT / (high - low) > APART
-    for column in np.flatnonzero(apart):
-        axes.plot(time, seen[:, column], label="_seen", zorder=1.4, **SEEN)
-    return bool(apart.any())
-
-
-def _compress(axes: Axes, values: np.ndarray, notes: list[str]) -> None:
-    """Make the axis logarithmic beyond a tenth of the peak's power of ten, and note it, if peaks hide the rest."""
+def _compress(axes: Axes, values: np.ndarray) -> str:
+    """Make the axis logarithmic beyond a tenth of the peak's power of ten if peaks hide the rest; return a note."""
     size = np.abs(values[np.isfinite(values)])
     peak = float(np.max(size, initial=0.0))
     if peak <= PEAK * float(np.quantile(size, 0.95)) or peak == 0.0:
-        return
+        return ""
     threshold = 10.0 ** (np.floor(np.log10(peak)) - 1)
     axes.set_yscale("symlog", linthresh=threshold)
     axes.set_yticks(threshold * np.array([-10.0, -1.0, 0.0, 1.0, 10.0]), minor=False)
     axes.set_yticks([], minor=True)
     axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    notes.append(f"log beyond ±{threshold:g}")
+    return f"log beyond ±{threshold:g}"
 
 
-def _plot_limits(axes: Axes, run: Run, kind: str, rows: slice, values: np.ndarray, notes: list[str]) -> bool:
-    """Draw the limits of the current stage, note that some are far off the axis; return whether any is seen."""
+def _plot_limits(axes: Axes, run: Run, kind: str, rows: slice, values: np.ndarray) -> bool:
+    """Draw the limits of the current stage that are not far off the values; return whether there are any."""
     time = np.array([edge for span in run.spans for edge in (span.start, span.end)])
     limits = [run.problem.stages[span.index].limits for span in run.spans for _ in "ab"]
     sides = [np.array([getattr(limit, f"{kind}_{side}")[rows] for limit in limits]) for side in ("low", "high")]
-    shared = all(np.array_equal(side, np.broadcast_to(side[:, :1], side.shape)) for side in sides)
-    largest, seen = float(np.nanmax(np.abs(values), initial=0.0)), False
-    for side in sides:
-        for i, bound in enumerate(side.T):
-            finite = np.where(np.isfinite(bound), bound, np.nan)
-            if np.isnan(finite).all() or (shared and i):
-                continue
-            if np.nanmin(np.abs(finite)) > FARTHEST * largest > 0:
-                notes[:] = ["limits beyond the axis"]
-                continue
-            look = LIMIT if shared else {**LIMIT, "color": style.line_look(i)["color"]}
-            axes.plot(time, finite, label="_limit", zorder=1.5, **look)
-            seen = True
-    return seen
+    farthest = FARTHEST * float(np.nanmax(np.abs(values), initial=0.0)) or np.inf
+    near = np.unique(np.hstack([np.where(np.abs(side) < farthest, side, np.nan) for side in sides]), axis=1)
+    seen = near[:, np.isfinite(near).any(axis=0)]
+    axes.plot(time, seen, label="_limit", zorder=1.5, **LIMIT)
+    return bool(seen.size)
 
 
 def plot_errors(run: Run) -> Figure:
@@ -192,8 +172,7 @@ def plot_errors(run: Run) -> Figure:
         errors = run.problem.costs.errors(run.problem.stages[span.index], np.hstack([Q, 0 * Q]), time - span.start)
         for frame, angular, rows, tolerance in groups:
             look, size = _frame_look(frame), np.abs(errors[:, rows]).max(axis=1)
-            marker = style.point_if_alone(time)
-            panels[angular].plot(time, np.where(size > 0, size, np.nan), label="_", marker=marker, **look)
+            panels[angular].plot(time, np.where(size > 0, size, np.nan), label="_", **look)
             others = {other for _, kind, _, other in groups if kind == angular and np.isfinite(other)}
             line = LIMIT if len(others) == 1 else {**LIMIT, "color": look["color"]}
             if np.isfinite(tolerance):

@@ -7,13 +7,10 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
 from psmpc_cli.logs.results import Results
-
-POINTS = ("o", "s", "D", "p", "X", "h", "8")
-"""Markers of the instants, one after another; none looks like an arrow."""
 
 STAR: dict[str, Any] = {"color": "black", "marker": "*", "linestyle": "none", "markersize": 6.5}
 """Look of the run's own weights."""
@@ -69,7 +66,8 @@ def plot_fronts(results: Results) -> Figure:
     first, second = (style.readable(str(name)) for name in results["stage"])
     rows[0].xaxis.set_major_locator(MaxNLocator(nbins=6))
     if panels > 1:
-        _make_logarithmic(rows[1], smallest, largest)
+        for along, wide in zip("yx", largest > 100.0 * smallest, strict=True):
+            style.make_logarithmic(rows[1], along, subs=(1.0,) if wide else (1.0, 2.0, 5.0))
     for axes, letter in zip(rows, "ab", strict=False):
         for i, points in enumerate(samples):
             _plot_sample(axes, points, i)
@@ -92,7 +90,7 @@ def plot_fronts(results: Results) -> Figure:
 
 def _plot_sample(axes: Axes, found: Sequence[Points], index: int) -> None:
     """Plot a sample's points, of the first method joined, with arrows to larger ratios, dominated ones crossed."""
-    look = _sample_look(index)
+    look = style.mark_look(index)
     for order, (J, dominated) in enumerate(found):
         kept = J[~dominated].T[::-1]
         if order == 0:
@@ -108,28 +106,13 @@ def _plot_sample(axes: Axes, found: Sequence[Points], index: int) -> None:
         axes.annotate("", xy=curve[k + 1], xytext=curve[k], arrowprops={**ARROW, "facecolor": look["color"]}, zorder=4)
 
 
-def _make_logarithmic(axes: Axes, low: np.ndarray, high: np.ndarray) -> None:
-    """Make both axes logarithmic, with powers of ten as numbers, or plain ones where there are no two of them.
-
-    `low` and `high` are the smallest and largest J_1 and J_2 (2,).
-    """
-    axes.set(xscale="log", yscale="log")
-    for along, wide in zip("yx", high > 100.0 * low, strict=True):
-        if wide:
-            axis = axes.yaxis if along == "y" else axes.xaxis
-            axis.set_major_locator(LogLocator(numticks=6))
-            axis.set_minor_formatter(NullFormatter())
-        else:
-            style.make_logarithmic(axes, along)
-
-
 def _name_samples(axes: Axes, results: Results) -> None:
     """Name the samples, in the plane with their hypervolumes."""
     third = in_space(results)
     handles: list[Artist] = []
     for i, (instant, volume) in enumerate(zip(results["instant"], results["hypervolume"], strict=True)):
         label = f"{instant:.1f} s" if third else f"{instant:.1f} s: {volume:.3g} s$^2$"
-        handles.append(style.entry(label, linewidth=0.9, markersize=2.2, **_sample_look(i)))
+        handles.append(style.entry(label, linewidth=0.9, markersize=2.2, **style.mark_look(i)))
     title = "Sampling instant $T_0$" + ("" if third else ": hypervolume")
     axes.legend(handles=handles, title=title, title_fontsize=style.TEXT, loc="upper right", alignment="left")
 
@@ -138,11 +121,6 @@ def _chosen_label(results: Results) -> str:
     """Return the legend entry of the run's own weights."""
     ratio = results["chosen_ratio"]
     return f"$ω_2/ω_1$ = {ratio[0]:g}" if np.ptp(ratio) <= 1e-9 * ratio[0] else "weights of the run"
-
-
-def _sample_look(index: int) -> dict[str, Any]:
-    """Return colour and marker of a sample."""
-    return {"color": style.PALETTE[index % len(style.PALETTE)], "marker": POINTS[index % len(POINTS)]}
 
 
 def plot_in_space(results: Results) -> Figure:

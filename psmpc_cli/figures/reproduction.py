@@ -76,8 +76,7 @@ def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
         which = np.isfinite(presence[:, stage])
         if which.any():
             waited, values = True, np.maximum(presence[which, stage], SMALLEST if onset.kind == "control" else -1.0)
-            marker = style.point_if_alone(time[which])
-            axes.plot(time[which], values, label=style.readable(name), marker=marker, **style.line_look(stage))
+            axes.plot(time[which], values, label=style.readable(name), **style.line_look(stage))
     axes.axhline(onset.epsilon, color=style.EDGE, linewidth=0.7, zorder=1.5)
     for start in published.values():
         axes.plot(start, onset.epsilon, **PUBLISHED)

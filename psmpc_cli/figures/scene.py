@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.transforms import Bbox
 
 from psmpc_cli.figures.style import readable
 from psmpc_cli.logs.run import Run
@@ -26,26 +27,12 @@ NO_BREAK = "\N{NO-BREAK SPACE}"
 """Between a number and its unit."""
 
 
-@dataclass(frozen=True)
-class View:
-    """A part of the plane: x and y from low to high [m]."""
-
-    x: tuple[float, float]
-    y: tuple[float, float]
-
-    @property
-    def aspect(self) -> float:
-        """Height over width."""
-        return (self.y[1] - self.y[0]) / (self.x[1] - self.x[0])
-
-
-def view_around(points: np.ndarray) -> View:
-    """Return the smallest view, with a margin, that shows these points (., 2) [m]."""
+def view_around(points: np.ndarray) -> Bbox:
+    """Return the smallest part of the plane, with a margin, that shows these points (., 2) [m]."""
     low, high = points.min(axis=0), points.max(axis=0)
     size = (high - low) + 0.08 * float(np.max(high - low))
     size = np.maximum(size, [size[1] / 1.6, size[0] * 0.45])
-    (left, bottom), (right, top) = (low + high - size) / 2, (low + high + size) / 2
-    return View((left, right), (bottom, top))
+    return Bbox([(low + high - size) / 2, (low + high + size) / 2])
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,12 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator, MultipleLocator
+from matplotlib.transforms import Bbox
 
 from psmpc_cli.figures import style
 from psmpc_cli.figures.scene import (
     NO_BREAK,
     Scene,
-    View,
     bodies,
     configurations,
     object_poses,
@@ -82,7 +82,7 @@ def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
     return figure
 
 
-def _panels(view: View, titles: Sequence[str], columns: int, width: float) -> tuple[Figure, np.ndarray]:
+def _panels(view: Bbox, titles: Sequence[str], columns: int, width: float) -> tuple[Figure, np.ndarray]:
     """Return a figure and its panels, all to one scale, one below each title; those without a title are empty.
 
     Titles are broken between words to the width of a panel.
@@ -93,7 +93,7 @@ def _panels(view: View, titles: Sequence[str], columns: int, width: float) -> tu
     broken = ["\n".join(fill(line, characters) for line in title.split("\n")) for title in titles]
     lines = 1 + max(title.count("\n") for title in broken)
     axis = AXIS * (1 + ("" in titles))  # also above vacant panels
-    figure = style.new_figure(rows * (across * view.aspect + lines * style.LINE + 0.08) + axis, width)
+    figure = style.new_figure(rows * (across * view.height / view.width + lines * style.LINE + 0.08) + axis, width)
     grid: np.ndarray = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for i, axes in enumerate(grid):
         if not titles[i]:
@@ -109,11 +109,11 @@ def _panels(view: View, titles: Sequence[str], columns: int, width: float) -> tu
     return figure, grid
 
 
-def show(axes: Axes, view: View) -> None:
+def show(axes: Axes, view: Bbox) -> None:
     """Set a panel's limits and ticks, with equal scales."""
-    step = float(np.ptp(MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(*view.x)[:2]))
-    axes.set_xlim(view.x)
-    axes.set_ylim(view.y)
+    step = float(np.ptp(MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(*view.intervalx)[:2]))
+    axes.set_xlim(view.intervalx)
+    axes.set_ylim(view.intervaly)
     axes.set_aspect("equal")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MultipleLocator(step))

@@ -5,7 +5,6 @@ from contextlib import contextmanager
 from typing import Any
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -178,11 +177,6 @@ def _fit_legend(figure: Figure, host: Figure | Axes, width: float, **look: Any) 
         if columns > 1:
             legend.remove()
     return float(size.height / figure.dpi)
-
-
-def point_if_alone(time: np.ndarray) -> str:
-    """Return the marker of a curve: none, or a point where the curve is a single point."""
-    return "o" if len(np.unique(time)) == 1 else ""
 
 
 def make_logarithmic(axes: Axes, along: str = "y", subs: tuple[float, ...] = (1.0, 2.0, 5.0)) -> None:

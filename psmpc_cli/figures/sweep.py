@@ -130,10 +130,8 @@ def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, s
     """Part the cells whose start is less than a sample above t_s - T_h from the others; return what the legend says."""
     known = np.isfinite(above)
     near = above < sample + 1e-6
-    if not known.any():
-        return []
     if near[known].all() or not near[known].any():
-        return [style.entry(f"{'everywhere' if near[known].all() else 'nowhere'} at {FLOOR}", linestyle="none")]
+        return []
     for color, width in (("white", 2.0), ("black", 1.0)):  # visible on every colour
         axes.contour(x, y, np.ma.masked_where(~known, near.astype(float)), levels=[0.5], colors=color, linewidths=width)
     return [style.entry(f"{FLOOR}, to one sample", color="black", linewidth=1.0)]
@@ -165,20 +163,15 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
     Shaded are the completions within 5 % of the earliest one; the lines through all panels are ratios.
     """
     second = style.readable(cells.names[1])
-    panels = {
-        f"Completion\nof {second} (s)": along_ratio(cells, cells.of("completion_time")),
-        "Control effort\n(m²/s³, rad²/s³)": along_ratio(cells, cells.of("control_effort")),
-        "Final error\n(tolerances)": along_ratio(cells, cells.of("final_error")),
-    }
-    completion, effort, error = panels.values()
-    shown = [
-        (label, values) for label, values in panels.items() if values is not error or np.isfinite(error.middle).any()
-    ]
-    figure = style.new_figure(len(shown) * 1.05 + 0.6)
-    rows = figure.subplots(len(shown), 1, sharex=True)
+    quantities = ("completion_time", "control_effort", "final_error")
+    completion, effort, error = found = [along_ratio(cells, cells.of(name)) for name in quantities]
+    labels = [f"Completion\nof {second} (s)", "Control effort\n(m²/s³, rad²/s³)", "Final error\n(tolerances)"]
+    shown = 3 if np.isfinite(error.middle).any() else 2
+    figure = style.new_figure(shown * 1.05 + 0.6)
+    rows = figure.subplots(shown, 1, sharex=True)
     _set_ratio(rows[0], cells)
     _mark_ratios(rows, cells)
-    for axes, (label, values) in zip(rows, shown, strict=True):
+    for axes, label, values in zip(rows, labels, found, strict=False):
         _plot_along(axes, values, **style.line_look(0))
         axes.set_ylabel(label)
         axes.margins(y=0.12)
@@ -191,7 +184,7 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
         low, high = float(effort.lowest.min()), float(effort.highest.max())
         if high > 5.0 * low > 0:
             style.make_logarithmic(rows[1], subs=(1.0, 2.0, 5.0) if high < 300.0 * low else (1.0,))
-    if len(rows) == 3:
+    if shown == 3:
         rows[2].axhline(ALLOWED, color=style.EDGE, linewidth=0.7, linestyle=(0, (5, 2)), zorder=1.5, label="tolerance")
         rows[2].set_ylim(0.0, 1.15 * max(ALLOWED, float(np.nanmax(error.highest, initial=0.0))))
         rows[2].yaxis.set_major_locator(MaxNLocator(nbins=5, prune="lower"))
@@ -215,8 +208,7 @@ def _set_ratio(axes: Axes, cells: SweepCells) -> None:
 
 def _plot_along(axes: Axes, values: AlongRatio, **look: Any) -> None:
     """Plot a quantity over the ratio, and how far the cells of one ratio lie apart, where they do."""
-    marker = "o" if len(values.ratio) <= 60 else ""
-    axes.plot(values.ratio, values.middle, marker=marker, markersize=2.2, **look)
+    axes.plot(values.ratio, values.middle, marker="o", markersize=2.2, **look)
     if np.any(values.highest > values.lowest):
         axes.fill_between(values.ratio, values.lowest, values.highest, color=look["color"], alpha=0.2, linewidth=0)
 
@@ -226,8 +218,7 @@ def _plot_bounds(axes: Axes, cells: SweepCells) -> None:
     instant, floor = along_ratio(cells, cells.instant), along_ratio(cells, cells.floor)
     room = 0.06 * cells.task.spec.controller.horizon
     low, high = float(floor.lowest.min()) - room, float(instant.highest.max()) + room
-    marker = "_" if len(floor.ratio) == 1 else ""
-    look: dict[str, Any] = {"color": style.EDGE, "linewidth": 0.8, "zorder": 1.6, "marker": marker}
+    look: dict[str, Any] = {"color": style.EDGE, "linewidth": 0.8, "zorder": 1.6}
     axes.plot(instant.ratio, instant.middle, label="$t_s$", **look)
     axes.plot(floor.ratio, floor.middle, linestyle=(0, (1, 1)), label=FLOOR, **look)
     axes.fill_between(floor.ratio, low, floor.middle, color=style.STAGE, linewidth=0, zorder=0.5)

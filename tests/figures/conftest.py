@@ -25,19 +25,9 @@ def write_log() -> Write:
 
 
 @pytest.fixture(scope="session")
-def log_path(tmp_path_factory: pytest.TempPathFactory, write_log: Write) -> Path:
-    """The log of a finished transport run in which Capture starts early."""
-    return write_log(tmp_path_factory.mktemp("logs") / "transport.h5")
-
-
-@pytest.fixture(scope="session")
-def log(log_path: Path) -> Run:
-    return read_run(log_path)
-
-
-@pytest.fixture(scope="session")
-def run(log: Run) -> Run:
-    return log
+def run(tmp_path_factory: pytest.TempPathFactory, write_log: Write) -> Run:
+    """A finished transport run in which Capture starts early."""
+    return read_run(write_log(tmp_path_factory.mktemp("logs") / "transport.h5"))
 
 
 @pytest.fixture(scope="session")

@@ -70,23 +70,6 @@ def test_a_logarithmic_panel_is_added_where_a_linear_one_hides_what_is_small() -
     assert logarithmic.get_yscale() == "log"
 
 
-def test_the_second_cost_lies_to_the_right_and_the_first_up() -> None:
-    (axes,) = figure(made_up(narrow=True)).axes
-    assert "capture" in axes.get_xlabel() and "J_2" in axes.get_xlabel()
-    assert "approach" in axes.get_ylabel() and "J_1" in axes.get_ylabel()
-    J, kept = fronts(narrow=True), np.arange(len(RATIOS)) != 2
-    np.testing.assert_allclose(points(axes.lines[0]), J[0, kept][:, ::-1])
-
-
-def test_arrows_point_to_larger_ratios() -> None:
-    (axes,) = figure(made_up(narrow=True)).axes
-    arrows = [text for text in axes.texts if text.arrow_patch is not None]
-    assert len(arrows) >= len(INSTANTS)
-    for arrow in arrows:
-        head, tail = np.array(arrow.xy), np.array(arrow.get_position())
-        assert head[0] < tail[0] and head[1] > tail[1]
-
-
 def test_dominated_points_are_crossed_out_and_the_run_s_weights_named() -> None:
     drawn = figure(made_up(narrow=True))
     (axes,) = drawn.axes

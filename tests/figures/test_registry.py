@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 import psmpc_cli as psmpc
 from psmpc_cli.errors import InputError
 from psmpc_cli.figures.registry import default_directory, draw, draw_file
+from psmpc_cli.figures.style import LONGEST_NAME, readable
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.load import Task
 
@@ -37,13 +38,6 @@ def test_a_format_is_what_it_says_and_the_same_each_time(tmp_path: Path, run: Ru
     assert [path.name for path in first] == [f"solve_time.{ending}"]
     assert first[0].read_bytes() == second[0].read_bytes()
     assert first[0].read_bytes().startswith(BEGINNINGS[ending])
-
-
-@pytest.mark.slow
-def test_chosen_figures_come_once_and_in_order(tmp_path: Path, runs: Mapping[str, Run]) -> None:
-    one = {"smpc": runs["smpc"]}
-    files = draw("comparison", one, tmp_path, ["svg", "pdf", "svg"], ["instants", "states", "instants"])
-    assert [path.name for path in files] == ["states.pdf", "states.svg", "instants.pdf", "instants.svg"]
 
 
 def test_an_unknown_figure_or_format_lists_the_known_ones(tmp_path: Path, run: Run) -> None:
@@ -85,3 +79,10 @@ def test_a_scenario_is_drawn_into_the_file_that_is_named(transport: Task, tmp_pa
 )
 def test_figures_go_beside_the_log_by_default(log: str, figures: str) -> None:
     assert default_directory(Path(log)) == Path(figures)
+
+
+def test_names_become_words_and_stay_short() -> None:
+    assert readable("arm_1") == "arm 1"
+    long = readable("inspect_the_far_side_of_panel_12")
+    assert len(long) <= LONGEST_NAME
+    assert long.startswith("inspect") and long.endswith("12")

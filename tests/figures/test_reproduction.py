@@ -15,7 +15,7 @@ from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.library import find
 
-from .drawn import check_figure, common_legend, curves, legend, points
+from .drawn import check_figure, common_legend, curves, points
 
 Load = Callable[..., Run]
 
@@ -37,12 +37,6 @@ def draw(plot: Callable[..., Figure], *arguments: Any) -> Figure:
     return figure
 
 
-@pytest.fixture
-def odd(load: Load) -> Run:
-    """A run that was killed in its second stage, and whose object had been lost by then."""
-    return load(early={1: 6.4, 3: 9.0}, last=12.0)
-
-
 @pytest.mark.parametrize(("kind", "scale", "least"), [("control", "log", SMALLEST), ("closeness", "linear", 0.0)])
 def test_presence_is_drawn_where_a_stage_waits(load: Load, kind: str, scale: str, least: float) -> None:
     run = load(task=find("task", "transport").read_text().replace("kind: closeness", f"kind: {kind}"))
@@ -57,12 +51,10 @@ def test_presence_is_drawn_where_a_stage_waits(load: Load, kind: str, scale: str
     assert [8.8, run.task.spec.onset.epsilon] in [points(line)[0].tolist() for line in figure.axes[1].lines]
 
 
-def test_presence_of_a_run_in_which_no_stage_waits(run: Run, odd: Run) -> None:
-    for one in (run, odd):
-        figure = draw(plot_presence, one, {})
-        assert curves(figure.axes[1]) == {}
-        assert "no stage waits" in figure.axes[1].get_title(loc="left")
-        assert "published start" not in common_legend(figure)
+def test_presence_of_a_run_in_which_no_stage_waits(run: Run) -> None:
+    figure = draw(plot_presence, run, {})
+    assert curves(figure.axes[1]) == {}
+    assert "no stage waits" in figure.axes[1].get_title(loc="left")
 
 
 def test_monitors_are_drawn_with_their_bound_and_where_they_broke(load: Load, run: Run) -> None:
@@ -74,15 +66,8 @@ def test_monitors_are_drawn_with_their_bound_and_where_they_broke(load: Load, ru
     assert "bound" in common_legend(held)
 
 
-def test_monitors_of_a_run_that_did_not_get_there_and_of_a_task_without_any(
-    odd: Run, load: Load, one_arm: dict[str, Any]
-) -> None:
-    draw(plot_monitors, odd)
-    figure = draw(plot_monitors, load(**one_arm))
-    assert "no monitor" in figure.axes[1].get_title(loc="left")
-
-
-def test_a_schedule_has_a_bar_a_stage_and_marks_what_is_published(run: Run, odd: Run) -> None:
+def test_a_schedule_has_a_bar_a_stage_and_marks_what_is_published(run: Run, load: Load) -> None:
+    odd = load(early={1: 6.4, 3: 9.0}, last=12.0)  # it was killed in its second stage
     figure = draw(plot_schedule, {"psmpc": run, "smpc": odd}, {"smpc": PUBLISHED})
     (axes,) = figure.axes
     bars = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
@@ -141,18 +126,3 @@ def test_every_curve_is_drawn_as_given() -> None:
     for axes, panel in ((printed, "J, printed"), (ours, "J, ours")):
         for label, curve in MADE_UP["pending_cost"][panel].items():
             np.testing.assert_array_equal(curves(axes)[label], np.column_stack(curve))
-
-
-def test_instants_that_cannot_be_met_are_shaded() -> None:
-    *_, printed, ours = figure("pending_cost").axes
-    for axes in (printed, ours):
-        assert "infeasible" in [text.get_text() for text in axes.texts]
-        (span,) = axes.patches
-        assert span.get_extents().transformed(axes.transData.inverted()).x1 == pytest.approx(INSTANTS[0])
-
-
-def test_a_form_without_error_is_named_and_not_drawn() -> None:
-    error, missed, _ = figure("discretization").axes
-    assert legend(error) == ["Euler, as printed"]
-    assert "exact: below" in error.get_title(loc="left")
-    assert legend(missed) == ["exact", "Euler, as printed"]

@@ -1,7 +1,6 @@
 """The robot, its object, targets and paths: where they are drawn, and in which frames."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from matplotlib.patches import Polygon
 
 from psmpc_cli.figures.scene import configurations, grasp, object_poses, scene_of, view_around
 from psmpc_cli.figures.snapshots import draw_scene, plot_scenario, plot_snapshots
-from psmpc_cli.figures.style import PALETTE, in_style, new_figure
+from psmpc_cli.figures.style import in_style, new_figure
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.robot.model import RobotModel
@@ -36,60 +35,29 @@ def drawn_points(run: Run, time: float) -> np.ndarray:
 def test_the_view_shows_all_that_is_drawn(run: Run, share: float) -> None:
     time = share * run.motion.end
     view, found = view_around(scene_of(run).extent([time])), drawn_points(run, time)
-    low, high = np.array([view.x[0], view.y[0]]), np.array([view.x[1], view.y[1]])
+    low, high = view.get_points()
     assert np.all((low < found) & (found < high))
 
 
-def test_a_motion_along_one_line_keeps_a_panel_of_sensible_shape(load: Load, one_arm: dict[str, Any]) -> None:
-    up, along = (np.array([x, y, 0.0, 0.0, 0.0]) for x, y in ((0.0, 50.0), (50.0, 0.0)))
-    runs = [load(**{**one_arm, "points": (np.zeros(5), end)}) for end in (up, along)]
-    assert [view_around(scene_of(run).extent([0.0, 6.0])).aspect for run in runs] == pytest.approx([1.6, 0.45])
-
-
 @settings(max_examples=25)
-@given(time=st.floats(0, 13))
-def test_the_object_rests_until_it_is_taken(run: Run, time: float) -> None:
+@given(share=st.floats(0, 1))
+def test_the_object_rests_moves_rigidly_with_the_grippers_and_stays_where_it_was_let_go(run: Run, share: float) -> None:
     scene = scene_of(run)
     assert (scene.taken, scene.left, scene.lost) == (13.0, 23.0, False)
-    assert run.task.spec.object is not None
-    np.testing.assert_array_equal(scene.object_pose(time), run.task.spec.object.pose)
-
-
-@settings(max_examples=25)
-@given(time=st.floats(13, 23))
-def test_the_object_moves_rigidly_with_the_grippers(run: Run, time: float) -> None:
-    np.testing.assert_allclose(in_grasp(run, time), in_grasp(run, 13.0), atol=1e-9)
-
-
-@settings(max_examples=25)
-@given(time=st.floats(23, 29.6))
-def test_the_object_stays_where_it_was_let_go(run: Run, time: float) -> None:
-    np.testing.assert_array_equal(scene_of(run).object_pose(time), scene_of(run).object_pose(23.0))
-
-
-def in_grasp(run: Run, time: float) -> np.ndarray:
-    """The object's pose in the frame of the grippers."""
-    scene = scene_of(run)
-    pose, frame = scene.object_pose(time), grasp(run.problem.model, run.motion.coordinates_at(time))
-    assert pose is not None
-    c, s = np.cos(frame[2]), np.sin(frame[2])
-    offset = pose[:2] - frame[:2]
-    return np.array([c * offset[0] + s * offset[1], c * offset[1] - s * offset[0], np.cos(pose[2] - frame[2])])
+    rests, moves, stays = (scene.object_pose(time + share * span) for time, span in ((0, 13), (13, 10), (23, 6)))
+    assert run.task.spec.object is not None and rests is not None and moves is not None
+    np.testing.assert_array_equal(rests, run.task.spec.object.pose)
+    np.testing.assert_array_equal(stays, scene.object_pose(23.0))
+    frames = [grasp(run.problem.model, run.motion.coordinates_at(time)) for time in (13.0, 13.0 + 10 * share)]
+    turned = [(pose - frame)[2] for pose, frame in zip((rests, moves), frames, strict=True)]
+    apart = [np.hypot(*(pose - frame)[:2]) for pose, frame in zip((rests, moves), frames, strict=True)]
+    np.testing.assert_allclose((turned[1], apart[1]), (turned[0], apart[0]), atol=1e-9)
 
 
 def test_the_object_is_lost_when_the_grippers_open_too_early(load: Load) -> None:
     scene = scene_of(load(early={1: 6.4, 3: 19.0}))
     assert scene.lost and 19.0 < scene.left < 23.0
     np.testing.assert_array_equal(scene.object_pose(29.6), scene.object_pose(scene.left))
-
-
-def test_the_object_of_a_run_killed_before_is_never_taken_and_a_task_without_one_has_none(
-    load: Load, one_arm: dict[str, Any]
-) -> None:
-    killed, without = scene_of(load(last=8.0)), scene_of(load(**one_arm))
-    assert (killed.taken, killed.left, killed.lost) == (np.inf, np.inf, False)
-    assert without.object_pose(1.0) is None and not without.lost
-    np.testing.assert_allclose(grasp(without.run.problem.model, np.zeros(5)), [1.2, 0.0, 0.0])
 
 
 def titles(figure: Figure) -> list[str]:
@@ -141,16 +109,6 @@ def test_targets_of_the_stages_that_act_are_marked(run: Run) -> None:
     np.testing.assert_allclose(marks(first), expected)
     capture = np.array([run.problem.stages[1].target[rows][:2] for rows in run.problem.model.pose_rows.values()])
     np.testing.assert_allclose(marks(second), np.vstack([expected, capture]))  # it starts early
-
-
-def test_paths_of_the_ends_of_the_arms_begin_at_the_frame_before(run: Run) -> None:
-    *_, fourth, fifth, _ = plot_snapshots(run).axes
-    for axes, since, until in ((fourth, 10.0, 13.0), (fifth, 13.0, 23.0)):
-        paths = [line for line in axes.lines if line.get_linewidth() == pytest.approx(0.6)]
-        assert [line.get_color() for line in paths] == list(PALETTE[:2])
-        for line, rows in zip(paths, list(run.problem.model.pose_rows.values())[1:], strict=True):
-            ends = run.motion.poses_at(np.array([since, until]))[:, rows][:, :2]
-            np.testing.assert_allclose(points(line)[[0, -1]], ends)
 
 
 def test_snapshots_of_several_runs_show_where_their_stages_end(runs: Mapping[str, Run]) -> None:

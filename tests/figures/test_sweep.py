@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.figures.registry import draw, figures_of
-from psmpc_cli.figures.sweep import plot_plane, plot_sensitivity, plot_starts, plot_surface
-from psmpc_cli.studies.weights import SweepCells, recommend
+from psmpc_cli.figures.sweep import plot_plane, plot_sensitivity, plot_starts
+from psmpc_cli.studies.weights import SweepCells
 
-from ..made_up_sweep import T_H, T_S, Numbers, made_up_sweep, numbers
+from ..made_up_sweep import T_H, T_S, made_up_sweep, numbers
 from .drawn import common_legend, curves, legend, points
 
 Sweep = Callable[..., SweepCells]
@@ -51,11 +51,6 @@ def test_a_sweep_that_has_not_begun_has_nothing_to_draw(sweep: Sweep, tmp_path: 
     assert not (tmp_path / "figures").exists()
 
 
-def never_early(ratio: float) -> Numbers:
-    """A cell without any early start: Capture starts at t_s, whatever the threshold."""
-    return {**numbers(ratio), "actual_start": [T_S, T_S]}
-
-
 def mesh(figure: Figure) -> np.ma.MaskedArray:
     """The colours of the heat map as times (omega_2, omega_1) [s]."""
     found, *_ = [collection for collection in figure.axes[0].collections if isinstance(collection, QuadMesh)]
@@ -88,17 +83,6 @@ def test_the_contour_is_where_starts_come_down_to_t_s_less_the_horizon(sweep: Sw
     assert any("t_s - T_h" in text for text in common_legend(figure))
 
 
-def test_without_an_early_start_nothing_is_early(sweep: Sweep) -> None:
-    cells = sweep("5x5", of=never_early)
-    figure = plot_plane(cells)
-    assert np.all(mesh(figure) == T_S)
-    assert not contours(figure)
-    assert any("nowhere" in text for text in common_legend(figure))
-    lines = curves(plot_starts(cells).axes[0])
-    for name in ("ε = 0.001", "ε = 0.1", "$t_s$"):
-        np.testing.assert_allclose(lines[name][:, 1], T_S)
-
-
 def test_cells_that_wait_are_blank_and_failed_ones_are_marked(sweep: Sweep) -> None:
     cells = sweep("3x3", waiting=(1,), failed=(5,))
     figure = plot_plane(cells)
@@ -112,19 +96,6 @@ def test_cells_that_wait_are_blank_and_failed_ones_are_marked(sweep: Sweep) -> N
         np.testing.assert_allclose(curves(axes)["failed"][:, 0], 1e-3)
 
 
-def test_the_plane_of_draws_shows_every_draw_once(sweep: Sweep) -> None:
-    cells = sweep("random:12", waiting=(1,), failed=(5,))
-    figure = plot_plane(cells)
-    axes = figure.axes[0]
-    (ended,) = axes.collections
-    np.testing.assert_allclose(ended.get_offsets(), np.log10(cells.omega[cells.ended]))
-    np.testing.assert_allclose(ended.get_array(), cells.of("actual_start")[cells.ended, cells.chosen])
-    failed, waiting = axes.lines
-    np.testing.assert_allclose(points(failed), np.log10(cells.omega[[5]]))
-    np.testing.assert_allclose(points(waiting), np.log10(cells.omega[[1]]))
-    assert common_legend(figure) == ["failed", "waiting"]
-
-
 def test_starts_are_drawn_by_threshold_between_t_s_and_t_s_less_the_horizon(sweep: Sweep) -> None:
     axes = plot_starts(sweep("7")).axes[0]
     ratios = np.logspace(-6, 6, 7)
@@ -135,25 +106,3 @@ def test_starts_are_drawn_by_threshold_between_t_s_and_t_s_less_the_horizon(swee
         np.testing.assert_allclose(lines[name], np.column_stack([ratios, starts]))
     np.testing.assert_allclose(lines["$t_s$"][:, 1], T_S)
     np.testing.assert_allclose(lines["$t_s - T_h$"][:, 1], T_S - T_H)
-
-
-def test_the_recommended_ratio_is_marked_in_every_panel(sweep: Sweep) -> None:
-    cells = sweep("13")
-    best = recommend(cells).ratio
-    rows = plot_sensitivity(cells).axes
-    assert len(rows) == 3
-    for axes in rows:
-        assert best in [points(line)[0, 0] for line in axes.lines if len(points(line)) == 2]
-    assert "recommended 10" in legend(rows[0])
-    assert "task's 100" in legend(rows[0])
-    assert legend(rows[2]) == ["tolerance"]
-
-
-def test_the_surface_is_framed_by_t_s_and_t_s_less_the_horizon(sweep: Sweep) -> None:
-    cells = sweep("5x5", failed=(0,), waiting=(24,))
-    figure = plot_surface(cells)
-    axes = figure.axes[0]
-    heights = {str(line.get_label()): set(np.round(line.get_data_3d()[2], 9)) for line in axes.lines}
-    assert heights["$t_s$"] == {T_S}
-    assert heights["$t_s - T_h$"] == {round(T_S - T_H, 9)}
-    assert {"failed", "blank: waiting"} <= set(common_legend(figure))

@@ -17,6 +17,7 @@ from psmpc_cli.logs.write import Header, LogWriter
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
 
+from ..figures.made_up import Story, write_story
 from ..simulation.logged import there_and_back
 from .records import COORDINATES, HEADER, LEAN, STAGES, TICKS, record
 
@@ -238,3 +239,31 @@ def test_a_run_in_memory_is_the_one_it_would_have_written(tmp_path: Path) -> Non
     np.testing.assert_array_equal(run.plan("solution", 3), written.plan("solution", 3))
     assert run.path == IN_MEMORY
     assert run.summary().end_errors == written.summary().end_errors
+
+
+@pytest.mark.parametrize(
+    ("story", "spans"),
+    [
+        (Story(ends=(2.0, 3.0, 4.0, 5.0), early={}), [(0, 2, None), (2, 3, None), (3, 4, None), (4, 5, None)]),
+        (Story(early={}, last=11.0), [(0, 10, None), (10, 10.8, None)]),
+        (Story(last=8.0), [(0, 7.6, None), (pytest.approx(7.6), 7.6, 6.4)]),
+    ],
+    ids=["finished", "killed", "not reached"],
+)
+def test_stages_follow_each_other_to_the_end_of_the_run(tmp_path: Path, story: Story, spans: object) -> None:
+    run = read_run(write_story(tmp_path / "run.h5", story))
+    assert [(span.start, pytest.approx(span.end), span.early) for span in run.spans] == spans
+    assert run.motion.end == run.spans[-1].end
+    between = run.motion.coordinates_at(run.motion.time[:2].mean())
+    np.testing.assert_allclose(between, run.motion.Q[:2].mean(axis=0))
+
+
+def test_the_state_is_the_true_one_beside_what_the_controller_saw(tmp_path: Path) -> None:
+    motion = read_run(write_story(tmp_path / "run.h5", Story(blur=0.1))).motion
+    np.testing.assert_allclose(np.abs(motion.Q_seen - motion.Q), 0.1)
+    np.testing.assert_allclose(np.abs(motion.v_seen - motion.v), 0.1)
+
+
+def test_a_log_without_a_sample_has_no_motion(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="found no samples"):
+        assert read_run(write_story(tmp_path / "run.h5", Story(last=-1.0))).motion

@@ -34,6 +34,9 @@ NAME_PATTERN = r"^[^\s./\\\[\]=:,]+( [^\s./\\\[\]=:,]+)*$"
 
 LONGEST_NAME = 60
 
+SMALLEST = 1e-12
+"""Magnitude of a number that must not be 0."""
+
 SECONDS_PATTERN = rf"^{DECIMAL} *s$"
 
 FLAW = "flaw"
@@ -237,6 +240,12 @@ def _seconds(value: object) -> float:
     return number(float(value.removesuffix("s")))
 
 
+def _not_tiny(value: float) -> float:
+    if 0 < value < SMALLEST:
+        raise expected(f"a number of at least {SMALLEST:g}")
+    return value
+
+
 def _whole(value: object) -> int:
     if number(value) % 1:
         raise expected("a whole number")
@@ -335,14 +344,14 @@ class _Or:
 _or_angle = _Or({"type": "string", "pattern": ANGLE_PATTERN})
 
 Number = Annotated[float, BeforeValidator(number)]
-Positive = Annotated[float, Field(gt=0), BeforeValidator(number)]
+Positive = Annotated[float, Field(gt=0), BeforeValidator(number), AfterValidator(_not_tiny)]
 NotNegative = Annotated[float, Field(ge=0), BeforeValidator(number)]
 Fraction = Annotated[float, Field(ge=0, lt=1), BeforeValidator(number)]
 Seconds = Annotated[float, Field(ge=0), BeforeValidator(_seconds), _Or({"type": "string", "pattern": SECONDS_PATTERN})]
 Angle = Annotated[float, BeforeValidator(number_or_angle), _or_angle]
 Direction = Annotated[float, BeforeValidator(number_or_angle), BeforeValidator(_within_a_turn), _or_angle]
 Size = Annotated[float, Field(ge=0), BeforeValidator(number_or_angle), _or_angle]
-Width = Annotated[float, Field(gt=0), BeforeValidator(number_or_angle), _or_angle]
+Width = Annotated[float, Field(gt=0), BeforeValidator(number_or_angle), AfterValidator(_not_tiny), _or_angle]
 Whole = Annotated[int, BeforeValidator(_whole)]
 Intervals = Annotated[
     int | Literal["auto"],

@@ -38,7 +38,11 @@ class Flow:
 
 
 class AdaptiveDynamics:
-    """Integrates the full dynamics piece by piece, under the low-level law or under a held force."""
+    """Integrates the full dynamics piece by piece, under the low-level law or under a held force.
+
+    What acts on a piece is named: `law`, where the law (7) follows its acceleration at every instant; `ticks`, where
+    the law sets the force once, at its beginning; `force`, where a generalized force is held.
+    """
 
     def __init__(self, model: RobotModel) -> None:
         n = model.n
@@ -47,34 +51,26 @@ class AdaptiveDynamics:
         lawful, held = _integrator(model, lawful=True), _integrator(model, lawful=False)
         F_law = model.dynamics.inverse(x[:n], x[n:], u, model.nominal.vector)
         ticking = held(x0=x, p=ca.vertcat(F_law, dt))["xf"]
-        self._lawful = _piece(lawful(x0=x, p=ca.vertcat(u, dt))["xf"], x, u, dt)
-        self._ticking = _piece(ticking, x, u, dt)
-        self._held = _piece(held(x0=x, p=ca.vertcat(F, dt))["xf"], x, F, dt)
+        self._pieces = {
+            "law": _piece(lawful(x0=x, p=ca.vertcat(u, dt))["xf"], x, u, dt),
+            "ticks": _piece(ticking, x, u, dt),
+            "force": _piece(held(x0=x, p=ca.vertcat(F, dt))["xf"], x, F, dt),
+        }
         self._chains: dict[tuple[str, int], ca.Function] = {}
 
-    def under_law(self, x: np.ndarray, times: np.ndarray, u: np.ndarray) -> Flow:
-        """Return the states from x (2n,) on while the law (7) follows the accelerations u (K, n) at every instant.
+    def under(self, what: str, x: np.ndarray, times: np.ndarray, inputs: np.ndarray) -> Flow:
+        """Return the states from x (2n,) on.
 
         Args:
+            what: What acts: `law`, `ticks` or `force`.
             x: State at the first of the times.
             times: Ends of the pieces (K + 1,) [s].
-            u: Accelerations (K, n).
+            inputs: Accelerations [m/s^2, rad/s^2], or generalized forces [N, N m], of the pieces (K, n).
         """
-        return self._flow("law", self._lawful, x, times, u)
-
-    def under_ticks(self, x: np.ndarray, times: np.ndarray, u: np.ndarray) -> Flow:
-        """Return the states while the law (7) sets the force once a tick; arguments as of `under_law`."""
-        return self._flow("ticks", self._ticking, x, times, u)
-
-    def under_force(self, x: np.ndarray, times: np.ndarray, F: np.ndarray) -> Flow:
-        """Return the states under generalized forces F (K, n), each held over its piece."""
-        return self._flow("force", self._held, x, times, F)
-
-    def _flow(self, name: str, piece: ca.Function, x: np.ndarray, times: np.ndarray, inputs: np.ndarray) -> Flow:
         K, dt = len(inputs), np.diff(times)
-        if (name, K) not in self._chains:
-            self._chains[name, K] = piece.mapaccum(K)
-        _, inside = self._chains[name, K](x, inputs.T, dt[None])
+        if (what, K) not in self._chains:
+            self._chains[what, K] = self._pieces[what].mapaccum(K)
+        _, inside = self._chains[what, K](x, inputs.T, dt[None])
         parts = np.arange(1, INSIDE + 1) / INSIDE
         at = (times[:-1, None] + dt[:, None] * parts).ravel()
         return Flow(np.concatenate([times[:1], at]), np.vstack([x, np.asarray(inside).T]))

@@ -14,19 +14,13 @@ class IdealPlant:
 
     def advance(self, start: float, x: np.ndarray, u: np.ndarray, disturbance: Disturbance | None = None) -> Ticks:
         """Advance over len(u) ticks. External impulse and work are those of the exact motion."""
-        n, model = self.model.n, self.model
-        X = double_integrator(x, u, self.tick)
+        n, model, tick = self.model.n, self.model, self.tick
+        Qdot = np.vstack([x[n:], x[n:] + tick * np.cumsum(u, axis=0)])
+        Q = np.vstack([x[:n], x[:n] + np.cumsum(tick * Qdot[:-1] + tick**2 / 2 * u, axis=0)])  # paper eq. (8)
+        X = np.hstack([Q, Qdot])
         motion = X[:-1, :n].T, X[:-1, n:].T, u.T, model.nominal.vector
         F = np.asarray(model.dynamics.inverse(*motion)).T
         first, last = ((state[:n], state[n:]) for state in X[[0, -1]])
         impulse = model.momentum(*last) - model.momentum(*first)
         work = model.kinetic_energy(*last) - model.kinetic_energy(*first)
-        return Ticks(start + self.tick * np.arange(len(u) + 1), X, F, impulse, work)
-
-
-def double_integrator(x: np.ndarray, u: np.ndarray, tick: float) -> np.ndarray:
-    """Return the states (M + 1, 2n) from x (2n,) on under accelerations u (M, n), each held for a tick [s]. Eq. (8)."""
-    n = len(x) // 2
-    Qdot = np.vstack([x[n:], x[n:] + tick * np.cumsum(u, axis=0)])
-    Q = np.vstack([x[:n], x[:n] + np.cumsum(tick * Qdot[:-1] + tick**2 / 2 * u, axis=0)])
-    return np.hstack([Q, Qdot])
+        return Ticks(start + tick * np.arange(len(u) + 1), X, F, impulse, work)

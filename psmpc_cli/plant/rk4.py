@@ -60,13 +60,6 @@ def tick_function(model: RobotModel, tick: float, substeps: int, disturbed: bool
     return ca.Function("tick", [z, u], [_runge_kutta(flow, z, [F], tick, substeps), F])
 
 
-def held_force(model: RobotModel, tick: float, substeps: int) -> ca.Function:
-    """Return one tick z, F -> z_next of the undisturbed robot under a generalized force that is held."""
-    _, flow = _law_and_flow(model, disturbed=False)
-    z, F = ca.MX.sym("z", 2 * model.n + 4), ca.MX.sym("F", model.n)
-    return ca.Function("held", [z, F], [_runge_kutta(flow, z, [F], tick, substeps)])
-
-
 def _law_and_flow(model: RobotModel, disturbed: bool) -> tuple[ca.Function, ca.Function]:
     """Return the low-level law x, u, p -> F, and the time derivative of z at z, F, p with the external force in F.
 

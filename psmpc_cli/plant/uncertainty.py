@@ -5,7 +5,6 @@ What is random is drawn from the task's seed, every item from a stream of its ow
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -158,13 +157,8 @@ def release(model: RobotModel, x: np.ndarray, free: InertialParameters, holding:
     return Contact(x, impulse, model.kinetic_energy(Q, v, free) - model.kinetic_energy(Q, v, holding))
 
 
-class Stream(IntEnum):
-    """Random streams of a seed; a new item gets a new number, so that what is drawn for the others stays."""
-
-    MASS = 0
-    INERTIA = 1
-    CENTRE_OF_MASS = 2
-    NOISE = 3
+STREAMS = ("mass", "inertia", "centre_of_mass", "noise")
+"""Random streams of a seed, by number; a new item goes to the end, so that what is drawn for the others stays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,10 +185,10 @@ def draw_bodies(spec: UncertaintySpec, robot: RobotSpec, seed: int) -> Draw:
     """Draw the bodies of a robot, uniformly within their ranges."""
     count = len(robot.bodies)
     return Draw(
-        mass_factor=1 + _by_body(spec.mass, robot) * _stream(seed, Stream.MASS).uniform(-1, 1, count),
-        inertia_factor=1 + _by_body(spec.inertia, robot) * _stream(seed, Stream.INERTIA).uniform(-1, 1, count),
+        mass_factor=1 + _by_body(spec.mass, robot) * _stream(seed, "mass").uniform(-1, 1, count),
+        inertia_factor=1 + _by_body(spec.inertia, robot) * _stream(seed, "inertia").uniform(-1, 1, count),
         offset=_by_body(spec.centre_of_mass, robot)[:, None]
-        * _stream(seed, Stream.CENTRE_OF_MASS).uniform(-1, 1, (count, 2)),
+        * _stream(seed, "centre_of_mass").uniform(-1, 1, (count, 2)),
     )
 
 
@@ -206,7 +200,7 @@ def measurement_noise(spec: NoiseSpec, robot: RobotSpec, seed: int, sample: int,
     joints = sum(robot.parts.values()) - robot.parts["base"]
     deviation = [spec.position] * 2 + [spec.angle] * (1 + joints)
     deviation += [spec.velocity] * 2 + [spec.angular_velocity] * (1 + joints)
-    drawn = _stream(seed, Stream.NOISE, sample).standard_normal((ticks, len(deviation)))
+    drawn = _stream(seed, "noise", sample).standard_normal((ticks, len(deviation)))
     return np.asarray(drawn * deviation)
 
 
@@ -259,8 +253,8 @@ def _fastest_rate(inertia: np.ndarray, damping: np.ndarray) -> float:
     return float(np.abs(np.linalg.eigvals(np.linalg.solve(inertia, np.diag(damping)))).max())
 
 
-def _stream(seed: int, *key: int) -> np.random.Generator:
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+def _stream(seed: int, item: str, *key: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAMS.index(item), *key)))
 
 
 def _by_body(given: float | Mapping[str, float], robot: RobotSpec) -> np.ndarray:

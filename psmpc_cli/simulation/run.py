@@ -28,7 +28,7 @@ from psmpc_cli.native.functions import FLAGS, source_of
 from psmpc_cli.native.library import library
 from psmpc_cli.ocp.objective import StageShape, stage_functions
 from psmpc_cli.ocp.problem import Problem, Stage, StageCosts, build_problem
-from psmpc_cli.plant import Plant, Ticks, build_plant, ticks_of
+from psmpc_cli.plant import Plant, build_plant, ticks_of
 from psmpc_cli.plant.rk4 import tick_function
 from psmpc_cli.plant.uncertainty import Uncertainty, disturbs
 from psmpc_cli.robot.model import RobotModel
@@ -214,7 +214,7 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         else:
             contact = uncertainty.contact(x, before, stage)
             ticks = uncertainty.advance(plant, number, now, contact.x, u, stage)
-        if not _is_bounded(ticks):
+        if not (np.abs(ticks.X).max() < BOUND and np.abs(ticks.F).max() < BOUND):  # nor where it is not a number
             why = "the motion diverged, faster than it can be simulated"
             return Ending(False, why, now, command.x, x, command.switches, stuck=True)
         yield meter.measure(command, ticks, x, u, contact)
@@ -245,11 +245,6 @@ class _Link:
         """Return the accelerations (M, n) that reach the robot where u (M, n) are commanded now."""
         self._commanded.append(u)
         return self._commanded.popleft()
-
-
-def _is_bounded(ticks: Ticks) -> bool:
-    """Tell whether a motion can be simulated and logged: numbers that are finite, and whose squares have a meaning."""
-    return bool(np.abs(ticks.X).max() < BOUND and np.abs(ticks.F).max() < BOUND)
 
 
 def _ending(experiment: Experiment, command: Command, x: np.ndarray, braking_until: float) -> Ending | None:

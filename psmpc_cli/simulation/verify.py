@@ -131,7 +131,7 @@ class _Verifier:
         return Verification(self._horizons, self._count, self._loop, self._samples, tuple(remarks))
 
     def _take_horizon(self, sample: int, plan: Plan, window: Window) -> None:
-        flow = self._physics.under_law(plan.X[0], plan.times, plan.u)
+        flow = self._physics.under("law", plan.X[0], plan.times, plan.u)
         self._count += 1
         self._note_deviation(self._horizons, sample, flow.between_pieces, plan.X, plan.times)
         ends = np.cumsum(window.nodes)
@@ -150,9 +150,9 @@ class _Verifier:
         known = plan is not None and not self._levels and not log["events/braking"][sample]
         if log.ticks:
             held = log.ticks["F"][sample * ticks : (sample + 1) * ticks]
-            flow = self._physics.under_force(x, edges, held)
+            flow = self._physics.under("force", x, edges, held)
         elif known and plan is not None:
-            flow = self._physics.under_ticks(x, edges, plan.mean_control(edges))
+            flow = self._physics.under("ticks", x, edges, plan.mean_control(edges))
         else:
             self._left_out += 1
             return

@@ -10,15 +10,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.logs.comparison import compare_logs
-from psmpc_cli.logs.run import IN_MEMORY, Run, read_run
+from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import FORMAT_VERSION, columns
 from psmpc_cli.logs.write import Header, LogWriter
-from psmpc_cli.simulation.run import simulate
-from psmpc_cli.specs.load import load_task
 
 from ..figures.made_up import Story, write_story
-from ..simulation.logged import there_and_back
 from .records import COORDINATES, HEADER, LEAN, STAGES, TICKS, record
 
 SAMPLES = 3
@@ -74,13 +70,6 @@ def test_what_is_no_log_is_named(tmp_path: Path, found: str, make: Callable[[Pat
     assert refusal(tmp_path / "log.h5") == expected
 
 
-def test_file_below_a_file_is_no_log(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    assert refusal(tmp_path / "file" / "log.h5").endswith(
-        "found no such file, expected a log written by psmpc simulate"
-    )
-
-
 def test_other_version_is_named(path: Path) -> None:
     with h5py.File(path, "r+") as file:
         file.attrs["format_version"], file.attrs["psmpc_version"] = 99, "7.0"
@@ -101,14 +90,6 @@ def test_missing_attribute_is_named(path: Path, name: str) -> None:
 def test_missing_dataset_is_damage(path: Path, name: str) -> None:
     with h5py.File(path, "r+") as file:
         del file[name]
-    assert refusal(path).startswith(f"{path}: found an HDF5 file that is cut off or damaged (")
-
-
-@pytest.mark.parametrize("name", ["time", "state/Q", "ticks/F", "stages/name"])
-def test_group_in_place_of_a_dataset_is_damage(path: Path, name: str) -> None:
-    with h5py.File(path, "r+") as file:
-        del file[name]
-        file.create_group(name)
     assert refusal(path).startswith(f"{path}: found an HDF5 file that is cut off or damaged (")
 
 
@@ -215,30 +196,6 @@ def test_without_xarray_it_says_how_to_install_it(tmp_path: Path, monkeypatch: p
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(InputError, match="pip install xarray"):
         log_of(tmp_path / "log.h5").to_xarray()
-
-
-def test_a_run_is_saved_as_the_log_it_was(path: Path, tmp_path: Path) -> None:
-    run = read_run(path)
-    run.save(tmp_path / "saved.h5")
-    saved = read_run(tmp_path / "saved.h5")
-    assert dict(saved.attributes) == dict(run.attributes)
-    assert saved.arrays.keys() == run.arrays.keys()
-    for name, values in run.arrays.items():
-        np.testing.assert_array_equal(saved[name], values, name)
-    with pytest.raises(InputError, match="exists already"):
-        run.save(path)
-
-
-@pytest.mark.slow
-def test_a_run_in_memory_is_the_one_it_would_have_written(tmp_path: Path) -> None:
-    changes = ["uncertainty.noise={position: 1e-3, velocity: 1e-3}", "log.shares=false"]
-    written = there_and_back(tmp_path, *changes)
-    run = simulate(load_task(tmp_path / "task.yaml", changes))
-    run.save(tmp_path / "saved.h5")
-    assert compare_logs(written.path, tmp_path / "saved.h5").differences == ()
-    np.testing.assert_array_equal(run.plan("solution", 3), written.plan("solution", 3))
-    assert run.path == IN_MEMORY
-    assert run.summary().end_errors == written.summary().end_errors
 
 
 @pytest.mark.parametrize(

@@ -88,14 +88,6 @@ def test_monitors_are_unknown_until_they_are_judged(tmp_path: Path) -> None:
     assert np.isnan(monitors["margin"]).all()
 
 
-def test_a_log_without_ticks_and_plans_has_neither(tmp_path: Path) -> None:
-    path = tmp_path / "log.h5"
-    with LogWriter(path, LEAN) as log:
-        log.write(record(0))
-    read = read_run(path)
-    assert (read.has_plans, read.ticks, len(read.time)) == (False, {}, 1)
-
-
 def test_a_long_task_text_fits(tmp_path: Path) -> None:
     path, text = tmp_path / "log.h5", "stages: []\n" * 100_000
     LogWriter(path, replace(LEAN, attributes={**LEAN.attributes, "task_yaml": text})).close()
@@ -181,14 +173,6 @@ def test_rows_beyond_a_chunk_are_kept(tmp_path: Path) -> None:
     assert_same_rows(read_run(path), [record(k) for k in range(count)])
 
 
-def test_force_replaces_a_log(tmp_path: Path) -> None:
-    path = tmp_path / "log.h5"
-    write(path, [record(0)])
-    with LogWriter(path, LEAN, force=True):
-        pass
-    assert not len(read_run(path).time)
-
-
 def test_force_replaces_what_a_link_points_to(tmp_path: Path) -> None:
     path, link = tmp_path / "log.h5", tmp_path / "latest.h5"
     write(path, [record(0)])
@@ -197,11 +181,6 @@ def test_force_replaces_what_a_link_points_to(tmp_path: Path) -> None:
         pass
     assert link.is_symlink()
     assert not len(read_run(path).time)
-
-
-def test_missing_directories_are_made(tmp_path: Path) -> None:
-    with LogWriter(tmp_path / "new" / "folder" / "log.h5", LEAN) as log:
-        assert log.path.is_file()
 
 
 def test_no_room_for_a_log_leaves_none(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.plant import build_plant
 from psmpc_cli.plant.ideal import IdealPlant
 from psmpc_cli.plant.mujoco_plant import MujocoPlant
-from psmpc_cli.plant.rk4 import Rk4Plant, held_force
+from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.model import RobotModel, build_model
 from psmpc_cli.specs.task import PlantSpec
 
@@ -34,16 +34,6 @@ def change(model: RobotModel, before: np.ndarray, after: np.ndarray) -> np.ndarr
         np.r_[model.momentum(*np.split(x, 2)), model.kinetic_energy(*np.split(x, 2))] for x in (before, after)
     )
     return last - first
-
-
-def test_momentum_is_conserved_without_base_force(model: RobotModel, x: np.ndarray) -> None:
-    """Joint torques only, rich in frequencies; linear and angular momentum about the inertial origin."""
-    ticks, n = 20_000, model.n
-    F = np.zeros((n, ticks))
-    F[3:] = 0.05 * np.sin(np.outer(np.arange(1, 7), TICK * np.arange(ticks)) + np.arange(6)[:, None])
-    Z = np.asarray(held_force(model, TICK, 1).mapaccum(ticks)(np.r_[x, np.zeros(4)], F))[:, 999::1000]
-    assert np.abs(Z[3:n] - x[3:n, None]).max() > 0.1
-    assert max(np.abs(change(model, x, z[: 2 * n])[:3]).max() for z in Z.T) < 1e-9
 
 
 @given(moving_robots(most=3), st.integers(1, 3))

@@ -98,13 +98,6 @@ def test_the_verdicts_of_the_monitors_are_in_the_log(finished: Run) -> None:
     assert finished.monitors["margin"][0] == pytest.approx(finished.summary().monitors[0].margin)
 
 
-def test_every_plan_is_in_the_log(finished: Run) -> None:
-    first, last = (finished.plan("solution", k) for k in (0, len(finished.time) - 1))
-    two_stages = np.flatnonzero(finished["window/count"] == 2)[0]
-    assert len(finished.plan("solution", two_stages)) > len(first) == len(last) > 0
-    assert np.isfinite(first).all()
-
-
 def test_the_watcher_sees_every_sample(tmp_path: Path) -> None:
     seen: list[Sample] = []
     simulate(coarse("time_limit=1"), tmp_path / "log.h5", watch=seen.append)
@@ -221,19 +214,6 @@ def test_a_killed_run_leaves_all_but_the_last_half_second(tmp_path: Path, kill: 
     assert (summary.ended, summary.succeeded) == (False, False)
     for k in range(len(log.time) if plans else 0):
         assert np.isfinite(log.plan("solution", k)).all()
-
-
-def test_a_log_in_the_making_is_a_log(tmp_path: Path) -> None:
-    path, held = tmp_path / "log.h5", []
-
-    def watch(sample: Sample) -> None:
-        time.sleep(0.2)
-        held.append(len(read_run(path).time))
-
-    simulate(coarse("time_limit=0.8"), path, watch=watch)
-    assert any(0 < count < 8 for count in held)
-    assert held == sorted(held)
-    assert len(read_run(path).time) == 8
 
 
 def test_one_sample_passes_the_files_that_the_page_on_the_architecture_lists() -> None:

@@ -68,16 +68,6 @@ def test_the_log_tells_what_was_drawn_with_units(tmp_path: Path) -> None:
         assert all(item.attrs["long_name"] for item in file["uncertainty"].values())
 
 
-def test_seeds_reproduce_a_run_and_differ_from_each_other(tmp_path: Path) -> None:
-    logs = [
-        logged(tmp_path, BODIES, NOISE, *LIGHT, f"seed={seed}", samples=4, name=name)
-        for seed, name in ((1, "one"), (1, "again"), (2, "other"))
-    ]
-    assert compare_logs(logs[0].path, logs[1].path).differences == ()
-    assert not np.array_equal(logs[0]["state/Q"], logs[2]["state/Q"])
-    assert not np.array_equal(logs[0]["uncertainty/mass_factor"], logs[2]["uncertainty/mass_factor"])
-
-
 def test_the_controller_sees_the_noise_and_the_margins_do_not(tmp_path: Path) -> None:
     log = logged(tmp_path, NOISE, "log.ticks=true", *LIGHT)
     loaded = load_task(tmp_path / "task.yaml", [NOISE])

@@ -125,8 +125,9 @@ class Document:
         lines = self.text.splitlines()
         if place.line > len(lines) or not lines[place.line - 1]:
             return ""
-        start = max(0, place.column - WIDEST)
-        shown = "".join(c if c.isprintable() else " " for c in lines[place.line - 1][start : start + WIDEST])
+        line = lines[place.line - 1]
+        start = max(0, min(place.column - WIDEST // 2, len(line) - WIDEST))
+        shown = "".join(c if c.isprintable() else " " for c in line[start : start + WIDEST])
         return f"\n{place.line:>4} | {shown.rstrip()}\n     | {' ' * (place.column - 1 - start)}^"
 
 

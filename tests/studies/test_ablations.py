@@ -16,7 +16,6 @@ from psmpc_cli.studies.ablations import (
     PROMINENT,
     Ablation,
     OneWindow,
-    ahead,
     instant_grid,
     minima,
     on_mesh,
@@ -24,8 +23,6 @@ from psmpc_cli.studies.ablations import (
     pick_window,
     run_ablations,
     scan_instants,
-    variation,
-    with_priorities,
 )
 
 NODES = 8
@@ -93,23 +90,6 @@ def test_as_printed_the_instant_lies_at_the_end_of_the_horizon(ablations: Mappin
     assert numbers["end [s], printed"] > numbers["end [s], ours"]
 
 
-def test_the_window_is_the_run_s(log: Run, one: OneWindow) -> None:
-    sample = int(np.argmin(np.abs(log.time - one.window.start)))
-    assert log["window/count"][sample] == 2
-    np.testing.assert_allclose(one.window.x0, np.r_[log["state/Q"][sample], log["state/Qdot"][sample]])
-    np.testing.assert_allclose(one.window.scale, log["normalization/nadir"][sample])
-    assert one.plan.instants == pytest.approx(log["window/instants"][sample, :1])
-
-
-def test_other_priorities_are_normalized_by_their_own_optimum(one: OneWindow) -> None:
-    other = with_priorities(one, (1.0, 1e-3))
-    np.testing.assert_array_equal(other.window.omega, [1.0, 1e-3])
-    assert not np.array_equal(other.window.scale, one.window.scale)
-    at_rest = np.zeros((1, one.experiment.model.n))
-    for stage, scale in zip(other.window.stages, other.window.scale, strict=True):
-        assert scale >= one.experiment.costs.at(stage, one.window.x0[None], at_rest)[0]
-
-
 def test_a_run_of_one_stage_has_no_window_to_look_at(tmp_path: Path) -> None:
     one_stage = "stages=[{name: go, skill: move, target: {base: [0, 0, 0], arms: [0.02, 0, 0]}, ends_when: " + (
         "{coordinates: all}}]"
@@ -168,14 +148,3 @@ def test_eulers_error_is_of_first_order_and_the_exact_one_has_none(one: OneWindo
 )
 def test_minima_are_found_the_lowest_first_and_shallow_ones_left_out(cost: list[float], found: list[float]) -> None:
     assert minima(np.arange(len(cost)), np.array(cost)) == found
-
-
-def test_ahead_falls_with_time_and_the_joints_control_varies_ever_more(log: Run) -> None:
-    _, to_go = ahead(log)
-    np.testing.assert_array_equal(np.isnan(to_go), log["window/count"] < 2)
-    known = np.isfinite(to_go)
-    assert np.all(np.diff(to_go[known]) < 0)
-    assert np.all(to_go[known] <= log.attributes["horizon"])
-    _, total = variation(log)
-    assert np.all(np.diff(total) >= 0)
-    assert total[-1] == pytest.approx(log.summary().variation.joints)

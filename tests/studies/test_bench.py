@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.errors import InputError, RunError, SpecError
+from psmpc_cli.errors import RunError, SpecError
 from psmpc_cli.studies.bench import (
     HEADINGS,
     NOTE,
     SOLVERS,
     Bench,
     bench_rows,
-    describe_machine,
     load_bench,
     median_time,
     run_bench,
@@ -87,28 +86,10 @@ def test_failed_solves_are_counted_and_count_in_no_other_column(bench: Bench) ->
     assert median_time(solves, stages=2) > 0
 
 
-def test_the_machine_is_named(bench: Bench) -> None:
-    said = describe_machine(bench)
-    assert "cores" in said
-    assert all(name in said for name in ("python", "psmpc", "casadi", "numpy", "piqp"))
-    assert bench.wall_over_busy > 0
-
-
-def test_an_unknown_back_end_is_named() -> None:
-    with pytest.raises(InputError, match="--solvers: found 'snopt', expected some of sqp, piqp, fatrop, ipopt"):
-        run_bench({}, "sqp,snopt")
-
-
 @pytest.mark.parametrize("text", ["", "25,", "5,1", "2.5", "fine"])
 def test_a_mesh_that_is_none_is_found_before_anything_runs(task: str, text: str) -> None:
     with pytest.raises(SpecError, match=r"controller\.nodes"):
         load_bench(task, (), text)
-
-
-@pytest.mark.parametrize("change", ["solver.kind=ipopt", "controller=smpc", "controller.nodes=7"])
-def test_what_a_bench_sets_itself_is_not_for_changing(task: str, change: str) -> None:
-    with pytest.raises(InputError, match="--solvers"):
-        load_bench(task, (change,))
 
 
 def test_a_run_without_an_append_is_rejected(task: str) -> None:

@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.studies.claims import HEADINGS, Claim, Finding, load_claims, shown
+from psmpc_cli.studies.claims import HEADINGS, Claim, Finding, load_claims
 from psmpc_cli.studies.judge import RULES
 
 from .hand_made import hand_made, reproduced
@@ -68,9 +68,3 @@ def claim(published: Any, unit: Any = "s") -> Claim:
 def test_a_finding_is_a_row(finding: Finding, texts: tuple[str, ...]) -> None:
     assert finding.row == texts
     assert len(HEADINGS) == len(texts)
-
-
-def test_values_are_shown_with_as_many_digits_as_they_need() -> None:
-    assert [shown(value, "s") for value in (9.7, 10.14, 10.0)] == ["9.7 s", "10.14 s", "10.0 s"]
-    assert [shown(value, "") for value in (100.0, 8.0)] == ["100", "8"]
-    assert shown((), "") == "none"

@@ -12,7 +12,6 @@ from psmpc_cli.studies.compare import (
     compare,
     compare_tasks,
     compared_tasks,
-    controllers_in,
 )
 
 from ..there_and_back import TASK
@@ -30,26 +29,6 @@ def tasks(reference: str) -> dict[str, Task]:
     return compared_tasks(reference, ("smpc", "hard"), ["log.plans=false"])
 
 
-@pytest.mark.parametrize(
-    ("text", "controllers"),
-    [
-        ("psmpc,smpc,htmpc,hard", CONTROLLERS),
-        (" hard , psmpc", ("hard", "psmpc")),
-        ("smpc,smpc,", ("smpc",)),
-    ],
-)
-def test_controllers_are_named_between_commas(text: str, controllers: tuple[str, ...]) -> None:
-    assert controllers_in(text) == controllers
-
-
-@pytest.mark.parametrize(
-    ("text", "found"), [("psmpc,mpc", "controller 'mpc'"), ("", "controller"), (",", "controller")]
-)
-def test_what_is_no_list_of_controllers_is_refused(text: str, found: str) -> None:
-    with pytest.raises(InputError, match=f"found no {found}, expected one or more of psmpc, smpc"):
-        controllers_in(text)
-
-
 def test_tasks_differ_in_the_controller_alone(reference: str) -> None:
     tasks = compared_tasks(reference, CONTROLLERS, ["controller.nodes=7", "plant.kind=rk4"])
     assert [task.spec.controller.kind for task in tasks.values()] == list(CONTROLLERS)
@@ -59,13 +38,6 @@ def test_tasks_differ_in_the_controller_alone(reference: str) -> None:
         alike.append(task.spec.model_copy(update={"controller": controller}))
     assert all(spec == alike[0] for spec in alike)
     assert (alike[0].controller.nodes, alike[0].plant.kind) == (7, "rk4")
-
-
-def test_the_controller_is_not_changed_from_outside(reference: str) -> None:
-    with pytest.raises(InputError, match="choose with --controllers"):
-        compared_tasks(reference, CONTROLLERS, ["controller.kind=smpc"])
-    tasks = compared_tasks(reference, CONTROLLERS, ["controller=smpc"])
-    assert [task.spec.controller.kind for task in tasks.values()] == list(CONTROLLERS)
 
 
 def test_runs_in_parallel_are_the_runs_alone(tmp_path: Path, tasks: dict[str, Task]) -> None:
@@ -82,20 +54,6 @@ def test_runs_in_parallel_are_the_runs_alone(tmp_path: Path, tasks: dict[str, Ta
         assert alone.arrays.keys() == found[name].arrays.keys()
         for column in ("state/Q", "control/u", "window/instants", "window/share"):
             np.testing.assert_array_equal(found[name][column], alone[column])
-
-
-def test_nothing_runs_where_something_would_be_overwritten(tmp_path: Path) -> None:
-    path = tmp_path / "comparison.h5"
-    path.write_text("precious")
-
-    for place, force, message in (
-        (path, False, "exists already"),
-        (path, True, "is no log"),
-        (path / "below.h5", False, "cannot be written"),
-    ):
-        with pytest.raises(InputError, match=message):
-            compare_tasks({}, place, force)
-    assert path.read_text() == "precious"
 
 
 def test_an_interruption_leaves_nothing(tmp_path: Path, tasks: dict[str, Task]) -> None:

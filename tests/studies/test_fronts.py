@@ -11,7 +11,6 @@ from hypothesis.extra.numpy import arrays
 from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.studies.fronts import (
     CLEARLY,
-    direction,
     dominated,
     extents,
     front_movement,
@@ -47,10 +46,6 @@ def test_the_last_digits_of_a_solver_decide_nothing() -> None:
     assert dominated(np.vstack([front, front + 4 * noise])).tolist() == [False] * 4 + [True, False]
 
 
-def test_equal_in_one_criterion_and_better_in_the_others_dominates() -> None:
-    assert dominated(np.array([[1.0, 2.0, 3.0], [1.0, 1.0, 3.0]])).tolist() == [True, False]
-
-
 def test_what_could_not_be_solved_for_neither_dominates_nor_is_dominated() -> None:
     assert dominated(np.array([[np.nan, np.nan], [1.0, 1.0], [2.0, 2.0]])).tolist() == [False, False, True]
     assert hypervolume(np.array([[np.nan, np.nan], [1.0, 1.0]]), np.array([2.0, 3.0])) == 2.0
@@ -62,12 +57,6 @@ def test_the_hypervolume_is_that_of_the_boxes_counted_one_by_one(points: np.ndar
     cells = np.stack(np.meshgrid(*[np.arange(6.0)] * points.shape[1], indexing="ij"), axis=-1)
     covered = np.any([np.all(cells >= one, axis=-1) for one in points], axis=0)
     assert hypervolume(points, reference) == pytest.approx(covered.sum())
-
-
-@given(CLOUDS)
-def test_dominated_points_add_nothing_to_the_hypervolume(points: np.ndarray) -> None:
-    reference = np.full(points.shape[1], 7.0)
-    assert hypervolume(points, reference) == pytest.approx(hypervolume(points[~dominated(points)], reference))
 
 
 def convex_front(ratios: np.ndarray) -> np.ndarray:
@@ -131,13 +120,6 @@ def test_a_front_that_moves_to_the_upper_left_is_said_to() -> None:
     assert movement.against == (0.0, 0.0, 0.0)
 
 
-def test_where_each_step_leads_is_said() -> None:
-    movement = front_movement(made_up(np.array([front(0, 1), front(1, 0), front(2, 1)])))
-    assert [direction(step) for step in movement.steps["normalized"]] == ["lower right", "upper right"]
-    assert not movement.with_time
-    assert any("lower right (1 of 2) and upper right (1 of 2)" in words for words in movement.over_time)
-
-
 def test_a_step_back_along_a_front_is_found_and_last_digits_are_none() -> None:
     swapped, rounded = front(), front()
     swapped[[2, 3]] = swapped[[3, 2]]
@@ -147,11 +129,6 @@ def test_a_step_back_along_a_front_is_found_and_last_digits_are_none() -> None:
     assert movement.against[0] == 0.0
     assert movement.against[1] > 0.1
     assert "upper left at 2 of 3 instants" in movement.over_ratio
-
-
-def test_a_front_that_only_grows_does_not_move_over_its_own_extent() -> None:
-    movement = front_movement(made_up(np.array([front(), 3 * front()])))
-    np.testing.assert_allclose(movement.steps["own extent"], np.zeros((1, 2)), atol=1e-12)
 
 
 def test_costs_that_follow_the_stages_parts_of_the_horizon_do_not_move_per_second() -> None:
@@ -167,9 +144,3 @@ def test_points_that_could_not_be_solved_for_are_left_out() -> None:
     J[0, 2] = J[1, 5] = np.nan
     movement = front_movement(made_up(J))
     assert movement.moving == 2 and movement.with_time
-
-
-def test_one_instant_does_not_move() -> None:
-    movement = front_movement(made_up(front()[None]))
-    assert movement.over_time == ()
-    assert len(movement.steps["normalized"]) == 0

@@ -10,8 +10,8 @@ from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.schema import MONTE_CARLO
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.studies.monte_carlo import MonteCarloRuns, monte_carlo, monte_carlo_study
-from psmpc_cli.studies.runner import COMPUTED, FAILED, Progress, Study, run_study
+from psmpc_cli.studies.monte_carlo import MonteCarloRuns, monte_carlo_study
+from psmpc_cli.studies.runner import Progress, Study, run_study
 
 from ..made_up_monte_carlo import made_up_monte_carlo
 from ..there_and_back import TASK
@@ -53,11 +53,6 @@ def test_a_run_is_recorded_as_the_same_seed_simulates(runs: MonteCarloRuns, fold
     assert runs.command(2) == f"psmpc simulate {folder / 'task.yaml'} --set '{NOISE}' --set seed=4 --set seed=6"
 
 
-def test_the_python_call_makes_the_same_runs(runs: MonteCarloRuns, folder: Path) -> None:
-    again = monte_carlo(load_task(folder / "task.yaml", [NOISE, "seed=4"]), runs=2, jobs=2)
-    np.testing.assert_array_equal(again["switch_time"], runs["switch_time"][:2])
-
-
 def test_a_monitor_that_does_not_hold_and_a_time_limit_are_failures(tmp_path: Path) -> None:
     low = MonteCarloRuns(run_study(study_of(tmp_path, 1, "monitors[0].at_least=5"), jobs=2))
     assert (low["completed"].tolist(), low["succeeded"].tolist()) == ([1], [0])
@@ -85,22 +80,9 @@ def test_a_study_is_resumed_with_more_runs_and_not_with_fewer(tmp_path: Path, ru
         run_study(study_of(tmp_path, 2), path, resume=True)
 
 
-@pytest.mark.parametrize("changes", [(), ("uncertainty.delay=1",), ("uncertainty={mass: 0, noise: {position: 0}}",)])
-def test_a_task_without_random_numbers_is_rejected(changes: tuple[str, ...]) -> None:
-    with pytest.raises(InputError, match="nothing random below uncertainty"):
-        monte_carlo_study("transport", 3, changes)
-
-
 def test_a_seed_that_leaves_no_room_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="found seed 9223372036854775806, expected at most"):
         study_of(tmp_path, 3, f"seed={2**63 - 2}")
-
-
-def test_limits_that_are_exceeded_are_counted(tmp_path: Path) -> None:
-    made_up = made_up_monte_carlo(tmp_path / "study.h5", 4, crashed=(2,))
-    np.testing.assert_allclose(made_up.exceeded("velocity"), [0, 0.01, 0, 0.03])
-    assert not made_up.exceeded("position").any()
-    assert made_up["status"].tolist() == [COMPUTED, COMPUTED, FAILED, COMPUTED]
 
 
 @pytest.mark.parametrize(
@@ -123,11 +105,6 @@ def made_up(tmp_path: Path) -> MonteCarloRuns:
     return made_up_monte_carlo(tmp_path / "study.h5", waiting=(11,), crashed=(2,), late=(5,), dropped=(7,))
 
 
-def test_a_crash_counts_as_a_failure_and_a_waiting_run_not_at_all(made_up: MonteCarloRuns) -> None:
-    assert np.flatnonzero(made_up.failed).tolist() == [2, 5, 7]
-    assert (made_up.succeeded.sum(), made_up.made.sum()) == (8, 11)
-
-
 def test_the_worst_runs_failed_then_are_late_then_wrong(made_up: MonteCarloRuns) -> None:
     assert made_up.worst(5).tolist() == [2, 5, 7, 10, 9]
     assert made_up.why(2) == "crashed: ZeroDivisionError: by zero"
@@ -145,10 +122,3 @@ def test_quantiles_are_over_the_runs_that_have_the_quantity(made_up: MonteCarloR
     assert ends == pytest.approx(np.quantile(completed, (0.05, 0.5, 0.95)))
     assert spread["final error [tolerances]"][0] == 10
     assert spread["tightest position margin [% of the limit]"][1] == (50.0, 50.0, 50.0)
-
-
-def test_a_study_without_a_run_knows_nothing(tmp_path: Path) -> None:
-    runs = made_up_monte_carlo(tmp_path / "study.h5", 2, waiting=(0, 1))
-    assert runs.interval == (0.0, 1.0)
-    assert not len(runs.worst(5))
-    assert all(np.isnan(at).all() and not count for _, count, at in runs.quantiles())

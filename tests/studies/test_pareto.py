@@ -77,13 +77,6 @@ def test_coordinates_are_named(studied: Results, in_space: Results) -> None:
     assert in_space["criterion"].tolist() == ["J_1", "J_2", "t_s - T0"]
 
 
-def test_the_file_says_what_ran(studied: Results, log: Run) -> None:
-    for name in ("task_yaml", "robot_yaml", "digest", "task_name", "horizon"):
-        assert studied.attributes[name] == log.attributes[name]
-    assert studied.attributes["kind"] == "pareto"
-    assert studied.attributes["stages"] == "1,2"
-
-
 def test_the_chosen_point_is_the_run_s(studied: Results, log: Run) -> None:
     for i, instant in enumerate(studied["instant"]):
         sample = int(np.argmin(np.abs(log.time - instant)))
@@ -114,12 +107,6 @@ def test_bounds_are_kept_to_and_reach_from_one_end_of_the_front_to_the_other(stu
     np.testing.assert_allclose(limit[:, [0, -1]], studied["weighted_J_2"][:, [0, -1]])
 
 
-def test_the_reference_is_worse_than_every_point(studied: Results) -> None:
-    for method in ("weighted", "constrained"):
-        assert np.all(held_costs(studied, method) < studied["reference"])
-    assert np.all(studied["hypervolume"] > 0)
-
-
 def test_a_third_criterion_has_its_own_fronts(in_space: Results) -> None:
     waits = in_space["weighted_wait"][0]
     assert np.all(np.ptp(waits, axis=1) < 1e-9)
@@ -145,10 +132,6 @@ def test_samples_are_those_whose_window_holds_both_stages_alone(log: Run) -> Non
     assert samples[0] == possible[0] and samples[-1] == possible[-1]
 
 
-def test_a_time_is_its_nearest_sample_once(log: Run) -> None:
-    assert choose_samples(log, (0, 1), (0.51, 0.52)) == [5]
-
-
 def test_times_without_such_a_window_are_refused(log: Run) -> None:
     with pytest.raises(InputError, match=r"--at: found 1\.5, .* go and back alone; expected times from 0\.1 to 0\.6"):
         choose_samples(log, (0, 1), (0.3, 1.5))
@@ -158,22 +141,6 @@ def test_a_run_without_such_a_window_is_refused(tmp_path: Path) -> None:
     log = read_run(run_there_and_back(tmp_path, "controller.kind=hard"))
     with pytest.raises(InputError, match="found no sample whose window holds go and back alone"):
         choose_samples(log, (0, 1), ())
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"method": "simplex"}, "--method: found 'simplex', expected one of weighted-sum, epsilon-constraint, both"),
-        ({"points": 2}, "--points: found 2, expected at least 3"),
-        ({"stages": "2,3"}, "--stages: found '2,3'"),
-    ],
-)
-def test_questions_without_answer_are_refused(
-    run: Path, tmp_path: Path, changes: dict[str, object], message: str
-) -> None:
-    with pytest.raises(InputError, match=message):
-        solve_pareto(run, question(**changes), tmp_path / "pareto.h5", 1)
-    assert not (tmp_path / "pareto.h5").exists()
 
 
 def test_a_log_without_plans_is_refused(tmp_path: Path) -> None:
@@ -215,19 +182,6 @@ def test_the_run_s_own_weights_lead_to_the_run_s_optimum(trade_off: TradeOff, so
         assert point.objective == pytest.approx(solve.objective, rel=1e-5)
 
 
-def test_only_the_ratio_of_the_weights_counts(solve: Solution) -> None:
-    assert weighted_sum(solve.window, 100.0).omega.tolist() == [0.01, 1.0]
-    assert weighted_sum(solve.window, 0.01).omega.tolist() == [1.0, 0.01]
-
-
-def test_more_weight_on_the_second_stage_makes_it_cheaper_and_the_first_dearer(
-    trade_off: TradeOff, solve: Solution, wait: float
-) -> None:
-    J = point_costs([trade_off.solve(weighted_sum(solve.window, ratio), solve, wait) for ratio in RATIOS])
-    assert np.all(np.diff(J[:, 0]) > 0)
-    assert np.all(np.diff(J[:, 1]) < 0)
-
-
 @pytest.mark.parametrize("ratio", RATIOS[1:-1])
 def test_a_bound_where_a_weighted_sum_ends_leads_to_the_same_point(
     trade_off: TradeOff, solve: Solution, wait: float, ratio: float
@@ -245,23 +199,3 @@ def test_a_bound_no_plan_keeps_to_gives_no_point(trade_off: TradeOff, solve: Sol
     assert not point.outcome.usable
     assert np.isnan(point_costs([point])).all()
     assert values_of(weighted_sum(solve.window, 1.0), [point]) == np.inf
-
-
-def test_a_held_instant_stays_and_a_free_one_is_the_cheapest(trade_off: TradeOff, solve: Solution, wait: float) -> None:
-    problem = weighted_sum(solve.window, 3.0)
-    later = trade_off.solve(problem, solve, wait + 0.1)
-    assert wait_of(later) == pytest.approx(wait + 0.1, abs=1e-12)
-    free = trade_off.solve(problem, later, None)
-    assert free.objective <= later.objective
-    assert wait_of(free) == pytest.approx(wait, abs=1e-3)
-
-
-def test_a_point_serves_other_problems_if_it_keeps_to_their_bound(
-    trade_off: TradeOff, solve: Solution, wait: float
-) -> None:
-    problem = weighted_sum(solve.window, 1.0)
-    point = trade_off.solve(problem, solve, wait)
-    own, second = values_of(problem, [point])[0], float(point_costs([point])[0, 1])
-    assert own == pytest.approx(point.objective, rel=1e-9)
-    assert values_of(constrained(solve.window, second), [point])[0] < own
-    assert values_of(constrained(solve.window, 0.9 * second), [point])[0] == np.inf

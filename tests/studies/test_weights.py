@@ -1,6 +1,5 @@
 """Pairs of priorities: which ones a sweep tries, what its cells came to, and which ratio it recommends."""
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.errors import LogError
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.weights import (
     GRID,
@@ -20,22 +19,14 @@ from psmpc_cli.studies.weights import (
     grid_sampling,
     is_grid,
     origins,
-    parse_numbers,
-    parse_range,
     parse_stages,
     random_sampling,
     recommend,
 )
 
-from ..made_up_sweep import EPSILONS, T_H, T_S, Numbers, made_up_sweep, numbers, sampling_of
+from ..made_up_sweep import EPSILONS, Numbers, made_up_sweep, numbers, sampling_of
 
 BOX = (1e-3, 1e3)
-
-
-def test_a_grid_has_omega_1_along_its_columns_and_omega_2_along_its_rows() -> None:
-    omega = grid_sampling("5x3", BOX).omega.reshape(3, 5, 2)
-    np.testing.assert_allclose(omega[0, :, 0], 10.0 ** np.linspace(-3, 3, 5))
-    np.testing.assert_allclose(omega[:, 0, 1], [1e-3, 1, 1e3])
 
 
 def test_the_papers_grid_has_49_distinct_ratios_and_they_are_those_of_49_ratios() -> None:
@@ -46,14 +37,6 @@ def test_the_papers_grid_has_49_distinct_ratios_and_they_are_those_of_49_ratios(
     np.testing.assert_allclose(distinct, np.log10(ratios.ratio), atol=1e-9)
 
 
-def test_ratios_lie_within_the_box_and_around_one() -> None:
-    sampling = grid_sampling("9", BOX)
-    assert sampling.omega.shape == (9, 2)
-    assert sampling.omega.min() >= 1e-3 * (1 - 1e-12)
-    assert sampling.omega.max() <= 1e3 * (1 + 1e-12)
-    np.testing.assert_allclose(sampling.omega.prod(axis=1), 1)
-
-
 def test_random_draws_repeat_with_their_seed_and_stay_in_the_box() -> None:
     one, same, other = (random_sampling("random:200", (0.1, 10.0), seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.omega, same.omega)
@@ -62,55 +45,14 @@ def test_random_draws_repeat_with_their_seed_and_stay_in_the_box() -> None:
     assert abs(np.log10(one.omega).mean()) < 0.2
 
 
-def parsed_as(kind: str, text: str) -> object:
-    if kind == "--epsilon":
-        return parse_numbers(kind, text, "positive numbers", above=0.0)
-    if kind == "--range":
-        return parse_range(text)
-    return random_sampling(text, BOX, 0) if kind == "--sampling" else grid_sampling(text, BOX)
-
-
-@pytest.mark.parametrize(
-    ("kind", "texts"),
-    [
-        ("the grid", ["25x", "x25", "1x25", "25x25x25", "1", "0", "2.5x3", "-3x3", "25 x 25", "400x400"]),
-        ("--sampling", ["random", "random:", "random:0", "random:-3", "lhs:30", "random:1e3", "random:1000000"]),
-        ("--range", ["1e-3", "1e3:1e-3", "0:1", "-1:1", "a:b", "1:inf", "nan:1", "1:1", ""]),
-        ("--epsilon", ["", "0", "-1,1", "a", "1e-3;1e-2", "nan", "inf", "1,,2"]),
-    ],
-)
-def test_what_does_not_parse_is_rejected_with_its_text(kind: str, texts: list[str]) -> None:
-    for text in texts:
-        with pytest.raises(InputError, match=f"{kind}: found '{re.escape(text)}', expected"):
-            parsed_as(kind, text)
-
-
-def test_numbers_come_sorted_and_each_once() -> None:
-    assert parse_numbers("--at", "0.1, 1e-3,0.1", "times") == (1e-3, 0.1)
-
-
 def test_a_task_is_not_taken_for_a_grid() -> None:
     assert all(is_grid(text) for text in ("25x25", "49", "25y25", "-3"))
     assert not any(is_grid(text) for text in ("transport", "tasks/transport.yaml", "2024/task.yaml", "3_arms.yaml"))
 
 
-@pytest.mark.parametrize("text", ["1", "1,3", "2,1", "2,3", "approach,transport", "0,1", "1,2,3", "a,b", ""])
-def test_two_stages_that_are_none_are_refused_with_the_choices(text: str) -> None:
-    task = load_task("approach_capture")
-    with pytest.raises(InputError, match="1 approach, 2 capture"):
-        parse_stages(text, task)
-
-
 def test_stages_go_by_number_or_name() -> None:
     task = load_task("transport")
     assert parse_stages("2,3", task) == parse_stages("capture, transport", task) == (1, 2)
-
-
-@pytest.mark.parametrize("kind", ["smpc", "hard", "htmpc"])
-def test_a_controller_without_priorities_is_refused(kind: str) -> None:
-    task = load_task("approach_capture", (f"controller.kind={kind}",))
-    with pytest.raises(InputError, match="has no priorities"):
-        parse_stages("1,2", task)
 
 
 @pytest.fixture
@@ -127,21 +69,6 @@ def test_cells_stand_in_the_order_of_the_sampling(path: Path, sampling: str, kin
     for cell, ratio in enumerate(cells.ratio):
         np.testing.assert_allclose(cells.of("actual_start")[cell], numbers(ratio)["actual_start"])
         assert cells.of("completion_time")[cell] == numbers(ratio)["completion_time"]
-
-
-def test_every_cell_waits_failed_or_ended(path: Path) -> None:
-    cells = SweepCells(made_up_sweep(path, "3x3", waiting=(0, 1), failed=(4,)))
-    assert np.flatnonzero(cells.waiting).tolist() == [0, 1]
-    assert np.flatnonzero(cells.failed).tolist() == [4]
-    np.testing.assert_array_equal(cells.ended, ~cells.waiting & ~cells.failed)
-
-
-def test_names_instants_and_priorities_are_those_of_the_studied_stages(path: Path) -> None:
-    cells = SweepCells(made_up_sweep(path, "3x3"))
-    assert cells.names == ("approach", "capture")
-    assert cells.own_ratio == 100.0
-    np.testing.assert_allclose(cells.instant, T_S)
-    np.testing.assert_allclose(cells.floor, T_S - T_H)
 
 
 @pytest.mark.parametrize(("epsilons", "chosen"), [(EPSILONS, 0.1), ((0.1, 0.5, 0.9), 0.5), ((1e-3, 1e-2), 1e-2)])
@@ -168,11 +95,6 @@ def test_what_cells_share_counts_once(path: Path) -> None:
     assert cells.count("solves") == 700
     cells.results["origin"][2, 2] = 0
     assert cells.count("solves") == 600
-
-
-def test_a_sweep_without_ended_cells_has_nothing_along_the_ratio(path: Path) -> None:
-    cells = SweepCells(made_up_sweep(path, "3", waiting=(0, 1), failed=(2,)))
-    assert len(along_ratio(cells, cells.instant).ratio) == 0
 
 
 @pytest.mark.parametrize(
@@ -240,12 +162,6 @@ def test_it_is_told_in_one_line_with_what_speaks_for_it(recommended: Recommended
     assert "completes within 5% of the earliest: at 14.20 s, earliest 14.00 s" in line
     assert "final error is 0.90 of the tolerance; control effort 1.10, of 1.00 to 10001.00" in line
     assert numbers(1.0)["completion_time"] > (1 + WITHIN) * 14.0
-
-
-def test_a_stage_without_end_condition_has_no_error_to_raise(recommended: Recommended) -> None:
-    ratio, line = recommended(of=lambda ratio: {**numbers(ratio), "final_error": float("nan")})
-    assert ratio == pytest.approx(100.0)
-    assert "final error" not in line
 
 
 def test_what_waits_makes_it_preliminary(recommended: Recommended) -> None:

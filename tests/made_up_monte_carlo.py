@@ -7,7 +7,7 @@ import numpy as np
 
 from psmpc_cli.logs.results import ResultsWriter, read_results
 from psmpc_cli.logs.schema import MONTE_CARLO
-from psmpc_cli.studies.monte_carlo import MonteCarloRuns, monte_carlo_study, read_monte_carlo
+from psmpc_cli.studies.monte_carlo import MonteCarloRuns, monte_carlo_study
 from psmpc_cli.studies.runner import COMPUTED, FAILED, create_file
 
 NOISE = ("uncertainty.noise={position: 1e-3}", "seed=10")
@@ -49,4 +49,4 @@ def made_up_monte_carlo(
         }
         writer.fill((run,), values)
     writer.write()
-    return read_monte_carlo(path)
+    return MonteCarloRuns(read_results(path, MONTE_CARLO))

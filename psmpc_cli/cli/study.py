@@ -1,5 +1,6 @@
 """Many runs of a task: `psmpc compare`, `sweep-weights`, `monte-carlo` and `pareto`."""
 
+from enum import StrEnum
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,6 +29,15 @@ if TYPE_CHECKING:
 
 PREPARED = ("log.plans=true", "log.shares=false")
 """Changes of a task whose windows are studied: the log holds the windows, and no more than is needed."""
+
+
+class Method(StrEnum):
+    """How the points of Pareto fronts are found."""
+
+    WEIGHTED_SUM = "weighted-sum"
+    EPSILON_CONSTRAINT = "epsilon-constraint"
+    BOTH = "both"
+
 
 Stages = Annotated[str, typer.Option(metavar="A,B", help="The two stages in a row that vary, by number or name.")]
 
@@ -185,10 +195,8 @@ def pareto(
     at: Annotated[
         str | None, typer.Option(metavar="T,...", help="Samples [s]. Default: five, from detection to the switch.")
     ] = None,
-    points: Annotated[int, typer.Option(metavar="N", help="Points of each front, by each method.")] = 25,
-    method: Annotated[
-        str, typer.Option(metavar="weighted-sum|epsilon-constraint|both", help="How the points are found.")
-    ] = "both",
+    points: Annotated[int, typer.Option(min=3, metavar="N", help="Points of each front, by each method.")] = 25,
+    method: Annotated[Method, typer.Option(help="How the points are found.")] = Method.BOTH,
     free_instant: Annotated[bool, typer.Option("--free-instant", help="The instant is a third criterion.")] = False,
     output: Annotated[Path | None, output_option("runs/<task>-pareto.h5")] = None,
     log: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep the log of the closed loop here.")] = None,
@@ -208,7 +216,7 @@ def pareto(
     from psmpc_cli.studies.weights import parse_numbers, parse_stages
 
     times = parse_numbers("--at", at, "times in seconds between commas, such as 6.1,8.0") if at is not None else ()
-    question = Question(stages, times, points, method, free_instant)
+    question = Question(stages, times, points, method.value, free_instant)
     loaded = None if is_hdf5(task) else load_feasible(task, [*(changes or []), *PREPARED])
     if loaded is not None:
         parse_stages(stages, loaded)

@@ -20,7 +20,7 @@ from psmpc_cli.logs.run import Run, read_comparison, read_run
 from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 from psmpc_cli.logs.summary import Largest, SolveSummary, Summary, Verdict
 from psmpc_cli.studies import fronts
-from psmpc_cli.studies.monte_carlo import STATUS, MonteCarloRuns, read_monte_carlo
+from psmpc_cli.studies.monte_carlo import STATUS, MonteCarloRuns
 from psmpc_cli.studies.weights import SweepCells, recommend
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def read_file(path: Path) -> tuple[str, Any, Callable[[Any], None]]:
         COMPARISON: (read_comparison, partial(print_comparison, path=path)),
         SWEEP: (lambda path: SweepCells(read_results(path, SWEEP)), print_sweep),
         PARETO: (lambda path: read_results(path, PARETO), print_fronts),
-        MONTE_CARLO: (read_monte_carlo, print_monte_carlo),
+        MONTE_CARLO: (lambda path: MonteCarloRuns(read_results(path, MONTE_CARLO)), print_monte_carlo),
     }
     kind = kind_of(path)
     if kind not in kinds:

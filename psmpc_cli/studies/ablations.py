@@ -43,9 +43,6 @@ CHANGES: Mapping[str, tuple[str, ...]] = {
 }
 """The runs on the task's own mesh by name, with what each takes back."""
 
-FORMS = (OURS, NONE, RANGE, ALL_PRINTED)
-"""The runs that differ in their normalization."""
-
 DISCRETIZATIONS = ("exact", "euler")
 
 MESHES = (0.1, 0.2, 0.5, 1.0)
@@ -65,9 +62,6 @@ PROMINENT = 0.01
 
 POINTS = 40
 """Switch times at which J(t_s) is computed."""
-
-LATE_IN_HORIZON = 0.3
-"""Where in the horizon the optimized instant of the window that is looked at lies."""
 
 CLOSE = 0.005
 """How well the earliest feasible instant is found [s]."""
@@ -163,8 +157,7 @@ def _pending_cost(logs: Logs, windows: Sequence[OneWindow], points: int) -> Abla
         for name, delta in ((PRINTED, 0.0), (OURS, window.pending_cost)):
             cost = printed + delta * instants
             panels[f"J, {name}"][label] = instants, cost / cost[0]
-            found = optimize_instants(one, delta, [part * window.horizon for part in GUESSES])
-            for what, times in (("minima", np.array(minima(instants, cost))), ("found", found)):
+            for what, times in (("minima", minima(instants, cost)), ("found", optimize_instants(one, delta))):
                 panels[f"{what}, {name}"][label] = times, np.interp(times, instants, cost / cost[0])
                 numbers |= {f"{what} [s], {label}, {name}, {i}": float(time) for i, time in enumerate(times, start=1)}
     return Ablation("pending_cost", panels, numbers)
@@ -172,8 +165,9 @@ def _pending_cost(logs: Logs, windows: Sequence[OneWindow], points: int) -> Abla
 
 def _normalization(logs: Logs) -> Ablation:
     """Compare the normalization by the nadir with none, and with the range of eq. (12) as printed."""
-    stages = {name: (logs[name].stages["actual_start"], logs[name].stages["switch_time"]) for name in FORMS}
-    return Ablation("normalization", {"stages": stages, **_over_time(logs, FORMS)}, _measured(logs, FORMS))
+    runs = (OURS, NONE, RANGE, ALL_PRINTED)
+    stages = {name: (logs[name].stages["actual_start"], logs[name].stages["switch_time"]) for name in runs}
+    return Ablation("normalization", {"stages": stages, **_over_time(logs, runs)}, _measured(logs, runs))
 
 
 def _discretization(logs: Logs, one: OneWindow, nodes: int) -> Ablation:
@@ -215,8 +209,7 @@ def _measured(logs: Logs, names: Iterable[str]) -> dict[str, float]:
     """Return what runs are compared by, one number for each quantity and run."""
     numbers: dict[str, float] = {}
     for name in names:
-        log = logs[name]
-        time, to_go = ahead(log)
+        log, (time, to_go) = logs[name], ahead(logs[name])
         known, same = np.isfinite(to_go), np.diff(log["window/first"]) == 0
         moves = np.abs(np.diff(to_go + time))[same & known[1:] & known[:-1]]
         late = to_go[known] >= log.task.spec.controller.horizon - JUMP / 2
@@ -236,15 +229,15 @@ def _end(log: Run) -> float:
     return summary.duration if summary.completed else np.nan
 
 
-def minima(instants: np.ndarray, cost: np.ndarray) -> list[float]:
+def minima(instants: np.ndarray, cost: np.ndarray) -> np.ndarray:
     """Return the switch times (G,) [s] at which J (G,) has a minimum, the lowest first, without shallow ones."""
     depth = np.r_[-np.inf, -cost, -np.inf]  # J may be lowest at an end
     places, _ = find_peaks(depth, prominence=PROMINENT * np.ptp(cost))
-    return [float(instants[i]) for i in sorted(places - 1, key=lambda i: float(cost[i]))]
+    return np.asarray(instants[sorted(places - 1, key=lambda i: float(cost[i]))])
 
 
 def pick_window(log: Run) -> OneWindow:
-    """Return the window of a log's first switch whose optimized instant lies `LATE_IN_HORIZON`.
+    """Return the window of a log's first switch whose optimized instant lies at 0.3 of the horizon.
 
     Raises:
         LogError: The log has no plans, or no window with one switch.
@@ -255,7 +248,7 @@ def pick_window(log: Run) -> OneWindow:
     with_one = with_one[first[with_one] == first[with_one[0]]]
     experiment = build_experiment(converging(log.task))
     to_go = ahead(log)[1][with_one]
-    sample = int(with_one[np.argmin(np.abs(to_go - LATE_IN_HORIZON * experiment.task.controller.horizon))])
+    sample = int(with_one[np.argmin(np.abs(to_go - 0.3 * experiment.task.controller.horizon))])
     solve = logged_solve(log, experiment.problem, sample)
     return OneWindow(_ratio(solve.window.omega), experiment, solve.window, solve.plan)
 
@@ -305,12 +298,11 @@ def scan_instants(one: OneWindow, grid: np.ndarray) -> Curve:
     return np.array(instants), np.array([scanned[instant] for instant in instants])
 
 
-def optimize_instants(one: OneWindow, pending_cost: float, guesses: Iterable[float]) -> np.ndarray:
-    """Return the instants after T0 (len(guesses),) [s] that the solver returns from guesses [s]; NaN if it fails."""
-    window = replace(one.window, pending_cost=pending_cost)
-    found = []
-    for guess in guesses:
-        started = replace(one.plan, instants=np.array([window.start + guess]))
+def optimize_instants(one: OneWindow, pending_cost: float) -> np.ndarray:
+    """Return the instants after T0 (len(GUESSES),) [s] that the solver returns from each guess; NaN if it fails."""
+    window, found = replace(one.window, pending_cost=pending_cost), []
+    for guess in GUESSES:
+        started = replace(one.plan, instants=np.array([window.start + guess * window.horizon]))
         solved = one.experiment.controller.solver.solve(window, started)
         found.append(float(solved.plan.instants[0]) - window.start if solved.outcome.usable else np.nan)
     return np.array(found)

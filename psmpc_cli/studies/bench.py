@@ -57,9 +57,6 @@ By default both relax the bounds by 1e-8, which changes J by more than `sqp` is 
 PLAIN = {"print_level": 0, "sb": "yes"}
 """IPOPT with its defaults, without its output."""
 
-RESTING_NODES = 100
-"""Intervals of the plan without control from which a cold start begins."""
-
 COLUMNS: Mapping[str, tuple[Callable[[np.ndarray], np.floating], str, str]] = {
     "iterations": (np.median, "iterations", ".0f"),
     "J off, median": (np.median, "gap", ".0e"),
@@ -261,7 +258,7 @@ def _call(
     """Return a solve: cold, or warm from the solution of the sample before by the same back-end (`own`: the run's)."""
     window, guess = recorded.window, recorded.guess
     if start == "cold":
-        resting = resting_plan(window.start, window.horizon, RESTING_NODES, window.x0)
+        resting = resting_plan(window.start, window.horizon, 100, window.x0)
         guess, previous = replace(resting, instants=guess.instants), None
     elif previous is not None and not own:
         previous = solver.solve(previous.window, previous.guess)

@@ -169,11 +169,9 @@ class FrontMovement:
         if len(self.instants) < 2:
             return ()
         (first, second), (first_end, second_end) = self.parts[0], self.parts[-1]
+        moves = (f"{words}, the front moves to the {self.directions(name)}" for name, words in MEASURES.items())
         return (
-            *(
-                f"from sample to sample, {words}, the front moves to the {self.directions(measure)}"
-                for measure, words in MEASURES.items()
-            ),
+            *(f"from sample to sample, {words}" for words in moves),
             f"meanwhile the first stage's part of the horizon goes from {first:.2f} to {first_end:.2f} s, the second's "
             f"from {second:.2f} to {second_end:.2f} s, and J_1 and J_2 are integrals over them",
         )

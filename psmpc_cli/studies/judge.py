@@ -23,8 +23,6 @@ ABSOLUTE, RELATIVE = 0.8, 0.05
 ROUNDING = 1e-9
 """Times closer than this are the same [s]."""
 
-NO_WINDOW = "no window of the PSMPC run holds the first two stages alone and was solved"
-
 ENDS = ("t1", "t2", "t3", "t_end")
 """The times at which the stages end, as the paper writes them."""
 
@@ -318,7 +316,7 @@ def _along_ratio(claim: Claim, made: Reproduction) -> Finding:
     """At every sample the optimum moves to the upper left as the ratio grows, and never back by more than rounding."""
     movement, cause = made.movement, list[str]()
     if movement is None:
-        return Finding(claim, "unknown", False, cause=(NO_WINDOW,))
+        return _no_fronts(claim)
     for instant, step, moves in zip(movement.instants, movement.against, movement.moves, strict=True):
         if step > CLEARLY:
             cause.append(f"at {instant:g} s it moves against it by {step:.2g} of the front")
@@ -332,9 +330,13 @@ def _along_time(claim: Claim, made: Reproduction) -> Finding:
     """In normalized costs the front moves to the upper left, on average, from every sample to the next."""
     movement = made.movement
     if movement is None or len(movement.instants) < 2:
-        reason = NO_WINDOW if movement is None else "the fronts of a single sample cannot be compared"
-        return Finding(claim, "unknown", False, cause=(reason,))
+        return _no_fronts(claim)
     return Finding(claim, movement.directions(), movement.with_time, cause=movement.over_time)
+
+
+def _no_fronts(claim: Claim) -> Finding:
+    cause = "fewer windows of the PSMPC run than needed hold the first two stages alone and were solved"
+    return Finding(claim, "unknown", False, cause=(cause,))
 
 
 RULES: Mapping[str, Callable[[Claim, Reproduction], Finding]] = {

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.results import Quantity, Results, read_results
+from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.schema import MONTE_CARLO
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.measures import WHOLE_RUN, measure_run
@@ -19,11 +19,6 @@ Array = np.ndarray
 
 STATUS = ("waiting", "ended", "shared", "crashed")
 """What the codes of a run's status mean; no run is shared."""
-
-LARGEST_SEED = 2**63 - 1
-"""Larger ones do not fit the file."""
-
-QUANTILES = (0.05, 0.5, 0.95)
 
 EXCEEDED = 1e-6
 """How far beyond a limit, as a part of it, counts as exceeding it: less is rounding."""
@@ -73,8 +68,9 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
             f"{named}: found nothing random below uncertainty, all runs would be equal; expected a range of mass, "
             "inertia or centre_of_mass, or noise, such as --set uncertainty.mass=0.1"
         )
-    if spec.seed > LARGEST_SEED - runs:
-        raise InputError(f"{named}: found seed {spec.seed}, expected at most {LARGEST_SEED - runs}")
+    largest = np.iinfo(np.int64).max - runs  # larger ones do not fit the file
+    if spec.seed > largest:
+        raise InputError(f"{named}: found seed {spec.seed}, expected at most {largest}")
     settings = [word for change in changes for word in ("--set", change)]
     seeds = spec.seed + np.arange(runs)
     return Study(
@@ -90,10 +86,7 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
         quantities=WHOLE_RUN,
         measure=measure_run,
         statuses=STATUS,
-        attributes={
-            "controller": spec.controller.kind,
-            "command": shlex.join(["psmpc", "simulate", named, *settings]),
-        },
+        attributes={"command": shlex.join(["psmpc", "simulate", named, *settings])},
     )
 
 
@@ -170,7 +163,7 @@ class MonteCarloRuns:
         values["control effort [m^2/s^3, rad^2/s^3]"] = self["control_effort"]
         for name, each in values.items():
             known = each[np.isfinite(each)]
-            yield name, len(known), tuple(np.quantile(known, QUANTILES) if len(known) else [np.nan] * 3)
+            yield name, len(known), tuple(np.quantile(known, (0.05, 0.5, 0.95)) if len(known) else [np.nan] * 3)
 
     def worst(self, count: int) -> Array:
         """Return the numbers of the worst runs: those that failed first, then the latest, then the largest error."""
@@ -188,12 +181,3 @@ class MonteCarloRuns:
     def command(self, number: int) -> str:
         """Return the command that repeats a run, with its log."""
         return f"{self.results.attributes.get('command', 'psmpc simulate')} --set seed={self['seed'][number]}"
-
-
-def read_monte_carlo(path: Path) -> MonteCarloRuns:
-    """Read the runs of a study, complete or not.
-
-    Raises:
-        LogError: The file is missing, damaged, of another version, or no Monte Carlo study.
-    """
-    return MonteCarloRuns(read_results(path, MONTE_CARLO))

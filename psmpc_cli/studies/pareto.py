@@ -35,8 +35,6 @@ from psmpc_cli.studies.weights import parse_stages
 
 Vector = np.ndarray
 
-METHODS = ("weighted-sum", "epsilon-constraint", "both")
-
 LOWEST, HIGHEST = 1e-3, 1e3
 """The ratios omega_2 / omega_1 lie between these."""
 
@@ -46,20 +44,11 @@ SAMPLES = 5
 LATER = np.linspace(0.0, 0.8, 5)
 """How much later the instant is held, as parts of what is left of the horizon, where it is a criterion of its own."""
 
-FEWEST = 3
-"""Points of a front."""
-
 SLACK = 1e-7
 """By how much a point may exceed a bound on J_2 and still stand for it, as a part of the bound."""
 
 BETTER = 1e-6
 """By how much another point has to serve a problem better before it is solved again from there."""
-
-ROUNDS = 5
-"""How often at most the points of a front are compared and solved again."""
-
-BEYOND = 0.1
-"""How far beyond the worst value of a criterion the reference point lies, as a part of what the points span."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +58,9 @@ class Question:
     Attributes:
         stages: The two stages as the user named them, such as 1,2.
         at: Sampling instants [s]; none for `SAMPLES` ones, evenly from the switch's detection to the switch.
-        points: Points of a front, by each method.
-        method: One of `METHODS`.
+        points: Points of a front, by each method; at least 3.
+        method: How the points are found: weighted-sum, epsilon-constraint or both.
         free: Whether the switching instant is a criterion of its own.
-
-    Raises:
-        InputError: The method is unknown, or there are too few points.
     """
 
     stages: str
@@ -82,12 +68,6 @@ class Question:
     points: int
     method: str
     free: bool
-
-    def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise InputError(f"--method: found '{self.method}', expected one of {', '.join(METHODS)}")
-        if self.points < FEWEST:
-            raise InputError(f"--points: found {self.points}, expected at least {FEWEST}")
 
     @property
     def ratios(self) -> Vector:
@@ -318,7 +298,7 @@ def improved(
     So no point is left in a local optimum that any other knows to leave.
     """
     points, again = list(points), 0
-    for _ in range(ROUNDS):
+    for _ in range(5):  # at most this often
         better = 0
         for i, problem in enumerate(problems):
             values = values_of(problem, points)
@@ -336,29 +316,25 @@ def improved(
 
 def _arrays(method: str, points: Sequence[Solution]) -> list[Quantity]:
     """Return the arrays of a method's points."""
-    bounded = method == CONSTRAINED
-
-    def array(name: str, values: Sequence[float] | Vector, units: str, words: str) -> Quantity:
-        dims, codes = ("bound",) if bounded else ("ratio",), STATUS if name == "status" else ()
-        return Quantity(f"{method}_{name}", dims, np.array(values), units, words, codes)
-
-    J_1, J_2 = point_costs(points).T
+    bounded, (J_1, J_2) = method == CONSTRAINED, point_costs(points).T
     status = np.array([STATUS.index(point.outcome.name.lower()) for point in points], "i1")
     minimized = f"{'J_1 with J_2 bounded' if bounded else 'weighted sum'} and pending cost, over the larger weight"
-    arrays = [
-        array("J_1", J_1, "s", "normalized cost of the first stage"),
-        array("J_2", J_2, "s", "normalized cost of the second stage"),
-        array("wait", _waits(points), "s", "t_s - T0"),
-        array("objective", [point.objective for point in points], "1", minimized),
-        array("status", status, "1", "outcome of the solve"),
+    arrays: list[tuple[str, Sequence[float] | Vector, str, str]] = [
+        ("J_1", J_1, "s", "normalized cost of the first stage"),
+        ("J_2", J_2, "s", "normalized cost of the second stage"),
+        ("wait", _waits(points), "s", "t_s - T0"),
+        ("objective", [point.objective for point in points], "1", minimized),
+        ("status", status, "1", "outcome of the solve"),
     ]
     if bounded:
         ratios = [point.bound_multiplier for point in points]
-        arrays += [
-            array("limit", [point.window.cost_bound for point in points], "s", "bound on J_2"),
-            array("ratio", ratios, "1", "omega_2 / omega_1 with the same optimum, -dJ_1/dJ_2"),
-        ]
-    return arrays
+        arrays.append(("limit", [point.window.cost_bound for point in points], "s", "bound on J_2"))
+        arrays.append(("ratio", ratios, "1", "omega_2 / omega_1 with the same optimum, -dJ_1/dJ_2"))
+    dims = ("bound",) if bounded else ("ratio",)
+    return [
+        Quantity(f"{method}_{name}", dims, np.array(values), units, words, STATUS if name == "status" else ())
+        for name, values, units, words in arrays
+    ]
 
 
 def write_pareto(
@@ -384,7 +360,7 @@ def write_pareto(
     }
     every = np.concatenate([values.reshape(len(cells), -1, len(names)) for values in criteria.values()], axis=1)
     worst, span = np.nanmax(every, axis=(0, 1), initial=0.0), extents(every.reshape(-1, len(names)))
-    reference = worst + BEYOND * span
+    reference = worst + 0.1 * span
     volumes, units = [hypervolume(points, reference) for points in every], "s^3" if question.free else "s^2"
     quantities += [
         Quantity("reference", ("criterion",), reference, "s", "reference point of the hypervolume"),

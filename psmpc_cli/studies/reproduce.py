@@ -13,7 +13,7 @@ from psmpc_cli.logs.run import Run, read_comparison
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.studies.ablations import run_ablations
+from psmpc_cli.studies.ablations import Ablation, run_ablations
 from psmpc_cli.studies.claims import Finding
 from psmpc_cli.studies.compare import compare_tasks
 from psmpc_cli.studies.fronts import front_rows
@@ -30,12 +30,6 @@ METHODS = ("htmpc", "smpc", "psmpc")
 
 LOGS, WEIGHTS, FRONTS = "runs.h5", "weights.h5", "fronts.h5"
 """Files of the runs, the sweep over the weights and the Pareto fronts, which psmpc plot and psmpc show read."""
-
-FORMAT = 2
-"""Version of the JSON file; increases when a key is removed or changes its meaning."""
-
-RANGE = (1e-3, 1e3)
-"""Range of both weights."""
 
 COMMON = ("controller", "solver", "plant")
 """Changes of these keys of the task also apply to the swept task; its stages and skills are its own."""
@@ -83,9 +77,9 @@ def reproduce(
         watch=lambda progress: told(f"weights: {progress.ended} of {progress.runs} runs"),
     )
     fronts = _find_fronts(directory, runs["psmpc"], points, force, jobs, told)
-    departures = (
-        run_ablations(variants["psmpc"], jobs, lambda name: told(f"ablations: {name} done")) if ablations else ()
-    )
+    departures = list[Ablation]()
+    if ablations:
+        departures = run_ablations(variants["psmpc"], jobs, lambda name: told(f"ablations: {name} done"))
     return Reproduction(runs, SweepCells(results), fronts, tuple(changes), tuple(departures))
 
 
@@ -119,7 +113,7 @@ def load_weights_sweep(changes: Sequence[str], grid: str) -> Study:
     """
     common = tuple(change for change in changes if change.partition("=")[0].strip().partition(".")[0] in COMMON)
     task = load_sweep_task(str(built_ins("task")[DEFAULT_TASK]), common, ())
-    return weight_study(task, parse_stages("1,2", task), grid_sampling(grid, RANGE))
+    return weight_study(task, parse_stages("1,2", task), grid_sampling(grid, (1e-3, 1e3)))
 
 
 def _find_fronts(
@@ -131,24 +125,18 @@ def _find_fronts(
         path.unlink(missing_ok=True)
     if not len(possible_samples(run, (0, 1))):
         return None
+    question = Question("1,2", (), points, "weighted-sum", free=False)
     with TemporaryDirectory(prefix=".fronts-", dir=directory) as meanwhile:
         log = Path(meanwhile) / "psmpc.h5"
         run.save(log)
-        return solve_pareto(
-            log,
-            Question("1,2", (), points, "weighted-sum", False),
-            path,
-            jobs,
-            force,
-            told,
-        )
+        return solve_pareto(log, question, path, jobs, force, told)
 
 
 def claims_json(made: Reproduction, created: str) -> bytes:
     """Write the claim table as JSON; what is unknown, or does not apply, is null. Keys: docs/reproduce.md."""
     cells, fronts, best = made.weights, made.fronts, recommend(made.weights).ratio
     data = {
-        "format": FORMAT,
+        "format": 2,  # increases when a key is removed or changes its meaning
         "psmpc_version": __version__,
         "created": created,
         "task": TASK,

@@ -9,21 +9,21 @@ import os
 import signal
 import time
 import warnings
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from difflib import ndiff
 from functools import partial
 from itertools import islice
-from multiprocessing import resource_tracker
 from pathlib import Path
 from pkgutil import resolve_name
 from tempfile import TemporaryDirectory
+from threading import current_thread, main_thread
 from typing import Any, TypeVar
 
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
-from joblib.externals.loky.backend import resource_tracker as loky_resource_tracker
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from psmpc_cli import __version__
@@ -148,7 +148,7 @@ def run_study(
 
     Args:
         study: The study.
-        path: Its file; None for none that stays.
+        path: File of the results; None for none that stays.
         jobs: Processes on this machine; by default one for each core.
         dask: Address of the scheduler of a Dask cluster to compute on.
         force: Whether an existing file is overwritten.
@@ -238,12 +238,7 @@ def _identity(study: Study) -> dict[str, str | int | float]:
 
 
 def _resumed(study: Study, path: Path) -> Results:
-    """Read the results to resume; where the study has more cells now, write a file with room for them.
-
-    Raises:
-        InputError: There is no file, or it holds another study.
-        LogError: It cannot be read.
-    """
+    """Read the results to resume; where the study has more cells now, write a file with room for them."""
     if not path.exists():
         raise InputError(f"--resume: found no file {path}, expected a {study.name} that was stopped; omit --resume")
     results = read_results(path, study.kind)
@@ -275,14 +270,12 @@ def _extended(new: Quantity, results: Results) -> Quantity:
 
 
 def _difference(results: Results, task: Task) -> str:
-    """Say how the task in a results file differs from another one: by its name, or by lines of their texts."""
+    """Say how the task in a results file differs from another one, by lines of their texts."""
     for key, own in (("task_name", task.spec.name), ("task_yaml", task.task_yaml), ("robot_yaml", task.robot_yaml)):
-        before, now = str(results.attributes[key]).splitlines(), own.splitlines()
-        lines = [[line.strip() for line in one if line not in other] for one, other in ((before, now), (now, before))]
-        if any(lines):
-            found, wanted = (quoted("; ".join(each)) for each in lines)
-            return f"found {found} in its {key.replace('_', ' ')}, this one has {wanted}"
-    return "found the lines of its task in another order"
+        lines = [line for line in ndiff(str(results.attributes[key]).splitlines(), own.splitlines()) if line[0] in "-+"]
+        if lines:
+            return f"the lines of its {key.replace('_', ' ')} (-) and of this one's (+) are {quoted('; '.join(lines))}"
+    return "its task has other line ends"
 
 
 class _ProcessKilledError(Exception):
@@ -357,10 +350,9 @@ def _on_this_machine(
     with parallel_config("loky", n_jobs=processes, inner_max_num_threads=1):
         ahead = 1 if jobs == 1 else 2 * jobs
         workers = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch=ahead)
-        results: Generator[tuple[int, Result], None, None] | None = None
+        with _interrupts_ignored():
+            results = workers(delayed(_numbered)(function, index, item) for index, item in items.items())
         try:
-            with _interrupts_blocked():
-                results = workers(delayed(_numbered)(function, index, item) for index, item in items.items())
             while (result := next(results, None)) is not None:  # not `yield from`, which would close them unsilenced
                 yield result
         except TerminatedWorkerError:
@@ -368,31 +360,23 @@ def _on_this_machine(
         finally:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)  # joblib's about results that nobody reads
-                if results is not None:
-                    results.close()
+                results.close()
 
 
 @contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Start processes that a terminal's Ctrl-C does not reach: this process ends them.
-
-    A new process inherits the blocked signals; one that is interrupted while it imports would print a traceback.
-    """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
+def _interrupts_ignored() -> Iterator[None]:
+    """Start processes that ignore a terminal's Ctrl-C, which they inherit: this process ends them."""
+    if current_thread() is not main_thread():  # which alone may say what a signal does
         yield
         return
-    for tracker in (resource_tracker, loky_resource_tracker):
-        tracker.ensure_running()  # started later, they would unblock the signals
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.signal(signal.SIGINT, before)
 
 
 def _numbered(function: Callable[[Item], Result], index: int, item: Item) -> tuple[int, Result]:
-    """Make a call in a process of its own."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     return index, function(item)
 
 
@@ -420,12 +404,7 @@ def _on_cluster(
 
 @contextmanager
 def _client(address: str) -> Iterator[Any]:
-    """Connect to a Dask cluster, and make sure that its workers compute what this process would.
-
-    Raises:
-        InputError: There is none, it has no workers, or they have several threads or another version; or Dask is not
-            installed.
-    """
+    """Connect to a Dask cluster, and make sure that its workers compute what this process would."""
     try:
         from distributed import Client
     except ImportError:

@@ -16,13 +16,10 @@ from psmpc_cli.logs.schema import SWEEP
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.measures import WHOLE_RUN, measure_run, measure_second_stage, second_stage
 from psmpc_cli.studies.runner import LIGHT, Study, Watch, changed, ignore, names_along, run_study
-from psmpc_cli.studies.weights import DIMENSIONS, GRID, RATIOS, Sampling, origins
+from psmpc_cli.studies.weights import DIMENSIONS, GRID, MOST_CELLS, RATIOS, Sampling, origins
 
 DEFAULT_TASK = "approach_capture"
 """The built-in task of Approach and Capture alone."""
-
-MOST_RUNS = 100_000
-"""Largest number of runs of a sweep; a larger one is a typing error."""
 
 
 def sweep(
@@ -56,8 +53,8 @@ def sweep(
     """
     loaded = changed(task, LIGHT)
     runs = int(np.prod([len(each) for each in values.values()])) if values else 0
-    if not 0 < runs <= MOST_RUNS:
-        raise InputError(f"a sweep: found {runs} runs, expected 1 to {MOST_RUNS}")
+    if not 0 < runs <= MOST_CELLS:
+        raise InputError(f"a sweep: found {runs} runs, expected 1 to {MOST_CELLS}")
     changes = {key: [f"{key}={json.dumps(_plain(value))}" for value in each] for key, each in values.items()}
     for change in (change for each in changes.values() for change in each):
         changed(loaded, (change,))
@@ -82,12 +79,9 @@ def _plain(value: Any) -> Any:
 def _axis(values: Sequence[Any]) -> np.ndarray:
     """Return the values of a key as a coordinate: numbers, or their text."""
     plain = [_plain(value) for value in values]
-    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in plain)
-    return (
-        np.array(plain, float)
-        if numbers
-        else np.array([each if isinstance(each, str) else json.dumps(each) for each in plain])
-    )
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in plain):
+        return np.array(plain, float)
+    return np.array([each if isinstance(each, str) else json.dumps(each) for each in plain])
 
 
 def load_sweep_task(reference: str | Path | Task, changes: Sequence[str] = (), epsilons: Sequence[float] = ()) -> Task:
@@ -117,16 +111,14 @@ def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_
     keys = [f"stages[{stage}].priority" for stage in stages]
     names = [stage.name for stage in spec.stages]
     units = "m/s^2, rad/s^2" if spec.onset.kind == "control" else "1"
-    further = [
-        Quantity("stage", ("stage",), np.array(names), "1", "stage"),
-        Quantity("epsilon", ("epsilon",), np.array(spec.onset.series), units, "threshold of the actual start"),
-    ]
+    epsilon = Quantity("epsilon", ("epsilon",), np.array(spec.onset.series), units, "threshold of the actual start")
+    stage_names = Quantity("stage", ("stage",), np.array(names), "1", "stage")
     return Study(
         kind=SWEEP,
         task=task,
         cells=[tuple(f"{key}={float(each)!r}" for key, each in zip(keys, pair, strict=True)) for pair in omega],
         dims=DIMENSIONS[sampling.kind],
-        coordinates=[*_weights(sampling, [names[stage] for stage in stages]), *further],
+        coordinates=[*_weights(sampling, [names[stage] for stage in stages]), stage_names, epsilon],
         quantities=second_stage(stages[1]),
         measure=partial(measure_second_stage, stages[1]),
         identity={
@@ -134,14 +126,6 @@ def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_
             "sampling": sampling.label,
             "range": f"{omega.min():.6g} to {omega.max():.6g}",
             "every_cell": int(every_cell),
-        },
-        attributes={
-            "first_stage": names[stages[0]],
-            "second_stage": names[stages[1]],
-            "horizon": spec.controller.horizon,
-            "sample_time": spec.controller.sample_time,
-            "nodes": spec.controller.nodes,
-            "onset": spec.onset.kind,
         },
         stop=stages[1],
         origins=None if every_cell else origins(task, stages, omega),

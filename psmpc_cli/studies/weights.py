@@ -266,8 +266,7 @@ def along_ratio(cells: SweepCells, values: Array) -> AlongRatio:
     ratio, kept = cells.ratio[which], values[which]
     _, first, inverse = np.unique(np.round(np.log10(ratio), SAME), return_index=True, return_inverse=True)
     groups = [kept[inverse == k] for k in range(len(first))]
-    middle, lowest, highest = (np.array([of(group) for group in groups]) for of in (np.median, np.min, np.max))
-    return AlongRatio(ratio[first], middle, lowest, highest)
+    return AlongRatio(ratio[first], *(np.array([of(group) for group in groups]) for of in (np.median, np.min, np.max)))
 
 
 class Recommendation(NamedTuple):
@@ -298,8 +297,9 @@ def recommend(cells: SweepCells) -> Recommendation:
     early = completion.highest <= (1 + WITHIN) * earliest
     failing = np.isclose(completion.ratio[:, None], cells.ratio[cells.failed], rtol=1e-8).any(axis=1)
     raised = error.highest > max(ALLOWED, np.nan_to_num(error.highest[0]))
-    if (early & ~raised & ~failing).any():
-        best = int(np.argmax(early & ~raised & ~failing))
+    good = early & ~raised & ~failing
+    if good.any():
+        best = int(np.argmax(good))
         ratio, final = float(completion.ratio[best]), error.highest[best]
         allowed = "" if np.isnan(final) else f", and its final error is {final:.2f} of the tolerance"
         return Recommendation(

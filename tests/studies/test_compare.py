@@ -56,15 +56,6 @@ def test_runs_in_parallel_are_the_runs_alone(tmp_path: Path, tasks: dict[str, Ta
             np.testing.assert_array_equal(found[name][column], alone[column])
 
 
-def test_an_interruption_leaves_nothing(tmp_path: Path, tasks: dict[str, Task]) -> None:
-    def done(name: str) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        compare_tasks(tasks, tmp_path / "comparison.h5", jobs=1, done=done)
-    assert [path.name for path in tmp_path.iterdir()] == ["task.yaml"]
-
-
 def test_the_python_call_returns_the_runs(reference: str) -> None:
     runs = compare(reference, ["smpc", "hard"], jobs=2)
     assert {name: str(run.attributes["controller"]) for name, run in runs.items()} == {"smpc": "smpc", "hard": "hard"}

@@ -10,7 +10,6 @@ from hypothesis.extra.numpy import arrays
 
 from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.studies.fronts import (
-    CLEARLY,
     dominated,
     extents,
     front_movement,
@@ -37,13 +36,6 @@ def test_every_dominated_point_is_worse_than_one_that_is_not(points: np.ndarray)
     marks = dominated(points)
     for one in points[marks]:
         assert np.any(np.all(points[~marks] <= one, axis=1) & np.any(points[~marks] < one, axis=1))
-
-
-def test_the_last_digits_of_a_solver_decide_nothing() -> None:
-    front = np.array([[0.0, 1.0], [0.5, 0.5], [1.0, 0.0]])
-    noise = CLEARLY / 2 * np.array([[0, 0], [1, 1], [0, 0]])
-    assert not dominated(np.vstack([front, front + noise])).any()
-    assert dominated(np.vstack([front, front + 4 * noise])).tolist() == [False] * 4 + [True, False]
 
 
 def test_what_could_not_be_solved_for_neither_dominates_nor_is_dominated() -> None:
@@ -137,10 +129,3 @@ def test_costs_that_follow_the_stages_parts_of_the_horizon_do_not_move_per_secon
     np.testing.assert_allclose(movement.parts, parts)
     assert movement.directions() == "lower right (2 of 2)"
     np.testing.assert_allclose(movement.steps["per second"], np.zeros((2, 2)), atol=1e-12)
-
-
-def test_points_that_could_not_be_solved_for_are_left_out() -> None:
-    J = np.array([front(1, 0), front(0, 1)])
-    J[0, 2] = J[1, 5] = np.nan
-    movement = front_movement(made_up(J))
-    assert movement.moving == 2 and movement.with_time

@@ -304,8 +304,8 @@ def test_too_few_points_show_no_movement(study: Study) -> None:
         "unknown (2 of 2)",
         False,
     )
-    assert "single sample" in of_fronts("with_time", single).cause[0]
+    assert "fewer windows" in of_fronts("with_time", single).cause[0]
     for name in ("with_ratio", "with_time"):
         finding = of_fronts(name, None)
         assert (finding.holds, finding.reproduced) == (False, "unknown")
-        assert "no window" in finding.cause[0]
+        assert "fewer windows" in finding.cause[0]

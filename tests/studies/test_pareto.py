@@ -10,12 +10,11 @@ from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.simulation.replay import logged_solve
-from psmpc_cli.simulation.run import converging
+from psmpc_cli.simulation.run import converging, simulate
 from psmpc_cli.solvers import Solution
+from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.fronts import STATUS, dominated, extents, held_costs
 from psmpc_cli.studies.pareto import (
-    HIGHEST,
-    LOWEST,
     Question,
     TradeOff,
     choose_samples,
@@ -26,11 +25,19 @@ from psmpc_cli.studies.pareto import (
     weighted_sum,
 )
 
-from .there_and_back_run import run_there_and_back
+from ..there_and_back import TASK
 
 pytestmark = pytest.mark.slow
 
 POINTS = 6
+
+
+def run_there_and_back(directory: Path, *changes: str) -> Path:
+    """Run the task and return its log."""
+    (directory / "task.yaml").write_text(TASK)
+    loaded = load_task(directory / "task.yaml", ["log.plans=true", "log.shares=false", *changes])
+    simulate(loaded, directory / "run.h5")
+    return directory / "run.h5"
 
 
 def question(**changes: object) -> Question:
@@ -65,16 +72,6 @@ def test_every_point_is_solved_for(studied: Results, in_space: Results) -> None:
         for name in names:
             assert np.all(results[f"{name}_status"] == STATUS.index("optimal"))
             assert np.isfinite(results[f"{name}_J_1"]).all()
-
-
-def test_coordinates_are_named(studied: Results, in_space: Results) -> None:
-    np.testing.assert_allclose(studied["instant"], [0.2, 0.5])
-    np.testing.assert_allclose(studied["ratio"], np.geomspace(LOWEST, HIGHEST, POINTS))
-    assert studied["stage"].tolist() == ["go", "back"]
-    assert studied.quantities["weighted_J_1"].dims == ("instant", "ratio")
-    assert studied.quantities["constrained_J_1"].dims == ("instant", "bound")
-    assert in_space.quantities["weighted_J_1"].dims == ("instant", "later", "ratio")
-    assert in_space["criterion"].tolist() == ["J_1", "J_2", "t_s - T0"]
 
 
 def test_the_chosen_point_is_the_run_s(studied: Results, log: Run) -> None:

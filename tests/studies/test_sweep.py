@@ -61,7 +61,7 @@ def test_a_higher_ratio_starts_the_second_stage_no_later_and_never_before_it_is_
     starts = shared["actual_start"].reshape(4, -1)[by_ratio]
     assert np.all(np.diff(starts, axis=0) <= 0.1 + 1e-9)
     assert np.all(starts[-1] < starts[0])
-    floor = shared["switch_time"].reshape(4, -1)[by_ratio, :1] - float(shared.attributes["horizon"])
+    floor = shared["switch_time"].reshape(4, -1)[by_ratio, :1] - 4.0
     assert np.all(starts >= floor - 1e-9)
 
 
@@ -87,18 +87,6 @@ def test_a_cell_whose_mission_takes_too_long_fails_with_the_reason() -> None:
     assert results["status"].tolist() == [FAILED, FAILED]
     assert results["reason"].tolist() == ["time limit of 7 s reached"] * 2
     assert np.all(results["detection_time"] > 0)
-
-
-@pytest.mark.slow
-def test_with_a_small_pending_cost_every_window_is_solved_from_several_guesses() -> None:
-    changes = (*COARSE, "controller.pending_cost=0.1")
-    assert load_sweep_task("approach_capture", changes).spec.controller.multistart == 3
-    assert load_sweep_task("approach_capture", COARSE).spec.controller.multistart == 1
-    asked = load_sweep_task("approach_capture", (*changes, "controller.multistart=2"))
-    assert asked.spec.controller.multistart == 2
-    results = swept("2", changes=changes)
-    assert np.all(results["status"] == COMPUTED)
-    assert np.any(results["basin_changes"] > 0), "a high ratio makes the last plan's basin the lesser one"
 
 
 @pytest.fixture

@@ -17,7 +17,6 @@ from psmpc_cli.studies.weights import (
     SweepCells,
     along_ratio,
     grid_sampling,
-    is_grid,
     origins,
     parse_stages,
     random_sampling,
@@ -43,11 +42,6 @@ def test_random_draws_repeat_with_their_seed_and_stay_in_the_box() -> None:
     assert not np.array_equal(one.omega, other.omega)
     assert 0.1 <= one.omega.min() < one.omega.max() <= 10.0
     assert abs(np.log10(one.omega).mean()) < 0.2
-
-
-def test_a_task_is_not_taken_for_a_grid() -> None:
-    assert all(is_grid(text) for text in ("25x25", "49", "25y25", "-3"))
-    assert not any(is_grid(text) for text in ("transport", "tasks/transport.yaml", "2024/task.yaml", "3_arms.yaml"))
 
 
 def test_stages_go_by_number_or_name() -> None:
@@ -162,12 +156,6 @@ def test_it_is_told_in_one_line_with_what_speaks_for_it(recommended: Recommended
     assert "completes within 5% of the earliest: at 14.20 s, earliest 14.00 s" in line
     assert "final error is 0.90 of the tolerance; control effort 1.10, of 1.00 to 10001.00" in line
     assert numbers(1.0)["completion_time"] > (1 + WITHIN) * 14.0
-
-
-def test_what_waits_makes_it_preliminary(recommended: Recommended) -> None:
-    ratio, line = recommended(waiting=(4,))
-    assert ratio == pytest.approx(1e4)
-    assert "so far" in line
 
 
 @pytest.mark.parametrize(

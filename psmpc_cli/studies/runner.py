@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from difflib import ndiff
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -270,12 +269,14 @@ def _extended(new: Quantity, results: Results) -> Quantity:
 
 
 def _difference(results: Results, task: Task) -> str:
-    """Say how the task in a results file differs from another one, by lines of their texts."""
+    """Say how the task in a results file differs from another one: by its name, or by lines of their texts."""
     for key, own in (("task_name", task.spec.name), ("task_yaml", task.task_yaml), ("robot_yaml", task.robot_yaml)):
-        lines = [line for line in ndiff(str(results.attributes[key]).splitlines(), own.splitlines()) if line[0] in "-+"]
-        if lines:
-            return f"the lines of its {key.replace('_', ' ')} (-) and of this one's (+) are {quoted('; '.join(lines))}"
-    return "its task has other line ends"
+        before, now = str(results.attributes[key]).splitlines(), own.splitlines()
+        lines = [[line.strip() for line in one if line not in other] for one, other in ((before, now), (now, before))]
+        if any(lines):
+            found, wanted = (quoted("; ".join(each)) for each in lines)
+            return f"found {found} in its {key.replace('_', ' ')}, this one has {wanted}"
+    return "found the lines of its task in another order"
 
 
 class _ProcessKilledError(Exception):

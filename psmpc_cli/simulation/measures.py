@@ -5,7 +5,7 @@ waiting stage in the control says when it first acts (docs/formulation.md, secti
 applied control each stage makes up (paper Fig. 1).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import nnls
@@ -104,22 +104,12 @@ def state_at(times: np.ndarray, X: np.ndarray, time: float) -> np.ndarray:
     return np.concatenate([X[k, :n] + since / 2 * (X[k, n:] + Qdot), Qdot])
 
 
-@dataclass(frozen=True, eq=False)
-class Counterfactual:
-    """What was found last for some stages: when [s], the plan, whether it is a solution, and the solve."""
-
-    time: float
-    plan: Plan
-    usable: bool
-    solution: Solution
-
-
 class Counterfactuals:
     """Solves windows for what is measured, never for what is applied; each starts from its own last plan."""
 
     def __init__(self, controller: Controller) -> None:
         self.controller, self.onset = controller, controller.problem.spec.onset
-        self._last: dict[tuple[int, int], Counterfactual] = {}
+        self._last: dict[tuple[int, int], tuple[Plan, Solution]] = {}
         self._started: set[int] = set()
 
     def presence(self, command: Command) -> dict[int, float]:
@@ -141,7 +131,7 @@ class Counterfactuals:
             if self.onset.kind == "control":
                 presence[stage] = float(np.linalg.norm(applied - other))
             else:
-                own, usable = self._plan(_alone(stage, command.time), command)
+                own, usable = self._plan(MovingSequence(stage, np.zeros(0), command.time), command)
                 if not usable:
                     continue
                 presence[stage] = closeness(applied, other, own.mean_control(edges)[0, rows])
@@ -164,7 +154,7 @@ class Counterfactuals:
         controls, edges = [], self.controller.edges(command.time)[:2]
         for stage in range(first, first + count):
             entered = command.sequence.entered if stage == first else command.time
-            plan, usable = self._plan(_alone(stage, entered), command)
+            plan, usable = self._plan(MovingSequence(stage, np.zeros(0), entered), command)
             if not usable:
                 return {}
             controls.append(plan.mean_control(edges)[0])
@@ -177,25 +167,17 @@ class Counterfactuals:
     def _plan(self, sequence: MovingSequence, command: Command) -> tuple[Plan, bool]:
         """Return the plan of the window over a sequence, and whether it is a solution or its last plan, shifted."""
         key = (sequence.first, sequence.last)
-        before = self._last.get(key)
-        if before is None or before.time < command.time:
-            self._last[key] = before = self._solve(sequence, command, before)
-        return before.plan, before.usable
-
-    def _solve(self, sequence: MovingSequence, command: Command, before: Counterfactual | None) -> Counterfactual:
+        plan, previous = self._last.get(key, (None, None))
+        if plan is not None and previous is not None and plan.start >= command.time:
+            return plan, previous.outcome.usable
         controller, x, prediction = self.controller, command.x, command.prediction
-        if before is not None:
-            prediction = shift(before.plan, command.time, controller.spec.horizon, x)
-        previous = None if before is None else before.solution
+        if plan is not None:
+            prediction = shift(plan, command.time, controller.spec.horizon, x)
         window = controller.window(sequence, prediction, x, previous or command.solution)
         guess = replace(prediction, instants=sequence.instants)
         solution = controller.solver.solve(_on_mesh_of(command.solution.window, window), guess, previous)
-        usable = solution.outcome.usable
-        return Counterfactual(command.time, solution.plan if usable else prediction, usable, solution)
-
-
-def _alone(stage: int, entered: float) -> MovingSequence:
-    return MovingSequence(stage, np.zeros(0), entered)
+        self._last[key] = solution.plan if solution.outcome.usable else prediction, solution
+        return self._last[key][0], solution.outcome.usable
 
 
 def _on_mesh_of(applied: Window, window: Window) -> Window:

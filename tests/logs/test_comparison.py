@@ -13,7 +13,6 @@ from psmpc_cli.logs.run import read_comparison, read_run
 from psmpc_cli.logs.schema import COMPARISON, RUN
 from psmpc_cli.logs.write import Header, LogWriter
 
-from ..little_room import files_of_at_most
 from .records import HEADER, LEAN, record
 
 FINAL = {"final/end_time": 0.3, "final/Q": np.zeros(3)}
@@ -117,13 +116,6 @@ def test_nothing_is_overwritten_without_force(merged: Path, logs: dict[str, Path
     merge_logs({"hard": logs["hard"]}, merged, force=True)
     assert list(read_comparison(merged)) == ["hard"]
     assert [path.name for path in merged.parent.iterdir()] == [merged.name]
-
-
-def test_nothing_is_left_of_a_comparison_that_could_not_be_written(tmp_path: Path, logs: dict[str, Path]) -> None:
-    path = tmp_path / "comparison.h5"
-    with files_of_at_most(20_000), pytest.raises(InputError, match=r"comparison\.h5 cannot be written: File too large"):
-        merge_logs(logs, path)
-    assert not list(tmp_path.glob("*comparison*"))
 
 
 def write(path: Path, samples: int, header: Header = HEADER) -> Path:

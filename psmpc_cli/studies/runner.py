@@ -429,9 +429,12 @@ def _client(address: str) -> Iterator[Any]:
             ) from None
         versions = client.run(resolve_name, "psmpc_cli:__version__", on_error="return")
         for worker, threads in client.nthreads().items():
-            if threads != 1 or versions.get(worker) != __version__:
+            found = versions.get(worker, OSError())
+            if isinstance(found, OSError):  # it ended or joined just now
+                continue
+            if threads != 1 or found != __version__:
                 raise InputError(
-                    f"--dask: worker {worker} has {threads} threads and psmpc {versions.get(worker)}, expected 1 "
+                    f"--dask: worker {worker} has {threads} threads and psmpc {found}, expected 1 "
                     f"(--nthreads 1; --nworkers for several calls at a time) and {__version__} as here"
                 )
         yield client

@@ -10,8 +10,7 @@ from psmpc_cli.control.htmpc import Hierarchy
 from psmpc_cli.control.multistart import solve_from_several
 from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed, is_over
 from psmpc_cli.errors import RunError
-from psmpc_cli.ocp.chart import ATTITUDE, PLANAR, Chart
-from psmpc_cli.ocp.plan import Plan, braking_plan, resting_plan, shift
+from psmpc_cli.ocp.plan import ATTITUDE, PLANAR, Chart, Plan, braking_plan, resting_plan, shift
 from psmpc_cli.ocp.problem import Problem, Stage, build_problem
 from psmpc_cli.ocp.window import (
     SHORTEST,

@@ -9,9 +9,8 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from psmpc_cli.ocp.chart import PLANAR, Chart
 from psmpc_cli.ocp.objective import StageShape
-from psmpc_cli.ocp.plan import Grid, Plan, mesh
+from psmpc_cli.ocp.plan import PLANAR, Chart, Grid, Plan, mesh
 from psmpc_cli.ocp.problem import Stage, StageCosts
 
 T = TypeVar("T")

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.ocp.chart import Chart
+from psmpc_cli.ocp.plan import Chart
 
 Array = NDArray[np.float64]
 

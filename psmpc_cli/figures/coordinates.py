@@ -64,6 +64,36 @@ def plot_forces(run: Run) -> Figure:
     return _plot_quantity(run, ("force", "torque"), ("N", "N m"), lambda run: curves, peaked=True)
 
 
+def plot_overlay(runs: Mapping[str, Run]) -> Figure:
+    """Plot every coordinate [m, rad] of several runs on the same axes, with the ends of their stages."""
+    model = next(iter(runs.values())).problem.model
+    rows = [
+        (part, row, label, angle)
+        for part, at, labels, angle in _panels(model)
+        for row, label in zip(range(at.start, at.stop), labels, strict=True)
+    ]
+    across = 3
+    figure = style.new_figure(1.3 * -(-len(rows) // across) + 0.8, style.PAGE)
+    grid = figure.subplots(-(-len(rows) // across), across, sharex=True, squeeze=False)
+    for axes, (part, row, label, angle) in zip(grid.flat, rows, strict=False):
+        for number, run in enumerate(runs.values()):
+            motion, look = run.motion, style.line_look(number)
+            axes.plot(motion.time, motion.Q[:, row], linewidth=1.2, **look)
+            switches = run.stages["switch_time"]
+            at = np.array([motion.coordinates_at(time)[row] for time in switches[np.isfinite(switches)]])
+            axes.plot(switches[np.isfinite(switches)], at, "o", markersize=3, color=look["color"])
+        axes.set_ylabel(f"{part} {label}\n({'rad' if angle else 'm'})")
+    for axes in grid.flat[len(rows) :]:
+        axes.set_visible(False)
+    for axes in grid[-1]:
+        axes.set_xlabel("Time (s)")
+    names = [style.entry(style.title_of(name), linewidth=1.2, **style.line_look(i)) for i, name in enumerate(runs)]
+    style.add_legend(
+        figure, [*names, style.entry("ends of stages", marker="o", markersize=3, linestyle="none", color=style.EDGE)]
+    )
+    return figure
+
+
 def _plot_quantity(
     runs: Run | Mapping[str, Run],
     words: tuple[str, str],

@@ -46,8 +46,8 @@ def find(kind: Kind, reference: str | Path, beside: Path | None = None) -> Path:
         return path
     if str(reference) in known:
         return known[str(reference)]
-    options = choice(Path(reference).stem, [*known, "the path of a file"])
-    raise SpecError(f"found no file {quoted(shown(path))}{options}")
+    options = choice(Path(reference).stem, known)
+    raise SpecError(f"found no file {quoted(shown(path))}{options}: a built-in {kind}, or the path of a file")
 
 
 def shown(path: Path) -> str:

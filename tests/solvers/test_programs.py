@@ -53,7 +53,7 @@ def recorded(model: RobotModel, command: Command) -> Task:
     window, guess = command.solution.window, command.solution.guess
     form, tau = VelocityForm(model, window_shape(window)), np.diff(guess.instants, prepend=window.start)
     point, numbers = Point(guess.X, tau), window_numbers(window, guess.instants)
-    bounds = window_bounds(fixed_bounds(form, window), window, tau, np.inf)
+    bounds = window_bounds(fixed_bounds(form, window), window, guess, tau, np.inf)
     return Task(SqpWindow(form, bounds, numbers), form.linearize(point, numbers), point)
 
 

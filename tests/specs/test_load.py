@@ -133,7 +133,10 @@ def test_robot_that_cannot_be_read_is_reported_where_the_task_names_it(
 def test_message_about_a_missing_task_has_the_built_in_names(reference: str, found: str) -> None:
     with pytest.raises(SpecError) as raised:
         load_task(reference)
-    assert str(raised.value) == f"{found}, expected one of {', '.join(built_ins('task'))}, the path of a file"
+    assert (
+        str(raised.value)
+        == f"{found}, expected one of {', '.join(built_ins('task'))}: a built-in task, or the path of a file"
+    )
 
 
 def test_digest_is_of_the_content_not_of_the_text() -> None:

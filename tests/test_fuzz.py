@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from random import Random
+from threading import Timer
 
 import h5py
 import numpy as np
@@ -73,6 +74,9 @@ for line in sys.stdin:
 """
 """Reads the files named on standard input; HDF5 may crash on a damaged one, and this process with it."""
 
+LONGEST = 20.0
+"""After so long a file is one on which HDF5 hangs [s]."""
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -88,13 +92,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Reader:
-    """Reads files in a process of its own, which is started again after a crash."""
+    """Reads files in a process of its own, which is started again after a crash, or when HDF5 hangs on a file."""
 
     def __init__(self) -> None:
         self.process: subprocess.Popen[str] | None = None
 
     def read(self, path: Path) -> str:
-        """Return read, rejected, crashed, or what was raised instead."""
+        """Return read, rejected, crashed (or hung), or what was raised instead."""
         if self.process is None or self.process.poll() is not None:
             command = [sys.executable, "-c", READ]
             self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -102,7 +106,11 @@ class Reader:
         assert self.process.stdout is not None
         self.process.stdin.write(json.dumps(str(path)) + "\n")
         self.process.stdin.flush()
-        return self.process.stdout.readline().strip() or "crashed"
+        timer = Timer(LONGEST, self.process.kill)
+        timer.start()
+        answer = self.process.stdout.readline().strip()
+        timer.cancel()
+        return answer or "crashed"
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,10 @@ Build = Callable[..., Experiment]
 @pytest.mark.slow
 def test_stages_are_seen_postponed_and_ended_as_with_hard_limits(experiment_of: Build) -> None:
     """What hard limits prove infeasible, an append too early, soft ones would meet by going faster than allowed."""
-    hard, soft = (run(experiment_of(*COARSE, f"controller.soft_limits={kind}"))[0] for kind in ("false", "true"))
+    light = ("skills.move.weights.control=0.03", "skills.reach.weights.control=0.03", "controller.zeta=1e-3")
+    tight = ("stages.capture.ends_when.tolerance=2e-3",)
+    changes = [(*COARSE, *light, *tight, f"controller.soft_limits={kind}") for kind in ("false", "true")]
+    hard, soft = (run(experiment_of(*each))[0] for each in changes)
     assert any("postponed" in sample.command.events for sample in hard)
     for one, other in zip(hard, soft, strict=True):
         assert one.command.events == other.command.events

@@ -6,6 +6,7 @@ named values. Sweeps and Monte Carlo studies are instances. The results are labe
 
 import logging
 import os
+import re
 import signal
 import time
 import warnings
@@ -413,7 +414,9 @@ def _client(address: str) -> Iterator[Any]:
     for name in ("distributed", "tornado", "asyncio"):  # what they report is in a message of ours, or is a repetition
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
-        client = Client(address or "nowhere", timeout=CONNECTING, set_as_default=False)
+        if not re.search(r":\d+$", address):
+            raise ValueError("expected HOST:PORT")
+        client = Client(address, timeout=CONNECTING, set_as_default=False)
     except Exception as error:  # whatever answers there
         raise InputError(
             f"--dask: found no Dask scheduler at '{address}' ({' '.join(str(error).split())}); "

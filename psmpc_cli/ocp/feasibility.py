@@ -64,7 +64,7 @@ def load_feasible(reference: str | Path | Mapping[str, Any], set: Changes = ()) 
 
 
 def _review_sound(task: Task, sound: Collection[int] | None) -> list[Fault]:
-    """Return what stands against a task; if only some stages are sound, against the targets of these."""
+    """Return the faults of a task; if only some stages are valid, those of their targets."""
     ensure_planar(task)
     if sound is None:
         return review(task)

@@ -119,12 +119,6 @@ def chart_rate(phi: Vector, omega: Vector) -> list[Any]:
     return add(omega, scaled(a, 0.5), scaled(cross(phi, a), c))
 
 
-def from_rpy(roll: float, pitch: float, yaw: float) -> list[float]:
-    """Compute the quaternion of fixed-axis angles [rad]: about x, then y, then z, as URDF has it."""
-    q = turn((0.0, 0.0, 1.0), yaw)
-    return product(product(q, turn((0.0, 1.0, 0.0), pitch)), turn((1.0, 0.0, 0.0), roll))
-
-
 def _library(x: Any) -> Any:
     return ca if isinstance(x, ca.SX | ca.MX) else np
 

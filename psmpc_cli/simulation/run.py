@@ -335,7 +335,7 @@ def _verdicts(experiment: Experiment, writer: LogWriter) -> dict[str, ArrayLike]
 
 
 def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
-    """Log what happened at a sample: what went wrong as a warning, the rest for who wants to know every event."""
+    """Log what happened at a sample: failures as warnings, other events as information."""
     command = sample.command
     for switch in command.switches:
         logger.info("%.2f s: %s ended at %.2f s", command.time, stages[switch.stage].name, switch.time)

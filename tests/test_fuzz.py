@@ -100,6 +100,7 @@ class Reader:
     def read(self, path: Path) -> str:
         """Return read, rejected, crashed (or hung), or what was raised instead."""
         if self.process is None or self.process.poll() is not None:
+            self.stop()
             command = [sys.executable, "-c", READ]
             self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert self.process.stdin is not None
@@ -112,14 +113,17 @@ class Reader:
         timer.cancel()
         return answer or "crashed"
 
+    def stop(self) -> None:
+        if self.process is not None:
+            self.process.kill()
+            self.process.communicate()
+
 
 @pytest.fixture(scope="module")
 def reader() -> Iterator[Reader]:
     reader = Reader()
     yield reader
-    if reader.process is not None:
-        reader.process.kill()
-        reader.process.communicate()
+    reader.stop()
 
 
 def mutated_bytes(content: bytes, random: Random) -> bytes:

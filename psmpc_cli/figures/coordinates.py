@@ -194,25 +194,36 @@ def plot_errors(run: Run) -> Figure:
     for axes in panels:
         for frame, name in enumerate(run.problem.model.pose_rows):
             axes.plot([], [], label=style.readable(name), **_frame_look(frame))
-    for span in run.spans:
-        motion, groups = run.motion, list(_error_groups(run, span))
-        inside = (motion.time > span.start) & (motion.time < span.end)
-        time = np.r_[span.start, motion.time[inside], span.end]
-        Q = np.array([motion.coordinates_at(t) for t in time])
-        errors = run.problem.costs.errors(run.problem.stages[span.index], np.hstack([Q, 0 * Q]), time - span.start)
-        for frame, angular, rows, tolerance in groups:
-            look, size = _frame_look(frame), np.abs(errors[:, rows]).max(axis=1)
-            panels[angular].plot(time, np.where(size > 0, size, np.nan), label="_", **look)
-            others = {other for _, kind, _, other in groups if kind == angular and np.isfinite(other)}
-            line = LIMIT if len(others) == 1 else {**LIMIT, "color": look["color"]}
-            if np.isfinite(tolerance):
-                panels[angular].hlines(tolerance, span.start, span.end, zorder=1.5, **line)
+    curves = list(error_curves(run))
+    for span, frame, angular, time, size, tolerance in curves:
+        look = _frame_look(frame)
+        panels[angular].plot(time, np.where(size > 0, size, np.nan), label="_", **look)
+        same = {curve[-1] for curve in curves if curve[0] == span and curve[2] == angular and np.isfinite(curve[-1])}
+        line = LIMIT if len(same) == 1 else {**LIMIT, "color": look["color"]}
+        if np.isfinite(tolerance):
+            panels[angular].hlines(tolerance, span.start, span.end, zorder=1.5, **line)
     for row, (axes, what) in enumerate(zip(panels, ("coordinate", "joint or angle"), strict=True)):
         axes.set_yscale("log")
         axes.set_ylim(bottom=max(axes.get_ylim()[0], SMALLEST))
         timeline.label(row, ("Position error\n(m)", "Angle error\n(rad)")[row], f"largest {what}")
     bounded = any(len(stage.end_rows) for stage in run.problem.stages[: len(run.spans)])
     return timeline.finish([style.entry("tolerance", **LIMIT)] if bounded else [])
+
+
+def error_curves(run: Run) -> Iterator[tuple[Span, int, bool, np.ndarray, np.ndarray, float]]:
+    """Yield the errors against the current stage's target, stage by stage, as `plot_errors` draws them.
+
+    Of each the stage's span, the number of the frame (the base, then the arms), whether they are angles, times (K,)
+    [s], the largest error at those (K,) [m] or [rad], and the tolerance of the end condition, or NaN.
+    """
+    motion = run.motion
+    for span in run.spans:
+        inside = (motion.time > span.start) & (motion.time < span.end)
+        time = np.r_[span.start, motion.time[inside], span.end]
+        Q = np.array([motion.coordinates_at(t) for t in time])
+        errors = run.problem.costs.errors(run.problem.stages[span.index], np.hstack([Q, 0 * Q]), time - span.start)
+        for frame, angular, rows, tolerance in _error_groups(run, span):
+            yield span, frame, angular, time, np.abs(errors[:, rows]).max(axis=1), tolerance
 
 
 def _error_groups(run: Run, span: Span) -> Iterator[tuple[int, bool, list[int], float]]:

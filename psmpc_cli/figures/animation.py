@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
+from scipy.spatial.transform import Rotation
 
 from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.figures import style
-from psmpc_cli.figures.scene import FINGER, Scene, base_half, reach, scene_of, view_around
+from psmpc_cli.figures.scene import Scene, scene_of, view_around
 from psmpc_cli.figures.snapshots import draw_scene, show
 from psmpc_cli.logs.run import Run
 from psmpc_cli.robot.mujoco_model import mujoco_spec
@@ -149,37 +151,40 @@ def film_model(scene: Scene, view: Bbox) -> str:
 
     model, spec, width = scene.run.problem.model, scene.run.task.spec.object, round(WIDTH * DPI)
     wide, tall = view.width, view.height * np.sin(np.radians(ELEVATION))
-    thick, finger = 0.04 * reach(model), FINGER * reach(model)
+    shape, floor = model.shape, -1.5 * model.shape.box[2]
     numbers = {"height": 2 * round(width * tall / wide / 2), "width": width, "tall": tall, "elevation": ELEVATION}
-    numbers |= {"x": view.intervalx.mean(), "y": view.intervaly.mean(), "span": max(wide, tall), "floor": -4 * thick}
+    numbers |= {"x": view.intervalx.mean(), "y": view.intervaly.mean(), "span": max(wide, tall), "floor": floor}
     world = mujoco.MjSpec.from_string(SURROUNDINGS.format(**numbers))
     robot = mujoco_spec(model.spec)
-    _add_box(robot.body("base"), (*base_half(model), 3 * thick), style.BODY)
-    for index, name in enumerate(model.spec.arms):
-        color = style.PALETTE[index % len(style.PALETTE)]
-        for number, end in enumerate(model.spec.link_ends(name), start=1):
-            body, tip = robot.body(f"{name}.{number}"), end[0]
-            line: dict[str, Any] = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": [0, 0, 0, *end]}
-            body.add_geom(size=[0.7 * thick, 0, 0], rgba=[*to_rgb(color), 1], **line)
-            disc: dict[str, Any] = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [thick, 1.1 * thick, 0]}
-            body.add_geom(rgba=[1, 1, 1, 1], **disc)
-        for side in (-0.7, 0.7):
-            _add_box(body, (finger / 2, 0.2 * thick, 0.7 * thick), color, (tip + finger / 2, side * finger, 0))
-        _add_box(body, (0.2 * thick, 0.7 * finger, 0.7 * thick), color, (tip, 0, 0))
+    base, box = robot.body("base"), shape.box_frame
+    quat = Rotation.from_matrix(box[:3, :3]).as_quat(scalar_first=True)
+    base.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=shape.box, pos=box[:3, 3], quat=quat, rgba=_opaque(style.BODY))
+    colors = {name: _opaque(style.PALETTE[i % len(style.PALETTE)]) for i, name in enumerate(model.spec.arms)}
+    grippers = {tool.body: shape.grippers[name] for name, tool in model.spec.tools.items()}
+    for number, (body, capsules) in enumerate(zip(model.spec.bodies, shape.capsules, strict=True)):
+        added, color = robot.body(body.name), colors.get(body.name.rpartition(".")[0], _opaque(style.BODY))
+        fingers = grippers.get(number, np.zeros((0, 3)))
+        for size, lines in (
+            (shape.radius, capsules),
+            (0.4 * shape.radius, pairwise(fingers)),
+        ):
+            for start, end in lines:
+                added.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[size, 0, 0], fromto=[*start, *end], rgba=color)
+        if body.joint is not None and not body.joint.prismatic:
+            along = 1.6 * shape.radius * np.array(body.joint.axis)
+            disc: dict[str, Any] = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [1.4 * shape.radius, 0, 0]}
+            added.add_geom(fromto=[*-along, *along], rgba=_opaque("white"), **disc)
     if spec is not None:
         held = world.worldbody.add_body(name="object", mocap=True)
-        _add_box(held, (spec.shape[0] / 2, spec.shape[1] / 2, 0.9 * thick), style.OBJECT)
+        half = [spec.shape[0] / 2, spec.shape[1] / 2, 1.3 * shape.radius]
+        held.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=half, rgba=_opaque(style.OBJECT))
     world.attach(robot, prefix="robot.", frame=world.worldbody.add_frame())
     world.compile()
     return str(world.to_xml())
 
 
-def _add_box(body: Any, half: Sequence[float], color: str, place: Sequence[float] = (0, 0, 0)) -> None:
-    """Add a box of half edges (3,) [m] to a body."""
-    import mujoco
-
-    kind, rgba = mujoco.mjtGeom.mjGEOM_BOX, [*to_rgb(color), 1]
-    body.add_geom(type=kind, size=list(half), rgba=rgba, pos=list(place))
+def _opaque(color: str) -> list[float]:
+    return [*to_rgb(color), 1.0]
 
 
 def render(description: str, Q: Sequence[np.ndarray], poses: Sequence[np.ndarray | None]) -> np.ndarray:

@@ -11,14 +11,11 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import verdicts
 from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.ocp.skills import SKILLS, Posture
-from psmpc_cli.robot.model import RobotModel, arm_points
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import MonitorSpec
-
-FINGER = 0.09
-"""Length of a gripper's finger, in lengths of the longest arm."""
 
 MOVED = 0.1
 """Motions by less than this cannot be seen, in lengths of the longest arm."""
@@ -123,7 +120,7 @@ class Scene:
         kept: list[tuple[float, str]] = []
         for time, event in sorted(found, key=lambda instant: instant[0]):
             before = kept[-1][0] if kept else -np.inf
-            far = MOVED * reach(self.run.problem.model)
+            far = MOVED * self.run.problem.model.shape.reach
             if kept and np.abs(self.points(time) - self.points(before)).max() < far:
                 kept[-1] = before, f"{kept[-1][1]}, {event}"
             else:
@@ -170,37 +167,20 @@ def grasp(model: RobotModel, Q: np.ndarray) -> np.ndarray:
 
 
 def bodies(model: RobotModel, Q: np.ndarray) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
-    """Return the corners of the base (4, 2), and of each arm its joints (., 2) and its gripper (4, 2) [m], at Q (n,).
-
-    The base is a box through the arms' mounts, for a spec gives no shape; a gripper has two fingers along the last
-    link.
-    """
-    half, arms = base_half(model), []
-    for points in arm_points(model, Q).values():
-        tip, link = points[-1], points[-1] - points[-2]
-        along = link / max(float(np.linalg.norm(link)), 1e-12) * FINGER * reach(model)
-        across = np.array([-along[1], along[0]]) * 0.7
-        arms.append((points, np.array([tip + across + along, tip + across, tip - across, tip - across + along])))
-    return rectangle(Q[:3], (2 * half[0], 2 * half[1])), arms
+    """Return the corners of the base (4, 2), and of each arm its joints (., 2) and its gripper (4, 2) [m]."""
+    shape, frames, arms = model.shape, model.body_frames(Q)[:, :2], []
+    for name, gripper in shape.grippers.items():
+        numbers = [number for number, body in enumerate(model.spec.bodies) if body.name.rpartition(".")[0] == name]
+        tip, last = model.spec.tools[name].position, frames[numbers[-1]]
+        joints = [frames[number, :, 3] for number in numbers]
+        arms.append((np.array([*joints, last @ (*tip, 1.0)]), gripper @ last[:, :3].T + last[:, 3]))
+    return rectangle(Q[:3], (2 * shape.box[0], 2 * shape.box[1])), arms
 
 
 def outline(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     """Return points (., 2) [m] whose hull holds the robot at Q (n,)."""
     base, arms = bodies(model, Q)
     return np.vstack([base, *(part for arm in arms for part in arm)])
-
-
-def base_half(model: RobotModel) -> np.ndarray:
-    """Return half the length and half the width of the base's box (2,) [m]."""
-    joints = [body.joint for body in model.spec.bodies if body.joint is not None]
-    mounts = np.abs([joint.at.position[:2] for joint in joints if joint.at.body == 0])
-    half = np.maximum(mounts.max(axis=0), 0.1 * reach(model))
-    return np.asarray(np.maximum(half, 0.6 * half.max()))
-
-
-def reach(model: RobotModel) -> float:
-    """Return the length of the longest arm [m]."""
-    return max(float(np.linalg.norm(model.spec.link_ends(arm), axis=1).sum()) for arm in model.spec.arms)
 
 
 def rectangle(pose: np.ndarray, shape: tuple[float, float]) -> np.ndarray:

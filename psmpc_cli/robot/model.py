@@ -8,11 +8,13 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.dynamics import Dynamics, InertialParameters, derive_dynamics, function, solve_spd
 from psmpc_cli.robot.kinematics import SpatialFrame, base_frame, charted_base, place
 from psmpc_cli.robot.rotations import add, cross, rotate, scaled
+from psmpc_cli.robot.shape import RobotShape, shape_of
 from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.load import load_robot as load_robot_spec
 from psmpc_cli.specs.robot import RobotSpec
@@ -45,7 +47,7 @@ class RobotModel:
         pose_rows: Rows of xi by frame: `base`, then the end-effectors of the arms.
         g: Q -> xi (m,) [m, rad]. Paper eq. (1).
         dynamics: The equations of motion.
-        outline: Q -> origins of the bodies, then of the end-effectors, (dimension, points) [m].
+        body_poses: Q -> poses of all bodies in the order of `spec.bodies` (coordinates of a pose, bodies), as in xi.
     """
 
     spec: RobotSpec
@@ -57,7 +59,7 @@ class RobotModel:
     pose_rows: dict[str, slice]
     g: ca.Function
     dynamics: Dynamics
-    outline: ca.Function
+    body_poses: ca.Function
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -116,6 +118,11 @@ class RobotModel:
         return function("f_2", {"x": x, "u": u}, {"xdot": ca.vertcat(Qdot, acceleration)})
 
     @cached_property
+    def shape(self) -> RobotShape:
+        """What the robot looks like, for drawings."""
+        return shape_of(self.spec)
+
+    @cached_property
     def nominal(self) -> InertialParameters:
         """Inertial parameters of the robot's description, with empty grippers."""
         return InertialParameters.nominal(self.spec)
@@ -126,6 +133,22 @@ class RobotModel:
         (x, y, angle) [m, m, rad], (frames, 3); of a spatial robot (x, y, z, w, x, y, z) [m], (frames, 7).
         """
         return self._evaluate("g", Q).reshape(len(self.pose_rows), -1)
+
+    def body_frames(self, Q: ArrayLike) -> Array:
+        """Return the frames of all bodies at coordinates (..., nq), in the order of `spec.bodies`, (..., bodies, 4, 4).
+
+        Positions are in metres; a planar robot is in the plane z = 0.
+        """
+        Q, bodies = np.asarray(Q, dtype=float), len(self.spec.bodies)
+        poses = self.body_poses(Q.reshape(-1, self.nq).T).full().T
+        frames = np.tile(np.eye(4), (len(poses), 1, 1))
+        frames[:, : self.dimension, 3] = poses[:, : self.dimension]
+        if self.dimension == 3:
+            turned = Rotation.from_quat(poses[:, 3:], scalar_first=True)
+        else:
+            turned = Rotation.from_rotvec(np.outer(poses[:, 2], (0, 0, 1)))
+        frames[:, :3, :3] = turned.as_matrix()
+        return frames.reshape(*Q.shape[:-1], bodies, 4, 4)
 
     def mass_matrix(self, Q: ArrayLike, parameters: InertialParameters | None = None) -> Array:
         """Return H(Q), (n, n) [kg, kg m, kg m^2]. Paper eq. (3)."""
@@ -194,10 +217,7 @@ def build_model(spec: RobotSpec) -> RobotModel:
     placed = place(spec, base_frame(spec, Q), Q[base + spatial :])
     frames = {"base": placed.bodies[0], **placed.tools}
     xi = ca.vertcat(*(frame.pose for frame in frames.values()))
-    points = [
-        ca.vertcat(frame.position if not spatial else ca.vertcat(*frame.position))
-        for frame in (*placed.bodies, *placed.tools.values())
-    ]
+    bodies = ca.horzcat(*(frame.pose for frame in placed.bodies))
     return RobotModel(
         spec=spec,
         n=n,
@@ -208,22 +228,8 @@ def build_model(spec: RobotSpec) -> RobotModel:
         pose_rows=_rows({name: frame.pose.numel() for name, frame in frames.items()}),
         g=function("g", {"Q": Q}, {"xi": xi}),
         dynamics=derive_dynamics(spec),
-        outline=function("outline", {"Q": Q}, {"points": ca.horzcat(*points)}),
+        body_poses=function("body_poses", {"Q": Q}, {"poses": bodies}),
     )
-
-
-def arm_points(model: RobotModel, Q: ArrayLike) -> dict[str, Array]:
-    """Compute the joint positions of each arm, from its first joint to its tip, at Q (nq,).
-
-    Returns:
-        By arm name, (links + 1, dimension) [m] in the inertial frame.
-    """
-    points, first, arms = model.outline(np.asarray(Q, dtype=float)).full().T, 1, {}
-    tips = points[len(model.spec.bodies) :]
-    for tip, (name, arm) in zip(tips, model.spec.arms.items(), strict=True):
-        arms[name] = np.vstack([points[first : first + len(arm.links)], tip])
-        first += len(arm.links)
-    return arms
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from psmpc_cli.errors import SpecError
 from psmpc_cli.robot.model import (
     RobotModel,
     angle_rows,
-    arm_points,
     load_robot,
     nearest_equivalent,
 )
@@ -51,19 +50,6 @@ def test_jacobians_are_derivatives_of_the_poses(state: State) -> None:
     assert_close_to_differences(model.J_C(Q).full(), jacobian_by_differences(lambda q: model.poses(q).ravel(), Q))
     by_differences = jacobian_by_differences(lambda q: np.asarray(model.J_C(q).full() @ v), Q) @ v
     assert_close_to_differences(flat(model.Jdot_Qdot(Q, v)), by_differences)
-
-
-@given(moving_robots())
-@laws
-def test_points_run_from_shoulder_to_tip_a_link_apart(state: State) -> None:
-    model, Q, _, _ = state
-    c, s = np.cos(Q[2]), np.sin(Q[2])
-    for (name, points), tip in zip(arm_points(model, Q).items(), model.poses(Q)[1:], strict=True):
-        arm = model.spec.arms[name]
-        shoulder = Q[:2] + np.array([[c, -s], [s, c]]) @ arm.mount.position
-        np.testing.assert_allclose(points[[0, -1]], [shoulder, tip[:2]], atol=1e-12)
-        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        np.testing.assert_allclose(lengths, [link.a + link.b for link in arm.links], atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", [ca.SX, ca.MX])

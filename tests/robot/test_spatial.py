@@ -96,6 +96,9 @@ def test_dynamics_and_poses_of_random_trees_are_mujocos(state: State) -> None:
         site = data.site(name)
         close(pose[:3], site.xpos)
         close(np.array(matrix(pose[3:])), site.xmat.reshape(3, 3))
+    for frame, body in zip(model.body_frames(Q), model.spec.bodies, strict=True):
+        close(frame[:3, 3], data.body(body.name).xpos)
+        close(frame[:3, :3], data.body(body.name).xmat.reshape(3, 3))
 
 
 @given(moving_spatial_robots())

@@ -1,0 +1,115 @@
+"""What a robot looks like as far as its description tells, for drawings: a box, capsules between joints, grippers."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from psmpc_cli.specs.robot import Attachment, Body, RobotSpec, limits_of_part
+
+Array = NDArray[np.float64]
+
+THICKNESS, FINGER = 0.028, 0.09
+"""Radius of a capsule, and length of a gripper's finger, in lengths of the longest arm."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobotShape:
+    """The shape of a robot; every part is fixed to the frame of a body, see `RobotModel.body_frames`.
+
+    Attributes:
+        reach: Length of the longest arm, or half the diagonal of the base if that is more [m].
+        radius: Of the capsules [m].
+        box: Half edges of the base's box (3,) [m].
+        box_frame: Frame of the box in the base's (4, 4) [m].
+        capsules: By body, in the order of `RobotSpec.bodies`: from where to where a capsule goes (., 2, 3) [m].
+        grippers: By arm, on its last body: end of a finger, palm, end of the other finger (4, 3) [m].
+    """
+
+    reach: float
+    radius: float
+    box: Array
+    box_frame: Array
+    capsules: tuple[Array, ...]
+    grippers: dict[str, Array]
+
+
+def shape_of(spec: RobotSpec) -> RobotShape:
+    """Derive the shape of a robot from its description.
+
+    The base's box goes through the arms' mounts in the plane; in space it is the solid box with the base's inertia. A
+    capsule goes from a body's joint to every joint and end-effector that the body carries, and along the travel of a
+    prismatic joint; on the base only to mounts outside its box.
+    """
+    arms = (float(np.linalg.norm(spec.link_ends(arm), axis=1).sum()) for arm in spec.arms)
+    longest = max(arms, default=0.0)
+    box, box_frame = _planar_box(spec, longest) if spec.dimension == 2 else _solid_box(spec.bodies[0])
+    reach = max(longest, float(np.linalg.norm(box)))
+    capsules: list[list[Sequence[Sequence[float]]]] = [[] for _ in spec.bodies]
+    for number, body in enumerate(spec.bodies):
+        if body.joint is not None:
+            at, outside = body.joint.at, np.abs(_inside(box_frame, body.joint.at.position)) > box + 1e-9
+            if at.body or outside.any():
+                capsules[at.body].append(((0, 0, 0), at.position))
+            if body.joint.prismatic:
+                along = np.multiply.outer(_travel(spec, number), _turn(at) @ body.joint.axis)
+                capsules[at.body].append((along + at.position).tolist())
+    for tool in spec.tools.values():
+        capsules[tool.body].append(((0, 0, 0), tool.position))
+    seen = [[one for one in ends if np.linalg.norm(np.subtract(one[1], one[0])) > 1e-9] for ends in capsules]
+    grippers = {arm: _gripper(spec.bodies[tool.body], tool, FINGER * reach) for arm, tool in spec.tools.items()}
+    return RobotShape(
+        reach, THICKNESS * reach, box, box_frame, tuple(np.reshape(ends, (-1, 2, 3)) for ends in seen), grippers
+    )
+
+
+def _planar_box(spec: RobotSpec, longest: float) -> tuple[Array, Array]:
+    """Return half edges and frame of a planar robot's base: a box through the arms' mounts."""
+    joints = [body.joint for body in spec.bodies if body.joint is not None]
+    mounts = np.abs([joint.at.position[:2] for joint in joints if joint.at.body == 0])
+    half = np.maximum(mounts.max(axis=0), 0.1 * longest)
+    return np.array([*np.maximum(half, 0.6 * half.max()), 0.12 * longest]), np.eye(4)
+
+
+def _solid_box(base: Body) -> tuple[Array, Array]:
+    """Return half edges and frame of the solid box with mass, centre of mass and inertia of a body."""
+    xx, yy, zz, xy, xz, yz = base.inertia
+    moments, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    if not (xy or xz or yz):
+        moments, axes = np.array([xx, yy, zz]), np.eye(3)
+    squares = 1.5 / base.mass * (moments.sum() - 2 * moments)
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = axes * np.linalg.det(axes), base.centre
+    return np.sqrt(np.maximum(squares, 1e-3 * squares.max())), frame
+
+
+def _inside(frame: Array, point: Sequence[float]) -> Array:
+    """Return a point of the base in the frame of its box."""
+    return np.asarray(frame[:3, :3].T @ (np.asarray(point) - frame[:3, 3]))
+
+
+def _travel(spec: RobotSpec, number: int) -> Array:
+    """Return the lower and upper limit of a body's joint [m], 0 where there is none."""
+    arm, _, link = spec.bodies[number].name.rpartition(".")
+    limits = limits_of_part(spec.limits, arm, "position")
+    return np.array((limits and limits[int(link) - 1]) or (0.0, 0.0))
+
+
+def _turn(at: Attachment) -> Array:
+    return np.asarray(Rotation.from_rotvec(at.rotation).as_matrix())
+
+
+def _gripper(body: Body, tool: Attachment, finger: float) -> Array:
+    """Return the outline of a gripper, open along the last link, its fingers apart in the plane its joint turns in."""
+    tip, axis = np.array(tool.position), (0.0, 0.0, 1.0) if body.joint is None else body.joint.axis
+    turned = _turn(tool)
+    along = tip / length if (length := np.linalg.norm(tip)) > 1e-9 else turned[:, 2]
+    across = np.cross(axis, along)
+    if np.linalg.norm(across) < 0.1:  # a wrist that rolls
+        across = turned[:, 1] - (turned[:, 1] @ along) * along
+    if np.linalg.norm(across) < 0.1:
+        across = np.cross(turned[:, 0], along)
+    along, across = finger * along, 0.7 * finger * across / np.linalg.norm(across)
+    return np.array([tip + across + along, tip + across, tip - across, tip - across + along])

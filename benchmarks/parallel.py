@@ -16,7 +16,7 @@ from pages import markdown
 
 from psmpc_cli.studies.runner import compute, run_study
 from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
-from psmpc_cli.studies.weights import grid_sampling
+from psmpc_cli.studies.weights import parse_sampling
 
 CELLS, RANGE = "4x4", (1e-1, 1e2)
 ITEMS, ADDITIONS = 16, 8_000_000
@@ -41,7 +41,7 @@ def time_loop(jobs: int) -> float:
 
 def time_sweep(jobs: int, changes: tuple[str, ...]) -> float:
     """Return how long a sweep of runs that share nothing takes in so many processes [s]."""
-    study = weight_study(load_sweep_task(DEFAULT_TASK, changes), (0, 1), grid_sampling(CELLS, RANGE), every_cell=True)
+    study = weight_study(load_sweep_task(DEFAULT_TASK, changes), (0, 1), parse_sampling(CELLS, RANGE), every_cell=True)
     with tempfile.TemporaryDirectory() as directory:
         began = time.perf_counter()
         run_study(study, Path(directory) / "sweep.h5", jobs)

@@ -14,7 +14,7 @@ import yaml
 from psmpc_cli.logs.results import Results
 from psmpc_cli.studies.runner import run_study
 from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
-from psmpc_cli.studies.weights import grid_sampling
+from psmpc_cli.studies.weights import parse_sampling
 
 RATIOS, RANGE = "13", (1e-3, 1e3)
 SETTINGS = {
@@ -54,7 +54,7 @@ def table(results: Results) -> dict[str, object]:
 def measure(changes: list[str], path: Path) -> Results:
     """Run the sweep over ratios with keys of the task changed."""
     task = load_sweep_task(DEFAULT_TASK, tuple(changes), ())
-    return run_study(weight_study(task, (0, 1), grid_sampling(RATIOS, RANGE)), path, force=True)
+    return run_study(weight_study(task, (0, 1), parse_sampling(RATIOS, RANGE)), path, force=True)
 
 
 if __name__ == "__main__":

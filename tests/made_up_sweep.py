@@ -9,7 +9,7 @@ from psmpc_cli.logs.results import Results, ResultsWriter, read_results
 from psmpc_cli.logs.schema import SWEEP
 from psmpc_cli.studies.runner import COMPUTED, FAILED, create_file
 from psmpc_cli.studies.sweep import load_sweep_task, weight_study
-from psmpc_cli.studies.weights import Sampling, grid_sampling, random_sampling
+from psmpc_cli.studies.weights import Sampling, parse_sampling
 
 T_S, T_H = 10.14, 4.0
 
@@ -36,8 +36,7 @@ def numbers(ratio: float) -> Numbers:
 
 def sampling_of(text: str) -> Sampling:
     """A grid, ratios, or random draws, between 1e-3 and 1e3."""
-    bounds = (1e-3, 1e3)
-    return random_sampling(text, bounds, 0) if text.startswith("random") else grid_sampling(text, bounds)
+    return parse_sampling(text, (1e-3, 1e3))
 
 
 def made_up_sweep(

@@ -101,18 +101,13 @@ def bench(
     import os
 
     os.environ["OMP_NUM_THREADS"] = "1"  # one thread of linear algebra; it has an effect only before NumPy is loaded
-    from psmpc_cli.cli.progress import ending_on_signals
+    from psmpc_cli.cli.progress import ending_on_signals, live_line
     from psmpc_cli.cli.tables import print_table
     from psmpc_cli.studies import bench as study
 
     tasks = study.load_bench(task, changes or [], nodes or ("25,50" if quick else study.NODES))
     repeat, appends = repeat or (1 if quick else 3), 2 if quick else None
-
-    def echo(line: str) -> None:
-        if not quiet:
-            typer.echo(line, err=True)
-
-    with ending_on_signals("no table was made", at_once=False) as interruption:
-        found = study.run_bench(tasks, solvers, repeat, appends, echo, interruption.check)
+    with ending_on_signals("no table was made", at_once=False) as interruption, live_line(quiet) as show:
+        found = study.run_bench(tasks, solvers, repeat, appends, show, interruption.check)
     print_table(study.HEADINGS, list(study.bench_rows(found)), left=3)
     typer.echo(f"{study.NOTE}\n\n{study.describe_machine(found)}")

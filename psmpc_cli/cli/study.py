@@ -1,10 +1,9 @@
 """Many runs of a task: `psmpc compare`, `sweep-weights`, `monte-carlo` and `pareto`."""
 
-from enum import StrEnum
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -23,26 +22,13 @@ from psmpc_cli.cli.options import (
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
-    from psmpc_cli.specs.load import Task
     from psmpc_cli.studies.runner import Study
-    from psmpc_cli.studies.weights import Sampling
 
 PREPARED = ("log.plans=true", "log.shares=false")
 """Changes of a task whose windows are studied: the log holds the windows, and no more than is needed."""
 
 
-class Method(StrEnum):
-    """How the points of Pareto fronts are found."""
-
-    WEIGHTED_SUM = "weighted-sum"
-    EPSILON_CONSTRAINT = "epsilon-constraint"
-    BOTH = "both"
-
-
 Stages = Annotated[str, typer.Option(metavar="A,B", help="The two stages in a row that vary, by number or name.")]
-
-MOST_RUNS = 100_000
-"""Largest number of runs of a Monte Carlo study."""
 
 
 def compare(
@@ -98,43 +84,26 @@ def sweep_weights(
     quiet: Quiet = False,
 ) -> None:
     """Run the closed loop under many pairs of priorities: how they decide the actual start. Paper Fig. 6."""
-    from psmpc_cli.studies.sweep import weight_study
-    from psmpc_cli.studies.weights import parse_stages
-
-    loaded, cells = _sweep(grid, task, bounds, epsilon, sampling, changes or [])
-    study = weight_study(loaded, parse_stages(stages, loaded), cells, every_cell)
-    _run_study(study, output, f"{loaded.spec.name}-sweep", force, resume, jobs, dask, figures, quiet)
-
-
-def _sweep(
-    grid: str | None, task: str | None, bounds: str, epsilon: str | None, sampling: str | None, changes: list[str]
-) -> "tuple[Task, Sampling]":
-    """Return the task and the cells of a sweep; grid and task may be in either order.
-
-    Raises:
-        InputError: There is no sampling, or more than one.
-        SpecError: The task is not valid.
-    """
-    from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task
-    from psmpc_cli.studies.weights import grid_sampling, is_grid, parse_numbers, parse_range, random_sampling
+    from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
+    from psmpc_cli.studies.weights import is_grid, parse_numbers, parse_sampling, parse_stages
 
     if grid is not None and not is_grid(grid):
         grid, task = task, grid
     expected = "positive numbers between commas, such as 1e-3,1e-2,0.1"
     epsilons = parse_numbers("--epsilon", epsilon, expected, above=0.0) if epsilon is not None else ()
-    loaded = load_sweep_task(task or DEFAULT_TASK, tuple(changes), epsilons)
+    loaded = load_sweep_task(task or DEFAULT_TASK, tuple(changes or ()), epsilons)
     if (grid is None) == (sampling is None):
         found = "neither a grid nor --sampling" if grid is None else "both a grid and --sampling"
         raise InputError(f"found {found}, expected one: 25x25, a number of ratios such as 49, or --sampling random:100")
-    limits = parse_range(bounds)
-    if sampling is not None:
-        return loaded, random_sampling(sampling, limits, loaded.spec.seed)
-    return loaded, grid_sampling(str(grid), limits)
+    limits = parse_numbers("--range", bounds, "LOW:HIGH of positive numbers, such as 1e-3:1e3", 0.0, ":")
+    cells = parse_sampling(grid or sampling or "", limits, loaded.spec.seed)
+    study = weight_study(loaded, parse_stages(stages, loaded), cells, every_cell)
+    _run_study(study, output, f"{loaded.spec.name}-sweep", force, resume, jobs, dask, figures, quiet)
 
 
 def monte_carlo(
     task: Annotated[str, typer.Argument(help="Task file or built-in task, with an uncertainty.")],
-    runs: Annotated[int, typer.Option(min=1, max=MOST_RUNS, metavar="N", help="Runs, each with its own seed.")],
+    runs: Annotated[int, typer.Option(min=1, max=100_000, metavar="N", help="Runs, each with its own seed.")],
     output: Annotated[Path | None, output_option("runs/<task>-monte-carlo.h5")] = None,
     resume: Resume = False,
     force: Force = False,
@@ -196,7 +165,9 @@ def pareto(
         str | None, typer.Option(metavar="T,...", help="Samples [s]. Default: five, from detection to the switch.")
     ] = None,
     points: Annotated[int, typer.Option(min=3, metavar="N", help="Points of each front, by each method.")] = 25,
-    method: Annotated[Method, typer.Option(help="How the points are found.")] = Method.BOTH,
+    method: Annotated[
+        Literal["weighted-sum", "epsilon-constraint", "both"], typer.Option(help="How the points are found.")
+    ] = "both",
     free_instant: Annotated[bool, typer.Option("--free-instant", help="The instant is a third criterion.")] = False,
     output: Annotated[Path | None, output_option("runs/<task>-pareto.h5")] = None,
     log: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep the log of the closed loop here.")] = None,
@@ -209,14 +180,15 @@ def pareto(
     """Compute what two stages cost at each other's expense: Pareto fronts at several samples of a run. Paper Fig. 7."""
     from h5py import is_hdf5
 
-    from psmpc_cli.cli.progress import ending_on_signals
+    from psmpc_cli.cli.progress import ending_on_signals, live_line, watched_run
     from psmpc_cli.cli.tables import present
     from psmpc_cli.ocp.feasibility import load_feasible
+    from psmpc_cli.simulation.run import simulate
     from psmpc_cli.studies.pareto import Question, solve_pareto
     from psmpc_cli.studies.weights import parse_numbers, parse_stages
 
     times = parse_numbers("--at", at, "times in seconds between commas, such as 6.1,8.0") if at is not None else ()
-    question = Question(stages, times, points, method.value, free_instant)
+    question = Question(stages, times, points, method, free_instant)
     loaded = None if is_hdf5(task) else load_feasible(task, [*(changes or []), *PREPARED])
     if loaded is not None:
         parse_stages(stages, loaded)
@@ -226,32 +198,16 @@ def pareto(
     if log is not None:
         output_file(log, "", force, figures=False)
 
-    def told(line: str) -> None:
-        if not quiet:
-            typer.echo(line, err=True)
-
     with TemporaryDirectory(prefix="psmpc-pareto-") as folder:
         run = Path(task) if loaded is None else log or Path(folder) / "run.h5"
         if loaded is not None:
-            _run_closed_loop(loaded, run, quiet)
-        with ending_on_signals("no results were written"):
-            solve_pareto(run, question, path, jobs, force, told)
+            with watched_run(quiet) as (watch, interruption):
+                made = simulate(loaded, run, watch, force=True)
+            if made.interrupted:
+                typer.echo(f"psmpc: {made.attributes['end_reason']}; no results were written", err=True)
+                raise typer.Exit(interruption.exit_code)
+            if made.attributes["stuck"]:
+                raise RunError(f"the closed loop could not go on: {made.attributes['end_reason']}")
+        with ending_on_signals("no results were written"), live_line(quiet) as show:
+            solve_pareto(run, question, path, jobs, force, show)
     present(path, figures, force, quiet)
-
-
-def _run_closed_loop(task: "Task", path: Path, quiet: bool) -> None:
-    """Run a task into a log with its progress; a signal ends the command.
-
-    Raises:
-        RunError: The closed loop could not go on.
-    """
-    from psmpc_cli.cli.progress import watched_run
-    from psmpc_cli.simulation.run import simulate
-
-    with watched_run(quiet) as (watch, interruption):
-        run = simulate(task, path, watch, force=True)
-    if run.interrupted:
-        typer.echo(f"psmpc: {run.attributes['end_reason']}; no results were written", err=True)
-        raise typer.Exit(interruption.exit_code)
-    if run.attributes["stuck"]:
-        raise RunError(f"the closed loop could not go on: {run.attributes['end_reason']}")

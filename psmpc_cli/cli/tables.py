@@ -267,10 +267,4 @@ def print_fronts(results: Results) -> None:
     if "weighted_J_1" in results.quantities:
         movement = fronts.front_movement(results)
         typer.echo("\n".join((movement.over_ratio, *movement.over_time)))
-    if "constrained_off_weighted" in results.quantities:
-        off = results["constrained_off_weighted"]
-        typer.echo(
-            f"epsilon constraints lie at most {np.nanmax(off, initial=0.0):.1e} of a front above the chords of the "
-            f"weighted sums, which miss such parts, and at most {-np.nanmin(off, initial=0.0):.1e} below their lines"
-        )
     typer.echo(f"results: {results.path}")

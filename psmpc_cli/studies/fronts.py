@@ -67,29 +67,6 @@ def hypervolume(points: Vector, reference: Vector) -> float:
     return float(heights @ [hypervolume(inside[inside[:, -1] <= layer, :-1], reference[:-1]) for layer in layers])
 
 
-def off_weighted_sums(points: Vector, sums: Vector, ratios: Vector) -> Vector:
-    """Return how far points (P, 2) lie outside of what weighted sums (M, 2) say of the front, over its extent (P,).
-
-    The optimum of J_1 + r J_2 leaves nothing below the line of that slope through it, and a convex front does not rise
-    above the chords between such optima. Between both a point agrees with them: 0. Positive, it lies above the chords,
-    on a part that is not convex and that no weights lead to; negative, it lies below a line, and the optimum was none.
-    """
-    known, span = np.isfinite(sums).all(axis=1), extents(sums)
-    if not known.any():
-        return np.full(len(points), np.nan)
-    at, front = points / span, sums[known] / span
-    normals = np.column_stack([np.ones(known.sum()), ratios[known]]) * span
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    below = np.max(np.sum(normals * (front - at[:, None, :]), axis=2), axis=1)
-    front = front[np.lexsort((front[:, 0], front[:, 1]))]  # rising in J_2
-    upper = np.clip(np.searchsorted(front[:, 1], at[:, 1]), 1, len(front) - 1)
-    along, away = front[upper] - front[upper - 1], at - front[upper - 1]
-    lengths = np.maximum(np.linalg.norm(along, axis=1), SAME)
-    above = (away[:, 0] * along[:, 1] - away[:, 1] * along[:, 0]) / lengths
-    above[~((front[0, 1] < at[:, 1]) & (at[:, 1] < front[-1, 1]))] = 0.0  # beyond the ends of the front
-    return np.where(np.isnan(at).any(axis=1), np.nan, np.maximum(above, 0.0) - np.maximum(below, 0.0))
-
-
 def front_rows(results: Results) -> list[dict[str, float | int]]:
     """Return what was found at every sample, by the names in `COLUMNS`.
 

@@ -20,16 +20,7 @@ from psmpc_cli.ocp.window import SHORTEST, Window
 from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.simulation.run import build_experiment, converging, header
 from psmpc_cli.solvers import NlpSolver, Solution
-from psmpc_cli.studies.fronts import (
-    CONSTRAINED,
-    FREE,
-    STATUS,
-    WEIGHTED,
-    dominated,
-    extents,
-    hypervolume,
-    off_weighted_sums,
-)
+from psmpc_cli.studies.fronts import CONSTRAINED, FREE, STATUS, WEIGHTED, dominated, extents, hypervolume
 from psmpc_cli.studies.runner import compute_all
 from psmpc_cli.studies.weights import parse_stages
 
@@ -281,13 +272,8 @@ def _sweep(trade_off: TradeOff, solve: Solution, question: Question, wait: float
         bounded.append(trade_off.solve(limit, near, wait))
         near = bounded[-1] if bounded[-1].outcome.usable else near
     every, more = improved(trade_off, sums + limits, points + bounded, wait)
-    points, bounded = every[: len(sums)], every[len(sums) :]
-    if not whole:
-        return _arrays(CONSTRAINED, bounded), again + more
-    off = off_weighted_sums(point_costs(bounded), point_costs(points), ratios)
-    words = "distance above the weighted sums' chords (positive) or below their lines (negative), over the front"
-    agreement = Quantity("constrained_off_weighted", ("bound",), off, "1", words)
-    return [*_arrays(WEIGHTED, points), *_arrays(CONSTRAINED, bounded), agreement], again + more
+    weighted = _arrays(WEIGHTED, every[: len(sums)]) if whole else []
+    return [*weighted, *_arrays(CONSTRAINED, every[len(sums) :])], again + more
 
 
 def improved(

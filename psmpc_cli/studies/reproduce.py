@@ -21,7 +21,7 @@ from psmpc_cli.studies.judge import ENDS, Reproduction
 from psmpc_cli.studies.pareto import Question, possible_samples, solve_pareto
 from psmpc_cli.studies.runner import Study, run_study
 from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
-from psmpc_cli.studies.weights import SweepCells, grid_sampling, parse_stages, recommend
+from psmpc_cli.studies.weights import SweepCells, parse_sampling, parse_stages, recommend
 
 TASK = "transport"
 
@@ -113,7 +113,7 @@ def load_weights_sweep(changes: Sequence[str], grid: str) -> Study:
     """
     common = tuple(change for change in changes if change.partition("=")[0].strip().partition(".")[0] in COMMON)
     task = load_sweep_task(str(built_ins("task")[DEFAULT_TASK]), common, ())
-    return weight_study(task, parse_stages("1,2", task), grid_sampling(grid, (1e-3, 1e3)))
+    return weight_study(task, parse_stages("1,2", task), parse_sampling(grid, (1e-3, 1e3)))
 
 
 def _find_fronts(

@@ -247,10 +247,8 @@ def _resumed(study: Study, path: Path) -> Results:
         if found != wanted:
             plainly = f"found {name.replace('_', ' ')} {found}, this one has {wanted}"
             difference = _difference(results, study.task) if name == "digest" else plainly
-            raise InputError(
-                f"--resume: {path} holds another {study.name}: {difference}; give the same task and options, or choose "
-                "another file with -o"
-            )
+            advice = "give the same task and options, or choose another file with -o"
+            raise InputError(f"--resume: {path} holds another {study.name}: {difference}; {advice}")
     cells, found_cells = len(study.cells), results["status"].size
     if found_cells > cells:
         raise InputError(f"--resume: {path} has {found_cells} runs, found {cells}, expected at least as many")
@@ -417,19 +415,13 @@ def _client(address: str) -> Iterator[Any]:
         if not re.search(r":\d+$", address):
             raise ValueError("expected HOST:PORT")
         client = Client(address, timeout=CONNECTING, set_as_default=False)
+        client.wait_for_workers(1, timeout=CONNECTING)
     except Exception as error:  # whatever answers there
         raise InputError(
-            f"--dask: found no Dask scheduler at '{address}' ({' '.join(str(error).split())}); "
-            "start one with: dask scheduler --host 127.0.0.1 --dashboard-address 127.0.0.1:8787"
+            f"--dask: found no Dask scheduler with workers at '{address}' ({' '.join(str(error).split())}); start them "
+            "with: dask scheduler --host 127.0.0.1, dask worker HOST:PORT --host 127.0.0.1 --nthreads 1"
         ) from None
     with client:
-        try:
-            client.wait_for_workers(1, timeout=CONNECTING)
-        except TimeoutError:
-            raise InputError(
-                f"--dask: the scheduler at {address} has no workers; start one on this machine with: dask worker "
-                f"{address} --nthreads 1 --host 127.0.0.1 --dashboard-address 127.0.0.1:0"
-            ) from None
         versions = client.run(resolve_name, "psmpc_cli:__version__", on_error="return")
         for worker, threads in client.nthreads().items():
             found = versions.get(worker, OSError())

@@ -52,30 +52,14 @@ class Sampling:
         return np.asarray(self.omega[:, 1] / self.omega[:, 0])
 
 
-def parse_range(text: str) -> tuple[float, float]:
-    """Parse the bounds of a range such as 1e-3:1e3.
-
-    Raises:
-        InputError: It is none, or its numbers are not positive and rising.
-    """
-    low, colon, high = text.partition(":")
-    try:
-        bounds = float(low), float(high)
-    except ValueError:
-        bounds = (np.nan, np.nan)
-    if not colon or not 0 < bounds[0] < bounds[1] < np.inf:
-        raise InputError(f"--range: found '{text}', expected LOW:HIGH with 0 < LOW < HIGH, such as 1e-3:1e3")
-    return bounds
-
-
-def parse_numbers(option: str, text: str, expected: str, above: float = -np.inf) -> tuple[float, ...]:
+def parse_numbers(option: str, text: str, expected: str, above: float = -np.inf, by: str = ",") -> tuple[float, ...]:
     """Parse the numbers of a list such as 1e-3,1e-2, and sort them, each once.
 
     Raises:
         InputError: One is no finite number above the smallest.
     """
     try:
-        found = sorted({float(part) for part in text.split(",")})
+        found = sorted({float(part) for part in text.split(by)})
     except ValueError:
         found = [np.nan]
     if not all(above < number < np.inf for number in found):
@@ -88,40 +72,36 @@ def is_grid(text: str) -> bool:
     return re.match(r"\s*[-+]?\d", text) is not None and not text.endswith((".yaml", ".yml")) and "/" not in text
 
 
-def grid_sampling(text: str, bounds: tuple[float, float]) -> Sampling:
-    """Build the cells of a grid such as 25x25 (omega_1 by omega_2), or of a number of ratios such as 49.
+def parse_sampling(text: str, bounds: tuple[float, ...], seed: int = 0) -> Sampling:
+    """Build the cells of a grid such as 25x25 (omega_1 by omega_2), of a number of ratios such as 49, or of draws.
+
+    Args:
+        text: A grid, a number of ratios, or log-uniform draws from the box such as random:40.
+        bounds: The lowest and the highest priority.
+        seed: Of the draws.
 
     Raises:
-        InputError: The text is neither, or there are too many.
+        InputError: The text is none of them, there are too many cells, or no range.
     """
-    match = re.fullmatch(r"(\d+)(?:x(\d+))?", text.strip())
-    sizes = [int(size) for size in match.groups() if size] if match else []
-    if not sizes or min(sizes) < 2 or np.prod(sizes) > MOST_CELLS:
+    if len(bounds) != 2:
+        raise InputError(f"--range: found {len(bounds)} numbers, expected two, LOW:HIGH, such as 1e-3:1e3")
+    match = re.fullmatch(r"(random:)?(\d+)|(\d+)x(\d+)", text.strip())
+    sizes = [int(size) for size in match.groups()[1:] if size] if match else []
+    drawn = match is not None and match[1] is not None
+    if not sizes or min(sizes) < (1 if drawn else 2) or np.prod(sizes) > MOST_CELLS:
         raise InputError(
-            f"the grid: found '{text}', expected two sizes of at least 2 such as 25x25 (omega_1 by omega_2), or a "
-            f"number of ratios such as 49; at most {MOST_CELLS} cells"
+            f"found '{text}', expected a grid of two sizes of at least 2 such as 25x25 (omega_1 by omega_2), a number "
+            f"of ratios such as 49, or --sampling random:N such as random:100; at most {MOST_CELLS} cells"
         )
     low, high = np.log10(bounds)
-    if len(sizes) == 1:
-        half = np.linspace(low - high, high - low, sizes[0]) / 2
-        return Sampling(RATIOS, text.strip(), 10.0 ** np.column_stack([-half, half]))
-    axes = [10.0 ** np.linspace(low, high, size) for size in sizes]
-    omega_2, omega_1 = np.meshgrid(axes[1], axes[0], indexing="ij")
-    return Sampling(GRID, text.strip(), np.column_stack([omega_1.ravel(), omega_2.ravel()]))
-
-
-def random_sampling(text: str, bounds: tuple[float, float], seed: int) -> Sampling:
-    """Build the cells of a sampling such as random:40: log-uniform draws from the box.
-
-    Raises:
-        InputError: The text is none, or there are too many.
-    """
-    match = re.fullmatch(r"random:(\d+)", text.strip())
-    if match is None or not 1 <= int(match[1]) <= MOST_CELLS:
-        raise InputError(f"--sampling: found '{text}', expected random:N with N from 1 to {MOST_CELLS}, as random:100")
-    low, high = np.log10(bounds)
-    draws = np.random.default_rng(seed).uniform(low, high, (int(match[1]), 2))
-    return Sampling(RANDOM, text.strip(), 10.0**draws)
+    if drawn:
+        exponents = np.random.default_rng(seed).uniform(low, high, (sizes[0], 2))
+    elif len(sizes) == 1:
+        exponents = np.outer(np.linspace(low - high, high - low, sizes[0]) / 2, [-1.0, 1.0])
+    else:
+        omega_2, omega_1 = np.meshgrid(*(np.linspace(low, high, size) for size in reversed(sizes)), indexing="ij")
+        exponents = np.column_stack([omega_1.ravel(), omega_2.ravel()])
+    return Sampling(RANDOM if drawn else RATIOS if len(sizes) == 1 else GRID, text.strip(), 10.0**exponents)
 
 
 def parse_stages(text: str, task: Task) -> tuple[int, int]:

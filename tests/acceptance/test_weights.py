@@ -9,7 +9,7 @@ import yaml
 from psmpc_cli.logs.results import Results
 from psmpc_cli.studies.runner import COMPUTED, run_study
 from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
-from psmpc_cli.studies.weights import grid_sampling
+from psmpc_cli.studies.weights import parse_sampling
 
 pytestmark = pytest.mark.slow
 
@@ -23,7 +23,7 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Results:
     """Seven ratios from 1e-6 to 1e6 on a coarse mesh."""
     path = tmp_path_factory.mktemp("weights") / "sweep.h5"
     task = load_sweep_task(DEFAULT_TASK, ("controller.nodes=25",), ())
-    return run_study(weight_study(task, (0, 1), grid_sampling("7", (1e-3, 1e3))), path, 2)
+    return run_study(weight_study(task, (0, 1), parse_sampling("7", (1e-3, 1e3))), path, 2)
 
 
 def test_no_cell_and_no_solve_fails_at_any_ratio(sweep: Results) -> None:

@@ -64,7 +64,7 @@ BAD: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("sweep-weights 25y25 task.yaml", ("'25y25'", "25x25")),
     ("sweep-weights task.yaml 1x5", ("'1x5'",)),
     ("sweep-weights task.yaml --sampling sobol:5", ("'sobol:5'", "random:N")),
-    ("sweep-weights 3x3 task.yaml --range 1:0.1", ("--range", "'1:0.1'")),
+    ("sweep-weights 3x3 task.yaml --range 0:1", ("--range", "'0:1'")),
     ("sweep-weights 3x3 task.yaml --epsilon 0", ("--epsilon", "'0'")),
     ("sweep-weights 3x3 task.yaml --stages 2,3", ("--stages", "'2,3'", "1 go, 2 back")),
     ("sweep-weights 3x3 task.yaml --set controller.kind=smpc", ("smpc", "no priorities")),

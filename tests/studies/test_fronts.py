@@ -11,10 +11,8 @@ from hypothesis.extra.numpy import arrays
 from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.studies.fronts import (
     dominated,
-    extents,
     front_movement,
     hypervolume,
-    off_weighted_sums,
 )
 
 CLOUDS = st.integers(2, 3).flatmap(
@@ -51,41 +49,7 @@ def test_the_hypervolume_is_that_of_the_boxes_counted_one_by_one(points: np.ndar
     assert hypervolume(points, reference) == pytest.approx(covered.sum())
 
 
-def convex_front(ratios: np.ndarray) -> np.ndarray:
-    """The optima of J_1 + r J_2 on J_1 J_2 = 1."""
-    return np.column_stack([np.sqrt(ratios), 1 / np.sqrt(ratios)])
-
-
 RATIOS = np.geomspace(0.1, 10.0, 7)
-
-
-@given(st.floats(0.1, 10.0))
-def test_a_point_of_a_convex_front_agrees_with_the_weighted_sums(ratio: float) -> None:
-    off = off_weighted_sums(convex_front(np.array([ratio])), convex_front(RATIOS), RATIOS)
-    assert abs(off[0]) < 1e-12
-
-
-def test_a_front_between_two_optima_that_rises_above_their_chord_is_found() -> None:
-    ends, ratios = np.array([[0.0, 1.0], [1.0, 0.0]]), np.array([0.1, 10.0])
-    t = np.linspace(0.1, 0.9, 9)
-    circle = np.column_stack([np.sqrt(1 - t**2), t])
-    off = off_weighted_sums(circle, ends, ratios)
-    np.testing.assert_allclose(off, (circle.sum(axis=1) - 1) / np.sqrt(2))
-
-
-def test_a_weighted_sum_that_missed_its_optimum_is_found() -> None:
-    sums = convex_front(RATIOS)
-    sums[3] *= 1.1
-    off = off_weighted_sums(convex_front(RATIOS), sums, RATIOS)
-    assert np.argmin(off) == 3
-    assert off[3] < -0.01
-
-
-def test_without_points_nothing_is_known() -> None:
-    nothing = np.full((2, 2), np.nan)
-    assert np.isnan(off_weighted_sums(np.ones((3, 2)), nothing, np.ones(2))).all()
-    assert np.isnan(off_weighted_sums(nothing, convex_front(RATIOS), RATIOS)).all()
-    np.testing.assert_array_equal(extents(nothing), 1.0)
 
 
 INSTANTS = np.array([6.0, 7.0, 8.0])

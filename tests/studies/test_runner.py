@@ -37,7 +37,7 @@ from psmpc_cli.studies.runner import (
     run_study,
 )
 from psmpc_cli.studies.sweep import load_sweep_task, weight_study
-from psmpc_cli.studies.weights import grid_sampling
+from psmpc_cli.studies.weights import parse_sampling
 
 from ..there_and_back import TASK
 
@@ -111,7 +111,7 @@ def task(tmp_path_factory: pytest.TempPathFactory) -> Task:
 
 
 def study_of(task: Task, grid: str = "2x2", every_cell: bool = False) -> Study:
-    return weight_study(task, (0, 1), grid_sampling(grid, (0.1, 10.0)), every_cell)
+    return weight_study(task, (0, 1), parse_sampling(grid, (0.1, 10.0)), every_cell)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.runner import COMPUTED, FAILED, SHARED, changed, run_study
 from psmpc_cli.studies.sweep import load_sweep_task, sweep, weight_study
-from psmpc_cli.studies.weights import grid_sampling, parse_stages
+from psmpc_cli.studies.weights import parse_sampling, parse_stages
 
 from ..there_and_back import TASK
 
@@ -23,7 +23,7 @@ def swept(
     grid: str = "2x2", every_cell: bool = False, task: str = "approach_capture", changes: tuple[str, ...] = COARSE
 ) -> Results:
     loaded = load_sweep_task(task, changes)
-    study = weight_study(loaded, parse_stages("1,2", loaded), grid_sampling(grid, (0.1, 10.0)), every_cell)
+    study = weight_study(loaded, parse_stages("1,2", loaded), parse_sampling(grid, (0.1, 10.0)), every_cell)
     return run_study(study, jobs=2)
 
 
@@ -71,7 +71,7 @@ def test_the_final_error_of_a_stage_that_ends_by_the_plan_is_the_log_s(shared: R
     changes = ("controller.nodes=12",)
     task = load_sweep_task("transport", changes)
     own = [stage.priority for stage in task.spec.stages[:2]]
-    study = weight_study(task, (0, 1), grid_sampling("2", (own[0] / 2, own[0] * 2)))
+    study = weight_study(task, (0, 1), parse_sampling("2", (own[0] / 2, own[0] * 2)))
     results = run_study(study, jobs=2)
     run = simulate(changed(task, study.cells[0]))
     error = run["deviation/end"][:, 1]

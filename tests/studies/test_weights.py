@@ -16,10 +16,9 @@ from psmpc_cli.studies.weights import (
     WITHIN,
     SweepCells,
     along_ratio,
-    grid_sampling,
     origins,
+    parse_sampling,
     parse_stages,
-    random_sampling,
     recommend,
 )
 
@@ -29,7 +28,7 @@ BOX = (1e-3, 1e3)
 
 
 def test_the_papers_grid_has_49_distinct_ratios_and_they_are_those_of_49_ratios() -> None:
-    grid, ratios = grid_sampling("25x25", BOX), grid_sampling("49", BOX)
+    grid, ratios = parse_sampling("25x25", BOX), parse_sampling("49", BOX)
     distinct = np.unique(np.round(np.log10(grid.ratio), 9))
     assert len(grid.omega) == 625
     assert len(distinct) == 49
@@ -37,7 +36,7 @@ def test_the_papers_grid_has_49_distinct_ratios_and_they_are_those_of_49_ratios(
 
 
 def test_random_draws_repeat_with_their_seed_and_stay_in_the_box() -> None:
-    one, same, other = (random_sampling("random:200", (0.1, 10.0), seed) for seed in (1, 1, 2))
+    one, same, other = (parse_sampling("random:200", (0.1, 10.0), seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.omega, same.omega)
     assert not np.array_equal(one.omega, other.omega)
     assert 0.1 <= one.omega.min() < one.omega.max() <= 10.0
@@ -102,7 +101,7 @@ def test_a_file_that_does_not_say_what_ran_is_refused_by_name(path: Path, change
 
 
 def test_runs_are_shared_where_all_priorities_over_the_largest_are_equal() -> None:
-    omega = grid_sampling("3x3", (0.1, 10.0)).omega
+    omega = parse_sampling("3x3", (0.1, 10.0)).omega
     assert len(np.unique(origins(load_task("approach_capture"), (0, 1), omega))) == 5
     assert len(np.unique(origins(load_task("transport"), (0, 1), omega))) == 9
 

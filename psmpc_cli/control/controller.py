@@ -186,7 +186,9 @@ class Controller:
         solved = solution.outcome.usable and (measured or not self._is_used_up(time))
         if solved:
             sequence = replace(sequence, instants=solution.plan.instants)
-        levels = self._hierarchy.descend(sequence, solution, prediction) if self._hierarchy and solved else ()
+        levels: tuple[Solution, ...] = ()
+        if self._hierarchy and solved:
+            levels = self._hierarchy.descend(self.stages[sequence.first :], sequence.entered, solution, prediction)
         self.sequence, self._solved = sequence, solution
         plan = self._plan_in_force((levels or (solution,))[-1].plan if solved else None, prediction, time, x)
         self._trusted = plan.end if measured and self._braking is None else self._trusted

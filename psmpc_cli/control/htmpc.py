@@ -5,15 +5,16 @@ stages advance one by one when their end condition holds. Each later level is a 
 the earlier ones; the limits are those of the current stage.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, Stage
 from psmpc_cli.ocp.window import Kept, Window, normalization
 from psmpc_cli.solvers import Solution, build_solver
+from psmpc_cli.specs.coordinates import labels
 
 
 class Hierarchy:
@@ -25,16 +26,19 @@ class Hierarchy:
         kind = "fatrop" if solver.kind == "sqp" else solver.kind
         self._solver = build_solver(problem, solver.model_copy(update={"kind": kind}))
 
-    def descend(self, sequence: MovingSequence, first: Solution, prediction: Plan) -> tuple[Solution, ...]:
+    def descend(
+        self, stages: Sequence[Stage], entered: float, first: Solution, prediction: Plan
+    ) -> tuple[Solution, ...]:
         """Solve level after level, each from the plan of the one before; a level that fails ends the descent.
 
         Args:
-            sequence: The current stage, and when it began.
+            stages: The current stage and those after it.
+            entered: When the current stage began [s].
             first: The first level: the solution of the window over the current stage.
             prediction: The shifted plan; it normalizes the costs.
         """
-        spec, stages = self.spec, self.problem.stages[sequence.first :][: self.spec.htmpc.depth]
-        begins = np.array([sequence.entered, *(prediction.end for _ in stages[1:])])  # later trajectories wait
+        spec, stages = self.spec, stages[: self.spec.htmpc.depth]
+        begins = np.array([entered, *(prediction.end for _ in stages[1:])])  # later trajectories wait
         _, scale = normalization("nadir", spec.zeta, stages, begins, self.problem.costs, prediction, spec.sample_time)
         levels, kept = [first], list[Kept]()
         for i, stage in enumerate(stages[1:], start=1):
@@ -47,10 +51,12 @@ class Hierarchy:
         return tuple(levels)
 
     def _kept(self, stage: Stage, scale: float, solved: Solution, begins: float) -> Kept:
-        """Return what later levels must keep of a level's stage: its cost, or its errors at the nodes."""
+        """Return what later levels must keep of a level's stage: its cost, or its errors at the nodes that have a weight."""
         bound = solved.costs[-1]
         if self.spec.htmpc.constraint == "error":
             bound = np.abs(self.problem.costs.errors(stage, solved.plan.X[1:], solved.plan.times[1:] - begins))
+            named = len(labels(self.problem.task.robot, stage.space))  # not those of the posture
+            bound[:, (stage.weights == 0) | (np.arange(len(stage.weights)) >= named)] = np.inf
         return Kept(stage if begins < solved.plan.end else _waiting(stage), scale, bound + self.spec.htmpc.tolerance)
 
 

@@ -99,7 +99,7 @@ def _solve_near(solver: Solver, window: Window, plan: Plan, instants: np.ndarray
 def _stretched(plan: Plan, instants: np.ndarray) -> Plan:
     """Return a plan in which the robot is at other instants where the plan is at its own; velocities stay."""
     old, new = (np.r_[plan.start, marks, plan.end] for marks in (plan.instants, instants))
-    return Plan(np.interp(plan.times, old, new), plan.X, plan.u, instants)
+    return replace(plan, times=np.interp(plan.times, old, new), instants=instants)
 
 
 def _best(own: Solution, others: list[Solution]) -> int:

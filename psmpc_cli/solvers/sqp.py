@@ -79,10 +79,11 @@ class SqpSolver(Solver):
         self._setups: dict[tuple[object, ...], tuple[VelocityForm, WindowBounds, QpMethod]] = {}
 
     def _setup(self, window: Window) -> tuple[VelocityForm, WindowBounds, QpMethod]:
-        """Return what the windows over the same stages and nodes share: form, bounds, method for their programs."""
-        key = (window.stages, window.nodes, window.discretization, window.soft)
+        """Return what windows of one shape, limits and tolerances share: form, bounds, method for their programs."""
+        shape = window_shape(window)
+        key = (shape, *((stage.limits, stage.tolerance.tobytes(), stage.end_velocity) for stage in window.stages))
         if key not in self._setups:
-            form = VelocityForm(self._model, window_shape(window), self._spec.compiled)
+            form = VelocityForm(self._model, shape, self._spec.compiled)
             self._setups[key] = form, fixed_bounds(form, window), self._method(form)
         return self._setups[key]
 

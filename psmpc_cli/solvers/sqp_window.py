@@ -52,7 +52,7 @@ class WindowBounds:
 
 
 def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
-    """Return the bounds that all windows over the same stages and nodes share, those of durations left open."""
+    """Return the bounds that windows of one shape, limits and tolerances share, those of durations left open."""
     grid, stages, S = form.grid, window.stages, form.grid.switches
     low, high = node_limits(grid, stages)
     first = np.array([low[0], high[0]])

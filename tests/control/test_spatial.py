@@ -1,76 +1,23 @@
 """Controllers of spatial robots, stepped by hand on a plant that follows their plans exactly."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.control.controller import Command, Controller, State
+from psmpc_cli.control.controller import Command, State
 from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.objective import StageShape, stage_functions
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.model import load_robot
 from psmpc_cli.simulation.run import simulate
+from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.load import Task, load_task
 
-Array = NDArray[np.float64]
-
-
-def attitude(axis: list[float], degrees: float) -> dict[str, Any]:
-    """An attitude as a task writes it."""
-    return {"axis": list(np.array(axis) / np.linalg.norm(axis)), "angle": f"{degrees} deg"}
-
-
-def run(task: Task, longest: float = 40.0) -> tuple[list[Command], list[float], State]:
-    """Step a controller on an ideal plant until it is done: commands, switch times, final state."""
-    controller = Controller(task)
-    problem = controller.problem
-    Q = initial(task)
-    state, time, commands = State(Q, np.zeros(problem.model.n)), 0.0, list[Command]()
-    while not controller.done and time < longest:
-        commands.append(controller.step(time, state))
-        plan, time = commands[-1].plan, round(time + task.spec.controller.sample_time, 6)
-        found = plan.chart.leave(plan.states_at(np.array([time])))
-        state = State(found[0][0], found[1][0])
-    assert controller.done
-    return commands, [switch.time for command in commands for switch in command.switches], state
-
-
-def initial(task: Task) -> Array:
-    """Coordinates at the start."""
-    parts: Mapping[str, tuple[float, ...]] = task.spec.initial
-    return np.concatenate([parts[part] for part in task.robot.parts])
-
-
-def turning(degrees: float, nodes: int = 12) -> Task:
-    """The small free-flyer turns about (1, 1, 1), flies half a metre and unfolds its arm."""
-    pose = {"position": [0.3, 0.2, -0.3], "attitude": attitude([1, 1, 1], degrees)}
-    weights = {"base": [100] * 6, "arm": [10] * 3, "control": 0.1}
-    arms = ([0, 0, 0], ["40 deg", "-30 deg", "60 deg"])
-    ends = {"coordinates": ["base"], "tolerance": 5e-3}, {"coordinates": ["all"], "tolerance": 5e-3}
-    return load_task(
-        {
-            "robot": "free_flyer_arm",
-            "initial": {"base": {"position": [0, 0, 0]}, "arm": [0, 0, 0]},
-            "controller": {"nodes": nodes},
-            "skills": {"move": {"space": "joint", "weights": weights}},
-            "stages": [
-                {"name": "fly", "skill": "move", "target": {"base": pose, "arm": arms[0]}, "ends_when": ends[0]},
-                {
-                    "name": "unfold",
-                    "skill": "move",
-                    "priority": 10,
-                    "target": {"base": pose, "arm": arms[1]},
-                    "ends_when": ends[1],
-                },
-            ],
-        }
-    )
+from ..in_space import GOAL, KINDS, Array, attitude, reaching, run, turning
 
 
 @pytest.mark.parametrize("degrees", [175, 180, 185])
@@ -85,9 +32,48 @@ def test_a_turn_takes_the_short_way_at_a_rate_within_its_limit(degrees: float) -
     assert max(np.abs(command.x[-9 + 3 : -9 + 6]).max() for command in commands) < 0.3 * 1.005
 
 
+def test_a_later_stage_with_a_high_priority_acts_early_and_ends_sooner() -> None:
+    """In a mission with a skill of every kind."""
+    ends = [run(reaching(f"controller.kind={kind}"))[1] for kind in ("psmpc", "smpc", "hard")]
+    assert ends[0][1] + 0.2 < ends[1][1] < ends[2][1]
+    assert [end[0] for end in ends] == pytest.approx([4.4] * 3, abs=0.15)
+
+
+def test_one_level_of_htmpc_is_hard_switching_and_more_keep_earlier_stages() -> None:
+    hard, one, several = (
+        run(turning(120, f"controller.kind={kind}", f"controller.htmpc.depth={depth}"))
+        for kind, depth in (("hard", 1), ("htmpc", 1), ("htmpc", 2))
+    )
+    np.testing.assert_array_equal([c.x for c in hard[0]], [c.x for c in one[0]])
+    first, second = zip(*(c.levels for c in several[0] if len(c.levels) == 2), strict=True)
+    assert all(solved.outcome is Outcome.OPTIMAL for solved in second)
+    kept, own = (np.array([solved.costs[0] for solved in level]) for level in (second, first))
+    assert (kept <= own + 1e-3 + 1e-6).all()
+    assert kept.max() > 0.1
+
+
+SETTINGS = {
+    "htmpc by errors": ("controller.kind=htmpc", "controller.htmpc.constraint=error"),
+    "automatic nodes": ("controller.nodes=auto",),
+    "several starts": ("controller.multistart=3",),
+    "soft limits": ("controller.soft_limits=true",),
+    "fatrop": ("solver.kind=fatrop",),
+    "ipopt": ("solver.kind=ipopt",),
+}
+
+
+@pytest.mark.parametrize("changes", SETTINGS.values(), ids=list(SETTINGS))
+def test_with_every_setting_the_mission_is_done(changes: tuple[str, ...]) -> None:
+    commands, switches, _ = run(turning(120, *changes))
+    assert not any({"solve_failed", "unmeasured"} & command.events for command in commands)
+    again = run(turning(120))[1]
+    rest = "controller.kind=htmpc" in changes  # its second stage begins when the first is over
+    assert switches == pytest.approx(again, abs=2.5 if rest else 0.8 if "auto" in changes[0] else 1e-3)
+
+
 def test_the_predicted_switch_time_stays_where_it_is() -> None:
     """About (1, 1, 1), from the sample after it is first seen on."""
-    commands, switches, _ = run(turning(120, nodes=25))
+    commands, switches, _ = run(turning(120, "controller.nodes=25"))
     seen = [float(command.instants[0]) for command in commands if len(command.instants)]
     assert len(seen) > 5
     assert np.ptp(seen[1:]) < 0.01
@@ -173,31 +159,37 @@ def test_the_paper_s_robot_on_a_base_with_six_degrees_of_freedom_moves_as_in_the
     assert np.abs(out_of_plane).max() < 1e-12
 
 
-@pytest.mark.parametrize("space", ["joint", "task"])
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 3.1, np.pi])
+@pytest.mark.parametrize("space", list(KINDS))
 def test_derivatives_of_residuals_are_those_of_differences(space: str, angle: float) -> None:
-    """At every size of the attitude's error, that of 180 deg included."""
+    """At every size of the errors of base and arm, that of 180 deg included."""
     model = load_robot("free_flyer_arm")
-    functions = stage_functions(model, StageShape(space))
-    half = np.r_[np.cos(angle / 2), np.sin(angle / 2) * np.array([0.6, 0.0, 0.8])]
-    arm = model.poses(np.r_[0, 0, 0, half, 0.1, 0.2, 0.3])[1]
-    anchor = np.array([1.0, 0, 0, 0])
-    numbers = np.r_[1, 2, 3, half, [0.1, 0.2, 0.3] if space == "joint" else arm, anchor, np.zeros(3)]
-    Q = ca.SX.sym("Q", model.n)
-    error = functions.residual(Q, numbers)
-    jacobian = ca.Function("J", [Q], [ca.jacobian(error, Q)])
-    at = np.r_[0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 0.2, 0.1, -0.3]
-    exact, step = jacobian(at).full(), 1e-5
-    assert np.isfinite(exact).all()
+    functions, at = stage_functions(model, StageShape(space)), np.r_[0.1, 0.2, 0.3, 0.2, -0.3, 0.1, 0.2, 0.1, -0.3]
+    anchor = np.array([0.1, 0.7, -0.1, 0.7])
+    anchor /= np.linalg.norm(anchor)
+    found = model.charted(at, anchor).full().reshape(2, 7)
+    wanted, away = found.copy(), Rotation.from_rotvec(angle * np.array([0.0, 0.6, 0.8]))
+    for each in wanted:
+        each[3:] = (Rotation.from_quat(each[[4, 5, 6, 3]]) * away).as_quat()[[3, 0, 1, 2]]
+    wanted[:, 3:] *= np.sign((found[:, 3:] * wanted[:, 3:]).sum(axis=1, keepdims=True) + 1e-15)
+    ahead = Rotation.from_quat(wanted[1, [4, 5, 6, 3]]).apply([2.0, 0.0, 0.0])
+    target = {"joint": at[6:], "task": wanted[1], "point": wanted[1, :3] + ahead}
+    numbers = np.r_[wanted[0], target[space], anchor, np.zeros(3)]
 
     def residual(Q: Array) -> Array:
         return np.asarray(functions.residual(Q, numbers)).ravel()
 
+    Q, step = ca.SX.sym("Q", model.n), 1e-5
+    exact = ca.Function("J", [Q], [ca.jacobian(functions.residual(Q, numbers), Q)])(at).full()
+    assert np.isfinite(exact).all()
+    assert np.linalg.norm(residual(at)[3:6]) == pytest.approx(angle, abs=1e-9)
+    of_arm = {"joint": np.zeros(0), "task": residual(at)[9:12], "point": residual(at)[6:8]}
+    assert space == "joint" or np.linalg.norm(of_arm[space]) == pytest.approx(angle, abs=1e-6)
     differences = np.column_stack(
         [(residual(at + step * e) - residual(at - step * e)) / (2 * step) for e in np.eye(model.n)]
     )
-    np.testing.assert_allclose(exact, differences, atol=1e-6)
-    assert np.linalg.norm(residual(np.zeros(model.n))[3:6]) == pytest.approx(angle, abs=1e-12)
+    smooth = 6 if space == "point" and angle == np.pi else None  # an axis that points away may turn either way
+    np.testing.assert_allclose(exact[:smooth], differences[:smooth], atol=1e-6)
 
 
 def test_simulate_says_that_it_takes_planar_robots_so_far() -> None:

@@ -2,7 +2,7 @@
 
 In the plane a row of an arm is the angle from the line to the point to the axis, by atan2 of cross and dot product:
 smooth but where the axis points exactly away from the point. In space its rows are the rotation vector from the axis to
-the line, whose length is that angle.
+the line, whose length is that angle; where the axis points exactly away it turns about the frame's y-axis.
 """
 
 import casadi as ca
@@ -11,6 +11,9 @@ import numpy as np
 from psmpc_cli.ocp.skills.base import Posture, Skill, anchored_poses, pose_error
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import conjugate, log, rotate
+
+TILT = 1e-9
+"""Angle by which the line is taken to lie off [rad]: so there is an axis to turn about where it is exactly behind."""
 
 FAR = 1e3
 """Coordinates of the point of an arm that need not point at anything [m]: the row stays smooth, and has no weight."""
@@ -48,7 +51,8 @@ def _angles(line: ca.SX, attitude: ca.SX) -> ca.SX:
     """Return the turns (2,) [rad] about the frame's y- and z-axis that would bring its x-axis to a line (3,)."""
     x, y, z = rotate(conjugate([attitude[i] for i in range(4)]), [line[i] for i in range(3)])
     # the shortest rotation from (1, 0, 0) to (x, y, z) has the quaternion (|line| + x, 0, -z, y)
-    turn = log([ca.norm_2(line) + x, 0.0, -z, y])
+    length = ca.norm_2(line)
+    turn = log([length + x, 0.0, -z - TILT * length, y])
     return ca.SX(ca.vertcat(turn[1], turn[2]))
 
 

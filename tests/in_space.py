@@ -90,7 +90,12 @@ def reaching(*changes: str) -> Task:
         "controller": {"nodes": 12},
         "skills": {space: {"space": space, "weights": weights[space]} for space in KINDS},
         "stages": [
-            {"name": "fly", "skill": "joint", "target": {"base": base, "arm": [0, 0, 0]}, "ends_when": {**ends, "coordinates": ["base"]}},
+            {
+                "name": "fly",
+                "skill": "joint",
+                "target": {"base": base, "arm": [0, 0, 0]},
+                "ends_when": {**ends, "coordinates": ["base"]},
+            },
             {**reach, "ends_when": {**ends, "hold": 0.5}},
             {**look, "ends_when": {**ends, "tolerance": 0.01, "velocity": 0.02}},
         ],

@@ -51,7 +51,7 @@ class Hierarchy:
         return tuple(levels)
 
     def _kept(self, stage: Stage, scale: float, solved: Solution, begins: float) -> Kept:
-        """Return what later levels must keep of a level's stage: its cost, or its errors at the nodes that have a weight."""
+        """Return what later levels must keep of a level's stage: its cost, or its weighted errors at the nodes."""
         bound = solved.costs[-1]
         if self.spec.htmpc.constraint == "error":
             bound = np.abs(self.problem.costs.errors(stage, solved.plan.X[1:], solved.plan.times[1:] - begins))

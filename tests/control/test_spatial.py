@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.control.controller import Command, State
 from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.objective import StageShape, stage_functions
 from psmpc_cli.ocp.problem import build_problem
@@ -17,7 +16,7 @@ from psmpc_cli.simulation.run import simulate
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.load import Task, load_task
 
-from ..in_space import GOAL, KINDS, Array, attitude, reaching, run, turning
+from ..in_space import KINDS, Array, attitude, reaching, run, turning
 
 
 @pytest.mark.parametrize("degrees", [175, 180, 185])

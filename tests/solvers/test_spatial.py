@@ -47,7 +47,9 @@ def at_rest(one: Solution) -> Solution:
 
 
 def weak(stage: Stage) -> Stage:
-    return replace(stage, limits=replace(stage.limits, acceleration_low=np.full(9, -0.2), acceleration_high=np.full(9, 0.2)))
+    return replace(
+        stage, limits=replace(stage.limits, acceleration_low=np.full(9, -0.2), acceleration_high=np.full(9, 0.2))
+    )
 
 
 def on_a_path(one: Solution) -> Solution:

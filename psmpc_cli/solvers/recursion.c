@@ -1,12 +1,13 @@
 /* The linear algebra of an interior-point step: a Riccati recursion over the nodes of a window.
  *
- * A node's vector is y = [Q; v; tau], N + N + S numbers, padded with zeros to C of them: steps of positions, of
- * velocities and of the free durations. The control of an interval is the velocity w at its end:
+ * A node has the steps of its positions and of the free durations, q = [Q; tau], and of its velocities v. The control of
+ * an interval is the velocity w at its end:
  *
  *     Q+ = Q + a v + b w + Gamma tau,   v+ = w.
  *
  * So a large weight on velocities, of a bound that is active, stands in the matrix that is factorized and nowhere
- * else, and cancels no digits. N (coordinates) and S (durations) are compile-time constants.
+ * else, and cancels no digits. v acts as a shift of Q by a v and in R (w - v)^2 / 2 alone: what is eliminated has q's
+ * columns, and those of v follow. N (coordinates) and S (durations) are compile-time constants.
  */
 #include <float.h>
 #include <math.h>
@@ -18,16 +19,22 @@ typedef double vec __attribute__((vector_size(8 * WIDTH), may_alias));
 
 #define PADDED(a) (((a) + WIDTH - 1) / WIDTH * WIDTH)
 #define M (2 * N)
-#define C PADDED(M + S)
 #define NC PADDED(N)
-#define CV (C / WIDTH)
+#define D PADDED(N + S)
 #define NV (NC / WIDTH)
+#define DV (D / WIDTH)
+#define TV (NV + DV + NV)
 
-/* What an interval leaves of its elimination, L L' = R + B'PB: Y = L^-1 (B'PF - R on v), J = L^-1. */
+/* What an interval leaves of its elimination: rows of -A^-1 Z (N, D), then of -A^-1 (N, NC), with A = R + B'PB and
+ * Z = B'P by q. */
 typedef struct {
-    vec Y[N][CV];
-    vec J[N][NV];
+    vec row[N][DV + NV];
 } Interval;
+
+/* A value function: Hessian by q, by v and q, and the upper triangle of that by v; rows after the last are 0. */
+typedef struct {
+    vec q[D][DV], vq[NC][DV], v[NC][NV];
+} Value;
 
 /* The matrices of the quadratic program that a recursion reads. */
 typedef struct {
@@ -48,197 +55,220 @@ typedef struct {
 static inline double *numbers(vec *row) { return (double *)row; }
 static inline const double *values(const vec *row) { return (const double *)row; }
 
-/* Add the cost of node k + 1 to the value function P; `last` counts the end rows that are left. */
-static void add_node(const Stages *q, int64_t k, int64_t *last, vec P[C][CV]) {
-    for (int i = 0; i < N; i++)
-        for (int j = 0; j < NV; j++) P[i][j] += q->positions[(k * N + i) * NV + j];
-    for (int i = 0; i < M; i++) numbers(P[i])[i] += q->diagonal[k * M + i];
-    for (int i = 0; i < M; i++)
-        for (int c = 0; c < S; c++) {
-            numbers(P[i])[M + c] += q->arrow[(k * M + i) * S + c];
-            numbers(P[M + c])[i] += q->arrow[(k * M + i) * S + c];
-        }
-    for (; *last > 0 && q->end_node[*last - 1] == k; --*last) {
-        const double *row = q->end_rows + (*last - 1) * M;
-        for (int i = 0; i < M; i++) {
-            double share = q->end_weights[*last - 1] * row[i];
-            if (share != 0.0)
-                for (int j = 0; j < M; j++) numbers(P[i])[j] += share * row[j];
-        }
-    }
+/* to[r] -= the sum over l of T[l][column + r] times the vectors T[l][at ..], a few rows by a few vectors in registers. */
+static inline __attribute__((always_inline)) void tile(const vec T[N][TV], int begin, int end, int column, int at,
+                                                       int rows, int vectors, vec *to, int stride) {
+    vec sum[WIDTH][3];
+    for (int r = 0; r < rows; r++)
+        for (int j = 0; j < vectors; j++) sum[r][j] = to[r * stride + j];
+    for (int l = begin; l < end; l++)
+        for (int r = 0; r < rows; r++)
+            for (int j = 0; j < vectors; j++) sum[r][j] -= values(T[l])[column + r] * T[l][at + j];
+    for (int r = 0; r < rows; r++)
+        for (int j = 0; j < vectors; j++) to[r * stride + j] = sum[r][j];
 }
 
-/* G = P F: columns by the vector of the node before. */
-static void by_node_before(const vec P[C][CV], double a, const double *gap_tau, vec G[C][CV]) {
-    vec drift[S + 1][CV];
-    memset(drift, 0, sizeof drift);
-    for (int j = 0; j < N; j++)
-        for (int c = 0; c < S; c++)
-            for (int v = 0; v < CV; v++) drift[c][v] -= gap_tau[j * S + c] * P[j][v];
-    for (int i = 0; i < M + S; i++) {
-        const double *row = values(P[i]);
-        double *to = numbers(G[i]);
-        for (int j = 0; j < N; j++) to[j] = row[j];
-        for (int j = 0; j < N; j++) to[N + j] = a * row[j];
-        for (int c = 0; c < S; c++) to[M + c] = row[M + c] + values(drift[c])[i];
-        for (int j = M + S; j < C; j++) to[j] = 0.0;
-    }
+/* The same for the vectors T[l][first .. last). */
+static inline __attribute__((always_inline)) void strip(const vec T[N][TV], int begin, int end, int column, int first,
+                                                        int last, int rows, vec *to, int stride) {
+    for (; first + 2 < last; first += 3, to += 3) tile(T, begin, end, column, first, rows, 3, to, stride);
+    if (last - first == 2) tile(T, begin, end, column, first, rows, 2, to, stride);
+    if (last - first == 1) tile(T, begin, end, column, first, rows, 1, to, stride);
 }
 
-/* Eliminate the control: A = R + B'PB is factorized, Y and J are solved for. Returns 0 where A is not positive. */
-static int eliminate(const vec P[C][CV], const vec G[C][CV], double b, const double *R, Interval *to) {
-    vec A[N][NV];
+/* The same for the rows of a block of N rows, the last of which may be smaller. */
+static inline __attribute__((always_inline)) void block_of_rows(const vec T[N][TV], int begin, int end, int column,
+                                                                int first, int last, int block, vec *to, int stride) {
+    if ((block + 1) * WIDTH <= N) strip(T, begin, end, column, first, last, WIDTH, to, stride);
+    else strip(T, begin, end, column, first, last, N % WIDTH, to, stride);
+}
+
+/* The transpose of a square block. */
+static inline void transpose(const vec *from, int stride, vec to[WIDTH]) {
+    for (int r = 0; r < WIDTH; r++)
+        to[r] = (vec){from[0][r], from[stride][r], from[2 * stride][r], from[3 * stride][r]};
+}
+
+/* Add the cost of node k + 1 to the value function; `last` counts the end rows that are left. */
+static void add_node(const Stages *s, int64_t k, int64_t *last, Value *P) {
+    const double *arrow = s->arrow + k * M * S;
     for (int i = 0; i < N; i++) {
-        vec Z[CV];
-        for (int v = 0; v < CV; v++) Z[v] = b * P[i][v] + P[N + i][v];
-        for (int j = 0; j < N; j++) numbers(A[i])[j] = b * values(Z)[j] + values(Z)[N + j];
-        for (int j = N; j < NC; j++) numbers(A[i])[j] = 0.0;
-        numbers(A[i])[i] += R[i];
-        for (int v = 0; v < CV; v++) to->Y[i][v] = b * G[i][v] + G[N + i][v];
-        numbers(to->Y[i])[N + i] -= R[i];
-        memset(to->J[i], 0, sizeof to->J[i]);
-        numbers(to->J[i])[i] = 1.0;
+        for (int j = 0; j < NV; j++) P->q[i][j] += s->positions[(k * N + i) * NV + j];
+        numbers(P->q[i])[i] += s->diagonal[k * M + i];
+        numbers(P->v[i])[i] += s->diagonal[k * M + N + i];
+        for (int c = 0; c < S; c++) {
+            numbers(P->q[i])[N + c] += arrow[i * S + c];
+            numbers(P->q[N + c])[i] += arrow[i * S + c];
+            numbers(P->vq[i])[N + c] += arrow[(N + i) * S + c];
+        }
     }
-    for (int l = 0; l < N; l += 2) {
-        for (int p = l; p < l + 2 && p < N; p++) {
-            double pivot = values(A[p])[p];
+    for (; *last > 0 && s->end_node[*last - 1] == k; --*last) {
+        const double *row = s->end_rows + (*last - 1) * M, *by_v = row + N;
+        for (int i = 0; i < N; i++) {
+            double share = s->end_weights[*last - 1] * row[i], share_v = s->end_weights[*last - 1] * by_v[i];
+            for (int j = 0; j < N && share != 0.0; j++) numbers(P->q[i])[j] += share * row[j];
+            for (int j = 0; j < N && share_v != 0.0; j++) {
+                numbers(P->vq[i])[j] += share_v * row[j];
+                numbers(P->v[i])[j] += share_v * by_v[j];
+            }
+        }
+    }
+}
+
+/* Replace Q by Q + Gamma tau. */
+static void drift(const double *gap_tau, Value *P) {
+    for (int c = 0; c < S; c++) {
+        vec gamma[NV];
+        memset(gamma, 0, sizeof gamma);
+        for (int j = 0; j < N; j++) numbers(gamma)[j] = -gap_tau[j * S + c];
+        for (int j = 0; j < N; j++)
+            for (int v = 0; v < DV; v++) P->q[N + c][v] += values(gamma)[j] * P->q[j][v];
+        for (int i = 0; i < N; i++) {
+            vec sum = P->vq[i][0] * gamma[0];
+            for (int v = 1; v < NV; v++) sum += P->vq[i][v] * gamma[v];
+            numbers(P->vq[i])[N + c] += (sum[0] + sum[1]) + (sum[2] + sum[3]);
+        }
+    }
+    for (int c = 0; c < S; c++)
+        for (int j = 0; j < N; j++) {
+            for (int e = 0; e < S; e++) numbers(P->q[N + c])[N + e] -= values(P->q[N + c])[j] * gap_tau[j * S + e];
+            numbers(P->q[j])[N + c] = values(P->q[N + c])[j];
+        }
+}
+
+/* Eliminate the control: T = L^-1 [A Z 1]. Returns 0 where A is not positive. */
+static int eliminate(const Value *P, double b, const double *R, vec T[N][TV]) {
+    for (int i = 0; i < N; i++) {
+        for (int v = 0; v < DV; v++) T[i][NV + v] = b * P->q[i][v] + P->vq[i][v];
+        for (int v = 0; v < NV; v++) T[i][v] = P->v[i][v] + b * T[i][NV + v], T[i][NV + DV + v] = (vec){0};
+        numbers(T[i])[i] += R[i];
+        numbers(T[i])[NC + D + i] = 1.0;
+    }
+    for (int block = 0; block < NV; block++) {
+        int p = block * WIDTH, last = NV + DV + block + 1;
+        for (int other = block; other < NV; other++) {
+            vec turned[WIDTH];
+            transpose(P->vq[other * WIDTH] + block, DV, turned);
+            for (int r = 0; r < WIDTH && p + r < N; r++) T[p + r][other] += b * turned[r];
+        }
+        block_of_rows(T, 0, p, p, block, last, block, T[p] + block, TV);
+        for (int l = p; l < p + WIDTH && l < N; l++) {
+            double pivot = values(T[l])[l];
             if (!(pivot > DBL_MIN)) return 0;
             double scale = 1.0 / sqrt(pivot);
-            for (int v = p / WIDTH; v < NV; v++) A[p][v] *= scale;
-            for (int v = 0; v <= p / WIDTH; v++) to->J[p][v] *= scale;
-            for (int v = 0; v < CV; v++) to->Y[p][v] *= scale;
-            if (p > l || p + 1 == N) break;
-            double f = values(A[p])[p + 1];
-            for (int v = (p + 1) / WIDTH; v < NV; v++) A[p + 1][v] -= f * A[p][v];
-            for (int v = 0; v <= p / WIDTH; v++) to->J[p + 1][v] -= f * to->J[p][v];
-            for (int v = 0; v < CV; v++) to->Y[p + 1][v] -= f * to->Y[p][v];
-        }
-        for (int i = l + 2; i < N; i++) { /* two pivots at a time: half the loads and stores */
-            double f = values(A[l])[i], g = values(A[l + 1])[i];
-            for (int v = i / WIDTH; v < NV; v++) A[i][v] -= f * A[l][v] + g * A[l + 1][v];
-            for (int v = 0; v < CV; v++) to->Y[i][v] -= f * to->Y[l][v] + g * to->Y[l + 1][v];
-            for (int v = 0; v <= (l + 1) / WIDTH; v++) to->J[i][v] -= f * to->J[l][v] + g * to->J[l + 1][v];
+            for (int v = block; v < last; v++) T[l][v] *= scale;
+            for (int i = l + 1; i < p + WIDTH && i < N; i++) {
+                double f = values(T[l])[i];
+                for (int v = block; v < last; v++) T[i][v] -= f * T[l][v];
+            }
         }
     }
     return 1;
 }
 
-/* P = F'G + R on v - Y'Y, the value function at the node before. */
-static void step_back(const vec G[C][CV], const Interval *at, double a, const double *gap_tau, const double *R,
-                      vec P[C][CV]) {
-    for (int i = 0; i < N; i++)
-        for (int v = 0; v < CV; v++) P[i][v] = G[i][v], P[N + i][v] = a * G[i][v];
-    for (int c = 0; c < S; c++)
-        for (int v = 0; v < CV; v++) {
-            vec sum = G[M + c][v];
-            for (int j = 0; j < N; j++) sum -= gap_tau[j * S + c] * G[j][v];
-            P[M + c][v] = sum;
+/* The value function at the node before, and what the interval leaves. */
+static void step_back(const vec T[N][TV], double a, const double *R, Value *P, Interval *to) {
+    vec G[NC][DV + NV], weight[NV];
+    memset(G, 0, sizeof G);
+    memset(weight, 0, sizeof weight);
+    memcpy(weight, R, N * sizeof(double));
+    for (int block = 0; block < NV; block++) {
+        int p = block * WIDTH;
+        block_of_rows(T, p, N, NC + D + p, NV, NV + DV + block + 1, block, G[p], DV + NV);
+        for (int other = 0; other < block; other++) {
+            vec turned[WIDTH];
+            transpose(G[p] + DV + other, DV + NV, turned);
+            for (int r = 0; r < WIDTH; r++) G[other * WIDTH + r][DV + block] = turned[r];
         }
-    for (int i = 0; i < N; i++) numbers(P[N + i])[N + i] += R[i];
-    for (int block = 0; block < CV; block++) {
-        int v = block;
-        for (; v + 1 < CV; v += 2) { /* four rows by two vectors stay in registers */
-            vec sum[WIDTH][2];
-            for (int r = 0; r < WIDTH; r++)
-                for (int j = 0; j < 2; j++) sum[r][j] = P[block * WIDTH + r][v + j];
-            for (int l = 0; l < N; l++)
-                for (int r = 0; r < WIDTH; r++)
-                    for (int j = 0; j < 2; j++) sum[r][j] -= values(at->Y[l])[block * WIDTH + r] * at->Y[l][v + j];
-            for (int r = 0; r < WIDTH; r++)
-                for (int j = 0; j < 2; j++) P[block * WIDTH + r][v + j] = sum[r][j];
-        }
-        for (; v < CV; v++) {
-            vec sum[WIDTH];
-            for (int r = 0; r < WIDTH; r++) sum[r] = P[block * WIDTH + r][v];
-            for (int l = 0; l < N; l++)
-                for (int r = 0; r < WIDTH; r++) sum[r] -= values(at->Y[l])[block * WIDTH + r] * at->Y[l][v];
-            for (int r = 0; r < WIDTH; r++) P[block * WIDTH + r][v] = sum[r];
-        }
-        for (int i = (block + 1) * WIDTH; i < M + S; i++) /* the lower triangle is the upper one's image */
-            for (int r = 0; r < WIDTH; r++) numbers(P[i])[block * WIDTH + r] = values(P[block * WIDTH + r])[i];
     }
+    memcpy(to, G, sizeof *to);
+    for (int block = 0; block < DV; block++) {
+        int p = block * WIDTH;
+        strip(T, 0, N, NC + p, NV + block, NV + DV, WIDTH, P->q[p] + block, DV);
+        for (int other = block + 1; other < DV; other++) {
+            vec turned[WIDTH];
+            transpose(P->q[p] + other, DV, turned);
+            for (int r = 0; r < WIDTH; r++) P->q[other * WIDTH + r][block] = turned[r];
+        }
+    }
+    for (int i = 0; i < N; i++)
+        for (int v = 0; v < DV; v++) P->vq[i][v] = a * P->q[i][v] - R[i] * G[i][v];
+    for (int block = 0; block < NV; block++)
+        for (int other = block; other < NV; other++) {
+            vec turned[WIDTH];
+            transpose(P->vq[other * WIDTH] + block, DV, turned);
+            for (int r = 0, i = block * WIDTH; r < WIDTH && i < N; r++, i++)
+                P->v[i][other] = a * (P->vq[i][other] + turned[r] - a * P->q[i][other]) +
+                                 R[i] * weight[other] * G[i][DV + other];
+        }
+    for (int i = 0; i < N; i++) numbers(P->v[i])[i] += R[i];
 }
 
 /* Factorize; `U` (S, S) is what is left by the durations. Returns 0 where the Hessian is not positive. */
-static int factorize(const Stages *q, Interval *intervals, double *U) {
-    vec P[C][CV], G[C][CV];
-    int64_t last = q->ends;
-    memset(P, 0, sizeof P);
-    memset(G, 0, sizeof G);
+static int factorize(const Stages *s, Interval *intervals, double *U) {
+    Value P;
+    vec T[N][TV];
+    int64_t last = s->ends;
+    memset(&P, 0, sizeof P);
     for (int c = 0; c < S; c++)
-        for (int e = 0; e < S; e++) numbers(P[M + c])[M + e] = q->durations[c * S + e];
-    for (int64_t k = q->K - 1; k >= 0; k--) {
-        double a = -q->gap_velocity[2 * k], b = -q->gap_velocity[2 * k + 1];
-        const double *gap_tau = q->gap_tau + k * N * S, *R = q->difference + k * N;
-        add_node(q, k, &last, P);
-        by_node_before(P, a, gap_tau, G);
-        if (!eliminate(P, G, b, R, intervals + k)) return 0;
-        step_back(G, intervals + k, a, gap_tau, R, P);
+        for (int e = 0; e < S; e++) numbers(P.q[N + c])[N + e] = s->durations[c * S + e];
+    for (int64_t k = s->K - 1; k >= 0; k--) {
+        double a = -s->gap_velocity[2 * k], b = -s->gap_velocity[2 * k + 1];
+        const double *R = s->difference + k * N;
+        add_node(s, k, &last, &P);
+        drift(s->gap_tau + k * N * S, &P);
+        if (!eliminate(&P, b, R, T)) return 0;
+        step_back(T, a, R, &P, intervals + k);
     }
     for (int c = 0; c < S; c++)
-        for (int e = 0; e < S; e++) U[c * S + e] = values(P[M + c])[M + e];
+        for (int e = 0; e < S; e++) U[c * S + e] = values(P.q[N + c])[N + e];
     return 1;
 }
 
-/* out = L^-1 r and out = L^-T r. */
-static inline void apply(const Interval *at, const double *r, double *out) {
-    for (int i = 0; i < N; i++) {
-        vec sum = at->J[i][0] * *(const vec *)r;
-        for (int v = 1; v <= i / WIDTH; v++) sum += at->J[i][v] * ((const vec *)r)[v];
-        out[i] = (sum[0] + sum[1]) + (sum[2] + sum[3]);
-    }
-}
-
-static inline void apply_transposed(const Interval *at, const double *r, double *out) {
-    vec sum[NV];
-    for (int v = 0; v < NV; v++) sum[v] = (vec){0};
-    for (int i = 0; i < N; i++)
-        for (int v = 0; v <= i / WIDTH; v++) sum[v] += r[i] * at->J[i][v];
-    memcpy(out, sum, sizeof sum);
-}
-
-/* Backward: `gradient` (K, 2N) by nodes 1 .. K. `u` (S,) gets added what is left by the durations, `y` (K, NC) kept. */
-static void backward(const Stages *q, const Interval *intervals, const double *gradient, double *u, double *y) {
-    vec p[CV], r[NV];
+/* Backward: `gradient` (K, 2N) by nodes 1 .. K. `u` (S,) gets added what is left by the durations; `y` (K, NC) keeps
+ * the derivatives by the controls. */
+static void backward(const Stages *s, const Interval *intervals, const double *gradient, double *u, double *y) {
+    vec p[DV + NV];
+    double *q = numbers(p), *v = q + D;
     memset(p, 0, sizeof p);
-    memset(r, 0, sizeof r);
-    for (int c = 0; c < S; c++) numbers(p)[M + c] = u[c];
-    for (int64_t k = q->K - 1; k >= 0; k--) {
-        double a = -q->gap_velocity[2 * k], b = -q->gap_velocity[2 * k + 1], *at = y + k * NC, *to = numbers(p);
-        const Interval *interval = intervals + k;
-        for (int i = 0; i < M; i++) to[i] += gradient[k * M + i];
-        for (int i = 0; i < N; i++) numbers(r)[i] = b * to[i] + to[N + i];
-        apply(interval, values(r), at);
+    for (int c = 0; c < S; c++) q[N + c] = u[c];
+    for (int64_t k = s->K - 1; k >= 0; k--) {
+        double a = -s->gap_velocity[2 * k], b = -s->gap_velocity[2 * k + 1], *r = y + k * NC;
+        for (int i = 0; i < N; i++) q[i] += gradient[k * M + i];
+        for (int i = 0; i < N; i++) r[i] = b * q[i] + v[i] + gradient[k * M + N + i];
+        for (int i = N; i < NC; i++) r[i] = 0.0;
         for (int j = 0; j < N; j++)
-            for (int c = 0; c < S; c++) to[M + c] -= q->gap_tau[(k * N + j) * S + c] * to[j];
-        for (int i = 0; i < N; i++) to[N + i] = a * to[i];
+            for (int c = 0; c < S; c++) q[N + c] -= s->gap_tau[(k * N + j) * S + c] * q[j];
+        memset(v, 0, NC * sizeof(double));
         for (int i = 0; i < N; i++)
-            for (int v = 0; v < CV; v++) p[v] -= at[i] * interval->Y[i][v];
+            for (int j = 0; j < DV + NV; j++) p[j] += r[i] * intervals[k].row[i][j];
+        for (int i = 0; i < N; i++) v[i] = a * q[i] - s->difference[k * N + i] * v[i];
     }
-    for (int c = 0; c < S; c++) u[c] = values(p)[M + c];
+    for (int c = 0; c < S; c++) u[c] = q[N + c];
 }
 
 /* Forward: the steps X (K, 2N) of nodes 1 .. K for steps `tau` of the durations. */
-static void forward(const Stages *q, const Interval *intervals, const double *tau, const double *y, double *X) {
-    vec x[CV], r[NV], w[NV];
+static void forward(const Stages *s, const Interval *intervals, const double *tau, const double *y, double *X) {
+    vec x[DV + NV];
+    double *q = numbers(x), *m = q + D, v[N] = {0};
     memset(x, 0, sizeof x);
-    memset(r, 0, sizeof r);
-    for (int c = 0; c < S; c++) numbers(x)[M + c] = tau[c];
-    for (int64_t k = 0; k < q->K; k++) {
-        double a = -q->gap_velocity[2 * k], b = -q->gap_velocity[2 * k + 1], *at = numbers(x);
-        const Interval *interval = intervals + k;
+    for (int c = 0; c < S; c++) q[N + c] = tau[c];
+    for (int64_t k = 0; k < s->K; k++) {
+        double a = -s->gap_velocity[2 * k], b = -s->gap_velocity[2 * k + 1];
         for (int i = 0; i < N; i++) {
-            vec sum = interval->Y[i][0] * x[0];
-            for (int v = 1; v < CV; v++) sum += interval->Y[i][v] * x[v];
-            numbers(r)[i] = -y[k * NC + i] - ((sum[0] + sum[1]) + (sum[2] + sum[3]));
+            q[i] += a * v[i];
+            m[i] = y[k * NC + i] - s->difference[k * N + i] * v[i];
         }
-        apply_transposed(interval, values(r), numbers(w));
         for (int i = 0; i < N; i++) {
-            double drift = a * at[N + i] + b * values(w)[i];
-            for (int c = 0; c < S; c++) drift -= q->gap_tau[(k * N + i) * S + c] * tau[c];
-            at[i] += drift;
-            at[N + i] = values(w)[i];
+            vec sum = intervals[k].row[i][0] * x[0];
+            for (int j = 1; j < DV + NV; j++) sum += intervals[k].row[i][j] * x[j];
+            v[i] = (sum[0] + sum[1]) + (sum[2] + sum[3]);
         }
-        memcpy(X + k * M, at, M * sizeof(double));
+        for (int i = 0; i < N; i++) {
+            q[i] += b * v[i];
+            for (int c = 0; c < S; c++) q[i] -= s->gap_tau[(k * N + i) * S + c] * tau[c];
+        }
+        memcpy(X + k * M, q, N * sizeof(double));
+        memcpy(X + k * M + N, v, N * sizeof(double));
     }
 }

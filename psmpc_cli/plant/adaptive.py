@@ -10,7 +10,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from psmpc_cli.robot.kinematics import coordinate_rate
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.rotations import body_rate, chart_rate, conjugate, log, product
 
 TOLERANCE = 1e-12
 """Absolute and relative tolerance of a step [m, rad, m/s, rad/s]."""
@@ -25,7 +27,7 @@ class Flow:
 
     Attributes:
         times: (pieces * INSIDE + 1,) [s], the first and every `INSIDE`-th after it being ends of pieces.
-        X: States at those times, (len(times), 2n).
+        X: States at those times, (len(times), nq + n).
     """
 
     times: np.ndarray
@@ -33,7 +35,7 @@ class Flow:
 
     @property
     def between_pieces(self) -> np.ndarray:
-        """The states at the beginning and after each piece (pieces + 1, 2n)."""
+        """The states at the beginning and after each piece (pieces + 1, nq + n)."""
         return self.X[::INSIDE]
 
 
@@ -45,27 +47,28 @@ class AdaptiveDynamics:
     """
 
     def __init__(self, model: RobotModel) -> None:
-        n = model.n
-        x, u, F = ca.MX.sym("x", 2 * n), ca.MX.sym("u", n), ca.MX.sym("F", n)
-        dt = ca.MX.sym("dt")
+        n, nq, anchor = model.n, model.nq, 4 * (model.dimension == 3)
+        x, u, F = ca.MX.sym("x", nq + n), ca.MX.sym("u", n), ca.MX.sym("F", n)
+        charted, dt = ca.MX.sym("charted", n + anchor), ca.MX.sym("dt")
         lawful, held = _integrator(model, lawful=True), _integrator(model, lawful=False)
-        F_law = model.dynamics.inverse(x[:n], x[n:], u, model.nominal.vector)
+        F_law = model.dynamics.inverse(x[:nq], x[nq:], u, model.nominal.vector)
         ticking = held(x0=x, p=ca.vertcat(F_law, dt))["xf"]
         self._pieces = {
-            "law": _piece(lawful(x0=x, p=ca.vertcat(u, dt))["xf"], x, u, dt),
+            "law": _piece(lawful(x0=x, p=ca.vertcat(charted, dt))["xf"], x, charted, dt),
             "ticks": _piece(ticking, x, u, dt),
             "force": _piece(held(x0=x, p=ca.vertcat(F, dt))["xf"], x, F, dt),
         }
         self._chains: dict[tuple[str, int], ca.Function] = {}
 
     def under(self, what: str, x: np.ndarray, times: np.ndarray, inputs: np.ndarray) -> Flow:
-        """Return the states from x (2n,) on.
+        """Return the states from x (nq + n,) on.
 
         Args:
             what: What acts: `law`, `ticks` or `force`.
             x: State at the first of the times.
             times: Ends of the pieces (K + 1,) [s].
-            inputs: Accelerations [m/s^2, rad/s^2], or generalized forces [N, N m], of the pieces (K, n).
+            inputs: Accelerations [m/s^2, rad/s^2], or generalized forces [N, N m], of the pieces (K, n). Under the law
+                a spatial robot's are those of a plan, in its chart, each with the chart's anchor behind it (K, n + 4).
         """
         K, dt = len(inputs), np.diff(times)
         if (what, K) not in self._chains:
@@ -78,11 +81,14 @@ class AdaptiveDynamics:
 
 def _integrator(model: RobotModel, lawful: bool) -> ca.Function:
     """Return the integrator of one piece, its time scaled to 1, under the law or under a held force."""
-    n, w = model.n, model.nominal.vector
-    x, p = ca.SX.sym("x", 2 * n), ca.SX.sym("p", n + 1)
-    Q, Qdot = x[:n], x[n:]
-    F = model.dynamics.inverse(Q, Qdot, p[:n], w) if lawful else p[:n]
-    ode = p[n] * ca.vertcat(Qdot, model.dynamics.forward(Q, Qdot, F, w))
+    n, nq, w = model.n, model.nq, model.nominal.vector
+    spatial = model.dimension == 3
+    x, p = ca.SX.sym("x", nq + n), ca.SX.sym("p", n + 1 + 4 * (lawful and spatial))
+    Q, v, u = x[:nq], x[nq:], p[:n]
+    vdot = _rate_of_v(Q, v, u, p[n:-1]) if lawful and spatial else u
+    F = model.dynamics.inverse(Q, v, vdot, w) if lawful else p[:n]
+    Qdot = coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v))
+    ode = p[-1] * ca.vertcat(*Qdot, model.dynamics.forward(Q, v, F, w))
     options: dict[str, Any] = {
         "abstol": TOLERANCE,
         "reltol": TOLERANCE,
@@ -92,6 +98,17 @@ def _integrator(model: RobotModel, lawful: bool) -> ca.Function:
     parts = [float(part) for part in np.arange(1, INSIDE + 1) / INSIDE]
     problem: dict[str, ca.SX] = {"x": x, "p": p, "ode": ode}
     return ca.integrator("piece", "cvodes", problem, 0.0, parts, options)
+
+
+def _rate_of_v(Q: ca.SX, v: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
+    """Return the rate of v (n,) at accelerations u (n,) in the chart about an anchor (4,)."""
+    turned = product(conjugate(ca.vertsplit(anchor)), ca.vertsplit(Q[3:7]))
+    phi, rate = ca.SX.sym("phi", 3), ca.SX.sym("rate", 3)
+    omega = ca.vertcat(*body_rate(ca.vertsplit(phi), ca.vertsplit(rate)))
+    change = ca.jtimes(omega, ca.vertcat(phi, rate), ca.vertcat(rate, u[3:6]))
+    at = log(turned)
+    there = ca.vertcat(*at), ca.vertcat(*chart_rate(at, ca.vertsplit(v[3:6])))
+    return ca.vertcat(u[:3], ca.substitute(change, ca.vertcat(phi, rate), ca.vertcat(*there)), u[6:])
 
 
 def _piece(states: ca.MX, x: ca.MX, inputs: ca.MX, dt: ca.MX) -> ca.Function:

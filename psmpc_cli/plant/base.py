@@ -14,11 +14,11 @@ class Ticks:
 
     Attributes:
         time: (M + 1,) [s], the first is the sample's start.
-        X: States [Q; Qdot] at those times (M + 1, 2n).
+        X: States [Q; v] at those times (M + 1, nq + n).
         F: Generalized force commanded over each tick, within its limits (M, n) [N, N m].
-        impulse: Integral of the external wrench over the sample: linear (x, y) [N s] and angular about the inertial
-            origin [N m s], (3,).
-        work: Integral of F' Qdot over the sample, of all forces [J].
+        impulse: Integral of the external wrench over the sample: linear [N s] and angular about the inertial origin
+            [N m s], (3,) or (6,).
+        work: Integral of F' v over the sample, of all forces [J].
     """
 
     time: np.ndarray
@@ -62,7 +62,8 @@ class Disturbance:
     Attributes:
         robot: True inertial parameters, with what is in the grippers.
         law: Inertial parameters that the low-level law (7) uses.
-        noise: Added to the state that the law reads at each tick (M, 2n) [m, rad, m/s, rad/s].
+        noise: Of the state that the law reads at each tick: a step of Q, then what is added to v (M, 2n) [m, rad, m/s,
+            rad/s].
         push: External generalized force over each tick (M, n) [N, N m].
     """
 
@@ -76,7 +77,7 @@ class Plant(Protocol):
     """Simulated physics of a robot under its low-level controller."""
 
     def advance(self, start: float, x: np.ndarray, u: np.ndarray, disturbance: Disturbance | None = None) -> Ticks:
-        """Advance from the state x (2n,) at `start` [s], the accelerations u (M, n) applied one a tick.
+        """Advance from the state x (nq + n,) at `start` [s], the rates u of v (M, n) applied one a tick.
 
         Plants built without a resistance are undisturbed and ignore the disturbance; the others require it.
         """

@@ -1,26 +1,40 @@
 """The ideal plant: the double integrator (8), as the controller believes; forces from inverse dynamics."""
 
+from itertools import accumulate
+
 import numpy as np
 
 from psmpc_cli.plant.base import Disturbance, Ticks
+from psmpc_cli.robot.kinematics import moved
 from psmpc_cli.robot.model import RobotModel
 
 
 class IdealPlant:
-    """Advances Q and Qdot exactly under constant accelerations; nothing disturbs it."""
+    """Advances Q and v exactly under constant accelerations; nothing disturbs it."""
 
     def __init__(self, model: RobotModel, tick: float) -> None:
         self.model, self.tick = model, tick
 
     def advance(self, start: float, x: np.ndarray, u: np.ndarray, disturbance: Disturbance | None = None) -> Ticks:
         """Advance over len(u) ticks. External impulse and work are those of the exact motion."""
-        n, model, tick = self.model.n, self.model, self.tick
-        Qdot = np.vstack([x[n:], x[n:] + tick * np.cumsum(u, axis=0)])
-        Q = np.vstack([x[:n], x[:n] + np.cumsum(tick * Qdot[:-1] + tick**2 / 2 * u, axis=0)])  # paper eq. (8)
-        X = np.hstack([Q, Qdot])
-        motion = X[:-1, :n].T, X[:-1, n:].T, u.T, model.nominal.vector
-        F = np.asarray(model.dynamics.inverse(*motion)).T
-        first, last = ((state[:n], state[n:]) for state in X[[0, -1]])
+        nq, model, tick = self.model.nq, self.model, self.tick
+        v = np.vstack([x[nq:], x[nq:] + tick * np.cumsum(u, axis=0)])
+        steps = tick * v[:-1] + tick**2 / 2 * u  # paper eq. (8)
+        if model.dimension == 3:
+            steps[:, 3:6] += turn_defect(v[:-1, 3:6], v[1:, 3:6], tick)
+        X = np.hstack([np.array(list(accumulate(steps.tolist(), moved, initial=x[:nq].tolist()))), v])
+        F = np.asarray(model.dynamics.inverse(X[:-1, :nq].T, v[:-1].T, u.T, model.nominal.vector)).T
+        first, last = ((state[:nq], state[nq:]) for state in X[[0, -1]])
         impulse = model.momentum(*last) - model.momentum(*first)
         work = model.kinetic_energy(*last) - model.kinetic_energy(*first)
         return Ticks(start + tick * np.arange(len(u) + 1), X, F, impulse, work)
+
+
+def turn_defect(before: np.ndarray, after: np.ndarray, step: float) -> np.ndarray:
+    """Compute by how much the turn over a step [s] differs from the integral of the body's angular velocity (..., 3).
+
+    Angular velocities at different times do not commute; the second term of the Magnus expansion, for one that goes
+    from `before` to `after` (..., 3) [rad/s] linearly. What is left is of the order of step^5. Iserles, Norsett: On the
+    solution of linear differential equations in Lie groups (1999).
+    """
+    return np.asarray(step**2 / 12 * np.cross(before, after))

@@ -6,9 +6,12 @@ import mujoco
 import numpy as np
 
 from psmpc_cli.plant.base import Disturbance, Resistance, Ticks
+from psmpc_cli.plant.ideal import turn_defect
 from psmpc_cli.robot.dynamics import InertialParameters
+from psmpc_cli.robot.kinematics import external_wrench, moved, step_between
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.mujoco_model import mujoco_spec
+from psmpc_cli.robot.rotations import add, cross, rotate
 
 logger = logging.getLogger(__name__)
 
@@ -17,7 +20,7 @@ class MujocoPlant:
     """Steps MuJoCo's model of the robot with its Runge-Kutta integrator, `substeps` steps a tick.
 
     The robot model serves the low-level law alone, which is part of the controller. MuJoCo returns nothing but Q and
-    Qdot, so momentum and energy of the robot model at its states, less impulse and work, show whether the two agree.
+    v, so momentum and energy of the robot model at its states, less impulse and work, show whether the two agree.
     With a resistance it is a disturbed plant; friction is then added to the forces before each step of the integrator,
     because MuJoCo's own friction is not a smooth function of the rate.
     """
@@ -31,75 +34,102 @@ class MujocoPlant:
         mujoco.set_mju_user_warning(logger.warning)  # by default MuJoCo writes a file in the current directory
         self._data = mujoco.MjData(self.engine)
         self._resistance = resistance
-        self._bodies = [self.engine.body(name).id for name in (body.name for body in model.spec.bodies)]
-        self._centres = self.engine.body_ipos[self._bodies, 0].copy()
+        names, base = [body.name for body in model.spec.bodies], model.parts["base"].stop
+        self._bodies = [self.engine.body(name).id for name in names]
+        joints = [self.engine.joint(name).id for name in names[1:]]  # MuJoCo has them in another order, by depth
+        self._q = np.r_[: base + model.nq - model.n, self.engine.jnt_qposadr[joints]]
+        self._v = np.r_[:base, self.engine.jnt_dofadr[joints]]
 
     def advance(self, start: float, x: np.ndarray, u: np.ndarray, disturbance: Disturbance | None = None) -> Ticks:
         """Advance over len(u) ticks."""
-        n, M, way = self.model.n, len(u), self._resistance
-        X, F, push, work = np.vstack([x, np.empty((M, 2 * n))]), np.empty((M, n)), np.zeros((M, n)), 0.0
+        n, nq, M, way = self.model.n, self.model.nq, len(u), self._resistance
+        X, F, push, work = np.vstack([x, np.empty((M, nq + n))]), np.empty((M, n)), np.zeros((M, n)), 0.0
         noise, law = np.zeros((M, 2 * n)), self.model.nominal
         if way is not None and disturbance is not None:
             noise, law, push = disturbance.noise, disturbance.law, disturbance.push
             self._set_inertial_parameters(disturbance.robot)
         for k in range(M):
-            read = X[k] + noise[k]
-            F[k] = self.model.inverse_dynamics(read[:n], read[n:], u[k], law)
+            F[k] = self.model.inverse_dynamics(moved(X[k, :nq], noise[k, :n]), X[k, nq:] + noise[k, n:], u[k], law)
             if way is not None:
                 F[k] = np.clip(F[k], -way.largest, way.largest)
             X[k + 1], done = self._step(X[k], F[k] + push[k])
             work += done
         time = start + self.tick * np.arange(M + 1)
-        return Ticks(time, X, F, _impulse(X, F + push, self.tick), work)
+        return Ticks(time, X, F, _impulse(X[:, :nq], X[:, nq:], F + push, self.tick), work)
 
     def replay(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """Return the states (M + 1, 2n) from x (2n,) on under given forces (M, n), held a tick each: no feedback."""
+        """Return the states (M + 1, nq + n) from x on under given forces (M, n), held a tick each: no feedback."""
         X = np.vstack([x, np.empty((len(F), len(x)))])
         for k, force in enumerate(F):
             X[k + 1], _ = self._step(X[k], force)
         return X
 
     def _step(self, x: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return the state (2n,) a tick after x (2n,) under F (n,), and the work of all forces [J].
+        """Return the state (nq + n,) a tick after x under F (n,), and the work of all forces [J].
 
         The work of a force held over a step is exact, whatever the path between the states.
         """
-        n, data, way, work = self.model.n, self._data, self._resistance, 0.0
-        data.qpos[:], data.qvel[:] = x[:n], x[n:]
+        nq, spatial, data, way, work = self.model.nq, self.model.dimension == 3, self._data, self._resistance, 0.0
+        Q, v = x[:nq], x[nq:]
         for _ in range(self.substeps):
-            before, acting = data.qpos.copy(), F
+            before, omega, acting = Q, v[3:6], F
             if way is not None:
-                acting = F - way.viscous * data.qvel - way.coulomb * np.tanh(data.qvel / way.width)
-            data.qfrc_applied[:] = acting
+                acting = F - way.viscous * v - way.coulomb * np.tanh(v / way.width)
+            data.qpos[self._q], data.qvel[self._v], data.qfrc_applied[self._v] = Q, v, acting
             mujoco.mj_step(self.engine, data)
-            work += float(acting @ (data.qpos - before))
-        return np.concatenate([data.qpos, data.qvel]), work
+            Q, v = data.qpos[self._q], data.qvel[self._v]
+            step = np.array(step_between(before, Q, spatial))
+            if spatial:
+                step[3:6] -= turn_defect(omega, v[3:6], self.engine.opt.timestep)
+            work += float(acting @ step)
+        return np.concatenate([Q, v]), work
 
     def _set_inertial_parameters(self, robot: InertialParameters) -> None:
         """Set masses, inertias and centres of mass of the bodies; a load becomes one body with the last link."""
-        mass, inertia, centre = robot.mass.copy(), robot.inertia[:, 0].copy(), robot.offset.copy()
-        centre[:, 0] += self._centres
+        d, bodies = self.model.dimension, self.model.spec.bodies
+        mass, centre = robot.mass.copy(), np.array([body.centre for body in bodies])
+        centre[:, :d] += robot.offset
+        inertia = np.array([_matrix(moments) for moments in robot.inertia])
         for number, tool in enumerate(self.model.spec.tools.values()):
             link, held = tool.body, robot.held_mass[number]
-            apart = np.array(tool.position[:2]) - centre[link]
-            total = mass[link] + held
-            inertia[link] += robot.held_inertia[number] + mass[link] * held / total * float(apart @ apart)
+            apart, total = np.array(tool.position) - centre[link], mass[link] + held
+            reduced = mass[link] * held / total
+            inertia[link] += robot.held_inertia[number] * np.eye(3)
+            inertia[link] += reduced * (apart @ apart * np.eye(3) - np.outer(apart, apart))
             centre[link] += held / total * apart
             mass[link] = total
-        self.engine.body_mass[self._bodies] = mass
-        self.engine.body_inertia[self._bodies] = inertia[:, None]
-        self.engine.body_ipos[self._bodies, :2] = centre
+        moments, axes = np.linalg.eigh(inertia)
+        axes[:, :, 0] *= np.linalg.det(axes)[:, None]
+        self.engine.body_mass[self._bodies], self.engine.body_inertia[self._bodies] = mass, moments
+        self.engine.body_ipos[self._bodies] = centre
+        for body, turned in zip(self._bodies, axes, strict=True):
+            mujoco.mju_mat2Quat(self.engine.body_iquat[body], turned.ravel())
         mujoco.mj_setConst(self.engine, self._data)
 
 
-def _impulse(X: np.ndarray, F: np.ndarray, tick: float) -> np.ndarray:
-    """Return the integral (3,) [N s, N m s] of the external wrench, from states X (M + 1, 2n) and held forces F (M, n).
+def _matrix(moments: np.ndarray) -> np.ndarray:
+    """Return the inertia matrix (3, 3) of xx, yy, zz, xy, xz, yz; of a planar moment, the same about each axis."""
+    if len(moments) == 1:
+        return np.asarray(moments * np.eye(3))
+    xx, yy, zz, xy, xz, yz = moments
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
-    The lever arm of a held force is the base's position, integrated over a tick by the trapezoidal rule with its end
-    correction: cubic between the states, an error of the order of tick^5.
+
+def _impulse(Q: np.ndarray, v: np.ndarray, F: np.ndarray, tick: float) -> np.ndarray:
+    """Return the integral of the external wrench, (3,) or (6,) [N s, N m s], along Q (M + 1, nq), v (M + 1, n).
+
+    The forces F (M, n) are held; the integral over a tick is by the trapezoidal rule with its end correction, with an
+    error of the order of tick^5.
     """
-    n = X.shape[1] // 2
-    position, velocity = X[:, :2], X[:, n : n + 2]
-    arm = tick / 2 * (position[1:] + position[:-1]) - tick**2 / 12 * np.diff(velocity, axis=0)
-    angular = tick * F[:, 2] + arm[:, 0] * F[:, 1] - arm[:, 1] * F[:, 0]
-    return np.array([*(tick * F[:, :2].sum(axis=0)), angular.sum()])
+    wrench = [np.array(external_wrench(each.T, F.T)) for each in (Q[:-1], Q[1:])]
+    rate = [np.array(_moment_rate(q.T, w.T, F.T)) for q, w in ((Q[:-1], v[:-1]), (Q[1:], v[1:]))]
+    total = (tick / 2 * (wrench[0] + wrench[1])).sum(axis=1)
+    total[len(total) // 2 if Q.shape[1] > v.shape[1] else 2 :] -= (tick**2 / 12 * (rate[1] - rate[0])).sum(axis=1)
+    return np.asarray(total)
+
+
+def _moment_rate(Q: np.ndarray, v: np.ndarray, F: np.ndarray) -> list[np.ndarray]:
+    """Compute how fast the moment about the inertial origin of a held force F (n, M) changes, (1, M) or (3, M)."""
+    if len(Q) == len(v):
+        return [v[0] * F[1] - v[1] * F[0]]
+    return add(rotate(list(Q[3:7]), cross(list(v[3:6]), list(F[3:6]))), cross(list(v[:3]), list(F[:3])))

@@ -5,6 +5,7 @@ import numpy as np
 
 from psmpc_cli.native.functions import ArrayFunction, compiled
 from psmpc_cli.plant.base import Disturbance, Resistance, Ticks
+from psmpc_cli.robot.kinematics import coordinate_rate, external_wrench, moved
 from psmpc_cli.robot.model import RobotModel
 
 
@@ -30,63 +31,77 @@ class Rk4Plant:
 
     def advance(self, start: float, x: np.ndarray, u: np.ndarray, disturbance: Disturbance | None = None) -> Ticks:
         """Advance over len(u) ticks."""
-        M, n = len(u), self.model.n
+        M, nx = len(u), len(x)
         if M not in self._sample:
             self._sample[M] = ArrayFunction(self._tick.mapaccum(M))
         differences: tuple[np.ndarray, ...] = ()
         if self.resistance is not None and disturbance is not None:
             vectors = disturbance.robot.vector, disturbance.law.vector, self.resistance.vector
             differences = disturbance.noise, disturbance.push, np.concatenate(vectors)
-        Z, F = self._sample[M](np.concatenate([x, np.zeros(4)]), u, *differences)
-        X = np.concatenate([x[None], Z[:, : 2 * n]])
+        Z, F = self._sample[M](np.concatenate([x, np.zeros(self.model.parts["base"].stop + 1)]), u, *differences)
+        X = np.concatenate([x[None], Z[:, :nx]])
         time = start + self.tick * np.arange(M + 1)
-        return Ticks(time, X, F, Z[-1, 2 * n : 2 * n + 3], float(Z[-1, 2 * n + 3]))
+        return Ticks(time, X, F, Z[-1, nx:-1], float(Z[-1, -1]))
 
 
 def tick_function(model: RobotModel, tick: float, substeps: int, disturbed: bool) -> ca.Function:
-    """Return one tick z, u -> z_next, F with z = [x; impulse (3,); work]: the law (7) sets F once.
+    """Return one tick z, u -> z_next, F with z = [x; impulse (3,) or (6,); work]: the law (7) sets F once.
 
     A disturbed one has the further arguments noise (2n,), push (n,) and p: the inertial parameters of the robot and of
     the law, then the vector of a `Resistance`.
     """
-    n, (law, flow) = model.n, _law_and_flow(model, disturbed)
-    z, u, noise, push = (ca.MX.sym(*each) for each in (("z", 2 * n + 4), ("u", n), ("noise", 2 * n), ("push", n)))
+    n, nx, (law, flow) = model.n, model.nq + model.n, _law_and_flow(model, disturbed)
+    sizes = ("z", flow.size1_in(0)), ("u", n), ("noise", 2 * n), ("push", n)
+    z, u, noise, push = (ca.MX.sym(*each) for each in sizes)
     if disturbed:
-        p = ca.MX.sym(law.name_in(2), law.size1_in(2))
-        F = law(z[: 2 * n] + noise, u, p)
-        after = _runge_kutta(flow, z, [F + push, p], tick, substeps)
+        p = ca.MX.sym("p", flow.size1_in(2))
+        F = law(z[:nx], u, noise, p)
+        after = _runge_kutta(model, flow, z, [F + push, p], tick, substeps)
         return ca.Function("disturbed", [z, u, noise, push, p], [after, F])
-    F = law(z[: 2 * n], u)
-    return ca.Function("tick", [z, u], [_runge_kutta(flow, z, [F], tick, substeps), F])
+    F = law(z[:nx], u)
+    return ca.Function("tick", [z, u], [_runge_kutta(model, flow, z, [F], tick, substeps), F])
 
 
 def _law_and_flow(model: RobotModel, disturbed: bool) -> tuple[ca.Function, ca.Function]:
-    """Return the low-level law x, u, p -> F, and the time derivative of z at z, F, p with the external force in F.
+    """Return the low-level law x, u, noise, p -> F, and the rate of z at z, F, p with the external force in F.
 
-    Of an undisturbed plant p is constant, and no argument. Friction acts between the links: it does work, but has no
-    impulse on the whole. The flow is called, not written out, in each stage of an integration step: as C it compiles in
-    a third of the time.
+    Of an undisturbed plant noise and p are constant, and no arguments. Friction acts between the links: it does work,
+    but has no impulse on the whole. The flow is called, not written out, in each stage of an integration step: as C it
+    compiles in a third of the time.
     """
-    n, w = model.n, model.nominal.vector
+    n, nq, base, w = model.n, model.nq, model.parts["base"].stop, model.nominal.vector
     known = np.concatenate([w, w, Resistance.none(n).vector])
     p = ca.SX.sym("p", known.size) if disturbed else ca.SX(known)
     robot, believed, viscous, coulomb, largest, width = ca.vertsplit(
         p, np.cumsum([0, w.size, w.size, n, n, n, 1]).tolist()
     )
-    x, u, z, F = (ca.SX.sym(*each) for each in (("x", 2 * n), ("u", n), ("z", 2 * n + 4), ("F", n)))
-    Q, Qdot = z[:n], z[n : 2 * n]
-    commanded = model.dynamics.inverse(x[:n], x[n:], u, believed)
-    acting = F - viscous * Qdot - coulomb * ca.tanh(Qdot / width)
-    wrench = ca.vertcat(F[0], F[1], F[2] + Q[0] * F[1] - Q[1] * F[0])
-    rate = ca.vertcat(Qdot, model.dynamics.forward(Q, Qdot, acting, robot), wrench, ca.dot(acting, Qdot))
+    sizes = ("x", nq + n), ("u", n), ("noise", 2 * n), ("z", nq + n + base + 1), ("F", n)
+    x, u, noise, z, F = (ca.SX.sym(*each) for each in sizes)
+    read, known_v = (x[:nq], x[nq:]) if not disturbed else (_moved(x[:nq], noise[:n]), x[nq:] + noise[n:])
+    commanded = model.dynamics.inverse(read, known_v, u, believed)
+    Q, v = z[:nq], z[nq : nq + n]
+    acting = F - viscous * v - coulomb * ca.tanh(v / width)
+    Qdot, wrench = (
+        of(ca.vertsplit(Q), ca.vertsplit(each)) for of, each in ((coordinate_rate, v), (external_wrench, F))
+    )
+    rate = ca.vertcat(*Qdot, model.dynamics.forward(Q, v, acting, robot), *wrench, ca.dot(acting, v))
     if not disturbed:
         return ca.Function("law", [x, u], ca.cse([commanded])), ca.Function("flow", [z, F], ca.cse([rate]))
     limited = ca.fmin(ca.fmax(commanded, -largest), largest)
-    return ca.Function("law", [x, u, p], [limited], ["x", "u", "p"], ["F"]), ca.Function("flow", [z, F, p], [rate])
+    return ca.Function("law", [x, u, noise, p], [limited]), ca.Function("flow", [z, F, p], [rate])
 
 
-def _runge_kutta(flow: ca.Function, z: ca.MX, held: list[ca.MX], tick: float, substeps: int) -> ca.MX:
-    """Return z after a tick of classical Runge-Kutta steps, the other arguments of the flow held."""
+def _moved(Q: ca.SX, step: ca.SX) -> ca.SX:
+    return ca.SX(ca.vertcat(*moved(ca.vertsplit(Q), ca.vertsplit(step))))
+
+
+def _runge_kutta(
+    model: RobotModel, flow: ca.Function, z: ca.MX, held: list[ca.MX], tick: float, substeps: int
+) -> ca.MX:
+    """Return z after a tick of classical Runge-Kutta steps, the other arguments of the flow held.
+
+    After each of them the quaternion of a spatial robot is made a unit one, from which it differs by the step's error.
+    """
     h = tick / substeps
     for _ in range(substeps):
         k1 = flow(z, *held)
@@ -94,4 +109,6 @@ def _runge_kutta(flow: ca.Function, z: ca.MX, held: list[ca.MX], tick: float, su
         k3 = flow(z + h / 2 * k2, *held)
         k4 = flow(z + h * k3, *held)
         z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        if model.dimension == 3:
+            z = ca.vertcat(z[:3], z[3:7] / ca.norm_2(z[3:7]), z[7:])
     return z

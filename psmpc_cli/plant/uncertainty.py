@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from psmpc_cli.errors import InputError
 from psmpc_cli.plant.base import Disturbance, Plant, Resistance, Ticks
 from psmpc_cli.robot.dynamics import InertialParameters
+from psmpc_cli.robot.kinematics import moved
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import TaskSpec
@@ -26,8 +27,8 @@ class Contact:
     """Instantaneous effect of taking up or releasing the payload.
 
     Attributes:
-        x: State after it (2n,).
-        impulse: Momentum that the robot, with what it holds, gains (3,) [N s], [N m s].
+        x: State after it (nq + n,).
+        impulse: Momentum that the robot, with what it holds, gains, (3,) or (6,) [N s], [N m s].
         work: Kinetic energy that it gains [J].
     """
 
@@ -56,11 +57,14 @@ class Uncertainty:
         self._true = self.draw.applied(model.nominal)
         if disturbs(task):
             self.resistance = resistance_of(self.spec, model.spec)
-            _check_step(task, model.mass_matrix(np.zeros(model.n), self._true), self.resistance)
+            _check_step(task, model.mass_matrix(model.neutral, self._true), self.resistance)
 
     def measured(self, sample: int, x: np.ndarray) -> np.ndarray:
-        """Return the state measured at a sample where the true one is x (2n,)."""
-        return x + self._noise(sample)[0] if self.spec.measures_with_noise else x
+        """Return the state measured at a sample where the true one is x (nq + n,)."""
+        if not self.spec.measures_with_noise:
+            return x
+        n, nq, noise = self._model.n, self._model.nq, self._noise(sample)[0]
+        return np.concatenate([moved(x[:nq], noise[:n]), x[nq:] + noise[n:]])
 
     def holds(self, stage: int) -> bool:
         """Return whether the grippers hold the payload during a stage."""
@@ -70,14 +74,14 @@ class Uncertainty:
         return names.index(self._task.object.taken_by) < stage < names.index(self._task.object.let_go_by)
 
     def contact(self, x: np.ndarray, before: int, after: int) -> Contact:
-        """Return the effect of a switch from one stage to another on the true state x (2n,)."""
+        """Return the effect of a switch from one stage to another on the true state x."""
         if self.resistance is None or self.holds(before) == self.holds(after):
-            return Contact(x, np.zeros(3), 0.0)
+            return Contact(x, np.zeros(self._model.parts["base"].stop), 0.0)
         change = take_up if self.holds(after) else release
         return change(self._model, x, self._true, self._with_payload(self._true))
 
     def advance(self, plant: Plant, sample: int, start: float, x: np.ndarray, u: np.ndarray, stage: int) -> Ticks:
-        """Advance the plant over a sample of a stage from the true state x (2n,), u (M, n) applied one a tick."""
+        """Advance the plant over a sample of a stage from the true state x, u (M, n) applied one a tick."""
         if self.resistance is None:
             return plant.advance(start, x, u)
         robot, law = self._true, self._model.nominal
@@ -97,7 +101,7 @@ class Uncertainty:
         """What was drawn for the bodies, by path in the log."""
         return {
             "uncertainty/body": tuple(body.name for body in self._model.spec.bodies),
-            "uncertainty/axis": ("x", "y"),
+            "uncertainty/axis": ("x", "y", "z")[: self._model.dimension],
             "uncertainty/mass_factor": self.draw.mass_factor,
             "uncertainty/inertia_factor": self.draw.inertia_factor,
             "uncertainty/centre_of_mass": self.draw.offset,
@@ -120,7 +124,8 @@ class Uncertainty:
             rate = self._task.plant.low_level_rate
             tick = int(np.floor((impulse.at - start) * rate + 1e-6))
             if 0 <= tick < self._ticks:
-                push[tick, :3] = rate * np.array([*impulse.linear, impulse.angular])
+                d, base = self._model.dimension, self._model.parts["base"].stop
+                push[tick, :d], push[tick, d:base] = rate * np.array(impulse.linear), rate * np.array(impulse.angular)
         return push
 
 
@@ -131,28 +136,28 @@ def disturbs(task: TaskSpec) -> bool:
 
 
 def take_up(model: RobotModel, x: np.ndarray, free: InertialParameters, holding: InertialParameters) -> Contact:
-    """Compute the effect of taking up an object at rest: H_holding Qdot+ = H_free Qdot-.
+    """Compute the effect of taking up an object at rest: H_holding v+ = H_free v-.
 
     The object has no momentum, so the generalized momentum stays. The energy lost is that of the velocities lost, by
-    Carnot's theorem: 1/2 (Qdot- - Qdot+)' H_free (Qdot- - Qdot+) + 1/2 Qdot+' (H_holding - H_free) Qdot+.
+    Carnot's theorem: 1/2 (v- - v+)' H_free (v- - v+) + 1/2 v+' (H_holding - H_free) v+.
 
     Args:
         model: The robot.
-        x: State before (2n,).
+        x: State before (nq + n,).
         free: Its inertial parameters with empty grippers.
         holding: The same with the object in them.
     """
-    Q, before = np.split(x, 2)
+    Q, before = np.split(x, [model.nq])
     H_free, H_holding = model.mass_matrix(Q, free), model.mass_matrix(Q, holding)
     after = np.linalg.solve(H_holding, H_free @ before)
     lost = before - after
     loss = (lost @ H_free @ lost + after @ (H_holding - H_free) @ after) / 2
-    return Contact(np.concatenate([Q, after]), np.zeros(3), -float(loss))
+    return Contact(np.concatenate([Q, after]), np.zeros(model.parts["base"].stop), -float(loss))
 
 
 def release(model: RobotModel, x: np.ndarray, free: InertialParameters, holding: InertialParameters) -> Contact:
     """Compute the effect of releasing an object: velocities stay, its momentum and energy leave with it."""
-    Q, v = np.split(x, 2)
+    Q, v = np.split(x, [model.nq])
     impulse = model.momentum(Q, v, free) - model.momentum(Q, v, holding)
     return Contact(x, impulse, model.kinetic_energy(Q, v, free) - model.kinetic_energy(Q, v, holding))
 
@@ -168,7 +173,7 @@ class Draw:
     Attributes:
         mass_factor: True mass over the nominal one (bodies,).
         inertia_factor: True inertia over the nominal one (bodies,).
-        offset: Of the true centre of mass, along the axes of the body (bodies, 2) [m].
+        offset: Of the true centre of mass, along the axes of the body (bodies, dimension) [m].
     """
 
     mass_factor: np.ndarray
@@ -188,18 +193,20 @@ def draw_bodies(spec: UncertaintySpec, robot: RobotSpec, seed: int) -> Draw:
         mass_factor=1 + _by_body(spec.mass, robot) * _stream(seed, "mass").uniform(-1, 1, count),
         inertia_factor=1 + _by_body(spec.inertia, robot) * _stream(seed, "inertia").uniform(-1, 1, count),
         offset=_by_body(spec.centre_of_mass, robot)[:, None]
-        * _stream(seed, "centre_of_mass").uniform(-1, 1, (count, 2)),
+        * _stream(seed, "centre_of_mass").uniform(-1, 1, (count, robot.dimension)),
     )
 
 
 def measurement_noise(spec: NoiseSpec, robot: RobotSpec, seed: int, sample: int, ticks: int) -> np.ndarray:
     """Return the noise of the measured state at each tick of a sample (ticks, 2n) [m, rad, m/s, rad/s].
 
-    It is a function of seed and sample alone.
+    A step of Q, then what is added to v. It is a function of seed and sample alone.
     """
-    joints = sum(robot.parts.values()) - robot.parts["base"]
-    deviation = [spec.position] * 2 + [spec.angle] * (1 + joints)
-    deviation += [spec.velocity] * 2 + [spec.angular_velocity] * (1 + joints)
+    d = robot.dimension
+    joints = [body.joint.prismatic for body in robot.bodies if body.joint is not None]
+    slides = [*[True] * d, *[False] * (robot.parts["base"] - d), *joints]
+    deviation = [spec.position if each else spec.angle for each in slides]
+    deviation += [spec.velocity if each else spec.angular_velocity for each in slides]
     drawn = _stream(seed, "noise", sample).standard_normal((ticks, len(deviation)))
     return np.asarray(drawn * deviation)
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import casadi as ca
+import numpy as np
 
-from psmpc_cli.robot.rotations import add, exp, product, rotate, scaled, turn
+from psmpc_cli.robot.rotations import add, conjugate, cross, exp, log, product, rotate, scaled, turn
 from psmpc_cli.specs.robot import Attachment, Joint, RobotSpec
 
 
@@ -97,3 +98,33 @@ def place(spec: RobotSpec, base: Frame, joints: Any) -> Placement:
         if body.joint is not None:
             frames.append(frames[body.joint.at.body].moved(body.joint, joints[number]))
     return Placement(tuple(frames), {name: frames[tool.body].carried(tool) for name, tool in spec.tools.items()})
+
+
+def coordinate_rate(Q: Any, v: Any) -> list[Any]:
+    """Compute Qdot (nq,) of velocities v (n,). Here and below: lists of numbers, arrays or expressions, or arrays."""
+    if len(Q) == len(v):
+        return list(v)
+    return [*v[:3], *scaled(product(Q[3:7], [0.0, *v[3:6]]), 0.5), *v[6:]]
+
+
+def moved(Q: Any, step: Any) -> list[Any]:
+    """Compute the coordinates (nq,) a step (n,) after Q (nq,), in space with a rotation vector in the base's frame."""
+    if len(Q) == len(step):
+        return add(Q, step)
+    return [*add(Q[:3], step[:3]), *product(Q[3:7], exp(step[3:6])), *add(Q[7:], step[6:])]
+
+
+def step_between(Q: Any, after: Any, spatial: bool) -> list[Any]:
+    """Compute the step (n,) that moves Q (nq,) to the coordinates after it (nq,), in space by the shorter turn."""
+    apart = [b - a for a, b in zip(Q, after, strict=True)]
+    if not spatial:
+        return apart
+    turned = product(conjugate(Q[3:7]), after[3:7])
+    return [*apart[:3], *log(scaled(turned, np.where(turned[0] < 0, -1.0, 1.0))), *apart[7:]]
+
+
+def external_wrench(Q: Any, F: Any) -> list[Any]:
+    """Compute the force of F (n,) and its moment about the inertial origin, (3,) or (6,) [N, N m]."""
+    if len(Q) == len(F):
+        return [F[0], F[1], F[2] + Q[0] * F[1] - Q[1] * F[0]]
+    return [*F[:3], *add(rotate(Q[3:7], F[3:6]), cross(Q[:3], F[:3]))]

@@ -117,6 +117,11 @@ class RobotModel:
         acceleration = solve_spd(normal, J_C.T @ (u - self.Jdot_Qdot(Q, Qdot)))
         return function("f_2", {"x": x, "u": u}, {"xdot": ca.vertcat(Qdot, acceleration)})
 
+    @property
+    def neutral(self) -> Array:
+        """Coordinates 0 (nq,), in space with the attitude of the inertial frame."""
+        return np.r_[np.zeros(3), np.eye(4)[0], np.zeros(self.n - 6)] if self.dimension == 3 else np.zeros(self.n)
+
     @cached_property
     def shape(self) -> RobotShape:
         """What the robot looks like, for drawings."""

@@ -20,11 +20,12 @@ from psmpc_cli.specs.fields import (
     Positive,
     Size,
     Spec,
-    Vector2,
     Whole,
+    expected,
     flaw,
     holds,
 )
+from psmpc_cli.specs.messages import counted
 from psmpc_cli.specs.parts import Context, in_joint_space
 
 ROUNDING = 1e-6
@@ -50,18 +51,20 @@ class FrictionSpec(Spec):
 class NoiseSpec(Spec):
     """Standard deviations of what is measured, drawn anew for every coordinate at every tick."""
 
-    position: NotNegative = Field(0.0, description="of the base's position [m]")
-    angle: Size = Field(0.0, description="of the base's angle and the joints' [rad]")
-    velocity: NotNegative = Field(0.0, description="of the base's velocity [m/s]")
-    angular_velocity: Size = Field(0.0, description="of the rates of all angles [rad/s]")
+    position: NotNegative = Field(0.0, description="of the base's position, along each axis, and of sliding joints [m]")
+    angle: Size = Field(0.0, description="of the base's angle, in space about each axis, and the joints' [rad]")
+    velocity: NotNegative = Field(0.0, description="of the velocities of what position is about [m/s]")
+    angular_velocity: Size = Field(0.0, description="of the rates of what angle is about [rad/s]")
 
 
 class ImpulseSpec(Spec):
     """A blow to the base, even over one tick of the low-level loop."""
 
     at: NotNegative = Field(description="when it comes [s]")
-    linear: Vector2 = Field((0.0, 0.0), description="impulse of the force, [x, y] [N s]")
-    angular: Number = Field(0.0, description="impulse of the torque [N m s]")
+    linear: OneOrMore[Number] = Field((0.0,), description="impulse of the force, [x, y] or [x, y, z] [N s]")
+    angular: OneOrMore[Number] = Field(
+        (0.0,), description="impulse of the torque; in space about the base's axes x, y, z [N m s]"
+    )
 
 
 def time_limit(context: Context) -> float:
@@ -71,9 +74,14 @@ def time_limit(context: Context) -> float:
 
 
 def _impulse(impulse: ImpulseSpec | None, fields: Fields, context: Context) -> Flaws:
-    """Give an impulse that comes after the run."""
-    limit = time_limit(context)
-    if impulse is not None and impulse.at >= limit:
+    """Give an impulse that comes after the run, or has other components than the base."""
+    limit, base = time_limit(context), context.sizes.get("base")
+    if impulse is None:
+        return
+    for key, size in (("linear", base // 3 + 1), ("angular", 2 * base // 3 - 1)) if base else ():
+        if key in impulse.model_fields_set and len(getattr(impulse, key)) != size:
+            yield (key,), expected(counted(size, "entry", "entries"))
+    if impulse.at >= limit:
         yield ("at",), flaw(f", expected a time before the time_limit of {limit:g} s", f"{impulse.at:g} s")
 
 
@@ -105,13 +113,14 @@ class UncertaintySpec(Spec):
     mass: _Fractions = Field(0.0, description="largest relative error of a body's mass, one number or numbers by part")
     inertia: _Fractions = Field(0.0, description="the same of its inertia about the centre of mass")
     centre_of_mass: OrByPart[NotNegative, Part, NotNegative] = Field(
-        0.0, description="largest offset of a body's centre of mass along either axis, one number or by part [m]"
+        0.0, description="largest offset of a body's centre of mass along each axis, one number or by part [m]"
     )
     friction: FrictionSpec = Field(FrictionSpec(), description="friction in the joints")
     noise: NoiseSpec = Field(NoiseSpec(), description="noise of the measurement")
     delay: Whole = Field(0, ge=0, description="samples after which a control reaches the robot")
     force_limits: Annotated[Mapping[Part, OneOrMore[Positive]], in_joint_space(one=True)] = Field(
-        {}, description="largest force and torques [Fx, Fy, torque] of the base, torques of arms, by part [N, N m]"
+        {},
+        description="largest force and torque of the base, [Fx, Fy, torque] or 6 in space, and of arms [N, N m]",
     )
     impulse: Annotated[ImpulseSpec | None, holds(_impulse)] = Field(None, description="a blow to the base")
     payload: PayloadSpec | None = Field(None, description="what the task's object weighs")

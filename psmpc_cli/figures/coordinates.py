@@ -31,9 +31,6 @@ SMALLEST = 1e-5
 SEEN: Mapping[str, Any] = {"color": "#7A7A7A", "linewidth": 0.55}
 """Look of what the controller saw."""
 
-LIMIT: Mapping[str, Any] = {"color": style.EDGE, "linewidth": 0.7}
-"""Look of limits and tolerances."""
-
 
 def plot_states(runs: Run | Mapping[str, Run]) -> Figure:
     """Plot base pose [m, rad] and joint angles [rad], of a run or of several side by side. Paper Figs. 8 to 10.
@@ -131,7 +128,7 @@ def _plot_quantity(
                 axes.plot(time, values[:, i], label=label, drawstyle=drawstyle, **look)
             axes.margins(y=0.08)
             if limits is not None and _plot_limits(axes, run, limits, rows, values):
-                handles["limit"] = style.entry("limit", **LIMIT)
+                handles["limit"] = style.entry("limit", **style.LEVEL)
             if seen is not None and not np.array_equal(seen(run), every, equal_nan=True):
                 axes.plot(time, seen(run)[:, rows], label="_seen", zorder=1.4, **SEEN)
                 handles["seen"] = style.entry("seen by the controller", **SEEN)
@@ -177,7 +174,7 @@ def _plot_limits(axes: Axes, run: Run, kind: str, rows: slice, values: np.ndarra
     farthest = FARTHEST * float(np.nanmax(np.abs(values), initial=0.0)) or np.inf
     near = np.unique(np.hstack([np.where(np.abs(side) < farthest, side, np.nan) for side in sides]), axis=1)
     seen = near[:, np.isfinite(near).any(axis=0)]
-    axes.plot(time, seen, label="_limit", zorder=1.5, **LIMIT)
+    axes.plot(time, seen, label="_limit", **style.LEVEL)
     return bool(seen.size)
 
 
@@ -199,15 +196,15 @@ def plot_errors(run: Run) -> Figure:
         look = _frame_look(frame)
         panels[angular].plot(time, np.where(size > 0, size, np.nan), label="_", **look)
         same = {curve[-1] for curve in curves if curve[0] == span and curve[2] == angular and np.isfinite(curve[-1])}
-        line = LIMIT if len(same) == 1 else {**LIMIT, "color": look["color"]}
+        line = style.LEVEL if len(same) == 1 else {**style.LEVEL, "color": look["color"]}
         if np.isfinite(tolerance):
-            panels[angular].hlines(tolerance, span.start, span.end, zorder=1.5, **line)
+            panels[angular].hlines(tolerance, span.start, span.end, **line)
     for row, (axes, what) in enumerate(zip(panels, ("coordinate", "joint or angle"), strict=True)):
         axes.set_yscale("log")
         axes.set_ylim(bottom=max(axes.get_ylim()[0], SMALLEST))
         timeline.label(row, ("Position error\n(m)", "Angle error\n(rad)")[row], f"largest {what}")
     bounded = any(len(stage.end_rows) for stage in run.problem.stages[: len(run.spans)])
-    return timeline.finish([style.entry("tolerance", **LIMIT)] if bounded else [])
+    return timeline.finish([style.entry("tolerance", **style.LEVEL)] if bounded else [])
 
 
 def error_curves(run: Run) -> Iterator[tuple[Span, int, bool, np.ndarray, np.ndarray, float]]:

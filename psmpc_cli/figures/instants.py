@@ -10,19 +10,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.timeline import DOTTED, open_timeline, runs_of
+from psmpc_cli.figures.timeline import open_timeline, runs_of
 from psmpc_cli.logs.run import Run
-
-DASHED = (0, (5, 2))
 
 HATCHES = ("", "//////", "......")
 """Patterns that go with the colours, so that a print in grey can be read as well."""
 
 COST, CONTROL = "weighted cost", "applied control"
 """What the stages have shares in."""
-
-PRESENT: Mapping[str, Any] = {"color": style.EDGE, "linewidth": 0.7}
-"""Look of the line of the present time."""
 
 
 def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
@@ -38,8 +33,8 @@ def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
     timeline = open_timeline(runs, 2 if happened else 1, 1.5)
     for column, run, seen in zip(timeline.panels.T, timeline.runs, planned, strict=True):
         above, ends, horizon = column[0], run.motion.time[[0, -1]], run.task.spec.controller.horizon
-        above.plot(ends, ends, zorder=1.5, **PRESENT)
-        above.plot(ends, ends + horizon, linestyle=DASHED, zorder=1.5, **PRESENT)
+        above.plot(ends, ends, **style.LEVEL)
+        above.plot(ends, ends + horizon, linestyle=style.DASHED, **style.LEVEL)
         above.set_ylim(bottom=ends[0])
         switches = run.stages["switch_time"]
         for stage in any_planned:
@@ -50,15 +45,15 @@ def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
                 column[1].plot(time, 1e3 * (instant - switches[stage]), **look)
         above.plot(switches, switches, "o", color="black", markerfacecolor="white", markersize=3.5, zorder=3)
         if happened:
-            column[1].axhline(0.0, zorder=1.5, **PRESENT)
+            column[1].axhline(0.0, **style.LEVEL)
     timeline.label(0, "Planned switch\ntime (s)", "" if any_planned else "no switch time was planned")
     if happened:
         timeline.panels[1, 0].set_ylabel("Planned minus\nactual (ms)")
     return timeline.finish(
         [
-            style.entry("present time", **PRESENT),
+            style.entry("present time", **style.LEVEL),
             style.entry("actual switch", color="black", linestyle="none", marker="o", markerfacecolor="white"),
-            style.entry("end of the horizon", linestyle=DASHED, **PRESENT),
+            style.entry("end of the horizon", linestyle=style.DASHED, **style.LEVEL),
         ]
     )
 
@@ -119,7 +114,7 @@ def _plot_stack(axes: Axes, run: Run, shares: np.ndarray) -> None:
         if span.index:
             axes.axvline(span.start, color="black", linewidth=0.6)
         if span.early is not None:
-            axes.axvline(span.early, color="black", linestyle=DOTTED, linewidth=0.8)
+            axes.axvline(span.early, color="black", linestyle=style.DOTTED, linewidth=0.8)
     axes.set_ylim(0, 100)
 
 
@@ -136,7 +131,7 @@ def plot_solve_time(run: Run) -> Figure:
         for axes, values in ((above, wall), (below, iterations)):
             axes.plot(time[which], values[which], label=label, linestyle="none", markersize=1.8, **style.mark_look(i))
     limit = run.task.spec.controller.sample_time * 1e3
-    above.axhline(limit, **PRESENT)
+    above.axhline(limit, **style.LEVEL)
     style.make_logarithmic(above)
     above.margins(y=0.1)
     below.set_ylabel("Iterations of\nthe solve (1)")
@@ -144,7 +139,7 @@ def plot_solve_time(run: Run) -> Figure:
     below.set_ylim(bottom=0)
     below.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, steps=[1, 2, 5, 10]))
     timeline.label(0, "Solve time\n(ms)")
-    handles = [style.entry(f"sample time, {limit:g} ms", **PRESENT)]
+    handles = [style.entry(f"sample time, {limit:g} ms", **style.LEVEL)]
     failed = run["events/solve_failed"].astype(bool)
     if np.any(failed):
         for axes, values in ((above, np.where(solved, wall, limit)), (below, iterations)):

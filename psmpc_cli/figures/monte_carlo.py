@@ -29,8 +29,9 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
     The times of a stage are relative to their median, which the legend names; those of the last one are the ends of the
     mission. A curve that ends below 1 belongs to a stage that not every run has ended.
     """
-    figure = style.new_figure(2.6)
-    axes = figure.add_subplot()
+    figure, (axes,) = style.stack(
+        ["Fraction of runs (1)"], [2.6], "Switch time that ends the stage, less its median (s)"
+    )
     times, made = runs["switch_time"], int(runs.made.sum())
     for number, stage in enumerate(runs.stages):
         ended = np.sort(times[np.isfinite(times[:, number]), number])
@@ -39,8 +40,6 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
             fraction = np.arange(len(ended) + 1) / made
             label = f"{style.readable(stage)}, {median:.1f} s"
             axes.step(np.r_[ended[0], ended] - median, fraction, where="post", label=label, **style.line_look(number))
-    axes.set_xlabel("Switch time that ends the stage, less its median (s)")
-    axes.set_ylabel("Fraction of runs (1)")
     axes.locator_params(axis="x", nbins=5)
     axes.set_ylim(-0.04, 1.04)
     style.panel_legend(axes)
@@ -64,21 +63,18 @@ def plot_runs(runs: MonteCarloRuns) -> Figure:
     if runs.monitors:
         monitored = dict(zip(map(style.readable, runs.monitors), runs["monitor_margin"].T, strict=True))
         panels.append(("Margin of monitor\n(m, m/s)", monitored, 0.0, "bound"))
-    figure = style.new_figure(len(panels) * 1.15 + 0.65)
-    rows = figure.subplots(len(panels), 1, sharex=True)
+    heights = [1.15 + 0.65 / len(panels)] * len(panels)
+    figure, rows = style.stack([label for label, *_ in panels], heights, "Seed of the run (1)")
     known = error[np.isfinite(error) & (error > 0)]
     if len(known) and known.max() > 30.0 * known.min():
         rows[0].set_yscale("log")
     else:
         rows[0].set_ylim(0.0, 1.12 * max(1.0, float(np.nanmax(error, initial=0.0))))
-    for axes, (label, values, level, name) in zip(rows, panels, strict=True):
+    for axes, (_, values, level, name) in zip(rows, panels, strict=True):
         _plot_by_run(axes, runs, values)
-        axes.axhline(level, color=style.EDGE, linewidth=0.7, zorder=1.5, label=name)
-        axes.set_ylabel(label)
+        axes.axhline(level, label=name, **style.LEVEL)
         style.panel_legend(axes)
-    rows[-1].set_xlabel("Seed of the run (1)")
     rows[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
-    figure.align_ylabels()
     return figure
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, StrMethodFormatter
+from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
 from psmpc_cli.figures.timeline import open_timeline
@@ -32,14 +32,16 @@ PUBLISHED: Mapping[str, Any] = {
 }
 """Look of a published value."""
 
-BOUND: Mapping[str, Any] = {"color": style.EDGE, "linewidth": 0.9, "linestyle": (0, (5, 2))}
+BOUND: Mapping[str, Any] = {**style.LEVEL, "linestyle": style.DASHED}
 """Look of a monitor's bound."""
 
 BROKEN: Mapping[str, Any] = {"color": style.PALETTE[1], "linestyle": "none", "marker": "X", "markersize": 6.0}
 """Look of the time at which a monitor broke."""
 
-HEIGHT, MARGIN, AXIS = 1.2, 0.25, 0.3
-"""Height of a panel, of around it all, and of an axis with its label [in]."""
+HEIGHT, AXIS = 1.25, 0.3
+"""Height of a panel, and of an axis with its label [in]."""
+
+OVER_TIME = ("Planned switch\ntime from now (s)", "Variation of joint\ncontrol (rad/s²)")
 
 ROW = 0.38
 """Height of a run's row of bars [in]."""
@@ -77,7 +79,7 @@ def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
         if which.any():
             waited, values = True, np.maximum(presence[which, stage], SMALLEST if onset.kind == "control" else -1.0)
             axes.plot(time[which], values, label=style.readable(name), **style.line_look(stage))
-    axes.axhline(onset.epsilon, color=style.EDGE, linewidth=0.7, zorder=1.5)
+    axes.axhline(onset.epsilon, **style.LEVEL)
     for start in published.values():
         axes.plot(start, onset.epsilon, **PUBLISHED)
     label = "Closeness to a waiting stage's\nown optimum (1)"
@@ -87,7 +89,7 @@ def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
         label = "Control added by a waiting stage\n(m/s², rad/s²)"
     timeline.label(0, label, "" if waited else "no stage waits: one at a time")
     marks = [style.entry("published start", **PUBLISHED)] if published else []
-    return timeline.finish([style.entry("threshold", color=style.EDGE, linewidth=0.7), *marks])
+    return timeline.finish([style.entry("threshold", **style.LEVEL), *marks])
 
 
 def plot_monitors(run: Run) -> Figure:
@@ -107,7 +109,7 @@ def plot_monitors(run: Run) -> Figure:
         time, values = run.time, signal(monitor, run.arrays)
         axes.plot(time, values, color=style.PALETTE[0])
         for bound in _bounds(run, monitor, values):
-            axes.plot(*bound, zorder=1.5, **BOUND)
+            axes.plot(*bound, **BOUND)
         if np.isfinite(verdict.broken_at):
             axes.plot(verdict.broken_at, np.interp(verdict.broken_at, time, values), zorder=3, **BROKEN)
             handles.append(style.entry("broken", **BROKEN))
@@ -137,14 +139,12 @@ def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, 
         runs: By method.
         published: Published ends by method and stage [s].
     """
-    figure = style.new_figure(0.9 + 0.5 * len(runs))
-    axes = figure.subplots()
+    figure, (axes,) = style.stack([""], [0.9 + 0.5 * len(runs)], "Time (s)")
     _draw_schedule(axes, {style.title_of(name): run.spans for name, run in runs.items()})
     for row, name in enumerate(runs):
         for time in published.get(name, {}).values():
             axes.plot(time, row - 0.33, **PUBLISHED)
     axes.set_xlim(left=0.0)
-    axes.set_xlabel("Time (s)")
     names = enumerate(map(style.readable, next(iter(runs.values())).stage_names), start=1)
     axes.set_title(", ".join(f"{number} {name}" for number, name in names), loc="left", pad=4, fontsize=style.TEXT)
     handles: list[Artist] = []
@@ -175,19 +175,15 @@ def plot_pending_cost(panels: Panels) -> Figure:
     J is over its value at the earliest instant that can be met, the other variables optimized; circles are its minima,
     triangles what the free optimizer returns.
     """
-    figure = style.new_figure(4 * HEIGHT + 2 * AXIS + MARGIN)
-    ahead, variation, printed, ours = figure.subplots(4, 1)
+    labels, heights = [*OVER_TIME, "$J$, δ = 0\n(relative)", "$J$, ours\n(relative)"], [HEIGHT, HEIGHT + AXIS] * 2
+    figure, (ahead, variation, printed, ours) = style.stack(labels, heights, "Switch time $t_s$ after $T_0$ (s)", False)
     _plot_over_time(ahead, variation, panels, "ab")
     ours.sharex(printed)
-    end = float(panels["instant"][HORIZON][1][0])
-    for axes, form, symbol in ((printed, "printed", "δ = 0"), (ours, "ours", "ours")):
-        _plot_scan(axes, panels, form, end)
-        axes.set_ylabel(f"$J$, {symbol}\n(relative)")
+    for axes, form in ((printed, "printed"), (ours, "ours")):
+        _plot_scan(axes, panels, form, end=float(panels["instant"][HORIZON][1][0]))
     style.panel_legend(printed, "(c)")
     ours.set_title("(d)", loc="left", pad=3.5, fontsize=style.TEXT)  # the same legend
     printed.tick_params(labelbottom=False)
-    ours.set_xlabel("Switch time $t_s$ after $T_0$ (s)")
-    figure.align_ylabels()
     return figure
 
 
@@ -196,9 +192,8 @@ def plot_normalization(panels: Panels) -> Figure:
 
     The starts and ends of stages are infinite or NaN if a run has none.
     """
-    height = ROW * len(panels["stages"])
-    figure = style.new_figure(height + 2 * HEIGHT + AXIS + MARGIN + style.LINE)
-    stages, ahead, variation = figure.subplots(3, 1, height_ratios=[height, HEIGHT, HEIGHT])
+    heights = [ROW * len(panels["stages"]) + style.LINE, HEIGHT, HEIGHT + AXIS]
+    figure, (stages, ahead, variation) = style.stack(["", *OVER_TIME], heights, "Time (s)", False)
     spans = {
         NAMES.get(label, label): [
             Span(index, "", begin, end, start if start < begin else None)
@@ -218,7 +213,6 @@ def plot_normalization(panels: Panels) -> Figure:
     if len(sizes):
         style.make_logarithmic(variation, subs=(1.0,))
         variation.set_ylim(max(float(sizes.min()), 0.1), 2.0 * float(sizes.max()))
-    figure.align_ylabels([ahead, variation])
     return figure
 
 
@@ -227,43 +221,34 @@ def plot_discretization(panels: Panels) -> Figure:
 
     A form whose prediction has no error to speak of is named above its panel.
     """
-    figure = style.new_figure(3 * HEIGHT + AXIS + MARGIN)
-    rows = figure.subplots(3, 1, sharex=True)
+    labels = ["Prediction error\n(m, rad)", "Miss at $t_s$\n(tolerances)", "End of\nthe run (s)"]
+    figure, rows = style.stack(labels, [HEIGHT, HEIGHT, HEIGHT + AXIS], "Intervals of a stage, $N_s$ (1)")
     style.make_logarithmic(rows[0])
-    labels = ("Prediction error\n(m, rad)", "Miss at $t_s$\n(tolerances)", "End of\nthe run (s)")
-    for axes, panel, label, letter in zip(rows, ("error", "missed", "end"), labels, "abc", strict=True):
+    for axes, panel, letter in zip(rows, ("error", "missed", "end"), "abc", strict=True):
         note = f"({letter})"
         for i, (kind, (nodes, values)) in enumerate(panels[panel].items()):
             if panel == "error" and not np.any(values > EXACT):
                 note += f"   {NAMES.get(kind, kind)}: below $10^{{{np.log10(EXACT):.0f}}}$"
             else:
                 axes.plot(nodes, values, marker=style.MARKERS[i], label=NAMES.get(kind, kind), **style.line_look(i))
-        axes.set_ylabel(label)
         axes.margins(y=0.12)
         style.panel_legend(axes, note)
     rows[1].set_ylim(bottom=0.0)
-    rows[-1].set_xscale("log")
+    style.make_logarithmic(rows[-1], "x")
     rows[-1].set_xticks(sorted({float(n) for nodes, _ in panels["end"].values() for n in nodes}))
-    rows[-1].set_xticks([], minor=True)
-    rows[-1].xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    rows[-1].set_xlabel("Intervals of a stage, $N_s$ (1)")
-    figure.align_ylabels()
     return figure
 
 
 def _plot_over_time(above: Axes, below: Axes, panels: Panels, letters: str) -> None:
     """Plot how far ahead the planned switch time is [s], a point a sample, and the variation of the joints' control."""
-    runs = [label for label in panels["instant"] if label != HORIZON]
-    for i, label in enumerate(runs):
+    for i, label in enumerate(label for label in panels["instant"] if label != HORIZON):
         name = NAMES.get(label, label)
         look = {"linestyle": "none", "markeredgecolor": "none", "markersize": 2.0, **style.mark_look(i)}
         above.plot(*panels["instant"][label], label=name, **look)
         below.plot(*panels["variation"][label], label=name, **style.line_look(i))
     time, ahead = panels["instant"][HORIZON]
-    above.plot(time, ahead, color=style.EDGE, linewidth=0.7, label="$T_f$", zorder=1.5)
+    above.plot(time, ahead, label="$T_f$", **style.LEVEL)
     above.set_ylim(0.0, 1.06 * float(ahead[0]))
-    above.set_ylabel("Planned switch\ntime from now (s)")
-    below.set_ylabel("Variation of joint\ncontrol (rad/s²)")
     below.set_ylim(bottom=0.0)
     below.sharex(above)
     above.tick_params(labelbottom=False)
@@ -279,7 +264,7 @@ def _plot_scan(axes: Axes, panels: Panels, form: str, end: float) -> None:
     earliest = min(float(instants[0]) for instants, _ in curves.values())
     axes.axvspan(0.0, earliest, facecolor="#DDDDDD", edgecolor="none", zorder=0)
     axes.text(earliest / 2, 0.5, "infeasible", transform=axes.get_xaxis_transform(), fontsize=style.TEXT, ha="center")
-    axes.axvline(end, color=style.EDGE, linewidth=0.7, zorder=1.5)
+    axes.axvline(end, **style.LEVEL)
     marks: dict[str, Any] = {"markeredgecolor": "black", "linestyle": "none", "markersize": 4.5}
     for i, (label, curve) in enumerate(curves.items(), start=2):
         axes.plot(*curve, label=label, **style.line_look(i))

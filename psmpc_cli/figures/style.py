@@ -1,10 +1,11 @@
 """One look for all figures: journal column width, fonts, a colour-blind safe palette, legends and axes."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -55,8 +56,15 @@ LINE = 0.125
 STAGE, EARLY, EDGE, BODY, OBJECT = "#ECECEC", "#FAD28A", "#444444", "#C9D3DA", "#F5EDA0"
 """Colours of every other stage, a stage that acts early, limits and outlines, the base, the object."""
 
+DASHED, DOTTED = (0, (5, 2)), (0, (1, 1.5))
+
+LEVEL: Mapping[str, Any] = {"color": EDGE, "linewidth": 0.7, "zorder": 1.5}
+"""Look of a line at a level: a limit, a tolerance, a threshold, the present time."""
+
 FAILED: Mapping[str, Any] = {"color": "black", "marker": "x", "markersize": 3.5, "linestyle": "none"}
 """Look of what failed."""
+
+TICKS: Mapping[str, Any] = {"labelsize": TEXT, "direction": "in", "major.width": 0.6, "minor.width": 0.4}
 
 STYLE: Mapping[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -67,18 +75,8 @@ STYLE: Mapping[str, Any] = {
     "axes.linewidth": 0.6,
     "axes.axisbelow": True,
     "axes.formatter.useoffset": False,
-    "xtick.labelsize": TEXT,
-    "ytick.labelsize": TEXT,
-    "xtick.direction": "in",
-    "ytick.direction": "in",
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.minor.width": 0.4,
-    "ytick.minor.width": 0.4,
-    "xtick.major.size": 2.5,
-    "ytick.major.size": 2.5,
-    "xtick.minor.size": 1.5,
-    "ytick.minor.size": 1.5,
+    **{f"{axis}tick.{key}": value for axis in "xy" for key, value in TICKS.items()},
+    **{f"{axis}tick.{kind}.size": size for axis in "xy" for kind, size in (("major", 2.5), ("minor", 1.5))},
     "legend.fontsize": TEXT,
     "legend.frameon": False,
     "legend.borderpad": 0.1,
@@ -93,10 +91,8 @@ STYLE: Mapping[str, Any] = {
     "savefig.dpi": 300,
     "pdf.fonttype": 42,
     "svg.hashsalt": "psmpc",
+    **{f"figure.constrained_layout.{pad}": 0.02 for pad in ("w_pad", "hspace", "wspace")},
     "figure.constrained_layout.h_pad": 0.03,
-    "figure.constrained_layout.w_pad": 0.02,
-    "figure.constrained_layout.hspace": 0.02,
-    "figure.constrained_layout.wspace": 0.02,
 }
 """Matplotlib settings in force while a figure is drawn and written."""
 
@@ -114,6 +110,19 @@ def in_style() -> Iterator[None]:
 def new_figure(height: float, width: float = COLUMN) -> Figure:
     """Return an empty figure of the given size [in], without a window and unknown to pyplot."""
     return Figure(figsize=(width, height), layout="constrained")
+
+
+def stack(
+    labels: Sequence[str], heights: Sequence[float], xlabel: str, sharex: bool = True
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure of panels below each other, with the labels of their vertical axes and heights [in]."""
+    figure = new_figure(sum(heights))
+    rows = figure.subplots(len(labels), 1, sharex=sharex, squeeze=False, height_ratios=heights)[:, 0]
+    for axes, label in zip(rows, labels, strict=True):
+        axes.set_ylabel(label)
+    rows[-1].set_xlabel(xlabel)
+    figure.align_ylabels()
+    return figure, list(rows)
 
 
 def line_look(index: int) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from psmpc_cli.studies.weights import ALLOWED, GRID, WITHIN, AlongRatio, SweepCe
 
 COLORS = "viridis"
 
-FLOOR = "$t_s - T_h$"
+FLOOR, RATIO = "$t_s - T_h$", "Ratio of the priorities, ω₂/ω₁ (1)"
 
 WAITING: Mapping[str, Any] = {"color": style.EDGE, "marker": "o", "markerfacecolor": "white", "linestyle": "none"}
 
@@ -73,14 +73,13 @@ def plot_surface(cells: SweepCells) -> Figure:
     x, y = (omega.reshape(shape) for omega in np.log10(cells.omega.T))
     start = _starts(cells).reshape(shape)
     corners = [x.min(), x.max(), x.max(), x.min(), x.min()], [y.min(), y.min(), y.max(), y.max(), y.min()]
-    frame: dict[str, Any] = {"color": style.EDGE, "linewidth": 0.8}
     handles: list[Artist] = []
     if cells.ended.any():  # from the lowest to the highest, as they cover each other
-        floor = axes.plot(*corners, [scale.vmin] * 5, linestyle=(0, (4, 1.5)), label=FLOOR, **frame)
+        floor = axes.plot(*corners, [scale.vmin] * 5, linestyle=style.DASHED, label=FLOOR, **style.LEVEL)
         colors = ScalarMappable(scale, COLORS).to_rgba(start)
         look = {"rstride": 1, "cstride": 1, "shade": False, "edgecolor": style.EDGE, "linewidth": 0.2}
         axes.plot_surface(x, y, start, facecolors=colors, **look)
-        handles = [*axes.plot(*corners, [scale.vmax] * 5, label="$t_s$", **frame), *floor]
+        handles = [*axes.plot(*corners, [scale.vmax] * 5, label="$t_s$", **style.LEVEL), *floor]
     if failed.any():
         axes.plot(x.flat[failed], y.flat[failed], np.full(failed.sum(), scale.vmin), **style.FAILED)
         handles.append(style.entry("failed", **style.FAILED))
@@ -139,8 +138,8 @@ def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, s
 
 def plot_starts(cells: SweepCells) -> Figure:
     """Plot the actual start [s] over omega_2 / omega_1, a line a threshold, between t_s and t_s - T_h."""
-    figure = style.new_figure(2.7)
-    axes = figure.add_subplot()
+    label = f"Actual start of {style.readable(cells.names[1])} (s)"
+    figure, (axes,) = style.stack([label], [2.7], RATIO)
     _set_ratio(axes, cells)
     if cells.ended.any():
         _plot_bounds(axes, cells)
@@ -151,8 +150,6 @@ def plot_starts(cells: SweepCells) -> Figure:
     else:
         axes.set_yticks([])
     _mark_failed(axes, cells)
-    axes.set_xlabel("Ratio of the priorities, ω₂/ω₁ (1)")
-    axes.set_ylabel(f"Actual start of {style.readable(cells.names[1])} (s)")
     style.panel_legend(axes)
     return figure
 
@@ -167,13 +164,11 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
     completion, effort, error = found = [along_ratio(cells, cells.of(name)) for name in quantities]
     labels = [f"Completion\nof {second} (s)", "Control effort\n(m²/s³, rad²/s³)", "Final error\n(tolerances)"]
     shown = 3 if np.isfinite(error.middle).any() else 2
-    figure = style.new_figure(shown * 1.05 + 0.6)
-    rows = figure.subplots(shown, 1, sharex=True)
+    figure, rows = style.stack(labels[:shown], [1.05 + 0.6 / shown] * shown, RATIO)
     _set_ratio(rows[0], cells)
     _mark_ratios(rows, cells)
-    for axes, label, values in zip(rows, labels, found, strict=False):
+    for axes, values in zip(rows, found, strict=False):
         _plot_along(axes, values, **style.line_look(0))
-        axes.set_ylabel(label)
         axes.margins(y=0.12)
         if not cells.ended.any():
             axes.set_yticks([])
@@ -185,14 +180,12 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
         if high > 5.0 * low > 0:
             style.make_logarithmic(rows[1], subs=(1.0, 2.0, 5.0) if high < 300.0 * low else (1.0,))
     if shown == 3:
-        rows[2].axhline(ALLOWED, color=style.EDGE, linewidth=0.7, linestyle=(0, (5, 2)), zorder=1.5, label="tolerance")
+        rows[2].axhline(ALLOWED, linestyle=style.DASHED, label="tolerance", **style.LEVEL)
         rows[2].set_ylim(0.0, 1.15 * max(ALLOWED, float(np.nanmax(error.highest, initial=0.0))))
         rows[2].yaxis.set_major_locator(MaxNLocator(nbins=5, prune="lower"))
         style.panel_legend(rows[2])
     _mark_failed(rows[0], cells)
     style.panel_legend(rows[0])
-    rows[-1].set_xlabel("Ratio of the priorities, ω₂/ω₁ (1)")
-    figure.align_ylabels()
     return figure
 
 
@@ -218,9 +211,8 @@ def _plot_bounds(axes: Axes, cells: SweepCells) -> None:
     instant, floor = along_ratio(cells, cells.instant), along_ratio(cells, cells.floor)
     room = 0.06 * cells.task.spec.controller.horizon
     low, high = float(floor.lowest.min()) - room, float(instant.highest.max()) + room
-    look: dict[str, Any] = {"color": style.EDGE, "linewidth": 0.8, "zorder": 1.6}
-    axes.plot(instant.ratio, instant.middle, label="$t_s$", **look)
-    axes.plot(floor.ratio, floor.middle, linestyle=(0, (1, 1)), label=FLOOR, **look)
+    axes.plot(instant.ratio, instant.middle, label="$t_s$", **style.LEVEL)
+    axes.plot(floor.ratio, floor.middle, linestyle=style.DOTTED, label=FLOOR, **style.LEVEL)
     axes.fill_between(floor.ratio, low, floor.middle, color=style.STAGE, linewidth=0, zorder=0.5)
     axes.set_ylim(low, high)
 
@@ -238,8 +230,8 @@ def _mark_ratios(rows: Sequence[Axes], cells: SweepCells) -> None:
     best = recommend(cells).ratio
     for axes in rows:
         if cells.ratio.min() <= cells.own_ratio <= cells.ratio.max():
-            look: dict[str, Any] = {"color": style.EDGE, "linewidth": 0.9, "linestyle": (0, (1, 1)), "zorder": 1.7}
-            axes.axvline(cells.own_ratio, label=f"task's {cells.own_ratio:.4g}" if axes is rows[0] else "_", **look)
+            label = f"task's {cells.own_ratio:.4g}" if axes is rows[0] else "_"
+            axes.axvline(cells.own_ratio, linestyle=style.DOTTED, label=label, **style.LEVEL)
         if best is not None:
             label = f"recommended {best:.4g}" if axes is rows[0] else "_"
             axes.axvline(best, color=style.PALETTE[1], linewidth=1.1, label=label, zorder=1.8)

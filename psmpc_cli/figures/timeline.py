@@ -17,8 +17,6 @@ from psmpc_cli.logs.run import Run, Span
 STRIP_ROW = 0.15
 """Height of a row of the strip [in]."""
 
-DOTTED = (0, (1, 1.5))
-
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
@@ -119,7 +117,7 @@ def _shade(axes: Axes, spans: Sequence[Span]) -> None:
             axes.axvspan(span.start, span.end, facecolor=style.STAGE, edgecolor="none", zorder=0)
         if span.early is not None:
             axes.axvspan(span.early, span.start, facecolor=style.EARLY, edgecolor="none", zorder=0.1)
-            axes.axvline(span.early, color="black", linestyle=DOTTED, linewidth=0.8, zorder=0.2)
+            axes.axvline(span.early, color="black", linestyle=style.DOTTED, linewidth=0.8, zorder=0.2)
 
 
 def _stage_handles(spans: Sequence[Span], shaded: bool) -> list[Artist]:
@@ -129,7 +127,7 @@ def _stage_handles(spans: Sequence[Span], shaded: bool) -> list[Artist]:
         handles.append(style.patch_entry("every other stage", facecolor=style.STAGE))
     if any(span.early is not None for span in spans):
         handles.append(style.patch_entry("next stage already acts", facecolor=style.EARLY, edgecolor="none"))
-        handles.append(style.entry("early start", color="black", linestyle=DOTTED, linewidth=0.8))
+        handles.append(style.entry("early start", color="black", linestyle=style.DOTTED, linewidth=0.8))
     return handles
 
 

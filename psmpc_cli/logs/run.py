@@ -1,7 +1,7 @@
 """A whole run in memory, from its log or straight from a simulation."""
 
 import csv
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -271,9 +271,9 @@ class Run:
             InputError: A file exists already, or the directory cannot be written.
         """
         directory = Path(directory)
-        tables = {"samples.csv": self._samples_table(), "stages.csv": self._stages_table()}
+        tables = {"samples.csv": self._table("time"), "stages.csv": self._table("stage", "stages/")}
         if self.ticks:
-            tables["ticks.csv"] = self._ticks_table()
+            tables["ticks.csv"] = self._table("ticks/tick", "ticks/")
         paths = [directory / name for name in tables]
         if not force and (present := [str(path) for path in paths if path.exists()]):
             raise InputError(
@@ -281,7 +281,7 @@ class Run:
             )
         try:
             directory.mkdir(parents=True, exist_ok=True)
-            for path, table in zip(paths, map(dict, tables.values()), strict=True):
+            for path, table in zip(paths, tables.values(), strict=True):
                 with path.open("w", newline="", encoding="utf-8") as file:
                     csv.writer(file).writerows([table, *zip(*table.values(), strict=True)])
         except (FileExistsError, NotADirectoryError):
@@ -300,44 +300,31 @@ class Run:
             import xarray
         except ImportError:
             raise InputError("found no xarray, which Run.to_xarray needs: pip install xarray") from None
-        about = {column: {"units": column.units, "long_name": column.long_name} for column in self._sampled}
-        variables = {column.path: (column.dims, self[column.path], about[column]) for column in self._sampled}
-        names = {dim: self[dim] for column in self._sampled for dim in column.dims}
+        sampled = self._along("time")
+        about = {column: {"units": column.units, "long_name": column.long_name} for column in sampled}
+        variables = {column.path: (column.dims, self[column.path], about[column]) for column in sampled}
+        names = {dim: self[dim] for column in sampled for dim in column.dims}
         return xarray.Dataset(variables, names, dict(self.attributes))
-
-    @property
-    def _sampled(self) -> tuple[Column, ...]:
-        """The columns of the samples, without the scale `time`."""
-        return tuple(column for column in columns("time") if column.path in self.arrays and not column.ragged)
 
     def _below(self, group: str) -> dict[str, Array]:
         paths = [path for path in self.arrays if path.startswith(f"{group}/")]
         return {path.removeprefix(f"{group}/"): self.arrays[path] for path in paths}
 
-    def _samples_table(self) -> Iterator[tuple[str, Array]]:
-        yield "time [s]", self.time
-        for column in self._sampled:
-            if len(column.dims) == 1:
-                yield column.path if column.units == "1" else f"{column.path} [{column.units}]", self[column.path]
+    def _along(self, dim: str) -> tuple[Column, ...]:
+        """Return the columns along a dimension that the run has, without its scale."""
+        return tuple(column for column in columns(dim) if column.path in self.arrays and not column.ragged)
+
+    def _table(self, dim: str, without: str = "") -> dict[str, Array]:
+        """Return everything along a dimension as columns of numbers or texts, by heading."""
+        table = {"time [s]": self.time} if dim == "time" else {}
+        for column in self._along(dim):
+            name, values = column.path.removeprefix(without), self[column.path]
+            if values.ndim == 1:
+                table[name if column.units == "1" else f"{name} [{column.units}]"] = values
             else:
-                yield from _named(column.path, self[column.dims[1]], self[column.path])
-
-    def _stages_table(self) -> Iterator[tuple[str, Array]]:
-        stages = self.stages
-        for name in ("name", "priority", "switch_time", "actual_start", "early"):
-            yield name, stages[name]
-        epsilons = [f"{epsilon:g}" for epsilon in stages["epsilon"]]
-        yield from _named("actual_start", epsilons, stages["actual_start_by_epsilon"])
-
-    def _ticks_table(self) -> Iterator[tuple[str, Array]]:
-        yield "time [s]", self["ticks/time"]
-        for quantity in ("Q", "Qdot", "F"):
-            yield from _named(quantity, self.coordinates, self[f"ticks/{quantity}"])
-
-
-def _named(name: str, labels: Iterable[str], values: Array) -> Iterator[tuple[str, Array]]:
-    """Yield the columns of values (K, labels) with a name each."""
-    return ((f"{name}/{label}", column) for label, column in zip(labels, values.T, strict=True))
+                labels = (label if isinstance(label, str) else f"{label:g}" for label in self[column.dims[1]])
+                table |= {f"{name}/{label}": each for label, each in zip(labels, values.T, strict=True)}
+        return table
 
 
 def read_run(path: Path | str) -> Run:

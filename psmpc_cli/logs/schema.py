@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from psmpc_cli.control.controller import Command
 from psmpc_cli.plant import Ticks
-from psmpc_cli.solvers import Solution
 
 FORMAT_VERSION = 2
 """Changes when a reader of the old format would misread the new one."""
@@ -141,40 +140,64 @@ class Column:
         return self, length, Column(element, "1", f"index into a row of {path}", value, "i4", (element,))
 
 
-def _m(name: str) -> Callable[[Sample], Any]:
-    """Return what reads one of the metrics."""
-    return attrgetter(f"metrics.{name}")
+Read = str | Callable[[Any], Any]
+"""What reads a value of a sample: a function, or the name of an attribute such as `command.time`."""
 
 
-def _window(path: str, units: str, long_name: str, values: Value) -> Column:
+def _read(value: Read) -> Callable[[Any], Any]:
+    return attrgetter(value) if isinstance(value, str) else value
+
+
+def _column(path: str, units: str, long_name: str, value: Read = "", dtype: str = "f8", **more: Any) -> Column:
+    """Return a column; without a value it does not grow."""
+    return Column(path, units, long_name, _read(value) if value else None, dtype, **more)
+
+
+def _window(path: str, units: str, long_name: str, values: Read) -> Column:
     """Return the column of values of the stages in the window, in the places of those stages."""
 
     def placed(sample: Sample) -> np.ndarray:
         sequence = sample.command.sequence
-        row, found = np.full(sample.stages, np.nan), np.atleast_1d(values(sample))[: sequence.count]
+        row, found = np.full(sample.stages, np.nan), np.atleast_1d(_read(values)(sample))[: sequence.count]
         row[sequence.first : sequence.first + len(found)] = found
         return row
 
     return Column(path, units, f"{long_name}; NaN outside the window", placed, dims=("time", "stage"))
 
 
-def _by_stage(values: Callable[[Sample], Mapping[int, float]], unknown: float = np.nan) -> Value:
-    """Return values by stage index in the places of their stages (S,)."""
+def _by_stage(
+    path: str,
+    units: str,
+    long_name: str,
+    values: Read,
+    dtype: str = "f8",
+    unknown: float = np.nan,
+    only: str = "",
+) -> Column:
+    """Return the column of values by stage index, in the places of their stages."""
 
     def placed(sample: Sample) -> np.ndarray:
-        found = values(sample)
+        found = _read(values)(sample)
         return np.array([found.get(stage, unknown) for stage in range(sample.stages)])
 
-    return placed
+    return Column(path, units, long_name, placed, dtype, ("time", "stage"), only)
 
 
-def _levels(value: Callable[[Solution], float], unknown: float = np.nan) -> Value:
-    """Return a value of each level in the place of its stage (S,)."""
-    return _by_stage(lambda s: dict(enumerate(map(value, s.command.levels), start=s.command.sequence.first)), unknown)
+def _level(name: str, units: str, long_name: str, value: Read, dtype: str = "f8", unknown: float = np.nan) -> Column:
+    """Return the column of a value of each level, in the place of its stage."""
+
+    def values(sample: Sample) -> Any:
+        return dict(enumerate(map(_read(value), sample.command.levels), start=sample.command.sequence.first))
+
+    return _by_stage(f"levels/{name}", units, long_name, values, dtype, unknown, "levels")
 
 
 def _costs(sample: Sample) -> ArrayLike:
     return () if "solve_failed" in sample.command.events else sample.command.solution.costs
+
+
+def _optimum(level: Any) -> float:
+    return float(level.costs[-1]) if level.outcome.usable else np.nan
 
 
 def _level_costs(sample: Sample) -> Mapping[int, float]:
@@ -187,17 +210,18 @@ def _event(name: str, long_name: str) -> Column:
     return Column(f"events/{name}", "1", long_name, lambda s: name in s.command.events, "i1", ("time",))
 
 
-def _plan(name: str, long_name: str, value: Value) -> Column:
-    return Column(f"plan/{name}", "1", long_name, value, dims=("time", f"plan/{name}_element"), only="plans")
+def _plan(name: str, long_name: str, value: str) -> Column:
+    return _column(f"plan/{name}", "1", long_name, value, dims=("time", f"plan/{name}_element"), only="plans")
 
 
-def _halves(Q: str, v: str, what: str, state: Callable[[Sample], np.ndarray], only: str = "") -> tuple[Column, ...]:
+def _halves(Q: str, v: str, what: str, state: str, only: str = "") -> tuple[Column, ...]:
     """Return the columns of the positions and the velocities of a state (2n,)."""
+    of = attrgetter(state)
     names = ("position", "velocity") if "limit" in what else ("coordinates", "velocities")
     units, dims = ("m, rad", "m/s, rad/s"), ("time", "coordinate")
-    values: tuple[Value, Value] = (lambda s: state(s)[: s.n], lambda s: state(s)[s.n :])
+    values: tuple[Value, Value] = (lambda s: of(s)[: s.n], lambda s: of(s)[s.n :])
     columns = zip((Q, v), units, names, values, strict=True)
-    return tuple(Column(path, unit, what.format(name), of, "f8", dims, only) for path, unit, name, of in columns)
+    return tuple(Column(path, unit, what.format(name), each, "f8", dims, only) for path, unit, name, each in columns)
 
 
 def _scale(path: str, units: str, long_name: str, dtype: str = "text", only: str = "") -> Column:
@@ -205,19 +229,20 @@ def _scale(path: str, units: str, long_name: str, dtype: str = "text", only: str
 
 
 _Q, _V, _A, _F = "m, rad", "m/s, rad/s", "m/s^2, rad/s^2", "N, N m"
-_t = partial(Column, dims=("time",))
-_tn = partial(Column, dims=("time", "coordinate"))
-_ts = partial(Column, dims=("time", "stage"))
-_tick = partial(Column, dims=("ticks/tick", "coordinate"), only="ticks")
-_level = partial(Column, dims=("time", "stage"), only="levels")
-_stage = partial(Column, dims=("stage",))
-_final = partial(Column, dims=("coordinate",))
-_body = partial(Column, dims=("uncertainty/body",), only="drawn")
+_t = partial(_column, dims=("time",))
+_tn = partial(_column, dims=("time", "coordinate"))
+_disturbance = partial(_column, dims=("time", "coordinate"), only="disturbance")
+_tick = partial(_column, dims=("ticks/tick", "coordinate"), only="ticks")
+_payload = partial(_column, dims=("time",), only="payload")
+_stage = partial(_column, dims=("stage",))
+_final = partial(_column, dims=("coordinate",))
+_monitor = partial(_column, dims=("monitors/name",))
+_body = partial(_column, dims=("uncertainty/body",), only="drawn")
 
 SCHEMA = (
     # what runs along the dimensions
-    _t("time", "s", "sample time", lambda s: s.command.time),
-    Column("ticks/tick", "1", "number of the tick, from 0", lambda s: s.tick_numbers, "i8", ("ticks/tick",), "ticks"),
+    _t("time", "s", "sample time", "command.time"),
+    _column("ticks/tick", "1", "number of the tick, from 0", "tick_numbers", "i8", dims=("ticks/tick",), only="ticks"),
     _scale("coordinate", "1", "generalized coordinate"),
     _scale("pose_coordinate", "1", "pose coordinate"),
     _scale("stage", "1", "stage"),
@@ -227,33 +252,27 @@ SCHEMA = (
     _scale("uncertainty/body", "1", "body", only="drawn"),
     _scale("uncertainty/axis", "1", "axis of the body", only="drawn"),
     # a row a sample
-    *_halves("state/Q", "state/Qdot", "generalized {}, as the controller saw them", lambda s: s.command.x),
+    *_halves("state/Q", "state/Qdot", "generalized {}, as the controller saw them", "command.x"),
     _tn("control/u", _A, "applied acceleration over the first tick", lambda s: s.metrics.u[0]),
     _tn("force/F", _F, "generalized force of the low-level controller at the sample", lambda s: s.ticks.F[0]),
-    Column("pose/xi", _Q, "poses of base and end-effectors", _m("xi"), dims=("time", "pose_coordinate")),
-    _t("window/first", "1", "index of the current stage", lambda s: s.command.sequence.first, "i4"),
-    _t("window/count", "1", "number of stages in the window", lambda s: s.command.sequence.count, "i4"),
-    _window("window/instants", "s", "planned switch time that ends each stage", lambda s: s.command.instants),
+    _column("pose/xi", _Q, "poses of base and end-effectors", "metrics.xi", dims=("time", "pose_coordinate")),
+    _t("window/first", "1", "index of the current stage", "command.sequence.first", "i4"),
+    _t("window/count", "1", "number of stages in the window", "command.sequence.count", "i4"),
+    _window("window/instants", "s", "planned switch time that ends each stage", "command.instants"),
     _window("window/cost", "1", "normalized cost integral of each stage", _costs),
     _t(
         "window/basin",
         "1",
         "guess of the switch times that won, 0 the last plan's; -1 if alone",
-        lambda s: s.command.solution.basin,
+        "command.solution.basin",
         "i4",
     ),
-    _window("window/nodes", "1", "intervals N_s of each stage", lambda s: s.command.solution.window.nodes),
-    _ts(
-        "window/presence",
-        _A,
-        "how much of a waiting stage is in the control; NaN if not looked at",
-        _by_stage(_m("presence")),
+    _window("window/nodes", "1", "intervals N_s of each stage", "command.solution.window.nodes"),
+    _by_stage(
+        "window/presence", _A, "how much of a waiting stage is in the control; NaN if not looked at", "metrics.presence"
     ),
-    _ts(
-        "window/share",
-        "1",
-        "share of each stage in the applied control; NaN where it has none",
-        _by_stage(_m("shares")),
+    _by_stage(
+        "window/share", "1", "share of each stage in the applied control; NaN where it has none", "metrics.shares"
     ),
     _event("appended", "a stage entered the window"),
     _event("postponed", "a stage was seen, but the window with it had no solution yet"),
@@ -261,50 +280,23 @@ SCHEMA = (
     _event("braking", "the plan was used up and the robot braked to rest"),
     _event("unmeasured", "the measured state was not finite, and the plan's was used for it"),
     _t("solver/status", "1", "outcome of the solve", lambda s: s.command.outcome.name.lower(), "S16"),
-    _t(
-        "solver/warm", "1", "the solve started from the last solution, shifted", lambda s: s.command.solution.warm, "i1"
+    _t("solver/warm", "1", "the solve started from the last solution, shifted", "command.solution.warm", "i1"),
+    _t("solver/iterations", "1", "iterations of the solve", "command.iterations", "i4"),
+    _t("solver/wall_time", "s", "wall time of the solve alone", "command.solve_time"),
+    _t("solver/objective", "1", "objective J", "command.solution.J"),
+    _window("normalization/nadir", "1", "divisor of each window stage's cost", "command.solution.window.scale"),
+    _t("cost/current_stage", "1", "cost Lbar of the current stage", "metrics.stage_cost"),
+    *_halves(
+        "margin/position", "margin/velocity", "smallest distance to a {} limit until the next sample", "metrics.margin"
     ),
-    _t("solver/iterations", "1", "iterations of the solve", lambda s: s.command.iterations, "i4"),
-    _t("solver/wall_time", "s", "wall time of the solve alone", lambda s: s.command.solve_time),
-    _t("solver/objective", "1", "objective J", lambda s: s.command.solution.J),
-    _window(
-        "normalization/nadir", "1", "divisor of each window stage's cost", lambda s: s.command.solution.window.scale
+    _t("effort/control", "m^2/s^3, rad^2/s^3", "integral of |u|^2 until the next sample", "metrics.control_effort"),
+    _t("effort/base_force", "N s", "integral of the norm of the base force", "metrics.base_force"),
+    _t("effort/base_torque", "N m s", "integral of the magnitude of the base torque", "metrics.base_torque"),
+    *_halves("deviation/Q", "deviation/Qdot", "generalized {} at the next sample less the plan's", "metrics.deviation"),
+    _by_stage(
+        "deviation/end", "1", "error of an end condition over its tolerance, where its stage ends", "metrics.end_errors"
     ),
-    _t("cost/current_stage", "1", "cost Lbar of the current stage", _m("stage_cost")),
-    _tn(
-        "margin/position",
-        _Q,
-        "smallest distance to a position limit until the next sample",
-        lambda s: s.metrics.margin[: s.n],
-    ),
-    _tn(
-        "margin/velocity",
-        _V,
-        "smallest distance to a velocity limit until the next sample",
-        lambda s: s.metrics.margin[s.n :],
-    ),
-    _t("effort/control", "m^2/s^3, rad^2/s^3", "integral of |u|^2 until the next sample", _m("control_effort")),
-    _t("effort/base_force", "N s", "integral of the norm of the base force", _m("base_force")),
-    _t("effort/base_torque", "N m s", "integral of the magnitude of the base torque", _m("base_torque")),
-    _tn(
-        "deviation/Q",
-        _Q,
-        "generalized coordinates at the next sample less the plan's",
-        lambda s: s.metrics.deviation[: s.n],
-    ),
-    _tn(
-        "deviation/Qdot",
-        _V,
-        "generalized velocities at the next sample less the plan's",
-        lambda s: s.metrics.deviation[s.n :],
-    ),
-    _ts(
-        "deviation/end",
-        "1",
-        "error of an end condition over its tolerance, where its stage ends",
-        _by_stage(_m("end_errors")),
-    ),
-    Column(
+    _column(
         "balance/momentum",
         "N s, N m s",
         "momentum less the integral of the external wrench",
@@ -312,93 +304,48 @@ SCHEMA = (
         dims=("time", "momentum"),
     ),
     _t("balance/energy", "J", "kinetic energy less the work of the generalized forces", lambda s: s.metrics.balance[3]),
-    _level(
-        "levels/objective",
-        "1",
-        "optimum of the cost each level minimizes; NaN where none converged",
-        _levels(lambda level: level.costs[-1] if level.outcome.usable else np.nan),
+    _level("objective", "1", "optimum of the cost each level minimizes; NaN where none converged", _optimum),
+    _by_stage(
+        "levels/cost", "1", "cost of each level's stage at the last level that converged", _level_costs, only="levels"
     ),
-    _level("levels/cost", "1", "cost of each level's stage at the last level that converged", _by_stage(_level_costs)),
-    _level(
-        "levels/wall_time",
-        "s",
-        "wall time of each level's solve alone; NaN where there was none",
-        _levels(lambda level: level.wall_time),
-    ),
-    _level(
-        "levels/solved",
-        "1",
-        "1 if the level converged, 0 if not, -1 if there was none",
-        _levels(lambda level: level.outcome.usable, -1),
-        "i1",
-    ),
-    *_halves("state/Q_true", "state/Qdot_true", "generalized {}, true", _m("true"), "true state"),
-    _t(
-        "payload/held",
-        "1",
-        "whether the grippers hold the payload from the sample on",
-        _m("held"),
-        "i1",
-        only="payload",
-    ),
-    _t(
-        "payload/energy",
-        "J",
-        "kinetic energy gained by taking it up or letting it go",
-        _m("payload_energy"),
-        only="payload",
-    ),
-    _tn(
-        "control/disturbance",
-        _A,
-        "estimated disturbance, taken off the control",
-        lambda s: s.command.disturbance,
-        only="disturbance",
-    ),
-    _plan("guess", "plan it started from: instants, states, accelerations", lambda s: s.command.solution.guess.flat),
-    _plan(
-        "guess_multipliers",
-        "multipliers each solve started from; may be empty",
-        lambda s: s.command.solution.guess_duals,
-    ),
+    _level("wall_time", "s", "wall time of each level's solve alone; NaN where there was none", "wall_time"),
+    _level("solved", "1", "1 if the level converged, 0 if not, -1 if there was none", "outcome.usable", "i1", -1),
+    *_halves("state/Q_true", "state/Qdot_true", "generalized {}, true", "metrics.true", "true state"),
+    _payload("payload/held", "1", "whether the grippers hold the payload from the sample on", "metrics.held", "i1"),
+    _payload("payload/energy", "J", "kinetic energy gained by taking it up or letting it go", "metrics.payload_energy"),
+    _disturbance("control/disturbance", _A, "estimated disturbance, taken off the control", "command.disturbance"),
+    _plan("guess", "plan it started from: instants, states, accelerations", "command.solution.guess.flat"),
+    _plan("guess_multipliers", "multipliers each solve started from; may be empty", "command.solution.guess_duals"),
     _plan(
         "parameters",
         "elapsed time and hold left, then priorities, offsets, scales of the stages",
-        lambda s: s.command.solution.window.numbers,
+        "command.solution.window.numbers",
     ),
-    _plan("solution", "solution of each solve, as plan/guess", lambda s: s.command.solution.plan.flat),
+    _plan("solution", "solution of each solve, as plan/guess", "command.solution.plan.flat"),
     # a row a tick
-    Column("ticks/time", "s", "tick time", lambda s: s.ticks.time[:-1], dims=("ticks/tick",), only="ticks"),
+    _column("ticks/time", "s", "tick time", lambda s: s.ticks.time[:-1], dims=("ticks/tick",), only="ticks"),
     _tick("ticks/Q", _Q, "generalized coordinates at every tick", lambda s: s.ticks.X[:-1, : s.n]),
     _tick("ticks/Qdot", _V, "generalized velocities at every tick", lambda s: s.ticks.X[:-1, s.n :]),
-    _tick("ticks/F", _F, "generalized force held from the tick on", lambda s: s.ticks.F),
+    _tick("ticks/F", _F, "generalized force held from the tick on", "ticks.F"),
     # what does not grow
     _stage("stages/name", "1", "name of the stage", dtype="text"),
     _stage("stages/priority", "1", "priority omega of the stage"),
     _stage("stages/switch_time", "s", "switch time that ends the stage; NaN if it never ended"),
     _stage("stages/actual_start", "s", "first sample at which the stage acts on the control; NaN if never"),
     _stage("stages/early", "1", "whether it acts before the stage before it has ended", dtype="i1", unknown=0),
-    Column("stages/actual_start_by_epsilon", "s", "actual start for each threshold", dims=("stage", "stages/epsilon")),
+    _column("stages/actual_start_by_epsilon", "s", "actual start for each threshold", dims=("stage", "stages/epsilon")),
     # not `time`: netCDF readers would take it for the dimension of that name
-    Column("final/end_time", "s", "end of the run; NaN if it was stopped before"),
+    _column("final/end_time", "s", "end of the run; NaN if it was stopped before"),
     _final("final/Q", _Q, "generalized coordinates at the end of the run"),
     _final("final/Qdot", _V, "generalized velocities at the end of the run"),
-    Column("final/xi", _Q, "poses of base and end-effectors at the end of the run", dims=("pose_coordinate",)),
+    _column("final/xi", _Q, "poses of base and end-effectors at the end of the run", dims=("pose_coordinate",)),
     _final("final/Q_true", _Q, "generalized coordinates at the end of the run, true", only="true state"),
     _final("final/Qdot_true", _V, "generalized velocities at the end of the run, true", only="true state"),
-    Column(
-        "monitors/held",
-        "1",
-        "1 if the monitor held, 0 if not, -1 if not known",
-        None,
-        "i1",
-        ("monitors/name",),
-        unknown=-1,
-    ),
-    Column("monitors/margin", "m, m/s", "smallest distance of the signal to its bounds", dims=("monitors/name",)),
+    _monitor("monitors/held", "1", "1 if the monitor held, 0 if not, -1 if not known", dtype="i1", unknown=-1),
+    _monitor("monitors/margin", "m, m/s", "smallest distance of the signal to its bounds"),
     _body("uncertainty/mass_factor", "1", "true mass over the described one"),
     _body("uncertainty/inertia_factor", "1", "true inertia over the described one"),
-    Column(
+    _column(
         "uncertainty/centre_of_mass",
         "m",
         "offset of the true centre of mass from the described one",
@@ -413,7 +360,7 @@ MOMENTUM = ("x", "y", "angular")
 
 
 def columns(along: str) -> tuple[Column, ...]:
-    """Return the datasets along `time` or `ticks/tick`, or those that do not grow for an empty `along`; no scales."""
+    """Return the datasets whose first dimension it is, or those that do not grow for an empty `along`; no scales."""
     return tuple(
         column
         for column in SCHEMA

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from psmpc_cli.ocp.problem import Problem, Stage, StageCosts
-from psmpc_cli.specs.task import MonitorSpec
+from psmpc_cli.specs.task import MonitorSpec, PublishedRun
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -82,36 +82,6 @@ class Largest:
 
 
 @dataclass(frozen=True)
-class Deviations:
-    """The largest deviations of a run.
-
-    Attributes:
-        off_plan: Of the state at a sample from the prediction of the plan before it, of a position and of a velocity.
-        beyond_limits: Violations of a position and of a velocity limit at a tick, where there are any.
-        end_condition: Error over tolerance at a planned switch time; None without one.
-    """
-
-    off_plan: tuple[Largest, ...]
-    beyond_limits: tuple[Largest, ...]
-    end_condition: Largest | None
-
-
-@dataclass(frozen=True)
-class Variation:
-    """Total variation of the control at the samples, sum_k |u_{k+1} - u_k|, over the coordinates of a group.
-
-    Attributes:
-        base_position: Of the base's position [m/s^2].
-        base_angle: Of its angles [rad/s^2].
-        joints: Of all joints [rad/s^2].
-    """
-
-    base_position: float
-    base_angle: float
-    joints: float
-
-
-@dataclass(frozen=True)
 class Summary:
     """The results of a run.
 
@@ -131,11 +101,14 @@ class Summary:
         limits: The tightest position and velocity margins.
         control_effort: Integral of |u|^2.
         base_force, base_torque: Integrals of their norms [N s], [N m s].
-        variation: Total variation of the control.
+        variation_base_position, variation_base_angle, variation_joints: Total variation of the control at the samples,
+            sum_k |u_{k+1} - u_k|, over the coordinates of each group [m/s^2], [rad/s^2].
         momentum_error, energy_error: Largest drift of the balances of momentum and energy.
         monitors: The verdicts.
         distances: Distance between the first two end-effectors at the end of each stage [m]; NaN with one arm.
-        deviations: Deviations of the motion from the plans, and beyond the limits.
+        off_plan: Largest deviations of a position and of a velocity at a sample from the prediction of the plan before.
+        beyond_limits: Largest violations of a position and of a velocity limit at a tick, where there are any.
+        end_condition: Largest error over tolerance at a planned switch time; None without one.
         end_errors: Error of the last stage's end condition over its tolerance at the end, of the state seen and of the
             true state; None without noise.
     """
@@ -159,12 +132,16 @@ class Summary:
     control_effort: float
     base_force: float
     base_torque: float
-    variation: Variation
+    variation_base_position: float
+    variation_base_angle: float
+    variation_joints: float
     momentum_error: float
     energy_error: float
     monitors: tuple[Verdict, ...]
     distances: tuple[float, ...]
-    deviations: Deviations
+    off_plan: tuple[Largest, ...]
+    beyond_limits: tuple[Largest, ...]
+    end_condition: Largest | None
     end_errors: tuple[float, float] | None = None
 
 
@@ -173,19 +150,21 @@ def summarize(arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -
     spec, stages = problem.spec, problem.stages
     completed, monitors = bool(attributes["finished"]), verdicts(spec.monitors, arrays)
     time, end, wall_time = arrays["time"], float(arrays["final/end_time"]), arrays["solver/wall_time"]
-    published = spec.published.get(str(attributes["controller"]))
+    published = spec.published.get(str(attributes["controller"]), PublishedRun())
     last = float(time[-1]) if len(time) else 0.0
-    u = arrays["control/u"]
+    coordinates = tuple(arrays["coordinate"])
+    velocities = tuple(f"{name} velocity" for name in coordinates)
+    position, angle, joints = variation(np.abs(np.diff(arrays["control/u"], axis=0)).sum(axis=0), coordinates)
+    kinds = (("Q", "position", coordinates), ("Qdot", "velocity", velocities))
+    off_plan = [_largest(arrays, f"deviation/{q}", names) for q, _, names in kinds]
+    beyond = [_largest(arrays, f"margin/{kind}", names, below=True) for _, kind, names in kinds]
     return Summary(
         ended=bool(np.isfinite(end)),
         completed=completed,
         succeeded=completed and all(verdict.held for verdict in monitors),
         reason=str(attributes["end_reason"]) or "the run was killed, or goes on",
         duration=end if np.isfinite(end) else last,
-        stages=tuple(
-            _stage(arrays, i, published.actual_start if published else {}, published.switch_time if published else {})
-            for i in range(len(stages))
-        ),
+        stages=tuple(_stage(arrays, index, published) for index in range(len(stages))),
         solves=_solves(arrays, np.ones(len(time), bool)),
         switching_solves=_solves(arrays, arrays["window/count"] > 1),
         missed=int(np.sum(wall_time > spec.controller.sample_time)),
@@ -199,12 +178,16 @@ def summarize(arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -
         control_effort=float(arrays["effort/control"].sum()),
         base_force=float(arrays["effort/base_force"].sum()),
         base_torque=float(arrays["effort/base_torque"].sum()),
-        variation=variation(np.abs(np.diff(u, axis=0)).sum(axis=0), tuple(arrays["coordinate"])),
+        variation_base_position=position,
+        variation_base_angle=angle,
+        variation_joints=joints,
         momentum_error=float(np.max(np.abs(arrays["balance/momentum"]), initial=0.0)) if len(time) else np.nan,
         energy_error=float(np.max(np.abs(arrays["balance/energy"]), initial=0.0)) if len(time) else np.nan,
         monitors=monitors,
         distances=_distances(arrays),
-        deviations=_deviations(arrays),
+        off_plan=tuple(each for each in off_plan if each is not None),
+        beyond_limits=tuple(each for each in beyond if each is not None and each.value > 0),
+        end_condition=_largest(arrays, "deviation/end", tuple(arrays["stages/name"])),
         end_errors=_end_errors(arrays, problem.costs, stages[-1]),
     )
 
@@ -229,25 +212,24 @@ def signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
     return np.asarray(np.max(steps, axis=0) / np.gradient(arrays["time"]))
 
 
-def variation(by_coordinate: np.ndarray, coordinates: tuple[str, ...]) -> Variation:
+def variation(by_coordinate: np.ndarray, coordinates: tuple[str, ...]) -> tuple[float, float, float]:
     """Sum the total variation of each coordinate (n,) over base position, base angle and joints."""
     base = np.array([name.startswith("base.") for name in coordinates], bool)
     position = np.array([name in ("base.x", "base.y", "base.z") for name in coordinates], bool)
-    return Variation(*(float(by_coordinate[group].sum()) for group in (position, base & ~position, ~base)))
+    at, angles, joints = (float(by_coordinate[group].sum()) for group in (position, base & ~position, ~base))
+    return at, angles, joints
 
 
-def _stage(
-    arrays: Arrays, index: int, published_start: Mapping[str, float], published_switch: Mapping[str, float]
-) -> StageSummary:
+def _stage(arrays: Arrays, index: int, published: PublishedRun) -> StageSummary:
     name, switch = str(arrays["stages/name"][index]), arrays["stages/switch_time"]
     return StageSummary(
         name=name,
         priority=float(arrays["stages/priority"][index]),
         actual_start=float(arrays["stages/actual_start"][index]),
-        published_start=published_start.get(name, np.nan),
+        published_start=published.actual_start.get(name, np.nan),
         early=bool(arrays["stages/early"][index]),
         switch_time=float(switch[index]),
-        published_switch=published_switch.get(name, np.nan),
+        published_switch=published.switch_time.get(name, np.nan),
         duration=float(switch[index] - (switch[index - 1] if index else 0.0)),
     )
 
@@ -295,21 +277,6 @@ def _distances(arrays: Arrays) -> tuple[float, ...]:
     gap = [xi[:, names.index(f"{arms[0]}.{axis}")] - xi[:, names.index(f"{arms[1]}.{axis}")] for axis in "xy"]
     distance, known = np.hypot(*gap), np.isfinite(time)
     return tuple(float(np.interp(t, time[known], distance[known])) for t in arrays["stages/switch_time"])
-
-
-def _deviations(arrays: Arrays) -> Deviations:
-    coordinates = tuple(arrays["coordinate"])
-    velocities = tuple(f"{name} velocity" for name in coordinates)
-    off_plan = [_largest(arrays, f"deviation/{q}", names) for q, names in (("Q", coordinates), ("Qdot", velocities))]
-    beyond = [
-        _largest(arrays, f"margin/{kind}", names, below=True)
-        for kind, names in (("position", coordinates), ("velocity", velocities))
-    ]
-    return Deviations(
-        off_plan=tuple(largest for largest in off_plan if largest is not None),
-        beyond_limits=tuple(largest for largest in beyond if largest is not None and largest.value > 0),
-        end_condition=_largest(arrays, "deviation/end", tuple(arrays["stages/name"])),
-    )
 
 
 def _largest(arrays: Arrays, path: str, names: tuple[str, ...], below: bool = False) -> Largest | None:

@@ -102,11 +102,9 @@ class Mount(Spec):
     angle: Direction = Field(0.0, description="direction of the arm in the base frame [rad]")
 
 
-class Link(Spec):
+class Link(Base):
     """One rigid link."""
 
-    mass: Positive = Field(description="mass [kg]")
-    inertia: Positive = Field(description="inertia about the centre of mass [kg m^2]")
     a: NotNegative = Field(description="joint to centre of mass [m]")
     b: NotNegative = Field(description="centre of mass to the next joint or the tip [m]")
 
@@ -154,32 +152,27 @@ class SpatialBase(Spec):
 
     mass: Positive = Field(description="mass [kg]")
     inertia: Inertia = Field(description="inertia about the centre of mass, xx, yy, zz (, xy, xz, yz) [kg m^2]")
-    centre_of_mass: Vector3 = Field((0.0, 0.0, 0.0), description="in the base's frame [m]")
-
-
-class SpatialJoint(Spec):
-    """A joint, and where it is on the body before it."""
-
-    kind: Literal["revolute", "prismatic"] = Field("revolute", description="revolute or prismatic")
-    axis: Axis = Field(description="unit vector in the joint's frame")
-    position: Vector3 = Field((0.0, 0.0, 0.0), description="of the joint's frame on the body before it [m]")
-    rpy: Angles3 = Field((0.0, 0.0, 0.0), description="its angles about the fixed axes x, y, z [rad]")
-
-
-class SpatialLink(Spec):
-    """One rigid link of a spatial arm; its frame is that of its joint."""
-
-    joint: SpatialJoint = Field(description="the joint that carries it")
-    mass: Positive = Field(description="mass [kg]")
-    inertia: Inertia = Field(description="inertia about the centre of mass, xx, yy, zz (, xy, xz, yz) [kg m^2]")
-    centre_of_mass: Vector3 = Field((0.0, 0.0, 0.0), description="in the link's frame [m]")
+    centre_of_mass: Vector3 = Field((0.0, 0.0, 0.0), description="in the body's frame [m]")
 
 
 class SpatialTool(Spec):
-    """The end-effector frame of a spatial arm."""
+    """The end-effector frame of a spatial arm on its last link."""
 
-    position: Vector3 = Field((0.0, 0.0, 0.0), description="in the last link's frame [m]")
+    position: Vector3 = Field((0.0, 0.0, 0.0), description="of the frame's origin on the body before it [m]")
     rpy: Angles3 = Field((0.0, 0.0, 0.0), description="its angles about the fixed axes x, y, z [rad]")
+
+
+class SpatialJoint(SpatialTool):
+    """A joint, and where its frame is on the body before it."""
+
+    kind: Literal["revolute", "prismatic"] = Field("revolute", description="revolute or prismatic")
+    axis: Axis = Field(description="unit vector in the joint's frame")
+
+
+class SpatialLink(SpatialBase):
+    """One rigid link of a spatial arm; its frame is that of its joint."""
+
+    joint: SpatialJoint = Field(description="the joint that carries it")
 
 
 class SpatialArm(Spec):

@@ -149,7 +149,7 @@ def test_stages_and_ticks_are_tables_too(tmp_path: Path) -> None:
     assert [path.name for path in files] == ["samples.csv", "stages.csv", "ticks.csv"]
     heading, rows = table(files[1])
     assert [row[heading.index("name")] for row in rows] == list(STAGES)
-    assert heading[-2:] == ["actual_start/0.001", "actual_start/0.1"]
+    assert heading[-2:] == ["actual_start_by_epsilon/0.001", "actual_start_by_epsilon/0.1"]
     heading, rows = table(files[2])
     assert heading == ["time [s]", *(f"{name}/{row}" for name in ("Q", "Qdot", "F") for row in COORDINATES)]
     assert len(rows) == 3 * TICKS

@@ -1,7 +1,7 @@
 """The summary of a run from the datasets of its log: stages, solves, limits, monitors, deviations and smoothness."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -257,7 +257,7 @@ def test_the_margin_is_the_smallest_and_tells_whether_it_held(distances: list[fl
 
 def test_deviations_are_the_largest_of_the_run(tmp_path: Path) -> None:
     log = there_and_back(tmp_path, "plant.kind=rk4", "log.shares=false")
-    found = log.summary().deviations
+    found = log.summary()
     position, velocity = found.off_plan
     assert position.value == np.abs(log["deviation/Q"]).max()
     assert velocity.value == np.abs(log["deviation/Qdot"]).max() < 1e-3
@@ -267,7 +267,7 @@ def test_deviations_are_the_largest_of_the_run(tmp_path: Path) -> None:
     assert (found.end_condition.where, found.end_condition.value) == ("go", pytest.approx(1.0, abs=1e-3))
     margin = log["margin/velocity"].copy()
     margin[2, 1] = -0.125
-    (beyond,) = changed(log, margin_velocity=margin).summary().deviations.beyond_limits
+    (beyond,) = changed(log, margin_velocity=margin).summary().beyond_limits
     assert (beyond.value, beyond.where, beyond.time) == (0.125, f"{log.coordinates[1]} velocity", log.time[2])
 
 
@@ -276,7 +276,7 @@ CONTROLS = arrays(float, (6, 5), elements=st.floats(-9, 9))
 
 
 def by_group(u: np.ndarray) -> np.ndarray:
-    return np.array(astuple(variation(np.abs(np.diff(u, axis=0)).sum(axis=0), COORDINATES)))
+    return np.array(variation(np.abs(np.diff(u, axis=0)).sum(axis=0), COORDINATES))
 
 
 def test_the_variation_is_summed_by_group() -> None:

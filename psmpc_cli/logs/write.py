@@ -4,14 +4,12 @@ Every write puts a complete file, with checksums over its numbers, in the place 
 file opens at any time, and after a kill at any moment it lacks at most the samples of the last half second.
 """
 
-import errno
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 from types import TracebackType
-from typing import IO, Any
+from typing import Any
 
 import h5py
 import numpy as np
@@ -68,10 +66,8 @@ class LogWriter:
         create_log(self._file, self._columns, attributes, header.values)
         self._pending: list[Mapping[str, ArrayLike]] = []
         self._rows, self._changed, self._next_write = 0, False, monotonic() + BETWEEN_WRITES
-        self._claim: IO[bytes] | None = None
         if path is not None:
             write_new(path, image_of(self._file), force)
-            self._claim = _claimed_by_us(path)
 
     def __enter__(self) -> "LogWriter":
         return self
@@ -131,8 +127,6 @@ class LogWriter:
                 self._write_file()
         finally:
             self._file.close()
-            if self._claim is not None:
-                self._claim.close()
 
     def _write_file(self) -> None:
         """Put the log as it is now in the place of the file."""
@@ -141,14 +135,11 @@ class LogWriter:
         if self.path is not None:
             try:
                 replace_file(self.path, image_of(self._file))
-                before, self._claim = self._claim, _claimed_by_us(self.path)
             except OSError as error:
                 reason = error.strerror or error
                 raise RunError(
                     f"{self.path} cannot be written any further, it holds the run up to then: {reason}"
                 ) from None
-            if before is not None:
-                before.close()
         ended = monotonic()
         self._changed, self._next_write = False, ended + max(BETWEEN_WRITES, (ended - began) / LARGEST_SHARE)
 
@@ -176,30 +167,6 @@ class LogWriter:
         _extend(self._file[column.path], self._rows, block)
         _extend(self._file[f"{column.path}_length"], self._rows, np.array(lengths))
         _extend(self._file[column.dims[1]], 0, np.arange(self._file[column.path].shape[1]))
-
-
-def claimed(path: Path) -> bool:
-    """Return whether another process writes a log still."""
-    with path.open("rb") as file:
-        return not _claim(file)
-
-
-def _claimed_by_us(path: Path) -> IO[bytes]:
-    file = path.open("rb")
-    _claim(file)
-    return file
-
-
-def _claim(file: IO[bytes]) -> bool:
-    """Claim an open file for this process; return whether no other has. Readers do not notice."""
-    if sys.platform != "win32":
-        import fcntl
-
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            return error.errno not in (errno.EACCES, errno.EAGAIN)
-    return True
 
 
 def _extend(dataset: h5py.Dataset, first: int, rows: np.ndarray) -> None:

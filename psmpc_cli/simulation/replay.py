@@ -13,7 +13,6 @@ from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.comparison import Comparison, compare_logs
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import Sample
-from psmpc_cli.logs.write import claimed
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.simulation.run import Experiment, Watch, build_experiment, simulate
@@ -257,14 +256,12 @@ def continue_run(log: Run, path: Path | None = None, watch: Watch = lambda sampl
 
     Raises:
         LogError: The run has ended, or the log does not describe a run of this version.
-        InputError: The new log cannot be written, or the run still goes on.
+        InputError: The new log cannot be written.
         RunError: The new log could not be written any further.
     """
     if not log.interrupted:
         reason = log.attributes["end_reason"]
         raise LogError(f"{log.path}: this run has ended ({reason}), so there is nothing to continue")
-    if claimed(log.path):
-        raise InputError(f"{log.path} cannot be continued: its run still goes on")
     target = log.path.resolve()
     new = path or target.with_name(f".{target.name}.{os.getpid()}.part")
     try:

@@ -8,7 +8,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.errors import LogError
 from psmpc_cli.logs.comparison import compare_logs
 from psmpc_cli.logs.run import read_run
 from psmpc_cli.logs.schema import Sample
@@ -106,17 +106,6 @@ simulate(read_run(Path(sys.argv[1])).task, Path(sys.argv[1]), watch, force=True)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="a run is not noticed there")
-def test_a_run_that_still_goes_on_is_not_continued(tmp_path: Path) -> None:
-    path = there_and_back(tmp_path, samples=1).path
-    command = [sys.executable, "-c", HOLD, str(path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
-        assert other.stdout is not None
-        assert other.stdout.readline() == "held\n"
-        with pytest.raises(InputError, match="its run still goes on"):
-            continue_run(read_run(path))
-        other.kill()
-
-
 @pytest.mark.parametrize(("controller", "samples"), [("psmpc", None), ("htmpc", 5)])
 def test_a_run_repeated_is_equal_in_every_dataset(tmp_path: Path, controller: str, samples: int | None) -> None:
     log = there_and_back(tmp_path, f"controller.kind={controller}", samples=samples)

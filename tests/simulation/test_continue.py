@@ -1,6 +1,5 @@
 """A run that was killed or interrupted is repeated, and what its log holds is checked."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -93,19 +92,6 @@ def test_a_run_that_has_ended_is_not_continued(tmp_path: Path) -> None:
         continue_run(there_and_back(tmp_path))
 
 
-HOLD = """
-import sys
-from pathlib import Path
-from psmpc_cli.logs.run import read_run
-from psmpc_cli.simulation.run import simulate
-def watch(sample):
-    print("held", flush=True)
-    sys.stdin.read()
-simulate(read_run(Path(sys.argv[1])).task, Path(sys.argv[1]), watch, force=True)
-"""
-
-
-@pytest.mark.skipif(os.name == "nt", reason="a run is not noticed there")
 @pytest.mark.parametrize(("controller", "samples"), [("psmpc", None), ("htmpc", 5)])
 def test_a_run_repeated_is_equal_in_every_dataset(tmp_path: Path, controller: str, samples: int | None) -> None:
     log = there_and_back(tmp_path, f"controller.kind={controller}", samples=samples)

@@ -14,7 +14,7 @@ OLD_ENOUGH := import sys; \
 	sys.version_info >= (3, 11) or sys.exit("psmpc needs Python 3.11 or newer, and this is " \
 	+ sys.version.split()[0] + " at " + sys.executable + "; choose another: make PYTHON=python3.11 ...")
 
-.PHONY: help setup demo test test-all check build docs-tables baseline calibration random-tasks pin clean
+.PHONY: help setup demo test test-all check build docs gallery docs-tables baseline calibration random-tasks pin clean
 
 help:
 	@echo 'make setup   the environment in $(VENV), from the pinned versions'
@@ -22,10 +22,12 @@ help:
 	@echo 'make test      the tests of every edit, some minutes'
 	@echo 'make test-all  all tests'
 	@echo 'make check   format, lint, types and the import rules'
+	@echo 'make docs    the documentation as a site in site/, every link checked'
 	@echo 'make build   the wheel, tried out in an empty environment'
 	@echo 'make baseline     benchmarks/{baseline,weights}.yaml anew: the tables changes are compared with (some 5 minutes)'
 	@echo 'make calibration  benchmarks/calibration.jsonl completed: what the paper leaves open, at random (some 2 hours anew)'
 	@echo 'make docs-tables  the tables of README.md and docs/ anew, on a quiet machine; ONLY=WORD: of a page or a command'
+	@echo 'make gallery      the figures of README.md and docs/ and the outputs of the tutorial anew (some 10 minutes)'
 	@echo 'make random-tasks benchmarks/random_tasks.yaml anew: one iteration of sqp a sample against fatrop (some 15 minutes)'
 	@echo 'make pin     constraints.txt anew, from the newest versions'
 	@echo 'make clean   removes the environment, the wheel and the caches (runs/ stays)'
@@ -35,7 +37,7 @@ setup: $(READY)
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c '$(OLD_ENOUGH)'
 	$(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --quiet --editable '.[test]'
+	$(BIN)/python -m pip install --quiet --editable '.[test,docs]'
 	@touch $@
 
 demo: $(READY)
@@ -60,6 +62,14 @@ build: $(READY)
 	rm -rf dist
 	$(BIN)/python -m hatchling build --target wheel --directory dist
 	.ci/smoke $(PYTHON) dist/*.whl
+
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --clean
+	@echo 'site/index.html'
+
+gallery: $(READY)
+	$(BIN)/python benchmarks/pages.py gallery.py
+	$(BIN)/python benchmarks/tutorial.py
 
 baseline: $(READY)
 	$(BIN)/python benchmarks/baseline.py
@@ -88,4 +98,4 @@ pin:
 	.ci/pin $(PYTHON)
 
 clean:
-	rm -rf $(VENV) dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis site

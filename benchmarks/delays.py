@@ -1,4 +1,4 @@
-"""Runs the transport task with late controls, known and not: prints the table of docs/reliability.md on delays.
+"""Runs the transport task with late controls, known and not: prints the table of docs/uncertainty.md on delays.
 
     python benchmarks/delays.py [--runs N] [--jobs N] [-o DIR]          20 runs a row, some 5 minutes on two cores
 

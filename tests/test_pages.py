@@ -1,9 +1,10 @@
-"""The tables of README.md and docs/ are what their commands print, as far as those take seconds; none is by hand."""
+"""The tables of README.md and docs/ are what their commands print, and so is the tutorial; none is by hand."""
 
 import re
 from pathlib import Path
 
 import pytest
+import tutorial
 from pages import BLOCK, HERE, PAGES, QUICK, blocks
 from tables import models_of, table
 
@@ -40,3 +41,10 @@ def test_every_key_and_every_dataset_is_in_a_table() -> None:
     datasets = "".join(text for _, command, text in BLOCKS if f"{QUICK} datasets" in command)
     listed = re.findall(r"^\| `([\w/]+)` \|", datasets, re.MULTILINE)
     assert sorted(listed) == sorted(column.path for column in SCHEMA if not column.is_scale)
+
+
+@pytest.mark.slow
+def test_who_follows_the_tutorial_sees_what_it_shows(tmp_path: Path) -> None:
+    page = tutorial.PAGE.read_text(encoding="utf-8")
+    assert tutorial.follow(page, tmp_path) == page
+    assert [source for _, source in tutorial.FIGURE.findall(page) if not (tmp_path / source).is_file()] == []

@@ -1,14 +1,16 @@
-"""Every command line in README.md and docs/, those of tables too, is one that the real commands accept."""
+"""Every command line in README.md and docs/ is one that the real commands accept; the cheap ones are run."""
 
 import re
 import shlex
 from collections.abc import Iterator
 
 import pytest
-from pages import PAGES, blocks
+from pages import PAGES, ROOT, blocks
 from typer.main import get_command
 
 from psmpc_cli.cli.main import app
+
+from .command import Psmpc
 
 CODE = re.compile(r"^```\w*\n(.*?)^```|^((?: {4}.*\n)+)|`(psmpc [^`]+)`", re.MULTILINE | re.DOTALL)
 
@@ -30,6 +32,9 @@ def command_lines() -> Iterator[tuple[str, str]]:
 
 LINES = sorted(set(command_lines()))
 
+CHEAP = re.compile(r"psmpc (check|schema|init) (?!.*(--gradients|\.yaml|\.urdf|\[|FILE))")
+"""Commands that take a second and read nothing that is not there."""
+
 
 def test_there_are_command_lines() -> None:
     assert len(LINES) > 60
@@ -45,3 +50,16 @@ def test_a_documented_command_is_accepted(page: str, line: str) -> None:
         assert set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", " ".join(arguments))) <= options
     else:
         command.make_context(name, arguments)
+
+
+@pytest.mark.parametrize("line", sorted({line for _, line in LINES if CHEAP.match(line)}))
+def test_a_cheap_command_runs(line: str, psmpc: Psmpc) -> None:
+    assert psmpc(*shlex.split(line)[1:]).code == 0
+
+
+def test_every_target_of_make_is_there() -> None:
+    rules = set(re.findall(r"^([a-z][a-z-]*):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    named = set(re.findall(r"(?:^|`| {4})make ([a-z-]+)(?=`| {2}| ONLY|$)", text, re.MULTILINE))
+    assert len(named) > 5
+    assert named <= rules

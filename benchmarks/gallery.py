@@ -1,0 +1,143 @@
+"""The figures of README.md and docs/: every figure of psmpc from short runs, the animation, the picture of the idea.
+
+    python benchmarks/gallery.py                   writes docs/figures/, prints docs/gallery.md's grid; some 5 minutes
+
+`make gallery` writes both. Each figure is that of the command that stands above it on the page.
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import base64
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from pages import PSMPC, ROOT
+from PIL import Image
+
+import psmpc_cli as psmpc
+from psmpc_cli.figures import style
+from psmpc_cli.figures.scene import scene_of, view_around
+from psmpc_cli.figures.snapshots import draw_scene, show
+
+FIGURES = ROOT / "docs" / "figures"
+
+COARSE = "--set controller.nodes=25"
+NOISY = "uncertainty={mass: 0.1, inertia: 0.1, noise: {position: 1e-3, angle: 1e-3}}"
+
+COMMANDS: Mapping[str, str] = {
+    "A task": "psmpc check transport --figure scenario/scenario.png",
+    "A run": f"psmpc simulate transport {COARSE} -o run.h5",
+    "A comparison": f"psmpc compare transport --controllers psmpc,smpc,hard {COARSE} -o comparison.h5",
+    "A sweep over the priorities": "psmpc sweep-weights 9x9 --set controller.nodes=12 -o sweep.h5",
+    "Random priorities": "psmpc sweep-weights --sampling random:30 --set controller.nodes=12 -o draws.h5",
+    "Pareto fronts": "psmpc pareto --points 25 --method weighted-sum --set controller.nodes=25 -o pareto.h5",
+    "Pareto fronts with the instant as a criterion": "psmpc pareto --free-instant --points 13 --method weighted-sum "
+    "--set controller.nodes=25 -o free.h5",
+    "A Monte Carlo study": f'psmpc monte-carlo transport --runs 20 --set controller.nodes=12 --set "{NOISY}" '
+    "-o study.h5",
+    "The reproduction of the paper": "psmpc reproduce --ablations --weights 5x5 --set controller.nodes=12 -o reproduce",
+}
+"""What is run, by the heading of its figures, in this order; a later command may read what an earlier one wrote."""
+
+REPORTED = {"adds to the control": "presence", "monitored quantities": "monitors", "against published": "schedule"}
+"""Figures that a report alone has, by words of their captions there."""
+
+EARLY = 8.0
+"""When the picture of the idea shows the robot [s]: Approach goes on, and Capture already acts."""
+
+
+def figures_in(folder: Path) -> Iterator[Path]:
+    """Yield the figures below a folder, those inside a report too."""
+    for report in folder.glob("*/report.html"):
+        found = re.findall(r'base64,([^"]+)".*?<figcaption>(.*?)</figcaption>', report.read_text("utf-8"), re.DOTALL)
+        for data, caption in found:
+            name = next((name for words, name in REPORTED.items() if words in caption), None)
+            if name is not None:
+                (report.parent / f"{name}.png").write_bytes(base64.b64decode(data))
+    yield from sorted(folder.glob("*/*.png"))
+
+
+def concept(overlapped: psmpc.Run, hard: psmpc.Run) -> Figure:
+    """Draw the idea: the stages of both runs as bars, and the robot of each at the same time."""
+    runs = {"Hard switching: one stage after another": hard, "PSMPC: the next stage acts early": overlapped}
+    figure = Figure(figsize=(style.PAGE, 4.3), layout="constrained")
+    grid = figure.subplots(2, 2, height_ratios=[1.0, 2.6])
+    scenes = {title: scene_of(run) for title, run in runs.items()}
+    points = np.vstack([scene.extent([EARLY]) for scene in scenes.values()])
+    latest = max(run.motion.end for run in runs.values())
+    for (bars, picture), (title, run) in zip(grid.T, runs.items(), strict=True):
+        for span in run.spans:
+            color = style.PALETTE[span.index]
+            bars.barh(span.index, span.end - span.start, 0.8, span.start, color=color, alpha=0.75)
+            if span.early is not None and span.start - span.early > 0.3:
+                look = {"facecolor": style.EARLY, "edgecolor": color, "hatch": "////"}
+                bars.barh(span.index, span.start - span.early, 0.8, span.early, **look)
+            beside = {"va": "center", "fontsize": style.TEXT}
+            if span.index < 2:
+                bars.text(span.end + 0.5, span.index, style.readable(span.name), **beside)
+            else:
+                start = span.start if span.early is None else span.early
+                bars.text(start - 0.5, span.index, style.readable(span.name), ha="right", **beside)
+        bars.axvline(EARLY, color="black", linewidth=0.8, linestyle=":")
+        bars.set_title(f"{title}, done after {run.motion.end:.1f} s", loc="left", fontsize=8.0)
+        bars.set(xlim=(0, latest), yticks=[], xlabel="Time (s)")
+        bars.invert_yaxis()
+        draw_scene(picture, scenes[title], EARLY, since=EARLY - 3.0, width=1.3)
+        show(picture, view_around(points))
+        picture.set_title(f"at {EARLY:.0f} s: {', '.join(scenes[title].events(EARLY))}", loc="left", fontsize=8.0)
+        picture.set(xlabel="x (m)", ylabel="y (m)")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def shrink(path: Path, target: Path, width: int = 1100) -> None:
+    """Write an image with a palette and at most this width [px]."""
+    image = Image.open(path).convert("RGB")
+    if image.width > width:
+        image = image.resize((width, round(image.height * width / image.width)), Image.Resampling.LANCZOS)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    image.quantize(128, dither=Image.Dither.NONE).save(target, optimize=True)
+
+
+def main() -> None:
+    """Run the commands, write every figure, and print the page's grid."""
+    for old in (FIGURES / "gallery").glob("*.png"):
+        old.unlink()
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "scenario").mkdir()
+        seen: set[Path] = set()
+        for heading, command in COMMANDS.items():
+            sys.stderr.write(f"{command}\n")
+            arguments = [*PSMPC, *shlex.split(command)[1:]]
+            subprocess.run(arguments, cwd=folder, stdout=subprocess.DEVNULL, check=True)
+            print(f'\n## {heading}\n\n```\n{command}\n```\n\n<div class="gallery" markdown>\n')
+            for path in figures_in(folder):
+                if path not in seen:
+                    seen.add(path)
+                    place = f"gallery/{path.parent.name}_{path.stem}.png"
+                    shrink(path, FIGURES / place)
+                    print(f'![{style.readable(path.stem)}](figures/{place} "{path.stem}")')
+            print("\n</div>")
+        animate = [*PSMPC, "plot", "run.h5", "--animate", "--only", "states", "-o", "animation"]
+        subprocess.run(animate, cwd=folder, stdout=subprocess.DEVNULL, check=True)
+        (FIGURES / "transport.gif").write_bytes((folder / "animation" / "animation.gif").read_bytes())
+        overlapped = psmpc.read_run(folder / "run.h5")
+    hard = psmpc.simulate(psmpc.load_task("transport", ["controller.nodes=25", "controller.kind=hard"]))
+    with style.in_style():
+        concept(overlapped, hard).savefig(FIGURES / "concept.png", dpi=200)
+    shrink(FIGURES / "concept.png", FIGURES / "concept.png", 1400)
+
+
+if __name__ == "__main__":
+    main()

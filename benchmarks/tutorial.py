@@ -1,0 +1,65 @@
+"""Follows docs/tutorial.md to the letter in an empty folder; writes what its commands print, and its figures.
+
+    python benchmarks/tutorial.py                  some minutes; a test compares the page with what this writes
+
+A block with a title is a file, or the text of a line of one; a console block is a command and what it prints: standard
+error where the command ends with an error. `...` stands for the rest of an output; the lines above it are kept.
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import re
+import shlex
+import subprocess
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from gallery import FIGURES, shrink
+from pages import PSMPC, ROOT
+
+PAGE = ROOT / "docs" / "tutorial.md"
+
+BLOCK = re.compile(
+    r'^```(?:yaml title="(?P<file>[\w.]+)(?:, line (?P<line>\d+))?"|console)\n(?P<text>.*?)^```', re.M | re.S
+)
+
+FIGURE = re.compile(r'\(figures/(tutorial/\w+\.png) "([\w/.-]+)"\)')
+
+
+def follow(page: str, folder: Path) -> str:
+    """Follow a page in a folder; return it with what its commands print now."""
+    return BLOCK.sub(lambda block: step(block, folder), page)
+
+
+def step(block: re.Match[str], folder: Path) -> str:
+    """Write the file or run the command of a block; return the block with what was printed."""
+    if block["file"] is not None:
+        path = folder / block["file"]
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if block["line"] else [block["text"]]
+        if block["line"]:
+            lines[int(block["line"]) - 1] = block["text"]
+        path.write_text("".join(lines), encoding="utf-8")
+        return block[0]
+    command, *shown = block["text"].splitlines()
+    arguments = [*PSMPC, *shlex.split(command.removeprefix("$ psmpc "))]
+    ran = subprocess.run(arguments, cwd=folder, capture_output=True, text=True, check=False)
+    printed = (ran.stderr if ran.returncode else ran.stdout).splitlines()
+    if "..." in shown:
+        printed[shown.index("...") :] = ["..."]
+    return "\n".join(["```console", command, *printed, "```"])
+
+
+def main() -> None:
+    """Write the page and its figures anew."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        page = follow(PAGE.read_text(encoding="utf-8"), folder)
+        for target, source in FIGURE.findall(page):
+            shrink(folder / source, FIGURES / target)
+    PAGE.write_text(page, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -238,15 +238,17 @@ class Controller:
         """Choose the signs of the quaternions in a spatial target, by frame: of q and -q the nearer one.
 
         The nearer where the stage begins in the plan; then kept until the error passes 200 deg, so that an error that
-        passes 180 deg within a horizon stays smooth.
+        passes 180 deg within a horizon stays smooth. A trajectory counts where it is then.
         """
         time = plan.end if begins is None else begins
+        since = time - self.sequence.entered if stage.index == self.sequence.first else 0.0
+        wanted = stage.reference(np.array([since]))[0]
         xi = np.asarray(
             self.problem.model.charted(plan.states_at(np.array([time]))[0, : self.problem.model.n], self._chart.anchor)
         )
         rows, known = self.problem.model.pose_rows, self._known_signs.setdefault(stage.index, {})
         for frame, at in stage.attitudes.items():
-            w = float(stage.target[at : at + 4] @ xi.ravel()[rows[frame]][3:7])
+            w = float(wanted[at : at + 4] @ xi.ravel()[rows[frame]][3:7])
             sign = known.get(frame)
             if sign is None or begins is None or sign * w < KEPT_UNTIL:
                 known[frame] = 1.0 if w >= 0 else -1.0

@@ -26,10 +26,44 @@ SLACK = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A desired trajectory: values (T, rows) at times (T,) [s] since the stage began, interpolated between."""
+    """A desired trajectory: values (T, rows) at times (T,) [s] since the stage began.
+
+    Between them numbers change at a constant rate, and attitudes turn at one about an axis. Shoemake: Animating rotation
+    with quaternion curves (1985).
+
+    Attributes:
+        attitudes: First columns of unit quaternions; from row to row each is the nearer one of the two for an attitude.
+    """
 
     times: np.ndarray
     values: np.ndarray
+    attitudes: tuple[int, ...] = ()
+
+    @cached_property
+    def _angles(self) -> np.ndarray:
+        """Angle by which the quaternion of each column turns from row to row (T - 1, rows) [rad]; 0 of a number."""
+        angles = np.zeros((len(self.times) - 1, self.values.shape[1]))
+        for at in self.attitudes:
+            q = self.values[:, at : at + 4]
+            apart, near = (np.linalg.norm(q[1:] + sign * q[:-1], axis=1) for sign in (-1, 1))
+            angles[:, at : at + 4] = 2 * np.arctan2(apart, near)[:, None]
+        return angles
+
+    def at(self, since: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the values at times since the stage began (K,) [s], and their rates just after, (K, rows) each."""
+        k = np.clip(self.times.searchsorted(since, side="right") - 1, 0, len(self.times) - 2)
+        steps, angles = np.diff(self.times)[k, None], self._angles[k]
+        inside = (since >= self.times[0]) & (since < self.times[-1])
+        s = np.clip((since - self.times[k])[:, None] / steps, 0.0, 1.0)
+        before, after, whole = self.values[k], self.values[k + 1], _sinc(angles)
+        values = ((1 - s) * _sinc((1 - s) * angles) * before + s * _sinc(s * angles) * after) / whole
+        rates = (np.cos(s * angles) * after - np.cos((1 - s) * angles) * before) / whole / steps
+        return values, rates * inside[:, None]
+
+
+def _sinc(angle: np.ndarray) -> np.ndarray:
+    """Return sin(angle) / angle."""
+    return np.asarray(np.sinc(angle / np.pi))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +120,7 @@ class Stage:
             more = np.broadcast_to(np.r_[anchor, joints], (*numbers.shape[:-1], 4 + len(joints)))
             return np.concatenate([numbers, more], axis=-1)
 
-        path = self.trajectory and Trajectory(self.trajectory.times, placed(self.trajectory.values))
+        path = self.trajectory and replace(self.trajectory, values=placed(self.trajectory.values))
         return replace(self, target=placed(self.target), trajectory=path)
 
     @property
@@ -98,17 +132,13 @@ class Stage:
         """Return what the cost follows at times since the stage began (K,) [s]: (K, rows)."""
         if self.trajectory is None:
             return np.tile(self.target, (len(since), 1))
-        times, values = self.trajectory.times, self.trajectory.values
-        return np.column_stack([np.interp(since, times, column) for column in values.T])
+        return self.trajectory.at(since)[0]
 
     def rate(self, since: np.ndarray) -> np.ndarray:
         """Return how fast that moves just after times since the stage began (K,) [s]: (K, rows) [m/s, rad/s]."""
         if self.trajectory is None:
             return np.zeros((len(since), len(self.target)))
-        times, values = self.trajectory.times, self.trajectory.values
-        rates = np.diff(values, axis=0) / np.diff(times)[:, None]
-        rest = np.zeros((1, values.shape[1]))
-        return np.asarray(np.vstack([rest, rates, rest])[np.searchsorted(times, since, side="right")])
+        return self.trajectory.at(since)[1]
 
 
 class StageCosts:
@@ -222,8 +252,10 @@ def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[S
 
 def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, waypoints: np.ndarray) -> Stage:
     spec = task.stages[index]
-    trajectory = Trajectory(np.array(spec.target.times), waypoints) if isinstance(spec.target, TrajectorySpec) else None
-    skill = task.skills[spec.skill]
+    skill, trajectory = task.skills[spec.skill], None
+    attitudes = SKILLS[skill.space].attitudes(model)
+    if isinstance(spec.target, TrajectorySpec):
+        trajectory = Trajectory(np.array(spec.target.times), waypoints, tuple(attitudes.values()))
     end, control = spec.ends_when if spec.at is None else None, skill.weights.control
     if isinstance(control, float | int):
         control_weights = np.full(model.n if skill.input == "joint" else model.m, float(control))
@@ -247,7 +279,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         dwell=spec.dwell if trajectory is None else max(spec.dwell, float(trajectory.times[-1])),
         limits=resolve_limits(robot, task.limits, skill.limits),
         onset_rows=rows(spec.onset if spec.onset is not None else ("all",), robot, "joint"),
-        attitudes=SKILLS[skill.space].attitudes(model) if model.dimension == 3 else {},
+        attitudes=attitudes,
     )
 
 
@@ -268,7 +300,8 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
     """Return what every stage's target leads through, (T, numbers) each.
 
     Each angle is moved to the equivalent nearest to where the sequence is before: for the first row that is where
-    the stage before leads to, for every other row it is the row before.
+    the stage before leads to, for every other row it is the row before. Of an attitude's two quaternions each row has
+    the one nearer to the row before.
     """
     Q = stack(task.initial, robot, "joint")
     posture, found = Posture(Q, np.asarray(model.g(Q)).ravel()), []
@@ -278,6 +311,10 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
         turning = list(skill.angles(model))
         if spec.angles == "nearest":
             waypoints[:, turning] = _unwrapped(skill.before(model, posture)[turning], waypoints[:, turning])
+        for at in skill.attitudes(model).values():
+            q = waypoints[:, at : at + 4]  # a view
+            q /= np.linalg.norm(q, axis=1, keepdims=True)
+            q[1:] *= np.cumprod(np.where((q[1:] * q[:-1]).sum(axis=1) < 0, -1.0, 1.0))[:, None]
         found.append(waypoints)
         posture = skill.after(model, posture, waypoints[-1])
     return found

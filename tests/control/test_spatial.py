@@ -1,5 +1,6 @@
 """Controllers of spatial robots, stepped by hand on a plant that follows their plans exactly."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +69,25 @@ def test_with_every_setting_the_mission_is_done(changes: tuple[str, ...]) -> Non
     again = run(turning(120))[1]
     rest = "controller.kind=htmpc" in changes  # its second stage begins when the first is over
     assert switches == pytest.approx(again, abs=2.5 if rest else 0.8 if "auto" in changes[0] else 1e-3)
+
+
+def test_a_tumbling_target_is_followed_through_more_than_a_turn() -> None:
+    """At a constant rate between rows 100 deg apart: no way is shorter than that of the target."""
+    rows = [{"position": [0.1 * k, 0, 0], "attitude": attitude([1, 2, 3], 100 * k)} for k in range(5)]
+    moving = {"times": [8 * k for k in range(5)], "base": rows, "arm": [[0, 0, 0]] * 5}
+    commands, switches, _ = run(turning(0, f"stages.fly.target={json.dumps(moving)}"), longest=50)
+    assert switches[0] == pytest.approx(32, abs=0.01)
+    for command in commands[10:280]:  # then the next stage is in the window
+        wanted = Rotation.from_rotvec(np.radians(100 / 8 * command.time) * np.array([1, 2, 3]) / np.sqrt(14))
+        assert (wanted.inv() * Rotation.from_quat(command.x[[4, 5, 6, 3]])).magnitude() < 0.01
+
+
+def test_an_arm_that_points_exactly_away_turns_round() -> None:
+    """There no derivative says which way."""
+    still = {"base": {"position": [0, 0, 0]}, "arm": [0, 0, 0]}
+    changes = [f"stages.{name}.target={json.dumps(still)}" for name in ("fly", "reach")]
+    _, _, state = run(reaching("stages.reach.skill=joint", *changes, f"stages.look.target={json.dumps({**still, 'arm': [-5, 0, 0]})}"))
+    assert np.abs(state.Q[8] + state.Q[9]) == pytest.approx(np.pi, abs=0.05)
 
 
 def test_the_predicted_switch_time_stays_where_it_is() -> None:
@@ -183,7 +203,7 @@ def test_derivatives_of_residuals_are_those_of_differences(space: str, angle: fl
     assert np.isfinite(exact).all()
     assert np.linalg.norm(residual(at)[3:6]) == pytest.approx(angle, abs=1e-9)
     of_arm = {"joint": np.zeros(0), "task": residual(at)[9:12], "point": residual(at)[6:8]}
-    assert space == "joint" or np.linalg.norm(of_arm[space]) == pytest.approx(angle, abs=1e-6)
+    assert space == "joint" or np.linalg.norm(of_arm[space]) == pytest.approx(angle, abs=1e-3 if space == "point" and angle > 3 else 1e-6)
     differences = np.column_stack(
         [(residual(at + step * e) - residual(at - step * e)) / (2 * step) for e in np.eye(model.n)]
     )

@@ -1,11 +1,16 @@
+import json
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation, Slerp
 
-from psmpc_cli.ocp.problem import Stage, build_stages
+from psmpc_cli.ocp.problem import Stage, build_problem, build_stages
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import load_task
+
+from .. import in_space
 
 TRACKING = load_task("tracking")
 
@@ -40,6 +45,24 @@ def test_rate_is_the_slope_of_the_reference_just_after(trace: Stage, since: floa
     ahead, now = trace.reference(np.array([since + h])), trace.reference(np.array([since]))
     if np.ceil(since) - since > h:
         np.testing.assert_allclose(trace.rate(np.array([since])), (ahead - now) / h, atol=1e-6)
+
+
+@pytest.mark.parametrize("signs", [0b00000, 0b10110])
+def test_attitudes_turn_at_a_constant_rate_between_rows(signs: int) -> None:
+    """As scipy's Slerp has them, whichever of its two quaternions a row is written with."""
+    turns = np.array([[0, 0, 0], [0, 1.8, 2.4], [0, 1.8, 2.4], [0.3, 0, 0], [0, 0, -1.5]])
+    rows, times, since = Rotation.from_rotvec(turns), np.array([0.0, 2, 3, 4, 7]), np.linspace(-1, 9, 123)
+    written = [
+        {"position": [k, 0, 0], "attitude": {"quaternion": ((-1) ** (signs >> k) * q[[3, 0, 1, 2]]).tolist()}}
+        for k, q in enumerate(rows.as_quat())
+    ]
+    target = {"times": times.tolist(), "base": written, "arm": [[0, 0, 0]] * 5}
+    (stage, _) = build_problem(in_space.turning(0, f"stages.fly.target={json.dumps(target)}")).stages
+    values, inside, h = stage.reference(since), np.clip(since, 0, 7), 1e-6
+    wanted = Slerp(times, rows)(inside)
+    assert (wanted.inv() * Rotation.from_quat(values[:, [4, 5, 6, 3]])).magnitude().max() < 1e-7
+    np.testing.assert_allclose(values[:, 0], np.interp(inside, times, np.arange(5)))
+    np.testing.assert_allclose(stage.rate(since), (stage.reference(since + h) - values) / h, atol=1e-5)
 
 
 @pytest.mark.parametrize(("dwell", "least"), [(0, 16), (3, 16), (20, 20)])

@@ -67,10 +67,3 @@ def pose_error(found: ca.SX, wanted: ca.SX) -> ca.SX:
     """Return position and rotation vector (6,) [m, rad] from a wanted pose to another; (7,) each."""
     turned = product(conjugate([wanted[i] for i in range(3, 7)]), [found[i] for i in range(3, 7)])
     return ca.vertcat(found[:3] - wanted[:3], *log(turned))
-
-
-def normalized(pose: np.ndarray) -> np.ndarray:
-    """Return poses (..., 7) with unit quaternions."""
-    pose = np.array(pose, dtype=float)
-    pose[..., 3:7] /= np.linalg.norm(pose[..., 3:7], axis=-1, keepdims=True)
-    return pose

@@ -33,5 +33,5 @@ SKILL = Skill(
     before=lambda model, posture: posture.Q,
     after=after,
     aims=aims,
-    attitudes=lambda model: {"base": 3},
+    attitudes=lambda model: {"base": 3} if model.dimension == 3 else {},
 )

@@ -12,8 +12,8 @@ from psmpc_cli.ocp.skills.base import Posture, Skill, anchored_poses, pose_error
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import conjugate, log, rotate
 
-TILT = 1e-9
-"""Angle by which the line is taken to lie off [rad]: so there is an axis to turn about where it is exactly behind."""
+TILT = 1e-3
+"""Angle by which a line exactly behind is taken to lie off [rad], so that there is an axis to turn about; 0 ahead."""
 
 FAR = 1e3
 """Coordinates of the point of an arm that need not point at anything [m]: the row stays smooth, and has no weight."""
@@ -52,7 +52,7 @@ def _angles(line: ca.SX, attitude: ca.SX) -> ca.SX:
     x, y, z = rotate(conjugate([attitude[i] for i in range(4)]), [line[i] for i in range(3)])
     # the shortest rotation from (1, 0, 0) to (x, y, z) has the quaternion (|line| + x, 0, -z, y)
     length = ca.norm_2(line)
-    turn = log([length + x, 0.0, -z - TILT * length, y])
+    turn = log([length + x, 0.0, -z - TILT / 2 * (length - x), y])
     return ca.SX(ca.vertcat(turn[1], turn[2]))
 
 
@@ -82,6 +82,6 @@ SKILL = Skill(
     before=lambda model, posture: posture.xi,
     after=after,
     aims=aims,
-    attitudes=lambda model: {"base": 3},
+    attitudes=lambda model: {"base": 3} if model.dimension == 3 else {},
     absent=FAR,
 )

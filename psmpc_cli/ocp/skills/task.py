@@ -39,5 +39,5 @@ SKILL = Skill(
     before=lambda model, posture: posture.xi,
     after=after,
     aims=aims,
-    attitudes=lambda model: {frame: rows.start + 3 for frame, rows in model.pose_rows.items()},
+    attitudes=lambda model: {frame: rows.stop - 4 for frame, rows in model.pose_rows.items() if model.dimension == 3},
 )

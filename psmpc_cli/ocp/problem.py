@@ -28,8 +28,8 @@ SLACK = 1e-6
 class Trajectory:
     """A desired trajectory: values (T, rows) at times (T,) [s] since the stage began.
 
-    Between them numbers change at a constant rate, and attitudes turn at one about an axis. Shoemake: Animating rotation
-    with quaternion curves (1985).
+    Between them numbers change at a constant rate, and attitudes turn at one about an axis (Shoemake: Animating
+    rotation with quaternion curves, 1985).
 
     Attributes:
         attitudes: First columns of unit quaternions; from row to row each is the nearer one of the two for an attitude.

@@ -86,7 +86,9 @@ def test_an_arm_that_points_exactly_away_turns_round() -> None:
     """There no derivative says which way."""
     still = {"base": {"position": [0, 0, 0]}, "arm": [0, 0, 0]}
     changes = [f"stages.{name}.target={json.dumps(still)}" for name in ("fly", "reach")]
-    _, _, state = run(reaching("stages.reach.skill=joint", *changes, f"stages.look.target={json.dumps({**still, 'arm': [-5, 0, 0]})}"))
+    _, _, state = run(
+        reaching("stages.reach.skill=joint", *changes, f"stages.look.target={json.dumps({**still, 'arm': [-5, 0, 0]})}")
+    )
     assert np.abs(state.Q[8] + state.Q[9]) == pytest.approx(np.pi, abs=0.05)
 
 
@@ -203,7 +205,9 @@ def test_derivatives_of_residuals_are_those_of_differences(space: str, angle: fl
     assert np.isfinite(exact).all()
     assert np.linalg.norm(residual(at)[3:6]) == pytest.approx(angle, abs=1e-9)
     of_arm = {"joint": np.zeros(0), "task": residual(at)[9:12], "point": residual(at)[6:8]}
-    assert space == "joint" or np.linalg.norm(of_arm[space]) == pytest.approx(angle, abs=1e-3 if space == "point" and angle > 3 else 1e-6)
+    assert space == "joint" or np.linalg.norm(of_arm[space]) == pytest.approx(
+        angle, abs=1e-3 if space == "point" and angle > 3 else 1e-6
+    )
     differences = np.column_stack(
         [(residual(at + step * e) - residual(at - step * e)) / (2 * step) for e in np.eye(model.n)]
     )

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from psmpc_cli.ocp.objective import stage_functions
+from psmpc_cli.ocp.objective import StageShape, stage_functions
 from psmpc_cli.ocp.plan import Grid
 from psmpc_cli.ocp.window import Parameters, WindowShape, reference
 from psmpc_cli.robot.model import RobotModel
@@ -85,7 +85,8 @@ class VelocityForm:
 
     Attributes:
         grid: Intervals of the stages.
-        stages: What the stages are made of.
+        costs: What the costs of the stages are made of.
+        stages: What their end conditions are made of.
         nodes: N_s of each stage, (S + 1,).
         weights: Share of the velocity at either end of an interval in the change of position.
         end_node: Node of each end row, ascending, (E,).
@@ -94,7 +95,8 @@ class VelocityForm:
 
     def __init__(self, model: RobotModel, shape: WindowShape, native: bool = False) -> None:
         self.grid = Grid(model.n, shape.nodes)
-        self.stages = [stage_functions(model, stage, native) for stage in shape.stages]
+        self.costs = [stage_functions(model, StageShape(stage.space), native) for stage in shape.stages]
+        self.stages = [stage_functions(model, stage) for stage in shape.stages]
         self.nodes = np.array(shape.nodes)
         self.weights = (1.0, 0.0) if shape.discretization == "euler" else (0.5, 0.5)
         self.end_node = np.repeat(self.grid.first_node[1:], [stage.end_rows for stage in self.stages])
@@ -138,7 +140,7 @@ class VelocityForm:
         """Return objective and constraints at a point."""
         n, tau = self.grid.n, self.durations(point, float(p.horizon))
         costs, terminal = np.zeros(len(self.stages)), 0.0
-        for s, (stage, N) in enumerate(zip(self.stages, self.grid.nodes, strict=True)):
+        for s, (stage, N) in enumerate(zip(self.costs, self.grid.nodes, strict=True)):
             at, (wanted, _) = self.intervals(s), reference(p, s, tau[s])
             L = stage.state_costs(point.X[at, :n], p.weights[s], wanted[:N], rows=N)[0]
             costs[s] = _cost(s, p, N, tau[s], L, self.control(s, point, p, tau[s])[1])
@@ -254,7 +256,7 @@ class _Sums:
     def _add_states(self, s: int, at: slice, of_stage: slice, c: float, tau: float | None) -> np.ndarray:
         """Add c times the squares of a stage's residual at some nodes, times tau [s] if given; return the squares."""
         form, n, p = self.form, self.form.grid.n, self.p
-        (wanted, slope), stage = reference(p, s, self.tau[s]), form.stages[s]
+        (wanted, slope), stage = reference(p, s, self.tau[s]), form.costs[s]
         X, (rows, columns) = self.point.X[at, :n], stage.hessian_places
         found = stage.gauss_newtons(X, p.weights[s], wanted[of_stage], slope[of_stage], rows=len(X))
         L, r, q, g, m, H = found

@@ -175,6 +175,12 @@ class StageFunctions:
         arguments = [self._x, self._target, multipliers]
         return RowFunction(ca.Function("end_curvature", arguments, ca.cse([ca.vec(ca.densify(upper.T))])))
 
+    def prepare(self) -> tuple[RowFunction | None, ...]:
+        """Build what `sqp` evaluates and return it: of the end condition, where there is one, else of the cost."""
+        if self.end_rows:
+            return self.end_terms, self.end_curvature
+        return self.error, self.rate, self.state_costs, self.gauss_newtons
+
     def step(self, discretization: str) -> ca.Function:
         """Return x (2n,), u, dt -> x after dt under a constant u."""
         return _step(self.model, self.shape.input, discretization)

@@ -132,21 +132,23 @@ class WindowShape:
     kept_errors: bool = False
 
 
+def stage_shape(stage: Stage) -> StageShape:
+    """Return the shape of a stage before the last of a window."""
+    return StageShape(
+        space=stage.space,
+        input=stage.input,
+        end_rows=stage.end_rows,
+        end_velocity=stage.end_velocity is not None,
+        fixed_end=stage.at is not None,
+        moving=stage.trajectory is not None,
+    )
+
+
 def window_shape(window: Window) -> WindowShape:
     """Return the shape of a window; the last stage's end condition is not imposed."""
-    last = len(window.stages) - 1
+    *before, last = window.stages
     return WindowShape(
-        stages=tuple(
-            StageShape(
-                space=stage.space,
-                input=stage.input,
-                end_rows=stage.end_rows if i < last else (),
-                end_velocity=stage.end_velocity is not None and i < last,
-                fixed_end=stage.at is not None and i < last,
-                moving=stage.trajectory is not None,
-            )
-            for i, stage in enumerate(window.stages)
-        ),
+        stages=(*map(stage_shape, before), StageShape(last.space, last.input, moving=last.trajectory is not None)),
         nodes=window.nodes,
         discretization=window.discretization,
         soft=window.soft,

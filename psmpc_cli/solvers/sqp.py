@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
+from psmpc_cli.ocp.objective import StageShape, stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.window import PENALTY, Window, plan_on_mesh, window_numbers, window_shape
+from psmpc_cli.ocp.window import PENALTY, Window, plan_on_mesh, stage_shape, window_numbers, window_shape
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
 from psmpc_cli.solvers.nlp import Report
 from psmpc_cli.solvers.quadratic import PiqpQp, QpMethod, QpSolution, QpStatus, RiccatiQp, load_kernel
@@ -77,6 +78,9 @@ class SqpSolver(Solver):
     def __init__(self, problem: Problem, spec: SolverSpec, report: Report | None = None) -> None:
         self._model, self._spec, self._report = problem.model, spec, report
         self._setups: dict[tuple[object, ...], tuple[VelocityForm, WindowBounds, QpMethod]] = {}
+        for stage in problem.stages:  # before the robot moves: of a spatial robot it takes a second
+            stage_functions(problem.model, StageShape(stage.space), spec.compiled).prepare()
+            stage_functions(problem.model, stage_shape(stage)).prepare()
 
     def _setup(self, window: Window) -> tuple[VelocityForm, WindowBounds, QpMethod]:
         """Return what windows of one shape, limits and tolerances share: form, bounds, method for their programs."""

@@ -163,6 +163,7 @@ class Controller:
         self._plan: Plan | None = None
         self._braking: Plan | None = None
         self._solved: Solution | None = None
+        self._unfinished: Solution | None = None
         self._trusted = np.inf
 
     def step(self, time: float, state: State) -> Command:
@@ -306,8 +307,11 @@ class Controller:
         Where a stage has appeared that is the one with it. Where no point meets all constraints, an impact has put the
         end condition of the current stage out of reach for example, the stages that wait are left to be seen again.
         Soft limits make no difference: a window that violates them further than one with fewer stages has no solution.
+        Where the solve with a stage that has appeared runs out of iterations or time, the next sample goes on from it.
         """
         solved = self._solve(longer or sequence, prediction, x)
+        unfinished = longer is not None and solved.outcome in (Outcome.ITERATION_LIMIT, Outcome.DEADLINE)
+        self._unfinished = solved if unfinished else None
         if longer is not None:
             usable = solved.outcome.usable
             if usable and _in_reach(solved):
@@ -325,11 +329,20 @@ class Controller:
         return sequence, solved
 
     def _solve(self, sequence: MovingSequence, prediction: Plan, x: np.ndarray) -> Solution:
-        window = self.window(sequence, prediction, x, self._solved)
-        guess = replace(prediction, instants=sequence.instants)
+        window, guess = self.window(sequence, prediction, x, self._solved), self._guess(sequence, prediction)
         if self._starts == 1:
             return self.solver.solve(window, guess, self._solved)
         return solve_from_several(self.solver, window, guess, self._solved, self._starts)
+
+    def _guess(self, sequence: MovingSequence, prediction: Plan) -> Plan:
+        """Return the guess of a window: the prediction, or the unfinished iterate over the same stages, shifted."""
+        before = self._unfinished
+        if before is not None and before.window.stages[-1].index == sequence.last and np.isfinite(before.plan.X).all():
+            chart, x = prediction.chart, prediction.X[0]
+            iterate = shift(before.plan.in_chart(chart), prediction.start, self.spec.horizon, x)
+            if len(iterate.instants) == len(sequence.instants):
+                return iterate
+        return replace(prediction, instants=sequence.instants)
 
     def window(
         self, sequence: MovingSequence, prediction: Plan, x: np.ndarray, before: Solution | None = None

@@ -146,6 +146,15 @@ def test_an_append_that_cannot_be_solved_is_postponed(experiment_of: Build) -> N
     assert ending.completed
 
 
+def test_an_append_whose_solve_ran_out_of_iterations_goes_on_from_its_iterate(experiment_of: Build) -> None:
+    changes = (*SHORT, "solver.kind=sqp")
+    usual = next(s for s in closed_loop(experiment_of(*changes)) if "appended" in s.command.events).command
+    limited = with_failures(experiment_of(*changes), lambda w: len(w.stages) > 1 and w.start < usual.time + 0.25)
+    resumed = next(s for s in closed_loop(limited) if "appended" in s.command.events).command
+    assert resumed.time == pytest.approx(usual.time + 0.3)
+    assert resumed.solution.iterations < usual.solution.iterations
+
+
 def test_a_state_that_is_not_measured_is_that_of_the_plan() -> None:
     controller = Controller(load_task("transport", SHORT))
     before = controller.step(0.0, State(np.zeros(9), np.zeros(9)))

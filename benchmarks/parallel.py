@@ -15,8 +15,7 @@ import numpy as np
 from pages import markdown
 
 from psmpc_cli.studies.runner import compute, run_study
-from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
-from psmpc_cli.studies.weights import parse_sampling
+from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, parse_sampling, weight_study
 
 CELLS, RANGE = "4x4", (1e-1, 1e2)
 ITEMS, ADDITIONS = 16, 8_000_000

@@ -54,8 +54,8 @@ def reproduce(
 def _print_claims(made: "Reproduction") -> None:
     """Print every claim, and why some do not hold or are earlier than published."""
     from psmpc_cli.cli.tables import print_table
-    from psmpc_cli.studies.claims import HEADINGS
-    from psmpc_cli.studies.weights import recommend
+    from psmpc_cli.studies.judge import HEADINGS
+    from psmpc_cli.studies.sweep import recommend
 
     print_table(HEADINGS, [finding.row for finding in made.findings], left=1)
     for finding in made.findings:

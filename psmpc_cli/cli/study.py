@@ -84,8 +84,15 @@ def sweep_weights(
     quiet: Quiet = False,
 ) -> None:
     """Run the closed loop under many pairs of priorities: how they decide the actual start. Paper Fig. 6."""
-    from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
-    from psmpc_cli.studies.weights import is_grid, parse_numbers, parse_sampling, parse_stages
+    from psmpc_cli.studies.sweep import (
+        DEFAULT_TASK,
+        is_grid,
+        load_sweep_task,
+        parse_numbers,
+        parse_sampling,
+        parse_stages,
+        weight_study,
+    )
 
     if grid is not None and not is_grid(grid):
         grid, task = task, grid
@@ -185,7 +192,7 @@ def pareto(
     from psmpc_cli.ocp.feasibility import load_feasible
     from psmpc_cli.simulation.run import simulate
     from psmpc_cli.studies.pareto import Question, solve_pareto
-    from psmpc_cli.studies.weights import parse_numbers, parse_stages
+    from psmpc_cli.studies.sweep import parse_numbers, parse_stages
 
     times = parse_numbers("--at", at, "times in seconds between commas, such as 6.1,8.0") if at is not None else ()
     question = Question(stages, times, points, method, free_instant)

@@ -22,7 +22,7 @@ from psmpc_cli.logs.summary import Summary
 from psmpc_cli.report.texts import ALONE, MEASURES, describe_mission, describe_verdict, measure_rows, number, stage_rows
 from psmpc_cli.studies import fronts
 from psmpc_cli.studies.monte_carlo import STATUS, MonteCarloRuns
-from psmpc_cli.studies.weights import SweepCells, recommend
+from psmpc_cli.studies.sweep import SweepCells, recommend
 
 if TYPE_CHECKING:
     from psmpc_cli.logs.comparison import Comparison

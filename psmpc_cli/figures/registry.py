@@ -13,7 +13,7 @@ from psmpc_cli.figures import coordinates, instants, monte_carlo, pareto, reprod
 from psmpc_cli.figures.animation import film_files, offscreen_driver, write_animation, write_film
 from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.run import Run
-from psmpc_cli.studies.weights import GRID, RANDOM
+from psmpc_cli.studies.sweep import GRID, RANDOM
 
 FORMATS = ("png", "pdf", "svg")
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
 
 from psmpc_cli.figures import style
-from psmpc_cli.studies.weights import ALLOWED, GRID, WITHIN, AlongRatio, SweepCells, along_ratio, recommend
+from psmpc_cli.studies.sweep import ALLOWED, GRID, WITHIN, AlongRatio, SweepCells, along_ratio, recommend
 
 COLORS = "viridis"
 

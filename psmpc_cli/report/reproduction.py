@@ -19,11 +19,10 @@ from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.figures.reproduction import plot_monitors, plot_presence, plot_schedule
 from psmpc_cli.figures.snapshots import plot_snapshots
 from psmpc_cli.figures.style import in_style, title_of
-from psmpc_cli.studies.claims import HEADINGS
 from psmpc_cli.studies.fronts import HEADINGS as FRONT_HEADINGS
 from psmpc_cli.studies.fronts import NOTE, front_rows, front_texts
-from psmpc_cli.studies.judge import ABSOLUTE, RELATIVE, Reproduction, mission_end
-from psmpc_cli.studies.weights import recommend
+from psmpc_cli.studies.judge import ABSOLUTE, HEADINGS, RELATIVE, Reproduction, mission_end
+from psmpc_cli.studies.sweep import recommend
 
 DPI, CSS_DPI = 200, 96
 """Pixels an inch in the file of a figure, and on a page."""

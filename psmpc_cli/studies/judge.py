@@ -1,11 +1,16 @@
 """The rules that judge the paper's claims, and the computed causes of what does not hold: docs/reproduce.md."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
+from importlib.resources import files
 from itertools import pairwise
+from typing import Literal, NamedTuple
 
 import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
@@ -13,9 +18,108 @@ from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.feasibility import earliest_ends
 from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.studies.ablations import Ablation
-from psmpc_cli.studies.claims import Claim, Finding, load_claims
 from psmpc_cli.studies.fronts import CLEARLY, FrontMovement, front_movement
-from psmpc_cli.studies.weights import SweepCells, along_ratio
+from psmpc_cli.studies.sweep import SweepCells, along_ratio
+
+Value = float | str | tuple[float, ...] | tuple[str, ...]
+
+HEADINGS = ("claim", "published", "reproduced", "difference", "tolerance", "holds")
+
+
+class Claim(BaseModel):
+    """What the paper says.
+
+    Attributes:
+        id: Its name, which stays; the part before the first dot names its group, such as psmpc or order.
+        topic: What a claim on one method is about.
+        statement: What it says.
+        source: Where the paper says so.
+        rule: How it is judged, one of `psmpc_cli.studies.judge.RULES`.
+        reads: The quantities that the rule looks at.
+        published: Their published value.
+        unit: Of what is published and reproduced.
+        ratio: The ratio of two weights that the claim is about.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    id: str
+    topic: Literal["times", "starts", "mission"] | None = None
+    statement: str
+    source: str
+    rule: str
+    reads: tuple[str, ...]
+    published: float | str | tuple[float, ...] | tuple[str, ...]
+    unit: Literal["s", ""] = "s"
+    ratio: float = 1.0
+
+    @property
+    def group(self) -> str:
+        """The method it is about, `setting`, `order`, `weights` or `fronts`."""
+        return self.id.partition(".")[0]
+
+    @property
+    def number(self) -> float:
+        """The published number; NaN if something else is published."""
+        return self.published if isinstance(self.published, float) else math.nan
+
+
+@cache
+def load_claims() -> tuple[Claim, ...]:
+    """Return the claims that ship with the package, in the order of the table."""
+    text = files("psmpc_cli.studies").joinpath("claims.yaml").read_text(encoding="utf-8")
+    return TypeAdapter(tuple[Claim, ...]).validate_python(yaml.safe_load(text))
+
+
+class Finding(NamedTuple):
+    """What became of a claim.
+
+    Attributes:
+        claim: The claim.
+        reproduced: What was measured, in the unit of what is published; NaN where it never happened.
+        holds: Whether the claim holds.
+        difference: Reproduced less published; NaN where there is none.
+        tolerance: Largest difference at which the claim holds; 0 where it holds exactly or not at all.
+        earlier: It holds although the difference is larger: earlier than published, and the mission succeeded.
+        cause: Why it does not hold, or is earlier, point by point; empty otherwise.
+    """
+
+    claim: Claim
+    reproduced: Value
+    holds: bool
+    difference: float = math.nan
+    tolerance: float = 0.0
+    earlier: bool = False
+    cause: tuple[str, ...] = ()
+
+    @property
+    def row(self) -> tuple[str, ...]:
+        """The finding as text, in the order of `HEADINGS`."""
+        unit = self.claim.unit
+        difference = f"{self.difference:+.2f} {unit}" if unit else f"{self.difference:+g}"
+        return (
+            self.claim.id,
+            shown(self.claim.published, unit),
+            shown(self.reproduced, unit),
+            difference if math.isfinite(self.difference) else "-",
+            f"{self.tolerance:.2f} {unit}" if self.tolerance > 0 else "exact",
+            "yes, earlier" if self.earlier else "yes" if self.holds else "no",
+        )
+
+
+def shown(value: Value, unit: str) -> str:
+    """Write a published or reproduced value; times in a row with the relation between neighbours."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, float):
+        number = f"{value:.2f}".removesuffix("0") if unit else f"{value:g}"
+        return f"{number} {unit}".rstrip() if math.isfinite(value) else "never"
+    texts = [shown(entry, unit) for entry in value]
+    times = [entry for entry in value if isinstance(entry, float)]
+    for i, (one, other) in enumerate(pairwise(times), start=1):
+        texts[i] = f"{'<' if one < other else '>='} {texts[i]}"
+    return (" " if times else ", ").join(texts) or "none"
+
 
 ABSOLUTE, RELATIVE = 0.8, 0.05
 """Tolerance of a published time: this many seconds or this part of it, whichever is larger."""

@@ -22,7 +22,7 @@ from psmpc_cli.simulation.run import build_experiment, converging, header
 from psmpc_cli.solvers import NlpSolver, Solution
 from psmpc_cli.studies.fronts import CONSTRAINED, FREE, STATUS, WEIGHTED, dominated, extents, hypervolume
 from psmpc_cli.studies.runner import compute_all
-from psmpc_cli.studies.weights import parse_stages
+from psmpc_cli.studies.sweep import parse_stages
 
 Vector = np.ndarray
 

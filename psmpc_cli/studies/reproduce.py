@@ -14,14 +14,20 @@ from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.ablations import Ablation, run_ablations
-from psmpc_cli.studies.claims import Finding
 from psmpc_cli.studies.compare import compare_tasks
 from psmpc_cli.studies.fronts import front_rows
-from psmpc_cli.studies.judge import ENDS, Reproduction
+from psmpc_cli.studies.judge import ENDS, Finding, Reproduction
 from psmpc_cli.studies.pareto import Question, possible_samples, solve_pareto
 from psmpc_cli.studies.runner import Study, run_study
-from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
-from psmpc_cli.studies.weights import SweepCells, parse_sampling, parse_stages, recommend
+from psmpc_cli.studies.sweep import (
+    DEFAULT_TASK,
+    SweepCells,
+    load_sweep_task,
+    parse_sampling,
+    parse_stages,
+    recommend,
+    weight_study,
+)
 
 TASK = "transport"
 

@@ -1,22 +1,309 @@
 """Sweeps: runs over all values of any keys of a task, or over pairs of priorities. Paper section IV-B, Fig. 6."""
 
 import json
+import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from psmpc_cli.control.multistart import multistart_for
-from psmpc_cli.errors import InputError
+from psmpc_cli.errors import InputError, LogError, SpecError
 from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.schema import SWEEP
-from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.studies.measures import WHOLE_RUN, measure_run, measure_second_stage, second_stage
-from psmpc_cli.studies.runner import LIGHT, Study, Watch, changed, ignore, names_along, run_study
-from psmpc_cli.studies.weights import DIMENSIONS, GRID, MOST_CELLS, RATIOS, Sampling, origins
+from psmpc_cli.studies.runner import FAILED, LIGHT, WAITING, Study, Watch, changed, ignore, names_along, run_study
+
+Array = np.ndarray
+
+GRID, RATIOS, RANDOM = "grid", "ratios", "random"
+"""Samplings of a sweep."""
+
+DIMENSIONS = {GRID: ("omega_2", "omega_1"), RATIOS: ("ratio",), RANDOM: ("cell",)}
+"""The dimensions of the cells of each sampling."""
+
+MOST_CELLS = 100_000
+"""Largest number of cells; a larger one is a typing error."""
+
+SAME = 9
+"""Decimals of the logarithm of a ratio of priorities to which two are equal."""
+
+WITHIN = 0.05
+"""Part of the earliest completion by which a recommended ratio may complete later."""
+
+ALLOWED = 1.0
+"""Final error that the end condition itself allows [tolerances]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sampling:
+    """The pairs of priorities that a sweep tries.
+
+    Attributes:
+        kind: GRID over both priorities, RATIOS with the geometric mean of both at 1, or RANDOM draws.
+        label: As the user wrote it, such as 25x25, 49 or random:40.
+        omega: Priorities of the two stages in each cell, (cells, 2); those of a grid go along omega_2, then omega_1.
+    """
+
+    kind: str
+    label: str
+    omega: Array
+
+    @property
+    def ratio(self) -> Array:
+        """omega_2 / omega_1 of each cell (cells,)."""
+        return np.asarray(self.omega[:, 1] / self.omega[:, 0])
+
+
+def parse_numbers(option: str, text: str, expected: str, above: float = -np.inf, by: str = ",") -> tuple[float, ...]:
+    """Parse the numbers of a list such as 1e-3,1e-2, and sort them, each once.
+
+    Raises:
+        InputError: One is no finite number above the smallest.
+    """
+    try:
+        found = sorted({float(part) for part in text.split(by)})
+    except ValueError:
+        found = [np.nan]
+    if not all(above < number < np.inf for number in found):
+        raise InputError(f"{option}: found '{text}', expected {expected}")
+    return tuple(found)
+
+
+def is_grid(text: str) -> bool:
+    """Return whether a text is meant as a grid or a number of ratios, and not as a task."""
+    return re.match(r"\s*[-+]?\d", text) is not None and not text.endswith((".yaml", ".yml")) and "/" not in text
+
+
+def parse_sampling(text: str, bounds: tuple[float, ...], seed: int = 0) -> Sampling:
+    """Build the cells of a grid such as 25x25 (omega_1 by omega_2), of a number of ratios such as 49, or of draws.
+
+    Args:
+        text: A grid, a number of ratios, or log-uniform draws from the box such as random:40.
+        bounds: The lowest and the highest priority.
+        seed: Of the draws.
+
+    Raises:
+        InputError: The text is none of them, there are too many cells, or no range.
+    """
+    if len(bounds) != 2:
+        raise InputError(f"--range: found {len(bounds)} numbers, expected two, LOW:HIGH, such as 1e-3:1e3")
+    match = re.fullmatch(r"(random:)?(\d+)|(\d+)x(\d+)", text.strip())
+    sizes = [int(size) for size in match.groups()[1:] if size] if match else []
+    drawn = match is not None and match[1] is not None
+    if not sizes or min(sizes) < (1 if drawn else 2) or np.prod(sizes) > MOST_CELLS:
+        raise InputError(
+            f"found '{text}', expected a grid of two sizes of at least 2 such as 25x25 (omega_1 by omega_2), a number "
+            f"of ratios such as 49, or --sampling random:N such as random:100; at most {MOST_CELLS} cells"
+        )
+    low, high = np.log10(bounds)
+    if drawn:
+        exponents = np.random.default_rng(seed).uniform(low, high, (sizes[0], 2))
+    elif len(sizes) == 1:
+        exponents = np.outer(np.linspace(low - high, high - low, sizes[0]) / 2, [-1.0, 1.0])
+    else:
+        omega_2, omega_1 = np.meshgrid(*(np.linspace(low, high, size) for size in reversed(sizes)), indexing="ij")
+        exponents = np.column_stack([omega_1.ravel(), omega_2.ravel()])
+    return Sampling(RANDOM if drawn else RATIOS if len(sizes) == 1 else GRID, text.strip(), 10.0**exponents)
+
+
+def parse_stages(text: str, task: Task) -> tuple[int, int]:
+    """Return the indices of two stages in a row from their numbers or names, such as 1,2.
+
+    Raises:
+        InputError: They are not two stages in a row of the task, or its controller has no priorities.
+    """
+    names = [stage.name for stage in task.spec.stages]
+    if task.spec.controller.kind != "psmpc":
+        raise InputError(f"found controller.kind {task.spec.controller.kind}, which has no priorities; expected psmpc")
+    given = [part.strip() for part in text.split(",")]
+    found = [names.index(part) if part in names else int(part) - 1 if part.isdigit() else -1 for part in given]
+    if len(found) != 2 or not 0 <= found[0] < len(names) or found[1] != found[0] + 1 or found[1] >= len(names):
+        listed = ", ".join(f"{i + 1} {name}" for i, name in enumerate(names))
+        raise InputError(f"--stages: found '{text}', expected two in a row such as 1,2 of the task's stages: {listed}")
+    return found[0], found[1]
+
+
+def origins(task: Task, stages: tuple[int, int], omega: Array) -> Array:
+    """Return for each cell the first one with the same run (cells,).
+
+    Scaling all omega leaves the optimum unchanged, so runs are equal if all priorities over the largest one are.
+
+    Args:
+        task: The task.
+        stages: The two stages whose priorities vary.
+        omega: Their priorities in each cell (cells, 2).
+    """
+    priorities = np.tile([stage.priority for stage in task.spec.stages], (len(omega), 1))
+    priorities[:, list(stages)] = omega
+    relative = np.round(np.log10(priorities / priorities.max(axis=1, keepdims=True)), SAME)
+    _, first, inverse = np.unique(relative, axis=0, return_index=True, return_inverse=True)
+    return np.asarray(first[inverse.ravel()])
+
+
+class SweepCells:
+    """The cells of a sweep over weights one after another, complete or not.
+
+    Attributes:
+        results: The content of its file.
+        task: The task; in the cells the priorities of the studied stages are others.
+        stages: Indices of the two studied stages.
+        names: Their names.
+        sampling: GRID, RATIOS or RANDOM.
+        omega: Their priorities in each cell (cells, 2).
+        ratio: omega_2 / omega_1 of each cell (cells,).
+        own_ratio: omega_2 / omega_1 of the task itself.
+        epsilons: Thresholds of the actual start (epsilons,).
+
+    Raises:
+        LogError: The file is another one, or the task in it does not hold in this version.
+    """
+
+    def __init__(self, results: Results) -> None:
+        samplings = {dims: sampling for sampling, dims in DIMENSIONS.items()}
+        try:
+            self.sampling = samplings[results.quantities["status"].dims]
+            self.task = parse_task(*(str(results.attributes[key]) for key in ("task_yaml", "robot_yaml", "task_name")))
+            first, second = (int(number) - 1 for number in str(results.attributes["stages"]).split(","))
+        except (KeyError, ValueError) as error:
+            raise LogError(f"{results.path}: expected a file of psmpc sweep-weights, but it lacks {error}") from None
+        except SpecError as error:
+            message = f"{results.path}: the task or robot in it does not hold in this version:\n{error}"
+            raise LogError(message) from None
+        self.results, self.stages = results, (first, second)
+        self.names = self.task.spec.stages[first].name, self.task.spec.stages[second].name
+        omega_1, omega_2 = results["omega_1"], results["omega_2"]
+        if self.sampling == GRID:
+            omega_2, omega_1 = np.meshgrid(omega_2, omega_1, indexing="ij")
+        self.omega = np.column_stack([omega_1.ravel(), omega_2.ravel()])
+        self.ratio = self.omega[:, 1] / self.omega[:, 0]
+        self.own_ratio = float(self.task.spec.stages[second].priority / self.task.spec.stages[first].priority)
+        self.epsilons = results["epsilon"]
+
+    def of(self, name: str) -> Array:
+        """Return a quantity of the cells (cells, ...)."""
+        values = self.results[name]
+        return values.reshape(-1, *values.shape[self.results["status"].ndim :])
+
+    @property
+    def failed(self) -> Array:
+        """Which cells failed (cells,)."""
+        return np.asarray(self.of("status") == FAILED)
+
+    @property
+    def waiting(self) -> Array:
+        """Which cells have not been run (cells,)."""
+        return np.asarray(self.of("status") == WAITING)
+
+    @property
+    def ended(self) -> Array:
+        """Which cells came to their end (cells,)."""
+        return np.asarray(~(self.failed | self.waiting))
+
+    def count(self, name: str) -> int:
+        """Sum up a number over the runs; a run that several cells share counts once."""
+        own = self.of("origin") == np.arange(len(self.ratio))
+        return int(np.maximum(self.of(name)[own], 0).sum())
+
+    @property
+    def groups(self) -> list[Array]:
+        """The cells that ended, those with the same run together, from the smallest ratio to the largest."""
+        which = np.flatnonzero(self.ended)
+        same = origins(self.task, self.stages, self.omega)[which]
+        first = sorted(np.unique(same), key=lambda cell: (round(float(np.log10(self.ratio[cell])), SAME), cell))
+        return [which[same == cell] for cell in first]
+
+    @property
+    def chosen(self) -> int:
+        """Index of the threshold to show where only one is shown: the task's own, the largest if that is missing."""
+        own = np.flatnonzero(np.isclose(self.epsilons, self.task.spec.onset.epsilon))
+        return int(own[0]) if len(own) else int(np.argmax(self.epsilons))
+
+    @property
+    def instant(self) -> Array:
+        """t_s: the instant that ended the first studied stage (cells,) [s]."""
+        return np.asarray(self.of("switch_time")[:, self.stages[0]])
+
+    @property
+    def floor(self) -> Array:
+        """t_s - T_h, before which the second stage is in no window (cells,) [s]."""
+        return np.asarray(self.instant - self.task.spec.controller.horizon)
+
+
+@dataclass(frozen=True, eq=False)
+class AlongRatio:
+    """A quantity of the cells that ended, by their ratio: all (ratios,), from the smallest ratio to the largest.
+
+    Cells of one ratio differ by no more than the solver's tolerance, unless other stages are in the window as well.
+    """
+
+    ratio: Array
+    middle: Array
+    lowest: Array
+    highest: Array
+
+
+def along_ratio(cells: SweepCells, values: Array) -> AlongRatio:
+    """Return a quantity (cells,) by ratio."""
+    which = np.flatnonzero(cells.ended)
+    ratio, kept = cells.ratio[which], values[which]
+    _, first, inverse = np.unique(np.round(np.log10(ratio), SAME), return_index=True, return_inverse=True)
+    groups = [kept[inverse == k] for k in range(len(first))]
+    return AlongRatio(ratio[first], *(np.array([of(group) for group in groups]) for of in (np.median, np.min, np.max)))
+
+
+class Recommendation(NamedTuple):
+    """The recommended omega_2 / omega_1, if any, and a sentence: what speaks for it, or why there is none."""
+
+    ratio: float | None
+    sentence: str
+
+
+def recommend(cells: SweepCells) -> Recommendation:
+    """Recommend the smallest ratio that completes within 5 % of the earliest completion and raises no error, if any.
+
+    The final error is the largest error of the second stage's end condition when the stage ends, over its tolerance. A
+    stage that ends by its condition does so at the first sample that meets it: its final error lies between 1 and what
+    one sample takes off it, and says when within that sample the condition was met, not how well. Differences below 1
+    are therefore no gain and no loss. The error counts as raised above 1, the end condition's own tolerance: the stage
+    then ended at a planned switch time at which the plant did not meet it. Where it is above 1 at the smallest ratio
+    already, at which the second stage has the least weight, it counts as raised above that value.
+
+    Of several cells with one ratio the latest completion and the largest error count, and a ratio of which one failed
+    is not recommended.
+    """
+    names = ("completion_time", "final_error", "control_effort")
+    completion, error, effort = (along_ratio(cells, cells.of(name)) for name in names)
+    if not len(completion.ratio):
+        return Recommendation(None, "no ratio is recommended: no cell has come to its end")
+    earliest = float(completion.lowest.min())
+    early = completion.highest <= (1 + WITHIN) * earliest
+    failing = np.isclose(completion.ratio[:, None], cells.ratio[cells.failed], rtol=1e-8).any(axis=1)
+    raised = error.highest > max(ALLOWED, np.nan_to_num(error.highest[0]))
+    good = early & ~raised & ~failing
+    if good.any():
+        best = int(np.argmax(good))
+        ratio, final = float(completion.ratio[best]), error.highest[best]
+        allowed = "" if np.isnan(final) else f", and its final error is {final:.2f} of the tolerance"
+        return Recommendation(
+            ratio,
+            f"recommended omega_2/omega_1{' so far' if cells.waiting.any() else ''}: {ratio:.4g}, the smallest that "
+            f"completes within {WITHIN:.0%} of the earliest: at {completion.highest[best]:.2f} s, earliest "
+            f"{earliest:.2f} s{allowed}; control effort {effort.middle[best]:.2f}, of {effort.lowest.min():.2f} to "
+            f"{effort.highest.max():.2f} over all ratios",
+        )
+    return Recommendation(
+        None,
+        f"no ratio is recommended: of the {early.sum()} that complete within {WITHIN:.0%} of the earliest completion, "
+        f"{earliest:.2f} s, in all cells, {np.sum(early & failing)} had a cell that failed and "
+        f"{np.sum(early & raised & ~failing)} raised the final error",
+    )
+
 
 DEFAULT_TASK = "approach_capture"
 """The built-in task of Approach and Capture alone."""

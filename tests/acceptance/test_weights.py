@@ -8,8 +8,7 @@ import yaml
 
 from psmpc_cli.logs.results import Results
 from psmpc_cli.studies.runner import COMPUTED, run_study
-from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
-from psmpc_cli.studies.weights import parse_sampling
+from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, parse_sampling, weight_study
 
 pytestmark = pytest.mark.slow
 

@@ -13,7 +13,7 @@ from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.run import read_comparison
 from psmpc_cli.logs.schema import PARETO, SWEEP
 from psmpc_cli.studies.reproduce import METHODS
-from psmpc_cli.studies.weights import SweepCells
+from psmpc_cli.studies.sweep import SweepCells
 
 pytestmark = pytest.mark.slow
 

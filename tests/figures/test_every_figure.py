@@ -12,7 +12,7 @@ from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
-from psmpc_cli.studies.weights import SweepCells
+from psmpc_cli.studies.sweep import SweepCells
 
 from ..made_up_monte_carlo import made_up_monte_carlo
 from ..made_up_sweep import made_up_sweep

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.figures.sweep import plot_plane, plot_sensitivity, plot_starts
-from psmpc_cli.studies.weights import SweepCells
+from psmpc_cli.studies.sweep import SweepCells
 
 from ..made_up_sweep import T_H, T_S, made_up_sweep, numbers
 from .drawn import common_legend, curves, legend, points

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from psmpc_cli.studies.judge import Reproduction
-from psmpc_cli.studies.weights import SweepCells
+from psmpc_cli.studies.sweep import SweepCells
 
 from ..made_up_fronts import made_up_fronts
 from ..made_up_sweep import made_up_sweep

@@ -12,7 +12,7 @@ import numpy as np
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import SCHEMA
 from psmpc_cli.studies.judge import Reproduction
-from psmpc_cli.studies.weights import SweepCells
+from psmpc_cli.studies.sweep import SweepCells
 
 from ..figures.made_up import Story, write_story
 

@@ -3,8 +3,7 @@ from typing import Any
 import pytest
 
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.studies.claims import HEADINGS, Claim, Finding, load_claims
-from psmpc_cli.studies.judge import RULES
+from psmpc_cli.studies.judge import HEADINGS, RULES, Claim, Finding, load_claims
 
 from .hand_made import hand_made, reproduced
 

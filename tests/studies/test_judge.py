@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 from psmpc_cli.logs.results import Results
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.studies.claims import Claim, Finding, load_claims
-from psmpc_cli.studies.judge import Reproduction, judge
-from psmpc_cli.studies.weights import SweepCells
+from psmpc_cli.studies.judge import Claim, Finding, Reproduction, judge, load_claims
+from psmpc_cli.studies.sweep import SweepCells
 
 from ..made_up_fronts import FALLING, RISING, made_up_fronts
 from ..made_up_sweep import T_H, T_S, Numbers, made_up_sweep, numbers

@@ -10,7 +10,7 @@ from psmpc_cli.errors import InputError, SpecError
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.judge import Reproduction
 from psmpc_cli.studies.reproduce import METHODS, claims_json, load_variants, load_weights_sweep
-from psmpc_cli.studies.weights import SweepCells
+from psmpc_cli.studies.sweep import SweepCells
 
 from ..made_up_fronts import made_up_fronts
 from ..made_up_sweep import made_up_sweep

@@ -36,8 +36,7 @@ from psmpc_cli.studies.runner import (
     create_file,
     run_study,
 )
-from psmpc_cli.studies.sweep import load_sweep_task, weight_study
-from psmpc_cli.studies.weights import parse_sampling
+from psmpc_cli.studies.sweep import load_sweep_task, parse_sampling, weight_study
 
 from ..there_and_back import TASK
 

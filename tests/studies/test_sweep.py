@@ -11,8 +11,7 @@ from psmpc_cli.logs.results import Results
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.runner import COMPUTED, FAILED, SHARED, changed, run_study
-from psmpc_cli.studies.sweep import load_sweep_task, sweep, weight_study
-from psmpc_cli.studies.weights import parse_sampling, parse_stages
+from psmpc_cli.studies.sweep import load_sweep_task, parse_sampling, parse_stages, sweep, weight_study
 
 from ..there_and_back import TASK
 

@@ -9,7 +9,7 @@ import pytest
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.studies.weights import (
+from psmpc_cli.studies.sweep import (
     GRID,
     RANDOM,
     RATIOS,

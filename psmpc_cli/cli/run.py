@@ -26,7 +26,7 @@ from psmpc_cli.errors import InputError, RunError
 if TYPE_CHECKING:
     from psmpc_cli.logs.schema import Sample
     from psmpc_cli.simulation.verify import Peaks
-    from psmpc_cli.specs.overrides import Change
+    from psmpc_cli.specs.load import Change
 
     Watch = Callable[[Sample], None]
 

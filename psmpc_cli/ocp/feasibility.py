@@ -13,10 +13,9 @@ from psmpc_cli.ocp.problem import Stage, build_stages
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.specs.coordinates import labels, stack
-from psmpc_cli.specs.load import Task, ensure_planar, load_task
+from psmpc_cli.specs.load import Changes, Task, ensure_planar, load_task
 from psmpc_cli.specs.messages import Fault, dotted, quoted
 from psmpc_cli.specs.messages import Path as Location
-from psmpc_cli.specs.overrides import Changes
 from psmpc_cli.specs.robot import PartLimits, RobotSpec
 
 BASE = slice(0, 3)

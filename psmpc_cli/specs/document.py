@@ -3,10 +3,11 @@
 PyYAML parses; scalars are resolved here by the core schema of YAML 1.2.
 """
 
+import copy
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import yaml
@@ -150,6 +151,35 @@ def read(name: str, text: str) -> Document:
     except RecursionError:
         return Document(name, text, faults=(Fault((), f"found no plain YAML: {TOO_LARGE}"),))
     return Document(name, text, data, origins, tuple(faults))
+
+
+def put(document: Document, path: Path, new: Data, origins: Mapping[Path, Origin]) -> Document:
+    """Return the document with one value replaced or added, in mappings that are added too.
+
+    Args:
+        document: The document.
+        path: Where the value goes.
+        new: The value.
+        origins: Its origin and those of values inside it, by path from it.
+    """
+    data = copy.deepcopy(document.data)
+    kept = {at: origin for at, origin in document.origins.items() if not inside(at, path)}
+    around: Any = data
+    for length in range(1, len(path)):
+        key, at = path[length - 1], path[:length]
+        inner = around.get(key) if isinstance(around, dict) else around[key]
+        if inner is None or isinstance(inner, str):
+            kept |= {(*at, "kind"): kept[at]} if inner else {}
+            kept[at] = replace(origins[()], written=None)
+            around[key] = {} if inner is None else {"kind": inner}
+        around = around[key]
+    around[path[-1]] = copy.deepcopy(new)
+    return replace(document, data=data, origins=kept | {(*path, *at): origin for at, origin in origins.items()})
+
+
+def inside(path: Path, around: Path) -> bool:
+    """Tell whether a path is another one, or leads into it."""
+    return path[: len(around)] == around
 
 
 def write(data: Data) -> str:

@@ -1,8 +1,11 @@
 """Robot and task descriptions from files, names, mappings or stored texts to validated data."""
 
+import copy
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,11 +14,10 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.document import Data, Document, Origin, plain, read, write
+from psmpc_cli.specs.document import Data, Document, Origin, describe, inside, plain, put, read, write
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
-from psmpc_cli.specs.messages import Fault, Place, quoted
+from psmpc_cli.specs.messages import Fault, Place, choice, dotted, quoted
 from psmpc_cli.specs.messages import Path as Location
-from psmpc_cli.specs.overrides import Changes, for_controller, override
 from psmpc_cli.specs.parts import Context
 from psmpc_cli.specs.poses import with_numbers
 from psmpc_cli.specs.priorities import priorities_of
@@ -24,6 +26,24 @@ from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, TaskSpec
 from psmpc_cli.specs.urdf import Urdf, read_urdf, spatial_robot
 
 Model = TypeVar("Model", bound=BaseModel)
+
+_PATH = re.compile(r"[^.\[\]=]+(?:\.[^.\[\]=]+|\[\d+\])*")
+_STEP = re.compile(r"\[(\d+)\]|([^.\[\]=]+)")
+
+SHORTHANDS: tuple[Location, ...] = (("controller",), ("solver",), ("plant",), ("onset",))
+"""Where a text alone means a mapping with that `kind`."""
+
+BY_CONTROLLER = "by_controller"
+"""Key of a task that holds, by controller, keys to change where that controller runs."""
+
+NO_CONTROLLERS_OWN: tuple[Location, ...] = (("robot",), ("controller",), ("controller", "kind"), (BY_CONTROLLER,))
+"""Keys that cannot depend on the controller."""
+
+Change = str | tuple[str, str]
+"""One key to change: `path=value`, or an option as it was typed and the `path=value` that it is short for."""
+
+Changes = Mapping[str, Any] | Sequence[Change]
+"""Keys to change: values by path, or a sequence of changes in their order."""
 
 
 @dataclass(frozen=True)
@@ -321,3 +341,116 @@ def _faults(error: ValidationError, document: Document) -> Iterator[Fault]:
             path = (*path, step) if (*path, step) in document.origins else path
         context = detail["ctx"]
         yield Fault(path, f"found {context['found'] or document.found(path)}{context['tail']}", context["at_key"])
+
+
+def override(document: Document, changes: Changes) -> tuple[Document, tuple[str, ...]]:
+    """Return the document with the changes applied in their order, and messages about those that could not be.
+
+    A change of a key also removes that key, and those around or inside it, from what `by_controller` has of it.
+    """
+    messages = []
+    for number, (typed, text) in enumerate(_texts(changes), start=1):
+        try:
+            document = _apply(document, typed, number, text)
+        except SpecError as error:
+            messages.append(f"{typed}: {error}")
+    return document, tuple(messages)
+
+
+def for_controller(document: Document, kind: str) -> tuple[Document, tuple[Fault, ...]]:
+    """Apply what the `by_controller` of a document has for one kind of controller.
+
+    Returns:
+        The document with those keys changed, located where `by_controller` has them; faults of keys that cannot be.
+    """
+    faults = []
+    own = document.value((BY_CONTROLLER, kind))
+    for key, value in own.items() if isinstance(own, dict) else ():
+        at = (BY_CONTROLLER, kind, key)
+        try:
+            path = _path(document, key)
+            if path in NO_CONTROLLERS_OWN or path[0] == BY_CONTROLLER:
+                raise SpecError(
+                    f"found the key {quoted(key)}, expected any key but {', '.join(map(dotted, NO_CONTROLLERS_OWN))}"
+                )
+            inside = {place[len(at) :]: origin for place, origin in document.origins.items() if inside(place, at)}
+            document = put(document, path, value, inside)
+        except SpecError as error:
+            faults.append(Fault(at, str(error), at_key=True))
+    return document, tuple(faults)
+
+
+def _texts(changes: Changes) -> Iterator[tuple[str, str]]:
+    """Give for each change what messages repeat of it, and `path=value`."""
+    if isinstance(changes, Mapping):
+        for path, value in changes.items():
+            text = f"{path}={json.dumps(plain(value), ensure_ascii=False)}"
+            yield f"set {text}", text
+        return
+    for change in changes:
+        yield (f"--set {change}", change) if isinstance(change, str) else change
+
+
+def _apply(document: Document, typed: str, number: int, text: str) -> Document:
+    """Return the document with one value replaced or added; the value is YAML."""
+    written, separator, value_text = text.partition("=")
+    if not separator:
+        raise SpecError('found no "=", expected path=value, such as controller.nodes=25')
+    path = _path(document, written.strip())
+    new = read("--set", value_text)
+    if new.faults:
+        raise SpecError(new.faults[0].message)
+    origins = {
+        at: replace(origin, place=Place(number, origin.place.column), override=typed)
+        for at, origin in {(): Origin(Place(1, 1)), **new.origins}.items()
+    }
+    overridden = []
+    for at in document.origins:
+        if len(at) == 3 and at[0] == BY_CONTROLLER:
+            with suppress(SpecError):
+                own = _path(document, str(at[2]))
+                overridden += [at] if inside(own, path) or inside(path, own) else []
+    for at in overridden:
+        document = _without(document, at)
+    return put(document, path, new.data, origins)
+
+
+def _without(document: Document, path: Location) -> Document:
+    """Return the document without the value at a path that leads to a key of a mapping."""
+    data: Any = copy.deepcopy(document.data)
+    around = data
+    for step in path[:-1]:
+        around = around[step]
+    del around[path[-1]]
+    return replace(document, data=data, origins={at: o for at, o in document.origins.items() if not inside(at, path)})
+
+
+def _path(document: Document, written: str) -> Location:
+    """Return the path that a text means; what it leads to need not be there, the lists on the way must be."""
+    if not _PATH.fullmatch(written):
+        wanted = "expected one such as stages[1].priority or stages.capture.priority"
+        raise SpecError(f"found the path {quoted(written)}, {wanted}")
+    value = document.data
+    path: Location = ()
+    for index, name in _STEP.findall(written):
+        path = (*path, _key(value, int(index) if index else name, path))
+        value = document.value(path)
+        if value is None or (isinstance(value, str) and path in SHORTHANDS):
+            value = {}
+    return path
+
+
+def _key(value: Data, step: str | int, path: Location) -> str | int:
+    """Return the key or index that a step means inside a value; an entry of a list also goes by its `name`."""
+    if isinstance(value, dict) and isinstance(step, str):
+        return step
+    if not isinstance(value, list):
+        where = f"{dotted(path)}: " if path else ""
+        raise SpecError(f"{where}found {describe(value)}, expected a mapping or list to set {dotted((step,))} in")
+    names = {str(entry["name"]): i for i, entry in enumerate(value) if isinstance(entry, dict) and "name" in entry}
+    if isinstance(step, str) and step in names:
+        return names[step]
+    if str(step).isdecimal() and int(step) < len(value):
+        return int(step)
+    valid = [*names, f"an index from 0 to {len(value) - 1}"] if value else ["no index, the list is empty"]
+    raise SpecError(f"{dotted(path)}: found no entry {step}{choice(str(step), valid)}")

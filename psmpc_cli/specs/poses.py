@@ -8,10 +8,9 @@ import numpy as np
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.specs.document import Data, Document
+from psmpc_cli.specs.document import Data, Document, put
 from psmpc_cli.specs.fields import Angles3, Axis, Direction, Number, Spec, Vector3, expected, listed
 from psmpc_cli.specs.messages import Fault, Path
-from psmpc_cli.specs.overrides import put
 
 KEYS = ("position", "attitude")
 

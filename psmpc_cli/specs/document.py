@@ -163,7 +163,7 @@ def put(document: Document, path: Path, new: Data, origins: Mapping[Path, Origin
         origins: Its origin and those of values inside it, by path from it.
     """
     data = copy.deepcopy(document.data)
-    kept = {at: origin for at, origin in document.origins.items() if not inside(at, path)}
+    kept = {at: origin for at, origin in document.origins.items() if not lies_inside(at, path)}
     around: Any = data
     for length in range(1, len(path)):
         key, at = path[length - 1], path[:length]
@@ -177,7 +177,7 @@ def put(document: Document, path: Path, new: Data, origins: Mapping[Path, Origin
     return replace(document, data=data, origins=kept | {(*path, *at): origin for at, origin in origins.items()})
 
 
-def inside(path: Path, around: Path) -> bool:
+def lies_inside(path: Path, around: Path) -> bool:
     """Tell whether a path is another one, or leads into it."""
     return path[: len(around)] == around
 

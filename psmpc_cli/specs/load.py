@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.document import Data, Document, Origin, describe, inside, plain, put, read, write
+from psmpc_cli.specs.document import Data, Document, Origin, describe, lies_inside, plain, put, read, write
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
 from psmpc_cli.specs.messages import Fault, Place, choice, dotted, quoted
 from psmpc_cli.specs.messages import Path as Location
@@ -373,7 +373,7 @@ def for_controller(document: Document, kind: str) -> tuple[Document, tuple[Fault
                 raise SpecError(
                     f"found the key {quoted(key)}, expected any key but {', '.join(map(dotted, NO_CONTROLLERS_OWN))}"
                 )
-            inside = {place[len(at) :]: origin for place, origin in document.origins.items() if inside(place, at)}
+            inside = {place[len(at) :]: origin for place, origin in document.origins.items() if lies_inside(place, at)}
             document = put(document, path, value, inside)
         except SpecError as error:
             faults.append(Fault(at, str(error), at_key=True))
@@ -409,7 +409,7 @@ def _apply(document: Document, typed: str, number: int, text: str) -> Document:
         if len(at) == 3 and at[0] == BY_CONTROLLER:
             with suppress(SpecError):
                 own = _path(document, str(at[2]))
-                overridden += [at] if inside(own, path) or inside(path, own) else []
+                overridden += [at] if lies_inside(own, path) or lies_inside(path, own) else []
     for at in overridden:
         document = _without(document, at)
     return put(document, path, new.data, origins)
@@ -422,7 +422,9 @@ def _without(document: Document, path: Location) -> Document:
     for step in path[:-1]:
         around = around[step]
     del around[path[-1]]
-    return replace(document, data=data, origins={at: o for at, o in document.origins.items() if not inside(at, path)})
+    return replace(
+        document, data=data, origins={at: o for at, o in document.origins.items() if not lies_inside(at, path)}
+    )
 
 
 def _path(document: Document, written: str) -> Location:

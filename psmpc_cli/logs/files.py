@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import h5py
+import numpy as np
 
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.schema import FORMAT_VERSION, RUN
@@ -51,6 +52,12 @@ def read_file(path: Path, read: Callable[[h5py.File], T], expected: str = "a log
     except DAMAGE as error:
         reason = (str(error) or type(error).__name__).partition("\n")[0][:200]
         raise rejected(f"an HDF5 file that is cut off or damaged ({reason})") from None
+
+
+def read_array(dataset: h5py.Dataset) -> np.ndarray:
+    """Read a dataset, text as text."""
+    text = h5py.check_string_dtype(dataset.dtype) is not None
+    return np.asarray(dataset.asstr()[()], dtype=str) if text else np.asarray(dataset[()])
 
 
 def kind_of(path: Path) -> str:

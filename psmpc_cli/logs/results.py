@@ -13,7 +13,7 @@ import numpy as np
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import LogError, RunError
-from psmpc_cli.logs.files import kind_in, new_image, read_file, replace_file, write_new
+from psmpc_cli.logs.files import kind_in, new_image, read_array, read_file, replace_file, write_new
 from psmpc_cli.logs.schema import FORMAT_VERSION
 
 
@@ -159,9 +159,7 @@ def _check(quantity: Quantity, quantities: Mapping[str, Quantity]) -> None:
 
 
 def _quantity(name: str, dataset: h5py.Dataset) -> Quantity:
-    text = h5py.check_string_dtype(dataset.dtype) is not None
-    values = np.asarray(dataset.asstr()[()], dtype=str) if text else np.asarray(dataset)
     units, long_name, dims, meanings = (
         str(dataset.attrs.get(key, "")) for key in ("units", "long_name", "dims", "flag_meanings")
     )
-    return Quantity(name, tuple(dims.split()), values, units, long_name, tuple(meanings.split()))
+    return Quantity(name, tuple(dims.split()), read_array(dataset), units, long_name, tuple(meanings.split()))

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError, SpecError
-from psmpc_cli.logs.files import kind_in, new_image, read_file, write_new
+from psmpc_cli.logs.files import kind_in, new_image, read_array, read_file, write_new
 from psmpc_cli.logs.schema import COMPARISON, RUN, SCHEMA, Column, columns
 from psmpc_cli.logs.summary import Summary, summarize
 from psmpc_cli.logs.write import create_log
@@ -370,7 +370,7 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
         if name not in group.attrs:
             raise LogError(f"{path}: found no attribute {name}, {EXPECTED}")
     present = [part for column in SCHEMA if not column.only or column.path in group for part in column.parts[:2]]
-    arrays = {column.path: _array(group[column.path]) for column in present}
+    arrays = {column.path: read_array(group[column.path]) for column in present}
     for column in present:
         shape = arrays[column.path].shape
         sizes = (len(arrays[dim]) if dim in arrays else size for dim, size in zip(column.dims, shape, strict=True))
@@ -379,10 +379,3 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
     if not (np.diff(arrays["time"]) > 0).all():
         raise ValueError("time does not rise")
     return Run(path, dict(group.attrs), arrays)
-
-
-def _array(dataset: h5py.Dataset) -> Array:
-    """Read a dataset, text as text."""
-    if h5py.check_string_dtype(dataset.dtype) is None:
-        return np.asarray(dataset[()])
-    return np.asarray(dataset.asstr()[()], dtype=str)

@@ -73,12 +73,14 @@ class Largest:
     Attributes:
         value: [m, rad, m/s, rad/s], or [1] for an end condition.
         where: The coordinate, its velocity, or the stage.
-        time: Of the sample after which it was measured [s].
+        time: When, or of the sample after which it was measured [s].
+        sample: In the horizon, or in the closed loop after the state, of which sample.
     """
 
     value: float
     where: str
     time: float
+    sample: int
 
 
 @dataclass(frozen=True)
@@ -286,7 +288,7 @@ def _largest(arrays: Arrays, path: str, names: tuple[str, ...], below: bool = Fa
     if not np.isfinite(found).any():
         return None
     row, column = np.unravel_index(int(np.argmax(found)), found.shape)
-    return Largest(float(found[row, column]), str(names[int(column)]), float(arrays["time"][row]))
+    return Largest(float(found[row, column]), str(names[int(column)]), float(arrays["time"][row]), int(row))
 
 
 def _verdict(monitor: MonitorSpec, arrays: Arrays) -> Verdict:

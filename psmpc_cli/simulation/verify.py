@@ -7,6 +7,7 @@ import numpy as np
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.summary import Largest
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.ocp.window import Window
@@ -28,24 +29,7 @@ QUANTITIES = {
 """What is measured, as it is called."""
 
 
-@dataclass(frozen=True)
-class Peak:
-    """The largest value of a quantity.
-
-    Attributes:
-        value: Itself [m, rad, m/s, rad/s], or [1] for an end condition.
-        where: The coordinate or the stage.
-        time: When [s].
-        sample: In the horizon, or in the closed loop after the state, of which sample.
-    """
-
-    value: float
-    where: str
-    time: float
-    sample: int
-
-
-Peaks = dict[str, Peak]
+Peaks = dict[str, Largest]
 """The largest values by the names of `QUANTITIES`; none of what could not be measured."""
 
 
@@ -218,7 +202,7 @@ class _Verifier:
         value = float(values[row, column])
         if quantity not in peaks or not value <= peaks[quantity].value:
             where = (names or list(self._log.coordinates))[int(column)]
-            peaks[quantity] = Peak(value, where, float(times[row]), sample)
+            peaks[quantity] = Largest(value, where, float(times[row]), sample)
 
 
 def _state(log: Run, sample: int) -> Vector:

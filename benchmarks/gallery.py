@@ -49,7 +49,7 @@ COMMANDS: Mapping[str, str] = {
 }
 """What is run, by the heading of its figures, in this order; a later command may read what an earlier one wrote."""
 
-REPORTED = {"adds to the control": "presence", "monitored quantities": "monitors", "against published": "schedule"}
+REPORTED = {"adds to the control": "presence", "monitored quantities": "monitors", "triangles their ends": "schedule"}
 """Figures that a report alone has, by words of their captions there."""
 
 EARLY = 8.0
@@ -127,7 +127,8 @@ def main() -> None:
                     seen.add(path)
                     place = f"gallery/{path.parent.name}_{path.stem}.png"
                     shrink(path, FIGURES / place)
-                    print(f'![{style.readable(path.stem)}](figures/{place} "{path.stem}")')
+                    caption = f"<figcaption>{path.stem}</figcaption>"
+                    print(f"<figure markdown>\n![{path.stem}](figures/{place})\n{caption}\n</figure>")
             print("\n</div>")
         animate = [*PSMPC, "plot", "run.h5", "--animate", "--only", "states", "-o", "animation"]
         subprocess.run(animate, cwd=folder, stdout=subprocess.DEVNULL, check=True)

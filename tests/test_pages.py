@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 import tutorial
-from pages import BLOCK, HERE, PAGES, QUICK, blocks
+from pages import BLOCK, HERE, PAGES, QUICK, ROOT, blocks
 from tables import models_of, table
 
+from psmpc_cli.figures import registry
 from psmpc_cli.logs.schema import SCHEMA
 from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import TaskSpec
@@ -48,3 +49,8 @@ def test_who_follows_the_tutorial_sees_what_it_shows(tmp_path: Path) -> None:
     page = tutorial.PAGE.read_text(encoding="utf-8")
     assert tutorial.follow(page, tmp_path) == page
     assert [source for _, source in tutorial.FIGURE.findall(page) if not (tmp_path / source).is_file()] == []
+
+
+def test_the_gallery_has_every_figure() -> None:
+    page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    assert [one.name for one in registry.TABLE if f"<figcaption>{one.name}</figcaption>" not in page] == []

@@ -1,4 +1,4 @@
-"""docs/python.md: every line of its code is run, block after block."""
+"""The Python of docs/python.md and docs/own_robot.md: every line is run, block after block."""
 
 import re
 import subprocess
@@ -9,12 +9,13 @@ import pytest
 
 import psmpc_cli as psmpc
 
-PAGE = Path(__file__).parents[1] / "docs" / "python.md"
+DOCS = Path(__file__).parents[1] / "docs"
 
 
 @pytest.mark.slow
-def test_the_page_runs(tmp_path: Path) -> None:
-    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+@pytest.mark.parametrize(("page", "printed"), [("python.md", "LogError"), ("own_robot.md", "(20, 20)")])
+def test_the_page_runs(page: str, printed: str, tmp_path: Path) -> None:
+    blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL)
     script = tmp_path / "page.py"
     body = "\n".join(blocks).replace("\n", "\n    ")
     script.write_text(f'if __name__ == "__main__":\n    {body}\n', encoding="utf-8")
@@ -22,7 +23,7 @@ def test_the_page_runs(tmp_path: Path) -> None:
         [sys.executable, "-W", "error", str(script)], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert ran.returncode == 0, ran.stderr
-    assert "LogError" in ran.stdout
+    assert printed in ran.stdout
 
 
 def test_every_public_name_is_there() -> None:

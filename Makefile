@@ -64,7 +64,7 @@ build: $(READY)
 	.ci/smoke $(PYTHON) dist/*.whl
 
 docs: $(READY)
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --clean
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --clean
 	@echo 'site/index.html'
 
 gallery: $(READY)

@@ -103,7 +103,7 @@ class Solver(ABC):
             window: The window.
             guess: The guessed plan; its instants (S,) [s] are those of the window.
             previous: The solution of the sample before. It starts the solve too where it is usable and its stages are
-                the same, its multipliers shifted in time.
+                the same.
             within: Durations are kept within so many seconds of the guessed ones; 0 holds the instants.
         """
         guess = on_mesh(guess, window)

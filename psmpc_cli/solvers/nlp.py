@@ -52,17 +52,6 @@ OUTCOMES: Mapping[object, Outcome] = {
 }
 """Outcomes by the return codes of IPOPT (texts) and fatrop (numbers)."""
 
-WARM = {
-    "warm_start_init_point": "yes",
-    "mu_init": 1e-5,
-    "warm_start_bound_push": 1e-9,
-    "warm_start_bound_frac": 1e-9,
-    "warm_start_slack_bound_push": 1e-9,
-    "warm_start_slack_bound_frac": 1e-9,
-    "warm_start_mult_bound_push": 1e-9,
-}
-"""IPOPT: options of a solve that starts from multipliers: a low barrier, and the guess is not pushed off its bounds."""
-
 BARRIER_START = 1e-4
 """fatrop: the first barrier parameter. The shifted plan is a good guess, and 1e-2 costs a third more iterations."""
 
@@ -100,9 +89,8 @@ class NlpSolver(Solver):
         else:
             settings["mu_init"] = BARRIER_START
         self._settings = settings if options is None else dict(options)
-        self._takes_duals = spec.kind == "ipopt" and options is None
         self._nlps: dict[WindowShape, Nlp] = {}
-        self._compiled: dict[tuple[WindowShape, bool], ca.Function] = {}
+        self._compiled: dict[WindowShape, ca.Function] = {}
 
     def nlp(self, window: Window) -> Nlp:
         """Return the NLP of a window, transcribed on first use."""
@@ -125,28 +113,24 @@ class NlpSolver(Solver):
         costs, terminal = nlp.costs(self._pack(window, plan), _flat(window, plan.instants))
         return np.append(np.asarray(costs).ravel()[:-1], float(costs[-1] + terminal))
 
-    def _function(self, nlp: Nlp, warm: bool) -> ca.Function:
-        """Return the compiled solver of a program, for a start with multipliers if `warm`."""
-        if (nlp.shape, warm) not in self._compiled:
+    def _function(self, nlp: Nlp) -> ca.Function:
+        """Return the compiled solver of a program."""
+        if nlp.shape not in self._compiled:
             options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
             if self._plugin == "fatrop":
                 sizes = {"N": len(nlp.nu) - 1, "nx": nlp.nx, "nu": nlp.nu, "ng": nlp.ng}
                 options |= {"structure_detection": "manual", **sizes}
             loud = {} if self._report is None else {"print_level": PRINT_LEVEL}
-            options[self._plugin] = {**self._settings, **(WARM if warm else {}), **loud}
-            self._compiled[nlp.shape, warm] = ca.nlpsol("window", self._plugin, nlp.problem, options)
-        return self._compiled[nlp.shape, warm]
+            options[self._plugin] = {**self._settings, **loud}
+            self._compiled[nlp.shape] = ca.nlpsol("window", self._plugin, nlp.problem, options)
+        return self._compiled[nlp.shape]
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
-        nlp, start, duals = self.nlp(window), {"x0": self._pack(window, guess)}, np.zeros(0)
-        if previous is not None and self._takes_duals and window_shape(previous.window) == nlp.shape:
-            duals = shift_multipliers(nlp, guess, previous)
-        if len(duals):
-            start["lam_x0"], start["lam_g0"] = np.split(duals, [nlp.layout.size])
-        solver, bounds = self._function(nlp, bool(len(duals))), _bounds(nlp, window, guess, within)
+        nlp = self.nlp(window)
+        solver, bounds = self._function(nlp), _bounds(nlp, window, guess, within)
         p, began = _flat(window, guess.instants), time.perf_counter()
         with redirect_stdout(io.StringIO()) if self._report else nullcontext(io.StringIO()) as written:
-            result = solver(p=p, **bounds, **start)
+            result = solver(x0=self._pack(window, guess), p=p, **bounds)
         wall_time = time.perf_counter() - began
         if self._report is not None:
             for line in filter(ITERATION.match, written.getvalue().splitlines()):
@@ -170,8 +154,6 @@ class NlpSolver(Solver):
             costs=np.asarray(costs).ravel(),
             terminal=float(terminal),
             violations=z[layout.violation_index[1:]].max(axis=0) / PENALTY,
-            duals=np.concatenate([found["lam_x"], found["lam_g"]]) if self._takes_duals else np.zeros(0),
-            guess_duals=duals,
             bound_multiplier=float(found["lam_g"][-1]) if np.isfinite(window.cost_bound) else np.nan,
         )
 
@@ -257,26 +239,3 @@ def _violation(bounds: Mapping[str, np.ndarray], z: np.ndarray, g: np.ndarray) -
     """Return by how much z and g(z) violate their bounds at worst."""
     past = (bounds["lbx"] - z, z - bounds["ubx"], bounds["lbg"] - g, g - bounds["ubg"])
     return float(max(piece.max(initial=0.0) for piece in past))
-
-
-def shift_multipliers(nlp: Nlp, guess: Plan, previous: Solution) -> np.ndarray:
-    """Return the last solution's multipliers of bounds and rows, read at the time of each node of a guess.
-
-    They are empty if the last solution has none of this program.
-    """
-    layout = nlp.layout
-    if len(previous.duals) != layout.size + nlp.count:
-        return np.zeros(0)
-    x, g = np.split(previous.duals, [layout.size])
-    lam_x, lam_g, nodes = x.copy(), g.copy(), np.zeros(layout.K + 1, int)
-    for s, inputs in enumerate(layout.input_index):
-        first, last = layout.first_node[s : s + 2]
-        at = slice(first, last + 1)
-        nearest = np.interp(guess.times[at], previous.plan.times[at], np.arange(first, last + 1))
-        nodes[at] = np.round(nearest).astype(int)
-        lam_x[inputs] = x[inputs[np.minimum(nodes[first:last], last - 1) - first]]
-    for index in (layout.state_index, layout.duration_index, layout.violation_index):
-        lam_x[index] = x[index[nodes]]
-    lam_g[nlp.gap_rows] = g[nlp.gap_rows[np.minimum(nodes[:-1], layout.K - 1)]]
-    lam_g[nlp.limit_rows] = g[nlp.limit_rows[:, nodes]]
-    return np.concatenate([lam_x, lam_g])

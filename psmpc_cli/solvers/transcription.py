@@ -94,7 +94,6 @@ class Nlp:
         layout: Offsets of the decision variables.
         problem: Decision variables x, parameters p, objective f and constraints g, as CasADi's solvers take them.
         nx, nu, ng: Sizes of state, of input with violations of soft limits, and of path rows at each node, (K + 1,).
-        gap_rows: Rows of g that close the gap after each interval, (K, nx).
         x0_rows: Rows that fix the initial state, (2n,).
         last_duration_row: Row with the last stage's duration, None with one stage.
         instant_rows: Row with the cumulated duration to the end of a stage with a fixed switching time, by stage.
@@ -182,12 +181,12 @@ class Nlp:
     def _write_rows(self, xs: list[ca.SX], us: list[ca.SX], es: list[ca.SX], kept: list[list[ca.SX]]) -> list[int]:
         """Write the constraints node by node and return the number of path rows at each."""
         layout, stages, ng = self.layout, self.shape.stages, []
-        gaps, limits, size = [], [], 2 * layout.n
+        limits, size = [], 2 * layout.n
         self.end_rows: dict[int, np.ndarray] = {}
         kept_rows: list[list[np.ndarray]] = [[] for _ in kept]
         for k, (x, e) in enumerate(zip(xs, es, strict=True)):
             if k < layout.K:
-                gaps.append(self._add(self._gap(k, xs, us, kept)))
+                self._add(self._gap(k, xs, us, kept))
             before = self.count
             if k == 0:
                 self._write_start(x)
@@ -205,7 +204,7 @@ class Nlp:
             violated = x[: layout.violations], e / PENALTY
             limits.append([self._add(violated[0] + violated[1]), self._add(violated[0] - violated[1])])
             ng.append(self.count - before)
-        self.gap_rows, self.limit_rows = np.array(gaps), np.array(limits, int).transpose(1, 0, 2)
+        self.limit_rows = np.array(limits, int).transpose(1, 0, 2)
         self.kept_rows = [np.concatenate(rows) for rows in kept_rows]
         return ng
 

@@ -162,10 +162,8 @@ class TradeOff:
         guess, within = near.plan, np.inf
         if wait is not None:
             guess, within = replace(guess, instants=np.array([problem.start + wait])), 0.0
-        if np.isinf(problem.cost_bound):
-            point = self._solver.solve(problem, guess, within=within)
-        else:
-            point = self._bounded.solve(problem, guess, near if np.isfinite(near.window.cost_bound) else None, within)
+        solver = self._solver if np.isinf(problem.cost_bound) else self._bounded
+        point = solver.solve(problem, guess, within=within)
         if point.outcome.usable:
             return point
         unknown = np.full(2, np.nan)

@@ -160,19 +160,6 @@ def test_ipopt_stops_at_a_deadline_too(problem: Problem, judge: NlpSolver, two_s
     assert stopped.outcome is (Outcome.FEASIBLE if within else Outcome.DEADLINE)
 
 
-@pytest.mark.parametrize("soft", [False, True], ids=["hard", "soft"])
-def test_ipopt_starts_from_multipliers_on_the_same_mesh(problem: Problem, two_stages: Solution, soft: bool) -> None:
-    solver = build_solver(problem, IPOPT)
-    cold = again(solver, replace(two_stages, window=replace(two_stages.window, soft=soft)), False)
-    warm = solver.solve(cold.window, cold.plan, cold)
-    assert warm.warm
-    np.testing.assert_allclose(warm.guess_duals, cold.duals)
-    assert warm.iterations < solver.solve(cold.window, cold.plan).iterations
-    other = solver.solve(replace(two_stages.window, nodes=(24, 16)), cold.plan, cold)
-    assert other.outcome is Outcome.OPTIMAL
-    assert len(other.guess_duals) == 0
-
-
 def test_a_solution_of_other_stages_or_a_failed_one_starts_nothing(problem: Problem, decisions: list[Command]) -> None:
     one, two = chosen(decisions, 1), chosen(decisions, 2)
     solver = build_solver(problem, ONE)

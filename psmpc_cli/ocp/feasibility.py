@@ -12,20 +12,19 @@ from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.problem import Stage, build_stages
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.robot.reach import Reach, reach_of
+from psmpc_cli.robot.rotations import conjugate, log, product
 from psmpc_cli.specs.coordinates import labels, stack
-from psmpc_cli.specs.load import Changes, Task, ensure_planar, load_task
+from psmpc_cli.specs.load import Changes, Task, load_task
 from psmpc_cli.specs.messages import Fault, dotted, quoted
 from psmpc_cli.specs.messages import Path as Location
+from psmpc_cli.specs.parts import POSITION_AXES
 from psmpc_cli.specs.robot import PartLimits, RobotSpec
-
-BASE = slice(0, 3)
-"""Rows of the base pose in Q and xi."""
 
 SLACK = 1e-9
 """By which a bound may be missed [m, rad]: decimals of degrees."""
 
 ALL_KNOWN = 3
-"""Links of an arm up to which "not reachable" is certain."""
+"""Links of a planar arm up to which "not reachable" is certain."""
 
 SPEED_SLACK = 1e-6
 """By which a trajectory may be faster than a velocity limit [m/s, rad/s]: values are written with a few digits."""
@@ -44,7 +43,7 @@ class Outlook:
             space, and for arms (or with a base) whose place neither weights nor the end condition ask for. Of a
             trajectory, the last row's.
         earliest_end: Time before which the stage cannot end [s]: from velocity limits, dwells and fixed times.
-        stuck: Rows of Q that its end condition wants elsewhere but velocity limits let not move that way.
+        stuck: Coordinates that its end condition wants elsewhere but velocity limits let not move that way.
     """
 
     stage: Stage
@@ -64,7 +63,6 @@ def load_feasible(reference: str | Path | Mapping[str, Any], set: Changes = ()) 
 
 def _review_sound(task: Task, sound: Collection[int] | None) -> list[Fault]:
     """Return the faults of a task; if only some stages are valid, those of their targets."""
-    ensure_planar(task)
     if sound is None:
         return review(task)
     return [problem for each in look_ahead(task) if each.stage.index in sound for problem in _targets(task, each)]
@@ -76,7 +74,6 @@ def ensure_feasible(task: Task) -> None:
     Raises:
         SpecError: Something does; the message has all of it, located in the task's file.
     """
-    ensure_planar(task)
     if problems := review(task):
         raise SpecError(task.source.report(problems))
 
@@ -94,9 +91,9 @@ def review(task: Task) -> list[Fault]:
 
 def _initial(task: Task, first: Stage) -> Iterator[Fault]:
     """Give what of the initial state the first stage does not allow."""
-    position = stack(task.spec.initial, task.robot, "joint")
-    velocity = stack(task.spec.initial_velocity, task.robot, "joint", missing=0.0, of_error=True)
-    for key, kind, values in (("initial", "position", position), ("initial_velocity", "velocity", velocity)):
+    Q, v = _initial_state(task)
+    position = _coordinates(first, Q)
+    for key, kind, values in (("initial", "position", position), ("initial_velocity", "velocity", v)):
         for row in _outside(values, *_bounds(first, kind)):
             yield Fault(_place(task, (key,), row, "joint"), _beyond(task, row, values[row], first, kind))
 
@@ -104,27 +101,32 @@ def _initial(task: Task, first: Stage) -> Iterator[Fault]:
 def _targets(task: Task, outlook: Outlook) -> Iterator[Fault]:
     """Give what of a stage's target, or of any row of its trajectory, lies outside its limits, or out of reach."""
     stage = outlook.stage
-    for index, values in enumerate(stage.waypoints):
+    for index, numbers in enumerate(stage.waypoints):
+        values = _coordinates(stage, numbers)
         for row in _rows_outside(stage, values):
             yield Fault(_place(task, stage, row, stage.space, index), _beyond(task, row, values[row], stage))
-        last = index == len(stage.waypoints) - 1
-        for arm, reach in (outlook.reaches if last else _reaches(stage, task.robot, values)).items():
-            found = _out_of_reach(arm, reach, values[BASE], len(task.robot.arms[arm].links))
-            if found:
+        for arm, reach in _reaches_at(task, outlook, index).items():
+            if found := _out_of_reach(task.robot, arm, reach, numbers):
                 yield Fault(_place_of_part(task, stage, arm, index), found)
 
 
+def _reaches_at(task: Task, outlook: Outlook, index: int) -> Mapping[str, Reach]:
+    """Return the reaches of a stage's waypoint."""
+    stage, last = outlook.stage, index == len(outlook.stage.waypoints) - 1
+    return outlook.reaches if last else _reaches(stage, task.robot, stage.waypoints[index])
+
+
 def _rows_outside(stage: Stage, values: np.ndarray) -> list[int]:
-    """Return the rows of Q whose values (n,) or (m,) the stage asks for but its limits forbid."""
-    last = len(values) if stage.space == "joint" else BASE.stop
-    low, high = _bounds(stage, "position")
-    return [row for row in _outside(values[:last], low[:last], high[:last]) if _counts(stage, slice(row, row + 1))]
+    """Return the coordinates whose values (n,) the stage asks for but its limits forbid."""
+    return [row for row in _outside(values, *_bounds(stage, "position")) if _counts(stage, slice(row, row + 1))]
 
 
-def _out_of_reach(arm: str, reach: Reach, pose: np.ndarray, links: int) -> str | None:
-    """Say why an arm cannot take its target with the base at its pose (3,); None if it can, or if nobody can tell."""
-    x, y, theta = pose
-    base = f"with the base at [{x:g}, {y:g}, {np.degrees(theta):g} deg]"
+def _out_of_reach(robot: RobotSpec, arm: str, reach: Reach, numbers: np.ndarray) -> str | None:
+    """Say why an arm cannot take its target, whose first numbers are the base's pose; None if it can, or may be able to.
+
+    Where poses were looked for and none was found, that is certain of short planar arms alone.
+    """
+    base = f"with the base at {_pose(robot, numbers)}"
     if reach.distance > reach.full_reach and not reach.reachable:
         return (
             f"found a pose {reach.distance:.4g} m from the shoulder of {arm} {base}, "
@@ -135,7 +137,7 @@ def _out_of_reach(arm: str, reach: Reach, pose: np.ndarray, links: int) -> str |
             f"found a pose that puts the last joint {reach.wrist_distance:.4g} m from the shoulder of {arm} {base}, "
             f"expected between {reach.inner:.4g} and {reach.outer:.4g} m, the reach of the links before the last"
         )
-    if not reach.reachable and links <= ALL_KNOWN:
+    if not reach.reachable and robot.dimension == 2 and len(robot.arms[arm].links) <= ALL_KNOWN:
         return (
             f"found a pose that {arm} can take only beyond its joint limits {base} "
             f"({reach.distance:.4g} m from its shoulder, within its reach of {reach.full_reach:.4g} m), "
@@ -144,13 +146,36 @@ def _out_of_reach(arm: str, reach: Reach, pose: np.ndarray, links: int) -> str |
     return None
 
 
+def _pose(robot: RobotSpec, numbers: np.ndarray) -> str:
+    """Write the base's pose, the first of a target's numbers."""
+    if robot.dimension == 2:
+        return f"[{numbers[0]:g}, {numbers[1]:g}, {np.degrees(numbers[2]):g} deg]"
+    turned = np.degrees(2 * np.arctan2(np.linalg.norm(numbers[4:7]), abs(numbers[3])))
+    return f"[{numbers[0]:g}, {numbers[1]:g}, {numbers[2]:g}], turned by {turned:g} deg"
+
+
+def _not_found(task: Task, outlook: Outlook) -> Iterator[Fault]:
+    """Give poses of which none was found that an arm can take, where that is not certain."""
+    for index, numbers in enumerate(outlook.stage.waypoints):
+        for arm, reach in _reaches_at(task, outlook, index).items():
+            if not reach.reachable and _out_of_reach(task.robot, arm, reach, numbers) is None:
+                metres, angle = reach.missed
+                message = (
+                    f"found no position of the joints of {arm} within their limits that takes the pose with the base at "
+                    f"{_pose(task.robot, numbers)}: the nearest misses it by {metres:.2g} m and {np.degrees(angle):.2g} "
+                    "deg, expected one within reach, or weights and an end condition that do not ask for all of it"
+                )
+                yield Fault(_place_of_part(task, outlook.stage, arm, index), message)
+
+
 def _handover(task: Task, stage: Stage, then: Stage) -> Iterator[Fault]:
     """Give the coordinates that a stage leaves where the limits of the next one do not allow them."""
     low, high = _bounds(then, "position")
+    values = _coordinates(stage, stage.target)
     for row, tolerance in _coordinates_at_end(stage).items():
-        value = stage.target[row]
+        value = values[row]
         outside = value + tolerance < low[row] - SLACK or value - tolerance > high[row] + SLACK
-        if outside and row not in _rows_outside(stage, stage.target):
+        if outside and row not in _rows_outside(stage, values):
             message = f"{_beyond(task, row, value, then)}, where {quoted(then.name)} keeps it"
             yield Fault(("stages", stage.index, "ends_when"), message)
 
@@ -161,8 +186,9 @@ def _times(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
     for outlook in outlooks:
         stage, path = outlook.stage, ("stages", outlook.stage.index)
         for row in outlook.stuck:
-            name, limits = labels(task.robot, "joint")[row], _span(task, row, stage, "velocity")
-            message = f"found {name} to be moved, expected velocity limits that allow it, not {limits}"
+            names = (*labels(task.robot, "joint"), "the attitude of base")
+            limits = _span(task, row if row < len(names) - 1 else 3, stage, "velocity")
+            message = f"found {names[row]} to be moved, expected velocity limits that allow it, not {limits}"
             yield Fault((*path, "ends_when"), message)
         if stage.at is not None and stage.at < before + stage.dwell:
             since = dotted(("stages", stage.index - 1))
@@ -174,10 +200,12 @@ def _times(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
 def remarks(task: Task, outlooks: Sequence[Outlook]) -> list[Fault]:
     """Return what is probably not meant.
 
-    A base kept where it is not left, trajectories the robot cannot follow, a time limit no run can keep.
+    A base kept where it is not left, poses out of reach, trajectories the robot cannot follow, a time limit no run can
+    keep.
     """
     pairs = pairwise(outlooks)
     return [
+        *(problem for outlook in outlooks for problem in _not_found(task, outlook)),
         *(problem for before, outlook in pairs for problem in _far_base(task, before.stage, outlook.stage)),
         *(problem for outlook in outlooks for problem in _too_fast(task, outlook.stage)),
         *_too_short(task, outlooks),
@@ -200,14 +228,15 @@ def _far_base(task: Task, before: Stage, stage: Stage) -> Iterator[Fault]:
 
     And so far that an arm does not reach its first pose from there: one of the two may be a misprint.
     """
-    first, left = stage.waypoints[0], before.target[BASE]
-    if not set(range(BASE.stop)) <= set(before.end_rows):
+    d = task.robot.dimension
+    first, left = stage.waypoints[0], before.target[: 3 if d == 2 else 7]
+    if not set(range(task.robot.parts["base"])) <= set(before.end_rows):
         return
     own, moved = _reaches(stage, task.robot, first), _reaches(stage, task.robot, first, left)
     far = [arm for arm, reach in moved.items() if reach.distance > reach.full_reach and not reach.reachable]
     for arm in (arm for arm in far[:1] if own[arm].reachable):
         message = (
-            f"found the base {np.hypot(*(first[:2] - left[:2])):.4g} m from where {quoted(before.name)} leaves it, "
+            f"found the base {np.linalg.norm(first[:d] - left[:d]):.4g} m from where {quoted(before.name)} leaves it, "
             f"expected it there: the target of {arm} is then {moved[arm].distance:.4g} m from its shoulder, "
             f"its reach is {moved[arm].full_reach:.4g} m"
         )
@@ -219,8 +248,13 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     if stage.trajectory is None:
         return
     times, (low, high) = stage.trajectory.times, _bounds(stage, "velocity")
-    rates = np.diff(stage.trajectory.values, axis=0) / np.diff(times)[:, None]
-    for row in range(len(stage.target) if stage.space == "joint" else BASE.stop):
+    values = np.array([_coordinates(stage, numbers) for numbers in stage.trajectory.values])
+    changes = np.diff(values, axis=0)
+    if stage.attitudes:
+        q = stage.trajectory.values[:, 3:7].T
+        changes[:, 3:6] = np.transpose(log(product(conjugate(list(q[:, :-1])), list(q[:, 1:]))))
+    rates = changes / np.diff(times)[:, None]
+    for row in np.flatnonzero(np.isfinite(changes).all(axis=0)).tolist():
         excess = np.maximum(rates[:, row] - high[row], low[row] - rates[:, row])
         worst = int(excess.argmax())
         if excess[worst] > SPEED_SLACK and _counts(stage, slice(row, row + 1)):
@@ -235,39 +269,95 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
 def look_ahead(task: Task) -> tuple[Outlook, ...]:
     """Return the outlook of every stage of a task."""
     stages = build_stages(task.spec, task.robot, build_model(task.robot))
-    ends = earliest_ends(stages, stack(task.spec.initial, task.robot, "joint"))
+    ends = earliest_ends(task, stages)
     reaches = (_reaches(stage, task.robot, stage.target) for stage in stages)
     return tuple(Outlook(stage, reach, *end) for stage, reach, end in zip(stages, reaches, ends, strict=True))
 
 
-def earliest_ends(stages: Sequence[Stage], Q: np.ndarray) -> list[tuple[float, tuple[int, ...]]]:
-    """Return for every stage a lower bound on the time at which it ends [s], starting from Q (n,), and its stuck rows.
+def _initial_state(task: Task) -> tuple[np.ndarray, np.ndarray]:
+    """Return Q (nq,) and v (n,) at the start."""
+    spec, robot = task.spec, task.robot
+    return stack(spec.initial, robot, "joint"), stack(spec.initial_velocity, robot, "joint", 0.0, of_error=True)
+
+
+def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tuple[int, ...]]]:
+    """Return for every stage of a task a lower bound on the time at which it ends [s], and its stuck coordinates.
 
     A coordinate that one stage leaves at its target, and a later one must have at another, takes at least their
-    distance over its largest velocity in between; the tolerances are taken off the distance.
+    distance over its largest velocity in between; the tolerances are taken off the distance. From the start on it has
+    to gain that velocity, too. The attitude of a spatial base, a row of its own behind the others, moves by the angle
+    to its target, as fast as all limits of the angular velocity together allow.
     """
-    value, tolerance, since = Q.copy(), np.zeros(len(Q)), np.zeros(len(Q))
-    up, down = np.zeros(len(Q)), np.zeros(len(Q))  # largest velocities since a coordinate was known
+    Q, v = _initial_state(task)
+    turn = Q[3:7] if len(Q) > len(v) else np.zeros(0)
+    value, speed, known = np.append(_of_state(Q, len(v)), 0.0), np.append(v, np.linalg.norm(v[3:6])), np.zeros(len(v) + 1, bool)
+    tolerance, since, most = np.zeros(len(value)), np.zeros(len(value)), np.zeros((4, len(value)))
     found, end = list[tuple[float, tuple[int, ...]]](), 0.0
     for stage in stages:
-        up, down = np.maximum(up, stage.limits.velocity_high), np.maximum(down, -stage.limits.velocity_low)
-        asked = _coordinates_at_end(stage)
+        most = np.maximum(most, _largest_rates(stage))  # up and down, since a coordinate was known
+        asked = _coordinates_at_end(stage) | _attitude_at_end(stage)
         rows, within = np.array(list(asked), int), np.array(list(asked.values()))
-        way = stage.target[rows] - value[rows]
-        distance, rate = np.abs(way) - within - tolerance[rows], np.where(way > 0, up[rows], down[rows])
+        target = np.append(_coordinates(stage, stage.target), _angle(turn, stage.target[3:7]))
+        way = target[rows] - value[rows]
+        distance = np.maximum(np.abs(way) - within - tolerance[rows], 0.0)
+        rate, gain = np.where(way > 0, most[::2, rows], most[1::2, rows])
         stuck = (distance > 0) & (rate <= 0)
-        arrivals = since[rows] + np.maximum(distance, 0.0) / np.where(rate > 0, rate, np.inf)
+        begins = np.where(known[rows], rate, np.minimum(np.sign(way) * speed[rows], rate))
+        arrivals = since[rows] + _shortest_time(distance, rate, gain, begins)
         end = max(end + max(stage.dwell, stage.hold), *(arrivals[~stuck] + stage.hold), 0.0)
         end = stage.at if stage.at is not None else end
-        value[rows], tolerance[rows], since[rows], up[rows], down[rows] = stage.target[rows], within, end, 0.0, 0.0
+        value[rows], tolerance[rows], since[rows], most[:, rows], known[rows] = target[rows], within, end, 0.0, True
+        if len(v) in asked:
+            turn, value[-1] = stage.target[3:7], 0.0
         found.append((end, tuple(rows[stuck].tolist())))
     return found
 
 
+def _angle(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the angle between two attitudes [rad], as unit quaternions; 0 in the plane."""
+    return float(2 * np.arccos(min(1.0, abs(float(one @ other))))) if len(one) else 0.0
+
+
+def _largest_rates(stage: Stage) -> np.ndarray:
+    """Return the largest velocities and accelerations up and down, of the attitude behind the coordinates, (4, n + 1)."""
+    limits = stage.limits
+    both = np.array([limits.velocity_high, -limits.velocity_low, limits.acceleration_high, -limits.acceleration_low])
+    of_turn = np.linalg.norm(np.maximum(both[::2], both[1::2])[:, 3:6], axis=1)
+    return np.column_stack([both, np.repeat(of_turn, 2)])
+
+
+def _shortest_time(distance: np.ndarray, rate: np.ndarray, gain: np.ndarray, begins: np.ndarray) -> np.ndarray:
+    """Return the time over a distance from a velocity on, that gains at most so much and then stays, (K,) [s] each."""
+    with np.errstate(all="ignore"):
+        ramp = np.where(np.isfinite(gain), (rate**2 - begins**2) / (2 * gain), 0.0)
+        fast = np.where(np.isfinite(gain), (rate - begins) / gain, 0.0) + (distance - ramp) / rate
+        slow = (np.sqrt(begins**2 + 2 * gain * distance) - begins) / gain
+    return np.asarray(np.where(distance <= 0, 0.0, np.where((distance >= ramp) & (rate > 0), fast, slow)))
+
+
+def _of_state(Q: np.ndarray, n: int) -> np.ndarray:
+    """Return the coordinates at Q (nq,) in the order of v (n,); NaN for the attitude of a spatial base."""
+    return Q if len(Q) == n else np.r_[Q[:3], np.full(3, np.nan), Q[7:]]
+
+
+def _coordinates(stage: Stage, numbers: np.ndarray) -> np.ndarray:
+    """Return the coordinates that a target's numbers say, in the order of v (n,); NaN for those that they do not."""
+    n = len(stage.limits.velocity_low)
+    return _of_state(numbers, n) if stage.space == "joint" else np.r_[numbers[:3], np.full(n - 3, np.nan)]
+
+
 def _coordinates_at_end(stage: Stage) -> dict[int, float]:
-    """Return the tolerance of every coordinate of Q in the end condition [m, rad]: in task space those of the base."""
-    asked = zip(stage.end_rows, stage.tolerance.tolist(), strict=True)
-    return {row: tolerance for row, tolerance in asked if stage.space == "joint" or row < BASE.stop}
+    """Return the tolerance of every coordinate in the end condition [m, rad]; in task space those of the base."""
+    known = np.isfinite(_coordinates(stage, stage.target))
+    return {row: t for row, t in zip(stage.end_rows, stage.tolerance.tolist(), strict=True) if known[row : row + 1].any()}
+
+
+def _attitude_at_end(stage: Stage) -> dict[int, float]:
+    """Return the tolerance of a spatial base's attitude [rad] as that of row n, if the end condition has all of it."""
+    tolerances = dict(zip(stage.end_rows, stage.tolerance.tolist(), strict=True))
+    if not stage.attitudes or not {3, 4, 5} <= set(tolerances):
+        return {}
+    return {len(stage.limits.velocity_low): float(np.linalg.norm([tolerances[row] for row in (3, 4, 5)]))}
 
 
 def _counts(stage: Stage, rows: slice) -> bool:
@@ -279,20 +369,21 @@ def _counts(stage: Stage, rows: slice) -> bool:
 def _reaches(stage: Stage, robot: RobotSpec, xi: np.ndarray, base: np.ndarray | None = None) -> dict[str, Reach]:
     """Return how far poses xi (m,) of a stage's target are, of the arms whose poses count, under the stage's limits.
 
-    With the base (3,) at its own pose, or elsewhere.
+    With the base at its own pose, or elsewhere.
     """
-    if stage.space != "task" or not _counts(stage, BASE):
+    rows, size = (3, 3) if robot.dimension == 2 else (6, 7)
+    if stage.space != "task" or not _counts(stage, slice(0, rows)):
         return {}
     bounded, first, found = {}, 0, {}
-    for part, size in robot.parts.items():
-        low, high = (bound[first : first + size].tolist() for bound in _bounds(stage, "position"))
+    for part, count in robot.parts.items():
+        low, high = (bound[first : first + count].tolist() for bound in _bounds(stage, "position"))
         bounded[part] = PartLimits.model_construct(position=tuple(zip(low, high, strict=True)))
-        first += size
+        first += count
     limited = robot.model_copy(update={"limits": bounded})
     for i, arm in enumerate(robot.arms, start=1):
-        pose = slice(BASE.stop * i, BASE.stop * (i + 1))
-        if _counts(stage, pose):
-            found[arm] = reach_of(limited, arm, (xi[BASE] if base is None else base).tolist(), xi[pose].tolist())
+        if _counts(stage, slice(rows * i, rows * (i + 1))):
+            pose = xi[size * i : size * (i + 1)].tolist()
+            found[arm] = reach_of(limited, arm, (xi[:size] if base is None else base).tolist(), pose)
     return found
 
 
@@ -313,9 +404,10 @@ def _beyond(task: Task, row: int, value: float, stage: Stage, kind: str = "posit
 
 
 def _number(task: Task, row: int, value: float, per: str) -> str:
-    """Write a value of Q with its unit, angles in degrees."""
-    lengths = ("base.x", "base.y")
-    in_metres = labels(task.robot, "joint")[row] in lengths
+    """Write the value of a coordinate with its unit, angles in degrees."""
+    body, base = row - task.robot.parts["base"], labels(task.robot, "joint")[row].rpartition(".")[2] in POSITION_AXES
+    joint = task.robot.bodies[body + 1].joint if body >= 0 else None
+    in_metres = base or (joint is not None and joint.prismatic)
     return f"{value:.6g} m{per}" if in_metres else f"{np.degrees(value):.6g} deg{per}"
 
 

@@ -37,6 +37,7 @@ class Reach:
         reachable: Whether a configuration within the joint limits takes the pose, its angle modulo 2 pi. Without
             `within_annulus` there is none; otherwise it is searched for: True is certain, False is not.
         configuration: Such joint coordinates (links,) [rad, m]; None if not reachable.
+        missed: By how much the nearest pose that was found misses it, [m] and [rad]; infinite where none was looked for.
     """
 
     distance: float
@@ -47,6 +48,7 @@ class Reach:
     within_annulus: bool
     reachable: bool
     configuration: tuple[float, ...] | None
+    missed: tuple[float, float]
 
 
 def reach_of(robot: RobotSpec, arm: str, base_pose: Sequence[float], pose: Sequence[float]) -> Reach:
@@ -65,47 +67,47 @@ def reach_of(robot: RobotSpec, arm: str, base_pose: Sequence[float], pose: Seque
         raise InputError(f"robot '{robot.name}' has no arm '{arm}'; it has {', '.join(robot.arms)}")
     base, target = _frame(robot, "base_pose", base_pose), _frame(robot, "pose", pose)
     low, high = _joint_limits(robot, arm)
-    lengths = _lengths(robot, arm, np.maximum(np.abs(low), np.abs(high)))
-    inner, outer = _annulus(lengths[:-1])
+    lengths, slides = np.linalg.norm(robot.link_ends(arm), axis=1), np.zeros(len(low))
+    slides[_sliding(robot, arm)] = np.maximum(np.abs(low), np.abs(high))[_sliding(robot, arm)]
+    inner, outer = _annulus(lengths[:-1], float(slides.sum()))
     at_rest = place(robot, base, np.zeros(len(robot.bodies) - 1))
     first, tool = at_rest.bodies[_rows(robot, arm).start + 1], robot.tools[arm]
     turned = product(target.quaternion, conjugate(exp(tool.rotation)))
     wrist = np.array(target.position) - rotate(turned, tool.position)
     wrist_distance = float(np.linalg.norm(wrist - first.position))
     within = inner - TOLERANCE <= wrist_distance <= outer + TOLERANCE
-    q = _configuration(robot, arm, base, target, low, high) if within else None
+    q, missed = _configuration(robot, arm, base, target, low, high) if within else (None, (np.inf, np.inf))
     return Reach(
         distance=float(np.linalg.norm(np.array(target.position) - first.position)),
         wrist_distance=wrist_distance,
         inner=inner,
         outer=outer,
-        full_reach=float(lengths.sum()),
+        full_reach=float(lengths.sum() + slides.sum()),
         within_annulus=within,
         reachable=q is not None,
         configuration=None if q is None else tuple(q.tolist()),
+        missed=missed,
     )
 
 
-def _lengths(robot: RobotSpec, arm: str, slides: Array) -> Array:
-    """Return the largest distance from each joint of an arm to the next, and to the tip (links,) [m]."""
-    lengths = np.linalg.norm(robot.link_ends(arm), axis=1)
-    sliding = [body.joint is not None and body.joint.prismatic for body in robot.bodies[1:][_rows(robot, arm)]]
-    return np.asarray(lengths + np.where(sliding, np.where(np.isfinite(slides), slides, 0.0), 0.0))
+def _sliding(robot: RobotSpec, arm: str) -> Array:
+    """Return which joints of an arm slide, (links,)."""
+    return np.array([body.joint is not None and body.joint.prismatic for body in robot.bodies[1:][_rows(robot, arm)]])
 
 
-def _annulus(lengths: Array) -> tuple[float, float]:
-    """Return the least and largest distance [m] that links of these lengths, freely jointed, span."""
-    if not lengths.size:
-        return 0.0, 0.0
-    return max(0.0, float(2 * lengths.max() - lengths.sum())), float(lengths.sum())
+def _annulus(lengths: Array, slides: float) -> tuple[float, float]:
+    """Return the least and largest distance [m] that links of these lengths, freely jointed, span with their slides."""
+    longest = float(lengths.max(initial=0.0))
+    return max(0.0, 2 * longest - float(lengths.sum()) - slides), float(lengths.sum()) + slides
 
 
 def _configuration(
     robot: RobotSpec, arm: str, base: SpatialFrame, target: SpatialFrame, low: Array, high: Array
-) -> Array | None:
+) -> tuple[Array | None, tuple[float, float]]:
     """Search for joint coordinates (links,) within the limits that take a pose, starting near zero; None if not found.
 
     Bounded least squares on the error of the pose, from several starts. Paper eq. (1). Joints of other arms are at 0.
+    Besides them returns by how much the nearest pose that was found misses the wanted one, [m] and [rad].
     """
     q, sign, rows = ca.SX.sym("q", len(low)), ca.SX.sym("sign"), _rows(robot, arm)
     joints = ca.SX.zeros(len(robot.bodies) - 1)
@@ -126,12 +128,16 @@ def _configuration(
         return evaluate(q, nearer(q))[1].T
 
     bounds = low, np.maximum(high, low + 1e-9)  # least_squares needs room between them
+    best, missing = np.inf, (np.inf, np.inf)
     for start in _starts(low, high):
         found = least_squares(error, start, slope, bounds, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=100)
-        angles = _nearest_zero(found.x, low, high)
-        if np.abs(error(angles)).max() <= TOLERANCE:
-            return angles
-    return None
+        angles = np.where(_sliding(robot, arm), np.clip(found.x, low, high), _nearest_zero(found.x, low, high))
+        off = error(angles)
+        if np.linalg.norm(off) < best:
+            best, missing = float(np.linalg.norm(off)), (float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:])))
+        if np.abs(off).max() <= TOLERANCE:
+            return angles, missing
+    return None, missing
 
 
 def _starts(low: Array, high: Array) -> Iterator[Array]:

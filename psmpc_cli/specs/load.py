@@ -284,9 +284,10 @@ def _sound_part(
     instead = next((stage for stage in sound.values() if stage.get("ends_when")), None)
     if instead is None:
         return None
+    at_rest: dict[str, Data] = {part: [0.0] * size for part, size in robot.parts.items()}
     data: dict[str, Data] = {
         "robot": robot.name,
-        "initial": {part: [0.0] * size for part, size in robot.parts.items()},
+        "initial": at_rest | ({"base": [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]} if robot.dimension == 3 else {}),
         "skills": kept,
         "limits": {} if ("limits",) in wrong else document.value(("limits",)) or {},
         "stages": [sound.get(i, {**instead, "name": f"stage {i}"}) for i in range(len(stages))],

@@ -16,7 +16,6 @@ from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.feasibility import earliest_ends
-from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.studies.ablations import Ablation
 from psmpc_cli.studies.fronts import CLEARLY, FrontMovement, front_movement
 from psmpc_cli.studies.sweep import SweepCells, along_ratio
@@ -262,8 +261,7 @@ def _why_off(moment: Moment, published: float, ends: Mapping[str, float]) -> Ite
         error = run.problem.costs.end_error(run.problem.stages[moment.index], np.r_[Q, np.zeros(len(Q))])
         digits = 0 if error >= 10 else 1
         yield f"at {published:g} s {moment.name} was still {error:.{digits}f} tolerances away"
-    task = moment.run.task
-    earliest, _ = earliest_ends(moment.run.problem.stages, stack(task.spec.initial, task.robot, "joint"))[moment.index]
+    earliest, _ = earliest_ends(moment.run.task, moment.run.problem.stages)[moment.index]
     if published < earliest:
         limited = f"within its velocity limits {moment.name} cannot end before {earliest:.2f} s"
         yield f"published is {published:g} s, but {limited}"

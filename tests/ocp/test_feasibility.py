@@ -1,3 +1,4 @@
+import json
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,6 +9,8 @@ from psmpc_cli.ocp.feasibility import ensure_feasible, look_ahead, remarks, revi
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task, parse_task
 from psmpc_cli.specs.messages import dotted
+
+from .. import in_space
 
 TRANSPORT = load_task("transport")
 
@@ -222,3 +225,60 @@ def test_a_stage_ends_no_earlier_than_its_slowest_coordinate_dwell_and_trajector
 ) -> None:
     ends = [outlook.earliest_end for outlook in look_ahead(load_task(task, changes))]
     np.testing.assert_allclose(ends[: len(expected)], expected)
+
+
+POSES = ("the reach of the links before the last", "[0.3, 0.2, -0.3], turned by 120 deg")
+
+
+@pytest.mark.parametrize(
+    ("change", "path", "words"),
+    [
+        ("stages.reach.target.arm.position=[3, 3, 3]", "stages[1].target.arm", ("5.015 m", "reach of 0.46 m")),
+        ("stages.reach.target.arm.attitude={rpy: [0, 0, 0]}", "stages[1].target.arm", POSES),
+        ("stages.fly.target.arm=[130 deg, 0, 0]", "stages[0].target.arm[0]", ("arm.1 at 130 deg", "120 deg]")),
+        ("limits.base={velocity: [0.2, 0.2, 0, 0.3, 0.3, 0.3]}", "stages[0].ends_when", ("base.z", "[0 m/s, 0 m/s]")),
+        ("limits.base={velocity: [0.2, 0.2, 0.2, 0, 0, 0]}", "stages[0].ends_when", ("the attitude of base", "[0 deg/s, ")),
+        ("initial.arm=[0, 0, 130 deg]", "initial.arm[2]", ("arm.3 at 130 deg",)),
+        ("stages.reach={name: r, skill: joint, target: {base: {position: [0, 0, 0]}, arm: [0, 0, 0]}, at: 3}", "stages[1].at", ("4.014 s",)),
+    ],
+)
+def test_what_stands_against_a_task_in_space_is_named(change: str, path: str, words: Sequence[str]) -> None:
+    (fault,) = review(in_space.reaching(change))
+    assert dotted(fault.path) == path
+    assert all(word in fault.message for word in words), fault.message
+
+
+def test_a_pose_that_no_joints_within_their_limits_take_is_remarked_with_the_nearest() -> None:
+    """Ten degrees of each joint: no proof, as in the plane, but the best of many starts."""
+    stiff = "limits={arm: {position: [[-10 deg, 10 deg], [-10 deg, 10 deg], [-10 deg, 10 deg]]}}"
+    task = in_space.reaching(stiff)
+    assert review(task) == []
+    (remark,) = remarks(task, look_ahead(task))
+    assert dotted(remark.path) == "stages[1].target.arm"
+    assert "the nearest misses it by 0.12 m and 13 deg" in remark.message
+
+
+def test_a_base_that_turns_faster_than_it_may_along_a_trajectory_is_remarked() -> None:
+    rows = [{"position": [0.5 * k, 0, 0], "attitude": in_space.attitude([0, 0, 1], 60 * k)} for k in range(3)]
+    target = {"times": [0, 2, 4], "base": rows, "arm": [[0, 0, 0]] * 3}
+    task = in_space.turning(0, f"stages.fly.target={json.dumps(target)}")
+    found = [f"{dotted(remark.path)}: {remark.message}" for remark in remarks(task, look_ahead(task))]
+    assert [line.partition(" from ")[0] for line in found] == [
+        "stages[0].target.base[1][0]: found base.x to move at 0.25 m/s",
+        "stages[0].target.base[1][5]: found base.rz to move at 30 deg/s",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "seconds"),
+    [
+        ("controller.nodes=12", (2 * np.pi / 3 - np.sqrt(3) * 5e-3) / (0.3 * np.sqrt(3))),
+        ("stages.fly.target.base.attitude={axis: [0, 0, 1], angle: 270 deg}", (np.pi / 2 - np.sqrt(3) * 5e-3) / (0.3 * np.sqrt(3))),
+        ("initial.base.position=[0.3, 0.2, 2.7]", (3 - 5e-3) / 0.2),
+        ("limits={base: {acceleration: [0.02, 0.02, 0.02, 0.05, 0.05, 0.05]}}", (2 * np.pi / 3 - np.sqrt(3) * 5e-3) / (0.3 * np.sqrt(3)) + 3),
+        ("limits={base: {acceleration: [0.001, 1, 1, 1, 1, 1]}}", np.sqrt(2 * (0.3 - 5e-3) / 0.001)),
+    ],
+    ids=["turn", "the short way", "flight", "up to speed", "never up to speed"],
+)
+def test_a_spatial_base_turns_and_flies_no_faster_than_its_limits(change: str, seconds: float) -> None:
+    assert look_ahead(in_space.turning(120, change))[0].earliest_end == pytest.approx(seconds)

@@ -122,9 +122,9 @@ def _rows_outside(stage: Stage, values: np.ndarray) -> list[int]:
 
 
 def _out_of_reach(robot: RobotSpec, arm: str, reach: Reach, numbers: np.ndarray) -> str | None:
-    """Say why an arm cannot take its target, whose first numbers are the base's pose; None if it can, or may be able to.
+    """Say why an arm cannot take its target, whose first numbers are the base's pose; None if it can, or perhaps can.
 
-    Where poses were looked for and none was found, that is certain of short planar arms alone.
+    Where joint coordinates were looked for and none were found, that is certain of short planar arms alone.
     """
     base = f"with the base at {_pose(robot, numbers)}"
     if reach.distance > reach.full_reach and not reach.reachable:
@@ -161,9 +161,10 @@ def _not_found(task: Task, outlook: Outlook) -> Iterator[Fault]:
             if not reach.reachable and _out_of_reach(task.robot, arm, reach, numbers) is None:
                 metres, angle = reach.missed
                 message = (
-                    f"found no position of the joints of {arm} within their limits that takes the pose with the base at "
-                    f"{_pose(task.robot, numbers)}: the nearest misses it by {metres:.2g} m and {np.degrees(angle):.2g} "
-                    "deg, expected one within reach, or weights and an end condition that do not ask for all of it"
+                    f"found no joint coordinates of {arm} within their limits that take the pose with the base at "
+                    f"{_pose(task.robot, numbers)}: the nearest misses it by {metres:.2g} m and "
+                    f"{np.degrees(angle):.2g} deg, expected a pose within reach, or weights and an end condition that "
+                    "do not ask for all of it"
                 )
                 yield Fault(_place_of_part(task, outlook.stage, arm, index), message)
 
@@ -290,7 +291,11 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
     """
     Q, v = _initial_state(task)
     turn = Q[3:7] if len(Q) > len(v) else np.zeros(0)
-    value, speed, known = np.append(_of_state(Q, len(v)), 0.0), np.append(v, np.linalg.norm(v[3:6])), np.zeros(len(v) + 1, bool)
+    value, speed, known = (
+        np.append(_of_state(Q, len(v)), 0.0),
+        np.append(v, np.linalg.norm(v[3:6])),
+        np.zeros(len(v) + 1, bool),
+    )
     tolerance, since, most = np.zeros(len(value)), np.zeros(len(value)), np.zeros((4, len(value)))
     found, end = list[tuple[float, tuple[int, ...]]](), 0.0
     for stage in stages:
@@ -319,7 +324,7 @@ def _angle(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def _largest_rates(stage: Stage) -> np.ndarray:
-    """Return the largest velocities and accelerations up and down, of the attitude behind the coordinates, (4, n + 1)."""
+    """Return the largest velocities and accelerations up and down, the attitude's last, (4, n + 1)."""
     limits = stage.limits
     both = np.array([limits.velocity_high, -limits.velocity_low, limits.acceleration_high, -limits.acceleration_low])
     of_turn = np.linalg.norm(np.maximum(both[::2], both[1::2])[:, 3:6], axis=1)
@@ -349,7 +354,9 @@ def _coordinates(stage: Stage, numbers: np.ndarray) -> np.ndarray:
 def _coordinates_at_end(stage: Stage) -> dict[int, float]:
     """Return the tolerance of every coordinate in the end condition [m, rad]; in task space those of the base."""
     known = np.isfinite(_coordinates(stage, stage.target))
-    return {row: t for row, t in zip(stage.end_rows, stage.tolerance.tolist(), strict=True) if known[row : row + 1].any()}
+    return {
+        row: t for row, t in zip(stage.end_rows, stage.tolerance.tolist(), strict=True) if known[row : row + 1].any()
+    }
 
 
 def _attitude_at_end(stage: Stage) -> dict[int, float]:

@@ -37,7 +37,7 @@ class Reach:
         reachable: Whether a configuration within the joint limits takes the pose, its angle modulo 2 pi. Without
             `within_annulus` there is none; otherwise it is searched for: True is certain, False is not.
         configuration: Such joint coordinates (links,) [rad, m]; None if not reachable.
-        missed: By how much the nearest pose that was found misses it, [m] and [rad]; infinite where none was looked for.
+        missed: By how much the nearest pose that was found misses it [m, rad]; infinite where none was looked for.
     """
 
     distance: float

@@ -237,9 +237,17 @@ POSES = ("the reach of the links before the last", "[0.3, 0.2, -0.3], turned by 
         ("stages.reach.target.arm.attitude={rpy: [0, 0, 0]}", "stages[1].target.arm", POSES),
         ("stages.fly.target.arm=[130 deg, 0, 0]", "stages[0].target.arm[0]", ("arm.1 at 130 deg", "120 deg]")),
         ("limits.base={velocity: [0.2, 0.2, 0, 0.3, 0.3, 0.3]}", "stages[0].ends_when", ("base.z", "[0 m/s, 0 m/s]")),
-        ("limits.base={velocity: [0.2, 0.2, 0.2, 0, 0, 0]}", "stages[0].ends_when", ("the attitude of base", "[0 deg/s, ")),
+        (
+            "limits.base={velocity: [0.2, 0.2, 0.2, 0, 0, 0]}",
+            "stages[0].ends_when",
+            ("the attitude of base", "[0 deg/s, "),
+        ),
         ("initial.arm=[0, 0, 130 deg]", "initial.arm[2]", ("arm.3 at 130 deg",)),
-        ("stages.reach={name: r, skill: joint, target: {base: {position: [0, 0, 0]}, arm: [0, 0, 0]}, at: 3}", "stages[1].at", ("4.014 s",)),
+        (
+            "stages.reach={name: r, skill: joint, target: {base: {position: [0, 0, 0]}, arm: [0, 0, 0]}, at: 3}",
+            "stages[1].at",
+            ("4.014 s",),
+        ),
     ],
 )
 def test_what_stands_against_a_task_in_space_is_named(change: str, path: str, words: Sequence[str]) -> None:
@@ -273,9 +281,15 @@ def test_a_base_that_turns_faster_than_it_may_along_a_trajectory_is_remarked() -
     ("change", "seconds"),
     [
         ("controller.nodes=12", (2 * np.pi / 3 - np.sqrt(3) * 5e-3) / (0.3 * np.sqrt(3))),
-        ("stages.fly.target.base.attitude={axis: [0, 0, 1], angle: 270 deg}", (np.pi / 2 - np.sqrt(3) * 5e-3) / (0.3 * np.sqrt(3))),
+        (
+            "stages.fly.target.base.attitude={axis: [0, 0, 1], angle: 270 deg}",
+            (np.pi / 2 - np.sqrt(3) * 5e-3) / (0.3 * np.sqrt(3)),
+        ),
         ("initial.base.position=[0.3, 0.2, 2.7]", (3 - 5e-3) / 0.2),
-        ("limits={base: {acceleration: [0.02, 0.02, 0.02, 0.05, 0.05, 0.05]}}", (2 * np.pi / 3 - np.sqrt(3) * 5e-3) / (0.3 * np.sqrt(3)) + 3),
+        (
+            "limits={base: {acceleration: [0.02, 0.02, 0.02, 0.05, 0.05, 0.05]}}",
+            (2 * np.pi / 3 - np.sqrt(3) * 5e-3) / (0.3 * np.sqrt(3)) + 3,
+        ),
         ("limits={base: {acceleration: [0.001, 1, 1, 1, 1, 1]}}", np.sqrt(2 * (0.3 - 5e-3) / 0.001)),
     ],
     ids=["turn", "the short way", "flight", "up to speed", "never up to speed"],

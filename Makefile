@@ -24,12 +24,12 @@ help:
 	@echo 'make check   format, lint, types and the import rules'
 	@echo 'make docs    the documentation as a site in site/, every link checked'
 	@echo 'make build   the wheel, tried out in an empty environment'
-	@echo 'make baseline     benchmarks/{baseline,weights}.yaml anew: the tables changes are compared with (some 5 minutes)'
-	@echo 'make calibration  benchmarks/calibration.jsonl completed: what the paper leaves open, at random (some 2 hours anew)'
-	@echo 'make docs-tables  the tables of README.md and docs/ anew, on a quiet machine; ONLY=WORD: of a page or a command'
-	@echo 'make gallery      the figures of README.md and docs/ and the outputs of the tutorial anew (some 10 minutes)'
-	@echo 'make random-tasks benchmarks/random_tasks.yaml anew: one iteration of sqp a sample against fatrop (some 15 minutes)'
-	@echo 'make pin     constraints.txt anew, from the newest versions'
+	@echo 'make baseline     benchmarks/{baseline,weights}.yaml again: the tables changes are compared with (some 5 minutes)'
+	@echo 'make calibration  benchmarks/calibration.jsonl completed: what the paper leaves open, at random (some 2 hours from nothing)'
+	@echo 'make docs-tables  regenerates the tables of README.md and docs/, on a quiet machine; ONLY=WORD: of a page or a command'
+	@echo 'make gallery      regenerates the figures of README.md and docs/ and the outputs of the tutorial (some 10 minutes)'
+	@echo 'make random-tasks benchmarks/random_tasks.yaml again: one iteration of sqp a sample against fatrop (some 15 minutes)'
+	@echo 'make pin     constraints.txt again, from the newest versions'
 	@echo 'make clean   removes the environment, the wheel and the caches (runs/ stays)'
 
 setup: $(READY)

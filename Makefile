@@ -18,7 +18,7 @@ OLD_ENOUGH := import sys; \
 
 help:
 	@echo 'make setup   the environment in $(VENV), from the pinned versions'
-	@echo 'make demo    the transport task in closed loop, with its figures'
+	@echo 'make demo    the transport task in closed loop, with its figures and its page'
 	@echo 'make test      the tests of every edit, some minutes'
 	@echo 'make test-all  all tests'
 	@echo 'make check   format, lint, types and the import rules'
@@ -44,6 +44,7 @@ demo: $(READY)
 	$(BIN)/psmpc simulate transport --output runs/transport.h5 --force
 	@echo 'The log and the figures:'
 	@ls -1 runs/transport.h5 runs/transport/*.png
+	$(BIN)/psmpc view runs/transport.h5 --force
 
 test: $(READY)
 	$(BIN)/python -m pytest -m 'not slow' --numprocesses auto --dist loadfile

@@ -29,6 +29,7 @@ __all__ = [
     "read_run",
     "simulate",
     "sweep",
+    "view",
 ]
 
 _MODULES = {
@@ -38,6 +39,7 @@ _MODULES = {
     "plot": "figures.registry",
     "Run": "logs.run",
     "read_run": "logs.run",
+    "view": "report.view",
     "load_robot": "robot.model",
     "simulate": "simulation.run",
     "load_task": "specs.load",

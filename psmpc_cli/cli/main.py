@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from psmpc_cli import __version__
-from psmpc_cli.cli import inspect, paper, run, study
+from psmpc_cli.cli import inspect, pages, paper, run, study
 from psmpc_cli.errors import PsmpcError, SpecError
 
 ABOUT = "Priority-based switching MPC for space robots: YAML task specs in, HDF5 logs and figures out."
@@ -21,6 +21,8 @@ COMMANDS = (
     inspect.bench,
     inspect.check,
     run.plot,
+    pages.view,
+    pages.report,
     paper.reproduce,
     run.replay,
     run.rerun,

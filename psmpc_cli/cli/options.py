@@ -99,6 +99,12 @@ def output_folder(given: Path | None, name: str, force: bool) -> Path:
     return folder
 
 
+def page_file(given: Path | None, log: Path, kind: str, force: bool) -> Path:
+    """Choose the file of a page: the one given, or the first of LOG-kind.html, LOG-kind-2.html, ... that is free."""
+    default = log.with_name(f"{log.stem}-{kind}.html")
+    return given or (default if force else next(path for path in _numbered(default) if not path.exists()))
+
+
 def _free(default: Path, force: bool) -> Path:
     """Choose the first numbered path that neither exists nor has a folder of figures; the default itself if forced."""
     return default if force else next(p for p in _numbered(default) if not (p.exists() or p.with_suffix("").exists()))

@@ -39,7 +39,7 @@ def reproduce(
     with ending_on_signals("no report was written"), live_line(quiet) as show:
         made = study.reproduce(folder, changes or [], weights, fronts, ablations, force, jobs, show)
     created = datetime.now(UTC).isoformat(timespec="seconds")
-    _write(folder / REPORT, build_report(made, created).encode())
+    build_report(made, created).save(folder / REPORT, force=True)
     for ablation in made.ablations:
         draw("ablations", ablation.panels, folder, only=[f"ablation_{ablation.name}"], force=True)
     if json is not None:

@@ -19,6 +19,7 @@ from psmpc_cli.cli.options import (
     Quiet,
     output_file,
     output_option,
+    page_file,
     shorthands,
 )
 from psmpc_cli.errors import InputError, RunError
@@ -48,6 +49,7 @@ def simulate(
     plant: Plant = None,
     figures: Figures = True,
     render: Render = False,
+    view: Annotated[bool, typer.Option("--view", help="Write the interactive page of `psmpc view` as well.")] = False,
     unfinished: Annotated[
         Path | None, typer.Option("--continue", metavar="LOG", help="Finish an unfinished run, by repeating it.")
     ] = None,
@@ -89,6 +91,10 @@ def simulate(
     if drawing and len(log.time):
         films = ("render",) if render else ()
         draw_beside(path, RUN, log, force or path == unfinished, quiet, figures, films)
+    if view and len(log.time):
+        from psmpc_cli.report.view import view as show
+
+        typer.echo(f"page: {show(log).save(page_file(None, path, 'view', force), force)}")
     if log.interrupted:
         raise typer.Exit(interruption.exit_code)
     if log.attributes["stuck"]:

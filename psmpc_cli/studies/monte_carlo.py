@@ -1,7 +1,7 @@
 """Monte Carlo studies: a task many times, each with other random numbers for its uncertainty; rates and spreads."""
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -10,8 +10,10 @@ import numpy as np
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Quantity, Results
-from psmpc_cli.logs.schema import MONTE_CARLO
-from psmpc_cli.specs.load import Task
+from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.schema import MONTE_CARLO, Sample
+from psmpc_cli.simulation.run import simulate
+from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.studies.measures import WHOLE_RUN, measure_run
 from psmpc_cli.studies.runner import FAILED, LIGHT, WAITING, Study, Watch, changed, ignore, names_along, run_study
 
@@ -174,6 +176,11 @@ class MonteCarloRuns:
             return f"crashed: {self['reason'][number]}"
         broken = [name for k, name in enumerate(self.monitors) if self["monitor_margin"][number, k] < 0]
         return str(self["reason"][number]) + (f"; monitor did not hold: {', '.join(broken)}" if broken else "")
+
+    def repeat(self, number: int, watch: Callable[[Sample], None] = lambda sample: None) -> Run:
+        """Repeat a run from its seed, in memory, with its plans."""
+        task, robot, name = (str(self.results.attributes[key]) for key in ("task_yaml", "robot_yaml", "task_name"))
+        return simulate(parse_task(task, robot, name, (f"seed={self['seed'][number]}", "log.plans=true")), watch=watch)
 
     def command(self, number: int) -> str:
         """Return the command that repeats a run, with its log."""

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def text(reproduction: Reproduction) -> str:
-    return build_report(reproduction, CREATED)
+    return build_report(reproduction, CREATED).html
 
 
 @pytest.fixture(scope="module")

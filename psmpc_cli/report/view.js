@@ -1,0 +1,625 @@
+// The viewer: draws what psmpc_cli/report/view.py packed, at one time for all its parts. SI units, angles in rad.
+"use strict";
+(() => {
+const $ = (id) => document.getElementById(id);
+const element = (parent, tag, className = "", text = "") => {
+  const made = document.createElement(tag);
+  made.className = className;
+  made.textContent = text;
+  return parent.appendChild(made);
+};
+const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
+
+// ---- the data
+
+function unpack(value) {
+  if (Array.isArray(value)) return value.map(unpack);
+  if (value === null || typeof value !== "object") return value;
+  if (!("data" in value)) return Object.fromEntries(Object.entries(value).map(([key, each]) => [key, unpack(each)]));
+  const bytes = Uint8Array.from(atob(value.data), (char) => char.charCodeAt(0));
+  const array = new (value.type === "f8" ? Float64Array : Float32Array)(bytes.buffer);
+  return { array, shape: value.shape, size: value.shape.slice(1).reduce((a, b) => a * b, 1), row(i) { return array.subarray(i * this.size, (i + 1) * this.size); } };
+}
+const runs = unpack(JSON.parse($("data").textContent));
+
+function before(times, t) { // the last row at or before t
+  let low = 0, high = times.length - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (times[middle] <= t + 1e-9) low = middle; else high = middle - 1;
+  }
+  return low;
+}
+
+function interpolated(times, rows, t, quaternion = -1) { // a row of numbers at a time; a quaternion from one column on
+  const i = before(times, t), j = Math.min(i + 1, times.length - 1), gap = times[j] - times[i];
+  const s = gap > 0 ? clamp((t - times[i]) / gap, 0, 1) : 0, a = rows(i), b = rows(j);
+  const found = Array.from(a, (x, k) => x + s * (b[k] - x));
+  if (quaternion >= 0) {
+    let dot = 0;
+    for (let k = quaternion; k < quaternion + 4; k++) dot += a[k] * b[k];
+    for (let k = quaternion; k < quaternion + 4; k++) found[k] = (1 - s) * a[k] + s * Math.sign(dot || 1) * b[k];
+    const length = Math.hypot(...found.slice(quaternion, quaternion + 4));
+    for (let k = quaternion; k < quaternion + 4; k++) found[k] /= length;
+  }
+  return found;
+}
+const attitudeAt = (run) => (run.robot.spatial ? 3 : -1);
+const coordinates = (run, t) => interpolated(run.time.array, (i) => run.Q.row(i), t, attitudeAt(run));
+const endOf = (run) => run.time.array[run.time.array.length - 1];
+const sampleAt = (run, t) => before(run.samples.array, t);
+const ending = (stage) => stage.end !== undefined;
+
+function planned(run, t) { // the switch times as the sample at or before t planned them: stage and time
+  const row = run.instants.row(sampleAt(run, t));
+  return run.stages.flatMap((stage, s) => (Number.isFinite(row[s]) && row[s] >= t - 1e-9 ? [{ stage, time: row[s] }] : []));
+}
+
+function planAt(run, t) { // node times and coordinates of the plan at t
+  if (!run.plans || !run.samples.array.length) return null;
+  const k = sampleAt(run, t), times = run.plans.time.row(k), [, nodes, nq] = run.plans.Q.shape, Q = run.plans.Q.row(k);
+  return { times, nodes, at: (time) => interpolated(times, (i) => Q.subarray(i * nq, (i + 1) * nq), time, attitudeAt(run)) };
+}
+
+// ---- robots in three dimensions
+
+const Y = new THREE.Vector3(0, 1, 0);
+const material = (color, opacity) => new THREE.MeshLambertMaterial({ color, transparent: opacity < 1, opacity, depthWrite: opacity > 0.5 });
+const EDGE = 0x3a4046;
+
+function mesh(parent, geometry, color, opacity, outlined = false) {
+  const made = new THREE.Mesh(geometry, material(color, opacity));
+  if (outlined) made.add(new THREE.LineSegments(new THREE.EdgesGeometry(geometry), new THREE.LineBasicMaterial({ color: EDGE, transparent: true, opacity })));
+  parent.add(made);
+  return made;
+}
+
+function capsule(parent, [from, to], radius, color, opacity) {
+  const start = new THREE.Vector3(...from), line = new THREE.Vector3(...to).sub(start);
+  const made = mesh(parent, new THREE.CapsuleGeometry(radius, line.length(), 6, 16), color, opacity);
+  made.position.copy(start).addScaledVector(line, 0.5);
+  made.quaternion.setFromUnitVectors(Y, line.normalize());
+}
+
+class Robot { // a tree of groups, one for each body, then one for each end-effector
+  constructor(run, opacity = 1, tint = null) {
+    const { bodies, tools, box, colors, radius } = run.robot;
+    this.run = run;
+    this.group = new THREE.Group();
+    this.fixed = bodies.map((body) => new THREE.Quaternion(...body.quaternion));
+    this.bodies = bodies.map(() => new THREE.Group());
+    bodies.forEach((body, i) => {
+      const group = this.bodies[i], color = tint || colors[body.part];
+      (i ? this.bodies[body.parent] : this.group).add(group);
+      group.position.set(...body.position);
+      for (const line of body.capsules) capsule(group, line, radius, color, opacity);
+      if (i && !body.prismatic) mesh(group, new THREE.SphereGeometry(1.45 * radius, 20, 14), tint || EDGE, opacity);
+    });
+    const base = mesh(this.bodies[0], new THREE.BoxGeometry(...box.half.map((x) => 2 * x)), tint || colors[0], opacity, true);
+    base.position.set(...box.position);
+    base.quaternion.set(...box.quaternion);
+    this.tools = tools.map((tool) => {
+      const group = new THREE.Group(), carrier = this.bodies[tool.body], color = tint || colors[bodies[tool.body].part];
+      group.position.set(...tool.position);
+      group.quaternion.set(...tool.quaternion);
+      for (let i = 0; i < 3; i++) capsule(carrier, tool.gripper.slice(i, i + 2), 0.45 * radius, color, opacity);
+      carrier.add(group);
+      return group;
+    });
+    if (run.object && opacity > 0.3) this.object = mesh(this.group, new THREE.BoxGeometry(...run.object.size), run.robot.objectColor, opacity, true);
+  }
+
+  place(Q) {
+    const { bodies, spatial } = this.run.robot, [base] = this.bodies;
+    if (spatial) {
+      base.position.set(Q[0], Q[1], Q[2]);
+      base.quaternion.set(Q[4], Q[5], Q[6], Q[3]);
+    } else {
+      base.position.set(Q[0], Q[1], 0);
+      base.quaternion.set(0, 0, Math.sin(Q[2] / 2), Math.cos(Q[2] / 2));
+    }
+    bodies.forEach((body, i) => {
+      if (!i) return;
+      const q = Q[i - 1 + (spatial ? 7 : 3)], axis = new THREE.Vector3(...body.axis), group = this.bodies[i];
+      group.quaternion.copy(this.fixed[i]);
+      if (body.prismatic) group.position.set(...body.position).add(axis.multiplyScalar(q).applyQuaternion(this.fixed[i]));
+      else group.quaternion.multiply(new THREE.Quaternion().setFromAxisAngle(axis, q));
+    });
+    this.group.updateMatrixWorld(true);
+    return this;
+  }
+
+  placeAt(t) {
+    const { run } = this;
+    this.place(coordinates(run, t));
+    if (this.object) {
+      const pose = interpolated(run.time.array, (i) => run.object.pose.row(i), t, 3);
+      this.object.position.set(...pose.slice(0, 3));
+      this.object.quaternion.set(...pose.slice(3));
+      this.object.visible = true;
+      this.object.material.opacity = run.object.lost !== null && t >= run.object.lost ? 0.3 : 1;
+      this.object.material.transparent = true;
+    }
+    return this;
+  }
+
+  get frames() { // the base and the end-effectors
+    return [this.bodies[0], ...this.tools];
+  }
+
+  positions() {
+    return this.frames.map((frame) => new THREE.Vector3().setFromMatrixPosition(frame.matrixWorld));
+  }
+}
+
+class Track { // polylines of base and end-effectors
+  constructor(parent, colors, dashed) {
+    this.lines = colors.map((color) => {
+      const look = { color, linewidth: dashed ? 2 : 2.2, dashed, dashSize: 0.07, gapSize: 0.05 };
+      const line = new THREE.Line2(new THREE.LineGeometry(), new THREE.LineMaterial(look));
+      line.frustumCulled = false;
+      parent.add(line);
+      return line;
+    });
+  }
+
+  set(points) { // by time, then by frame
+    this.lines.forEach((line, f) => {
+      line.geometry.dispose();
+      line.geometry = new THREE.LineGeometry().setPositions(points.flatMap((row) => row[f].toArray()));
+      line.computeLineDistances();
+    });
+  }
+}
+
+class Actor { // one run in the scene: robot, object, path so far, plan from here, targets
+  constructor(run, faint) {
+    this.run = run;
+    this.group = new THREE.Group();
+    const frames = ["#444444", ...run.robot.tools.map((tool) => run.robot.colors[run.robot.bodies[tool.body].part])];
+    this.robot = new Robot(run, faint ? 0.5 : 1);
+    this.probe = new Robot(run, 0);
+    this.path = new Track(this.group, frames, false);
+    this.plan = new THREE.Group();
+    this.future = new Track(this.plan, frames, true);
+    this.ghosts = run.plans ? [...run.stages.map((stage) => stage.color), "#9AA3AB"].map((color) => new Robot(run, 0.28, color)) : [];
+    this.targets = new THREE.Group();
+    const size = 7 * run.robot.radius, thin = 0.3 * run.robot.radius;
+    this.marks = run.stages.map(() => frames.map((color) => {
+      const mark = new THREE.Group();
+      for (const axis of [0, 1, 2]) mesh(mark, new THREE.BoxGeometry(...[0, 1, 2].map((k) => (k === axis ? size : thin))), color, 1);
+      this.targets.add(mark);
+      return mark;
+    }));
+    this.tracked = Array.from(run.time.array, (t) => this.probe.place(coordinates(run, t)).positions());
+    this.group.add(this.robot.group, this.plan, this.targets);
+    this.plan.add(...this.ghosts.map((ghost) => ghost.group));
+  }
+
+  seek(now) {
+    const { run } = this, t = clamp(now, run.time.array[0], endOf(run)), here = before(run.time.array, t);
+    this.robot.placeAt(t);
+    this.path.set([...this.tracked.slice(0, here + 1), this.robot.positions()]);
+    this.plan.visible = $("show-plan").checked && this.ghosts.length > 0;
+    this.path.lines.forEach((line) => { line.visible = $("show-paths").checked; });
+    this.targets.visible = $("show-targets").checked;
+    const aims = run.targets.row(here);
+    this.marks.forEach((marks, s) => marks.forEach((mark, f) => {
+      const at = aims.subarray(3 * (s * marks.length + f), 3 * (s * marks.length + f) + 3);
+      mark.visible = at.every(Number.isFinite);
+      if (mark.visible) mark.position.set(...at);
+    }));
+    if (this.plan.visible) this.seekPlan(t);
+  }
+
+  seekPlan(t) {
+    const plan = planAt(this.run, t), times = [t, ...plan.times.filter((each) => each > t)];
+    this.future.set(times.map((each) => this.probe.place(plan.at(each)).positions()));
+    this.ghosts.forEach((ghost) => { ghost.group.visible = false; });
+    this.captions = [];
+    const show = (ghost, time, caption) => {
+      ghost.place(plan.at(time)).group.visible = true;
+      this.captions.push([caption, ghost.positions()[0]]);
+    };
+    for (const { stage, time } of planned(this.run, t)) show(this.ghosts[this.run.stages.indexOf(stage)], time, `planned: ${stage.name} ends, ${time.toFixed(1)} s`);
+    const end = plan.times[plan.nodes - 1];
+    if (end > t + 1e-6) show(this.ghosts[this.ghosts.length - 1], end, `end of the plan, ${end.toFixed(1)} s`);
+  }
+
+  bounds() {
+    const box = { low: new THREE.Vector3(Infinity, Infinity, Infinity), high: new THREE.Vector3(-Infinity, -Infinity, -Infinity) };
+    const take = (point, room) => { box.low.min(point.clone().subScalar(room)); box.high.max(point.clone().addScalar(room)); };
+    const room = Math.hypot(...this.run.robot.box.half), points = this.tracked.length;
+    for (let i = 0; i < points; i += Math.ceil(points / 60)) this.tracked[i].forEach((p, f) => take(p, f ? 4 * this.run.robot.radius : room));
+    if (this.run.object) {
+      for (let i = 0; i < points; i += Math.ceil(points / 60)) take(new THREE.Vector3(...this.run.object.pose.row(i).slice(0, 3)), Math.hypot(...this.run.object.size) / 2);
+    }
+    return box;
+  }
+}
+
+// ---- the scene
+
+const shown = () => [actors[chosen[0]], ...(chosen[1] === null ? [] : [actors[chosen[1]]])];
+let actors = [], chosen = [0, runs.length > 1 ? 1 : null], now = 0, dirty = true, world = null;
+const beside = () => chosen[1] !== null && !$("overlay").checked;
+
+function openWorld() {
+  const canvas = $("canvas"), scene = new THREE.Scene();
+  const renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
+  renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+  const camera = new THREE.PerspectiveCamera(30, 1, 0.01, 1000);
+  camera.up.set(0, 0, 1);
+  const controls = new THREE.OrbitControls(camera, canvas);
+  controls.addEventListener("change", () => { dirty = true; });
+  controls.addEventListener("start", () => { world.moved = true; });
+  scene.add(new THREE.HemisphereLight(0xffffff, 0xd5dbe2, 2.3));
+  const sun = new THREE.DirectionalLight(0xffffff, 1.3);
+  sun.position.set(-2, -3, 6);
+  scene.add(sun);
+  return { scene, renderer, camera, controls, moved: false, from: null, axes: [] };
+}
+
+function frameMission(tilted) {
+  const boxes = shown().map((actor) => actor.bounds()), [box] = boxes;
+  boxes.slice(1).forEach((other) => { box.low.min(other.low); box.high.max(other.high); });
+  Object.assign(world, { box, tilted, moved: false });
+  const { camera, controls } = world, center = box.low.clone().add(box.high).multiplyScalar(0.5);
+  const spatial = runs[chosen[0]].robot.spatial;
+  const from = tilted ? new THREE.Vector3(spatial ? 0.7 : 0.25, -1, spatial ? 0.75 : 1.05) : new THREE.Vector3(0, -1e-4, 1);
+  camera.position.copy(center).add(from.normalize());
+  controls.target.copy(center);
+  camera.lookAt(center);
+  camera.updateMatrixWorld();
+  const right = new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, 0), up = new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, 1);
+  const tall = Math.tan((camera.fov * Math.PI) / 360), wide = tall * camera.aspect;
+  let distance = 0.1;
+  for (let corner = 0; corner < 8; corner++) {
+    const p = new THREE.Vector3(...["x", "y", "z"].map((axis, i) => (corner & (1 << i) ? box.high : box.low)[axis])).sub(center);
+    distance = Math.max(distance, p.dot(from) + 1.06 * Math.max(Math.abs(p.dot(right)) / wide, 1.12 * Math.abs(p.dot(up)) / tall));
+  }
+  camera.position.copy(center).addScaledVector(from, distance);
+  controls.maxDistance = 12 * distance;
+  controls.update();
+  $("above").setAttribute("aria-pressed", String(!tilted));
+  $("tilted").setAttribute("aria-pressed", String(tilted));
+  dirty = true;
+}
+
+function drawGround() { // squares of 1 m below the mission, and the axes of the inertial frame
+  if (world.ground) world.scene.remove(world.ground);
+  const { low, high } = world.box, step = [0.1, 0.25, 0.5, 1, 2, 5, 10].find((s) => (high.x - low.x + high.y - low.y) / s < 26) || 25;
+  const round = (x, up) => step * (up ? Math.ceil(x / step + 0.5) : Math.floor(x / step - 0.5));
+  const [x0, x1, y0, y1] = [round(low.x), round(high.x, true), round(low.y), round(high.y, true)], z = low.z - 0.02, points = [];
+  for (let x = x0; x <= x1 + step / 2; x += step) points.push(x, y0, z, x, y1, z);
+  for (let y = y0; y <= y1 + step / 2; y += step) points.push(x0, y, z, x1, y, z);
+  const lines = (numbers, color) => new THREE.LineSegments(new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(numbers), 3)), new THREE.LineBasicMaterial({ color }));
+  world.ground = new THREE.Group();
+  const L = 0.5 * step, planar = !runs[chosen[0]].robot.spatial, corner = planar ? [x0, y0, z] : [0, 0, 0];
+  const axes = [[1, 0, 0], [0, 1, 0], ...(planar ? [] : [[0, 0, 1]])].map((axis) => axis.map((x, i) => corner[i] + L * x));
+  world.ground.add(lines(points, 0xdde2e7), ...axes.map((axis) => lines([...corner, ...axis], 0x6b7480)));
+  world.axes = axes.map((axis, i) => ["xyz"[i], new THREE.Vector3(...axis)]);
+  world.axes.push([`squares of ${step} m`, new THREE.Vector3(x0 + 2.2 * L, y0, z)]);
+  world.scene.add(world.ground);
+}
+
+function render() {
+  const { renderer, scene, camera } = world, canvas = $("canvas"), actorsShown = shown();
+  const width = canvas.clientWidth, height = canvas.clientHeight, columns = beside() ? actorsShown.length : 1;
+  camera.aspect = width / columns / height;
+  camera.updateProjectionMatrix();
+  renderer.setScissorTest(true);
+  $("labels").replaceChildren();
+  world.labels = [];
+  for (let column = 0; column < columns; column++) {
+    const left = (column * width) / columns;
+    renderer.setViewport(left, 0, width / columns, height);
+    renderer.setScissor(left, 0, width / columns, height);
+    actorsShown.forEach((actor, i) => { actor.group.visible = columns === 1 || i === column; });
+    renderer.render(scene, camera);
+    for (const [name, at] of world.axes) label(name, at, left, width / columns, height);
+    const seen = actorsShown.filter((actor) => actor.group.visible && actor.plan.visible && width / columns > 480);
+    for (const [name, at] of seen.flatMap((actor) => actor.captions)) label(name, at, left, width / columns, height, "planned");
+    if (chosen[1] !== null) element($("labels"), "span", "caption", columns > 1 ? actorsShown[column].run.name : `${actorsShown[0].run.name}; paler: ${actorsShown[1].run.name}`).style.transform = `translate(${left + 10}px, 6px)`;
+  }
+}
+
+function label(name, at, left, width, height, look = "") { // moved down where another one stands
+  const p = at.clone().project(world.camera), x = left + ((p.x + 1) / 2) * width + 3;
+  let y = ((1 - p.y) / 2) * height - 9;
+  if (Math.abs(p.x) > 1 || Math.abs(p.y) > 1 || p.z > 1) return;
+  while (world.labels.some((other) => Math.abs(other[0] - x) < 110 && Math.abs(other[1] - y) < 13 && look)) y += 4;
+  world.labels.push([x, y]);
+  element($("labels"), "span", look, name).style.transform = `translate(${x}px, ${y}px)`;
+}
+
+function resize() {
+  const canvas = $("canvas"), { clientWidth, clientHeight } = canvas;
+  world.renderer.setSize(clientWidth, clientHeight, false);
+  world.camera.aspect = clientWidth / (beside() ? 2 : 1) / clientHeight;
+  world.camera.updateProjectionMatrix();
+  if (!world.moved) frameMission(world.tilted);
+  dirty = true;
+}
+
+// ---- plots
+
+let plots = [], tab = runs[0].plots[0].name;
+const panelsOf = (run) => (run.plots.find((each) => each.name === tab) || { panels: [] }).panels;
+const values = (packed, log) => Array.from(packed.array, (x) => (Number.isFinite(x) && (!log || x > 0) ? x : null));
+
+function openPlots() {
+  plots.forEach((plot) => plot.destroy());
+  const host = $("panels"), drawn = chosen.filter((i) => i !== null).map((i) => runs[i]);
+  host.replaceChildren();
+  const names = drawn.map(panelsOf).sort((a, b) => b.length - a.length)[0];
+  const room = host.clientHeight || 0, height = clamp(Math.floor((room - 20) / names.length) - 26, 100, 230);
+  plots = names.map((panel, p) => {
+    const series = [{ label: "t (s)", value: () => "" }], tables = [];
+    drawn.forEach((run, r) => {
+      const found = panelsOf(run)[p];
+      if (!found) return;
+      tables.push([Array.from(found.time.array), ...found.series.map((each) => values(each.values, found.log))]);
+      found.series.forEach((each) => series.push({
+        label: each.label + (r ? ` (${run.name})` : ""),
+        stroke: each.color,
+        width: each.dash ? 1 : 1.6,
+        dash: each.dash ? [5, 4] : r ? [6, 2.5] : undefined,
+        paths: found.stepped ? uPlot.paths.stepped({ align: 1 }) : undefined,
+        points: { show: false },
+        value: (u, x) => (x === null || x === undefined ? "–" : Math.abs(x) >= 1e-3 || x === 0 ? x.toFixed(3) : x.toExponential(1)),
+      }));
+    });
+    const look = { stroke: "#57606a", font: "11px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif", labelSize: 16, grid: { stroke: "#0000000d", width: 1 }, ticks: { stroke: "#d0d7de", size: 4 }, gap: 3 };
+    const last = p === names.length - 1;
+    const options = {
+      width: host.clientWidth - 4, height: height + (last ? 16 : 0), padding: [6, 12, 0, 0],
+      series,
+      scales: { x: { time: false, range: () => [0, span()] }, y: { distr: panel.log ? 3 : 1 } },
+      axes: [
+        { ...look, size: last ? 34 : 18, label: last ? "time (s)" : undefined },
+        { ...look, size: 50, space: 20, label: panel.label, values: panel.log ? (u, ticks) => ticks.map((x) => (x !== null && Math.abs(Math.log10(x) % 1) < 1e-6 ? String(Number(x.toPrecision(1))) : "")) : undefined },
+      ],
+      cursor: { y: false, points: { size: 5 }, drag: { x: false, y: false }, bind: { mousemove: () => null, mouseleave: () => null, mousedown: () => null, mouseup: () => null, dblclick: () => null, mouseenter: () => null } },
+      legend: { live: true },
+      hooks: { drawClear: [(u) => shadeStages(u, drawn[0])] },
+    };
+    const plot = new uPlot(options, tables.length > 1 ? uPlot.join(tables) : tables[0], host);
+    dragging(plot.over, (x) => seek(plot.posToVal(x, "x")));
+    return plot;
+  });
+  moveCursors();
+}
+
+function shadeStages(u, run) {
+  const { ctx, bbox } = u, at = (t) => u.valToPos(t, "x", true);
+  ctx.save();
+  for (const stage of run.stages.filter(ending)) {
+    ctx.globalAlpha = 0.22;
+    ctx.fillStyle = stage.color;
+    ctx.fillRect(at(stage.start), bbox.top, at(stage.end) - at(stage.start), bbox.height);
+    if (stage.early === null) continue;
+    ctx.globalAlpha = 0.9;
+    ctx.strokeStyle = "#1b1f24";
+    ctx.setLineDash([2, 4]);
+    ctx.beginPath();
+    ctx.moveTo(at(stage.early), bbox.top);
+    ctx.lineTo(at(stage.early), bbox.top + bbox.height);
+    ctx.stroke();
+  }
+  ctx.restore();
+}
+
+function moveCursors() {
+  plots.forEach((plot) => {
+    const left = plot.valToPos(now, "x");
+    plot.setCursor({ left, top: 0 }, false);
+  });
+}
+
+// ---- time
+
+const span = () => Math.max(...chosen.filter((i) => i !== null).map((i) => endOf(runs[i])));
+const percent = (t) => `${(100 * t) / span()}%`;
+let markers = [];
+
+function dragging(target, seekTo) {
+  const move = (event) => seekTo(event.clientX - target.getBoundingClientRect().left);
+  target.addEventListener("pointerdown", (event) => {
+    pause();
+    target.setPointerCapture(event.pointerId);
+    move(event);
+  });
+  target.addEventListener("pointermove", (event) => { if (event.buttons) move(event); });
+}
+
+function openTimeline() {
+  const line = $("timeline");
+  line.replaceChildren();
+  markers = [];
+  line.setAttribute("aria-valuemax", span().toFixed(1));
+  chosen.filter((i) => i !== null).forEach((i, r) => {
+    const run = runs[i], row = element(line, "div", "row");
+    if (!r) {
+      const step = [1, 2, 5, 10, 20, 50, 100].find((s) => span() / s <= 12) || 500;
+      for (let t = 0; t <= span() - step / 3; t += step) element(row, "span", "tick", String(t)).style.left = percent(t);
+    }
+    run.stages.forEach((stage) => {
+      if (!ending(stage)) return;
+      if (stage.end > stage.start) {
+        const band = element(row, "div", "band", stage.name);
+        Object.assign(band.style, { left: percent(stage.start), width: percent(stage.end - stage.start), background: stage.color });
+        band.title = `${stage.name}: ${stage.start.toFixed(2)} to ${stage.end.toFixed(2)} s`;
+      }
+    });
+    run.stages.forEach((stage) => {
+      if (!ending(stage) || stage.early === null) return;
+      const early = element(row, "div", "early");
+      early.title = `${stage.name} already acts from ${stage.early.toFixed(1)} s`;
+      Object.assign(early.style, { left: percent(stage.early), width: percent(stage.start - stage.early), background: `repeating-linear-gradient(135deg, ${stage.color} 0 4px, #fff9 4px 7px), ${stage.color}` });
+    });
+    markers.push(run.stages.map((stage) => {
+      const mark = element(row, "div", "switch");
+      mark.style.borderTopColor = "#1b1f24";
+      return mark;
+    }));
+  });
+  element(line, "div").id = "cursor";
+}
+
+function describe(run, t) {
+  const current = run.stages.filter((stage) => ending(stage) && stage.start <= t + 1e-9 && stage.end > stage.start).pop();
+  const early = run.stages.filter((stage) => ending(stage) && stage.early !== null && stage.early <= t + 1e-9 && t < stage.start - 1e-9);
+  const ends = planned(run, t).map(({ stage, time }) => `${stage.name} to end at ${time.toFixed(2)} s`);
+  const lost = run.object && run.object.lost !== null && t >= run.object.lost ? ["object lost"] : [];
+  return [current && current.name, ...early.map((stage) => `${stage.name} already acts`), ...ends, ...lost].filter(Boolean).join(" · ");
+}
+
+function seek(t) {
+  now = clamp(t, 0, span());
+  dirty = true;
+}
+
+function update() { // all parts at the present time
+  $("cursor").style.left = percent(now);
+  $("time").textContent = `${now.toFixed(2)} s of ${span().toFixed(1)} s`;
+  const drawn = chosen.filter((i) => i !== null).map((i) => runs[i]);
+  $("now").textContent = drawn.map((run) => (drawn.length > 1 ? `${run.name}: ` : "") + describe(run, Math.min(now, endOf(run)))).join(" | ");
+  $("timeline").setAttribute("aria-valuenow", now.toFixed(2));
+  $("timeline").setAttribute("aria-valuetext", `${now.toFixed(2)} s, ${$("now").textContent}`);
+  drawn.forEach((run, r) => {
+    const ends = planned(run, Math.min(now, endOf(run)));
+    markers[r].forEach((mark, s) => {
+      const found = ends.find((each) => each.stage === run.stages[s]);
+      mark.hidden = !found;
+      if (found) mark.style.left = percent(Math.min(found.time, span()));
+      if (found) mark.title = `planned end of ${found.stage.name}: ${found.time.toFixed(2)} s`;
+    });
+  });
+  moveCursors();
+  if (!world) return;
+  shown().forEach((actor) => actor.seek(now));
+  render();
+}
+
+let playing = false, clock = 0;
+function pause() {
+  playing = false;
+  $("play").textContent = "▶";
+  $("play").setAttribute("aria-label", "play");
+}
+function toggle() {
+  if (playing) return pause();
+  if (now >= span() - 1e-6) seek(0);
+  playing = true;
+  clock = performance.now();
+  $("play").textContent = "❚❚";
+  $("play").setAttribute("aria-label", "pause");
+}
+function frame(instant) {
+  if (playing) {
+    seek(now + (Math.min(instant - clock, 200) / 1000) * Number($("speed").value));
+    if (now >= span()) pause();
+  }
+  clock = instant;
+  if (dirty) {
+    dirty = false;
+    update();
+  }
+  requestAnimationFrame(frame);
+}
+
+// ---- what is chosen
+
+function choose() {
+  const [first, second] = chosen.map((i) => (i === null ? null : runs[i]));
+  if (chosen[1] === chosen[0]) chosen[1] = null;
+  $("first").value = String(chosen[0]);
+  $("second").value = chosen[1] === null ? "" : String(chosen[1]);
+  $("together").hidden = chosen[1] === null;
+  const several = chosen[1] !== null;
+  $("mission").textContent = several ? [first, second].map((run) => `${run.name}: ${run.mission}`).join(" | ") : `${first.name}: ${first.mission}`;
+  $("notes").replaceChildren();
+  for (const run of several ? [first, second] : [first]) for (const note of run.notes) element($("notes"), "li", "", several ? `${run.name}: ${note}` : note);
+  $("show-plan").parentElement.hidden = !(first.plans || (several && second.plans));
+  $("parts").replaceChildren();
+  const { parts, colors, objectColor } = first.robot;
+  [...parts.map((part, i) => [part, colors[i]]), ...(first.object ? [["object", objectColor]] : [])].forEach(([part, color]) => {
+    const entry = element($("parts"), "span"), swatch = element(entry, "i");
+    swatch.style.background = color;
+    swatch.style.border = "1px solid #3a4046";
+    element(entry, "span", "", part);
+  });
+  openTimeline();
+  openPlots();
+  if (world) {
+    actors.forEach((actor) => { if (actor) { world.scene.remove(actor.group); } });
+    chosen.forEach((i, r) => {
+      if (i === null) return;
+      actors[i] = new Actor(runs[i], r === 1 && $("overlay").checked);
+      world.scene.add(actors[i].group);
+    });
+    resize();
+    drawGround();
+  }
+  seek(now);
+}
+
+runs.forEach((run, i) => {
+  for (const list of [$("first"), $("second")]) element(list, "option", "", run.name).value = String(i);
+});
+for (const name of new Set(runs.flatMap((run) => run.plots.map((each) => each.name)))) {
+  const button = element($("tabs"), "button", "", name);
+  Object.assign(button, { type: "button", onclick: () => { tab = name; showTab(); openPlots(); } });
+  button.setAttribute("role", "tab");
+}
+const showTab = () => [...$("tabs").children].forEach((button) => button.setAttribute("aria-selected", String(button.textContent === tab)));
+showTab();
+$("second").prepend(new Option("none", ""));
+$("overlay").checked = window.innerWidth < 700;
+$("first").onchange = (event) => { chosen[0] = Number(event.target.value); choose(); };
+$("second").onchange = (event) => { chosen[1] = event.target.value === "" ? null : Number(event.target.value); choose(); };
+$("overlay").onchange = choose;
+for (const id of ["show-plan", "show-targets", "show-paths"]) $(id).onchange = () => seek(now);
+$("play").onclick = toggle;
+$("above").onclick = () => frameMission(false);
+$("tilted").onclick = () => frameMission(true);
+dragging($("timeline"), (x) => seek((x / $("timeline").clientWidth) * span()));
+document.addEventListener("keydown", (event) => {
+  if (["SELECT", "INPUT", "TEXTAREA"].includes(event.target.tagName) && event.key !== " ") return;
+  const times = runs[chosen[0]].time.array, step = event.shiftKey ? 1 : times.length > 1 ? times[1] - times[0] : 0.1;
+  const actions = { " ": toggle, ArrowLeft: () => { pause(); seek(now - step); }, ArrowRight: () => { pause(); seek(now + step); }, Home: () => seek(0), End: () => seek(span()) };
+  if (!(event.key in actions) || (event.key === " " && ["SELECT", "INPUT", "BUTTON"].includes(event.target.tagName))) return;
+  event.preventDefault();
+  actions[event.key]();
+});
+
+try {
+  world = openWorld();
+  world.tilted = runs[0].robot.spatial;
+} catch (error) {
+  $("no-webgl").hidden = false;
+  $("layers").hidden = $("camera").hidden = true;
+}
+choose();
+let pending = 0;
+new ResizeObserver(() => {
+  cancelAnimationFrame(pending);
+  pending = requestAnimationFrame(() => { if (world) resize(); openPlots(); seek(now); });
+}).observe($("scene"));
+requestAnimationFrame(frame);
+
+// for scripts and tests: the time, and positions and quaternions (x, y, z, w) of what is drawn
+window.psmpc = {
+  seek: (t) => { seek(t); dirty = false; update(); },
+  get time() { return now; },
+  poses: (which = 0) => {
+    const { robot } = shown()[which], of = (group) => {
+      const parts = [new THREE.Vector3(), new THREE.Quaternion(), new THREE.Vector3()];
+      group.matrixWorld.decompose(...parts);
+      return [...parts[0].toArray(), ...parts[1].toArray()];
+    };
+    return { bodies: robot.bodies.map(of), tools: robot.tools.map(of), object: robot.object ? of(robot.object) : null };
+  },
+};
+})();

@@ -1,0 +1,290 @@
+"""The viewer: runs as one interactive page with a scene in three dimensions, a time line and linked plots.
+
+What the page draws is decided here as data: the robot as a tree of bodies with coordinates over time, from which the
+page computes the poses, plans, stages, targets, the object, and the curves of the plots. `view.js` draws it.
+"""
+
+from base64 import b64encode
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from psmpc_cli.errors import LogError
+from psmpc_cli.figures import style
+from psmpc_cli.figures.coordinates import error_curves
+from psmpc_cli.figures.scene import Scene, scene_of
+from psmpc_cli.logs.run import Run
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.report.page import Page, render
+from psmpc_cli.report.texts import describe_mission
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.simulation.replay import logged_solve
+
+MOST_FRAMES, MOST_PLANS, MOST_NODES = 3000, 750, 24
+"""Times at which a run is shown, plans, and nodes of a plan besides those at its switches, at most."""
+
+STAGES = ("#77AADD", "#EE8866", "#44BB99", "#EEDD88", "#FFAABB", "#99DDFF", "#BBCC33", "#DDDDDD")
+"""Colours of the stages in turn: the light scheme of Paul Tol, distinct for colour-blind readers, below dark text."""
+
+LEAST_ERROR = 1e-5
+"""Smaller errors are not shown on their logarithmic scale [m, rad]."""
+
+Json = dict[str, Any]
+
+
+def view(runs: Run | Mapping[str, Run]) -> Page:
+    """Show a run, or several by name, as an interactive page: the robot in motion, its plans and curves.
+
+    A notebook shows the page in place; `save` writes it into a file that a browser opens without a server or a network.
+
+    Args:
+        runs: A run, or several by name, such as the result of `compare`.
+
+    Raises:
+        LogError: A run has no samples, or its log holds another task than it says.
+        InputError: There is no run.
+    """
+    by_name = {style.title_of(str(runs.attributes["controller"])): runs} if isinstance(runs, Run) else dict(runs)
+    if not by_name:
+        raise LogError("found no run to show, expected one at least")
+    shown = [_run(style.title_of(name), run) for name, run in by_name.items()]
+    tasks = dict.fromkeys(str(run.attributes["task_name"]) for run in by_name.values())
+    return render("view.html.j2", title=", ".join(map(style.readable, tasks)), runs=shown)
+
+
+def _run(name: str, run: Run) -> Json:
+    """Give all that the page shows of a run."""
+    scene, model, motion = scene_of(run), run.problem.model, run.motion
+    frames, samples = _thinned(len(motion.time), MOST_FRAMES), _thinned(len(run.time), MOST_PLANS)
+    time = motion.time[frames]
+    return {
+        "name": name,
+        "mission": describe_mission(run.summary()),
+        "notes": list(_notes(run)),
+        "robot": _robot(model),
+        "time": _packed(time, "f8"),
+        "Q": _packed(motion.Q[frames], "f8"),
+        "stages": [
+            {
+                "name": style.readable(stage),
+                "color": STAGES[number % len(STAGES)],
+                **next(
+                    ({"start": s.start, "end": s.end, "early": s.early} for s in run.spans if s.index == number), {}
+                ),
+            }
+            for number, stage in enumerate(run.stage_names)
+        ],
+        "samples": _packed(run.time[samples], "f8"),
+        "instants": _packed(run["window/instants"][samples]),
+        "plans": _plans(run, samples) if run.has_plans else None,
+        "targets": _packed(_targets(scene, time)),
+        "object": _object(scene, time),
+        "plots": list(_plots(run, frames)),
+    }
+
+
+def _notes(run: Run) -> Iterator[str]:
+    """Say what a log lacks, or how it is to be read."""
+    if run.interrupted:
+        yield "The log is unfinished: the run is shown up to its last sample."
+    if not run.has_plans:
+        yield "The log holds no plans (log.plans is false), so no plan is drawn."
+    elif "levels/solved" in run:
+        yield "The plan drawn is that of the first level, which is all that the log holds of HTMPC."
+    if len(run.time) > MOST_PLANS:
+        yield f"Plans are drawn at {MOST_PLANS} of the {len(run.time)} samples."
+
+
+def _robot(model: RobotModel) -> Json:
+    """Describe a robot as bodies, each on the one that carries it; lengths [m], quaternions x, y, z, w."""
+    spec, shape = model.spec, model.shape
+    arms = {name: number for number, name in enumerate(spec.arms, start=1)}
+    bodies = [
+        {
+            "part": arms.get(body.name.rpartition(".")[0], 0),
+            "parent": -1 if body.joint is None else body.joint.at.body,
+            "position": (0, 0, 0) if body.joint is None else body.joint.at.position,
+            "quaternion": _quaternion((0, 0, 0) if body.joint is None else body.joint.at.rotation),
+            "axis": (0, 0, 0) if body.joint is None else body.joint.axis,
+            "prismatic": body.joint is not None and body.joint.prismatic,
+            "capsules": shape.capsules[number].tolist(),
+        }
+        for number, body in enumerate(spec.bodies)
+    ]
+    tools = [
+        {
+            "body": at.body,
+            "position": at.position,
+            "quaternion": _quaternion(at.rotation),
+            "gripper": shape.grippers[arm].tolist(),
+        }
+        for arm, at in spec.tools.items()
+    ]
+    box = {"half": shape.box.tolist(), "position": shape.box_frame[:3, 3].tolist()}
+    return {
+        "spatial": model.dimension == 3,
+        "bodies": bodies,
+        "tools": tools,
+        "box": {**box, "quaternion": Rotation.from_matrix(shape.box_frame[:3, :3]).as_quat().tolist()},
+        "parts": [style.readable(part) for part in model.parts],
+        "colors": [style.BODY, *(_arm_color(number - 1) for number in arms.values())],
+        "objectColor": style.OBJECT,
+        "radius": shape.radius,
+    }
+
+
+def _quaternion(rotation: Sequence[float]) -> list[float]:
+    return [float(x) for x in Rotation.from_rotvec(rotation).as_quat()]
+
+
+def _arm_color(number: int) -> str:
+    return style.PALETTE[number % (len(style.PALETTE) - 1)]
+
+
+def _plans(run: Run, samples: np.ndarray) -> Json:
+    """Give node times (K, nodes) [s] and coordinates (K, nodes, nq) of the plans at samples; the last one is repeated
+    where a solve failed.
+    """
+    times, Q = [], []
+    plan: Plan | None = None
+    for sample in samples:
+        if plan is None or not run["events/solve_failed"][sample]:
+            solve = logged_solve(run, run.problem, int(sample))
+            plan, ends = solve.plan, np.cumsum(solve.window.nodes)
+        last = len(plan.times) - 1
+        nodes = np.union1d(np.linspace(0, last, min(last, MOST_NODES) + 1).astype(int), ends)
+        times.append(plan.times[nodes])
+        Q.append(plan.chart.leave(plan.X[nodes])[0])
+    most = max(map(len, times), default=0)
+    rows = [np.minimum(np.arange(most), len(each) - 1) for each in times]  # the last node again, up to equal lengths
+    return {
+        "time": _packed(np.array([each[row] for each, row in zip(times, rows, strict=True)])),
+        "Q": _packed(np.array([each[row] for each, row in zip(Q, rows, strict=True)])),
+    }
+
+
+def _targets(scene: Scene, time: np.ndarray) -> np.ndarray:
+    """Return what the acting stages aim at (T, S, frames, 3) [m]; NaN of stages that do not act."""
+    model, stages = scene.run.problem.model, len(scene.run.stage_names)
+    found = np.full((len(time), stages, len(model.pose_rows), 3), np.nan)
+    found[..., model.dimension :] = 0
+    for row, t in enumerate(time):
+        for stage in scene.acting(float(t)):
+            found[row, stage, :, : model.dimension] = scene.targets(stage, float(t))
+    return found
+
+
+def _object(scene: Scene, time: np.ndarray) -> Json | None:
+    """Give size (3,) [m] and poses (T, 7) of the object: position [m] and quaternion x, y, z, w."""
+    spec, poses = scene.run.task.spec.object, [scene.object_pose(float(t)) for t in time]
+    if spec is None:
+        return None
+    known = np.array([pose for pose in poses if pose is not None])
+    if known.shape[1] == 3:
+        turned = Rotation.from_rotvec(known[:, 2:] * [[0.0, 0.0, 1.0]]).as_quat()
+        known = np.hstack([known[:, :2], np.zeros((len(known), 1)), turned])
+    size = [*spec.shape, *(2.6 * scene.run.problem.model.shape.radius for _ in range(3 - len(spec.shape)))]
+    return {"size": size, "pose": _packed(known, "f8"), "lost": scene.left if scene.lost else None}
+
+
+def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
+    """Give the tabs of plots, each with its panels."""
+    motion, model = run.motion, run.problem.model
+    time, u = motion.time[frames], np.vstack([run.u, run.u[-1:]])[np.minimum(frames, len(run.u))]
+    yield _tab("Velocities", _panels(model, time, motion.v[frames], ("m/s", "rad/s")))
+    yield _tab("Controls", _panels(model, time, u, ("m/s²", "rad/s²"), stepped=True))
+    yield _tab("Errors", _error_panels(run, frames))
+    yield _tab("Coordinates", _panels(model, time, _angles(model, motion.Q[frames]), ("m", "rad")))
+    yield _tab("Stages", _stage_panels(run))
+
+
+def _angles(model: RobotModel, Q: np.ndarray) -> np.ndarray:
+    """Return coordinates (T, n) with the attitude of a spatial base as unwrapped angles about z, y and x [rad]."""
+    if model.dimension == 2:
+        return Q
+    turns = Rotation.from_quat(Q[:, [4, 5, 6, 3]]).as_euler("ZYX")
+    return np.hstack([Q[:, :3], np.unwrap(turns, axis=0), Q[:, 7:]])
+
+
+def _panels(
+    model: RobotModel, time: np.ndarray, values: np.ndarray, units: tuple[str, str], stepped: bool = False
+) -> Iterator[Json]:
+    """Give a panel for base positions, base angles and each arm of values (T, n) at times (T,) [s]."""
+    base, d = model.parts["base"].stop, model.dimension
+    angles = ("θ",) if d == 2 else ("yaw", "pitch", "roll") if units[0] == "m" else ("x", "y", "z")
+    yield _panel(f"base ({units[0]})", time, zip("xyz"[:d], values.T[:d], strict=True), stepped=stepped)
+    yield _panel(f"base ({units[1]})", time, zip(angles, values.T[d:base], strict=True), stepped=stepped)
+    for name, rows in list(model.parts.items())[1:]:
+        joints = (f"joint {number + 1}" for number in range(rows.stop - rows.start))
+        curves = zip(joints, values.T[rows], strict=True)
+        yield _panel(f"{style.readable(name)} ({units[1]})", time, curves, stepped=stepped)
+
+
+def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
+    """Give the largest errors against the current stage's target, and the tolerances of its end condition."""
+    time, names = run.motion.time[frames], [style.readable(name) for name in run.problem.model.pose_rows]
+    found = np.full((2, 2, len(names), len(time)), np.nan)  # error or tolerance, position or angle
+    for span, frame, angular, when, size, tolerance in error_curves(run):
+        inside = (time >= span.start - 1e-9) & (time <= span.end + 1e-9)
+        found[0, int(angular), frame, inside] = np.interp(time[inside], when, size)
+        found[1, int(angular), frame, inside] = tolerance
+    found[0] = np.where(found[0] > LEAST_ERROR, found[0], np.nan)
+    for kind, label in enumerate(("largest coordinate (m)", "largest angle (rad)")):
+        errors, tolerances = found[:, kind]
+        curves = [(name, row) for name, row in zip(names, errors, strict=True) if np.isfinite(row).any()]
+        known = [row for row in tolerances if np.isfinite(row).any()]
+        if curves:
+            limits = [("tolerance", np.nanmin(_or_inf(known), axis=0))] if known else []
+            yield _panel(label, time, curves, limits, log=True, stepped=False)
+
+
+def _or_inf(rows: list[np.ndarray]) -> np.ndarray:
+    """Return rows (., T) in which a column without a number is infinite."""
+    stacked = np.array(rows)
+    return np.where(np.isnan(stacked).all(axis=0), np.inf, stacked)
+
+
+def _stage_panels(run: Run) -> Iterator[Json]:
+    """Give planned switch times, shares of the stages in the control if logged, and the wall times of the solves."""
+    samples, names = _thinned(len(run.time), MOST_FRAMES), [style.readable(name) for name in run.stage_names]
+    time = run.time[samples]
+    for label, path in (("planned switch time (s)", "window/instants"), ("share in control (1)", "window/share")):
+        values = run[path][samples].T
+        curves = [(name, row) for name, row in zip(names, values, strict=True) if np.isfinite(row).any()]
+        if curves:
+            yield _panel(label, time, curves)
+    yield _panel("solve time (ms)", time, [("solve", 1e3 * run["solver/wall_time"][samples])], log=True)
+
+
+def _tab(name: str, panels: Iterator[Json]) -> Json:
+    return {"name": name, "panels": list(panels)}
+
+
+def _panel(
+    label: str,
+    time: np.ndarray,
+    curves: Any,
+    limits: Sequence[tuple[str, np.ndarray]] = (),
+    log: bool = False,
+    stepped: bool = False,
+) -> Json:
+    """Give a panel of curves (T,) by label over times (T,) [s]; limits are dashed."""
+    series = [
+        {"label": name, "color": _arm_color(number), "values": _packed(values)}
+        for number, (name, values) in enumerate(curves)
+    ]
+    series += [{"label": name, "color": style.EDGE, "dash": True, "values": _packed(v)} for name, v in limits]
+    return {"label": label, "time": _packed(time, "f8"), "series": series, "log": log, "stepped": stepped}
+
+
+def _thinned(count: int, most: int) -> np.ndarray:
+    """Return the numbers below `count`, or so many of them, evenly."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+
+
+def _packed(values: np.ndarray, dtype: str = "f4") -> Json:
+    """Pack an array as its type, shape and bytes in base64, which is smaller and exacter than decimal numbers."""
+    array = np.ascontiguousarray(values, f"<{dtype}")
+    return {"type": dtype, "shape": array.shape, "data": b64encode(array.tobytes()).decode("ascii")}

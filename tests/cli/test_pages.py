@@ -1,0 +1,92 @@
+"""`psmpc view` and `psmpc report`: where their pages go, which runs they show, and what they reject."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from psmpc_cli.logs.run import read_run
+
+from .command import Psmpc
+
+NOISY = ("monte-carlo", "task.yaml", "--runs", "2", "--jobs", "1", "--no-figures", "-o", "study.h5")
+
+
+def shown(page: str | Path) -> list[dict[str, Any]]:
+    """The runs in a viewer's page."""
+    data = re.search(r'<script id="data" type="application/json">(.*?)</script>', Path(page).read_text(), re.DOTALL)
+    assert data is not None
+    found: list[dict[str, Any]] = json.loads(data[1])
+    return found
+
+
+@pytest.mark.parametrize("kind", ["view", "report"])
+def test_a_page_goes_beside_the_log_numbered_and_replaces_nothing_unasked(
+    psmpc: Psmpc, ended: Path, kind: str
+) -> None:
+    assert psmpc(kind, str(ended)).stdout == f"page: {ended.parent}/ended-{kind}.html\n"
+    assert psmpc(kind, str(ended)).stdout == f"page: {ended.parent}/ended-{kind}-2.html\n"
+    Path("kept.html").write_text("kept")
+    ran = psmpc(kind, str(ended), "-o", "kept.html")
+    assert (ran.code, ran.stdout, Path("kept.html").read_text()) == (2, "", "kept")
+    assert "--force" in ran.stderr
+    assert psmpc(kind, str(ended), "-o", "kept.html", "--force").code == 0
+    assert "https://" not in Path("kept.html").read_text()
+
+
+def test_a_page_says_what_its_log_lacks(psmpc: Psmpc, ended: Path, part: Path) -> None:
+    assert psmpc("view", str(part), "-o", "part.html").code == 0
+    (run,) = shown("part.html")
+    assert run["plans"]["Q"]["shape"][0] == run["Q"]["shape"][0] == 6
+    assert any("unfinished" in note for note in run["notes"])
+    assert psmpc("simulate", "task.yaml", "--set", "log.plans=false", "--view", "--no-figures", "-q").code == 0
+    (run,) = shown("runs/task-view.html")
+    assert run["plans"] is None
+    assert any("no plans" in note for note in run["notes"])
+    assert psmpc("view", str(ended), str(part), "-o", "both.html").code == 0
+    assert len({run["name"] for run in shown("both.html")}) == 2
+
+
+def test_a_run_of_a_study_is_repeated_from_its_seed(psmpc: Psmpc, ended: Path) -> None:
+    assert psmpc(*NOISY, "--set", "uncertainty.noise.position=1e-3").code == 0
+    assert psmpc("view", "study.h5", "--run", "1", "-q").code == 0
+    (again,) = shown("study-view.html")
+    command = "simulate", "task.yaml", "--set", "uncertainty.noise.position=1e-3", "--set", "seed=1", "--no-figures"
+    assert psmpc(*command, "-o", "one.h5").code == 0
+    assert psmpc("view", "one.h5").code == 0
+    assert again["Q"] == shown("one-view.html")[0]["Q"]
+    assert again["plans"] is not None
+    for arguments, word in (
+        (("study.h5",), "--run with 0 to 1"),
+        (("study.h5", "--run", "2"), "0 to 1"),
+        ((str(ended), "--run", "2"), "comparison"),
+        (("task.yaml",), "no HDF5 file"),
+    ):
+        ran = psmpc("view", *arguments)
+        assert (ran.code, ran.stdout) == (2, "")
+        assert word in ran.stderr
+
+
+@pytest.mark.slow
+def test_a_comparison_offers_its_runs(psmpc: Psmpc) -> None:
+    assert psmpc("compare", "task.yaml", "--jobs", "1", "--controllers", "psmpc,hard", "--no-figures", "-q").code == 0
+    log = "runs/task-comparison.h5"
+    assert psmpc("view", log).code == 0
+    assert [run["name"] for run in shown("runs/task-comparison-view.html")] == ["PSMPC", "Hard switching"]
+    assert psmpc("view", log, "--run", "hard").code == 0
+    assert [run["name"] for run in shown("runs/task-comparison-view-2.html")] == ["Hard switching"]
+    ran = psmpc("view", log, "--run", "smpc")
+    assert (ran.code, "psmpc, hard" in ran.stderr) == (2, True)
+
+
+def test_a_report_has_verdict_stages_figures_and_settings(psmpc: Psmpc, ended: Path) -> None:
+    assert psmpc("report", str(ended), "-o", "report.html").code == 0
+    page, run = ElementTree.parse("report.html").getroot(), read_run(ended)
+    text = " ".join("".join(page.itertext()).split())
+    assert "Mission succeeded" in text
+    assert all(stage in text for stage in (*run.stage_names, "held", run.task.digest))
+    assert str(run.attributes["task_yaml"]) in "".join(page.itertext())
+    assert len(list(page.iter("img"))) == 9

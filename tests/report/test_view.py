@@ -1,0 +1,133 @@
+"""The viewer's page in a browser: what it draws, how it moves, and that it agrees with the robot's kinematics."""
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.remote.webdriver import WebDriver
+
+from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.logs.run import Run
+from psmpc_cli.report.view import view
+
+from ..simulation.logged import there_and_back
+from .browser import opened_browser
+
+SIZES = ((360, 740), (800, 1000), (1400, 860))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Ten centimetres there and back."""
+    return there_and_back(tmp_path_factory.mktemp("log"))
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WebDriver]:
+    with opened_browser(tmp_path_factory.mktemp("profile")) as browser:
+        yield browser
+
+
+def opened(browser: WebDriver, runs: Any, path: Path, width: int = 1400, height: int = 860) -> None:
+    """Write a page and open it in a window of a size [px]."""
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.get(view(runs).save(path, force=True).as_uri())
+
+
+def pixels(browser: WebDriver) -> np.ndarray:
+    """The scene as an image (height, width, 3)."""
+    image = Image.open(io.BytesIO(browser.find_element(By.ID, "canvas").screenshot_as_png))
+    return np.asarray(image.convert("RGB"), float)
+
+
+def seek(browser: WebDriver, time: float) -> None:
+    browser.execute_script("psmpc.seek(arguments[0])", time)
+
+
+def time_of(browser: WebDriver) -> float:
+    """The time the page shows [s]."""
+    return float(browser.execute_script("return new Promise(done => requestAnimationFrame(() => done(psmpc.time)))"))
+
+
+def test_a_page_is_shown_in_a_notebook_and_saved_once(run: Run, tmp_path: Path) -> None:
+    page = view(run)
+    assert page._repr_html_().startswith("<iframe srcdoc=")
+    assert page.save(tmp_path / "new" / "page.html").read_text() == page.html
+    for path in (tmp_path / "new" / "page.html", tmp_path):
+        with pytest.raises(InputError):
+            page.save(path)
+    with pytest.raises(LogError, match="no run"):
+        view({})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_the_scene_is_drawn_and_moves_without_errors(
+    browser: WebDriver, run: Run, tmp_path: Path, width: int, height: int
+) -> None:
+    opened(browser, {"psmpc": run, "smpc": run}, tmp_path / "page.html", width, height)
+    seek(browser, 0.0)
+    before = pixels(browser)
+    background = np.median(before.reshape(-1, 3), axis=0)
+    assert (np.abs(before - background).max(axis=2) > 30).mean() > 0.02
+    seek(browser, 0.6)
+    assert (np.abs(pixels(browser) - before).max(axis=2) > 30).mean() > 1e-3
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+    assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
+
+
+@pytest.mark.slow
+def test_what_is_drawn_is_where_the_kinematics_put_it(browser: WebDriver, run: Run, tmp_path: Path) -> None:
+    opened(browser, run, tmp_path / "page.html")
+    model = run.problem.model
+    for time in (0.0, 0.43, run.motion.end):
+        seek(browser, time)
+        Q, drawn = run.motion.coordinates_at(time), browser.execute_script("return psmpc.poses()")
+        for found, frame in zip(drawn["bodies"], model.body_frames(Q), strict=True):
+            assert found[:3] == pytest.approx(frame[:3, 3], abs=1e-6)
+            assert Rotation.from_quat(found[3:]).as_matrix() == pytest.approx(frame[:3, :3], abs=1e-6)
+        tools = np.array(drawn["tools"])[:, : model.dimension]
+        assert tools == pytest.approx(model.poses(Q)[1:, : model.dimension], abs=1e-6)
+
+
+@pytest.mark.slow
+def test_keys_pointer_and_play_move_the_time(browser: WebDriver, run: Run, tmp_path: Path) -> None:
+    opened(browser, run, tmp_path / "page.html")
+    line, body = browser.find_element(By.ID, "timeline"), browser.find_element(By.TAG_NAME, "body")
+    ActionChains(browser).click(line).perform()
+    assert time_of(browser) == pytest.approx(run.motion.end / 2, abs=0.02)
+    body.send_keys(Keys.HOME, Keys.ARROW_RIGHT, Keys.ARROW_RIGHT, Keys.ARROW_LEFT)
+    assert time_of(browser) == pytest.approx(run.time[1])
+    assert line.get_attribute("aria-valuenow") == f"{run.time[1]:.2f}"
+    body.send_keys(Keys.END)
+    assert time_of(browser) == pytest.approx(run.motion.end)
+    browser.execute_script("document.getElementById('speed').options[0].value = '0.01'; speed.selectedIndex = 0")
+    body.send_keys(Keys.HOME, Keys.SPACE)
+    assert browser.find_element(By.ID, "play").get_attribute("aria-label") == "pause"
+    assert time_of(browser) < run.motion.end
+    body.send_keys(Keys.SPACE)
+    stopped = time_of(browser)
+    assert time_of(browser) == stopped > 0
+    for tab in browser.find_elements(By.CSS_SELECTOR, "#tabs button"):
+        name = tab.text
+        tab.click()
+        chosen = browser.find_element(By.CSS_SELECTOR, "#tabs [aria-selected=true]")
+        assert chosen.text == name
+        assert browser.find_elements(By.CSS_SELECTOR, "#panels .uplot")
+
+
+@pytest.mark.slow
+def test_without_webgl_a_message_stands_for_the_scene(run: Run, tmp_path: Path) -> None:
+    with opened_browser(tmp_path / "profile", "--disable-3d-apis") as browser:
+        opened(browser, run, tmp_path / "page.html")
+        assert browser.find_element(By.ID, "no-webgl").is_displayed()
+        assert browser.find_elements(By.CSS_SELECTOR, "#panels .uplot")

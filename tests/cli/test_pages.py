@@ -24,9 +24,7 @@ def shown(page: str | Path) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("kind", ["view", "report"])
-def test_a_page_goes_beside_the_log_numbered_and_replaces_nothing_unasked(
-    psmpc: Psmpc, ended: Path, kind: str
-) -> None:
+def test_a_page_goes_beside_the_log_numbered_and_replaces_nothing_unasked(psmpc: Psmpc, ended: Path, kind: str) -> None:
     assert psmpc(kind, str(ended)).stdout == f"page: {ended.parent}/ended-{kind}.html\n"
     assert psmpc(kind, str(ended)).stdout == f"page: {ended.parent}/ended-{kind}-2.html\n"
     Path("kept.html").write_text("kept")

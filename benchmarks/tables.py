@@ -48,7 +48,8 @@ SECTIONS = {
         "#priorities-from-paired-comparisons": "PrioritiesSpec",
         "#actual-starts": "OnsetSpec",
         "#object-and-monitors": "ObjectSpec MonitorSpec",
-        "#uncertainty": "UncertaintySpec FrictionSpec NoiseSpec ImpulseSpec PayloadSpec",
+        "#an-object-with-a-mass": "MotionSpec DestinationSpec GraspSpec EnvelopeSpec StrengthSpec OnObject",
+        "#uncertainty": "ObjectErrorSpec UncertaintySpec FrictionSpec NoiseSpec ImpulseSpec PayloadSpec",
         "#published-and-log": "PublishedRun LogSpec",
         "#bodies": "Base Arm Mount Link Tool",
         "#spatial-robots": "SpatialBase SpatialArm SpatialLink SpatialJoint SpatialTool",
@@ -157,7 +158,15 @@ def _bounds(value: Mapping[str, Any]) -> str:
 
 def datasets(along: str, *only: str) -> Iterator[str]:
     """Yield the table of the datasets along a dimension, or fixed ones, that logs have, or some logs (`only`)."""
-    sizes = {"time": "K", "ticks/tick": "M", "coordinate": "n", "pose_coordinate": "m", "stage": "S", "momentum": "3"}
+    sizes = {
+        "time": "K",
+        "ticks/tick": "M",
+        "coordinate": "n",
+        "pose_coordinate": "m",
+        "stage": "S",
+        "momentum": "3",
+        "gripper": "A",
+    }
     rows = []
     for column in schema.columns("" if along == "fixed" else along):
         if column.only == " ".join(only):

@@ -9,6 +9,7 @@ import numpy as np
 from psmpc_cli.control.htmpc import Hierarchy
 from psmpc_cli.control.multistart import solve_from_several
 from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed, is_over
+from psmpc_cli.control.tracking import Tracker, to_be_closed
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.plan import ATTITUDE, PLANAR, Chart, Plan, braking_plan, resting_plan, shift
 from psmpc_cli.ocp.problem import Problem, Stage, build_problem
@@ -20,6 +21,7 @@ from psmpc_cli.ocp.window import (
     normalization,
     own_violations,
 )
+from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import exp, product
 from psmpc_cli.solvers import FEASIBLE, Outcome, Solution, Solver, build_solver
@@ -80,6 +82,7 @@ class Command:
         levels: The solution of each level of HTMPC, of the current stage first. Where a level did not converge, its
             plan is that of the level before.
         model: The robot.
+        closed: Whether the grippers are to be closed on the object at each tick (M,).
     """
 
     time: float
@@ -96,6 +99,7 @@ class Command:
     disturbance: np.ndarray
     levels: tuple[Solution, ...]
     model: RobotModel = field(repr=False)
+    closed: np.ndarray
 
     @property
     def instants(self) -> np.ndarray:
@@ -160,25 +164,35 @@ class Controller:
         self._nodes = self.spec.uniform_nodes
         self._hierarchy = Hierarchy(self.problem) if self.spec.kind == "htmpc" else None
         self._chart, self._known_signs = PLANAR, dict[int, dict[str, float]]()
+        thing = self.problem.spec.object
+        body = None if thing is None else body_of(thing)
+        self._tracker = None if thing is None or body is None else Tracker(thing, body)
+        self._follows = self._tracker is not None and any(stage.on_object for stage in self.stages)
         self._plan: Plan | None = None
         self._braking: Plan | None = None
         self._solved: Solution | None = None
         self._unfinished: Solution | None = None
         self._trusted = np.inf
 
-    def step(self, time: float, state: State) -> Command:
+    def step(self, time: float, state: State, object_pose: np.ndarray | None = None) -> Command:
         """Decide what the robot does over the coming sample. Paper Algorithm 1.
 
         Args:
             time: When the command begins to act [s], a sample after the one before.
             state: Measured then, or `known_delay` samples before. Where it is not finite the plan's own prediction is
                 used, at most until the end of the plan in force when the state was last measured completely.
+            object_pose: Pose of a task's object with a mass, measured with the state, (3,) or (7,); where it is not
+                finite, or not given, the object's motion is predicted.
 
         Raises:
             RunError: Nothing is measured, and there is no plan yet.
         """
+        if self._tracker is not None and object_pose is not None:
+            self._tracker.see(time - self.spec.known_delay * self.spec.sample_time, object_pose)
         seen = self._in_chart(time, self._estimator.foreseen(state))
         switches = self._drop_stages(time, seen)  # stages that are over leave the window
+        if self._follows:
+            self.stages = self._placed_stages(time, seen, ahead=True)
         measured = bool(np.isfinite(seen).all())
         x = seen if measured else self._completed(time, seen)
         prediction, before = self._predict(time, x), self.sequence  # the last plan, shifted
@@ -208,9 +222,16 @@ class Controller:
         }
         events, d = frozenset(name for name, yes in happened.items() if yes), self._estimator.d
         tick, model = 1 / self._rate, self.problem.model
+        closed = self._closed(sequence, self.edges(time)[:-1])
         return Command(
-            time, x, u, x_next, tick, plan, sequence, prediction, solution, events, switches, d, levels, model
+            time, x, u, x_next, tick, plan, sequence, prediction, solution, events, switches, d, levels, model, closed
         )
+
+    def _closed(self, sequence: MovingSequence, ticks: np.ndarray) -> np.ndarray:
+        thing = self.problem.spec.object
+        if thing is None or self._tracker is None:
+            return np.zeros(len(ticks), bool)
+        return to_be_closed(thing, [stage.name for stage in self.stages], sequence, ticks)
 
     def _in_chart(self, time: float, state: State) -> np.ndarray:
         """Return a measured state in the chart about its attitude (2n,), in which plan and stages are from now on.
@@ -219,6 +240,8 @@ class Controller:
         """
         model = self.problem.model
         if model.dimension == 2:
+            if self._follows:
+                self.stages = self._placed_stages(time, state.x)
             return state.x
         Q, plan = state.Q, self._plan if self._braking is None else self._braking
         if not np.isfinite(Q[ATTITUDE]).all() and plan is not None:
@@ -227,13 +250,34 @@ class Controller:
         x = np.asarray(self._chart.enter(Q[None], state.v[None])[0])
         self._plan = self._plan and self._plan.in_chart(self._chart)
         self._braking = self._braking and self._braking.in_chart(self._chart)
-        ahead = self._plan or resting_plan(time, self.spec.horizon, 1, x, self._chart)
-        begins = dict(enumerate([time, *self.sequence.instants], start=self.sequence.first))
-        self.stages = tuple(
-            stage.in_chart(self._chart.anchor, x[6 : model.n], self._signs(stage, ahead, begins.get(stage.index)))
-            for stage in self.problem.stages
-        )
+        self.stages = self._placed_stages(time, x)
         return x
+
+    def _placed_stages(self, time: float, x: np.ndarray, ahead: bool = False) -> tuple[Stage, ...]:
+        """Return the stages with the numbers of their targets that a sample sets, x (2n,) being measured.
+
+        Targets relative to the object are where it is now; with `ahead`, where it is when their stage is planned to
+        end, or at the end of the horizon.
+        """
+        model, first, stages = self.problem.model, self.sequence.first, self.problem.stages
+        if self._tracker is not None and self._follows:
+            end = time + self.spec.horizon
+            ends = dict(enumerate(self.sequence.instants, start=first))
+            poses = {s: self._tracker.at(float(ends.get(s, end)) if ahead else time) for s in range(first, len(stages))}
+            stages = tuple(
+                stage.at_object(model.pose_rows, *poses[stage.index])
+                if stage.index in poses and stage.on_object
+                else stage
+                for stage in stages
+            )
+        if model.dimension == 2:
+            return stages
+        plan = self._plan or resting_plan(time, self.spec.horizon, 1, x, self._chart)
+        begins = dict(enumerate([time, *self.sequence.instants], start=first))
+        return tuple(
+            stage.in_chart(self._chart.anchor, x[6 : model.n], self._signs(stage, plan, begins.get(stage.index)))
+            for stage in stages
+        )
 
     def _signs(self, stage: Stage, plan: Plan, begins: float | None) -> Mapping[str, float]:
         """Choose the signs of the quaternions in a spatial target, by frame: of q and -q the nearer one.

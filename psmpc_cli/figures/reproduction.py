@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from psmpc_cli.figures import style
 from psmpc_cli.figures.timeline import open_timeline
 from psmpc_cli.logs.run import Run, Span
-from psmpc_cli.logs.summary import signal, verdicts
+from psmpc_cli.logs.summary import judge_monitor, signal
 from psmpc_cli.specs.task import MonitorSpec
 
 Curves = Mapping[str, tuple[np.ndarray, np.ndarray]]
@@ -104,7 +104,8 @@ def plot_monitors(run: Run) -> Figure:
         timeline.panels[0, 0].set_yticks([])
         style.panel_legend(timeline.panels[0, 0], "the task has no monitor")
         handles = []
-    for row, (monitor, verdict) in enumerate(zip(monitors, verdicts(monitors, run.arrays), strict=True)):
+    for row, monitor in enumerate(monitors):
+        verdict = judge_monitor(monitor, run.arrays)
         axes: Axes = timeline.panels[row, 0]
         time, values = run.time, signal(monitor, run.arrays)
         axes.plot(time, values, color=style.PALETTE[0])

@@ -8,7 +8,7 @@ from matplotlib.transforms import Bbox
 
 from psmpc_cli.figures.style import readable
 from psmpc_cli.logs.run import Run
-from psmpc_cli.logs.summary import verdicts
+from psmpc_cli.logs.summary import judge_monitor
 from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.ocp.skills import SKILLS, Posture
 from psmpc_cli.robot.model import RobotModel
@@ -144,7 +144,7 @@ def _opened(run: Run, monitor: MonitorSpec) -> float:
     if monitor.quantity != "distance" or len(monitor.of) != 2 or "base" in monitor.of:
         return np.inf
     upper = monitor.model_copy(update={"below_start_at_most": None, "at_least": None})
-    (verdict,) = verdicts((upper,), run.arrays)
+    verdict = judge_monitor(upper, run.arrays)
     return verdict.broken_at if np.isfinite(verdict.broken_at) else np.inf
 
 
@@ -183,10 +183,10 @@ def outline(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     return np.vstack([base, *(part for arm in arms for part in arm)])
 
 
-def rectangle(pose: np.ndarray, shape: tuple[float, float]) -> np.ndarray:
+def rectangle(pose: np.ndarray, shape: tuple[float, ...]) -> np.ndarray:
     """Return the corners (4, 2) [m] of a rectangle, length by width, at a pose (3,)."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
-    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * np.array(shape) / 2
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * np.array(shape[:2]) / 2
     return np.asarray(pose[:2] + corners @ np.array([[c, s], [-s, c]]))
 
 

@@ -224,6 +224,11 @@ def _halves(Q: str, v: str, what: str, state: str, only: str = "") -> tuple[Colu
     return tuple(Column(path, unit, what.format(name), each, "f8", dims, only) for path, unit, name, each in columns)
 
 
+def _tick_of_object(dim: str, name: str, units: str, long_name: str, value: Read) -> Column:
+    path, dims = f"ticks/{name}", ("ticks/tick", dim)
+    return _column(path, units, f"{long_name} at every tick", value, dims=dims, only="object at ticks")
+
+
 def _scale(path: str, units: str, long_name: str, dtype: str = "text", only: str = "") -> Column:
     return Column(path, units, long_name, None, dtype, (path,), only)
 
@@ -234,6 +239,10 @@ _tn = partial(_column, dims=("time", "coordinate"))
 _disturbance = partial(_column, dims=("time", "coordinate"), only="disturbance")
 _tick = partial(_column, dims=("ticks/tick", "coordinate"), only="ticks")
 _payload = partial(_column, dims=("time",), only="payload")
+_pose = partial(_column, dims=("time", "object_coordinate"), only="object")
+_axis = partial(_column, dims=("time", "object_axis"), only="object")
+_grip = partial(_column, dims=("time", "gripper"), only="object")
+_thing = partial(_column, only="object")
 _stage = partial(_column, dims=("stage",))
 _final = partial(_column, dims=("coordinate",))
 _monitor = partial(_column, dims=("monitors/name",))
@@ -251,6 +260,12 @@ SCHEMA = (
     _scale("monitors/name", "1", "name of the monitor"),
     _scale("uncertainty/body", "1", "body", only="drawn"),
     _scale("uncertainty/axis", "1", "axis of the body", only="drawn"),
+    _scale("object_coordinate", "1", "coordinate of the object's pose", only="object"),
+    _scale("object_axis", "1", "component of the object's velocity", only="object"),
+    _scale("object/moment", "1", "principal moment of inertia", only="object"),
+    _scale("gripper", "1", "arm whose gripper takes the object", only="object"),
+    _scale("grasp_axis", "1", "component of a gripper's force and moment", only="object"),
+    _scale("grasp/measure", "1", "what a gripper has to be near in, to close", only="object"),
     # a row a sample
     *_halves("state/Q", "state/Qdot", "generalized {}, as the controller saw them", "command.x"),
     _tn("control/u", _A, "applied acceleration over the first tick", lambda s: s.metrics.u[0]),
@@ -314,6 +329,18 @@ SCHEMA = (
     _payload("payload/held", "1", "whether the grippers hold the payload from the sample on", "metrics.held", "i1"),
     _payload("payload/energy", "J", "kinetic energy gained by taking it up or letting it go", "metrics.payload_energy"),
     _disturbance("control/disturbance", _A, "estimated disturbance, taken off the control", "command.disturbance"),
+    _pose("object/pose", _Q, "pose of the object", lambda s: s.ticks.thing.pose[0]),
+    _axis("object/velocity", _V, "velocity of the object, angular about its own axes", lambda s: s.ticks.thing.v[0]),
+    _grip("grasp/pull", "N", "largest filtered pull until the next sample", lambda s: s.ticks.thing.pull.max(axis=0)),
+    _grip("grasp/closed", "1", "whether each gripper is closed", lambda s: s.ticks.thing.closed[0], "i1"),
+    _column(
+        "grasp/wrench",
+        _F,
+        "force and moment of each gripper on the object, at the gripper, in the inertial frame",
+        lambda s: s.ticks.thing.wrench[0].ravel(),
+        dims=("time", "grasp_axis"),
+        only="object",
+    ),
     _plan("guess", "plan it started from: instants, states, accelerations", "command.solution.guess.flat"),
     _plan("guess_multipliers", "multipliers each solve started from; may be empty", "command.solution.guess_duals"),
     _plan(
@@ -327,6 +354,8 @@ SCHEMA = (
     _tick("ticks/Q", _Q, "generalized coordinates at every tick", lambda s: s.ticks.X[:-1, : s.n]),
     _tick("ticks/Qdot", _V, "generalized velocities at every tick", lambda s: s.ticks.X[:-1, s.n :]),
     _tick("ticks/F", _F, "generalized force held from the tick on", "ticks.F"),
+    _tick_of_object("object_coordinate", "object_pose", _Q, "pose of the object", lambda s: s.ticks.thing.pose[:-1]),
+    _tick_of_object("gripper", "pull", "N", "filtered pull on each grasp", "ticks.thing.pull"),
     # what does not grow
     _stage("stages/name", "1", "name of the stage", dtype="text"),
     _stage("stages/priority", "1", "priority omega of the stage"),
@@ -343,6 +372,29 @@ SCHEMA = (
     _final("final/Qdot_true", _V, "generalized velocities at the end of the run, true", only="true state"),
     _monitor("monitors/held", "1", "1 if the monitor held, 0 if not, -1 if not known", dtype="i1", unknown=-1),
     _monitor("monitors/margin", "m, m/s", "smallest distance of the signal to its bounds"),
+    _thing("object/mass", "kg", "true mass of the object"),
+    _thing("object/inertia", "kg m^2", "its true inertia", dims=("object/moment",)),
+    _thing("object/left_at", "s", "first instant at which a gripper opened; NaN if none did"),
+    _thing("object/left_pose", _Q, "pose of the object then", dims=("object_coordinate",)),
+    _thing("object/left_velocity", _V, "velocity of the object then", dims=("object_axis",)),
+    _thing("final/object_pose", _Q, "pose of the object at the end", dims=("object_coordinate",)),
+    _thing("final/object_velocity", _V, "its velocity at the end", dims=("object_axis",)),
+    _thing("grasp/closed_at", "s", "when each gripper closed; NaN if never", dims=("gripper",)),
+    _thing(
+        "grasp/missed_by",
+        "m, rad, m/s, rad/s",
+        "how far each gripper was from its grasp when it was to close",
+        dims=("gripper", "grasp/measure"),
+    ),
+    _thing("grasp/opened_at", "s", "when each gripper opened; NaN if never", dims=("gripper",)),
+    _thing(
+        "grasp/lost",
+        "1",
+        "why it opened: 1 because it was pulled beyond its strength, 0 to let go, -1 if it did not",
+        dtype="i1",
+        dims=("gripper",),
+        unknown=-1,
+    ),
     _body("uncertainty/mass_factor", "1", "true mass over the described one"),
     _body("uncertainty/inertia_factor", "1", "true inertia over the described one"),
     _column(

@@ -1,13 +1,15 @@
 """The summary of a run: what is computed from the datasets of its log, given by their paths."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from psmpc_cli.ocp.problem import Problem, Stage, StageCosts
-from psmpc_cli.specs.task import MonitorSpec, PublishedRun
+from psmpc_cli.robot.free_body import pose_error
+from psmpc_cli.specs.object import ObjectSpec
+from psmpc_cli.specs.task import DEEDS, MonitorSpec, PublishedRun, TaskSpec
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -84,6 +86,31 @@ class Largest:
 
 
 @dataclass(frozen=True)
+class CaptureSummary:
+    """What became of an object with a mass; NaN where it never came to that.
+
+    Attributes:
+        closed_at: When its last gripper closed [s].
+        missed_by: Largest distance [m], angle [rad], velocity [m/s] and angular velocity [rad/s] of a gripper from its
+            grasp when it was to close.
+        pull: Largest filtered pull on a grasp [N].
+        lost: Arms whose grippers were pulled open.
+        left_at: When the first gripper opened [s].
+        distance, angle: Of the object from its destination then [m], [rad].
+        speed: Of the object then [m/s].
+    """
+
+    closed_at: float
+    missed_by: tuple[float, ...]
+    pull: float
+    lost: tuple[str, ...]
+    left_at: float
+    distance: float
+    angle: float
+    speed: float
+
+
+@dataclass(frozen=True)
 class Summary:
     """The results of a run.
 
@@ -113,6 +140,7 @@ class Summary:
         end_condition: Largest error over tolerance at a planned switch time; None without one.
         end_errors: Error of the last stage's end condition over its tolerance at the end, of the state seen and of the
             true state; None without noise.
+        capture: What became of an object with a mass; None without one.
     """
 
     ended: bool
@@ -145,12 +173,13 @@ class Summary:
     beyond_limits: tuple[Largest, ...]
     end_condition: Largest | None
     end_errors: tuple[float, float] | None = None
+    capture: CaptureSummary | None = None
 
 
 def summarize(arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -> Summary:
     """Summarize a run from the datasets and attributes of its log, and the problem it solved."""
     spec, stages = problem.spec, problem.stages
-    completed, monitors = bool(attributes["finished"]), verdicts(spec.monitors, arrays)
+    completed, monitors = bool(attributes["finished"]), verdicts(spec, arrays)
     time, end, wall_time = arrays["time"], float(arrays["final/end_time"]), arrays["solver/wall_time"]
     published = spec.published.get(str(attributes["controller"]), PublishedRun())
     last = float(time[-1]) if len(time) else 0.0
@@ -191,12 +220,61 @@ def summarize(arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -
         beyond_limits=tuple(each for each in beyond if each is not None and each.value > 0),
         end_condition=_largest(arrays, "deviation/end", tuple(arrays["stages/name"])),
         end_errors=_end_errors(arrays, problem.costs, stages[-1]),
+        capture=_capture(spec, arrays) if "grasp/pull" in arrays else None,
     )
 
 
-def verdicts(monitors: tuple[MonitorSpec, ...], arrays: Arrays) -> tuple[Verdict, ...]:
-    """Judge monitors by the datasets of a log."""
-    return tuple(_verdict(monitor, arrays) for monitor in monitors)
+def _capture(task: TaskSpec, arrays: Arrays) -> CaptureSummary:
+    destination = None if task.object is None else task.object.destination
+    pose, v, d = arrays["object/left_pose"], arrays["object/left_velocity"], len(arrays["object_axis"]) // 2 + 1
+    error = np.full(len(v), np.nan) if destination is None else pose_error(pose, destination.pose)
+    return CaptureSummary(
+        closed_at=float(np.max(arrays["grasp/closed_at"])),
+        missed_by=tuple(arrays["grasp/missed_by"].max(axis=0).tolist()),
+        pull=float(np.max(arrays["grasp/pull"], initial=0.0)),
+        lost=tuple(arrays["gripper"][arrays["grasp/lost"] == 1].tolist()),
+        left_at=float(arrays["object/left_at"]),
+        distance=float(np.linalg.norm(error[:d])),
+        angle=float(np.linalg.norm(error[d:])),
+        speed=float(np.linalg.norm(v[:d])),
+    )
+
+
+def verdicts(task: TaskSpec, arrays: Arrays) -> tuple[Verdict, ...]:
+    """Judge a task's monitors, and what becomes of an object with a mass, by the datasets of a log."""
+    monitored = (judge_monitor(monitor, arrays) for monitor in task.monitors)
+    thing = task.object
+    return (*monitored, *(_deeds(thing, arrays) if thing is not None and thing.mass is not None else ()))
+
+
+def _deeds(thing: ObjectSpec, arrays: Arrays) -> Iterator[Verdict]:
+    """Judge whether every gripper closed, none was pulled open, and the object left where and as slow as it should.
+
+    The margin of the second is in N, those of the others are over what is allowed; unlike a monitor that is not judged
+    an object that was never let go is not delivered.
+    """
+    grasp, destination = thing.grasp, thing.destination
+    if grasp is None:
+        return
+    allowed = np.array([getattr(grasp.envelope, name) for name in arrays["grasp/measure"]])
+    missed, end = arrays["grasp/missed_by"], float(arrays["time"][-1]) if len(arrays["time"]) else np.nan
+    margin, taken = float(np.min(1 - missed / allowed)), bool(np.isfinite(arrays["grasp/closed_at"]).all())
+    yield Verdict(DEEDS[0], taken, margin, np.nan if taken else end)
+    lost = arrays["grasp/lost"] == 1
+    strength = np.inf if grasp.strength is None else grasp.strength.pull
+    first = float(np.min(arrays["grasp/opened_at"][lost])) if lost.any() else np.nan
+    held = strength - float(np.max(arrays["grasp/pull"], initial=-np.inf))
+    yield Verdict(DEEDS[1], taken and not lost.any(), held, first)
+    if destination is None:
+        return
+    left = float(arrays["object/left_at"])
+    over = np.abs(pose_error(arrays["object/left_pose"], destination.pose)) / destination.tolerance
+    speed = (
+        float(np.linalg.norm(arrays["object/left_velocity"][: len(arrays["object_axis"]) // 2 + 1])) / destination.speed
+    )
+    margin = 1 - float(max(*over, speed))
+    delivered = taken and not lost.any() and margin >= 0
+    yield Verdict(DEEDS[2], delivered, margin, np.nan if delivered else left if np.isfinite(left) else end)
 
 
 def signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
@@ -291,7 +369,8 @@ def _largest(arrays: Arrays, path: str, names: tuple[str, ...], below: bool = Fa
     return Largest(float(found[row, column]), str(names[int(column)]), float(arrays["time"][row]), int(row))
 
 
-def _verdict(monitor: MonitorSpec, arrays: Arrays) -> Verdict:
+def judge_monitor(monitor: MonitorSpec, arrays: Arrays) -> Verdict:
+    """Judge a monitor by the datasets of a log."""
     during = arrays["window/first"] == list(arrays["stages/name"]).index(monitor.during)
     if not during.any():
         return Verdict(monitor.name, False, np.nan, np.nan)

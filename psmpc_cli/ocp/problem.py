@@ -10,9 +10,11 @@ import numpy as np
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.objective import StageFunctions, StageShape, stage_functions
 from psmpc_cli.ocp.skills import SKILLS, Posture
+from psmpc_cli.robot.free_body import carried_rate, composed, relative
 from psmpc_cli.robot.model import RobotModel, build_model, nearest_equivalent
 from psmpc_cli.specs.coordinates import Limits, resolve_limits, rows, stack, stack_rows, tolerances
 from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.object import ObjectSpec, OnObject
 from psmpc_cli.specs.parts import Space
 from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import SkillSpec, StageSpec, TaskSpec, TrajectorySpec
@@ -83,6 +85,8 @@ class Stage:
         dwell: Minimum duration [s], that of the trajectory at least.
         onset_rows: Rows of the control whose norm marks the actual start.
         attitudes: Of a spatial robot, the first of the target's numbers of each quaternion, by frame.
+        on_object: By frame, the pose in the object's frame at which its target is; the target follows the object.
+        drift: Rate of the target's rows of error that this makes (rows,) [m/s, rad/s]; 0 of a target at rest.
     """
 
     index: int
@@ -103,6 +107,20 @@ class Stage:
     limits: Limits
     onset_rows: tuple[int, ...]
     attitudes: Mapping[str, int] = field(default_factory=dict)
+    on_object: Mapping[str, np.ndarray] = field(default_factory=dict)
+    drift: np.ndarray | float = 0.0
+
+    def at_object(self, pose_rows: Mapping[str, slice], pose: np.ndarray, v: np.ndarray) -> "Stage":
+        """Return the stage with its target where an object of a pose and a velocity has it.
+
+        The angular rate of an error is that near the target, where alone end conditions look at it.
+        """
+        target, drift = self.target.copy(), np.zeros(len(self.weights))
+        for frame, inside in self.on_object.items():
+            rate, number = carried_rate(pose, v, inside), list(pose_rows).index(frame)
+            target[pose_rows[frame]] = composed(pose, inside)
+            drift[len(rate) * number : len(rate) * (number + 1)] = rate
+        return replace(self, target=target, drift=drift)
 
     def in_chart(self, anchor: np.ndarray, joints: np.ndarray, signs: Mapping[str, float]) -> "Stage":
         """Return the stage of a spatial robot with the numbers of its target that a sample sets.
@@ -162,9 +180,9 @@ class StageCosts:
         return self._of(stage).error(X[:, : self.model.n], _wanted(stage, since), rows=len(X))[0]
 
     def rates(self, stage: Stage, X: np.ndarray) -> np.ndarray:
-        """Return the rate of the stage's error for a target at rest at each state (K, rows) [m/s, rad/s]."""
+        """Return the rate of the stage's error at each state (K, rows) [m/s, rad/s], relative to its target's."""
         n = self.model.n
-        return self._of(stage).rate(X[:, :n], X[:, n:], stage.target, rows=len(X))[0]
+        return self._of(stage).rate(X[:, :n], X[:, n:], stage.target, rows=len(X))[0] - stage.drift
 
     def at(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
@@ -247,7 +265,18 @@ def build_problem(task: Task) -> Problem:
 def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[Stage, ...]:
     """Return the task's stages, resolved; target angles become the nearest equivalent ones along the sequence."""
     waypoints = _unwrapped_waypoints(task, robot, model)
-    return tuple(_stage(i, task, robot, model, values) for i, values in enumerate(waypoints))
+    stages = (_stage(i, task, robot, model, values) for i, values in enumerate(waypoints))
+    return tuple(_on_object(stage, task, model) for stage in stages)
+
+
+def _on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
+    """Return a stage with the poses of its target that are relative to the object, and their number of turns."""
+    target, thing = task.stages[stage.index].target, task.object
+    if thing is None or isinstance(target, TrajectorySpec):
+        return stage
+    frames = [frame for frame, aim in target.items() if isinstance(aim, OnObject)]
+    inside = {frame: relative(stage.target[model.pose_rows[frame]], thing.pose) for frame in frames}
+    return replace(stage, on_object=inside)
 
 
 def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, waypoints: np.ndarray) -> Stage:
@@ -307,7 +336,7 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
     posture, found = Posture(Q, np.asarray(model.g(Q)).ravel()), []
     for spec in task.stages:
         space = task.skills[spec.skill].space
-        skill, waypoints = SKILLS[space], _waypoints(spec, robot, space)
+        skill, waypoints = SKILLS[space], _waypoints(spec, robot, space, task.object)
         turning = list(skill.angles(model))
         if spec.angles == "nearest":
             waypoints[:, turning] = _unwrapped(skill.before(model, posture)[turning], waypoints[:, turning])
@@ -320,13 +349,22 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
     return found
 
 
-def _waypoints(spec: StageSpec, robot: RobotSpec, space: Space) -> np.ndarray:
-    """Return the rows of a stage's target as given, (T, rows)."""
+def _waypoints(spec: StageSpec, robot: RobotSpec, space: Space, thing: ObjectSpec | None) -> np.ndarray:
+    """Return the rows of a stage's target as given, (T, rows); those relative to the object where it is first."""
     if isinstance(spec.target, TrajectorySpec):
         values = stack_rows(spec.target, robot, space)
     else:
-        values = stack(spec.target, robot, space)[None]
+        parts = {part: _placed(aim, thing) for part, aim in spec.target.items()}
+        values = stack(parts, robot, space)[None]
     return np.where(np.isnan(values), SKILLS[space].absent, values)
+
+
+def _placed(aim: tuple[float, ...] | OnObject, thing: ObjectSpec | None) -> tuple[float, ...]:
+    """Return the numbers of a part of a target, the object being where it is at the start."""
+    if not isinstance(aim, OnObject) or thing is None:
+        return () if isinstance(aim, OnObject) else aim
+    at = aim.object if not isinstance(aim.object, str) else thing.grasp.at[aim.object] if thing.grasp else ()
+    return tuple(composed(thing.pose, at).tolist())
 
 
 def _unwrapped(before: np.ndarray, rows: np.ndarray) -> np.ndarray:

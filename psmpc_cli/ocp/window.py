@@ -249,6 +249,13 @@ def end_tolerance(stage: Stage) -> np.ndarray:
     return np.concatenate([stage.tolerance, np.full(len(stage.end_rows), stage.end_velocity)])
 
 
+def end_drift(stage: Stage) -> np.ndarray:
+    """Return about what each end row is bounded: 0, or the rate that a moving target gives its error."""
+    rows = list(stage.end_rows)
+    drift = np.broadcast_to(stage.drift, stage.weights.shape)[rows]
+    return np.concatenate([np.zeros(len(rows)), drift] if stage.end_velocity is not None else [np.zeros(len(rows))])
+
+
 def shortest_durations(window: Window) -> np.ndarray:
     """Return the shortest duration of each stage (S + 1,): eps, or what is left of its dwell and hold times."""
     dwell = np.array([stage.dwell for stage in window.stages])

@@ -8,6 +8,46 @@ import numpy as np
 from psmpc_cli.robot.dynamics import InertialParameters
 
 
+@dataclass(frozen=True)
+class GraspEvent:
+    """What a gripper did.
+
+    Attributes:
+        gripper: Its arm.
+        time: When [s].
+        what: `closed`, `missed` (it was outside its envelope), `let go` or `lost`.
+        values: Of the first two, distance [m], angle [rad], velocity [m/s] and angular velocity [rad/s] relative to its
+            grasp; of the others, the filtered pull [N].
+    """
+
+    gripper: str
+    time: float
+    what: str
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectTicks:
+    """What an object with a mass, and the A grippers of its grasp, did over one sample.
+
+    Attributes:
+        pose: At each tick and at the end (M + 1, 3 or 7).
+        v: Velocity then, angular about the object's own axes (M + 1, 3 or 6).
+        wrench: Force and moment that each gripper puts on the object at its own point, inertial frame (M, A, 3 or 6)
+            [N, N m].
+        pull: Filtered pull on each grasp (M, A) [N].
+        closed: Whether each gripper is closed (M, A).
+        events: What the grippers did.
+    """
+
+    pose: np.ndarray
+    v: np.ndarray
+    wrench: np.ndarray
+    pull: np.ndarray
+    closed: np.ndarray
+    events: tuple[GraspEvent, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Ticks:
     """What the physics did over one sample, tick by tick.
@@ -18,7 +58,8 @@ class Ticks:
         F: Generalized force commanded over each tick, within its limits (M, n) [N, N m].
         impulse: Integral of the external wrench over the sample: linear [N s] and angular about the inertial origin
             [N m s], (3,) or (6,).
-        work: Integral of F' v over the sample, of all forces [J].
+        work: Integral of F' v over the sample, of all forces, those between grippers and object included [J].
+        thing: What an object with a mass did; None without one.
     """
 
     time: np.ndarray
@@ -26,6 +67,7 @@ class Ticks:
     F: np.ndarray
     impulse: np.ndarray
     work: float
+    thing: ObjectTicks | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,9 +118,17 @@ class Disturbance:
 class Plant(Protocol):
     """Simulated physics of a robot under its low-level controller."""
 
-    def advance(self, start: float, x: np.ndarray, u: np.ndarray, disturbance: Disturbance | None = None) -> Ticks:
+    def advance(
+        self,
+        start: float,
+        x: np.ndarray,
+        u: np.ndarray,
+        disturbance: Disturbance | None = None,
+        closed: np.ndarray | None = None,
+    ) -> Ticks:
         """Advance from the state x (nq + n,) at `start` [s], the rates u of v (M, n) applied one a tick.
 
-        Plants built without a resistance are undisturbed and ignore the disturbance; the others require it.
+        Plants built without a resistance are undisturbed and ignore the disturbance; the others require it. Those with
+        an object close their grippers, and open them, at the ticks at which they are to be closed (M,).
         """
         ...

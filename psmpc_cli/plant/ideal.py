@@ -15,7 +15,14 @@ class IdealPlant:
     def __init__(self, model: RobotModel, tick: float) -> None:
         self.model, self.tick = model, tick
 
-    def advance(self, start: float, x: np.ndarray, u: np.ndarray, disturbance: Disturbance | None = None) -> Ticks:
+    def advance(
+        self,
+        start: float,
+        x: np.ndarray,
+        u: np.ndarray,
+        disturbance: Disturbance | None = None,
+        closed: np.ndarray | None = None,
+    ) -> Ticks:
         """Advance over len(u) ticks. External impulse and work are those of the exact motion."""
         nq, model, tick = self.model.nq, self.model, self.tick
         v = np.vstack([x[nq:], x[nq:] + tick * np.cumsum(u, axis=0)])

@@ -5,12 +5,15 @@ import logging
 import mujoco
 import numpy as np
 
+from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.plant.base import Disturbance, Resistance, Ticks
+from psmpc_cli.plant.grasp import GraspLaw
 from psmpc_cli.plant.ideal import turn_defect
 from psmpc_cli.robot.dynamics import InertialParameters
-from psmpc_cli.robot.kinematics import external_wrench, moved, step_between
+from psmpc_cli.robot.free_body import FreeBody, lifted_rate
+from psmpc_cli.robot.kinematics import coordinate_rate, external_wrench, moved, step_between
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.mujoco_model import mujoco_spec
+from psmpc_cli.robot.mujoco_model import OBJECT, mujoco_spec
 from psmpc_cli.robot.rotations import add, cross, rotate
 
 logger = logging.getLogger(__name__)
@@ -25,29 +28,43 @@ class MujocoPlant:
     because MuJoCo's own friction is not a smooth function of the rate.
     """
 
-    def __init__(self, model: RobotModel, tick: float, substeps: int = 1, resistance: Resistance | None = None) -> None:
+    def __init__(
+        self,
+        model: RobotModel,
+        tick: float,
+        substeps: int = 1,
+        resistance: Resistance | None = None,
+        thing: FreeBody | None = None,
+    ) -> None:
         self.model, self.tick, self.substeps = model, tick, substeps
-        self.engine = mujoco_spec(model.spec).compile()
+        self.engine = mujoco_spec(model.spec, thing).compile()
         self.engine.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
         self.engine.opt.timestep = tick / substeps
         self.engine.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state must be visible
         mujoco.set_mju_user_warning(logger.warning)  # by default MuJoCo writes a file in the current directory
-        self._data = mujoco.MjData(self.engine)
+        self.data = mujoco.MjData(self.engine)
         self._resistance = resistance
         names, base = [body.name for body in model.spec.bodies], model.parts["base"].stop
         self._bodies = [self.engine.body(name).id for name in names]
         joints = [self.engine.joint(name).id for name in names[1:]]  # MuJoCo has them in another order, by depth
-        self._q = np.r_[: base + model.nq - model.n, self.engine.jnt_qposadr[joints]]
-        self._v = np.r_[:base, self.engine.jnt_dofadr[joints]]
+        self.q = np.r_[: base + model.nq - model.n, self.engine.jnt_qposadr[joints]]
+        self.v = np.r_[:base, self.engine.jnt_dofadr[joints]]
 
-    def advance(self, start: float, x: np.ndarray, u: np.ndarray, disturbance: Disturbance | None = None) -> Ticks:
+    def advance(
+        self,
+        start: float,
+        x: np.ndarray,
+        u: np.ndarray,
+        disturbance: Disturbance | None = None,
+        closed: np.ndarray | None = None,
+    ) -> Ticks:
         """Advance over len(u) ticks."""
         n, nq, M, way = self.model.n, self.model.nq, len(u), self._resistance
         X, F, push, work = np.vstack([x, np.empty((M, nq + n))]), np.empty((M, n)), np.zeros((M, n)), 0.0
         noise, law = np.zeros((M, 2 * n)), self.model.nominal
         if way is not None and disturbance is not None:
             noise, law, push = disturbance.noise, disturbance.law, disturbance.push
-            self._set_inertial_parameters(disturbance.robot)
+            self.set_inertial_parameters(disturbance.robot)
         for k in range(M):
             F[k] = self.model.inverse_dynamics(moved(X[k, :nq], noise[k, :n]), X[k, nq:] + noise[k, n:], u[k], law)
             if way is not None:
@@ -69,22 +86,22 @@ class MujocoPlant:
 
         The work of a force held over a step is exact, whatever the path between the states.
         """
-        nq, spatial, data, way, work = self.model.nq, self.model.dimension == 3, self._data, self._resistance, 0.0
+        nq, spatial, data, way, work = self.model.nq, self.model.dimension == 3, self.data, self._resistance, 0.0
         Q, v = x[:nq], x[nq:]
         for _ in range(self.substeps):
             before, omega, acting = Q, v[3:6], F
             if way is not None:
                 acting = F - way.viscous * v - way.coulomb * np.tanh(v / way.width)
-            data.qpos[self._q], data.qvel[self._v], data.qfrc_applied[self._v] = Q, v, acting
+            data.qpos[self.q], data.qvel[self.v], data.qfrc_applied[self.v] = Q, v, acting
             mujoco.mj_step(self.engine, data)
-            Q, v = data.qpos[self._q], data.qvel[self._v]
+            Q, v = data.qpos[self.q], data.qvel[self.v]
             step = np.array(step_between(before, Q, spatial))
             if spatial:
                 step[3:6] -= turn_defect(omega, v[3:6], self.engine.opt.timestep)
             work += float(acting @ step)
         return np.concatenate([Q, v]), work
 
-    def _set_inertial_parameters(self, robot: InertialParameters) -> None:
+    def set_inertial_parameters(self, robot: InertialParameters) -> None:
         """Set masses, inertias and centres of mass of the bodies; a load becomes one body with the last link."""
         d, bodies = self.model.dimension, self.model.spec.bodies
         mass, centre = robot.mass.copy(), np.array([body.centre for body in bodies])
@@ -104,7 +121,7 @@ class MujocoPlant:
         self.engine.body_ipos[self._bodies] = centre
         for body, turned in zip(self._bodies, axes, strict=True):
             mujoco.mju_mat2Quat(self.engine.body_iquat[body], turned.ravel())
-        mujoco.mj_setConst(self.engine, self._data)
+        mujoco.mj_setConst(self.engine, self.data)
 
 
 def _matrix(moments: np.ndarray) -> np.ndarray:
@@ -133,3 +150,78 @@ def _moment_rate(Q: np.ndarray, v: np.ndarray, F: np.ndarray) -> list[np.ndarray
     if len(Q) == len(v):
         return [v[0] * F[1] - v[1] * F[0]]
     return add(rotate(list(Q[3:7]), cross(list(v[3:6]), list(F[3:6]))), cross(list(v[:3]), list(F[:3])))
+
+
+class MujocoStep:
+    """MuJoCo's model of robot and object, integrated by classical Runge-Kutta steps with the bushings in every stage.
+
+    MuJoCo gives the poses and velocities of the grippers and the accelerations of both; the bushings are forces on its
+    bodies.
+    """
+
+    def __init__(
+        self, law: GraspLaw, body: FreeBody, tick: float, substeps: int, resistance: Resistance | None
+    ) -> None:
+        self._law, self._model, self._tick, self._substeps = law, law.model, tick, substeps
+        self._robot = MujocoPlant(law.model, tick, substeps, resistance, body)
+        self._way = resistance or Resistance.none(law.model.n)
+        self._bushing = ArrayFunction(law.bushing)
+        engine = self._robot.engine
+        self._sites = [engine.site(gripper).id for gripper in law.grippers]
+        self._thing = engine.body(OBJECT).id
+        first = engine.body_jntadr[self._thing]
+        self._q = slice(engine.jnt_qposadr[first], engine.jnt_qposadr[first] + law.sizes[0])
+        self._v = slice(engine.jnt_dofadr[first], engine.jnt_dofadr[first] + law.sizes[1])
+        self._known: InertialParameters | None = None
+
+    def __call__(
+        self, x: np.ndarray, thing: np.ndarray, F: np.ndarray, parameters: np.ndarray, robot: InertialParameters
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+        """Advance by a tick."""
+        if robot is not self._known:
+            self._robot.set_inertial_parameters(robot)
+            self._known = robot
+        h, spatial, nx, no = self._tick / self._substeps, self._model.dimension == 3, len(x), len(thing)
+        y = np.concatenate([x, thing, np.zeros(self._model.parts["base"].stop + 1)])
+        for _ in range(self._substeps):
+            k1 = self._rate(y, F, parameters)
+            k2 = self._rate(y + h / 2 * k1, F, parameters)
+            k3 = self._rate(y + h / 2 * k2, F, parameters)
+            k4 = self._rate(y + h * k3, F, parameters)
+            y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            for first in (3, nx + 3) if spatial else ():
+                y[first : first + 4] /= np.linalg.norm(y[first : first + 4])
+        return y[:nx], y[nx : nx + no], y[nx + no : -1], float(y[-1])
+
+    def _rate(self, y: np.ndarray, F: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """Return the rate of y = [Q; v; pose; velocity of the object; impulse; work] under the external force F."""
+        model, engine, data, law, way = self._model, self._robot.engine, self._robot.data, self._law, self._way
+        ends = np.cumsum([model.nq, model.n, *law.sizes])
+        Q, v, pose, rate, _ = np.split(y, ends)
+        data.qpos[self._robot.q], data.qvel[self._robot.v], data.qpos[self._q], data.qvel[self._v] = Q, v, pose, rate
+        mujoco.mj_fwdPosition(engine, data)
+        mujoco.mj_fwdVelocity(engine, data)
+        acting = F - way.viscous * v - way.coulomb * np.tanh(v / way.width)
+        data.qfrc_applied[:] = 0.0
+        data.qfrc_applied[self._robot.v] = acting
+        power = sum(self._press(site, p) for site, p in zip(self._sites, parameters, strict=True) if p[-4])
+        mujoco.mj_fwdActuation(engine, data)
+        mujoco.mj_fwdAcceleration(engine, data)
+        vdot, faster = data.qacc_smooth[self._robot.v], data.qacc_smooth[self._v]
+        Qdot, moving = coordinate_rate(Q, v), coordinate_rate(pose, rate)
+        return np.array([*Qdot, *vdot, *moving, *faster, *external_wrench(Q, F), acting @ v + power])
+
+    def _press(self, site: int, parameters: np.ndarray) -> float:
+        """Apply the bushing at a gripper to both bodies; return its power [W]."""
+        engine, data, at = self._robot.engine, self._robot.data, self._robot.data.site_xpos[site]
+        moving, quaternion = np.zeros(6), np.zeros(4)
+        mujoco.mj_objectVelocity(engine, data, mujoco.mjtObj.mjOBJ_SITE, site, moving, 0)
+        mujoco.mju_mat2Quat(quaternion, data.site_xmat[site])
+        rate, pose = np.r_[moving[3:], moving[:3]], np.r_[at, quaternion]
+        if self._model.dimension == 2:
+            rate, pose = rate[[0, 1, 5]], np.r_[at[:2], 2 * np.arctan2(quaternion[3], quaternion[0])]
+        w, _, power = self._bushing(pose, rate, data.qpos[self._q], data.qvel[self._v], parameters)
+        force, moment = (np.array(each, dtype=float) for each in lifted_rate(w[0]))
+        for body, sign in ((engine.site_bodyid[site], 1.0), (self._thing, -1.0)):
+            mujoco.mj_applyFT(engine, data, sign * force, sign * moment, at, body, data.qfrc_applied)
+        return float(power[0, 0])

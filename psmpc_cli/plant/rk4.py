@@ -5,6 +5,9 @@ import numpy as np
 
 from psmpc_cli.native.functions import ArrayFunction, compiled
 from psmpc_cli.plant.base import Disturbance, Resistance, Ticks
+from psmpc_cli.plant.grasp import GraspLaw
+from psmpc_cli.robot.dynamics import InertialParameters
+from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.kinematics import coordinate_rate, external_wrench, moved
 from psmpc_cli.robot.model import RobotModel
 
@@ -29,7 +32,14 @@ class Rk4Plant:
         self._tick = compiled(one) if native else one
         self._sample: dict[int, ArrayFunction] = {}
 
-    def advance(self, start: float, x: np.ndarray, u: np.ndarray, disturbance: Disturbance | None = None) -> Ticks:
+    def advance(
+        self,
+        start: float,
+        x: np.ndarray,
+        u: np.ndarray,
+        disturbance: Disturbance | None = None,
+        closed: np.ndarray | None = None,
+    ) -> Ticks:
         """Advance over len(u) ticks."""
         M, nx = len(u), len(x)
         if M not in self._sample:
@@ -44,6 +54,65 @@ class Rk4Plant:
         return Ticks(time, X, F, Z[-1, nx:-1], float(Z[-1, -1]))
 
 
+class Rk4Step:
+    """Integrates robot and object together, the bushings between them evaluated in every stage of a step."""
+
+    def __init__(
+        self, law: GraspLaw, body: FreeBody, tick: float, substeps: int, native: bool, resistance: Resistance | None
+    ) -> None:
+        self._model = law.model
+        one = capture_tick(law, tick, substeps)
+        self._tick = ArrayFunction(compiled(one) if native else one)
+        self._body = np.array([body.mass, *body.inertia])
+        way = resistance or Resistance.none(law.model.n)
+        self._friction = np.concatenate([way.viscous, way.coulomb, [way.width]])
+
+    def __call__(
+        self, x: np.ndarray, thing: np.ndarray, F: np.ndarray, parameters: np.ndarray, robot: InertialParameters
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+        """Advance by a tick."""
+        gained, size = np.zeros(self._model.parts["base"].stop + 1), len(x)
+        p = np.concatenate([robot.vector, self._friction, self._body])
+        z = self._tick(np.concatenate([x, gained, thing]), F, parameters.ravel(), p)[0][0]
+        ends = size + len(gained)
+        return z[:size], z[ends:], z[size : ends - 1], float(z[ends - 1])
+
+
+def capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
+    """Return one tick z, F, bushings, p -> z_next, z = [x; impulse; work; object], under the external force F.
+
+    p are the inertial parameters of the robot, viscous and Coulomb friction and its width, mass and inertia of the
+    object.
+    """
+    model, n, nq, base = law.model, law.model.n, law.model.nq, law.model.parts["base"].stop
+    w, no, moments = model.nominal.vector.size, sum(law.sizes), len(law.body.inertia)
+    sizes = ("z", nq + n + base + 1 + no), ("F", n), ("g", law.parameters * len(law.grippers))
+    z, F, g = (ca.SX.sym(*each) for each in sizes)
+    p = ca.SX.sym("p", w + 2 * n + 1 + 1 + moments)
+    robot, viscous, coulomb, width, body = ca.vertsplit(p, np.cumsum([0, w, n, n, 1, 1 + moments]).tolist())
+    Q, v, pose, rate = (
+        z[:nq],
+        z[nq : nq + n],
+        z[z.numel() - no : z.numel() - law.sizes[1]],
+        z[z.numel() - law.sizes[1] :],
+    )
+    force, wrench, power, _, _ = law.forces(Q, v, pose, rate, g)
+    acting = F - viscous * v - coulomb * ca.tanh(v / width)
+    thing = FreeBody(body[0], ca.vertsplit(body[1:]))
+    moving, faster = thing.rates(ca.vertsplit(pose), ca.vertsplit(rate), ca.vertsplit(wrench))
+    vdot = model.dynamics.forward(Q, v, acting + force, robot)
+    Qdot, external = (
+        coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v)),
+        external_wrench(ca.vertsplit(Q), ca.vertsplit(F)),
+    )
+    zdot = ca.vertcat(*Qdot, vdot, *external, ca.dot(acting, v) + power, *moving, *faster)
+    flow = ca.Function("flow", [z, F, g, p], [zdot])
+    symbols = [ca.MX.sym(name, each.numel()) for name, each in zip("zFgp", (z, F, g, p), strict=True)]
+    attitudes = [3, z.numel() - no + 3] if model.dimension == 3 else []
+    after = _runge_kutta(flow, symbols[0], symbols[1:], tick, substeps, attitudes)
+    return ca.Function("capture", symbols, [after])
+
+
 def tick_function(model: RobotModel, tick: float, substeps: int, disturbed: bool) -> ca.Function:
     """Return one tick z, u -> z_next, F with z = [x; impulse (3,) or (6,); work]: the law (7) sets F once.
 
@@ -53,13 +122,14 @@ def tick_function(model: RobotModel, tick: float, substeps: int, disturbed: bool
     n, nx, (law, flow) = model.n, model.nq + model.n, _law_and_flow(model, disturbed)
     sizes = ("z", flow.size1_in(0)), ("u", n), ("noise", 2 * n), ("push", n)
     z, u, noise, push = (ca.MX.sym(*each) for each in sizes)
+    attitudes = [3] if model.dimension == 3 else []
     if disturbed:
         p = ca.MX.sym("p", flow.size1_in(2))
         F = law(z[:nx], u, noise, p)
-        after = _runge_kutta(model, flow, z, [F + push, p], tick, substeps)
+        after = _runge_kutta(flow, z, [F + push, p], tick, substeps, attitudes)
         return ca.Function("disturbed", [z, u, noise, push, p], [after, F])
     F = law(z[:nx], u)
-    return ca.Function("tick", [z, u], [_runge_kutta(model, flow, z, [F], tick, substeps), F])
+    return ca.Function("tick", [z, u], [_runge_kutta(flow, z, [F], tick, substeps, attitudes), F])
 
 
 def _law_and_flow(model: RobotModel, disturbed: bool) -> tuple[ca.Function, ca.Function]:
@@ -96,11 +166,12 @@ def _moved(Q: ca.SX, step: ca.SX) -> ca.SX:
 
 
 def _runge_kutta(
-    model: RobotModel, flow: ca.Function, z: ca.MX, held: list[ca.MX], tick: float, substeps: int
+    flow: ca.Function, z: ca.MX, held: list[ca.MX], tick: float, substeps: int, attitudes: list[int]
 ) -> ca.MX:
     """Return z after a tick of classical Runge-Kutta steps, the other arguments of the flow held.
 
-    After each of them the quaternion of a spatial robot is made a unit one, from which it differs by the step's error.
+    After each of them the quaternions, given by their first rows, are made unit ones, from which they differ by the
+    step's error.
     """
     h = tick / substeps
     for _ in range(substeps):
@@ -109,6 +180,7 @@ def _runge_kutta(
         k3 = flow(z + h / 2 * k2, *held)
         k4 = flow(z + h * k3, *held)
         z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        if model.dimension == 3:
-            z = ca.vertcat(z[:3], z[3:7] / ca.norm_2(z[3:7]), z[7:])
+        for first in attitudes:
+            q = z[first : first + 4]
+            z = ca.vertcat(z[:first], q / ca.norm_2(q), z[first + 4 :])
     return z

@@ -80,15 +80,17 @@ class Uncertainty:
         change = take_up if self.holds(after) else release
         return change(self._model, x, self._true, self._with_payload(self._true))
 
-    def advance(self, plant: Plant, sample: int, start: float, x: np.ndarray, u: np.ndarray, stage: int) -> Ticks:
-        """Advance the plant over a sample of a stage from the true state x, u (M, n) applied one a tick."""
+    def advance(
+        self, plant: Plant, sample: int, start: float, x: np.ndarray, u: np.ndarray, stage: int, closed: np.ndarray
+    ) -> Ticks:
+        """Advance the plant over a sample of a stage from the true state x, u (M, n) and closed (M,) one a tick."""
         if self.resistance is None:
-            return plant.advance(start, x, u)
+            return plant.advance(start, x, u, None, closed)
         robot, law = self._true, self._model.nominal
         if self.spec.payload is not None and self.holds(stage):
             robot = self._with_payload(robot)
             law = self._with_payload(law) if self.spec.payload.known else law
-        return plant.advance(start, x, u, Disturbance(robot, law, self._noise(sample), self._push(start)))
+        return plant.advance(start, x, u, Disturbance(robot, law, self._noise(sample), self._push(start)), closed)
 
     def true_parameters(self, stage: int) -> InertialParameters:
         """Return the inertial parameters of the simulated robot and what it holds in a stage."""
@@ -162,7 +164,7 @@ def release(model: RobotModel, x: np.ndarray, free: InertialParameters, holding:
     return Contact(x, impulse, model.kinetic_energy(Q, v, free) - model.kinetic_energy(Q, v, holding))
 
 
-STREAMS = ("mass", "inertia", "centre_of_mass", "noise")
+STREAMS = ("mass", "inertia", "centre_of_mass", "noise", "object", "object noise")
 """Random streams of a seed, by number; a new item goes to the end, so that what is drawn for the others stays."""
 
 
@@ -190,10 +192,10 @@ def draw_bodies(spec: UncertaintySpec, robot: RobotSpec, seed: int) -> Draw:
     """Draw the bodies of a robot, uniformly within their ranges."""
     count = len(robot.bodies)
     return Draw(
-        mass_factor=1 + _by_body(spec.mass, robot) * _stream(seed, "mass").uniform(-1, 1, count),
-        inertia_factor=1 + _by_body(spec.inertia, robot) * _stream(seed, "inertia").uniform(-1, 1, count),
+        mass_factor=1 + _by_body(spec.mass, robot) * stream(seed, "mass").uniform(-1, 1, count),
+        inertia_factor=1 + _by_body(spec.inertia, robot) * stream(seed, "inertia").uniform(-1, 1, count),
         offset=_by_body(spec.centre_of_mass, robot)[:, None]
-        * _stream(seed, "centre_of_mass").uniform(-1, 1, (count, robot.dimension)),
+        * stream(seed, "centre_of_mass").uniform(-1, 1, (count, robot.dimension)),
     )
 
 
@@ -207,7 +209,7 @@ def measurement_noise(spec: NoiseSpec, robot: RobotSpec, seed: int, sample: int,
     slides = [*[True] * d, *[False] * (robot.parts["base"] - d), *joints]
     deviation = [spec.position if each else spec.angle for each in slides]
     deviation += [spec.velocity if each else spec.angular_velocity for each in slides]
-    drawn = _stream(seed, "noise", sample).standard_normal((ticks, len(deviation)))
+    drawn = stream(seed, "noise", sample).standard_normal((ticks, len(deviation)))
     return np.asarray(drawn * deviation)
 
 
@@ -260,7 +262,8 @@ def _fastest_rate(inertia: np.ndarray, damping: np.ndarray) -> float:
     return float(np.abs(np.linalg.eigvals(np.linalg.solve(inertia, np.diag(damping)))).max())
 
 
-def _stream(seed: int, item: str, *key: int) -> np.random.Generator:
+def stream(seed: int, item: str, *key: int) -> np.random.Generator:
+    """Return the random numbers of an item of `STREAMS`, and of numbers such as that of a sample."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAMS.index(item), *key)))
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 
-from psmpc_cli.logs.summary import Largest, SolveSummary, Summary, Verdict
+from psmpc_cli.logs.summary import CaptureSummary, Largest, SolveSummary, Summary, Verdict
 
 Row = tuple[str, ...]
 
@@ -23,6 +23,25 @@ def _margin(summary: Summary, kind: str) -> str:
     """Write the smallest margin to a kind of limit, in percent of the limit, and its coordinate."""
     found = (limit for limit in summary.limits if limit.kind == kind)
     return next((f"{100 * each.relative:.3f} % ({each.margin:.1e}) {each.coordinate}" for each in found), "")
+
+
+def _missed(capture: CaptureSummary | None) -> str:
+    """Write by how much grippers were apart from their grasps when they were to close."""
+    if capture is None or math.isnan(capture.missed_by[0]):
+        return ""
+    r, phi, v, omega = capture.missed_by
+    apart = f"{1e3 * r:.1f} mm, {math.degrees(phi):.2f} deg, {1e3 * v:.1f} mm/s, {math.degrees(omega):.2f} deg/s"
+    return apart if math.isfinite(capture.closed_at) else f"{apart}: outside their envelope"
+
+
+def _left(capture: CaptureSummary | None) -> str:
+    """Write when and how an object left the grippers, and how far from its destination."""
+    if capture is None or math.isnan(capture.left_at):
+        return ""
+    how = f"LOST by {', '.join(capture.lost)}" if capture.lost else "let go"
+    where = f"{1e3 * capture.distance:.1f} mm and {math.degrees(capture.angle):.2f} deg from its destination, "
+    where = "" if math.isnan(capture.distance) else where
+    return f"{how} at {capture.left_at:.2f} s, {where}at {1e3 * capture.speed:.1f} mm/s"
 
 
 def _end_errors(summary: Summary) -> str:
@@ -49,6 +68,9 @@ MEASURES: tuple[tuple[str, Callable[[Summary], float | str], int, str], ...] = (
     ("farthest off the plan in a sample", lambda run: _largest(*run.off_plan), 0, DETAIL + ALONE),
     ("end error over tolerance, planned switches", lambda run: _largest(run.end_condition), 0, DETAIL),
     ("end error over tolerance, at the end", _end_errors, 0, ALONE),
+    ("grippers from their grasps at closing", lambda run: _missed(run.capture), 0, ""),
+    ("largest filtered pull on a grasp [N]", lambda run: math.nan if run.capture is None else run.capture.pull, 2, ""),
+    ("object leaves the grippers", lambda run: _left(run.capture), 0, ""),
     ("control effort, integral of |u|^2", lambda run: run.control_effort, 2, ""),
     ("base thrusters, force [N s]", lambda run: run.base_force, 2, ""),
     ("base thrusters, torque [N m s]", lambda run: run.base_torque, 2, ""),

@@ -16,6 +16,7 @@ from psmpc_cli.logs.schema import Metrics, Sample
 from psmpc_cli.ocp.plan import Plan, shift
 from psmpc_cli.ocp.window import SHORTEST, Window
 from psmpc_cli.plant import Ticks
+from psmpc_cli.plant.grasp import MISSED_BY, Capture
 from psmpc_cli.plant.uncertainty import Contact, Uncertainty
 from psmpc_cli.solvers import Solution
 from psmpc_cli.specs.task import OnsetSpec
@@ -30,8 +31,14 @@ class Meter:
     How the motion went is measured of the true state where that is not the one the controller saw.
     """
 
-    def __init__(self, counterfactuals: "Counterfactuals", uncertainty: Uncertainty | None, x0: np.ndarray) -> None:
-        problem = counterfactuals.controller.problem
+    def __init__(
+        self,
+        counterfactuals: "Counterfactuals",
+        uncertainty: Uncertainty | None,
+        capture: Capture | None,
+        x0: np.ndarray,
+    ) -> None:
+        problem, self._capture = counterfactuals.controller.problem, capture
         self._counterfactuals, self._uncertainty, self._problem = counterfactuals, uncertainty, problem
         self._sees_the_state, self._shares = problem.spec.sees_the_state, problem.spec.log.shares
         self._base, self._number = problem.model.parts["base"], 0
@@ -77,7 +84,8 @@ class Meter:
         """Return momentum [N s, N m s] and energy [J] of the robot and what it holds in a stage, at x (2n,): (4,)."""
         n, model = len(x) // 2, self._problem.model
         robot = None if self._uncertainty is None else self._uncertainty.true_parameters(stage)
-        return np.array([*model.momentum(x[:n], x[n:], robot), model.kinetic_energy(x[:n], x[n:], robot)])
+        own = np.array([*model.momentum(x[:n], x[n:], robot), model.kinetic_energy(x[:n], x[n:], robot)])
+        return own if self._capture is None else own + self._capture.kept
 
     def _end_errors(self, command: Command, ticks: Ticks) -> dict[int, float]:
         """Return the end errors of stages that end by the plan before the next sample, by stage index.
@@ -256,3 +264,34 @@ class StageClock:
             "stages/early": ~np.isnan(self._early[:, -1]),
             "stages/actual_start_by_epsilon": starts[:, :-1],
         }
+
+
+class GraspRecord:
+    """Follows the grasps of a run: when, and how near, each closed, when and why it opened, where the object was."""
+
+    def __init__(self, capture: Capture) -> None:
+        grippers, none = list(capture.law.grippers), np.full(len(capture.law.grippers), np.nan)
+        self._grippers = grippers
+        self.tables: dict[str, np.ndarray] = {
+            "grasp/closed_at": none.copy(),
+            "grasp/missed_by": np.full((len(grippers), len(MISSED_BY)), np.nan),
+            "grasp/opened_at": none.copy(),
+            "grasp/lost": np.full(len(grippers), -1),
+        }
+
+    def update(self, sample: Sample) -> bool:
+        """Take in a sample; return whether anything changed."""
+        thing, tables = sample.ticks.thing, self.tables
+        for event in () if thing is None else thing.events:
+            i = self._grippers.index(event.gripper)
+            if event.what in ("closed", "missed"):
+                tables["grasp/missed_by"][i] = event.values
+            if event.what == "closed":
+                tables["grasp/closed_at"][i] = event.time
+            elif event.what != "missed":
+                tables["grasp/opened_at"][i], tables["grasp/lost"][i] = event.time, event.what == "lost"
+                if "object/left_at" not in tables and thing is not None:
+                    tick = int(np.argmin(np.abs(sample.ticks.time - event.time)))
+                    tables["object/left_at"] = np.array(event.time)
+                    tables["object/left_pose"], tables["object/left_velocity"] = thing.pose[tick], thing.v[tick]
+        return thing is not None and bool(thing.events)

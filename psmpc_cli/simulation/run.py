@@ -29,10 +29,11 @@ from psmpc_cli.native.library import library
 from psmpc_cli.ocp.objective import StageShape, stage_functions
 from psmpc_cli.ocp.problem import Problem, Stage, StageCosts, build_problem
 from psmpc_cli.plant import Plant, build_plant, ticks_of
-from psmpc_cli.plant.rk4 import tick_function
+from psmpc_cli.plant.grasp import Capture, build_capture
+from psmpc_cli.plant.rk4 import capture_tick, tick_function
 from psmpc_cli.plant.uncertainty import Uncertainty, disturbs
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.simulation.measures import Counterfactuals, Meter, StageClock
+from psmpc_cli.simulation.measures import Counterfactuals, GraspRecord, Meter, StageClock
 from psmpc_cli.solvers.quadratic import kernel_library
 from psmpc_cli.specs.coordinates import labels, stack
 from psmpc_cli.specs.load import Task, ensure_planar
@@ -53,6 +54,7 @@ class Experiment:
         counterfactuals: Solves what is measured alone.
         plant: The physics.
         uncertainty: What the controller does not know; None without any.
+        capture: The object and its grasps; None of an object without a mass.
         x0: Initial state (2n,).
         compiled: Solver and plant run as compiled C.
     """
@@ -62,6 +64,7 @@ class Experiment:
     counterfactuals: Counterfactuals
     plant: Plant
     uncertainty: Uncertainty | None
+    capture: Capture | None
     x0: np.ndarray
     compiled: bool
 
@@ -102,7 +105,7 @@ def build_experiment(loaded: Task) -> Experiment:
     task, model = problem.spec, problem.model
     compiled, controller = compile_for(task, model, problem.stages), Controller(problem)
     uncertainty = Uncertainty(task, model) if task.uncertainty.in_force else None
-    resistance = None if uncertainty is None else uncertainty.resistance
+    resistance, capture = None if uncertainty is None else uncertainty.resistance, build_capture(task, model)
     Qdot = (
         stack(task.initial_velocity, loaded.robot, "joint", of_error=True)
         if task.initial_velocity
@@ -112,8 +115,9 @@ def build_experiment(loaded: Task) -> Experiment:
         problem=problem,
         controller=controller,
         counterfactuals=Counterfactuals(controller),
-        plant=build_plant(task.plant, model, compiled, resistance),
+        plant=build_plant(task.plant, model, compiled, resistance, capture),
         uncertainty=uncertainty,
+        capture=capture,
         x0=np.r_[stack(task.initial, loaded.robot, "joint"), Qdot],
         compiled=compiled,
     )
@@ -153,8 +157,14 @@ def _libraries(task: TaskSpec, model: RobotModel, stages: Sequence[Stage]) -> It
         for switches in range(len(stages)):
             yield partial(kernel_library, model.n, switches)
     if task.plant.kind == "rk4":
-        tick, substeps = ticks_of(task.plant)
-        yield _library_of(tick_function(model, tick, substeps, disturbs(task)))
+        (tick, substeps), capture = ticks_of(task.plant), build_capture(task, model)
+        disturbed = disturbs(task)
+        function = (
+            tick_function(model, tick, substeps, disturbed)
+            if capture is None
+            else capture_tick(capture.law, tick, substeps)
+        )
+        yield _library_of(function)
 
 
 def _library_of(function: ca.Function) -> Callable[[], Path | None]:
@@ -197,23 +207,28 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         until: Index of the stage at whose end the loop stops; by default that of the task.
     """
     controller, plant, uncertainty = experiment.controller, experiment.plant, experiment.uncertainty
-    meter = Meter(experiment.counterfactuals, uncertainty, experiment.x0)
+    capture, meter = (
+        experiment.capture,
+        Meter(experiment.counterfactuals, uncertainty, experiment.capture, experiment.x0),
+    )
     x, braking_until, number, stage, link = experiment.x0, np.inf, 0, 0, _Link(experiment.task, experiment.x0)
     while True:
         now = number * controller.spec.sample_time
         seen = link.measured(x if uncertainty is None else uncertainty.measured(number, x))
-        command = controller.step(now, State.of(seen))
+        pose = None if capture is None else link.measured_object(capture.measured(number))
+        command = controller.step(now, State.of(seen), pose)
         if (ending := _ending(experiment, command, x, braking_until)) is not None:
             return ending
         if any(switch.stage == until for switch in command.switches):
             return Ending(False, "stopped at the end of a stage", now, command.x, x, command.switches)
         braking_until = command.plan.end if "braking" in command.events else np.inf
-        before, stage, u, contact = stage, command.sequence.first, link.commanded(command.u), None
+        before, stage, contact = stage, command.sequence.first, None
+        u, closed = link.commanded(command.u, command.closed)
         if uncertainty is None:
-            ticks = plant.advance(now, x, u)
+            ticks = plant.advance(now, x, u, None, closed)
         else:
             contact = uncertainty.contact(x, before, stage)
-            ticks = uncertainty.advance(plant, number, now, contact.x, u, stage)
+            ticks = uncertainty.advance(plant, number, now, contact.x, u, stage, closed)
         if not (np.abs(ticks.X).max() < BOUND and np.abs(ticks.F).max() < BOUND):  # nor where it is not a number
             why = "the motion diverged, faster than it can be simulated"
             return Ending(False, why, now, command.x, x, command.switches, stuck=True)
@@ -234,16 +249,22 @@ class _Link:
         known, drift = task.controller.known_delay, task.controller.sample_time * np.r_[x0[n:], np.zeros(n)]
         none = np.zeros((round(task.controller.sample_time * task.plant.low_level_rate), n))
         self._measured: deque[np.ndarray] = deque(x0 - back * drift for back in range(known, 0, -1))
-        self._commanded: deque[np.ndarray] = deque([none] * (task.uncertainty.delay - known))
+        self._poses: deque[np.ndarray] = deque([np.full(1, np.nan)] * known)
+        self._commanded = deque([(none, np.zeros(len(none), bool))] * (task.uncertainty.delay - known))
 
     def measured(self, x: np.ndarray) -> np.ndarray:
         """Return the state that reaches the controller where x (2n,) is measured now."""
         self._measured.append(x)
         return self._measured.popleft()
 
-    def commanded(self, u: np.ndarray) -> np.ndarray:
-        """Return the accelerations (M, n) that reach the robot where u (M, n) are commanded now."""
-        self._commanded.append(u)
+    def measured_object(self, pose: np.ndarray) -> np.ndarray:
+        """Return the pose of the object that reaches the controller where this one is measured now."""
+        self._poses.append(pose)
+        return self._poses.popleft()
+
+    def commanded(self, u: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the accelerations (M, n) and whether to close (M,) that reach the robot where these are commanded."""
+        self._commanded.append((u, closed))
         return self._commanded.popleft()
 
 
@@ -295,6 +316,7 @@ def simulate(
 def _write(experiment: Experiment, writer: LogWriter, watch: Watch, until: int | None = None) -> None:
     """Write every sample of the closed loop and how it ended."""
     samples, clock = closed_loop(experiment, until), StageClock(len(experiment.stages), experiment.task.onset)
+    record = None if experiment.capture is None else GraspRecord(experiment.capture)
     try:
         writer.update(clock.tables)
         while True:
@@ -302,6 +324,8 @@ def _write(experiment: Experiment, writer: LogWriter, watch: Watch, until: int |
             writer.append(sample)
             if clock.update(sample):
                 writer.update(clock.tables)
+            if record is not None and record.update(sample):
+                writer.update(record.tables)
             _report(sample, experiment.stages)
             watch(sample)
     except StopIteration as stop:
@@ -325,12 +349,14 @@ def _final(experiment: Experiment, ending: Ending) -> dict[str, ArrayLike]:
     if not experiment.task.sees_the_state:
         final |= {"Q_true": ending.true[: experiment.model.n], "Qdot_true": ending.true[experiment.model.n :]}
     final["xi"] = experiment.model.poses(ending.true[: experiment.model.n]).ravel()
+    if experiment.capture is not None:
+        final["object_pose"], final["object_velocity"] = experiment.capture.pose_and_velocity
     return {"final/end_time": ending.time, **{f"final/{name}": value for name, value in final.items()}}
 
 
 def _verdicts(experiment: Experiment, writer: LogWriter) -> dict[str, ArrayLike]:
     """Return the verdicts of the task's monitors over the samples so far, by their paths in the log."""
-    found = verdicts(experiment.task.monitors, run_in(writer.file).arrays) if experiment.task.monitors else ()
+    found = verdicts(experiment.task, run_in(writer.file).arrays) if experiment.task.judged else ()
     return {"monitors/held": [v.held for v in found], "monitors/margin": [v.margin for v in found]}
 
 
@@ -365,6 +391,8 @@ def header(experiment: Experiment) -> Header:
         "payload": task.uncertainty.payload is not None,
         "disturbance": task.controller.offset_free,
         "drawn": uncertainty is not None,
+        "object": experiment.capture is not None,
+        "object at ticks": experiment.capture is not None and task.log.ticks,
     }
     return Header(
         attributes={
@@ -394,7 +422,8 @@ def header(experiment: Experiment) -> Header:
             "stages/epsilon": task.onset.series,
             "stages/name": names,
             "stages/priority": priorities_in_force(task.controller, experiment.stages),
-            "monitors/name": tuple(monitor.name for monitor in task.monitors),
+            "monitors/name": task.judged,
+            **({} if experiment.capture is None else experiment.capture.header),
             **({} if uncertainty is None else uncertainty.drawn),
         },
         has=frozenset(name for name, yes in has.items() if yes),

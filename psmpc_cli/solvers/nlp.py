@@ -29,6 +29,7 @@ from psmpc_cli.ocp.window import (
     Parameters,
     Window,
     WindowShape,
+    end_drift,
     end_tolerance,
     node_limits,
     plan_on_mesh,
@@ -462,8 +463,8 @@ def _bounds(nlp: Nlp, window: Window, guess: Plan, within: float) -> dict[str, n
         at = window.stages[s].at
         lbg[row] = ubg[row] = (0.0 if at is None else at) - window.start
     for s, rows in nlp.end_rows.items():
-        tolerance = end_tolerance(window.stages[s])
-        lbg[rows], ubg[rows] = -tolerance, tolerance
+        tolerance, drift = end_tolerance(window.stages[s]), end_drift(window.stages[s])
+        lbg[rows], ubg[rows] = drift - tolerance, drift + tolerance
     for rows, each in zip(nlp.kept_rows, window.kept, strict=True):
         lbg[rows], ubg[rows] = -each.bound.ravel() if each.bound.ndim else -np.inf, each.bound.ravel()
     if np.isfinite(window.cost_bound):

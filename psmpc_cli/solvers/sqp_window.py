@@ -15,6 +15,7 @@ from psmpc_cli.ocp.window import (
     SHORTEST,
     Parameters,
     Window,
+    end_drift,
     end_tolerance,
     node_limits,
     scaled_violations,
@@ -92,6 +93,10 @@ def window_bounds(shared: WindowBounds, window: Window, guess: Plan, tau: np.nda
         rates = np.hstack([np.zeros((window.K, len(window.x0) // 2)), window.chart.rate_shift(guess.X[1:])]).ravel()
         low[:first] += rates
         high[:first] += rates
+    drift = np.concatenate([np.zeros(0), *map(end_drift, window.stages[:-1])])
+    ends = slice(first + S + 1, first + S + 1 + len(drift))
+    low[ends] += drift
+    high[ends] += drift
     shortest, longest = np.maximum(shortest_durations(window)[:-1], tau - within), tau + within
     fixed = shortest == longest
     low[first : first + S] = np.where(fixed, -np.inf, shortest)

@@ -13,6 +13,7 @@ from psmpc_cli.specs.fields import Angles3, Axis, Direction, Number, Spec, Vecto
 from psmpc_cli.specs.messages import Fault, Path
 
 KEYS = ("position", "attitude")
+ROOTS = (("initial",), ("stages",), ("object",))
 
 
 def _not_zero(value: tuple[float, ...]) -> tuple[float, ...]:
@@ -80,8 +81,8 @@ def with_numbers(task: Document) -> Document:
 
 
 def _poses(data: Any, path: Path) -> Iterator[Path]:
-    """Give the paths of all poses of a task: mappings by part that have one of a pose's keys."""
-    if isinstance(data, dict) and any(key in data for key in KEYS) and path[:1] in (("initial",), ("stages",)):
+    """Give the paths of all poses of a task: mappings that have one of a pose's keys, but a grasp's envelope."""
+    if isinstance(data, dict) and any(key in data for key in KEYS) and path[:1] in ROOTS and path[-1] != "envelope":
         yield path
     elif isinstance(data, dict | list):
         for key, value in data.items() if isinstance(data, dict) else enumerate(data):

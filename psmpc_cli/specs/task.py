@@ -14,7 +14,6 @@ from pydantic import BaseModel, Discriminator, Field, Tag
 from psmpc_cli.specs.fields import (
     Angle,
     Choice,
-    Direction,
     Fields,
     Flag,
     Flaws,
@@ -41,6 +40,7 @@ from psmpc_cli.specs.fields import (
     listed,
 )
 from psmpc_cli.specs.messages import choice, counted, quoted
+from psmpc_cli.specs.object import ObjectSpec, OnObject, complete
 from psmpc_cli.specs.parts import (
     QUANTITIES,
     SPACES,
@@ -74,8 +74,10 @@ Parts = Mapping[str, tuple[float, ...]]
 
 
 _Coordinates = Mapping[Part, tuple[Angle, ...]]
-_Extent = Annotated[tuple[Positive, Positive], listed("2 entries", 2)]
-_Pose = Annotated[tuple[Number, Number, Direction], listed("3 entries", 3)]
+_Aim = Annotated[
+    Annotated[tuple[Angle, ...], Tag("numbers")] | Annotated[OnObject, Tag("object")],
+    Discriminator(lambda value: "object" if isinstance(value, Mapping | OnObject) else "numbers"),
+]
 _Control = OrByPart[Size, Part, tuple[Size, ...]]
 _Tolerance = OrByPart[Width, Part, OneOrMore[Width]]
 _Frames = OneOrMore[Annotated[str, known(lambda context: list(context.sizes))]]
@@ -91,13 +93,8 @@ CONTROLLERS: tuple[ControllerKind, ...] = get_args(ControllerKind)
 _ControllerKey = Annotated[str, known(lambda context: CONTROLLERS, "controller")]
 
 
-class ObjectSpec(Spec):
-    """The target object."""
-
-    shape: _Extent = Field(description="length and width, [l, w] [m]")
-    pose: _Pose = Field(description="pose before it is taken, [x, y, angle] [m, rad]")
-    taken_by: _StageName = Field(description="the stage at whose end it is taken")
-    let_go_by: _StageName = Field(description="the stage at whose beginning it is let go")
+DEEDS = ("object taken", "object not lost", "object delivered")
+"""What is judged of an object with a mass."""
 
 
 class MonitorSpec(Spec):
@@ -263,15 +260,23 @@ def _way(value: object) -> str:
 
 
 Target = Annotated[
-    Annotated[_Coordinates, Tag("parts")] | Annotated[TrajectorySpec, Tag("trajectory")], Discriminator(_way)
+    Annotated[Mapping[Part, _Aim], Tag("parts")] | Annotated[TrajectorySpec, Tag("trajectory")], Discriminator(_way)
 ]
 
 
 def _target(written: Any, fields: Fields, context: Context) -> Flaws:
-    """Give missing parts, wrong lengths and angles without a unit of a stage's target."""
+    """Give missing parts, wrong lengths, angles without a unit, and parts that have no pose on the object."""
     sizes, space = context.sizes, context.spaces.get(fields.get("skill", ""))
-    if sizes and space is not None:
-        yield from misfits(written, target_axes(sizes, space), REQUIRED.get(space, sizes), angles=True)
+    if not sizes or space is None:
+        return
+    axes = target_axes(sizes, space)
+    yield from misfits(written, axes, REQUIRED.get(space, sizes), angles=True)
+    on_object = {key for key, aim in written.items() if isinstance(aim, dict)} if isinstance(written, dict) else ()
+    for key in on_object:
+        if key == "arms" or (key in axes and axes[key] != axes["base"]):
+            yield (key,), expected("numbers: only the base, and an arm of a skill in task space, have a pose there")
+        elif not isinstance(context.value("object", "mass"), int | float):
+            yield (key,), flaw(', expected an "object" with a mass', "no such object", at_key=True)
 
 
 def _end(written: Any, fields: Fields, context: Context) -> Flaws:
@@ -457,13 +462,6 @@ def _wider(
                 yield (key, quantity, index), expected(f"within {whose} [{least:.6g}, {most:.6g}]")
 
 
-def _object(thing: ObjectSpec | None, fields: Fields, context: Context) -> Flaws:
-    """Give an object that is let go before it is taken."""
-    order = context.stages
-    if thing is not None and order and order.index(thing.let_go_by) <= order.index(thing.taken_by):
-        yield ("let_go_by",), expected(f"a stage after {quoted(thing.taken_by)}, which takes the object")
-
-
 def _monitor(monitor: MonitorSpec, fields: Fields, context: Context) -> Flaws:
     """Give a monitor that bounds nothing or is about the wrong number of frames."""
     bounds = ("above_start_at_most", "below_start_at_most", "at_most", "at_least")
@@ -487,6 +485,11 @@ def _uncertainty(spec: UncertaintySpec, fields: Fields, context: Context) -> Fla
     if spec.payload is not None and fields.get("object", spec) is None:
         wanted = ", expected one: it says which stages take the payload and let it go"
         yield ("payload",), flaw(wanted, 'no "object"', at_key=True)
+    thing = fields.get("object")
+    if spec.payload is not None and thing is not None and thing.mass is not None:
+        yield ("payload",), flaw(", expected none: the object has a mass of its own", "a payload", at_key=True)
+    if spec.object is not None and (thing is None or thing.mass is None):
+        yield ("object",), flaw(', expected an "object" with a mass', "no such object", at_key=True)
 
 
 _Monitor = Annotated[MonitorSpec, holds(_monitor)]
@@ -526,7 +529,7 @@ class TaskSpec(Spec):
         None, description="priorities of all stages from paired comparisons, instead of one at each stage"
     )
     onset: OnsetSpec = Field(OnsetSpec(), description="what counts as the actual start of a stage")
-    object: Annotated[ObjectSpec | None, holds(_object)] = Field(None, description="the target object")
+    object: Annotated[ObjectSpec | None, holds(complete)] = Field(None, description="the target object")
     uncertainty: Annotated[UncertaintySpec, holds(_uncertainty)] = Field(
         UncertaintySpec(), description="what the controller does not know"
     )
@@ -542,6 +545,14 @@ class TaskSpec(Spec):
     log: LogSpec = Field(LogSpec(), description="what the log holds beyond the samples")
     time_limit: Positive = Field(DEFAULT_TIME_LIMIT, description="time after which the run is stopped [s]")
     seed: Whole = Field(0, ge=0, description="seed of everything random")
+
+    @property
+    def judged(self) -> tuple[str, ...]:
+        """Names of what decides whether the mission succeeded: the monitors, and what becomes of a massive object."""
+        thing, names = self.object, tuple(monitor.name for monitor in self.monitors)
+        if thing is None or thing.mass is None:
+            return names
+        return (*names, *DEEDS[: 2 if thing.destination is None else 3])
 
     @property
     def sees_the_state(self) -> bool:

@@ -38,6 +38,10 @@ _Fractions = OrByPart[Fraction, Part, Fraction]
 _ByArm = OrByPart[NotNegative, ArmName, OneOrMore[NotNegative]]
 
 
+def _is_zero(value: float) -> bool:
+    return value == 0
+
+
 class FrictionSpec(Spec):
     """Friction in the joints: the torque -viscous * rate - coulomb * tanh(rate / width)."""
 
@@ -55,6 +59,8 @@ class NoiseSpec(Spec):
     angle: Size = Field(0.0, description="of the base's angle, in space about each axis, and the joints' [rad]")
     velocity: NotNegative = Field(0.0, description="of the velocities of what position is about [m/s]")
     angular_velocity: Size = Field(0.0, description="of the rates of what angle is about [rad/s]")
+    object_position: NotNegative = Field(0.0, exclude_if=_is_zero, description="of the object's position [m]")
+    object_angle: Size = Field(0.0, exclude_if=_is_zero, description="of the object's attitude [rad]")
 
 
 class ImpulseSpec(Spec):
@@ -107,6 +113,14 @@ class PayloadSpec(Spec):
     )
 
 
+class ObjectErrorSpec(Spec):
+    """How the object differs from what the task says of it, which is all the controller knows before it sees it."""
+
+    mass: Fraction = Field(0.0, description="largest relative error of its mass, and of its inertia")
+    linear: NotNegative = Field(0.0, description="largest error of its velocity along each axis [m/s]")
+    angular: Size = Field(0.0, description="largest error of its angular velocity about each axis [rad/s]")
+
+
 class UncertaintySpec(Spec):
     """How the real robot differs from the one the controller knows; what is random is drawn from the task's seed."""
 
@@ -124,21 +138,24 @@ class UncertaintySpec(Spec):
     )
     impulse: Annotated[ImpulseSpec | None, holds(_impulse)] = Field(None, description="a blow to the base")
     payload: PayloadSpec | None = Field(None, description="what the task's object weighs")
+    object: ObjectErrorSpec | None = Field(
+        None, exclude_if=lambda value: value is None, description="how an object with a mass differs from the task's"
+    )
 
     @property
     def measures_with_noise(self) -> bool:
         """Whether the controller sees another state than the true one."""
-        return _any(self.noise.model_dump())
+        return _any(self.noise.model_dump(exclude={"object_position", "object_angle"}))
 
     @property
     def is_random(self) -> bool:
         """Whether any of it depends on the seed."""
-        return _any(self.model_dump(include={"noise", "mass", "inertia", "centre_of_mass"}))
+        return _any(self.model_dump(include={"noise", "mass", "inertia", "centre_of_mass", "object"}))
 
     @property
     def changes_the_plant(self) -> bool:
         """Whether anything but what the controller reads, and when it acts, differs from what it knows."""
-        return _any(self.model_dump(exclude={"noise": True, "delay": True, "friction": {"width"}}))
+        return _any(self.model_dump(exclude={"noise": True, "delay": True, "object": True, "friction": {"width"}}))
 
     @property
     def in_force(self) -> bool:

@@ -217,7 +217,7 @@ def changed(task: Task | str | Path, changes: Sequence[str]) -> Task:
 
 def names_along(task: Task) -> list[Quantity]:
     """Build the further coordinates of a whole run's quantities, without empty ones."""
-    names = {"stage": [each.name for each in task.spec.stages], "monitor": [each.name for each in task.spec.monitors]}
+    names = {"stage": [each.name for each in task.spec.stages], "monitor": list(task.spec.judged)}
     return [Quantity(name, (name,), np.array(found), "1", name) for name, found in names.items() if found]
 
 

@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run, read_run
-from psmpc_cli.logs.summary import Arrays, Verdict, signal, variation, verdicts
+from psmpc_cli.logs.summary import Arrays, Verdict, judge_monitor, signal, variation
 from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.simulation.run import build_experiment, header, simulate
 from psmpc_cli.specs.load import load_task
@@ -175,8 +175,7 @@ def monitor(
 
 
 def verdict(log: Arrays, monitor: MonitorSpec) -> Verdict:
-    (found,) = verdicts((monitor,), log)
-    return found
+    return judge_monitor(monitor, log)
 
 
 def apart(*distances: float) -> Arrays:

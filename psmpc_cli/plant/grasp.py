@@ -1,0 +1,462 @@
+"""The object as a body, and the grasps that hold it: linear bushings between grippers and object. docs/capture.md.
+
+In the coordinates relative to the pose recorded at closing, displacement r and rotation vector phi, a closed gripper
+bears the force -k r - d rdot and the moment -kappa phi - delta omega, the object the opposite at the same point, the
+gripper's. Both velocities of rdot are taken at that point, so the pair has no resultant: momentum of robot and object
+is kept. Stiffnesses are the same in every direction, and so are the dampings.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from psmpc_cli.native.functions import ArrayFunction
+from psmpc_cli.plant.base import Disturbance, GraspEvent, ObjectTicks, Resistance, Ticks
+from psmpc_cli.plant.uncertainty import stream
+from psmpc_cli.robot.dynamics import InertialParameters
+from psmpc_cli.robot.free_body import FreeBody, body_of, lifted, lifted_rate, motion_of, relative
+from psmpc_cli.robot.kinematics import coordinate_rate, moved
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.rotations import add, conjugate, cross, dot, exp, log, matrix, product, rotate, scaled
+from psmpc_cli.specs.object import GraspSpec, ObjectSpec
+from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES
+from psmpc_cli.specs.task import TaskSpec
+from psmpc_cli.specs.uncertainty import ObjectErrorSpec
+
+Vector = Sequence[Any]
+
+MISSED_BY = ("position", "angle", "velocity", "angular_velocity")
+"""What a gripper has to be near in, to close; names as in `EnvelopeSpec`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Relative:
+    """Gripper and object relative to a pose of the gripper in the object's frame, in the inertial frame (3,) each.
+
+    Attributes:
+        r, phi: Displacement [m], and rotation vector [rad], which is along the axis in either frame.
+        rdot, omega: Their rates, both bodies' velocities taken at the gripper's point [m/s, rad/s].
+        lever: From the object's centre of mass to the gripper [m].
+    """
+
+    r: list[Any]
+    phi: list[Any]
+    rdot: list[Any]
+    omega: list[Any]
+    lever: list[Any]
+
+
+def compared(gripper: Vector, rate: Vector, pose: Vector, v: Vector, anchor: Vector) -> Relative:
+    """Compare a gripper with a pose fixed to the object.
+
+    Args:
+        gripper: Its pose.
+        rate: Linear velocity of its point and angular velocity, both in the inertial frame.
+        pose: The object's.
+        v: Its velocity, angular about its own axes.
+        anchor: The pose in the object's frame that the gripper is compared with.
+    """
+    at, attitude = lifted(gripper)
+    moving, turning = lifted_rate(rate)
+    centre, q = lifted(pose)
+    carried, spin = lifted_rate(v)
+    inside, turned = lifted(anchor)
+    spin = rotate(q, spin)
+    lever = add(at, scaled(centre, -1))
+    wanted = product(q, turned)
+    apart = product(conjugate(wanted), attitude)
+    sign = ca.if_else(apart[0] < 0, -1.0, 1.0)
+    return Relative(
+        r=add(lever, scaled(rotate(q, inside), -1)),
+        phi=rotate(wanted, log([sign * part for part in apart])),
+        rdot=add(moving, scaled(add(carried, cross(spin, lever)), -1)),
+        omega=add(turning, scaled(spin, -1)),
+        lever=lever,
+    )
+
+
+class GraspLaw:
+    """The bushings of one robot's grippers on one object, as CasADi functions.
+
+    The parameters of a gripper are its anchor, the pose recorded at closing, then k, kappa, d and delta, all 0 of an
+    open one.
+
+    Attributes:
+        grippers: Arms whose grippers take it.
+        body: The object.
+        parameters: Number of parameters of one gripper.
+        bushing: Pose and velocity of a gripper (angular in the inertial frame), pose and velocity of the object,
+            parameters -> wrench on the gripper at its point, wrench on the object about its centre, power [W].
+        forces: Q, v, pose and velocity of the object, parameters of all grippers -> generalized force on the robot
+            (n,), wrench on the object about its centre, power; then for each gripper the wrench it puts on the object
+            at its point, and the pull on it.
+    """
+
+    def __init__(self, model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> None:
+        self.model, self.body, self.grippers = model, body, tuple(grippers)
+        self.size, self.sizes = (3, (3, 3)) if model.dimension == 2 else (6, (7, 6))
+        self.parameters = self.sizes[0] + 4
+        self.bushing = self._bushing()
+        self.forces = self._forces()
+
+    def symbols(self) -> list[ca.SX]:
+        """Return symbols for Q, v, pose and velocity of the object."""
+        sizes = {"Q": self.model.nq, "v": self.model.n, "pose": self.sizes[0], "rate": self.sizes[1]}
+        return [ca.SX.sym(name, size) for name, size in sizes.items()]
+
+    def gripper(self, number: int, Q: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Return pose, velocity (angular in the inertial frame) and Jacobian of a gripper."""
+        frame = list(self.model.pose_rows).index(self.grippers[number])
+        J = self.model.J_C(Q)[self.size * frame : self.size * (frame + 1), :]
+        return self.model.g(Q)[self.model.pose_rows[self.grippers[number]]], J @ v, J
+
+    def compared(self, number: int, symbols: Sequence[ca.SX], anchor: ca.SX) -> Relative:
+        """Compare a gripper with a pose in the object's frame."""
+        gripper, rate, _ = self.gripper(number, *symbols[:2])
+        pose, v = map(ca.vertsplit, symbols[2:])
+        return compared(ca.vertsplit(gripper), ca.vertsplit(rate), pose, v, ca.vertsplit(anchor))
+
+    def flat(self, linear: Vector, angular: Vector) -> ca.SX:
+        """Return the components of two vectors (3,) that count, (3,) or (6,)."""
+        return ca.SX(ca.vertcat(*linear[:2], angular[2]) if self.size == 3 else ca.vertcat(*linear, *angular))
+
+    def _bushing(self) -> ca.Function:
+        sizes = {"gripper": self.sizes[0], "turn": self.size, "pose": self.sizes[0], "v": self.size}
+        known = [ca.SX.sym(name, size) for name, size in sizes.items()]
+        p = ca.SX.sym("p", self.parameters)
+        anchor, (k, kappa, d, delta) = ca.vertsplit(p)[: self.sizes[0]], ca.vertsplit(p)[self.sizes[0] :]
+        gripper, rate, pose, v = map(ca.vertsplit, known)
+        found = compared(gripper, rate, pose, v, anchor)
+        force = add(scaled(found.r, -k), scaled(found.rdot, -d))
+        moment = add(scaled(found.phi, -kappa), scaled(found.omega, -delta))
+        back = add(scaled(moment, -1), cross(found.lever, scaled(force, -1)))
+        power = dot(force, found.rdot) + dot(moment, found.omega)
+        outputs = [self.flat(force, moment), self.flat(scaled(force, -1), back), ca.SX(power)]
+        return ca.Function("bushing", [*known, p], ca.cse(outputs))
+
+    def _forces(self) -> ca.Function:
+        Q, v, pose, rate = symbols = self.symbols()
+        p = ca.SX.sym("p", self.parameters * len(self.grippers))
+        force, wrench, power = ca.SX.zeros(self.model.n), ca.SX.zeros(self.size), ca.SX(0)
+        puts, pulls = [], []
+        for i in range(len(self.grippers)):
+            at, moving, J = self.gripper(i, Q, v)
+            own = p[self.parameters * i : self.parameters * (i + 1)]
+            w, back, gained = self.bushing(at, moving, pose, rate, own)
+            force, wrench, power = force + J.T @ w, wrench + back, power + gained
+            inside, _ = lifted(ca.vertsplit(own)[: self.sizes[0]])
+            _, attitude = lifted(ca.vertsplit(pose))
+            outwards, (on_object, _) = rotate(attitude, inside), lifted_rate(ca.vertsplit(-w))
+            puts.append(-w)
+            pulls.append(dot(on_object, outwards) / ca.fmax(ca.sqrt(dot(outwards, outwards)), TINY))
+        outputs = ca.cse([force, wrench, power, ca.horzcat(*puts), ca.vertcat(*pulls)])
+        return ca.Function("forces", [*symbols, p], outputs)
+
+    def approach(self) -> ca.Function:
+        """Return a function of Q, v, pose and velocity of the object, anchors: how far each gripper is from its own.
+
+        For each distance, angle, velocity, angular velocity, then the inverses of the effective mass and of the
+        effective inertia of both bodies at the gripper, means over the directions.
+        """
+        Q, v, pose, _ = symbols = self.symbols()
+        anchors = ca.SX.sym("anchors", self.sizes[0] * len(self.grippers))
+        H, rows, d = self.model.dynamics.H(Q, self.model.nominal.vector), [], self.model.dimension
+        for i in range(len(self.grippers)):
+            found = self.compared(i, symbols, anchors[self.sizes[0] * i : self.sizes[0] * (i + 1)])
+            _, _, J = self.gripper(i, Q, v)
+            inverse = J @ ca.solve(H, J.T) + self._inverse_mass(pose, found.lever)
+            means = ca.trace(inverse[:d, :d]) / d, ca.trace(inverse[d:, d:]) / (self.size - d)
+            missed = (ca.sqrt(dot(each, each)) for each in (found.r, found.phi, found.rdot, found.omega))
+            rows.append(ca.vertcat(*missed, *means))
+        return ca.Function("approach", [*symbols, anchors], ca.cse([ca.densify(ca.horzcat(*rows))]))
+
+    def _inverse_mass(self, pose: ca.SX, lever: Vector) -> ca.SX:
+        """Return the acceleration of the object's point at a lever by the wrench on it there."""
+        columns = []
+        rest = ca.vertsplit(pose), [0.0] * self.size
+        for column in range(self.size):
+            unit = [float(row == column) for row in range(self.size)]
+            force, moment = lifted_rate(unit)
+            wrench = self.flat(force, add(moment, cross(lever, force)))
+            _, acceleration = self.body.rates(*rest, ca.vertsplit(wrench))
+            linear, angular = lifted_rate(acceleration)
+            angular = rotate(lifted(rest[0])[1], angular)
+            columns.append(self.flat(add(linear, cross(angular, lever)), angular))
+        return ca.SX(ca.horzcat(*columns))
+
+
+TINY = 1e-12
+"""Distance from the centre of mass below which a grasp has no outward direction [m]."""
+
+
+class Capture:
+    """The object of a run and the state of its grasps: which are closed, where, and how hard they are pulled.
+
+    Attributes:
+        law: The bushings.
+        body: The true object.
+        described: The object as the task describes it, which is what a low-level law may know of it.
+        state: Pose and velocity of the object.
+        parameters: Of the bushings now, gripper by gripper.
+    """
+
+    def __init__(self, task: TaskSpec, model: RobotModel, thing: ObjectSpec, spec: GraspSpec, body: FreeBody) -> None:
+        error = task.uncertainty.object or ObjectErrorSpec()
+        drawn = stream(task.seed, "object").uniform(-1, 1, 7)
+        factor, v = 1 + error.mass * drawn[0], motion_of(thing)
+        v[: model.dimension] += error.linear * drawn[1 : 1 + model.dimension]
+        v[model.dimension :] += error.angular * drawn[4 : 4 + len(v) - model.dimension]
+        self.described, self.body = body, FreeBody(factor * body.mass, [factor * moment for moment in body.inertia])
+        law = GraspLaw(model, self.body, [arm for arm in model.spec.arms if arm in spec.at])
+        self._task, tick = task, 1 / task.plant.low_level_rate
+        self.law, self.spec, self.state, self.tick = law, spec, np.array([*thing.pose, *v]), tick
+        count = len(law.grippers)
+        self._at = np.array([spec.at[gripper] for gripper in law.grippers])
+        self.parameters = np.hstack([self._at, np.zeros((count, 4))])
+        self.closed, self._wanted = np.zeros(count, bool), False
+        self._pull, self._events = np.zeros(count), list[GraspEvent]()
+        self._rows: list[tuple[np.ndarray, ...]] = []
+        self._approach, self._forces = ArrayFunction(law.approach()), ArrayFunction(law.forces)
+        self._filter = 1.0 if spec.strength is None else -np.expm1(-tick / spec.strength.filter)
+
+    @property
+    def pose_and_velocity(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pose and velocity of the object now."""
+        return self.state[: self.law.sizes[0]], self.state[self.law.sizes[0] :]
+
+    @property
+    def header(self) -> dict[str, ArrayLike]:
+        """What a log says of the object before a run begins, by path."""
+        d, grippers = self.law.model.dimension, self.law.grippers
+        return {
+            "object_coordinate": TARGET_AXES[d],
+            "object_axis": ERROR_AXES[d],
+            "gripper": grippers,
+            "grasp_axis": tuple(f"{gripper}.{axis}" for gripper in grippers for axis in ERROR_AXES[d]),
+            "grasp/measure": MISSED_BY,
+            "object/mass": self.body.mass,
+            "object/inertia": self.body.inertia,
+            "object/moment": ("zz",) if d == 2 else ("xx", "yy", "zz"),
+        }
+
+    @property
+    def kept(self) -> np.ndarray:
+        """Momentum about the inertial origin [N s, N m s] and kinetic energy [J] of the object, (4,) or (7,)."""
+        pose, v = self.pose_and_velocity
+        return np.array([*self.body.momentum(pose, v), self.body.kinetic_energy(v)])
+
+    def measured(self, sample: int) -> np.ndarray:
+        """Return the pose that is measured at a sample, (3,) or (7,)."""
+        noise, size, d = self._task.uncertainty.noise, self.law.size, self.law.model.dimension
+        deviation = np.array([noise.object_position] * d + [noise.object_angle] * (size - d))
+        step = stream(self._task.seed, "object noise", sample).standard_normal(size) * deviation
+        if d == 2:
+            return np.asarray(self.state[:3] + step)
+        return np.array([*(self.state[:3] + step[:3]), *product(list(self.state[3:7]), exp(list(step[3:])))])
+
+    @property
+    def all_closed(self) -> bool:
+        """Whether every gripper holds the object."""
+        return bool(self.closed.all())
+
+    def begin(self) -> None:
+        """Begin a sample."""
+        self._rows, self._events = [], []
+
+    def update(self, time: float, x: np.ndarray, wanted: bool) -> None:
+        """Close, open and lose grasps at the beginning of a tick, the robot being at x.
+
+        Args:
+            time: Of the tick [s].
+            x: State [Q; v] of the robot.
+            wanted: Whether the grippers are to be closed.
+        """
+        if wanted and not self._wanted:
+            self._close(time, x)
+        elif self._wanted and not wanted:
+            self._open(time, self.closed, "let go")
+        self._wanted = wanted
+        wrench = self._pulled(x)
+        pull = self._pull.copy()
+        if self.spec.strength is not None:
+            lost = self.closed & (pull > self.spec.strength.pull)
+            self._open(time, lost, "lost")
+            wrench[lost] = 0.0
+        self._rows.append((self.state, wrench, pull, self.closed.copy()))
+
+    def ticks(self) -> ObjectTicks:
+        """Return what happened in the sample."""
+        states, wrench, pull, closed = (np.array(column) for column in zip(*self._rows, strict=True))
+        pose, v = np.split(np.vstack([states, self.state]), [self.law.sizes[0]], axis=1)
+        return ObjectTicks(pose, v, wrench, pull, closed, tuple(self._events))
+
+    def _close(self, time: float, x: np.ndarray) -> None:
+        """Close every gripper that is inside its envelope."""
+        allowed, nq = [getattr(self.spec.envelope, name) for name in MISSED_BY], self.law.model.nq
+        pose, v = self.pose_and_velocity
+        poses = dict(zip(self.law.model.pose_rows, self.law.model.poses(x[:nq]), strict=True))
+        for i, row in enumerate(self._approach(x[:nq], x[nq:], pose, v, self._at.ravel())[0]):
+            gripper, missed, inverse = self.law.grippers[i], row[:4], row[4:]
+            inside = bool((missed <= allowed).all())
+            self._events.append(GraspEvent(gripper, time, "closed" if inside else "missed", tuple(missed.tolist())))
+            if inside:
+                stiffness = np.array(self.spec.stiffness)
+                damping = 2 * self.spec.damping_ratio * np.sqrt(stiffness / inverse)
+                self.parameters[i] = [*relative(poses[gripper], pose), *stiffness, *damping]
+                self.closed[i], self._pull[i] = True, 0.0
+
+    def _open(self, time: float, which: np.ndarray, why: str) -> None:
+        for i in np.flatnonzero(which):
+            self._events.append(GraspEvent(self.law.grippers[i], time, why, (float(self._pull[i]),)))
+            self.parameters[i, -4:], self.closed[i], self._pull[i] = 0.0, False, 0.0
+
+    def _pulled(self, x: np.ndarray) -> np.ndarray:
+        """Return the wrenches on the object at the grippers (A, 3) or (A, 6), and let the filter follow the pulls."""
+        if not self.closed.any():
+            return np.zeros((len(self.closed), self.law.size))
+        nq, (pose, v) = self.law.model.nq, self.pose_and_velocity
+        *_, wrench, pull = self._forces(x[:nq], x[nq:], pose, v, self.parameters.ravel())
+        self._pull += np.where(self.closed, self._filter * (pull.ravel() - self._pull), 0.0)
+        return wrench
+
+
+def build_capture(task: TaskSpec, model: RobotModel) -> Capture | None:
+    """Build the object of a task with its grasps; None if it has no mass."""
+    thing = task.object
+    body = None if thing is None else body_of(thing)
+    return (
+        None if thing is None or thing.grasp is None or body is None else Capture(task, model, thing, thing.grasp, body)
+    )
+
+
+class Step(Protocol):
+    """Physics of a robot and an object over a tick: what the plants of an object with a mass differ in."""
+
+    def __call__(
+        self, x: np.ndarray, thing: np.ndarray, F: np.ndarray, parameters: np.ndarray, robot: InertialParameters
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+        """Return the states of robot and object a tick later, the external impulse, and the work of all forces [J].
+
+        Args:
+            x: State of the robot.
+            thing: State of the object.
+            F: External generalized force, held (n,).
+            parameters: Of the bushings, gripper by gripper.
+            robot: Inertial parameters of the robot.
+        """
+        ...
+
+
+class CapturePlant:
+    """A robot, an object, and the grasps between them, tick by tick under the computed-torque law (7).
+
+    Attributes:
+        capture: The object and its grasps.
+    """
+
+    def __init__(self, capture: Capture, step: Step, resistance: Resistance | None) -> None:
+        self.capture, self._step = capture, step
+        self.model, self.tick = capture.law.model, capture.tick
+        self._largest = np.full(self.model.n, np.inf) if resistance is None else resistance.largest
+        self._chain = ClosedChain(capture) if capture.spec.known else None
+
+    def advance(
+        self,
+        start: float,
+        x: np.ndarray,
+        u: np.ndarray,
+        disturbance: Disturbance | None = None,
+        closed: np.ndarray | None = None,
+    ) -> Ticks:
+        """Advance over len(u) ticks, at some of which the grippers are to be closed (M,)."""
+        model, capture, M = self.model, self.capture, len(u)
+        X, F = np.vstack([x, np.empty((M, len(x)))]), np.empty((M, model.n))
+        impulse, work = np.zeros(model.parts["base"].stop), 0.0
+        nothing = Disturbance(model.nominal, model.nominal, np.zeros((M, 2 * model.n)), np.zeros((M, model.n)))
+        other, time = disturbance or nothing, start + self.tick * np.arange(M + 1)
+        capture.begin()
+        for k in range(M):
+            capture.update(float(time[k]), X[k], closed is not None and bool(closed[k]))
+            read = np.array(moved(X[k, : model.nq], other.noise[k, : model.n]))
+            v = X[k, model.nq :] + other.noise[k, model.n :]
+            F[k] = np.clip(self._force(read, v, u[k], other.law), -self._largest, self._largest)
+            X[k + 1], capture.state, gained, done = self._step(
+                X[k], capture.state, F[k] + other.push[k], capture.parameters, other.robot
+            )
+            impulse, work = impulse + gained, work + done
+        return Ticks(time, X, F, impulse, work, capture.ticks())
+
+    def _force(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, law: InertialParameters) -> np.ndarray:
+        if self._chain is None or not self.capture.all_closed:
+            return self.model.inverse_dynamics(Q, v, u, law)
+        return self._chain.force(Q, v, u, law)
+
+
+class ClosedChain:
+    """The low-level law of a robot that knows its load: the object, held by all grippers, as part of the robot.
+
+    Each gripper i makes the object move by S_i(Q) v. Where these differ the commanded acceleration u would strain the
+    object: it is replaced by the nearest one u' with S_i u' + s_i the same for all i, in the metric of the mass matrix
+    with the load (Gauss). The force is that of the robot under u' and the object's, shared equally by the grippers.
+    """
+
+    def __init__(self, capture: Capture) -> None:
+        self._capture, self._size, self._count = capture, capture.law.size, len(capture.law.grippers)
+        self._terms = ArrayFunction(_chain_terms(capture.law, capture.described))
+
+    def force(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, law: InertialParameters) -> np.ndarray:
+        """Compute the generalized force (n,) for an acceleration u (n,)."""
+        A, size, model = self._count, self._size, self._capture.law.model
+        S, s, W, spin = self._terms(Q, v, self._capture.parameters.ravel())
+        S, s = S.T.reshape(A, size, -1), s.reshape(A, size)
+        mean, H = S.mean(axis=0), model.mass_matrix(Q, law)
+        G, b = (S[1:] - S[:1]).reshape(-1, len(u)), (s[1:] - s[:1]).ravel()
+        metric = np.linalg.inv(H + mean.T @ W @ mean)
+        u = u - metric @ G.T @ np.linalg.lstsq(G @ metric @ G.T, G @ u + b, rcond=SINGULAR)[0]
+        load = W @ (mean @ u + s.mean(axis=0)) + spin.ravel()
+        return np.asarray(model.inverse_dynamics(Q, v, u, law) + mean.T @ load)
+
+
+SINGULAR = 1e-9
+"""Singular values of the constraints, over the largest, below which they say the same twice."""
+
+
+def _chain_terms(law: GraspLaw, body: FreeBody) -> ca.Function:
+    """Return Q, v, parameters -> S of all grippers (A size, n), S_i' v (A size,), inertia of the object, its bias.
+
+    S_i v is the velocity of the object's centre of mass and its angular velocity, both in the inertial frame, if it is
+    fixed to gripper i at the pose recorded at closing.
+    """
+    Q, v, _, _ = law.symbols()
+    p = ca.SX.sym("p", law.parameters * len(law.grippers))
+    velocities, attitude = [], None
+    for i in range(len(law.grippers)):
+        at, rate, _ = law.gripper(i, Q, v)
+        inside, turned = lifted(ca.vertsplit(p)[law.parameters * i : law.parameters * i + law.sizes[0]])
+        _, own = lifted(ca.vertsplit(at))
+        attitude = product(own, conjugate(turned))
+        linear, angular = lifted_rate(ca.vertsplit(rate))
+        lever = scaled(rotate(attitude, inside), -1)
+        velocities.append(law.flat(add(linear, cross(angular, lever)), angular))
+    moving = ca.vertcat(*velocities)
+    S, bias = (
+        ca.jacobian(moving, v),
+        ca.jtimes(moving, Q, ca.vertcat(*coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v)))),
+    )
+    inertia, spin = _load(body, attitude, ca.vertsplit(moving[: law.size]))
+    return ca.Function("chain", [Q, v, p], ca.cse([ca.densify(each) for each in (S, bias, inertia, spin)]))
+
+
+def _load(body: FreeBody, attitude: Vector | None, velocity: Vector) -> tuple[ca.SX, ca.SX]:
+    """Return the object's inertia in the inertial frame (3, 3) or (6, 6), and omega x I omega as a wrench."""
+    if body.dimension == 2 or attitude is None:
+        return ca.diag(ca.SX([body.mass, body.mass, *body.inertia])), ca.SX.zeros(3)
+    R = ca.SX(np.zeros((3, 3)))
+    for i, row in enumerate(matrix(attitude)):
+        R[i, :] = ca.horzcat(*row)
+    turned, omega = R @ ca.diag(ca.SX(list(body.inertia))) @ R.T, ca.vertcat(*velocity[3:])
+    return ca.diagcat(body.mass * ca.SX.eye(3), turned), ca.vertcat(ca.SX.zeros(3), ca.cross(omega, turned @ omega))

@@ -1,0 +1,177 @@
+"""The target object of a task: a body with mass, where it goes, and how grippers hold it. docs/capture.md."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationInfo
+
+from psmpc_cli.specs.fields import (
+    Angle,
+    ArmName,
+    Fields,
+    Flag,
+    Flaws,
+    NotNegative,
+    OneOrMore,
+    Positive,
+    Spec,
+    Width,
+    beyond_a_turn,
+    expected,
+    flaw,
+    holds_as_written,
+    known,
+    listed,
+)
+from psmpc_cli.specs.messages import counted, quoted
+from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES, Context, dimension_of
+
+Numbers = tuple[float, ...]
+
+
+def _by_dimension(plane: int, space: int) -> AfterValidator:
+    """Create a validator of a list whose length is another for a planar than for a spatial robot."""
+
+    def check(value: Numbers, info: ValidationInfo) -> Numbers:
+        sizes = info.context.sizes if info.context else {}
+        length = plane if dimension_of(sizes) == 2 else space
+        if sizes and len(value) != length:
+            raise expected(counted(length, "entry", "entries"))
+        return value
+
+    return AfterValidator(check)
+
+
+def _unit_of_angle(written: Any, fields: Fields, context: Context) -> Flaws:
+    """Give an angle of a planar pose that needs a unit."""
+    planar = isinstance(written, list | tuple) and len(written) == len(TARGET_AXES[2])
+    if planar and (error := beyond_a_turn(written[2])) is not None:
+        yield (2,), error
+
+
+_list = listed("a list of numbers")
+PoseNumbers = Annotated[
+    tuple[Angle, ...],
+    _by_dimension(len(TARGET_AXES[2]), len(TARGET_AXES[3])),
+    _list,
+    holds_as_written(_unit_of_angle),
+]
+"""A pose: (x, y, angle) [m, rad], or in space position and unit quaternion w, x, y, z."""
+
+_Extent = Annotated[tuple[Positive, ...], _by_dimension(2, 3), _list]
+_StageName = Annotated[str, known(lambda context: context.stages)]
+_Gripper = Annotated[str, known(lambda context: list(context.value("object", "grasp", "at") or ()))]
+
+
+class OnObject(Spec):
+    """A pose relative to the task's object, for a part of a target: the object's predicted pose counts."""
+
+    object: Annotated[
+        Annotated[_Gripper, Tag("gripper")] | Annotated[PoseNumbers, Tag("pose")],
+        Discriminator(lambda value: "gripper" if isinstance(value, str) else "pose"),
+    ] = Field(description="a gripper of the object's grasp, or a pose in the object's frame")
+
+
+class MotionSpec(Spec):
+    """How the object moves before it is taken."""
+
+    linear: Annotated[Numbers, _by_dimension(2, 3), _list] = Field(
+        description="velocity of its centre of mass in the inertial frame [m/s]"
+    )
+    angular: Annotated[OneOrMore[Angle], _by_dimension(1, 3)] = Field(
+        description="angular velocity, in space about its own axes [rad/s]"
+    )
+
+
+class DestinationSpec(Spec):
+    """Where the object has to be when it leaves the grippers, and how slow."""
+
+    pose: PoseNumbers = Field(description="pose, as the object's")
+    tolerance: Annotated[tuple[Width, ...], _by_dimension(len(ERROR_AXES[2]), len(ERROR_AXES[3])), _list] = Field(
+        description="how near, one number for each row of the pose's error [m, rad]"
+    )
+    speed: Positive = Field(description="largest speed of its centre of mass [m/s]")
+
+
+class EnvelopeSpec(Spec):
+    """How near its grasp, and how much at rest relative to it, a gripper must be to close."""
+
+    position: Positive = Field(description="largest distance [m]")
+    angle: Width = Field(description="largest angle [rad]")
+    velocity: Positive = Field(description="largest relative velocity [m/s]")
+    angular_velocity: Width = Field(description="largest relative angular velocity [rad/s]")
+
+
+class StrengthSpec(Spec):
+    """What a grasp holds."""
+
+    pull: Positive = Field(description="largest filtered pull on the object, outwards from its centre of mass [N]")
+    filter: Positive = Field(0.2, description="time constant of the pull's low-pass filter [s]")
+
+
+class GraspSpec(Spec):
+    """Grippers on the object: a linear bushing between each of them and the object while it is closed."""
+
+    at: Annotated[Mapping[ArmName, PoseNumbers], Field(min_length=1)] = Field(
+        description="poses of the grippers in the object's frame, by arm"
+    )
+    envelope: EnvelopeSpec = Field(description="what a gripper needs to close")
+    stiffness: Annotated[tuple[Positive, Positive], listed("2 entries", 2)] = Field(
+        description="stiffness against displacement and against turning [N/m, N m/rad]"
+    )
+    damping_ratio: NotNegative = Field(1.0, description="damping over the critical one of the two bodies")
+    strength: StrengthSpec | None = Field(None, description="what it holds; default anything")
+    known: Flag = Field(False, description="whether the low-level law knows the load and the closed chain")
+
+
+def _no_value(value: object) -> bool:
+    return value is None
+
+
+class ObjectSpec(Spec):
+    """The target object. With a mass it is a body that moves freely until grippers close on it."""
+
+    shape: _Extent = Field(description="length and width, [l, w]; in space with the height [m]")
+    pose: PoseNumbers = Field(description="pose at the start: [x, y, angle] [m, rad]; in space position and attitude")
+    taken_by: _StageName = Field(description="the stage at whose end it is taken")
+    let_go_by: _StageName = Field(description="the stage at whose beginning it is let go")
+    mass: Positive | None = Field(None, exclude_if=_no_value, description="mass; without one it is drawn alone [kg]")
+    inertia: Annotated[OneOrMore[Positive], _by_dimension(1, 3)] | None = Field(
+        None, exclude_if=_no_value, description="inertia about its centre of mass, in space about its axes [kg m^2]"
+    )
+    motion: MotionSpec | None = Field(
+        None, exclude_if=_no_value, description="how it moves before it is taken; default not at all"
+    )
+    destination: DestinationSpec | None = Field(
+        None, exclude_if=_no_value, description="where it has to be when it leaves the grippers"
+    )
+    grasp: GraspSpec | None = Field(None, exclude_if=_no_value, description="how grippers hold it")
+
+
+BODY = ("inertia", "motion", "destination", "grasp")
+"""Keys of an object that only a body with mass has."""
+
+
+def complete(thing: ObjectSpec | None, fields: Fields, context: Context) -> Flaws:
+    """Give an object that is let go before it is taken, or is half a body."""
+    if thing is None:
+        return
+    order, grasp = context.stages, thing.grasp
+    if order and order.index(thing.let_go_by) <= order.index(thing.taken_by):
+        yield ("let_go_by",), expected(f"a stage after {quoted(thing.taken_by)}, which takes the object")
+    for key in (key for key in BODY if thing.mass is None and getattr(thing, key) is not None):
+        yield (key,), flaw(', expected also "mass": an object without one is drawn alone', "no mass", at_key=True)
+    if thing.mass is not None and (thing.inertia is None or grasp is None):
+        missing = " and ".join(quoted(key) for key in ("inertia", "grasp") if getattr(thing, key) is None)
+        yield ("mass",), flaw(f", expected also {missing}", "a mass alone", at_key=True)
+    if grasp is not None and grasp.known and len(grasp.at) == 1:
+        wanted = "false with one gripper: it closes no chain, which the low-level law would have to know"
+        yield ("grasp", "known"), expected(wanted)
+    plant, moments = fields.get("plant"), thing.inertia or ()
+    if thing.mass is not None and plant is not None and plant.kind == "ideal":
+        yield (
+            ("mass",),
+            flaw(", expected plant rk4 or mujoco: ideal has no forces", "a mass with plant ideal", at_key=True),
+        )
+    if len(moments) == 3 and 2 * max(moments) > sum(moments):
+        yield ("inertia",), flaw(", expected none larger than the sum of the other two", "moments that no body has")

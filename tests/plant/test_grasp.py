@@ -1,0 +1,208 @@
+"""Robot, object and the grasps between them: laws of physics, both plants against each other, and what grippers do."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from psmpc_cli.plant import Ticks, build_plant
+from psmpc_cli.plant.grasp import Capture, CapturePlant, build_capture
+from psmpc_cli.robot.free_body import FreeBody, composed, relative
+from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.specs.coordinates import stack
+from psmpc_cli.specs.load import Task, load_robot, load_task
+
+Array = np.ndarray
+M, TICK = 100, 1e-3
+FREE = {"object.grasp.strength": None}
+KNOWN = {**FREE, "object.grasp.known": True}
+
+
+def planar(set: dict[str, Any]) -> Task:
+    """The transport task with the robot where Capture leads it."""
+    start = {"base": [-2, 2, "30 deg"], "arm_1": ["45 deg", "30 deg", "60 deg"]}
+    start["arm_2"] = ["-45 deg", "-30 deg", "-60 deg"]
+    return load_task("transport_grasp", {"initial": start, **set})
+
+
+def spatial(set: dict[str, Any]) -> Task:
+    """A servicer of two arms with an object that it holds off its centre."""
+    robot = model_of("dual_arm_servicer")
+    Q = np.r_[robot.neutral[:7], 0.4 * np.sin(np.arange(robot.n - 6))]
+    xi, pose = robot.poses(Q), [0.6, 0.1, 0.2, *Q[3:7]]
+    arms = dict(zip(list(robot.pose_rows)[1:], xi[1:], strict=True))
+    at = {arm: as_pose(relative(tip, pose)) for arm, tip in arms.items()}
+    body = {"mass": 12.0, "inertia": [1.0, 1.4, 0.8], "motion": {"linear": [0, 0.004, 0], "angular": [0.01, 0, 0.02]}}
+    envelope = {"position": 0.1, "angle": 1, "velocity": 0.1, "angular_velocity": 1}
+    grasp = {"at": at, "envelope": envelope, "stiffness": [1e4, 1e2]}
+    initial = {"base": as_pose(Q[:7]), **{arm: Q[7:][rows].tolist() for arm, rows in joints(robot).items()}}
+    thing = {"shape": [1, 1, 1], "pose": as_pose(np.array(pose)), **body, "grasp": grasp}
+    stages = [
+        {"name": name, "skill": "move", "target": initial, "ends_when": {"coordinates": "all", "tolerance": 1}}
+        for name in ("take", "let")
+    ]
+    return load_task(
+        {
+            "robot": "dual_arm_servicer",
+            "initial": initial,
+            "skills": {"move": {"space": "joint", "weights": {"base": [1] * 6, "arms": [1] * 7}}},
+            "stages": stages,
+            "object": {**thing, "taken_by": "take", "let_go_by": "let"},
+        },
+        set,
+    )
+
+
+@cache
+def model_of(robot: str) -> RobotModel:
+    return build_model(load_robot(robot))
+
+
+def joints(robot: Any) -> dict[str, slice]:
+    return {arm: slice(rows.start - 6, rows.stop - 6) for arm, rows in list(robot.parts.items())[1:]}
+
+
+def as_pose(numbers: Array) -> dict[str, Any]:
+    return {"position": numbers[:3].tolist(), "attitude": {"quaternion": numbers[3:].tolist()}}
+
+
+def run(task: Task, samples: int = 3, push: float = 1.0, wanted: Array | None = None) -> tuple[list[Ticks], Capture]:
+    """Advance a plant whose robot is accelerated at random, its grippers to be closed from the sixth tick on."""
+    model = model_of(task.robot.name)
+    capture = build_capture(task.spec, model)
+    assert capture is not None
+    plant = build_plant(task.spec.plant, model, False, None, capture)
+    assert isinstance(plant, CapturePlant)
+    random = np.random.default_rng(4)
+    x, made = np.r_[stack(task.spec.initial, task.robot, "joint"), np.zeros(model.n)], []
+    closed = np.arange(samples * M) >= 5 if wanted is None else wanted
+    for k in range(samples):
+        u = push * random.uniform(-0.2, 0.2, model.n) * np.ones((M, 1))
+        made.append(plant.advance(k * M * TICK, x, u, None, closed[k * M : (k + 1) * M]))
+        x = made[-1].X[-1]
+    return made, capture
+
+
+def kept(task: Task, capture: Capture, x: Array, thing: Array) -> Array:
+    """Momentum and energy of robot and object."""
+    model, size = model_of(task.robot.name), capture.law.sizes[0]
+    Q, v, pose, rate = x[: model.nq], x[model.nq :], thing[:size], thing[size:]
+    own = np.r_[model.momentum(Q, v), model.kinetic_energy(Q, v)]
+    return np.asarray(own + np.r_[capture.body.momentum(pose, rate), capture.body.kinetic_energy(rate)])
+
+
+BOTH = pytest.mark.parametrize("make", [planar, pytest.param(spatial, marks=pytest.mark.slow)])
+
+
+@pytest.mark.parametrize("plant", ["rk4", "mujoco"])
+@pytest.mark.parametrize("grasp", [FREE, KNOWN])
+@BOTH
+def test_momentum_and_energy_are_kept(make: Any, plant: str, grasp: dict[str, Any]) -> None:
+    task = make({"plant": plant, **grasp})
+    made, capture = run(task)
+    first, last = made[0], made[-1]
+    assert first.thing is not None and last.thing is not None and last.thing.closed.all()
+    states = ((first.X[0], first.thing, 0), (last.X[-1], last.thing, -1))
+    before, after = (kept(task, capture, x, np.r_[o.pose[k], o.v[k]]) for x, o, k in states)
+    gained = sum(np.r_[ticks.impulse, ticks.work] for ticks in made)
+    assert np.abs(after - before - gained)[:-1].max() < 1e-7
+    assert abs(after - before - gained)[-1] < 1e-6
+
+
+@BOTH
+def test_plants_agree(make: Any) -> None:
+    (one, _), (other, _) = (run(make({"plant": plant, **FREE})) for plant in ("rk4", "mujoco"))
+    assert one[-1].thing is not None and other[-1].thing is not None
+    assert one[-1].thing.pose == pytest.approx(other[-1].thing.pose, abs=1e-8)
+    assert one[-1].thing.pull == pytest.approx(other[-1].thing.pull, abs=1e-5)
+    assert one[-1].X[-1] == pytest.approx(other[-1].X[-1], abs=1e-7)
+
+
+@BOTH
+def test_what_a_grasp_gives_to_the_robot_it_takes_from_the_object(make: Any) -> None:
+    task = make(FREE)
+    made, capture = run(task, samples=1)
+    thing, model, size = made[0].thing, model_of(task.robot.name), capture.law.sizes[0]
+    assert thing is not None
+    robot = [model.momentum(made[0].X[k, : model.nq], made[0].X[k, model.nq :]) for k in (0, -1)]
+    body = [np.array(capture.body.momentum(thing.pose[k], thing.v[k])) for k in (0, -1)]
+    assert np.abs(body[1] - body[0]).max() > 1e-3  # it was pulled
+    assert robot[1] - robot[0] - made[0].impulse == pytest.approx(-(body[1] - body[0]), abs=1e-8)
+    assert size == len(thing.pose[0])
+
+
+def test_knowing_the_load_moves_the_robot_as_commanded() -> None:
+    """An acceleration of the robot as one body, which does not strain the object; grasps stiff, or their give shows."""
+    apart = []
+    for set in (FREE, KNOWN):
+        task = planar({**set, "object.grasp.stiffness": [1e6, 1e4], "plant.step": 2e-4})
+        model, u = model_of(task.robot.name), np.zeros((300, 9))
+        u[:, :2] = 0.2, -0.1
+        capture = build_capture(task.spec, model)
+        plant = build_plant(task.spec.plant, model, False, None, capture)
+        x = np.r_[stack(task.spec.initial, task.robot, "joint"), np.zeros(model.n)]
+        ticks = plant.advance(0.0, x, u, None, np.ones(300, bool))
+        apart.append(np.abs(ticks.X[-1, model.nq :] - 0.3 * u[0]).max())
+    assert apart[1] < 1e-4 < 0.1 < apart[0]
+
+
+@pytest.mark.parametrize(
+    ("pose", "measure"),
+    [([-2.489, 2.858, "30 deg"], 0), ([-2.489, 2.847, "33 deg"], 1)],
+)
+def test_gripper_outside_its_envelope_stays_open_and_says_by_how_much(pose: list[Any], measure: int) -> None:
+    task = planar({"object.pose": pose, "object.grasp.envelope.position": 0.01 if measure == 0 else 1.0})
+    made, capture = run(task, samples=1)
+    assert made[0].thing is not None
+    events = made[0].thing.events
+    assert [event.what for event in events] == ["missed", "missed"] and {event.time for event in events} == {0.005}
+    wanted = (0.011, np.radians(3))[measure]
+    assert [event.values[measure] for event in events] == pytest.approx([wanted] * 2, rel=0.1)
+    assert not capture.closed.any() and not made[0].thing.wrench.any()
+
+
+def test_moving_object_is_outside_the_envelope_of_velocity() -> None:
+    task = planar({"object.motion": {"linear": [0.06, 0], "angular": "12 deg"}})
+    made, _ = run(task, samples=1)
+    assert made[0].thing is not None
+    for event in made[0].thing.events:
+        assert event.what == "missed" and event.values[2] > 0.05
+        assert event.values[3] == pytest.approx(np.radians(12), rel=0.02)
+
+
+def test_grippers_let_go_and_the_object_flies_on() -> None:
+    wanted = np.arange(2 * M) < 150
+    made, capture = run(planar(FREE), samples=2, wanted=wanted)
+    thing = made[1].thing
+    assert thing is not None and [event.what for event in thing.events] == ["let go", "let go"]
+    assert thing.events[0].time == pytest.approx(0.15) and not capture.closed.any()
+    assert np.ptp(thing.v[51:], axis=0).max() == 0 and np.abs(thing.v[-1]).max() > 1e-3
+
+
+def test_grasp_that_is_pulled_beyond_its_strength_is_lost() -> None:
+    strength = {"object.grasp.strength": {"pull": 0.3, "filter": 0.05}}
+    made, _ = run(planar(strength), samples=5, push=3.0)
+    things = [ticks.thing for ticks in made if ticks.thing is not None]
+    lost = [event for thing in things for event in thing.events if event.what == "lost"]
+    assert lost and all(0.3 < event.values[0] < 0.5 for event in lost)
+    pull, closed = (np.concatenate([getattr(thing, name) for thing in things]) for name in ("pull", "closed"))
+    assert (pull[closed] <= 0.3).all() and closed.any(axis=1).sum() > 10
+
+
+@pytest.mark.parametrize("size", [3, 7])
+def test_poses_compose(size: int) -> None:
+    random = np.random.default_rng(2)
+    pose, inside = random.standard_normal((2, size))
+    if size == 7:
+        pose[3:], inside[3:] = (each[3:] / np.linalg.norm(each[3:]) for each in (pose, inside))
+    assert relative(composed(pose, inside), pose) == pytest.approx(inside)
+
+
+def test_tumbling_body_keeps_momentum_and_energy() -> None:
+    body = FreeBody(3.0, [1.0, 2.0, 2.5])
+    Q, v = np.array([1, 2, 3, 0.5, 0.5, 0.5, 0.5]), np.array([0.1, -0.2, 0.3, 0.4, 0.9, -0.2])
+    later = body.predicted(Q, v, 8.0)
+    assert body.momentum(*later) == pytest.approx(body.momentum(Q, v), abs=1e-6)
+    assert body.kinetic_energy(later[1]) == pytest.approx(body.kinetic_energy(v), abs=1e-7)
+    assert body.predicted(*later, -8.0)[0] == pytest.approx(Q, abs=1e-6)

@@ -70,6 +70,7 @@ class Document:
         data: What it holds; None if it is empty or no YAML.
         origins: Where every value of `data` comes from.
         faults: What is wrong with it as YAML.
+        written: The text that places are in, where it is not `text`.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Document:
     data: Data = None
     origins: Mapping[Path, Origin] = field(default_factory=dict)
     faults: tuple[Fault, ...] = ()
+    written: str | None = None
 
     def origin(self, path: Path) -> Origin:
         """Return the origin of the value at a path, or of the nearest one around it."""
@@ -123,7 +125,7 @@ class Document:
 
     def _source(self, place: Place) -> str:
         """Write the line of a position with a caret below its column; nothing for a line that is not in the text."""
-        lines = self.text.splitlines()
+        lines = (self.text if self.written is None else self.written).splitlines()
         if place.line > len(lines) or not lines[place.line - 1]:
             return ""
         line = lines[place.line - 1]

@@ -62,13 +62,12 @@ def read_text(path: Path) -> str:
     Raises:
         SpecError: It is missing, unreadable, no regular file, too large or not UTF-8.
     """
+    wanted = f"a {'URDF' if path.suffix == '.urdf' else 'YAML'} file"
     try:
         if path.exists() and not path.is_file():
-            raise SpecError(
-                f"{path}: found {'a directory' if path.is_dir() else 'no regular file'}, expected a YAML file"
-            )
+            raise SpecError(f"{path}: found {'a directory' if path.is_dir() else 'no regular file'}, expected {wanted}")
         if (size := path.stat().st_size) > LARGEST_FILE:
-            raise SpecError(f"{path}: found {size} bytes, expected a YAML file of at most {LARGEST_FILE}")
+            raise SpecError(f"{path}: found {size} bytes, expected {wanted} of at most {LARGEST_FILE}")
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
@@ -76,7 +75,7 @@ def read_text(path: Path) -> str:
         raise SpecError(f"{path}:{line}:{column}: found {error.reason}, expected UTF-8 text") from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise SpecError(f"{path}: found no readable file ({reason}), expected a YAML file") from None
+        raise SpecError(f"{path}: found no readable file ({reason}), expected {wanted}") from None
 
 
 def json_schema(kind: Kind) -> dict[str, Any]:

@@ -205,7 +205,7 @@ def _of_urdf(
     given, limits = own.get("limits", {}), built["limits"]
     merged = {part: {**limits.get(part, {}), **given.get(part, {})} for part in {**limits, **given}}
     data = {**built, **own, "limits": merged, "assumed": [f"{Path(urdf.file).name}, {note}" for note in urdf.notes]}
-    return replace(document, text=write(data), data=data)
+    return replace(document, text=write(data), data=data, written=document.text)
 
 
 def _task(

@@ -176,6 +176,9 @@ def misfit_limits(written: Any, fields: Mapping[str, Any], context: Context) -> 
         given = {key: part[quantity] for key, part in limits.items() if part.get(quantity) is not None}
         for key, bounds in given.items():
             yield from _entries((key, quantity), bounds, key, axes, given, angles=quantity == "position")
+            if key == "base" and quantity == "position" and isinstance(bounds, list) and len(axes.get(key, ())) == 6:
+                limited = (i for i, pair in enumerate(bounds) if i >= 3 and pair is not None)
+                yield from (((key, quantity, i), expected("null: an attitude has no limits")) for i in limited)
 
 
 def _entries(

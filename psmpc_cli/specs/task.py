@@ -198,7 +198,7 @@ def _weights(written: Any, fields: Fields, context: Context) -> Flaws:
         return
     if space is not None:
         yield from misfits(written, error_axes(sizes, space), REQUIRED.get(space, sizes))
-    axes = target_axes(sizes, fields.get("input", "joint"))
+    axes = error_axes(sizes, fields.get("input", "joint"))
     for at, error in misfits(written.get("control"), axes, axes):
         yield ("control", *at), error
 
@@ -445,6 +445,8 @@ def _skills(skills: Mapping[str, SkillSpec], fields: Fields, context: Context) -
         if skill.input == "task" and joint_only:
             wanted = '"joint" (task needs solver ipopt, and another controller than htmpc)'
             yield (name, "input"), expected(wanted)
+        if skill.input == "task" and context.sizes.get("base") == 6:
+            yield (name, "input"), expected('"joint" with a robot in space: task is the acceleration of planar poses')
         for at, error in _wider(skill.limits, outer, context.sizes):
             yield (name, "limits", *at), error
 

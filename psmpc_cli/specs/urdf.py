@@ -195,9 +195,7 @@ class _Reader:
     def _joint(self, element: Any, name: str) -> UrdfJoint:
         kind, line, ends = element.get("type"), element.sourceline, {}
         if kind not in KINDS:
-            self._wrong(
-                element, f"the type {quoted(str(kind))} of joint {quoted(name)}", choice(str(kind), KINDS).lstrip(", ")
-            )
+            self._wrong(element, f"the type {quoted(str(kind))} of joint {quoted(name)}", choice(str(kind), KINDS))
             kind = "fixed"
         for end in ("parent", "child"):
             part = element.find(end)
@@ -232,6 +230,8 @@ class _Reader:
             return None, None
         low, high = (self._number(limit, end, limit, end, 0.0) for end in ("lower", "upper"))
         rate = self._number(limit, "velocity", limit, "velocity", 0.0) or None
+        if kind != "prismatic" and rate is not None and rate > 4 * np.pi:
+            self._note(limit, f"the velocity {rate:g} rad/s of joint {quoted(name)} looks like degrees")
         if kind == "continuous":
             return None, rate
         if low > high:
@@ -243,8 +243,11 @@ class _Reader:
     def _origin(self, element: Any) -> Matrix:
         origin, place = element.find("origin"), np.eye(4)
         if origin is not None:
+            rpy = self._numbers(origin, "rpy", 3)
+            if max(np.abs(rpy)) > 4 * np.pi:
+                self._note(origin, f'the angles rpy="{origin.get("rpy")}" look like degrees: taken as rad')
             place[:3, 3] = self._numbers(origin, "xyz", 3)
-            place[:3, :3] = Rotation.from_euler("xyz", self._numbers(origin, "rpy", 3)).as_matrix()
+            place[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
         return place
 
     def _numbers(self, element: Any, attribute: str, count: int) -> list[float]:
@@ -321,7 +324,8 @@ class _Reader:
         self._at(element.sourceline, found, wanted)
 
     def _at(self, line: int, found: str, wanted: str) -> None:
-        self.errors.append(f"{self.urdf.file}:{line}: found {found}, expected {wanted.removeprefix(', expected ')}")
+        tail = wanted if wanted.startswith((" (", ", ")) else f", expected {wanted}"
+        self.errors.append(f"{self.urdf.file}:{line}: found {found}{tail}")
 
 
 def spatial_robot(
@@ -377,6 +381,8 @@ class _Merger:
     def robot(self) -> dict[str, Any]:
         """Build the keys."""
         for joint in self.urdf.joints.values():
+            if joint.kind in ("floating", "planar") and joint.child in self.places:
+                self.urdf.notes.append(f"line {joint.line}: joint {quoted(joint.name)} is {joint.kind}: taken as fixed")
             if joint.kind in MOVING and joint.name not in self.body_of and joint.child in self.places:
                 at = self.locked.get(joint.name, 0.0)
                 self.urdf.notes.append(
@@ -466,9 +472,14 @@ class _Merger:
 
 
 def _limits(own: Sequence[UrdfJoint]) -> dict[str, list[Any]]:
-    position = [None if joint.limits is None else list(joint.limits) for joint in own]
+    position = [None if joint.limits is None else [_with_unit(joint, end) for end in joint.limits] for joint in own]
     found: dict[str, list[Any]] = {"position": position, "velocity": [joint.rate for joint in own]}
     return {key: values for key, values in found.items() if any(value is not None for value in values)}
+
+
+def _with_unit(joint: UrdfJoint, limit: float) -> float | str:
+    """Return a limit as our own files have it: an angle beyond a turn with its unit."""
+    return limit if joint.kind == "prismatic" or abs(limit) <= 2 * np.pi else f"{limit!r} rad"
 
 
 def _plain(values: Any) -> list[float]:

@@ -258,7 +258,7 @@ def _call(
     """Return a solve: cold, or warm from the solution of the sample before by the same back-end (`own`: the run's)."""
     window, guess = recorded.window, recorded.guess
     if start == "cold":
-        resting = resting_plan(window.start, window.horizon, 100, window.x0)
+        resting = resting_plan(window.start, window.horizon, 100, window.x0, window.chart)
         guess, previous = replace(resting, instants=guess.instants), None
     elif previous is not None and not own:
         previous = solver.solve(previous.window, previous.guess)

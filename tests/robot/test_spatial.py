@@ -13,6 +13,7 @@ from psmpc_cli.errors import SpecError
 from psmpc_cli.robot.model import RobotModel, build_model
 from psmpc_cli.robot.mujoco_model import mujoco_spec
 from psmpc_cli.robot.rotations import matrix
+from psmpc_cli.specs.load import load_robot
 from psmpc_cli.specs.robot import Attachment, Body, SpatialRobot
 from psmpc_cli.specs.urdf import read_urdf, spatial_robot
 
@@ -238,15 +239,22 @@ def test_a_file_that_is_no_robot_is_one_error(tmp_path: Path, text: str, words: 
 
 def test_what_is_assumed_is_noted(tmp_path: Path) -> None:
     joint = PARTS["joint"].replace('<limit lower="-1" upper="1"/>', "").replace("0 0 1", "0 0 2")
-    degrees = (
-        '<joint name="k" type="revolute"><parent link="arm"/><child link="tip"/><limit lower="-90" upper="90"/></joint>'
-    )
+    fixed = '<joint name="k" type="fixed"><parent link="arm"/><child link="tip"/></joint>'
     tip = '<link name="tip"><odd/><visual><geometry><mesh filename="no.stl"/></geometry></visual></link>'
-    urdf = read_urdf(written(tmp_path, joint=joint, tip=tip, k=degrees.replace("revolute", "fixed")))
+    urdf = read_urdf(written(tmp_path, joint=joint, tip=tip, k=fixed))
     notes = "\n".join(urdf.notes)
     for word in ("no <limit>", "length 2", "no <inertial>", "<odd>", "meshes"):
         assert word in notes
-    assert "degrees" in "\n".join(read_urdf(written(tmp_path, tip=tip, k=degrees)).notes)
+    fast = PARTS["joint"].replace("<limit", '<origin rpy="90 0 0"/><limit velocity="120"')
+    notes = "\n".join(read_urdf(written(tmp_path, joint=fast)).notes)
+    assert "120 rad/s" in notes
+    assert 'rpy="90 0 0"' in notes
+    floating = load_robot(written(tmp_path, joint=PARTS["joint"].replace("revolute", "floating")))
+    assert any("floating: taken as fixed" in note for note in floating.assumed)
+    turned = PARTS["joint"].replace('lower="-1" upper="1"', 'lower="-90" upper="90"')
+    robot = load_robot(written(tmp_path, joint=turned))
+    assert any("limits -90, 90 rad" in note and "degrees" in note for note in robot.assumed)
+    assert robot.limits["arm"].position == ((-90, 90),)
 
 
 def test_locked_and_fixed_joints_leave_their_bodies_mass(tmp_path: Path) -> None:

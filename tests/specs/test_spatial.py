@@ -73,6 +73,15 @@ def test_our_own_keys_give_the_same_robot_as_the_urdf(tmp_path: Path) -> None:
         ("{axis: [0, 0, 1]}", "{axis: [0, 0, 1], kind: ball}", "r.yaml:7:", ("revolute", "prismatic")),
         ("[0.1, 0.1, 0.1, 0.2, 0.2, 0.2]", "[0.1, 0.1, 0.1]", "r.yaml:8:", ("6 entries", "rx")),
         ("spatial", "spacial", "r.yaml:2:", ("spatial",)),
+        (
+            "velocity: [0.1",
+            "position: [null, null, null, [-1, 1], null, null], velocity: [0.1",
+            "r.yaml:8:",
+            ("attitude", "null"),
+        ),
+        ("[0, 0, 1]}", "[0, 0, 1], rpy: [90, 0, 0]}", "r.yaml:7:", ("90 rad", "90 deg")),
+        ("mass: 10, ", "", "r.yaml:3:", ('no key "mass"',)),
+        ("{base: {velocity", "{arm: {position: [[-120, 120]]}, base: {velocity", "r.yaml:8:", ("-120 deg",)),
         ("    links:", "    mount: arn.1\n    links:", "r.yaml:6:", ("arn.1", "base")),
     ],
 )
@@ -89,13 +98,13 @@ def test_bad_keys_are_named_where_they_are(
 @pytest.mark.parametrize(
     ("right", "wrong", "words"),
     [
-        ("servicer.urdf", "gone.urdf", ("gone.urdf", "no readable file")),
+        ("servicer.urdf", "gone.urdf", ("gone.urdf", "no readable file", "URDF")),
         ("base: servicer", "base: serviser", ("serviser", "servicer")),
         ("left_tool", "left_tol", ("left_tol", "left_tool")),
         ("{tip: left_tool}", "{tip: servicer}", ("no joint of its own", "servicer")),
         ("{tip: left_tool}", "{top: left_tool}", ("top", "tip")),
         ("limits:", "locked: {right_joint_9: 1}\nlimits:", ("right_joint_9", "right_joint_1")),
-        ("velocity: [0.1, ", "velocity: [", ("7 entries",)),
+        ("velocity: [0.1, ", "velocity: [", ("7 entries", "limits: {left: {velocity: [0.1, 0.1")),
     ],
 )
 def test_a_urdf_that_does_not_have_what_the_file_names(
@@ -150,6 +159,8 @@ def test_a_pose_of_a_task_becomes_position_and_quaternion(tmp_path: Path) -> Non
             "t.yaml:8:",
             ("7 entries",),
         ),
+        ("weights:", "input: task, weights:", "t.yaml:4:", ("joint",)),
+        ("control: 0.1", "control: {base: [1, 1, 1], arm: [1, 1, 1]}", "t.yaml:4:", ("6 entries",)),
         ("base.rz", "base.theta", "t.yaml:9:", ("base.theta", "base.rz")),
     ],
 )

@@ -5,6 +5,7 @@ Unknowns are the steps of x_1 .. x_K = [Q; Qdot] and those of the durations; x_0
 
 import ctypes
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
@@ -14,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import piqp
 from numpy.typing import ArrayLike
-from scipy.sparse import coo_array, csc_array, vstack
+from scipy.sparse import csc_array
 
 from psmpc_cli.native.library import library
 from psmpc_cli.ocp.gauss_newton import Linearization, Point
@@ -200,7 +201,7 @@ class PiqpQp(QpMethod):
 
     def __init__(self, tolerance: float) -> None:
         self._tolerance = tolerance
-        self._solvers: dict[tuple[object, ...], piqp.SparseSolver] = {}
+        self._set_up: dict[tuple[object, ...], tuple[piqp.SparseSolver, list[_Pattern]]] = {}
 
     def _solve(self, numbers: dict[str, np.ndarray], soft: bool) -> tuple[QpStatus, int]:
         (K, n), S, low, high = numbers["coupling"].shape, len(numbers["tau"]), numbers["low"], numbers["high"]
@@ -212,10 +213,11 @@ class PiqpQp(QpMethod):
         below, above, boxed = is_soft & np.isfinite(low), is_soft & np.isfinite(high), ~is_soft & (row < x.size + S)
         hard = ~is_soft & ~boxed & (np.isfinite(low) | np.isfinite(high))
         rows, violated = _rows(numbers, x, tau), (np.arange(x.size), e.ravel())
-        blocks = [_matrix(len(low), size, *rows)[hard]]
-        if soft:
-            ways = ((below, 1.0), (above, -1.0))
-            blocks = [*(_matrix(len(low), size, *rows, (*violated, way))[some] for some, way in ways), *blocks]
+        limited = [*_chosen(hard, rows, below.sum() + above.sum())]
+        for some, way, first in ((below, 1.0, 0), (above, -1.0, below.sum())) if soft else ():
+            limited += _chosen(some, [*rows, (*violated, way)], first)
+        given = len(numbers["given_rows"])
+        pieces = [_hessian(numbers, x, tau), _equalities(numbers, x, tau), limited]
         cost, lowest, highest, of_box = (
             np.zeros(size),
             np.full(size, -np.inf),
@@ -224,20 +226,25 @@ class PiqpQp(QpMethod):
         )
         cost[x], cost[tau], cost[e], lowest[e] = numbers["gradient"], numbers["gradient_tau"], numbers["penalty"], 0.0
         lowest[of_box], highest[of_box] = low[boxed], high[boxed]
-        key = soft, np.packbits([below, above, hard]).tobytes(), len(numbers["given_rows"])
-        solver = self._solvers.get(key) or self._new_solver()
-        (solver.update if key in self._solvers else solver.setup)(
-            P=_matrix(size, size, *_hessian(numbers, x, tau)),
+        key = soft, np.packbits([below, above, hard]).tobytes(), np.array(_places(numbers)).tobytes(), given
+        known = key in self._set_up
+        if not known:
+            counts = size, K * n + given, below.sum() + above.sum() + hard.sum()
+            patterns = [_Pattern(int(count), size, each) for count, each in zip(counts, pieces, strict=True)]
+            self._set_up[key] = self._new_solver(), patterns
+        solver, patterns = self._set_up[key]
+        P, A, G = (pattern.matrix(each) for pattern, each in zip(patterns, pieces, strict=True))
+        (solver.update if known else solver.setup)(
+            P=P,
             c=cost,
-            A=_matrix(K * n + len(numbers["given_rows"]), size, *_equalities(numbers, x, tau)),
+            A=A,
             b=np.r_[-numbers["gaps"].ravel(), numbers["given_change"]],
-            G=vstack(blocks, format="csc"),
+            G=G,
             h_l=np.r_[low[below], np.full(above.sum(), -np.inf), low[hard]],
             h_u=np.r_[np.full(below.sum(), np.inf), high[above], high[hard]],
             x_l=lowest,
             x_u=highest,
         )
-        self._solvers[key] = solver
         status, result, z = solver.solve(), solver.result, numbers["multipliers"]
         found, y, of_rows = np.array(result.x), np.array(result.y), np.array(result.z_u) - np.array(result.z_l)
         numbers["X"][:], numbers["tau"][:] = found[x], found[tau]
@@ -264,17 +271,38 @@ def _status(status: piqp.Status, info: piqp.Info) -> QpStatus:
     return QpStatus.SOLVED if status == piqp.Status.PIQP_SOLVED or nearly else QpStatus.FAILED
 
 
-def _matrix(rows: int, columns: int, *pieces: Piece) -> csc_array:
-    """Return the sparse matrix of pieces; the places of its nonzeros are the same whatever the values."""
-    flat = [[np.ravel(part) for part in np.broadcast_arrays(*piece)] for piece in pieces]
-    row, column, value = (np.concatenate(parts) for parts in zip(*flat, strict=True))
-    return csc_array(coo_array((value, (row, column)), shape=(rows, columns)))
+class _Pattern:
+    """The places of a sparse matrix's nonzeros, which stay whatever their values; what has the same place adds up."""
+
+    def __init__(self, rows: int, columns: int, pieces: Sequence[Piece]) -> None:
+        entries = [np.broadcast_arrays(*piece) for piece in pieces]
+        row, column = (np.concatenate([entry[i].ravel() for entry in entries]) for i in (0, 1))
+        places, self._slot = np.unique((column * rows + row)[row >= 0], return_inverse=True)
+        self._kept, first = row >= 0, np.searchsorted(places, rows * np.arange(columns + 1))
+        self._matrix = csc_array((np.zeros(len(places)), places % max(rows, 1), first), shape=(rows, columns))
+
+    def matrix(self, pieces: Sequence[Piece]) -> csc_array:
+        """Return the matrix with the values of pieces in the same places; the next call overwrites it."""
+        values = [np.broadcast_arrays(*piece)[2].ravel() for piece in pieces]
+        self._matrix.data = np.bincount(self._slot, np.concatenate(values)[self._kept], len(self._matrix.data))
+        return self._matrix
+
+
+def _chosen(some: np.ndarray, pieces: Sequence[Piece], first: int) -> list[Piece]:
+    """Return the pieces with some of their rows (R,), numbered from `first` on; the others have the number -1."""
+    number = np.where(some, first + np.cumsum(some) - 1, -1)
+    return [(number[np.asarray(row)], column, value) for row, column, value in pieces]
+
+
+def _places(numbers: dict[str, np.ndarray]) -> tuple[np.ndarray, ...]:
+    """Return rows and columns of the Hessian's nonzeros by Q at any node."""
+    return np.nonzero(np.triu(numbers["positions"].any(axis=0)))
 
 
 def _hessian(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> list[Piece]:
     """Return the upper triangle of the Hessian."""
     n, weight = numbers["coupling"].shape[1], -numbers["coupling"]
-    Q, v, (i, j), (c, d) = x[:, :n], x[:, n:], np.triu_indices(n), np.triu_indices(len(tau))
+    Q, v, (i, j), (c, d) = x[:, :n], x[:, n:], _places(numbers), np.triu_indices(len(tau))
     return [
         (Q[:, i], Q[:, j], numbers["positions"][:, i, j]),
         (v, v, weight),

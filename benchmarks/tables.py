@@ -164,8 +164,9 @@ def datasets(along: str, *only: str) -> Iterator[str]:
         "coordinate": "n",
         "pose_coordinate": "m",
         "stage": "S",
-        "momentum": "3",
+        "momentum": "3 or 6",
         "gripper": "A",
+        schema.Q_COORDINATE: "nq",
     }
     rows = []
     for column in schema.columns("" if along == "fixed" else along):

@@ -1,7 +1,7 @@
 """A whole run in memory, from its log or straight from a simulation."""
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 
 from psmpc_cli.errors import InputError, LogError, SpecError
 from psmpc_cli.logs.files import kind_in, new_image, read_array, read_file, write_new
-from psmpc_cli.logs.schema import COMPARISON, RUN, SCHEMA, Column, columns
+from psmpc_cli.logs.schema import COMPARISON, Q_COORDINATE, RUN, Column, columns, layout
 from psmpc_cli.logs.summary import Summary, summarize
 from psmpc_cli.logs.write import create_log
 from psmpc_cli.ocp.problem import Problem, build_problem
@@ -56,10 +56,10 @@ class Motion:
 
     Attributes:
         time: Times (N,) [s].
-        Q: Coordinates (N, n) [m, rad].
+        Q: Coordinates (N, nq) [m, rad].
         v: Velocities (N, n) [m/s, rad/s].
         xi: Poses of base and end-effectors (N, m) [m, rad].
-        Q_seen, v_seen: The state that the controller saw (N, n): measured, or predicted over a known delay.
+        Q_seen, v_seen: The state that the controller saw (N, nq), (N, n): measured, or predicted over a known delay.
     """
 
     time: Array
@@ -76,16 +76,25 @@ class Motion:
 
     def poses_at(self, time: Array) -> Array:
         """Interpolate the poses (K, m) [m, rad] at times (K,) [s]."""
-        return np.column_stack([np.interp(time, self.time, row) for row in self.xi.T])
+        return self._at(time, self.xi, range(3, self.xi.shape[1], 7))
 
     def coordinates_at(self, time: float) -> Array:
-        """Interpolate the coordinates (n,) [m, rad] at a time [s]."""
-        return np.array([np.interp(time, self.time, row) for row in self.Q.T])
+        """Interpolate the coordinates (nq,) [m, rad] at a time [s]."""
+        return np.asarray(self._at(np.array([time]), self.Q, (3,))[0])
+
+    def _at(self, time: Array, values: Array, quaternions: Iterable[int]) -> Array:
+        """Interpolate values (N, columns), of a spatial robot with unit quaternions that begin at some columns."""
+        found = np.column_stack([np.interp(time, self.time, column) for column in values.T])
+        for first in quaternions if self.Q.shape[1] > self.v.shape[1] else ():
+            found[:, first : first + 4] /= np.linalg.norm(found[:, first : first + 4], axis=1, keepdims=True)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A whole run in memory, with K samples, n coordinates, m pose coordinates and S stages.
+    """A whole run in memory, with K samples, nq coordinates, n velocities, m pose coordinates and S stages.
+
+    In the plane nq is n. In space Q has position, unit quaternion (w, x, y, z) and joints, and a pose 7 coordinates.
 
     `run["window/instants"]` is the array of a dataset of the log; docs/log.md lists them.
 
@@ -112,7 +121,7 @@ class Run:
 
     @property
     def Q(self) -> Array:
-        """True coordinates at the samples (K, n) [m, rad]."""
+        """True coordinates at the samples (K, nq) [m, rad]."""
         return self.arrays.get("state/Q_true", self["state/Q"])
 
     @property
@@ -127,8 +136,18 @@ class Run:
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Names of the n coordinates."""
+        """Names of the n coordinates of v."""
         return tuple(self["coordinate"].tolist())
+
+    @property
+    def Q_coordinates(self) -> tuple[str, ...]:
+        """Names of the nq coordinates of Q."""
+        return tuple(self[Q_COORDINATE].tolist()) if self.spatial else self.coordinates
+
+    @property
+    def spatial(self) -> bool:
+        """Whether the robot moves in space."""
+        return Q_COORDINATE in self.arrays
 
     @property
     def stage_names(self) -> tuple[str, ...]:
@@ -150,7 +169,7 @@ class Run:
 
     @property
     def ticks(self) -> dict[str, Array]:
-        """Low-level ticks: time (M,) [s], Q, v, F (M, n); empty unless the task logs them."""
+        """Low-level ticks: time (M,) [s], Q (M, nq), v, F (M, n); empty unless the task logs them."""
         return {"v" if name == "Qdot" else name: values for name, values in self._below("ticks").items()}
 
     @property
@@ -260,7 +279,7 @@ class Run:
 
     def write_into(self, group: h5py.Group) -> None:
         """Write the log of the run into an empty group of an open file."""
-        present = [column for column in SCHEMA if column.path in self.arrays]
+        present = [column for column in layout(self.spatial) if column.path in self.arrays]
         elements = {c.dims[1]: np.arange(self[c.path].shape[1]) for c in present if c.ragged}
         create_log(group, present, self.attributes, {**self.arrays, **elements})
 
@@ -312,7 +331,8 @@ class Run:
 
     def _along(self, dim: str) -> tuple[Column, ...]:
         """Return the columns along a dimension that the run has, without its scale."""
-        return tuple(column for column in columns(dim) if column.path in self.arrays and not column.ragged)
+        found = columns(dim, self.spatial)
+        return tuple(column for column in found if column.path in self.arrays and not column.ragged)
 
     def _table(self, dim: str, without: str = "") -> dict[str, Array]:
         """Return everything along a dimension as columns of numbers or texts, by heading."""
@@ -369,7 +389,8 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
     for name in ATTRIBUTES:
         if name not in group.attrs:
             raise LogError(f"{path}: found no attribute {name}, {EXPECTED}")
-    present = [part for column in SCHEMA if not column.only or column.path in group for part in column.parts[:2]]
+    columns = layout(Q_COORDINATE in group)
+    present = [part for column in columns if not column.only or column.path in group for part in column.parts[:2]]
     arrays = {column.path: read_array(group[column.path]) for column in present}
     for column in present:
         shape = arrays[column.path].shape

@@ -4,8 +4,8 @@ Writer, reader, CSV export and the tables of docs/log.md follow it: a new logged
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from operator import attrgetter
 from typing import Any
 
@@ -32,15 +32,15 @@ class Metrics:
         stage_cost: Lbar of the current stage.
         presence: By stage index, how much of a waiting stage is in the control.
         shares: By stage index, its share in the applied control.
-        margin: Smallest distance of [Q; v] to a limit (2n,) [m, rad, m/s, rad/s].
+        margin: Smallest distance of positions and velocities to a limit (2n,) [m, rad, m/s, rad/s].
         control_effort: Integral of |u|^2.
         base_force, base_torque: Integrals of the norm of the base's force [N s] and torque [N m s].
-        deviation: State at the next sample less the plan's (2n,) [m, rad, m/s, rad/s].
+        deviation: State at the next sample less the plan's (2n,) [m, rad, m/s, rad/s]; of attitude the rotation vector.
         end_errors: By stage index, the error of its end condition over its tolerance, of stages that end by the plan
             before the next sample.
         balance: p(t) - p(0) - integral of the external wrench [N s, N m s], and T - T(0) - integral of F' Qdot [J], at
-            the next sample (4,).
-        true: The true state (2n,).
+            the next sample, (4,) or (7,).
+        true: The true state (nq + n,).
         held: Whether the grippers hold the payload from here on.
         payload_energy: Kinetic energy that taking it up or letting it go added at this sample [J].
     """
@@ -82,8 +82,8 @@ class Sample:
 
     @property
     def n(self) -> int:
-        """Number of generalized coordinates."""
-        return len(self.command.x) // 2
+        """Number of velocities."""
+        return len(self.command.disturbance)
 
     @property
     def tick_numbers(self) -> np.ndarray:
@@ -93,6 +93,9 @@ class Sample:
 
 
 Value = Callable[[Sample], ArrayLike]
+
+Q_COORDINATE = "Q_coordinate"
+"""Scale of Q (nq,) in the logs of spatial robots; `coordinate` is that of v (n,), and of a planar robot's Q too."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +109,7 @@ class Column:
         value: Its row or rows, from a sample; None in a dataset that does not grow.
         dtype: NumPy type, or `text`.
         dims: Paths of the dimension scales of its dimensions; a scale has its own path alone. The first is `time` in a
-            dataset with a row a sample, `ticks/tick` in one with a row a tick; the others do not grow.
+            dataset with a row a sample, `ticks/tick` in one with a row a tick; the others do not grow. See `layout`.
         only: Which runs have it: those whose `Header.has` names this; all, if empty.
         unknown: Its value until another is known.
     """
@@ -214,14 +217,16 @@ def _plan(name: str, long_name: str, value: str) -> Column:
     return _column(f"plan/{name}", "1", long_name, value, dims=("time", f"plan/{name}_element"), only="plans")
 
 
-def _halves(Q: str, v: str, what: str, state: str, only: str = "") -> tuple[Column, ...]:
-    """Return the columns of the positions and the velocities of a state (2n,)."""
+def _halves(Q: str, v: str, what: str, state: str, only: str = "", scale: str = "coordinate") -> tuple[Column, ...]:
+    """Return the columns of the positions, along a scale, and the velocities of a state (nq + n,) or (2n,)."""
     of = attrgetter(state)
     names = ("position", "velocity") if "limit" in what else ("coordinates", "velocities")
-    units, dims = ("m, rad", "m/s, rad/s"), ("time", "coordinate")
-    values: tuple[Value, Value] = (lambda s: of(s)[: s.n], lambda s: of(s)[s.n :])
-    columns = zip((Q, v), units, names, values, strict=True)
-    return tuple(Column(path, unit, what.format(name), each, "f8", dims, only) for path, unit, name, each in columns)
+    values: tuple[Value, Value] = (lambda s: of(s)[: -s.n], lambda s: of(s)[-s.n :])
+    columns = zip((Q, v), ("m, rad", "m/s, rad/s"), names, values, (scale, "coordinate"), strict=True)
+    return tuple(
+        Column(path, unit, what.format(name), each, "f8", ("time", dim), only)
+        for path, unit, name, each, dim in columns
+    )
 
 
 def _tick_of_object(dim: str, name: str, units: str, long_name: str, value: Read) -> Column:
@@ -237,6 +242,7 @@ _Q, _V, _A, _F = "m, rad", "m/s, rad/s", "m/s^2, rad/s^2", "N, N m"
 _t = partial(_column, dims=("time",))
 _tn = partial(_column, dims=("time", "coordinate"))
 _disturbance = partial(_column, dims=("time", "coordinate"), only="disturbance")
+_tick_q = partial(_column, dims=("ticks/tick", Q_COORDINATE), only="ticks")
 _tick = partial(_column, dims=("ticks/tick", "coordinate"), only="ticks")
 _payload = partial(_column, dims=("time",), only="payload")
 _pose = partial(_column, dims=("time", "object_coordinate"), only="object")
@@ -244,6 +250,7 @@ _axis = partial(_column, dims=("time", "object_axis"), only="object")
 _grip = partial(_column, dims=("time", "gripper"), only="object")
 _thing = partial(_column, only="object")
 _stage = partial(_column, dims=("stage",))
+_final_q = partial(_column, dims=(Q_COORDINATE,))
 _final = partial(_column, dims=("coordinate",))
 _monitor = partial(_column, dims=("monitors/name",))
 _body = partial(_column, dims=("uncertainty/body",), only="drawn")
@@ -253,6 +260,7 @@ SCHEMA = (
     _t("time", "s", "sample time", "command.time"),
     _column("ticks/tick", "1", "number of the tick, from 0", "tick_numbers", "i8", dims=("ticks/tick",), only="ticks"),
     _scale("coordinate", "1", "generalized coordinate"),
+    _scale(Q_COORDINATE, "1", "coordinate of Q, with the attitude as unit quaternion", only="spatial"),
     _scale("pose_coordinate", "1", "pose coordinate"),
     _scale("stage", "1", "stage"),
     _scale("momentum", "1", "component of momentum"),
@@ -267,7 +275,7 @@ SCHEMA = (
     _scale("grasp_axis", "1", "component of a gripper's force and moment", only="object"),
     _scale("grasp/measure", "1", "what a gripper has to be near in, to close", only="object"),
     # a row a sample
-    *_halves("state/Q", "state/Qdot", "generalized {}, as the controller saw them", "command.x"),
+    *_halves("state/Q", "state/Qdot", "generalized {}, as the controller saw them", "command.x", scale=Q_COORDINATE),
     _tn("control/u", _A, "applied acceleration over the first tick", lambda s: s.metrics.u[0]),
     _tn("force/F", _F, "generalized force of the low-level controller at the sample", lambda s: s.ticks.F[0]),
     _column("pose/xi", _Q, "poses of base and end-effectors", "metrics.xi", dims=("time", "pose_coordinate")),
@@ -306,7 +314,7 @@ SCHEMA = (
     ),
     _t("effort/control", "m^2/s^3, rad^2/s^3", "integral of |u|^2 until the next sample", "metrics.control_effort"),
     _t("effort/base_force", "N s", "integral of the norm of the base force", "metrics.base_force"),
-    _t("effort/base_torque", "N m s", "integral of the magnitude of the base torque", "metrics.base_torque"),
+    _t("effort/base_torque", "N m s", "integral of the norm of the base torque", "metrics.base_torque"),
     *_halves("deviation/Q", "deviation/Qdot", "generalized {} at the next sample less the plan's", "metrics.deviation"),
     _by_stage(
         "deviation/end", "1", "error of an end condition over its tolerance, where its stage ends", "metrics.end_errors"
@@ -315,17 +323,19 @@ SCHEMA = (
         "balance/momentum",
         "N s, N m s",
         "momentum less the integral of the external wrench",
-        lambda s: s.metrics.balance[:3],
+        lambda s: s.metrics.balance[:-1],
         dims=("time", "momentum"),
     ),
-    _t("balance/energy", "J", "kinetic energy less the work of the generalized forces", lambda s: s.metrics.balance[3]),
+    _t(
+        "balance/energy", "J", "kinetic energy less the work of the generalized forces", lambda s: s.metrics.balance[-1]
+    ),
     _level("objective", "1", "optimum of the cost each level minimizes; NaN where none converged", _optimum),
     _by_stage(
         "levels/cost", "1", "cost of each level's stage at the last level that converged", _level_costs, only="levels"
     ),
     _level("wall_time", "s", "wall time of each level's solve alone; NaN where there was none", "wall_time"),
     _level("solved", "1", "1 if the level converged, 0 if not, -1 if there was none", "outcome.usable", "i1", -1),
-    *_halves("state/Q_true", "state/Qdot_true", "generalized {}, true", "metrics.true", "true state"),
+    *_halves("state/Q_true", "state/Qdot_true", "generalized {}, true", "metrics.true", "true state", Q_COORDINATE),
     _payload("payload/held", "1", "whether the grippers hold the payload from the sample on", "metrics.held", "i1"),
     _payload("payload/energy", "J", "kinetic energy gained by taking it up or letting it go", "metrics.payload_energy"),
     _disturbance("control/disturbance", _A, "estimated disturbance, taken off the control", "command.disturbance"),
@@ -345,14 +355,14 @@ SCHEMA = (
     _plan("guess_multipliers", "multipliers each solve started from; may be empty", "command.solution.guess_duals"),
     _plan(
         "parameters",
-        "elapsed time and hold left, then priorities, offsets, scales of the stages",
+        "elapsed time and hold left, then priorities, offsets, scales, and signs of attitudes of the stages",
         "command.solution.window.numbers",
     ),
     _plan("solution", "solution of each solve, as plan/guess", "command.solution.plan.flat"),
     # a row a tick
     _column("ticks/time", "s", "tick time", lambda s: s.ticks.time[:-1], dims=("ticks/tick",), only="ticks"),
-    _tick("ticks/Q", _Q, "generalized coordinates at every tick", lambda s: s.ticks.X[:-1, : s.n]),
-    _tick("ticks/Qdot", _V, "generalized velocities at every tick", lambda s: s.ticks.X[:-1, s.n :]),
+    _tick_q("ticks/Q", _Q, "generalized coordinates at every tick", lambda s: s.ticks.X[:-1, : -s.n]),
+    _tick("ticks/Qdot", _V, "generalized velocities at every tick", lambda s: s.ticks.X[:-1, -s.n :]),
     _tick("ticks/F", _F, "generalized force held from the tick on", "ticks.F"),
     _tick_of_object("object_coordinate", "object_pose", _Q, "pose of the object", lambda s: s.ticks.thing.pose[:-1]),
     _tick_of_object("gripper", "pull", "N", "filtered pull on each grasp", "ticks.thing.pull"),
@@ -365,10 +375,10 @@ SCHEMA = (
     _column("stages/actual_start_by_epsilon", "s", "actual start for each threshold", dims=("stage", "stages/epsilon")),
     # not `time`: netCDF readers would take it for the dimension of that name
     _column("final/end_time", "s", "end of the run; NaN if it was stopped before"),
-    _final("final/Q", _Q, "generalized coordinates at the end of the run"),
+    _final_q("final/Q", _Q, "generalized coordinates at the end of the run"),
     _final("final/Qdot", _V, "generalized velocities at the end of the run"),
     _column("final/xi", _Q, "poses of base and end-effectors at the end of the run", dims=("pose_coordinate",)),
-    _final("final/Q_true", _Q, "generalized coordinates at the end of the run, true", only="true state"),
+    _final_q("final/Q_true", _Q, "generalized coordinates at the end of the run, true", only="true state"),
     _final("final/Qdot_true", _V, "generalized velocities at the end of the run, true", only="true state"),
     _monitor("monitors/held", "1", "1 if the monitor held, 0 if not, -1 if not known", dtype="i1", unknown=-1),
     _monitor("monitors/margin", "m, m/s", "smallest distance of the signal to its bounds"),
@@ -407,14 +417,24 @@ SCHEMA = (
 )
 """Every dataset of a log, scales first."""
 
-MOMENTUM = ("x", "y", "angular")
-"""Components of the momentum: linear, and angular about the inertial origin."""
+MOMENTUM = {2: ("x", "y", "angular"), 3: ("x", "y", "z", "angular_x", "angular_y", "angular_z")}
+"""Components of the momentum in the plane and in space: linear, and angular about the inertial origin."""
 
 
-def columns(along: str) -> tuple[Column, ...]:
+@lru_cache
+def layout(spatial: bool) -> tuple[Column, ...]:
+    """Return the datasets as the logs of spatial or of planar robots have them: a planar Q is along `coordinate`."""
+    if spatial:
+        return SCHEMA
+    dims = [tuple("coordinate" if dim == Q_COORDINATE else dim for dim in column.dims) for column in SCHEMA]
+    planar = (replace(column, dims=own) for column, own in zip(SCHEMA, dims, strict=True))
+    return tuple(column for column in planar if column.path != Q_COORDINATE)
+
+
+def columns(along: str, spatial: bool = True) -> tuple[Column, ...]:
     """Return the datasets whose first dimension it is, or those that do not grow for an empty `along`; no scales."""
     return tuple(
         column
-        for column in SCHEMA
+        for column in layout(spatial)
         if not column.is_scale and (column.dims[:1] == (along,) if along else column.value is None)
     )

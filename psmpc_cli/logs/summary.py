@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from psmpc_cli.ocp.problem import Problem, Stage, StageCosts
+from psmpc_cli.ocp.problem import Problem, Stage, in_own_chart
 from psmpc_cli.robot.free_body import pose_error
 from psmpc_cli.specs.object import ObjectSpec
 from psmpc_cli.specs.task import DEEDS, MonitorSpec, PublishedRun, TaskSpec
@@ -219,7 +219,7 @@ def summarize(arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -
         off_plan=tuple(each for each in off_plan if each is not None),
         beyond_limits=tuple(each for each in beyond if each is not None and each.value > 0),
         end_condition=_largest(arrays, "deviation/end", tuple(arrays["stages/name"])),
-        end_errors=_end_errors(arrays, problem.costs, stages[-1]),
+        end_errors=_end_errors(arrays, problem, stages[-1]),
         capture=_capture(spec, arrays) if "grasp/pull" in arrays else None,
     )
 
@@ -282,9 +282,10 @@ def signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
 
     Speed is that of the frame's position between samples, the largest of the named frames.
     """
-    positions = [_position(arrays, name) for name in monitor.of]
+    poses, names = arrays["pose/xi"], list(arrays["pose_coordinate"])
+    positions = [_position(poses, names, name) for name in monitor.of]
     if monitor.quantity == "distance":
-        origin = positions[1] if len(positions) > 1 else _position(arrays, "base")
+        origin = positions[1] if len(positions) > 1 else _position(poses, names, "base")
         return np.asarray(np.linalg.norm(positions[0] - origin, axis=1))
     if len(arrays["time"]) < 2:
         return np.zeros(len(arrays["time"]))
@@ -339,12 +340,12 @@ def _limits(arrays: Arrays, stages: tuple[Stage, ...]) -> tuple[LimitSummary, ..
     return tuple(tightest)
 
 
-def _end_errors(arrays: Arrays, costs: StageCosts, stage: Stage) -> tuple[float, float] | None:
+def _end_errors(arrays: Arrays, problem: Problem, stage: Stage) -> tuple[float, float] | None:
     """Compute the last stage's end errors of the final state, as the controller saw it and true."""
     if "final/Q_true" not in arrays or np.isnan(arrays["final/end_time"]):
         return None
-    states = (np.concatenate([arrays[f"final/Q{which}"], arrays[f"final/Qdot{which}"]]) for which in ("", "_true"))
-    seen, true = (costs.end_error(stage, x) for x in states)
+    states = ((arrays[f"final/Q{which}"], arrays[f"final/Qdot{which}"]) for which in ("", "_true"))
+    seen, true = (problem.costs.end_error(*in_own_chart(problem.model, stage, Q, v)) for Q, v in states)
     return seen, true
 
 
@@ -354,8 +355,10 @@ def _distances(arrays: Arrays) -> tuple[float, ...]:
     if len(arms) < 2 or len(time) < 2:
         return (np.nan,) * len(arrays["stages/name"])
     xi = np.vstack([arrays["pose/xi"], arrays["final/xi"]])
-    gap = [xi[:, names.index(f"{arms[0]}.{axis}")] - xi[:, names.index(f"{arms[1]}.{axis}")] for axis in "xy"]
-    distance, known = np.hypot(*gap), np.isfinite(time)
+    distance, known = (
+        np.linalg.norm(_position(xi, names, arms[0]) - _position(xi, names, arms[1]), axis=1),
+        np.isfinite(time),
+    )
     return tuple(float(np.interp(t, time[known], distance[known])) for t in arrays["stages/switch_time"])
 
 
@@ -390,6 +393,7 @@ def judge_monitor(monitor: MonitorSpec, arrays: Arrays) -> Verdict:
     return Verdict(monitor.name, not len(broken), float(margin.min()), broken_at)
 
 
-def _position(arrays: Arrays, frame: str) -> np.ndarray:
-    names = list(arrays["pose_coordinate"])
-    return arrays["pose/xi"][:, [names.index(f"{frame}.x"), names.index(f"{frame}.y")]]
+def _position(xi: np.ndarray, names: list[str], frame: str) -> np.ndarray:
+    """Return the positions (K, dimension) of a frame from poses (K, m)."""
+    axes = [f"{frame}.{axis}" for axis in "xyz"]
+    return xi[:, [names.index(name) for name in axes if name in names]]

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import RunError
 from psmpc_cli.logs.files import image_of, replace_file, write_new
-from psmpc_cli.logs.schema import FORMAT_VERSION, RUN, SCHEMA, Column, Sample
+from psmpc_cli.logs.schema import FORMAT_VERSION, RUN, Column, Sample, layout
 
 BETWEEN_WRITES = 0.5
 """Shortest time from one write to the next [s]."""
@@ -59,7 +59,8 @@ class LogWriter:
             InputError: The path is taken (with `force`, by a file that psmpc did not write), or cannot be written.
         """
         self.path = path
-        self._columns = [column for column in SCHEMA if not column.only or column.only in header.has]
+        columns = layout("spatial" in header.has)
+        self._columns = [column for column in columns if not column.only or column.only in header.has]
         self._file = h5py.File(f"log {id(self)}", "w", driver="core", backing_store=False, libver="latest")
         open_end = {"finished": False, "end_reason": "", "stuck": False}
         attributes = {"kind": RUN, "format_version": FORMAT_VERSION, **open_end, **header.attributes}

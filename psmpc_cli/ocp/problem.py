@@ -9,6 +9,7 @@ import numpy as np
 
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.objective import StageFunctions, StageShape, stage_functions
+from psmpc_cli.ocp.plan import Chart
 from psmpc_cli.ocp.skills import SKILLS, Posture
 from psmpc_cli.robot.free_body import carried_rate, composed, relative
 from psmpc_cli.robot.model import RobotModel, build_model, nearest_equivalent
@@ -85,6 +86,7 @@ class Stage:
         dwell: Minimum duration [s], that of the trajectory at least.
         onset_rows: Rows of the control whose norm marks the actual start.
         attitudes: Of a spatial robot, the first of the target's numbers of each quaternion, by frame.
+        signs: In a chart, by which each of these quaternions was multiplied.
         on_object: By frame, the pose in the object's frame at which its target is; the target follows the object.
         drift: Rate of the target's rows of error that this makes (rows,) [m/s, rad/s]; 0 of a target at rest.
     """
@@ -107,6 +109,7 @@ class Stage:
     limits: Limits
     onset_rows: tuple[int, ...]
     attitudes: Mapping[str, int] = field(default_factory=dict)
+    signs: tuple[float, ...] = ()
     on_object: Mapping[str, np.ndarray] = field(default_factory=dict)
     drift: np.ndarray | float = 0.0
 
@@ -139,7 +142,8 @@ class Stage:
             return np.concatenate([numbers, more], axis=-1)
 
         path = self.trajectory and replace(self.trajectory, values=placed(self.trajectory.values))
-        return replace(self, target=placed(self.target), trajectory=path)
+        taken = tuple(signs[frame] for frame in self.attitudes)
+        return replace(self, target=placed(self.target), trajectory=path, signs=taken)
 
     @property
     def waypoints(self) -> np.ndarray:
@@ -230,6 +234,20 @@ class StageCosts:
 def _wanted(stage: Stage, since: np.ndarray | None) -> np.ndarray:
     """Return what a stage's cost follows at times since its start (K,) [s], (K, numbers); its target without them."""
     return stage.target if since is None or stage.trajectory is None else stage.reference(since)
+
+
+def in_own_chart(model: RobotModel, stage: Stage, Q: np.ndarray, v: np.ndarray) -> tuple[Stage, np.ndarray]:
+    """Return a stage of a problem and a state (2n,), both in the chart about the attitude in Q (nq,).
+
+    Of the two quaternions for an attitude of the target it has the nearer one.
+    """
+    chart = Chart.at(Q, model.n)
+    x = np.asarray(chart.enter(Q[None], v[None])[0])
+    if not chart.spatial:
+        return stage, x
+    poses, target = dict(zip(model.pose_rows, model.poses(Q), strict=True)), stage.target
+    nearer = {frame: float(target[at : at + 4] @ poses[frame][3:]) for frame, at in stage.attitudes.items()}
+    return stage.in_chart(chart.anchor, Q[7:], {frame: np.sign(w) or 1.0 for frame, w in nearer.items()}), x
 
 
 @dataclass(frozen=True, eq=False)

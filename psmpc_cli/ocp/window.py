@@ -89,8 +89,12 @@ class Window:
 
     @property
     def numbers(self) -> np.ndarray:
-        """What a log needs besides the measured state: elapsed, hold, omega, offset and scale, (2 + 3 (S + 1),)."""
-        return np.concatenate([[self.elapsed, self.hold], self.omega, self.offset, self.scale])
+        """What a log needs besides the measured state: elapsed, hold, omega, offset and scale, (2 + 3 (S + 1),).
+
+        In space the signs of the quaternions of each stage follow.
+        """
+        signs = (stage.signs for stage in self.stages)
+        return np.concatenate([[self.elapsed, self.hold], self.omega, self.offset, self.scale, *signs])
 
     @property
     def K(self) -> int:

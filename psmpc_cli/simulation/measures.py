@@ -13,7 +13,7 @@ from scipy.optimize import nnls
 from psmpc_cli.control.controller import Command, Controller
 from psmpc_cli.control.sequence import MovingSequence, Switch
 from psmpc_cli.logs.schema import Metrics, Sample
-from psmpc_cli.ocp.plan import Plan, shift
+from psmpc_cli.ocp.plan import Chart, Plan, shift
 from psmpc_cli.ocp.window import SHORTEST, Window
 from psmpc_cli.plant import Ticks
 from psmpc_cli.plant.grasp import MISSED_BY, Capture
@@ -42,7 +42,8 @@ class Meter:
         self._counterfactuals, self._uncertainty, self._problem = counterfactuals, uncertainty, problem
         self._sees_the_state, self._shares = problem.spec.sees_the_state, problem.spec.log.shares
         self._base, self._number = problem.model.parts["base"], 0
-        self._start, self._gained = self._kept(0, x0), np.zeros(4)
+        self._start = self._kept(0, x0)
+        self._gained = np.zeros(len(self._start))
 
     def measure(self, command: Command, ticks: Ticks, x: np.ndarray, u: np.ndarray, contact: Contact | None) -> Sample:
         """Measure a sample.
@@ -50,28 +51,32 @@ class Meter:
         Args:
             command: What the controller decided.
             ticks: What the plant did.
-            x: True state (2n,), before anything is taken up or let go.
+            x: True state (nq + n,), before anything is taken up or let go.
             u: Accelerations that reached the robot over the ticks (M, n).
             contact: Effect of taking up or letting go at the sample; None without a payload.
         """
         problem, stage, true = self._problem, command.stage, command.x if self._sees_the_state else x
+        model, chart = problem.model, command.solution.window.chart
         for happened in (ticks,) if contact is None else (contact, ticks):
             self._gained = self._gained + np.array([*happened.impulse, happened.work])
-        tick, base, end = ticks.time[1:] - ticks.time[:-1], ticks.F[:, self._base], ticks.X[-1]
-        below, above = ticks.X[1:] - stage.limits.state_low, stage.limits.state_high - ticks.X[1:]
+        tick, base, end, d = np.diff(ticks.time), ticks.F[:, self._base], ticks.X[-1], model.dimension
+        X, planned = self._in_chart(chart, ticks.X), command.x_next
+        bounded = np.hstack([X[1:, : model.n], ticks.X[1:, model.nq :]])  # limits are those of v
+        below, above = bounded - stage.limits.state_low, stage.limits.state_high - bounded
+        there = self._in_chart(Chart.at(planned[: model.nq], model.n), np.vstack([planned, end]))
         since = ticks.time[:1] - command.sequence.entered
         metrics = Metrics(
             u=u,
-            xi=problem.model.poses(true[: problem.model.n]).ravel(),
-            stage_cost=float(problem.costs.at(stage, true[None], u[:1], since)[0]),
+            xi=model.poses(true[: model.nq]).ravel(),
+            stage_cost=float(problem.costs.at(stage, self._in_chart(chart, true[None]), u[:1], since)[0]),
             presence=self._counterfactuals.presence(command),
             shares=self._counterfactuals.shares(command) if self._shares else {},
             margin=np.minimum(below, above).min(axis=0),
             control_effort=float((tick @ (u * u)).sum()),
-            base_force=float(tick @ np.sqrt((base[:, :-1] ** 2).sum(axis=1))),
-            base_torque=float(tick @ np.abs(base[:, -1])),
-            deviation=end - command.x_next,
-            end_errors=self._end_errors(command, ticks),
+            base_force=float(tick @ np.sqrt((base[:, :d] ** 2).sum(axis=1))),
+            base_torque=float(tick @ np.sqrt((base[:, d:] ** 2).sum(axis=1))),
+            deviation=np.r_[(there[1] - there[0])[: model.n], (end - planned)[model.nq :]],
+            end_errors=self._end_errors(command, ticks.time, X),
             balance=self._kept(stage.index, end) - self._start - self._gained,
             true=true,
             held=self._uncertainty is not None and self._uncertainty.holds(stage.index),
@@ -81,22 +86,27 @@ class Meter:
         return Sample(command, ticks, metrics, self._number - 1, len(problem.stages))
 
     def _kept(self, stage: int, x: np.ndarray) -> np.ndarray:
-        """Return momentum [N s, N m s] and energy [J] of the robot and what it holds in a stage, at x (2n,): (4,)."""
-        n, model = len(x) // 2, self._problem.model
+        """Return momentum [N s, N m s] and energy [J] of the robot and what it holds in a stage, (4,) or (7,)."""
+        model = self._problem.model
         robot = None if self._uncertainty is None else self._uncertainty.true_parameters(stage)
-        own = np.array([*model.momentum(x[:n], x[n:], robot), model.kinetic_energy(x[:n], x[n:], robot)])
+        Q, v = x[: model.nq], x[model.nq :]
+        own = np.array([*model.momentum(Q, v, robot), model.kinetic_energy(Q, v, robot)])
         return own if self._capture is None else own + self._capture.kept
 
-    def _end_errors(self, command: Command, ticks: Ticks) -> dict[int, float]:
+    def _in_chart(self, chart: Chart, X: np.ndarray) -> np.ndarray:
+        """Return states (K, nq + n) in a chart (K, 2n)."""
+        return chart.enter(*np.split(X, [self._problem.model.nq], axis=1))
+
+    def _end_errors(self, command: Command, times: np.ndarray, X: np.ndarray) -> dict[int, float]:
         """Return the end errors of stages that end by the plan before the next sample, by stage index.
 
-        At their planned switch times, which may lie up to `SHORTEST` after it: so far the motion is carried on.
+        At their planned switch times, which may lie up to `SHORTEST` after it: so far the motion is carried on. X are
+        the states at times (M + 1,) [s] in the chart of the sample (M + 1, 2n).
         """
-        found = {}
+        found, stages = {}, self._counterfactuals.controller.stages
         for index, instant in enumerate(command.instants, start=command.sequence.first):
-            if instant <= ticks.time[-1] + SHORTEST:
-                x = state_at(ticks.time, ticks.X, float(instant))
-                found[index] = self._problem.costs.end_error(self._problem.stages[index], x)
+            if instant <= times[-1] + SHORTEST:
+                found[index] = self._problem.costs.end_error(stages[index], state_at(times, X, float(instant)))
         return found
 
 
@@ -178,9 +188,10 @@ class Counterfactuals:
         plan, previous = self._last.get(key, (None, None))
         if plan is not None and previous is not None and plan.start >= command.time:
             return plan, previous.outcome.usable
-        controller, x, prediction = self.controller, command.x, command.prediction
+        controller, prediction = self.controller, command.prediction
+        x, chart = command.solution.window.x0, command.solution.window.chart
         if plan is not None:
-            prediction = shift(plan, command.time, controller.spec.horizon, x)
+            prediction = shift(plan.in_chart(chart), command.time, controller.spec.horizon, x)
         window = controller.window(sequence, prediction, x, previous or command.solution)
         guess = replace(prediction, instants=sequence.instants)
         solution = controller.solver.solve(_on_mesh_of(command.solution.window, window), guess, previous)

@@ -13,6 +13,7 @@ from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.comparison import Comparison, compare_logs
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import Sample
+from psmpc_cli.ocp.plan import Chart
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.simulation.run import Experiment, Watch, build_experiment, simulate
@@ -65,13 +66,26 @@ def _window(run: Run, problem: Problem, numbers: np.ndarray, sample: int) -> Win
     stages, nodes = problem.stages[first : first + count], run["window/nodes"][sample, first : first + count]
     if len(stages) != count or not (np.isfinite(nodes) & (nodes >= 1) & (nodes <= MOST_NODES)).all():
         raise ValueError
-    (elapsed, hold), (omega, offset, scale) = numbers[:2], numbers[2:].reshape(3, count)
+    (elapsed, hold), (omega, offset, scale), signs = (
+        numbers[:2],
+        numbers[2 : 2 + 3 * count].reshape(3, count),
+        numbers[2 + 3 * count :],
+    )
+    Q, v = run["state/Q"][sample], run["state/Qdot"][sample]
+    chart = Chart.at(Q, len(v))
+    if chart.spatial:
+        ends = np.cumsum([len(stage.attitudes) for stage in stages])
+        taken = (
+            dict(zip(stage.attitudes, part, strict=True))
+            for stage, part in zip(stages, np.split(signs, ends), strict=False)
+        )
+        stages = tuple(stage.in_chart(chart.anchor, Q[7:], each) for stage, each in zip(stages, taken, strict=True))
     return Window(
         stages=stages,
         start=float(run.time[sample]),
         elapsed=float(elapsed),
         hold=float(hold),
-        x0=np.concatenate([run["state/Q"][sample], run["state/Qdot"][sample]]),
+        x0=np.asarray(chart.enter(Q[None], v[None])[0]),
         omega=omega,
         offset=offset,
         scale=scale,
@@ -81,6 +95,7 @@ def _window(run: Run, problem: Problem, numbers: np.ndarray, sample: int) -> Win
         nodes=tuple(int(count) for count in nodes),
         discretization=spec.controller.discretization,
         soft=spec.limits_are_soft,
+        chart=chart,
     )
 
 

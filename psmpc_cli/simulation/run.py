@@ -21,7 +21,7 @@ from psmpc_cli.control.controller import Command, Controller, State, priorities_
 from psmpc_cli.control.sequence import Switch
 from psmpc_cli.errors import RunError
 from psmpc_cli.logs.run import Run, read_run, run_in
-from psmpc_cli.logs.schema import MOMENTUM, Sample
+from psmpc_cli.logs.schema import MOMENTUM, Q_COORDINATE, Sample
 from psmpc_cli.logs.summary import verdicts
 from psmpc_cli.logs.write import Header, LogWriter
 from psmpc_cli.native.functions import FLAGS, source_of
@@ -32,11 +32,12 @@ from psmpc_cli.plant import Plant, build_plant, ticks_of
 from psmpc_cli.plant.grasp import Capture, build_capture
 from psmpc_cli.plant.rk4 import capture_tick, tick_function
 from psmpc_cli.plant.uncertainty import Uncertainty, disturbs
+from psmpc_cli.robot.kinematics import moved
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.measures import Counterfactuals, GraspRecord, Meter, StageClock
 from psmpc_cli.solvers.quadratic import kernel_library
 from psmpc_cli.specs.coordinates import labels, stack
-from psmpc_cli.specs.load import Task, ensure_planar
+from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import TaskSpec
 
 logger = logging.getLogger(__name__)
@@ -55,7 +56,7 @@ class Experiment:
         plant: The physics.
         uncertainty: What the controller does not know; None without any.
         capture: The object and its grasps; None of an object without a mass.
-        x0: Initial state (2n,).
+        x0: Initial state [Q; v] (nq + n,).
         compiled: Solver and plant run as compiled C.
     """
 
@@ -95,18 +96,13 @@ class Experiment:
 
 
 def build_experiment(loaded: Task) -> Experiment:
-    """Return the experiment a task describes.
-
-    Raises:
-        SpecError: Its robot is spatial.
-    """
-    ensure_planar(loaded)
+    """Return the experiment a task describes."""
     problem = build_problem(loaded)
     task, model = problem.spec, problem.model
     compiled, controller = compile_for(task, model, problem.stages), Controller(problem)
     uncertainty = Uncertainty(task, model) if task.uncertainty.in_force else None
     resistance, capture = None if uncertainty is None else uncertainty.resistance, build_capture(task, model)
-    Qdot = (
+    v = (
         stack(task.initial_velocity, loaded.robot, "joint", of_error=True)
         if task.initial_velocity
         else np.zeros(model.n)
@@ -118,7 +114,7 @@ def build_experiment(loaded: Task) -> Experiment:
         plant=build_plant(task.plant, model, compiled, resistance, capture),
         uncertainty=uncertainty,
         capture=capture,
-        x0=np.r_[stack(task.initial, loaded.robot, "joint"), Qdot],
+        x0=np.r_[stack(task.initial, loaded.robot, "joint"), v],
         compiled=compiled,
     )
 
@@ -184,8 +180,8 @@ class Ending:
         completed: The last stage met its end condition.
         reason: Why the run stopped.
         time: When [s].
-        x: In which state, as the controller saw it (2n,).
-        true: In which state it was (2n,).
+        x: In which state, as the controller saw it (nq + n,).
+        true: In which state it was (nq + n,).
         switches: Stages that ended since the last sample, the last stage among them.
         stuck: The run could not go on.
     """
@@ -207,11 +203,10 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         until: Index of the stage at whose end the loop stops; by default that of the task.
     """
     controller, plant, uncertainty = experiment.controller, experiment.plant, experiment.uncertainty
-    capture, meter = (
-        experiment.capture,
-        Meter(experiment.counterfactuals, uncertainty, experiment.capture, experiment.x0),
-    )
-    x, braking_until, number, stage, link = experiment.x0, np.inf, 0, 0, _Link(experiment.task, experiment.x0)
+    capture = experiment.capture
+    meter = Meter(experiment.counterfactuals, uncertainty, capture, experiment.x0)
+    x, braking_until, number, stage = experiment.x0, np.inf, 0, 0
+    link = _Link(experiment.task, experiment.x0, experiment.model.n)
     while True:
         now = number * controller.spec.sample_time
         seen = link.measured(x if uncertainty is None else uncertainty.measured(number, x))
@@ -243,17 +238,17 @@ class _Link:
     k - c. The rest of the delay it does not know of: controls reach the robot late by so many samples.
     """
 
-    def __init__(self, task: TaskSpec, x0: np.ndarray) -> None:
-        """Start with a robot that drifts into its initial state, and with controls under way that are zero."""
-        n = len(x0) // 2
-        known, drift = task.controller.known_delay, task.controller.sample_time * np.r_[x0[n:], np.zeros(n)]
+    def __init__(self, task: TaskSpec, x0: np.ndarray, n: int) -> None:
+        """Start with a robot of n velocities that drifts into its initial state, and zero controls under way."""
+        known, (Q, v) = task.controller.known_delay, np.split(x0, [len(x0) - n])
         none = np.zeros((round(task.controller.sample_time * task.plant.low_level_rate), n))
-        self._measured: deque[np.ndarray] = deque(x0 - back * drift for back in range(known, 0, -1))
+        before = (-back * task.controller.sample_time * v for back in range(known, 0, -1))
+        self._measured: deque[np.ndarray] = deque(np.r_[np.array(moved(Q, step)), v] for step in before)
         self._poses: deque[np.ndarray] = deque([np.full(1, np.nan)] * known)
         self._commanded = deque([(none, np.zeros(len(none), bool))] * (task.uncertainty.delay - known))
 
     def measured(self, x: np.ndarray) -> np.ndarray:
-        """Return the state that reaches the controller where x (2n,) is measured now."""
+        """Return the state that reaches the controller where x is measured now."""
         self._measured.append(x)
         return self._measured.popleft()
 
@@ -345,10 +340,11 @@ def _write(experiment: Experiment, writer: LogWriter, watch: Watch, until: int |
 
 def _final(experiment: Experiment, ending: Ending) -> dict[str, ArrayLike]:
     """Return time, state and poses at the end of a run, by their paths in the log."""
-    final = {"Q": ending.x[: experiment.model.n], "Qdot": ending.x[experiment.model.n :]}
+    model = experiment.model
+    (Q, v), (Q_true, v_true) = np.split(ending.x, [model.nq]), np.split(ending.true, [model.nq])
+    final = {"Q": Q, "Qdot": v, "xi": model.poses(Q_true).ravel()}
     if not experiment.task.sees_the_state:
-        final |= {"Q_true": ending.true[: experiment.model.n], "Qdot_true": ending.true[experiment.model.n :]}
-    final["xi"] = experiment.model.poses(ending.true[: experiment.model.n]).ravel()
+        final |= {"Q_true": Q_true, "Qdot_true": v_true}
     if experiment.capture is not None:
         final["object_pose"], final["object_velocity"] = experiment.capture.pose_and_velocity
     return {"final/end_time": ending.time, **{f"final/{name}": value for name, value in final.items()}}
@@ -382,7 +378,7 @@ def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
 def header(experiment: Experiment) -> Header:
     """Return what the log says of the run before it begins."""
     task, loaded, uncertainty = experiment.task, experiment.loaded, experiment.uncertainty
-    names = tuple(stage.name for stage in experiment.stages)
+    names, spatial = tuple(stage.name for stage in experiment.stages), loaded.robot.dimension == 3
     has = {
         "ticks": task.log.ticks,
         "plans": task.log.plans,
@@ -391,6 +387,7 @@ def header(experiment: Experiment) -> Header:
         "payload": task.uncertainty.payload is not None,
         "disturbance": task.controller.offset_free,
         "drawn": uncertainty is not None,
+        "spatial": spatial,
         "object": experiment.capture is not None,
         "object at ticks": experiment.capture is not None and task.log.ticks,
     }
@@ -416,9 +413,10 @@ def header(experiment: Experiment) -> Header:
         },
         values={
             "coordinate": labels(loaded.robot, "joint"),
-            "pose_coordinate": labels(loaded.robot, "task"),
+            **({Q_COORDINATE: labels(loaded.robot, "joint", of_error=False)} if spatial else {}),
+            "pose_coordinate": labels(loaded.robot, "task", of_error=False),
             "stage": names,
-            "momentum": MOMENTUM,
+            "momentum": MOMENTUM[loaded.robot.dimension],
             "stages/epsilon": task.onset.series,
             "stages/name": names,
             "stages/priority": priorities_in_force(task.controller, experiment.stages),

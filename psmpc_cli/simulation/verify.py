@@ -8,8 +8,8 @@ import numpy as np
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Largest
-from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.problem import Stage
+from psmpc_cli.ocp.plan import Chart, Plan
+from psmpc_cli.ocp.problem import Stage, in_own_chart
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant.adaptive import INSIDE, AdaptiveDynamics, Flow
 from psmpc_cli.simulation.measures import state_at
@@ -115,16 +115,18 @@ class _Verifier:
         return Verification(self._horizons, self._count, self._loop, self._samples, tuple(remarks))
 
     def _take_horizon(self, sample: int, plan: Plan, window: Window) -> None:
-        flow = self._physics.under("law", plan.X[0], plan.times, plan.u)
+        u = np.hstack([plan.u, np.tile(plan.chart.anchor, (len(plan.u), 1))])
+        flow = self._physics.under("law", np.hstack(plan.chart.leave(plan.X[:1]))[0], plan.times, u)
         self._count += 1
-        self._note_deviation(self._horizons, sample, flow.between_pieces, plan.X, plan.times)
+        self._note_deviation(self._horizons, sample, flow.between_pieces, plan.X, plan.times, plan.chart)
         ends = np.cumsum(window.nodes)
         for s, (stage, N, last) in enumerate(zip(window.stages, window.nodes, ends, strict=True)):
             first = last - N
             inside = slice(first * INSIDE, last * INSIDE + 1)
             self._note_limits(self._horizons, sample, stage, flow, inside)
             if s < len(window.stages) - 1:
-                self._note_end(self._horizons, sample, stage, flow.between_pieces[last], plan.times[last])
+                x = self._in_chart(plan.chart, flow.between_pieces)[last]
+                self._note_end(self._horizons, sample, stage, x, plan.times[last])
 
     def _take_loop(self, sample: int, stage: Stage) -> None:
         log, task = self._log, self._experiment.task
@@ -136,26 +138,35 @@ class _Verifier:
             held = log.ticks["F"][sample * ticks : (sample + 1) * ticks]
             flow = self._physics.under("force", x, edges, held)
         elif known and plan is not None:
-            flow = self._physics.under("ticks", x, edges, plan.mean_control(edges))
+            _, v = plan.chart.leave(plan.states_at(edges))
+            flow = self._physics.under("ticks", x, edges, np.diff(v, axis=0) / np.diff(edges)[:, None])
         else:
             self._left_out += 1
             return
         self._samples += 1
         if known and plan is not None:
-            self._note_deviation(self._loop, sample, flow.X[-1:], plan.states_at(edges[-1:]), edges[-1:])
+            self._note_deviation(self._loop, sample, flow.X[-1:], plan.states_at(edges[-1:]), edges[-1:], plan.chart)
         self._note_limits(self._loop, sample, stage, flow, slice(None))
         self._note_plant(sample, flow)
         self._note_hand_overs(sample, flow)
 
-    def _note_deviation(self, peaks: Peaks, sample: int, X: Vector, planned: Vector, times: Vector) -> None:
-        n, apart = self._experiment.model.n, np.abs(X - planned)
+    def _in_chart(self, chart: Chart, X: Vector) -> Vector:
+        """Return states (K, nq + n) in a chart (K, 2n)."""
+        return chart.enter(*np.split(X, [self._experiment.model.nq], axis=1))
+
+    def _note_deviation(
+        self, peaks: Peaks, sample: int, X: Vector, planned: Vector, times: Vector, chart: Chart
+    ) -> None:
+        """Note how far states X (K, nq + n) are from planned ones in a chart (K, 2n)."""
+        n, apart = self._experiment.model.n, np.abs(self._in_chart(chart, X) - planned)
         self._note(peaks, "position", sample, apart[:, :n], times)
         self._note(peaks, "velocity", sample, apart[:, n:], times)
 
     def _note_limits(self, peaks: Peaks, sample: int, stage: Stage, flow: Flow, part: slice) -> None:
         """Note by how much more than at the measured state a limit is violated: the horizon leaves that state free."""
-        n, limits = self._experiment.model.n, stage.limits
-        beyond = np.maximum(np.maximum(limits.state_low - flow.X, flow.X - limits.state_high), 0.0)
+        n, nq, limits = self._experiment.model.n, self._experiment.model.nq, stage.limits
+        X = np.hstack([self._in_chart(Chart.at(flow.X[0, :nq], n), flow.X)[:, :n], flow.X[:, nq:]])
+        beyond = np.maximum(np.maximum(limits.state_low - X, X - limits.state_high), 0.0)
         if peaks is self._horizons:
             beyond = np.maximum(beyond - beyond[0], 0.0)
         self._note(peaks, "position limit", sample, beyond[part, :n], flow.times[part])
@@ -171,7 +182,12 @@ class _Verifier:
         else:
             return
         names = [*log.coordinates, *(f"{name} velocity" for name in log.coordinates)]
-        self._note(self._loop, "plant", sample, np.abs(flow.X[-1:] - after), flow.times[-1:], names)
+        at, both = (
+            Chart.at(after[: self._experiment.model.nq], self._experiment.model.n),
+            np.vstack([flow.X[-1], after]),
+        )
+        apart = np.abs(np.diff(self._in_chart(at, both), axis=0))
+        self._note(self._loop, "plant", sample, apart, flow.times[-1:], names)
 
     def _note_hand_overs(self, sample: int, flow: Flow) -> None:
         """Note the end conditions of stages that ended in the course of a sample."""
@@ -179,8 +195,10 @@ class _Verifier:
         start, end = flow.times[0], flow.times[-1]
         for index in np.flatnonzero((switch_times > start + 1e-9) & (switch_times <= end + 1e-9)):
             time = float(switch_times[index])
-            x = state_at(flow.times, flow.X, time)
-            self._note_end(self._loop, sample, self._experiment.stages[index], x, time)
+            chart = Chart.at(flow.X[0, : self._experiment.model.nq], self._experiment.model.n)
+            found = chart.leave(state_at(flow.times, self._in_chart(chart, flow.X), time)[None])
+            stage, x = in_own_chart(self._experiment.model, self._experiment.stages[index], found[0][0], found[1][0])
+            self._note_end(self._loop, sample, stage, x, time)
 
     def _note_end(self, peaks: Peaks, sample: int, stage: Stage, x: Vector, time: float) -> None:
         """Note the error of a stage's end condition over its tolerance. Paper eq. (18)."""
@@ -206,5 +224,5 @@ class _Verifier:
 
 
 def _state(log: Run, sample: int) -> Vector:
-    """Return the state measured at a sample (2n,)."""
+    """Return the state measured at a sample (nq + n,)."""
     return np.concatenate([log["state/Q"][sample], log["state/Qdot"][sample]])

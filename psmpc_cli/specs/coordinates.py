@@ -62,9 +62,10 @@ def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits]) -> Limits:
     return Limits(**bounds)
 
 
-def labels(robot: RobotSpec, space: Space) -> tuple[str, ...]:
-    """Return the name of every row of the error: `base.x`, `arm_1.2`."""
-    return tuple(f"{part}.{axis}" for part, axes in error_axes(robot.parts, space).items() for axis in axes)
+def labels(robot: RobotSpec, space: Space, *, of_error: bool = True) -> tuple[str, ...]:
+    """Return the name of every row of the error, or of a target: `base.x`, `arm_1.2`."""
+    axes = (error_axes if of_error else target_axes)(robot.parts, space)
+    return tuple(f"{part}.{axis}" for part in axes for axis in axes[part])
 
 
 def rows(chosen: Sequence[str], robot: RobotSpec, space: Space) -> tuple[int, ...]:

@@ -103,17 +103,6 @@ def load_task(reference: str | Path | Mapping[str, Any], set: Changes = (), revi
     return _task(document, path.parent, path.stem, set, review)
 
 
-def ensure_planar(task: Task) -> None:
-    """Make sure that a task is planar, as simulations are so far.
-
-    Raises:
-        SpecError: Its robot is spatial.
-    """
-    if task.robot.dimension == 3:
-        found = f"found the spatial robot {quoted(task.robot.name)}, expected a planar one"
-        raise SpecError(f"robot: {found}: simulations take no others yet; Controller does (docs/python.md)")
-
-
 def load_robot(reference: str | Path) -> RobotSpec:
     """Load a robot from a path or by the name of a built-in one.
 

@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.objective import StageShape, stage_functions
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.model import load_robot
-from psmpc_cli.simulation.run import simulate
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.load import Task, load_task
 
@@ -213,11 +211,6 @@ def test_derivatives_of_residuals_are_those_of_differences(space: str, angle: fl
     )
     smooth = 6 if space == "point" and angle == np.pi else None  # an axis that points away may turn either way
     np.testing.assert_allclose(exact[:smooth], differences[:smooth], atol=1e-6)
-
-
-def test_simulate_says_that_it_takes_planar_robots_so_far() -> None:
-    with pytest.raises(SpecError, match=r"free_flyer_arm.*Controller"):
-        simulate(turning(90))
 
 
 def test_a_redundant_arm_is_drawn_to_where_it_is() -> None:

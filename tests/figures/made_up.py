@@ -84,7 +84,7 @@ def _header(loaded: Task, story: Story) -> Header:
             "coordinate": labels(loaded.robot, "joint"),
             "pose_coordinate": labels(loaded.robot, "task"),
             "stage": names,
-            "momentum": MOMENTUM,
+            "momentum": MOMENTUM[2],
             "stages/epsilon": (0.1, 0.01),
             "stages/name": names,
             "stages/priority": [stage.priority for stage in loaded.spec.stages],

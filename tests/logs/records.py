@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from psmpc_cli.logs.schema import MOMENTUM, SCHEMA
+from psmpc_cli.logs.schema import MOMENTUM, layout
 from psmpc_cli.logs.write import Header
 
 COORDINATES, POSES, STAGES = ("base.x", "base.y", "arm_1.1"), ("base.x", "base.y", "base.theta"), ("a", "b", "c", "d")
@@ -18,7 +18,7 @@ HEADER = Header(
         "coordinate": COORDINATES,
         "pose_coordinate": POSES,
         "stage": STAGES,
-        "momentum": MOMENTUM,
+        "momentum": MOMENTUM[2],
         "stages/epsilon": (1e-3, 1e-1),
         "stages/name": STAGES,
         "stages/priority": (1.0, 100.0, 1.0, 0.01),
@@ -50,7 +50,7 @@ def record(k: int, first: int = 0, count: int = 1, length: int = 7, multipliers:
 
     sizes = {"coordinate": len(COORDINATES), "pose_coordinate": len(POSES), "stage": len(STAGES), "momentum": 3}
     row: Row = {}
-    for column in SCHEMA:
+    for column in layout(spatial=False):
         if column.value is None or column.only.startswith("object"):
             continue
         if column.dims[0] == "ticks/tick":

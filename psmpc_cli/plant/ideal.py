@@ -4,6 +4,7 @@ from itertools import accumulate
 
 import numpy as np
 
+from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.plant.base import Disturbance, Ticks
 from psmpc_cli.robot.kinematics import moved
 from psmpc_cli.robot.model import RobotModel
@@ -13,7 +14,7 @@ class IdealPlant:
     """Advances Q and v exactly under constant accelerations; nothing disturbs it."""
 
     def __init__(self, model: RobotModel, tick: float) -> None:
-        self.model, self.tick = model, tick
+        self.model, self.tick, self._force = model, tick, RowFunction(model.dynamics.inverse)
 
     def advance(
         self,
@@ -30,7 +31,7 @@ class IdealPlant:
         if model.dimension == 3:
             steps[:, 3:6] += turn_defect(v[:-1, 3:6], v[1:, 3:6], tick)
         X = np.hstack([np.array(list(accumulate(steps.tolist(), moved, initial=x[:nq].tolist()))), v])
-        F = np.asarray(model.dynamics.inverse(X[:-1, :nq].T, v[:-1].T, u.T, model.nominal.vector)).T
+        (F,) = self._force(X[:-1, :nq], v[:-1], u, model.nominal.vector, rows=len(u))
         first, last = ((state[:nq], state[nq:]) for state in X[[0, -1]])
         impulse = model.momentum(*last) - model.momentum(*first)
         work = model.kinetic_energy(*last) - model.kinetic_energy(*first)

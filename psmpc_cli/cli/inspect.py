@@ -7,14 +7,16 @@ from typing import Annotated, Literal
 import typer
 
 from psmpc_cli.cli.options import TASK, Changes, Force, Quiet
-from psmpc_cli.errors import InputError, PsmpcError, SpecError
+from psmpc_cli.errors import PsmpcError, SpecError
 
 
 def check(
     files: Annotated[list[str], typer.Argument(help="Robots or tasks: YAML files or built-in names.")],
     changes: Changes = None,
     gradients: Annotated[bool, typer.Option("--gradients", help="Audit the gradients of the switch times.")] = False,
-    figure: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the scenario (png, pdf, svg).")] = None,
+    figure: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw the robot or scenario (png, pdf, svg).")
+    ] = None,
     force: Force = False,
 ) -> None:
     """Report every problem of robots and tasks by file, line and column; print valid ones as a table."""
@@ -23,7 +25,7 @@ def check(
         try:
             agree &= _check_one(reference, changes or [], gradients)
             if figure is not None:
-                _draw_scenario(reference, changes or [], figure, force)
+                _draw(reference, changes or [], figure, force)
         except PsmpcError as error:
             problems.append(str(error))
     if problems:
@@ -53,14 +55,15 @@ def _check_one(reference: str, changes: list[str], gradients: bool) -> bool:
     return not gradients or print_gradients(task)
 
 
-def _draw_scenario(reference: str, changes: list[str], figure: Path, force: bool) -> None:
-    """Draw the scenario of a task; InputError if it is a robot, or if the file cannot be written."""
+def _draw(reference: str, changes: list[str], figure: Path, force: bool) -> None:
+    """Draw a robot, or the scenario of a task; InputError if the file cannot be written."""
     from psmpc_cli.figures.registry import draw_file
-    from psmpc_cli.specs.load import kind_of_reference, load_task
+    from psmpc_cli.specs.load import kind_of_reference, load_robot, load_task
 
     if kind_of_reference(reference) == "robot":
-        raise InputError(f"--figure draws the scenario of a task, found the robot {reference}")
-    typer.echo(f"scenario: {draw_file('scenario', load_task(reference, changes), figure, force)}")
+        typer.echo(f"robot: {draw_file('robot', load_robot(reference), figure, force)}")
+    else:
+        typer.echo(f"scenario: {draw_file('scenario', load_task(reference, changes), figure, force)}")
 
 
 def init(

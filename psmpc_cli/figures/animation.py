@@ -16,13 +16,12 @@ from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.figures import style
-from psmpc_cli.figures.scene import Scene, scene_of, view_around
-from psmpc_cli.figures.snapshots import draw_scene, show
+from psmpc_cli.figures.scene import Camera, Scene, half_edges, scene_of
+from psmpc_cli.figures.snapshots import describe, draw_scene, show
 from psmpc_cli.logs.run import Run
 from psmpc_cli.robot.mujoco_model import mujoco_spec
 
@@ -35,18 +34,18 @@ WIDTH, DPI = 4.0, 120
 TITLE = 0.3
 """Height of the title above a frame of the film [in]."""
 
-ELEVATION = 60.0
-"""How far above the plane the film's camera is [deg]."""
+FROM_ABOVE = Camera(-90, 60)
+"""From where the film of a planar robot is taken."""
 
 SURROUNDINGS = """
 <mujoco>
   <option gravity="0 0 0"><flag contact="disable"/></option>
   <visual>
-    <global orthographic="true" fovy="{tall}" azimuth="90" elevation="-{elevation}" offheight="{height}"
+    <global orthographic="true" fovy="{tall}" azimuth="{azimuth}" elevation="{elevation}" offheight="{height}"
             offwidth="{width}"/>
     <headlight ambient="0.5 0.5 0.5" diffuse="0.45 0.45 0.45" specular="0 0 0"/>
   </visual>
-  <statistic extent="{span}" center="{x} {y} 0"/>
+  <statistic extent="{span}" center="{x} {y} {z}"/>
   <asset>
     <texture name="squares" type="2d" builtin="flat" mark="edge" width="256" height="256" rgb1="0.97 0.98 0.99"
              markrgb="0.7 0.7 0.72"/>
@@ -74,17 +73,18 @@ def write_animation(run: Run, paths: Iterable[Path]) -> None:
     Raises:
         RunError: One could not be encoded or written.
     """
-    scene, times, view = _shots(run)
+    scene, times, extent = _shots(run)
+    camera, view = scene.camera, scene.camera.view(extent)
     figure = Figure(layout="constrained")
     axes = figure.add_subplot()
 
     def draw_frame(number: int, title: str) -> None:
         axes.clear()
         time = float(times[number])
-        draw_scene(axes, scene, time, since=max(time - 3.0, float(run.motion.time[0])), width=1.6)
-        show(axes, view)
+        draw_scene(axes, scene, time, since=max(time - 3.0, float(run.motion.time[0])), extent=extent, width=1.6)
+        show(axes, camera, view)
         axes.set_title(title, loc="left")
-        axes.set(xlabel="x (m)", ylabel="y (m)")
+        axes.set(**dict(zip(("xlabel", "ylabel"), camera.labels or (describe(camera, extent), ""), strict=True)))
 
     _encode(figure, WIDTH * view.height / view.width + 0.6, scene, times, draw_frame, paths)
 
@@ -96,10 +96,11 @@ def write_film(run: Run, paths: Iterable[Path]) -> None:
         InputError: There is no offscreen renderer here.
         RunError: It failed, or a film could not be encoded or written.
     """
-    scene, times, view = _shots(run)
+    scene, times, extent = _shots(run)
     Q = [run.motion.coordinates_at(time) for time in times]
-    poses = [scene.object_pose(time) for time in times]
-    frames = _in_process(offscreen_driver(), render, film_model(scene, view), Q, poses)
+    joints = [body.name for body in run.problem.model.spec.bodies[1:]]
+    poses = [scene.object_frame(time) for time in times]
+    frames = _in_process(offscreen_driver(), render, film_model(scene, extent), Q, poses, joints)
     tall = frames.shape[1] / DPI
     figure = Figure()
     shown = figure.add_axes((0, 0, 1, tall / (tall + TITLE))).imshow(frames[0], aspect="auto")
@@ -112,10 +113,10 @@ def write_film(run: Run, paths: Iterable[Path]) -> None:
     _encode(figure, tall + TITLE, scene, times, draw_frame, paths)
 
 
-def _shots(run: Run) -> tuple[Scene, np.ndarray, Bbox]:
-    """Return a run as a scene, the time of each frame [s], no more than there are samples, and what to show."""
+def _shots(run: Run) -> tuple[Scene, np.ndarray, np.ndarray]:
+    """Return a run as a scene, the time of each frame [s], and points (., 3) to show."""
     scene, times = scene_of(run), np.linspace(run.motion.time[0], run.motion.end, min(LONGEST, len(run.motion.time)))
-    return scene, times, view_around(scene.extent(times))
+    return scene, times, scene.extent(times)
 
 
 def _encode(
@@ -145,15 +146,17 @@ def _encode(
             raise RunError(f"{path} could not be written: {error}") from None
 
 
-def film_model(scene: Scene, view: Bbox) -> str:
-    """Describe robot, object, floor and camera as MJCF; `qpos` is Q, the object's body is a mocap one."""
+def film_model(scene: Scene, extent: np.ndarray) -> str:
+    """Describe robot, object, floor and camera, which sees points (., 3), as MJCF; the object is a mocap body."""
     import mujoco
 
     model, spec, width = scene.run.problem.model, scene.run.task.spec.object, round(WIDTH * DPI)
-    wide, tall = view.width, view.height * np.sin(np.radians(ELEVATION))
-    shape, floor = model.shape, -1.5 * model.shape.box[2]
-    numbers = {"height": 2 * round(width * tall / wide / 2), "width": width, "tall": tall, "elevation": ELEVATION}
-    numbers |= {"x": view.intervalx.mean(), "y": view.intervaly.mean(), "span": max(wide, tall), "floor": floor}
+    shape, camera = model.shape, FROM_ABOVE if model.dimension == 2 else scene.camera
+    view, floor = camera.view(extent), float(extent[:, 2].min()) - 1.5 * shape.box[2]
+    x, y, z = np.mean(view.get_points(), axis=0) @ camera.axes[:2]
+    numbers = {"height": 2 * round(width * view.height / view.width / 2), "width": width, "tall": view.height}
+    numbers |= {"x": x, "y": y, "z": z, "span": 2 * np.ptp(extent, axis=0).max(), "floor": floor}
+    numbers |= {"azimuth": camera.azimuth + 180, "elevation": -camera.elevation}
     world = mujoco.MjSpec.from_string(SURROUNDINGS.format(**numbers))
     robot = mujoco_spec(model.spec)
     base, box = robot.body("base"), shape.box_frame
@@ -176,7 +179,7 @@ def film_model(scene: Scene, view: Bbox) -> str:
             added.add_geom(fromto=[*-along, *along], rgba=_opaque("white"), **disc)
     if spec is not None:
         held = world.worldbody.add_body(name="object", mocap=True)
-        half = [spec.shape[0] / 2, spec.shape[1] / 2, 1.3 * shape.radius]
+        half = np.maximum(half_edges(spec.shape), [0, 0, 1.3 * shape.radius])
         held.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=half, rgba=_opaque(style.OBJECT))
     world.attach(robot, prefix="robot.", frame=world.worldbody.add_frame())
     world.compile()
@@ -187,17 +190,25 @@ def _opaque(color: str) -> list[float]:
     return [*to_rgb(color), 1.0]
 
 
-def render(description: str, Q: Sequence[np.ndarray], poses: Sequence[np.ndarray | None]) -> np.ndarray:
-    """Render the frames (K, height, width, 3) of a model with the robot at K coordinates and the object at K poses."""
+def render(
+    description: str, Q: Sequence[np.ndarray], poses: Sequence[np.ndarray | None], joints: Sequence[str] = ()
+) -> np.ndarray:
+    """Render the frames (K, height, width, 3) of a model with the robot at K coordinates and the object in K frames.
+
+    `joints` are the names of the last coordinates; MuJoCo orders them by depth.
+    """
     import mujoco
 
     model = mujoco.MjModel.from_xml_string(description)
     data, frames = mujoco.MjData(model), []
     with mujoco.Renderer(model, model.vis.global_.offheight, model.vis.global_.offwidth) as renderer:
-        for data.qpos, pose in zip(Q, poses, strict=True):
+        first = len(Q[0]) - len(joints)
+        places = [*range(first), *(int(model.joint(f"robot.{name}").qposadr[0]) for name in joints)]
+        for coordinates, pose in zip(Q, poses, strict=True):
+            data.qpos[places] = coordinates
             if pose is not None:
-                data.mocap_pos[0, :2] = pose[:2]
-                data.mocap_quat[0] = [np.cos(pose[2] / 2), 0, 0, np.sin(pose[2] / 2)]
+                data.mocap_pos[0] = pose[:3, 3]
+                data.mocap_quat[0] = Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)
             mujoco.mj_forward(model, data)
             renderer.update_scene(data)
             frames.append(renderer.render())

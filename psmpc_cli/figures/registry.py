@@ -30,8 +30,8 @@ class RegisteredFigure:
 
     Attributes:
         kind: What it is of: run (a Run), comparison (Runs by controller), sweep, pareto, monte_carlo (the results of
-            such a study), scenario (a Task), claims (a Run, or Runs by controller, and what is published), ablations
-            (curves by panel and label).
+            such a study), scenario (a Task), robot (its description), claims (a Run, or Runs by controller, and what is
+            published), ablations (curves by panel and label).
         name: Its name, which is also its file's stem.
         function: Makes it from its subject.
         there: Whether a subject has it.
@@ -67,6 +67,7 @@ TABLE = (
     RegisteredFigure("pareto", "front_3d", pareto.plot_in_space, pareto.in_space),
     RegisteredFigure("monte_carlo", "success", monte_carlo.plot_success),
     RegisteredFigure("monte_carlo", "runs", monte_carlo.plot_runs),
+    RegisteredFigure("robot", "robot", snapshots.plot_robot),
     RegisteredFigure("scenario", "scenario", snapshots.plot_scenario),
     RegisteredFigure("claims", "presence", reproduction.plot_presence),
     RegisteredFigure("claims", "monitors", reproduction.plot_monitors),

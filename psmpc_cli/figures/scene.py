@@ -5,13 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.transforms import Bbox
+from numpy.typing import ArrayLike
 
 from psmpc_cli.figures.style import readable
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import judge_monitor
 from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.ocp.skills import SKILLS, Posture
-from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.model import RobotModel, pose_frames
 from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.load import Task
@@ -24,12 +25,52 @@ NO_BREAK = "\N{NO-BREAK SPACE}"
 """Between a number and its unit."""
 
 
-def view_around(points: np.ndarray) -> Bbox:
-    """Return the smallest part of the plane, with a margin, that shows these points (., 2) [m]."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    size = (high - low) + 0.08 * float(np.max(high - low))
-    size = np.maximum(size, [size[1] / 1.6, size[0] * 0.45])
-    return Bbox([(low + high - size) / 2, (low + high + size) / 2])
+@dataclass(frozen=True)
+class Camera:
+    """Where a drawing is seen from, in parallel projection.
+
+    Attributes:
+        azimuth, elevation: Direction from the scene to the viewer, from x towards y and from there towards z [deg].
+    """
+
+    azimuth: float
+    elevation: float
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Directions in the inertial frame that are drawn to the right, up, and towards the viewer (3, 3)."""
+        (ca, ce), (sa, se) = (np.round(f(np.radians([self.azimuth, self.elevation])), 15) for f in (np.cos, np.sin))
+        return np.array([[-sa, ca, 0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
+
+    def see(self, points: ArrayLike) -> np.ndarray:
+        """Return where points (..., 3) are in the drawing (..., 2) [m]."""
+        return np.asarray(points @ self.axes[:2].T)
+
+    def depth(self, points: np.ndarray) -> float:
+        """Return how near to the viewer points (., 3) are on average [m]."""
+        return float(np.mean(points @ self.axes[2]))
+
+    def view(self, points: np.ndarray) -> Bbox:
+        """Return the smallest part of the drawing, with a margin, that shows these points (., 3) [m]."""
+        seen = self.see(points)
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        size = (high - low) + 0.08 * float(np.max(high - low))
+        size = np.maximum(size, [size[1] / 1.6, size[0] * 0.45])
+        return Bbox([(low + high - size) / 2, (low + high + size) / 2])
+
+    @property
+    def labels(self) -> tuple[str, str] | None:
+        """Labels of the axes of the drawing, if they are x, y or z."""
+        found = ["xyz"[int(np.argmax(axis))] for axis in self.axes[:2] if axis.max() > 1 - 1e-9]
+        return (f"{found[0]} (m)", f"{found[1]} (m)") if len(found) == 2 else None
+
+
+PLAN, FRONT, SIDE, OBLIQUE = Camera(-90, 90), Camera(-90, 0), Camera(0, 0), Camera(-60, 25)
+
+
+def camera_of(model: RobotModel) -> Camera:
+    """Return from where scenes of a robot are seen."""
+    return PLAN if model.dimension == 2 else OBLIQUE
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,18 +92,18 @@ class Scene:
     left: float
     lost: bool
 
-    def object_pose(self, time: float) -> np.ndarray | None:
-        """Return the object's pose (3,) [m, m, rad] at a time [s]; None where the task has no object."""
+    @property
+    def camera(self) -> Camera:
+        """From where it is seen."""
+        return camera_of(self.run.problem.model)
+
+    def object_frame(self, time: float) -> np.ndarray | None:
+        """Return the object's frame (4, 4) [m] at a time [s]; None where the task has no object."""
         spec = self.run.task.spec.object
         if spec is None or time <= self.taken:
-            return None if spec is None else np.array(spec.pose, float)
+            return None if spec is None else pose_frames(spec.pose)
         before, now = map(self.run.motion.coordinates_at, (self.taken, min(time, self.left)))
-        return carried(self.run.problem.model, np.array(spec.pose, float), before, now)
-
-    def object_corners(self, time: float) -> np.ndarray:
-        """Return the corners of the object at a time [s], (4, 2) [m]; (0, 2) where the task has no object."""
-        spec, pose = self.run.task.spec.object, self.object_pose(time)
-        return np.zeros((0, 2)) if spec is None or pose is None else rectangle(pose, spec.shape)
+        return carried(self.run.problem.model, pose_frames(spec.pose), before, now)
 
     def acting(self, time: float) -> list[int]:
         """Return the stages that act from a time [s] on: the current one and those that start early."""
@@ -71,29 +112,45 @@ class Scene:
         return [span.index for span in begun if time < span.end] or [begun[-1].index]
 
     def targets(self, stage: int, time: float) -> np.ndarray:
-        """Return the positions (1 + arms, 2) [m] of base and end-effectors a stage aims at, at a time [s]."""
-        model, target = self.run.problem.model, self.run.problem.stages[stage]
-        start = next((span.start for span in self.run.spans if span.index == stage), time)
-        aim = target.reference(np.array([max(time - start, 0.0)]))[0]
-        return SKILLS[target.space].aims(model, aim)
+        """Return the positions (1 + arms, dimension) [m] of base and end-effectors a stage aims at, at a time [s]."""
+        return SKILLS[self.run.problem.stages[stage].space].aims(self.run.problem.model, self._aim(stage, time))
 
-    def paths(self, since: float, time: float) -> list[np.ndarray]:
-        """Return the paths of base and end-effectors (., 2) [m] between two times [s]."""
-        motion = self.run.motion
+    def target_frames(self, stage: int, time: float) -> np.ndarray:
+        """Return the frames (1 + arms, 4, 4) [m] a stage aims at, at a time [s]; NaN as attitude where it has none."""
+        model, target = self.run.problem.model, self.run.problem.stages[stage]
+        before = Posture(self.run.motion.coordinates_at(time), self.run.motion.poses_at(np.array([time]))[0])
+        xi = SKILLS[target.space].after(model, before, self._aim(stage, time)).xi
+        frames = pose_frames(xi.reshape(len(model.pose_rows), -1))
+        frames[:, : model.dimension, 3] = self.targets(stage, time)
+        frames[1 if target.space == "point" else len(frames) :, :3, :3] = np.nan
+        return frames
+
+    def _aim(self, stage: int, time: float) -> np.ndarray:
+        start = next((span.start for span in self.run.spans if span.index == stage), time)
+        return np.asarray(self.run.problem.stages[stage].reference(np.array([max(time - start, 0.0)]))[0])
+
+    def paths(self, since: float, time: float) -> np.ndarray:
+        """Return the paths of base and end-effectors (1 + arms, ., 3) [m] between two times [s]."""
+        motion, model = self.run.motion, self.run.problem.model
         xi = motion.poses_at(np.r_[since, motion.time[(motion.time > since) & (motion.time < time)], time])
-        return [xi[:, rows][:, :2] for rows in self.run.problem.model.pose_rows.values()]
+        frames = pose_frames(xi.reshape(len(xi), len(model.pose_rows), -1))
+        return np.asarray(frames[..., :3, 3].swapaxes(0, 1))
 
     def points(self, time: float) -> np.ndarray:
-        """Return points (., 2) [m] whose hull holds robot and object at a time [s]."""
+        """Return points (., 3) [m] whose hull holds robot and object at a time [s]."""
+        spec, frame = self.run.task.spec.object, self.object_frame(time)
         robot = outline(self.run.problem.model, self.run.motion.coordinates_at(time))
-        return np.vstack([robot, self.object_corners(time)])
+        if spec is None or frame is None:
+            return robot
+        return np.vstack([robot, corners(frame, half_edges(spec.shape))])
 
     def extent(self, times: Iterable[float]) -> np.ndarray:
-        """Return points (., 2) [m] whose hull holds all that is drawn up to and at these times [s]."""
+        """Return points (., 3) [m] whose hull holds all that is drawn up to and at these times [s]."""
         every = list(times)
         tracks = self.paths(float(self.run.motion.time[0]), max(every))
-        aims = [self.targets(stage, time) for time in every for stage in self.acting(time)]
-        return np.vstack([*map(self.points, every), *tracks, *aims])
+        aims = [self.target_frames(stage, time)[:, :3, 3] for time in every for stage in self.acting(time)]
+        found = np.vstack([*map(self.points, every), *tracks, *aims])
+        return np.asarray(found[np.isfinite(found).all(axis=1)])
 
     def events(self, time: float) -> list[str]:
         """Return what is on at a time [s]: the current stage, those that already act, whether the object is lost."""
@@ -148,50 +205,53 @@ def _opened(run: Run, monitor: MonitorSpec) -> float:
     return verdict.broken_at if np.isfinite(verdict.broken_at) else np.inf
 
 
-def carried(model: RobotModel, pose: np.ndarray, taken: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Return where an object taken at `pose` (3,) with the robot at `taken` (n,) is with the robot at `now` (n,)."""
-    before, after = grasp(model, taken), grasp(model, now)
-    turned = after[2] - before[2]
-    c, s = np.cos(turned), np.sin(turned)
-    moved = after[:2] + np.array([[c, -s], [s, c]]) @ (pose[:2] - before[:2])
-    return np.array([*moved, pose[2] + turned])
+def carried(model: RobotModel, frame: np.ndarray, taken: np.ndarray, now: np.ndarray) -> np.ndarray:
+    """Return where an object taken in a frame (4, 4) with the robot at `taken` (nq,) is with it at `now` (nq,)."""
+    return np.asarray(grasp(model, now) @ np.linalg.inv(grasp(model, taken)) @ frame)
 
 
 def grasp(model: RobotModel, Q: np.ndarray) -> np.ndarray:
-    """Return the frame the object is held in (3,) [m, m, rad] at Q (n,)."""
-    first, *others = model.poses(Q)[1:]
-    if not others:
-        return np.asarray(first)
-    line = others[0][:2] - first[:2]
-    return np.array([*np.mean([first[:2], *(pose[:2] for pose in others)], axis=0), np.arctan2(line[1], line[0])])
-
-
-def bodies(model: RobotModel, Q: np.ndarray) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
-    """Return the corners of the base (4, 2), and of each arm its joints (., 2) and its gripper (4, 2) [m]."""
-    shape, frames, arms = model.shape, model.body_frames(Q)[:, :2], []
-    for name, gripper in shape.grippers.items():
-        numbers = [number for number, body in enumerate(model.spec.bodies) if body.name.rpartition(".")[0] == name]
-        tip, last = model.spec.tools[name].position, frames[numbers[-1]]
-        joints = [frames[number, :, 3] for number in numbers]
-        arms.append((np.array([*joints, last @ (*tip, 1.0)]), gripper @ last[:, :3].T + last[:, 3]))
-    return rectangle(Q[:3], (2 * shape.box[0], 2 * shape.box[1])), arms
+    """Return the frame the object is held in (4, 4) [m] at Q (nq,)."""
+    first, *others = pose_frames(model.poses(Q)[1:])
+    if others:
+        line, planar = others[0][:3, 3] - first[:3, 3], model.dimension == 2
+        first = pose_frames([0, 0, np.arctan2(line[1], line[0])]) if planar else first.copy()
+        first[:3, 3] = np.mean(pose_frames(model.poses(Q)[1:])[:, :3, 3], axis=0)
+    return np.asarray(first)
 
 
 def outline(model: RobotModel, Q: np.ndarray) -> np.ndarray:
-    """Return points (., 2) [m] whose hull holds the robot at Q (n,)."""
-    base, arms = bodies(model, Q)
-    return np.vstack([base, *(part for arm in arms for part in arm)])
+    """Return points (., 3) [m] whose hull holds the robot at Q (nq,)."""
+    shape, frames = model.shape, model.body_frames(Q)
+    parts = [(tool.body, shape.grippers[arm]) for arm, tool in model.spec.tools.items()]
+    parts += [(body, ends.reshape(-1, 3)) for body, ends in enumerate(shape.capsules)]
+    box = corners(frames[0] @ shape.box_frame, base_half(model))
+    return np.vstack([box, *(placed(frames[body], points) for body, points in parts)])
 
 
-def rectangle(pose: np.ndarray, shape: tuple[float, ...]) -> np.ndarray:
-    """Return the corners (4, 2) [m] of a rectangle, length by width, at a pose (3,)."""
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * np.array(shape[:2]) / 2
-    return np.asarray(pose[:2] + corners @ np.array([[c, s], [-s, c]]))
+def placed(frame: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return points (..., 3) of a frame (4, 4) in the inertial frame."""
+    return np.asarray(points @ frame[:3, :3].T + frame[:3, 3])
+
+
+def base_half(model: RobotModel) -> np.ndarray:
+    """Return half the edges of the base's box as it is drawn (3,) [m]: flat in the plane."""
+    return model.shape.box * [1, 1, model.dimension == 3]
+
+
+def half_edges(shape: Sequence[float]) -> np.ndarray:
+    """Return half the edges of an object (3,) [m]; one of length and width is flat."""
+    return np.array([*shape, 0.0][:3]) / 2
+
+
+def corners(frame: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """Return the corners (8, 3) [m] of a box with half edges (3,) in a frame (4, 4)."""
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    return placed(frame, signs * half)
 
 
 def configurations(task: Task, model: RobotModel, stages: Sequence[Stage]) -> list[np.ndarray]:
-    """Return the robot's coordinates at the start and at every stage's target, (n,) each.
+    """Return the robot's coordinates at the start and at every stage's target, (nq,) each.
 
     Where a target is in task space the arms are those of inverse kinematics; an arm that cannot reach stays as it was.
     """
@@ -207,12 +267,12 @@ def configurations(task: Task, model: RobotModel, stages: Sequence[Stage]) -> li
     return stops
 
 
-def object_poses(task: Task, model: RobotModel, stops: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the object's pose (3,) in each stage's panel: at rest, carried to the stage's target, or left there."""
+def object_frames(task: Task, model: RobotModel, stops: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return the object's frame (4, 4) in each stage's panel: at rest, carried to the stage's target, or left there."""
     spec = task.spec.object
     if spec is None:
         return []
     names = [stage.name for stage in task.spec.stages]
-    taken, let_go, pose = names.index(spec.taken_by) + 1, names.index(spec.let_go_by), np.array(spec.pose, float)
+    taken, let_go, frame = names.index(spec.taken_by) + 1, names.index(spec.let_go_by), pose_frames(spec.pose)
     ends = (min(panel, let_go) for panel in range(1, len(names) + 1))
-    return [pose if end <= taken else carried(model, pose, stops[taken], stops[end]) for end in ends]
+    return [frame if end <= taken else carried(model, frame, stops[taken], stops[end]) for end in ends]

@@ -144,16 +144,9 @@ class RobotModel:
 
         Positions are in metres; a planar robot is in the plane z = 0.
         """
-        Q, bodies = np.asarray(Q, dtype=float), len(self.spec.bodies)
+        Q = np.asarray(Q, dtype=float)
         poses = self.body_poses(Q.reshape(-1, self.nq).T).full().T
-        frames = np.tile(np.eye(4), (len(poses), 1, 1))
-        frames[:, : self.dimension, 3] = poses[:, : self.dimension]
-        if self.dimension == 3:
-            turned = Rotation.from_quat(poses[:, 3:], scalar_first=True)
-        else:
-            turned = Rotation.from_rotvec(np.outer(poses[:, 2], (0, 0, 1)))
-        frames[:, :3, :3] = turned.as_matrix()
-        return frames.reshape(*Q.shape[:-1], bodies, 4, 4)
+        return pose_frames(poses).reshape(*Q.shape[:-1], len(self.spec.bodies), 4, 4)
 
     def mass_matrix(self, Q: ArrayLike, parameters: InertialParameters | None = None) -> Array:
         """Return H(Q), (n, n) [kg, kg m, kg m^2]. Paper eq. (3)."""
@@ -235,6 +228,18 @@ def build_model(spec: RobotSpec) -> RobotModel:
         dynamics=derive_dynamics(spec),
         body_poses=function("body_poses", {"Q": Q}, {"poses": bodies}),
     )
+
+
+def pose_frames(poses: ArrayLike) -> Array:
+    """Return the frames (..., 4, 4) of poses: (x, y, angle) in the plane z = 0, or position and quaternion (..., 7)."""
+    poses = np.asarray(poses, dtype=float)
+    flat = poses.reshape(-1, poses.shape[-1])
+    frames, planar = np.tile(np.eye(4), (len(flat), 1, 1)), poses.shape[-1] == 3
+    turned = np.outer(flat[:, 2], (0, 0, 1))
+    attitudes = Rotation.from_rotvec(turned) if planar else Rotation.from_quat(flat[:, 3:], scalar_first=True)
+    frames[:, : 2 if planar else 3, 3] = flat[:, : 2 if planar else 3]
+    frames[:, :3, :3] = attitudes.as_matrix()
+    return frames.reshape(*poses.shape[:-1], 4, 4)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from PIL import Image, ImageSequence
 from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.figures.animation import film_model, offscreen_driver
 from psmpc_cli.figures.registry import draw
-from psmpc_cli.figures.scene import scene_of, view_around
+from psmpc_cli.figures.scene import scene_of
 from psmpc_cli.logs.run import Run
 
 pytestmark = pytest.mark.slow
@@ -64,7 +64,7 @@ def test_an_animation_that_cannot_be_written_is_named(tmp_path: Path, load: Load
 
 def test_a_film_has_the_base_and_the_links_where_the_run_has_them(run: Run) -> None:
     scene, times = scene_of(run), np.array([0.0, 12.0, 20.0])
-    model = mujoco.MjModel.from_xml_string(film_model(scene, view_around(scene.extent(times))))
+    model = mujoco.MjModel.from_xml_string(film_model(scene, scene.extent(times)))
     data = mujoco.MjData(model)
     for time in times:
         data.qpos = run.motion.coordinates_at(time)

@@ -51,7 +51,12 @@ ACROSS = 4
 NEARER = 100.0
 """Order of a body by how near to the viewer it is [1/m]."""
 
-ARROW: Mapping[str, Any] = {"arrowstyle": "-|>,head_width=0.12,head_length=0.25", "linewidth": 0.6, "color": "black"}
+ARROW: Mapping[str, Any] = {
+    "arrowstyle": "-|>,head_width=0.12,head_length=0.25",
+    "linewidth": 0.6,
+    "shrinkA": 0,
+    "shrinkB": 0,
+}
 """Look of a direction."""
 
 VIEWS = {PLAN: "", FRONT: "", SIDE: "", OBLIQUE: "seen from azimuth −60°, elevation 25°, in parallel projection"}
@@ -172,9 +177,9 @@ def _draw_directions(axes: Axes, camera: Camera, extent: np.ndarray) -> None:
         axes.text(x, y, name, fontsize=style.TEXT, ha="center", va="center")
 
 
-def show(axes: Axes, camera: Camera, view: Bbox) -> None:
+def show(axes: Axes, camera: Camera, view: Bbox, ticks: int = 6) -> None:
     """Set a panel's limits and ticks, with equal scales; without ticks where an axis has no name."""
-    step = float(np.ptp(MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(*view.intervalx)[:2]))
+    step = float(np.ptp(MaxNLocator(ticks, steps=[1, 2, 5, 10]).tick_values(*view.intervalx)[:2]))
     axes.set_xlim(view.intervalx)
     axes.set_ylim(view.intervaly)
     axes.set_aspect("equal")
@@ -326,9 +331,12 @@ def plot_robot(spec: RobotSpec) -> Figure:
     points = np.vstack([outline(model, Q), *(placed(frame, size * np.eye(3)[: model.dimension]) for frame in frames)])
     low, high = points.min(axis=0) - 0.04 * np.ptp(points), points.max(axis=0) + 0.04 * np.ptp(points)
     box = corners(pose_frames([*(low + high) / 2, 1, 0, 0, 0]), (high - low) / 2)
-    figure, panels = _robot_panels(box, model.dimension)
+    scale = (style.COLUMN - 0.9) / float((high - low)[: model.dimension - 1].sum())
+    figure, panels = _robot_panels(box, OBLIQUE.view(points), scale, model.dimension)
     for camera, axes in panels.items():
-        show(axes, camera, Bbox([camera.see(box).min(axis=0), camera.see(box).max(axis=0)]))
+        seen = camera.see(box)
+        view = Bbox([seen.min(axis=0), seen.max(axis=0)]) if camera.labels else camera.view(points)
+        show(axes, camera, view, ticks=max(1, int(view.width * scale / 0.34)))
         axes.set_title(VIEWS[camera], loc="left", pad=2, fontsize=style.TEXT)
         axes.set(**dict(zip(("xlabel", "ylabel"), camera.labels or ("", ""), strict=True)))
         draw_robot(axes, camera, model, Q)
@@ -344,15 +352,13 @@ def plot_robot(spec: RobotSpec) -> Figure:
     return figure
 
 
-def _robot_panels(box: np.ndarray, dimension: int) -> tuple[Figure, dict[Camera, Axes]]:
-    """Return a figure and its panels for a box with corners (8, 3) [m], by from where they show it."""
+def _robot_panels(box: np.ndarray, aside: Bbox, scale: float, dimension: int) -> tuple[Figure, dict[Camera, Axes]]:
+    """Return a figure and its panels by camera, for a box with corners (8, 3) [m], to a scale [in/m]."""
     x, y, z = np.ptp(box, axis=0).tolist()
     if dimension == 2:
-        figure = style.new_figure((style.COLUMN - 0.5) * y / x + 0.7)
+        figure = style.new_figure(scale * y + 0.9)
         return figure, {PLAN: figure.add_subplot()}
-    wide, tall = np.ptp(OBLIQUE.see(box), axis=0)
-    scale = (style.COLUMN - 0.9) / (x + y)
-    heights = [(style.COLUMN - 0.1) * tall / wide, scale * y + 0.5, scale * z + 0.5]
+    heights = [(style.COLUMN - 0.1) * aside.height / aside.width, scale * y + 0.5, scale * z + 0.5]
     figure = style.new_figure(sum(heights) + 0.3)
     layout: list[Any] = [["oblique", "oblique"], ["plan", "."], ["front", "side"]]
     found = figure.subplot_mosaic(layout, width_ratios=[x, y], height_ratios=heights)

@@ -96,7 +96,6 @@ BAD: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("bench task.yaml --set solver.kind=ipopt", ("--solvers",)),
     ("check nowhere", ("nowhere",)),
     ("check task.yaml --figure scenario.jpg", ("'jpg'", "png, pdf, svg")),
-    ("check planar_dual_arm --figure scenario.png", ("robot", "task")),
     ("init taken", ("taken",)),
     ("init task.yaml", ("task.yaml",)),
     ("schema plant", ("robot", "task")),

@@ -83,6 +83,12 @@ def test_a_scenario_is_drawn(psmpc: Psmpc) -> None:
     assert psmpc("check", "task.yaml", "--figure", "scenario.png", "--force").code == 0
 
 
+@pytest.mark.parametrize("robot", ["planar_dual_arm", "free_flyer_arm"])
+def test_a_robot_is_drawn(psmpc: Psmpc, robot: str) -> None:
+    assert psmpc("check", robot, "--figure", "robot.svg").stdout.splitlines()[-1] == "robot: robot.svg"
+    assert Path("robot.svg").stat().st_size > 0
+
+
 def test_every_built_in_is_copied_and_loads_to_the_same(psmpc: Psmpc) -> None:
     ran = psmpc("init", "new/project")
     assert ran.code == 0

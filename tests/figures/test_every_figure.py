@@ -10,7 +10,8 @@ import pytest
 from psmpc_cli.figures.registry import TABLE, figures_of
 from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.run import Run
-from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.load import Task, load_robot
+from psmpc_cli.specs.robot import SpatialRobot
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 from psmpc_cli.studies.sweep import SweepCells
 
@@ -41,6 +42,8 @@ class Subjects:
         return made_up_monte_carlo(self.path, **given)
 
 
+ROBOTS = ("planar_dual_arm", "dual_arm_servicer", "free_flyer_arm")
+
 CASES: Mapping[str, tuple[str, Callable[[Subjects], Any]]] = {
     "run": ("run", lambda s: s.load()),
     "run whose object is lost": ("run", lambda s: s.load(early={1: 6.4, 3: 19.0})),
@@ -70,6 +73,11 @@ CASES: Mapping[str, tuple[str, Callable[[Subjects], Any]]] = {
     "one crash": ("monte_carlo", lambda s: s.monte_carlo(runs=1, crashed=(0,))),
     "all late": ("monte_carlo", lambda s: s.monte_carlo(runs=4, late=(0, 1, 2, 3))),
     "scenario": ("scenario", lambda s: s.task),
+    **{name: ("robot", lambda s, name=name: load_robot(name)) for name in ROBOTS},
+    "robot without arms": (
+        "robot",
+        lambda s: SpatialRobot(name="bare", base={"mass": 10, "inertia": (0.1, 0.2, 0.25)}),
+    ),
     **{f"ablation of the {name}": (f"ablation_{name}", lambda s, name=name: MADE_UP[name]) for name in MADE_UP},
     "presence": ("presence", lambda s: waiting(s.load())),
     "presence where none waits": ("presence", lambda s: s.load()),

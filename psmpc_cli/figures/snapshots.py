@@ -336,7 +336,7 @@ def plot_robot(spec: RobotSpec) -> Figure:
     for camera, axes in panels.items():
         seen = camera.see(box)
         view = Bbox([seen.min(axis=0), seen.max(axis=0)]) if camera.labels else camera.view(points)
-        show(axes, camera, view, ticks=max(1, int(view.width * scale / 0.34)))
+        show(axes, camera, view, ticks=max(1, int(view.width * scale / 0.45)))
         axes.set_title(VIEWS[camera], loc="left", pad=2, fontsize=style.TEXT)
         axes.set(**dict(zip(("xlabel", "ylabel"), camera.labels or ("", ""), strict=True)))
         draw_robot(axes, camera, model, Q)

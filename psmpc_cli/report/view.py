@@ -178,15 +178,13 @@ def _targets(scene: Scene, time: np.ndarray) -> np.ndarray:
 
 def _object(scene: Scene, time: np.ndarray) -> Json | None:
     """Give size (3,) [m] and poses (T, 7) of the object: position [m] and quaternion x, y, z, w."""
-    spec, poses = scene.run.task.spec.object, [scene.object_pose(float(t)) for t in time]
+    spec, frames = scene.run.task.spec.object, [scene.object_frame(float(t)) for t in time]
     if spec is None:
         return None
-    known = np.array([pose for pose in poses if pose is not None])
-    if known.shape[1] == 3:
-        turned = Rotation.from_rotvec(known[:, 2:] * [[0.0, 0.0, 1.0]]).as_quat()
-        known = np.hstack([known[:, :2], np.zeros((len(known), 1)), turned])
+    known = np.array([frame for frame in frames if frame is not None])
+    poses = np.hstack([known[:, :3, 3], Rotation.from_matrix(known[:, :3, :3]).as_quat()])
     size = [*spec.shape, *(2.6 * scene.run.problem.model.shape.radius for _ in range(3 - len(spec.shape)))]
-    return {"size": size, "pose": _packed(known, "f8"), "lost": scene.left if scene.lost else None}
+    return {"size": size, "pose": _packed(poses, "f8"), "lost": scene.left if scene.lost else None}
 
 
 def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:

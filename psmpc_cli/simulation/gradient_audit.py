@@ -104,7 +104,7 @@ def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes:
     free = tuple(_unconstrained(stage) for stage in window.stages)
     window = replace(window, nodes=(nodes,) * len(free), stages=free)
     instants = window.start + np.cumsum(tau)[:-1]
-    guess = replace(resting_plan(window.start, window.horizon, nodes, window.x0), instants=instants)
+    guess = replace(resting_plan(window.start, window.horizon, nodes, window.x0, window.chart), instants=instants)
     solution = build_solver(experiment.problem).solve(window, guess, within=0.0)
     plan, ends = solution.plan, np.cumsum(window.nodes)
     pieces = [slice(end - N, end) for end, N in zip(ends, window.nodes, strict=True)]

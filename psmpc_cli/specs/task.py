@@ -446,7 +446,7 @@ def _skills(skills: Mapping[str, SkillSpec], fields: Fields, context: Context) -
             wanted = '"joint" (task needs solver ipopt, and another controller than htmpc)'
             yield (name, "input"), expected(wanted)
         if skill.input == "task" and context.sizes.get("base") == 6:
-            yield (name, "input"), expected('"joint" with a robot in space: task is the acceleration of planar poses')
+            yield (name, "input"), expected('"joint": task takes planar robots alone')
         for at, error in _wider(skill.limits, outer, context.sizes):
             yield (name, "limits", *at), error
 

@@ -17,6 +17,7 @@ from psmpc_cli.studies.bench import (
     run_bench,
 )
 
+from .. import in_space
 from ..there_and_back import TASK
 
 FARTHER = "stages[0].target.base=[0.3, 0, 0]"
@@ -89,3 +90,11 @@ def test_a_run_without_an_append_is_rejected(task: str) -> None:
     changes = (FARTHER, "time_limit=0.3")
     with pytest.raises(RunError, match="in no sample of its runs a stage entered the window"):
         run_bench(load_bench(task, changes, "5"))
+
+
+def test_windows_of_a_robot_in_space_are_timed_too() -> None:
+    task = in_space.turning(120, "controller.nodes=6", "plant.kind=ideal", "log.shares=false")
+    bench = run_bench({"6": [task]}, "sqp", repeat=1, appends=1)
+    assert [solve.stages for solve in bench.solves["6", "sqp", "warm"]] == [1, 2, 2]
+    for way, solves in bench.solves.items():
+        assert all(solve.usable and abs(solve.gap) < (1e-2 if "cold" in way else 1e-4) for solve in solves), way

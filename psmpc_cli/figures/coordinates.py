@@ -13,7 +13,9 @@ from matplotlib.ticker import StrMethodFormatter
 from psmpc_cli.figures import style
 from psmpc_cli.figures.timeline import open_timeline, runs_of
 from psmpc_cli.logs.run import Run, Span
+from psmpc_cli.ocp.problem import Problem, Stage
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.rotations import log
 from psmpc_cli.specs.parts import POSITION_AXES, error_axes
 
 HEIGHT = 0.92
@@ -35,11 +37,15 @@ SEEN: Mapping[str, Any] = {"color": "#7A7A7A", "linewidth": 0.55}
 def plot_states(runs: Run | Mapping[str, Run]) -> Figure:
     """Plot base pose [m, rad] and joint angles [rad], of a run or of several side by side. Paper Figs. 8 to 10.
 
-    Of one run it also shows what the controller saw of them.
+    Of one run it also shows what the controller saw of them. In space the attitude is a rotation vector, beside the
+    angle to the attitude the current stage aims at [deg].
     """
-    seen = attrgetter("motion.Q_seen") if isinstance(runs, Run) else None
-    curves = attrgetter("motion.time", "motion.Q")
-    return _plot_quantity(runs, ("position", "angle"), ("m", "rad"), curves, seen=seen)
+    spatial = runs_of(runs)[0].problem.model.dimension == 3
+    look: dict[str, Any] = {"error": attitude_error} if spatial else {}
+    if isinstance(runs, Run):
+        look["seen"] = lambda run: _in_rotation_vectors(run.motion.Q_seen, run.motion.v)
+    words = ("position", "attitude" if spatial else "angle")
+    return _plot_quantity(runs, words, ("m", "rad"), _coordinates, **look)
 
 
 def plot_velocities(run: Run) -> Figure:
@@ -61,6 +67,33 @@ def plot_forces(run: Run) -> Figure:
     return _plot_quantity(run, ("force", "torque"), ("N", "N m"), lambda run: curves, peaked=True)
 
 
+def _coordinates(run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """Return times (K,) [s] and coordinates (K, n) of a run, with the attitude in space as rotation vector."""
+    return run.motion.time, _in_rotation_vectors(run.motion.Q, run.motion.v)
+
+
+def _in_rotation_vectors(Q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return coordinates (K, nq) with the unit quaternion as rotation vector, continuous over time: as many as v."""
+    if Q.shape == v.shape:
+        return Q
+    flips = np.cumprod(np.where((Q[1:, 3:7] * Q[:-1, 3:7]).sum(axis=1) < 0, -1.0, 1.0))
+    vector = np.array(log((Q[:, 3:7] * np.r_[1.0, flips][:, None]).T)).T
+    return np.hstack([Q[:, :3], vector, Q[:, 7:]])
+
+
+def attitude_error(run: Run) -> np.ndarray:
+    """Return the angle (N,) [rad] from the base's attitude to the one that the current stage aims at, in space."""
+    found = np.full(len(run.motion.time), np.nan)
+    for span in run.spans:
+        stage, now = run.problem.stages[span.index], (run.motion.time >= span.start) & (run.motion.time <= span.end)
+        if now.any():
+            first = stage.attitudes["base"]
+            wanted = stage.reference(run.motion.time[now] - span.start)[:, first : first + 4]
+            cosine = np.abs((wanted * run.motion.Q[now, 3:7]).sum(axis=1)) / np.linalg.norm(wanted, axis=1)
+            found[now] = 2 * np.arccos(np.minimum(cosine, 1.0))
+    return found
+
+
 def plot_overlay(runs: Mapping[str, Run]) -> Figure:
     """Plot every coordinate [m, rad] of several runs on the same axes, with the ends of their stages."""
     model = next(iter(runs.values())).problem.model
@@ -75,11 +108,13 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
     for axes, (part, row, label, angle) in zip(grid.flat, rows, strict=False):
         for number, run in enumerate(runs.values()):
             motion, look = run.motion, style.line_look(number)
-            axes.plot(motion.time, motion.Q[:, row], linewidth=1.2, **look)
-            switches = run.stages["switch_time"]
-            at = np.array([motion.coordinates_at(time)[row] for time in switches[np.isfinite(switches)]])
-            axes.plot(switches[np.isfinite(switches)], at, "o", markersize=3, color=look["color"])
-        axes.set_ylabel(f"{part} {label}\n({'rad' if angle else 'm'})")
+            factor, unit = _in_degrees(model, part, "rad" if angle else "m")
+            values = factor * _coordinates(run)[1][:, row]
+            axes.plot(motion.time, values, linewidth=1.2, **look)
+            switches = run.stages["switch_time"][np.isfinite(run.stages["switch_time"])]
+            at = np.interp(switches, motion.time, values)
+            axes.plot(switches, at, "o", markersize=3, color=look["color"])
+        axes.set_ylabel(f"{part} {'attitude ' * (unit == 'deg')}{label}\n({unit})")
     for axes in grid.flat[len(rows) :]:
         axes.set_visible(False)
     for axes in grid[-1]:
@@ -97,6 +132,7 @@ def _plot_quantity(
     units: tuple[str, str],
     curves: Callable[[Run], tuple[np.ndarray, np.ndarray]],
     seen: Callable[[Run], np.ndarray] | None = None,
+    error: Callable[[Run], np.ndarray] | None = None,
     limits: Literal["velocity", "acceleration"] | None = None,
     drawstyle: str = "default",
     peaked: bool = False,
@@ -111,40 +147,51 @@ def _plot_quantity(
         units: Its units, of linear and of angular coordinates.
         curves: Times (K,) [s] and values (K, n) of a run.
         seen: What the controller saw of it (K, n), drawn where it differs.
+        error: The error of the base's attitude (K,), drawn beside it.
         limits: Which limits of the stages bound it.
         drawstyle: How its values are joined.
         peaked: It may have short peaks that hide the rest; the axis is then logarithmic far out.
     """
-    panels = list(_panels(runs_of(runs)[0].problem.model))
+    model = runs_of(runs)[0].problem.model
+    panels = list(_panels(model))
     timeline = open_timeline(runs, len(panels), HEIGHT)
     handles: dict[str, Artist] = {}
     for row, (part, rows, labels, angular) in enumerate(panels):
-        note = ""
+        note, (factor, unit) = "", _in_degrees(model, part, units[angular])
         for axes, run in zip(timeline.panels[row], timeline.runs, strict=True):
             time, every = curves(run)
-            values = every[:, rows]
+            values = factor * every[:, rows]
             for i, label in enumerate(labels):
                 look = style.line_look(i)
                 axes.plot(time, values[:, i], label=label, drawstyle=drawstyle, **look)
             axes.margins(y=0.08)
-            if limits is not None and _plot_limits(axes, run, limits, rows, values):
+            if limits is not None and _plot_limits(axes, run, limits, rows, values, factor):
                 handles["limit"] = style.entry("limit", **style.LEVEL)
             if seen is not None and not np.array_equal(seen(run), every, equal_nan=True):
-                axes.plot(time, seen(run)[:, rows], label="_seen", zorder=1.4, **SEEN)
+                axes.plot(time, factor * seen(run)[:, rows], label="_seen", zorder=1.4, **SEEN)
                 handles["seen"] = style.entry("seen by the controller", **SEEN)
+            if error is not None and part == "Base" and angular:
+                axes.plot(time, factor * error(run), label="to the target", color="black", linewidth=0.8)
             if peaked:
                 note = _compress(axes, values) or note
-        word, unit = words[angular], f"({units[angular]})"
+        word, unit = words[angular], f"({unit})"
         short = len(f"{part} {word}") * style.CHARACTER < HEIGHT
         timeline.label(row, f"{part} {word}\n{unit}" if short else f"{part}\n{word} {unit}", note)
     return timeline.finish(list(handles.values()))
+
+
+def _in_degrees(model: RobotModel, part: str, unit: str) -> tuple[float, str]:
+    """Return by how much to multiply values of a part, and their unit: degrees of the attitude in space."""
+    if model.dimension == 3 and part == "Base" and "rad" in unit:
+        return 180 / np.pi, unit.replace("rad", "deg")
+    return 1.0, unit
 
 
 def _panels(model: RobotModel) -> Iterator[tuple[str, slice, Sequence[str], bool]]:
     """Give the panels of Q: part, rows, labels of the rows, and whether they are angles."""
     base, d = model.parts["base"], model.dimension
     yield "Base", slice(base.start, base.start + d), "xyz"[:d], False
-    yield "Base", slice(base.start + d, base.stop), ("θ",) if d == 2 else ("yaw", "pitch", "roll"), True
+    yield "Base", slice(base.start + d, base.stop), ("θ",) if d == 2 else "xyz", True
     for name, rows in model.parts.items():
         joints = rows.stop - rows.start
         labels = [f"joint {i + 1}" if joints <= 4 else str(i + 1) for i in range(joints)]
@@ -166,11 +213,13 @@ def _compress(axes: Axes, values: np.ndarray) -> str:
     return f"log beyond ±{threshold:g}"
 
 
-def _plot_limits(axes: Axes, run: Run, kind: str, rows: slice, values: np.ndarray) -> bool:
+def _plot_limits(axes: Axes, run: Run, kind: str, rows: slice, values: np.ndarray, factor: float) -> bool:
     """Draw the limits of the current stage that are not far off the values; return whether there are any."""
     time = np.array([edge for span in run.spans for edge in (span.start, span.end)])
     limits = [run.problem.stages[span.index].limits for span in run.spans for _ in "ab"]
-    sides = [np.array([getattr(limit, f"{kind}_{side}")[rows] for limit in limits]) for side in ("low", "high")]
+    sides = [
+        factor * np.array([getattr(limit, f"{kind}_{side}")[rows] for limit in limits]) for side in ("low", "high")
+    ]
     farthest = FARTHEST * float(np.nanmax(np.abs(values), initial=0.0)) or np.inf
     near = np.unique(np.hstack([np.where(np.abs(side) < farthest, side, np.nan) for side in sides]), axis=1)
     seen = near[:, np.isfinite(near).any(axis=0)]
@@ -218,9 +267,26 @@ def error_curves(run: Run) -> Iterator[tuple[Span, int, bool, np.ndarray, np.nda
         inside = (motion.time > span.start) & (motion.time < span.end)
         time = np.r_[span.start, motion.time[inside], span.end]
         Q = np.array([motion.coordinates_at(t) for t in time])
-        errors = run.problem.costs.errors(run.problem.stages[span.index], np.hstack([Q, 0 * Q]), time - span.start)
+        errors = _errors(run.problem, run.problem.stages[span.index], Q, time - span.start)
         for frame, angular, rows, tolerance in _error_groups(run, span):
             yield span, frame, angular, time, np.abs(errors[:, rows]).max(axis=1), tolerance
+
+
+def _errors(problem: Problem, stage: Stage, Q: np.ndarray, since: np.ndarray) -> np.ndarray:
+    """Return a stage's errors (K, rows) at coordinates (K, nq), at times since its start (K,) [s].
+
+    In space the chart is anew at every attitude, and of a target's two quaternions the nearer one counts.
+    """
+    model, found = problem.model, []
+    if model.dimension == 2:
+        return problem.costs.errors(stage, np.hstack([Q, 0 * Q]), since)
+    for q, wanted, time in zip(Q, stage.reference(since), since, strict=True):
+        poses = dict(zip(model.pose_rows, model.poses(q)[:, 3:], strict=True))
+        ends = {frame: wanted[first : first + 4] @ poses[frame] for frame, first in stage.attitudes.items()}
+        placed = stage.in_chart(q[3:7], q[7:], {frame: 1.0 if end >= 0 else -1.0 for frame, end in ends.items()})
+        x = np.r_[q[:3], np.zeros(3), q[7:], np.zeros(model.n)]
+        found.append(problem.costs.errors(placed, x[None], np.array([time]))[0])
+    return np.array(found)
 
 
 def _error_groups(run: Run, span: Span) -> Iterator[tuple[int, bool, list[int], float]]:

@@ -77,9 +77,9 @@ def camera_of(model: RobotModel) -> Camera:
 class Scene:
     """A run as a moving picture: where robot, object and targets are at any time.
 
-    Nothing in the log measures the object. It rests at the pose the task gives until the stage that takes it ends. From
-    then on it moves rigidly with the grippers: with their midpoint and the line from the first to the second, or with
-    the one gripper. Once the stage that lets it go begins, or it is lost, it is drawn where it was left.
+    The log has the pose of an object with mass. One without mass rests at the pose the task gives until the stage that
+    takes it ends. From then on it moves rigidly with the grippers: with their midpoint and the line from the first to
+    the second, or with the one gripper. Once the stage that lets it go begins, or it is lost, it is drawn where it was.
 
     Attributes:
         run: The run.
@@ -100,6 +100,9 @@ class Scene:
     def object_frame(self, time: float) -> np.ndarray | None:
         """Return the object's frame (4, 4) [m] at a time [s]; None where the task has no object."""
         spec = self.run.task.spec.object
+        if spec is not None and "object/pose" in self.run:
+            sample = int(np.searchsorted(self.run.time, time, side="right")) - 1
+            return pose_frames(self.run["object/pose"][max(0, sample)])
         if spec is None or time <= self.taken:
             return None if spec is None else pose_frames(spec.pose)
         before, now = map(self.run.motion.coordinates_at, (self.taken, min(time, self.left)))

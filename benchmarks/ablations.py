@@ -8,8 +8,7 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import sys
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
 
 from pages import ROOT, markdown
 
@@ -34,14 +33,14 @@ def pivot(numbers: Mapping[str, float]) -> Iterator[str]:
     return markdown(("", *columns), cells)
 
 
-def main(folder: Path) -> None:
-    """Run the ablations, draw their figures into a folder and print their tables."""
-    task = psmpc.load_task("transport")
+def main(nodes: Sequence[str]) -> None:
+    """Run the ablations, by default at the task's own mesh, draw their figures and print their tables."""
+    task = psmpc.load_task("transport", [f"controller.nodes={count}" for count in nodes])
     for ablation in run_ablations(task, done=lambda name: print(name, file=sys.stderr, flush=True)):
-        draw("ablations", ablation.panels, folder, only=[f"ablation_{ablation.name}"], force=True)
+        draw("ablations", ablation.panels, FIGURES, only=[f"ablation_{ablation.name}"], force=True)
         print(f"\nWithout our {ablation.name.replace('_', ' ')}:\n")
         print("\n".join(pivot(ablation.numbers)))
 
 
 if __name__ == "__main__":
-    main(FIGURES)
+    main(sys.argv[1:])

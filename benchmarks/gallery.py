@@ -12,6 +12,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import base64
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -100,6 +101,21 @@ def concept(overlapped: psmpc.Run, hard: psmpc.Run) -> Figure:
     return figure
 
 
+def photograph(page: Path, target: Path) -> None:
+    """Write a picture of a run's interactive page at EARLY; without Chromium the old picture stays."""
+    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if chromium is None:
+        sys.stderr.write("found no Chromium: the picture of the page stays as it is\n")
+        return
+    key = "document.dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowRight', shiftKey: true, bubbles: true}))"
+    steps = f"<script>addEventListener('load', () => {{ for (let i = 0; i < {EARLY}; i++) {key} }})</script>"
+    page.write_text(page.read_text(encoding="utf-8") + steps, encoding="utf-8")
+    picture, drawn = page.with_suffix(".png"), ("--headless", "--no-sandbox", "--use-angle=swiftshader")
+    look = ("--enable-unsafe-swiftshader", "--hide-scrollbars", "--window-size=1300,900", "--virtual-time-budget=9000")
+    subprocess.run([chromium, *drawn, *look, f"--screenshot={picture}", page.as_uri()], check=True, capture_output=True)
+    shrink(picture, target, 1300)
+
+
 def shrink(path: Path, target: Path, width: int = 1100) -> None:
     """Write an image with a palette and at most this width [px]."""
     image = Image.open(path).convert("RGB")
@@ -133,6 +149,8 @@ def main() -> None:
         animate = [*PSMPC, "plot", "run.h5", "--animate", "--only", "states", "-o", "animation"]
         subprocess.run(animate, cwd=folder, stdout=subprocess.DEVNULL, check=True)
         (FIGURES / "transport.gif").write_bytes((folder / "animation" / "animation.gif").read_bytes())
+        subprocess.run([*PSMPC, "view", "run.h5"], cwd=folder, stdout=subprocess.DEVNULL, check=True)
+        photograph(folder / "run-view.html", FIGURES / "view.png")
         overlapped = psmpc.read_run(folder / "run.h5")
     hard = psmpc.simulate(psmpc.load_task("transport", ["controller.nodes=25", "controller.kind=hard"]))
     with style.in_style():

@@ -18,16 +18,20 @@ import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import sleep
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from pages import PSMPC, ROOT
 from PIL import Image
+from selenium import webdriver
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.keys import Keys
 
 import psmpc_cli as psmpc
 from psmpc_cli.figures import style
-from psmpc_cli.figures.scene import scene_of, view_around
+from psmpc_cli.figures.scene import scene_of
 from psmpc_cli.figures.snapshots import draw_scene, show
 
 FIGURES = ROOT / "docs" / "figures"
@@ -36,6 +40,7 @@ COARSE = "--set controller.nodes=25"
 NOISY = "uncertainty={mass: 0.1, inertia: 0.1, noise: {position: 1e-3, angle: 1e-3}}"
 
 COMMANDS: Mapping[str, str] = {
+    "A robot": "psmpc check dual_arm_servicer --figure robot/robot.png",
     "A task": "psmpc check transport --figure scenario/scenario.png",
     "A run": f"psmpc simulate transport {COARSE} -o run.h5",
     "A comparison": f"psmpc compare transport --controllers psmpc,smpc,hard {COARSE} -o comparison.h5",
@@ -93,27 +98,37 @@ def concept(overlapped: psmpc.Run, hard: psmpc.Run) -> Figure:
         bars.set_title(f"{title}, done after {run.motion.end:.1f} s", loc="left", fontsize=8.0)
         bars.set(xlim=(0, latest), yticks=[], xlabel="Time (s)")
         bars.invert_yaxis()
-        draw_scene(picture, scenes[title], EARLY, since=EARLY - 3.0, width=1.3)
-        show(picture, view_around(points))
-        picture.set_title(f"at {EARLY:.0f} s: {', '.join(scenes[title].events(EARLY))}", loc="left", fontsize=8.0)
+        scene = scenes[title]
+        draw_scene(picture, scene, EARLY, EARLY - 3.0, points, width=1.3)
+        show(picture, scene.camera, scene.camera.view(points))
+        picture.set_title(f"at {EARLY:.0f} s: {', '.join(scene.events(EARLY))}", loc="left", fontsize=8.0)
         picture.set(xlabel="x (m)", ylabel="y (m)")
     FigureCanvasAgg(figure)
     return figure
 
 
 def photograph(page: Path, target: Path) -> None:
-    """Write a picture of a run's interactive page at EARLY; without Chromium the old picture stays."""
-    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if chromium is None:
-        sys.stderr.write("found no Chromium: the picture of the page stays as it is\n")
+    """Write a picture of a run's interactive page at EARLY; without Chromium and its driver the old picture stays."""
+    chromium, driver = (shutil.which(name) for name in ("chromium", "chromedriver"))
+    if chromium is None or driver is None:
+        sys.stderr.write("found no Chromium with its driver: the picture of the page stays as it is\n")
         return
-    key = "document.dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowRight', shiftKey: true, bubbles: true}))"
-    steps = f"<script>addEventListener('load', () => {{ for (let i = 0; i < {EARLY}; i++) {key} }})</script>"
-    page.write_text(page.read_text(encoding="utf-8") + steps, encoding="utf-8")
-    picture, drawn = page.with_suffix(".png"), ("--headless", "--no-sandbox", "--use-angle=swiftshader")
-    look = ("--enable-unsafe-swiftshader", "--hide-scrollbars", "--window-size=1300,900", "--virtual-time-budget=9000")
-    subprocess.run([chromium, *drawn, *look, f"--screenshot={picture}", page.as_uri()], check=True, capture_output=True)
-    shrink(picture, target, 1300)
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    software = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+    for option in ("--headless=new", "--no-sandbox", "--hide-scrollbars", *software):
+        options.add_argument(option)
+    browser = webdriver.Chrome(options, webdriver.ChromeService(driver))
+    try:
+        browser.set_window_size(1300, 1040)
+        browser.get(page.as_uri())
+        for _ in range(round(EARLY)):
+            ActionChains(browser).key_down(Keys.SHIFT).send_keys(Keys.ARROW_RIGHT).key_up(Keys.SHIFT).perform()
+        sleep(1.0)
+        browser.save_screenshot(str(page.with_suffix(".png")))
+    finally:
+        browser.quit()
+    shrink(page.with_suffix(".png"), target, 1300)
 
 
 def shrink(path: Path, target: Path, width: int = 1100) -> None:
@@ -131,7 +146,6 @@ def main() -> None:
         old.unlink()
     with TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "scenario").mkdir()
         seen: set[Path] = set()
         for heading, command in COMMANDS.items():
             sys.stderr.write(f"{command}\n")

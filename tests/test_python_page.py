@@ -1,4 +1,4 @@
-"""The Python of docs/python.md and docs/own_robot.md: every line is run, block after block."""
+"""The Python of pages of the documentation: every line is run, block after block."""
 
 import re
 import subprocess
@@ -13,7 +13,9 @@ DOCS = Path(__file__).parents[1] / "docs"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("page", "printed"), [("python.md", "LogError"), ("own_robot.md", "(20, 20)")])
+@pytest.mark.parametrize(
+    ("page", "printed"), [("python.md", "LogError"), ("own_robot.md", "(20, 20)"), ("view.md", "")]
+)
 def test_the_page_runs(page: str, printed: str, tmp_path: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL)
     script = tmp_path / "page.py"

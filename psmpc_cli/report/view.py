@@ -196,6 +196,8 @@ def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
     yield _tab("Errors", _error_panels(run, frames))
     yield _tab("Coordinates", _panels(model, time, _angles(model, motion.Q[frames]), ("m", "rad")))
     yield _tab("Stages", _stage_panels(run))
+    if "grasp/pull" in run:
+        yield _tab("Grasp", _grasp_panels(run))
 
 
 def _angles(model: RobotModel, Q: np.ndarray) -> np.ndarray:
@@ -254,6 +256,20 @@ def _stage_panels(run: Run) -> Iterator[Json]:
         if curves:
             yield _panel(label, time, curves)
     yield _panel("solve time (ms)", time, [("solve", 1e3 * run["solver/wall_time"][samples])], log=True)
+
+
+def _grasp_panels(run: Run) -> Iterator[Json]:
+    """Give the filtered pull on each grasp, with the strength at which it is lost, and the object's velocities."""
+    samples, names = _thinned(len(run.time), MOST_FRAMES), map(style.readable, run["gripper"].tolist())
+    time, spec = run.time[samples], run.task.spec.object
+    grasp = None if spec is None else spec.grasp
+    strength = [] if grasp is None or grasp.strength is None else [grasp.strength.pull]
+    limits = [("strength", np.full(len(time), pull)) for pull in strength]
+    yield _panel("pull on grasp (N)", time, zip(names, run["grasp/pull"][samples].T, strict=True), limits)
+    axes, velocity = run["object_axis"].tolist(), run["object/velocity"][samples].T
+    linear = len(axes) // 2 + len(axes) % 2
+    for unit, rows in (("m/s", slice(linear)), ("rad/s", slice(linear, None))):
+        yield _panel(f"object ({unit})", time, zip(axes[rows], velocity[rows], strict=True))
 
 
 def _tab(name: str, panels: Iterator[Json]) -> Json:

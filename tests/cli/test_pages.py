@@ -1,11 +1,13 @@
 """`psmpc view` and `psmpc report`: where their pages go, which runs they show, and what they reject."""
 
+import base64
 import json
 import re
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from psmpc_cli.logs.run import read_run
@@ -78,6 +80,16 @@ def test_a_comparison_offers_its_runs(psmpc: Psmpc) -> None:
     assert [run["name"] for run in shown("runs/task-comparison-view-2.html")] == ["Hard switching"]
     ran = psmpc("view", log, "--run", "smpc")
     assert (ran.code, "psmpc, hard" in ran.stderr) == (2, True)
+
+
+@pytest.mark.slow
+def test_an_object_with_a_mass_is_shown_as_logged_with_the_pull_on_its_grasps(psmpc: Psmpc) -> None:
+    assert psmpc("simulate", "transport_grasp", "--set", "controller.nodes=10", "--no-figures", "--view").code == 0
+    (run,) = shown("runs/transport_grasp-view.html")
+    log = read_run("runs/transport_grasp.h5")
+    packed = np.frombuffer(base64.b64decode(run["object"]["pose"]["data"])).reshape(run["object"]["pose"]["shape"])
+    assert packed[:-1, :2] == pytest.approx(log["object/pose"][:, :2])
+    assert "Grasp" in [tab["name"] for tab in run["plots"]]
 
 
 def test_a_report_has_verdict_stages_figures_and_settings(psmpc: Psmpc, ended: Path) -> None:

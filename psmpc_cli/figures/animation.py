@@ -84,7 +84,7 @@ def write_animation(run: Run, paths: Iterable[Path]) -> None:
         draw_scene(axes, scene, time, since=max(time - 3.0, float(run.motion.time[0])), extent=extent, width=1.6)
         show(axes, camera, view)
         axes.set_title(title, loc="left")
-        axes.set(**dict(zip(("xlabel", "ylabel"), camera.labels or (describe(camera, extent), ""), strict=True)))
+        axes.set(**dict(zip(("xlabel", "ylabel"), camera.labels or (describe(camera, extent, WIDTH), ""), strict=True)))
 
     _encode(figure, WIDTH * view.height / view.width + 0.6, scene, times, draw_frame, paths)
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import StrMethodFormatter
+from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
 from psmpc_cli.figures import style
 from psmpc_cli.figures.timeline import open_timeline, runs_of
@@ -44,8 +44,7 @@ def plot_states(runs: Run | Mapping[str, Run]) -> Figure:
     look: dict[str, Any] = {"error": attitude_error} if spatial else {}
     if isinstance(runs, Run):
         look["seen"] = lambda run: _in_rotation_vectors(run.motion.Q_seen, run.motion.v)
-    words = ("position", "attitude" if spatial else "angle")
-    return _plot_quantity(runs, words, ("m", "rad"), _coordinates, **look)
+    return _plot_quantity(runs, ("position", "angle"), ("m", "rad"), _coordinates, **look)
 
 
 def plot_velocities(run: Run) -> Figure:
@@ -174,7 +173,8 @@ def _plot_quantity(
                 axes.plot(time, factor * error(run), label="to the target", color="black", linewidth=0.8)
             if peaked:
                 note = _compress(axes, values) or note
-        word, unit = words[angular], f"({unit})"
+        word = "attitude" if error is not None and unit == "deg" else words[angular]
+        unit = f"({unit})"
         short = len(f"{part} {word}") * style.CHARACTER < HEIGHT
         timeline.label(row, f"{part} {word}\n{unit}" if short else f"{part}\n{word} {unit}", note)
     return timeline.finish(list(handles.values()))
@@ -251,6 +251,7 @@ def plot_errors(run: Run) -> Figure:
     for row, (axes, what) in enumerate(zip(panels, ("coordinate", "joint or angle"), strict=True)):
         axes.set_yscale("log")
         axes.set_ylim(bottom=max(axes.get_ylim()[0], SMALLEST))
+        axes.yaxis.set_minor_formatter(NullFormatter())
         timeline.label(row, ("Position error\n(m)", "Angle error\n(rad)")[row], f"largest {what}")
     bounded = any(len(stage.end_rows) for stage in run.problem.stages[: len(run.spans)])
     return timeline.finish([style.entry("tolerance", **style.LEVEL)] if bounded else [])

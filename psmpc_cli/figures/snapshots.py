@@ -120,7 +120,7 @@ def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
             draw_scene(axes, scene, time, since, extent)
         for axes in block[::across]:
             axes.set_ylabel(f"{name}{axes.get_ylabel()}")
-    style.add_legend(figure, _handles(scenes))
+    style.add_legend(figure, _handles(scenes), title=describe(camera, extent, width))
     return figure
 
 
@@ -152,17 +152,17 @@ def _panels(
             axes.set_xlabel(labels[0])
             axes.tick_params(labelbottom=True)
     if not labels:
-        note = describe(camera, extent)
-        figure.supxlabel(fill(note, int(width / style.CHARACTER)), fontsize=style.TEXT)
-        figure.set_figheight(figure.get_figheight() + style.LINE * (1 + len(note) * style.CHARACTER // width))
         _draw_directions(grid[0], camera, extent)
     return figure, grid
 
 
-def describe(camera: Camera, extent: np.ndarray) -> str:
-    """Return in words from where a spatial scene is seen, and what lies under it."""
+def describe(camera: Camera, extent: np.ndarray, width: float = style.COLUMN) -> str:
+    """Return in words from where a spatial scene is seen, and what lies under it, in lines of a width [in]."""
+    if camera.labels:
+        return ""
     seen = f"Seen from azimuth {camera.azimuth:g}°, elevation {camera.elevation:g}°, in parallel projection; squares"
-    return f"{seen} of 1 m at z = {extent[:, 2].min():.1f} m with the robot's shadow".replace("-", "\N{MINUS SIGN}")
+    text = f"{seen} of 1 m at z = {extent[:, 2].min():.1f} m with the robot's shadow"
+    return fill(text.replace("-", "\N{MINUS SIGN}"), int(width / style.CHARACTER))
 
 
 def _draw_directions(axes: Axes, camera: Camera, extent: np.ndarray) -> None:
@@ -214,8 +214,8 @@ def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.n
     for stage in scene.acting(time):
         for i, target in enumerate(scene.target_frames(stage, time)):
             if spatial:
-                _draw_triad(axes, camera, target, 0.15 * model.shape.reach, width)
-            look = {**TARGET, "marker": "."} if spatial else TARGET
+                _draw_triad(axes, camera, target, 0.25 * model.shape.reach, width)
+            look = {**TARGET, "marker": ".", "markersize": 3.0} if spatial else TARGET
             color = _arm_color(i - 1) if i else "black"
             axes.plot(*camera.see(target[:3, 3]), color=color, zorder=3.5 - under, **look)
 
@@ -408,5 +408,5 @@ def plot_scenario(task: Task) -> Figure:
     handles: list[Artist] = [style.patch_entry("base at the target", **BASE)]
     handles += [style.patch_entry("where the stage begins", alpha=FAINT, **BASE), *_arm_handles(model)]
     handles += [style.patch_entry("object", **OBJECT)] * bool(objects)
-    style.add_legend(figure, handles)
+    style.add_legend(figure, handles, title=describe(camera, extent))
     return figure

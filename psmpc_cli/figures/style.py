@@ -156,12 +156,15 @@ def patch_entry(label: str, **look: Any) -> Patch:
     return Patch(label=label, **{"edgecolor": EDGE, "linewidth": 0.4, **look})
 
 
-def add_legend(figure: Figure, handles: Iterable[Artist], above: bool = False) -> None:
+def add_legend(figure: Figure, handles: Iterable[Artist], above: bool = False, title: str = "") -> None:
     """Write a legend, each label once, below or above all axes, and make the figure taller by its height."""
     entries = {str(handle.get_label()): handle for handle in handles}
     if entries:
         place = "outside upper center" if above else "outside lower center"
-        height = _fit_legend(figure, figure, figure.get_figwidth() - 0.05, handles=list(entries.values()), loc=place)
+        look: dict[str, Any] = {"handles": list(entries.values()), "loc": place}
+        if title:
+            look |= {"title": title, "title_fontsize": TEXT, "alignment": "left"}
+        height = _fit_legend(figure, figure, figure.get_figwidth() - 0.05, **look)
         figure.set_figheight(figure.get_figheight() + height + 0.05)
 
 

@@ -40,7 +40,7 @@ class Timeline:
         axes.set_ylabel(label)
         if self.panels.shape[1] == 1:
             style.panel_legend(axes, note)
-        else:
+        elif self.panels[row, -1].get_legend_handles_labels()[0]:
             self.panels[row, -1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
     def finish(self, handles: Sequence[Artist] = ()) -> Figure:

@@ -1,0 +1,80 @@
+"""Figures of a run in space."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from psmpc_cli.figures.coordinates import attitude_error, plot_overlay, plot_states, plot_velocities
+from psmpc_cli.figures.registry import draw, figures_of
+from psmpc_cli.figures.scene import OBLIQUE, scene_of
+from psmpc_cli.figures.style import in_style
+from psmpc_cli.logs.run import Run
+from psmpc_cli.simulation.run import simulate
+from psmpc_cli.specs.library import find
+from psmpc_cli.specs.load import parse_task
+
+from .drawn import check_figure, common_legend, curves
+
+pytestmark = pytest.mark.slow
+
+TASK = """
+robot: free_flyer_arm
+initial: {base: {position: [0, 0, 0]}, arm: [0, 0, 0]}
+controller: {nodes: 8}
+skills:
+  go: {space: joint, weights: {base: [1, 1, 1, 1, 1, 1], arm: [1, 1, 1], control: 1}}
+stages:
+  - name: fly
+    skill: go
+    target: {base: {position: [0.4, 0.2, 0.1], attitude: {axis: [0.6, 0, 0.8], angle: 40 deg}}, arm: [0.2, 0.2, 0]}
+    ends_when: {coordinates: [base], tolerance: 0.02}
+"""
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    """A free-flyer turns by 40 degrees."""
+    return simulate(parse_task(TASK, find("robot", "free_flyer_arm").read_text(), "fly"))
+
+
+def test_every_figure_is_fit_to_print(run: Run) -> None:
+    for kind, subject in (("run", run), ("comparison", {"psmpc": run, "smpc": run})):
+        for figure in figures_of(kind, subject).values():
+            with in_style():
+                check_figure(figure.function(subject))
+
+
+def test_attitude_is_a_rotation_vector_beside_its_angle_to_the_target(run: Run) -> None:
+    panel = plot_states(run).axes[2]
+    assert panel.get_ylabel() == "Base attitude\n(deg)"
+    shown = curves(panel)
+    vector = np.radians([shown[axis][:, 1] for axis in "xyz"]).T
+    turned = Rotation.from_rotvec(vector)
+    np.testing.assert_allclose(
+        turned.as_matrix(), Rotation.from_quat(run.motion.Q[:, 3:7], scalar_first=True).as_matrix(), atol=1e-9
+    )
+    target = Rotation.from_rotvec(np.radians(40) * np.array([0.6, 0, 0.8]))
+    np.testing.assert_allclose(attitude_error(run), (target.inv() * turned).magnitude(), atol=1e-6)
+    np.testing.assert_allclose(shown["to the target"][:, 1], np.degrees(attitude_error(run)))
+    assert plot_velocities(run).axes[2].get_ylabel() == "Base velocity\n(deg/s)"
+    assert plot_overlay({"psmpc": run}).axes[3].get_ylabel() == "Base attitude x\n(deg)"
+
+
+def test_targets_of_a_scene_are_frames_in_its_view(run: Run) -> None:
+    scene = scene_of(run)
+    (base, tip) = scene.target_frames(0, 0.0)
+    np.testing.assert_allclose(base[:3, 3], [0.4, 0.2, 0.1])
+    np.testing.assert_allclose(np.linalg.det([base[:3, :3], tip[:3, :3]]), 1.0)
+    view = OBLIQUE.view(scene.extent([0.0, run.motion.end]))
+    seen = OBLIQUE.see(np.array([base[:3, 3], tip[:3, 3]]))
+    assert np.all((view.min < seen) & (seen < view.max))
+
+
+def test_snapshots_say_from_where_they_are_seen_and_the_run_is_animated(run: Run, tmp_path: Path) -> None:
+    figure = figures_of("run")["snapshots"].function(run)
+    assert "azimuth −60°" in figure.legends[0].get_title().get_text()
+    assert "x axis of a target" in common_legend(figure)
+    files = draw("run", run, tmp_path, only=(), films=["animation"])
+    assert files[0].stat().st_size > 0

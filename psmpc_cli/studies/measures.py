@@ -9,6 +9,7 @@ import numpy as np
 
 from psmpc_cli.logs.results import Quantity
 from psmpc_cli.logs.run import Run
+from psmpc_cli.ocp.problem import in_own_chart
 
 Row = Mapping[str, Any]
 """The values of a cell by the names of their arrays."""
@@ -54,8 +55,8 @@ def _margin(kind: str, name: str) -> Callable[[Run], float]:
 
 def _error_at_end(run: Run, stage: int) -> float:
     """Compute the error of a stage's end condition at the end of the run, over its tolerance. Paper eq. (18)."""
-    x = np.concatenate([run.final["Q"], run.final["v"]])
-    return run.problem.costs.end_error(run.problem.stages[stage], x)
+    problem, final = run.problem, run.final
+    return problem.costs.end_error(*in_own_chart(problem.model, problem.stages[stage], final["Q"], final["v"]))
 
 
 def _stage_cost(run: Run) -> np.ndarray:
@@ -93,7 +94,7 @@ SPENT = (
     PerCell("stage_cost", "s", _CURRENT, _stage_cost, "stage"),
     PerCell("control_effort", "m^2/s^3, rad^2/s^3", "integral of |u|^2"),
     PerCell("base_force", "N s", "integral of the norm of the base force"),
-    PerCell("base_torque", "N m s", "integral of the magnitude of the base torque"),
+    PerCell("base_torque", "N m s", "integral of the norm of the base torque"),
     PerCell("variation_base_position", "m/s^2", _VARIES.format("base's linear")),
     PerCell("variation_base_angle", "rad/s^2", _VARIES.format("base's angular")),
     PerCell("variation_joints", "rad/s^2", _VARIES.format("joints'")),

@@ -17,7 +17,9 @@ from selenium.webdriver.remote.webdriver import WebDriver
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.run import Run
 from psmpc_cli.report.view import view
+from psmpc_cli.simulation.run import simulate
 
+from ..in_space import turning
 from ..simulation.logged import there_and_back
 from .browser import opened_browser
 
@@ -86,7 +88,11 @@ def test_the_scene_is_drawn_and_moves_without_errors(
 
 
 @pytest.mark.slow
-def test_what_is_drawn_is_where_the_kinematics_put_it(browser: WebDriver, run: Run, tmp_path: Path) -> None:
+@pytest.mark.parametrize("space", [False, True], ids=["planar", "spatial"])
+def test_what_is_drawn_is_where_the_kinematics_put_it(
+    browser: WebDriver, run: Run, tmp_path: Path, space: bool
+) -> None:
+    run = simulate(turning(120)) if space else run
     opened(browser, run, tmp_path / "page.html")
     model = run.problem.model
     for time in (0.0, 0.43, run.motion.end):

@@ -64,7 +64,7 @@ function planAt(run, t) { // node times and coordinates of the plan at t
 // ---- robots in three dimensions
 
 const Y = new THREE.Vector3(0, 1, 0);
-const material = (color, opacity) => new THREE.MeshLambertMaterial({ color, transparent: opacity < 1, opacity, depthWrite: opacity > 0.5 });
+const material = (color, opacity) => new THREE.MeshLambertMaterial({ color, transparent: opacity < 1, opacity, depthWrite: opacity > 0.5, polygonOffset: opacity < 1, polygonOffsetFactor: 2, polygonOffsetUnits: 2 });
 const EDGE = 0x3a4046;
 
 function mesh(parent, geometry, color, opacity, outlined = false) {
@@ -153,9 +153,9 @@ class Robot { // a tree of groups, one for each body, then one for each end-effe
 }
 
 class Track { // polylines of base and end-effectors
-  constructor(parent, colors, dashed, faint) {
+  constructor(parent, colors, radius, dashed, faint) {
     this.lines = colors.map((color) => {
-      const look = { color, transparent: faint, opacity: faint ? 0.45 : 1, linewidth: dashed ? 2 : 2.2, dashed, dashSize: 0.07, gapSize: 0.05 };
+      const look = { color, transparent: faint, opacity: faint ? 0.45 : 1, linewidth: dashed ? 2 : 2.2, dashed, dashSize: 2.4 * radius, gapSize: 1.8 * radius };
       const line = new THREE.Line2(new THREE.LineGeometry(), new THREE.LineMaterial(look));
       line.frustumCulled = false;
       parent.add(line);
@@ -179,9 +179,9 @@ class Actor { // one run in the scene: robot, object, path so far, plan from her
     const frames = ["#444444", ...run.robot.tools.map((tool) => run.robot.colors[run.robot.bodies[tool.body].part])];
     this.robot = new Robot(run, faint ? 0.5 : 1);
     this.probe = new Robot(run, 0);
-    this.path = new Track(this.group, frames, false, faint);
+    this.path = new Track(this.group, frames, run.robot.radius, false, faint);
     this.plan = new THREE.Group();
-    this.future = new Track(this.plan, frames, true, faint);
+    this.future = new Track(this.plan, frames, run.robot.radius, true, faint);
     this.ghosts = run.plans ? [...run.stages.map((stage) => stage.color), "#9AA3AB"].map((color) => new Robot(run, 0.28, color)) : [];
     this.targets = new THREE.Group();
     const size = 7 * run.robot.radius, thin = 0.3 * run.robot.radius;

@@ -276,40 +276,31 @@ class _Reader:
 
     def _check_tree(self, root: Any) -> None:
         """Check that the joints make a tree of the links."""
-        links, joints = self.urdf.links, self.urdf.joints
-        if not links:
-            self._wrong(root, "a robot without links", "<link> elements")
-            return
-        carried: dict[str, UrdfJoint] = {}
-        for joint in joints.values():
+        links, carried = self.urdf.links, dict[str, UrdfJoint]()
+        for joint in self.urdf.joints.values():
             for end in (joint.parent, joint.child):
                 if end and end not in links:
-                    self._at(
-                        joint.line, f"the unknown link {quoted(end)} of joint {quoted(joint.name)}", choice(end, links)
-                    )
-            if joint.child in carried:
-                first = carried[joint.child]
-                self._at(
-                    joint.line,
-                    f"link {quoted(joint.child)} carried by two joints, {quoted(first.name)} and {quoted(joint.name)}",
-                    "one joint for each link",
-                )
-            carried[joint.child] = joint
+                    found = f"the unknown link {quoted(end)} of joint {quoted(joint.name)}"
+                    self._at(joint.line, found, choice(end, links))
+            if (first := carried.setdefault(joint.child, joint)) is not joint:
+                both = f"{quoted(first.name)} and {quoted(joint.name)}"
+                found = f"link {quoted(joint.child)} carried by two joints, {both}"
+                self._at(joint.line, found, "one joint for each link")
         roots = [name for name in links if name not in carried]
         if self.errors:
             return
-        if not roots:
-            self._wrong(root, "joints in a circle", "one link that no joint carries, the base")
-        elif len(roots) > 1:
-            self._wrong(root, f"{len(roots)} links that no joint carries ({', '.join(roots)})", "one, the base")
-        for name in links if len(roots) == 1 else ():
-            seen, at = {name}, name
-            while at in carried:
-                at = carried[at].parent
-                if at in seen:
-                    self._at(links[name].line, f"link {quoted(name)} in a circle of joints", "a tree from the base")
-                    return
-                seen.add(at)
+        if len(roots) != 1:
+            several = f"{len(roots)} links that no joint carries ({', '.join(roots)})"
+            found = several if roots else "joints in a circle" if links else "a robot without links"
+            self._wrong(root, found, "one link that no joint carries, the base")
+            return
+        for name in links:
+            at, steps = name, 0
+            while at in carried and steps < len(links):
+                at, steps = carried[at].parent, steps + 1
+            if at in carried:
+                self._at(links[name].line, f"link {quoted(name)} in a circle of joints", "a tree from the base")
+                return
 
     def _note_unknown(self, element: Any, within: str) -> None:
         tag = str(element.tag)

@@ -67,28 +67,22 @@ def expected(what: str) -> PydanticCustomError:
     return flaw(f", expected {what}")
 
 
-def holds(rule: Rule) -> AfterValidator:
-    """Create a validator of a rule about a valid value; without a validation context it does not apply."""
+def holds(rule: Rule, as_written: bool = False) -> WrapValidator:
+    """Create a validator of a rule; without a validation context it does not apply.
 
-    def check(value: Any, info: ValidationInfo) -> Any:
-        if info.context:
-            info.context.well_formed[info.field_name] = value
-        _raise(rule, value, info)
-        return value
-
-    return AfterValidator(check)
-
-
-def holds_as_written(rule: Rule) -> WrapValidator:
-    """Create the same of a rule about a value as it is written, which applies whatever else is wrong inside it."""
+    The rule is about a valid value; or about the value as it is written, and applies whatever else is wrong inside it.
+    """
 
     def check(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
         try:
             valid = handler(value)
         except ValidationError as error:
-            _raise(rule, value, info, error.errors(include_url=False))
+            if as_written:
+                _raise(rule, value, info, error.errors(include_url=False))
             raise
-        _raise(rule, value, info)
+        if info.context and not as_written:
+            info.context.well_formed[info.field_name] = valid
+        _raise(rule, value if as_written else valid, info)
         return valid
 
     return WrapValidator(check)

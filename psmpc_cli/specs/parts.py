@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import WrapValidator
 
 from psmpc_cli.specs.document import Data
-from psmpc_cli.specs.fields import Flaws, beyond_a_turn, expected, flaw, holds_as_written
+from psmpc_cli.specs.fields import Flaws, beyond_a_turn, expected, flaw, holds
 from psmpc_cli.specs.messages import Path, counted
 
 Space = Literal["joint", "task", "point"]
@@ -165,7 +165,7 @@ def in_joint_space(required: bool = False, one: bool = False, angles: bool = Fal
         axes = (target_axes if angles else error_axes)(context.sizes, "joint")
         yield from misfits(written, axes, axes if required else (), one, angles)
 
-    return holds_as_written(rule)
+    return holds(rule, as_written=True)
 
 
 def misfit_limits(written: Any, fields: Mapping[str, Any], context: Context) -> Flaws:

@@ -29,7 +29,6 @@ from psmpc_cli.specs.fields import (
     expected,
     flaw,
     holds,
-    holds_as_written,
     listed,
 )
 from psmpc_cli.specs.messages import choice, quoted
@@ -195,7 +194,7 @@ class PartLimits(Spec):
     )
 
 
-LimitsByPart = Annotated[Mapping[Part, PartLimits], holds_as_written(misfit_limits)]
+LimitsByPart = Annotated[Mapping[Part, PartLimits], holds(misfit_limits, as_written=True)]
 """Limits keyed by `base`, `arms` (every arm) or an arm's name."""
 
 

@@ -35,7 +35,6 @@ from psmpc_cli.specs.fields import (
     expected,
     flaw,
     holds,
-    holds_as_written,
     known,
     listed,
 )
@@ -210,7 +209,7 @@ class SkillSpec(Spec):
         description="joint: cost on Q, eq. (30); task: cost on xi, eq. (31); point: end-effectors point at points"
     )
     input: Literal["joint", "task"] = Field("joint", description="the control is the acceleration of Q or of xi")
-    weights: Annotated[SkillWeights, holds_as_written(_weights)] = Field(
+    weights: Annotated[SkillWeights, holds(_weights, as_written=True)] = Field(
         description="weights by part, and of the control"
     )
     limits: LimitsByPart = Field({}, description="limits of this skill, within the task's")
@@ -307,10 +306,10 @@ class StageSpec(Spec):
     name: Name = Field(description="name of the stage")
     skill: _SkillName = Field(description="the skill to run, by name")
     priority: Positive = Field(1.0, description="relative importance omega, eq. (11)")
-    target: Annotated[Target, holds_as_written(_target)] = Field(
+    target: Annotated[Target, holds(_target, as_written=True)] = Field(
         description="joint: base pose and joint angles; task: base and end-effector poses; or a trajectory of them"
     )
-    ends_when: Annotated[EndCondition | None, holds_as_written(_end)] = Field(
+    ends_when: Annotated[EndCondition | None, holds(_end, as_written=True)] = Field(
         None, description="the condition that ends the stage, eq. (18)"
     )
     at: Positive | None = Field(None, description="fixed time that ends the stage [s], instead of a condition")
@@ -523,8 +522,8 @@ class TaskSpec(Spec):
     stages: Annotated[
         tuple[StageSpec, ...],
         Field(min_length=1),
-        holds_as_written(partial(_own_names, "stages")),
-        holds_as_written(_ends),
+        holds(partial(_own_names, "stages"), as_written=True),
+        holds(_ends, as_written=True),
         holds(_instants),
     ] = Field(description="the stages in their order")
     priorities: Annotated[PrioritiesSpec | None, holds(disagreements)] = Field(
@@ -535,7 +534,7 @@ class TaskSpec(Spec):
     uncertainty: Annotated[UncertaintySpec, holds(_uncertainty)] = Field(
         UncertaintySpec(), description="what the controller does not know"
     )
-    monitors: Annotated[tuple[_Monitor, ...], holds_as_written(partial(_own_names, "monitors"))] = Field(
+    monitors: Annotated[tuple[_Monitor, ...], holds(partial(_own_names, "monitors"), as_written=True)] = Field(
         (), description="what must hold for the mission to succeed"
     )
     published: Mapping[_ControllerKey, PublishedRun] = Field(

@@ -173,7 +173,7 @@ def run_study(
     began, progress = time.monotonic(), Progress(len(needed), 0, 0, 0.0)
     watch(progress)
     run = partial(_run_cell, study.task, study.measure, study.stop)
-    writer = ResultsWriter(read_results(path, study.kind))
+    writer = ResultsWriter(before)
     for number, found in compute(run, [study.cells[cell] for cell in needed], jobs, dask):
         row, failure, cell_time = ({}, LOST, np.nan) if found is None else found
         origin = int(needed[number])
@@ -238,7 +238,7 @@ def _identity(study: Study) -> dict[str, str | int | float]:
 
 
 def _resumed(study: Study, path: Path) -> Results:
-    """Read the results to resume; where the study has more cells now, write a file with room for them."""
+    """Read the results to resume, with room for the cells that the study has more now."""
     if not path.exists():
         raise InputError(f"--resume: found no file {path}, expected a {study.name} that was stopped; omit --resume")
     results = read_results(path, study.kind)
@@ -253,11 +253,7 @@ def _resumed(study: Study, path: Path) -> Results:
     if found_cells > cells:
         raise InputError(f"--resume: {path} has {found_cells} runs, found {cells}, expected at least as many")
     if found_cells < cells:
-        part = path.with_name(f".{path.name}.longer")
-        attributes = {name: value for name, value in results.attributes.items() if isinstance(value, str | int | float)}
-        create_results(part, study.kind, attributes, [_extended(new, results) for new in study.arrays], True)
-        part.replace(path)
-        results = read_results(path, study.kind)
+        results = replace(results, quantities={new.name: _extended(new, results) for new in study.arrays})
     return results
 
 

@@ -19,7 +19,7 @@ from psmpc_cli.specs.fields import (
     beyond_a_turn,
     expected,
     flaw,
-    holds_as_written,
+    holds,
     known,
     listed,
 )
@@ -54,7 +54,7 @@ PoseNumbers = Annotated[
     tuple[Angle, ...],
     _by_dimension(len(TARGET_AXES[2]), len(TARGET_AXES[3])),
     _list,
-    holds_as_written(_unit_of_angle),
+    holds(_unit_of_angle, as_written=True),
 ]
 """A pose: (x, y, angle) [m, rad], or in space position and unit quaternion w, x, y, z."""
 

@@ -400,8 +400,9 @@ class ClosedChain:
     """The low-level law of a robot that knows its load: the object, held by all grippers, as part of the robot.
 
     Each gripper i makes the object move by S_i(Q) v. Where these differ the commanded acceleration u would strain the
-    object: it is replaced by the nearest one u' with S_i u' + s_i the same for all i, in the metric of the mass matrix
-    with the load (Gauss). The force is that of the robot under u' and the object's, shared equally by the grippers.
+    object: it is replaced by the nearest one u' with S_i u' + s_i the same for all i. The force is that of the robot under
+    u', and the object's, C_i (sum C)^-1 of it at gripper i: C_i is the bushing's stiffness about the object's centre, so
+    all grippers give alike and stay consistent. Equal shares would twist the grippers against each other.
     """
 
     def __init__(self, capture: Capture) -> None:
@@ -411,14 +412,13 @@ class ClosedChain:
     def force(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, law: InertialParameters) -> np.ndarray:
         """Compute the generalized force (n,) for an acceleration u (n,)."""
         A, size, model = self._count, self._size, self._capture.law.model
-        S, s, W, spin = self._terms(Q, v, self._capture.parameters.ravel())
-        S, s = S.T.reshape(A, size, -1), s.reshape(A, size)
-        mean, H = S.mean(axis=0), model.mass_matrix(Q, law)
-        G, b = (S[1:] - S[:1]).reshape(-1, len(u)), (s[1:] - s[:1]).ravel()
-        metric = np.linalg.inv(H + mean.T @ W @ mean)
-        u = u - metric @ G.T @ np.linalg.lstsq(G @ metric @ G.T, G @ u + b, rcond=SINGULAR)[0]
+        S, s, C, W, spin = self._terms(Q, v, self._capture.parameters.ravel())
+        S, s, C = S.T.reshape(A, size, -1), s.reshape(A, size), C.T.reshape(A, size, size)
+        mean, G, b = S.mean(axis=0), (S[1:] - S[:1]).reshape(-1, len(u)), (s[1:] - s[:1]).ravel()
+        u = u - np.linalg.lstsq(G, G @ u + b, rcond=SINGULAR)[0]
         load = W @ (mean @ u + s.mean(axis=0)) + spin.ravel()
-        return np.asarray(model.inverse_dynamics(Q, v, u, law) + mean.T @ load)
+        give = np.linalg.solve(C.sum(axis=0), load)
+        return np.asarray(model.inverse_dynamics(Q, v, u, law) + np.einsum("aij,aik,k->j", S, C, give))
 
 
 SINGULAR = 1e-9
@@ -426,14 +426,14 @@ SINGULAR = 1e-9
 
 
 def _chain_terms(law: GraspLaw, body: FreeBody) -> ca.Function:
-    """Return Q, v, parameters -> S of all grippers (A size, n), S_i' v (A size,), inertia of the object, its bias.
+    """Return Q, v, parameters -> S of all grippers (A size, n), S_i' v (A size,), C, inertia of the object, its bias.
 
     S_i v is the velocity of the object's centre of mass and its angular velocity, both in the inertial frame, if it is
     fixed to gripper i at the pose recorded at closing.
     """
     Q, v, _, _ = law.symbols()
     p = ca.SX.sym("p", law.parameters * len(law.grippers))
-    velocities, attitude = [], None
+    velocities, stiffness, attitude = list[ca.SX](), list[ca.SX](), None
     for i in range(len(law.grippers)):
         at, rate, _ = law.gripper(i, Q, v)
         inside, turned = lifted(ca.vertsplit(p)[law.parameters * i : law.parameters * i + law.sizes[0]])
@@ -441,6 +441,8 @@ def _chain_terms(law: GraspLaw, body: FreeBody) -> ca.Function:
         attitude = product(own, conjugate(turned))
         linear, angular = lifted_rate(ca.vertsplit(rate))
         lever = scaled(rotate(attitude, inside), -1)
+        k, kappa, _, _ = ca.vertsplit(p)[law.parameters * (i + 1) - 4 : law.parameters * (i + 1)]
+        stiffness.append(_at_centre(law, scaled(lever, -1), k, kappa))
         velocities.append(law.flat(add(linear, cross(angular, lever)), angular))
     moving = ca.vertcat(*velocities)
     S, bias = (
@@ -448,7 +450,20 @@ def _chain_terms(law: GraspLaw, body: FreeBody) -> ca.Function:
         ca.jtimes(moving, Q, ca.vertcat(*coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v)))),
     )
     inertia, spin = _load(body, attitude, ca.vertsplit(moving[: law.size]))
-    return ca.Function("chain", [Q, v, p], ca.cse([ca.densify(each) for each in (S, bias, inertia, spin)]))
+    return ca.Function(
+        "chain", [Q, v, p], ca.cse([ca.densify(each) for each in (S, bias, ca.vertcat(*stiffness), inertia, spin)])
+    )
+
+
+def _at_centre(law: GraspLaw, lever: Vector, k: ca.SX, kappa: ca.SX) -> ca.SX:
+    """Return the stiffness of a bushing at a lever from the object's centre as the wrench about it, by displacement."""
+    columns = []
+    for column in range(law.size):
+        unit = [float(row == column) for row in range(law.size)]
+        moved, turned = lifted_rate(unit)
+        force = scaled(add(moved, cross(turned, lever)), k)
+        columns.append(law.flat(force, add(scaled(turned, kappa), cross(lever, force))))
+    return ca.SX(ca.horzcat(*columns))
 
 
 def _load(body: FreeBody, attitude: Vector | None, velocity: Vector) -> tuple[ca.SX, ca.SX]:

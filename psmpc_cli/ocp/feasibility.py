@@ -10,6 +10,7 @@ import numpy as np
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.problem import Stage, build_stages
+from psmpc_cli.robot.free_body import composed, pose_error
 from psmpc_cli.robot.model import build_model
 from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.robot.rotations import conjugate, log, product
@@ -25,6 +26,9 @@ SLACK = 1e-9
 
 ALL_KNOWN = 3
 """Links of a planar arm up to which "not reachable" is certain."""
+
+ENVELOPE = {"position": "m", "angle": "rad", "velocity": "m/s", "angular_velocity": "rad/s"}
+"""Keys of a grasp's envelope and their units."""
 
 SPEED_SLACK = 1e-6
 """By which a trajectory may be faster than a velocity limit [m/s, rad/s]: values are written with a few digits."""
@@ -86,7 +90,41 @@ def review(task: Task) -> list[Fault]:
         *(problem for outlook in outlooks for problem in _targets(task, outlook)),
         *(problem for now, then in pairwise(outlooks) for problem in _handover(task, now.stage, then.stage)),
         *_times(task, outlooks),
+        *_grasps(task, outlooks),
     ]
+
+
+def _grasps(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
+    """Give what of a capture's end condition and targets lets grippers be outside their envelope when they close."""
+    thing = task.spec.object
+    if thing is None or thing.grasp is None:
+        return
+    stage, envelope = next(each.stage for each in outlooks if each.stage.name == thing.taken_by), thing.grasp.envelope
+    if stage.space != "task" or not stage.end_rows:
+        return
+    d, frames = task.robot.dimension, ["base", *task.robot.arms]
+    size = 3 * (d - 1)
+    tolerance = np.full(len(stage.weights), np.inf)
+    tolerance[list(stage.end_rows)] = stage.tolerance
+    rate = np.where(np.isfinite(tolerance), np.inf if stage.end_velocity is None else stage.end_velocity, np.inf)
+    widths = dict[str, list[float]]()
+    for arm, at in thing.grasp.at.items():
+        first = size * frames.index(arm)
+        parts = slice(first, first + d), slice(first + d, first + size)
+        widths[arm] = [float(np.linalg.norm(each[part])) for each in (tolerance, rate) for part in parts]
+        if thing.motion is None and arm not in stage.on_object:
+            target = stage.target[slice(*(len(thing.pose) * (frames.index(arm) + each) for each in (0, 1)))]
+            apart = np.abs(pose_error(target, composed(thing.pose, at)))
+            if np.linalg.norm(apart[:d]) > envelope.position or np.linalg.norm(apart[d:]) > envelope.angle:
+                far = f"{np.linalg.norm(apart[:d]):.3g} m and {np.degrees(np.linalg.norm(apart[d:])):.3g} deg"
+                found = f"found a pose {far} from where {quoted(stage.name)} leads {arm}, expected it there"
+                yield Fault(("object", "grasp", "at", arm), found)
+    for row, (key, unit) in enumerate(ENVELOPE.items()):
+        arm, allowed = max((values[row], name) for name, values in widths.items())[1], getattr(envelope, key)
+        if (width := widths[arm][row]) > allowed * (1 + SLACK):
+            arrives = f"lets {arm} arrive within {width:.3g} {unit}" if np.isfinite(width) else f"does not bound {arm}"
+            found = f"found {allowed:.3g} {unit}, expected no less than {quoted(stage.name)} ends with, which {arrives}"
+            yield Fault(("object", "grasp", "envelope", key), found)
 
 
 def _initial(task: Task, first: Stage) -> Iterator[Fault]:

@@ -402,9 +402,9 @@ class ClosedChain:
     Each gripper i makes the object move by S_i(Q) v. Where these differ the commanded acceleration u would strain the
     object: it is replaced by the nearest one u' with S_i u' + s_i the same for all i, nearest without regard to mass,
     since a metric of masses has the light wrists make up for all of it, and a controller that brings them back within
-    their limits at once then overcompensates. The force is that of the robot under u' and the object's, of which gripper
-    i bears C_i (sum C)^-1, C_i its bushing's stiffness about the object's centre: then all grasps give alike, and the
-    grippers stay consistent. Equal shares would twist them against each other.
+    their limits at once then overcompensates. The force is that of the robot under u' and the object's, of which
+    gripper i bears C_i (sum C)^-1, C_i its bushing's stiffness about the object's centre: then all grasps give alike,
+    and the grippers stay consistent. Equal shares would twist them against each other.
     """
 
     def __init__(self, capture: Capture) -> None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.ocp.feasibility import ensure_feasible, look_ahead, remarks, review
+from psmpc_cli.ocp.feasibility import ensure_feasible, load_feasible, look_ahead, remarks, review
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task, parse_task
 from psmpc_cli.specs.messages import dotted
@@ -296,3 +296,24 @@ def test_a_base_that_turns_faster_than_it_may_along_a_trajectory_is_remarked() -
 )
 def test_a_spatial_base_turns_and_flies_no_faster_than_its_limits(change: str, seconds: float) -> None:
     assert look_ahead(in_space.turning(120, change))[0].earliest_end == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize(
+    ("change", "path", "words"),
+    [
+        ("stages.capture.ends_when.tolerance=0.02", "object.grasp.envelope.position", "arrive within 0.0283 m"),
+        ("stages.capture.ends_when.velocity=null", "object.grasp.envelope.velocity", "does not bound arm_"),
+        ("object.grasp.envelope.angle=1e-4", "object.grasp.envelope.angle", "arrive within 0.0011 rad"),
+        ("object.grasp.at.arm_1=[4, 0, 0 deg]", "stages[1].target.arm_1", "its reach of 1.2 m"),
+        (
+            "stages.capture.target.arm_1=[-1.93, 3.16, 165 deg]",
+            "object.grasp.at.arm_1",
+            "leads arm_1, expected it there",
+        ),
+    ],
+)
+def test_grippers_that_cannot_close_on_an_object(change: str, path: str, words: str) -> None:
+    with pytest.raises(SpecError) as error:
+        load_feasible("transport_grasp", [change])
+    assert f"{path}: found" in str(error.value) and words in str(error.value)
+    assert str(error.value).count(": found") == 1

@@ -1,0 +1,92 @@
+"""What a controller knows of an object: its motion, where targets relative to it are, when grippers are to close."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from psmpc_cli.control.controller import Controller, State
+from psmpc_cli.control.sequence import MovingSequence
+from psmpc_cli.control.tracking import Tracker, to_be_closed
+from psmpc_cli.ocp.problem import build_problem
+from psmpc_cli.robot.free_body import FreeBody
+from psmpc_cli.specs.coordinates import stack
+from psmpc_cli.specs.load import load_task
+from psmpc_cli.specs.object import MotionSpec, ObjectSpec
+
+DRIFTING = load_task("catch_drifting", {"controller.nodes": 12})
+THING = DRIFTING.spec.object
+assert THING is not None
+BODY = FreeBody(20.0, [2.67])
+
+
+def spatial() -> ObjectSpec:
+    assert THING is not None
+    motion = MotionSpec.model_construct(linear=(0.01, 0, 0), angular=(0, 0, 0))
+    return THING.model_copy(update={"pose": (1, 2, 3, 1, 0, 0, 0), "motion": motion})
+
+
+def test_without_measurements_the_motion_is_the_tasks() -> None:
+    pose, v = Tracker(THING, BODY).at(10.0)
+    assert pose == pytest.approx([-2.489 + 0.2, 2.847, np.radians(50)])
+    assert v == pytest.approx([0.02, 0, np.radians(2)])
+
+
+@pytest.mark.parametrize("turns", [0.0, 2 * np.pi])
+def test_measured_poses_correct_the_motion(turns: float) -> None:
+    tracker, v = Tracker(THING, BODY), np.array([-0.01, 0.015, -0.03])
+    for k in range(100):
+        tracker.see(0.1 * k, np.array(THING.pose) + 0.1 * k * v + [0, 0, turns * (k % 2)])
+    tracker.see(9.95, np.full(3, np.nan))
+    assert tracker.at(12.0)[1] == pytest.approx(v, abs=1e-6)
+    assert tracker.at(12.0)[0] == pytest.approx(np.array(THING.pose) + 12 * v, abs=1e-5)
+
+
+def test_measured_attitudes_correct_the_motion() -> None:
+    body, true = (
+        FreeBody(20.0, [2.0, 3.0, 4.0]),
+        (np.array([1, 2, 3, 1, 0, 0, 0.0]), np.array([0, 0, 0, 0.02, -0.01, 0.03])),
+    )
+    tracker = Tracker(spatial(), body)
+    for k in range(200):
+        pose = body.predicted(*true, 0.1 * k)[0]
+        tracker.see(0.1 * k, np.r_[pose[:3], pose[3:] * (-1) ** k])
+    assert tracker.at(22.0)[1] == pytest.approx(body.predicted(*true, 22.0)[1], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("first", "instants", "closed"),
+    [
+        (0, [], [False] * 4),
+        (0, [0.5, 2.015], [False, False, True, True]),
+        (1, [2.01], [False, True, True, True]),
+        (2, [], [True] * 4),
+        (1, [2.0, 2.02], [True, True, False, False]),
+        (3, [], [False] * 4),
+    ],
+)
+def test_grippers_close_and_open_at_planned_switches(first: int, instants: list[float], closed: list[bool]) -> None:
+    names = [stage.name for stage in DRIFTING.spec.stages]
+    sequence = MovingSequence(first, np.array(instants), 0.0)
+    assert to_be_closed(THING, names, sequence, 2.0 + 0.01 * np.arange(4)).tolist() == closed
+
+
+def test_targets_follow_the_object() -> None:
+    """Before their stage is seen they are where the object will be at the end of the horizon."""
+    problem = build_problem(DRIFTING)
+    controller = Controller(problem)
+    Q = stack(DRIFTING.spec.initial, DRIFTING.robot, "joint")
+    pose = np.array([-2.4, 2.8, 0.5])
+    controller.step(0.0, State(Q, np.zeros(9)), pose)
+    angle = 0.5 + (np.radians(30) - 0.5) / 2 + np.radians(2) * 4  # half of what is measured corrects the angle
+    found = controller.stages[1].target[problem.model.pose_rows["arm_1"]]
+    assert found[2] == pytest.approx(angle + np.radians(135))
+    grip = 0.6415 * np.array([np.cos(angle), np.sin(angle)])
+    assert found[:2] == pytest.approx(grip + [(-2.4 - 2.489) / 2 + 0.08, (2.8 + 2.847) / 2])
+    drift = controller.stages[1].drift
+    assert isinstance(drift, np.ndarray)
+    assert drift[3:6] == pytest.approx([0.02 - np.radians(2) * grip[1], np.radians(2) * grip[0], np.radians(2)])
+    x = np.concatenate([Q, np.zeros(9)])
+    still = replace(controller.stages[1], drift=0.0)
+    apart = problem.costs.rates(still, x[None]) - problem.costs.rates(controller.stages[1], x[None])
+    assert apart[0] == pytest.approx(drift)

@@ -82,7 +82,7 @@ def test_targets_follow_the_object() -> None:
     found = controller.stages[1].target[problem.model.pose_rows["arm_1"]]
     assert found[2] == pytest.approx(angle + np.radians(135))
     grip = 0.6415 * np.array([np.cos(angle), np.sin(angle)])
-    assert found[:2] == pytest.approx(grip + [(-2.4 - 2.489) / 2 + 0.08, (2.8 + 2.847) / 2])
+    assert found[:2] == pytest.approx(grip + np.array([(-2.4 - 2.489) / 2 + 0.08, (2.8 + 2.847) / 2]))
     drift = controller.stages[1].drift
     assert isinstance(drift, np.ndarray)
     assert drift[3:6] == pytest.approx([0.02 - np.radians(2) * grip[1], np.radians(2) * grip[0], np.radians(2)])

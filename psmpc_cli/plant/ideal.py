@@ -32,10 +32,9 @@ class IdealPlant:
             steps[:, 3:6] += turn_defect(v[:-1, 3:6], v[1:, 3:6], tick)
         X = np.hstack([np.array(list(accumulate(steps.tolist(), moved, initial=x[:nq].tolist()))), v])
         (F,) = self._force(X[:-1, :nq], v[:-1], u, model.nominal.vector, rows=len(u))
-        first, last = ((state[:nq], state[nq:]) for state in X[[0, -1]])
-        impulse = model.momentum(*last) - model.momentum(*first)
-        work = model.kinetic_energy(*last) - model.kinetic_energy(*first)
-        return Ticks(start + tick * np.arange(len(u) + 1), X, F, impulse, work)
+        first, last = (model.balance(state[:nq], state[nq:]) for state in X[[0, -1]])
+        *impulse, work = last - first
+        return Ticks(start + tick * np.arange(len(u) + 1), X, F, np.array(impulse), float(work))
 
 
 def turn_defect(before: np.ndarray, after: np.ndarray, step: float) -> np.ndarray:

@@ -160,8 +160,8 @@ def take_up(model: RobotModel, x: np.ndarray, free: InertialParameters, holding:
 def release(model: RobotModel, x: np.ndarray, free: InertialParameters, holding: InertialParameters) -> Contact:
     """Compute the effect of releasing an object: velocities stay, its momentum and energy leave with it."""
     Q, v = np.split(x, [model.nq])
-    impulse = model.momentum(Q, v, free) - model.momentum(Q, v, holding)
-    return Contact(x, impulse, model.kinetic_energy(Q, v, free) - model.kinetic_energy(Q, v, holding))
+    *impulse, work = model.balance(Q, v, free) - model.balance(Q, v, holding)
+    return Contact(x, np.array(impulse), float(work))
 
 
 STREAMS = ("mass", "inertia", "centre_of_mass", "noise", "object", "object noise")

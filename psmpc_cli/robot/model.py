@@ -170,11 +170,15 @@ class RobotModel:
 
     def momentum(self, Q: ArrayLike, v: ArrayLike, parameters: InertialParameters | None = None) -> Array:
         """Return linear momentum [N s] and angular momentum about the inertial origin [N m s], (3,) or (6,)."""
-        return self._evaluate("momentum", Q, v, self._w(parameters)).ravel()
+        return self.balance(Q, v, parameters)[:-1]
 
     def kinetic_energy(self, Q: ArrayLike, v: ArrayLike, parameters: InertialParameters | None = None) -> float:
         """Return the kinetic energy [J]."""
-        return float(self._evaluate("kinetic_energy", Q, v, self._w(parameters)).item())
+        return float(self.balance(Q, v, parameters)[-1])
+
+    def balance(self, Q: ArrayLike, v: ArrayLike, parameters: InertialParameters | None = None) -> Array:
+        """Return momentum, then kinetic energy, (4,) or (7,): what external forces alone change, and all forces."""
+        return self._evaluate("balance", Q, v, self._w(parameters)).ravel()
 
     def _evaluate(self, name: str, *arguments: ArrayLike) -> Array:
         """Return the result of a CasADi function, its columns as rows."""
@@ -191,7 +195,9 @@ class RobotModel:
     def _numeric(self) -> dict[str, ArrayFunction]:
         """The CasADi functions on arrays, by name."""
         motion = self.dynamics
-        functions = (self.g, motion.H, motion.inverse, motion.forward, motion.momentum, motion.kinetic_energy)
+        state = motion.momentum.sx_in()
+        kept = ca.vertcat(motion.momentum(*state), motion.kinetic_energy(*state))
+        functions = (self.g, motion.H, motion.inverse, motion.forward, ca.Function("balance", state, [kept]))
         return {each.name(): ArrayFunction(each) for each in functions}
 
 

@@ -59,11 +59,15 @@ class Meter:
         model, chart = problem.model, command.solution.window.chart
         for happened in (ticks,) if contact is None else (contact, ticks):
             self._gained = self._gained + np.array([*happened.impulse, happened.work])
-        tick, base, end, d = np.diff(ticks.time), ticks.F[:, self._base], ticks.X[-1], model.dimension
+        tick, base = ticks.time[1:] - ticks.time[:-1], ticks.F[:, self._base]
+        end, d = ticks.X[-1], model.dimension
         X, planned = self._in_chart(chart, ticks.X), command.x_next
-        bounded = np.hstack([X[1:, : model.n], ticks.X[1:, model.nq :]])  # limits are those of v
+        bounded = X[1:].copy()
+        bounded[:, model.n :] = ticks.X[1:, model.nq :]  # limits are those of v
         below, above = bounded - stage.limits.state_low, stage.limits.state_high - bounded
-        there = self._in_chart(Chart.at(planned[: model.nq], model.n), np.vstack([planned, end]))
+        there = self._in_chart(Chart.at(planned[: model.nq], model.n), np.array([planned, end]))
+        deviation = there[1] - there[0]
+        deviation[model.n :] = (end - planned)[model.nq :]
         since = ticks.time[:1] - command.sequence.entered
         metrics = Metrics(
             u=u,
@@ -75,7 +79,7 @@ class Meter:
             control_effort=float((tick @ (u * u)).sum()),
             base_force=float(tick @ np.sqrt((base[:, :d] ** 2).sum(axis=1))),
             base_torque=float(tick @ np.sqrt((base[:, d:] ** 2).sum(axis=1))),
-            deviation=np.r_[(there[1] - there[0])[: model.n], (end - planned)[model.nq :]],
+            deviation=deviation,
             end_errors=self._end_errors(command, ticks.time, X),
             balance=self._kept(stage.index, end) - self._start - self._gained,
             true=true,
@@ -89,13 +93,13 @@ class Meter:
         """Return momentum [N s, N m s] and energy [J] of the robot and what it holds in a stage, (4,) or (7,)."""
         model = self._problem.model
         robot = None if self._uncertainty is None else self._uncertainty.true_parameters(stage)
-        Q, v = x[: model.nq], x[model.nq :]
-        own = np.array([*model.momentum(Q, v, robot), model.kinetic_energy(Q, v, robot)])
+        own = model.balance(x[: model.nq], x[model.nq :], robot)
         return own if self._capture is None else own + self._capture.kept
 
     def _in_chart(self, chart: Chart, X: np.ndarray) -> np.ndarray:
         """Return states (K, nq + n) in a chart (K, 2n)."""
-        return chart.enter(*np.split(X, [self._problem.model.nq], axis=1))
+        nq = self._problem.model.nq
+        return chart.enter(X[:, :nq], X[:, nq:]) if chart.spatial else X
 
     def _end_errors(self, command: Command, times: np.ndarray, X: np.ndarray) -> dict[int, float]:
         """Return the end errors of stages that end by the plan before the next sample, by stage index.

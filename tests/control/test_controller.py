@@ -37,7 +37,7 @@ def stepped(task: Task) -> list[Command]:
         commands.append(controller.step(len(commands) * spec.sample_time, measured[0]))
         u = commands[-1].u
         Qdot = np.vstack([v, v + tick * np.cumsum(u, axis=0)])
-        Q = Q + np.cumsum(tick * Qdot[:-1] + tick**2 / 2 * u, axis=0)[-1]
+        Q = np.cumsum(np.vstack([Q, tick * Qdot[:-1] + tick**2 / 2 * u]), axis=0)[-1]
         v = Qdot[-1]
         measured = [*measured[1:], State(Q, v)]
     return commands

@@ -146,3 +146,26 @@ def plot_solve_time(run: Run) -> Figure:
             axes.plot(time[failed], values[failed], **style.FAILED)
         handles.append(style.entry("failed solve", **style.FAILED))
     return timeline.finish(handles)
+
+
+def plot_pull(run: Run) -> Figure:
+    """Plot the filtered pull [N] on each grasp over time, the strength, and where grasps closed and opened."""
+    timeline, thing = open_timeline(run, 1, 1.6), run.task.spec.object
+    axes, handles = timeline.panels[0, 0], list[Artist]()
+    for i, gripper in enumerate(run["gripper"]):
+        held = np.where(run["grasp/closed"][:, i] == 1, run["grasp/pull"][:, i], np.nan)
+        axes.plot(run.time, held, label=style.readable(str(gripper)), **style.line_look(i))
+        if run["grasp/lost"][i] == 1:
+            axes.plot(run["grasp/opened_at"][i], np.nanmax(held), **style.FAILED)
+            handles = [style.entry("lost", **style.FAILED)]
+    strength = thing.grasp.strength if thing is not None and thing.grasp is not None else None
+    if strength is not None:
+        axes.axhline(strength.pull, **style.LEVEL)
+        handles.append(style.entry(f"strength, {strength.pull:g} N", **style.LEVEL))
+    timeline.label(0, "Pull on a\ngrasp (N)")
+    return timeline.finish(handles)
+
+
+def has_grasps(run: Run) -> bool:
+    """Tell whether a run has an object with a mass that at least one gripper closed on."""
+    return "grasp/closed_at" in run and bool(np.isfinite(run["grasp/closed_at"]).any())

@@ -53,6 +53,7 @@ TABLE = (
     RegisteredFigure("run", "shares", instants.plot_shares),
     RegisteredFigure("run", "snapshots", snapshots.plot_snapshots),
     RegisteredFigure("run", "solve_time", instants.plot_solve_time),
+    RegisteredFigure("run", "pull", instants.plot_pull, instants.has_grasps),
     RegisteredFigure("comparison", "overlay", coordinates.plot_overlay),
     RegisteredFigure("comparison", "states", coordinates.plot_states),
     RegisteredFigure("comparison", "instants", instants.plot_instants),

@@ -89,6 +89,7 @@ class Stage:
         signs: In a chart, by which each of these quaternions was multiplied.
         on_object: By frame, the pose in the object's frame at which its target is; the target follows the object.
         drift: Rate of the target's rows of error that this makes (rows,) [m/s, rad/s]; 0 of a target at rest.
+        object_state: Pose and velocity of the object that the target is for, (6,) or (13,); empty if it is for none.
     """
 
     index: int
@@ -112,6 +113,7 @@ class Stage:
     signs: tuple[float, ...] = ()
     on_object: Mapping[str, np.ndarray] = field(default_factory=dict)
     drift: np.ndarray | float = 0.0
+    object_state: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def at_object(self, pose_rows: Mapping[str, slice], pose: np.ndarray, v: np.ndarray) -> "Stage":
         """Return the stage with its target where an object of a pose and a velocity has it.
@@ -123,7 +125,7 @@ class Stage:
             rate, number = carried_rate(pose, v, inside), list(pose_rows).index(frame)
             target[pose_rows[frame]] = composed(pose, inside)
             drift[len(rate) * number : len(rate) * (number + 1)] = rate
-        return replace(self, target=target, drift=drift)
+        return replace(self, target=target, drift=drift, object_state=np.concatenate([pose, v]))
 
     def in_chart(self, anchor: np.ndarray, joints: np.ndarray, signs: Mapping[str, float]) -> "Stage":
         """Return the stage of a spatial robot with the numbers of its target that a sample sets.

@@ -91,10 +91,10 @@ class Window:
     def numbers(self) -> np.ndarray:
         """What a log needs besides the measured state: elapsed, hold, omega, offset and scale, (2 + 3 (S + 1),).
 
-        In space the signs of the quaternions of each stage follow.
+        In space the signs of the quaternions of each stage follow, then the states of the object that targets are for.
         """
-        signs = (stage.signs for stage in self.stages)
-        return np.concatenate([[self.elapsed, self.hold], self.omega, self.offset, self.scale, *signs])
+        signs, objects = ([getattr(stage, name) for stage in self.stages] for name in ("signs", "object_state"))
+        return np.concatenate([[self.elapsed, self.hold], self.omega, self.offset, self.scale, *signs, *objects])
 
     @property
     def K(self) -> int:

@@ -72,7 +72,16 @@ def _window(run: Run, problem: Problem, numbers: np.ndarray, sample: int) -> Win
         numbers[2 + 3 * count :],
     )
     Q, v = run["state/Q"][sample], run["state/Qdot"][sample]
-    chart = Chart.at(Q, len(v))
+    chart, model = Chart.at(Q, len(v)), problem.model
+    moving = [stage for stage in stages if stage.on_object]
+    if moving:
+        signs, states = np.split(signs, [len(signs) - len(moving) * (13 if chart.spatial else 6)])
+        seen = {stage.index: each for stage, each in zip(moving, states.reshape(len(moving), -1), strict=True)}
+        size = 7 if chart.spatial else 3
+        stages = tuple(
+            stage.at_object(model.pose_rows, *np.split(seen[stage.index], [size])) if stage.on_object else stage
+            for stage in stages
+        )
     if chart.spatial:
         ends = np.cumsum([len(stage.attitudes) for stage in stages])
         taken = (

@@ -1,0 +1,63 @@
+"""Captures of objects with a mass in closed loop, from the command line's point of view: the log and its summary."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import psmpc_cli as psmpc
+from psmpc_cli.figures.registry import draw, figures_of
+from psmpc_cli.logs.run import Run
+from psmpc_cli.simulation.replay import replay
+
+pytestmark = pytest.mark.slow
+COARSE = {"controller.nodes": 15, "log.shares": False}
+
+
+@pytest.fixture(scope="module")
+def drifting() -> Run:
+    """A drifting object is caught and released."""
+    return psmpc.simulate(psmpc.load_task("catch_drifting", COARSE))
+
+
+def test_drifting_object_is_caught_and_delivered(drifting: Run) -> None:
+    summary = drifting.summary()
+    found = summary.capture
+    assert summary.succeeded and found is not None and not found.lost
+    assert found.missed_by[0] < 5e-3 and found.missed_by[1] < np.radians(0.5)
+    assert summary.momentum_error < 1e-6
+
+
+def test_object_moves_freely_before_and_after(drifting: Run) -> None:
+    free = ~drifting["grasp/closed"].any(axis=1)
+    assert np.abs(np.diff(drifting["object/velocity"], axis=0)[free[1:] & free[:-1]]).max() < 1e-12
+    assert drifting["object/velocity"][0] == pytest.approx([0.02, 0, np.radians(2)])
+
+
+@pytest.mark.parametrize("share", [0.25, 0.5])
+def test_windows_with_moving_targets_are_replayed(drifting: Run, share: float) -> None:
+    first = drifting["window/first"] if share < 0.3 else drifting["window/first"] + 1
+    sample = int(np.flatnonzero(first == 1)[-3 if share < 0.3 else 5])
+    assert replay(drifting, sample).largest == 0.0
+
+
+def test_pull_is_drawn_where_there_are_grasps(drifting: Run, tmp_path: Path) -> None:
+    assert "pull" in figures_of("run", drifting)
+    assert [path.name for path in draw("run", drifting, tmp_path, only=["pull"])] == ["pull.png"]
+
+
+def test_weak_grasps_are_lost_and_the_mission_fails() -> None:
+    keys = {"object.grasp.strength.pull": 0.5, "stages.transport.target.arm_1": ["45 deg", "20 deg", "60 deg"]}
+    summary = psmpc.simulate(psmpc.load_task("transport_grasp", {**COARSE, **keys})).summary()
+    assert summary.capture is not None and summary.capture.lost and not summary.succeeded
+    assert {verdict.name: verdict.held for verdict in summary.monitors}["object not lost"] is False
+
+
+def test_tracking_survives_noise_and_a_wrong_mass() -> None:
+    errors = {"linear": 0.005, "angular": "0.5 deg", "mass": 0.2}
+    noise = {"object_position": 5e-4, "object_angle": "0.05 deg"}
+    keys = {"uncertainty": {"object": errors, "noise": noise}, "seed": 3}
+    run = psmpc.simulate(psmpc.load_task("catch_drifting", {**COARSE, **keys}))
+    found = run.summary().capture
+    assert found is not None and np.isfinite(found.closed_at)
+    assert run["object/mass"] != 20 and run["object/velocity"][0, 0] != 0.02

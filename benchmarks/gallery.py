@@ -43,6 +43,8 @@ COMMANDS: Mapping[str, str] = {
     "A robot": "psmpc check dual_arm_servicer --figure robot/robot.png",
     "A task": "psmpc check transport --figure scenario/scenario.png",
     "A run": f"psmpc simulate transport {COARSE} -o run.h5",
+    "A run in space": "psmpc simulate servicing --set controller.nodes=12 --no-figures -o space.h5"
+    " && psmpc plot space.h5 --only states --only snapshots",
     "A comparison": f"psmpc compare transport --controllers psmpc,smpc,hard {COARSE} -o comparison.h5",
     "A sweep over the priorities": "psmpc sweep-weights 9x9 --set controller.nodes=12 -o sweep.h5",
     "Random priorities": "psmpc sweep-weights --sampling random:30 --set controller.nodes=12 -o draws.h5",
@@ -149,9 +151,11 @@ def main() -> None:
         seen: set[Path] = set()
         for heading, command in COMMANDS.items():
             sys.stderr.write(f"{command}\n")
-            arguments = [*PSMPC, *shlex.split(command)[1:]]
-            subprocess.run(arguments, cwd=folder, stdout=subprocess.DEVNULL, check=True)
-            print(f'\n## {heading}\n\n```\n{command}\n```\n\n<div class="gallery" markdown>\n')
+            for line in command.split(" && "):
+                arguments = [*PSMPC, *shlex.split(line)[1:]]
+                subprocess.run(arguments, cwd=folder, stdout=subprocess.DEVNULL, check=True)
+            shown = command.replace(" && ", "\n")
+            print(f'\n## {heading}\n\n```\n{shown}\n```\n\n<div class="gallery" markdown>\n')
             for path in figures_in(folder):
                 if path not in seen:
                     seen.add(path)

@@ -28,9 +28,11 @@ def test_the_page_runs(page: str, printed: str, tmp_path: Path) -> None:
     assert printed in ran.stdout
 
 
-def test_every_public_name_is_there() -> None:
+def test_every_public_name_is_there_and_in_the_reference() -> None:
+    reference = (DOCS / "api.md").read_text(encoding="utf-8").splitlines()
     for name in psmpc.__all__:
-        assert getattr(psmpc, name).__module__.startswith("psmpc_cli")
+        module = getattr(psmpc, name).__module__
+        assert module == "psmpc_cli.errors" or f"::: psmpc_cli.{name}" in reference
     assert set(psmpc.__all__) <= set(dir(psmpc))
     unknown = "simulat"
     with pytest.raises(AttributeError, match="expected one of"):

@@ -4,7 +4,7 @@
     python benchmarks/capture.py known       the load known, 5 to 200 kg
     python benchmarks/capture.py strength    the strength below which each controller loses 20 kg
     python benchmarks/capture.py drifting N  catch_drifting with N draws of drift and spin
-    python benchmarks/capture.py plants      rk4 and mujoco side by side
+    python benchmarks/capture.py plants N    rk4 and mujoco side by side, N draws under two controllers
 
 N_s = 25 in every run. Rows are printed in order as their runs end.
 """
@@ -130,14 +130,29 @@ def drifting(count: str) -> Iterator[str]:
     return markdown(("", f"{count} draws"), rows)
 
 
-def plants() -> Iterator[str]:
-    """Run both plants on the same tasks."""
-    for kind in ("psmpc", "smpc"):
-        one, other = (
-            simulated("transport_grasp", {"controller.kind": kind, "plant": each}) for each in ("rk4", "mujoco")
+def plants(count: str) -> Iterator[str]:
+    """Run both plants on the same draws: mass and motion of the object, bodies of the robot, noise."""
+    drawn = {
+        "uncertainty": {"mass": 0.1, "inertia": 0.1, "object": {"mass": 0.3, "linear": 1e-3, "angular": "0.1 deg"}}
+    }
+    rows = []
+    for kind, seed in product(("psmpc", "smpc"), range(int(count))):
+        keys = {**drawn, "controller.kind": kind, "seed": seed, "object.grasp.strength.pull": 8}
+        one, other = (simulated("transport_grasp", {**keys, "plant": each}) for each in ("rk4", "mujoco"))
+        apart = np.abs(one["final/object_pose"] - other["final/object_pose"]).max()
+        rows.append(
+            (kind, seed, outcome(one)[0], outcome(other)[0], outcome(one)[1], f"{apart:.0e}", outcome(other)[-1])
         )
-        apart = np.abs(one["final/object_pose"] - other["final/object_pose"])
-        yield f"{kind}: {outcome(one)[0]} and {outcome(other)[0]}; object at the end apart by {apart.max():.1e} m, rad"
+    headings = (
+        "controller",
+        "seed",
+        "rk4",
+        "mujoco",
+        "pull [N]",
+        "object apart at the end [m, rad]",
+        "drift of momentum",
+    )
+    return markdown(headings, rows)
 
 
 COMMANDS: dict[str, Callable[..., Iterator[str]]] = {

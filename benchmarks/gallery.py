@@ -45,6 +45,8 @@ COMMANDS: Mapping[str, str] = {
     "A run": f"psmpc simulate transport {COARSE} -o run.h5",
     "A run in space": "psmpc simulate servicing --set controller.nodes=12 --no-figures -o space.h5"
     " && psmpc plot space.h5 --only states --only snapshots",
+    "A capture": f"psmpc simulate transport_grasp --controller smpc {COARSE} --set object.grasp.strength.pull=8 "
+    "--no-figures -o capture.h5 && psmpc plot capture.h5 --only pull --only snapshots",
     "A comparison": f"psmpc compare transport --controllers psmpc,smpc,hard {COARSE} -o comparison.h5",
     "A sweep over the priorities": "psmpc sweep-weights 9x9 --set controller.nodes=12 -o sweep.h5",
     "Random priorities": "psmpc sweep-weights --sampling random:30 --set controller.nodes=12 -o draws.h5",

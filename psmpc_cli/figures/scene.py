@@ -195,6 +195,9 @@ def scene_of(run: Run) -> Scene:
         return Scene(run, np.inf, np.inf, False)
     names, ends = run.stage_names, np.nan_to_num(run.stages["switch_time"], nan=np.inf)
     taken, left = float(ends[names.index(spec.taken_by)]), float(ends[names.index(spec.let_go_by) - 1])
+    if "grasp/lost" in run:
+        lost = run["grasp/opened_at"][run["grasp/lost"] == 1]
+        return Scene(run, taken, float(lost.min()) if len(lost) else left, len(lost) > 0)
     opened = min((_opened(run, monitor) for monitor in run.task.spec.monitors), default=np.inf)
     return Scene(run, taken, opened, True) if taken < opened < left else Scene(run, taken, left, False)
 

@@ -35,7 +35,7 @@ def spatial(set: dict[str, Any]) -> Task:
     at = {arm: as_pose(relative(tip, pose)) for arm, tip in arms.items()}
     body = {"mass": 12.0, "inertia": [1.0, 1.4, 0.8], "motion": {"linear": [0, 0.004, 0], "angular": [0.01, 0, 0.02]}}
     envelope = {"position": 0.1, "angle": 1, "velocity": 0.1, "angular_velocity": 1}
-    grasp = {"at": at, "envelope": envelope, "stiffness": [1e4, 1e2]}
+    grasp = {"at": at, "envelope": envelope, "stiffness": [1e4, 1e3]}
     initial = {"base": as_pose(Q[:7]), **{arm: Q[7:][rows].tolist() for arm, rows in joints(robot).items()}}
     thing = {"shape": [1, 1, 1], "pose": as_pose(np.array(pose)), **body, "grasp": grasp}
     stages = [
@@ -49,6 +49,7 @@ def spatial(set: dict[str, Any]) -> Task:
             "skills": {"move": {"space": "joint", "weights": {"base": [1] * 6, "arms": [1] * 7}}},
             "stages": stages,
             "object": {**thing, "taken_by": "take", "let_go_by": "let"},
+            "plant": {"kind": "rk4", "step": 2e-4},
         },
         set,
     )
@@ -99,7 +100,7 @@ BOTH = pytest.mark.parametrize("make", [planar, pytest.param(spatial, marks=pyte
 @pytest.mark.parametrize("grasp", [FREE, KNOWN])
 @BOTH
 def test_momentum_and_energy_are_kept(make: Any, plant: str, grasp: dict[str, Any]) -> None:
-    task = make({"plant": plant, **grasp})
+    task = make({"plant.kind": plant, **grasp})
     made, capture = run(task)
     first, last = made[0], made[-1]
     assert first.thing is not None and last.thing is not None and last.thing.closed.all()
@@ -112,7 +113,7 @@ def test_momentum_and_energy_are_kept(make: Any, plant: str, grasp: dict[str, An
 
 @BOTH
 def test_plants_agree(make: Any) -> None:
-    (one, _), (other, _) = (run(make({"plant": plant, **FREE})) for plant in ("rk4", "mujoco"))
+    (one, _), (other, _) = (run(make({"plant.kind": plant, **FREE})) for plant in ("rk4", "mujoco"))
     assert one[-1].thing is not None and other[-1].thing is not None
     assert one[-1].thing.pose == pytest.approx(other[-1].thing.pose, abs=1e-8)
     assert one[-1].thing.pull == pytest.approx(other[-1].thing.pull, abs=1e-5)

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from psmpc_cli.errors import InputError
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.plant.base import Disturbance, GraspEvent, ObjectTicks, Resistance, Ticks
 from psmpc_cli.plant.uncertainty import stream
@@ -22,6 +23,7 @@ from psmpc_cli.robot.free_body import FreeBody, body_of, lifted, lifted_rate, mo
 from psmpc_cli.robot.kinematics import coordinate_rate, moved
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, cross, dot, exp, log, matrix, product, rotate, scaled
+from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.object import GraspSpec, ObjectSpec
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES
 from psmpc_cli.specs.task import TaskSpec
@@ -263,6 +265,13 @@ class Capture:
         """Whether every gripper holds the object."""
         return bool(self.closed.all())
 
+    def fastest_rate(self, Q: np.ndarray) -> float:
+        """Return the fastest rate of a bushing [1/s] if grippers closed with the robot at Q (nq,)."""
+        rest, (pose, _) = np.zeros(self.law.model.n), self.pose_and_velocity
+        inverse = self._approach(Q, rest, pose, np.zeros(self.law.size), self._at.ravel())[0][:, 4:]
+        natural = float(np.sqrt(np.max(inverse * self.spec.stiffness)))
+        return natural * max(1.0, 2 * self.spec.damping_ratio)
+
     def begin(self) -> None:
         """Begin a sample."""
         self._rows, self._events = [], []
@@ -325,12 +334,28 @@ class Capture:
 
 
 def build_capture(task: TaskSpec, model: RobotModel) -> Capture | None:
-    """Build the object of a task with its grasps; None if it has no mass."""
+    """Build the object of a task with its grasps; None if it has no mass.
+
+    Raises:
+        InputError: The grasps are too stiff for the integrator's step.
+    """
     thing = task.object
     body = None if thing is None else body_of(thing)
-    return (
-        None if thing is None or thing.grasp is None or body is None else Capture(task, model, thing, thing.grasp, body)
-    )
+    if thing is None or thing.grasp is None or body is None:
+        return None
+    capture = Capture(task, model, thing, thing.grasp, body)
+    fastest = capture.fastest_rate(stack(task.initial, model.spec, "joint"))
+    step = task.plant.step or 1 / task.plant.low_level_rate
+    if step * fastest > STEADY:
+        raise InputError(
+            f"object.grasp.stiffness: found a step of {step:g} s, expected at most {STEADY / fastest:.2g} s for grasps "
+            "of this stiffness and damping: take a smaller plant.step, or softer grasps"
+        )
+    return capture
+
+
+STEADY = 2.0
+"""Largest step over the fastest rate of a bushing; classical Runge-Kutta steps are stable up to 2.8."""
 
 
 class Step(Protocol):

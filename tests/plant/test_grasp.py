@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from psmpc_cli.errors import InputError
 from psmpc_cli.plant import Ticks, build_plant
 from psmpc_cli.plant.grasp import Capture, CapturePlant, build_capture
 from psmpc_cli.robot.free_body import FreeBody, composed, relative
@@ -207,3 +208,8 @@ def test_tumbling_body_keeps_momentum_and_energy() -> None:
     assert body.momentum(*later) == pytest.approx(body.momentum(Q, v), abs=1e-6)
     assert body.kinetic_energy(later[1]) == pytest.approx(body.kinetic_energy(v), abs=1e-7)
     assert body.predicted(*later, -8.0)[0] == pytest.approx(Q, abs=1e-6)
+
+
+def test_grasps_too_stiff_for_the_step_are_rejected() -> None:
+    with pytest.raises(InputError, match=r"stiffness: found a step of 0.001 s, expected at most .* plant.step"):
+        run(planar({**FREE, "object.grasp.stiffness": [1e9, 1e2]}))

@@ -226,7 +226,7 @@ def summarize(arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -
 
 def _capture(task: TaskSpec, arrays: Arrays) -> CaptureSummary:
     destination = None if task.object is None else task.object.destination
-    pose, v, d = arrays["object/left_pose"], arrays["object/left_velocity"], len(arrays["object_axis"]) // 2 + 1
+    pose, v, d = arrays["object/left_pose"], arrays["object/left_velocity"], len(arrays["object_axis"]) // 3 + 1
     error = np.full(len(v), np.nan) if destination is None else pose_error(pose, destination.pose)
     return CaptureSummary(
         closed_at=float(np.max(arrays["grasp/closed_at"])),
@@ -270,7 +270,7 @@ def _deeds(thing: ObjectSpec, arrays: Arrays) -> Iterator[Verdict]:
     left = float(arrays["object/left_at"])
     over = np.abs(pose_error(arrays["object/left_pose"], destination.pose)) / destination.tolerance
     speed = (
-        float(np.linalg.norm(arrays["object/left_velocity"][: len(arrays["object_axis"]) // 2 + 1])) / destination.speed
+        float(np.linalg.norm(arrays["object/left_velocity"][: len(arrays["object_axis"]) // 3 + 1])) / destination.speed
     )
     margin = 1 - float(max(*over, speed))
     delivered = taken and not lost.any() and margin >= 0

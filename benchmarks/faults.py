@@ -72,9 +72,16 @@ class FaultyPlant:
     def __init__(self, plant: Plant, push: Show, seen: Seen) -> None:
         self.plant, self.push, self.seen = plant, push, seen
 
-    def advance(self, start: float, x: np.ndarray, u: np.ndarray, disturbance: Disturbance | None = None) -> Ticks:
+    def advance(
+        self,
+        start: float,
+        x: np.ndarray,
+        u: np.ndarray,
+        disturbance: Disturbance | None = None,
+        closed: np.ndarray | None = None,
+    ) -> Ticks:
         """Advance, and be pushed at the end of it."""
-        ticks, seen = self.plant.advance(start, x, u, disturbance), self.seen
+        ticks, seen = self.plant.advance(start, x, u, disturbance, closed), self.seen
         X = ticks.X.copy()
         X[-1] = seen.x = self.push(float(ticks.time[-1]), X[-1])
         seen.rates = np.maximum(seen.rates, np.abs(X[:, len(x) // 2 :]).max(axis=0))
@@ -85,7 +92,9 @@ class FaultyPlant:
 def inject(experiment: Experiment, fault: Fault, seen: Seen) -> Experiment:
     """Return an experiment in which something goes wrong."""
     step = experiment.controller.step
-    experiment.controller.step = lambda time, state: step(time, State.of(fault.blind(time, state.x)))
+    experiment.controller.step = lambda time, state, object_pose: step(
+        time, State.of(fault.blind(time, state.x)), object_pose
+    )
     experiment.controller.solver = FaultySolver(experiment.controller.solver, fault.spoil)
     return replace(experiment, plant=FaultyPlant(experiment.plant, fault.push, seen))
 

@@ -227,8 +227,8 @@ class Actor { // one run in the scene: robot, object, path so far, plan from her
   }
 
   bounds() {
-    const box = { low: new THREE.Vector3(Infinity, Infinity, Infinity), high: new THREE.Vector3(-Infinity, -Infinity, -Infinity) };
-    const take = (point, room) => { box.low.min(point.clone().subScalar(room)); box.high.max(point.clone().addScalar(room)); };
+    const box = { low: new THREE.Vector3(Infinity, Infinity, Infinity), high: new THREE.Vector3(-Infinity, -Infinity, -Infinity), balls: [] };
+    const take = (point, room) => { box.low.min(point.clone().subScalar(room)); box.high.max(point.clone().addScalar(room)); box.balls.push([point, room]); };
     const room = Math.hypot(...this.run.robot.box.half), points = this.tracked.length;
     for (let i = 0; i < points; i += Math.ceil(points / 60)) this.tracked[i].forEach((p, f) => take(p, f ? 4 * this.run.robot.radius : room));
     if (this.run.object) {
@@ -274,9 +274,9 @@ function frameMission(tilted) {
   const right = new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, 0), up = new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, 1);
   const tall = Math.tan((camera.fov * Math.PI) / 360), wide = tall * camera.aspect;
   let distance = 0.1;
-  for (let corner = 0; corner < 8; corner++) {
-    const p = new THREE.Vector3(...["x", "y", "z"].map((axis, i) => (corner & (1 << i) ? box.high : box.low)[axis])).sub(center);
-    distance = Math.max(distance, p.dot(from) + 1.06 * Math.max(Math.abs(p.dot(right)) / wide, 1.12 * Math.abs(p.dot(up)) / tall));
+  for (const [point, room] of boxes.flatMap((each) => each.balls)) {
+    const p = point.clone().sub(center);
+    distance = Math.max(distance, p.dot(from) + 1.06 * Math.max((Math.abs(p.dot(right)) + room) / wide, (1.12 * (Math.abs(p.dot(up)) + room)) / tall));
   }
   camera.position.copy(center).addScaledVector(from, distance);
   controls.maxDistance = 12 * distance;
@@ -295,11 +295,11 @@ function drawGround() { // squares of 1 m below the mission, and the axes of the
   for (let y = y0; y <= y1 + step / 2; y += step) points.push(x0, y, z, x1, y, z);
   const lines = (numbers, color) => new THREE.LineSegments(new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(numbers), 3)), new THREE.LineBasicMaterial({ color }));
   world.ground = new THREE.Group();
-  const L = 0.5 * step, planar = !runs[chosen[0]].robot.spatial, corner = planar ? [x0, y0, z] : [0, 0, 0];
+  const planar = !runs[chosen[0]].robot.spatial, L = planar ? 0.5 * step : step, corner = planar ? [x0, y0, z] : [0, 0, 0];
   const axes = [[1, 0, 0], [0, 1, 0], ...(planar ? [] : [[0, 0, 1]])].map((axis) => axis.map((x, i) => corner[i] + L * x));
   world.ground.add(lines(points, 0xdde2e7), ...axes.map((axis) => lines([...corner, ...axis], 0x6b7480)));
   world.axes = axes.map((axis, i) => ["xyz"[i], new THREE.Vector3(...axis)]);
-  world.axes.push([`squares of ${step} m`, new THREE.Vector3(x0 + 2.2 * L, y0, z)]);
+  world.axes.push([`squares of ${step} m`, new THREE.Vector3(x0 + 1.1 * step, y0, z)]);
   world.scene.add(world.ground);
 }
 

@@ -129,7 +129,7 @@ def _robot(model: RobotModel) -> Json:
         "tools": tools,
         "box": {**box, "quaternion": Rotation.from_matrix(shape.box_frame[:3, :3]).as_quat().tolist()},
         "parts": [style.readable(part) for part in model.parts],
-        "colors": [style.BODY, *(_arm_color(number - 1) for number in arms.values())],
+        "colors": [style.BODY, *(_color(number - 1) for number in arms.values())],
         "objectColor": style.OBJECT,
         "radius": shape.radius,
     }
@@ -139,8 +139,8 @@ def _quaternion(rotation: Sequence[float]) -> list[float]:
     return [float(x) for x in Rotation.from_rotvec(rotation).as_quat()]
 
 
-def _arm_color(number: int) -> str:
-    return style.PALETTE[number % (len(style.PALETTE) - 1)]
+def _color(number: int) -> str:
+    return style.PALETTE[number % len(style.PALETTE)]
 
 
 def _plans(run: Run, samples: np.ndarray) -> Json:
@@ -286,7 +286,7 @@ def _panel(
 ) -> Json:
     """Give a panel of curves (T,) by label over times (T,) [s]; limits are dashed."""
     series = [
-        {"label": name, "color": _arm_color(number), "values": _packed(values)}
+        {"label": name, "color": _color(number), "values": _packed(values)}
         for number, (name, values) in enumerate(curves)
     ]
     series += [{"label": name, "color": style.EDGE, "dash": True, "values": _packed(v)} for name, v in limits]

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 def attitude(axis: list[float], degrees: float) -> dict[str, Any]:
     """An attitude as a task writes it."""
-    return {"axis": list(np.array(axis) / np.linalg.norm(axis)), "angle": f"{degrees} deg"}
+    return {"axis": (np.array(axis) / np.linalg.norm(axis)).tolist(), "angle": f"{degrees} deg"}
 
 
 def run(task: Task, longest: float = 40.0) -> tuple[list[Command], list[float], State]:

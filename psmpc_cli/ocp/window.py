@@ -4,7 +4,7 @@ Also how these numbers follow from the previous prediction: the normalization of
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -67,6 +67,7 @@ class Window:
         cost_bound: The largest cost integral of the last stage, for epsilon constraints; IPOPT alone takes one.
         kept: Earlier stages that must not get worse, under HTMPC; IPOPT and fatrop take them, in windows of one stage.
         chart: The chart that its states are in.
+        rate_shift: Qdot - v at the nodes (K + 1, n), by which limits of v are moved; None: that of the guess.
     """
 
     stages: tuple[Stage, ...]
@@ -86,6 +87,7 @@ class Window:
     cost_bound: float = np.inf
     kept: tuple[Kept, ...] = ()
     chart: Chart = PLANAR
+    rate_shift: np.ndarray | None = None
 
     @property
     def numbers(self) -> np.ndarray:
@@ -100,6 +102,17 @@ class Window:
     def K(self) -> int:
         """Number of intervals."""
         return sum(self.nodes)
+
+    def about(self, plan: Plan) -> "Window":
+        """Return the window with limits of v as they are about a plan, whatever a solve starts from.
+
+        So solves from different guesses share one feasible set in space too.
+        """
+        return replace(self, rate_shift=self.shift_of_limits(on_mesh(plan, self))) if self.chart.spatial else self
+
+    def shift_of_limits(self, guess: Plan) -> np.ndarray:
+        """Return by how much limits of v are moved at the nodes (K + 1, n) in a solve from a guess on this mesh."""
+        return self.chart.rate_shift(guess.X) if self.rate_shift is None else self.rate_shift
 
     def plan_of(self, flat: np.ndarray) -> Plan:
         """Return the plan on this window's mesh from `Plan.flat`.

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psmpc_cli.ocp.gradient import Rollout
-from psmpc_cli.ocp.plan import resting_plan
-from psmpc_cli.ocp.problem import Stage
+from psmpc_cli.ocp.plan import Chart, resting_plan
+from psmpc_cli.ocp.problem import Stage, in_own_chart
 from psmpc_cli.ocp.window import Window, durations, normalization
 from psmpc_cli.simulation.run import Experiment
 from psmpc_cli.solvers import build_solver
@@ -72,12 +72,13 @@ def _audit(experiment: Experiment, first: int) -> Audit:
 
 def _window(experiment: Experiment, first: int, random: np.random.Generator) -> tuple[Window, np.ndarray]:
     """Return the window over two consecutive stages from a state near the initial one, and its instant (1,)."""
-    controller, n = experiment.task.controller, experiment.model.n
-    x0 = experiment.x0 + np.r_[0.3 * random.standard_normal(n), 0.05 * random.standard_normal(n)]
-    stages, plan = (
-        experiment.stages[first : first + 2],
-        resting_plan(0.0, controller.horizon, controller.uniform_nodes, x0),
-    )
+    controller, model, n = experiment.task.controller, experiment.model, experiment.model.n
+    Q, v = experiment.x0[:-n], experiment.x0[-n:]
+    chart, noise = Chart.at(Q, n), np.r_[0.3 * random.standard_normal(n), 0.05 * random.standard_normal(n)]
+    Q, v = (rows[0] for rows in chart.leave(chart.enter(Q[None], v[None]) + noise))
+    (before, x0), (after, _) = (in_own_chart(model, stage, Q, v) for stage in experiment.stages[first : first + 2])
+    stages, chart = (before, after), Chart.at(Q, n)
+    plan = resting_plan(0.0, controller.horizon, controller.uniform_nodes, x0, chart)
     instants = np.array([0.4 * controller.horizon])
     offset, scale = normalization(
         "nadir", controller.zeta, stages, np.r_[0.0, instants], experiment.costs, plan, controller.sample_time
@@ -95,6 +96,7 @@ def _window(experiment: Experiment, first: int, random: np.random.Generator) -> 
         terminal_cost=0.0,
         nodes=(controller.uniform_nodes,) * len(stages),
         discretization=controller.discretization,
+        chart=chart,
     )
     return window, instants
 

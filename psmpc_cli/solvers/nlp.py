@@ -414,7 +414,7 @@ def _state_limits(layout: Layout, window: Window, guess: Plan) -> tuple[np.ndarr
     low, high = node_limits(layout, window.stages)
     if window.chart.spatial:
         n = layout.n
-        shift = window.chart.rate_shift(guess.X)
+        shift = window.shift_of_limits(guess)
         low[:, n:] += shift
         high[:, n:] += shift
     return low, high

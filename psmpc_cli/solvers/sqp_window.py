@@ -90,7 +90,7 @@ def window_bounds(shared: WindowBounds, window: Window, guess: Plan, tau: np.nda
     S, first = len(tau), len(window.x0) * window.K  # the durations stand after the states
     low, high = shared.low.copy(), shared.high.copy()
     if window.chart.spatial:
-        rates = np.hstack([np.zeros((window.K, len(window.x0) // 2)), window.chart.rate_shift(guess.X[1:])]).ravel()
+        rates = np.hstack([np.zeros((window.K, len(window.x0) // 2)), window.shift_of_limits(guess)[1:]]).ravel()
         low[:first] += rates
         high[:first] += rates
     drift = np.concatenate([np.zeros(0), *map(end_drift, window.stages[:-1])])

@@ -238,7 +238,7 @@ def _time_solves(
             passed()
     tight = NlpSolver(problem, spec.model_copy(update=TIGHT))
     polisher = NlpSolver(problem, settings["ipopt"], options={**PLAIN, **POLISH})
-    for w, (window, guess) in enumerate((solve.window, solve.guess) for solve, _ in recorded):
+    for w, (window, guess) in enumerate((solve.window.about(solve.guess), solve.guess) for solve, _ in recorded):
         optimum = tight.solve(window, guess)
         polished = polisher.solve(window, optimum.plan)
         optimum = polished if polished.outcome is Outcome.OPTIMAL else optimum
@@ -256,7 +256,7 @@ def _call(
     solver: Solver, recorded: Solution, previous: Solution | None, start: str, own: bool
 ) -> Callable[[], Solution]:
     """Return a solve: cold, or warm from the solution of the sample before by the same back-end (`own`: the run's)."""
-    window, guess = recorded.window, recorded.guess
+    window, guess = recorded.window.about(recorded.guess), recorded.guess
     if start == "cold":
         resting = resting_plan(window.start, window.horizon, 100, window.x0, window.chart)
         guess, previous = replace(resting, instants=guess.instants), None

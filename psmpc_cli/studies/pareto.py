@@ -169,6 +169,15 @@ class TradeOff:
         unknown = np.full(2, np.nan)
         return replace(point, plan=near.plan, costs=unknown, objective=np.nan, bound_multiplier=np.nan)
 
+    def settled(self, solve: Solution) -> Solution:
+        """Return the optimum that a run's solve in space stands for, limits of omega about its guess for all points.
+
+        One iteration a sample may leave it with an instant that is earlier than the limits allow, by some 1e-3 s.
+        """
+        if not solve.window.chart.spatial:
+            return solve
+        return self.solve(solve.window.about(solve.guess), solve, None)
+
     def costs_of(self, solve: Solution) -> Vector:
         """Return J_1 and J_2 (2,) along the plan of a solve."""
         return self._solver.costs(solve.window, solve.plan)
@@ -210,7 +219,8 @@ def _solve_sample(cell: tuple[Path, Question, int]) -> list[Quantity]:
     path, question, sample = cell
     log = read_run(path)
     problem = build_problem(converging(log.task))
-    trade_off, solve = TradeOff(problem), logged_solve(log, problem, sample)
+    trade_off = TradeOff(problem)
+    solve = trade_off.settled(logged_solve(log, problem, sample))
     window, instant = solve.window, float(solve.plan.instants[0])
     wait = instant - window.start
     held = wait + question.later * max(window.horizon - SHORTEST - wait, 0.0)
@@ -287,7 +297,7 @@ def improved(
         for i, problem in enumerate(problems):
             values = values_of(problem, points)
             best = int(np.argmin(values))
-            if not values[best] < values[i] - BETTER * abs(values[best]):
+            if not values[best] + BETTER * abs(values[best]) < values[i]:
                 continue
             solved = trade_off.solve(problem, points[best], wait)
             if values_of(problem, [solved])[0] < values[i]:

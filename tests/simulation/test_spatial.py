@@ -11,6 +11,8 @@ from psmpc_cli.simulation.replay import continue_run, replay, rerun
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.simulation.verify import verify
 from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.studies.fronts import STATUS
+from psmpc_cli.studies.pareto import Question, solve_pareto
 
 THERE = {"position": [0.1, 0.1, -0.1], "attitude": {"axis": [0.6, 0, 0.8], "angle": "30 deg"}}
 
@@ -124,7 +126,48 @@ def test_an_uncertain_run_says_what_was_drawn_and_what_was_true() -> None:
 
 
 @pytest.mark.slow
-def test_studies_take_spatial_tasks(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("plant", "error"), [("ideal", 1e-8), ("rk4", 1e-4)])
+def test_a_known_delay_is_foreseen_over_turns_too(run: Run, plant: str, error: float) -> None:
+    found = simulate(task("uncertainty.delay=3", "controller.known_delay=3", f"plant.kind={plant}"))
+    summary = found.summary()
+    assert summary.succeeded
+    assert [stage.switch_time for stage in summary.stages] == pytest.approx(
+        [stage.switch_time for stage in run.summary().stages], abs=1e-3
+    )
+    np.testing.assert_allclose(found["state/Q"], found["state/Q_true"], rtol=0, atol=error)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay", [None, 0, 2], ids=["without", "at once", "late"])
+def test_integral_action_gets_over_friction_in_space(delay: int | None) -> None:
+    friction = "uncertainty={mass: 0.3, inertia: 0.3, friction: {coulomb: 0.03, width: 0.08}}"
+    late = [f"{key}={delay or 0}" for key in ("uncertainty.delay", "controller.known_delay")]
+    found = simulate(task(friction, *late, f"controller.offset_free={delay is not None}", "time_limit=16"))
+    assert found.summary().succeeded == (delay is not None)
+    assert found.summary().momentum_error < 1e-9
+
+
+@pytest.mark.slow
+def test_studies_take_spatial_tasks() -> None:
     results = psmpc.sweep(task(), {"stages.unfold.priority": [1, 10]})
     np.testing.assert_array_equal(results["succeeded"], 1)
     assert results["end_time"].shape == (2,)
+    drawn = psmpc.monte_carlo(task("uncertainty={mass: 0.1, noise: {angle: 1e-4}}"), 2, jobs=1)
+    np.testing.assert_array_equal(drawn["succeeded"], 1)
+    assert len(np.unique(drawn["switch_time"][:, 0])) == 2
+    runs = psmpc.compare(task(), jobs=1)
+    ends = {name: run.summary().stages[-1].switch_time for name, run in runs.items()}
+    assert list(ends) == ["psmpc", "smpc", "htmpc", "hard"]
+    assert ends["psmpc"] < min(ends["htmpc"], ends["hard"])
+
+
+@pytest.mark.slow
+def test_fronts_in_space_hold_the_run_s_instant(log: Path, run: Run, tmp_path: Path) -> None:
+    """The end condition is met at the limits: any earlier instant has no solution."""
+    question = Question(stages="1,2", at=(0.1, 0.8), points=3, method="both", free=False)
+    found = solve_pareto(log, question, tmp_path / "fronts.h5", jobs=1)
+    for method in ("weighted", "constrained"):
+        assert (found[f"{method}_status"] == STATUS.index("optimal")).all()
+        assert (np.diff(found[f"{method}_J_2"]) < 0).all()
+    samples = np.searchsorted(run.time, found["instant"] - 1e-6)
+    np.testing.assert_allclose(found["t_s"], run["window/instants"][samples, 0], atol=1e-4)

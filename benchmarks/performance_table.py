@@ -3,6 +3,7 @@
 python benchmarks/performance_table.py runs [NODES]     whole runs of the transport task; a minute
 python benchmarks/performance_table.py windows          solves of single windows by every back-end; 10 to 15 minutes
 python benchmarks/performance_table.py freedom          how solve times grow with the robot; some minutes
+python benchmarks/performance_table.py space [REPEAT]   a robot in space beside the planar one; two minutes
 """
 
 import os
@@ -13,19 +14,26 @@ import math
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import perf_counter
+from time import perf_counter, process_time
+from typing import NamedTuple
 
 import numpy as np
 from pages import PSMPC, markdown
 
+from psmpc_cli.control.controller import Command, Controller, State
 from psmpc_cli.logs.run import read_run
 from psmpc_cli.logs.summary import Summary
+from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.robot.model import build_model
+from psmpc_cli.simulation.measures import Counterfactuals
+from psmpc_cli.simulation.run import build_experiment, closed_loop
+from psmpc_cli.solvers import Solution, build_solver
 from psmpc_cli.specs.document import Data, write
-from psmpc_cli.specs.load import Task, load_robot, parse_task
+from psmpc_cli.specs.load import Task, load_robot, load_task, parse_task
 from psmpc_cli.specs.robot import Arm, RobotSpec
 from psmpc_cli.studies.bench import (
     HEADINGS,
@@ -70,6 +78,15 @@ ROBOTS = tuple((arms, joints) for arms in (1, 2, 3) for joints in (3, 5, 7))
 """Arms of each robot, and joints of each arm."""
 
 GROWTH = ("solver", "start", "stages", "exponent")
+
+PLANAR, SPATIAL = "transport", "servicing"
+"""The tasks whose windows are solved in turn."""
+
+MESHES = {"25": 6, "100": 6, "auto": 0}
+"""Meshes of these windows, and how many of the spatial ones IPOPT solves."""
+
+WINDOWS = 20
+"""Windows of each task and mesh."""
 
 BASE_GOAL, BENT = (1.0, 0.4, 0.3), 0.5
 """Goal of the base [m, rad], and the sum of the angles of an arm's joints at the goal [rad]."""
@@ -135,6 +152,105 @@ def freedom() -> Iterator[str]:
     sized = {f"{arms} x {joints}": [sized_task(arms, joints)] for arms, joints in ROBOTS}
     robots = run_bench(sized, appends=1, told=_tell)
     yield from markdown(GROWTH, growth({f"{arms} x {joints}": 3.0 + arms * joints for arms, joints in ROBOTS}, robots))
+
+
+class TimedController(Controller):
+    """A controller that keeps the processor time of each of its decisions [s]."""
+
+    def __init__(self, problem: Problem) -> None:
+        super().__init__(problem)
+        self.busy: list[float] = []
+
+    def step(self, time: float, state: State, object_pose: np.ndarray | None = None) -> Command:
+        """Decide as any controller does."""
+        began = process_time()
+        command = super().step(time, state, object_pose)
+        self.busy.append(process_time() - began)
+        return command
+
+
+class WholeRun(NamedTuple):
+    """A closed loop.
+
+    Attributes:
+        problem: Its task made computable.
+        warm: Solves of windows with two stages that started from the one before, and these.
+        times: Of each sample, wall time of its solves and processor time of the whole decision (K, 2) [s].
+    """
+
+    problem: Problem
+    warm: list[tuple[Solution, Solution]]
+    times: np.ndarray
+
+
+def space(repeat: str = "5") -> Iterator[str]:
+    """Yield the tables of a robot in space: its windows beside the planar robot's, and the solves of a whole run."""
+    cells = {(name, nodes): _whole_run(name, nodes) for nodes in MESHES for name in (PLANAR, SPATIAL)}
+    times, wall_over_busy = _solved_in_turn(cells, int(repeat))
+    if wall_over_busy > QUIET:
+        yield f"**The machine was busy: wall over processor time {wall_over_busy:.2f}.**\n"
+    sizes = [cells[name, "25"].problem.model.n for name in (PLANAR, SPATIAL)]
+    names = [f"{name}, n = {n} [ms]" for name, n in zip((PLANAR, SPATIAL), sizes, strict=True)]
+    rows = []
+    for nodes in MESHES:
+        planar, spatial, ipopt = (
+            1e3 * np.median(times.get(key, [np.nan]))
+            for key in ((PLANAR, nodes, "sqp"), (SPATIAL, nodes, "sqp"), (SPATIAL, nodes, "ipopt"))
+        )
+        rows.append([nodes, *map(_number, (planar, spatial, spatial / planar, ipopt, ipopt / spatial))])
+    yield from markdown(("nodes", *names, "over planar", f"{SPATIAL}, IPOPT [ms]", "IPOPT over sqp"), rows)
+    yield ""
+    each = cells[SPATIAL, "auto"].times
+    spent = {"solves, wall time": each[:, 0], "whole decisions, processor time": each[:, 1]}
+    heads = (f"whole run of {SPATIAL}, nodes auto", "median [ms]", "p99 [ms]", "max [ms]", "over 100 ms", "samples")
+    yield from markdown(heads, [(name, *_spread(found)) for name, found in spent.items()])
+
+
+def _whole_run(name: str, nodes: str) -> WholeRun:
+    experiment = build_experiment(load_task(name, [f"controller.nodes={nodes}", "log.shares=false"]))
+    controller = TimedController(experiment.problem)
+    experiment = replace(experiment, controller=controller, counterfactuals=Counterfactuals(controller))
+    warm, times = list[tuple[Solution, Solution]](), list[tuple[float, float]]()
+    before = None
+    for sample in closed_loop(experiment):
+        solution = sample.command.solution
+        times.append((sample.command.solve_time, controller.busy[-1]))
+        if before is not None and solution.warm and solution.outcome.usable and len(solution.window.stages) == 2:
+            warm.append((solution, before))
+        before = solution
+    _tell(f"{name}, nodes {nodes}: {len(times)} samples, {len(warm)} warm windows of two stages")
+    return WholeRun(experiment.problem, warm, np.array(times))
+
+
+def _solved_in_turn(
+    cells: Mapping[tuple[str, str], WholeRun], repeat: int
+) -> tuple[Mapping[tuple[str, str, str], list[float]], float]:
+    """Solve windows of all tasks and meshes again: once untimed, then repeatedly, in a new random order each time.
+
+    Returns:
+        Wall times by task, mesh and back-end [s]; wall time of all over their processor time.
+    """
+    calls = []
+    for (name, nodes), run in cells.items():
+        kinds = {"sqp": WINDOWS, "ipopt": MESHES[nodes] if name == SPATIAL else 0}
+        for kind, count in kinds.items():
+            spec = run.problem.spec.solver.model_copy(update={"kind": kind, "deadline": None})
+            solver, chosen = build_solver(run.problem, spec), np.linspace(0, len(run.warm) - 1, count).astype(int)
+            calls += [((name, nodes, kind), solver, *run.warm[k]) for k in chosen]
+    for _, solver, solution, before in calls:
+        solver.solve(solution.window, solution.guess, before)
+    times: dict[tuple[str, str, str], list[float]] = {}
+    generator, began = np.random.default_rng(0), (perf_counter(), process_time())
+    for _ in range(repeat):
+        for k in generator.permutation(len(calls)):
+            key, solver, solution, before = calls[k]
+            times.setdefault(key, []).append(solver.solve(solution.window, solution.guess, before).wall_time)
+    return times, (perf_counter() - began[0]) / (process_time() - began[1])
+
+
+def _spread(times: np.ndarray) -> Iterator[str]:
+    yield from (_number(1e3 * float(value)) for value in (np.median(times), np.percentile(times, 99), times.max()))
+    yield from (str(int((times > 0.1).sum())), str(len(times)))
 
 
 def _tell(line: str) -> None:
@@ -241,4 +357,4 @@ def _poses(robot: Mapping[str, Data], arms: int, joints: int) -> dict[str, Data]
 
 if __name__ == "__main__":
     name, *words = sys.argv[1:]
-    print("\n".join({"runs": runs, "windows": windows, "freedom": freedom}[name](*words)))
+    print("\n".join({"runs": runs, "windows": windows, "freedom": freedom, "space": space}[name](*words)))

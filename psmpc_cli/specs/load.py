@@ -144,8 +144,17 @@ def kind_of_reference(reference: str | Path) -> Kind:
 def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Fault, ...]]:
     """Return the robot that a document describes, None if it is not valid, and every fault of the document."""
     spatial = isinstance(document.data, dict) and "space" in document.data
+    if not spatial and (path := next(filter(lambda path: _is_spatial(document, path), document.origins), None)):
+        wanted = 'which only a robot in space has, and no key "space"; expected space: spatial at the top of the file'
+        return None, (*document.faults, Fault(path, f"found {document.found(path)}, {wanted}"))
     context = Context(document.data, document.data)
     return _validate(document, "robot", SpatialRobot if spatial else PlanarRobot, context)
+
+
+def _is_spatial(document: Document, path: Location) -> bool:
+    """Tell whether only the files of spatial robots have a value like this: a joint of a link, or a list as inertia."""
+    link = len(path) == 5 and (path[0], path[2], path[4]) == ("arms", "links", "joint")
+    return link or (path == ("base", "inertia") and isinstance(document.value(path), list))
 
 
 def _read(kind: Kind, reference: str | Path) -> tuple[Path, Document]:

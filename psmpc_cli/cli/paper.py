@@ -69,8 +69,7 @@ def _print_claims(made: "Reproduction") -> None:
         typer.echo()
         rows = [(name, f"{value:.4g}") for name, value in ablation.numbers.items()]
         print_table((f"without our {ablation.name.replace('_', ' ')}", "measured"), rows, left=1)
-    count = len(made.findings)
-    typer.echo(f"\n{count - len(made.failing)} of {count} claims hold")
+    typer.echo(f"\n{made.outcome}")
 
 
 def _write(path: Path, text: bytes) -> None:

@@ -7,7 +7,7 @@ from functools import partial
 from itertools import groupby
 
 from psmpc_cli.figures.coordinates import plot_states
-from psmpc_cli.figures.instants import plot_instants
+from psmpc_cli.figures.instants import plot_instants, plot_pull
 from psmpc_cli.figures.pareto import plot_fronts
 from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.figures.reproduction import plot_monitors, plot_presence, plot_schedule
@@ -62,5 +62,7 @@ def _figures(made: Reproduction) -> Iterator[tuple[str, Draw]]:
         yield f"sweep {name}", partial(entry.function, cells)
     if fronts is not None and any(row["failed"] < row["points"] for row in front_rows(fronts)):
         yield "fronts", partial(plot_fronts, fronts)
+    for method, run in made.grasps.items():
+        yield f"{method} pull", partial(plot_pull, run)
     for one in made.ablations:
         yield f"ablation_{one.name}", partial(figures_of("ablations")[f"ablation_{one.name}"].function, one.panels)

@@ -1,8 +1,8 @@
-"""The rules that judge the paper's claims, and the computed causes of what does not hold: docs/reproduce.md."""
+"""The rules that judge the paper's claims and our own, and the computed causes of what does not hold."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
 from importlib.resources import files
 from itertools import pairwise
@@ -16,6 +16,7 @@ from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.feasibility import earliest_ends
+from psmpc_cli.specs.task import DEEDS
 from psmpc_cli.studies.ablations import Ablation
 from psmpc_cli.studies.fronts import CLEARLY, FrontMovement, front_movement
 from psmpc_cli.studies.sweep import SweepCells, along_ratio
@@ -38,6 +39,7 @@ class Claim(BaseModel):
         published: Their published value.
         unit: Of what is published and reproduced.
         ratio: The ratio of two weights that the claim is about.
+        beside: It is our own test of what the paper says; it is not counted among the published claims.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -51,10 +53,11 @@ class Claim(BaseModel):
     published: float | str | tuple[float, ...] | tuple[str, ...]
     unit: Literal["s", ""] = "s"
     ratio: float = 1.0
+    beside: bool = False
 
     @property
     def group(self) -> str:
-        """The method it is about, `setting`, `order`, `weights` or `fronts`."""
+        """The method it is about, `setting`, `order`, `weights`, `fronts` or `grasp`."""
         return self.id.partition(".")[0]
 
     @property
@@ -163,6 +166,7 @@ class Reproduction:
         fronts: Their Pareto fronts in the PSMPC run; None if none of its windows holds both alone.
         changes: Keys of the task that were changed.
         ablations: The ablations of the PSMPC run, if they were run.
+        grasps: By method, runs with an object that has a mass.
     """
 
     runs: Mapping[str, Run]
@@ -170,6 +174,7 @@ class Reproduction:
     fronts: Results | None
     changes: tuple[str, ...] = ()
     ablations: tuple[Ablation, ...] = ()
+    grasps: Mapping[str, Run] = field(default_factory=dict)
 
     @cached_property
     def summaries(self) -> dict[str, Summary]:
@@ -190,6 +195,17 @@ class Reproduction:
     def failing(self) -> tuple[Finding, ...]:
         """The claims that do not hold."""
         return tuple(finding for finding in self.findings if not finding.holds)
+
+    def count(self, beside: bool = False) -> tuple[int, int]:
+        """Count the published claims, or those beside them: how many hold, of how many."""
+        counted = [finding.holds for finding in self.findings if finding.claim.beside == beside]
+        return sum(counted), len(counted)
+
+    @property
+    def outcome(self) -> str:
+        """How many claims hold, in words."""
+        (held, count), (others, beside) = self.count(), self.count(beside=True)
+        return f"{held} of {count} claims hold, and {others} of {beside} of our own beside them"
 
     def moments(self, claim: Claim) -> list[Moment]:
         """Return the times that a claim reads, such as psmpc.t1_real."""
@@ -351,6 +367,25 @@ def _mission(claim: Claim, made: Reproduction) -> Finding:
     return Finding(claim, reproduced, reproduced == claim.published, cause=mission_end(summary))
 
 
+def _delivered(claim: Claim, made: Reproduction) -> Finding:
+    """By the mechanics of a grasped body, the runs deliver the object or do not, as published."""
+    summaries = [made.grasps[name.removeprefix("grasp.")].summary() for name in claim.reads]
+    found = tuple(map(_fate, summaries))
+    holds = tuple("delivered" if end == "delivered" else "not delivered" for end in found) == claim.published
+    return Finding(claim, found, holds, cause=tuple(point for one in summaries for point in mission_end(one)))
+
+
+def _fate(summary: Summary) -> str:
+    """Return what became of a grasped object."""
+    verdicts, found = {one.name: one for one in summary.monitors}, summary.capture
+    taken, kept, delivered = (verdicts[deed] for deed in DEEDS)
+    if delivered.held:
+        return "delivered"
+    if taken.held and kept.held and found is not None:
+        return f"let go {100 * found.distance:.1f} cm off at {found.speed:.2f} m/s"
+    return f"lost at {kept.broken_at:.1f} s" if taken.held else "not taken"
+
+
 def _released_early(claim: Claim, made: Reproduction) -> Finding:
     """A monitor is violated after the last stage has started and before the stage before it ends."""
     (start,) = made.moments(claim)
@@ -450,6 +485,7 @@ RULES: Mapping[str, Callable[[Claim, Reproduction], Finding]] = {
     "all_early": _all_early,
     "order": _order,
     "mission": _mission,
+    "delivered": _delivered,
     "released_early": _released_early,
     "trend": _trend,
     "weights_floor": _weights_floor,

@@ -14,7 +14,7 @@ from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.ablations import Ablation, run_ablations
-from psmpc_cli.studies.compare import compare_tasks
+from psmpc_cli.studies.compare import compare_tasks, compared_tasks
 from psmpc_cli.studies.fronts import front_rows
 from psmpc_cli.studies.judge import ENDS, Finding, Reproduction
 from psmpc_cli.studies.pareto import Question, possible_samples, solve_pareto
@@ -34,11 +34,14 @@ TASK = "transport"
 METHODS = ("htmpc", "smpc", "psmpc")
 """The controllers whose results are published, in the order of the paper; the slowest one first."""
 
-LOGS, WEIGHTS, FRONTS = "runs.h5", "weights.h5", "fronts.h5"
-"""Files of the runs, the sweep over the weights and the Pareto fronts, which psmpc plot and psmpc show read."""
+GRASP = "transport_grasp"
+"""The task of the claim by mechanics: the object has a mass and is held by grasps of stated strength."""
+
+LOGS, WEIGHTS, FRONTS, GRASPS = "runs.h5", "weights.h5", "fronts.h5", "grasps.h5"
+"""Files of the runs, the sweep over the weights, the Pareto fronts and the grasps, for psmpc plot and psmpc show."""
 
 COMMON = ("controller", "solver", "plant")
-"""Changes of these keys of the task also apply to the swept task; its stages and skills are its own."""
+"""Changes of these keys also apply to the swept task, the first two to `GRASP`; stages and skills are their own."""
 
 FOLLOWED = {"control": (1.0, 10.0), "closeness": (0.9,)}
 """Thresholds above the task's own for which actual starts are logged, for the causes of the claims on starts."""
@@ -54,7 +57,7 @@ def reproduce(
     jobs: int | None = None,
     told: Callable[[str], None] = lambda line: None,
 ) -> Reproduction:
-    """Run the task under every method, the sweep over the weights, the Pareto fronts, and the ablations if wanted.
+    """Run the task under every method, the sweep over the weights, the Pareto fronts, the grasps, and the ablations.
 
     Args:
         directory: Where logs and results go.
@@ -72,7 +75,7 @@ def reproduce(
         SpecError: The changes do not fit the task, or no run of it could succeed.
         RunError: A file could not be written, or processes are ended from outside repeatedly.
     """
-    variants, sweep = load_variants(changes), load_weights_sweep(changes, grid)
+    variants, sweep, grasps = load_variants(changes), load_weights_sweep(changes, grid), load_grasps(changes)
     compare_tasks(variants, directory / LOGS, force, jobs, lambda name: told(f"runs: {name} done"))
     runs = read_comparison(directory / LOGS)
     results = run_study(
@@ -83,10 +86,12 @@ def reproduce(
         watch=lambda progress: told(f"weights: {progress.ended} of {progress.runs} runs"),
     )
     fronts = _find_fronts(directory, runs["psmpc"], points, force, jobs, told)
+    compare_tasks(grasps, directory / GRASPS, force, jobs, lambda name: told(f"grasps: {name} done"))
     departures = list[Ablation]()
     if ablations:
         departures = run_ablations(variants["psmpc"], jobs, lambda name: told(f"ablations: {name} done"))
-    return Reproduction(runs, SweepCells(results), fronts, tuple(changes), tuple(departures))
+    held = read_comparison(directory / GRASPS)
+    return Reproduction(runs, SweepCells(results), fronts, tuple(changes), tuple(departures), held)
 
 
 def load_variants(changes: Sequence[str] = ()) -> dict[str, Task]:
@@ -117,9 +122,21 @@ def load_weights_sweep(changes: Sequence[str], grid: str) -> Study:
         InputError: The grid is none.
         SpecError: The changes do not fit the swept task.
     """
-    common = tuple(change for change in changes if change.partition("=")[0].strip().partition(".")[0] in COMMON)
-    task = load_sweep_task(str(built_ins("task")[DEFAULT_TASK]), common, ())
+    task = load_sweep_task(str(built_ins("task")[DEFAULT_TASK]), _common(changes, COMMON), ())
     return weight_study(task, parse_stages("1,2", task), parse_sampling(grid, (1e-3, 1e3)))
+
+
+def load_grasps(changes: Sequence[str] = ()) -> dict[str, Task]:
+    """Return the tasks of the claim by mechanics, by method, with those changes that apply to them as well.
+
+    Raises:
+        SpecError: The changes do not fit the task.
+    """
+    return compared_tasks(load_task(built_ins("task")[GRASP], _common(changes, COMMON[:2])), ("smpc", "psmpc"))
+
+
+def _common(changes: Sequence[str], keys: Sequence[str]) -> tuple[str, ...]:
+    return tuple(change for change in changes if change.partition("=")[0].strip().partition(".")[0] in keys)
 
 
 def _find_fronts(
@@ -140,7 +157,7 @@ def _find_fronts(
 
 def claims_json(made: Reproduction, created: str) -> bytes:
     """Write the claim table as JSON; what is unknown, or does not apply, is null. Keys: docs/reproduce.md."""
-    cells, fronts, best = made.weights, made.fronts, recommend(made.weights).ratio
+    cells, fronts, best, (held, count) = made.weights, made.fronts, recommend(made.weights).ratio, made.count()
     data = {
         "format": 2,  # increases when a key is removed or changes its meaning
         "psmpc_version": __version__,
@@ -148,6 +165,7 @@ def claims_json(made: Reproduction, created: str) -> bytes:
         "task": TASK,
         "changes": made.changes,
         "digests": {name: str(run.attributes["digest"]) for name, run in made.runs.items()},
+        "grasps": {name: str(run.attributes["digest"]) for name, run in made.grasps.items()},
         "weights": {
             "task": cells.task.spec.name,
             "digest": str(cells.results.attributes["digest"]),
@@ -165,14 +183,20 @@ def claims_json(made: Reproduction, created: str) -> bytes:
         },
         "claims": [_claim_data(finding) for finding in made.findings],
         "ablations": [{"name": one.name, "numbers": one.numbers} for one in made.ablations],
-        "held": len(made.findings) - len(made.failing),
-        "failed": len(made.failing),
+        "held": held,
+        "failed": count - held,
     }
     return to_json(data, indent=2, inf_nan_mode="null") + b"\n"
 
 
 def _claim_data(finding: Finding) -> dict[str, object]:
     claim = finding.claim
-    about = {"id": claim.id, "statement": claim.statement, "source": claim.source, "unit": claim.unit or None}
+    about = {
+        "id": claim.id,
+        "statement": claim.statement,
+        "source": claim.source,
+        "unit": claim.unit or None,
+        "beside": claim.beside,
+    }
     measured = {"published": claim.published, **finding._asdict(), "cause": "; ".join(finding.cause) or None}
     return {**about, **{key: value for key, value in measured.items() if key != "claim"}}

@@ -9,7 +9,7 @@ from psmpc_cli.studies.sweep import SweepCells
 
 from ..made_up_fronts import made_up_fronts
 from ..made_up_sweep import made_up_sweep
-from ..studies.hand_made import STAGES, TIMES, hand_made
+from ..studies.hand_made import STAGES, TIMES, grasped, hand_made
 
 CREATED = "2030-01-02T03:04:05+00:00"
 
@@ -34,4 +34,5 @@ def reproduction(tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
         presence = {stage: {t: 10.0 ** (t - before[stage]) for t in times} for stage, times in waits.items()}
         runs[method] = hand_made(**given, presence=presence, method=method)
     cells = SweepCells(made_up_sweep(folder / "weights.h5", "5x5", failed=(3,)))
-    return Reproduction(runs, cells, made_up_fronts(folder / "fronts.h5", failed=(1,)), (HOSTILE,))
+    grasps = {"smpc": grasped(0.08), "psmpc": grasped()}
+    return Reproduction(runs, cells, made_up_fronts(folder / "fronts.h5", failed=(1,)), (HOSTILE,), grasps=grasps)

@@ -34,7 +34,7 @@ def said(element: Element) -> str:
 
 def test_every_image_is_in_the_page_described_and_has_a_caption(page: Element) -> None:
     figures = list(page.iter("figure"))
-    assert len(figures) == len(list(page.iter("img"))) == 16
+    assert len(figures) == len(list(page.iter("img"))) == 18
     for figure in figures:
         (image,), (caption,) = figure.iter("img"), figure.iter("figcaption")
         kind, _, data = image.attrib["src"].partition(",")

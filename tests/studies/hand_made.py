@@ -11,6 +11,8 @@ import numpy as np
 
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import SCHEMA
+from psmpc_cli.ocp.problem import Problem, build_problem
+from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.judge import Reproduction
 from psmpc_cli.studies.sweep import SweepCells
 
@@ -83,6 +85,42 @@ def hand_made(
     made = replace(base, arrays=arrays, attributes=attributes)
     vars(made).update(task=base.task, problem=base.problem)  # the same for all: made once
     return made
+
+
+def grasped(off: float = 0.0, lost: float | None = None, taken: bool = True) -> Run:
+    """A run in which an object with a mass leaves grippers that closed at 14 s.
+
+    Args:
+        off: Its distance from its destination when they open, at 24 s [m].
+        lost: When the first grasp is pulled open.
+        taken: Whether the second gripper closed.
+    """
+    base, task = hand_made(), load_task("transport_grasp")
+    thing, closed = task.spec.object, np.array([14.0, 14.0 if taken else np.nan])
+    assert thing is not None and thing.destination is not None
+    inside = (closed <= TIMES[:, None]) & ((24.0 if lost is None else lost) > TIMES[:, None])
+    arrays = {
+        "gripper": np.array(["arm_1", "arm_2"]),
+        "object_axis": np.array(["x", "y", "angle"]),
+        "grasp/measure": np.array(["position", "angle", "velocity", "angular_velocity"]),
+        "grasp/missed_by": np.full((2, 4), 1e-3),
+        "grasp/closed_at": closed,
+        "grasp/opened_at": np.full(2, 24.0 if lost is None else lost),
+        "grasp/lost": np.array([lost is not None, False]).astype(int),
+        "grasp/closed": inside.astype(int),
+        "grasp/pull": 2.0 * inside,
+        "object/left_at": np.float64(24.0 if lost is None else lost),
+        "object/left_pose": np.add(thing.destination.pose, [off, 0, 0]),
+        "object/left_velocity": np.array([0.2, 0.0, 0.0]),
+    }
+    made = replace(base, arrays=base.arrays | arrays)
+    vars(made).update(task=task, problem=_grasp_problem())
+    return made
+
+
+@cache
+def _grasp_problem() -> Problem:
+    return build_problem(load_task("transport_grasp"))
 
 
 def reproduced(**runs: Run) -> Reproduction:

@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 from math import isnan, nan
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from psmpc_cli.studies.sweep import SweepCells
 
 from ..made_up_fronts import FALLING, RISING, made_up_fronts
 from ..made_up_sweep import T_H, T_S, Numbers, made_up_sweep, numbers
-from .hand_made import hand_made, reproduced
+from .hand_made import grasped, hand_made, reproduced
 
 CLAIMS = {claim.id: claim for claim in load_claims()}
 
@@ -153,6 +154,24 @@ def test_a_mission_ends_as_published_or_the_cause_says_how() -> None:
     assert "'object held' held, margin 0.050" in told(judged("mission", "psmpc", published="fails"))
     late = judged("mission", "psmpc", published="succeeds", ends=(10.0, 14.0, 24.0, nan))
     assert "time limit" in told(late)
+
+
+@pytest.mark.parametrize(
+    ("smpc", "found"),
+    [
+        ({"off": 0.08}, "let go 8.0 cm off at 0.20 m/s"),
+        ({"lost": 23.4}, "lost at 23.4 s"),
+        ({"taken": False}, "not taken"),
+        ({}, "delivered"),
+    ],
+)
+def test_a_grasped_object_is_delivered_by_one_controller_alone(smpc: dict[str, Any], found: str) -> None:
+    made = Reproduction({}, reproduced().weights, None, grasps={"psmpc": grasped(), "smpc": grasped(**smpc)})
+    finding = judge(CLAIMS["grasp.delivered"], made)
+    assert finding.reproduced == ("delivered", found)
+    assert finding.holds == (found != "delivered") == (not finding.cause)
+    both = {"psmpc": grasped(**smpc), "smpc": grasped(0.08)}
+    assert judge(CLAIMS["grasp.delivered"], replace(made, grasps=both)).holds == (found == "delivered")
 
 
 @pytest.mark.parametrize(

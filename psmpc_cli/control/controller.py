@@ -1,7 +1,7 @@
 """The switching controller: PSMPC, SMPC and hard switching are one code with two switches; HTMPC adds levels."""
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -257,7 +257,7 @@ class Controller:
         """Return the stages with the numbers of their targets that a sample sets, x (2n,) being measured.
 
         Targets relative to the object are where it is now; with `ahead`, where it is when their stage is planned to
-        end, or at the end of the horizon.
+        end, or at the end of the horizon. A current stage whose end is never planned follows it over the horizon.
         """
         model, first, stages = self.problem.model, self.sequence.first, self.problem.stages
         if self._tracker is not None and self._follows:
@@ -270,6 +270,10 @@ class Controller:
                 else stage
                 for stage in stages
             )
+            if ahead and stages[first].on_object and not ends_in_plan(self.spec.kind, first, stages):
+                now, elapsed = np.concatenate(self._tracker.at(time)), time - self.sequence.entered
+                current = stages[first].following(model.pose_rows, self._tracker.body, now, elapsed, self.spec.horizon)
+                stages = (*stages[:first], current, *stages[first + 1 :])
         if model.dimension == 2:
             return stages
         plan = self._plan or resting_plan(time, self.spec.horizon, 1, x, self._chart)
@@ -446,6 +450,11 @@ class Controller:
         v, limits = x[len(x) // 2 :], self.stages[self.sequence.first].limits
         strongest = np.minimum(limits.acceleration_high, -limits.acceleration_low)
         return braking_plan(time, x, max(BRAKING_TIME, float(np.max(np.abs(v) / strongest))), self._chart)
+
+
+def ends_in_plan(kind: str, first: int, stages: Sequence[Stage]) -> bool:
+    """Tell whether the end of a current stage, the first in the window, is ever planned under a controller."""
+    return kind not in ONE_STAGE and first < len(stages) - 1
 
 
 def priorities_in_force(spec: ControllerSpec, stages: tuple[Stage, ...]) -> np.ndarray:

@@ -25,12 +25,12 @@ class Tracker:
     """
 
     def __init__(self, thing: ObjectSpec, body: FreeBody) -> None:
-        self._body, self._time, self._seen = body, 0.0, -np.inf
+        self.body, self._time, self._seen = body, 0.0, -np.inf
         self._pose, self._v = np.array(thing.pose), motion_of(thing)
 
     def at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Predict pose, (3,) or (7,), and velocity at a time [s]."""
-        return self._body.predicted(self._pose, self._v, time - self._time)
+        return self.body.predicted(self._pose, self._v, time - self._time)
 
     def see(self, time: float, pose: np.ndarray) -> None:
         """Take in a pose measured at a time [s]; one that is not finite is ignored."""

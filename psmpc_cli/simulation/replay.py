@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli import __version__
+from psmpc_cli.control.controller import ends_in_plan
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.comparison import Comparison, compare_logs
 from psmpc_cli.logs.run import Run
@@ -16,6 +17,7 @@ from psmpc_cli.logs.schema import Sample
 from psmpc_cli.ocp.plan import Chart
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.window import Window
+from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.simulation.run import Experiment, Watch, build_experiment, simulate
 from psmpc_cli.solvers import Outcome, Solution, build_solver
 from psmpc_cli.specs.load import Task, parse_task
@@ -82,6 +84,11 @@ def _window(run: Run, problem: Problem, numbers: np.ndarray, sample: int) -> Win
             stage.at_object(model.pose_rows, *np.split(seen[stage.index], [size])) if stage.on_object else stage
             for stage in stages
         )
+        body = None if spec.object is None else body_of(spec.object)
+        planned = ends_in_plan(spec.controller.kind, first, problem.stages)
+        if body is not None and stages[0].on_object and not planned:
+            state, horizon = seen[first], spec.controller.horizon
+            stages = (stages[0].following(model.pose_rows, body, state, float(elapsed), horizon), *stages[1:])
     if chart.spatial:
         ends = np.cumsum([len(stage.attitudes) for stage in stages])
         taken = (

@@ -41,6 +41,14 @@ def test_windows_with_moving_targets_are_replayed(drifting: Run, share: float) -
     assert replay(drifting, sample).largest == 0.0
 
 
+@pytest.mark.parametrize("kind", ["hard", "htmpc"])
+def test_one_stage_after_another_a_drifting_object_is_caught_too(kind: str) -> None:
+    run = psmpc.simulate(psmpc.load_task("catch_drifting", {**COARSE, "controller.kind": kind}))
+    found = run.summary().capture
+    assert run.summary().succeeded and found is not None and found.missed_by[0] < 5e-3
+    assert replay(run, int(np.flatnonzero(run["window/first"] == 1)[5])).largest == 0.0
+
+
 def test_pull_is_drawn_where_there_are_grasps(drifting: Run, tmp_path: Path) -> None:
     assert "pull" in figures_of("run", drifting)
     assert [path.name for path in draw("run", drifting, tmp_path, only=["pull"])] == ["pull.png"]

@@ -9,7 +9,7 @@ from psmpc_cli.control.controller import Controller, State
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.tracking import Tracker, to_be_closed
 from psmpc_cli.ocp.problem import build_problem
-from psmpc_cli.robot.free_body import FreeBody
+from psmpc_cli.robot.free_body import FreeBody, composed
 from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.object import MotionSpec, ObjectSpec
@@ -90,3 +90,33 @@ def test_targets_follow_the_object() -> None:
     still = replace(controller.stages[1], drift=0.0)
     apart = problem.costs.rates(still, x[None]) - problem.costs.rates(controller.stages[1], x[None])
     assert apart[0] == pytest.approx(drift)
+
+
+BESIDE = {"object": [0, -0.978, 0]}
+
+
+@pytest.mark.parametrize(
+    ("stage", "keys"),
+    [(0, {"controller.kind": "hard"}), (0, {"controller.kind": "htmpc"}), (3, {"stages.release.target.base": BESIDE})],
+)
+def test_cost_follows_the_object_where_no_end_is_planned(stage: int, keys: dict[str, object]) -> None:
+    task = load_task("catch_drifting", {"controller.nodes": 12, **keys})
+    controller, pose_rows = Controller(task), build_problem(task).model.pose_rows
+    controller.sequence = MovingSequence(stage, np.zeros(0), -1.5)
+    controller.step(0.0, State(stack(task.spec.initial, task.robot, "joint"), np.zeros(9)), np.array(THING.pose))
+    since = np.array([0.0, 2.03, 4.0])
+    found = controller.stages[stage].reference(1.5 + since)[:, pose_rows["base"]]
+    angle = np.radians(30 + 2 * since)
+    beside = np.stack([0.02 * since - 2.489 + 0.978 * np.sin(angle), 2.847 - 0.978 * np.cos(angle)], axis=1)
+    assert found == pytest.approx(np.c_[beside, angle], abs=1e-5)
+    assert controller.stages[stage].target[pose_rows["base"]] == pytest.approx(found[0])
+
+
+def test_cost_follows_an_object_that_tumbles() -> None:
+    problem, inside = build_problem(load_task("servicing")), np.array([0.6, 0.1, 0.2, 0.5, 0.5, -0.5, 0.5])
+    stage = replace(problem.stages[1], on_object={"left": inside})
+    body, state = FreeBody(20.0, [2.0, 3.0, 4.0]), np.array([1, 2, 3, 1, 0, 0, 0, 0.02, 0, 0.01, 0.1, -0.05, 0.2])
+    found = stage.following(problem.model.pose_rows, body, state, 1.5, 4.0)
+    wanted = composed(body.predicted(state[:7], state[7:], 2.53)[0], inside)
+    assert found.reference(np.array([4.03]))[0, problem.model.pose_rows["left"]] == pytest.approx(wanted, abs=1e-4)
+    assert (found.target == stage.at_object(problem.model.pose_rows, state[:7], state[7:]).target).all()

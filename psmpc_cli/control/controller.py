@@ -207,7 +207,8 @@ class Controller:
         self.sequence, self._solved = sequence, solution
         plan = self._plan_in_force((levels or (solution,))[-1].plan if solved else None, prediction, time, x)
         self._trusted = plan.end if measured and self._braking is None else self._trusted
-        X, planned = plan.over(self.edges(time))
+        edges = self.edges(time)
+        X, planned = plan.over(edges)
         x_next = X[-1]
         if self._chart.spatial:  # from here on Q and v, and the rate of v
             Q, v = self._chart.leave(np.vstack([x, X]))
@@ -222,7 +223,7 @@ class Controller:
         }
         events, d = frozenset(name for name, yes in happened.items() if yes), self._estimator.d
         tick, model = 1 / self._rate, self.problem.model
-        closed = self._closed(sequence, self.edges(time)[:-1])
+        closed = self._closed(sequence, edges[:-1])
         return Command(
             time, x, u, x_next, tick, plan, sequence, prediction, solution, events, switches, d, levels, model, closed
         )
@@ -340,7 +341,7 @@ class Controller:
     def _predict(self, time: float, x: np.ndarray) -> Plan:
         if self._plan is None:
             return resting_plan(time, self.spec.horizon, self.spec.uniform_nodes, x, self._chart)
-        return shift(self._plan, time, self.spec.horizon, x)
+        return shift(self._plan, time, self.spec.horizon, x, self.sequence.instants)
 
     def _detect(self, prediction: Plan) -> MovingSequence | None:
         if self.spec.kind in ONE_STAGE:
@@ -390,7 +391,8 @@ class Controller:
             iterate = shift(before.plan.in_chart(chart), prediction.start, self.spec.horizon, x)
             if len(iterate.instants) == len(sequence.instants):
                 return iterate
-        return replace(prediction, instants=sequence.instants)
+        same = prediction.instants is sequence.instants
+        return prediction if same else replace(prediction, instants=sequence.instants)
 
     def window(
         self, sequence: MovingSequence, prediction: Plan, x: np.ndarray, before: Solution | None = None

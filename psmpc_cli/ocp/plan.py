@@ -111,17 +111,17 @@ class Grid:
 
 def mesh(durations: np.ndarray, nodes: tuple[int, ...]) -> np.ndarray:
     """Return the node times (K + 1,) [s] from the start of the window; `durations` of all stages. Paper eq. (19)."""
-    stage, count, N = _places(nodes)
+    stage, after, count, N = _places(nodes)
     ends = np.concatenate(([0.0], durations.cumsum()))
-    begin = ends[stage]
-    return np.concatenate(([0.0], begin + (ends[stage + 1] - begin) * count / N))
+    begin = ends.take(stage)
+    return np.concatenate(([0.0], begin + (ends.take(after) - begin) * count / N))
 
 
 @lru_cache(maxsize=256)
-def _places(nodes: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return stage, number in the stage and N_s of every node but the first, (K,) each."""
+def _places(nodes: tuple[int, ...]) -> tuple[np.ndarray, ...]:
+    """Return stage, the stage after it, number in the stage and N_s of every node but the first, (K,) each."""
     stage = np.repeat(np.arange(len(nodes)), nodes)
-    return stage, np.concatenate([np.arange(1, N + 1) for N in nodes]), np.array(nodes)[stage]
+    return stage, stage + 1, np.concatenate([np.arange(1, N + 1) for N in nodes]), np.array(nodes)[stage]
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,15 +223,20 @@ def resting_plan(start: float, horizon: float, nodes: int, x: np.ndarray, chart:
     return Plan(times, X, np.zeros((nodes, n)), np.zeros(0), chart)
 
 
-def shift(plan: Plan, now: float, horizon: float, x: np.ndarray) -> Plan:
-    """Return the plan from now on, begun at the measured state x (2n,) and extended to the horizon's new end."""
-    end = now + horizon
-    inside = slice(*plan.times.searchsorted([now + 1e-9, end - 1e-9]))
-    last, u = plan.at(np.array([now, end]))
-    times = np.concatenate([[now], plan.times[inside], [end]])
-    X = np.concatenate([x[None], plan.X[inside], last[1:]])
-    u = np.concatenate([u[:1], plan._u_and_none[inside]])
-    return Plan(times, X, u, plan.instants[plan.instants > now], plan.chart)
+def shift(plan: Plan, now: float, horizon: float, x: np.ndarray, instants: np.ndarray | None = None) -> Plan:
+    """Return the plan from now on, begun at the measured state x (2n,) and extended to the horizon's new end.
+
+    Its instants are those of the plan that are still to come, if none (S,) [s] are given.
+    """
+    end, n = now + horizon, len(x) // 2
+    first, stop = plan.times.searchsorted((now + 1e-9, end - 1e-9))
+    u, last, since = plan._u_and_none[first - 1 : stop], plan.X[stop - 1], end - plan.times[stop - 1]
+    gained = since * u[-1]
+    Q = last[:n] + since * (last[n:] + gained / 2)
+    X = np.concatenate((x, plan.X[first:stop].ravel(), Q, last[n:] + gained)).reshape(-1, 2 * n)
+    times = np.concatenate(((now,), plan.times[first:stop], (end,)))
+    instants = plan.instants[plan.instants > now] if instants is None else instants
+    return Plan(times, X, u, instants, plan.chart)
 
 
 def braking_plan(start: float, x: np.ndarray, duration: float, chart: Chart = PLANAR) -> Plan:

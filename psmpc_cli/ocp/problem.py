@@ -238,7 +238,7 @@ class StageCosts:
         if not stage.end_rows:
             return np.zeros(len(X), bool)
         rows = list(stage.end_rows)
-        met = (np.abs(self.errors(stage, X)[:, rows]) <= stage.tolerance * margin + SLACK).all(axis=1)
+        met = (np.abs(self.errors(stage, X).take(rows, 1)) <= stage.tolerance * margin + SLACK).all(axis=1)
         if stage.end_velocity is not None and met.any():
             met &= (np.abs(self.rates(stage, X)[:, rows]) <= stage.end_velocity * margin + SLACK).all(axis=1)
         return np.asarray(met)

@@ -62,12 +62,12 @@ class Meter:
         tick, base = ticks.time[1:] - ticks.time[:-1], ticks.F[:, self._base]
         end, d = ticks.X[-1], model.dimension
         X, planned = self._in_chart(chart, ticks.X), command.x_next
-        bounded = X[1:].copy()
-        bounded[:, model.n :] = ticks.X[1:, model.nq :]  # limits are those of v
-        below, above = bounded - stage.limits.state_low, stage.limits.state_high - bounded
-        there = self._in_chart(Chart.at(planned[: model.nq], model.n), np.array([planned, end]))
-        deviation = there[1] - there[0]
-        deviation[model.n :] = (end - planned)[model.nq :]
+        limited, deviation = X[1:], end - planned
+        if chart.spatial:
+            limited = np.hstack([limited[:, : model.n], ticks.X[1:, model.nq :]])  # limits are those of v
+            there = self._in_chart(Chart.at(planned[: model.nq], model.n), np.array([planned, end]))
+            deviation = np.concatenate([(there[1] - there[0])[: model.n], deviation[model.nq :]])
+        below, above = limited - stage.limits.state_low, stage.limits.state_high - limited
         since = ticks.time[:1] - command.sequence.entered
         metrics = Metrics(
             u=u,

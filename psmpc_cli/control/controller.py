@@ -21,6 +21,7 @@ from psmpc_cli.ocp.window import (
     normalization,
     own_violations,
 )
+from psmpc_cli.robot.closed_chain import ClosedChain
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import exp, product
@@ -83,6 +84,7 @@ class Command:
             plan is that of the level before.
         model: The robot.
         closed: Whether the grippers are to be closed on the object at each tick (M,).
+        load: The law of a robot that knows what it holds, for a task whose grasps are `known`.
     """
 
     time: float
@@ -100,6 +102,7 @@ class Command:
     levels: tuple[Solution, ...]
     model: RobotModel = field(repr=False)
     closed: np.ndarray
+    load: ClosedChain | None = field(default=None, repr=False)
 
     @property
     def instants(self) -> np.ndarray:
@@ -129,12 +132,15 @@ class Command:
     def force(self, time: float, state: State) -> np.ndarray:
         """Compute the generalized force (n,) [N, N m] that a low-level controller applies over a tick: computed torque.
 
+        While grippers are to be closed on an object of `known` grasps it counts as held by all of them.
+
         Args:
             time: Beginning of the tick, in the coming sample [s].
             state: Measured then.
         """
         tick = int(np.clip(np.floor((time - self.time) / self.tick + 1e-6), 0, len(self.u) - 1))
-        return self.model.inverse_dynamics(state.Q, state.v, self.u[tick])
+        law = self.load.force if self.load is not None and self.closed[tick] else self.model.inverse_dynamics
+        return law(state.Q, state.v, self.u[tick])
 
 
 class Controller:
@@ -167,6 +173,10 @@ class Controller:
         thing = self.problem.spec.object
         body = None if thing is None else body_of(thing)
         self._tracker = None if thing is None or body is None else Tracker(thing, body)
+        grasp = None if thing is None else thing.grasp
+        self._load: ClosedChain | None = None
+        if body is not None and grasp is not None and grasp.known:
+            self._load = ClosedChain(self.problem.model, body, grasp)
         self._follows = self._tracker is not None and any(stage.on_object for stage in self.stages)
         self._plan: Plan | None = None
         self._braking: Plan | None = None
@@ -225,8 +235,9 @@ class Controller:
         tick, model = 1 / self._rate, self.problem.model
         closed = self._closed(sequence, edges[:-1])
         return Command(
-            time, x, u, x_next, tick, plan, sequence, prediction, solution, events, switches, d, levels, model, closed
-        )
+            time, x, u, x_next, tick, plan, sequence, prediction, solution, events, switches, d, levels, model, closed,
+            self._load,
+        )  # fmt: skip
 
     def _closed(self, sequence: MovingSequence, ticks: np.ndarray) -> np.ndarray:
         thing = self.problem.spec.object

@@ -18,11 +18,12 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.plant.base import Disturbance, GraspEvent, ObjectTicks, Resistance, Ticks
 from psmpc_cli.plant.uncertainty import stream
+from psmpc_cli.robot.closed_chain import ClosedChain
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody, body_of, lifted, lifted_rate, motion_of, relative
-from psmpc_cli.robot.kinematics import coordinate_rate, moved
+from psmpc_cli.robot.kinematics import moved
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.rotations import add, conjugate, cross, dot, exp, log, matrix, product, rotate, scaled
+from psmpc_cli.robot.rotations import add, conjugate, cross, dot, exp, log, product, rotate, scaled
 from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.object import GraspSpec, ObjectSpec
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES
@@ -387,7 +388,7 @@ class CapturePlant:
         self.capture, self._step = capture, step
         self.model, self.tick = capture.law.model, capture.tick
         self._largest = np.full(self.model.n, np.inf) if resistance is None else resistance.largest
-        self._chain = ClosedChain(capture) if capture.spec.known else None
+        self._chain = ClosedChain(self.model, capture.described, capture.spec) if capture.spec.known else None
 
     def advance(
         self,
@@ -418,87 +419,4 @@ class CapturePlant:
     def _force(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, law: InertialParameters) -> np.ndarray:
         if self._chain is None or not self.capture.all_closed:
             return self.model.inverse_dynamics(Q, v, u, law)
-        return self._chain.force(Q, v, u, law)
-
-
-class ClosedChain:
-    """The low-level law of a robot that knows its load: the object, held by all grippers, as part of the robot.
-
-    Each gripper i makes the object move by S_i(Q) v. Where these differ the commanded acceleration u would strain the
-    object: it is replaced by the nearest one u' with S_i u' + s_i the same for all i, nearest without regard to mass,
-    since a metric of masses has the light wrists make up for all of it, and a controller that brings them back within
-    their limits at once then overcompensates. The force is that of the robot under u' and the object's, of which
-    gripper i bears C_i (sum C)^-1, C_i its bushing's stiffness about the object's centre: then all grasps give alike,
-    and the grippers stay consistent. Equal shares would twist them against each other.
-    """
-
-    def __init__(self, capture: Capture) -> None:
-        self._capture, self._size, self._count = capture, capture.law.size, len(capture.law.grippers)
-        self._terms = ArrayFunction(_chain_terms(capture.law, capture.described))
-
-    def force(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, law: InertialParameters) -> np.ndarray:
-        """Compute the generalized force (n,) for an acceleration u (n,)."""
-        A, size, model = self._count, self._size, self._capture.law.model
-        S, s, C, W, spin = self._terms(Q, v, self._capture.parameters.ravel())
-        S, s, C = S.T.reshape(A, size, -1), s.reshape(A, size), C.T.reshape(A, size, size)
-        mean, G, b = S.mean(axis=0), (S[1:] - S[:1]).reshape(-1, len(u)), (s[1:] - s[:1]).ravel()
-        u = u - np.linalg.lstsq(G, G @ u + b, rcond=SINGULAR)[0]
-        load = W @ (mean @ u + s.mean(axis=0)) + spin.ravel()
-        give = np.linalg.solve(C.sum(axis=0), load)
-        return np.asarray(model.inverse_dynamics(Q, v, u, law) + np.einsum("aij,aik,k->j", S, C, give))
-
-
-SINGULAR = 1e-9
-"""Singular values of the constraints, over the largest, below which they say the same twice."""
-
-
-def _chain_terms(law: GraspLaw, body: FreeBody) -> ca.Function:
-    """Return Q, v, parameters -> S of all grippers (A size, n), S_i' v (A size,), C, inertia of the object, its bias.
-
-    S_i v is the velocity of the object's centre of mass and its angular velocity, both in the inertial frame, if it is
-    fixed to gripper i at the pose recorded at closing.
-    """
-    Q, v, _, _ = law.symbols()
-    p = ca.SX.sym("p", law.parameters * len(law.grippers))
-    velocities, stiffness, attitude = list[ca.SX](), list[ca.SX](), None
-    for i in range(len(law.grippers)):
-        at, rate, _ = law.gripper(i, Q, v)
-        inside, turned = lifted(ca.vertsplit(p)[law.parameters * i : law.parameters * i + law.sizes[0]])
-        _, own = lifted(ca.vertsplit(at))
-        attitude = product(own, conjugate(turned))
-        linear, angular = lifted_rate(ca.vertsplit(rate))
-        lever = scaled(rotate(attitude, inside), -1)
-        k, kappa, _, _ = ca.vertsplit(p)[law.parameters * (i + 1) - 4 : law.parameters * (i + 1)]
-        stiffness.append(_at_centre(law, scaled(lever, -1), k, kappa))
-        velocities.append(law.flat(add(linear, cross(angular, lever)), angular))
-    moving = ca.vertcat(*velocities)
-    S, bias = (
-        ca.jacobian(moving, v),
-        ca.jtimes(moving, Q, ca.vertcat(*coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v)))),
-    )
-    inertia, spin = _load(body, attitude, ca.vertsplit(moving[: law.size]))
-    return ca.Function(
-        "chain", [Q, v, p], ca.cse([ca.densify(each) for each in (S, bias, ca.vertcat(*stiffness), inertia, spin)])
-    )
-
-
-def _at_centre(law: GraspLaw, lever: Vector, k: ca.SX, kappa: ca.SX) -> ca.SX:
-    """Return the stiffness of a bushing at a lever from the object's centre as the wrench about it, by displacement."""
-    columns = []
-    for column in range(law.size):
-        unit = [float(row == column) for row in range(law.size)]
-        moved, turned = lifted_rate(unit)
-        force = scaled(add(moved, cross(turned, lever)), k)
-        columns.append(law.flat(force, add(scaled(turned, kappa), cross(lever, force))))
-    return ca.SX(ca.horzcat(*columns))
-
-
-def _load(body: FreeBody, attitude: Vector | None, velocity: Vector) -> tuple[ca.SX, ca.SX]:
-    """Return the object's inertia in the inertial frame (3, 3) or (6, 6), and omega x I omega as a wrench."""
-    if body.dimension == 2 or attitude is None:
-        return ca.diag(ca.SX([body.mass, body.mass, *body.inertia])), ca.SX.zeros(3)
-    R = ca.SX(np.zeros((3, 3)))
-    for i, row in enumerate(matrix(attitude)):
-        R[i, :] = ca.horzcat(*row)
-    turned, omega = R @ ca.diag(ca.SX(list(body.inertia))) @ R.T, ca.vertcat(*velocity[3:])
-    return ca.diagcat(body.mass * ca.SX.eye(3), turned), ca.vertcat(ca.SX.zeros(3), ca.cross(omega, turned @ omega))
+        return self._chain.force(Q, v, u, law, self.capture.parameters[:, :-2])

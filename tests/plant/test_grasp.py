@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from psmpc_cli.control.controller import Controller, State
+from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.errors import InputError
 from psmpc_cli.plant import Ticks, build_plant
 from psmpc_cli.plant.grasp import Capture, CapturePlant, build_capture
@@ -213,3 +215,18 @@ def test_tumbling_body_keeps_momentum_and_energy() -> None:
 def test_grasps_too_stiff_for_the_step_are_rejected() -> None:
     with pytest.raises(InputError, match=r"stiffness: found a step of 0.001 s, expected at most .* plant.step"):
         run(planar({**FREE, "object.grasp.stiffness": [1e9, 1e2]}))
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_commands_force_counts_a_known_load_in(known: bool) -> None:
+    """At the tick of closing it is what the plant applies, but for the pose recorded then, some mm from the task's."""
+    task = planar({**FREE, "object.grasp.known": known, "controller.nodes": 12})
+    controller, model = Controller(task), model_of(task.robot.name)
+    controller.sequence = MovingSequence(2, np.zeros(0), 0.0)
+    state = State(stack(task.spec.initial, task.robot, "joint"), np.zeros(model.n))
+    command = controller.step(0.0, state)
+    plant = build_plant(task.spec.plant, model, False, None, build_capture(task.spec, model))
+    applied = plant.advance(0.0, state.x, command.u[:1], None, command.closed[:1]).F[0]
+    bare = model.inverse_dynamics(state.Q, state.v, command.u[0])
+    assert np.abs(command.force(0.0, state) - applied).max() <= 0.02 * np.abs(applied - bare).max()
+    assert bool(np.abs(applied - bare).max() > 1.0) == known

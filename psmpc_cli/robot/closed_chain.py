@@ -1,0 +1,125 @@
+"""The computed torque of a robot that knows its load: an object held by all grippers. Documented in docs/capture.md."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from psmpc_cli.native.functions import ArrayFunction
+from psmpc_cli.robot.dynamics import InertialParameters
+from psmpc_cli.robot.free_body import FreeBody, lifted, lifted_rate
+from psmpc_cli.robot.kinematics import coordinate_rate
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.rotations import add, conjugate, cross, matrix, product, rotate, scaled
+from psmpc_cli.specs.object import GraspSpec
+
+Vector = Sequence[Any]
+
+
+class ClosedChain:
+    """The low-level law of a robot that knows its load: the object, held by all grippers, as part of the robot.
+
+    Each gripper i makes the object move by S_i(Q) v. Where these differ the commanded acceleration u would strain the
+    object: it is replaced by the nearest one u' with S_i u' + s_i the same for all i, nearest without regard to mass,
+    since a metric of masses has the light wrists make up for all of it, and a controller that brings them back within
+    their limits at once then overcompensates. The force is that of the robot under u' and the object's, of which
+    gripper i bears C_i (sum C)^-1, C_i its bushing's stiffness about the object's centre: then all grasps give alike,
+    and the grippers stay consistent. Equal shares would twist them against each other.
+    """
+
+    def __init__(self, model: RobotModel, body: FreeBody, grasp: GraspSpec) -> None:
+        self._model, self._size = model, 3 if model.dimension == 2 else 6
+        grippers = [arm for arm in model.spec.arms if arm in grasp.at]
+        self._described = np.array([[*grasp.at[gripper], *grasp.stiffness] for gripper in grippers])
+        self._terms = ArrayFunction(_chain_terms(model, body, grippers))
+
+    def force(
+        self,
+        Q: np.ndarray,
+        v: np.ndarray,
+        u: np.ndarray,
+        law: InertialParameters | None = None,
+        grasps: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Compute the generalized force (n,) [N, N m] for an acceleration u (n,).
+
+        Args:
+            Q: Position of the robot (nq,).
+            v: Velocity (n,).
+            u: Commanded acceleration (n,).
+            law: Inertial parameters that the law has for the robot's; by default its own.
+            grasps: Of each gripper its pose in the object's frame and both stiffnesses, (A, 5) or (A, 9); by default
+                as the task has them.
+        """
+        grasps, size, model = self._described if grasps is None else grasps, self._size, self._model
+        A = len(grasps)
+        S, s, C, W, spin = self._terms(Q, v, grasps.ravel())
+        S, s, C = S.T.reshape(A, size, -1), s.reshape(A, size), C.T.reshape(A, size, size)
+        mean, G, b = S.mean(axis=0), (S[1:] - S[:1]).reshape(-1, len(u)), (s[1:] - s[:1]).ravel()
+        u = u - np.linalg.lstsq(G, G @ u + b, rcond=SINGULAR)[0]
+        load = W @ (mean @ u + s.mean(axis=0)) + spin.ravel()
+        give = np.linalg.solve(C.sum(axis=0), load)
+        return np.asarray(model.inverse_dynamics(Q, v, u, law) + np.einsum("aij,aik,k->j", S, C, give))
+
+
+SINGULAR = 1e-9
+"""Singular values of the constraints, over the largest, below which they say the same twice."""
+
+
+def _chain_terms(model: RobotModel, body: FreeBody, grippers: list[str]) -> ca.Function:
+    """Return Q, v, grasps -> S of all grippers (A size, n), S_i' v (A size,), C, inertia of the object, its bias.
+
+    S_i v is the velocity of the object's centre of mass and its angular velocity, both in the inertial frame, if it is
+    fixed to gripper i at its pose in the object's frame.
+    """
+    Q, v = ca.SX.sym("Q", model.nq), ca.SX.sym("v", model.n)
+    size, numbers = (3, 5) if model.dimension == 2 else (6, 9)
+    p, xi, xidot = ca.SX.sym("p", numbers * len(grippers)), model.g(Q), model.J_C(Q) @ v
+    velocities, stiffness, attitude = list[ca.SX](), list[ca.SX](), None
+    for i, gripper in enumerate(grippers):
+        frame = list(model.pose_rows).index(gripper)
+        own = ca.vertsplit(p)[numbers * i : numbers * (i + 1)]
+        inside, turned = lifted(own[:-2])
+        _, at = lifted(ca.vertsplit(xi[model.pose_rows[gripper]]))
+        attitude = product(at, conjugate(turned))
+        linear, angular = lifted_rate(ca.vertsplit(xidot[size * frame : size * (frame + 1)]))
+        lever = scaled(rotate(attitude, inside), -1)
+        stiffness.append(_at_centre(size, scaled(lever, -1), *own[-2:]))
+        velocities.append(_flat(size, add(linear, cross(angular, lever)), angular))
+    moving = ca.vertcat(*velocities)
+    S, bias = (
+        ca.jacobian(moving, v),
+        ca.jtimes(moving, Q, ca.vertcat(*coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v)))),
+    )
+    inertia, spin = _load(body, attitude, ca.vertsplit(moving[:size]))
+    return ca.Function(
+        "chain", [Q, v, p], ca.cse([ca.densify(each) for each in (S, bias, ca.vertcat(*stiffness), inertia, spin)])
+    )
+
+
+def _flat(size: int, linear: Vector, angular: Vector) -> ca.SX:
+    """Return the components of two vectors (3,) that count, (3,) or (6,)."""
+    return ca.SX(ca.vertcat(*linear[:2], angular[2]) if size == 3 else ca.vertcat(*linear, *angular))
+
+
+def _at_centre(size: int, lever: Vector, k: ca.SX, kappa: ca.SX) -> ca.SX:
+    """Return the stiffness of a bushing at a lever from the object's centre as the wrench about it, by displacement."""
+    columns = []
+    for column in range(size):
+        unit = [float(row == column) for row in range(size)]
+        moved, turned = lifted_rate(unit)
+        force = scaled(add(moved, cross(turned, lever)), k)
+        columns.append(_flat(size, force, add(scaled(turned, kappa), cross(lever, force))))
+    return ca.SX(ca.horzcat(*columns))
+
+
+def _load(body: FreeBody, attitude: Vector | None, velocity: Vector) -> tuple[ca.SX, ca.SX]:
+    """Return the object's inertia in the inertial frame (3, 3) or (6, 6), and omega x I omega as a wrench."""
+    if body.dimension == 2 or attitude is None:
+        return ca.diag(ca.SX([body.mass, body.mass, *body.inertia])), ca.SX.zeros(3)
+    R = ca.SX(np.zeros((3, 3)))
+    for i, row in enumerate(matrix(attitude)):
+        R[i, :] = ca.horzcat(*row)
+    turned, omega = R @ ca.diag(ca.SX(list(body.inertia))) @ R.T, ca.vertcat(*velocity[3:])
+    return ca.diagcat(body.mass * ca.SX.eye(3), turned), ca.vertcat(ca.SX.zeros(3), ca.cross(omega, turned @ omega))

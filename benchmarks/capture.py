@@ -4,7 +4,7 @@
     python benchmarks/capture.py known       the load known, 5 to 200 kg
     python benchmarks/capture.py strength    the strength below which each controller loses 20 kg
     python benchmarks/capture.py drifting N  catch_drifting with N draws of drift and spin
-    python benchmarks/capture.py plants N    rk4 and mujoco side by side, N draws under two controllers
+    python benchmarks/capture.py plants N    rk4 and mujoco on the same N draws, under two controllers
 
 N_s = 25 in every run. Rows are printed in order as their runs end.
 """
@@ -135,23 +135,31 @@ def plants(count: str) -> Iterator[str]:
     drawn = {
         "uncertainty": {"mass": 0.1, "inertia": 0.1, "object": {"mass": 0.3, "linear": 1e-3, "angular": "0.1 deg"}}
     }
-    rows = []
-    for kind, seed in product(("psmpc", "smpc"), range(int(count))):
-        keys = {**drawn, "controller.kind": kind, "seed": seed, "object.grasp.strength.pull": 8}
-        one, other = (simulated("transport_grasp", {**keys, "plant": each}) for each in ("rk4", "mujoco"))
-        apart = np.abs(one["final/object_pose"] - other["final/object_pose"]).max()
-        rows.append(
-            (kind, seed, outcome(one)[0], outcome(other)[0], outcome(one)[1], f"{apart:.0e}", outcome(other)[-1])
-        )
     headings = (
         "controller",
-        "seed",
-        "rk4",
-        "mujoco",
-        "pull [N]",
-        "object apart at the end [m, rad]",
-        "drift of momentum",
+        "draws",
+        "held, lost (rk4)",
+        "plants agree on it",
+        "object apart at the end, where held [m, rad]",
+        "largest drift of momentum",
     )
+    rows = []
+    for kind in ("psmpc", "smpc"):
+        keys = {**drawn, "controller.kind": kind, "object.grasp.strength.pull": 8}
+        pairs = [
+            [simulated("transport_grasp", {**keys, "seed": seed, "plant": plant}) for plant in ("rk4", "mujoco")]
+            for seed in range(int(count))
+        ]
+        held = [[outcome(run)[0] == "held" for run in pair] for pair in pairs]
+        apart = [
+            np.abs(one["final/object_pose"] - other["final/object_pose"]).max()
+            for (one, other), both in zip(pairs, held, strict=True)
+            if all(both)
+        ]
+        drift = max(float(outcome(run)[-1]) for pair in pairs for run in pair)
+        number, agree = sum(one for one, _ in held), sum(one == other for one, other in held)
+        far = f"{max(apart):.0e}" if apart else "none held"
+        rows.append((kind, count, f"{number}, {len(held) - number}", agree, far, f"{drift:.0e}"))
     return markdown(headings, rows)
 
 

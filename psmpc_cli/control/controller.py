@@ -217,12 +217,7 @@ class Controller:
         self.sequence, self._solved = sequence, solution
         plan = self._plan_in_force((levels or (solution,))[-1].plan if solved else None, prediction, time, x)
         self._trusted = plan.end if measured and self._braking is None else self._trusted
-        edges = self.edges(time)
-        X, planned = plan.over(edges)
-        x_next = X[-1]
-        if self._chart.spatial:  # from here on Q and v, and the rate of v
-            Q, v = self._chart.leave(np.vstack([x, X]))
-            x, x_next, planned = np.r_[Q[0], v[0]], np.r_[Q[-1], v[-1]], np.diff(v[1:], axis=0) * self._rate
+        x, x_next, planned = self._over_sample(plan, time, x)
         u = self._estimator.command(planned, state.v)
         happened = {
             "appended": sequence.last > before.last,
@@ -233,11 +228,17 @@ class Controller:
         }
         events, d = frozenset(name for name, yes in happened.items() if yes), self._estimator.d
         tick, model = 1 / self._rate, self.problem.model
-        closed = self._closed(sequence, edges[:-1])
-        return Command(
-            time, x, u, x_next, tick, plan, sequence, prediction, solution, events, switches, d, levels, model, closed,
-            self._load,
-        )  # fmt: skip
+        closed, load = self._closed(sequence, self.edges(time)[:-1]), self._load
+        decided = sequence, prediction, solution, events, switches, d, levels
+        return Command(time, x, u, x_next, tick, plan, *decided, model, closed, load)
+
+    def _over_sample(self, plan: Plan, time: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return x (2n,) in the chart and the state after the sample as [Q; v], and the rates of v by tick (M, n)."""
+        X, planned = plan.over(self.edges(time))
+        if not self._chart.spatial:
+            return x, X[-1], planned
+        Q, v = self._chart.leave(np.vstack([x, X]))
+        return np.r_[Q[0], v[0]], np.r_[Q[-1], v[-1]], np.diff(v[1:], axis=0) * self._rate
 
     def _closed(self, sequence: MovingSequence, ticks: np.ndarray) -> np.ndarray:
         thing = self.problem.spec.object

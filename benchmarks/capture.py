@@ -5,6 +5,7 @@
     python benchmarks/capture.py strength    the strength below which each controller loses 20 kg
     python benchmarks/capture.py drifting N  catch_drifting with N draws of drift and spin
     python benchmarks/capture.py plants N    rk4 and mujoco on the same N draws, under two controllers
+    python benchmarks/capture.py tumbling    catch_tumbling, rk4 and mujoco
 
 N_s = 25 in every run. Rows are printed in order as their runs end.
 """
@@ -21,6 +22,7 @@ from scipy.stats import binomtest
 
 import psmpc_cli as psmpc
 from psmpc_cli.logs.run import Run
+from psmpc_cli.robot.free_body import pose_error
 
 INERTIA = 2.67 / 20
 """Inertia over mass of the object of transport_grasp [m^2]."""
@@ -163,8 +165,28 @@ def plants(count: str) -> Iterator[str]:
     return markdown(headings, rows)
 
 
+def tumbling() -> Iterator[str]:
+    """Run catch_tumbling under both plants."""
+    runs = {plant: simulated("catch_tumbling", {"plant.kind": plant}) for plant in ("rk4", "mujoco")}
+    apart = pose_error(*(run["final/object_pose"] for run in runs.values()))
+
+    def row(plant: str, run: Run) -> tuple[object, ...]:
+        summary = run.summary()
+        assert summary.capture is not None
+        position, angle = summary.capture.missed_by[:2]
+        missed = f"{1e3 * position:.2f} mm, {math.degrees(angle):.3f} deg"
+        return plant, missed, *outcome(run), summary.failed_solves
+
+    yield from markdown(("plant", "off at closing", *OUTCOME, "failed solves"), (row(*each) for each in runs.items()))
+    yield ""
+    yield (
+        f"Final poses of the object apart by {1e3 * np.linalg.norm(apart[:3]):.1e} mm and "
+        f"{math.degrees(float(np.linalg.norm(apart[3:]))):.1e} deg."
+    )
+
+
 COMMANDS: dict[str, Callable[..., Iterator[str]]] = {
-    each.__name__: each for each in (held, known, strength, drifting, plants)
+    each.__name__: each for each in (held, known, strength, drifting, plants, tumbling)
 }
 
 if __name__ == "__main__":

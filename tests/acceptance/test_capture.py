@@ -69,3 +69,11 @@ def test_tracking_survives_noise_and_a_wrong_mass() -> None:
     found = run.summary().capture
     assert found is not None and np.isfinite(found.closed_at)
     assert run["object/mass"] != 20 and run["object/velocity"][0, 0] != 0.02
+
+
+def test_tumbling_object_is_caught_with_both_hands_and_brought_to_rest() -> None:
+    run = psmpc.simulate(psmpc.load_task("catch_tumbling", {"log.shares": False, "log.plans": False}))
+    summary, found = run.summary(), run.summary().capture
+    assert summary.succeeded and summary.failed_solves == 0 and summary.momentum_error < 1e-6
+    assert found is not None and not found.lost and found.speed < 0.01
+    assert found.missed_by[0] < 5e-3 and found.missed_by[1] < np.radians(0.5)

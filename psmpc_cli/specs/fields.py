@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal, Self, TypeVar
 
+import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -25,6 +26,7 @@ from pydantic import (
 )
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
+from scipy.spatial.transform import Rotation
 
 from psmpc_cli.specs.document import ANGLE_PATTERN, DECIMAL, LARGEST, angle
 from psmpc_cli.specs.messages import Path, choice, suggestion
@@ -381,3 +383,51 @@ OrByPart = Annotated[
 
 Part = Annotated[str, known(lambda context: context.parts, "part of the robot")]
 ArmName = Annotated[str, known(lambda context: context.parts[1:], "part of the robot")]
+
+
+def _not_zero(value: tuple[float, ...]) -> tuple[float, ...]:
+    if np.linalg.norm(value) < 1e-6:
+        raise expected("a quaternion w, x, y, z that is not 0")
+    return value
+
+
+class Attitude(Spec):
+    """An attitude, in one of three ways."""
+
+    rpy: Angles3 | None = Field(None, description="angles about the fixed axes x, y, z, in this order [rad]")
+    quaternion: (
+        Annotated[tuple[Number, Number, Number, Number], listed("4 entries", 4), AfterValidator(_not_zero)] | None
+    ) = Field(None, description="quaternion w, x, y, z of any length")
+    axis: Axis | None = Field(None, description="unit vector about which `angle` turns")
+    angle: Direction | None = Field(None, description="turn about `axis` [rad]")
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        ways = [self.rpy is not None, self.quaternion is not None, self.axis is not None or self.angle is not None]
+        if sum(ways) != 1 or (self.axis is None) != (self.angle is None):
+            raise expected("either rpy, or quaternion, or axis and angle")
+        return self
+
+    @property
+    def numbers(self) -> list[float]:
+        """The unit quaternion w, x, y, z."""
+        if self.quaternion is not None:
+            return [float(part) for part in np.array(self.quaternion) / np.linalg.norm(self.quaternion)]
+        if self.rpy is not None:
+            turn = Rotation.from_euler("xyz", self.rpy)
+        else:
+            turn = Rotation.from_rotvec((self.angle or 0.0) * np.array(self.axis))
+        x, y, z, w = turn.as_quat().tolist()
+        return [w, x, y, z]
+
+
+class Pose(Spec):
+    """A pose in space."""
+
+    position: Vector3 = Field(description="x, y, z [m]")
+    attitude: Attitude = Field(Attitude(quaternion=(1, 0, 0, 0)), description="attitude, by default none")
+
+    @property
+    def numbers(self) -> list[float]:
+        """Position and unit quaternion."""
+        return [*self.position, *self.attitude.numbers]

@@ -15,17 +15,20 @@ from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.document import Data, Document, Origin, describe, lies_inside, plain, put, read, write
+from psmpc_cli.specs.fields import Pose
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
 from psmpc_cli.specs.messages import Fault, Place, choice, dotted, quoted
 from psmpc_cli.specs.messages import Path as Location
 from psmpc_cli.specs.parts import Context
-from psmpc_cli.specs.poses import with_numbers
 from psmpc_cli.specs.priorities import priorities_of
 from psmpc_cli.specs.robot import PlanarRobot, RobotSpec, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, TaskSpec
 from psmpc_cli.specs.urdf import Urdf, read_urdf, spatial_robot
 
 Model = TypeVar("Model", bound=BaseModel)
+
+POSE_KEYS = ("position", "attitude")
+POSE_ROOTS = (("initial",), ("stages",), ("object",))
 
 _PATH = re.compile(r"[^.\[\]=]+(?:\.[^.\[\]=]+|\[\d+\])*")
 _STEP = re.compile(r"\[(\d+)\]|([^.\[\]=]+)")
@@ -340,6 +343,36 @@ def _faults(error: ValidationError, document: Document) -> Iterator[Fault]:
             path = (*path, step) if (*path, step) in document.origins else path
         context = detail["ctx"]
         yield Fault(path, f"found {context['found'] or document.found(path)}{context['tail']}", context["at_key"])
+
+
+def with_numbers(task: Document) -> Document:
+    """Return a task with the numbers of its poses in their place; its faults have what is wrong with them."""
+    faults = list(task.faults)
+    for path in list(_poses(task.data, ())):
+        try:
+            numbers: Data = list(Pose.model_validate(task.value(path)).numbers)
+            task = put(task, path, numbers, {(): task.origin(path)})
+        except ValidationError as error:
+            for detail in error.errors(include_url=False):
+                at, context = (*path, *detail["loc"]), detail["ctx"]
+                found = context["found"] or task.found(at)
+                faults.append(Fault(at, f"found {found}{context['tail']}", context["at_key"]))
+            task = put(task, path, [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], {(): task.origin(path)})
+    return replace(task, faults=tuple(faults))
+
+
+def _poses(data: Any, path: Location) -> Iterator[Location]:
+    """Give the paths of all poses of a task: mappings that have one of a pose's keys, but a grasp's envelope."""
+    if (
+        isinstance(data, dict)
+        and any(key in data for key in POSE_KEYS)
+        and path[:1] in POSE_ROOTS
+        and path[-1] != "envelope"
+    ):
+        yield path
+    elif isinstance(data, dict | list):
+        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+            yield from _poses(value, (*path, key))
 
 
 def override(document: Document, changes: Changes) -> tuple[Document, tuple[str, ...]]:

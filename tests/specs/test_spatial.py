@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import SpecError
+from psmpc_cli.specs.fields import Pose
 from psmpc_cli.specs.load import load_robot, load_task
-from psmpc_cli.specs.poses import Pose
 from psmpc_cli.specs.robot import SpatialRobot
 
 SERVICER = (Path(__file__).parents[2] / "robots" / "dual_arm_servicer.urdf").read_text()

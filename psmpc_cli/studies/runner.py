@@ -24,6 +24,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
+from joblib.externals.loky.backend.resource_tracker import ensure_running
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from psmpc_cli import __version__
@@ -346,7 +347,7 @@ def _on_this_machine(
     with parallel_config("loky", n_jobs=processes, inner_max_num_threads=1):
         ahead = 1 if jobs == 1 else 2 * jobs
         workers = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch=ahead)
-        with _interrupts_ignored():
+        with _interrupts_deferred():
             results = workers(delayed(_numbered)(function, index, item) for index, item in items.items())
         try:
             while (result := next(results, None)) is not None:  # not `yield from`, which would close them unsilenced
@@ -360,16 +361,20 @@ def _on_this_machine(
 
 
 @contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Start processes that ignore a terminal's Ctrl-C, which they inherit: this process ends them."""
-    if current_thread() is not main_thread():  # which alone may say what a signal does
+def _interrupts_deferred() -> Iterator[None]:
+    """Start processes that do not see a terminal's Ctrl-C, since they inherit what is blocked: this process ends them.
+
+    One that comes meanwhile is seen afterwards.
+    """
+    if current_thread() is not main_thread():  # which alone sees signals
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ensure_running()  # joblib's tracker of resources, whose start unblocks interrupts
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _numbered(function: Callable[[Item], Result], index: int, item: Item) -> tuple[int, Result]:

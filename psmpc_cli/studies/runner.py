@@ -369,7 +369,9 @@ def _interrupts_deferred() -> Iterator[None]:
     if current_thread() is not main_thread():  # which alone sees signals
         yield
         return
-    ensure_running()  # joblib's tracker of resources, whose start unblocks interrupts
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ensure_running()  # joblib's tracker of resources, which inherits that, and whose start unblocks interrupts
+    signal.signal(signal.SIGINT, handler)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

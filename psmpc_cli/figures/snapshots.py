@@ -157,7 +157,7 @@ def _panels(
 
 
 def describe(camera: Camera, extent: np.ndarray, width: float = style.COLUMN) -> str:
-    """Return in words from where a spatial scene is seen, and what lies under it, in lines of a width [in]."""
+    """Describe from where a spatial scene is seen, and what lies under it, in lines of a width [in]."""
     if camera.labels:
         return ""
     seen = f"Seen from azimuth {camera.azimuth:g}°, elevation {camera.elevation:g}°, in parallel projection; squares"

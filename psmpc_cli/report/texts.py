@@ -1,4 +1,4 @@
-"""A run's summary in words and rows of text, for tables in a terminal and on a page."""
+"""A run's summary as sentences and rows of text, for tables in a terminal and on a page."""
 
 import math
 from collections.abc import Callable, Iterator

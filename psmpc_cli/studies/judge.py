@@ -203,7 +203,7 @@ class Reproduction:
 
     @property
     def outcome(self) -> str:
-        """How many claims hold, in words."""
+        """How many claims hold, as a sentence."""
         (held, count), (others, beside) = self.count(), self.count(beside=True)
         return f"{held} of {count} claims hold, and {others} of {beside} of our own beside them"
 

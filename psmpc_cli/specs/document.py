@@ -6,8 +6,10 @@ PyYAML parses; scalars are resolved here by the core schema of YAML 1.2.
 import copy
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import reduce
+from operator import getitem
 from typing import Any
 
 import yaml
@@ -88,10 +90,7 @@ class Document:
 
     def value(self, path: Path) -> Data:
         """Return the value at a path, None if there is none."""
-        value: Any = self.data if path in self.origins else None
-        for step in path if value is not None else ():
-            value = value[step]
-        found: Data = value
+        found: Data = _inside(self.data, path) if path in self.origins else None
         return found
 
     def found(self, path: Path) -> str:
@@ -155,7 +154,9 @@ def read(name: str, text: str) -> Document:
     return Document(name, text, data, origins, tuple(faults))
 
 
-def put(document: Document, path: Path, new: Data, origins: Mapping[Path, Origin]) -> Document:
+def put(
+    document: Document, path: Path, new: Data, origins: Mapping[Path, Origin], without: Collection[Path] = ()
+) -> Document:
     """Return the document with one value replaced or added, in mappings that are added too.
 
     Args:
@@ -163,9 +164,13 @@ def put(document: Document, path: Path, new: Data, origins: Mapping[Path, Origin
         path: Where the value goes.
         new: The value.
         origins: Its origin and those of values inside it, by path from it.
+        without: Keys that are left out.
     """
     data = copy.deepcopy(document.data)
-    kept = {at: origin for at, origin in document.origins.items() if not lies_inside(at, path)}
+    gone = (path, *without)
+    kept = {at: origin for at, origin in document.origins.items() if not any(lies_inside(at, each) for each in gone)}
+    for each in without:
+        del _inside(data, each[:-1])[each[-1]]
     around: Any = data
     for length in range(1, len(path)):
         key, at = path[length - 1], path[:length]
@@ -177,6 +182,20 @@ def put(document: Document, path: Path, new: Data, origins: Mapping[Path, Origin
         around = around[key]
     around[path[-1]] = copy.deepcopy(new)
     return replace(document, data=data, origins=kept | {(*path, *at): origin for at, origin in origins.items()})
+
+
+def _inside(data: Any, path: Path) -> Any:
+    return reduce(getitem, path, data)
+
+
+def mapping(value: object) -> dict[str, Any]:
+    """Return a mapping as it was read, an empty one for anything else."""
+    return value if isinstance(value, dict) else {}
+
+
+def entries(value: object) -> list[Any]:
+    """Return a list as it was read, an empty one for anything else."""
+    return value if isinstance(value, list) else []
 
 
 def lies_inside(path: Path, around: Path) -> bool:

@@ -28,8 +28,8 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.specs.document import ANGLE_PATTERN, DECIMAL, LARGEST, angle
-from psmpc_cli.specs.messages import Path, choice, suggestion
+from psmpc_cli.specs.document import ANGLE_PATTERN, DECIMAL, LARGEST, Document, angle
+from psmpc_cli.specs.messages import Fault, Path, choice, suggestion
 
 NAME_PATTERN = r"^[^\s./\\\[\]=:,]+( [^\s./\\\[\]=:,]+)*$"
 """Names appear in paths, messages, files and datasets."""
@@ -154,6 +154,16 @@ _WORDINGS = {
     "too_short": "a length of at least {min_length}",
     "string_too_short": "a text that is not empty",
 }
+
+
+def faults_of(error: ValidationError, document: Document) -> Iterator[Fault]:
+    """Give every error of a validation with its path in the document; its `loc` also names branches of unions."""
+    for detail in error.errors(include_url=False):
+        path: Path = ()
+        for step in detail["loc"]:
+            path = (*path, step) if (*path, step) in document.origins else path
+        context = detail["ctx"]
+        yield Fault(path, f"found {context['found'] or document.found(path)}{context['tail']}", context["at_key"])
 
 
 class Choice(Spec):
@@ -360,7 +370,6 @@ Vector2 = Annotated[tuple[Number, Number], listed("2 entries", 2)]
 Vector3 = Annotated[tuple[Number, Number, Number], listed("3 entries", 3)]
 Angles3 = Annotated[tuple[Direction, Direction, Direction], listed("3 angles", 3)]
 Axis = Annotated[Vector3, AfterValidator(_is_unit)]
-Row = Annotated[tuple[Angle, ...], listed("a list of numbers, one row of values for every time")]
 Interval = Annotated[tuple[Angle, Angle], listed("a pair [low, high]", 2), AfterValidator(_ordered)]
 Rate = Annotated[
     tuple[Angle, Angle],
@@ -431,3 +440,22 @@ class Pose(Spec):
     def numbers(self) -> list[float]:
         """Position and unit quaternion."""
         return [*self.position, *self.attitude.numbers]
+
+
+def is_pose(value: object) -> bool:
+    """Tell whether a value is written as a pose in space."""
+    return isinstance(value, Mapping) and any(key in value for key in Pose.model_fields)
+
+
+def _in_numbers(value: object, info: ValidationInfo) -> object:
+    """Return a pose as its numbers where the robot is spatial; any other value as it is."""
+    if not (is_pose(value) and info.context and info.context.is_spatial):
+        return value
+    return Pose.model_validate(value, context=info.context).numbers
+
+
+or_pose = BeforeValidator(_in_numbers)
+Numbers = Annotated[tuple[Angle, ...], or_pose]
+"""Numbers of a part; those of a base or an end-effector in space may be written as a pose."""
+
+Row = Annotated[tuple[Angle, ...], listed("a list of numbers, one row of values for every time"), or_pose]

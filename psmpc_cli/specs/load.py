@@ -1,6 +1,5 @@
 """Robot and task descriptions from files, names, mappings or stored texts to validated data."""
 
-import copy
 import hashlib
 import json
 import re
@@ -14,8 +13,20 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.document import Data, Document, Origin, describe, lies_inside, plain, put, read, write
-from psmpc_cli.specs.fields import Pose
+from psmpc_cli.specs.document import (
+    Data,
+    Document,
+    Origin,
+    describe,
+    entries,
+    lies_inside,
+    mapping,
+    plain,
+    put,
+    read,
+    write,
+)
+from psmpc_cli.specs.fields import faults_of
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
 from psmpc_cli.specs.messages import Fault, Place, choice, dotted, quoted
 from psmpc_cli.specs.messages import Path as Location
@@ -23,12 +34,9 @@ from psmpc_cli.specs.parts import Context
 from psmpc_cli.specs.priorities import priorities_of
 from psmpc_cli.specs.robot import PlanarRobot, RobotSpec, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, TaskSpec
-from psmpc_cli.specs.urdf import Urdf, read_urdf, spatial_robot
+from psmpc_cli.specs.urdf import read_urdf, spatial_robot
 
 Model = TypeVar("Model", bound=BaseModel)
-
-POSE_KEYS = ("position", "attitude")
-POSE_ROOTS = (("initial",), ("stages",), ("object",))
 
 _PATH = re.compile(r"[^.\[\]=]+(?:\.[^.\[\]=]+|\[\d+\])*")
 _STEP = re.compile(r"\[(\d+)\]|([^.\[\]=]+)")
@@ -102,8 +110,8 @@ def load_task(reference: str | Path | Mapping[str, Any], set: Changes = (), revi
     """
     if isinstance(reference, Mapping):
         return _task(read("task", write(plain(reference))), Path(), "task", set, review)
-    path, document = _read("task", reference)
-    return _task(document, path.parent, path.stem, set, review)
+    path = _find("task", reference)
+    return _task(read(shown(path), read_text(path)), path.parent, path.stem, set, review)
 
 
 def load_robot(reference: str | Path) -> RobotSpec:
@@ -112,7 +120,7 @@ def load_robot(reference: str | Path) -> RobotSpec:
     Raises:
         SpecError: Something is wrong with the file; the message lists all of it.
     """
-    robot, faults = validate_robot(document := _read("robot", reference)[1])
+    robot, faults = validate_robot(document := _read_robot(_find("robot", reference)))
     if robot is None:
         raise SpecError(document.report(faults))
     return robot
@@ -141,12 +149,13 @@ def kind_of_reference(reference: str | Path) -> Kind:
     """
     if Path(reference).suffix == ".urdf" or (str(reference) in built_ins("robot") and not Path(reference).is_file()):
         return "robot"
-    return _kind_of(_read("task", reference)[1]) or "task"
+    path = _find("task", reference)
+    return _kind_of(read(shown(path), read_text(path))) or "task"
 
 
 def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Fault, ...]]:
     """Return the robot that a document describes, None if it is not valid, and every fault of the document."""
-    spatial = isinstance(document.data, dict) and "space" in document.data
+    spatial = "space" in mapping(document.data)
     if not spatial and (path := next(filter(lambda path: _is_spatial(document, path), document.origins), None)):
         wanted = 'which only a robot in space has, and no key "space"; expected space: spatial at the top of the file'
         return None, (*document.faults, Fault(path, f"found {document.found(path)}, {wanted}"))
@@ -160,52 +169,38 @@ def _is_spatial(document: Document, path: Location) -> bool:
     return link or (path == ("base", "inertia") and isinstance(document.value(path), list))
 
 
-def _read(kind: Kind, reference: str | Path) -> tuple[Path, Document]:
-    """Find and read the file that a reference means."""
+def _find(kind: Kind, reference: str | Path) -> Path:
+    """Return the file that a reference given by the user means."""
     try:
-        path = find(kind, reference)
+        return find(kind, reference)
     except SpecError as error:
         raise SpecError(f"{reference}: {error}") from None
-    return path, _read_file(path) if kind == "robot" else read(shown(path), read_text(path))
 
 
-def _read_file(path: Path) -> Document:
-    """Read the file of a robot: YAML, with the bodies of a URDF if it refers to one, or a URDF.
+def _read_robot(path: Path) -> Document:
+    """Read the file of a robot; the bodies of a URDF are in the place of the keys that refer to it.
 
-    Raises:
-        SpecError: It cannot be read, or its URDF describes no robot.
-    """
-    if path.suffix != ".urdf":
-        return _expanded(read(shown(path), read_text(path)), path)
-    urdf = read_urdf(path)
-    return _of_urdf(Document(shown(path), "", {}, {(): Origin(Place(1, 1))}), urdf, None, None, {})
-
-
-def _expanded(document: Document, path: Path) -> Document:
-    """Return a robot's document with the bodies of the URDF it refers to, which lies beside its path.
+    A URDF itself is read as a file that has nothing but its name.
 
     Raises:
-        SpecError: The URDF cannot be read or does not have what the document names.
+        SpecError: It cannot be read, or its URDF describes no robot or not what the file names.
     """
-    if document.value(("urdf",)) is None:
+    if path.suffix == ".urdf":
+        at = Origin(Place(1, 1))
+        document = Document(shown(path), "", {"urdf": path.name}, {(): at, ("urdf",): at})
+    else:
+        document = read(shown(path), read_text(path))
+    if (reference := document.value(("urdf",))) is None:
         return document
-    file, faults = _validate(document, "robot", UrdfRobot, Context(document.data, None))
-    if file is None:
+    urdf = read_urdf(path.parent / reference) if isinstance(reference, str) and reference else None
+    file, faults = _validate(document, "robot", UrdfRobot, Context(document.data, None, urdf=urdf))
+    if file is None or urdf is None:
         raise SpecError(document.report(faults))
-    tips = None if file.arms is None else {name: arm.tip for name, arm in file.arms.items()}
-    return _of_urdf(document, read_urdf(path.parent / file.urdf), file.base, tips, file.locked)
-
-
-def _of_urdf(
-    document: Document, urdf: Urdf, base: str | None, tips: Mapping[str, str] | None, locked: Mapping[str, float]
-) -> Document:
-    """Return a document with the keys of a spatial robot from a URDF in the place of those that refer to it."""
-    built = spatial_robot(urdf, base, tips, locked)
-    written: Any = document.data
-    own = {key: value for key, value in written.items() if key not in ("urdf", "locked", "base", "arms")}
+    built, notes = spatial_robot(urdf, file), [f"{Path(file.urdf).name}, {note}" for note in urdf.notes]
+    own = {key: value for key, value in mapping(document.data).items() if key not in ("urdf", "locked", "base", "arms")}
     given, limits = own.get("limits", {}), built["limits"]
     merged = {part: {**limits.get(part, {}), **given.get(part, {})} for part in {**limits, **given}}
-    data = {**built, **own, "limits": merged, "assumed": [f"{Path(urdf.file).name}, {note}" for note in urdf.notes]}
+    data = {**built, **own, "limits": merged, "assumed": notes}
     return replace(document, text=write(data), data=data, written=document.text)
 
 
@@ -220,41 +215,37 @@ def _task(
         SpecError: Something is wrong with either; the message lists all of it.
     """
     document, misplaced = override(document, changes)
-    source, missing = (robot, ()) if isinstance(robot, Document) else _robot_of(document, robot)
+    source = robot if isinstance(robot, Document) else None
+    reference = document.value(("robot",))
+    if isinstance(robot, Path) and isinstance(reference, str) and reference:
+        try:
+            source = _read_robot(find("robot", reference, robot))
+        except SpecError as error:
+            document = replace(document, faults=(*document.faults, Fault(("robot",), str(error))))
     spec, robot_faults = (None, ()) if source is None else validate_robot(source)
 
     def validate(task: Document) -> tuple[TaskSpec | None, tuple[Fault, ...]]:
         context = Context(task.data, source.data if source else None, spec.limits if spec else {})
         return _validate(task, "task", TaskSpec, context)
 
-    if spec is not None and spec.dimension == 3:
-        document = with_numbers(document)
-
     kind = document.value(("controller", "kind")) or document.value(("controller",))
-    own, unfit = for_controller(document, kind if isinstance(kind, str) else ControllerSpec().kind)
+    own = for_controller(document, kind if isinstance(kind, str) else ControllerSpec().kind)
     task, faults = validate(own)
     reports = []
-    for other in CONTROLLERS:
-        variant, more = for_controller(document, other)
-        unfit += more
+    for variant in (for_controller(document, other) for other in CONTROLLERS):
         if variant not in (document, own):
             reports.append(variant.report(fault for fault in validate(variant)[1] if fault not in faults))
     if spec is not None and source is not None and review is not None:
         part, sound = (own, None) if task is not None else _sound_part(own, faults, spec) or (own, None)
         if (valid := validate(part)[0]) is not None:
             faults += tuple(review(Task(valid, spec, "", source.text, own), sound))
-    reports = [
-        own.report((*faults, *missing, *unfit)),
-        *reports,
-        *misplaced,
-        source.report(robot_faults) if source else "",
-    ]
+    reports = [own.report(faults), *reports, *misplaced, source.report(robot_faults) if source else ""]
     if any(reports) or task is None or spec is None or source is None:
         raise SpecError("\n".join(report for report in reports if report))
     stages = task.stages
     if task.priorities is not None:
         omega = priorities_of(task.priorities.compare, [stage.name for stage in stages])
-        stages = tuple(stages[i].model_copy(update={"priority": omega[i]}) for i in range(len(stages)))
+        stages = tuple(stage.model_copy(update={"priority": omega[i]}) for i, stage in enumerate(stages))
     overridden = any(origin.override is not None for origin in document.origins.values())
     return Task(
         spec=task.model_copy(update={"name": task.name or name, "stages": stages}),
@@ -273,14 +264,12 @@ def _sound_part(
     A stage without faults that has an end condition is in the place of every other one.
     """
     wrong = {fault.path[:length] for fault in faults for length in (1, 2)}
-    skills, stages = document.value(("skills",)), document.value(("stages",))
-    if not isinstance(skills, dict) or not isinstance(stages, list):
-        return None
+    skills, stages = mapping(document.value(("skills",))), entries(document.value(("stages",)))
     kept = {name: skill for name, skill in skills.items() if ("skills", name) not in wrong}
     sound = {
         i: stage
         for i, stage in enumerate(stages)
-        if isinstance(stage, dict) and ("stages", i) not in wrong and str(stage.get("skill")) in kept
+        if ("stages", i) not in wrong and str(mapping(stage).get("skill")) in kept
     }
     instead = next((stage for stage in sound.values() if stage.get("ends_when")), None)
     if instead is None:
@@ -288,7 +277,7 @@ def _sound_part(
     at_rest: dict[str, Data] = {part: [0.0] * size for part, size in robot.parts.items()}
     data: dict[str, Data] = {
         "robot": robot.name,
-        "initial": at_rest | ({"base": [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]} if robot.dimension == 3 else {}),
+        "initial": at_rest | ({"base": {"position": [0, 0, 0]}} if robot.dimension == 3 else {}),
         "skills": kept,
         "limits": {} if ("limits",) in wrong else document.value(("limits",)) or {},
         "stages": [sound.get(i, {**instead, "name": f"stage {i}"}) for i in range(len(stages))],
@@ -296,21 +285,9 @@ def _sound_part(
     return Document(document.name, "", data), frozenset(sound)
 
 
-def _robot_of(task: Document, folder: Path) -> tuple[Document | None, tuple[Fault, ...]]:
-    """Read the robot that a task refers to; a fault if there is none."""
-    reference = task.value(("robot",))
-    if not isinstance(reference, str) or not reference:
-        return None, ()
-    try:
-        path = find("robot", reference, folder)
-        return _read_file(path), ()
-    except SpecError as error:
-        return None, (Fault(("robot",), str(error)),)
-
-
 def _kind_of(document: Document) -> Kind | None:
     """Return whether a document describes a robot or a task by the keys that only one of them has, None if in doubt."""
-    keys = document.data if isinstance(document.data, dict) else ()
+    keys = mapping(document.data)
     robot = any(key in keys for key in ("arms", "base"))
     task = any(key in keys for key in ("stages", "skills", "robot"))
     return None if robot == task else "robot" if robot else "task"
@@ -320,59 +297,17 @@ def _validate(
     document: Document, kind: Kind, model: type[Model], context: Context
 ) -> tuple[Model | None, tuple[Fault, ...]]:
     """Return a document as a model, None if it is not valid, and its faults."""
-    required = [name for name, field in model.model_fields.items() if field.is_required()]
-    wanted = f"a {kind}: a mapping with the keys {', '.join(required)}"
-    if document.data is None:
-        return None, document.faults or (Fault((), f"found an empty file, expected {wanted}"),)
-    if not isinstance(document.data, dict):
-        return None, (*document.faults, Fault((), f"found {document.found(())}, expected {wanted}"))
-    if (found := _kind_of(document)) not in (kind, None):
-        return None, (Fault((), f"found the description of a {found}, expected {wanted}"),)
+    data, other = document.data, _kind_of(document)
+    if not isinstance(data, dict) or other not in (kind, None):
+        required = [name for name, field in model.model_fields.items() if field.is_required()]
+        found = "an empty file" if data is None else f"the description of a {other}" if other else document.found(())
+        wanted = f"found {found}, expected a {kind}: a mapping with the keys {', '.join(required)}"
+        return None, document.faults or (Fault((), wanted),)
     try:
-        valid = model.model_validate(document.data, context=context)
+        valid = model.model_validate(data, context=context)
     except ValidationError as error:
-        return None, (*document.faults, *_faults(error, document))
+        return None, (*document.faults, *faults_of(error, document))
     return None if document.faults else valid, document.faults
-
-
-def _faults(error: ValidationError, document: Document) -> Iterator[Fault]:
-    """Give every error of a validation with its path in the document; its `loc` also names branches of unions."""
-    for detail in error.errors(include_url=False):
-        path: Location = ()
-        for step in detail["loc"]:
-            path = (*path, step) if (*path, step) in document.origins else path
-        context = detail["ctx"]
-        yield Fault(path, f"found {context['found'] or document.found(path)}{context['tail']}", context["at_key"])
-
-
-def with_numbers(task: Document) -> Document:
-    """Return a task with the numbers of its poses in their place; its faults have what is wrong with them."""
-    faults = list(task.faults)
-    for path in list(_poses(task.data, ())):
-        try:
-            numbers: Data = list(Pose.model_validate(task.value(path)).numbers)
-            task = put(task, path, numbers, {(): task.origin(path)})
-        except ValidationError as error:
-            for detail in error.errors(include_url=False):
-                at, context = (*path, *detail["loc"]), detail["ctx"]
-                found = context["found"] or task.found(at)
-                faults.append(Fault(at, f"found {found}{context['tail']}", context["at_key"]))
-            task = put(task, path, [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], {(): task.origin(path)})
-    return replace(task, faults=tuple(faults))
-
-
-def _poses(data: Any, path: Location) -> Iterator[Location]:
-    """Give the paths of all poses of a task: mappings that have one of a pose's keys, but a grasp's envelope."""
-    if (
-        isinstance(data, dict)
-        and any(key in data for key in POSE_KEYS)
-        and path[:1] in POSE_ROOTS
-        and path[-1] != "envelope"
-    ):
-        yield path
-    elif isinstance(data, dict | list):
-        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
-            yield from _poses(value, (*path, key))
 
 
 def override(document: Document, changes: Changes) -> tuple[Document, tuple[str, ...]]:
@@ -389,38 +324,32 @@ def override(document: Document, changes: Changes) -> tuple[Document, tuple[str,
     return document, tuple(messages)
 
 
-def for_controller(document: Document, kind: str) -> tuple[Document, tuple[Fault, ...]]:
+def for_controller(document: Document, kind: str) -> Document:
     """Apply what the `by_controller` of a document has for one kind of controller.
 
-    Returns:
-        The document with those keys changed, located where `by_controller` has them; faults of keys that cannot be.
+    Those keys are located where `by_controller` has them; keys that cannot be are faults of the document.
     """
-    faults = []
-    own = document.value((BY_CONTROLLER, kind))
-    for key, value in own.items() if isinstance(own, dict) else ():
+    for key, value in mapping(document.value((BY_CONTROLLER, kind))).items():
         at = (BY_CONTROLLER, kind, key)
         try:
             path = _path(document, key)
             if path in NO_CONTROLLERS_OWN or path[0] == BY_CONTROLLER:
-                raise SpecError(
-                    f"found the key {quoted(key)}, expected any key but {', '.join(map(dotted, NO_CONTROLLERS_OWN))}"
-                )
+                wanted = f"any key but {', '.join(map(dotted, NO_CONTROLLERS_OWN))}"
+                raise SpecError(f"found the key {quoted(key)}, expected {wanted}")
             inside = {place[len(at) :]: origin for place, origin in document.origins.items() if lies_inside(place, at)}
             document = put(document, path, value, inside)
         except SpecError as error:
-            faults.append(Fault(at, str(error), at_key=True))
-    return document, tuple(faults)
+            document = replace(document, faults=(*document.faults, Fault(at, str(error), at_key=True)))
+    return document
 
 
 def _texts(changes: Changes) -> Iterator[tuple[str, str]]:
     """Give for each change what messages repeat of it, and `path=value`."""
     if isinstance(changes, Mapping):
-        for path, value in changes.items():
-            text = f"{path}={json.dumps(plain(value), ensure_ascii=False)}"
-            yield f"set {text}", text
-        return
-    for change in changes:
-        yield (f"--set {change}", change) if isinstance(change, str) else change
+        texts = (f"{path}={json.dumps(plain(value), ensure_ascii=False)}" for path, value in changes.items())
+        yield from ((f"set {text}", text) for text in texts)
+    else:
+        yield from ((f"--set {change}", change) if isinstance(change, str) else change for change in changes)
 
 
 def _apply(document: Document, typed: str, number: int, text: str) -> Document:
@@ -437,26 +366,11 @@ def _apply(document: Document, typed: str, number: int, text: str) -> Document:
         for at, origin in {(): Origin(Place(1, 1)), **new.origins}.items()
     }
     overridden = []
-    for at in document.origins:
-        if len(at) == 3 and at[0] == BY_CONTROLLER:
-            with suppress(SpecError):
-                own = _path(document, str(at[2]))
-                overridden += [at] if lies_inside(own, path) or lies_inside(path, own) else []
-    for at in overridden:
-        document = _without(document, at)
-    return put(document, path, new.data, origins)
-
-
-def _without(document: Document, path: Location) -> Document:
-    """Return the document without the value at a path that leads to a key of a mapping."""
-    data: Any = copy.deepcopy(document.data)
-    around = data
-    for step in path[:-1]:
-        around = around[step]
-    del around[path[-1]]
-    return replace(
-        document, data=data, origins={at: o for at, o in document.origins.items() if not lies_inside(at, path)}
-    )
+    for at in (at for at in document.origins if len(at) == 3 and at[0] == BY_CONTROLLER):
+        with suppress(SpecError):
+            own = _path(document, str(at[2]))
+            overridden += [at] if lies_inside(own, path) or lies_inside(path, own) else []
+    return put(document, path, new.data, origins, overridden)
 
 
 def _path(document: Document, written: str) -> Location:

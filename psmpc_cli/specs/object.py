@@ -20,8 +20,10 @@ from psmpc_cli.specs.fields import (
     expected,
     flaw,
     holds,
+    is_pose,
     known,
     listed,
+    or_pose,
 )
 from psmpc_cli.specs.messages import counted, quoted
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES, Context, dimension_of
@@ -55,6 +57,7 @@ PoseNumbers = Annotated[
     _by_dimension(len(TARGET_AXES[2]), len(TARGET_AXES[3])),
     _list,
     holds(_unit_of_angle, as_written=True),
+    or_pose,
 ]
 """A pose: (x, y, angle) [m, rad], or in space position and unit quaternion w, x, y, z."""
 
@@ -70,6 +73,11 @@ class OnObject(Spec):
         Annotated[_Gripper, Tag("gripper")] | Annotated[PoseNumbers, Tag("pose")],
         Discriminator(lambda value: "gripper" if isinstance(value, str) else "pose"),
     ] = Field(description="a gripper of the object's grasp, or a pose in the object's frame")
+
+
+def is_on_object(value: object) -> bool:
+    """Tell whether a part of a target, written or valid, is relative to the object."""
+    return isinstance(value, OnObject) or (isinstance(value, Mapping) and not is_pose(value))
 
 
 class MotionSpec(Spec):

@@ -2,12 +2,12 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any, Literal
 
 from pydantic import WrapValidator
 
-from psmpc_cli.specs.document import Data
+from psmpc_cli.specs.document import Data, entries, mapping
 from psmpc_cli.specs.fields import Flaws, beyond_a_turn, expected, flaw, holds
 from psmpc_cli.specs.messages import Path, counted
 
@@ -42,32 +42,32 @@ class Context:
         data: The robot, or the task.
         robot: The robot.
         robot_limits: Its limits if it is valid.
+        urdf: The URDF that the robot's file refers to.
         well_formed: Values that rules were applied to, by field: other rules use them even if a rule rejects them.
     """
 
     data: Data
     robot: Data
     robot_limits: Mapping[str, Any] = field(default_factory=dict)
+    urdf: Any = None
     well_formed: dict[str, Any] = field(default_factory=dict)
 
     def value(self, *path: str) -> Data:
         """Return the value at a path, None if there is none."""
-        found = self.data
-        for key in path:
-            found = found.get(key) if isinstance(found, dict) else None
-        return found
+        return reduce(lambda found, key: mapping(found).get(key), path, self.data)
+
+    @property
+    def is_spatial(self) -> bool:
+        """Whether the robot moves in space."""
+        return mapping(self.robot).get("space") == "spatial"
 
     @cached_property
     def sizes(self) -> dict[str, int]:
         """The parts of the robot and their numbers of coordinates."""
-        robot = self.robot if isinstance(self.robot, dict) else {}
-        spatial = robot.get("space") == "spatial"
-        arms = robot.get("arms", {} if spatial else None)
-        if not isinstance(arms, dict):
-            return {}
-        links = {name: arm.get("links") if isinstance(arm, dict) else None for name, arm in arms.items()}
-        lengths = {name: len(each) for name, each in links.items() if isinstance(each, list) and name not in RESERVED}
-        return {"base": 6 if spatial else 3, **lengths} if all(lengths.get(name) for name in arms) else {}
+        arms = mapping(self.robot).get("arms", {} if self.is_spatial else None)
+        lengths = {name: len(entries(mapping(arm).get("links"))) for name, arm in mapping(arms).items()}
+        known = isinstance(arms, dict) and all(lengths.values()) and not any(name in RESERVED for name in lengths)
+        return {"base": 6 if self.is_spatial else 3, **lengths} if known else {}
 
     @cached_property
     def parts(self) -> list[str]:
@@ -77,17 +77,14 @@ class Context:
     @cached_property
     def spaces(self) -> dict[str, Space | None]:
         """The skills and their spaces."""
-        skills = self.value("skills")
-        by_name = skills if isinstance(skills, dict) else {}
-        given = {name: skill.get("space") if isinstance(skill, dict) else None for name, skill in by_name.items()}
+        given = {name: mapping(skill).get("space") for name, skill in mapping(self.value("skills")).items()}
         return {name: next((each for each in SPACES if each == space), None) for name, space in given.items()}
 
     @cached_property
     def stages(self) -> list[str]:
         """The names of the stages in their order."""
-        stages = self.value("stages")
-        named = [stage.get("name") for stage in stages if isinstance(stage, dict)] if isinstance(stages, list) else []
-        return [name for name in named if isinstance(name, str)]
+        names = (mapping(stage).get("name") for stage in entries(self.value("stages")))
+        return [name for name in names if isinstance(name, str)]
 
 
 def stands_for(key: str, part: str) -> bool:
@@ -149,8 +146,8 @@ def misfits(written: Any, axes: Axes, required: Collection[str] = (), one: bool 
         numbers = written[key]
         if isinstance(times, list) and isinstance(numbers, list) and len(numbers) != len(times):
             yield (key,), expected(f"{counted(len(times), 'row', 'rows')}, one for every entry of times")
-        rows = [(i, row) for i, row in enumerate(numbers) if isinstance(row, list)] if isinstance(numbers, list) else []
-        places: list[tuple[Path, Any]] = [((key, i), row) for i, row in rows] or [((key,), numbers)]
+        rows = [((key, i), row) for i, row in enumerate(entries(numbers)) if isinstance(row, list | dict)]
+        places: list[tuple[Path, Any]] = [*rows] or [((key,), numbers)]
         for at, row in places:
             yield from _entries(at, row, key, axes, given, one, angles)
 
@@ -170,14 +167,14 @@ def in_joint_space(required: bool = False, one: bool = False, angles: bool = Fal
 
 def misfit_limits(written: Any, fields: Mapping[str, Any], context: Context) -> Flaws:
     """Give lists of limits by part with wrong lengths, and bounds of angles without a unit."""
-    limits = {key: part for key, part in written.items() if isinstance(part, dict)} if isinstance(written, dict) else {}
     axes = error_axes(context.sizes, "joint")
     for quantity in QUANTITIES:
-        given = {key: part[quantity] for key, part in limits.items() if part.get(quantity) is not None}
+        given = {key: mapping(part).get(quantity) for key, part in mapping(written).items()}
+        given = {key: bounds for key, bounds in given.items() if bounds is not None}
         for key, bounds in given.items():
             yield from _entries((key, quantity), bounds, key, axes, given, angles=quantity == "position")
-            if key == "base" and quantity == "position" and isinstance(bounds, list) and len(axes.get(key, ())) == 6:
-                limited = (i for i, pair in enumerate(bounds) if i >= 3 and pair is not None)
+            if key == "base" and quantity == "position" and context.is_spatial:
+                limited = (i for i, pair in enumerate(entries(bounds)) if i >= 3 and pair is not None)
                 yield from (((key, quantity, i), expected("null: an attitude has no limits")) for i in limited)
 
 

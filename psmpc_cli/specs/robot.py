@@ -29,6 +29,7 @@ from psmpc_cli.specs.fields import (
     expected,
     flaw,
     holds,
+    known,
     listed,
 )
 from psmpc_cli.specs.messages import choice, quoted
@@ -325,10 +326,14 @@ class SpatialRobot(RobotSpec):
         }
 
 
+_LinkName = Annotated[str, known(lambda context: context.urdf.links if context.urdf else ())]
+_JointName = Annotated[str, known(lambda context: context.urdf.joints if context.urdf else (), "joint")]
+
+
 class Tip(Spec):
     """An arm of a URDF: the joints on the way from the base to its tip."""
 
-    tip: str = Field(min_length=1, description="link whose frame is the end-effector")
+    tip: _LinkName = Field(min_length=1, description="link whose frame is the end-effector")
 
 
 class UrdfRobot(Spec):
@@ -337,9 +342,11 @@ class UrdfRobot(Spec):
     name: Name | None = Field(None, description="name of the robot, by default the URDF's")
     description: str = Field("", description="what it is, for people")
     urdf: str = Field(min_length=1, description="path of the URDF, relative to this file")
-    base: str | None = Field(None, description="the free-flying link, by default the root")
+    base: _LinkName | None = Field(None, description="the free-flying link, by default the root")
     arms: Mapping[ArmKey, Tip] | None = Field(None, description="the arms by name; by default every leaf that moves")
-    locked: Mapping[str, Angle] = Field({}, description="positions of joints that belong to no arm, by name [rad, m]")
+    locked: Mapping[_JointName, Angle] = Field(
+        {}, description="positions of joints that belong to no arm, by name [rad, m]"
+    )
     limits: LimitsByPart = Field(
         {}, description="limits of base, arms (every arm) or an arm by name, besides the URDF's"
     )

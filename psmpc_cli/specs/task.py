@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, Discriminator, Field, Tag
 
+from psmpc_cli.specs.document import entries, mapping
 from psmpc_cli.specs.fields import (
     Angle,
     Choice,
@@ -21,6 +22,7 @@ from psmpc_cli.specs.fields import (
     Name,
     NotNegative,
     Number,
+    Numbers,
     OneOrMore,
     OrByPart,
     Part,
@@ -39,7 +41,7 @@ from psmpc_cli.specs.fields import (
     listed,
 )
 from psmpc_cli.specs.messages import choice, counted, quoted
-from psmpc_cli.specs.object import ObjectSpec, OnObject, complete
+from psmpc_cli.specs.object import ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import (
     QUANTITIES,
     SPACES,
@@ -72,10 +74,9 @@ Parts = Mapping[str, tuple[float, ...]]
 """Numbers keyed by part name (`base`, then each arm's name, or `arms` for every arm)."""
 
 
-_Coordinates = Mapping[Part, tuple[Angle, ...]]
 _Aim = Annotated[
-    Annotated[tuple[Angle, ...], Tag("numbers")] | Annotated[OnObject, Tag("object")],
-    Discriminator(lambda value: "object" if isinstance(value, Mapping | OnObject) else "numbers"),
+    Annotated[Numbers, Tag("numbers")] | Annotated[OnObject, Tag("object")],
+    Discriminator(lambda value: "object" if is_on_object(value) else "numbers"),
 ]
 _Control = OrByPart[Size, Part, tuple[Size, ...]]
 _Tolerance = OrByPart[Width, Part, OneOrMore[Width]]
@@ -270,8 +271,7 @@ def _target(written: Any, fields: Fields, context: Context) -> Flaws:
         return
     axes = target_axes(sizes, space)
     yield from misfits(written, axes, REQUIRED.get(space, sizes), angles=True)
-    on_object = {key for key, aim in written.items() if isinstance(aim, dict)} if isinstance(written, dict) else ()
-    for key in on_object:
+    for key in (key for key, aim in mapping(written).items() if is_on_object(aim)):
         if key == "arms" or (key in axes and axes[key] != axes["base"]):
             yield (key,), expected("numbers: only the base, and an arm of a skill in task space, have a pose there")
         elif not isinstance(context.value("object", "mass"), int | float):
@@ -284,7 +284,7 @@ def _end(written: Any, fields: Fields, context: Context) -> Flaws:
     if not sizes or not isinstance(written, dict):
         return
     coordinates, tolerance = written.get("coordinates"), written.get("tolerance")
-    listed = coordinates if isinstance(coordinates, list) else [coordinates]
+    listed = entries(coordinates) or [coordinates]
     valid = list(dict.fromkeys(name for each in SPACES if space in (each, None) for name in names(sizes, each)))
     for i, name in enumerate(listed):
         if isinstance(name, str) and name not in valid:
@@ -292,7 +292,7 @@ def _end(written: Any, fields: Fields, context: Context) -> Flaws:
     if space is not None:
         for at, error in misfits(tolerance, error_axes(sizes, space), one=True):
             yield ("tolerance", *at), error
-    given = [key for key in tolerance if key in (*sizes, "arms")] if isinstance(tolerance, dict) else []
+    given = [key for key in mapping(tolerance) if key in (*sizes, "arms")]
     keys = [name.partition(".")[0] for name in listed if isinstance(name, str) and name in valid]
     needed = [part for part in sizes if any(key == "all" or stands_for(key, part) for key in keys)]
     missing = [part for part in needed if not any(stands_for(key, part) for key in given)]
@@ -346,21 +346,20 @@ class LogSpec(Spec):
     shares: Flag = Field(True, description="each stage's share in the control, for some more solves a sample")
 
 
-def _own_names(key: str, entries: Any, fields: Fields, context: Context) -> Flaws:
+def _own_names(key: str, written: Any, fields: Fields, context: Context) -> Flaws:
     """Give names of entries of a list that an earlier entry has."""
     first: dict[str, int] = {}
-    for i, entry in enumerate(entries if isinstance(entries, list) else ()):
-        name = entry.get("name") if isinstance(entry, dict) else None
+    for i, entry in enumerate(entries(written)):
+        name = mapping(entry).get("name")
         if isinstance(name, str) and first.setdefault(name, i) != i:
             found = f"{quoted(name)} again (first at {key}[{first[name]}])"
             yield (i, "name"), flaw(", expected a name of its own", found)
 
 
-def _ends(stages: Any, fields: Fields, context: Context) -> Flaws:
+def _ends(written: Any, fields: Fields, context: Context) -> Flaws:
     """Give stages without an end, or with two, and priorities beside comparisons."""
-    for i, stage in enumerate(stages if isinstance(stages, list) else ()):
-        if not isinstance(stage, dict):
-            continue
+    stages = entries(written)
+    for i, stage in ((i, stage) for i, stage in enumerate(stages) if isinstance(stage, dict)):
         last, ends = i == len(stages) - 1, [key for key in ("ends_when", "at") if stage.get(key) is not None]
         if ends != ["ends_when"] if last else len(ends) != 1:
             wanted = '"ends_when" in the last stage: it ends the run' if last else 'either "ends_when" or "at"'
@@ -502,10 +501,10 @@ class TaskSpec(Spec):
     name: Name = Field("", description="name of the task; default the file's stem")
     description: str = Field("", description="what it is, for people")
     robot: str = Field(min_length=1, description="a built-in robot's name, or a path relative to this file")
-    initial: Annotated[_Coordinates, in_joint_space(required=True, angles=True)] = Field(
+    initial: Annotated[Mapping[Part, Numbers], in_joint_space(required=True, angles=True)] = Field(
         description="base pose and joint angles at the start [m, rad]"
     )
-    initial_velocity: Annotated[_Coordinates, in_joint_space()] = Field(
+    initial_velocity: Annotated[Mapping[Part, tuple[Angle, ...]], in_joint_space()] = Field(
         {}, description="their rates at the start [m/s, rad/s]; default rest"
     )
     controller: Annotated[ControllerSpec, holds(_controller)] = Field(

@@ -4,7 +4,7 @@ What a file leaves out is assumed and noted; what cannot be a robot is an error.
 of its child link, its `<origin>` is in the parent link's frame, rpy are angles about fixed axes.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.library import read_text, shown
-from psmpc_cli.specs.messages import choice, quoted
+from psmpc_cli.specs.messages import choice, counted, quoted
+from psmpc_cli.specs.robot import UrdfRobot
 
 Matrix = NDArray[np.float64]
 
@@ -157,11 +158,8 @@ class _Reader:
         if not name:
             self._wrong(element, f"<{element.tag}> without a name", "the attribute name")
         elif name in known:
-            self._wrong(
-                element,
-                f"a second {element.tag} {quoted(name)} (first at line {known[name].line})",
-                "a name of its own",
-            )
+            second = f"a second {element.tag} {quoted(name)} (first at line {known[name].line})"
+            self._wrong(element, second, "a name of its own")
         else:
             known[name] = self._link(element, name) if element.tag == "link" else self._joint(element, name)
         for part in element.iterchildren(tag=etree.Element):
@@ -173,22 +171,15 @@ class _Reader:
             self._note(element, f"link {quoted(name)} has no <inertial>: it has no mass")
             return UrdfLink(name, line, 0.0, np.zeros(3), np.zeros((3, 3)))
         place = self._origin(inertial)
-        mass = self._number(inertial.find("mass"), "value", inertial, "<mass value=...>")
-        moments, terms = inertial.find("inertia"), ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-        if moments is None:
-            self._wrong(inertial, f"no <inertia> of link {quoted(name)}", f"<inertia {'=... '.join(terms)}=...>")
-            return UrdfLink(name, line, mass, place[:3, 3], np.eye(3))
-        optional = {"ixy", "ixz", "iyz"}
-        xx, yy, zz, xy, xz, yz = (
-            0.0 if term in optional and moments.get(term) is None else self._number(moments, term, inertial, term)
-            for term in terms
-        )
+        mass = self._number(inertial, "mass", "value")
+        xx, yy, zz = (self._number(inertial, "inertia", term) for term in ("ixx", "iyy", "izz"))
+        xy, xz, yz = (self._number(inertial, "inertia", term, 0.0) for term in ("ixy", "ixz", "iyz"))
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         if mass < 0:
             self._wrong(inertial, f"a mass of {mass:g} kg of link {quoted(name)}", "a mass of at least 0")
         principal = np.linalg.eigvalsh(inertia)
         if mass > 0 and principal[0] <= 0:
-            self._note(moments, f"a principal moment of link {quoted(name)} is {principal[0]:.3g} kg m^2")
+            self._note(inertial, f"a principal moment of link {quoted(name)} is {principal[0]:.3g} kg m^2")
         turned = place[:3, :3]
         return UrdfLink(name, line, mass, place[:3, 3], turned @ inertia @ turned.T)
 
@@ -206,14 +197,12 @@ class _Reader:
         if kind in MOVING and element.find("axis") is None:
             self._note(element, f"joint {quoted(name)} has no <axis>: taken as 1 0 0")
         elif kind in MOVING:
-            axis = np.array(self._numbers(element.find("axis"), "xyz", 3))
+            axis = np.array(self._numbers(where := element.find("axis"), "xyz", 3))
             length = float(np.linalg.norm(axis))
             if length < 1e-9:
-                self._wrong(element.find("axis"), f"an axis of length 0 of joint {quoted(name)}", "a direction")
+                self._wrong(where, f"an axis of length 0 of joint {quoted(name)}", "a direction")
             elif abs(length - 1) > 1e-6:
-                self._note(
-                    element.find("axis"), f"the axis of joint {quoted(name)} has length {length:.4g}: scaled to 1"
-                )
+                self._note(where, f"the axis of joint {quoted(name)} has length {length:.4g}: scaled to 1")
             axis = axis / length if length else axis
         if element.find("mimic") is not None:
             self._note(element.find("mimic"), f"joint {quoted(name)} mimics another: taken as a joint of its own")
@@ -228,17 +217,16 @@ class _Reader:
             if kind != "continuous":
                 self._note(element, f"joint {quoted(name)} has no <limit>: without limits")
             return None, None
-        low, high = (self._number(limit, end, limit, end, 0.0) for end in ("lower", "upper"))
-        rate = self._number(limit, "velocity", limit, "velocity", 0.0) or None
-        if kind != "prismatic" and rate is not None and rate > 4 * np.pi:
+        low, high, rate = (self._number(element, "limit", key, 0.0) for key in ("lower", "upper", "velocity"))
+        if kind != "prismatic" and rate > 4 * np.pi:
             self._note(limit, f"the velocity {rate:g} rad/s of joint {quoted(name)} looks like degrees")
         if kind == "continuous":
-            return None, rate
+            return None, rate or None
         if low > high:
             self._wrong(limit, f"the limits {low:g}, {high:g} of joint {quoted(name)}", "the lower one first")
         if kind == "revolute" and max(-low, high) > 4 * np.pi:
             self._note(limit, f"the limits {low:g}, {high:g} rad of joint {quoted(name)} look like degrees")
-        return (low, high), rate
+        return (low, high), rate or None
 
     def _origin(self, element: Any) -> Matrix:
         origin, place = element.find("origin"), np.eye(4)
@@ -257,22 +245,18 @@ class _Reader:
         except ValueError:
             values = []
         if len(values) != count or not np.isfinite(values).all():
-            self._wrong(element, f'{attribute}="{text}"', f"{count} numbers")
+            self._wrong(element, f'{attribute}="{text}"', counted(count, "number", "numbers"))
             return [1.0] + [0.0] * (count - 1)
         return values
 
-    def _number(self, element: Any, attribute: str, where: Any, wanted: str, missing: float | None = None) -> float:
-        text = None if element is None else element.get(attribute)
-        if text is None and missing is not None:
-            return missing
-        try:
-            value = float(text or "")
-        except ValueError:
-            value = np.nan
-        if not np.isfinite(value):
-            self._wrong(where, f"no {wanted}" if text is None else f'{attribute}="{text}"', f"a number for {attribute}")
-            return 1.0
-        return value
+    def _number(self, element: Any, tag: str, attribute: str, missing: float | None = None) -> float:
+        """Return the number of an attribute of the element inside that has a tag."""
+        inside = element.find(tag)
+        if inside is not None and attribute in inside.attrib:
+            return self._numbers(inside, attribute, 1)[0]
+        if missing is None:
+            self._wrong(element, f"no <{tag} {attribute}=...>", f"a number for {attribute}")
+        return 1.0 if missing is None else missing
 
     def _check_tree(self, root: Any) -> None:
         """Check that the joints make a tree of the links."""
@@ -294,13 +278,11 @@ class _Reader:
             found = several if roots else "joints in a circle" if links else "a robot without links"
             self._wrong(root, found, "one link that no joint carries, the base")
             return
-        for name in links:
-            at, steps = name, 0
-            while at in carried and steps < len(links):
-                at, steps = carried[at].parent, steps + 1
-            if at in carried:
-                self._at(links[name].line, f"link {quoted(name)} in a circle of joints", "a tree from the base")
-                return
+        reached = set(roots)
+        while more := {name for name, joint in carried.items() if joint.parent in reached} - reached:
+            reached |= more
+        if circle := [name for name in links if name not in reached]:
+            self._at(links[circle[0]].line, f"link {quoted(circle[0])} in a circle of joints", "a tree from the base")
 
     def _note_unknown(self, element: Any, within: str) -> None:
         tag = str(element.tag)
@@ -319,46 +301,32 @@ class _Reader:
         self.errors.append(f"{self.urdf.file}:{line}: found {found}{tail}")
 
 
-def spatial_robot(
-    urdf: Urdf,
-    base: str | None = None,
-    tips: Mapping[str, str] | None = None,
-    locked: Mapping[str, float] | None = None,
-) -> dict[str, Any]:
+def spatial_robot(urdf: Urdf, file: UrdfRobot) -> dict[str, Any]:
     """Build the keys of a spatial robot from a URDF: bodies that do not move against each other become one.
 
-    Joints of no arm are locked, at 0 or where `locked` says, and their links count. A joint that two arms share belongs
+    Joints of no arm are locked, at 0 or where the file says, and their links count. A joint that two arms share belongs
     to the first.
 
     Args:
-        urdf: The file.
-        base: The free-floating link; by default the root.
-        tips: By the name of an arm, the link whose frame is its end-effector; by default every leaf that moves.
-        locked: Positions of locked joints [rad, m].
+        urdf: The URDF.
+        file: What refers to it.
 
     Raises:
-        SpecError: A name is unknown, an arm has no joint, or a moving body has no mass.
+        SpecError: An arm has no joint, or a moving body has no mass.
     """
-    return _Merger(urdf, base or urdf.root, tips, locked or {}).robot()
+    return _Merger(urdf, file).robot()
 
 
 class _Merger:
     """Merges the links of a URDF into bodies: groups of links, by number, the base's first, then arm by arm."""
 
-    def __init__(self, urdf: Urdf, base: str, tips: Mapping[str, str] | None, locked: Mapping[str, float]) -> None:
-        self.urdf, self.base, self.locked = urdf, base, locked
-        wanted = {"link": (base, *(tips or {}).values()), "joint": tuple(locked)}
-        known: dict[str, Collection[str]] = {"link": urdf.links, "joint": urdf.joints}
-        unknown = [(kind, name) for kind, names in wanted.items() for name in names if name not in known[kind]]
-        if unknown:
-            found = (
-                f"{urdf.file}: found no {kind} {quoted(name)}{choice(name, known[kind])}" for kind, name in unknown
-            )
-            raise SpecError("\n".join(found))
+    def __init__(self, urdf: Urdf, file: UrdfRobot) -> None:
+        self.urdf, self.base, self.locked = urdf, file.base or urdf.root, file.locked
+        tips = {name: arm.tip for name, arm in (file.arms or {}).items()}
         self.tips: dict[str, str] = {}
         self.arms: dict[str, list[UrdfJoint]] = {}
         taken: set[str] = set()
-        for name, tip in (tips or {leaf: leaf for leaf in urdf.leaves if leaf != base}).items():
+        for name, tip in (tips or {leaf: leaf for leaf in urdf.leaves if leaf != self.base}).items():
             own = [joint for joint in self._moving_towards(tip) if joint.name not in taken]
             if own:
                 self.tips[name], self.arms[name] = tip, own
@@ -371,21 +339,18 @@ class _Merger:
 
     def robot(self) -> dict[str, Any]:
         """Build the keys."""
-        for joint in self.urdf.joints.values():
-            if joint.kind in ("floating", "planar") and joint.child in self.places:
-                self.urdf.notes.append(f"line {joint.line}: joint {quoted(joint.name)} is {joint.kind}: taken as fixed")
-            if joint.kind in MOVING and joint.name not in self.body_of and joint.child in self.places:
-                at = self.locked.get(joint.name, 0.0)
-                self.urdf.notes.append(
-                    f"line {joint.line}: joint {quoted(joint.name)} belongs to no arm: locked at {at:g}"
-                )
-        arms = {name: self._arm(name, own) for name, own in self.arms.items()}
+        for joint in (joint for joint in self.urdf.joints.values() if joint.child in self.places):
+            note = f"line {joint.line}: joint {quoted(joint.name)}"
+            if joint.kind in ("floating", "planar"):
+                self.urdf.notes.append(f"{note} is {joint.kind}: taken as fixed")
+            if joint.kind in MOVING and joint.name not in self.body_of:
+                self.urdf.notes.append(f"{note} belongs to no arm: locked at {self.locked.get(joint.name, 0.0):g}")
         limits = {name: _limits(own) for name, own in self.arms.items()}
         return {
             "name": self.urdf.name,
             "space": "spatial",
             "base": self._inertial("base"),
-            "arms": arms,
+            "arms": {name: self._arm(name, own) for name, own in self.arms.items()},
             "limits": {name: found for name, found in limits.items() if found},
         }
 
@@ -410,27 +375,26 @@ class _Merger:
                 elif joint.child == link and joint.parent not in places and joint.kind == "fixed":
                     places[joint.parent] = (body, frame @ np.linalg.inv(joint.origin))
                     waiting.append(joint.parent)
-        left = [name for name in self.urdf.links if name not in places]
-        if left:
+        if left := [name for name in self.urdf.links if name not in places]:
             self.urdf.notes.append(f"links above the base are left out: {', '.join(left)}")
         return places
 
     def _rigid(self, joint: UrdfJoint) -> Matrix:
         """Return the child's frame in the parent's (4, 4), at where the joint is locked."""
-        at, move = self.locked.get(joint.name, 0.0), np.eye(4)
+        by, move = self.locked.get(joint.name, 0.0) * joint.axis, np.eye(4)
         if joint.kind == "prismatic":
-            move[:3, 3] = at * joint.axis
+            move[:3, 3] = by
         else:
-            move[:3, :3] = Rotation.from_rotvec(at * joint.axis).as_matrix()
+            move[:3, :3] = Rotation.from_rotvec(by).as_matrix()
         return np.asarray(joint.origin @ move)
 
     def _arm(self, name: str, own: Sequence[UrdfJoint]) -> dict[str, Any]:
         links = []
         for number, joint in enumerate(own, 1):
             _, carrier = self.places[joint.parent]
-            place = carrier @ joint.origin
-            moving = {"kind": "prismatic" if joint.kind == "prismatic" else "revolute", "axis": _plain(joint.axis)}
-            links.append({"joint": {**moving, **_place(place)}, **self._inertial(f"{name}.{number}")})
+            kind = "prismatic" if joint.kind == "prismatic" else "revolute"
+            moving = {"kind": kind, "axis": _plain(joint.axis), **_place(carrier @ joint.origin)}
+            links.append({"joint": moving, **self._inertial(f"{name}.{number}")})
         _, tool = self.places[self.tips[name]]
         return {"mount": self.places[own[0].parent][0], "links": links, "tool": _place(tool)}
 

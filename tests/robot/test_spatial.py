@@ -15,7 +15,7 @@ from psmpc_cli.robot.mujoco_model import mujoco_spec
 from psmpc_cli.robot.rotations import matrix
 from psmpc_cli.specs.load import load_robot
 from psmpc_cli.specs.robot import Attachment, Body, SpatialRobot
-from psmpc_cli.specs.urdf import read_urdf, spatial_robot
+from psmpc_cli.specs.urdf import read_urdf
 
 from .strategies import Array, State, laws, moving_spatial_robots
 
@@ -137,8 +137,7 @@ def shipped(robot: str) -> Path:
 def test_robots_that_packages_ship_move_as_in_pinocchio(robot: str) -> None:
     """Their arms as they come: from the root to every leaf."""
     path = shipped(robot)
-    urdf = read_urdf(path)
-    model = build_model(SpatialRobot(**spatial_robot(urdf)))
+    urdf, model = read_urdf(path), build_model(load_robot(path))
     engine = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     engine.gravity.setZero()
     random = np.random.default_rng(0)
@@ -211,7 +210,7 @@ def test_a_bad_urdf_names_line_and_what_would_be_right(
     tmp_path: Path, changed: dict[str, str], line: int, words: tuple[str, ...]
 ) -> None:
     with pytest.raises(SpecError) as caught:
-        spatial_robot(read_urdf(written(tmp_path, **changed)))
+        load_robot(written(tmp_path, **changed))
     assert f"robot.urdf:{line}:" in str(caught.value)
     assert all(word in str(caught.value) for word in words), str(caught.value)
 
@@ -260,8 +259,9 @@ def test_what_is_assumed_is_noted(tmp_path: Path) -> None:
 def test_locked_and_fixed_joints_leave_their_bodies_mass(tmp_path: Path) -> None:
     """A locked joint turns what it carries: the base's centre of mass is where the arm's is."""
     arm = PARTS["link"].replace("<mass", '<origin xyz="0.5 0 0"/><mass')
-    urdf = read_urdf(written(tmp_path, link=arm))
-    robot = SpatialRobot(**spatial_robot(urdf, tips={}, locked={"j": np.pi / 2}))
+    written(tmp_path, link=arm)
+    (tmp_path / "robot.yaml").write_text("urdf: robot.urdf\nlocked: {j: 90 deg}\n")
+    robot = load_robot(tmp_path / "robot.yaml")
     assert robot.base.mass == 10
     np.testing.assert_allclose(robot.base.centre_of_mass, [0, 0.05, 0], atol=1e-15)
-    assert any("locked" in note for note in urdf.notes)
+    assert any("locked" in note for note in robot.assumed)

@@ -18,7 +18,7 @@ from pydantic import BaseModel
 from typer.main import get_command
 
 import psmpc_cli as psmpc
-from psmpc_cli.cli.main import app
+from psmpc_cli.cli.app import app
 from psmpc_cli.logs import schema
 from psmpc_cli.specs.document import ANGLE_PATTERN
 from psmpc_cli.specs.fields import NAME_PATTERN, SECONDS_PATTERN

@@ -1,4 +1,17 @@
-"""The errors a user can cause or meet; each message names the culprit and what would be right."""
+"""The errors a user can cause or meet, whose messages name the culprit and what would be right; and interruptions."""
+
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import current_thread, main_thread
+from types import FrameType
+
+SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+"""The signals that end a command, and how its log and messages name that."""
+
+IMPATIENCE = 1.0
+"""How long after a deferred signal a further one is not deferred any more [s]."""
 
 
 class PsmpcError(Exception):
@@ -23,3 +36,62 @@ class RunError(PsmpcError):
     """A run could not go on; the reason is the message."""
 
     exit_code = 3
+
+
+class Interruption:
+    """A signal that was deferred.
+
+    Attributes:
+        number: The signal; 0 as long as none has come.
+        handled: Whether `check` has raised it.
+    """
+
+    def __init__(self) -> None:
+        self.number, self.handled = 0, False
+        self._came, self._before = 0.0, {number: signal.getsignal(number) for number in SIGNALS}
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Handle a signal: store it; one that comes `IMPATIENCE` later does what it did before."""
+        if self.number and time.monotonic() > self._came + IMPATIENCE:
+            self.restore()
+            signal.raise_signal(number)
+        if not self.number:
+            self.number, self._came = number, time.monotonic()
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of a program that the signal ended."""
+        return 128 + (self.number or signal.SIGINT)
+
+    def check(self) -> None:
+        """Raise KeyboardInterrupt if a signal has come."""
+        if self.number:
+            self.handled = True
+            raise KeyboardInterrupt(SIGNALS[signal.Signals(self.number)])
+
+    def restore(self) -> None:
+        """Let signals do again what they did before."""
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def deferred_signals() -> Iterator[Interruption]:
+    """Store Ctrl-C and SIGTERM until `check` is called, so that no solve, write or start of a process is interrupted.
+
+    A signal that was not checked for does at the end what it did before. Inside another use, that one stores them. In
+    another thread than the main one, which alone sees signals, nothing is stored.
+    """
+    present = signal.getsignal(signal.SIGINT)
+    if isinstance(present, Interruption) or current_thread() is not main_thread():
+        yield present if isinstance(present, Interruption) else Interruption()
+        return
+    interruption = Interruption()
+    for number in SIGNALS:
+        signal.signal(number, interruption)
+    try:
+        yield interruption
+    finally:
+        interruption.restore()
+        if interruption.number and not interruption.handled:
+            signal.raise_signal(interruption.number)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from psmpc_cli.logs.comparison import merge_logs
 
-from .cli.command import Ran
+from .cli.command import Psmpc, command_line
 from .fuzzing import fuzzing
 from .made_up_fronts import made_up_fronts
 from .made_up_sweep import made_up_sweep
@@ -194,7 +194,7 @@ def test_a_file_that_was_edited_is_read_or_rejected(folder: Path, reader: Reader
     st.lists(st.tuples(st.integers(1, 8), st.sampled_from(WORDS), st.booleans()), min_size=1, max_size=3),
 )
 def test_a_mutated_command_line_is_done_or_rejected(
-    folder: Path, command: Callable[..., Ran], line: str, changes: list[tuple[int, str, bool]]
+    folder: Path, command: Psmpc, line: str, changes: list[tuple[int, str, bool]]
 ) -> None:
     words = line.split()
     for at, word, instead in changes:
@@ -211,7 +211,7 @@ def test_a_mutated_command_line_is_done_or_rejected(
 @fuzzing(10)
 @given(st.lists(st.tuples(st.sampled_from(NUMBERS), st.floats(-13, 13)), min_size=1, max_size=2))
 def test_numbers_of_any_magnitude_are_rejected_or_give_a_readable_log(
-    command: Callable[..., Ran], settings: list[tuple[str, float]]
+    command: Psmpc, settings: list[tuple[str, float]]
 ) -> None:
     Path("new.h5").unlink(missing_ok=True)
     changes = ["plant.kind=rk4", "solver.compiled=false", "log.shares=false", "time_limit=0.3"]
@@ -225,17 +225,7 @@ def test_numbers_of_any_magnitude_are_rejected_or_give_a_readable_log(
 
 
 @pytest.fixture
-def command(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Ran]:
+def command(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Psmpc:
     """The command line in this process, in the folder of the files."""
-    from psmpc_cli.cli.main import main
-
     monkeypatch.chdir(folder)
-
-    def run(*words: str) -> Ran:
-        monkeypatch.setattr(sys, "argv", ["psmpc", *words])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as left:
-            main()
-        return Ran(int(left.value.code or 0), *capsys.readouterr())
-
-    return run
+    return command_line(monkeypatch, capsys)

@@ -1,48 +1,12 @@
-"""The command `psmpc`: registers the commands and turns errors into one message and an exit code."""
+"""The command `psmpc`: runs the application and turns errors and signals into one message and an exit code."""
 
 import logging
+import os
+import signal
 import sys
-from typing import Annotated
+from types import FrameType
 
-import typer
-
-from psmpc_cli import __version__
-from psmpc_cli.cli import inspect, pages, paper, run, study
-from psmpc_cli.errors import PsmpcError, SpecError
-
-ABOUT = "Priority-based switching MPC for space robots: YAML task specs in, HDF5 logs and figures out."
-
-COMMANDS = (
-    run.simulate,
-    study.compare,
-    study.pareto,
-    study.sweep_weights,
-    study.monte_carlo,
-    inspect.bench,
-    inspect.check,
-    run.plot,
-    pages.view,
-    pages.report,
-    paper.reproduce,
-    run.replay,
-    run.rerun,
-    run.verify,
-    run.show,
-    inspect.init,
-    inspect.schema,
-)
-"""All commands, in the order of the help."""
-
-app = typer.Typer(
-    name="psmpc",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
-)
-for command in COMMANDS:
-    app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)  # wrapped, not cut
+from psmpc_cli.errors import SIGNALS, PsmpcError, SpecError
 
 
 class EchoHandler(logging.Handler):
@@ -54,32 +18,32 @@ class EchoHandler(logging.Handler):
         sys.stderr.write(f"{level}{record.getMessage()}\n")
 
 
-def print_version(wanted: bool) -> None:
-    """Print the version and exit."""
-    if wanted:
-        typer.echo(f"psmpc {__version__}")
-        raise typer.Exit
-
-
-@app.callback(help=ABOUT)
-def options(
-    version: Annotated[
-        bool, typer.Option("--version", callback=print_version, is_eager=True, help="Print the version and exit.")
-    ] = False,
-) -> None:
-    """Accept the options of `psmpc` itself."""
-
-
 def print_error(message: str) -> None:
     """Write a message to standard error, with escapes for characters that could control the terminal."""
+    import typer
+
     from psmpc_cli.specs.messages import printable
 
     shown = "\n".join("\t".join(map(printable, line.split("\t"))) for line in message.split("\n"))
     typer.echo(shown, err=True)
 
 
+def exit_at_once(number: int, frame: FrameType | None) -> None:
+    """Handle a signal: one message and the exit code of the signal, wherever the program is.
+
+    An exception would be raised in any code, also in a destructor, where Python prints and drops it. What writes logs
+    and results or starts processes defers signals, so that nothing is lost.
+    """
+    os.write(2, f"psmpc: {SIGNALS[signal.Signals(number)]}\n".encode())
+    os._exit(128 + number)
+
+
 def main() -> None:
     """Run the command line; exit codes: 0 done, 1 a check asked for fails, 2 bad input, 3 the run could not go on."""
+    for number in SIGNALS:
+        signal.signal(number, exit_at_once)
+    from psmpc_cli.cli.app import app
+
     logging.basicConfig(handlers=[EchoHandler()], level=logging.WARNING)
     try:
         app(prog_name="psmpc")

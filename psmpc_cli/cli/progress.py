@@ -1,14 +1,13 @@
 """The progress of runs and studies, and how signals end them: a live display on a terminal, plain lines elsewhere."""
 
-import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from types import FrameType
 from typing import TYPE_CHECKING
 
 import typer
+
+from psmpc_cli.errors import Interruption, deferred_signals
 
 if TYPE_CHECKING:
     from psmpc_cli.logs.schema import Sample
@@ -17,56 +16,11 @@ if TYPE_CHECKING:
 PLAIN_INTERVAL = 5.0
 """Simulated time between two plain lines [s]."""
 
-SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
-"""The signals that end a command, and how its log and messages name that."""
-
-
-@dataclass
-class Interruption:
-    """The signal that ends a command; 0 as long as none has come."""
-
-    number: int = 0
-
-    @property
-    def exit_code(self) -> int:
-        """Exit code of a program that the signal ended."""
-        return 128 + (self.number or signal.SIGINT)
-
-    def check(self) -> None:
-        """Raise KeyboardInterrupt if a signal has come."""
-        if self.number:
-            raise KeyboardInterrupt(SIGNALS[signal.Signals(self.number)])
-
 
 @contextmanager
-def handled_signals(at_once: bool) -> Iterator[Interruption]:
-    """Handle Ctrl-C and SIGTERM.
-
-    Args:
-        at_once: Raise KeyboardInterrupt immediately. Otherwise the first signal is stored, so that no solve or write is
-            interrupted, until `check` is called; a second one ends the program.
-    """
-    interruption = Interruption()
-
-    def handle(number: int, frame: FrameType | None) -> None:
-        interruption.number = number
-        if at_once:
-            interruption.check()
-        for each in SIGNALS:
-            signal.signal(each, signal.SIG_DFL)
-
-    before = {number: signal.signal(number, handle) for number in SIGNALS}
-    try:
-        yield interruption
-    finally:
-        for number, earlier in before.items():
-            signal.signal(number, earlier)
-
-
-@contextmanager
-def ending_on_signals(outcome: str, at_once: bool = True) -> Iterator[Interruption]:
+def ending_on_signals(outcome: str) -> Iterator[Interruption]:
     """Let a signal end what is done inside with one message, `outcome`, and the exit code of the signal."""
-    with handled_signals(at_once) as interruption:
+    with deferred_signals() as interruption:
         try:
             yield interruption
         except KeyboardInterrupt as reason:
@@ -96,7 +50,7 @@ def watched_run(quiet: bool) -> "Iterator[tuple[Callable[[Sample], None], Interr
     Its line has time, stage, planned switch times, real-time factor since the first sample, and failed solves.
     """
     began, due, failed = 0.0, 0.0, 0
-    with handled_signals(at_once=False) as interruption, live_line(quiet) as show:
+    with deferred_signals() as interruption, live_line(quiet) as show:
 
         def watch(sample: "Sample") -> None:
             nonlocal began, due, failed

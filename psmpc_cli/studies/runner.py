@@ -9,26 +9,28 @@ import os
 import re
 import signal
 import time
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from itertools import islice
+from multiprocessing import active_children
+from multiprocessing.resource_tracker import ensure_running
 from pathlib import Path
 from pkgutil import resolve_name
+from queue import Empty, SimpleQueue
 from tempfile import TemporaryDirectory
-from threading import current_thread, main_thread
 from typing import Any, TypeVar
 
 import numpy as np
-from joblib import Parallel, delayed, parallel_config
-from joblib.externals.loky.backend.resource_tracker import ensure_running
+from joblib.externals.loky import get_reusable_executor
+from joblib.externals.loky.backend.process import LokyProcess
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from psmpc_cli import __version__
-from psmpc_cli.errors import InputError, RunError
+from psmpc_cli.errors import InputError, Interruption, RunError, deferred_signals
 from psmpc_cli.logs.results import Quantity, Results, ResultsWriter, create_results, read_results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.feasibility import load_feasible
@@ -57,6 +59,15 @@ OF_CELL = (
 
 CONNECTING = 10
 """Time within which a Dask scheduler answers and has a worker [s]."""
+
+POLL = 0.1
+"""Time between two looks for a signal while processes compute [s]."""
+
+IDLE = 30
+"""Time after which a process that computes nothing ends [s]."""
+
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""Environment of the processes."""
 
 LIGHT = ("log.shares=false", "log.plans=false", "log.ticks=false")
 """Changes of a task: what is logged but not measured, and costs solves or memory."""
@@ -175,20 +186,21 @@ def run_study(
     watch(progress)
     run = partial(_run_cell, study.task, study.measure, study.stop)
     writer = ResultsWriter(before)
-    for number, found in compute(run, [study.cells[cell] for cell in needed], jobs, dask):
-        row, failure, cell_time = ({}, LOST, np.nan) if found is None else found
-        origin = int(needed[number])
-        alike = np.flatnonzero(origins == origin)
-        for cell in alike:
-            index = tuple(map(int, np.unravel_index(cell, status.values.shape)))
-            code = FAILED if failure else COMPUTED if cell == origin else SHARED
-            writer.fill(index, {"reason": failure, **row, "cell_time": cell_time, "origin": origin, "status": code})
-        elapsed = time.monotonic() - began
-        writer.fill((), {"wall_time": spent + elapsed})
-        writer.write()
-        failed = progress.failed + len(alike) * bool(failure)
-        progress = Progress(len(needed), progress.ended + 1, failed, elapsed)
-        watch(progress)
+    with closing(compute(run, [study.cells[cell] for cell in needed], jobs, dask)) as results:
+        for number, found in results:
+            row, failure, cell_time = ({}, LOST, np.nan) if found is None else found
+            origin = int(needed[number])
+            alike = np.flatnonzero(origins == origin)
+            for cell in alike:
+                index = tuple(map(int, np.unravel_index(cell, status.values.shape)))
+                code = FAILED if failure else COMPUTED if cell == origin else SHARED
+                writer.fill(index, {"reason": failure, **row, "cell_time": cell_time, "origin": origin, "status": code})
+            elapsed = time.monotonic() - began
+            writer.fill((), {"wall_time": spent + elapsed})
+            writer.write()
+            failed = progress.failed + len(alike) * bool(failure)
+            progress = Progress(len(needed), progress.ended + 1, failed, elapsed)
+            watch(progress)
     return read_results(path, study.kind)
 
 
@@ -275,18 +287,14 @@ def _difference(results: Results, task: Task) -> str:
     return "found the lines of its task in another order"
 
 
-class _ProcessKilledError(Exception):
-    """A process ended with the call that it computed."""
-
-
 def compute(
     function: Callable[[Item], Result], items: Sequence[Item], jobs: int | None = None, dask: str | None = None
-) -> Iterator[tuple[int, Result | None]]:
+) -> Generator[tuple[int, Result | None], None, None]:
     """Call a function on many items in parallel, and yield the index and the result of each as they come.
 
-    The calls are made in processes with one thread each, never in this one: a call may kill its process, and CasADi
-    ignores Ctrl-C. If a process is killed, the first call without a result is repeated alone, and is lost if that is
-    killed as well; then the others go on.
+    The calls are made in processes with one thread each, never in this one: a call may kill its process. If one is
+    killed, the first call without a result is repeated alone, and is lost if that is killed as well; then the others go
+    on. Signals are deferred from the first result until the iterator is closed.
 
     Args:
         function: Pickles, as its items and results do. What it raises is raised here.
@@ -300,22 +308,52 @@ def compute(
     Raises:
         InputError: There is no such cluster, or its workers do not fit.
         RunError: The cluster is gone.
+        KeyboardInterrupt: Ctrl-C or SIGTERM came; the processes are killed.
     """
-    attempt = partial(_on_this_machine, jobs or os.cpu_count() or 1) if dask is None else partial(_on_cluster, dask)
+    place = partial(_on_this_machine, jobs or os.cpu_count() or 1) if dask is None else partial(_on_cluster, dask)
     waiting, alone = dict(enumerate(items)), False
-    while waiting:
-        try:
-            for index, result in attempt(function, dict(islice(waiting.items(), 1 if alone else None))):
-                del waiting[index]
-                yield index, result
-        except _ProcessKilledError:
+    with deferred_signals() as interruption:
+        while waiting:
+            called = dict(islice(waiting.items(), 1 if alone else None))
+            with closing(_results(place, function, called, interruption)) as results:
+                for index, result in results:
+                    del waiting[index]
+                    yield index, result
+            killed = called.keys() & waiting.keys()
             if alone:
-                lost = next(iter(waiting))
-                del waiting[lost]
-                yield lost, None
-            alone = not alone
-        else:
-            alone = False
+                for lost in killed:
+                    del waiting[lost]
+                    yield lost, None
+            alone = bool(killed) and not alone
+
+
+Place = Callable[[], AbstractContextManager[tuple[Executor, type[Exception]]]]
+"""Provides what computes calls, and the error of a call that kills its process."""
+
+
+def _results(
+    place: Place, function: Callable[[Item], Result], items: Mapping[int, Item], interruption: Interruption
+) -> Generator[tuple[int, Result], None, None]:
+    """Make calls, and yield index and result of each as they end, without those whose process was killed.
+
+    Raises:
+        KeyboardInterrupt: A signal came. It is raised here alone: no other code of a study is interrupted.
+    """
+    ended = SimpleQueue[Future[Result]]()
+    with place() as (executor, killed), suppress(killed):  # which a submission raises if a process was killed before
+        with _interrupts_blocked():
+            calls = {executor.submit(function, item): index for index, item in items.items()}
+        for call in calls:
+            call.add_done_callback(ended.put)
+        while calls:
+            interruption.check()
+            try:
+                call = ended.get(timeout=POLL)
+            except Empty:
+                continue
+            index = calls.pop(call)
+            if not isinstance(call.exception(), killed):
+                yield index, call.result()
 
 
 def compute_all(
@@ -330,79 +368,58 @@ def compute_all(
         RunError: A call is lost, since it kills its process.
     """
     found, names = dict[str, Result](), list(items)
-    for index, result in compute(function, list(items.values()), jobs):
-        if result is None:
-            killed = f"{names[index]}: its process was killed each time, perhaps for lack of memory"
-            raise RunError(f"{killed}: try fewer --jobs")
-        found[names[index]] = result
-        done(names[index])
+    with closing(compute(function, list(items.values()), jobs)) as results:
+        for index, result in results:
+            if result is None:
+                killed = f"{names[index]}: its process was killed each time, perhaps for lack of memory"
+                raise RunError(f"{killed}: try fewer --jobs")
+            found[names[index]] = result
+            done(names[index])
     return {name: found[name] for name in names}
 
 
-def _on_this_machine(
-    jobs: int, function: Callable[[Item], Result], items: Mapping[int, Item]
-) -> Iterator[tuple[int, Result]]:
-    """Make calls in processes of this machine."""
-    processes = max(2, jobs)  # joblib would make the calls of a single one in this process; here the second one idles
-    with parallel_config("loky", n_jobs=processes, inner_max_num_threads=1):
-        ahead = 1 if jobs == 1 else 2 * jobs
-        workers = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch=ahead)
-        with _interrupts_deferred():
-            results = workers(delayed(_numbered)(function, index, item) for index, item in items.items())
-        try:
-            while (result := next(results, None)) is not None:  # not `yield from`, which would close them unsilenced
-                yield result
-        except TerminatedWorkerError:
-            raise _ProcessKilledError from None
-        finally:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UserWarning)  # joblib's about results that nobody reads
-                results.close()
+@contextmanager
+def _on_this_machine(jobs: int) -> Iterator[tuple[Executor, type[Exception]]]:
+    """Provide processes of this machine, which later calls reuse, and what a call raises that kills its process."""
+    ensure_running()  # multiprocessing's tracker of resources, whose start unblocks interrupts
+    with _interrupts_blocked():
+        executor = get_reusable_executor(jobs, timeout=IDLE, env=ONE_THREAD)
+    try:
+        yield executor, TerminatedWorkerError
+    except BaseException:
+        _end(executor)
+        raise
+
+
+def _end(executor: Executor) -> None:
+    """End the processes of an executor and wait for its end; what it offers for that may lose count of its calls."""
+    while processes := [each for each in active_children() if isinstance(each, LokyProcess)]:
+        for each in processes:
+            each.terminate()
+        time.sleep(0.01)
+    executor.shutdown()
 
 
 @contextmanager
-def _interrupts_deferred() -> Iterator[None]:
-    """Start processes that do not see a terminal's Ctrl-C, since they inherit what is blocked: this process ends them.
+def _on_cluster(address: str) -> Iterator[tuple[Executor, type[Exception]]]:
+    """Provide a Dask cluster, and what a call raises that kills its worker."""
+    with _client(address) as client:
+        from distributed import KilledWorker
 
-    One that comes meanwhile is seen afterwards.
-    """
-    if current_thread() is not main_thread():  # which alone sees signals
-        yield
-        return
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    ensure_running()  # joblib's tracker of resources, which inherits that, and whose start unblocks interrupts
-    signal.signal(signal.SIGINT, handler)
+        try:
+            yield client.get_executor(pure=False), KilledWorker
+        except CancelledError:
+            raise RunError(f"the connection to the Dask scheduler at {address} was lost") from None
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Start processes that do not see a terminal's Ctrl-C, since they inherit what is blocked: this one ends them."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _numbered(function: Callable[[Item], Result], index: int, item: Item) -> tuple[int, Result]:
-    return index, function(item)
-
-
-def _on_cluster(
-    address: str, function: Callable[[Item], Result], items: Mapping[int, Item]
-) -> Iterator[tuple[int, Result]]:
-    """Make calls on a Dask cluster through Dask's client; joblib's Dask backend waits for ever for a killed worker."""
-    with _client(address) as client:
-        from distributed import KilledWorker, as_completed
-
-        calls = {client.submit(function, item, pure=False): index for index, item in items.items()}
-        killed = False
-        for future, result in as_completed(calls, loop=client.loop, with_results=True, raise_errors=False):
-            if future.status == "finished":
-                yield calls.pop(future), result
-            elif future.status == "error" and isinstance(result[1], KilledWorker):
-                killed = True
-            elif future.status == "error":
-                raise result[1]
-            else:  # cancelled
-                raise RunError(f"the connection to the Dask scheduler at {address} was lost")
-        if killed:
-            raise _ProcessKilledError
 
 
 @contextmanager

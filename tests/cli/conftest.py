@@ -1,16 +1,13 @@
 """The command line, a small task and logs of it, for every command's tests."""
 
 import shutil
-import sys
 from pathlib import Path
 
 import pytest
 
-from psmpc_cli.cli.main import main
-
 from ..simulation.logged import there_and_back
 from ..there_and_back import TASK
-from .command import Psmpc, Ran
+from .command import Psmpc, command_line
 
 
 @pytest.fixture
@@ -18,15 +15,7 @@ def psmpc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
     """The command line in this process, in a folder of the test's own that holds task.yaml."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "task.yaml").write_text(TASK)
-
-    def run(*arguments: str) -> Ran:
-        monkeypatch.setattr(sys, "argv", ["psmpc", *arguments])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as left:
-            main()
-        return Ran(int(left.value.code or 0), *capsys.readouterr())
-
-    return run
+    return command_line(monkeypatch, capsys)
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ import pytest
 from pages import PAGES, ROOT, blocks
 from typer.main import get_command
 
-from psmpc_cli.cli.main import app
+from psmpc_cli.cli.app import app
 
 from .command import Psmpc
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
-from psmpc_cli.cli.main import app
+from psmpc_cli.cli.app import app
 from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.run import read_comparison
 from psmpc_cli.logs.schema import PARETO, SWEEP

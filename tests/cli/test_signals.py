@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from psmpc_cli.logs.files import kind_of
 from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.run import read_run
 from psmpc_cli.logs.schema import SWEEP
@@ -64,6 +65,27 @@ def test_an_interrupted_run_leaves_log_summary_and_figures(
     assert (found, bool(log.attributes["finished"]), log.attributes["end_reason"]) == (code, False, reason)
     assert out.startswith(f"mission not finished: {reason}, after {log.time[-1]:.1f} s\n")
     assert Path("log/states.png").exists()
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="which signals a process catches is read there")
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 3.0])
+@pytest.mark.parametrize("command", [("simulate",), ("sweep-weights", "2x2", "--jobs", "1")], ids=["run", "sweep"])
+def test_ctrl_c_at_any_moment_gives_one_message_and_loses_nothing(
+    start: Start, tmp_path: Path, command: tuple[str, ...], delay: float
+) -> None:
+    """While it imports, solves, starts processes, writes, draws, or has just ended."""
+    process = start(*command, "task.yaml", "-o", "out.h5")
+    status, caught = Path(f"/proc/{process.pid}/status"), 0
+    while not caught >> signal.SIGTERM - 1 & 1:
+        caught = int(re.search(r"SigCgt:\s*(\w+)", status.read_text())[1], 16)
+    time.sleep(delay)
+    os.killpg(process.pid, signal.SIGINT)
+    code, out, err = finish(process)
+    told = out.count("mission not finished: interrupted") + err.count("psmpc: interrupted")
+    assert (code, told) in ((130, 1), (0, 0))
+    assert all(path.name in ("task.yaml", "out.h5", "out") for path in tmp_path.iterdir())
+    if (tmp_path / "out.h5").exists():
+        assert kind_of(tmp_path / "out.h5") in ("run", "sweep")
 
 
 def sweep(start: Start, file: str, *arguments: str) -> subprocess.Popen[str]:

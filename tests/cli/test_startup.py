@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from psmpc_cli.cli.main import app
+from psmpc_cli.cli.app import app
 
 HEAVY = {"casadi", "dask", "distributed", "h5py", "joblib", "matplotlib", "mujoco", "numpy", "pydantic", "rich", "yaml"}
 

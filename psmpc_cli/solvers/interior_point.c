@@ -1,26 +1,26 @@
 /* The steps of the interior-point method: weights of the rows, Newton direction, its length.
  *
- * Each row's multiplier is proximal: half the square of its change is charged with 1 / stiffness, which bounds the
- * weight a row gets, and vanishes at the solution.
+ * Each multiplier is proximal: half the square of its change is charged with 1 / stiffness, which bounds the weight a
+ * row gets, and vanishes at the solution.
  */
 
 /* Set the Hessian with the rows' weights. */
 static void weigh(Solver *s) {
     const Program *p = s->p;
-    Rows *r = &s->rows;
-    for (int64_t i = 0; i < r->count; i++) {
-        r->il[i] = 1.0 / (r->sl[i] + r->zl[i] / s->stiffness);
-        r->iu[i] = 1.0 / (r->su[i] + r->zu[i] / s->stiffness);
-        r->weight[i] = r->zl[i] * r->il[i] + r->zu[i] * r->iu[i] + r->equal[i] * s->stiffness;
-    }
-    weigh_soft(r, s->stiffness);
-    const double *w = s->rows.weight + p->K * M;
+    Limits *l = &s->limits;
+    double least = 1.0 / s->stiffness;
+#pragma omp simd
+    for (int64_t j = l->soft; j < l->count; j++) l->inverse[j] = 1.0 / (l->slack[j] + l->z[j] * least);
+    weigh_soft(l, least);
+    memset(s->weight, 0, row_count(p) * sizeof(double));
+    for (int64_t j = 0; j < l->count; j++) s->weight[l->row[j]] += l->z[j] * l->inverse[j];
+    for (int64_t j = 0; j < s->equations.count; j++) s->weight[s->equations.row[j]] = s->stiffness;
+    const double *w = s->weight + p->K * M;
     memcpy(s->durations, p->durations, S * S * sizeof(double));
     for (int c = 0; c < S; c++) {
         s->durations[c * S + c] += w[c];
         for (int e = 0; e < S; e++) s->durations[c * S + e] += w[S];
     }
-    s->stages.diagonal = s->rows.weight;
     s->stages.end_weights = w + S + 1;
     for (int64_t i = 0; i < p->K * N; i++) s->difference[i] = -p->coupling[i];
     if (!p->inputs) return;
@@ -77,82 +77,85 @@ static int solve_durations(const Program *p, const double *U, const double *u, c
     return 1;
 }
 
+/* Derivatives by [Q; v] and by the durations of the costs and of the rows times their multipliers q. */
+static void gradient(Solver *s) {
+    memcpy(s->lin, s->cost, s->p->K * M * sizeof(double));
+    memcpy(s->u, s->cost_tau, S * sizeof(double));
+    add_rows(s->p, s->q, s->lin, s->u);
+}
+
 /* Newton direction with complementarities towards `target` less the products of the affine step, if `corrected`. */
 static int direction(Solver *s, const double *tau, double target, double corrected) {
     const Program *p = s->p;
-    Rows *r = &s->rows;
-    double residual[2 * S + 1];
-    give_way(r, target, corrected);
-    for (int64_t i = 0; i < r->count; i++) {
-        double cl = r->below[i] * (target - corrected * r->dsl[i] * r->dzl[i]);
-        double cu = r->above[i] * (target - corrected * r->dsu[i] * r->dzu[i]);
-        double l = (cl - r->zl[i] * (r->v[i] - r->from[i])) * r->il[i];
-        double u = (cu - r->zu[i] * (r->to[i] - r->v[i])) * r->iu[i];
-        r->q[i] = r->zu[i] + u - r->zl[i] - l + r->equal[i] * (r->y[i] + (r->v[i] - r->low[i]) * s->stiffness);
+    Limits *l = &s->limits;
+    Equations *e = &s->equations;
+    double residual[2 * S + 1], least = 1.0 / s->stiffness;
+    give_way(l, target, corrected);
+#pragma omp simd
+    for (int64_t j = 0; j < l->count; j++) { /* the multipliers' steps while the rows stay */
+        double room = l->room[j] + (j < l->soft ? l->way[j] : 0.0);
+        l->dz[j] = (target - corrected * l->ds[j] * l->dz[j] - l->z[j] * room) * l->inverse[j];
     }
-    memcpy(s->lin, s->cost, p->K * M * sizeof(double));
-    memcpy(s->u, s->cost_tau, S * sizeof(double));
-    add_rows(p, r->q, s->lin, s->u);
+    memset(s->q, 0, row_count(p) * sizeof(double));
+    for (int64_t j = 0; j < l->count; j++) s->q[l->row[j]] -= l->sign[j] * (l->z[j] + l->dz[j]);
+    for (int64_t j = 0; j < e->count; j++) s->q[e->row[j]] += e->y[j] + e->off[j] * s->stiffness;
+    gradient(s);
     add_given(p, s->nu, s->u);
-    for (int e = 0; e < (int)p->given; e++) residual[e] = given_left(p, tau, e);
+    for (int i = 0; i < (int)p->given; i++) residual[i] = given_left(p, tau, i);
     backward(&s->stages, s->intervals, s->lin, s->u, s->y);
     if (!solve_durations(p, s->U, s->u, residual, s->stiffness, s->dtau, s->dnu)) return 0;
-    forward(&s->stages, s->intervals, s->dtau, s->y, s->dX);
-    rows_of(p, s->dX, s->dtau, r->dv);
-    for (int64_t i = 0; i < r->count; i++) {
-        double cl = r->below[i] * (target - corrected * r->dsl[i] * r->dzl[i]);
-        double cu = r->above[i] * (target - corrected * r->dsu[i] * r->dzu[i]);
-        double above_low = r->v[i] - r->from[i] + r->dv[i], below_high = r->to[i] - r->v[i] - r->dv[i];
-        r->dzl[i] = (cl - r->zl[i] * above_low) * r->il[i];
-        r->dzu[i] = (cu - r->zu[i] * below_high) * r->iu[i];
-        r->dsl[i] = r->below[i] * (above_low - r->sl[i]) + r->dzl[i] / s->stiffness;
-        r->dsu[i] = r->above[i] * (below_high - r->su[i]) + r->dzu[i] / s->stiffness;
-        r->dy[i] = r->equal[i] * above_low * s->stiffness;
+    forward(&s->stages, s->intervals, s->dtau, s->y, s->step);
+    rows_of(p, s->dtau, s->step);
+#pragma omp simd
+    for (int64_t j = 0; j < l->count; j++) {
+        double step = l->sign[j] * s->step[l->row[j]];
+        l->dz[j] -= l->z[j] * l->inverse[j] * step;
+        l->ds[j] = l->room[j] + step - l->slack[j] + l->dz[j] * least;
     }
-    direct_soft(r);
+    direct_soft(l);
+    for (int64_t j = 0; j < e->count; j++) e->dy[j] = (e->off[j] + s->step[e->row[j]]) * s->stiffness;
     return 1;
 }
 
 /* Longest shares of the step that keep slacks and multipliers positive. */
-static void longest(const Rows *r, double *primal, double *dual) {
+static void longest(const Limits *l, double *primal, double *dual) {
     double s = 0.0, z = 0.0;
 #pragma omp simd reduction(max : s, z)
-    for (int64_t i = 0; i < r->count; i++) {
-        double a = -r->dsl[i] / r->sl[i], b = -r->dsu[i] / r->su[i];
-        double c = -r->dzl[i] / (r->zl[i] + 1.0 - r->below[i]), d = -r->dzu[i] / (r->zu[i] + 1.0 - r->above[i]);
-        a = a > b ? a : b;
-        c = c > d ? c : d;
+    for (int64_t j = 0; j < l->count; j++) {
+        double a = -l->ds[j] / l->slack[j], b = -l->dz[j] / l->z[j];
         s = s > a ? s : a;
-        z = z > c ? z : c;
+        z = z > b ? z : b;
     }
-    shrink_soft(r, &s, &z);
+    shrink_soft(l, &s, &z);
     *primal = 1.0 / (s > 1.0 ? s : 1.0);
     *dual = 1.0 / (z > 1.0 ? z : 1.0);
 }
 
-static double complementarity(const Rows *r, double primal, double dual) {
+static double complementarity(const Limits *l, double primal, double dual) {
     double sum = 0.0;
 #pragma omp simd reduction(+ : sum)
-    for (int64_t i = 0; i < r->count; i++)
-        sum += (r->sl[i] + primal * r->dsl[i]) * (r->zl[i] + dual * r->dzl[i]) +
-               (r->su[i] + primal * r->dsu[i]) * (r->zu[i] + dual * r->dzu[i]);
-    return sum + soft_complementarity(r, primal, dual);
+    for (int64_t j = 0; j < l->count; j++)
+        sum += (l->slack[j] + primal * l->ds[j]) * (l->z[j] + dual * l->dz[j]);
+    return sum + soft_complementarity(l, primal, dual);
 }
 
 static void move(Solver *s, double primal, double dual, double *X, double *tau) {
-    Rows *r = &s->rows;
-    move_soft(r, primal, dual);
-    for (int64_t i = 0; i < s->p->K * M; i++) X[i] += primal * s->dX[i];
-    for (int c = 0; c < S; c++) tau[c] += primal * s->dtau[c];
-    for (int e = 0; e < (int)s->p->given; e++) s->nu[e] += dual * s->dnu[e];
-    for (int64_t i = 0; i < r->count; i++) {
-        r->sl[i] += primal * r->dsl[i];
-        r->su[i] += primal * r->dsu[i];
-        r->zl[i] += dual * r->dzl[i];
-        r->zu[i] += dual * r->dzu[i];
-        r->y[i] += dual * r->dy[i];
+    Limits *l = &s->limits;
+    Equations *e = &s->equations;
+    move_soft(l, primal, dual);
+#pragma omp simd
+    for (int64_t j = 0; j < l->count; j++) {
+        l->room[j] += primal * l->sign[j] * s->step[l->row[j]];
+        l->slack[j] += primal * l->ds[j];
+        l->z[j] += dual * l->dz[j];
     }
-    rows_of(s->p, X, tau, r->v);
+    for (int64_t j = 0; j < e->count; j++) {
+        e->off[j] += primal * s->step[e->row[j]];
+        e->y[j] += dual * e->dy[j];
+    }
+    for (int64_t i = 0; i < s->p->K * M; i++) X[i] += primal * s->step[i];
+    for (int c = 0; c < S; c++) tau[c] += primal * s->dtau[c];
+    for (int i = 0; i < (int)s->p->given; i++) s->nu[i] += dual * s->dnu[i];
 }
 /* A primal-dual interior-point method for the quadratic programs of a window, on the recursion in recursion.c.
  *
@@ -172,32 +175,33 @@ static void move(Solver *s, double primal, double dual, double *X, double *tau) 
 enum { SOLVED, INFEASIBLE, FAILED };
 
 static double primal_residual(const Solver *s, const double *tau) {
-    const Rows *r = &s->rows;
-    const Program *p = s->p;
-    double worst = soft_residual(r);
+    const Limits *l = &s->limits;
+    double worst = soft_residual(l);
 #pragma omp simd reduction(max : worst)
-    for (int64_t i = r->soft; i < r->count; i++) {
-        double l = r->below[i] * fabs(r->v[i] - r->low[i] - r->sl[i]);
-        double u = r->above[i] * fabs(r->high[i] - r->v[i] - r->su[i]);
-        double e = r->equal[i] * fabs(r->v[i] - r->low[i]);
-        l = l > u ? l : u;
-        l = l > e ? l : e;
-        worst = worst > l ? worst : l;
+    for (int64_t j = l->soft; j < l->count; j++) {
+        double off = fabs(l->room[j] - l->slack[j]);
+        worst = worst > off ? worst : off;
     }
-    for (int e = 0; e < (int)p->given; e++) worst = fmax(worst, fabs(given_left(p, tau, e)));
+    for (int64_t j = 0; j < s->equations.count; j++) worst = fmax(worst, fabs(s->equations.off[j]));
+    for (int i = 0; i < (int)s->p->given; i++) worst = fmax(worst, fabs(given_left(s->p, tau, i)));
     return worst;
 }
 
+/* Set the rows' multipliers to those of limits from a first one on, and of equations. */
+static void multipliers(Solver *s, int64_t first) {
+    const Limits *l = &s->limits;
+    memset(s->q, 0, row_count(s->p) * sizeof(double));
+    for (int64_t j = first; j < l->count; j++) s->q[l->row[j]] -= l->sign[j] * l->z[j];
+    for (int64_t j = 0; j < s->equations.count; j++) s->q[s->equations.row[j]] += s->equations.y[j];
+}
+
 /* Largest derivative of the Lagrangian by a velocity or a duration, infinite where one is no number; leaves the
- * multipliers of the gaps. */
+ * multipliers of the rows and of the gaps. */
 static double dual_residual(Solver *s) {
     const Program *p = s->p;
-    Rows *r = &s->rows;
     double worst = 0.0, sum = 0.0;
-    for (int64_t i = 0; i < r->count; i++) r->q[i] = r->zu[i] - r->zl[i] + r->y[i];
-    memcpy(s->lin, s->cost, p->K * M * sizeof(double));
-    memcpy(s->u, s->cost_tau, S * sizeof(double));
-    add_rows(p, r->q, s->lin, s->u);
+    multipliers(s, 0);
+    gradient(s);
     reduce(p, s->lin, s->u, s->adjoint, p->gap_multipliers);
     add_given(p, s->nu, s->u);
     for (int c = 0; c < S; c++) worst = fmax(worst, fabs(s->u[c])), sum += s->u[c];
@@ -214,26 +218,23 @@ static double dual_residual(Solver *s) {
  * iterate by more than any step inside the bounds can mend. Farkas' lemma, with room for rounding. */
 static int proves_infeasible(Solver *s, const double *tau) {
     const Program *p = s->p;
-    const Rows *r = &s->rows;
+    const Limits *l = &s->limits;
+    const Equations *e = &s->equations;
     double violated = 0.0, mendable = 0.0;
-    for (int64_t i = r->soft; i < r->count; i++)
-        violated += r->zl[i] * r->below[i] * (r->low[i] - r->v[i]) + r->zu[i] * r->above[i] * (r->v[i] - r->high[i]) +
-                    r->y[i] * r->equal[i] * (r->v[i] - r->low[i]);
-    for (int e = 0; e < (int)p->given; e++) violated -= s->nu[e] * given_left(p, tau, e);
+    for (int64_t j = l->soft; j < l->count; j++) violated -= l->z[j] * l->room[j];
+    for (int64_t j = 0; j < e->count; j++) violated += e->y[j] * e->off[j];
+    for (int i = 0; i < (int)p->given; i++) violated -= s->nu[i] * given_left(p, tau, i);
     if (!(violated > 0.0)) return 0;
     memset(s->lin, 0, p->K * M * sizeof(double));
     memset(s->u, 0, S * sizeof(double));
-    memset(r->q, 0, r->soft * sizeof(double)); /* a soft row makes nothing infeasible, and bounds no step */
-    add_rows(p, r->q, s->lin, s->u);
+    multipliers(s, l->soft); /* a soft limit makes nothing infeasible, and bounds no step */
+    add_rows(p, s->q, s->lin, s->u);
     reduce(p, s->lin, s->u, s->adjoint, s->y);
     for (int64_t k = 0; k < p->K; k++)
         for (int i = 0; i < N; i++) {
             int64_t row = k * M + N + i;
-            double room = LONGEST;
-            if (r->equal[row] != 0.0) room = fabs(r->low[row] - r->v[row]);
-            else if (row >= r->soft && r->below[row] * r->above[row] != 0.0)
-                room = fmax(fabs(r->high[row] - r->v[row]), fabs(r->v[row] - r->low[row]));
-            mendable += room * fabs(s->adjoint[k * N + i]);
+            double room = p->soft ? LONGEST : fmax(p->high[row] - p->X[row], p->X[row] - p->low[row]);
+            mendable += fmin(fabs(room), LONGEST) * fabs(s->adjoint[k * N + i]);
         }
     add_given(p, s->nu, s->u);
     for (int c = 0; c < S; c++) mendable += LONGEST * fabs(s->u[c]);
@@ -249,23 +250,23 @@ static double *take(double **work, int64_t count) {
 /* Lay out the memory; returns how many numbers it takes. */
 static int64_t lay_out(Solver *s, const Program *p, double *work) {
     double *begin = work;
-    int64_t count = row_count(p), K = p->K;
-    Rows *r = &s->rows;
-    double **arrays[] = {&r->low, &r->high, &r->below, &r->above, &r->equal, &r->v,   &r->dv,
-                         &r->weight, &r->q, &r->sl, &r->su, &r->zl, &r->zu, &r->dsl,
-                         &r->dsu, &r->dzl, &r->dzu, &r->il, &r->iu, &r->y, &r->dy, &r->from, &r->to};
-    double **soft[] = {&r->el, &r->eu, &r->wl, &r->wu, &r->del, &r->deu, &r->gl, &r->gu};
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) *arrays[i] = take(&work, count);
-    r->count = count;
-    r->soft = p->soft ? K * M : 0;
-    for (size_t i = 0; i < sizeof soft / sizeof *soft; i++) *soft[i] = take(&work, r->soft);
+    int64_t rows = row_count(p), K = p->K, soft = p->soft ? 2 * K * M : 0;
+    Limits *l = &s->limits;
+    Equations *e = &s->equations;
+    double **limits[] = {&l->sign, &l->room, &l->slack, &l->z, &l->ds, &l->dz, &l->inverse};
+    double **softs[] = {&l->e, &l->w, &l->de, &l->give, &l->way};
+    double **of_rows[] = {&s->weight, &s->q, &s->step, &e->off, &e->y, &e->dy};
+    for (size_t i = 0; i < sizeof limits / sizeof *limits; i++) *limits[i] = take(&work, 2 * rows);
+    for (size_t i = 0; i < sizeof softs / sizeof *softs; i++) *softs[i] = take(&work, soft);
+    for (size_t i = 0; i < sizeof of_rows / sizeof *of_rows; i++) *of_rows[i] = take(&work, rows);
+    l->row = (int64_t *)take(&work, 2 * rows);
+    e->row = (int64_t *)take(&work, rows);
     s->p = p;
     s->intervals = (Interval *)take(&work, K * (int64_t)(sizeof(Interval) / sizeof(double)));
     s->positions = (vec *)take(&work, K * N * NC);
     s->y = take(&work, K * NC);
     s->cost = take(&work, K * M);
     s->lin = take(&work, K * M);
-    s->dX = take(&work, K * M);
     s->adjoint = take(&work, K * N);
     s->difference = take(&work, K * N);
     s->arrow = take(&work, K * M * S);
@@ -274,14 +275,50 @@ static int64_t lay_out(Solver *s, const Program *p, double *work) {
     return work - begin;
 }
 
+static int is_equation(const Program *p, int64_t row) {
+    return (row >= p->K * M || !p->soft) && p->high[row] - p->low[row] <= NARROW;
+}
+
+/* List the limits of some rows from one side; the rows' values stand in the steps. */
+static void list_limits(Solver *s, int64_t first, int64_t last, double sign) {
+    const double *bounds = sign > 0.0 ? s->p->low : s->p->high;
+    Limits *l = &s->limits;
+    for (int64_t i = first; i < last; i++) {
+        if (!isfinite(bounds[i]) || is_equation(s->p, i)) continue;
+        l->row[l->count] = i;
+        l->sign[l->count] = sign;
+        l->room[l->count++] = sign * (s->step[i] - bounds[i]);
+    }
+}
+
+/* List limits and equations of the rows at the first iterate, soft limits first. */
+static void list_rows(Solver *s) {
+    const Program *p = s->p;
+    int64_t count = row_count(p), soft = p->soft ? p->K * M : 0;
+    Equations *e = &s->equations;
+    s->limits.count = e->count = 0;
+    list_limits(s, 0, soft, 1.0);
+    list_limits(s, 0, soft, -1.0);
+    s->limits.soft = s->limits.count;
+    list_limits(s, soft, count, 1.0);
+    list_limits(s, soft, count, -1.0);
+    for (int64_t i = soft; i < count; i++)
+        if (is_equation(p, i)) {
+            e->row[e->count] = i;
+            e->y[e->count] = 0.0;
+            e->off[e->count++] = s->step[i] - (p->low[i] + p->high[i]) / 2;
+        }
+}
+
 static void begin(Solver *s) {
     const Program *p = s->p;
-    Rows *r = &s->rows;
+    Limits *l = &s->limits;
     double shift[N] = {0};
     s->stiffness = STIFFEST;
-    s->stages = (Stages){.K = p->K, .positions = s->positions, .arrow = p->inputs ? s->arrow : p->arrow,
-                         .durations = s->durations, .difference = s->difference, .gap_velocity = p->gap_velocity,
-                         .gap_tau = p->gap_tau, .ends = p->ends, .end_node = p->end_node, .end_rows = p->end_rows};
+    s->stages = (Stages){.K = p->K, .positions = s->positions, .diagonal = s->weight,
+                         .arrow = p->inputs ? s->arrow : p->arrow, .durations = s->durations,
+                         .difference = s->difference, .gap_velocity = p->gap_velocity, .gap_tau = p->gap_tau,
+                         .ends = p->ends, .end_node = p->end_node, .end_rows = p->end_rows};
     memset(s->positions, 0, p->K * N * NC * sizeof(double));
     for (int64_t k = 0; k < p->K; k++)
         for (int i = 0; i < N; i++)
@@ -293,28 +330,20 @@ static void begin(Solver *s) {
     memset(s->nu, 0, p->given * sizeof(double));
     for (int64_t k = 0; k < p->K; k++)
         for (int i = 0; i < N; i++) p->X[k * M + i] = shift[i] -= p->gaps[k * N + i];
-    rows_of(p, p->X, p->tau, r->v);
+    memcpy(s->step, p->X, p->K * M * sizeof(double));
+    rows_of(p, p->tau, s->step);
+    list_rows(s);
     double push = p->push, barrier = p->barrier;
-    for (int64_t i = r->soft; i < r->count; i++)
-        push = fmax(push, fmax(p->low[i] - r->v[i], r->v[i] - p->high[i]));
+    for (int64_t j = l->soft; j < l->count; j++) push = fmax(push, -l->room[j]);
+    for (int64_t j = 0; j < s->equations.count; j++) push = fmax(push, fabs(s->equations.off[j]));
     barrier *= push / p->push;
-    for (int64_t i = 0; i < r->count; i++) {
-        double low = p->low[i], high = p->high[i], width = high - low;
-        r->equal[i] = i >= r->soft && width <= NARROW;
-        r->below[i] = low > -INFINITY && r->equal[i] == 0.0;
-        r->above[i] = high < INFINITY && r->equal[i] == 0.0;
-        r->low[i] = r->equal[i] != 0.0 ? (low + high) / 2 : r->below[i] != 0.0 ? low : 0.0;
-        r->high[i] = r->above[i] != 0.0 ? high : 0.0;
-        r->from[i] = r->low[i];
-        r->to[i] = r->high[i];
-        double slack = fmin(push, width / 4);
-        r->sl[i] = r->below[i] != 0.0 ? fmax(r->v[i] - low, slack) : 1.0;
-        r->su[i] = r->above[i] != 0.0 ? fmax(high - r->v[i], slack) : 1.0;
-        r->zl[i] = r->below[i] * barrier / r->sl[i];
-        r->zu[i] = r->above[i] * barrier / r->su[i];
-        r->y[i] = r->dsl[i] = r->dsu[i] = r->dzl[i] = r->dzu[i] = r->dy[i] = 0.0;
+    for (int64_t j = 0; j < l->count; j++) {
+        double width = p->high[l->row[j]] - p->low[l->row[j]];
+        l->slack[j] = fmax(l->room[j], fmin(push, width / 4));
+        l->z[j] = barrier / l->slack[j];
+        l->ds[j] = l->dz[j] = 0.0;
     }
-    begin_soft(r, p->penalty, p->push, barrier);
+    begin_soft(l, p->penalty, p->push, barrier);
 }
 
 int64_t psmpc_qp_memory(const Program *p) {
@@ -336,10 +365,10 @@ static int iterate(Solver *s, double limits, double gap, int alike) {
     const Program *p = s->p;
     double primal, dual, mu = gap / limits;
     if (!factorize_safely(s) || !direction(s, p->tau, 0.0, 0.0)) return 0;
-    longest(&s->rows, &primal, &dual);
-    double share = gap > 0.0 ? complementarity(&s->rows, primal, dual) / gap : 0.0;
+    longest(&s->limits, &primal, &dual);
+    double share = gap > 0.0 ? complementarity(&s->limits, primal, dual) / gap : 0.0;
     if (!direction(s, p->tau, fmax(share * share * share * mu, CENTER * p->tolerance / limits), 1.0)) return 0;
-    longest(&s->rows, &primal, &dual);
+    longest(&s->limits, &primal, &dual);
     primal = primal < 1.0 ? TO_BOUNDARY * primal : 1.0;
     dual = dual < 1.0 ? TO_BOUNDARY * dual : 1.0;
     if (alike) primal = dual = fmin(primal, dual);
@@ -349,18 +378,18 @@ static int iterate(Solver *s, double limits, double gap, int alike) {
 
 int64_t psmpc_qp_solve(const Program *p) {
     Solver s;
-    Rows *r = &s.rows;
-    double limits = 0.0, before = INFINITY;
+    Limits *l = &s.limits;
+    double before = INFINITY;
     int alike = 0;
     lay_out(&s, p, p->work);
     begin(&s);
-    for (int64_t i = 0; i < r->count; i++) limits += (r->below[i] + r->above[i]) * (i < r->soft ? 2.0 : 1.0);
+    double limits = fmax((double)(l->count + l->soft), 1.0);
     for (int64_t count = 0;; count++) {
         cost_gradient(&s, p->X, p->tau);
-        double gap = complementarity(r, 0.0, 0.0), primal = primal_residual(&s, p->tau), dual = dual_residual(&s);
+        double gap = complementarity(l, 0.0, 0.0), primal = primal_residual(&s, p->tau), dual = dual_residual(&s);
         double worst = fmax(fmax(primal, dual), gap);
         p->report[0] = (double)count, p->report[1] = primal, p->report[2] = dual, p->report[3] = gap;
-        memcpy(p->multipliers, r->q, r->count * sizeof(double));
+        memcpy(p->multipliers, s.q, row_count(p) * sizeof(double));
         memcpy(p->given_multipliers, s.nu, p->given * sizeof(double));
         if (!isfinite(worst)) return FAILED;
         if (worst <= p->tolerance) return SOLVED;
@@ -368,7 +397,7 @@ int64_t psmpc_qp_solve(const Program *p) {
         /* Steps of two lengths may throw the gradient about; steps of one length lessen every residual. */
         alike |= primal <= p->nearly && fmax(dual, gap) > before;
         before = fmax(dual, gap);
-        if (count == p->limit || !iterate(&s, fmax(limits, 1.0), gap, alike))
+        if (count == p->limit || !iterate(&s, limits, gap, alike))
             return worst <= p->nearly ? SOLVED : FAILED;
     }
 }

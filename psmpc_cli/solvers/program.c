@@ -15,23 +15,28 @@ typedef struct {
     double *X, *tau, *gap_multipliers, *multipliers, *given_multipliers, *report;
 } Program;
 
-/* One array for each row's number. */
+/* One-sided limits of rows, sign (row - bound) >= 0, one array for each number. The first are soft. */
 typedef struct {
-    int64_t count, soft; /* the first of them are soft */
-    double *low, *high, *below, *above, *equal; /* the last three: 1 where there is such a limit, else 0 */
-    double *v, *dv, *weight, *q;
-    double *sl, *su, *zl, *zu, *dsl, *dsu, *dzl, *dzu, *il, *iu, *y, *dy, *from, *to;
-    double *el, *eu, *wl, *wu, *del, *deu, *gl, *gu; /* of the soft rows, see below */
-} Rows;
+    int64_t count, soft, *row;
+    double *sign, *room, *slack, *z, *ds, *dz, *inverse; /* room: sign (row - bound) */
+    double *e, *w, *de, *give, *way;                     /* of the soft ones, see below */
+} Limits;
+
+/* Rows that are equations: how far they are off, their multipliers and the step of these. */
+typedef struct {
+    int64_t count, *row;
+    double *off, *y, *dy;
+} Equations;
 
 typedef struct {
     const Program *p;
     double stiffness; /* greatest weight a row gets */
-    Rows rows;
+    Limits limits;
+    Equations equations;
     Stages stages;
     Interval *intervals;
-    double *y, *cost, *cost_tau, *lin, *u, *dX, *dtau, *nu, *dnu, *U, *adjoint, *arrow;
-    double *diagonal, *difference, *durations;
+    double *weight, *q, *step; /* of the rows: weight, multiplier, step; the first steps are those of [Q; v] */
+    double *y, *cost, *cost_tau, *lin, *u, *dtau, *nu, *dnu, *U, *adjoint, *arrow, *difference, *durations;
     vec *positions;
 } Solver;
 
@@ -39,10 +44,10 @@ static int64_t row_count(const Program *p) {
     return p->K * M + S + 1 + p->ends + (p->inputs ? 2 * p->K * N : 0);
 }
 
-static void rows_of(const Program *p, const double *X, const double *tau, double *out) {
-    double sum = 0.0;
-    memcpy(out, X, p->K * M * sizeof(double));
-    out += p->K * M;
+/* Set the rows behind their first, which are X. */
+static void rows_of(const Program *p, const double *tau, double *rows) {
+    const double *X = rows;
+    double sum = 0.0, *out = rows + p->K * M;
     for (int c = 0; c < S; c++) sum += *out++ = tau[c];
     *out++ = sum;
     for (int64_t e = 0; e < p->ends; e++) {
@@ -138,112 +143,83 @@ static void reduce(const Program *p, const double *by_X, double *by_tau, double 
         }
     }
 }
-/* Soft rows: the first `soft` of them may be violated, at a cost of its node's `penalty` times the violation.
+/* Soft limits: the first `soft` of them may be violated, at a cost of its node's `penalty` times the violation.
  *
- *     v + el - sl = low,   sl zl = mu,   el wl = mu,   zl + wl = penalty
+ *     room + e - slack = 0,   slack z = mu,   e w = mu,   z + w = penalty
  *
- * for the limit below, with slack sl, violation el and its multiplier wl; likewise above. Violations and their
- * multipliers are eliminated: what is left of a soft row is a hard one with a larger slack, sl + zl el / wl, and a
- * limit that gives way by mu / wl.
+ * with violation e and its multiplier w. Both are eliminated: what is left of a soft limit is a hard one with a larger
+ * slack, slack + z e / w, that gives way by mu / w.
  */
 
-/* A row without such a limit has the numbers 1 and no share in anything. */
-static void begin_soft(Rows *r, const double *penalties, double push, double barrier) {
-    for (int64_t i = 0; i < r->soft; i++) {
-        double penalty = penalties[i / M];
-        double below = r->v[i] - r->low[i], above = r->high[i] - r->v[i];
-        r->el[i] = r->eu[i] = r->wl[i] = r->wu[i] = 1.0;
-        if (r->below[i] != 0.0) {
-            r->el[i] = fmax(push - below, barrier / penalty);
-            r->sl[i] = below + r->el[i];
-            r->zl[i] = fmin(barrier / r->sl[i], penalty / 2);
-            r->wl[i] = penalty - r->zl[i];
-        }
-        if (r->above[i] != 0.0) {
-            r->eu[i] = fmax(push - above, barrier / penalty);
-            r->su[i] = above + r->eu[i];
-            r->zu[i] = fmin(barrier / r->su[i], penalty / 2);
-            r->wu[i] = penalty - r->zu[i];
-        }
-        r->del[i] = r->deu[i] = 0.0;
+static void begin_soft(Limits *l, const double *penalties, double push, double barrier) {
+    for (int64_t j = 0; j < l->soft; j++) {
+        double penalty = penalties[l->row[j] / M];
+        l->e[j] = fmax(push - l->room[j], barrier / penalty);
+        l->slack[j] = l->room[j] + l->e[j];
+        l->z[j] = fmin(barrier / l->slack[j], penalty / 2);
+        l->w[j] = penalty - l->z[j];
+        l->de[j] = 0.0;
     }
 }
 
-static double soft_residual(const Rows *r) {
+static double soft_residual(const Limits *l) {
     double worst = 0.0;
 #pragma omp simd reduction(max : worst)
-    for (int64_t i = 0; i < r->soft; i++) {
-        double l = r->below[i] * fabs(r->v[i] - r->low[i] + r->el[i] - r->sl[i]);
-        double u = r->above[i] * fabs(r->high[i] - r->v[i] + r->eu[i] - r->su[i]);
-        l = l > u ? l : u;
-        worst = worst > l ? worst : l;
+    for (int64_t j = 0; j < l->soft; j++) {
+        double off = fabs(l->room[j] + l->e[j] - l->slack[j]);
+        worst = worst > off ? worst : off;
     }
     return worst;
 }
 
-static void weigh_soft(Rows *r, double stiffness) {
-    double least = 1.0 / stiffness;
+static void weigh_soft(Limits *l, double least) {
 #pragma omp simd
-    for (int64_t i = 0; i < r->soft; i++) {
-        r->gl[i] = r->el[i] / r->wl[i];
-        r->gu[i] = r->eu[i] / r->wu[i];
-        r->il[i] = 1.0 / (r->sl[i] + r->zl[i] * (least + r->gl[i]));
-        r->iu[i] = 1.0 / (r->su[i] + r->zu[i] * (least + r->gu[i]));
-        r->weight[i] = r->zl[i] * r->il[i] + r->zu[i] * r->iu[i];
+    for (int64_t j = 0; j < l->soft; j++) {
+        l->give[j] = l->e[j] / l->w[j];
+        l->inverse[j] = 1.0 / (l->slack[j] + l->z[j] * (least + l->give[j]));
     }
 }
 
-/* Where the limits give way to, before a direction. */
-static void give_way(Rows *r, double target, double corrected) {
+/* How far the limits give way, before a direction. */
+static void give_way(Limits *l, double target, double corrected) {
 #pragma omp simd
-    for (int64_t i = 0; i < r->soft; i++) {
-        r->from[i] = r->low[i] - r->below[i] * (target + corrected * r->del[i] * r->dzl[i]) / r->wl[i];
-        r->to[i] = r->high[i] + r->above[i] * (target + corrected * r->deu[i] * r->dzu[i]) / r->wu[i];
-    }
+    for (int64_t j = 0; j < l->soft; j++) l->way[j] = (target + corrected * l->de[j] * l->dz[j]) / l->w[j];
 }
 
-/* The steps of the violations, and what they add to those of the slacks. */
-static void direct_soft(Rows *r) {
+/* The steps of the violations, which those of the slacks get added. */
+static void direct_soft(Limits *l) {
 #pragma omp simd
-    for (int64_t i = 0; i < r->soft; i++) {
-        double l = r->gl[i] * r->dzl[i], u = r->gu[i] * r->dzu[i];
-        r->dsl[i] += l;
-        r->dsu[i] += u;
-        r->del[i] = r->below[i] * (r->low[i] - r->from[i] + l - r->el[i]);
-        r->deu[i] = r->above[i] * (r->to[i] - r->high[i] + u - r->eu[i]);
+    for (int64_t j = 0; j < l->soft; j++) {
+        double to = l->way[j] + l->give[j] * l->dz[j];
+        l->ds[j] += to;
+        l->de[j] = to - l->e[j];
     }
 }
 
 /* The largest relative decrease of a violation, and of a multiplier of one. */
-static void shrink_soft(const Rows *r, double *primal, double *dual) {
-    double e = *primal, w = *dual;
-#pragma omp simd reduction(max : e, w)
-    for (int64_t i = 0; i < r->soft; i++) {
-        double a = -r->del[i] / r->el[i], b = -r->deu[i] / r->eu[i];
-        double c = r->dzl[i] / r->wl[i], d = r->dzu[i] / r->wu[i];
-        a = a > b ? a : b;
-        c = c > d ? c : d;
-        e = e > a ? e : a;
-        w = w > c ? w : c;
+static void shrink_soft(const Limits *l, double *primal, double *dual) {
+    double s = *primal, z = *dual;
+#pragma omp simd reduction(max : s, z)
+    for (int64_t j = 0; j < l->soft; j++) {
+        double a = -l->de[j] / l->e[j], b = l->dz[j] / l->w[j];
+        s = s > a ? s : a;
+        z = z > b ? z : b;
     }
-    *primal = e;
-    *dual = w;
+    *primal = s;
+    *dual = z;
 }
 
-static double soft_complementarity(const Rows *r, double primal, double dual) {
+static double soft_complementarity(const Limits *l, double primal, double dual) {
     double sum = 0.0;
 #pragma omp simd reduction(+ : sum)
-    for (int64_t i = 0; i < r->soft; i++)
-        sum += r->below[i] * (r->el[i] + primal * r->del[i]) * (r->wl[i] - dual * r->dzl[i]) +
-               r->above[i] * (r->eu[i] + primal * r->deu[i]) * (r->wu[i] - dual * r->dzu[i]);
+    for (int64_t j = 0; j < l->soft; j++)
+        sum += (l->e[j] + primal * l->de[j]) * (l->w[j] - dual * l->dz[j]);
     return sum;
 }
 
-static void move_soft(Rows *r, double primal, double dual) {
-    for (int64_t i = 0; i < r->soft; i++) {
-        r->el[i] += primal * r->del[i];
-        r->eu[i] += primal * r->deu[i];
-        r->wl[i] -= dual * r->dzl[i];
-        r->wu[i] -= dual * r->dzu[i];
+static void move_soft(Limits *l, double primal, double dual) {
+    for (int64_t j = 0; j < l->soft; j++) {
+        l->e[j] += primal * l->de[j];
+        l->w[j] -= dual * l->dz[j];
     }
 }

@@ -98,6 +98,8 @@ def _bounds_about(
         return value - below, value + above
 
     X_low, X_high = around(X)
+    if "free" in what:  # positions without limits
+        X_low[:, :n], X_high[:, :n] = -np.inf, np.inf
     if "equal" in what:
         X_low[0, n], X_high[0, n] = X[0, n] - 1e-9, X[0, n] + 1e-9
     fixed = np.arange(S) == (0 if "fixed" in what else -1)

@@ -19,7 +19,7 @@ from psmpc_cli.solvers.sqp_window import NARROWEST_SOFT, SqpWindow, fixed_bounds
 from .optimality import energy, objective, optimality
 from .random_programs import Task, random_task, unattainable
 
-SEEDS, FEATURES = st.integers(0, 2**32 - 1), st.sets(st.sampled_from(("equal", "fixed", "inputs", "tied")))
+SEEDS, FEATURES = st.integers(0, 2**32 - 1), st.sets(st.sampled_from(("equal", "fixed", "free", "inputs", "tied")))
 NODES = st.sampled_from([(1,), (4,), (3, 2), (5, 5), (2, 3, 2)])
 
 

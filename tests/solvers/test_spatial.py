@@ -13,7 +13,8 @@ from psmpc_cli.specs.task import SolverSpec
 from ..in_space import reaching, run
 from .windows import changed
 
-SQP, FATROP, IPOPT = (SolverSpec(kind=kind, tolerance=1e-10, iterations=100) for kind in ("sqp", "fatrop", "ipopt"))
+SQP, FATROP, IPOPT = (SolverSpec(kind=kind, tolerance=1e-9, iterations=100) for kind in ("sqp", "fatrop", "ipopt"))
+"""At 1e-10 fatrop stalls in some windows with soft limits, by rounding."""
 
 
 @pytest.fixture(scope="module")

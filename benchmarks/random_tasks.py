@@ -11,7 +11,6 @@ instants, end at the same time, need no more fall-backs and be as smooth. The ex
 
 import argparse
 import os
-import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,10 +19,10 @@ import numpy as np
 import yaml
 from drawn_tasks import draw_task
 
-from psmpc_cli.logs.run import Run, read_run
+from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.specs.load import Task, load_task, parse_task
-from psmpc_cli.studies.compare import run_variants
+from psmpc_cli.studies.compare import run_tasks
 
 RESULTS = Path(__file__).with_suffix(".yaml")
 SOLVERS = {"fatrop": ["solver.kind=fatrop"], "sqp": ["solver.kind=sqp"]}
@@ -73,9 +72,8 @@ class Measured:
     median: float
 
 
-def measured(path: Path) -> Measured:
-    """Return what the run in a log came to."""
-    log = read_run(path)
+def measured(log: Run) -> Measured:
+    """Return what a run came to."""
     summary = log.summary()
     return Measured(
         result=_result(summary),
@@ -159,19 +157,22 @@ def _changed(task: Task, changes: list[str]) -> Task:
     return parse_task(task.task_yaml, task.robot_yaml, task.spec.name, changes)
 
 
-def compared(tasks: Mapping[str, Task], extra: list[str], directory: Path, jobs: int) -> dict[str, object]:
+def compared(tasks: Mapping[str, Task], extra: list[str], keep: Path | None, jobs: int) -> dict[str, object]:
     """Run every task with both solvers, print a line for each, and return what was found by name."""
     variants = {
         f"{name}, {solver}": _changed(task, [*changes, *QUICK, *(extra if solver == "sqp" else [])])
         for name, task in tasks.items()
         for solver, changes in SOLVERS.items()
     }
-    paths, rows = run_variants(variants, directory, jobs), {}
+    runs, rows = run_tasks(variants, jobs), {}
+    if keep is not None:
+        for name, run in runs.items():
+            run.save(keep / f"{name}.h5", force=True)
     print(
         f"{'':<12} {'apart':>6} {'end':>13} {'fall-backs':>10} {'altern.':>8} {'jump':>12} {'variation':>9} {'ms':>12}"
     )
     for name in tasks:
-        fatrop, sqp = (measured(paths[f"{name}, {solver}"]) for solver in SOLVERS)
+        fatrop, sqp = (measured(runs[f"{name}, {solver}"]) for solver in SOLVERS)
         failed = not_met(sqp, fatrop)
         rows[name] = row(sqp, fatrop, failed)
         print(line(name, sqp, fatrop, failed), flush=True)
@@ -214,26 +215,15 @@ def main() -> int:
     given = parser.parse_args()
     os.nice(10)
     seeds, found = range(given.first, given.first + given.count), {}
-    with tempfile.TemporaryDirectory() as temporary:
-        directory = given.keep or Path(temporary)
-        for nodes in given.nodes if given.what != "transport" else ():
-            found[f"random, N_s = {nodes}"] = _section(
-                f"random_{nodes}", random_tasks(nodes, seeds), given.extra, directory, given.jobs
-            )
-        if given.what != "random":
-            found["transport, N_s = 100"] = _section("transport", transport_tasks(), given.extra, directory, given.jobs)
+    tasks = {f"random, N_s = {nodes}": random_tasks(nodes, seeds) for nodes in given.nodes if given.what != "transport"}
+    tasks |= {"transport, N_s = 100": transport_tasks()} if given.what != "random" else {}
+    for name, drawn in tasks.items():
+        print(f"{name}:")
+        found[name] = compared(drawn, given.extra, given.keep and given.keep / name, given.jobs)
     if all(getattr(given, name) == parser.get_default(name) for name in ("what", "nodes", "count", "first", "extra")):
         text = yaml.safe_dump(found, sort_keys=False, default_flow_style=None, width=120)
         RESULTS.write_text(HEADER + text, encoding="utf-8")
     return 1 if any(row["not_met"] for rows in found.values() for row in rows.values()) else 0
-
-
-def _section(
-    name: str, tasks: Mapping[str, Task], extra: list[str], directory: Path, jobs: int
-) -> dict[str, dict[str, object]]:
-    print(f"{name}:")
-    (directory / name).mkdir(parents=True, exist_ok=True)
-    return compared(tasks, extra, directory / name, jobs)
 
 
 if __name__ == "__main__":

@@ -181,7 +181,7 @@ def datasets(along: str, *only: str) -> Iterator[str]:
 def quantities(study: str) -> Iterator[str]:
     """Yield the table of what a study records of each of its runs: a sweep or a monte-carlo study."""
     found = {"sweep": second_stage(1), "monte-carlo": WHOLE_RUN}[study]
-    rows = ((f"`{each.name}`", each.units, each.long_name) for each in found)
+    rows = ((f"`{each.path}`", each.units, each.long_name) for each in found)
     return markdown(("array", "units", "what"), rows)
 
 

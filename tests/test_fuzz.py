@@ -14,7 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.logs.comparison import merge_logs
+from psmpc_cli.logs.comparison import save_comparison
+from psmpc_cli.logs.run import read_run
 
 from .cli.command import Psmpc, command_line
 from .fuzzing import fuzzing
@@ -83,7 +84,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fuzz")
     there_and_back(folder)
     there_and_back(folder, samples=6, name="part")
-    merge_logs({"one": folder / "log.h5", "two": folder / "part.h5"}, folder / "compared.h5")
+    runs = {"one": read_run(folder / "log.h5"), "two": read_run(folder / "part.h5")}
+    save_comparison(runs, folder / "compared.h5")
     made_up_sweep(folder / "sweep.h5", "3x3", waiting=(1,), failed=(2,))
     made_up_fronts(folder / "fronts.h5", failed=(1,))
     (folder / "task.yaml").write_text(TASK)

@@ -190,7 +190,7 @@ def replay(
     typer.echo("\n".join(found.iterations))
     if found.largest_priority != 1:
         typer.echo(f"objective in the lines above: J over the largest priority, {found.largest_priority:g}")
-    rows = [(each.name, f"{each.logged:.9g}", f"{each.again:.9g}", f"{each.difference:.1e}") for each in found.compared]
+    rows = [(name, f"{was:.9g}", f"{now:.9g}", f"{abs(now - was):.1e}") for name, (was, now) in found.compared.items()]
     rows.append(("largest of a control in the plan", "", "", f"{found.apart:.1e}"))
     print_table(("", "logged", "again", "difference"), rows, left=1)
     result = f"differs from the log by up to {found.largest:.1e}"

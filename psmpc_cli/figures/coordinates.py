@@ -13,7 +13,7 @@ from matplotlib.ticker import NullFormatter, StrMethodFormatter
 from psmpc_cli.figures import style
 from psmpc_cli.figures.timeline import open_timeline, runs_of
 from psmpc_cli.logs.run import Run, Span
-from psmpc_cli.ocp.problem import Problem, Stage
+from psmpc_cli.ocp.problem import Problem, Stage, in_own_chart
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import log
 from psmpc_cli.specs.parts import POSITION_AXES, error_axes
@@ -86,10 +86,8 @@ def attitude_error(run: Run) -> np.ndarray:
     for span in run.spans:
         stage, now = run.problem.stages[span.index], (run.motion.time >= span.start) & (run.motion.time <= span.end)
         if now.any():
-            first = stage.attitudes["base"]
-            wanted = stage.reference(run.motion.time[now] - span.start)[:, first : first + 4]
-            cosine = np.abs((wanted * run.motion.Q[now, 3:7]).sum(axis=1)) / np.linalg.norm(wanted, axis=1)
-            found[now] = 2 * np.arccos(np.minimum(cosine, 1.0))
+            errors = _errors(run.problem, stage, run.motion.Q[now], run.motion.time[now] - span.start)
+            found[now] = np.linalg.norm(errors[:, 3:6], axis=1)
     return found
 
 
@@ -278,14 +276,9 @@ def _errors(problem: Problem, stage: Stage, Q: np.ndarray, since: np.ndarray) ->
 
     In space the chart is anew at every attitude, and of a target's two quaternions the nearer one counts.
     """
-    model, found = problem.model, []
-    if model.dimension == 2:
-        return problem.costs.errors(stage, np.hstack([Q, 0 * Q]), since)
-    for q, wanted, time in zip(Q, stage.reference(since), since, strict=True):
-        poses = dict(zip(model.pose_rows, model.poses(q)[:, 3:], strict=True))
-        ends = {frame: wanted[first : first + 4] @ poses[frame] for frame, first in stage.attitudes.items()}
-        placed = stage.in_chart(q[3:7], q[7:], {frame: 1.0 if end >= 0 else -1.0 for frame, end in ends.items()})
-        x = np.r_[q[:3], np.zeros(3), q[7:], np.zeros(model.n)]
+    found, at_rest = [], np.zeros(problem.model.n)
+    for q, time in zip(Q, since, strict=True):
+        placed, x = in_own_chart(problem.model, stage, q, at_rest, time)
         found.append(problem.costs.errors(placed, x[None], np.array([time]))[0])
     return np.array(found)
 

@@ -12,6 +12,7 @@ from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.figures import coordinates, instants, monte_carlo, pareto, reproduction, snapshots, sweep
 from psmpc_cli.figures.animation import film_files, offscreen_driver, write_animation, write_film
 from psmpc_cli.figures.style import in_style
+from psmpc_cli.logs.files import writing
 from psmpc_cli.logs.run import Run
 from psmpc_cli.studies.sweep import GRID, RANDOM
 
@@ -175,21 +176,16 @@ def draw_file(kind: str, subject: Any, path: Path, force: bool = False) -> Path:
 def _save(figure: Figure, paths: Iterable[Path]) -> None:
     """Write a figure into files, each in the format of its ending; InputError if one cannot be written."""
     for path in paths:
-        try:
+        with writing(path):
             figure.savefig(path, metadata=_UNDATED[path.suffix[1:]])
-        except OSError as error:
-            raise InputError(f"{path} cannot be written: {error.strerror or error}") from None
 
 
 def _make_room(files: Iterable[Path], force: bool) -> None:
     """Make the directories of files; InputError if one cannot be made, or without `force` if a file exists."""
     for path in files:
-        try:
+        with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             taken = path.exists() and not force
-        except OSError as error:
-            reason = f"{path.parent} cannot be made: {error.strerror or error}"
-            raise InputError(f"{reason}; choose another with -o") from None
         if taken:
             raise InputError(f"{path} exists already: choose another directory with -o, or overwrite with --force")
 

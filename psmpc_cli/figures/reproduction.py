@@ -1,6 +1,6 @@
 """What the reproduction of the paper shows beside its claims, and the ablations of what departs from the paper."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from textwrap import fill
 from typing import Any
 
@@ -13,8 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from psmpc_cli.figures import style
 from psmpc_cli.figures.timeline import open_timeline
 from psmpc_cli.logs.run import Run, Span
-from psmpc_cli.logs.summary import judge_monitor, signal
-from psmpc_cli.specs.task import MonitorSpec
+from psmpc_cli.logs.summary import judge_monitor, monitor_bounds, signal
 
 Curves = Mapping[str, tuple[np.ndarray, np.ndarray]]
 Panels = Mapping[str, Curves]
@@ -109,8 +108,9 @@ def plot_monitors(run: Run) -> Figure:
         axes: Axes = timeline.panels[row, 0]
         time, values = run.time, signal(monitor, run.arrays)
         axes.plot(time, values, color=style.PALETTE[0])
-        for bound in _bounds(run, monitor, values):
-            axes.plot(*bound, **BOUND)
+        during = run["window/first"] == run.stage_names.index(monitor.during)
+        for bound, _ in monitor_bounds(monitor, float(values[during][0])) if during.any() else ():
+            axes.plot(time[during][[0, -1]], [bound, bound], **BOUND)
         if np.isfinite(verdict.broken_at):
             axes.plot(verdict.broken_at, np.interp(verdict.broken_at, time, values), zorder=3, **BROKEN)
             handles.append(style.entry("broken", **BROKEN))
@@ -118,19 +118,6 @@ def plot_monitors(run: Run) -> Figure:
         label = "Speed (m/s)" if monitor.quantity == "speed" else f"Distance of\n{frames} (m)"
         timeline.label(row, label, f"{style.readable(monitor.name)} during {style.readable(monitor.during)}")
     return timeline.finish(handles)
-
-
-def _bounds(run: Run, monitor: MonitorSpec, values: np.ndarray) -> Iterator[tuple[np.ndarray, list[float]]]:
-    """Give the bounds of a monitor's signal (K,) over the samples of its stage: first and last time, and the bound."""
-    during = run["window/first"] == run.stage_names.index(monitor.during)
-    if not during.any():
-        return
-    start = float(values[during][0])
-    upper, lower = monitor.above_start_at_most, monitor.below_start_at_most
-    relative = [None if upper is None else start + upper, None if lower is None else start - lower]
-    for bound in (*relative, monitor.at_most, monitor.at_least):
-        if bound is not None:
-            yield run.time[during][[0, -1]], [bound, bound]
 
 
 def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, float]] = {}) -> Figure:

@@ -266,7 +266,7 @@ def configurations(task: Task, model: RobotModel, stages: Sequence[Stage]) -> li
         before = Posture(stops[-1], np.asarray(model.g(stops[-1])).ravel())
         Q, base = SKILLS[stage.space].after(model, before, stage.target).Q.copy(), stage.target[model.pose_rows["base"]]
         for arm in task.robot.arms if stage.space == "task" else ():
-            found = reach_of(task.robot, arm, tuple(base), tuple(stage.target[model.pose_rows[arm]])).configuration
+            found = reach_of(task.robot, arm, base, stage.target[model.pose_rows[arm]]).configuration
             if found is not None:
                 Q[model.parts[arm]] = found
         stops.append(Q)

@@ -16,19 +16,18 @@ ALONG_TIME = {part.path for column in SCHEMA for part in column.parts if part.di
 """Datasets with a row a sample."""
 
 
-def merge_logs(logs: Mapping[str, Path], path: Path, force: bool = False) -> None:
-    """Write the logs of closed runs, by name, into one file, whole or not at all.
+def save_comparison(runs: Mapping[str, Run], path: Path, force: bool = False) -> None:
+    """Write runs by name into one file, whole or not at all.
 
     Raises:
         InputError: The file exists already or cannot be written.
-        LogError: A log cannot be read.
     """
 
     def fill(file: h5py.File) -> None:
         file.attrs.update({"kind": COMPARISON, "psmpc_version": __version__, "format_version": FORMAT_VERSION})
-        file.attrs["runs"] = list(logs)
-        for name, log in logs.items():
-            read_run(log).write_into(file.create_group(f"runs/{name}"))
+        file.attrs["runs"] = list(runs)
+        for name, run in runs.items():
+            run.write_into(file.create_group(f"runs/{name}"))
 
     write_new(path, new_image(fill), force)
 

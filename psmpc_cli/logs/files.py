@@ -1,7 +1,8 @@
 """The files that psmpc writes: how they are opened, and how new ones come to be without loss of old ones."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
@@ -121,10 +122,21 @@ def write_new(path: Path, image: bytes, force: bool = False) -> None:
     Raises:
         InputError: The path is taken, see `check_output`, or the file cannot be written.
     """
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         check_output(path, force)
         replace_file(path, image)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Report what the system says against a new file.
+
+    Raises:
+        InputError: The file, or its folder, cannot be written.
+    """
+    try:
+        yield
     except (FileExistsError, NotADirectoryError):
         raise InputError(f"{path} cannot be written: {path.parent} is no directory") from None
     except OSError as error:

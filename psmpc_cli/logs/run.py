@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError, SpecError
-from psmpc_cli.logs.files import kind_in, new_image, read_array, read_file, write_new
+from psmpc_cli.logs.files import kind_in, new_image, read_array, read_file, write_new, writing
 from psmpc_cli.logs.schema import COMPARISON, Q_COORDINATE, RUN, Column, columns, layout
 from psmpc_cli.logs.summary import Summary, summarize
 from psmpc_cli.logs.write import create_log
@@ -298,15 +298,11 @@ class Run:
             raise InputError(
                 f"{', '.join(present)} exists already: choose another directory, or overwrite with --force"
             )
-        try:
-            directory.mkdir(parents=True, exist_ok=True)
-            for path, table in zip(paths, tables.values(), strict=True):
+        for path, table in zip(paths, tables.values(), strict=True):
+            with writing(path):
+                directory.mkdir(parents=True, exist_ok=True)
                 with path.open("w", newline="", encoding="utf-8") as file:
                     csv.writer(file).writerows([table, *zip(*table.values(), strict=True)])
-        except (FileExistsError, NotADirectoryError):
-            raise InputError(f"{directory} cannot be written: it is no directory") from None
-        except OSError as error:
-            raise InputError(f"{directory} cannot be written: {error.strerror}") from None
         return paths
 
     def to_xarray(self) -> "xarray.Dataset":

@@ -3,7 +3,7 @@
 Writer, reader, CSV export and the tables of docs/log.md follow it: a new logged quantity is one row of `SCHEMA`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from operator import attrgetter
@@ -23,60 +23,20 @@ RUN, COMPARISON, SWEEP, PARETO, MONTE_CARLO = "run", "comparison", "sweep", "par
 
 
 @dataclass(frozen=True, eq=False)
-class Metrics:
-    """What was measured of a sample, of the true state and of the ticks up to the next sample.
-
-    Attributes:
-        u: Accelerations that reached the robot, tick by tick (M, n) [m/s^2, rad/s^2].
-        xi: Poses of base and end-effectors at the sample (m,) [m, rad].
-        stage_cost: Lbar of the current stage.
-        presence: By stage index, how much of a waiting stage is in the control.
-        shares: By stage index, its share in the applied control.
-        margin: Smallest distance of positions and velocities to a limit (2n,) [m, rad, m/s, rad/s].
-        control_effort: Integral of |u|^2.
-        base_force, base_torque: Integrals of the norm of the base's force [N s] and torque [N m s].
-        deviation: State at the next sample less the plan's (2n,) [m, rad, m/s, rad/s]; of attitude the rotation vector.
-        end_errors: By stage index, the error of its end condition over its tolerance, of stages that end by the plan
-            before the next sample.
-        balance: p(t) - p(0) - integral of the external wrench [N s, N m s], and T - T(0) - integral of F' Qdot [J], at
-            the next sample, (4,) or (7,).
-        true: The true state (nq + n,).
-        held: Whether the grippers hold the payload from here on.
-        payload_energy: Kinetic energy that taking it up or letting it go added at this sample [J].
-    """
-
-    u: np.ndarray
-    xi: np.ndarray
-    stage_cost: float
-    presence: Mapping[int, float]
-    shares: Mapping[int, float]
-    margin: np.ndarray
-    control_effort: float
-    base_force: float
-    base_torque: float
-    deviation: np.ndarray
-    end_errors: Mapping[int, float]
-    balance: np.ndarray
-    true: np.ndarray
-    held: bool
-    payload_energy: float
-
-
-@dataclass(frozen=True, eq=False)
 class Sample:
     """One sample of the closed loop.
 
     Attributes:
         command: What the controller decided.
         ticks: What the plant did until the next sample.
-        metrics: What was measured of both.
+        metrics: What was measured of both, by the paths of the log; what is by stage as a mapping from its index.
         number: Of the sample, from 0.
         stages: Number of stages of the task.
     """
 
     command: Command
     ticks: Ticks
-    metrics: Metrics
+    metrics: Mapping[str, Any]
     number: int
     stages: int
 
@@ -92,8 +52,6 @@ class Sample:
         return self.number * ticks + np.arange(ticks)
 
 
-Value = Callable[[Sample], ArrayLike]
-
 Q_COORDINATE = "Q_coordinate"
 """Scale of Q (nq,) in the logs of spatial robots; `coordinate` is that of v (n,), and of a planar robot's Q too."""
 
@@ -106,7 +64,7 @@ class Column:
         path: Its path in the file.
         units: SI units.
         long_name: What it is.
-        value: Its row or rows, from a sample; None in a dataset that does not grow.
+        value: Its row or rows, from a sample; None in a dataset that does not grow. Of a study's results: from a run.
         dtype: NumPy type, or `text`.
         dims: Paths of the dimension scales of its dimensions; a scale has its own path alone. The first is `time` in a
             dataset with a row a sample, `ticks/tick` in one with a row a tick; the others do not grow. See `layout`.
@@ -117,7 +75,7 @@ class Column:
     path: str
     units: str
     long_name: str
-    value: Value | None = None
+    value: Callable[[Any], Any] | None = None
     dtype: str = "f8"
     dims: tuple[str, ...] = ()
     only: str = ""
@@ -151,9 +109,14 @@ def _read(value: Read) -> Callable[[Any], Any]:
     return attrgetter(value) if isinstance(value, str) else value
 
 
+def _metric(path: str) -> Callable[[Any], Any]:
+    return lambda sample: sample.metrics[path]
+
+
 def _column(path: str, units: str, long_name: str, value: Read = "", dtype: str = "f8", **more: Any) -> Column:
-    """Return a column; without a value it does not grow."""
-    return Column(path, units, long_name, _read(value) if value else None, dtype, **more)
+    """Return a column; without a value it is a metric in a row a sample, else it does not grow."""
+    measured = _metric(path) if more.get("dims", ())[:1] == ("time",) else None
+    return Column(path, units, long_name, _read(value) if value else measured, dtype, **more)
 
 
 def _window(path: str, units: str, long_name: str, values: Read) -> Column:
@@ -168,31 +131,23 @@ def _window(path: str, units: str, long_name: str, values: Read) -> Column:
     return Column(path, units, f"{long_name}; NaN outside the window", placed, dims=("time", "stage"))
 
 
-def _by_stage(
-    path: str,
-    units: str,
-    long_name: str,
-    values: Read,
-    dtype: str = "f8",
-    unknown: float = np.nan,
-    only: str = "",
-) -> Column:
-    """Return the column of values by stage index, in the places of their stages."""
+def _by_stage(path: str, units: str, long_name: str, values: Read = "", **more: Any) -> Column:
+    """Return the column of values by stage index, by default a metric, in the places of their stages."""
 
     def placed(sample: Sample) -> np.ndarray:
-        found = _read(values)(sample)
-        return np.array([found.get(stage, unknown) for stage in range(sample.stages)])
+        found = _read(values or _metric(path))(sample)
+        return np.array([found.get(stage, more.get("unknown", np.nan)) for stage in range(sample.stages)])
 
-    return Column(path, units, long_name, placed, dtype, ("time", "stage"), only)
+    return Column(path, units, long_name, placed, dims=("time", "stage"), **more)
 
 
-def _level(name: str, units: str, long_name: str, value: Read, dtype: str = "f8", unknown: float = np.nan) -> Column:
+def _level(name: str, units: str, long_name: str, value: Read, **more: Any) -> Column:
     """Return the column of a value of each level, in the place of its stage."""
 
     def values(sample: Sample) -> Any:
         return dict(enumerate(map(_read(value), sample.command.levels), start=sample.command.sequence.first))
 
-    return _by_stage(f"levels/{name}", units, long_name, values, dtype, unknown, "levels")
+    return _by_stage(f"levels/{name}", units, long_name, values, only="levels", **more)
 
 
 def _costs(sample: Sample) -> ArrayLike:
@@ -217,16 +172,11 @@ def _plan(name: str, long_name: str, value: str) -> Column:
     return _column(f"plan/{name}", "1", long_name, value, dims=("time", f"plan/{name}_element"), only="plans")
 
 
-def _halves(Q: str, v: str, what: str, state: str, only: str = "", scale: str = "coordinate") -> tuple[Column, ...]:
-    """Return the columns of the positions, along a scale, and the velocities of a state (nq + n,) or (2n,)."""
-    of = attrgetter(state)
+def _halves(Q: str, v: str, what: str, scale: str = "coordinate", **more: Any) -> Iterator[Column]:
+    """Yield the columns of what is measured of positions, along a scale, and of velocities."""
     names = ("position", "velocity") if "limit" in what else ("coordinates", "velocities")
-    values: tuple[Value, Value] = (lambda s: of(s)[: -s.n], lambda s: of(s)[-s.n :])
-    columns = zip((Q, v), ("m, rad", "m/s, rad/s"), names, values, (scale, "coordinate"), strict=True)
-    return tuple(
-        Column(path, unit, what.format(name), each, "f8", ("time", dim), only)
-        for path, unit, name, each, dim in columns
-    )
+    for path, unit, name, dim in zip((Q, v), (_Q, _V), names, (scale, "coordinate"), strict=True):
+        yield _column(path, unit, what.format(name), dims=("time", dim), **more)
 
 
 def _tick_of_object(dim: str, name: str, units: str, long_name: str, value: Read) -> Column:
@@ -240,7 +190,9 @@ def _scale(path: str, units: str, long_name: str, dtype: str = "text", only: str
 
 _Q, _V, _A, _F = "m, rad", "m/s, rad/s", "m/s^2, rad/s^2", "N, N m"
 _t = partial(_column, dims=("time",))
+_tq = partial(_column, dims=("time", Q_COORDINATE))
 _tn = partial(_column, dims=("time", "coordinate"))
+_momentum = partial(_column, dims=("time", "momentum"))
 _disturbance = partial(_column, dims=("time", "coordinate"), only="disturbance")
 _tick_q = partial(_column, dims=("ticks/tick", Q_COORDINATE), only="ticks")
 _tick = partial(_column, dims=("ticks/tick", "coordinate"), only="ticks")
@@ -275,10 +227,11 @@ SCHEMA = (
     _scale("grasp_axis", "1", "component of a gripper's force and moment", only="object"),
     _scale("grasp/measure", "1", "what a gripper has to be near in, to close", only="object"),
     # a row a sample
-    *_halves("state/Q", "state/Qdot", "generalized {}, as the controller saw them", "command.x", scale=Q_COORDINATE),
-    _tn("control/u", _A, "applied acceleration over the first tick", lambda s: s.metrics.u[0]),
+    _tq("state/Q", _Q, "generalized coordinates, as the controller saw them", lambda s: s.command.x[: -s.n]),
+    _tn("state/Qdot", _V, "generalized velocities, as the controller saw them", lambda s: s.command.x[-s.n :]),
+    _tn("control/u", _A, "applied acceleration over the first tick"),
     _tn("force/F", _F, "generalized force of the low-level controller at the sample", lambda s: s.ticks.F[0]),
-    _column("pose/xi", _Q, "poses of base and end-effectors", "metrics.xi", dims=("time", "pose_coordinate")),
+    _column("pose/xi", _Q, "poses of base and end-effectors", dims=("time", "pose_coordinate")),
     _t("window/first", "1", "index of the current stage", "command.sequence.first", "i4"),
     _t("window/count", "1", "number of stages in the window", "command.sequence.count", "i4"),
     _window("window/instants", "s", "planned switch time that ends each stage", "command.instants"),
@@ -291,12 +244,8 @@ SCHEMA = (
         "i4",
     ),
     _window("window/nodes", "1", "intervals N_s of each stage", "command.solution.window.nodes"),
-    _by_stage(
-        "window/presence", _A, "how much of a waiting stage is in the control; NaN if not looked at", "metrics.presence"
-    ),
-    _by_stage(
-        "window/share", "1", "share of each stage in the applied control; NaN where it has none", "metrics.shares"
-    ),
+    _by_stage("window/presence", _A, "how much of a waiting stage is in the control; NaN if not looked at"),
+    _by_stage("window/share", "1", "share of each stage in the applied control; NaN where it has none"),
     _event("appended", "a stage entered the window"),
     _event("postponed", "a stage was seen, but the window with it had no solution yet"),
     _event("solve_failed", "the solve failed and the shifted plan went on"),
@@ -308,36 +257,31 @@ SCHEMA = (
     _t("solver/wall_time", "s", "wall time of the solve alone", "command.solve_time"),
     _t("solver/objective", "1", "objective J", "command.solution.J"),
     _window("normalization/nadir", "1", "divisor of each window stage's cost", "command.solution.window.scale"),
-    _t("cost/current_stage", "1", "cost Lbar of the current stage", "metrics.stage_cost"),
-    *_halves(
-        "margin/position", "margin/velocity", "smallest distance to a {} limit until the next sample", "metrics.margin"
-    ),
-    _t("effort/control", "m^2/s^3, rad^2/s^3", "integral of |u|^2 until the next sample", "metrics.control_effort"),
-    _t("effort/base_force", "N s", "integral of the norm of the base force", "metrics.base_force"),
-    _t("effort/base_torque", "N m s", "integral of the norm of the base torque", "metrics.base_torque"),
-    *_halves("deviation/Q", "deviation/Qdot", "generalized {} at the next sample less the plan's", "metrics.deviation"),
-    _by_stage(
-        "deviation/end", "1", "error of an end condition over its tolerance, where its stage ends", "metrics.end_errors"
-    ),
-    _column(
-        "balance/momentum",
-        "N s, N m s",
-        "momentum less the integral of the external wrench",
-        lambda s: s.metrics.balance[:-1],
-        dims=("time", "momentum"),
-    ),
-    _t(
-        "balance/energy", "J", "kinetic energy less the work of the generalized forces", lambda s: s.metrics.balance[-1]
-    ),
+    _t("cost/current_stage", "1", "cost Lbar of the current stage"),
+    *_halves("margin/position", "margin/velocity", "smallest distance to a {} limit until the next sample"),
+    _t("effort/control", "m^2/s^3, rad^2/s^3", "integral of |u|^2 until the next sample"),
+    _t("effort/base_force", "N s", "integral of the norm of the base force"),
+    _t("effort/base_torque", "N m s", "integral of the norm of the base torque"),
+    *_halves("deviation/Q", "deviation/Qdot", "generalized {} at the next sample less the plan's"),
+    _by_stage("deviation/end", "1", "error of an end condition over its tolerance, where its stage ends"),
+    _momentum("balance/momentum", "N s, N m s", "momentum less the integral of the external wrench"),
+    _t("balance/energy", "J", "kinetic energy less the work of the generalized forces"),
     _level("objective", "1", "optimum of the cost each level minimizes; NaN where none converged", _optimum),
     _by_stage(
         "levels/cost", "1", "cost of each level's stage at the last level that converged", _level_costs, only="levels"
     ),
     _level("wall_time", "s", "wall time of each level's solve alone; NaN where there was none", "wall_time"),
-    _level("solved", "1", "1 if the level converged, 0 if not, -1 if there was none", "outcome.usable", "i1", -1),
-    *_halves("state/Q_true", "state/Qdot_true", "generalized {}, true", "metrics.true", "true state", Q_COORDINATE),
-    _payload("payload/held", "1", "whether the grippers hold the payload from the sample on", "metrics.held", "i1"),
-    _payload("payload/energy", "J", "kinetic energy gained by taking it up or letting it go", "metrics.payload_energy"),
+    _level(
+        "solved",
+        "1",
+        "1 if the level converged, 0 if not, -1 if there was none",
+        "outcome.usable",
+        dtype="i1",
+        unknown=-1,
+    ),
+    *_halves("state/Q_true", "state/Qdot_true", "generalized {}, true", Q_COORDINATE, only="true state"),
+    _payload("payload/held", "1", "whether the grippers hold the payload from the sample on", dtype="i1"),
+    _payload("payload/energy", "J", "kinetic energy gained by taking it up or letting it go"),
     _disturbance("control/disturbance", _A, "estimated disturbance, taken off the control", "command.disturbance"),
     _pose("object/pose", _Q, "pose of the object", lambda s: s.ticks.thing.pose[0]),
     _axis("object/velocity", _V, "velocity of the object, angular about its own axes", lambda s: s.ticks.thing.v[0]),

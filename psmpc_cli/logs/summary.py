@@ -378,19 +378,19 @@ def judge_monitor(monitor: MonitorSpec, arrays: Arrays) -> Verdict:
     if not during.any():
         return Verdict(monitor.name, False, np.nan, np.nan)
     values, time = signal(monitor, arrays)[during], arrays["time"][during]
-    margins = [np.full(len(values), np.inf)]
-    if monitor.above_start_at_most is not None:
-        margins.append(values[0] + monitor.above_start_at_most - values)
-    if monitor.below_start_at_most is not None:
-        margins.append(values - values[0] + monitor.below_start_at_most)
-    if monitor.at_most is not None:
-        margins.append(monitor.at_most - values)
-    if monitor.at_least is not None:
-        margins.append(values - monitor.at_least)
-    margin = np.min(margins, axis=0)
+    margins = [side * (bound - values) for bound, side in monitor_bounds(monitor, float(values[0]))]
+    margin = np.min(margins, axis=0, initial=np.inf)
     broken = np.flatnonzero(~(margin >= 0))  # a signal that is not a number holds no bound
     broken_at = float(time[broken[0]]) if len(broken) else np.nan
     return Verdict(monitor.name, not len(broken), float(margin.min()), broken_at)
+
+
+def monitor_bounds(monitor: MonitorSpec, start: float) -> list[tuple[float, int]]:
+    """List the bounds of a monitored signal that begins with a value, each with 1 for an upper, -1 for a lower one."""
+    beside = ((monitor.above_start_at_most, 1), (monitor.below_start_at_most, -1))
+    bounds = ((monitor.at_most, 1), (monitor.at_least, -1))
+    found = [(start + side * apart, side) for apart, side in beside if apart is not None]
+    return found + [(bound, side) for bound, side in bounds if bound is not None]
 
 
 def _position(xi: np.ndarray, names: list[str], frame: str) -> np.ndarray:

@@ -19,7 +19,7 @@ from psmpc_cli.specs.load import Changes, Task, load_task
 from psmpc_cli.specs.messages import Fault, dotted, quoted
 from psmpc_cli.specs.messages import Path as Location
 from psmpc_cli.specs.parts import POSITION_AXES
-from psmpc_cli.specs.robot import PartLimits, RobotSpec
+from psmpc_cli.specs.robot import RobotSpec
 
 SLACK = 1e-9
 """By which a bound may be missed [m, rad]: decimals of degrees."""
@@ -419,16 +419,13 @@ def _reaches(stage: Stage, robot: RobotSpec, xi: np.ndarray, base: np.ndarray | 
     rows, size = (3, 3) if robot.dimension == 2 else (6, 7)
     if stage.space != "task" or not _counts(stage, slice(0, rows)):
         return {}
-    bounded, first, found = {}, 0, {}
-    for part, count in robot.parts.items():
-        low, high = (bound[first : first + count].tolist() for bound in _bounds(stage, "position"))
-        bounded[part] = PartLimits.model_construct(position=tuple(zip(low, high, strict=True)))
-        first += count
-    limited = robot.model_copy(update={"limits": bounded})
+    found, first = {}, rows
     for i, arm in enumerate(robot.arms, start=1):
+        first, own = first + robot.parts[arm], slice(first, first + robot.parts[arm])
         if _counts(stage, slice(rows * i, rows * (i + 1))):
-            pose = xi[size * i : size * (i + 1)].tolist()
-            found[arm] = reach_of(limited, arm, (xi[:size] if base is None else base).tolist(), pose)
+            low, high = (bound[own] for bound in _bounds(stage, "position"))
+            pose = xi[size * i : size * (i + 1)]
+            found[arm] = reach_of(robot, arm, xi[:size] if base is None else base, pose, (low, high))
     return found
 
 

@@ -48,6 +48,10 @@ class Chart:
         rate = chart_rate(phi, list(v[:, TURN].T))
         return np.column_stack([Q[:, :3], *phi, Q[:, 7:], v[:, :3], *rate, v[:, 6:]])
 
+    def entered(self, X: np.ndarray) -> np.ndarray:
+        """Return the states in the chart (K, 2n) at states [Q; v] (K, nq + n)."""
+        return self.enter(*np.split(X, [X.shape[1] - X.shape[1] // 2], axis=1)) if self.spatial else X
+
     def leave(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return coordinates Q (K, nq) and velocities v (K, n) at states X (K, 2n) in the chart."""
         n = X.shape[1] // 2

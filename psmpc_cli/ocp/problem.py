@@ -259,16 +259,20 @@ def _wanted(stage: Stage, since: np.ndarray | None) -> np.ndarray:
     return stage.target if since is None or stage.trajectory is None else stage.reference(since)
 
 
-def in_own_chart(model: RobotModel, stage: Stage, Q: np.ndarray, v: np.ndarray) -> tuple[Stage, np.ndarray]:
+def in_own_chart(
+    model: RobotModel, stage: Stage, Q: np.ndarray, v: np.ndarray, since: float | None = None
+) -> tuple[Stage, np.ndarray]:
     """Return a stage of a problem and a state (2n,), both in the chart about the attitude in Q (nq,).
 
-    Of the two quaternions for an attitude of the target it has the nearer one.
+    Of the two quaternions for an attitude of the target it has the nearer one; of a trajectory the target is that at a
+    time `since` the stage began [s], its end without one.
     """
     chart = Chart.at(Q, model.n)
     x = np.asarray(chart.enter(Q[None], v[None])[0])
     if not chart.spatial:
         return stage, x
-    poses, target = dict(zip(model.pose_rows, model.poses(Q), strict=True)), stage.target
+    poses = dict(zip(model.pose_rows, model.poses(Q), strict=True))
+    target = stage.target if since is None else stage.reference(np.array([since]))[0]
     nearer = {frame: float(target[at : at + 4] @ poses[frame][3:]) for frame, at in stage.attitudes.items()}
     return stage.in_chart(chart.anchor, Q[7:], {frame: np.sign(w) or 1.0 for frame, w in nearer.items()}), x
 

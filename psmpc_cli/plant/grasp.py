@@ -20,7 +20,7 @@ from psmpc_cli.plant.base import Disturbance, GraspEvent, ObjectTicks, Resistanc
 from psmpc_cli.plant.uncertainty import stream
 from psmpc_cli.robot.closed_chain import ClosedChain
 from psmpc_cli.robot.dynamics import InertialParameters
-from psmpc_cli.robot.free_body import FreeBody, body_of, lifted, lifted_rate, motion_of, relative
+from psmpc_cli.robot.free_body import FreeBody, body_of, counted, lifted, lifted_rate, motion_of, relative
 from psmpc_cli.robot.kinematics import moved
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, cross, dot, exp, log, product, rotate, scaled
@@ -123,10 +123,6 @@ class GraspLaw:
         pose, v = map(ca.vertsplit, symbols[2:])
         return compared(ca.vertsplit(gripper), ca.vertsplit(rate), pose, v, ca.vertsplit(anchor))
 
-    def flat(self, linear: Vector, angular: Vector) -> ca.SX:
-        """Return the components of two vectors (3,) that count, (3,) or (6,)."""
-        return ca.SX(ca.vertcat(*linear[:2], angular[2]) if self.size == 3 else ca.vertcat(*linear, *angular))
-
     def _bushing(self) -> ca.Function:
         sizes = {"gripper": self.sizes[0], "turn": self.size, "pose": self.sizes[0], "v": self.size}
         known = [ca.SX.sym(name, size) for name, size in sizes.items()]
@@ -138,7 +134,7 @@ class GraspLaw:
         moment = add(scaled(found.phi, -kappa), scaled(found.omega, -delta))
         back = add(scaled(moment, -1), cross(found.lever, scaled(force, -1)))
         power = dot(force, found.rdot) + dot(moment, found.omega)
-        outputs = [self.flat(force, moment), self.flat(scaled(force, -1), back), ca.SX(power)]
+        outputs = [counted(self.size, force, moment), counted(self.size, scaled(force, -1), back), ca.SX(power)]
         return ca.Function("bushing", [*known, p], ca.cse(outputs))
 
     def _forces(self) -> ca.Function:
@@ -181,14 +177,13 @@ class GraspLaw:
         """Return the acceleration of the object's point at a lever by the wrench on it there."""
         columns = []
         rest = ca.vertsplit(pose), [0.0] * self.size
-        for column in range(self.size):
-            unit = [float(row == column) for row in range(self.size)]
+        for unit in np.eye(self.size).tolist():
             force, moment = lifted_rate(unit)
-            wrench = self.flat(force, add(moment, cross(lever, force)))
+            wrench = counted(self.size, force, add(moment, cross(lever, force)))
             _, acceleration = self.body.rates(*rest, ca.vertsplit(wrench))
             linear, angular = lifted_rate(acceleration)
             angular = rotate(lifted(rest[0])[1], angular)
-            columns.append(self.flat(add(linear, cross(angular, lever)), angular))
+            columns.append(counted(self.size, add(linear, cross(angular, lever)), angular))
         return ca.SX(ca.horzcat(*columns))
 
 

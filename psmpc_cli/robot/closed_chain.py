@@ -8,7 +8,7 @@ import numpy as np
 
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.dynamics import InertialParameters
-from psmpc_cli.robot.free_body import FreeBody, lifted, lifted_rate
+from psmpc_cli.robot.free_body import FreeBody, counted, lifted, lifted_rate
 from psmpc_cli.robot.kinematics import coordinate_rate
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, cross, matrix, product, rotate, scaled
@@ -86,31 +86,21 @@ def _chain_terms(model: RobotModel, body: FreeBody, grippers: list[str]) -> ca.F
         linear, angular = lifted_rate(ca.vertsplit(xidot[size * frame : size * (frame + 1)]))
         lever = scaled(rotate(attitude, inside), -1)
         stiffness.append(_at_centre(size, scaled(lever, -1), *own[-2:]))
-        velocities.append(_flat(size, add(linear, cross(angular, lever)), angular))
+        velocities.append(counted(size, add(linear, cross(angular, lever)), angular))
     moving = ca.vertcat(*velocities)
-    S, bias = (
-        ca.jacobian(moving, v),
-        ca.jtimes(moving, Q, ca.vertcat(*coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v)))),
-    )
+    S, rate = ca.jacobian(moving, v), ca.vertcat(*coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v)))
     inertia, spin = _load(body, attitude, ca.vertsplit(moving[:size]))
-    return ca.Function(
-        "chain", [Q, v, p], ca.cse([ca.densify(each) for each in (S, bias, ca.vertcat(*stiffness), inertia, spin)])
-    )
-
-
-def _flat(size: int, linear: Vector, angular: Vector) -> ca.SX:
-    """Return the components of two vectors (3,) that count, (3,) or (6,)."""
-    return ca.SX(ca.vertcat(*linear[:2], angular[2]) if size == 3 else ca.vertcat(*linear, *angular))
+    terms = S, ca.jtimes(moving, Q, rate), ca.vertcat(*stiffness), inertia, spin
+    return ca.Function("chain", [Q, v, p], ca.cse([ca.densify(each) for each in terms]))
 
 
 def _at_centre(size: int, lever: Vector, k: ca.SX, kappa: ca.SX) -> ca.SX:
     """Return the stiffness of a bushing at a lever from the object's centre as the wrench about it, by displacement."""
     columns = []
-    for column in range(size):
-        unit = [float(row == column) for row in range(size)]
+    for unit in np.eye(size).tolist():
         moved, turned = lifted_rate(unit)
         force = scaled(add(moved, cross(turned, lever)), k)
-        columns.append(_flat(size, force, add(scaled(turned, kappa), cross(lever, force))))
+        columns.append(counted(size, force, add(scaled(turned, kappa), cross(lever, force))))
     return ca.SX(ca.horzcat(*columns))
 
 
@@ -118,8 +108,6 @@ def _load(body: FreeBody, attitude: Vector | None, velocity: Vector) -> tuple[ca
     """Return the object's inertia in the inertial frame (3, 3) or (6, 6), and omega x I omega as a wrench."""
     if body.dimension == 2 or attitude is None:
         return ca.diag(ca.SX([body.mass, body.mass, *body.inertia])), ca.SX.zeros(3)
-    R = ca.SX(np.zeros((3, 3)))
-    for i, row in enumerate(matrix(attitude)):
-        R[i, :] = ca.horzcat(*row)
+    R = ca.vertcat(*(ca.horzcat(*row) for row in matrix(attitude)))
     turned, omega = R @ ca.diag(ca.SX(list(body.inertia))) @ R.T, ca.vertcat(*velocity[3:])
     return ca.diagcat(body.mass * ca.SX.eye(3), turned), ca.vertcat(ca.SX.zeros(3), ca.cross(omega, turned @ omega))

@@ -11,8 +11,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.robot.rotations import add, cross, exp, matrix, scaled, turn_matrix
-from psmpc_cli.specs.robot import Body, RobotSpec
+from psmpc_cli.robot.free_body import counted, lifted_rate
+from psmpc_cli.robot.kinematics import external_wrench
+from psmpc_cli.robot.rotations import add, cross, dot, exp, matrix, scaled, turn_matrix
+from psmpc_cli.specs.robot import Joint, RobotSpec
 
 EXACT = 1e-15
 """Entries of a constant rotation matrix this near to 0 and 1 are meant to be: right angles cost no operations."""
@@ -93,17 +95,16 @@ def derive_dynamics(spec: RobotSpec) -> Dynamics:
     v, vdot, F = (ca.SX.sym(name, n) for name in ("v", "vdot", "F"))
     w = ca.SX.sym("w", InertialParameters.nominal(spec).vector.size)
     tree = _Tree(spec, Q, w)
-    force = tree.force(v, vdot)
-    bias = tree.force(v, ca.SX.zeros(n))
+    force, bias, Hv = tree.force(v, vdot), tree.force(v, ca.SX.zeros(n)), tree.force(0 * v, v)
     H = ca.triu2symm(ca.triu(ca.jacobian(force, vdot)))
-    momentum = tree.momentum(v)
+    momentum = ca.vertcat(*external_wrench(ca.vertsplit(Q), ca.vertsplit(Hv)))
     motion = {"Q": Q, "v": v}
     return Dynamics(
         H=function("H", {"Q": Q, "w": w}, {"H": ca.densify(H)}),
         inverse=function("inverse", {**motion, "vdot": vdot, "w": w}, {"F": force}),
         forward=function("forward", {**motion, "F": F, "w": w}, {"vdot": solve_spd(H, F - bias)}),
         momentum=function("momentum", {**motion, "w": w}, {"p": momentum}),
-        kinetic_energy=function("kinetic_energy", {**motion, "w": w}, {"T": ca.dot(v, tree.force(0 * v, v)) / 2}),
+        kinetic_energy=function("kinetic_energy", {**motion, "w": w}, {"T": ca.dot(v, Hv) / 2}),
     )
 
 
@@ -131,11 +132,10 @@ class _Lump:
 
 @dataclass(frozen=True)
 class _Motion:
-    """Motion of a body's frame: angular velocity and acceleration, velocity and acceleration of its origin."""
+    """Motion of a body's frame: angular velocity and acceleration, acceleration of its origin."""
 
     omega: Vector
     alpha: Vector
-    velocity: Vector
     acceleration: Vector
 
 
@@ -143,29 +143,25 @@ class _Tree:
     """The bodies of a robot at Q with inertial parameters w."""
 
     def __init__(self, spec: RobotSpec, Q: ca.SX, w: ca.SX) -> None:
-        self.spec, self.bodies, base = spec, spec.bodies, 3 * (spec.dimension - 1)
-        if spec.dimension == 2:
-            self.position, self.turned = [Q[0], Q[1], 0.0], turn_matrix((0.0, 0.0, 1.0), Q[2])
-        else:
-            self.position, self.turned = [Q[i] for i in range(3)], matrix([Q[3 + i] for i in range(4)])
-        joints = Q[base + (spec.dimension == 3) :]
-        placed = (_joint_place(body, joints[i]) for i, body in enumerate(self.bodies[1:]))
-        self.places: list[tuple[Matrix, Vector]] = [(self.turned, self.position), *placed]
+        base, planar = 3 * (spec.dimension - 1), spec.dimension == 2
+        self.turned = turn_matrix((0.0, 0.0, 1.0), Q[2]) if planar else matrix([Q[3 + i] for i in range(4)])
+        self.base, joints = slice(0, base), ca.vertsplit(Q)[base + (not planar) :]
+        self.joints = [body.joint for body in spec.bodies if body.joint is not None]
+        self.places = list(map(_joint_place, self.joints, joints))
         self.lumps = [*_own_lumps(spec, w), *_held_lumps(spec, w)]
 
     def motions(self, v: ca.SX, vdot: ca.SX) -> list[_Motion]:
         """Compute the motion of every body, each in its own frame."""
-        d, back = self.spec.dimension, _transposed(self.turned)
-        (linear, angular), (pulled, twisted) = _base_vectors(v, d), _base_vectors(vdot, d)
-        found = [_Motion(angular, twisted, _times(back, linear), _times(back, pulled))]
-        for i, body in enumerate(self.bodies[1:]):
-            rate, change = v[3 * (d - 1) + i], vdot[3 * (d - 1) + i]
-            found.append(_carried(found[_carrier(body)], body, *self.places[i + 1], rate, change))
+        (_, angular), (pulled, twisted) = (lifted_rate(ca.vertsplit(each[self.base])) for each in (v, vdot))
+        found = [_Motion(angular, twisted, _times(_transposed(self.turned), pulled))]
+        rates = zip(*(ca.vertsplit(each)[self.base.stop :] for each in (v, vdot)), strict=True)
+        for joint, place, rate in zip(self.joints, self.places, rates, strict=True):
+            found.append(_carried(found[joint.at.body], joint, *place, *rate))
         return found
 
     def force(self, v: ca.SX, vdot: ca.SX) -> ca.SX:
         """Compute the generalized force (n,)."""
-        motions, d = self.motions(v, vdot), self.spec.dimension
+        motions = self.motions(v, vdot)
         forces, moments = [[0.0] * 3 for _ in motions], [[0.0] * 3 for _ in motions]
         for lump in self.lumps:
             motion, i = motions[lump.body], lump.body
@@ -174,56 +170,17 @@ class _Tree:
             spin = cross(motion.omega, _times(lump.inertia, motion.omega))
             forces[i] = add(forces[i], f)
             moments[i] = add(moments[i], _times(lump.inertia, motion.alpha), spin, cross(lump.centre, f))
-        joints: list[Any] = [0.0] * (len(self.bodies) - 1)
-        for i in range(len(self.bodies) - 1, 0, -1):
-            joint, (E, r) = self.bodies[i].joint, self.places[i]
-            if joint is None:
-                continue
-            joints[i - 1] = _along(joint.axis, forces[i] if joint.prismatic else moments[i])
+        along: list[Any] = []
+        for i, joint, (E, r) in reversed(list(zip(range(1, len(motions)), self.joints, self.places, strict=True))):
+            along.insert(0, dot(joint.axis, forces[i] if joint.prismatic else moments[i]))
             f, carrier = _times(E, forces[i]), joint.at.body
             forces[carrier] = add(forces[carrier], f)
             moments[carrier] = add(moments[carrier], _times(E, moments[i]), cross(r, f))
-        return ca.SX(ca.vertcat(_wrench(d, _times(self.turned, forces[0]), moments[0]), *joints))
-
-    def momentum(self, v: ca.SX) -> ca.SX:
-        """Compute linear and angular momentum about the inertial origin, in the inertial frame, (3,) or (6,)."""
-        motions = self.motions(v, ca.SX.zeros(v.numel()))
-        linear, angular = [[0.0] * 3 for _ in motions], [[0.0] * 3 for _ in motions]
-        for lump in self.lumps:
-            motion, i = motions[lump.body], lump.body
-            p = scaled(add(motion.velocity, cross(motion.omega, lump.centre)), lump.mass)
-            linear[i] = add(linear[i], p)
-            angular[i] = add(angular[i], _times(lump.inertia, motion.omega), cross(lump.centre, p))
-        for i in range(len(self.bodies) - 1, -1, -1):
-            E, r = self.places[i]
-            p, h = _times(E, linear[i]), _times(E, angular[i])
-            if i == 0:
-                return _wrench(self.spec.dimension, p, add(h, cross(r, p)))
-            carrier = _carrier(self.bodies[i])
-            linear[carrier], angular[carrier] = add(linear[carrier], p), add(angular[carrier], h, cross(r, p))
-        raise AssertionError("a robot has a base")
+        return ca.SX(ca.vertcat(counted(self.base.stop, _times(self.turned, forces[0]), moments[0]), *along))
 
 
-def _base_vectors(v: ca.SX, dimension: int) -> tuple[Vector, Vector]:
-    """Return the base's linear and angular vector (3,) each in the coordinates v."""
-    if dimension == 2:
-        return [v[0], v[1], 0.0], [0.0, 0.0, v[2]]
-    return [v[i] for i in range(3)], [v[i] for i in range(3, 6)]
-
-
-def _wrench(dimension: int, linear: Vector, angular: Vector) -> ca.SX:
-    """Return the components that count, (3,) or (6,)."""
-    return ca.SX(ca.vertcat(*linear[:dimension], *(angular if dimension == 3 else angular[2:])))
-
-
-def _carrier(body: Body) -> int:
-    return 0 if body.joint is None else body.joint.at.body
-
-
-def _joint_place(body: Body, q: Any) -> tuple[Matrix, Vector]:
+def _joint_place(joint: Joint, q: Any) -> tuple[Matrix, Vector]:
     """Compute the rotation of a body's frame into that of its carrier, and its origin there, at joint coordinate q."""
-    joint = body.joint
-    assert joint is not None
     position = list(joint.at.position)
     at = np.array(matrix(exp(joint.at.rotation)))
     at = np.where(np.abs(at - at.round()) < EXACT, at.round(), at).tolist()
@@ -233,19 +190,15 @@ def _joint_place(body: Body, q: Any) -> tuple[Matrix, Vector]:
     return _transposed([_times(at, column) for column in columns]), position
 
 
-def _carried(before: _Motion, body: Body, E: Matrix, r: Vector, rate: Any, change: Any) -> _Motion:
+def _carried(before: _Motion, joint: Joint, E: Matrix, r: Vector, rate: Any, change: Any) -> _Motion:
     """Compute the motion of a body from that of its carrier; E and r are those of `_joint_place`."""
-    joint, back = body.joint, _transposed(E)
-    assert joint is not None
+    back = _transposed(E)
     omega, alpha = _times(back, before.omega), _times(back, before.alpha)
-    velocity = _times(back, add(before.velocity, cross(before.omega, r)))
     acceleration = _times(back, add(before.acceleration, _at(before.omega, before.alpha, r)))
-    along, turning = scaled(joint.axis, rate), cross(omega, scaled(joint.axis, rate))
+    turning = cross(omega, scaled(joint.axis, rate))
     if joint.prismatic:
-        velocity, acceleration = add(velocity, along), add(acceleration, scaled(joint.axis, change), scaled(turning, 2))
-    else:
-        omega, alpha = add(omega, along), add(alpha, scaled(joint.axis, change), turning)
-    return _Motion(omega, alpha, velocity, acceleration)
+        return _Motion(omega, alpha, add(acceleration, scaled(joint.axis, change), scaled(turning, 2)))
+    return _Motion(add(omega, scaled(joint.axis, rate)), add(alpha, scaled(joint.axis, change), turning), acceleration)
 
 
 def _own_lumps(spec: RobotSpec, w: ca.SX) -> list[_Lump]:
@@ -276,11 +229,7 @@ def _at(omega: Vector, alpha: Vector, r: Vector) -> Vector:
 
 
 def _times(A: Matrix, b: Sequence[Any]) -> Vector:
-    return [_along(row, b) for row in A]
-
-
-def _along(a: Sequence[Any], b: Sequence[Any]) -> Any:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return [dot(row, b) for row in A]
 
 
 def _transposed(A: Matrix) -> Matrix:

@@ -7,6 +7,7 @@ with the rate of the angle, or the angular velocity in the body's frame. The fra
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,6 +32,11 @@ def lifted_rate(rate: Any) -> tuple[list[Any], list[Any]]:
     if len(rate) == 3:
         return [rate[0], rate[1], 0.0], [0.0, 0.0, rate[2]]
     return list(rate[:3]), list(rate[3:])
+
+
+def counted(size: int, linear: Any, angular: Any) -> Any:
+    """Return the components of two vectors (3,) that count, (3,) or (6,), the inverse of `lifted_rate`."""
+    return ca.vertcat(*linear[:2], angular[2]) if size == 3 else ca.vertcat(*linear, *angular)
 
 
 def composed(pose: Any, inside: Any) -> Array:
@@ -80,6 +86,11 @@ class FreeBody:
         """2 or 3."""
         return 2 if len(self.inertia) == 1 else 3
 
+    @property
+    def moments(self) -> list[Any]:
+        """Moments of inertia about the three axes, those in the plane of a planar body 0."""
+        return [*([0.0, 0.0] if self.dimension == 2 else []), *self.inertia]
+
     def rates(self, Q: Any, v: Any, wrench: Any) -> tuple[list[Any], list[Any]]:
         """Compute the rates of pose and velocity under a wrench about the centre of mass, in the inertial frame."""
         if self.dimension == 2:
@@ -95,20 +106,16 @@ class FreeBody:
         """Compute linear [N s] and angular momentum about the inertial origin [N m s], (3,) or (6,)."""
         position, quaternion = lifted(Q)
         linear, angular = lifted_rate(v)
-        moments = [*([0.0, 0.0] if self.dimension == 2 else []), *self.inertia]
         p = scaled(linear, self.mass)
-        spin = rotate(quaternion, [moment * rate for moment, rate in zip(moments, angular, strict=True)])
+        spin = rotate(quaternion, [moment * rate for moment, rate in zip(self.moments, angular, strict=True)])
         h = add(spin, cross(position, p))
         return [*p[:2], h[2]] if self.dimension == 2 else [*p, *h]
 
     def kinetic_energy(self, v: Any) -> Any:
         """Compute the kinetic energy [J]."""
         linear, angular = lifted_rate(v)
-        moments = [*([0.0, 0.0] if self.dimension == 2 else []), *self.inertia]
-        return (
-            self.mass * dot(linear, linear)
-            + sum(moment * rate**2 for moment, rate in zip(moments, angular, strict=True))
-        ) / 2
+        turning = sum(moment * rate**2 for moment, rate in zip(self.moments, angular, strict=True))
+        return (self.mass * dot(linear, linear) + turning) / 2
 
     def predicted(self, Q: Any, v: Any, time: float) -> tuple[Array, Array]:
         """Return pose and velocity after a time [s] of free motion."""

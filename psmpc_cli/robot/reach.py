@@ -1,17 +1,18 @@
 """Whether an arm can reach a pose from a given base pose within its joint limits: inverse kinematics."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.native.functions import ArrayFunction
+from psmpc_cli.robot.free_body import lifted
 from psmpc_cli.robot.kinematics import SpatialFrame, place
-from psmpc_cli.robot.rotations import add, conjugate, exp, log, product, rotate, scaled, turn
+from psmpc_cli.robot.rotations import add, conjugate, exp, log, product, rotate, scaled
 from psmpc_cli.specs.robot import RobotSpec
 
 Array = NDArray[np.float64]
@@ -51,14 +52,17 @@ class Reach:
     missed: tuple[float, float]
 
 
-def reach_of(robot: RobotSpec, arm: str, base_pose: Sequence[float], pose: Sequence[float]) -> Reach:
+def reach_of(
+    robot: RobotSpec, arm: str, base_pose: ArrayLike, pose: ArrayLike, limits: tuple[Array, Array] | None = None
+) -> Reach:
     """Compute whether `arm` reaches `pose` with the base at `base_pose`.
 
     Args:
-        robot: The robot, with position limits of the arm.
+        robot: The robot.
         arm: Name of the arm.
         base_pose: (x, y, angle), (3,) [m, m, rad]; in space position and quaternion, (7,).
         pose: Of the end-effector, likewise.
+        limits: Lowest and highest joint coordinates of the arm (links,); by default the robot's.
 
     Raises:
         InputError: The robot has no such arm, or a pose has not as many numbers.
@@ -66,7 +70,7 @@ def reach_of(robot: RobotSpec, arm: str, base_pose: Sequence[float], pose: Seque
     if arm not in robot.arms:
         raise InputError(f"robot '{robot.name}' has no arm '{arm}'; it has {', '.join(robot.arms)}")
     base, target = _frame(robot, "base_pose", base_pose), _frame(robot, "pose", pose)
-    low, high = _joint_limits(robot, arm)
+    low, high = limits or _joint_limits(robot, arm)
     lengths, slides = np.linalg.norm(robot.link_ends(arm), axis=1), np.zeros(len(low))
     slides[_sliding(robot, arm)] = np.maximum(np.abs(low), np.abs(high))[_sliding(robot, arm)]
     inner, outer = _annulus(lengths[:-1], float(slides.sum()))
@@ -156,15 +160,14 @@ def _nearest_zero(q: Array, low: Array, high: Array) -> Array:
     return np.where((turned >= low) & (turned <= high), turned, q)
 
 
-def _frame(robot: RobotSpec, name: str, values: Sequence[float]) -> SpatialFrame:
+def _frame(robot: RobotSpec, name: str, values: ArrayLike) -> SpatialFrame:
     """Return a pose as a frame in space."""
     pose, size = np.asarray(values, dtype=float), 3 if robot.dimension == 2 else 7
     if pose.shape != (size,):
         numbers = "three numbers (x, y, angle)" if size == 3 else "seven numbers (x, y, z, quaternion w, x, y, z)"
-        raise InputError(f"{name} is {list(values)}, but {numbers} are expected")
-    if size == 3:
-        return SpatialFrame([pose[0], pose[1], 0.0], turn((0.0, 0.0, 1.0), pose[2]))
-    return SpatialFrame(pose[:3].tolist(), (pose[3:] / np.linalg.norm(pose[3:])).tolist())
+        raise InputError(f"{name} is {np.asarray(values).tolist()}, but {numbers} are expected")
+    position, turned = lifted(pose.tolist())
+    return SpatialFrame(position, scaled(turned, 1 / float(np.linalg.norm(turned))))
 
 
 def _rows(robot: RobotSpec, arm: str) -> slice:

@@ -12,7 +12,7 @@ from scipy.optimize import nnls
 
 from psmpc_cli.control.controller import Command, Controller
 from psmpc_cli.control.sequence import MovingSequence, Switch
-from psmpc_cli.logs.schema import Metrics, Sample
+from psmpc_cli.logs.schema import Sample
 from psmpc_cli.ocp.plan import Chart, Plan, shift
 from psmpc_cli.ocp.window import SHORTEST, Window
 from psmpc_cli.plant import Ticks
@@ -61,31 +61,37 @@ class Meter:
             self._gained = self._gained + np.array([*happened.impulse, happened.work])
         tick, base = ticks.time[1:] - ticks.time[:-1], ticks.F[:, self._base]
         end, d = ticks.X[-1], model.dimension
-        X, planned = self._in_chart(chart, ticks.X), command.x_next
+        X, planned = chart.entered(ticks.X), command.x_next
         limited, deviation = X[1:], end - planned
         if chart.spatial:
             limited = np.hstack([limited[:, : model.n], ticks.X[1:, model.nq :]])  # limits are those of v
-            there = self._in_chart(Chart.at(planned[: model.nq], model.n), np.array([planned, end]))
+            there = Chart.at(planned[: model.nq], model.n).entered(np.array([planned, end]))
             deviation = np.concatenate([(there[1] - there[0])[: model.n], deviation[model.nq :]])
         below, above = limited - stage.limits.state_low, stage.limits.state_high - limited
         since = ticks.time[:1] - command.sequence.entered
-        metrics = Metrics(
-            u=u,
-            xi=model.poses(true[: model.nq]).ravel(),
-            stage_cost=float(problem.costs.at(stage, self._in_chart(chart, true[None]), u[:1], since)[0]),
-            presence=self._counterfactuals.presence(command),
-            shares=self._counterfactuals.shares(command) if self._shares else {},
-            margin=np.minimum(below, above).min(axis=0),
-            control_effort=float((tick @ (u * u)).sum()),
-            base_force=float(tick @ np.sqrt((base[:, :d] ** 2).sum(axis=1))),
-            base_torque=float(tick @ np.sqrt((base[:, d:] ** 2).sum(axis=1))),
-            deviation=deviation,
-            end_errors=self._end_errors(command, ticks.time, X),
-            balance=self._kept(stage.index, end) - self._start - self._gained,
-            true=true,
-            held=self._uncertainty is not None and self._uncertainty.holds(stage.index),
-            payload_energy=0.0 if contact is None else contact.work,
-        )
+        n, margin = model.n, np.minimum(below, above).min(axis=0)
+        kept = self._kept(stage.index, end) - self._start - self._gained
+        metrics = {
+            "control/u": u[0],
+            "pose/xi": model.poses(true[: model.nq]).ravel(),
+            "cost/current_stage": problem.costs.at(stage, chart.entered(true[None]), u[:1], since)[0],
+            "window/presence": self._counterfactuals.presence(command),
+            "window/share": self._counterfactuals.shares(command) if self._shares else {},
+            "margin/position": margin[:n],
+            "margin/velocity": margin[n:],
+            "effort/control": (tick @ (u * u)).sum(),
+            "effort/base_force": tick @ np.sqrt((base[:, :d] ** 2).sum(axis=1)),
+            "effort/base_torque": tick @ np.sqrt((base[:, d:] ** 2).sum(axis=1)),
+            "deviation/Q": deviation[:n],
+            "deviation/Qdot": deviation[n:],
+            "deviation/end": self._end_errors(command, ticks.time, X),
+            "balance/momentum": kept[:-1],
+            "balance/energy": kept[-1],
+            "state/Q_true": true[: model.nq],
+            "state/Qdot_true": true[model.nq :],
+            "payload/held": self._uncertainty is not None and self._uncertainty.holds(stage.index),
+            "payload/energy": 0.0 if contact is None else contact.work,
+        }
         self._number += 1
         return Sample(command, ticks, metrics, self._number - 1, len(problem.stages))
 
@@ -95,11 +101,6 @@ class Meter:
         robot = None if self._uncertainty is None else self._uncertainty.true_parameters(stage)
         own = model.balance(x[: model.nq], x[model.nq :], robot)
         return own if self._capture is None else own + self._capture.kept
-
-    def _in_chart(self, chart: Chart, X: np.ndarray) -> np.ndarray:
-        """Return states (K, nq + n) in a chart (K, 2n)."""
-        nq = self._problem.model.nq
-        return chart.enter(X[:, :nq], X[:, nq:]) if chart.spatial else X
 
     def _end_errors(self, command: Command, times: np.ndarray, X: np.ndarray) -> dict[int, float]:
         """Return the end errors of stages that end by the plan before the next sample, by stage index.
@@ -257,7 +258,7 @@ class StageClock:
         """Take in a sample; return whether anything changed."""
         self.end(sample.command.switches)
         changed = bool(sample.command.switches)
-        for stage, found in sample.metrics.presence.items():
+        for stage, found in sample.metrics["window/presence"].items():
             starts = (found >= self.thresholds) & np.isnan(self._early[stage])
             self._early[stage, starts] = sample.command.time
             changed |= bool(starts.any())

@@ -2,6 +2,7 @@
 
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -116,20 +117,6 @@ def _window(run: Run, problem: Problem, numbers: np.ndarray, sample: int) -> Win
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
-    """One quantity as it was logged and as it came out again."""
-
-    name: str
-    logged: float
-    again: float
-
-    @property
-    def difference(self) -> float:
-        """How far they are apart."""
-        return abs(self.again - self.logged)
-
-
-@dataclass(frozen=True, eq=False)
 class Replay:
     """A solve done again.
 
@@ -138,25 +125,20 @@ class Replay:
         logged: The solve as it was logged.
         solution: What came out again.
         iterations: The solver's table of iterations, line by line; its objective is J over the largest priority.
-        compared: Objective, planned switch times and the control of the first tick.
+        compared: Objective, planned switch times and the control of the first tick: as logged, and again.
         apart: Largest difference of a control in the plan [m/s^2, rad/s^2].
         remarks: What was logged that is not the solve behind the applied control.
-        run_solver: Name of the solver that the run had.
+        same_solver: Whether the solver is the run's.
     """
 
     experiment: Experiment
     logged: Solution
     solution: Solution
     iterations: tuple[str, ...]
-    compared: tuple[Compared, ...]
+    compared: Mapping[str, tuple[float, float]]
     apart: float
     remarks: tuple[str, ...]
-    run_solver: str
-
-    @property
-    def same_solver(self) -> bool:
-        """Whether the solver is the run's."""
-        return self.experiment.task.solver.kind == self.run_solver
+    same_solver: bool
 
     @property
     def largest_priority(self) -> float:
@@ -166,7 +148,7 @@ class Replay:
     @property
     def largest(self) -> float:
         """The largest of all differences."""
-        return max(self.apart, *(each.difference for each in self.compared))
+        return max(self.apart, *(abs(again - logged) for logged, again in self.compared.values()))
 
 
 def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
@@ -180,17 +162,17 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
     loaded = log.task
     chosen = loaded if solver is None else _with_solver(loaded, solver)
     experiment = build_experiment(chosen)
-    logged = logged_solve(log, experiment.problem, sample)
-    solution, iterations = solve_again(experiment, logged, chosen.spec.solver.kind == loaded.spec.solver.kind)
+    logged, same = logged_solve(log, experiment.problem, sample), chosen.spec.solver.kind == loaded.spec.solver.kind
+    solution, iterations = solve_again(experiment, logged, same)
     return Replay(
         experiment=experiment,
         logged=logged,
         solution=solution,
         iterations=iterations,
-        compared=tuple(_compared(log, experiment, logged, solution)),
+        compared=_compared(log, experiment, logged, solution),
         apart=float(np.abs(solution.plan.u - logged.plan.u).max()),
         remarks=tuple(_remarks(log, experiment, sample)),
-        run_solver=loaded.spec.solver.kind,
+        same_solver=same,
     )
 
 
@@ -211,18 +193,12 @@ def solve_again(experiment: Experiment, logged: Solution, same_solver: bool = Tr
     return solver.solve(logged.window, logged.guess, start if logged.warm else None), tuple(lines)
 
 
-def _compared(log: Run, experiment: Experiment, logged: Solution, again: Solution) -> list[Compared]:
-    window, plan, names = logged.window, again.plan, [stage.name for stage in logged.window.stages]
-    found = [Compared("objective J", logged.J, again.J)]
-    for name, before, after in zip(names, logged.plan.instants, plan.instants, strict=False):
-        found.append(Compared(f"{name} ends [s]", float(before), float(after)))
-    tick = window.start + np.array([0.0, 1 / experiment.task.plant.low_level_rate])
-    controls = (each.mean_control(tick)[0] for each in (logged.plan, plan))
-    found += [
-        Compared(f"control of {name}", float(before), float(after))
-        for name, before, after in zip(log.coordinates, *controls, strict=True)
-    ]
-    return found
+def _compared(log: Run, experiment: Experiment, logged: Solution, again: Solution) -> dict[str, tuple[float, float]]:
+    start, names = logged.window.start, [f"{stage.name} ends [s]" for stage in logged.window.stages]
+    tick = start + np.array([0.0, 1 / experiment.task.plant.low_level_rate])
+    names = ["objective J", *names[:-1], *(f"control of {name}" for name in log.coordinates)]
+    solves = [np.r_[each.J, each.plan.instants, each.plan.mean_control(tick)[0]] for each in (logged, again)]
+    return dict(zip(names, zip(*np.array(solves).tolist(), strict=True), strict=True))
 
 
 def _remarks(log: Run, experiment: Experiment, sample: int) -> list[str]:

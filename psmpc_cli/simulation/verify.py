@@ -1,6 +1,6 @@
 """Between the nodes: what the physics does along the plans of a log and along its closed loop."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,19 +66,22 @@ def verify(log: Run, every: int = 1, watch: Callable[[int], None] = lambda sampl
     if not log.has_plans or not len(log.time):
         missing = "samples" if log.has_plans else "plans"
         raise LogError(f"{log.path}: holds no {missing}; expected a log of a task with log: {{plans: true}}")
-    experiment = build_experiment(log.task)
-    verifier = _Verifier(log, experiment)
+    verifier = _Verifier(log, build_experiment(log.task))
     for sample in range(len(log.time)):
         verifier.take(sample, sample % every == 0)
         watch(sample)
     return verifier.result()
 
 
+Found = Iterator[tuple[str, Vector, Vector, Sequence[str]]]
+"""What is measured of a sample: its name in `QUANTITIES`, values (T, names), times (T,) [s] and names."""
+
+
 class _Verifier:
     """Goes through a log sample by sample and keeps the largest values."""
 
     def __init__(self, log: Run, experiment: Experiment) -> None:
-        self._log, self._experiment = log, experiment
+        self._log, self._experiment, self._model = log, experiment, experiment.model
         self._physics = AdaptiveDynamics(experiment.model)
         self._levels = "levels/solved" in log
         task = experiment.task
@@ -90,14 +93,19 @@ class _Verifier:
 
     def take(self, sample: int, horizon: bool) -> None:
         """Integrate the closed loop after a sample, and its horizon if asked for."""
-        failed = bool(self._log["events/solve_failed"][sample])
-        if not failed:
+        if not self._log["events/solve_failed"][sample]:
             solve = logged_solve(self._log, self._experiment.problem, sample)
             self._plan = solve.plan
             if horizon:
-                self._take_horizon(sample, solve.plan, solve.window)
-        if not self._uncertain:
-            self._take_loop(sample, self._experiment.stages[int(self._log["window/first"][sample])])
+                self._count += 1
+                _keep(self._horizons, sample, self._of_horizon(solve.plan, solve.window))
+        if self._uncertain:
+            return
+        known = None if self._levels or self._log["events/braking"][sample] else self._plan
+        flow = self._flow(sample, known)
+        self._samples, self._left_out = self._samples + (flow is not None), self._left_out + (flow is None)
+        if flow is not None:
+            _keep(self._loop, sample, self._of_loop(sample, flow, known))
 
     def result(self) -> Verification:
         """Return what was found."""
@@ -114,113 +122,77 @@ class _Verifier:
             remarks.append(f"{self._left_out} samples of the closed loop were left out, {why}")
         return Verification(self._horizons, self._count, self._loop, self._samples, tuple(remarks))
 
-    def _take_horizon(self, sample: int, plan: Plan, window: Window) -> None:
+    def _of_horizon(self, plan: Plan, window: Window) -> Found:
+        """Integrate a plan; limits count by how much more than at the measured state, which the horizon leaves free."""
         u = np.hstack([plan.u, np.tile(plan.chart.anchor, (len(plan.u), 1))])
         flow = self._physics.under("law", np.hstack(plan.chart.leave(plan.X[:1]))[0], plan.times, u)
-        self._count += 1
-        self._note_deviation(self._horizons, sample, flow.between_pieces, plan.X, plan.times, plan.chart)
-        ends = np.cumsum(window.nodes)
-        for s, (stage, N, last) in enumerate(zip(window.stages, window.nodes, ends, strict=True)):
-            first = last - N
-            inside = slice(first * INSIDE, last * INSIDE + 1)
-            self._note_limits(self._horizons, sample, stage, flow, inside)
-            if s < len(window.stages) - 1:
-                x = self._in_chart(plan.chart, flow.between_pieces)[last]
-                self._note_end(self._horizons, sample, stage, x, plan.times[last])
+        X = plan.chart.entered(flow.between_pieces)
+        yield from self._halves("", np.abs(X - plan.X), plan.times)
+        for stage, N, last in zip(window.stages, window.nodes, np.cumsum(window.nodes), strict=True):
+            inside, beyond = slice((last - N) * INSIDE, last * INSIDE + 1), self._beyond(stage, flow)
+            yield from self._halves(" limit", np.maximum(beyond - beyond[0], 0.0)[inside], flow.times[inside])
+            if stage is not window.stages[-1]:
+                yield from self._end(stage, X[last], plan.times[last])
 
-    def _take_loop(self, sample: int, stage: Stage) -> None:
+    def _flow(self, sample: int, plan: Plan | None) -> Flow | None:
+        """Integrate the closed loop over a sample under its logged forces, or those of its plan; None without both."""
         log, task = self._log, self._experiment.task
         ticks = round(task.controller.sample_time * task.plant.low_level_rate)
-        edges = log.time[sample] + np.arange(ticks + 1) / task.plant.low_level_rate
-        x, plan = _state(log, sample), self._plan
-        known = plan is not None and not self._levels and not log["events/braking"][sample]
+        edges, x = log.time[sample] + np.arange(ticks + 1) / task.plant.low_level_rate, _state(log, sample)
         if log.ticks:
-            held = log.ticks["F"][sample * ticks : (sample + 1) * ticks]
-            flow = self._physics.under("force", x, edges, held)
-        elif known and plan is not None:
-            _, v = plan.chart.leave(plan.states_at(edges))
-            flow = self._physics.under("ticks", x, edges, np.diff(v, axis=0) / np.diff(edges)[:, None])
-        else:
-            self._left_out += 1
-            return
-        self._samples += 1
-        if known and plan is not None:
-            self._note_deviation(self._loop, sample, flow.X[-1:], plan.states_at(edges[-1:]), edges[-1:], plan.chart)
-        self._note_limits(self._loop, sample, stage, flow, slice(None))
-        self._note_plant(sample, flow)
-        self._note_hand_overs(sample, flow)
+            return self._physics.under("force", x, edges, log.ticks["F"][sample * ticks : (sample + 1) * ticks])
+        if plan is None:
+            return None
+        _, v = plan.chart.leave(plan.states_at(edges))
+        return self._physics.under("ticks", x, edges, np.diff(v, axis=0) / np.diff(edges)[:, None])
 
-    def _in_chart(self, chart: Chart, X: Vector) -> Vector:
-        """Return states (K, nq + n) in a chart (K, 2n)."""
-        return chart.enter(*np.split(X, [self._experiment.model.nq], axis=1))
-
-    def _note_deviation(
-        self, peaks: Peaks, sample: int, X: Vector, planned: Vector, times: Vector, chart: Chart
-    ) -> None:
-        """Note how far states X (K, nq + n) are from planned ones in a chart (K, 2n)."""
-        n, apart = self._experiment.model.n, np.abs(self._in_chart(chart, X) - planned)
-        self._note(peaks, "position", sample, apart[:, :n], times)
-        self._note(peaks, "velocity", sample, apart[:, n:], times)
-
-    def _note_limits(self, peaks: Peaks, sample: int, stage: Stage, flow: Flow, part: slice) -> None:
-        """Note by how much more than at the measured state a limit is violated: the horizon leaves that state free."""
-        n, nq, limits = self._experiment.model.n, self._experiment.model.nq, stage.limits
-        X = np.hstack([self._in_chart(Chart.at(flow.X[0, :nq], n), flow.X)[:, :n], flow.X[:, nq:]])
-        beyond = np.maximum(np.maximum(limits.state_low - X, X - limits.state_high), 0.0)
-        if peaks is self._horizons:
-            beyond = np.maximum(beyond - beyond[0], 0.0)
-        self._note(peaks, "position limit", sample, beyond[part, :n], flow.times[part])
-        self._note(peaks, "velocity limit", sample, beyond[part, n:], flow.times[part])
-
-    def _note_plant(self, sample: int, flow: Flow) -> None:
-        """Note how far the next logged state is from the integrated one."""
-        log = self._log
-        if sample + 1 < len(log.time):
-            after = _state(log, sample + 1)
-        elif np.isfinite(log.final["time"]):
-            after = np.concatenate([log.final["Q"], log.final["v"]])
-        else:
-            return
-        names = [*log.coordinates, *(f"{name} velocity" for name in log.coordinates)]
-        at, both = (
-            Chart.at(after[: self._experiment.model.nq], self._experiment.model.n),
-            np.vstack([flow.X[-1], after]),
-        )
-        apart = np.abs(np.diff(self._in_chart(at, both), axis=0))
-        self._note(self._loop, "plant", sample, apart, flow.times[-1:], names)
-
-    def _note_hand_overs(self, sample: int, flow: Flow) -> None:
-        """Note the end conditions of stages that ended in the course of a sample."""
-        switch_times = self._log.stages["switch_time"]
-        start, end = flow.times[0], flow.times[-1]
-        for index in np.flatnonzero((switch_times > start + 1e-9) & (switch_times <= end + 1e-9)):
+    def _of_loop(self, sample: int, flow: Flow, plan: Plan | None) -> Found:
+        """Compare the closed loop over a sample with its plan, limits, next logged state and ends of stages."""
+        log, end = self._log, flow.times[-1:]
+        if plan is not None:
+            yield from self._halves("", np.abs(plan.chart.entered(flow.X[-1:]) - plan.states_at(end)), end)
+        beyond = self._beyond(self._experiment.stages[int(log["window/first"][sample])], flow)
+        yield from self._halves(" limit", beyond, flow.times)
+        last = sample + 1 == len(log.time)
+        after = np.concatenate([log.final["Q"], log.final["v"]]) if last else _state(log, sample + 1)
+        if not last or np.isfinite(log.final["time"]):
+            names = [*log.coordinates, *(f"{name} velocity" for name in log.coordinates)]
+            apart = np.diff(self._chart(after).entered(np.vstack([flow.X[-1], after])), axis=0)
+            yield "plant", np.abs(apart), end, names
+        switch_times, chart = log.stages["switch_time"], self._chart(flow.X[0])
+        for index in np.flatnonzero((switch_times > flow.times[0] + 1e-9) & (switch_times <= end + 1e-9)):
             time = float(switch_times[index])
-            chart = Chart.at(flow.X[0, : self._experiment.model.nq], self._experiment.model.n)
-            found = chart.leave(state_at(flow.times, self._in_chart(chart, flow.X), time)[None])
-            stage, x = in_own_chart(self._experiment.model, self._experiment.stages[index], found[0][0], found[1][0])
-            self._note_end(self._loop, sample, stage, x, time)
+            Q, v = chart.leave(state_at(flow.times, chart.entered(flow.X), time)[None])
+            yield from self._end(*in_own_chart(self._model, self._experiment.stages[index], Q[0], v[0]), time)
 
-    def _note_end(self, peaks: Peaks, sample: int, stage: Stage, x: Vector, time: float) -> None:
-        """Note the error of a stage's end condition over its tolerance. Paper eq. (18)."""
+    def _chart(self, x: Vector) -> Chart:
+        """Return the chart about the attitude in a state (nq + n,)."""
+        return Chart.at(x[: self._model.nq], self._model.n)
+
+    def _beyond(self, stage: Stage, flow: Flow) -> Vector:
+        """Return by how much a motion exceeds the limits of a stage (T, 2n)."""
+        X = np.hstack([self._chart(flow.X[0]).entered(flow.X)[:, : self._model.n], flow.X[:, self._model.nq :]])
+        return np.asarray(np.maximum(np.maximum(stage.limits.state_low - X, X - stage.limits.state_high), 0.0))
+
+    def _halves(self, of: str, values: Vector, times: Vector) -> Found:
+        """Give what is measured of positions and of velocities, (T, 2n)."""
+        for name, part in zip(("position", "velocity"), np.hsplit(values, 2), strict=True):
+            yield f"{name}{of}", part, times, self._log.coordinates
+
+    def _end(self, stage: Stage, x: Vector, time: float) -> Found:
+        """Give the error of a stage's end condition over its tolerance. Paper eq. (18)."""
         error = self._experiment.costs.end_error(stage, x)
         if np.isfinite(error):
-            self._note(peaks, "end condition", sample, np.array([[error]]), np.array([time]), [stage.name])
+            yield "end condition", np.array([[error]]), np.array([time]), [stage.name]
 
-    def _note(
-        self,
-        peaks: Peaks,
-        quantity: str,
-        sample: int,
-        values: Vector,
-        times: Vector,
-        names: list[str] | None = None,
-    ) -> None:
-        """Keep the largest of values (T, names) at times (T,) if it is larger than what is known."""
+
+def _keep(peaks: Peaks, sample: int, found: Found) -> None:
+    """Keep the largest values that are larger than what is known."""
+    for quantity, values, times, names in found:
         row, column = np.unravel_index(int(np.argmax(values)), values.shape)
         value = float(values[row, column])
         if quantity not in peaks or not value <= peaks[quantity].value:
-            where = (names or list(self._log.coordinates))[int(column)]
-            peaks[quantity] = Largest(value, where, float(times[row]), sample)
+            peaks[quantity] = Largest(value, names[int(column)], float(times[row]), sample)
 
 
 def _state(log: Run, sample: int) -> Vector:

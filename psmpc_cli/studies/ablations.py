@@ -7,21 +7,19 @@ Nothing here draws: an `Ablation` carries plain arrays, and `psmpc_cli.figures.r
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from scipy.signal import find_peaks
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.logs.run import Run, read_run
+from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import SHORTEST, Window, normalization
 from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.simulation.run import Experiment, build_experiment, converging
 from psmpc_cli.solvers import build_solver
 from psmpc_cli.specs.load import Task
-from psmpc_cli.studies.compare import run_variants
+from psmpc_cli.studies.compare import run_tasks
 from psmpc_cli.studies.runner import changed
 
 Curve = tuple[np.ndarray, np.ndarray]
@@ -114,7 +112,7 @@ def run_ablations(
 
     Raises:
         LogError: The task has a single stage.
-        RunError: A log could not be written.
+        RunError: A process was killed each time.
     """
     nodes = task.spec.controller.uniform_nodes
     converged = ("solver.kind=fatrop", "solver.deadline=null") if task.spec.solver.kind == "sqp" else ()
@@ -124,9 +122,8 @@ def run_ablations(
             changes = (f"controller.nodes={count}", f"controller.discretization={kind}")
             variants.setdefault(_on_mesh(kind, count, nodes), changes)
     tasks = {name: changed(task, (*converged, *EVERY_RUN, *changes)) for name, changes in variants.items()}
-    with TemporaryDirectory(prefix="psmpc-ablations-") as folder:
-        logs = {name: read_run(path) for name, path in run_variants(tasks, Path(folder), jobs, done).items()}
-        equal, ours = pick_window(logs[EQUAL]), pick_window(logs[OURS])
+    logs = run_tasks(tasks, jobs, done)
+    equal, ours = pick_window(logs[EQUAL]), pick_window(logs[OURS])
     return [
         _pending_cost(logs, (equal, ours, with_priorities(ours, (1.0, 1.0))), points),
         _normalization(logs),

@@ -3,12 +3,11 @@
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import get_args
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.comparison import merge_logs
-from psmpc_cli.logs.files import check_output
+from psmpc_cli.logs.comparison import save_comparison
+from psmpc_cli.logs.files import check_output, writing
 from psmpc_cli.logs.run import Run, read_comparison
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task
@@ -44,12 +43,12 @@ def compare(
     Raises:
         InputError: A controller is unknown, or the file exists or cannot be written.
         SpecError: The task does not hold.
-        RunError: A log could not be written, or a process was killed each time.
+        RunError: A process was killed each time.
     """
+    tasks = compared_tasks(task, controllers_in(",".join(controllers)))
     if path is None:
-        with TemporaryDirectory(prefix="psmpc-comparison-") as folder:
-            return compare(task, controllers, Path(folder) / "comparison.h5", jobs)
-    compare_tasks(compared_tasks(task, controllers_in(",".join(controllers))), path, force, jobs)
+        return run_tasks(tasks, jobs)
+    compare_tasks(tasks, path, force, jobs)
     return read_comparison(path)
 
 
@@ -88,43 +87,35 @@ def compare_tasks(
     jobs: int | None = None,
     done: Callable[[str], None] = lambda name: None,
 ) -> None:
-    """Run every task in a process of its own and write all logs into one file, whole or not at all.
+    """Run every task as `run_tasks` does and write all logs into one file, whole or not at all.
+
+    Raises:
+        InputError: The file exists already or cannot be written.
+        RunError: A process was killed each time.
+    """
+    with writing(path):
+        check_output(path, force)
+        path.parent.mkdir(parents=True, exist_ok=True)
+    save_comparison(run_tasks(tasks, jobs, done), path, force)
+
+
+def run_tasks(
+    tasks: Mapping[str, Task], jobs: int | None = None, done: Callable[[str], None] = lambda name: None
+) -> dict[str, Run]:
+    """Run every task in a process of its own, and return the runs by name.
 
     Args:
         tasks: By name.
-        path: The file.
-        force: Whether an existing file is overwritten.
         jobs: Processes; by default one for each core.
         done: Called with the name of each run that ends.
 
     Raises:
-        InputError: The file exists already or cannot be written.
-        RunError: A log could not be written, or a process was killed each time.
+        RunError: A process was killed each time.
     """
-    check_output(path, force)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        meanwhile = TemporaryDirectory(prefix=f".{path.stem}-", dir=path.parent)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror or error}") from None
-    with meanwhile as directory:
-        merge_logs(run_variants(tasks, Path(directory), jobs, done), path, force)
+    return compute_all(_run, tasks, jobs, done)
 
 
-def run_variants(
-    variants: Mapping[str, Task],
-    directory: Path,
-    jobs: int | None = None,
-    done: Callable[[str], None] = lambda name: None,
-) -> dict[str, Path]:
-    """Run every task as `compare_tasks` does, into a log of its own below a directory, and return the logs by name."""
-    folder = directory.absolute()  # a process that is used again may be in another directory
-    paths = {name: folder / f"{number}.h5" for number, name in enumerate(variants)}
-    return compute_all(_run, {name: (task, paths[name]) for name, task in variants.items()}, jobs, done)
-
-
-def _run(variant: tuple[Task, Path]) -> Path:
+def _run(task: Task) -> Run:
     """Run a task in a process of its own; its warnings are counted in its log."""
     logging.getLogger("psmpc_cli").setLevel(logging.ERROR)
-    simulate(*variant, force=True)
-    return variant[1]
+    return simulate(task)

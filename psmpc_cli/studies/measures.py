@@ -1,51 +1,28 @@
-"""What studies keep of a run: tables of quantities, each with how it is read from the run."""
+"""What studies keep of a run: tables of quantities, each with how it is read from the run.
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+A quantity is a column of the study's results, its value read from a run; along `dims` besides the cells.
+"""
+
+from collections.abc import Callable
 from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
-from psmpc_cli.logs.results import Quantity
 from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.schema import Column
 from psmpc_cli.ocp.problem import in_own_chart
 
-Row = Mapping[str, Any]
-"""The values of a cell by the names of their arrays."""
+
+def _number(name: str, units: str, long_name: str, read: str | Callable[[Run], Any] = "", **more: Any) -> Column:
+    """Return the column of what a function reads from a run, or its summary has, by default by the same name."""
+    of = read or name
+    value = of if callable(of) else lambda run: attrgetter(of)(run.summary())
+    return Column(name, units, long_name, value, **more)
 
 
-@dataclass(frozen=True)
-class PerCell:
-    """An array with a value for every cell, or with one for each entry of a further coordinate.
-
-    Attributes:
-        name, units, long_name: Of the array.
-        read: What it is of a run's summary, such as `solves.count`, or what reads it from the run; by default what the
-            summary has by the name of the array.
-        along: The further coordinate.
-        unfilled: The value until one is filled in: a number, a whole number or a text as the others.
-        meanings: What the values 0, 1, ... of a code mean.
-    """
-
-    name: str
-    units: str
-    long_name: str
-    read: str | Callable[[Run], Any] = ""
-    along: str = ""
-    unfilled: float | int | str = np.nan
-    meanings: tuple[str, ...] = ()
-
-    def array(self, dims: tuple[str, ...], sizes: Mapping[str, int]) -> Quantity:
-        """Build the array with nothing filled in, for cells along dims and coordinates of these sizes."""
-        dims = (*dims, self.along) if self.along else dims
-        kind = "i4" if isinstance(self.unfilled, int) else None
-        values = np.full([sizes[name] for name in dims], self.unfilled, kind)
-        return Quantity(self.name, dims, values, self.units, self.long_name, self.meanings)
-
-
-def _whole(name: str, long_name: str, read: str | Callable[[Run], Any] = "") -> PerCell:
-    return PerCell(name, "1", long_name, read, unfilled=-1)
+def _whole(name: str, long_name: str, read: str | Callable[[Run], Any] = "") -> Column:
+    return _number(name, "1", long_name, read, dtype="i4", unknown=-1)
 
 
 def _margin(kind: str, name: str) -> Callable[[Run], float]:
@@ -59,12 +36,18 @@ def _error_at_end(run: Run, stage: int) -> float:
     return problem.costs.end_error(*in_own_chart(problem.model, problem.stages[stage], final["Q"], final["v"]))
 
 
+def _monitor_margins(run: Run) -> list[float]:
+    return [verdict.margin for verdict in run.summary().monitors]
+
+
 def _stage_cost(run: Run) -> np.ndarray:
     weights = run["cost/current_stage"] * float(np.asarray(run.attributes["sample_time"]))
     return np.bincount(run["window/first"], weights, minlength=len(run.stage_names))
 
 
-_ENDS = PerCell("switch_time", "s", "instant that ended each stage", lambda run: run.stages["switch_time"], "stage")
+_ENDS = _number(
+    "switch_time", "s", "instant that ended each stage", lambda run: run.stages["switch_time"], dims=("stage",)
+)
 _STARTS, _CURRENT = "actual start of each stage", "integral of the cost Lbar of each stage while it was the current one"
 _FINAL = "largest error of the last stage's end condition at the end, over its tolerance"
 _BEYOND = "tightest distance to a {} limit at a tick; negative beyond it"
@@ -77,32 +60,32 @@ _BASINS = "windows in which another guess of the instants than the last plan's w
 OUTCOME = (
     _whole("completed", "1 if the last stage met its end condition, 0 if not"),
     _whole("succeeded", "1 if it did and every monitor held on the true state, 0 if not"),
-    PerCell("end_time", "s", "end of the run, whatever ended it", "duration"),
+    _number("end_time", "s", "end of the run, whatever ended it", "duration"),
     _ENDS,
-    PerCell("actual_start", "s", _STARTS, lambda run: run.stages["actual_start"], "stage"),
-    PerCell("final_error", "1", _FINAL, lambda run: _error_at_end(run, -1)),
-    PerCell("position_margin", "m, rad", _BEYOND.format("position"), _margin("position", "margin")),
-    PerCell("velocity_margin", "m/s, rad/s", _BEYOND.format("velocity"), _margin("velocity", "margin")),
-    PerCell("relative_position_margin", "1", _OVER.format("position"), _margin("position", "relative")),
-    PerCell("relative_velocity_margin", "1", _OVER.format("velocity"), _margin("velocity", "relative")),
-    PerCell("monitor_margin", "m, m/s", _MARGINS, lambda run: [v.margin for v in run.summary().monitors], "monitor"),
+    _number("actual_start", "s", _STARTS, lambda run: run.stages["actual_start"], dims=("stage",)),
+    _number("final_error", "1", _FINAL, lambda run: _error_at_end(run, -1)),
+    _number("position_margin", "m, rad", _BEYOND.format("position"), _margin("position", "margin")),
+    _number("velocity_margin", "m/s, rad/s", _BEYOND.format("velocity"), _margin("velocity", "margin")),
+    _number("relative_position_margin", "1", _OVER.format("position"), _margin("position", "relative")),
+    _number("relative_velocity_margin", "1", _OVER.format("velocity"), _margin("velocity", "relative")),
+    _number("monitor_margin", "m, m/s", _MARGINS, _monitor_margins, dims=("monitor",)),
     _whole("unmeasured", "samples whose state was not measured, at least in part"),
 )
 """What became of a run."""
 
 SPENT = (
-    PerCell("stage_cost", "s", _CURRENT, _stage_cost, "stage"),
-    PerCell("control_effort", "m^2/s^3, rad^2/s^3", "integral of |u|^2"),
-    PerCell("base_force", "N s", "integral of the norm of the base force"),
-    PerCell("base_torque", "N m s", "integral of the norm of the base torque"),
-    PerCell("variation_base_position", "m/s^2", _VARIES.format("base's linear")),
-    PerCell("variation_base_angle", "rad/s^2", _VARIES.format("base's angular")),
-    PerCell("variation_joints", "rad/s^2", _VARIES.format("joints'")),
+    _number("stage_cost", "s", _CURRENT, _stage_cost, dims=("stage",)),
+    _number("control_effort", "m^2/s^3, rad^2/s^3", "integral of |u|^2"),
+    _number("base_force", "N s", "integral of the norm of the base force"),
+    _number("base_torque", "N m s", "integral of the norm of the base torque"),
+    _number("variation_base_position", "m/s^2", _VARIES.format("base's linear")),
+    _number("variation_base_angle", "rad/s^2", _VARIES.format("base's angular")),
+    _number("variation_joints", "rad/s^2", _VARIES.format("joints'")),
     _whole("solves", "number of solves", "solves.count"),
-    PerCell("iterations_median", "1", "median of the iterations of a solve", "solves.iterations"),
+    _number("iterations_median", "1", "median of the iterations of a solve", "solves.iterations"),
     _whole("iterations_largest", _MOST, lambda run: max(run["solver/iterations"], default=0)),
-    PerCell("solve_time_median", "s", "median wall time of a solve", "solves.median"),
-    PerCell("solve_time_largest", "s", "longest wall time of a solve", "solves.largest"),
+    _number("solve_time_median", "s", "median wall time of a solve", "solves.median"),
+    _number("solve_time_largest", "s", "longest wall time of a solve", "solves.largest"),
     _whole("appended", "stages that entered the window"),
     _whole("postponed", "samples at which a stage was seen, but the window with it had no solution"),
     _whole("solves_failed", "failed solves after which the shifted plan went on", "failed_solves"),
@@ -114,7 +97,7 @@ WHOLE_RUN = (*OUTCOME, *SPENT)
 """Everything that is known of a run to the end of its task."""
 
 
-def second_stage(index: int) -> tuple[PerCell, ...]:
+def second_stage(index: int) -> tuple[Column, ...]:
     """Build the quantities of the second of two stages in a row, whose index this is, for a run that ends with it."""
 
     def at_detection(run: Run, signal: np.ndarray) -> float:
@@ -122,6 +105,9 @@ def second_stage(index: int) -> tuple[PerCell, ...]:
         first = run["window/first"]
         found = np.flatnonzero((first < index) & (first + run["window/count"] > index))
         return float(signal[found[0]]) if len(found) else np.nan
+
+    def actual_starts(run: Run) -> np.ndarray:
+        return np.asarray(run.stages["actual_start_by_epsilon"][index])
 
     def final_error(run: Run) -> float:
         """Read the error at the planned switch time, as logged; without one, compute it where the run ended."""
@@ -135,30 +121,11 @@ def second_stage(index: int) -> tuple[PerCell, ...]:
     error = "largest error of the second stage's end condition at its end, over its tolerance"
     before = index - 1
     return (
-        PerCell("detection_time", "s", seen, lambda run: at_detection(run, run.time)),
-        PerCell("instant_at_detection", "s", planned, lambda run: at_detection(run, run["window/instants"][:, before])),
+        _number("detection_time", "s", seen, lambda run: at_detection(run, run.time)),
+        _number("instant_at_detection", "s", planned, lambda run: at_detection(run, run["window/instants"][:, before])),
         _ENDS,
-        PerCell("actual_start", "s", starts, lambda run: run.stages["actual_start_by_epsilon"][index], "epsilon"),
-        PerCell("completion_time", "s", ends, lambda run: run.stages["switch_time"][index]),
-        PerCell("final_error", "1", error, final_error),
+        _number("actual_start", "s", starts, actual_starts, dims=("epsilon",)),
+        _number("completion_time", "s", ends, lambda run: run.stages["switch_time"][index]),
+        _number("final_error", "1", error, final_error),
         *SPENT,
     )
-
-
-def measure_run(run: Run) -> tuple[Row, str]:
-    """Measure a run to the end of its task, with why it ended; a mission that fails is no failure to measure it."""
-    return {**_row(WHOLE_RUN, run), "reason": run.summary().reason}, ""
-
-
-def measure_second_stage(index: int, run: Run) -> tuple[Row, str]:
-    """Measure a run to the end of the second of two studied stages; it failed if it did not reach that."""
-    reached = np.isfinite(run.stages["switch_time"][index])
-    return _row(second_stage(index), run), "" if reached else run.summary().reason
-
-
-def _row(quantities: Sequence[PerCell], run: Run) -> Row:
-    """Read quantities from a run; those along a coordinate without entries are left out."""
-    summary, row = run.summary(), {}
-    for each in quantities:
-        row[each.name] = attrgetter(each.read or each.name)(summary) if isinstance(each.read, str) else each.read(run)
-    return {name: value for name, value in row.items() if np.size(value)}

@@ -14,7 +14,7 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import MONTE_CARLO, Sample
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, parse_task
-from psmpc_cli.studies.measures import WHOLE_RUN, measure_run
+from psmpc_cli.studies.measures import WHOLE_RUN
 from psmpc_cli.studies.runner import FAILED, LIGHT, WAITING, Study, Watch, changed, ignore, names_along, run_study
 
 Array = np.ndarray
@@ -83,7 +83,6 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
             Quantity("seed", ("run",), seeds, "1", "seed of the run"),
         ],
         quantities=WHOLE_RUN,
-        measure=measure_run,
         statuses=STATUS,
         attributes={"command": shlex.join(["psmpc", "simulate", named, *settings])},
     )

@@ -32,12 +32,11 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError, Interruption, RunError, deferred_signals
 from psmpc_cli.logs.results import Quantity, Results, ResultsWriter, create_results, read_results
-from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.schema import Column
 from psmpc_cli.ocp.feasibility import load_feasible
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.messages import quoted
-from psmpc_cli.studies.measures import PerCell, Row
 
 logger = logging.getLogger(__name__)
 
@@ -51,9 +50,9 @@ WAITING, COMPUTED, SHARED, FAILED = range(4)
 """Codes of a cell's status; its run is its own, or that of another cell."""
 
 OF_CELL = (
-    PerCell("origin", "1", "flat index of the cell whose run it shares", unfilled=-1),
-    PerCell("reason", "1", "why the run ended, where it says so, or the cell failed", unfilled=""),
-    PerCell("cell_time", "s", "wall time of the cell's run, with all that is around"),
+    Column("origin", "1", "flat index of the cell whose run it shares", dtype="i4", unknown=-1),
+    Column("reason", "1", "why the run ended, where it says so, or the cell failed", dtype="text"),
+    Column("cell_time", "s", "wall time of the cell's run, with all that is around"),
 )
 """What the results have of a cell itself besides its status."""
 
@@ -107,12 +106,11 @@ class Study:
         cells: The keys that each cell changes in the task, each `path=value`.
         dims: Dimensions of the cells' arrays, whose elements in C order are the cells.
         coordinates: The coordinates, and what is known of the cells before they run.
-        quantities: What is measured; those along a coordinate that there is not are left out.
-        measure: The row of a run and why it failed, empty if it did not. Pickles.
+        quantities: What is read from a run; those along a coordinate that there is not are left out. They are pickled.
         identity: What the file of a study to resume has in common with this one, by its name for a user.
         attributes: Further attributes of the file.
         statuses: What the codes of a cell's status mean.
-        stop: Index of the stage at whose end the runs stop; None for the end of the task.
+        stop: Index of the stage at whose end the runs stop, failed if they do not reach it; None for the task's end.
         origins: For each cell the one whose run it shares (cells,), itself if none; by default that is so of all.
     """
 
@@ -121,8 +119,7 @@ class Study:
     cells: Sequence[tuple[str, ...]]
     dims: tuple[str, ...]
     coordinates: Sequence[Quantity]
-    quantities: Sequence[PerCell]
-    measure: Callable[[Run], tuple[Row, str]]
+    quantities: Sequence[Column]
     identity: Mapping[str, str | int | float] = field(default_factory=dict)
     attributes: Mapping[str, str | int | float] = field(default_factory=dict)
     statuses: tuple[str, ...] = ("waiting", "computed", "shared", "failed")
@@ -133,16 +130,25 @@ class Study:
     def arrays(self) -> list[Quantity]:
         """All arrays of the results file with nothing computed."""
         sizes = {each.name: len(each.values) for each in self.coordinates if each.dims == (each.name,)}
-        status = PerCell("status", "1", "status of the cell", unfilled=WAITING, meanings=self.statuses)
-        all_of_cell = (status, *OF_CELL, *self.quantities)
-        filled = [each.array(self.dims, sizes) for each in all_of_cell if each.along in ("", *sizes)]
+        waiting = np.full([sizes[name] for name in self.dims], WAITING, "i4")
+        status = Quantity("status", self.dims, waiting, "1", "status of the cell", self.statuses)
+        of_cell = [
+            _unfilled(each, self.dims, sizes) for each in (*OF_CELL, *self.quantities) if {*each.dims} <= {*sizes}
+        ]
         spent = Quantity("wall_time", (), np.array(0.0), "s", f"wall time spent on the {self.name}")
-        return [*self.coordinates, *filled, spent]
+        return [*self.coordinates, status, *of_cell, spent]
 
     @property
     def name(self) -> str:
         """What a message calls it."""
         return "sweep" if self.kind == "sweep" else "study"
+
+
+def _unfilled(column: Column, dims: tuple[str, ...], sizes: Mapping[str, int]) -> Quantity:
+    """Build the array of a column with nothing filled in, for cells along dims and coordinates of these sizes."""
+    dims, text = (*dims, *column.dims), column.dtype == "text"
+    values = np.full([sizes[name] for name in dims], "" if text else column.unknown, None if text else column.dtype)
+    return Quantity(column.path, dims, values, column.units, column.long_name)
 
 
 def run_study(
@@ -184,7 +190,7 @@ def run_study(
     needed = np.unique(origins[np.isin(status.values.ravel(), (WAITING, FAILED))])
     began, progress = time.monotonic(), Progress(len(needed), 0, 0, 0.0)
     watch(progress)
-    run = partial(_run_cell, study.task, study.measure, study.stop)
+    run = partial(_run_cell, study.task, study.quantities, study.stop)
     writer = ResultsWriter(before)
     with closing(compute(run, [study.cells[cell] for cell in needed], jobs, dask)) as results:
         for number, found in results:
@@ -205,12 +211,18 @@ def run_study(
 
 
 def _run_cell(
-    task: Task, measure: Callable[[Run], tuple[Row, str]], stop: int | None, changes: tuple[str, ...]
-) -> tuple[Row, str, float]:
-    """Run a cell; return its row, why it failed and its wall time [s]: an error ends nothing."""
+    task: Task, quantities: Sequence[Column], stop: int | None, changes: tuple[str, ...]
+) -> tuple[dict[str, Any], str, float]:
+    """Run a cell; return what was read from it, why it failed and its wall time [s]: an error ends nothing.
+
+    A mission that fails is no failure to measure it, but one that does not reach the stage at which it stops is.
+    """
     began = time.perf_counter()
     try:
-        row, failure = measure(simulate(changed(task, changes), until=stop))
+        run = simulate(changed(task, changes), until=stop)
+        found = {each.path: value for each in quantities if each.value and np.size(value := each.value(run))}
+        reached, reason = stop is None or np.isfinite(run.stages["switch_time"][stop]), run.summary().reason
+        row, failure = (found if stop is not None else {**found, "reason": reason}), "" if reached else reason
     except Exception as error:
         logger.exception("a cell failed")
         row, failure = {}, f"{type(error).__name__}: {error}"

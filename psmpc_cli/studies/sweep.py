@@ -4,7 +4,6 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +15,7 @@ from psmpc_cli.errors import InputError, LogError, SpecError
 from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.schema import SWEEP
 from psmpc_cli.specs.load import Task, parse_task
-from psmpc_cli.studies.measures import WHOLE_RUN, measure_run, measure_second_stage, second_stage
+from psmpc_cli.studies.measures import WHOLE_RUN, second_stage
 from psmpc_cli.studies.runner import FAILED, LIGHT, WAITING, Study, Watch, changed, ignore, names_along, run_study
 
 Array = np.ndarray
@@ -353,7 +352,6 @@ def sweep(
         dims=tuple(values),
         coordinates=[*axes, *names_along(loaded)],
         quantities=WHOLE_RUN,
-        measure=measure_run,
         identity={"keys": "; ".join(change for each in changes.values() for change in each)},
     )
     return run_study(study, path, jobs, dask, force, resume, watch)
@@ -407,7 +405,6 @@ def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_
         dims=DIMENSIONS[sampling.kind],
         coordinates=[*_weights(sampling, [names[stage] for stage in stages]), stage_names, epsilon],
         quantities=second_stage(stages[1]),
-        measure=partial(measure_second_stage, stages[1]),
         identity={
             "stages": ",".join(str(stage + 1) for stage in stages),
             "sampling": sampling.label,

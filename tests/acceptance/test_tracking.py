@@ -35,7 +35,7 @@ def errors(tracked: Run) -> tuple[np.ndarray, np.ndarray]:
     experiment, records, ends = tracked
     during = [record for record in records if ends[0] <= record.command.time <= ends[1]]
     since = np.array([record.command.time for record in during]) - ends[0]
-    xi = np.array([record.metrics.xi for record in during])
+    xi = np.array([record.metrics["pose/xi"] for record in during])
     return since, xi - experiment.stages[1].reference(since)
 
 

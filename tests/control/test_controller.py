@@ -109,7 +109,7 @@ def test_hard_switching_never_looks_past_the_current_stage(experiment_of: Build)
     samples, ending = run(experiment_of(*SHORT, "controller.kind=hard"))
     assert ending.completed
     assert all(len(sample.command.instants) == 0 for sample in samples)
-    assert not any(sample.metrics.presence for sample in samples)
+    assert not any(sample.metrics["window/presence"] for sample in samples)
 
 
 def test_a_failed_solve_leaves_the_shifted_plan(experiment_of: Build) -> None:

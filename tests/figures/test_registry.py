@@ -60,7 +60,7 @@ def test_nothing_is_overwritten_without_force(tmp_path: Path, run: Run) -> None:
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path: Path, run: Run) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="file cannot be made"):
+    with pytest.raises(InputError, match="file is no directory"):
         draw("run", run, tmp_path / "file")
     (tmp_path / "states.png").mkdir()
     with pytest.raises(InputError, match=r"states\.png cannot be written"):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.logs.comparison import compare_logs, merge_logs
+from psmpc_cli.logs.comparison import compare_logs, save_comparison
 from psmpc_cli.logs.files import kind_of
-from psmpc_cli.logs.run import read_comparison, read_run
+from psmpc_cli.logs.run import Run, read_comparison, read_run
 from psmpc_cli.logs.schema import COMPARISON, RUN
 from psmpc_cli.logs.write import Header, LogWriter
 
@@ -31,10 +31,14 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return paths
 
 
+def read_all(logs: dict[str, Path]) -> dict[str, Run]:
+    return {name: read_run(path) for name, path in logs.items()}
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory, logs: dict[str, Path]) -> Path:
     path = tmp_path_factory.mktemp("merged") / "runs" / "comparison.h5"
-    merge_logs(logs, path)
+    save_comparison(read_all(logs), path)
     return path
 
 
@@ -111,9 +115,9 @@ def test_a_comparison_that_lost_a_run_is_refused(merged: Path) -> None:
 def test_nothing_is_overwritten_without_force(merged: Path, logs: dict[str, Path]) -> None:
     before = merged.read_bytes()
     with pytest.raises(InputError, match="exists already"):
-        merge_logs(logs, merged)
+        save_comparison(read_all(logs), merged)
     assert merged.read_bytes() == before
-    merge_logs({"hard": logs["hard"]}, merged, force=True)
+    save_comparison({"hard": read_run(logs["hard"])}, merged, force=True)
     assert list(read_comparison(merged)) == ["hard"]
     assert [path.name for path in merged.parent.iterdir()] == [merged.name]
 

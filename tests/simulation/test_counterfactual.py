@@ -78,7 +78,7 @@ def test_presence_is_measured_of_waiting_stages_until_they_reach_the_largest_thr
 ) -> None:
     reached: set[int] = set()
     for sample in observed["control"]:
-        sequence, presence = sample.command.sequence, sample.metrics.presence
+        sequence, presence = sample.command.sequence, sample.metrics["window/presence"]
         assert set(presence) == set(range(sequence.first + 1, sequence.last + 1)) - reached
         assert all(value >= 0 for value in presence.values())
         reached |= {stage for stage, value in presence.items() if value >= 0.1}
@@ -86,7 +86,7 @@ def test_presence_is_measured_of_waiting_stages_until_they_reach_the_largest_thr
 
 
 def test_closeness_is_at_most_1_in_a_run(observed: dict[str, list[Sample]]) -> None:
-    found = [value for sample in observed["closeness"] for value in sample.metrics.presence.values()]
+    found = [value for sample in observed["closeness"] for value in sample.metrics["window/presence"].values()]
     assert found
     assert max(found) <= 1
 
@@ -97,7 +97,7 @@ def test_an_important_stage_comes_close_to_its_own_optimum_before_its_switch_tim
     for priority in (1e4, 1e-6):
         changes = (*QUICK, "onset={kind: closeness, epsilon: 0.99}", f"stages.capture.priority={priority}")
         early = [s for s in closed_loop(experiment_of(*changes, "time_limit=9")) if s.command.stage.index == 0]
-        reached[priority] = max(sample.metrics.presence.get(1, 0.0) for sample in early)
+        reached[priority] = max(sample.metrics["window/presence"].get(1, 0.0) for sample in early)
     assert reached[1e4] > 0.9
     assert reached[1e-6] < 0.1
 
@@ -142,13 +142,13 @@ def test_no_combination_of_correlated_controls_is_nearer(seed: int) -> None:
 def test_the_stage_before_gives_its_share_to_the_next(observed: dict[str, list[Sample]]) -> None:
     samples = observed["control"]
     alone = [sample for sample in samples if len(sample.command.instants) == 0]
-    shared = [sample for sample in samples if len(sample.command.instants) > 0 and sample.metrics.shares]
-    assert all(sample.metrics.shares == {sample.command.stage.index: 1.0} for sample in alone)
-    assert all(sum(sample.metrics.shares.values()) == pytest.approx(1) for sample in shared)
-    assert any(0.05 < sample.metrics.shares[sample.command.stage.index] < 0.95 for sample in shared)
+    shared = [sample for sample in samples if len(sample.command.instants) > 0 and sample.metrics["window/share"]]
+    assert all(sample.metrics["window/share"] == {sample.command.stage.index: 1.0} for sample in alone)
+    assert all(sum(sample.metrics["window/share"].values()) == pytest.approx(1) for sample in shared)
+    assert any(0.05 < sample.metrics["window/share"][sample.command.stage.index] < 0.95 for sample in shared)
     late = [s for s in shared if s.command.stage.index == 0 and s.command.instants[0] - s.command.time < 0.1]
-    assert all(sample.metrics.shares[1] > 0.5 for sample in late)  # capture, with its priority of 100
+    assert all(sample.metrics["window/share"][1] > 0.5 for sample in late)  # capture, with its priority of 100
 
 
 def test_shares_can_be_left_out(experiment_of: Build) -> None:
-    assert next(closed_loop(experiment_of(*SHORT, "log.shares=false"))).metrics.shares == {}
+    assert next(closed_loop(experiment_of(*SHORT, "log.shares=false"))).metrics["window/share"] == {}

@@ -45,7 +45,7 @@ def test_our_own_solver_repeats_the_log_and_shows_its_iterations(tmp_path: Path)
 
 def test_objective_instants_and_control_are_compared(log: Run) -> None:
     sample = window_with_a_switch(log)
-    compared = {each.name: each.logged for each in replay(log, sample).compared}
+    compared = {name: logged for name, (logged, _) in replay(log, sample).compared.items()}
     assert list(compared)[:2] == ["objective J", "go ends [s]"]
     assert compared["objective J"] == log["solver/objective"][sample]
     assert compared["go ends [s]"] == log["window/instants"][sample, 0]

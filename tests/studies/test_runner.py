@@ -21,7 +21,8 @@ import pytest
 import psmpc_cli
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Results, read_results
-from psmpc_cli.logs.schema import SWEEP
+from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.schema import SWEEP, Column
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.runner import (
     COMPUTED,
@@ -150,7 +151,7 @@ def test_a_study_that_was_stopped_is_resumed_to_the_same_results(tmp_path: Path,
 def test_a_cell_that_fails_is_marked_and_computed_again_when_resumed(
     tmp_path: Path, task: Task, whole: Results
 ) -> None:
-    study, first = study_of(task), replace(study_of(task), measure=failing(study_of(task), 10.0))
+    study, first = study_of(task), failing(study_of(task), 10.0)
     results = run_study(first, tmp_path / "study.h5", 1)
     assert results["status"].tolist() == [[COMPUTED, FAILED], [COMPUTED, SHARED]]
     assert results["reason"][0, 1] == "ArithmeticError: no such luck"
@@ -158,26 +159,27 @@ def test_a_cell_that_fails_is_marked_and_computed_again_when_resumed(
     assert_same(run_study(study, tmp_path / "study.h5", 1, resume=True), whole)
 
 
-def failing(study: Study, priority: float) -> Callable[..., object]:
-    """A measure that raises for this priority of the first stage."""
-    measure = study.measure
+def failing(study: Study, priority: float) -> Study:
+    """The study with a quantity that cannot be read for this priority of the first stage."""
+    first, *others = study.quantities
 
-    def raising(run: object) -> object:
+    def raising(run: Run) -> object:
         if run.stages["priority"][0] == priority:
             raise ArithmeticError("no such luck")
-        return measure(run)
+        return first.value(run)
 
-    return raising
+    return replace(study, quantities=(replace(first, value=raising), *others))
 
 
 @pytest.mark.slow
 def test_a_cell_that_kills_its_process_is_lost_and_the_others_are_computed(tmp_path: Path, task: Task) -> None:
-    def killing(run: object) -> object:
+    def killing(run: Run) -> float:
         if run.stages["priority"][0] == 10.0:
             os.kill(os.getpid(), signal.SIGKILL)
-        return {}, ""
+        return 0.0
 
-    results = run_study(replace(study_of(task), measure=killing), tmp_path / "study.h5", 2)
+    quantities = [Column("killing", "1", "", killing)]
+    results = run_study(replace(study_of(task), quantities=quantities), tmp_path / "study.h5", 2)
     assert results["status"].tolist() == [[COMPUTED, FAILED], [COMPUTED, SHARED]]
     assert results["reason"][0, 1] == LOST
 

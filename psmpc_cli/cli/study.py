@@ -2,7 +2,6 @@
 
 from itertools import count
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -189,6 +188,7 @@ def pareto(
 
     from psmpc_cli.cli.progress import ending_on_signals, live_line, watched_run
     from psmpc_cli.cli.tables import present
+    from psmpc_cli.logs.run import read_run
     from psmpc_cli.ocp.feasibility import load_feasible
     from psmpc_cli.simulation.run import simulate
     from psmpc_cli.studies.pareto import Question, solve_pareto
@@ -205,16 +205,16 @@ def pareto(
     if log is not None:
         output_file(log, "", force, figures=False)
 
-    with TemporaryDirectory(prefix="psmpc-pareto-") as folder:
-        run = Path(task) if loaded is None else log or Path(folder) / "run.h5"
-        if loaded is not None:
-            with watched_run(quiet) as (watch, interruption):
-                made = simulate(loaded, run, watch, force=True)
-            if made.interrupted:
-                typer.echo(f"psmpc: {made.attributes['end_reason']}; no results were written", err=True)
-                raise typer.Exit(interruption.exit_code)
-            if made.attributes["stuck"]:
-                raise RunError(f"the closed loop could not go on: {made.attributes['end_reason']}")
-        with ending_on_signals("no results were written"), live_line(quiet) as show:
-            solve_pareto(run, question, path, jobs, force, show)
+    if loaded is None:
+        run = read_run(task)
+    else:
+        with watched_run(quiet) as (watch, interruption):
+            run = simulate(loaded, log, watch, force=True)
+        if run.interrupted:
+            typer.echo(f"psmpc: {run.attributes['end_reason']}; no results were written", err=True)
+            raise typer.Exit(interruption.exit_code)
+        if run.attributes["stuck"]:
+            raise RunError(f"the closed loop could not go on: {run.attributes['end_reason']}")
+    with ending_on_signals("no results were written"), live_line(quiet) as show:
+        solve_pareto(run, question, path, jobs, force, show)
     present(path, figures, force, quiet)

@@ -102,7 +102,10 @@ class ResultsWriter:
 
     def __init__(self, results: Results) -> None:
         self.results = results
-        self._values = {name: _fillable(quantity.values) for name, quantity in results.quantities.items()}
+        values = {name: quantity.values for name, quantity in results.quantities.items()}  # text of any length
+        self._values = {
+            name: each.astype(object if each.dtype.kind == "U" else each.dtype) for name, each in values.items()
+        }
 
     def fill(self, index: tuple[int, ...], values: Mapping[str, np.ndarray | float | str]) -> None:
         """Fill in the values of one cell; they are in the file with the next `write`."""
@@ -122,11 +125,6 @@ class ResultsWriter:
             raise RunError(f"{self.results.path} cannot be written any further: {error.strerror or error}") from None
 
 
-def _fillable(values: np.ndarray) -> np.ndarray:
-    """Return a copy that takes texts of any length."""
-    return values.astype(object if values.dtype.kind == "U" else values.dtype)
-
-
 def read_results(path: Path, kind: str) -> Results:
     """Return the results of a study of this kind.
 
@@ -138,24 +136,14 @@ def read_results(path: Path, kind: str) -> Results:
         if (found := kind_in(file)) != kind:
             raise LogError(f"{path}: found a {found}, expected a {kind}")
         quantities = {name: _quantity(name, dataset) for name, dataset in file.items()}
-        for quantity in quantities.values():
-            _check(quantity, quantities)
+        for each in quantities.values():
+            if each.values.shape != tuple(quantities[name].values.size for name in each.dims):
+                raise ValueError(f"{each.name} does not fit its coordinates")
+            if each.meanings and not np.isin(each.values, np.arange(len(each.meanings))).all():
+                raise ValueError(f"{each.name} holds a code without a meaning")
         return Results(path, dict(file.attrs), quantities)
 
     return read_file(path, read, f"a {kind} written by psmpc")
-
-
-def _check(quantity: Quantity, quantities: Mapping[str, Quantity]) -> None:
-    """Make sure that a quantity fits its coordinates, and that its codes have a meaning.
-
-    Raises:
-        ValueError: It does not.
-        KeyError: It has no such coordinate.
-    """
-    if quantity.values.shape != tuple(quantities[name].values.size for name in quantity.dims):
-        raise ValueError(f"{quantity.name} does not fit its coordinates")
-    if quantity.meanings and not np.isin(quantity.values, np.arange(len(quantity.meanings))).all():
-        raise ValueError(f"{quantity.name} holds a code without a meaning")
 
 
 def _quantity(name: str, dataset: h5py.Dataset) -> Quantity:

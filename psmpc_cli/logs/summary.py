@@ -355,10 +355,8 @@ def _distances(arrays: Arrays) -> tuple[float, ...]:
     if len(arms) < 2 or len(time) < 2:
         return (np.nan,) * len(arrays["stages/name"])
     xi = np.vstack([arrays["pose/xi"], arrays["final/xi"]])
-    distance, known = (
-        np.linalg.norm(_position(xi, names, arms[0]) - _position(xi, names, arms[1]), axis=1),
-        np.isfinite(time),
-    )
+    apart, known = _position(xi, names, arms[0]) - _position(xi, names, arms[1]), np.isfinite(time)
+    distance = np.linalg.norm(apart, axis=1)
     return tuple(float(np.interp(t, time[known], distance[known])) for t in arrays["stages/switch_time"])
 
 

@@ -329,11 +329,8 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
     """
     Q, v = _initial_state(task)
     turn = Q[3:7] if len(Q) > len(v) else np.zeros(0)
-    value, speed, known = (
-        np.append(_of_state(Q, len(v)), 0.0),
-        np.append(v, np.linalg.norm(v[3:6])),
-        np.zeros(len(v) + 1, bool),
-    )
+    value, speed = np.append(_of_state(Q, len(v)), 0.0), np.append(v, np.linalg.norm(v[3:6]))
+    known = np.zeros(len(v) + 1, bool)
     tolerance, since, most = np.zeros(len(value)), np.zeros(len(value)), np.zeros((4, len(value)))
     found, end = list[tuple[float, tuple[int, ...]]](), 0.0
     for stage in stages:
@@ -391,10 +388,8 @@ def _coordinates(stage: Stage, numbers: np.ndarray) -> np.ndarray:
 
 def _coordinates_at_end(stage: Stage) -> dict[int, float]:
     """Return the tolerance of every coordinate in the end condition [m, rad]; in task space those of the base."""
-    known = np.isfinite(_coordinates(stage, stage.target))
-    return {
-        row: t for row, t in zip(stage.end_rows, stage.tolerance.tolist(), strict=True) if known[row : row + 1].any()
-    }
+    known = np.flatnonzero(np.isfinite(_coordinates(stage, stage.target)))
+    return {row: t for row, t in zip(stage.end_rows, stage.tolerance.tolist(), strict=True) if row in known}
 
 
 def _attitude_at_end(stage: Stage) -> dict[int, float]:

@@ -6,6 +6,7 @@ into the inertial frame. Luh, Walker, Paul (1980); Featherstone: Rigid Body Dyna
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -54,7 +55,7 @@ class InertialParameters:
             held_inertia=np.zeros(len(spec.arms)),
         )
 
-    @property
+    @cached_property
     def vector(self) -> np.ndarray:
         """All parameters in one vector w, the last argument of the functions of `Dynamics`."""
         return np.concatenate(

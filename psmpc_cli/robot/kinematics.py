@@ -20,7 +20,9 @@ class PlanarFrame:
 
     def carried(self, at: Attachment) -> Self:
         """Return a frame that is fixed to this one."""
-        return self._slid(at.position).turned(at.rotation, 1.0)
+        c, s, (x, y, _) = ca.cos(self.angle), ca.sin(self.angle), at.position
+        apart = ca.vertcat(x * c - y * s, x * s + y * c)
+        return type(self)(self.position + apart, self.angle).turned(at.rotation, 1.0)
 
     def moved(self, joint: Joint, q: Any) -> Self:
         """Return the frame carried through a joint at coordinate q [rad]."""
@@ -34,11 +36,6 @@ class PlanarFrame:
     def pose(self) -> Any:
         """The pose (x, y, angle), (3,) [m, m, rad]."""
         return ca.vertcat(self.position, self.angle)
-
-    def _slid(self, by: Sequence[Any]) -> Self:
-        c, s = ca.cos(self.angle), ca.sin(self.angle)
-        apart = ca.vertcat(by[0] * c - by[1] * s, by[0] * s + by[1] * c)
-        return type(self)(self.position + apart, self.angle)
 
 
 @dataclass(frozen=True)

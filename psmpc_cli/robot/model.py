@@ -185,11 +185,7 @@ class RobotModel:
         return self._numeric[name](*arguments)[0]
 
     def _w(self, parameters: InertialParameters | None) -> Array:
-        return self._nominal_vector if parameters is None else parameters.vector
-
-    @cached_property
-    def _nominal_vector(self) -> Array:
-        return self.nominal.vector
+        return (parameters or self.nominal).vector
 
     @cached_property
     def _numeric(self) -> dict[str, ArrayFunction]:

@@ -50,8 +50,9 @@ def shape_of(spec: RobotSpec) -> RobotShape:
     capsules: list[list[Sequence[Sequence[float]]]] = [[] for _ in spec.bodies]
     for number, body in enumerate(spec.bodies):
         if body.joint is not None:
-            at, outside = body.joint.at, np.abs(_inside(box_frame, body.joint.at.position)) > box + 1e-9
-            if at.body or outside.any():
+            at = body.joint.at
+            inside = box_frame[:3, :3].T @ (np.array(at.position) - box_frame[:3, 3])
+            if at.body or (np.abs(inside) > box + 1e-9).any():
                 capsules[at.body].append(((0, 0, 0), at.position))
             if body.joint.prismatic:
                 along = np.multiply.outer(_travel(spec, number), _turn(at) @ body.joint.axis)
@@ -83,11 +84,6 @@ def _solid_box(base: Body) -> tuple[Array, Array]:
     frame = np.eye(4)
     frame[:3, :3], frame[:3, 3] = axes * np.linalg.det(axes), base.centre
     return np.sqrt(np.maximum(squares, 1e-3 * squares.max())), frame
-
-
-def _inside(frame: Array, point: Sequence[float]) -> Array:
-    """Return a point of the base in the frame of its box."""
-    return np.asarray(frame[:3, :3].T @ (np.asarray(point) - frame[:3, 3]))
 
 
 def _travel(spec: RobotSpec, number: int) -> Array:

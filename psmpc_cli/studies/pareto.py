@@ -13,13 +13,14 @@ import numpy as np
 
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.results import Quantity, Results, create_results, read_results
-from psmpc_cli.logs.run import Run, read_run
+from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import PARETO
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.window import SHORTEST, Window
 from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.simulation.run import build_experiment, converging, header
 from psmpc_cli.solvers import NlpSolver, Solution
+from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.fronts import CONSTRAINED, FREE, STATUS, WEIGHTED, dominated, extents, hypervolume
 from psmpc_cli.studies.runner import compute_all
 from psmpc_cli.studies.sweep import parse_stages
@@ -72,7 +73,7 @@ class Question:
 
 
 def solve_pareto(
-    run: Path,
+    run: Run,
     question: Question,
     path: Path,
     jobs: int | None = None,
@@ -82,7 +83,7 @@ def solve_pareto(
     """Find the fronts at samples of a run and write them into a file, whole or not at all.
 
     Args:
-        run: Log of the run, with its plans.
+        run: A run with its plans.
         question: What is asked.
         path: The file.
         jobs: Processes; by default one for each core.
@@ -91,22 +92,22 @@ def solve_pareto(
 
     Raises:
         InputError: The question does not fit the run, or the file exists already or cannot be written.
-        LogError: The log has no plans, or cannot be read.
+        LogError: The run has no plans.
         RunError: Processes are ended from outside again and again.
     """
-    log = read_run(run)
-    if not log.has_plans:
-        raise LogError(f"{run}: holds no plans; expected a log of a task with log: {{plans: true}}")
-    stages = parse_stages(question.stages, log.task)
-    first = log.task.spec.stages[stages[0]]
+    if not run.has_plans:
+        raise LogError(f"{run.path}: holds no plans; expected a log of a task with log: {{plans: true}}")
+    stages = parse_stages(question.stages, run.task)
+    first = run.task.spec.stages[stages[0]]
     if question.free and first.at is not None:
         raise InputError(f"--free-instant: {first.name} ends at a fixed time, expected a stage with an end condition")
-    samples, ended = choose_samples(log, stages, question.at), count(1)
-    cells = {f"front at {log.time[sample]:g} s": (run.absolute(), question, sample) for sample in samples}
+    samples, ended = choose_samples(run, stages, question.at), count(1)
+    solves = [logged_solve(run, run.problem, sample) for sample in samples]
+    cells = {f"front at {each.window.start:g} s": (run.task, question, each) for each in solves}
     found = compute_all(_solve_sample, cells, jobs, lambda name: told(f"{name} done, {next(ended)} of {len(cells)}"))
-    attributes = {**header(build_experiment(log.task)).attributes, "method": question.method}
+    attributes = {**header(build_experiment(run.task)).attributes, "method": question.method}
     attributes["stages"] = ",".join(str(stage + 1) for stage in stages)
-    names = [log.stage_names[stage] for stage in stages]
+    names = [run.stage_names[stage] for stage in stages]
     return write_pareto(path, attributes, names, question, list(found.values()), force)
 
 
@@ -214,13 +215,11 @@ def values_of(problem: Window, points: Sequence[Solution]) -> Vector:
     return np.where(J[:, 1] <= problem.cost_bound * (1 + SLACK), np.nan_to_num(values, nan=np.inf), np.inf)
 
 
-def _solve_sample(cell: tuple[Path, Question, int]) -> list[Quantity]:
-    """Measure a cell: find the fronts at a sample of a log; the sampling instant comes first."""
-    path, question, sample = cell
-    log = read_run(path)
-    problem = build_problem(converging(log.task))
-    trade_off = TradeOff(problem)
-    solve = trade_off.settled(logged_solve(log, problem, sample))
+def _solve_sample(cell: tuple[Task, Question, Solution]) -> list[Quantity]:
+    """Find the fronts about a solve of a run; the sampling instant comes first."""
+    task, question, logged = cell
+    trade_off = TradeOff(build_problem(converging(task)))
+    solve = trade_off.settled(logged)
     window, instant = solve.window, float(solve.plan.instants[0])
     wait = instant - window.start
     held = wait + question.later * max(window.horizon - SHORTEST - wait, 0.0)

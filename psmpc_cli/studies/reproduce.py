@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from pydantic_core import to_json
 
@@ -148,11 +147,7 @@ def _find_fronts(
         path.unlink(missing_ok=True)
     if not len(possible_samples(run, (0, 1))):
         return None
-    question = Question("1,2", (), points, "weighted-sum", free=False)
-    with TemporaryDirectory(prefix=".fronts-", dir=directory) as meanwhile:
-        log = Path(meanwhile) / "psmpc.h5"
-        run.save(log)
-        return solve_pareto(log, question, path, jobs, force, told)
+    return solve_pareto(run, Question("1,2", (), points, "weighted-sum", free=False), path, jobs, force, told)
 
 
 def claims_json(made: Reproduction, created: str) -> bytes:
@@ -190,13 +185,6 @@ def claims_json(made: Reproduction, created: str) -> bytes:
 
 
 def _claim_data(finding: Finding) -> dict[str, object]:
-    claim = finding.claim
-    about = {
-        "id": claim.id,
-        "statement": claim.statement,
-        "source": claim.source,
-        "unit": claim.unit or None,
-        "beside": claim.beside,
-    }
-    measured = {"published": claim.published, **finding._asdict(), "cause": "; ".join(finding.cause) or None}
-    return {**about, **{key: value for key, value in measured.items() if key != "claim"}}
+    measured = {name: value for name, value in finding._asdict().items() if name != "claim"}
+    about = finding.claim.model_dump(include={"id", "statement", "source", "unit", "beside", "published"})
+    return {**about, "unit": about["unit"] or None, **measured, "cause": "; ".join(finding.cause) or None}

@@ -165,7 +165,7 @@ def test_studies_take_spatial_tasks() -> None:
 def test_fronts_in_space_hold_the_run_s_instant(log: Path, run: Run, tmp_path: Path) -> None:
     """The end condition is met at the limits: any earlier instant has no solution."""
     question = Question(stages="1,2", at=(0.1, 0.8), points=3, method="both", free=False)
-    found = solve_pareto(log, question, tmp_path / "fronts.h5", jobs=1)
+    found = solve_pareto(run, question, tmp_path / "fronts.h5", jobs=1)
     for method in ("weighted", "constrained"):
         assert (found[f"{method}_status"] == STATUS.index("optimal")).all()
         assert (np.diff(found[f"{method}_J_2"]) < 0).all()

@@ -56,15 +56,15 @@ def log(run: Path) -> Run:
 
 
 @pytest.fixture(scope="module")
-def studied(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Results:
+def studied(log: Run, tmp_path_factory: pytest.TempPathFactory) -> Results:
     path = tmp_path_factory.mktemp("held") / "pareto.h5"
-    return solve_pareto(run, question(at=(0.2, 0.5)), path, 1)
+    return solve_pareto(log, question(at=(0.2, 0.5)), path, 1)
 
 
 @pytest.fixture(scope="module")
-def in_space(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Results:
+def in_space(log: Run, tmp_path_factory: pytest.TempPathFactory) -> Results:
     path = tmp_path_factory.mktemp("free") / "pareto.h5"
-    return solve_pareto(run, question(at=(0.3,), method="weighted-sum", free=True), path, 1)
+    return solve_pareto(log, question(at=(0.3,), method="weighted-sum", free=True), path, 1)
 
 
 def test_every_point_is_solved_for(studied: Results, in_space: Results) -> None:
@@ -112,9 +112,9 @@ def test_a_third_criterion_has_its_own_fronts(in_space: Results) -> None:
     assert not in_space["free_dominated"].any()
 
 
-def test_bounds_alone_need_two_weighted_sums_only(run: Path, tmp_path: Path) -> None:
+def test_bounds_alone_need_two_weighted_sums_only(log: Run, tmp_path: Path) -> None:
     path = tmp_path / "pareto.h5"
-    results = solve_pareto(run, question(at=(0.5,), method="epsilon-constraint"), path, 1)
+    results = solve_pareto(log, question(at=(0.5,), method="epsilon-constraint"), path, 1)
     assert "weighted_J_1" not in results.quantities
     assert results["constrained_J_1"].shape == (1, POINTS)
 
@@ -140,7 +140,7 @@ def test_a_run_without_such_a_window_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_log_without_plans_is_refused(tmp_path: Path) -> None:
-    run = run_there_and_back(tmp_path, "log.plans=false")
+    run = read_run(run_there_and_back(tmp_path, "log.plans=false"))
     with pytest.raises(LogError, match="holds no plans"):
         solve_pareto(run, question(), tmp_path / "pareto.h5", 1)
 

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -23,9 +23,7 @@ def check(
     problems, agree = [], True
     for reference in files:
         try:
-            agree &= _check_one(reference, changes or [], gradients)
-            if figure is not None:
-                _draw(reference, changes or [], figure, force)
+            agree &= _check_one(reference, changes or [], gradients, figure, force)
         except PsmpcError as error:
             problems.append(str(error))
     if problems:
@@ -34,36 +32,34 @@ def check(
         raise typer.Exit(1)
 
 
-def _check_one(reference: str, changes: list[str], gradients: bool) -> bool:
-    """Print the table of one robot or task and the audit of its gradients; tell whether those agree.
+def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path | None, force: bool) -> bool:
+    """Print the table of one robot or task and the audit of its gradients, draw it; tell whether gradients agree.
 
     Raises:
+        InputError: The figure cannot be written.
         SpecError: It is not valid.
     """
     from psmpc_cli.cli.task_tables import print_gradients, print_robot, print_task
     from psmpc_cli.ocp.feasibility import load_feasible, look_ahead, remarks
     from psmpc_cli.specs.load import kind_of_reference, load_robot
 
+    agree, drawn = True, "scenario"
     if kind_of_reference(reference) == "robot":
-        print_robot(load_robot(reference))
-        return True
-    task = load_feasible(reference, changes)
-    outlooks = look_ahead(task)
-    print_task(task, outlooks)
-    if doubtful := remarks(task, outlooks):
-        typer.echo(f"probably not meant:\n{task.source.report(doubtful)}\n")
-    return not gradients or print_gradients(task)
-
-
-def _draw(reference: str, changes: list[str], figure: Path, force: bool) -> None:
-    """Draw a robot, or the scenario of a task; InputError if the file cannot be written."""
-    from psmpc_cli.figures.registry import draw_file
-    from psmpc_cli.specs.load import kind_of_reference, load_robot, load_task
-
-    if kind_of_reference(reference) == "robot":
-        typer.echo(f"robot: {draw_file('robot', load_robot(reference), figure, force)}")
+        subject: Any = load_robot(reference)
+        drawn = "robot"
+        print_robot(subject)
     else:
-        typer.echo(f"scenario: {draw_file('scenario', load_task(reference, changes), figure, force)}")
+        subject = load_feasible(reference, changes)
+        outlooks = look_ahead(subject)
+        print_task(subject, outlooks)
+        if doubtful := remarks(subject, outlooks):
+            typer.echo(f"probably not meant:\n{subject.source.report(doubtful)}\n")
+        agree = not gradients or print_gradients(subject)
+    if figure is not None:
+        from psmpc_cli.figures.registry import draw_file
+
+        typer.echo(f"{drawn}: {draw_file(drawn, subject, figure, force)}")
+    return agree
 
 
 def init(

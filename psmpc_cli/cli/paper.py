@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from psmpc_cli.cli.options import Changes, Force, Jobs, Quiet, output_folder, output_option
-from psmpc_cli.errors import InputError
 
 if TYPE_CHECKING:
     from psmpc_cli.studies.judge import Reproduction
@@ -30,12 +29,13 @@ def reproduce(
     """Run what the paper's claims need: a table of published against reproduced, and a report with the figures."""
     from psmpc_cli.cli.progress import ending_on_signals, live_line
     from psmpc_cli.figures.registry import draw
+    from psmpc_cli.logs.files import check_output, write_new
     from psmpc_cli.report.reproduction import build_report
     from psmpc_cli.studies import reproduce as study
 
     folder = output_folder(output, "reproduce", force)
-    if json is not None and (json.is_dir() or (json.exists() and not force)):
-        raise InputError(f"{json} exists already: choose another file with --json, or overwrite it with --force")
+    if json is not None:
+        check_output(json, force, "--json", hdf5=False)
     with ending_on_signals("no report was written"), live_line(quiet) as show:
         made = study.reproduce(folder, changes or [], weights, fronts, ablations, force, jobs, show)
     created = datetime.now(UTC).isoformat(timespec="seconds")
@@ -43,7 +43,7 @@ def reproduce(
     for ablation in made.ablations:
         draw("ablations", ablation.panels, folder, only=[f"ablation_{ablation.name}"], force=True)
     if json is not None:
-        _write(json, study.claims_json(made, created))
+        write_new(json, study.claims_json(made, created), force, hdf5=False)
     if not quiet:
         _print_claims(made)
         typer.echo(f"report: {folder / REPORT}")
@@ -70,11 +70,3 @@ def _print_claims(made: "Reproduction") -> None:
         rows = [(name, f"{value:.4g}") for name, value in ablation.numbers.items()]
         print_table((f"without our {ablation.name.replace('_', ' ')}", "measured"), rows, left=1)
     typer.echo(f"\n{made.outcome}")
-
-
-def _write(path: Path, text: bytes) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(text)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror or error}") from None

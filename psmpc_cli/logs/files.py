@@ -86,19 +86,19 @@ def _check_version(path: Path, file: h5py.File) -> None:
         )
 
 
-def check_output(path: Path, force: bool) -> None:
-    """Make sure that a new file may be written at a path.
+def check_output(path: Path, force: bool, option: str = "-o", hdf5: bool = True) -> None:
+    """Make sure that a new file may be written at a path, which an option of the command line names.
 
     Raises:
-        InputError: The path is taken; with `force`, by a file that psmpc did not write.
+        InputError: The path is taken; with `force`, that of an HDF5 file by a file that psmpc did not write.
     """
     if path.is_dir():
-        raise InputError(f"{path} is a directory: name a file in it with -o, such as {path / 'run.h5'}")
+        raise InputError(f"{path} is a directory: name a file in it with {option}")
     if not path.exists():
         return
     if not force:
-        raise InputError(f"{path} exists already: choose another file with -o, or overwrite it with --force")
-    if not (path.is_file() and (path.stat().st_size == 0 or h5py.is_hdf5(path))):
+        raise InputError(f"{path} exists already: choose another file with {option}, or overwrite it with --force")
+    if hdf5 and not (path.is_file() and (path.stat().st_size == 0 or h5py.is_hdf5(path))):
         raise InputError(f"{path} is no log: --force overwrites logs only; choose another file with -o")
 
 
@@ -116,7 +116,7 @@ def new_image(fill: Callable[[h5py.File], None]) -> bytes:
         return image_of(file)
 
 
-def write_new(path: Path, image: bytes, force: bool = False) -> None:
+def write_new(path: Path, image: bytes, force: bool = False, hdf5: bool = True) -> None:
     """Write a new file, whole or not at all; its folder is created if necessary.
 
     Raises:
@@ -124,7 +124,7 @@ def write_new(path: Path, image: bytes, force: bool = False) -> None:
     """
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        check_output(path, force)
+        check_output(path, force, hdf5=hdf5)
         replace_file(path, image)
 
 

@@ -15,9 +15,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from psmpc_cli.errors import InputError
 from psmpc_cli.figures.style import in_style, title_of
-from psmpc_cli.logs.files import replace_file
+from psmpc_cli.logs.files import write_new
 from psmpc_cli.report.texts import describe_mission
 
 DPI, CSS_DPI = 200, 96
@@ -52,16 +51,7 @@ class Page:
         Raises:
             InputError: The file exists and `force` is not set, or it cannot be written.
         """
-        path = Path(path)
-        if path.is_dir():
-            raise InputError(f"{path} is a directory: name a file in it with -o, such as {path / 'view.html'}")
-        if path.exists() and not force:
-            raise InputError(f"{path} exists already: choose another file with -o, or overwrite it with --force")
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            replace_file(path, self.html.encode())
-        except OSError as error:
-            raise InputError(f"{path} cannot be written: {error.strerror or error}") from None
+        write_new(path := Path(path), self.html.encode(), force, hdf5=False)
         return path
 
 

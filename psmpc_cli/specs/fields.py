@@ -246,10 +246,15 @@ def _seconds(value: object) -> float:
     return number(float(value.removesuffix("s")))
 
 
-def _not_tiny(value: float) -> float:
-    if 0 < value < SMALLEST:
-        raise expected(f"a number of at least {SMALLEST:g}")
-    return value
+def ensure(holds: Callable[[Any], bool], what: str) -> AfterValidator:
+    """Create a validator of valid values that must also be `what`."""
+
+    def check(value: Any) -> Any:
+        if not holds(value):
+            raise expected(what)
+        return value
+
+    return AfterValidator(check)
 
 
 def _whole(value: object) -> int:
@@ -300,31 +305,12 @@ def listed(what: str, length: int | None = None) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-def _ordered(bounds: Pair) -> Pair:
-    if bounds[0] > bounds[1]:
-        raise expected("the lower bound first, [low, high]")
-    return bounds
-
-
-def _is_unit(value: tuple[float, float, float]) -> tuple[float, float, float]:
-    length = math.hypot(*value)
-    if abs(length - 1) > 1e-6:
-        raise expected(f"an axis of length 1, not {length:.6g}")
-    return value
-
-
 def _mirrored(value: object) -> object:
     """Return a number v as the pair (-v, v); a pair as it is."""
     if isinstance(value, list | tuple):
         return value
     size = number_or_angle(value)
     return 0.0 - size, size
-
-
-def _around_rest(bounds: Pair) -> Pair:
-    if not bounds[0] <= 0 <= bounds[1]:
-        raise expected("a number of at least 0, or a pair [low, high] around 0: the robot must be able to rest")
-    return bounds
 
 
 def _alone(value: object) -> object:
@@ -348,16 +334,17 @@ class _Or:
 
 
 _or_angle = _Or({"type": "string", "pattern": ANGLE_PATTERN})
+_not_tiny = ensure(lambda value: not 0 < value < SMALLEST, f"a number of at least {SMALLEST:g}")
 
 Number = Annotated[float, BeforeValidator(number)]
-Positive = Annotated[float, Field(gt=0), BeforeValidator(number), AfterValidator(_not_tiny)]
+Positive = Annotated[float, Field(gt=0), BeforeValidator(number), _not_tiny]
 NotNegative = Annotated[float, Field(ge=0), BeforeValidator(number)]
 Fraction = Annotated[float, Field(ge=0, lt=1), BeforeValidator(number)]
 Seconds = Annotated[float, Field(ge=0), BeforeValidator(_seconds), _Or({"type": "string", "pattern": SECONDS_PATTERN})]
 Angle = Annotated[float, BeforeValidator(number_or_angle), _or_angle]
 Direction = Annotated[float, BeforeValidator(number_or_angle), BeforeValidator(_within_a_turn), _or_angle]
 Size = Annotated[float, Field(ge=0), BeforeValidator(number_or_angle), _or_angle]
-Width = Annotated[float, Field(gt=0), BeforeValidator(number_or_angle), AfterValidator(_not_tiny), _or_angle]
+Width = Annotated[float, Field(gt=0), BeforeValidator(number_or_angle), _not_tiny, _or_angle]
 Whole = Annotated[int, BeforeValidator(_whole)]
 Intervals = Annotated[
     int | Literal["auto"],
@@ -369,13 +356,20 @@ Name = Annotated[str, BeforeValidator(_name), WithJsonSchema({"type": "string", 
 Vector2 = Annotated[tuple[Number, Number], listed("2 entries", 2)]
 Vector3 = Annotated[tuple[Number, Number, Number], listed("3 entries", 3)]
 Angles3 = Annotated[tuple[Direction, Direction, Direction], listed("3 angles", 3)]
-Axis = Annotated[Vector3, AfterValidator(_is_unit)]
-Interval = Annotated[tuple[Angle, Angle], listed("a pair [low, high]", 2), AfterValidator(_ordered)]
+Axis = Annotated[Vector3, ensure(lambda axis: abs(math.hypot(*axis) - 1) <= 1e-6, "an axis of length 1")]
+Interval = Annotated[
+    tuple[Angle, Angle],
+    listed("a pair [low, high]", 2),
+    ensure(lambda pair: pair[0] <= pair[1], "the lower bound first, [low, high]"),
+]
 Rate = Annotated[
     tuple[Angle, Angle],
     listed("a pair [low, high]", 2),
     BeforeValidator(_mirrored),
-    AfterValidator(_around_rest),
+    ensure(
+        lambda pair: pair[0] <= 0 <= pair[1],
+        "a number of at least 0, or a pair [low, high] around 0: the robot must be able to rest",
+    ),
     _Or({"type": "number", "minimum": 0}, {"type": "string", "pattern": ANGLE_PATTERN}),
 ]
 
@@ -394,19 +388,18 @@ Part = Annotated[str, known(lambda context: context.parts, "part of the robot")]
 ArmName = Annotated[str, known(lambda context: context.parts[1:], "part of the robot")]
 
 
-def _not_zero(value: tuple[float, ...]) -> tuple[float, ...]:
-    if np.linalg.norm(value) < 1e-6:
-        raise expected("a quaternion w, x, y, z that is not 0")
-    return value
+Quaternion = Annotated[
+    tuple[Number, Number, Number, Number],
+    listed("4 entries", 4),
+    ensure(lambda value: math.hypot(*value) >= 1e-6, "a quaternion w, x, y, z that is not 0"),
+]
 
 
 class Attitude(Spec):
     """An attitude, in one of three ways."""
 
     rpy: Angles3 | None = Field(None, description="angles about the fixed axes x, y, z, in this order [rad]")
-    quaternion: (
-        Annotated[tuple[Number, Number, Number, Number], listed("4 entries", 4), AfterValidator(_not_zero)] | None
-    ) = Field(None, description="quaternion w, x, y, z of any length")
+    quaternion: Quaternion | None = Field(None, description="quaternion w, x, y, z of any length")
     axis: Axis | None = Field(None, description="unit vector about which `angle` turns")
     angle: Direction | None = Field(None, description="turn about `axis` [rad]")
 

@@ -1,7 +1,7 @@
 """One run and its log: `psmpc simulate`, `rerun`, `replay`, `verify`, `show` and `plot`."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,7 +27,6 @@ from psmpc_cli.errors import InputError, RunError
 if TYPE_CHECKING:
     from psmpc_cli.logs.schema import Sample
     from psmpc_cli.simulation.verify import Peaks
-    from psmpc_cli.specs.load import Change
 
     Watch = Callable[[Sample], None]
 
@@ -62,6 +61,8 @@ def simulate(
     from psmpc_cli.figures.animation import offscreen_driver
     from psmpc_cli.logs.run import read_run
     from psmpc_cli.logs.schema import RUN
+    from psmpc_cli.ocp.feasibility import load_feasible
+    from psmpc_cli.simulation.run import simulate as run_task
     from psmpc_cli.solvers import Outcome
 
     if quiet and verbose:
@@ -70,15 +71,17 @@ def simulate(
         logging.getLogger("psmpc_cli").setLevel(logging.INFO)
     overrides = [*(changes or []), *shorthands(controller, plant)]
     drawing = figures or render
+    if unfinished is not None and (task or overrides):
+        wanted = "expected no task, --set, --controller or --plant beside it"
+        raise InputError(f"--continue repeats the task in the log: {wanted}")
     if unfinished is not None:
-        if task or overrides:
-            raise InputError(
-                "--continue repeats the task in the log: expected no task, --set, --controller or --plant beside it"
-            )
         path = unfinished if output is None else output_file(output, "", force, drawing)
         run: Callable[[Watch], object] = partial(_continue, unfinished, output)
     elif task is not None:
-        path, run = _new_run(task, overrides, output, (controller, plant), force, drawing)
+        loaded = load_feasible(task, overrides)
+        name = "-".join(filter(None, (loaded.spec.name, controller, plant)))
+        path = output_file(output, name, force, drawing)
+        run = partial(run_task, loaded, path, force=force)
     else:
         raise InputError("found no task: expected a task file, a built-in name such as transport, or --continue LOG")
     if render:
@@ -101,24 +104,6 @@ def simulate(
         outcomes = [Outcome[str(status).upper()] for status in log["solver/status"][-1:]]
         advice = "".join(f" ({outcome.value})" for outcome in outcomes if not outcome.usable)
         raise RunError(f"{log.attributes['end_reason']}{advice}; {log.path} holds the run up to then")
-
-
-def _new_run(
-    task: str,
-    overrides: "Sequence[Change]",
-    output: Path | None,
-    variants: Sequence[str | None],
-    force: bool,
-    figures: bool,
-) -> "tuple[Path, Callable[[Watch], object]]":
-    """Check a task and the place of its log; return the log's path and the function that runs the task."""
-    from psmpc_cli.ocp.feasibility import load_feasible
-    from psmpc_cli.simulation.run import simulate as run
-
-    loaded = load_feasible(task, overrides)
-    name = "-".join([loaded.spec.name, *(variant for variant in variants if variant is not None)])
-    path = output_file(output, name, force, figures)
-    return path, lambda watch: run(loaded, path, watch, force)
 
 
 def _continue(path: Path, output: Path | None, watch: "Watch") -> None:

@@ -138,7 +138,7 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     except (FileExistsError, NotADirectoryError):
-        raise InputError(f"{path} cannot be written: {path.parent} is no directory") from None
+        raise InputError(f"{path} cannot be written: {path.parent} is no directory; choose another with -o") from None
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror or error}") from None
 

@@ -51,7 +51,7 @@ def recorded() -> tuple[Problem, dict[str, tuple[Solution, Solution]]]:
         solves.append(sample.command.solution)
         if sample.command.time >= max(AT.values()) - 1e-9:
             break
-    step = experiment.task.controller.sample_time
+    step = experiment.problem.spec.controller.sample_time
     at = {name: round(time / step) for name, time in AT.items()}
     return experiment.problem, {name: (solves[k - 1], solves[k]) for name, k in at.items()}
 

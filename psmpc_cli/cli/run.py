@@ -168,7 +168,7 @@ def replay(
     found = solve_again(run, step, solver)
     window = found.logged.window
     stages = ", ".join(stage.name for stage in window.stages)
-    kind = found.experiment.task.solver.kind
+    kind = found.experiment.problem.spec.solver.kind
     typer.echo(f"sample {step} of {len(run.time)}, {window.start:.2f} s: window of {stages}; solver {kind}")
     for remark in found.remarks:
         typer.echo(f"note: {remark}")

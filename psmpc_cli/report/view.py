@@ -151,7 +151,7 @@ def _plans(run: Run, samples: np.ndarray) -> Json:
     plan: Plan | None = None
     for sample in samples:
         if plan is None or not run["events/solve_failed"][sample]:
-            solve = logged_solve(run, run.problem, int(sample))
+            solve = logged_solve(run, int(sample))
             plan, ends = solve.plan, np.cumsum(solve.window.nodes)
         last = len(plan.times) - 1
         nodes = np.union1d(np.linspace(0, last, min(last, MOST_NODES) + 1).astype(int), ends)

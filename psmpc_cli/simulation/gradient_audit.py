@@ -47,20 +47,20 @@ class Audit:
 
 def audit_gradients(experiment: Experiment) -> tuple[Audit, ...]:
     """Audit every switch of the task, at a state drawn by the task's seed near its initial one."""
-    return tuple(_audit(experiment, first) for first in range(len(experiment.stages) - 1))
+    return tuple(_audit(experiment, first) for first in range(len(experiment.problem.stages) - 1))
 
 
 def _audit(experiment: Experiment, first: int) -> Audit:
-    random = np.random.default_rng(experiment.task.seed)
+    random = np.random.default_rng(experiment.problem.spec.seed)
     window, instants = _window(experiment, first, random)
     tau = durations(instants, window.start, window.horizon)
-    model = experiment.model
+    model = experiment.problem.model
     rollout = Rollout(model, window, instants)
     inputs = [model.n if stage.input == "joint" else model.m for stage in window.stages]
     U = [0.1 * random.standard_normal(size) for size in zip(window.nodes, inputs, strict=True)]
     adjoint = rollout.by_adjoint(tau, U)
     scale = max(1e-3, float(np.abs(adjoint).max()))
-    nodes = experiment.task.controller.uniform_nodes
+    nodes = experiment.problem.spec.controller.uniform_nodes
     return Audit(
         switch=(window.stages[0].name, window.stages[1].name),
         gradient=float(adjoint[0]),
@@ -72,16 +72,16 @@ def _audit(experiment: Experiment, first: int) -> Audit:
 
 def _window(experiment: Experiment, first: int, random: np.random.Generator) -> tuple[Window, np.ndarray]:
     """Return the window over two consecutive stages from a state near the initial one, and its instant (1,)."""
-    controller, model, n = experiment.task.controller, experiment.model, experiment.model.n
+    problem, controller, n = experiment.problem, experiment.problem.spec.controller, experiment.problem.model.n
     Q, v = experiment.x0[:-n], experiment.x0[-n:]
     chart, noise = Chart.at(Q, n), np.r_[0.3 * random.standard_normal(n), 0.05 * random.standard_normal(n)]
     Q, v = (rows[0] for rows in chart.leave(chart.enter(Q[None], v[None]) + noise))
-    (before, x0), (after, _) = (in_own_chart(model, stage, Q, v) for stage in experiment.stages[first : first + 2])
+    (before, x0), (after, _) = (in_own_chart(problem.model, each, Q, v) for each in problem.stages[first : first + 2])
     stages, chart = (before, after), Chart.at(Q, n)
     plan = resting_plan(0.0, controller.horizon, controller.uniform_nodes, x0, chart)
     instants = np.array([0.4 * controller.horizon])
     offset, scale = normalization(
-        "nadir", controller.zeta, stages, np.r_[0.0, instants], experiment.costs, plan, controller.sample_time
+        "nadir", controller.zeta, stages, np.r_[0.0, instants], problem.costs, plan, controller.sample_time
     )
     window = Window(
         stages=stages,
@@ -111,10 +111,10 @@ def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes:
     plan, ends = solution.plan, np.cumsum(window.nodes)
     pieces = [slice(end - N, end) for end, N in zip(ends, window.nodes, strict=True)]
     U = [
-        plan.u[at] if stage.input == "joint" else experiment.costs.task_acceleration(plan.X[at], plan.u[at])
+        plan.u[at] if stage.input == "joint" else experiment.problem.costs.task_acceleration(plan.X[at], plan.u[at])
         for stage, at in zip(free, pieces, strict=True)
     ]
-    rollout = Rollout(experiment.model, window, instants)
+    rollout = Rollout(experiment.problem.model, window, instants)
     return float(np.abs(rollout.by_adjoint(tau, U) - rollout.by_costate(tau, U)).max())
 
 

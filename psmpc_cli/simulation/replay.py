@@ -16,7 +16,6 @@ from psmpc_cli.logs.comparison import Comparison, compare_logs
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.ocp.plan import Chart
-from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.simulation.run import Experiment, Watch, build_experiment, simulate
@@ -27,14 +26,13 @@ MOST_NODES = 1000
 """Intervals a stage has at most; a log with more is damaged."""
 
 
-def logged_solve(run: Run, problem: Problem, sample: int) -> Solution:
+def logged_solve(run: Run, sample: int) -> Solution:
     """Read the solve of a sample; under HTMPC that of the first level.
 
     Its multipliers are those that it started from, and it has no costs.
 
     Args:
         run: A run with plans.
-        problem: Its problem.
         sample: The number of the sample.
 
     Raises:
@@ -47,7 +45,7 @@ def logged_solve(run: Run, problem: Problem, sample: int) -> Solution:
     if status.upper() not in Outcome.__members__:
         raise LogError(f"{run.path}: found the outcome {status!r} of sample {sample}, which this version does not know")
     try:
-        window = _window(run, problem, numbers, sample)
+        window = _window(run, numbers, sample)
         return Solution(
             outcome=Outcome[status.upper()],
             plan=window.plan_of(solution),
@@ -63,17 +61,18 @@ def logged_solve(run: Run, problem: Problem, sample: int) -> Solution:
         raise LogError(f"{run.path}: the plan of sample {sample} is not one of the window that the log has") from None
 
 
-def _window(run: Run, problem: Problem, numbers: np.ndarray, sample: int) -> Window:
+def _window(run: Run, numbers: np.ndarray, sample: int) -> Window:
     """Return the window of a sample from its numbers; raise ValueError where they are not of that window."""
-    first, count, spec = int(run["window/first"][sample]), int(run["window/count"][sample]), problem.spec
-    stages, nodes = problem.stages[first : first + count], run["window/nodes"][sample, first : first + count]
+    first, count, problem = int(run["window/first"][sample]), int(run["window/count"][sample]), run.problem
+    stages, nodes, spec = (
+        problem.stages[first : first + count],
+        run["window/nodes"][sample, first : first + count],
+        problem.spec,
+    )
     if len(stages) != count or not (np.isfinite(nodes) & (nodes >= 1) & (nodes <= MOST_NODES)).all():
         raise ValueError
-    (elapsed, hold), (omega, offset, scale), signs = (
-        numbers[:2],
-        numbers[2 : 2 + 3 * count].reshape(3, count),
-        numbers[2 + 3 * count :],
-    )
+    (elapsed, hold), signs = numbers[:2], numbers[2 + 3 * count :]
+    omega, offset, scale = numbers[2 : 2 + 3 * count].reshape(3, count)
     Q, v = run["state/Q"][sample], run["state/Qdot"][sample]
     chart, model = Chart.at(Q, len(v)), problem.model
     moving = [stage for stage in stages if stage.on_object]
@@ -91,11 +90,8 @@ def _window(run: Run, problem: Problem, numbers: np.ndarray, sample: int) -> Win
             state, horizon = seen[first], spec.controller.horizon
             stages = (stages[0].following(model.pose_rows, body, state, float(elapsed), horizon), *stages[1:])
     if chart.spatial:
-        ends = np.cumsum([len(stage.attitudes) for stage in stages])
-        taken = (
-            dict(zip(stage.attitudes, part, strict=True))
-            for stage, part in zip(stages, np.split(signs, ends), strict=False)
-        )
+        *parts, _ = np.split(signs, np.cumsum([len(stage.attitudes) for stage in stages]))
+        taken = [dict(zip(stage.attitudes, part, strict=True)) for stage, part in zip(stages, parts, strict=True)]
         stages = tuple(stage.in_chart(chart.anchor, Q[7:], each) for stage, each in zip(stages, taken, strict=True))
     return Window(
         stages=stages,
@@ -162,7 +158,7 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
     loaded = log.task
     chosen = loaded if solver is None else _with_solver(loaded, solver)
     experiment = build_experiment(chosen)
-    logged, same = logged_solve(log, experiment.problem, sample), chosen.spec.solver.kind == loaded.spec.solver.kind
+    logged, same = logged_solve(log, sample), chosen.spec.solver.kind == loaded.spec.solver.kind
     solution, iterations = solve_again(experiment, logged, same)
     return Replay(
         experiment=experiment,
@@ -186,7 +182,7 @@ def _with_solver(loaded: Task, solver: str) -> Task:
 def solve_again(experiment: Experiment, logged: Solution, same_solver: bool = True) -> tuple[Solution, tuple[str, ...]]:
     """Return what a logged solve returns without a deadline, and the solver's table of iterations."""
     lines: list[str] = []
-    spec = experiment.task.solver.model_copy(update={"deadline": None, "compiled": experiment.compiled})
+    spec = experiment.problem.spec.solver.model_copy(update={"deadline": None, "compiled": experiment.compiled})
     solver = build_solver(experiment.problem, spec, lines.append)
     duals = logged.guess_duals if same_solver else np.zeros(0)
     start = replace(logged, outcome=Outcome.OPTIMAL, plan=logged.guess, duals=duals)
@@ -195,14 +191,14 @@ def solve_again(experiment: Experiment, logged: Solution, same_solver: bool = Tr
 
 def _compared(log: Run, experiment: Experiment, logged: Solution, again: Solution) -> dict[str, tuple[float, float]]:
     start, names = logged.window.start, [f"{stage.name} ends [s]" for stage in logged.window.stages]
-    tick = start + np.array([0.0, 1 / experiment.task.plant.low_level_rate])
+    tick = start + np.array([0.0, 1 / experiment.problem.spec.plant.low_level_rate])
     names = ["objective J", *names[:-1], *(f"control of {name}" for name in log.coordinates)]
     solves = [np.r_[each.J, each.plan.instants, each.plan.mean_control(tick)[0]] for each in (logged, again)]
     return dict(zip(names, zip(*np.array(solves).tolist(), strict=True), strict=True))
 
 
 def _remarks(log: Run, experiment: Experiment, sample: int) -> list[str]:
-    stages, found = experiment.stages, []
+    stages, found = experiment.problem.stages, []
     last = int(log["window/first"][sample] + log["window/count"][sample]) - 1
     if log["events/postponed"][sample] and last + 1 < len(stages):
         found.append(
@@ -220,7 +216,7 @@ def _remarks(log: Run, experiment: Experiment, sample: int) -> list[str]:
             f"the log of HTMPC holds the window of its first level alone, that of {stages[last].name}: the applied "
             "control is that of the last level"
         )
-    if experiment.task.solver.deadline is not None:
+    if experiment.problem.spec.solver.deadline is not None:
         found.append("solves of the run had a deadline, this one has none")
     return found
 

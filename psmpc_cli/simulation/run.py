@@ -27,7 +27,7 @@ from psmpc_cli.logs.write import Header, LogWriter
 from psmpc_cli.native.functions import FLAGS, source_of
 from psmpc_cli.native.library import library
 from psmpc_cli.ocp.objective import StageShape, stage_functions
-from psmpc_cli.ocp.problem import Problem, Stage, StageCosts, build_problem
+from psmpc_cli.ocp.problem import Problem, Stage, build_problem
 from psmpc_cli.plant import Plant, build_plant, ticks_of
 from psmpc_cli.plant.grasp import Capture, build_capture
 from psmpc_cli.plant.rk4 import capture_tick, tick_function
@@ -68,31 +68,6 @@ class Experiment:
     capture: Capture | None
     x0: np.ndarray
     compiled: bool
-
-    @property
-    def loaded(self) -> Task:
-        """The task with its robot and their texts."""
-        return self.problem.task
-
-    @property
-    def task(self) -> TaskSpec:
-        """The task."""
-        return self.problem.spec
-
-    @property
-    def model(self) -> RobotModel:
-        """The robot."""
-        return self.problem.model
-
-    @property
-    def stages(self) -> tuple[Stage, ...]:
-        """The stages."""
-        return self.problem.stages
-
-    @property
-    def costs(self) -> StageCosts:
-        """Errors, costs and end conditions of the stages on arrays."""
-        return self.problem.costs
 
 
 def build_experiment(loaded: Task) -> Experiment:
@@ -206,7 +181,7 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
     capture = experiment.capture
     meter = Meter(experiment.counterfactuals, uncertainty, capture, experiment.x0)
     x, braking_until, number, stage = experiment.x0, np.inf, 0, 0
-    link = _Link(experiment.task, experiment.x0, experiment.model.n)
+    link = _Link(experiment.problem.spec, experiment.x0, experiment.problem.model.n)
     while True:
         now = number * controller.spec.sample_time
         seen = link.measured(x if uncertainty is None else uncertainty.measured(number, x))
@@ -267,13 +242,13 @@ def _ending(experiment: Experiment, command: Command, x: np.ndarray, braking_unt
     """Return the ending if the run is over: last stage at its target, time limit, or at rest without a plan."""
     now, seen, switches = command.time, command.x, command.switches
     if experiment.controller.done:
-        return Ending(True, f"{experiment.stages[-1].name} met its end condition", now, seen, x, switches)
+        return Ending(True, f"{experiment.problem.stages[-1].name} met its end condition", now, seen, x, switches)
     if now >= braking_until - 1e-9:
         why = "the state was not measured" if "unmeasured" in command.events else "no window could be solved"
         why = f"{why} and the plan was used up; the robot braked to rest"
         return Ending(False, why, now, seen, x, switches, stuck=True)
-    if now >= experiment.task.time_limit - 1e-9:
-        return Ending(False, f"time limit of {experiment.task.time_limit:g} s reached", now, seen, x, switches)
+    if now >= experiment.problem.spec.time_limit - 1e-9:
+        return Ending(False, f"time limit of {experiment.problem.spec.time_limit:g} s reached", now, seen, x, switches)
     return None
 
 
@@ -310,7 +285,10 @@ def simulate(
 
 def _write(experiment: Experiment, writer: LogWriter, watch: Watch, until: int | None = None) -> None:
     """Write every sample of the closed loop and how it ended."""
-    samples, clock = closed_loop(experiment, until), StageClock(len(experiment.stages), experiment.task.onset)
+    samples, clock = (
+        closed_loop(experiment, until),
+        StageClock(len(experiment.problem.stages), experiment.problem.spec.onset),
+    )
     record = None if experiment.capture is None else GraspRecord(experiment.capture)
     try:
         writer.update(clock.tables)
@@ -321,7 +299,7 @@ def _write(experiment: Experiment, writer: LogWriter, watch: Watch, until: int |
                 writer.update(clock.tables)
             if record is not None and record.update(sample):
                 writer.update(record.tables)
-            _report(sample, experiment.stages)
+            _report(sample, experiment.problem.stages)
             watch(sample)
     except StopIteration as stop:
         ending: Ending = stop.value
@@ -340,10 +318,10 @@ def _write(experiment: Experiment, writer: LogWriter, watch: Watch, until: int |
 
 def _final(experiment: Experiment, ending: Ending) -> dict[str, ArrayLike]:
     """Return time, state and poses at the end of a run, by their paths in the log."""
-    model = experiment.model
+    model = experiment.problem.model
     (Q, v), (Q_true, v_true) = np.split(ending.x, [model.nq]), np.split(ending.true, [model.nq])
     final = {"Q": Q, "Qdot": v, "xi": model.poses(Q_true).ravel()}
-    if not experiment.task.sees_the_state:
+    if not experiment.problem.spec.sees_the_state:
         final |= {"Q_true": Q_true, "Qdot_true": v_true}
     if experiment.capture is not None:
         final["object_pose"], final["object_velocity"] = experiment.capture.pose_and_velocity
@@ -352,7 +330,7 @@ def _final(experiment: Experiment, ending: Ending) -> dict[str, ArrayLike]:
 
 def _verdicts(experiment: Experiment, writer: LogWriter) -> dict[str, ArrayLike]:
     """Return the verdicts of the task's monitors over the samples so far, by their paths in the log."""
-    found = verdicts(experiment.task, run_in(writer.file).arrays) if experiment.task.judged else ()
+    found = verdicts(experiment.problem.spec, run_in(writer.file).arrays) if experiment.problem.spec.judged else ()
     return {"monitors/held": [v.held for v in found], "monitors/margin": [v.margin for v in found]}
 
 
@@ -377,8 +355,8 @@ def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
 
 def header(experiment: Experiment) -> Header:
     """Return what the log says of the run before it begins."""
-    task, loaded, uncertainty = experiment.task, experiment.loaded, experiment.uncertainty
-    names, spatial = tuple(stage.name for stage in experiment.stages), loaded.robot.dimension == 3
+    task, loaded, uncertainty = experiment.problem.spec, experiment.problem.task, experiment.uncertainty
+    names, spatial = tuple(stage.name for stage in experiment.problem.stages), loaded.robot.dimension == 3
     has = {
         "ticks": task.log.ticks,
         "plans": task.log.plans,
@@ -419,7 +397,7 @@ def header(experiment: Experiment) -> Header:
             "momentum": MOMENTUM[loaded.robot.dimension],
             "stages/epsilon": task.onset.series,
             "stages/name": names,
-            "stages/priority": priorities_in_force(task.controller, experiment.stages),
+            "stages/priority": priorities_in_force(task.controller, experiment.problem.stages),
             "monitors/name": task.judged,
             **({} if experiment.capture is None else experiment.capture.header),
             **({} if uncertainty is None else uncertainty.drawn),

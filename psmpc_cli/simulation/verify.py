@@ -14,7 +14,6 @@ from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant.adaptive import INSIDE, AdaptiveDynamics, Flow
 from psmpc_cli.simulation.measures import state_at
 from psmpc_cli.simulation.replay import logged_solve
-from psmpc_cli.simulation.run import Experiment, build_experiment
 
 Vector = np.ndarray
 
@@ -66,7 +65,7 @@ def verify(log: Run, every: int = 1, watch: Callable[[int], None] = lambda sampl
     if not log.has_plans or not len(log.time):
         missing = "samples" if log.has_plans else "plans"
         raise LogError(f"{log.path}: holds no {missing}; expected a log of a task with log: {{plans: true}}")
-    verifier = _Verifier(log, build_experiment(log.task))
+    verifier = _Verifier(log)
     for sample in range(len(log.time)):
         verifier.take(sample, sample % every == 0)
         watch(sample)
@@ -80,11 +79,11 @@ Found = Iterator[tuple[str, Vector, Vector, Sequence[str]]]
 class _Verifier:
     """Goes through a log sample by sample and keeps the largest values."""
 
-    def __init__(self, log: Run, experiment: Experiment) -> None:
-        self._log, self._experiment, self._model = log, experiment, experiment.model
-        self._physics = AdaptiveDynamics(experiment.model)
+    def __init__(self, log: Run) -> None:
+        self._log, self._problem, self._model = log, log.problem, log.problem.model
+        self._physics = AdaptiveDynamics(self._model)
         self._levels = "levels/solved" in log
-        task = experiment.task
+        task = self._problem.spec
         self._uncertain = task.uncertainty.in_force or task.controller.offset_free
         self._horizons: Peaks = {}
         self._loop: Peaks = {}
@@ -94,7 +93,7 @@ class _Verifier:
     def take(self, sample: int, horizon: bool) -> None:
         """Integrate the closed loop after a sample, and its horizon if asked for."""
         if not self._log["events/solve_failed"][sample]:
-            solve = logged_solve(self._log, self._experiment.problem, sample)
+            solve = logged_solve(self._log, sample)
             self._plan = solve.plan
             if horizon:
                 self._count += 1
@@ -136,7 +135,7 @@ class _Verifier:
 
     def _flow(self, sample: int, plan: Plan | None) -> Flow | None:
         """Integrate the closed loop over a sample under its logged forces, or those of its plan; None without both."""
-        log, task = self._log, self._experiment.task
+        log, task = self._log, self._problem.spec
         ticks = round(task.controller.sample_time * task.plant.low_level_rate)
         edges, x = log.time[sample] + np.arange(ticks + 1) / task.plant.low_level_rate, _state(log, sample)
         if log.ticks:
@@ -151,7 +150,7 @@ class _Verifier:
         log, end = self._log, flow.times[-1:]
         if plan is not None:
             yield from self._halves("", np.abs(plan.chart.entered(flow.X[-1:]) - plan.states_at(end)), end)
-        beyond = self._beyond(self._experiment.stages[int(log["window/first"][sample])], flow)
+        beyond = self._beyond(self._problem.stages[int(log["window/first"][sample])], flow)
         yield from self._halves(" limit", beyond, flow.times)
         last = sample + 1 == len(log.time)
         after = np.concatenate([log.final["Q"], log.final["v"]]) if last else _state(log, sample + 1)
@@ -163,7 +162,7 @@ class _Verifier:
         for index in np.flatnonzero((switch_times > flow.times[0] + 1e-9) & (switch_times <= end + 1e-9)):
             time = float(switch_times[index])
             Q, v = chart.leave(state_at(flow.times, chart.entered(flow.X), time)[None])
-            yield from self._end(*in_own_chart(self._model, self._experiment.stages[index], Q[0], v[0]), time)
+            yield from self._end(*in_own_chart(self._model, self._problem.stages[index], Q[0], v[0]), time)
 
     def _chart(self, x: Vector) -> Chart:
         """Return the chart about the attitude in a state (nq + n,)."""
@@ -181,7 +180,7 @@ class _Verifier:
 
     def _end(self, stage: Stage, x: Vector, time: float) -> Found:
         """Give the error of a stage's end condition over its tolerance. Paper eq. (18)."""
-        error = self._experiment.costs.end_error(stage, x)
+        error = self._problem.costs.end_error(stage, x)
         if np.isfinite(error):
             yield "end condition", np.array([[error]]), np.array([time]), [stage.name]
 

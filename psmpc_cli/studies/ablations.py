@@ -245,8 +245,8 @@ def pick_window(log: Run) -> OneWindow:
     with_one = with_one[first[with_one] == first[with_one[0]]]
     experiment = build_experiment(converging(log.task))
     to_go = ahead(log)[1][with_one]
-    sample = int(with_one[np.argmin(np.abs(to_go - 0.3 * experiment.task.controller.horizon))])
-    solve = logged_solve(log, experiment.problem, sample)
+    sample = int(with_one[np.argmin(np.abs(to_go - 0.3 * experiment.problem.spec.controller.horizon))])
+    solve = logged_solve(log, sample)
     return OneWindow(_ratio(solve.window.omega), experiment, solve.window, solve.plan)
 
 
@@ -260,11 +260,11 @@ def with_priorities(one: OneWindow, priorities: tuple[float, float]) -> OneWindo
     It is normalized from the optimum they have with the old normalization, as at the sample after they were changed.
     """
     experiment, window = one.experiment, replace(one.window, omega=np.array(priorities))
-    controller, solver = experiment.task.controller, experiment.controller.solver
+    controller, solver = experiment.problem.spec.controller, experiment.controller.solver
     plan = solver.solve(window, one.plan).plan
     begins = np.r_[window.start - window.elapsed, plan.instants]
     kind, zeta, step = controller.normalization, controller.zeta, controller.sample_time
-    offset, scale = normalization(kind, zeta, window.stages, begins, experiment.costs, plan, step)
+    offset, scale = normalization(kind, zeta, window.stages, begins, experiment.problem.costs, plan, step)
     window = replace(window, offset=offset, scale=scale)
     return OneWindow(f"{_ratio(window.omega)} from {one.label}", experiment, window, solver.solve(window, plan).plan)
 
@@ -315,8 +315,10 @@ def on_mesh(one: OneWindow, nodes: int, discretization: str) -> tuple[float, flo
     solved = build_solver(one.experiment.problem).solve(window, one.plan)
     if not solved.outcome.usable:
         return np.nan, np.nan
-    real, n, stage = led_to(solved.plan), one.experiment.model.n, one.window.stages[0]
-    missed = one.experiment.costs.errors(stage, real[nodes : nodes + 1])[0, list(stage.end_rows)] / stage.tolerance
+    real, n, stage = led_to(solved.plan), one.experiment.problem.model.n, one.window.stages[0]
+    missed = (
+        one.experiment.problem.costs.errors(stage, real[nodes : nodes + 1])[0, list(stage.end_rows)] / stage.tolerance
+    )
     return float(np.abs(solved.plan.X[:, :n] - real[:, :n]).max()), float(np.max(np.abs(missed), initial=0.0))
 
 

@@ -102,7 +102,7 @@ def solve_pareto(
     if question.free and first.at is not None:
         raise InputError(f"--free-instant: {first.name} ends at a fixed time, expected a stage with an end condition")
     samples, ended = choose_samples(run, stages, question.at), count(1)
-    solves = [logged_solve(run, run.problem, sample) for sample in samples]
+    solves = [logged_solve(run, sample) for sample in samples]
     cells = {f"front at {each.window.start:g} s": (run.task, question, each) for each in solves}
     found = compute_all(_solve_sample, cells, jobs, lambda name: told(f"{name} done, {next(ended)} of {len(cells)}"))
     attributes = {**header(build_experiment(run.task)).attributes, "method": question.method}

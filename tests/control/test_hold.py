@@ -62,10 +62,10 @@ def test_every_stage_of_a_run_is_held_before_it_ends(experiment_of: Build, kind:
     assert ending.completed
     switches = dict([switch for sample in samples for switch in sample.command.switches] + list(ending.switches))
     for index in (0, 3):
-        stage, end = experiment.stages[index], switches[index]
+        stage, end = experiment.problem.stages[index], switches[index]
         during = [s.command.x for s in samples if end - HOLD - 1e-9 <= s.command.time <= end - 1e-9]
         assert len(during) >= round(HOLD / 0.1)
-        assert experiment.costs.met(stage, np.array(during)).all()
+        assert experiment.problem.costs.met(stage, np.array(during)).all()
 
 
 @pytest.mark.slow
@@ -80,5 +80,5 @@ def test_the_inspection_succeeds(experiment_of: Build, solver: str, kind: str) -
     samples, ending = run(experiment)
     assert ending.completed
     assert not any("solve_failed" in sample.command.events for sample in samples)
-    last = experiment.stages[-1]
-    assert np.abs(experiment.costs.errors(last, ending.true[None])[0, 3:]).max() < np.radians(0.5) + 1e-5
+    last = experiment.problem.stages[-1]
+    assert np.abs(experiment.problem.costs.errors(last, ending.true[None])[0, 3:]).max() < np.radians(0.5) + 1e-5

@@ -56,7 +56,10 @@ def test_no_earlier_error_gets_worse_by_more_than_the_tolerance(
         if sequence.first == stage and len(levels) > 1 and levels[1].outcome.usable:
             first, second = (level.plan for level in levels[:2])
             since = first.times[1:] - sequence.entered
-            sizes = [np.abs(experiment.costs.errors(experiment.stages[stage], p.X[1:], since)) for p in (first, second)]
+            sizes = [
+                np.abs(experiment.problem.costs.errors(experiment.problem.stages[stage], p.X[1:], since))
+                for p in (first, second)
+            ]
             assert np.all(sizes[1] <= sizes[0] + tolerance + EXACT)
             compared += 1
     assert compared > 4
@@ -67,7 +70,7 @@ def test_later_levels_lower_their_own_cost(experiment_of: Build) -> None:
     experiment = experiment_of(*HTMPC, "controller.htmpc.tolerance=0.05")
     command = next(closed_loop(experiment)).command
     first, second = command.levels[:2]
-    stage, costs = experiment.stages[1], experiment.costs
+    stage, costs = experiment.problem.stages[1], experiment.problem.costs
     assert second.outcome.usable
     plans = [(plan, np.vstack([plan.u, plan.u[-1:]])) for plan in (first.plan, second.plan)]
     along = [trapezoid(costs.at(stage, plan.X, u), plan.times) for plan, u in plans]

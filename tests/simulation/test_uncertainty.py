@@ -75,7 +75,7 @@ def test_the_controller_sees_the_noise_and_the_margins_do_not(tmp_path: Path) ->
     seen, true = (np.hstack([log[f"state/Q{of}"], log[f"state/Qdot{of}"]]) for of in ("", "_true"))
     np.testing.assert_allclose(seen - true, noise, atol=1e-15)
     np.testing.assert_array_equal(true[:, :9], log.ticks["Q"][::10])
-    model = build_experiment(loaded).model
+    model = build_experiment(loaded).problem.model
     np.testing.assert_allclose(log["pose/xi"], np.asarray(model.g(true[:, :9].T)).T, atol=1e-12)
     np.testing.assert_allclose(log.final["xi"], np.asarray(model.g(log.final["Q"])).ravel(), atol=1e-12)
     assert (log["final/Q"] != log.final["Q"]).all()

@@ -152,7 +152,7 @@ RATIOS = (0.03, 0.3, 1.0, 3.0, 30.0)
 def solve(log: Run) -> Solution:
     """One in the middle of those with the switch in the window; its omega_2 / omega_1 is 3."""
     with_switch = np.flatnonzero((log["window/count"] == 2) & (log["window/first"] == 0))
-    return logged_solve(log, build_problem(log.task), int(with_switch[len(with_switch) // 2]))
+    return logged_solve(log, int(with_switch[len(with_switch) // 2]))
 
 
 @pytest.fixture(scope="module")

@@ -52,7 +52,7 @@ def deviation(log: Run, model: RobotModel, integrator: mujoco.mjtIntegrator, sub
 def pose_differences(first: Run, second: Run, model: RobotModel) -> tuple[float, float]:
     """Return the largest differences of final positions [m] and angles [rad], of base and end-effectors."""
     difference = np.abs(first.final["xi"] - second.final["xi"])
-    angles = list(angle_rows(model).xi)
+    angles = list(angle_rows(model)[1])
     return float(np.delete(difference, angles).max()), float(difference[angles].max())
 
 

@@ -43,17 +43,21 @@ class Outlook:
 
     Attributes:
         stage: The stage.
-        reaches: By arm, how far its target is with the base at its own, under the limits in force; empty in joint
-            space, and for arms (or with a base) whose place neither weights nor the end condition ask for. Of a
-            trajectory, the last row's.
+        along: For each waypoint, by arm, how far it is with the base at its own pose, under the limits in force; empty
+            in joint space, and for arms (or with a base) whose place neither weights nor the end condition ask for.
         earliest_end: Time before which the stage cannot end [s]: from velocity limits, dwells and fixed times.
         stuck: Coordinates that its end condition wants elsewhere but velocity limits let not move that way.
     """
 
     stage: Stage
-    reaches: Mapping[str, Reach]
+    along: Sequence[Mapping[str, Reach]]
     earliest_end: float
     stuck: tuple[int, ...] = ()
+
+    @property
+    def reaches(self) -> Mapping[str, Reach]:
+        """By arm, how far its target is: of a trajectory, the last row's."""
+        return self.along[-1]
 
 
 def load_feasible(reference: str | Path | Mapping[str, Any], set: Changes = ()) -> Task:
@@ -139,19 +143,13 @@ def _initial(task: Task, first: Stage) -> Iterator[Fault]:
 def _targets(task: Task, outlook: Outlook) -> Iterator[Fault]:
     """Give what of a stage's target, or of any row of its trajectory, lies outside its limits, or out of reach."""
     stage = outlook.stage
-    for index, numbers in enumerate(stage.waypoints):
+    for index, (numbers, reaches) in enumerate(zip(stage.waypoints, outlook.along, strict=True)):
         values = _coordinates(stage, numbers)
         for row in _rows_outside(stage, values):
             yield Fault(_place(task, stage, row, stage.space, index), _beyond(task, row, values[row], stage))
-        for arm, reach in _reaches_at(task, outlook, index).items():
+        for arm, reach in reaches.items():
             if found := _out_of_reach(task.robot, arm, reach, numbers):
                 yield Fault(_place_of_part(task, stage, arm, index), found)
-
-
-def _reaches_at(task: Task, outlook: Outlook, index: int) -> Mapping[str, Reach]:
-    """Return the reaches of a stage's waypoint."""
-    stage, last = outlook.stage, index == len(outlook.stage.waypoints) - 1
-    return outlook.reaches if last else _reaches(stage, task.robot, stage.waypoints[index])
 
 
 def _rows_outside(stage: Stage, values: np.ndarray) -> list[int]:
@@ -194,8 +192,8 @@ def _pose(robot: RobotSpec, numbers: np.ndarray) -> str:
 
 def _not_found(task: Task, outlook: Outlook) -> Iterator[Fault]:
     """Give poses of which none was found that an arm can take, where that is not certain."""
-    for index, numbers in enumerate(outlook.stage.waypoints):
-        for arm, reach in _reaches_at(task, outlook, index).items():
+    for index, (numbers, reaches) in enumerate(zip(outlook.stage.waypoints, outlook.along, strict=True)):
+        for arm, reach in reaches.items():
             if not reach.reachable and _out_of_reach(task.robot, arm, reach, numbers) is None:
                 metres, angle = reach.missed
                 message = (
@@ -245,7 +243,7 @@ def remarks(task: Task, outlooks: Sequence[Outlook]) -> list[Fault]:
     pairs = pairwise(outlooks)
     return [
         *(problem for outlook in outlooks for problem in _not_found(task, outlook)),
-        *(problem for before, outlook in pairs for problem in _far_base(task, before.stage, outlook.stage)),
+        *(problem for before, outlook in pairs for problem in _far_base(task, before.stage, outlook)),
         *(problem for outlook in outlooks for problem in _too_fast(task, outlook.stage)),
         *_too_short(task, outlooks),
     ]
@@ -262,16 +260,16 @@ def _too_short(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
         yield Fault(("time_limit",), message)
 
 
-def _far_base(task: Task, before: Stage, stage: Stage) -> Iterator[Fault]:
+def _far_base(task: Task, before: Stage, then: Outlook) -> Iterator[Fault]:
     """Give a base that a stage in task space wants elsewhere than the stage before leaves it.
 
     And so far that an arm does not reach its first pose from there: one of the two may be a misprint.
     """
-    d = task.robot.dimension
+    d, stage = task.robot.dimension, then.stage
     first, left = stage.waypoints[0], before.target[: 3 if d == 2 else 7]
     if not set(range(task.robot.parts["base"])) <= set(before.end_rows):
         return
-    own, moved = _reaches(stage, task.robot, first), _reaches(stage, task.robot, first, left)
+    own, moved = then.along[0], _reaches(stage, task.robot, first, left)
     far = [arm for arm, reach in moved.items() if reach.distance > reach.full_reach and not reach.reachable]
     for arm in (arm for arm in far[:1] if own[arm].reachable):
         message = (
@@ -309,8 +307,8 @@ def look_ahead(task: Task) -> tuple[Outlook, ...]:
     """Return the outlook of every stage of a task."""
     stages = build_stages(task.spec, task.robot, build_model(task.robot))
     ends = earliest_ends(task, stages)
-    reaches = (_reaches(stage, task.robot, stage.target) for stage in stages)
-    return tuple(Outlook(stage, reach, *end) for stage, reach, end in zip(stages, reaches, ends, strict=True))
+    along = ([_reaches(stage, task.robot, xi) for xi in stage.waypoints] for stage in stages)
+    return tuple(Outlook(stage, reaches, *end) for stage, reaches, end in zip(stages, along, ends, strict=True))
 
 
 def _initial_state(task: Task) -> tuple[np.ndarray, np.ndarray]:

@@ -244,20 +244,15 @@ def pose_frames(poses: ArrayLike) -> Array:
     return frames.reshape(*poses.shape[:-1], 4, 4)
 
 
-@dataclass(frozen=True)
-class AngleRows:
-    """Rows of Q and of xi that are angles of the base or of an end-effector, whose equivalents differ by 2 pi."""
+def angle_rows(model: RobotModel) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the rows of Q and those of xi that are unwrapped angles of base or end-effectors, equivalent modulo 2 pi.
 
-    Q: tuple[int, ...]
-    xi: tuple[int, ...]
-
-
-def angle_rows(model: RobotModel) -> AngleRows:
-    """Return the rows of the unwrapped angles; joint angles are not among them, as their limits tell turns apart."""
+    Joint angles are not among them, as their limits tell turns apart.
+    """
     if model.dimension == 3:
-        return AngleRows((), ())
+        return (), ()
     xi = (row for rows in model.pose_rows.values() for row in range(rows.start + model.dimension, rows.stop))
-    return AngleRows(tuple(range(model.dimension, model.parts["base"].stop)), tuple(xi))
+    return tuple(range(model.dimension, model.parts["base"].stop)), tuple(xi)
 
 
 def nearest_equivalent(angle: ArrayLike, target: ArrayLike) -> Array:

@@ -2,7 +2,6 @@
 
 import shlex
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -88,43 +87,27 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
     )
 
 
-@dataclass(frozen=True, eq=False)
 class MonteCarloRuns:
     """The runs of a study, complete or not: how often they succeed, how they spread, which are the worst.
 
     Attributes:
         results: The content of its file.
+        made: Which runs were made, those that crashed among them (runs,).
+        succeeded, failed: Which of these succeeded, and which did not (runs,).
+        stages, monitors: Their names.
+        end_time: End of the mission (runs,) [s]; NaN where it was not completed.
     """
 
-    results: Results
+    def __init__(self, results: Results) -> None:
+        self.results = results
+        self.made, self.succeeded = self["status"] != WAITING, self["succeeded"] == 1
+        self.failed = self.made & ~self.succeeded
+        self.stages: list[str] = self["stage"].tolist()
+        self.monitors: list[str] = self["monitor"].tolist() if "monitor" in results.quantities else []
+        self.end_time = np.where(self["completed"] == 1, self["end_time"], np.nan)
 
     def __getitem__(self, name: str) -> Array:
         return self.results[name]
-
-    @property
-    def made(self) -> Array:
-        """Which runs were made, those that crashed among them (runs,)."""
-        return np.asarray(self["status"] != WAITING)
-
-    @property
-    def succeeded(self) -> Array:
-        """Which runs succeeded (runs,)."""
-        return np.asarray(self["succeeded"] == 1)
-
-    @property
-    def failed(self) -> Array:
-        """Which runs were made and did not succeed (runs,)."""
-        return np.asarray(self.made & ~self.succeeded)
-
-    @property
-    def stages(self) -> tuple[str, ...]:
-        """Names of the stages."""
-        return tuple(map(str, self["stage"]))
-
-    @property
-    def monitors(self) -> tuple[str, ...]:
-        """Names of the monitors."""
-        return tuple(map(str, self["monitor"])) if "monitor" in self.results.quantities else ()
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -134,11 +117,6 @@ class MonteCarloRuns:
         made, succeeded = int(self.made.sum()), int(self.succeeded.sum())
         interval = binomtest(succeeded, made).proportion_ci(method="wilson") if made else (0.0, 1.0)
         return float(interval[0]), float(interval[1])
-
-    @property
-    def end_time(self) -> Array:
-        """End of the mission (runs,) [s]; NaN where it was not completed."""
-        return np.where(self["completed"] == 1, self["end_time"], np.nan)
 
     def exceeded(self, kind: Literal["position", "velocity"]) -> Array:
         """Return by what part of the limit each run exceeded one (runs,); 0 where it did not."""

@@ -158,6 +158,9 @@ class SweepCells:
         ratio: omega_2 / omega_1 of each cell (cells,).
         own_ratio: omega_2 / omega_1 of the task itself.
         epsilons: Thresholds of the actual start (epsilons,).
+        failed, waiting, ended: Which cells failed, have not been run, or came to their end (cells,).
+        instant: t_s, which ended the first studied stage (cells,) [s].
+        floor: t_s - T_h, before which the second stage is in no window (cells,) [s].
 
     Raises:
         LogError: The file is another one, or the task in it does not hold in this version.
@@ -182,27 +185,16 @@ class SweepCells:
         self.omega = np.column_stack([omega_1.ravel(), omega_2.ravel()])
         self.ratio = self.omega[:, 1] / self.omega[:, 0]
         self.own_ratio = float(self.task.spec.stages[second].priority / self.task.spec.stages[first].priority)
-        self.epsilons = results["epsilon"]
+        self.epsilons, status = results["epsilon"], results["status"].ravel()
+        self.failed, self.waiting = status == FAILED, status == WAITING
+        self.ended = ~(self.failed | self.waiting)
+        self.instant = self.of("switch_time")[:, first]
+        self.floor = self.instant - self.task.spec.controller.horizon
 
     def of(self, name: str) -> Array:
         """Return a quantity of the cells (cells, ...)."""
         values = self.results[name]
         return values.reshape(-1, *values.shape[self.results["status"].ndim :])
-
-    @property
-    def failed(self) -> Array:
-        """Which cells failed (cells,)."""
-        return np.asarray(self.of("status") == FAILED)
-
-    @property
-    def waiting(self) -> Array:
-        """Which cells have not been run (cells,)."""
-        return np.asarray(self.of("status") == WAITING)
-
-    @property
-    def ended(self) -> Array:
-        """Which cells came to their end (cells,)."""
-        return np.asarray(~(self.failed | self.waiting))
 
     def count(self, name: str) -> int:
         """Sum up a number over the runs; a run that several cells share counts once."""
@@ -222,16 +214,6 @@ class SweepCells:
         """Index of the threshold to show where only one is shown: the task's own, the largest if that is missing."""
         own = np.flatnonzero(np.isclose(self.epsilons, self.task.spec.onset.epsilon))
         return int(own[0]) if len(own) else int(np.argmax(self.epsilons))
-
-    @property
-    def instant(self) -> Array:
-        """t_s: the instant that ended the first studied stage (cells,) [s]."""
-        return np.asarray(self.of("switch_time")[:, self.stages[0]])
-
-    @property
-    def floor(self) -> Array:
-        """t_s - T_h, before which the second stage is in no window (cells,) [s]."""
-        return np.asarray(self.instant - self.task.spec.controller.horizon)
 
 
 @dataclass(frozen=True, eq=False)

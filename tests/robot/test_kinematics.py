@@ -70,9 +70,9 @@ def test_nearest_equivalent_is_equivalent_and_within_half_a_turn(angle: float, t
 @laws
 def test_a_turn_of_the_base_changes_the_angle_rows_alone(state: State) -> None:
     model, Q, _, _ = state
-    rows, turned, expected = angle_rows(model), Q.copy(), np.zeros(model.m)
-    turned[list(rows.Q)] += 2 * math.pi
-    expected[list(rows.xi)] = 2 * math.pi
+    (of_Q, of_xi), turned, expected = angle_rows(model), Q.copy(), np.zeros(model.m)
+    turned[list(of_Q)] += 2 * math.pi
+    expected[list(of_xi)] = 2 * math.pi
     np.testing.assert_allclose((model.poses(turned) - model.poses(Q)).ravel(), expected, atol=1e-12)
 
 

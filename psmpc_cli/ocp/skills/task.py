@@ -35,7 +35,7 @@ SKILL = Skill(
     rows=lambda model: model.m if model.dimension == 2 else 6 * len(model.pose_rows) + model.n - 6,
     numbers=lambda model: model.m,
     error=error,
-    angles=lambda model: angle_rows(model).xi,
+    angles=lambda model: angle_rows(model)[1],
     before=lambda model, posture: posture.xi,
     after=after,
     aims=aims,

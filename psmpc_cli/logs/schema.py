@@ -190,6 +190,7 @@ def _scale(path: str, units: str, long_name: str, dtype: str = "text", only: str
 
 _Q, _V, _A, _F = "m, rad", "m/s, rad/s", "m/s^2, rad/s^2", "N, N m"
 _t = partial(_column, dims=("time",))
+_n = partial(_column, dims=("time",), dtype="i4")
 _tq = partial(_column, dims=("time", Q_COORDINATE))
 _tn = partial(_column, dims=("time", "coordinate"))
 _momentum = partial(_column, dims=("time", "momentum"))
@@ -206,6 +207,12 @@ _final_q = partial(_column, dims=(Q_COORDINATE,))
 _final = partial(_column, dims=("coordinate",))
 _monitor = partial(_column, dims=("monitors/name",))
 _body = partial(_column, dims=("uncertainty/body",), only="drawn")
+_offset = partial(_column, dims=("uncertainty/body", "uncertainty/axis"), only="drawn")
+_missed = partial(_column, dims=("gripper", "grasp/measure"), only="object")
+_why = partial(_column, dims=("gripper",), only="object", dtype="i1", unknown=-1)
+_wrench = partial(_column, dims=("time", "grasp_axis"), only="object")
+_levels = partial(_by_stage, only="levels")
+_solved = partial(_level, dtype="i1", unknown=-1)
 
 SCHEMA = (
     # what runs along the dimensions
@@ -232,16 +239,15 @@ SCHEMA = (
     _tn("control/u", _A, "applied acceleration over the first tick"),
     _tn("force/F", _F, "generalized force of the low-level controller at the sample", lambda s: s.ticks.F[0]),
     _column("pose/xi", _Q, "poses of base and end-effectors", dims=("time", "pose_coordinate")),
-    _t("window/first", "1", "index of the current stage", "command.sequence.first", "i4"),
-    _t("window/count", "1", "number of stages in the window", "command.sequence.count", "i4"),
+    _n("window/first", "1", "index of the current stage", "command.sequence.first"),
+    _n("window/count", "1", "number of stages in the window", "command.sequence.count"),
     _window("window/instants", "s", "planned switch time that ends each stage", "command.instants"),
     _window("window/cost", "1", "normalized cost integral of each stage", _costs),
-    _t(
+    _n(
         "window/basin",
         "1",
         "guess of the switch times that won, 0 the last plan's; -1 if alone",
         "command.solution.basin",
-        "i4",
     ),
     _window("window/nodes", "1", "intervals N_s of each stage", "command.solution.window.nodes"),
     _by_stage("window/presence", _A, "how much of a waiting stage is in the control; NaN if not looked at"),
@@ -253,7 +259,7 @@ SCHEMA = (
     _event("unmeasured", "the measured state was not finite, and the plan's was used for it"),
     _t("solver/status", "1", "outcome of the solve", lambda s: s.command.outcome.name.lower(), "S16"),
     _t("solver/warm", "1", "the solve started from the last solution, shifted", "command.solution.warm", "i1"),
-    _t("solver/iterations", "1", "iterations of the solve", "command.iterations", "i4"),
+    _n("solver/iterations", "1", "iterations of the solve", "command.iterations"),
     _t("solver/wall_time", "s", "wall time of the solve alone", "command.solve_time"),
     _t("solver/objective", "1", "objective J", "command.solution.J"),
     _window("normalization/nadir", "1", "divisor of each window stage's cost", "command.solution.window.scale"),
@@ -267,18 +273,9 @@ SCHEMA = (
     _momentum("balance/momentum", "N s, N m s", "momentum less the integral of the external wrench"),
     _t("balance/energy", "J", "kinetic energy less the work of the generalized forces"),
     _level("objective", "1", "optimum of the cost each level minimizes; NaN where none converged", _optimum),
-    _by_stage(
-        "levels/cost", "1", "cost of each level's stage at the last level that converged", _level_costs, only="levels"
-    ),
+    _levels("levels/cost", "1", "cost of each level's stage at the last level that converged", _level_costs),
     _level("wall_time", "s", "wall time of each level's solve alone; NaN where there was none", "wall_time"),
-    _level(
-        "solved",
-        "1",
-        "1 if the level converged, 0 if not, -1 if there was none",
-        "outcome.usable",
-        dtype="i1",
-        unknown=-1,
-    ),
+    _solved("solved", "1", "1 if the level converged, 0 if not, -1 if there was none", "outcome.usable"),
     *_halves("state/Q_true", "state/Qdot_true", "generalized {}, true", Q_COORDINATE, only="true state"),
     _payload("payload/held", "1", "whether the grippers hold the payload from the sample on", dtype="i1"),
     _payload("payload/energy", "J", "kinetic energy gained by taking it up or letting it go"),
@@ -287,13 +284,11 @@ SCHEMA = (
     _axis("object/velocity", _V, "velocity of the object, angular about its own axes", lambda s: s.ticks.thing.v[0]),
     _grip("grasp/pull", "N", "largest filtered pull until the next sample", lambda s: s.ticks.thing.pull.max(axis=0)),
     _grip("grasp/closed", "1", "whether each gripper is closed", lambda s: s.ticks.thing.closed[0], "i1"),
-    _column(
+    _wrench(
         "grasp/wrench",
         _F,
         "force and moment of each gripper on the object, at the gripper, in the inertial frame",
         lambda s: s.ticks.thing.wrench[0].ravel(),
-        dims=("time", "grasp_axis"),
-        only="object",
     ),
     _plan("guess", "plan it started from: instants, states, accelerations", "command.solution.guess.flat"),
     _plan("guess_multipliers", "multipliers each solve started from; may be empty", "command.solution.guess_duals"),
@@ -334,30 +329,14 @@ SCHEMA = (
     _thing("final/object_pose", _Q, "pose of the object at the end", dims=("object_coordinate",)),
     _thing("final/object_velocity", _V, "its velocity at the end", dims=("object_axis",)),
     _thing("grasp/closed_at", "s", "when each gripper closed; NaN if never", dims=("gripper",)),
-    _thing(
-        "grasp/missed_by",
-        "m, rad, m/s, rad/s",
-        "how far each gripper was from its grasp when it was to close",
-        dims=("gripper", "grasp/measure"),
-    ),
+    _missed("grasp/missed_by", f"{_Q}, {_V}", "how far each gripper was from its grasp when it was to close"),
     _thing("grasp/opened_at", "s", "when each gripper opened; NaN if never", dims=("gripper",)),
-    _thing(
-        "grasp/lost",
-        "1",
-        "why it opened: 1 because it was pulled beyond its strength, 0 to let go, -1 if it did not",
-        dtype="i1",
-        dims=("gripper",),
-        unknown=-1,
+    _why(
+        "grasp/lost", "1", "why it opened: 1 because it was pulled beyond its strength, 0 to let go, -1 if it did not"
     ),
     _body("uncertainty/mass_factor", "1", "true mass over the described one"),
     _body("uncertainty/inertia_factor", "1", "true inertia over the described one"),
-    _column(
-        "uncertainty/centre_of_mass",
-        "m",
-        "offset of the true centre of mass from the described one",
-        dims=("uncertainty/body", "uncertainty/axis"),
-        only="drawn",
-    ),
+    _offset("uncertainty/centre_of_mass", "m", "offset of the true centre of mass from the described one"),
 )
 """Every dataset of a log, scales first."""
 

@@ -5,26 +5,8 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationInfo
 
-from psmpc_cli.specs.fields import (
-    Angle,
-    ArmName,
-    Fields,
-    Flag,
-    Flaws,
-    NotNegative,
-    OneOrMore,
-    Positive,
-    Spec,
-    Width,
-    beyond_a_turn,
-    expected,
-    flaw,
-    holds,
-    is_pose,
-    known,
-    listed,
-    or_pose,
-)
+from psmpc_cli.specs import fields
+from psmpc_cli.specs.fields import Fields, Flaws, Spec, beyond_a_turn, expected, flaw, holds, is_pose, known, listed
 from psmpc_cli.specs.messages import counted, quoted
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES, Context, dimension_of
 
@@ -44,7 +26,7 @@ def _by_dimension(plane: int, space: int) -> AfterValidator:
     return AfterValidator(check)
 
 
-def _unit_of_angle(written: Any, fields: Fields, context: Context) -> Flaws:
+def _unit_of_angle(written: Any, before: Fields, context: Context) -> Flaws:
     """Give an angle of a planar pose that needs a unit."""
     planar = isinstance(written, list | tuple) and len(written) == len(TARGET_AXES[2])
     if planar and (error := beyond_a_turn(written[2])) is not None:
@@ -53,15 +35,15 @@ def _unit_of_angle(written: Any, fields: Fields, context: Context) -> Flaws:
 
 _list = listed("a list of numbers")
 PoseNumbers = Annotated[
-    tuple[Angle, ...],
+    tuple[fields.Angle, ...],
     _by_dimension(len(TARGET_AXES[2]), len(TARGET_AXES[3])),
     _list,
     holds(_unit_of_angle, as_written=True),
-    or_pose,
+    fields.or_pose,
 ]
 """A pose: (x, y, angle) [m, rad], or in space position and unit quaternion w, x, y, z."""
 
-_Extent = Annotated[tuple[Positive, ...], _by_dimension(2, 3), _list]
+_Extent = Annotated[tuple[fields.Positive, ...], _by_dimension(2, 3), _list]
 _StageName = Annotated[str, known(lambda context: context.stages)]
 _Gripper = Annotated[str, known(lambda context: list(context.value("object", "grasp", "at") or ()))]
 
@@ -86,7 +68,7 @@ class MotionSpec(Spec):
     linear: Annotated[Numbers, _by_dimension(2, 3), _list] = Field(
         description="velocity of its centre of mass in the inertial frame [m/s]"
     )
-    angular: Annotated[OneOrMore[Angle], _by_dimension(1, 3)] = Field(
+    angular: Annotated[fields.OneOrMore[fields.Angle], _by_dimension(1, 3)] = Field(
         description="angular velocity, in space about its own axes [rad/s]"
     )
 
@@ -95,41 +77,43 @@ class DestinationSpec(Spec):
     """Where the object has to be when it leaves the grippers, and how slow."""
 
     pose: PoseNumbers = Field(description="pose, as the object's")
-    tolerance: Annotated[tuple[Width, ...], _by_dimension(len(ERROR_AXES[2]), len(ERROR_AXES[3])), _list] = Field(
-        description="how near, one number for each row of the pose's error [m, rad]"
+    tolerance: Annotated[tuple[fields.Width, ...], _by_dimension(len(ERROR_AXES[2]), len(ERROR_AXES[3])), _list] = (
+        Field(description="how near, one number for each row of the pose's error [m, rad]")
     )
-    speed: Positive = Field(description="largest speed of its centre of mass [m/s]")
+    speed: fields.Positive = Field(description="largest speed of its centre of mass [m/s]")
 
 
 class EnvelopeSpec(Spec):
     """How near its grasp, and how much at rest relative to it, a gripper must be to close."""
 
-    position: Positive = Field(description="largest distance [m]")
-    angle: Width = Field(description="largest angle [rad]")
-    velocity: Positive = Field(description="largest relative velocity [m/s]")
-    angular_velocity: Width = Field(description="largest relative angular velocity [rad/s]")
+    position: fields.Positive = Field(description="largest distance [m]")
+    angle: fields.Width = Field(description="largest angle [rad]")
+    velocity: fields.Positive = Field(description="largest relative velocity [m/s]")
+    angular_velocity: fields.Width = Field(description="largest relative angular velocity [rad/s]")
 
 
 class StrengthSpec(Spec):
     """What a grasp holds."""
 
-    pull: Positive = Field(description="largest filtered pull on the object, outwards from its centre of mass [N]")
-    filter: Positive = Field(0.2, description="time constant of the pull's low-pass filter [s]")
+    pull: fields.Positive = Field(
+        description="largest filtered pull on the object, outwards from its centre of mass [N]"
+    )
+    filter: fields.Positive = Field(0.2, description="time constant of the pull's low-pass filter [s]")
 
 
 class GraspSpec(Spec):
     """Grippers on the object: a linear bushing between each of them and the object while it is closed."""
 
-    at: Annotated[Mapping[ArmName, PoseNumbers], Field(min_length=1)] = Field(
+    at: Annotated[Mapping[fields.ArmName, PoseNumbers], Field(min_length=1)] = Field(
         description="poses of the grippers in the object's frame, by arm"
     )
     envelope: EnvelopeSpec = Field(description="what a gripper needs to close")
-    stiffness: Annotated[tuple[Positive, Positive], listed("2 entries", 2)] = Field(
+    stiffness: Annotated[tuple[fields.Positive, fields.Positive], listed("2 entries", 2)] = Field(
         description="stiffness against displacement and against turning [N/m, N m/rad]"
     )
-    damping_ratio: NotNegative = Field(1.0, description="damping over the critical one of the two bodies")
+    damping_ratio: fields.NotNegative = Field(1.0, description="damping over the critical one of the two bodies")
     strength: StrengthSpec | None = Field(None, description="what it holds; default anything")
-    known: Flag = Field(False, description="whether the low-level law knows the load and the closed chain")
+    known: fields.Flag = Field(False, description="whether the low-level law knows the load and the closed chain")
 
 
 def _no_value(value: object) -> bool:
@@ -143,8 +127,10 @@ class ObjectSpec(Spec):
     pose: PoseNumbers = Field(description="pose at the start: [x, y, angle] [m, rad]; in space position and attitude")
     taken_by: _StageName = Field(description="the stage at whose end it is taken")
     let_go_by: _StageName = Field(description="the stage at whose beginning it is let go")
-    mass: Positive | None = Field(None, exclude_if=_no_value, description="mass; without one it is drawn alone [kg]")
-    inertia: Annotated[OneOrMore[Positive], _by_dimension(1, 3)] | None = Field(
+    mass: fields.Positive | None = Field(
+        None, exclude_if=_no_value, description="mass; without one it is drawn alone [kg]"
+    )
+    inertia: Annotated[fields.OneOrMore[fields.Positive], _by_dimension(1, 3)] | None = Field(
         None, exclude_if=_no_value, description="inertia about its centre of mass, in space about its axes [kg m^2]"
     )
     motion: MotionSpec | None = Field(
@@ -160,7 +146,7 @@ BODY = ("inertia", "motion", "destination", "grasp")
 """Keys of an object that only a body with mass has."""
 
 
-def complete(thing: ObjectSpec | None, fields: Fields, context: Context) -> Flaws:
+def complete(thing: ObjectSpec | None, before: Fields, context: Context) -> Flaws:
     """Give an object that is let go before it is taken, or is half a body."""
     if thing is None:
         return
@@ -175,7 +161,7 @@ def complete(thing: ObjectSpec | None, fields: Fields, context: Context) -> Flaw
     if grasp is not None and grasp.known and len(grasp.at) == 1:
         wanted = "false with one gripper: it closes no chain, which the low-level law would have to know"
         yield ("grasp", "known"), expected(wanted)
-    plant, moments = fields.get("plant"), thing.inertia or ()
+    plant, moments = before.get("plant"), thing.inertia or ()
     if thing.mass is not None and plant is not None and plant.kind == "ideal":
         yield (
             ("mass",),

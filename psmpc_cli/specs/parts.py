@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import WrapValidator
 
 from psmpc_cli.specs.document import Data, entries, mapping
-from psmpc_cli.specs.fields import Flaws, beyond_a_turn, expected, flaw, holds
+from psmpc_cli.specs.fields import Fields, Flaws, beyond_a_turn, expected, flaw, holds
 from psmpc_cli.specs.messages import Path, counted
 
 Space = Literal["joint", "task", "point"]
@@ -158,14 +158,14 @@ def in_joint_space(required: bool = False, one: bool = False, angles: bool = Fal
     Further arguments are as for `misfits`.
     """
 
-    def rule(written: Any, fields: Mapping[str, Any], context: Context) -> Flaws:
+    def rule(written: Any, before: Fields, context: Context) -> Flaws:
         axes = (target_axes if angles else error_axes)(context.sizes, "joint")
         yield from misfits(written, axes, axes if required else (), one, angles)
 
     return holds(rule, as_written=True)
 
 
-def misfit_limits(written: Any, fields: Mapping[str, Any], context: Context) -> Flaws:
+def misfit_limits(written: Any, before: Fields, context: Context) -> Flaws:
     """Give lists of limits by part with wrong lengths, and bounds of angles without a unit."""
     axes = error_axes(context.sizes, "joint")
     for quantity in QUANTITIES:

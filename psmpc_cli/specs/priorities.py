@@ -79,11 +79,11 @@ def priorities_of(compare: Sequence[PairwiseComparison], stages: Sequence[str]) 
     return [float(f"{weight:.{DIGITS}g}") for weight in np.exp(weigh(compare, stages).logarithms)]
 
 
-def disagreements(priorities: Any, fields: Fields, context: Any) -> Flaws:
+def disagreements(priorities: Any, before: Fields, context: Any) -> Flaws:
     """Give comparisons that leave stages unconnected, contradict each other, or lead beyond all numbers."""
     from scipy.sparse.csgraph import connected_components
 
-    stages = [stage.name for stage in fields.get("stages", ())]
+    stages = [stage.name for stage in before.get("stages", ())]
     if priorities is None or not stages or len(stages) > len(set(stages)):
         return
     compare = priorities.compare

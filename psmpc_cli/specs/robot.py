@@ -9,29 +9,8 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.specs.fields import (
-    Angle,
-    Angles3,
-    Axis,
-    Direction,
-    Flaws,
-    Interval,
-    Name,
-    NotNegative,
-    Number,
-    Pair,
-    Part,
-    Positive,
-    Rate,
-    Spec,
-    Vector2,
-    Vector3,
-    expected,
-    flaw,
-    holds,
-    known,
-    listed,
-)
+from psmpc_cli.specs import fields
+from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, flaw, holds, known, listed
 from psmpc_cli.specs.messages import choice, quoted
 from psmpc_cli.specs.parts import RESERVED, misfit_limits, stands_for
 
@@ -91,28 +70,28 @@ class Body:
 class Base(Spec):
     """The base body."""
 
-    mass: Positive = Field(description="mass [kg]")
-    inertia: Positive = Field(description="inertia about the centre of mass [kg m^2]")
+    mass: fields.Positive = Field(description="mass [kg]")
+    inertia: fields.Positive = Field(description="inertia about the centre of mass [kg m^2]")
 
 
 class Mount(Spec):
     """Where an arm's first joint sits on the base."""
 
-    position: Vector2 = Field(description="position of the shoulder in the base frame, [x, y] [m]")
-    angle: Direction = Field(0.0, description="direction of the arm in the base frame [rad]")
+    position: fields.Vector2 = Field(description="position of the shoulder in the base frame, [x, y] [m]")
+    angle: fields.Direction = Field(0.0, description="direction of the arm in the base frame [rad]")
 
 
 class Link(Base):
     """One rigid link."""
 
-    a: NotNegative = Field(description="joint to centre of mass [m]")
-    b: NotNegative = Field(description="centre of mass to the next joint or the tip [m]")
+    a: fields.NotNegative = Field(description="joint to centre of mass [m]")
+    b: fields.NotNegative = Field(description="centre of mass to the next joint or the tip [m]")
 
 
 class Tool(Spec):
     """The end-effector frame."""
 
-    angle: Direction = Field(0.0, description="angle against the last link [rad]")
+    angle: fields.Direction = Field(0.0, description="angle against the last link [rad]")
 
 
 class Arm(Spec):
@@ -140,7 +119,7 @@ def _is_an_inertia(value: Six) -> Six:
 
 
 Inertia = Annotated[
-    tuple[Number, Number, Number, Number, Number, Number],
+    tuple[fields.Number, fields.Number, fields.Number, fields.Number, fields.Number, fields.Number],
     listed("3 principal moments, or 6 numbers: xx, yy, zz, xy, xz, yz", 6),
     BeforeValidator(_moments),
     AfterValidator(_is_an_inertia),
@@ -150,23 +129,23 @@ Inertia = Annotated[
 class SpatialBase(Spec):
     """The base body of a spatial robot."""
 
-    mass: Positive = Field(description="mass [kg]")
+    mass: fields.Positive = Field(description="mass [kg]")
     inertia: Inertia = Field(description="inertia about the centre of mass, xx, yy, zz (, xy, xz, yz) [kg m^2]")
-    centre_of_mass: Vector3 = Field((0.0, 0.0, 0.0), description="in the body's frame [m]")
+    centre_of_mass: fields.Vector3 = Field((0.0, 0.0, 0.0), description="in the body's frame [m]")
 
 
 class SpatialTool(Spec):
     """The end-effector frame of a spatial arm on its last link."""
 
-    position: Vector3 = Field((0.0, 0.0, 0.0), description="of the frame's origin on the body before it [m]")
-    rpy: Angles3 = Field((0.0, 0.0, 0.0), description="its angles about the fixed axes x, y, z [rad]")
+    position: fields.Vector3 = Field((0.0, 0.0, 0.0), description="of the frame's origin on the body before it [m]")
+    rpy: fields.Angles3 = Field((0.0, 0.0, 0.0), description="its angles about the fixed axes x, y, z [rad]")
 
 
 class SpatialJoint(SpatialTool):
     """A joint, and where its frame is on the body before it."""
 
     kind: Literal["revolute", "prismatic"] = Field("revolute", description="revolute or prismatic")
-    axis: Axis = Field(description="unit vector in the joint's frame")
+    axis: fields.Axis = Field(description="unit vector in the joint's frame")
 
 
 class SpatialLink(SpatialBase):
@@ -186,20 +165,22 @@ class SpatialArm(Spec):
 class PartLimits(Spec):
     """Bounds of one part's coordinates, each a (low, high) pair per coordinate; null where there is none."""
 
-    position: tuple[Interval | None, ...] | None = Field(None, description="one [low, high] a coordinate [m, rad]")
-    velocity: tuple[Rate | None, ...] | None = Field(
+    position: tuple[fields.Interval | None, ...] | None = Field(
+        None, description="one [low, high] a coordinate [m, rad]"
+    )
+    velocity: tuple[fields.Rate | None, ...] | None = Field(
         None, description="one [low, high] a coordinate, or one number for both ways [m/s, rad/s]"
     )
-    acceleration: tuple[Rate | None, ...] | None = Field(
+    acceleration: tuple[fields.Rate | None, ...] | None = Field(
         None, description="one [low, high] a coordinate, or one number for both ways [m/s^2, rad/s^2]"
     )
 
 
-LimitsByPart = Annotated[Mapping[Part, PartLimits], holds(misfit_limits, as_written=True)]
+LimitsByPart = Annotated[Mapping[fields.Part, PartLimits], holds(misfit_limits, as_written=True)]
 """Limits keyed by `base`, `arms` (every arm) or an arm's name."""
 
 
-def limits_of_part(limits: Mapping[str, PartLimits], part: str, quantity: str) -> tuple[Pair | None, ...] | None:
+def limits_of_part(limits: Mapping[str, PartLimits], part: str, quantity: str) -> tuple[fields.Pair | None, ...] | None:
     """Return the pairs that hold for a part, None if there are none; an arm's own take precedence over `arms`."""
     given = (getattr(limits[key], quantity) for key in (part, "arms") if key in limits and stands_for(key, part))
     return next((pairs for pairs in given if pairs is not None), None)
@@ -211,7 +192,7 @@ def _not_reserved(name: str) -> str:
     return name
 
 
-ArmKey = Annotated[Name, AfterValidator(_not_reserved)]
+ArmKey = Annotated[fields.Name, AfterValidator(_not_reserved)]
 
 
 class RobotSpec(Spec, ABC):
@@ -220,7 +201,7 @@ class RobotSpec(Spec, ABC):
     `limits` is keyed by `base`, `arms` (every arm) or an arm's name.
     """
 
-    name: Name = Field(description="name of the robot")
+    name: fields.Name = Field(description="name of the robot")
     description: str = Field("", description="what it is, for people")
     arms: Mapping[ArmKey, Arm | SpatialArm]
     limits: LimitsByPart = Field({}, description="limits of base, arms (every arm) or an arm by name")
@@ -280,7 +261,7 @@ class PlanarRobot(RobotSpec):
         return tools
 
 
-def _mounted(arms: Mapping[str, SpatialArm], fields: Mapping[str, Any], context: Any) -> Flaws:
+def _mounted(arms: Mapping[str, SpatialArm], before: Fields, context: Any) -> Flaws:
     """Give arms that are mounted on what is not there before them."""
     carriers = ["base"]
     for name, arm in arms.items():
@@ -339,12 +320,12 @@ class Tip(Spec):
 class UrdfRobot(Spec):
     """A robot file that takes bodies, joints and limits of joints from a URDF."""
 
-    name: Name | None = Field(None, description="name of the robot, by default the URDF's")
+    name: fields.Name | None = Field(None, description="name of the robot, by default the URDF's")
     description: str = Field("", description="what it is, for people")
     urdf: str = Field(min_length=1, description="path of the URDF, relative to this file")
     base: _LinkName | None = Field(None, description="the free-flying link, by default the root")
     arms: Mapping[ArmKey, Tip] | None = Field(None, description="the arms by name; by default every leaf that moves")
-    locked: Mapping[_JointName, Angle] = Field(
+    locked: Mapping[_JointName, fields.Angle] = Field(
         {}, description="positions of joints that belong to no arm, by name [rad, m]"
     )
     limits: LimitsByPart = Field(

@@ -11,35 +11,9 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, Discriminator, Field, Tag
 
+from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import entries, mapping
-from psmpc_cli.specs.fields import (
-    Angle,
-    Choice,
-    Fields,
-    Flag,
-    Flaws,
-    Intervals,
-    Name,
-    NotNegative,
-    Number,
-    Numbers,
-    OneOrMore,
-    OrByPart,
-    Part,
-    Positive,
-    Row,
-    Seconds,
-    SideBySide,
-    Size,
-    Spec,
-    Whole,
-    Width,
-    expected,
-    flaw,
-    holds,
-    known,
-    listed,
-)
+from psmpc_cli.specs.fields import Choice, Fields, Flaws, SideBySide, Spec, expected, flaw, holds, known, listed
 from psmpc_cli.specs.messages import choice, counted, quoted
 from psmpc_cli.specs.object import ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import (
@@ -75,16 +49,18 @@ Parts = Mapping[str, tuple[float, ...]]
 
 
 _Aim = Annotated[
-    Annotated[Numbers, Tag("numbers")] | Annotated[OnObject, Tag("object")],
+    Annotated[fields.Numbers, Tag("numbers")] | Annotated[OnObject, Tag("object")],
     Discriminator(lambda value: "object" if is_on_object(value) else "numbers"),
 ]
-_Control = OrByPart[Size, Part, tuple[Size, ...]]
-_Tolerance = OrByPart[Width, Part, OneOrMore[Width]]
-_Frames = OneOrMore[Annotated[str, known(lambda context: list(context.sizes))]]
-_JointNames = OneOrMore[Annotated[str, known(lambda context: names(context.sizes, "joint") if context.sizes else ())]]
+_Control = fields.OrByPart[fields.Size, fields.Part, tuple[fields.Size, ...]]
+_Tolerance = fields.OrByPart[fields.Width, fields.Part, fields.OneOrMore[fields.Width]]
+_Frames = fields.OneOrMore[Annotated[str, known(lambda context: list(context.sizes))]]
+_JointNames = fields.OneOrMore[
+    Annotated[str, known(lambda context: names(context.sizes, "joint") if context.sizes else ())]
+]
 _SkillName = Annotated[str, known(lambda context: context.spaces)]
 _StageName = Annotated[str, known(lambda context: context.stages)]
-_Comparison = Annotated[tuple[_StageName, _StageName, Positive], listed("a comparison [stage, stage, ratio]", 3)]
+_Comparison = Annotated[tuple[_StageName, _StageName, fields.Positive], listed("a comparison [stage, stage, ratio]", 3)]
 _StageKey = Annotated[str, known(lambda context: context.stages, "stage")]
 
 ControllerKind = Literal["psmpc", "smpc", "hard", "htmpc"]
@@ -104,54 +80,60 @@ class MonitorSpec(Spec):
     quantity: Literal["distance", "speed"] = Field(description="between two frames, or of one")
     of: _Frames = Field(description="base or arms: two for a distance, one for a speed")
     during: _StageName = Field(description="the stage in which it must hold")
-    above_start_at_most: NotNegative | None = Field(None, description="rise above its value at the stage's start")
-    below_start_at_most: NotNegative | None = Field(None, description="fall below its value at the stage's start")
-    at_most: Number | None = Field(None, description="upper bound [m, m/s]")
-    at_least: Number | None = Field(None, description="lower bound [m, m/s]")
+    above_start_at_most: fields.NotNegative | None = Field(
+        None, description="rise above its value at the stage's start"
+    )
+    below_start_at_most: fields.NotNegative | None = Field(
+        None, description="fall below its value at the stage's start"
+    )
+    at_most: fields.Number | None = Field(None, description="upper bound [m, m/s]")
+    at_least: fields.Number | None = Field(None, description="lower bound [m, m/s]")
 
 
 class PublishedRun(Spec):
     """A published run to compare with."""
 
-    switch_time: Mapping[_StageKey, Number] = Field({}, description="instants that end the stages, by name [s]")
-    actual_start: Mapping[_StageKey, Number] = Field({}, description="actual starts of the stages, by name [s]")
+    switch_time: Mapping[_StageKey, fields.Number] = Field({}, description="instants that end the stages, by name [s]")
+    actual_start: Mapping[_StageKey, fields.Number] = Field({}, description="actual starts of the stages, by name [s]")
 
 
 class HtmpcSpec(Spec):
     """The lexicographic controller, eq. (32)."""
 
-    depth: Whole | None = Field(None, ge=1, description="levels a sample solves; default all remaining stages")
+    depth: fields.Whole | None = Field(None, ge=1, description="levels a sample solves; default all remaining stages")
     constraint: Literal["cost", "error"] = Field("cost", description="what may not get worse: costs, or errors by node")
-    tolerance: Positive = Field(1e-3, description="by how much a normalized cost, or an error, may get worse")
+    tolerance: fields.Positive = Field(1e-3, description="by how much a normalized cost, or an error, may get worse")
 
 
 class ControllerSpec(Choice):
     """The controller and its objective; symbols as in docs/formulation.md."""
 
     kind: ControllerKind = Field("psmpc", description="which controller")
-    horizon: Positive = Field(4.0, description="prediction horizon T_h [s]")
-    nodes: Intervals = Field(100, description="intervals a stage, N_s; auto: as many as `mesh_tolerance` needs")
-    mesh_tolerance: Positive = Field(
+    horizon: fields.Positive = Field(4.0, description="prediction horizon T_h [s]")
+    nodes: fields.Intervals = Field(100, description="intervals a stage, N_s; auto: as many as `mesh_tolerance` needs")
+    mesh_tolerance: fields.Positive = Field(
         5e-3, le=0.1, description="nodes auto: by what part of J the cost may change with twice the nodes"
     )
-    sample_time: Positive = Field(0.1, description="time between two solves [s]")
-    pending_cost: NotNegative = Field(1.0, description="cost delta of every second a stage waits; 0 as printed")
-    terminal_cost: NotNegative = Field(0.0, description="weight kappa of the last node's cost")
-    zeta: Positive = Field(1e-3, description="what keeps the normalization from dividing by 0")
+    sample_time: fields.Positive = Field(0.1, description="time between two solves [s]")
+    pending_cost: fields.NotNegative = Field(1.0, description="cost delta of every second a stage waits; 0 as printed")
+    terminal_cost: fields.NotNegative = Field(0.0, description="weight kappa of the last node's cost")
+    zeta: fields.Positive = Field(1e-3, description="what keeps the normalization from dividing by 0")
     normalization: Literal["nadir", "range", "none"] = Field("nadir", description="how costs are normalized, eq. (12)")
     discretization: Literal["exact", "euler"] = Field("exact", description="zero-order hold, or Euler as in eq. (20)")
-    detection_margin: Number = Field(10.0, ge=1, description="tolerances within which a stage is predicted to end")
-    multistart: Whole | None = Field(
+    detection_margin: fields.Number = Field(
+        10.0, ge=1, description="tolerances within which a stage is predicted to end"
+    )
+    multistart: fields.Whole | None = Field(
         None, ge=1, le=100, description="guesses of the instants a window is solved from; default 1, the last plan's"
     )
-    soft_limits: Flag | None = Field(
+    soft_limits: fields.Flag | None = Field(
         None, description="limits on states give way where they must; default: where measurements are noisy"
     )
-    known_delay: Whole = Field(
+    known_delay: fields.Whole = Field(
         0, ge=0, description="samples of `uncertainty.delay` that the controller foresees the state over"
     )
-    offset_free: Flag = Field(False, description="estimate a constant disturbance and take it off the control")
-    offset_gain: Positive = Field(0.3, le=1, description="offset_free: gain of the estimate's filter a sample")
+    offset_free: fields.Flag = Field(False, description="estimate a constant disturbance and take it off the control")
+    offset_gain: fields.Positive = Field(0.3, le=1, description="offset_free: gain of the estimate's filter a sample")
     htmpc: HtmpcSpec = Field(HtmpcSpec(), description="what only the lexicographic controller needs")
 
     @property
@@ -164,21 +146,21 @@ class SolverSpec(Choice):
     """The NLP back-end."""
 
     kind: Literal["sqp", "fatrop", "ipopt"] = Field("sqp", description="which solver")
-    tolerance: Positive = Field(1e-8, le=1e-2, description="optimality tolerance of the scaled problem")
-    max_iterations: Whole = Field(200, ge=1, description="iterations after which it gives up")
-    iterations: Whole = Field(1, ge=1, description="sqp: iterations a sample from the shifted plan")
-    deadline: Positive | None = Field(
+    tolerance: fields.Positive = Field(1e-8, le=1e-2, description="optimality tolerance of the scaled problem")
+    max_iterations: fields.Whole = Field(200, ge=1, description="iterations after which it gives up")
+    iterations: fields.Whole = Field(1, ge=1, description="sqp: iterations a sample from the shifted plan")
+    deadline: fields.Positive | None = Field(
         None, description="time after which a solve stops [s], sqp and ipopt; default none"
     )
-    compiled: Flag = Field(True, description="sqp and plant rk4 as compiled C, where there is a compiler")
+    compiled: fields.Flag = Field(True, description="sqp and plant rk4 as compiled C, where there is a compiler")
 
 
 class PlantSpec(Choice):
     """The simulated physics."""
 
     kind: Literal["ideal", "rk4", "mujoco"] = Field("rk4", description="which physics")
-    low_level_rate: Positive = Field(1000.0, description="rate of the computed-torque loop [Hz]")
-    step: Positive | None = Field(None, description="step of the integrator [s]; default one tick of the loop")
+    low_level_rate: fields.Positive = Field(1000.0, description="rate of the computed-torque loop [Hz]")
+    step: fields.Positive | None = Field(None, description="step of the integrator [s]; default one tick of the loop")
 
 
 class SkillWeights(SideBySide):
@@ -187,18 +169,18 @@ class SkillWeights(SideBySide):
     In YAML the parts and `control` stand side by side.
     """
 
-    parts: Mapping[Part, tuple[Size, ...]]
+    parts: Mapping[fields.Part, tuple[fields.Size, ...]]
     control: _Control = Field(1.0, description="weights of the control, one number or numbers by part")
 
 
-def _weights(written: Any, fields: Fields, context: Context) -> Flaws:
+def _weights(written: Any, before: Fields, context: Context) -> Flaws:
     """Give missing parts and wrong lengths of a skill's weights."""
-    sizes, space = context.sizes, fields.get("space")
+    sizes, space = context.sizes, before.get("space")
     if not sizes or not isinstance(written, dict):
         return
     if space is not None:
         yield from misfits(written, error_axes(sizes, space), REQUIRED.get(space, sizes))
-    axes = error_axes(sizes, fields.get("input", "joint"))
+    axes = error_axes(sizes, before.get("input", "joint"))
     for at, error in misfits(written.get("control"), axes, axes):
         yield ("control", *at), error
 
@@ -222,15 +204,15 @@ class EndCondition(Spec):
     A coordinate is a part (`base`), `arms`, `all`, or one of a part (`base.x`, `arm_1.2`).
     """
 
-    coordinates: OneOrMore[str] = Field(description="what must be at the target")
+    coordinates: fields.OneOrMore[str] = Field(description="what must be at the target")
     tolerance: _Tolerance = Field(3e-3, description="how near, one number or numbers by part [m, rad]")
-    velocity: Width | None = Field(None, description="how much at rest [m/s, rad/s]")
-    hold: Seconds = Field(
+    velocity: fields.Width | None = Field(None, description="how much at rest [m/s, rad/s]")
+    hold: fields.Seconds = Field(
         0.0, exclude_if=lambda hold: hold == 0, description="how long it must be met without a break [s]"
     )
 
 
-def _rising(times: tuple[float, ...], fields: Fields, context: Context) -> Flaws:
+def _rising(times: tuple[float, ...], before: Fields, context: Context) -> Flaws:
     """Give times of a trajectory that do not rise from 0."""
     if times[0]:
         yield (0,), flaw(", expected 0: times count from where the stage begins", f"{times[0]:g} s")
@@ -245,10 +227,10 @@ class TrajectorySpec(SideBySide):
     In YAML the parts and `times` stand side by side. Paper eq. (30), "along a desired trajectory".
     """
 
-    times: Annotated[tuple[Number, ...], Field(min_length=2), holds(_rising)] = Field(
+    times: Annotated[tuple[fields.Number, ...], Field(min_length=2), holds(_rising)] = Field(
         description="times since the stage began, rising from 0 [s]"
     )
-    parts: Mapping[Part, tuple[Row, ...]]
+    parts: Mapping[fields.Part, tuple[fields.Row, ...]]
 
 
 def _way(value: object) -> str:
@@ -260,13 +242,14 @@ def _way(value: object) -> str:
 
 
 Target = Annotated[
-    Annotated[Mapping[Part, _Aim], Tag("parts")] | Annotated[TrajectorySpec, Tag("trajectory")], Discriminator(_way)
+    Annotated[Mapping[fields.Part, _Aim], Tag("parts")] | Annotated[TrajectorySpec, Tag("trajectory")],
+    Discriminator(_way),
 ]
 
 
-def _target(written: Any, fields: Fields, context: Context) -> Flaws:
+def _target(written: Any, before: Fields, context: Context) -> Flaws:
     """Give missing parts, wrong lengths, angles without a unit, and parts that have no pose on the object."""
-    sizes, space = context.sizes, context.spaces.get(fields.get("skill", ""))
+    sizes, space = context.sizes, context.spaces.get(before.get("skill", ""))
     if not sizes or space is None:
         return
     axes = target_axes(sizes, space)
@@ -278,9 +261,9 @@ def _target(written: Any, fields: Fields, context: Context) -> Flaws:
             yield (key,), flaw(', expected an "object" with a mass', "no such object", at_key=True)
 
 
-def _end(written: Any, fields: Fields, context: Context) -> Flaws:
+def _end(written: Any, before: Fields, context: Context) -> Flaws:
     """Give coordinates of an end condition that the robot does not have, and tolerances that are missing or misfit."""
-    sizes, space = context.sizes, context.spaces.get(fields.get("skill", ""))
+    sizes, space = context.sizes, context.spaces.get(before.get("skill", ""))
     if not sizes or not isinstance(written, dict):
         return
     coordinates, tolerance = written.get("coordinates"), written.get("tolerance")
@@ -303,17 +286,17 @@ def _end(written: Any, fields: Fields, context: Context) -> Flaws:
 class StageSpec(Spec):
     """One activation of a skill."""
 
-    name: Name = Field(description="name of the stage")
+    name: fields.Name = Field(description="name of the stage")
     skill: _SkillName = Field(description="the skill to run, by name")
-    priority: Positive = Field(1.0, description="relative importance omega, eq. (11)")
+    priority: fields.Positive = Field(1.0, description="relative importance omega, eq. (11)")
     target: Annotated[Target, holds(_target, as_written=True)] = Field(
         description="joint: base pose and joint angles; task: base and end-effector poses; or a trajectory of them"
     )
     ends_when: Annotated[EndCondition | None, holds(_end, as_written=True)] = Field(
         None, description="the condition that ends the stage, eq. (18)"
     )
-    at: Positive | None = Field(None, description="fixed time that ends the stage [s], instead of a condition")
-    dwell: NotNegative = Field(0.0, description="shortest duration, that of a trajectory at least [s]")
+    at: fields.Positive | None = Field(None, description="fixed time that ends the stage [s], instead of a condition")
+    dwell: fields.NotNegative = Field(0.0, description="shortest duration, that of a trajectory at least [s]")
     onset: _JointNames | None = Field(None, description="coordinates whose control marks the stage's actual start")
     angles: Literal["nearest", "exact"] = Field(
         "nearest", description="nearest: a target angle means the nearest equivalent one; exact: itself"
@@ -332,8 +315,8 @@ class OnsetSpec(Choice):
     """What marks a stage's actual start: what it adds to the control, or how near the control is to its own optimum."""
 
     kind: Literal["control", "closeness"] = Field("control", description="what must reach the threshold")
-    epsilon: Positive = Field(0.1, description="threshold, of a control [m/s^2, rad/s^2] or of closeness [1]")
-    series: tuple[Positive, ...] = Field(
+    epsilon: fields.Positive = Field(0.1, description="threshold, of a control [m/s^2, rad/s^2] or of closeness [1]")
+    series: tuple[fields.Positive, ...] = Field(
         (1e-4, 1e-3, 1e-2, 1e-1), description="further thresholds that are always evaluated"
     )
 
@@ -341,12 +324,12 @@ class OnsetSpec(Choice):
 class LogSpec(Spec):
     """What the log holds beyond the samples."""
 
-    ticks: Flag = Field(False, description="every tick of the low-level loop")
-    plans: Flag = Field(True, description="every horizon's plan, for replay")
-    shares: Flag = Field(True, description="each stage's share in the control, for some more solves a sample")
+    ticks: fields.Flag = Field(False, description="every tick of the low-level loop")
+    plans: fields.Flag = Field(True, description="every horizon's plan, for replay")
+    shares: fields.Flag = Field(True, description="each stage's share in the control, for some more solves a sample")
 
 
-def _own_names(key: str, written: Any, fields: Fields, context: Context) -> Flaws:
+def _own_names(key: str, written: Any, before: Fields, context: Context) -> Flaws:
     """Give names of entries of a list that an earlier entry has."""
     first: dict[str, int] = {}
     for i, entry in enumerate(entries(written)):
@@ -356,7 +339,7 @@ def _own_names(key: str, written: Any, fields: Fields, context: Context) -> Flaw
             yield (i, "name"), flaw(", expected a name of its own", found)
 
 
-def _ends(written: Any, fields: Fields, context: Context) -> Flaws:
+def _ends(written: Any, before: Fields, context: Context) -> Flaws:
     """Give stages without an end, or with two, and priorities beside comparisons."""
     stages = entries(written)
     for i, stage in ((i, stage) for i, stage in enumerate(stages) if isinstance(stage, dict)):
@@ -370,7 +353,7 @@ def _ends(written: Any, fields: Fields, context: Context) -> Flaws:
             yield (i, "priority"), flaw(", expected one or the other", found, at_key=True)
 
 
-def _instants(stages: tuple[StageSpec, ...], fields: Fields, context: Context) -> Flaws:
+def _instants(stages: tuple[StageSpec, ...], before: Fields, context: Context) -> Flaws:
     """Give fixed switch times that no order of events can keep."""
     limit, earliest, fixed = time_limit(context), 0.0, 0.0
     for i, stage in enumerate(stages):
@@ -384,7 +367,7 @@ def _instants(stages: tuple[StageSpec, ...], fields: Fields, context: Context) -
             earliest = fixed = stage.at
 
 
-def _controller(controller: ControllerSpec, fields: Fields, context: Context) -> Flaws:
+def _controller(controller: ControllerSpec, before: Fields, context: Context) -> Flaws:
     """Give times of a controller that do not fit each other, and meshes that it cannot have."""
     horizon, sample = controller.horizon, controller.sample_time
     delay = context.value("uncertainty", "delay") or 0
@@ -399,18 +382,18 @@ def _controller(controller: ControllerSpec, fields: Fields, context: Context) ->
         yield ("nodes",), expected("a number with controller htmpc, which compares levels node by node")
 
 
-def _solver(solver: SolverSpec, fields: Fields, context: Context) -> Flaws:
+def _solver(solver: SolverSpec, before: Fields, context: Context) -> Flaws:
     """Give a deadline that the solver cannot keep."""
-    controller = fields.get("controller")
+    controller = before.get("controller")
     if solver.deadline is not None and solver.kind == "fatrop":
         yield ("deadline",), expected("none with solver fatrop, which cannot stop early, or solver sqp or ipopt")
     elif solver.deadline is not None and solver.kind == "sqp" and controller and controller.kind == "htmpc":
         yield ("deadline",), expected("none, or solver ipopt, with controller htmpc")
 
 
-def _plant(plant: PlantSpec, fields: Fields, context: Context) -> Flaws:
+def _plant(plant: PlantSpec, before: Fields, context: Context) -> Flaws:
     """Give a plant whose ticks and steps do not divide a sample, or are too many."""
-    if (controller := fields.get("controller")) is None:
+    if (controller := before.get("controller")) is None:
         return
     sample, rate = controller.sample_time, plant.low_level_rate
     steps = sample * rate if plant.step is None else sample / plant.step
@@ -429,16 +412,16 @@ def _is_whole(ratio: float) -> bool:
     return round(ratio) >= 1 and abs(ratio - round(ratio)) <= ROUNDING * ratio
 
 
-def _within_the_robots(limits: Mapping[str, PartLimits], fields: Fields, context: Context) -> Flaws:
+def _within_the_robots(limits: Mapping[str, PartLimits], before: Fields, context: Context) -> Flaws:
     """Give limits of a task that are wider than its robot's."""
     yield from _wider(limits, {"the robot's": context.robot_limits}, context.sizes)
 
 
-def _skills(skills: Mapping[str, SkillSpec], fields: Fields, context: Context) -> Flaws:
+def _skills(skills: Mapping[str, SkillSpec], before: Fields, context: Context) -> Flaws:
     """Give limits of skills that are wider than those around them, and inputs that the solver cannot have."""
-    controller, solver = fields.get("controller"), fields.get("solver")
+    controller, solver = before.get("controller"), before.get("solver")
     joint_only = bool(controller and controller.kind == "htmpc") or bool(solver and solver.kind != "ipopt")
-    outer = {"the robot's": context.robot_limits, "the task's": fields.get("limits", {})}
+    outer = {"the robot's": context.robot_limits, "the task's": before.get("limits", {})}
     for name, skill in skills.items():
         if skill.input == "task" and joint_only:
             wanted = '"joint" (task needs solver ipopt, and another controller than htmpc)'
@@ -462,7 +445,7 @@ def _wider(
                 yield (key, quantity, index), expected(f"within {whose} [{least:.6g}, {most:.6g}]")
 
 
-def _monitor(monitor: MonitorSpec, fields: Fields, context: Context) -> Flaws:
+def _monitor(monitor: MonitorSpec, before: Fields, context: Context) -> Flaws:
     """Give a monitor that bounds nothing or is about the wrong number of frames."""
     bounds = ("above_start_at_most", "below_start_at_most", "at_most", "at_least")
     if all(getattr(monitor, bound) is None for bound in bounds):
@@ -472,9 +455,9 @@ def _monitor(monitor: MonitorSpec, fields: Fields, context: Context) -> Flaws:
         yield ("of",), expected("two different frames for a distance, one for a speed")
 
 
-def _uncertainty(spec: UncertaintySpec, fields: Fields, context: Context) -> Flaws:
+def _uncertainty(spec: UncertaintySpec, before: Fields, context: Context) -> Flaws:
     """Give what the plant cannot do, a delay beyond the horizon, and a payload without an object."""
-    controller, plant = fields.get("controller"), fields.get("plant")
+    controller, plant = before.get("controller"), before.get("plant")
     if controller is not None and spec.delay * controller.sample_time >= controller.horizon:
         found = f"{spec.delay} samples of {controller.sample_time:g} s"
         yield ("delay",), flaw(f", expected less than the horizon of {controller.horizon:g} s", found)
@@ -482,10 +465,10 @@ def _uncertainty(spec: UncertaintySpec, fields: Fields, context: Context) -> Fla
         found = ", ".join(key for key in type(spec).model_fields if key in spec.model_fields_set - {"noise", "delay"})
         wanted = "only noise and delay, or plant rk4 or mujoco: ideal has neither bodies nor forces"
         yield (), flaw(f", expected {wanted}", f"{found} with plant ideal")
-    if spec.payload is not None and fields.get("object", spec) is None:
+    if spec.payload is not None and before.get("object", spec) is None:
         wanted = ", expected one: it says which stages take the payload and let it go"
         yield ("payload",), flaw(wanted, 'no "object"', at_key=True)
-    thing = fields.get("object")
+    thing = before.get("object")
     if spec.payload is not None and thing is not None and thing.mass is not None:
         yield ("payload",), flaw(", expected none: the object has a mass of its own", "a payload", at_key=True)
     if spec.object is not None and (thing is None or thing.mass is None):
@@ -498,13 +481,13 @@ _Monitor = Annotated[MonitorSpec, holds(_monitor)]
 class TaskSpec(Spec):
     """A whole experiment."""
 
-    name: Name = Field("", description="name of the task; default the file's stem")
+    name: fields.Name = Field("", description="name of the task; default the file's stem")
     description: str = Field("", description="what it is, for people")
     robot: str = Field(min_length=1, description="a built-in robot's name, or a path relative to this file")
-    initial: Annotated[Mapping[Part, Numbers], in_joint_space(required=True, angles=True)] = Field(
+    initial: Annotated[Mapping[fields.Part, fields.Numbers], in_joint_space(required=True, angles=True)] = Field(
         description="base pose and joint angles at the start [m, rad]"
     )
-    initial_velocity: Annotated[Mapping[Part, tuple[Angle, ...]], in_joint_space()] = Field(
+    initial_velocity: Annotated[Mapping[fields.Part, tuple[fields.Angle, ...]], in_joint_space()] = Field(
         {}, description="their rates at the start [m/s, rad/s]; default rest"
     )
     controller: Annotated[ControllerSpec, holds(_controller)] = Field(
@@ -515,7 +498,7 @@ class TaskSpec(Spec):
     limits: Annotated[LimitsByPart, holds(_within_the_robots)] = Field(
         {}, description="limits of this task, within the robot's"
     )
-    skills: Annotated[Mapping[Name, SkillSpec], Field(min_length=1), holds(_skills)] = Field(
+    skills: Annotated[Mapping[fields.Name, SkillSpec], Field(min_length=1), holds(_skills)] = Field(
         description="the skills by name"
     )
     stages: Annotated[
@@ -543,8 +526,8 @@ class TaskSpec(Spec):
         {}, exclude=True, description="keys to change where a controller runs, by controller and path"
     )
     log: LogSpec = Field(LogSpec(), description="what the log holds beyond the samples")
-    time_limit: Positive = Field(DEFAULT_TIME_LIMIT, description="time after which the run is stopped [s]")
-    seed: Whole = Field(0, ge=0, description="seed of everything random")
+    time_limit: fields.Positive = Field(DEFAULT_TIME_LIMIT, description="time after which the run is stopped [s]")
+    seed: fields.Whole = Field(0, ge=0, description="seed of everything random")
 
     @property
     def judged(self) -> tuple[str, ...]:

@@ -6,25 +6,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from psmpc_cli.specs.fields import (
-    ArmName,
-    Fields,
-    Flag,
-    Flaws,
-    Fraction,
-    NotNegative,
-    Number,
-    OneOrMore,
-    OrByPart,
-    Part,
-    Positive,
-    Size,
-    Spec,
-    Whole,
-    expected,
-    flaw,
-    holds,
-)
+from psmpc_cli.specs import fields
+from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, flaw, holds
 from psmpc_cli.specs.messages import counted
 from psmpc_cli.specs.parts import Context, in_joint_space
 
@@ -34,8 +17,8 @@ ROUNDING = 1e-6
 DEFAULT_TIME_LIMIT = 60.0
 """Time after which a run is stopped where the task does not say [s]."""
 
-_Fractions = OrByPart[Fraction, Part, Fraction]
-_ByArm = OrByPart[NotNegative, ArmName, OneOrMore[NotNegative]]
+_Fractions = fields.OrByPart[fields.Fraction, fields.Part, fields.Fraction]
+_ByArm = fields.OrByPart[fields.NotNegative, fields.ArmName, fields.OneOrMore[fields.NotNegative]]
 
 
 def _is_zero(value: float) -> bool:
@@ -49,26 +32,30 @@ class FrictionSpec(Spec):
         0.0, description="one number or numbers by arm [N m s/rad]"
     )
     coulomb: Annotated[_ByArm, in_joint_space(one=True)] = Field(0.0, description="one number or numbers by arm [N m]")
-    width: Positive = Field(0.02, description="rate around 0 within which Coulomb friction turns over [rad/s]")
+    width: fields.Positive = Field(0.02, description="rate around 0 within which Coulomb friction turns over [rad/s]")
 
 
 class NoiseSpec(Spec):
     """Standard deviations of what is measured, drawn anew for every coordinate at every tick."""
 
-    position: NotNegative = Field(0.0, description="of the base's position, along each axis, and of sliding joints [m]")
-    angle: Size = Field(0.0, description="of the base's angle, in space about each axis, and the joints' [rad]")
-    velocity: NotNegative = Field(0.0, description="of the velocities of what position is about [m/s]")
-    angular_velocity: Size = Field(0.0, description="of the rates of what angle is about [rad/s]")
-    object_position: NotNegative = Field(0.0, exclude_if=_is_zero, description="of the object's position [m]")
-    object_angle: Size = Field(0.0, exclude_if=_is_zero, description="of the object's attitude [rad]")
+    position: fields.NotNegative = Field(
+        0.0, description="of the base's position, along each axis, and of sliding joints [m]"
+    )
+    angle: fields.Size = Field(0.0, description="of the base's angle, in space about each axis, and the joints' [rad]")
+    velocity: fields.NotNegative = Field(0.0, description="of the velocities of what position is about [m/s]")
+    angular_velocity: fields.Size = Field(0.0, description="of the rates of what angle is about [rad/s]")
+    object_position: fields.NotNegative = Field(0.0, exclude_if=_is_zero, description="of the object's position [m]")
+    object_angle: fields.Size = Field(0.0, exclude_if=_is_zero, description="of the object's attitude [rad]")
 
 
 class ImpulseSpec(Spec):
     """A blow to the base, even over one tick of the low-level loop."""
 
-    at: NotNegative = Field(description="when it comes [s]")
-    linear: OneOrMore[Number] = Field((0.0,), description="impulse of the force, [x, y] or [x, y, z] [N s]")
-    angular: OneOrMore[Number] = Field(
+    at: fields.NotNegative = Field(description="when it comes [s]")
+    linear: fields.OneOrMore[fields.Number] = Field(
+        (0.0,), description="impulse of the force, [x, y] or [x, y, z] [N s]"
+    )
+    angular: fields.OneOrMore[fields.Number] = Field(
         (0.0,), description="impulse of the torque; in space about the base's axes x, y, z [N m s]"
     )
 
@@ -79,7 +66,7 @@ def time_limit(context: Context) -> float:
     return float(given) if isinstance(given, int | float) else DEFAULT_TIME_LIMIT if given is None else math.inf
 
 
-def _impulse(impulse: ImpulseSpec | None, fields: Fields, context: Context) -> Flaws:
+def _impulse(impulse: ImpulseSpec | None, before: Fields, context: Context) -> Flaws:
     """Give an impulse that comes after the run, or has other components than the base."""
     limit, base = time_limit(context), context.sizes.get("base")
     if impulse is None:
@@ -91,7 +78,7 @@ def _impulse(impulse: ImpulseSpec | None, fields: Fields, context: Context) -> F
         yield ("at",), flaw(f", expected a time before the time_limit of {limit:g} s", f"{impulse.at:g} s")
 
 
-def _whole(share: float | Mapping[str, float] | None, fields: Fields, context: Context) -> Flaws:
+def _whole(share: float | Mapping[str, float] | None, before: Fields, context: Context) -> Flaws:
     """Give shares of a payload whose sum over the arms is not 1."""
     arms = [part for part in context.sizes if part != "base"]
     by_arm = share if isinstance(share, Mapping) else {"arms": share}
@@ -105,20 +92,20 @@ def _whole(share: float | Mapping[str, float] | None, fields: Fields, context: C
 class PayloadSpec(Spec):
     """What the task's object weighs; while held, it is part of the last links of the arms."""
 
-    mass: Positive = Field(description="mass [kg]")
-    inertia: NotNegative = Field(description="inertia about its centre of mass [kg m^2]")
-    known: Flag = Field(False, description="whether the low-level law counts it in while it is held")
-    share: Annotated[OrByPart[NotNegative, ArmName, NotNegative] | None, holds(_whole)] = Field(
-        None, description="what each gripper holds of it, one number or numbers by arm; default equal shares"
+    mass: fields.Positive = Field(description="mass [kg]")
+    inertia: fields.NotNegative = Field(description="inertia about its centre of mass [kg m^2]")
+    known: fields.Flag = Field(False, description="whether the low-level law counts it in while it is held")
+    share: Annotated[fields.OrByPart[fields.NotNegative, fields.ArmName, fields.NotNegative] | None, holds(_whole)] = (
+        Field(None, description="what each gripper holds of it, one number or numbers by arm; default equal shares")
     )
 
 
 class ObjectErrorSpec(Spec):
     """How the object differs from what the task says of it, which is all the controller knows before it sees it."""
 
-    mass: Fraction = Field(0.0, description="largest relative error of its mass, and of its inertia")
-    linear: NotNegative = Field(0.0, description="largest error of its velocity along each axis [m/s]")
-    angular: Size = Field(0.0, description="largest error of its angular velocity about each axis [rad/s]")
+    mass: fields.Fraction = Field(0.0, description="largest relative error of its mass, and of its inertia")
+    linear: fields.NotNegative = Field(0.0, description="largest error of its velocity along each axis [m/s]")
+    angular: fields.Size = Field(0.0, description="largest error of its angular velocity about each axis [rad/s]")
 
 
 class UncertaintySpec(Spec):
@@ -126,13 +113,13 @@ class UncertaintySpec(Spec):
 
     mass: _Fractions = Field(0.0, description="largest relative error of a body's mass, one number or numbers by part")
     inertia: _Fractions = Field(0.0, description="the same of its inertia about the centre of mass")
-    centre_of_mass: OrByPart[NotNegative, Part, NotNegative] = Field(
+    centre_of_mass: fields.OrByPart[fields.NotNegative, fields.Part, fields.NotNegative] = Field(
         0.0, description="largest offset of a body's centre of mass along each axis, one number or by part [m]"
     )
     friction: FrictionSpec = Field(FrictionSpec(), description="friction in the joints")
     noise: NoiseSpec = Field(NoiseSpec(), description="noise of the measurement")
-    delay: Whole = Field(0, ge=0, description="samples after which a control reaches the robot")
-    force_limits: Annotated[Mapping[Part, OneOrMore[Positive]], in_joint_space(one=True)] = Field(
+    delay: fields.Whole = Field(0, ge=0, description="samples after which a control reaches the robot")
+    force_limits: Annotated[Mapping[fields.Part, fields.OneOrMore[fields.Positive]], in_joint_space(one=True)] = Field(
         {},
         description="largest force and torque of the base, [Fx, Fy, torque] or 6 in space, and of arms [N, N m]",
     )

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from psmpc_cli.cli.options import TASK, Changes, Force, Quiet
+from psmpc_cli.cli.progress import ending_on_signals, live_line
 from psmpc_cli.errors import PsmpcError, SpecError
 
 
@@ -100,7 +101,6 @@ def bench(
     import os
 
     os.environ["OMP_NUM_THREADS"] = "1"  # one thread of linear algebra; it has an effect only before NumPy is loaded
-    from psmpc_cli.cli.progress import ending_on_signals, live_line
     from psmpc_cli.cli.tables import print_table
     from psmpc_cli.studies import bench as study
 

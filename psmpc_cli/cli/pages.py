@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from psmpc_cli.cli.options import Force, Quiet, output_option, page_file
+from psmpc_cli.cli.progress import watched_run
 from psmpc_cli.errors import InputError
 
 if TYPE_CHECKING:
@@ -86,8 +87,6 @@ def _repeated(study: "MonteCarloRuns", number: str, log: Path, quiet: bool) -> "
     Raises:
         InputError: The study has no such run.
     """
-    from psmpc_cli.cli.progress import watched_run
-
     count = len(study["seed"])
     if not number.isdecimal() or int(number) >= count:
         found = f"no run '{number}'" if number else "no --run"

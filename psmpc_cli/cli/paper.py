@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from psmpc_cli.cli.options import Changes, Force, Jobs, Quiet, output_folder, output_option
+from psmpc_cli.cli.progress import ending_on_signals, live_line
 
 if TYPE_CHECKING:
     from psmpc_cli.studies.judge import Reproduction
@@ -27,7 +28,6 @@ def reproduce(
     quiet: Quiet = False,
 ) -> None:
     """Run what the paper's claims need: a table of published against reproduced, and a report with the figures."""
-    from psmpc_cli.cli.progress import ending_on_signals, live_line
     from psmpc_cli.figures.registry import draw
     from psmpc_cli.logs.files import check_output, write_new
     from psmpc_cli.report.reproduction import build_report

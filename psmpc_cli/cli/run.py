@@ -9,19 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from psmpc_cli.cli.options import (
-    TASK,
-    Changes,
-    Controller,
-    Figures,
-    Force,
-    Plant,
-    Quiet,
-    output_file,
-    output_option,
-    page_file,
-    shorthands,
-)
+from psmpc_cli.cli import options
+from psmpc_cli.cli.progress import watched_run
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -40,23 +29,22 @@ EQUAL = 1e-6
 
 
 def simulate(
-    task: Annotated[str | None, typer.Argument(help=TASK, show_default=False)] = None,
-    output: Annotated[Path | None, output_option("runs/<task>.h5", what="Log file.")] = None,
-    force: Force = False,
-    changes: Changes = None,
-    controller: Controller = None,
-    plant: Plant = None,
-    figures: Figures = True,
+    task: Annotated[str | None, typer.Argument(help=options.TASK, show_default=False)] = None,
+    output: Annotated[Path | None, options.output_option("runs/<task>.h5", what="Log file.")] = None,
+    force: options.Force = False,
+    changes: options.Changes = None,
+    controller: options.Controller = None,
+    plant: options.Plant = None,
+    figures: options.Figures = True,
     render: Render = False,
     view: Annotated[bool, typer.Option("--view", help="Write the interactive page of `psmpc view` as well.")] = False,
     unfinished: Annotated[
         Path | None, typer.Option("--continue", metavar="LOG", help="Finish an unfinished run, by repeating it.")
     ] = None,
-    quiet: Quiet = False,
+    quiet: options.Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Run a task in closed loop and write its log and figures."""
-    from psmpc_cli.cli.progress import watched_run
     from psmpc_cli.cli.tables import draw_beside, print_summary
     from psmpc_cli.figures.animation import offscreen_driver
     from psmpc_cli.logs.run import read_run
@@ -69,18 +57,18 @@ def simulate(
         raise InputError("found both --quiet and --verbose, expected at most one of them")
     if verbose:
         logging.getLogger("psmpc_cli").setLevel(logging.INFO)
-    overrides = [*(changes or []), *shorthands(controller, plant)]
+    overrides = [*(changes or []), *options.shorthands(controller, plant)]
     drawing = figures or render
     if unfinished is not None and (task or overrides):
         wanted = "expected no task, --set, --controller or --plant beside it"
         raise InputError(f"--continue repeats the task in the log: {wanted}")
     if unfinished is not None:
-        path = unfinished if output is None else output_file(output, "", force, drawing)
+        path = unfinished if output is None else options.output_file(output, "", force, drawing)
         run: Callable[[Watch], object] = partial(_continue, unfinished, output)
     elif task is not None:
         loaded = load_feasible(task, overrides)
         name = "-".join(filter(None, (loaded.spec.name, controller, plant)))
-        path = output_file(output, name, force, drawing)
+        path = options.output_file(output, name, force, drawing)
         run = partial(run_task, loaded, path, force=force)
     else:
         raise InputError("found no task: expected a task file, a built-in name such as transport, or --continue LOG")
@@ -97,7 +85,7 @@ def simulate(
     if view and len(log.time):
         from psmpc_cli.report.view import view as show
 
-        typer.echo(f"page: {show(log).save(page_file(None, path, 'view', force), force)}")
+        typer.echo(f"page: {show(log).save(options.page_file(None, path, 'view', force), force)}")
     if log.interrupted:
         raise typer.Exit(interruption.exit_code)
     if log.attributes["stuck"]:
@@ -128,13 +116,12 @@ def _continue(path: Path, output: Path | None, watch: "Watch") -> None:
 
 def rerun(
     log: Log,
-    output: Annotated[Path | None, output_option("none", what="Keep the new log.")] = None,
-    force: Force = False,
+    output: Annotated[Path | None, options.output_option("none", what="Keep the new log.")] = None,
+    force: options.Force = False,
     strict: Annotated[bool, typer.Option("--strict", help="Exit code 1 if anything differs.")] = False,
-    quiet: Quiet = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Repeat a run from its log and compare every dataset but the wall times."""
-    from psmpc_cli.cli.progress import watched_run
     from psmpc_cli.cli.tables import print_differences
     from psmpc_cli.logs.run import read_run
     from psmpc_cli.simulation.replay import rerun as repeat
@@ -142,7 +129,7 @@ def rerun(
 
     loaded = read_run(log)
     with TemporaryDirectory(prefix="psmpc-") as folder, watched_run(quiet) as (watch, interruption):
-        path = Path(folder) / "again.h5" if output is None else output_file(output, "", force, figures=False)
+        path = Path(folder) / "again.h5" if output is None else options.output_file(output, "", force, figures=False)
         comparison = repeat(loaded, path, force, watch)
     if comparison is None:
         raise typer.Exit(interruption.exit_code)
@@ -229,7 +216,7 @@ def _print_peaks(peaks: "Peaks") -> None:
 def show(
     log: AnyFile,
     csv: Annotated[Path | None, typer.Option(metavar="DIR", help="Export a log's tables as CSV files.")] = None,
-    force: Force = False,
+    force: options.Force = False,
     verbose: Verbose = False,
 ) -> None:
     """Print the summary of a log, or the table of a comparison or a study, again, or export tables of logs."""
@@ -253,7 +240,7 @@ def show(
 
 def plot(
     log: AnyFile,
-    output: Annotated[Path | None, output_option("beside the log", "DIR", "Directory of the figures.")] = None,
+    output: Annotated[Path | None, options.output_option("beside the log", "DIR", "Directory of the figures.")] = None,
     formats: Annotated[
         list[str] | None, typer.Option("--format", metavar="png|pdf|svg", help="Repeatable. Default: png.")
     ] = None,
@@ -265,7 +252,7 @@ def plot(
     ] = False,
     render: Render = False,
     run: Annotated[str | None, typer.Option(metavar="NAME", help="Draw this run of a comparison.")] = None,
-    force: Force = False,
+    force: options.Force = False,
 ) -> None:
     """Draw the figures of a log, or of the results of any study.
 

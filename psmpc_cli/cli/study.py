@@ -6,18 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from psmpc_cli.cli.options import (
-    TASK,
-    Changes,
-    Dask,
-    Figures,
-    Force,
-    Jobs,
-    Quiet,
-    Resume,
-    output_file,
-    output_option,
-)
+from psmpc_cli.cli import options
+from psmpc_cli.cli.progress import ending_on_signals, live_line, watched_run, watched_study
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -31,25 +21,24 @@ Stages = Annotated[str, typer.Option(metavar="A,B", help="The two stages in a ro
 
 
 def compare(
-    task: Annotated[str, typer.Argument(help=TASK)],
+    task: Annotated[str, typer.Argument(help=options.TASK)],
     controllers: Annotated[
         str, typer.Option(metavar="KIND,...", help="Of psmpc, smpc, htmpc, hard; differences are to the first.")
     ] = "psmpc,smpc,htmpc,hard",
-    output: Annotated[Path | None, output_option("runs/<task>-comparison.h5", what="File of all logs.")] = None,
-    force: Force = False,
-    changes: Changes = None,
-    jobs: Jobs = None,
-    figures: Figures = True,
-    quiet: Quiet = False,
+    output: Annotated[Path | None, options.output_option("runs/<task>-comparison.h5", what="File of all logs.")] = None,
+    force: options.Force = False,
+    changes: options.Changes = None,
+    jobs: options.Jobs = None,
+    figures: options.Figures = True,
+    quiet: options.Quiet = False,
 ) -> None:
     """Run several controllers on the identical task: one table, one file of logs, and figures side by side."""
-    from psmpc_cli.cli.progress import ending_on_signals, live_line
     from psmpc_cli.cli.tables import present
     from psmpc_cli.studies.compare import compare_tasks, compared_tasks, controllers_in
 
     tasks = compared_tasks(task, controllers_in(controllers), changes or [])
     first = next(iter(tasks.values()))
-    path = output_file(output, f"{first.spec.name}-comparison", force, figures)
+    path = options.output_file(output, f"{first.spec.name}-comparison", force, figures)
     with ending_on_signals("no comparison was written"), live_line(quiet) as show:
         show(f"0 of {len(tasks)} runs done", due=False)
         ended = count(1)
@@ -72,15 +61,15 @@ def sweep_weights(
     sampling: Annotated[
         str | None, typer.Option(metavar="random:N", help="N random draws from the range instead of a grid.")
     ] = None,
-    output: Annotated[Path | None, output_option("runs/<task>-sweep.h5")] = None,
+    output: Annotated[Path | None, options.output_option("runs/<task>-sweep.h5")] = None,
     every_cell: Annotated[bool, typer.Option("--every-cell", help="Run cells of equal ratio separately.")] = False,
-    resume: Resume = False,
-    force: Force = False,
-    changes: Changes = None,
-    jobs: Jobs = None,
-    dask: Dask = None,
-    figures: Figures = True,
-    quiet: Quiet = False,
+    resume: options.Resume = False,
+    force: options.Force = False,
+    changes: options.Changes = None,
+    jobs: options.Jobs = None,
+    dask: options.Dask = None,
+    figures: options.Figures = True,
+    quiet: options.Quiet = False,
 ) -> None:
     """Run the closed loop under many pairs of priorities: how they decide the actual start. Paper Fig. 6."""
     from psmpc_cli.studies.sweep import (
@@ -110,14 +99,14 @@ def sweep_weights(
 def monte_carlo(
     task: Annotated[str, typer.Argument(help="Task file or built-in task, with an uncertainty.")],
     runs: Annotated[int, typer.Option(min=1, max=100_000, metavar="N", help="Runs, each with its own seed.")],
-    output: Annotated[Path | None, output_option("runs/<task>-monte-carlo.h5")] = None,
-    resume: Resume = False,
-    force: Force = False,
-    changes: Changes = None,
-    jobs: Jobs = None,
-    dask: Dask = None,
-    figures: Figures = True,
-    quiet: Quiet = False,
+    output: Annotated[Path | None, options.output_option("runs/<task>-monte-carlo.h5")] = None,
+    resume: options.Resume = False,
+    force: options.Force = False,
+    changes: options.Changes = None,
+    jobs: options.Jobs = None,
+    dask: options.Dask = None,
+    figures: options.Figures = True,
+    quiet: options.Quiet = False,
 ) -> None:
     """Run a task many times, each with another seed for its uncertainty: how often it succeeds, and how runs spread."""
     from psmpc_cli.studies.monte_carlo import monte_carlo_study
@@ -145,7 +134,6 @@ def _run_study(
         InputError: Options exclude each other, or the file is not to be overwritten.
         SpecError: The task cannot be done.
     """
-    from psmpc_cli.cli.progress import ending_on_signals, watched_study
     from psmpc_cli.cli.tables import present
     from psmpc_cli.studies.runner import run_study
 
@@ -153,7 +141,7 @@ def _run_study(
         raise InputError("found both --resume and --force, expected at most one of them")
     if jobs is not None and dask is not None:
         raise InputError("found both --jobs and --dask, expected at most one: a cluster has as many workers as it has")
-    path = output_file(output, default, force, figures, resume)
+    path = options.output_file(output, default, force, figures, resume)
     with (
         ending_on_signals(f"{path} holds what was done: continue with --resume"),
         watched_study(quiet, failed) as watch,
@@ -175,18 +163,17 @@ def pareto(
         Literal["weighted-sum", "epsilon-constraint", "both"], typer.Option(help="How the points are found.")
     ] = "both",
     free_instant: Annotated[bool, typer.Option("--free-instant", help="The instant is a third criterion.")] = False,
-    output: Annotated[Path | None, output_option("runs/<task>-pareto.h5")] = None,
+    output: Annotated[Path | None, options.output_option("runs/<task>-pareto.h5")] = None,
     log: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep the log of the closed loop here.")] = None,
-    force: Force = False,
-    changes: Changes = None,
-    jobs: Jobs = None,
-    figures: Figures = True,
-    quiet: Quiet = False,
+    force: options.Force = False,
+    changes: options.Changes = None,
+    jobs: options.Jobs = None,
+    figures: options.Figures = True,
+    quiet: options.Quiet = False,
 ) -> None:
     """Compute what two stages cost at each other's expense: Pareto fronts at several samples of a run. Paper Fig. 7."""
     from h5py import is_hdf5
 
-    from psmpc_cli.cli.progress import ending_on_signals, live_line, watched_run
     from psmpc_cli.cli.tables import present
     from psmpc_cli.logs.run import read_run
     from psmpc_cli.ocp.feasibility import load_feasible
@@ -201,9 +188,9 @@ def pareto(
         parse_stages(stages, loaded)
     elif changes or log is not None:
         raise InputError(f"{task} is the log of a run: it is studied as it ran, without --set and --log")
-    path = output_file(output, f"{loaded.spec.name if loaded else Path(task).stem}-pareto", force, figures)
+    path = options.output_file(output, f"{loaded.spec.name if loaded else Path(task).stem}-pareto", force, figures)
     if log is not None:
-        output_file(log, "", force, figures=False)
+        options.output_file(log, "", force, figures=False)
 
     if loaded is None:
         run = read_run(task)

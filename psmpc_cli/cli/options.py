@@ -101,8 +101,7 @@ def output_folder(given: Path | None, name: str, force: bool) -> Path:
 
 def page_file(given: Path | None, log: Path, kind: str, force: bool) -> Path:
     """Choose the file of a page: the one given, or the first of LOG-kind.html, LOG-kind-2.html, ... that is free."""
-    default = log.with_name(f"{log.stem}-{kind}.html")
-    return given or (default if force else next(path for path in _numbered(default) if not path.exists()))
+    return given or _free(log.with_name(f"{log.stem}-{kind}.html"), force)
 
 
 def _free(default: Path, force: bool) -> Path:

@@ -72,27 +72,19 @@ def sweep_weights(
     quiet: options.Quiet = False,
 ) -> None:
     """Run the closed loop under many pairs of priorities: how they decide the actual start. Paper Fig. 6."""
-    from psmpc_cli.studies.sweep import (
-        DEFAULT_TASK,
-        is_grid,
-        load_sweep_task,
-        parse_numbers,
-        parse_sampling,
-        parse_stages,
-        weight_study,
-    )
+    from psmpc_cli.studies import sweep
 
-    if grid is not None and not is_grid(grid):
+    if grid is not None and not sweep.is_grid(grid):
         grid, task = task, grid
     expected = "positive numbers between commas, such as 1e-3,1e-2,0.1"
-    epsilons = parse_numbers("--epsilon", epsilon, expected, above=0.0) if epsilon is not None else ()
-    loaded = load_sweep_task(task or DEFAULT_TASK, tuple(changes or ()), epsilons)
+    epsilons = sweep.parse_numbers("--epsilon", epsilon, expected, above=0.0) if epsilon is not None else ()
+    loaded = sweep.load_sweep_task(task or sweep.DEFAULT_TASK, tuple(changes or ()), epsilons)
     if (grid is None) == (sampling is None):
         found = "neither a grid nor --sampling" if grid is None else "both a grid and --sampling"
         raise InputError(f"found {found}, expected one: 25x25, a number of ratios such as 49, or --sampling random:100")
-    limits = parse_numbers("--range", bounds, "LOW:HIGH of positive numbers, such as 1e-3:1e3", 0.0, ":")
-    cells = parse_sampling(grid or sampling or "", limits, loaded.spec.seed)
-    study = weight_study(loaded, parse_stages(stages, loaded), cells, every_cell)
+    limits = sweep.parse_numbers("--range", bounds, "LOW:HIGH of positive numbers, such as 1e-3:1e3", 0.0, ":")
+    cells = sweep.parse_sampling(grid or sampling or "", limits, loaded.spec.seed)
+    study = sweep.weight_study(loaded, sweep.parse_stages(stages, loaded), cells, every_cell)
     _run_study(study, output, f"{loaded.spec.name}-sweep", force, resume, jobs, dask, figures, quiet)
 
 

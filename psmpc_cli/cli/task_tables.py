@@ -55,21 +55,14 @@ def print_robot(robot: RobotSpec) -> None:
             at = body.joint.at
             turn = degrees(hypot(*at.rotation))
             carrier = f"{bodies[at.body].name} at {_listed(at.position[:d])} m{f', {turn:.4g} deg' if turn else ''}"
-            kind = "prismatic" if body.joint.prismatic else "revolute"
-            joint = (
-                kind
-                if d == 2
-                else f"{kind} about {_listed(body.joint.axis)}".replace("prismatic about", "prismatic along")
-            )
+            kind = "prismatic along" if body.joint.prismatic else "revolute about"
+            joint = "revolute" if d == 2 else f"{kind} {_listed(body.joint.axis)}"
         inertia = body.inertia[2:3] if d == 2 else body.inertia
         rows.append((body.name, joint, carrier, f"{body.mass:g}", _listed(body.centre[:d]), _listed(inertia)))
-    tables: list[tuple[tuple[str, ...], Rows]] = [
-        (("body", "joint", "on", "mass [kg]", "centre of mass [m]", "inertia [kg m^2]"), rows),
-        (("coordinate", "position", "velocity", "acceleration"), _limits(robot)),
-    ]
-    for headings, part in tables:
-        print_table(headings, part, left=len(headings))
-        typer.echo()
+    print_table(("body", "joint", "on", "mass [kg]", "centre of mass [m]", "inertia [kg m^2]"), rows, left=6)
+    typer.echo()
+    print_table(("coordinate", "position", "velocity", "acceleration"), _limits(robot), left=4)
+    typer.echo()
     if isinstance(robot, SpatialRobot) and robot.assumed:
         typer.echo("assumed:")
         typer.echo("\n".join(f"  {note}" for note in robot.assumed))

@@ -39,7 +39,7 @@ class UrdfLink:
     """A link: mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m^2] in the link's frame."""
 
     name: str
-    line: int
+    sourceline: int
     mass: float
     centre: Matrix
     inertia: Matrix
@@ -50,7 +50,7 @@ class UrdfJoint:
     """A joint: where the child's frame is in the parent's at 0 (4, 4), its axis (3,), limits [rad, m] and rate."""
 
     name: str
-    line: int
+    sourceline: int
     kind: str
     parent: str
     child: str
@@ -158,7 +158,7 @@ class _Reader:
         if not name:
             self._wrong(element, f"<{element.tag}> without a name", "the attribute name")
         elif name in known:
-            second = f"a second {element.tag} {quoted(name)} (first at line {known[name].line})"
+            second = f"a second {element.tag} {quoted(name)} (first at line {known[name].sourceline})"
             self._wrong(element, second, "a name of its own")
         else:
             known[name] = self._link(element, name) if element.tag == "link" else self._joint(element, name)
@@ -262,14 +262,11 @@ class _Reader:
         """Check that the joints make a tree of the links."""
         links, carried = self.urdf.links, dict[str, UrdfJoint]()
         for joint in self.urdf.joints.values():
-            for end in (joint.parent, joint.child):
-                if end and end not in links:
-                    found = f"the unknown link {quoted(end)} of joint {quoted(joint.name)}"
-                    self._at(joint.line, found, choice(end, links))
+            for end in (end for end in (joint.parent, joint.child) if end and end not in links):
+                self._wrong(joint, f"the unknown link {quoted(end)} of joint {quoted(joint.name)}", choice(end, links))
             if (first := carried.setdefault(joint.child, joint)) is not joint:
                 both = f"{quoted(first.name)} and {quoted(joint.name)}"
-                found = f"link {quoted(joint.child)} carried by two joints, {both}"
-                self._at(joint.line, found, "one joint for each link")
+                self._wrong(joint, f"link {quoted(joint.child)} carried by two joints, {both}", "one for each link")
         roots = [name for name in links if name not in carried]
         if self.errors:
             return
@@ -282,7 +279,7 @@ class _Reader:
         while more := {name for name, joint in carried.items() if joint.parent in reached} - reached:
             reached |= more
         if circle := [name for name in links if name not in reached]:
-            self._at(links[circle[0]].line, f"link {quoted(circle[0])} in a circle of joints", "a tree from the base")
+            self._wrong(links[circle[0]], f"link {quoted(circle[0])} in a circle of joints", "a tree from the base")
 
     def _note_unknown(self, element: Any, within: str) -> None:
         tag = str(element.tag)
@@ -293,12 +290,9 @@ class _Reader:
     def _note(self, element: Any, text: str) -> None:
         self.urdf.notes.append(f"line {element.sourceline}: {text}")
 
-    def _wrong(self, element: Any, found: str, wanted: str) -> None:
-        self._at(element.sourceline, found, wanted)
-
-    def _at(self, line: int, found: str, wanted: str) -> None:
+    def _wrong(self, at: Any, found: str, wanted: str) -> None:
         tail = wanted if wanted.startswith((" (", ", ")) else f", expected {wanted}"
-        self.errors.append(f"{self.urdf.file}:{line}: found {found}{tail}")
+        self.errors.append(f"{self.urdf.file}:{at.sourceline}: found {found}{tail}")
 
 
 def spatial_robot(urdf: Urdf, file: UrdfRobot) -> dict[str, Any]:
@@ -340,7 +334,7 @@ class _Merger:
     def robot(self) -> dict[str, Any]:
         """Build the keys."""
         for joint in (joint for joint in self.urdf.joints.values() if joint.child in self.places):
-            note = f"line {joint.line}: joint {quoted(joint.name)}"
+            note = f"line {joint.sourceline}: joint {quoted(joint.name)}"
             if joint.kind in ("floating", "planar"):
                 self.urdf.notes.append(f"{note} is {joint.kind}: taken as fixed")
             if joint.kind in MOVING and joint.name not in self.body_of:
@@ -407,7 +401,7 @@ class _Merger:
         links = [(self.urdf.links[link], frame) for link, (of, frame) in self.places.items() if of == body]
         mass = sum(link.mass for link, _ in links)
         if mass <= 0:
-            names, line = ", ".join(quoted(link.name) for link, _ in links), links[0][0].line
+            names, line = ", ".join(quoted(link.name) for link, _ in links), links[0][0].sourceline
             raise SpecError(f"{self.urdf.file}:{line}: found no mass of {names}, expected one: it moves on its own")
         centres = [(frame @ np.append(link.centre, 1.0))[:3] for link, frame in links]
         centre = sum((link.mass * at for (link, _), at in zip(links, centres, strict=True)), np.zeros(3)) / mass
@@ -418,7 +412,7 @@ class _Merger:
         principal = np.linalg.eigvalsh(inertia)
         if principal[0] <= 0:
             found = ", ".join(f"{moment:.3g}" for moment in principal)
-            where = f"{self.urdf.file}:{links[0][0].line}"
+            where = f"{self.urdf.file}:{links[0][0].sourceline}"
             raise SpecError(
                 f"{where}: found principal moments {found} kg m^2 of {links[0][0].name}, expected positive ones"
             )

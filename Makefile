@@ -74,7 +74,6 @@ gallery: $(READY)
 
 baseline: $(READY)
 	$(BIN)/python benchmarks/baseline.py
-	$(BIN)/python benchmarks/weights.py
 
 calibration: $(READY)
 	$(BIN)/python benchmarks/calibration.py screen 1000

@@ -1,19 +1,22 @@
-"""Measures the transport task under every controller and writes the table that later work compares itself with.
+"""Measures the transport task under every controller, and when Capture starts under different ratios of the priorities.
 
-    python benchmarks/baseline.py          writes benchmarks/baseline.yaml
+    python benchmarks/baseline.py          `make baseline`: writes benchmarks/baseline.yaml and weights.yaml
 
-`make baseline` does the same. A change that moves this table says why, in docs/decisions.md.
+Later work compares itself with these tables. A change that moves one says why, in docs/decisions.md.
 """
 
-import tempfile
 from pathlib import Path
 
+import numpy as np
 import yaml
 
-from psmpc_cli.logs.run import read_run
+import psmpc_cli as psmpc
+from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.summary import Summary
-from psmpc_cli.simulation.run import simulate
-from psmpc_cli.specs.load import load_task
+from psmpc_cli.studies.runner import run_study
+from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, parse_sampling, weight_study
+
+SINGLE_WEIGHT = ("controller.zeta=1e-3", "onset=control", *(f"skills.{s}.weights.control=1" for s in ("move", "reach")))
 
 RUNS = {
     "psmpc": [],
@@ -25,10 +28,7 @@ RUNS = {
     "hard": ["controller.kind=hard"],
     "htmpc": ["controller.kind=htmpc"],
     "psmpc, W_r = 1, tolerance 3e-3": [
-        "controller.zeta=1e-3",
-        "onset=control",
-        "skills.move.weights.control=1",
-        "skills.reach.weights.control=1",
+        *SINGLE_WEIGHT,
         *(f"stages.{stage}.ends_when.tolerance=3e-3" for stage in ("approach", "capture", "transport")),
         "stages.release.ends_when.tolerance=0.05",
     ],
@@ -37,12 +37,21 @@ HEADER = (
     "# Transport task, N_s = 100. Written by `make baseline`; times [s], distances [m], efforts as in docs/log.md.\n"
 )
 
-
-def measure(changes: list[str], directory: Path) -> Summary:
-    """Run the transport task with keys changed and return its summary."""
-    path = directory / "run.h5"
-    simulate(load_task("transport", changes), path, force=True)
-    return read_run(path).summary()
+RATIOS, RANGE = "13", (1e-3, 1e3)
+SETTINGS = {
+    "as shipped, N_s = 100": [],
+    "W_r = 1, tolerance 3e-3, N_s = 25, ideal plant": [
+        "controller.nodes=25",
+        *SINGLE_WEIGHT,
+        "plant.kind=ideal",
+        *(f"stages.{stage}.ends_when.tolerance=3e-3" for stage in ("approach", "capture")),
+    ],
+}
+WEIGHTS_HEADER = (
+    "# Actual start of Capture [s] by omega_2/omega_1, one column a threshold epsilon: of closeness [1] as shipped,\n"
+    "# of the control [rad/s^2] in the setting of the prototype.\n"
+    "# Written by `make baseline`.\n"
+)
 
 
 def row(summary: Summary) -> dict[str, object]:
@@ -62,8 +71,34 @@ def row(summary: Summary) -> dict[str, object]:
     }
 
 
+def table(results: Results) -> dict[str, object]:
+    """Return a sweep's starts and ends by ratio."""
+    rows = {
+        float(f"{ratio:.3g}"): [float(start) for start in starts]
+        for ratio, starts in zip(results["ratio"], results["actual_start"], strict=True)
+    }
+    return {
+        "epsilon": [float(epsilon) for epsilon in results["epsilon"]],
+        "approach_ends": float(np.median(results["switch_time"][:, 0])),
+        "actual_start": rows,
+        "capture_ends": [float(end) for end in results["completion_time"]],
+        "failed_solves": int(results["solves_failed"].sum()),
+    }
+
+
+def sweep(changes: list[str]) -> Results:
+    """Run the sweep over ratios with keys of the task changed."""
+    task = load_sweep_task(DEFAULT_TASK, tuple(changes), ())
+    return run_study(weight_study(task, (0, 1), parse_sampling(RATIOS, RANGE)))
+
+
+def save(name: str, header: str, tables: dict[str, dict[str, object]]) -> None:
+    """Write tables into a file beside this one."""
+    text = header + yaml.safe_dump(tables, sort_keys=False, default_flow_style=None, width=120)
+    Path(__file__).with_name(name).write_text(text, encoding="utf-8")
+
+
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as directory:
-        table = {name: row(measure(changes, Path(directory))) for name, changes in RUNS.items()}
-    text = HEADER + yaml.safe_dump(table, sort_keys=False, default_flow_style=None, width=120)
-    Path(__file__).with_suffix(".yaml").write_text(text, encoding="utf-8")
+    tasks = {name: psmpc.load_task("transport", changes) for name, changes in RUNS.items()}
+    save("baseline.yaml", HEADER, {name: row(psmpc.simulate(task).summary()) for name, task in tasks.items()})
+    save("weights.yaml", WEIGHTS_HEADER, {name: table(sweep(changes)) for name, changes in SETTINGS.items()})

@@ -1,29 +1,16 @@
-"""Faults injected into runs from outside: solver, plant and sensors are wrapped, and signals sent to processes."""
+"""Faults injected into runs from outside: solver, plant and sensors are wrapped."""
 
-import contextlib
-import io
-import signal
-import subprocess
-import sys
-import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 
-from psmpc_cli.cli.main import main
 from psmpc_cli.control.controller import State
-from psmpc_cli.logs.run import read_run
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant import Disturbance, Plant, Ticks
-from psmpc_cli.simulation import run as running
 from psmpc_cli.simulation.run import Experiment
 from psmpc_cli.solvers import Outcome, Solution, Solver
-from psmpc_cli.specs.load import Task
 
 Spoil = Callable[[float, Callable[[], Solution]], Solution]
 """Given the time of a window [s] and its solve, returns what the controller gets instead."""
@@ -99,43 +86,6 @@ def inject(experiment: Experiment, fault: Fault, seen: Seen) -> Experiment:
     return replace(experiment, plant=FaultyPlant(experiment.plant, fault.push, seen))
 
 
-@dataclass(frozen=True)
-class Ran:
-    """What came of a command: its exit code, what it wrote, and what the robot really did."""
-
-    code: int
-    out: str
-    err: str
-    seen: Seen
-
-
-def psmpc(fault: Fault, *arguments: str) -> Ran:
-    """Run a command of psmpc, in this process, on an experiment with a fault."""
-    build, seen = running.build_experiment, Seen()
-
-    def faulty(loaded: Task) -> Experiment:
-        return inject(build(loaded), fault, seen)
-
-    out, err, code = io.StringIO(), io.StringIO(), 0
-    with (
-        patch.object(running, "build_experiment", faulty),
-        patch.object(sys, "argv", ["psmpc", *arguments]),
-        contextlib.redirect_stdout(out),
-        contextlib.redirect_stderr(err),
-    ):
-        try:
-            main()
-        except SystemExit as left:
-            code = int(left.code or 0)
-    return Ran(code, out.getvalue(), err.getvalue(), seen)
-
-
-def simulate(fault: Fault, log: Path, task: str, *changes: str) -> Ran:
-    """Run `psmpc simulate` on a task with keys changed, into a log, without figures."""
-    settings = [word for change in changes for word in ("--set", change)]
-    return psmpc(fault, "simulate", task, "--no-figures", "-o", str(log), *settings)
-
-
 def during(first: float, samples: float, sample_time: float = 0.1) -> Callable[[float], bool]:
     """Return whether a time [s] is one of so many samples from the first on."""
     return lambda now: first - 1e-6 < now < first + (samples - 0.5) * sample_time
@@ -190,62 +140,3 @@ def pushed(at: float, **rates: float) -> Fault:
         return np.r_[x[:n], x[n : n + 3] + change, x[n + 3 :]]
 
     return Fault(push=push)
-
-
-TELLING = """
-from psmpc_cli.cli.main import main
-from psmpc_cli.simulation import run as running
-simulate = running.simulate
-def telling(task, path, watch, *rest, **named):
-    def tell(sample):
-        print("sample", flush=True)
-        watch(sample)
-    return simulate(task, path, tell, *rest, **named)
-running.simulate = telling
-print("started", flush=True)
-main()
-"""
-"""The command psmpc, which tells that it has started, and of every sample once it is in the log."""
-
-
-@dataclass(frozen=True)
-class Struck:
-    """What a run left that was ended by a signal.
-
-    Attributes:
-        code: Its exit code, as a shell gives it.
-        before: Samples it had told of when the signal was sent.
-        told: Samples it told of in all.
-        held: Samples in its log; None if there is no log.
-        err: What it wrote to standard error.
-        took: Time from the signal to its end [s].
-    """
-
-    code: int
-    before: int
-    told: int
-    held: int | None
-    err: str
-    took: float
-
-
-def strike(number: signal.Signals, log: Path, task: str, *changes: str, samples: int = 0, delay: float = 0.0) -> Struck:
-    """Run `psmpc simulate` in a process of its own, and send it a signal so long [s] after so many samples."""
-    settings = [word for change in changes for word in ("--set", change)]
-    command = [sys.executable, "-c", TELLING, "simulate", task, "--no-figures", "--quiet", "-o", str(log), *settings]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
-        assert child.stdout is not None
-        child.stdout.readline()
-        told = [child.stdout.readline() for _ in range(samples)]
-        reader = threading.Thread(target=lambda lines: told.extend(lines), args=(child.stdout,))
-        reader.start()
-        time.sleep(delay)
-        before, sent = len(told), time.monotonic()
-        child.send_signal(number)
-        code = child.wait()
-        took = time.monotonic() - sent
-        reader.join()
-        assert child.stderr is not None
-        err = child.stderr.read()
-    held = len(read_run(log).time) if log.exists() else None
-    return Struck(code if code >= 0 else 128 - code, before, len(told), held, err, took)

@@ -1,14 +1,13 @@
-"""Runs the transport task many times with an uncertainty, by controller: prints the table of docs/monte_carlo.md.
+"""Runs the transport task many times with an uncertainty: prints the table of docs/monte_carlo.md, and that on delays.
 
-    python benchmarks/monte_carlo.py [CONTROLLER=RUNS ...] [--jobs N] [-o DIR]
-    python benchmarks/monte_carlo.py psmpc=200 smpc=200 htmpc=50 hard=50        the default, some 13 minutes
+    python benchmarks/monte_carlo.py [CONTROLLER=RUNS ...]      by controller; by default `RUNS`, some 13 minutes
+    python benchmarks/monte_carlo.py delays                     late controls, known and not; docs/uncertainty.md
 
-The results of each controller go to a file in DIR, by default runs/. Stopped, it goes on where it was.
+The results of each row go to a file in runs/. Stopped, it goes on where it was.
 """
 
-import argparse
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,21 @@ UNCERTAINTY = (
     "uncertainty={mass: 0.1, inertia: 0.1, payload: {mass: 5, inertia: 0.67}, noise: {position: 1e-3, angle: 1e-3}}"
 )
 
+DELAYS = (
+    (0, 0, 0.03),
+    (1, 0, 0.03),
+    (1, 0, 1.0),
+    (1, 1, 0.03),
+    (2, 1, 0.03),
+    (2, 2, 0.03),
+    (5, 5, 0.03),
+    (10, 10, 0.03),
+)
+"""Samples of delay, how many of them the controller knows of, and W_r."""
+
+LATE_RUNS = 20
+EFFORT = "effort [m^2/s^3, rad^2/s^3]"
+LATE_HEADINGS = ("succeeded", "ends [s]", "final error [tolerances]", EFFORT, "failed solves a run", "why runs fail")
 HEADINGS = (
     "controller",
     "succeeded",
@@ -32,21 +46,21 @@ HEADINGS = (
     "final error [tolerances]",
     "velocity margin [%]",
     "object held [m]",
-    "effort [m^2/s^3, rad^2/s^3]",
+    EFFORT,
     "failed solves a run",
     "a run takes [s]",
 )
 
 
-def measure(controller: str, count: int, directory: Path, jobs: int) -> MonteCarloRuns:
-    """Make the runs of a controller that its file lacks, and return all of them."""
-    changes = ("controller.nodes=25", f"controller.kind={controller}", UNCERTAINTY)
-    study, path = monte_carlo_study("transport", count, changes), directory / f"monte-carlo-{controller}.h5"
+def measure(name: str, count: int, directory: Path, changes: Sequence[str]) -> MonteCarloRuns:
+    """Make the runs of a row that its file lacks, and return all of them."""
+    study = monte_carlo_study("transport", count, ("controller.nodes=25", UNCERTAINTY, *changes))
+    path = directory / f"{name}.h5"
 
     def told(progress: Progress) -> None:
-        sys.stderr.write(f"{controller}: {progress.ended} of {progress.runs} runs, {progress.failed} failed\n")
+        sys.stderr.write(f"{name}: {progress.ended} of {progress.runs} runs, {progress.failed} failed\n")
 
-    return MonteCarloRuns(run_study(study, path, jobs, resume=path.exists(), watch=told))
+    return MonteCarloRuns(run_study(study, path, 2, resume=path.exists(), watch=told))
 
 
 def row(controller: str, runs: MonteCarloRuns) -> tuple[str, ...]:
@@ -94,17 +108,38 @@ def failures(runs: MonteCarloRuns) -> Mapping[str, list[int]]:
     return found
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("counts", nargs="*", metavar="CONTROLLER=RUNS")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("-o", dest="directory", type=Path, default=Path("runs"))
-    given = parser.parse_args()
-    counts = {name: int(count) for name, _, count in (each.partition("=") for each in given.counts)} or RUNS
-    measured = {name: measure(name, count, given.directory, given.jobs) for name, count in counts.items()}
-    print("\n".join(table(measured)))
+def late(directory: Path) -> Iterator[str]:
+    """Give the lines of the table on delays."""
+    rows = []
+    for delay, known, weight in DELAYS:
+        weights = (f"skills.{skill}.weights.control={weight}" for skill in ("move", "reach"))
+        changes = (f"uncertainty.delay={delay}", f"controller.known_delay={known}", *weights)
+        runs = measure(f"delay-{delay}-{known}-{weight:g}", LATE_RUNS, directory, changes)
+        cells = (
+            f"{int(runs.succeeded.sum())} of {int(runs.made.sum())}",
+            spread(runs.end_time, 1),
+            spread(runs["final_error"], 2),
+            spread(runs["control_effort"], 0),
+            f"{np.maximum(runs['solves_failed'], 0).mean():.1f}",
+            "; ".join(f"{len(seeds)}: {reason}" for reason, seeds in failures(runs).items()),
+        )
+        rows.append((delay, known, f"{weight:g}", *cells))
+    return markdown(("delay [samples]", "known", "W_r", *LATE_HEADINGS), rows)
+
+
+def main(directory: Path, words: Sequence[str]) -> Iterator[str]:
+    """Measure; give the lines of the table."""
+    directory.mkdir(exist_ok=True)
+    if words == ["delays"]:
+        return late(directory)
+    counts = {name: int(count) for name, _, count in (each.partition("=") for each in words)} or RUNS
+    return table(
+        {
+            name: measure(f"monte-carlo-{name}", count, directory, [f"controller.kind={name}"])
+            for name, count in counts.items()
+        }
+    )
 
 
 if __name__ == "__main__":
-    main()
+    print("\n".join(main(Path("runs"), sys.argv[1:])))

@@ -4,6 +4,8 @@ python benchmarks/performance_table.py runs [NODES]     whole runs of the transp
 python benchmarks/performance_table.py windows          solves of single windows by every back-end; 10 to 15 minutes
 python benchmarks/performance_table.py freedom          how solve times grow with the robot; some minutes
 python benchmarks/performance_table.py space [REPEAT]   a robot in space beside the planar one; two minutes
+python benchmarks/performance_table.py overhead [NODES] what a sample costs besides its solve
+python benchmarks/performance_table.py parallel         what a second process brings a sweep; docs/sweeps.md
 """
 
 import os
@@ -13,24 +15,22 @@ os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy is loaded
 import math
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pages import PSMPC, markdown
 
-from psmpc_cli.control.controller import Command, Controller, State
 from psmpc_cli.logs.run import read_run
 from psmpc_cli.logs.summary import Summary
+from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.robot.model import build_model
-from psmpc_cli.simulation.measures import Counterfactuals
-from psmpc_cli.simulation.run import build_experiment, closed_loop
+from psmpc_cli.simulation.run import build_experiment, closed_loop, header
 from psmpc_cli.solvers import Solution, build_solver
 from psmpc_cli.specs.document import Data, write
 from psmpc_cli.specs.load import Task, load_robot, load_task, parse_task
@@ -45,6 +45,8 @@ from psmpc_cli.studies.bench import (
     median_time,
     run_bench,
 )
+from psmpc_cli.studies.runner import compute, run_study
+from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, parse_sampling, weight_study
 
 RUNS: Mapping[str, Sequence[str]] = {
     "as shipped": (),
@@ -81,6 +83,11 @@ GROWTH = ("solver", "start", "stages", "exponent")
 
 PLANAR, SPATIAL = "transport", "servicing"
 """The tasks whose windows are solved in turn."""
+
+PARTS = ("solve", "counterfactual solves", "plant", "log", "rest", "whole sample")
+
+ITEMS, ADDITIONS, ROUNDS = 16, 40_000_000, 3
+"""Calls of a loop of pure arithmetic, additions in each, and how often everything is timed."""
 
 MESHES = {"25": 6, "100": 6, "auto": 0}
 """Meshes of these windows, and how many of the spatial ones IPOPT solves."""
@@ -154,19 +161,22 @@ def freedom() -> Iterator[str]:
     yield from markdown(GROWTH, growth({f"{arms} x {joints}": 3.0 + arms * joints for arms, joints in ROBOTS}, robots))
 
 
-class TimedController(Controller):
-    """A controller that keeps the processor time of each of its decisions [s]."""
+def timed(subject: object, names: Sequence[str], clock: Callable[[], float] = perf_counter) -> list[float]:
+    """Let methods of an object put the time that each call takes into a list [s], and return the list."""
+    spent: list[float] = []
 
-    def __init__(self, problem: Problem) -> None:
-        super().__init__(problem)
-        self.busy: list[float] = []
+    def timing(method: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **named: Any) -> Any:
+            began = clock()
+            result = method(*arguments, **named)
+            spent.append(clock() - began)
+            return result
 
-    def step(self, time: float, state: State, object_pose: np.ndarray | None = None) -> Command:
-        """Decide as any controller does."""
-        began = process_time()
-        command = super().step(time, state, object_pose)
-        self.busy.append(process_time() - began)
-        return command
+        return call
+
+    for name in names:
+        setattr(subject, name, timing(getattr(subject, name)))
+    return spent
 
 
 class WholeRun(NamedTuple):
@@ -208,13 +218,12 @@ def space(repeat: str = "5") -> Iterator[str]:
 
 def _whole_run(name: str, nodes: str) -> WholeRun:
     experiment = build_experiment(load_task(name, [f"controller.nodes={nodes}", "log.shares=false"]))
-    controller = TimedController(experiment.problem)
-    experiment = replace(experiment, controller=controller, counterfactuals=Counterfactuals(controller))
+    busy = timed(experiment.controller, ["step"], process_time)
     warm, times = list[tuple[Solution, Solution]](), list[tuple[float, float]]()
     before = None
     for sample in closed_loop(experiment):
         solution = sample.command.solution
-        times.append((sample.command.solve_time, controller.busy[-1]))
+        times.append((sample.command.solve_time, busy[-1]))
         if before is not None and solution.warm and solution.outcome.usable and len(solution.window.stages) == 2:
             warm.append((solution, before))
         before = solution
@@ -281,6 +290,72 @@ def growth(sizes: Mapping[str, float], bench: Bench) -> Iterator[Sequence[str]]:
 
 def _number(value: float) -> str:
     return f"{value:.2f}" if np.isfinite(value) else "-"
+
+
+def overhead(nodes: str = "25") -> Iterator[str]:
+    """Yield the table of what a sample costs: times are the least of three runs, which are equal sample by sample.
+
+    The rest is all but the solve behind the command, counterfactual solves, plant and log.
+    """
+    runs = [np.min([_sample_parts(int(nodes), shares) for _ in range(3)], axis=0) for shares in (False, True)]
+    columns = [1e3 * np.median(times, axis=0) for times in runs]
+    rows = [(name, *(f"{times[i]:.2f}" for times in columns)) for i, name in enumerate(PARTS)]
+    solve, rest, whole = (columns[0][PARTS.index(name)] for name in ("solve", "rest", "whole sample"))
+    rows.append(("rest over solve, at most 0.4", f"{rest / solve:.2f}", ""))
+    rows.append(("whole sample over solve, at most 1.8", f"{whole / solve:.2f}", ""))
+    return markdown((f"median of a sample, N_s = {nodes} [ms]", "without shares", "with shares"), rows)
+
+
+def _sample_parts(nodes: int, shares: bool) -> np.ndarray:
+    """Return what the parts of each sample of a run took (K, parts) [s]."""
+    experiment = build_experiment(load_task("transport", {"controller.nodes": nodes, "log.shares": shares}))
+    spent = timed(experiment.counterfactuals, ["presence", "shares"]), timed(experiment.plant, ["advance"])
+    found: list[list[float]] = []
+    with TemporaryDirectory() as folder, LogWriter(Path(folder) / "run.h5", header(experiment)) as writer:
+        began = perf_counter()
+        for sample in closed_loop(experiment):
+            decided = perf_counter()
+            writer.append(sample)
+            ended = perf_counter()
+            parts = [sample.command.solve_time, *map(sum, spent), ended - decided]
+            found.append([*parts, ended - began - sum(parts), ended - began])
+            for times in spent:
+                times.clear()
+            began = perf_counter()
+    return np.array(found)
+
+
+def parallel() -> Iterator[str]:
+    """Yield the table of what a second process brings; all is timed in turn, so that other load falls on all alike."""
+    timings: dict[str, Callable[[int], float]] = {
+        "a loop of arithmetic": _loop_time,
+        "16 runs of a sweep that share nothing": _sweep_time,
+    }
+    times: dict[tuple[str, int], list[float]] = {(name, jobs): [] for name in timings for jobs in (1, 2)}
+    _sweep_time(2)  # whatever is compiled is compiled now
+    for _ in range(ROUNDS):
+        for name, jobs in times:
+            times[name, jobs].append(timings[name](jobs))
+    rows = []
+    for name in timings:
+        one, two = (float(np.median(times[name, jobs])) for jobs in (1, 2))
+        rows.append((name, f"{one:.1f}", f"{two:.1f}", f"{one / two / 2:.2f}"))
+    return markdown(("", "one process [s]", "two [s]", "efficiency of two"), rows)
+
+
+def _loop_time(jobs: int) -> float:
+    """Return how long loops of arithmetic take in so many processes [s]."""
+    began = perf_counter()
+    list(compute(sum, [range(ADDITIONS)] * ITEMS, jobs))
+    return perf_counter() - began
+
+
+def _sweep_time(jobs: int) -> float:
+    """Return how long a sweep of runs that share nothing takes in so many processes [s]."""
+    study = weight_study(load_sweep_task(DEFAULT_TASK), (0, 1), parse_sampling("4x4", (1e-1, 1e2)), every_cell=True)
+    began = perf_counter()
+    run_study(study, None, jobs)
+    return perf_counter() - began
 
 
 def sized_task(arms: int, joints: int) -> Task:
@@ -355,6 +430,7 @@ def _poses(robot: Mapping[str, Data], arms: int, joints: int) -> dict[str, Data]
     return {part: [float(value) for value in xi[rows]] for part, rows in model.pose_rows.items()}
 
 
+TABLES = {each.__name__: each for each in (runs, windows, freedom, space, overhead, parallel)}
+
 if __name__ == "__main__":
-    name, *words = sys.argv[1:]
-    print("\n".join({"runs": runs, "windows": windows, "freedom": freedom, "space": space}[name](*words)))
+    print("\n".join(TABLES[sys.argv[1]](*sys.argv[2:])))

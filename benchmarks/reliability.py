@@ -12,29 +12,24 @@ import resource
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from contextlib import redirect_stderr
+from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Thread
+from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
-from faults import (
-    Fault,
-    Struck,
-    during,
-    meaningless,
-    not_converging,
-    pushed,
-    raising,
-    simulate,
-    strike,
-    unmeasured,
-)
-from pages import markdown
+from faults import Fault, Seen, during, inject, meaningless, not_converging, pushed, raising, unmeasured
+from pages import PSMPC, markdown
 
+from psmpc_cli.cli.main import main as psmpc
 from psmpc_cli.logs.run import Run, read_run
+from psmpc_cli.simulation import run as running
 
 TASK = ("controller.nodes=25", "log.shares=false")
 SQP = (*TASK, "solver.kind=sqp")
@@ -80,33 +75,40 @@ FAULTS: dict[str, tuple[Fault, Sequence[str]]] = {
 """What goes wrong from which sample on, and the keys that are changed."""
 
 
-@dataclass(frozen=True)
-class Row:
-    """What came of a fault; empty where there is nothing to say. `safe` says whether it was to be expected."""
+def simulate(log: Path, fault: Fault, changes: Sequence[str]) -> tuple[int, Seen]:
+    """Run `psmpc simulate transport` in this process with a fault; return the exit code and what the robot did."""
+    build, seen = running.build_experiment, Seen()
+    words = [*arguments(log, changes), "--quiet"]
+    with (
+        patch.object(running, "build_experiment", lambda task: inject(build(task), fault, seen)),
+        patch.object(sys, "argv", ["psmpc", *words]),
+        redirect_stderr(StringIO()),
+    ):
+        try:
+            psmpc()
+        except SystemExit as left:
+            return int(left.code or 0), seen
+    return 0, seen
 
-    what: str
-    flags: str
-    end: str
-    largest: str
-    code: int
-    safe: bool = True
+
+def arguments(log: Path, changes: Sequence[str]) -> list[str]:
+    """Return the words that run the transport task into a log, after `psmpc`."""
+    return ["simulate", "transport", "--no-figures", "-o", str(log), *(w for key in changes for w in ("--set", key))]
 
 
-def in_the_loop(log: Path, fault: Fault, changes: Sequence[str]) -> Row:
-    """Run the transport task with a fault, and once more, which must be refused."""
-    ran = simulate(fault, log, "transport", *changes)
-    found, before = read_run(log), log.read_bytes()
-    refused = simulate(Fault(), log, "transport", *changes).code == 2 and log.read_bytes() == before
-    rate, force = float(ran.seen.rates.max()), float(ran.seen.forces.max())
-    bounded = rate <= RATES and force <= FORCE
-    return Row(
-        what=str(found.attributes["end_reason"]),
-        flags=flags(found),
-        end=stages_done(found),
-        largest=f"{rate:.2f}, {force:.0f}",
-        code=ran.code,
-        safe=bounded and refused and ran.code == (3 if "braked to rest" in str(found.attributes["end_reason"]) else 0),
-    )
+def is_kept(log: Path) -> bool:
+    """Run into a log once more; tell whether that is rejected and leaves it as it is."""
+    before = log.read_bytes()
+    return simulate(log, Fault(), SQP)[0] == 2 and log.read_bytes() == before
+
+
+def in_the_loop(name: str, log: Path, fault: Fault, changes: Sequence[str]) -> Line:
+    """Run the transport task with a fault, and once more, which must be rejected."""
+    code, seen = simulate(log, fault, changes)
+    found, rate, force = read_run(log), float(seen.rates.max()), float(seen.forces.max())
+    reason = str(found.attributes["end_reason"])
+    safe = rate <= RATES and force <= FORCE and is_kept(log) and code == (3 if "braked to rest" in reason else 0)
+    return (name, reason, flags(found), stages_done(found), f"{rate:.2f}, {force:.0f}", str(code)), safe
 
 
 def flags(log: Run) -> str:
@@ -122,16 +124,16 @@ def stages_done(log: Run) -> str:
     return f"{done} of {len(log.stage_names)}, {log.summary().duration:.1f} s"
 
 
-def outputs(folder: Path) -> Iterator[tuple[str, Row]]:
+def outputs(folder: Path) -> Iterator[Line]:
     """Give what comes of logs that cannot be written, or not to their end."""
     taken = folder / "taken.h5"
     taken.write_text("mine")
-    yield "the log exists already", written(taken)
-    yield "the log is /dev/full", written(Path("/dev/full"))
-    yield "a directory that takes no files", written(unwritable(folder) / "log.h5")
-    yield "the disk is full after 1 MB", written(folder / "full.h5", limit=1_000_000)
+    yield written("the log exists already", taken)
+    yield written("the log is /dev/full", Path("/dev/full"))
+    yield written("a directory that takes no files", unwritable(folder) / "log.h5")
+    yield written("the disk is full after 1 MB", folder / "full.h5", limit=1_000_000)
     (folder / "gone").mkdir()
-    yield "the directory is removed during the run", removed(folder / "gone" / "log.h5")
+    yield removed("the directory is removed during the run", folder / "gone" / "log.h5")
 
 
 def unwritable(folder: Path) -> Path:
@@ -141,92 +143,126 @@ def unwritable(folder: Path) -> Path:
     return Path("/sys") if os.access(closed, os.W_OK) else closed
 
 
-def command(log: Path) -> list[str]:
-    """Return the command that runs the transport task into a log."""
-    settings = [word for change in SQP for word in ("--set", change)]
-    start = [sys.executable, "-c", "from psmpc_cli.cli.main import main; main()"]
-    return [*start, "simulate", "transport", "--no-figures", "--quiet", "-o", str(log), *settings]
-
-
-def written(log: Path, limit: int | None = None) -> Row:
+def written(name: str, log: Path, limit: int = resource.RLIM_INFINITY) -> Line:
     """Run the transport task into a log, which may grow no larger than the limit [bytes]."""
-
-    def confine() -> None:
-        if limit is not None:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
     before = log.read_bytes() if log.is_file() else b""
-    done = subprocess.run(command(log), capture_output=True, text=True, check=False, preexec_fn=confine)
-    return afterwards(log, done.stderr, done.returncode, before)
+    done = subprocess.run(
+        [*PSMPC, *arguments(log, SQP), "--quiet"],
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )
+    return afterwards(name, log, done.stderr, done.returncode, before)
 
 
-def removed(log: Path) -> Row:
+def removed(name: str, log: Path) -> Line:
     """Run the transport task into a log, whose directory is removed in the midst of it."""
-    with subprocess.Popen(command(log), stderr=subprocess.PIPE, text=True) as child:
+    command = [*PSMPC, *arguments(log, SQP), "--quiet"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as child:
         while not log.exists() and child.poll() is None:
             pass
         time.sleep(0.5)
         log.unlink()
         log.parent.rmdir()
         _, err = child.communicate()
-    return afterwards(log, err, child.returncode, b"")
+    return afterwards(name, log, err, child.returncode, b"")
 
 
-def afterwards(log: Path, err: str, code: int, before: bytes) -> Row:
+def afterwards(name: str, log: Path, err: str, code: int, before: bytes) -> Line:
     """Return what a command left: what it said last, and its log."""
     said = err.splitlines()[-1].removeprefix("psmpc: ").replace(str(log), "LOG").replace(str(log.parent), "DIR")
     if code == 2:
         untouched = not log.is_file() or log.read_bytes() == before
-        return Row(said, "", "nothing is written", "", code, untouched)
+        return (name, said, "", "nothing is written", "", "2"), untouched
     if not log.exists():
-        return Row(said, "", "no log is left", "", code, code == 3)
+        return (name, said, "", "no log is left", "", str(code)), code == 3
     found = read_run(log)
-    return Row(said, flags(found), stages_done(found), "", code, code == 3 and len(found.time) > 0)
+    return (name, said, flags(found), stages_done(found), "", str(code)), code == 3 and len(found.time) > 0
+
+
+TELLING = """
+from psmpc_cli.cli.main import main
+from psmpc_cli.simulation import run as running
+simulate = running.simulate
+def telling(task, path, watch, *rest, **named):
+    def tell(sample):
+        print("sample", flush=True)
+        watch(sample)
+    return simulate(task, path, tell, *rest, **named)
+running.simulate = telling
+print("started", flush=True)
+main()
+"""
+"""The command psmpc, which tells that it has started, and of every sample once it is in the log."""
+
+
+class Struck(NamedTuple):
+    """What a run left that was ended by a signal.
+
+    Attributes:
+        code: Its exit code, as a shell gives it.
+        before: Samples it had told of when the signal was sent.
+        told: Samples it told of in all.
+        held: Samples in its log; None if there is no log.
+        took: Time from the signal to its end [s].
+    """
+
+    code: int
+    before: int
+    told: int
+    held: int | None
+    took: float
+
+
+def strike(number: signal.Signals, log: Path, changes: Sequence[str], samples: int, delay: float) -> Struck:
+    """Run the transport task in a process of its own, and send it a signal so long [s] after so many samples."""
+    command = [sys.executable, "-c", TELLING, *arguments(log, changes), "--quiet"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        told = [child.stdout.readline() for _ in range(samples)]
+        reader = Thread(target=lambda lines: told.extend(lines), args=(child.stdout,))
+        reader.start()
+        time.sleep(delay)
+        before, sent = len(told), time.monotonic()
+        child.send_signal(number)
+        code = child.wait()
+        took = time.monotonic() - sent
+        reader.join()
+    held = len(read_run(log).time) if log.exists() else None
+    return Struck(code if code >= 0 else 128 - code, before, len(told), held, took)
 
 
 def signals(folder: Path, number: signal.Signals, name: str, changes: Sequence[str], count: int) -> Line:
     """Return the row of runs that a signal ends at random instants, and whether all were safe."""
     rng = np.random.default_rng(0)
     instants = [(int(samples), float(rng.uniform(0, 0.2))) for samples in rng.integers(0, 120, count)]
-
-    def run(i: int) -> tuple[Path, Struck]:
-        log, (samples, delay) = folder / f"{name}-{i}.h5", instants[i]
-        return log, strike(number, log, "transport", *changes, samples=samples, delay=delay)
-
+    logs = [folder / f"{name}-{i}.h5" for i in range(count)]
     with ThreadPoolExecutor(max_workers=2) as both:
-        ended = list(both.map(run, range(count)))
-    safe = all(one.code == 128 + number and complete(log, one) for log, one in ended)
-    later = [one.told - one.before for _, one in ended]
-    started = [one for _, one in ended if one.held is not None]
-    lost = sum(max(0, one.told - (one.held or 0)) for one in started)
+        ended = list(both.map(lambda log, at: strike(number, log, changes, *at), logs, instants))
+    started = [(log, one) for log, one in zip(logs, ended, strict=True) if one.held is not None]
+    lost = [max(0, one.told - (one.held or 0)) for _, one in started]
+    safe = all(one.code == 128 + number and (one.held is not None or not one.told) for one in ended)
+    safe &= not any(lost) and all(is_kept(log) for log, _ in started)
     columns = (
         name,
         f"{count}",
-        f"{min(one.before for one in started)} to {max(one.before for one in started)}",
-        f"{max(later)}",
-        f"{max(one.took for _, one in ended):.1f} s",
-        f"{lost}",
+        f"{min(one.before for _, one in started)} to {max(one.before for _, one in started)}",
+        f"{max(one.told - one.before for one in ended)}",
+        f"{max(one.took for one in ended):.1f} s",
+        f"{sum(lost)}",
         f"{len(started)} of {len(started)}" if safe else "NOT ALL",
-        ", ".join(sorted({str(one.code) for _, one in ended})),
+        ", ".join(sorted({str(one.code) for one in ended})),
     )
     return columns, safe
 
 
-def complete(log: Path, struck: Struck) -> bool:
-    """Return whether a log holds all that was told of, and a second run leaves it alone."""
-    if struck.held is None:
-        return struck.told == 0
-    before = log.read_bytes()
-    again = simulate(Fault(), log, "transport", *SQP)
-    return struck.held >= struck.told and again.code == 2 and log.read_bytes() == before
-
-
 def closed_loop(folder: Path) -> Iterator[Line]:
     """Yield the rows of faults in the loop and in the output."""
-    results = ((name, in_the_loop(folder / f"{i}.h5", *what)) for i, (name, what) in enumerate(FAULTS.items()))
-    for rows in (results, outputs(folder)):
-        for name, row in rows:
-            yield (name, row.what, row.flags, row.end, row.largest, str(row.code)), row.safe
+    for i, (name, what) in enumerate(FAULTS.items()):
+        yield in_the_loop(name, folder / f"{i}.h5", *what)
+    yield from outputs(folder)
 
 
 def ended_by_signals(folder: Path) -> Iterator[Line]:
@@ -263,7 +299,7 @@ def main(name: str) -> int:
     """Print a table; return how many rows were not as they should be."""
     rows, headings = TABLES[name]
     lines = []
-    with tempfile.TemporaryDirectory() as folder:
+    with TemporaryDirectory() as folder:
         for columns, safe in rows(Path(folder)):
             sys.stderr.write(f"{'' if safe else 'NOT AS IT SHOULD BE: '}{columns[0]}\n")
             lines.append((columns, safe))

@@ -2,34 +2,186 @@
 
     python benchmarks/peers/compare.py          with .venv-rockit and .venv-do-mpc beside it
 
-`make peers` makes the environments and does this. The exit code is 1 where objectives differ by more than 1e-3 relative
-or instants by more than 20 ms from those of fatrop.
+`make docs-tables ONLY=peers` makes the environments and does this. The windows are those of a closed loop at N_s = 25.
+Each is solved from two starts: cold from rest, its stages of equal length, and warm from the optimum of the sample
+before at the same N_s, moved on by a sample. Times are those of a core, in the peers as well, so that what else the
+machine does hardly counts. The exit code is 1 where objectives differ by more than 1e-3 relative or instants by more
+than 20 ms from those of fatrop.
 """
 
 import json
 import subprocess
 import sys
-import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import process_time
 from typing import Any
 
-import export
+import numpy as np
+from window import Solve, measured
+
+from psmpc_cli.ocp.plan import Plan, resting_plan, shift
+from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.ocp.window import Window, end_tolerance, on_mesh, shortest_durations
+from psmpc_cli.simulation.run import build_experiment, closed_loop
+from psmpc_cli.solvers import Solution, Solver, build_solver
+from psmpc_cli.specs.load import load_task
+from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.task import SolverSpec
 
 HERE = Path(__file__).parent
 PEERS = {"rockit": ".venv-rockit", "do_mpc": ".venv-do-mpc"}
 REFERENCE = "psmpc, fatrop"
 OBJECTIVE, INSTANT = 1e-3, 0.02
+HEADINGS = (
+    "| window | N_s | program | build [s] | cold [ms] | warm [ms] | warm over sqp | J apart | instants apart [ms] |"
+)
 
 Result = Mapping[str, Any]
 
+AT = {"one stage": 3.0, "two stages": 8.0}
+"""When each window is solved [s]: Approach alone, and Approach with Capture."""
+
+NODES = (25, 50, 100)
+SOLVERS = ("sqp", "fatrop", "ipopt")
+REPEATS = 5
+QUICK = ("controller.nodes=25", "solver.kind=sqp", "plant.kind=ideal")
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a solve of a window starts: a plan on its mesh, and the solution of the sample before, if any."""
+
+    guess: Plan
+    previous: Solution | None = None
+
+
+def recorded() -> tuple[Problem, dict[str, tuple[Solution, Solution]]]:
+    """Run until the last window of `AT` and return the solve of each after the one of the sample before."""
+    experiment = build_experiment(load_task("transport", QUICK))
+    solves: list[Solution] = []
+    for sample in closed_loop(experiment):
+        solves.append(sample.command.solution)
+        if sample.command.time >= max(AT.values()) - 1e-9:
+            break
+    step = experiment.problem.spec.controller.sample_time
+    at = {name: round(time / step) for name, time in AT.items()}
+    return experiment.problem, {name: (solves[k - 1], solves[k]) for name, k in at.items()}
+
+
+def meshed(window: Window, nodes: int) -> Window:
+    """Return a window with so many intervals a stage."""
+    return replace(window, nodes=(nodes,) * len(window.stages))
+
+
+def starts(solver: Solver, pair: tuple[Solution, Solution], nodes: int) -> dict[str, Start]:
+    """Return the cold and the warm start of a window on a mesh."""
+    window, count = meshed(pair[1].window, nodes), len(pair[1].window.stages)
+    equal = window.start + window.horizon * np.arange(1, count) / count
+    rest = replace(resting_plan(window.start, window.horizon, window.K, window.x0), instants=equal)
+    before = solver.solve(meshed(pair[0].window, nodes), pair[0].guess)
+    assert before.outcome.usable, "the run's windows have solutions"
+    moved = shift(before.plan, window.start, window.horizon, window.x0)
+    return {"cold": Start(on_mesh(rest, window)), "warm": Start(on_mesh(moved, window), before)}
+
+
+def window_numbers(window: Window, by_nodes: dict[int, dict[str, Start]]) -> dict[str, Any]:
+    """Return every number of a window, and its starts by N_s."""
+    largest, shortest = float(window.omega.max()), shortest_durations(window)
+    stages = [
+        {
+            "space": stage.space,
+            "omega": float(window.omega[s]) / largest,
+            "offset": float(window.offset[s]),
+            "scale": float(window.scale[s]),
+            "weights": stage.weights.tolist(),
+            "control_weights": stage.control_weights.tolist(),
+            "target": stage.target.tolist(),
+            "end_rows": list(stage.end_rows) if s < len(window.stages) - 1 else [],
+            "tolerance": end_tolerance(stage).tolist() if s < len(window.stages) - 1 else [],
+            "shortest": float(shortest[s]),
+            "low": np.r_[stage.limits.position_low, stage.limits.velocity_low].tolist(),
+            "high": np.r_[stage.limits.position_high, stage.limits.velocity_high].tolist(),
+        }
+        for s, stage in enumerate(window.stages)
+    ]
+    return {
+        "x0": window.x0.tolist(),
+        "horizon": window.horizon,
+        "pending_cost": window.pending_cost,
+        "stages": stages,
+        "starts": {
+            str(nodes): {name: _plain(start.guess, window) for name, start in starts.items()}
+            for nodes, starts in by_nodes.items()
+        },
+    }
+
+
+def _plain(plan: Plan, window: Window) -> dict[str, Any]:
+    """Return states, controls and free durations of a plan."""
+    durations = np.diff(plan.instants, prepend=window.start)
+    return {"X": plan.X.tolist(), "u": plan.u.tolist(), "durations": durations.tolist()}
+
+
+def robot_numbers(robot: RobotSpec) -> list[dict[str, Any]]:
+    """Return the geometry of the arms."""
+    return [
+        {
+            "mount": list(arm.mount.position),
+            "mount_angle": arm.mount.angle,
+            "lengths": [link.a + link.b for link in arm.links],
+            "tool_angle": arm.tool.angle,
+        }
+        for arm in robot.arms.values()
+    ]
+
+
+def own_results(
+    problem: Problem, pairs: dict[str, tuple[Solution, Solution]], begins: dict[str, dict[int, dict[str, Start]]]
+) -> Iterator[Result]:
+    """Give what each solver of psmpc makes of each window at each N_s."""
+    for nodes, (name, pair), kind in product(NODES, pairs.items(), SOLVERS):
+        print(f"psmpc {kind}, {name}, N_s = {nodes}", file=sys.stderr)
+        build = partial(own_solve, problem, meshed(pair[1].window, nodes), kind)
+        found = measured(build, begins[name][nodes], REPEATS)
+        yield {"program": f"psmpc, {kind}", **found, "window": name, "nodes": nodes}
+
+
+def own_solve(problem: Problem, window: Window, kind: str) -> Solve:
+    """Return what solves a window from a start with a solver of psmpc."""
+    solver = build_solver(problem, SolverSpec(kind=kind))
+
+    def solve(start: Start) -> dict[str, Any]:
+        began = process_time()
+        solution = solver.solve(window, start.guess, start.previous)
+        return {
+            "time": process_time() - began,
+            "status": solution.outcome.name.lower(),
+            "objective": solution.objective,
+            "instants": (solution.plan.instants - window.start).tolist(),
+            "iterations": solution.iterations,
+        }
+
+    return solve
+
 
 def results(directory: Path) -> list[Result]:
-    """Return what every program makes of every window."""
-    export.main(directory)
+    """Return what every program makes of every window; the peers read them from a file."""
+    problem, pairs = recorded()
+    fatrop = build_solver(problem, SolverSpec(kind="fatrop"))
+    begins = {name: {nodes: starts(fatrop, pair, nodes) for nodes in NODES} for name, pair in pairs.items()}
+    windows = {name: window_numbers(pair[1].window, begins[name]) for name, pair in pairs.items()}
+    numbers = {"arms": robot_numbers(problem.task.robot), "repeats": REPEATS, "windows": windows}
+    (directory / "windows.json").write_text(json.dumps(numbers), encoding="utf-8")
+    found = list(own_results(problem, pairs, begins))
     for name, environment in PEERS.items():
         subprocess.run([HERE / environment / "bin" / "python", HERE / f"{name}_peer.py", directory], check=True)
-    return [row for name in ("psmpc", *PEERS) for row in json.loads((directory / f"{name}.json").read_text())]
+        found += json.loads((directory / f"{name}.json").read_text())
+    return found
 
 
 def apart(row: Result, reference: Result, start: str) -> tuple[float, float]:
@@ -39,13 +191,9 @@ def apart(row: Result, reference: Result, start: str) -> tuple[float, float]:
     return abs(found["objective"] / expected["objective"] - 1), max(instants, default=0.0)
 
 
-def print_table(rows: list[Result]) -> bool:
-    """Print the results by window and N_s; return whether all programs agree."""
-    agree = True
-    print(
-        "| window | N_s | program | build [s] | cold [ms] | warm [ms] | warm over sqp | J apart | instants apart [ms] |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|")
+def table(rows: list[Result]) -> tuple[list[str], bool]:
+    """Return the table of the results by window and N_s, and whether all programs agree."""
+    lines, agree = [HEADINGS, "|---" * HEADINGS.count(" | ") + "|---|"], True
     for window, nodes in dict.fromkeys((row["window"], row["nodes"]) for row in rows):
         here = {row["program"]: row for row in rows if (row["window"], row["nodes"]) == (window, nodes)}
         fastest = here["psmpc, sqp"]["warm"]["time"]
@@ -55,15 +203,15 @@ def print_table(rows: list[Result]) -> bool:
             agree &= objective <= OBJECTIVE and instant <= INSTANT
             cold, warm = (f"{1e3 * row[start]['time']:.1f} ({row[start]['iterations']})" for start in ("cold", "warm"))
             ratio = row["warm"]["time"] / fastest
-            print(
+            lines.append(
                 f"| {window} | {nodes} | {program} | {row['build']:.2f} | {cold} | {warm} | {ratio:.0f} "
                 f"| {objective:.0e} | {1e3 * instant:.2f} |"
             )
-    return agree
+    return lines, agree
 
 
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as temporary:
-        found = results(Path(temporary))
-    sys.stdout.flush()
-    raise SystemExit(0 if print_table(found) else 1)
+    with TemporaryDirectory() as temporary:
+        lines, agree = table(results(Path(temporary)))
+    print("\n".join(lines))
+    raise SystemExit(0 if agree else 1)

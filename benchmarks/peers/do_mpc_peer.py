@@ -3,21 +3,20 @@
 python do_mpc_peer.py DIRECTORY          reads windows.json, writes do_mpc.json
 """
 
-import json
 import sys
 import time
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 for category in (UserWarning, FutureWarning):  # optional packages that it misses, and its use of an older CasADi
     warnings.filterwarnings("ignore", category=category)
 
 import do_mpc  # noqa: E402
-from window import Start, Window, read_windows  # noqa: E402
+from window import Solve, Start, Window, write_results  # noqa: E402
 
 
 def controller(window: Window, nodes: int) -> do_mpc.controller.MPC:
@@ -70,30 +69,10 @@ def objective(mpc: do_mpc.controller.MPC) -> float:
     return float(J(mpc.opt_x_num.cat, mpc.opt_p_num.cat))
 
 
-def result(window: Window, nodes: int) -> dict[str, Any]:
-    """Return what do-mpc makes of a window from each of its starts."""
-    began = time.process_time()
-    mpc = controller(window, nodes)
-    build = time.process_time() - began
-    found = {}
-    for name, start in window.starts[nodes].items():
-        first = solve(mpc, window, start)
-        times = [solve(mpc, window, start)["time"] for _ in range(window.repeats)]
-        found[name] = first | {"time": float(np.median(times))}
-    return {"build": build, **found}
-
-
-def main(directory: Path) -> None:
-    """Solve every window of one stage and write the results."""
-    results = []
-    for name, window in read_windows(directory / "windows.json").items():
-        if len(window.stages) > 1:
-            continue
-        for nodes in window.starts:
-            print(f"do-mpc, {name}, N_s = {nodes}", flush=True)
-            results.append({"program": "do-mpc", "window": name, "nodes": nodes, **result(window, nodes)})
-    (directory / "do_mpc.json").write_text(json.dumps(results), encoding="utf-8")
+def build(window: Window, nodes: int) -> Solve:
+    """Return what solves a window from a start."""
+    return partial(solve, controller(window, nodes), window)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    write_results(Path(sys.argv[1]), "do_mpc", {"do-mpc": build}, most_stages=1)

@@ -3,15 +3,15 @@
 python rockit_peer.py DIRECTORY          reads windows.json, writes rockit.json
 """
 
-import json
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rockit import FreeTime, MultipleShooting, Ocp
-from window import Start, Window, read_windows
+from window import Solve, Start, Window, write_results
 
 QUIET = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
 VARIANTS = {"rockit": {}, "rockit, expand": {"expand": True}}
@@ -89,32 +89,16 @@ class Problem:
         }
 
 
-def result(window: Window, nodes: int, options: dict[str, object]) -> dict[str, Any]:
-    """Return what rockit makes of a window from each of its starts."""
-    began = time.process_time()
+def build(options: dict[str, object], window: Window, nodes: int) -> Solve:
+    """Return what solves a window from a start."""
     problem = Problem(window, nodes, options)
-    build = time.process_time() - began
-    found = {}
-    for name, start in window.starts[nodes].items():
+
+    def solve(start: Start) -> dict[str, Any]:
         problem.start_from(start)
-        solved = [problem.solve() for _ in range(window.repeats + 1)]
-        again = float(np.median([each["time"] for each in solved[1:]]))
-        if not found:
-            build += solved[0]["time"] - again  # the first solve builds the solver
-        found[name] = solved[0] | {"time": again}
-    return {"build": build, **found}
+        return problem.solve()
 
-
-def main(directory: Path) -> None:
-    """Solve every window with every variant and write the results."""
-    results = []
-    for name, window in read_windows(directory / "windows.json").items():
-        for nodes in window.starts:
-            for program, options in VARIANTS.items():
-                print(f"{program}, {name}, N_s = {nodes}", flush=True)
-                results.append({"program": program, "window": name, "nodes": nodes, **result(window, nodes, options)})
-    (directory / "rockit.json").write_text(json.dumps(results), encoding="utf-8")
+    return solve
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    write_results(Path(sys.argv[1]), "rockit", {name: partial(build, each) for name, each in VARIANTS.items()})

@@ -1,12 +1,19 @@
 """A window as the peers read it: numbers, and the cost of its stages in CasADi. Knows nothing of psmpc."""
 
 import json
+import sys
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from time import process_time
 from typing import Any
 
 import casadi as ca
 import numpy as np
+
+Solve = Callable[[Any], dict[str, Any]]
+"""Solves a window from a start: status, objective, instants, iterations, and time of a core [s]."""
 
 
 @dataclass(frozen=True)
@@ -117,3 +124,31 @@ def _arrays(values: dict[str, Any]) -> dict[str, Any]:
         key: np.array(value) if isinstance(value, list) and key != "end_rows" else value
         for key, value in values.items()
     }
+
+
+def measured(build: Callable[[], Solve], starts: Mapping[str, Any], repeats: int) -> dict[str, Any]:
+    """Return what a program makes of a window from each of its starts: times are medians, `build` that of building."""
+    began = process_time()
+    solve = build()
+    found: dict[str, Any] = {"build": process_time() - began}
+    for number, (name, start) in enumerate(starts.items()):
+        first, *again = (solve(start) for _ in range(repeats + 1))
+        time = float(np.median([each["time"] for each in again]))
+        if number == 0:
+            found["build"] += max(first["time"] - time, 0.0)  # the first solve builds the solver
+        found[name] = first | {"time": time}
+    return found
+
+
+def write_results(
+    directory: Path, name: str, programs: Mapping[str, Callable[[Window, int], Solve]], most_stages: int = 2
+) -> None:
+    """Solve every window of so many stages with every program, each built from a window and N_s; write the results."""
+    results = []
+    for of, window in read_windows(directory / "windows.json").items():
+        for nodes, starts in window.starts.items() if len(window.stages) <= most_stages else ():
+            for program, build in programs.items():
+                print(f"{program}, {of}, N_s = {nodes}", file=sys.stderr)
+                found = measured(partial(build, window, nodes), starts, window.repeats)
+                results.append({"program": program, "window": of, "nodes": nodes, **found})
+    (directory / f"{name}.json").write_text(json.dumps(results), encoding="utf-8")

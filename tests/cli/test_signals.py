@@ -68,7 +68,7 @@ def test_an_interrupted_run_leaves_log_summary_and_figures(
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="which signals a process catches is read there")
-@pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 3.0])
+@pytest.mark.parametrize("delay", [0.0, 0.3, 0.9, 1.4, 2.0])
 @pytest.mark.parametrize("command", [("simulate",), ("sweep-weights", "2x2", "--jobs", "1")], ids=["run", "sweep"])
 def test_ctrl_c_at_any_moment_gives_one_message_and_loses_nothing(
     start: Start, tmp_path: Path, command: tuple[str, ...], delay: float
@@ -112,10 +112,9 @@ def test_a_killed_sweep_keeps_every_run_that_has_ended_and_is_resumed_to_the_sam
             np.testing.assert_array_equal(killed[name], quantity.values, err_msg=name)
 
 
-@pytest.mark.parametrize("progress", ["0 of 5 runs", "1 of 5 runs"], ids=["while processes start", "amid a solve"])
-def test_ctrl_c_ends_a_sweep_that_can_be_resumed(start: Start, progress: str) -> None:
+def test_ctrl_c_ends_a_sweep_that_can_be_resumed(start: Start) -> None:
     process = sweep(start, "sweep.h5")
-    wait_for(process, progress)
+    wait_for(process, "1 of 5 runs")
     os.killpg(process.pid, signal.SIGINT)
     code, _, err = finish(process)
     assert code == 130

@@ -15,11 +15,21 @@ typedef struct {
     double *X, *tau, *gap_multipliers, *multipliers, *given_multipliers, *report;
 } Program;
 
-/* One-sided limits of rows, sign (row - bound) >= 0, one array for each number. The first are soft. */
+/* One-sided limits of rows, room = sign (row - bound) >= 0, one array for each number.
+ *
+ *     room - slack = 0,   slack z = mu
+ *
+ * A soft one may be violated, at a cost of its node's `penalty` times the violation e:
+ *
+ *     room + e - slack = 0,   slack z = mu,   e w = mu,   z + w = penalty
+ *
+ * Both e and its multiplier w are eliminated: what is left of a soft limit is a hard one with a larger slack,
+ * slack + give z with give = e / w, whose room is larger by way = mu / w.
+ */
 typedef struct {
-    int64_t count, soft, *row;
-    double *sign, *room, *slack, *z, *ds, *dz, *inverse; /* room: sign (row - bound) */
-    double *e, *w, *de, *give, *way;                     /* of the soft ones, see below */
+    int64_t count, *row;
+    double *sign, *room, *slack, *z, *ds, *dz, *inverse;
+    double *e, *w, *de, *give, *way; /* of soft ones */
 } Limits;
 
 /* Rows that are equations: how far they are off, their multipliers and the step of these. */
@@ -30,8 +40,9 @@ typedef struct {
 
 typedef struct {
     const Program *p;
-    double stiffness; /* greatest weight a row gets */
-    Limits limits;
+    double stiffness;     /* greatest weight a row gets */
+    double residual, gap; /* largest one of limits, equations and given sums; sum of the complementarities */
+    Limits hard, soft;
     Equations equations;
     Stages stages;
     Interval *intervals;
@@ -141,85 +152,5 @@ static void reduce(const Program *p, const double *by_X, double *by_tau, double 
             gaps[k * N + i] = lambda[i];
             for (int c = 0; c < S; c++) by_tau[c] += lambda[i] * p->gap_tau[(k * N + i) * S + c];
         }
-    }
-}
-/* Soft limits: the first `soft` of them may be violated, at a cost of its node's `penalty` times the violation.
- *
- *     room + e - slack = 0,   slack z = mu,   e w = mu,   z + w = penalty
- *
- * with violation e and its multiplier w. Both are eliminated: what is left of a soft limit is a hard one with a larger
- * slack, slack + z e / w, that gives way by mu / w.
- */
-
-static void begin_soft(Limits *l, const double *penalties, double push, double barrier) {
-    for (int64_t j = 0; j < l->soft; j++) {
-        double penalty = penalties[l->row[j] / M];
-        l->e[j] = fmax(push - l->room[j], barrier / penalty);
-        l->slack[j] = l->room[j] + l->e[j];
-        l->z[j] = fmin(barrier / l->slack[j], penalty / 2);
-        l->w[j] = penalty - l->z[j];
-        l->de[j] = 0.0;
-    }
-}
-
-static double soft_residual(const Limits *l) {
-    double worst = 0.0;
-#pragma omp simd reduction(max : worst)
-    for (int64_t j = 0; j < l->soft; j++) {
-        double off = fabs(l->room[j] + l->e[j] - l->slack[j]);
-        worst = worst > off ? worst : off;
-    }
-    return worst;
-}
-
-static void weigh_soft(Limits *l, double least) {
-#pragma omp simd
-    for (int64_t j = 0; j < l->soft; j++) {
-        l->give[j] = l->e[j] / l->w[j];
-        l->inverse[j] = 1.0 / (l->slack[j] + l->z[j] * (least + l->give[j]));
-    }
-}
-
-/* How far the limits give way, before a direction. */
-static void give_way(Limits *l, double target, double corrected) {
-#pragma omp simd
-    for (int64_t j = 0; j < l->soft; j++) l->way[j] = (target + corrected * l->de[j] * l->dz[j]) / l->w[j];
-}
-
-/* The steps of the violations, which those of the slacks get added. */
-static void direct_soft(Limits *l) {
-#pragma omp simd
-    for (int64_t j = 0; j < l->soft; j++) {
-        double to = l->way[j] + l->give[j] * l->dz[j];
-        l->ds[j] += to;
-        l->de[j] = to - l->e[j];
-    }
-}
-
-/* The largest relative decrease of a violation, and of a multiplier of one. */
-static void shrink_soft(const Limits *l, double *primal, double *dual) {
-    double s = *primal, z = *dual;
-#pragma omp simd reduction(max : s, z)
-    for (int64_t j = 0; j < l->soft; j++) {
-        double a = -l->de[j] / l->e[j], b = l->dz[j] / l->w[j];
-        s = s > a ? s : a;
-        z = z > b ? z : b;
-    }
-    *primal = s;
-    *dual = z;
-}
-
-static double soft_complementarity(const Limits *l, double primal, double dual) {
-    double sum = 0.0;
-#pragma omp simd reduction(+ : sum)
-    for (int64_t j = 0; j < l->soft; j++)
-        sum += (l->e[j] + primal * l->de[j]) * (l->w[j] - dual * l->dz[j]);
-    return sum;
-}
-
-static void move_soft(Limits *l, double primal, double dual) {
-    for (int64_t j = 0; j < l->soft; j++) {
-        l->e[j] += primal * l->de[j];
-        l->w[j] -= dual * l->dz[j];
     }
 }

@@ -168,8 +168,8 @@ static int eliminate(const Value *P, double b, const double *R, vec T[N][TV]) {
 
 /* The value function at the node before, and what the interval leaves. */
 static void step_back(const vec T[N][TV], double a, const double *R, Value *P, Interval *to) {
-    vec G[NC][DV + NV], weight[NV];
-    memset(G, 0, sizeof G);
+    vec padded[NC][DV + NV], weight[NV], (*G)[DV + NV] = N < NC ? padded : to->row;
+    memset(G, 0, sizeof padded);
     memset(weight, 0, sizeof weight);
     memcpy(weight, R, N * sizeof(double));
     for (int block = 0; block < NV; block++) {
@@ -181,7 +181,7 @@ static void step_back(const vec T[N][TV], double a, const double *R, Value *P, I
             for (int r = 0; r < WIDTH; r++) G[other * WIDTH + r][DV + block] = turned[r];
         }
     }
-    memcpy(to, G, sizeof *to);
+    if (N < NC) memcpy(to, G, sizeof *to);
     for (int block = 0; block < DV; block++) {
         int p = block * WIDTH;
         strip(T, 0, N, NC + p, NV + block, NV + DV, WIDTH, P->q[p] + block, DV);

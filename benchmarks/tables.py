@@ -20,8 +20,7 @@ from typer.main import get_command
 import psmpc_cli as psmpc
 from psmpc_cli.cli.app import app
 from psmpc_cli.logs import schema
-from psmpc_cli.specs.document import ANGLE_PATTERN
-from psmpc_cli.specs.fields import NAME_PATTERN, SECONDS_PATTERN
+from psmpc_cli.specs.fields import ANGLE_PATTERN, NAME_PATTERN, SECONDS_PATTERN
 from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import TaskSpec
 from psmpc_cli.studies.measures import WHOLE_RUN, second_stage

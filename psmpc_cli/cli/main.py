@@ -22,7 +22,7 @@ def print_error(message: str) -> None:
     """Write a message to standard error, with escapes for characters that could control the terminal."""
     import typer
 
-    from psmpc_cli.specs.messages import printable
+    from psmpc_cli.specs.document import printable
 
     shown = "\n".join("\t".join(map(printable, line.split("\t"))) for line in message.split("\n"))
     typer.echo(shown, err=True)

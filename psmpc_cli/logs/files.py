@@ -11,7 +11,7 @@ import numpy as np
 
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.schema import FORMAT_VERSION, RUN
-from psmpc_cli.specs.messages import shortened
+from psmpc_cli.specs.document import shortened
 
 T = TypeVar("T")
 

@@ -15,9 +15,8 @@ from psmpc_cli.robot.model import build_model
 from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.robot.rotations import conjugate, log, product
 from psmpc_cli.specs.coordinates import labels, stack
+from psmpc_cli.specs.document import Fault, Location, dotted, quoted
 from psmpc_cli.specs.load import Changes, Task, load_task
-from psmpc_cli.specs.messages import Fault, dotted, quoted
-from psmpc_cli.specs.messages import Path as Location
 from psmpc_cli.specs.parts import POSITION_AXES
 from psmpc_cli.specs.robot import RobotSpec
 

@@ -1,13 +1,15 @@
-"""YAML 1.2 texts as plain data with the position of every value, and plain data as YAML.
+"""YAML 1.2 texts as plain data with the position of every value, messages about them, and plain data as YAML.
 
 PyYAML parses; scalars are resolved here by the core schema of YAML 1.2.
 """
 
 import copy
+import json
 import math
 import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from functools import reduce
 from operator import getitem
 from typing import Any
@@ -18,11 +20,19 @@ from yaml.error import MarkedYAMLError
 from yaml.reader import ReaderError
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.messages import Fault, Path, Place, counted, dotted, quoted, shortened
 
 Scalar = None | bool | int | float | str
 Data = Scalar | list["Data"] | dict[str, "Data"]
 """What YAML holds."""
+
+Location = tuple[str | int, ...]
+"""Keys and indices from the root of a file to a value."""
+
+LONGEST = 60
+"""Characters of a value that a message repeats."""
+
+MOST_CHOICES = 60
+"""Names that a message lists."""
 
 DEEPEST, MOST_VALUES = 30, 20_000
 """Levels of nesting (a task has seven), and values of a file once its aliases are expanded."""
@@ -40,7 +50,6 @@ LARGEST = 1e12
 """Magnitude of a number: results computed from it stay within a float's range."""
 
 DECIMAL = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"
-ANGLE_PATTERN = rf"^{DECIMAL} *(deg|rad|°)$"
 
 _WORDS: dict[str, Scalar] = {
     **dict.fromkeys(("", "~", "null", "Null", "NULL")),
@@ -50,6 +59,31 @@ _WORDS: dict[str, Scalar] = {
 }
 _INTEGER = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
 _INFINITE = re.compile(r"[-+]?\.(inf|Inf|INF)")
+
+
+@dataclass(frozen=True, order=True)
+class Place:
+    """A position in a text, both counted from 1."""
+
+    line: int
+    column: int
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong with a description.
+
+    Attributes:
+        path: Where, from the root of the file.
+        message: What was found and what was expected.
+        at_key: Whether the position is that of the path's key, not of its value.
+        place: The position, if it is that of neither.
+    """
+
+    path: Location
+    message: str
+    at_key: bool = False
+    place: Place | None = None
 
 
 @dataclass(frozen=True)
@@ -78,22 +112,22 @@ class Document:
     name: str
     text: str
     data: Data = None
-    origins: Mapping[Path, Origin] = field(default_factory=dict)
+    origins: Mapping[Location, Origin] = field(default_factory=dict)
     faults: tuple[Fault, ...] = ()
     written: str | None = None
 
-    def origin(self, path: Path) -> Origin:
+    def origin(self, path: Location) -> Origin:
         """Return the origin of the value at a path, or of the nearest one around it."""
         while path and path not in self.origins:
             path = path[:-1]
         return self.origins.get(path, Origin(Place(1, 1)))
 
-    def value(self, path: Path) -> Data:
+    def value(self, path: Location) -> Data:
         """Return the value at a path, None if there is none."""
         found: Data = _inside(self.data, path) if path in self.origins else None
         return found
 
-    def found(self, path: Path) -> str:
+    def found(self, path: Location) -> str:
         """Describe the value at a path of `origins` as it was written."""
         value = self.value(path)
         if isinstance(value, list) and 0 < len(value) <= 4 and not any(isinstance(x, list | dict) for x in value):
@@ -135,7 +169,7 @@ class Document:
 
 def read(name: str, text: str) -> Document:
     """Read a YAML text; what is wrong with it as YAML is in the document's `faults`."""
-    origins: dict[Path, Origin] = {}
+    origins: dict[Location, Origin] = {}
     faults: list[Fault] = []
     try:
         node = yaml.compose(text, Loader=yaml.BaseLoader)
@@ -155,36 +189,34 @@ def read(name: str, text: str) -> Document:
 
 
 def put(
-    document: Document, path: Path, new: Data, origins: Mapping[Path, Origin], without: Collection[Path] = ()
+    document: Document, at: Location, new: Data, origins: Mapping[Location, Origin], without: Collection[Location] = ()
 ) -> Document:
     """Return the document with one value replaced or added, in mappings that are added too.
 
     Args:
         document: The document.
-        path: Where the value goes.
+        at: Where the value goes.
         new: The value.
         origins: Its origin and those of values inside it, by path from it.
         without: Keys that are left out.
     """
-    data = copy.deepcopy(document.data)
-    gone = (path, *without)
-    kept = {at: origin for at, origin in document.origins.items() if not any(lies_inside(at, each) for each in gone)}
+    data, gone = copy.deepcopy(document.data), (at, *without)
+    kept = {path: origin for path, origin in document.origins.items() if not any(lies_inside(path, g) for g in gone)}
     for each in without:
         del _inside(data, each[:-1])[each[-1]]
     around: Any = data
-    for length in range(1, len(path)):
-        key, at = path[length - 1], path[:length]
-        inner = around.get(key) if isinstance(around, dict) else around[key]
+    for length, key in enumerate(at[:-1], start=1):
+        inner, place = around.get(key) if isinstance(around, dict) else around[key], at[:length]
         if inner is None or isinstance(inner, str):
-            kept |= {(*at, "kind"): kept[at]} if inner else {}
-            kept[at] = replace(origins[()], written=None)
+            kept |= {(*place, "kind"): kept[place]} if inner else {}
+            kept[place] = replace(origins[()], written=None)
             around[key] = {} if inner is None else {"kind": inner}
         around = around[key]
-    around[path[-1]] = copy.deepcopy(new)
-    return replace(document, data=data, origins=kept | {(*path, *at): origin for at, origin in origins.items()})
+    around[at[-1]] = copy.deepcopy(new)
+    return replace(document, data=data, origins=kept | {(*at, *path): origin for path, origin in origins.items()})
 
 
-def _inside(data: Any, path: Path) -> Any:
+def _inside(data: Any, path: Location) -> Any:
     return reduce(getitem, path, data)
 
 
@@ -198,7 +230,7 @@ def entries(value: object) -> list[Any]:
     return value if isinstance(value, list) else []
 
 
-def lies_inside(path: Path, around: Path) -> bool:
+def lies_inside(path: Location, around: Location) -> bool:
     """Tell whether a path is another one, or leads into it."""
     return path[: len(around)] == around
 
@@ -234,14 +266,6 @@ def resolve(word: str) -> Scalar:
     return infinite if _INFINITE.fullmatch(word) else word
 
 
-def angle(word: str) -> float | None:
-    """Return the angle [rad] that a word such as `30 deg` means, None if it is no angle."""
-    if re.fullmatch(ANGLE_PATTERN, word) is None:
-        return None
-    number = float(word.rstrip(" degra°"))
-    return number if word.endswith("rad") else math.radians(number)
-
-
 def describe(value: Data, written: str | None = None) -> str:
     """Describe a value: its kind and, for a scalar, how it was written."""
     if isinstance(value, dict):
@@ -260,7 +284,9 @@ def describe(value: Data, written: str | None = None) -> str:
 TOO_LARGE = f"more than {DEEPEST} levels or {MOST_VALUES} values with aliases expanded"
 
 
-def _convert(node: Any, path: Path, key: Place | None, origins: dict[Path, Origin], faults: list[Fault]) -> Data:
+def _convert(
+    node: Any, path: Location, key: Place | None, origins: dict[Location, Origin], faults: list[Fault]
+) -> Data:
     """Return a node as plain data, and add the position of every value and what is wrong with keys.
 
     The first of equal keys counts.
@@ -306,3 +332,46 @@ _Writer.add_representer(str, _Writer.represent_str)
 def _place_of(mark: Any) -> Place:
     """Return the position of a mark of PyYAML."""
     return Place(mark.line + 1, mark.column + 1)
+
+
+def dotted(path: Location) -> str:
+    """Write a path as in messages and `--set`: `stages[1].target.base`."""
+    steps = [f"[{step}]" if isinstance(step, int) else f".{printable(shortened(step))}" for step in path]
+    return "".join(steps).removeprefix(".")
+
+
+def quoted(text: str) -> str:
+    """Write a text in double quotes, on one line, shortened."""
+    return printable(json.dumps(shortened(text), ensure_ascii=False))
+
+
+def printable(text: str) -> str:
+    """Write a text on one line, with escapes for characters that could control a terminal."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def shortened(text: str) -> str:
+    """Cut a text to what a message repeats."""
+    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
+
+
+def counted(number: int, one: str, many: str) -> str:
+    """Write a number of things: `1 key`, `2 keys`."""
+    return f"{number} {one if number == 1 else many}"
+
+
+def suggestion(name: str, valid: Iterable[str]) -> str | None:
+    """Return the valid name nearest to `name`, None if none is near."""
+    by_folded = {candidate.casefold(): candidate for candidate in valid}
+    near = get_close_matches(name.casefold(), by_folded, n=1, cutoff=0.6)
+    return by_folded[near[0]] if near else None
+
+
+def choice(name: str, valid: Iterable[str]) -> str:
+    """Write the end of a message about a name that is not valid: the nearest valid one, and all of them."""
+    names = list(dict.fromkeys(valid))
+    near = suggestion(name, names)
+    hint = f" (did you mean {quoted(near)}?)" if near else ""
+    listed = ", ".join(printable(shortened(each)) for each in names[:MOST_CHOICES])
+    more = f" and {len(names) - MOST_CHOICES} more" if len(names) > MOST_CHOICES else ""
+    return f"{hint}, expected {'one of ' if len(names) > 1 else ''}{listed}{more}"

@@ -28,8 +28,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.specs.document import ANGLE_PATTERN, DECIMAL, LARGEST, Document, angle
-from psmpc_cli.specs.messages import Fault, Path, choice, suggestion
+from psmpc_cli.specs.document import DECIMAL, LARGEST, Document, Fault, Location, choice, suggestion
 
 NAME_PATTERN = r"^[^\s./\\\[\]=:,]+( [^\s./\\\[\]=:,]+)*$"
 """Names appear in paths, messages, files and datasets."""
@@ -40,6 +39,7 @@ SMALLEST = 1e-12
 """Magnitude of a number that must not be 0."""
 
 SECONDS_PATTERN = rf"^{DECIMAL} *s$"
+ANGLE_PATTERN = rf"^{DECIMAL} *(deg|rad|°)$"
 
 FLAW = "flaw"
 """Type of every validation error of a `Spec`; its context holds the parts of the message."""
@@ -49,7 +49,7 @@ TURN = 2 * math.pi * (1 + 1e-9)
 
 Pair = tuple[float, float]
 
-Flaws = Iterator[tuple[Path, PydanticCustomError]]
+Flaws = Iterator[tuple[Location, PydanticCustomError]]
 """What is wrong inside a value, with the path from it."""
 
 Fields = Mapping[str, Any]
@@ -159,7 +159,7 @@ _WORDINGS = {
 def faults_of(error: ValidationError, document: Document) -> Iterator[Fault]:
     """Give every error of a validation with its path in the document; its `loc` also names branches of unions."""
     for detail in error.errors(include_url=False):
-        path: Path = ()
+        path: Location = ()
         for step in detail["loc"]:
             path = (*path, step) if (*path, step) in document.origins else path
         context = detail["ctx"]
@@ -212,6 +212,14 @@ def number(value: object) -> float:
     if not abs(value) <= LARGEST:
         raise expected(f"a number of at most {LARGEST:g} in magnitude")
     return float(value)
+
+
+def angle(word: str) -> float | None:
+    """Return the angle [rad] that a word such as `30 deg` means, None if it is no angle."""
+    if re.fullmatch(ANGLE_PATTERN, word) is None:
+        return None
+    number = float(word.rstrip(" degra°"))
+    return number if word.endswith("rad") else math.radians(number)
 
 
 def number_or_angle(value: object) -> float:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pydantic import TypeAdapter
 
 from psmpc_cli.errors import InputError, SpecError
-from psmpc_cli.specs.messages import choice, quoted
+from psmpc_cli.specs.document import choice, quoted
 from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import TaskSpec
 

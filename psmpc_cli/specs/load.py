@@ -16,20 +16,24 @@ from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.document import (
     Data,
     Document,
+    Fault,
+    Location,
     Origin,
+    Place,
+    choice,
     describe,
+    dotted,
     entries,
     lies_inside,
     mapping,
     plain,
     put,
+    quoted,
     read,
     write,
 )
 from psmpc_cli.specs.fields import faults_of
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
-from psmpc_cli.specs.messages import Fault, Place, choice, dotted, quoted
-from psmpc_cli.specs.messages import Path as Location
 from psmpc_cli.specs.parts import Context
 from psmpc_cli.specs.priorities import priorities_of
 from psmpc_cli.specs.robot import PlanarRobot, RobotSpec, SpatialRobot, UrdfRobot

@@ -6,8 +6,8 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationInfo
 
 from psmpc_cli.specs import fields
+from psmpc_cli.specs.document import counted, quoted
 from psmpc_cli.specs.fields import Fields, Flaws, Spec, beyond_a_turn, expected, flaw, holds, is_pose, known, listed
-from psmpc_cli.specs.messages import counted, quoted
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES, Context, dimension_of
 
 Numbers = tuple[float, ...]

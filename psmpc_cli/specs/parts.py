@@ -7,9 +7,8 @@ from typing import Any, Literal
 
 from pydantic import WrapValidator
 
-from psmpc_cli.specs.document import Data, entries, mapping
+from psmpc_cli.specs.document import Data, Location, counted, entries, mapping
 from psmpc_cli.specs.fields import Fields, Flaws, beyond_a_turn, expected, flaw, holds
-from psmpc_cli.specs.messages import Path, counted
 
 Space = Literal["joint", "task", "point"]
 Axes = Mapping[str, tuple[str, ...]]
@@ -147,7 +146,7 @@ def misfits(written: Any, axes: Axes, required: Collection[str] = (), one: bool 
         if isinstance(times, list) and isinstance(numbers, list) and len(numbers) != len(times):
             yield (key,), expected(f"{counted(len(times), 'row', 'rows')}, one for every entry of times")
         rows = [((key, i), row) for i, row in enumerate(entries(numbers)) if isinstance(row, list | dict)]
-        places: list[tuple[Path, Any]] = [*rows] or [((key,), numbers)]
+        places: list[tuple[Location, Any]] = [*rows] or [((key,), numbers)]
         for at, row in places:
             yield from _entries(at, row, key, axes, given, one, angles)
 
@@ -179,7 +178,7 @@ def misfit_limits(written: Any, before: Fields, context: Context) -> Flaws:
 
 
 def _entries(
-    at: Path, row: Any, key: str, axes: Axes, given: Collection[str], one: bool = False, angles: bool = False
+    at: Location, row: Any, key: str, axes: Axes, given: Collection[str], one: bool = False, angles: bool = False
 ) -> Flaws:
     """Give a list of numbers, or of pairs, that misfits a part its key stands for, and its angles without a unit.
 

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from psmpc_cli.specs.document import LARGEST
+from psmpc_cli.specs.document import LARGEST, quoted, shortened
 from psmpc_cli.specs.fields import Fields, Flaws, flaw
-from psmpc_cli.specs.messages import quoted, shortened
 
 Vector = NDArray[np.float64]
 PairwiseComparison = tuple[str, str, float]

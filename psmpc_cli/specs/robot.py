@@ -10,8 +10,8 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.specs import fields
+from psmpc_cli.specs.document import choice, quoted
 from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, flaw, holds, known, listed
-from psmpc_cli.specs.messages import choice, quoted
 from psmpc_cli.specs.parts import RESERVED, misfit_limits, stands_for
 
 Triple = tuple[float, float, float]

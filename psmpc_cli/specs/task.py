@@ -12,9 +12,8 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import BaseModel, Discriminator, Field, Tag
 
 from psmpc_cli.specs import fields
-from psmpc_cli.specs.document import entries, mapping
+from psmpc_cli.specs.document import choice, counted, entries, mapping, quoted
 from psmpc_cli.specs.fields import Choice, Fields, Flaws, SideBySide, Spec, expected, flaw, holds, known, listed
-from psmpc_cli.specs.messages import choice, counted, quoted
 from psmpc_cli.specs.object import ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import (
     QUANTITIES,

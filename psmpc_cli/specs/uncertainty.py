@@ -7,8 +7,8 @@ from typing import Annotated
 from pydantic import Field
 
 from psmpc_cli.specs import fields
+from psmpc_cli.specs.document import counted
 from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, flaw, holds
-from psmpc_cli.specs.messages import counted
 from psmpc_cli.specs.parts import Context, in_joint_space
 
 ROUNDING = 1e-6

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.errors import SpecError
+from psmpc_cli.specs.document import choice, counted, quoted
 from psmpc_cli.specs.library import read_text, shown
-from psmpc_cli.specs.messages import choice, counted, quoted
 from psmpc_cli.specs.robot import UrdfRobot
 
 Matrix = NDArray[np.float64]

@@ -35,8 +35,8 @@ from psmpc_cli.logs.results import Quantity, Results, ResultsWriter, create_resu
 from psmpc_cli.logs.schema import Column
 from psmpc_cli.ocp.feasibility import load_feasible
 from psmpc_cli.simulation.run import simulate
+from psmpc_cli.specs.document import quoted
 from psmpc_cli.specs.load import Task, parse_task
-from psmpc_cli.specs.messages import quoted
 
 logger = logging.getLogger(__name__)
 

@@ -6,9 +6,9 @@ import pytest
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.feasibility import ensure_feasible, load_feasible, look_ahead, remarks, review
+from psmpc_cli.specs.document import dotted
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task, parse_task
-from psmpc_cli.specs.messages import dotted
 
 from .. import in_space
 

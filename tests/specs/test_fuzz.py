@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.problem import build_problem
-from psmpc_cli.specs.document import MOST_VALUES, Data, read, write
+from psmpc_cli.specs.document import MOST_VALUES, Data, Fault, read, write
 from psmpc_cli.specs.library import LARGEST_FILE
 from psmpc_cli.specs.load import Task, load_task, parse_task
-from psmpc_cli.specs.messages import Fault
 
 from ..fuzzing import fuzzing
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.specs.document import MOST_FAULTS, Data, angle, read, resolve, write
-from psmpc_cli.specs.messages import Fault, Place
+from psmpc_cli.specs.document import MOST_FAULTS, Data, Fault, Place, read, resolve, write
+from psmpc_cli.specs.fields import angle
 
 texts = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc", "Co", "Cn")), max_size=12)
 scalars = st.none() | st.booleans() | st.integers(-(10**18), 10**18) | st.floats(allow_nan=False, allow_infinity=False)

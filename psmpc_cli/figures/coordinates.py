@@ -5,7 +5,6 @@ from operator import attrgetter
 from typing import Any, Literal
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter, StrMethodFormatter
@@ -152,7 +151,6 @@ def _plot_quantity(
     model = runs_of(runs)[0].problem.model
     panels = list(_panels(model))
     timeline = open_timeline(runs, len(panels), HEIGHT)
-    handles: dict[str, Artist] = {}
     for row, (part, rows, labels, angular) in enumerate(panels):
         note, (factor, unit) = "", _in_degrees(model, part, units[angular])
         for axes, run in zip(timeline.panels[row], timeline.runs, strict=True):
@@ -162,11 +160,10 @@ def _plot_quantity(
                 look = style.line_look(i)
                 axes.plot(time, values[:, i], label=label, drawstyle=drawstyle, **look)
             axes.margins(y=0.08)
-            if limits is not None and _plot_limits(axes, run, limits, rows, values, factor):
-                handles["limit"] = style.entry("limit", **style.LEVEL)
+            if limits is not None:
+                _plot_limits(axes, run, limits, rows, values, factor)
             if seen is not None and not np.array_equal(seen(run), every, equal_nan=True):
-                axes.plot(time, factor * seen(run)[:, rows], label="_seen", zorder=1.4, **SEEN)
-                handles["seen"] = style.entry("seen by the controller", **SEEN)
+                axes.plot(time, factor * seen(run)[:, rows], label="_seen by the controller", zorder=1.4, **SEEN)
             if error is not None and part == "Base" and angular:
                 axes.plot(time, factor * error(run), label="to the target", color="black", linewidth=0.8)
             if peaked:
@@ -175,7 +172,7 @@ def _plot_quantity(
         unit = f"({unit})"
         short = len(f"{part} {word}") * style.CHARACTER < HEIGHT
         timeline.label(row, f"{part} {word}\n{unit}" if short else f"{part}\n{word} {unit}", note)
-    return timeline.finish(list(handles.values()))
+    return timeline.finish()
 
 
 def _in_degrees(model: RobotModel, part: str, unit: str) -> tuple[float, str]:
@@ -211,8 +208,8 @@ def _compress(axes: Axes, values: np.ndarray) -> str:
     return f"log beyond ±{threshold:g}"
 
 
-def _plot_limits(axes: Axes, run: Run, kind: str, rows: slice, values: np.ndarray, factor: float) -> bool:
-    """Draw the limits of the current stage that are not far off the values; return whether there are any."""
+def _plot_limits(axes: Axes, run: Run, kind: str, rows: slice, values: np.ndarray, factor: float) -> None:
+    """Draw the limits of the current stage that are not far off the values."""
     time = np.array([edge for span in run.spans for edge in (span.start, span.end)])
     limits = [run.problem.stages[span.index].limits for span in run.spans for _ in "ab"]
     sides = [
@@ -220,9 +217,7 @@ def _plot_limits(axes: Axes, run: Run, kind: str, rows: slice, values: np.ndarra
     ]
     farthest = FARTHEST * float(np.nanmax(np.abs(values), initial=0.0)) or np.inf
     near = np.unique(np.hstack([np.where(np.abs(side) < farthest, side, np.nan) for side in sides]), axis=1)
-    seen = near[:, np.isfinite(near).any(axis=0)]
-    axes.plot(time, seen, label="_limit", **style.LEVEL)
-    return bool(seen.size)
+    axes.plot(time, near[:, np.isfinite(near).any(axis=0)], label="_limit", **style.LEVEL)
 
 
 def plot_errors(run: Run) -> Figure:

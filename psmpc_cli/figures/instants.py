@@ -33,8 +33,8 @@ def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
     timeline = open_timeline(runs, 2 if happened else 1, 1.5)
     for column, run, seen in zip(timeline.panels.T, timeline.runs, planned, strict=True):
         above, ends, horizon = column[0], run.motion.time[[0, -1]], run.task.spec.controller.horizon
-        above.plot(ends, ends, **style.LEVEL)
-        above.plot(ends, ends + horizon, linestyle=style.DASHED, **style.LEVEL)
+        above.plot(ends, ends, label="_present time", **style.LEVEL)
+        above.plot(ends, ends + horizon, label="_end of the horizon", linestyle=style.DASHED, **style.LEVEL)
         above.set_ylim(bottom=ends[0])
         switches = run.stages["switch_time"]
         for stage in any_planned:
@@ -43,19 +43,14 @@ def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
             above.plot(time, instant, label=style.readable(run.stage_names[stage]), **look)
             if np.isfinite(switches[stage]):
                 column[1].plot(time, 1e3 * (instant - switches[stage]), **look)
-        above.plot(switches, switches, "o", color="black", markerfacecolor="white", markersize=3.5, zorder=3)
+        look = {"color": "black", "markerfacecolor": "white", "markersize": 3.5, "zorder": 3}
+        above.plot(switches, switches, "o", label="_actual switch", **look)
         if happened:
             column[1].axhline(0.0, **style.LEVEL)
     timeline.label(0, "Planned switch\ntime (s)", "" if any_planned else "no switch time was planned")
     if happened:
         timeline.panels[1, 0].set_ylabel("Planned minus\nactual (ms)")
-    return timeline.finish(
-        [
-            style.entry("present time", **style.LEVEL),
-            style.entry("actual switch", color="black", linestyle="none", marker="o", markerfacecolor="white"),
-            style.entry("end of the horizon", linestyle=style.DASHED, **style.LEVEL),
-        ]
-    )
+    return timeline.finish()
 
 
 def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
@@ -76,8 +71,6 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
         timeline.panels[row, 0].set_ylabel(f"Share in the\n{whole} (%)")
     timeline.label(0, f"Share in the\n{COST} (%)")  # one legend serves both rows
     handles: list[Artist] = []
-    if any(len(run.spans) > 1 for run in timeline.runs):
-        handles.append(style.entry("switch", color="black", linewidth=0.6))
     if not all(np.isfinite(values).any(axis=1).all() for found in shares.values() for values in found):
         handles.append(style.patch_entry("no share: stages agree, or no solution", facecolor="white"))
     return timeline.finish(handles)
@@ -112,7 +105,7 @@ def _plot_stack(axes: Axes, run: Run, shares: np.ndarray) -> None:
         )
     for span in run.spans:
         if span.index:
-            axes.axvline(span.start, color="black", linewidth=0.6)
+            axes.axvline(span.start, color="black", linewidth=0.6, label="_switch")
         if span.early is not None:
             axes.axvline(span.early, color="black", linestyle=style.DOTTED, linewidth=0.8)
     axes.set_ylim(0, 100)
@@ -131,7 +124,7 @@ def plot_solve_time(run: Run) -> Figure:
         for axes, values in ((above, wall), (below, iterations)):
             axes.plot(time[which], values[which], label=label, linestyle="none", markersize=1.8, **style.mark_look(i))
     limit = run.task.spec.controller.sample_time * 1e3
-    above.axhline(limit, **style.LEVEL)
+    above.axhline(limit, label=f"_sample time, {limit:g} ms", **style.LEVEL)
     style.make_logarithmic(above)
     above.margins(y=0.1)
     below.set_ylabel("Iterations of\nthe solve (1)")
@@ -139,31 +132,27 @@ def plot_solve_time(run: Run) -> Figure:
     below.set_ylim(bottom=0)
     below.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, steps=[1, 2, 5, 10]))
     timeline.label(0, "Solve time\n(ms)")
-    handles = [style.entry(f"sample time, {limit:g} ms", **style.LEVEL)]
     failed = run["events/solve_failed"].astype(bool)
     if np.any(failed):
         for axes, values in ((above, np.where(solved, wall, limit)), (below, iterations)):
-            axes.plot(time[failed], values[failed], **style.FAILED)
-        handles.append(style.entry("failed solve", **style.FAILED))
-    return timeline.finish(handles)
+            axes.plot(time[failed], values[failed], label="_failed solve", **style.FAILED)
+    return timeline.finish()
 
 
 def plot_pull(run: Run) -> Figure:
     """Plot the filtered pull [N] on each grasp over time, the strength, and where grasps closed and opened."""
     timeline, thing = open_timeline(run, 1, 1.6), run.task.spec.object
-    axes, handles = timeline.panels[0, 0], list[Artist]()
+    axes = timeline.panels[0, 0]
     for i, gripper in enumerate(run["gripper"]):
         held = np.where(run["grasp/closed"][:, i] == 1, run["grasp/pull"][:, i], np.nan)
         axes.plot(run.time, held, label=style.readable(str(gripper)), **style.line_look(i))
         if run["grasp/lost"][i] == 1:
-            axes.plot(run["grasp/opened_at"][i], np.nanmax(held), **style.FAILED)
-            handles = [style.entry("lost", **style.FAILED)]
+            axes.plot(run["grasp/opened_at"][i], np.nanmax(held), label="_lost", **style.FAILED)
     strength = thing.grasp.strength if thing is not None and thing.grasp is not None else None
     if strength is not None:
-        axes.axhline(strength.pull, **style.LEVEL)
-        handles.append(style.entry(f"strength, {strength.pull:g} N", **style.LEVEL))
+        axes.axhline(strength.pull, label=f"_strength, {strength.pull:g} N", **style.LEVEL)
     timeline.label(0, "Pull on a\ngrasp (N)")
-    return timeline.finish(handles)
+    return timeline.finish()
 
 
 def has_grasps(run: Run) -> bool:

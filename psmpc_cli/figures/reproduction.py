@@ -78,17 +78,16 @@ def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
         if which.any():
             waited, values = True, np.maximum(presence[which, stage], SMALLEST if onset.kind == "control" else -1.0)
             axes.plot(time[which], values, label=style.readable(name), **style.line_look(stage))
-    axes.axhline(onset.epsilon, **style.LEVEL)
+    axes.axhline(onset.epsilon, label="_threshold", **style.LEVEL)
     for start in published.values():
-        axes.plot(start, onset.epsilon, **PUBLISHED)
+        axes.plot(start, onset.epsilon, label="_published start", **PUBLISHED)
     label = "Closeness to a waiting stage's\nown optimum (1)"
     if onset.kind == "control":
         axes.set_yscale("log")
         axes.set_ylim(bottom=SMALLEST)
         label = "Control added by a waiting stage\n(m/s², rad/s²)"
     timeline.label(0, label, "" if waited else "no stage waits: one at a time")
-    marks = [style.entry("published start", **PUBLISHED)] if published else []
-    return timeline.finish([style.entry("threshold", **style.LEVEL), *marks])
+    return timeline.finish()
 
 
 def plot_monitors(run: Run) -> Figure:
@@ -98,11 +97,9 @@ def plot_monitors(run: Run) -> Figure:
     """
     monitors = run.task.spec.monitors
     timeline = open_timeline(run, max(1, len(monitors)), 1.6)
-    handles: list[Artist] = [style.entry("bound", **BOUND)]
     if not monitors:
         timeline.panels[0, 0].set_yticks([])
         style.panel_legend(timeline.panels[0, 0], "the task has no monitor")
-        handles = []
     for row, monitor in enumerate(monitors):
         verdict = judge_monitor(monitor, run.arrays)
         axes: Axes = timeline.panels[row, 0]
@@ -110,14 +107,15 @@ def plot_monitors(run: Run) -> Figure:
         axes.plot(time, values, color=style.PALETTE[0])
         during = run["window/first"] == run.stage_names.index(monitor.during)
         for bound, _ in monitor_bounds(monitor, float(values[during][0])) if during.any() else ():
-            axes.plot(time[during][[0, -1]], [bound, bound], **BOUND)
+            axes.plot(time[during][[0, -1]], [bound, bound], label="_bound", **BOUND)
         if np.isfinite(verdict.broken_at):
-            axes.plot(verdict.broken_at, np.interp(verdict.broken_at, time, values), zorder=3, **BROKEN)
-            handles.append(style.entry("broken", **BROKEN))
+            axes.plot(
+                verdict.broken_at, np.interp(verdict.broken_at, time, values), label="_broken", zorder=3, **BROKEN
+            )
         frames = " and ".join(map(style.readable, [*monitor.of, "base"][:2]))
         label = "Speed (m/s)" if monitor.quantity == "speed" else f"Distance of\n{frames} (m)"
         timeline.label(row, label, f"{style.readable(monitor.name)} during {style.readable(monitor.during)}")
-    return timeline.finish(handles)
+    return timeline.finish()
 
 
 def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, float]] = {}) -> Figure:
@@ -131,14 +129,14 @@ def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, 
     _draw_schedule(axes, {style.title_of(name): run.spans for name, run in runs.items()})
     for row, name in enumerate(runs):
         for time in published.get(name, {}).values():
-            axes.plot(time, row - 0.33, **PUBLISHED)
+            axes.plot(time, row - 0.33, label="_published end", **PUBLISHED)
     axes.set_xlim(left=0.0)
     names = enumerate(map(style.readable, next(iter(runs.values())).stage_names), start=1)
     axes.set_title(", ".join(f"{number} {name}" for number, name in names), loc="left", pad=4, fontsize=style.TEXT)
     handles: list[Artist] = []
     if any(span.early is not None for run in runs.values() for span in run.spans):
         handles.append(style.patch_entry("next stage already acts", facecolor=style.EARLY))
-    style.add_legend(figure, [*handles, *([style.entry("published end", **PUBLISHED)] if published else [])])
+    style.add_legend(figure, handles)
     return figure
 
 

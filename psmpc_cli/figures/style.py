@@ -1,5 +1,6 @@
 """One look for all figures: journal column width, fonts, a colour-blind safe palette, legends and axes."""
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -157,11 +158,16 @@ def patch_entry(label: str, **look: Any) -> Patch:
 
 
 def add_legend(figure: Figure, handles: Iterable[Artist], above: bool = False, title: str = "") -> None:
-    """Write a legend, each label once, below or above all axes, and make the figure taller by its height."""
-    entries = {str(handle.get_label()): handle for handle in handles}
+    """Write a legend, each label once, below or above all axes, and make the figure taller by its height.
+
+    Its entries are what the axes name after an underscore, which is in no legend of theirs, then the handles.
+    """
+    artists = [artist for axes in figure.axes for artist in axes.get_children()]
+    named = [artist for artist in artists if re.match("_(?!child|nolegend).", str(artist.get_label()))]
+    entries = {str(artist.get_label()).removeprefix("_"): artist for artist in (*named, *handles)}
     if entries:
         place = "outside upper center" if above else "outside lower center"
-        look: dict[str, Any] = {"handles": list(entries.values()), "loc": place}
+        look: dict[str, Any] = {"handles": [*entries.values()], "labels": [*entries], "loc": place}
         if title:
             look |= {"title": title, "title_fontsize": TEXT, "alignment": "left"}
         height = _fit_legend(figure, figure, figure.get_figwidth() - 0.05, **look)

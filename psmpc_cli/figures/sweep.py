@@ -49,8 +49,7 @@ def plot_plane(cells: SweepCells) -> Figure:
         axes.scatter(x, y, 16, _starts(cells)[cells.ended], norm=scale, cmap=COLORS, **edge)
     for name, which in marks.items():
         if which.any():
-            axes.plot(*omega[which].T, **MARKS[name])
-            handles.append(style.entry(name, **MARKS[name]))
+            axes.plot(*omega[which].T, label=f"_{name}", **MARKS[name])
     first, second = (style.readable(name) for name in cells.names)
     for axis in (axes.xaxis, axes.yaxis):
         _count_decades(axis, 7)
@@ -81,8 +80,7 @@ def plot_surface(cells: SweepCells) -> Figure:
         axes.plot_surface(x, y, start, facecolors=colors, **look)
         handles = [*axes.plot(*corners, [scale.vmax] * 5, label="$t_s$", **style.LEVEL), *floor]
     if failed.any():
-        axes.plot(x.flat[failed], y.flat[failed], np.full(failed.sum(), scale.vmin), **style.FAILED)
-        handles.append(style.entry("failed", **style.FAILED))
+        axes.plot(x.flat[failed], y.flat[failed], np.full(failed.sum(), scale.vmin), label="_failed", **style.FAILED)
     if cells.waiting.any():
         handles.append(style.entry("blank: waiting", linestyle="none"))
     axes.view_init(24.0, -128.0)

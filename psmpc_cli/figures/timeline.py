@@ -44,7 +44,7 @@ class Timeline:
             self.panels[row, -1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
     def finish(self, handles: Sequence[Artist] = ()) -> Figure:
-        """Write the common legend, with more entries, below the panels and return the figure."""
+        """Write the common legend below the panels and return the figure."""
         style.add_legend(self.figure, (*handles, *self.handles))
         return self.figure
 

@@ -76,7 +76,7 @@ def test_what_the_controller_saw_is_drawn_where_it_can_be_told_apart(load: Load,
     blurred = load(blur=0.1)
     figure = plot_velocities(blurred)
     np.testing.assert_array_equal(curves(figure.axes[1])["x"], np.column_stack([run.motion.time, run.motion.v[:, 0]]))
-    seen = [points(line)[:, 1:] for axes in figure.axes[1:] for line in axes.lines if line.get_label() == "_seen"]
+    seen = [points(line)[:, 1:] for axes in figure.axes[1:] for line in axes.lines if "seen" in line.get_label()]
     np.testing.assert_array_equal(np.hstack(seen), blurred.motion.v_seen)
     assert "seen by the controller" in common_legend(figure)
     assert "seen by the controller" not in common_legend(plot_states(run))

@@ -265,6 +265,6 @@ def print_fronts(results: Results) -> None:
     print_table(fronts.HEADINGS, fronts.front_texts(results), left=0)
     typer.echo(fronts.NOTE)
     if "weighted_J_1" in results.quantities:
-        movement = fronts.front_movement(results)
+        movement = fronts.FrontMovement(results)
         typer.echo("\n".join((movement.over_ratio, *movement.over_time)))
     typer.echo(f"results: {results.path}")

@@ -254,16 +254,23 @@ def error_curves(run: Run) -> Iterator[tuple[Span, int, bool, np.ndarray, np.nda
     """Yield the errors against the current stage's target, stage by stage, as `plot_errors` draws them.
 
     Of each the stage's span, the number of the frame (the base, then the arms), whether they are angles, times (K,)
-    [s], the largest error at those (K,) [m] or [rad], and the tolerance of the end condition, or NaN.
+    [s], the largest error at those (K,) [m] or [rad], and the tightest tolerance of the end condition, or NaN.
     """
-    motion = run.motion
+    motion, parts = run.motion, run.problem.model.spec.parts
     for span in run.spans:
         inside = (motion.time > span.start) & (motion.time < span.end)
-        time = np.r_[span.start, motion.time[inside], span.end]
+        time, stage, first = np.r_[span.start, motion.time[inside], span.end], run.problem.stages[span.index], 0
         Q = np.array([motion.coordinates_at(t) for t in time])
-        errors = _errors(run.problem, run.problem.stages[span.index], Q, time - span.start)
-        for frame, angular, rows, tolerance in _error_groups(run, span):
-            yield span, frame, angular, time, np.abs(errors[:, rows]).max(axis=1), tolerance
+        errors = np.abs(_errors(run.problem, stage, Q, time - span.start))
+        tolerances = dict(zip(stage.end_rows, stage.tolerance, strict=True))
+        for frame, axes in enumerate(error_axes(parts, stage.space).values()):
+            for angular in (False, True):
+                rows = [row for row, axis in enumerate(axes, start=first) if (axis not in POSITION_AXES) == angular]
+                ending = [row for row in rows if row in tolerances]
+                if rows:
+                    tightest = min((tolerances[row] for row in ending), default=np.nan)
+                    yield span, frame, angular, time, errors[:, ending or rows].max(axis=1), tightest
+            first += len(axes)
 
 
 def _errors(problem: Problem, stage: Stage, Q: np.ndarray, since: np.ndarray) -> np.ndarray:
@@ -276,23 +283,6 @@ def _errors(problem: Problem, stage: Stage, Q: np.ndarray, since: np.ndarray) ->
         placed, x = in_own_chart(problem.model, stage, q, at_rest, time)
         found.append(problem.costs.errors(placed, x[None], np.array([time]))[0])
     return np.array(found)
-
-
-def _error_groups(run: Run, span: Span) -> Iterator[tuple[int, bool, list[int], float]]:
-    """Give the groups of coordinates a stage controls.
-
-    Of each the number of the frame (the base, then the arms), whether they are angles, their rows in the stage's own
-    coordinates Q or xi, and the tightest tolerance of the end condition on any of them, or NaN.
-    """
-    stage, first = run.problem.stages[span.index], 0
-    tolerances = dict(zip(stage.end_rows, stage.tolerance, strict=True))
-    for frame, axes in enumerate(error_axes(run.problem.model.spec.parts, stage.space).values()):
-        for angular in (False, True):
-            rows = [row for row, axis in enumerate(axes, start=first) if (axis not in POSITION_AXES) == angular]
-            ending = [row for row in rows if row in tolerances]
-            if rows:
-                yield frame, angular, ending or rows, min((tolerances[row] for row in ending), default=np.nan)
-        first += len(axes)
 
 
 def _frame_look(index: int) -> dict[str, Any]:

@@ -5,7 +5,6 @@ A point is a row of criteria (C,) to be small; NaN means that it could not be so
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -98,7 +97,6 @@ MEASURES: Mapping[str, str] = {
 """What a front is followed in from sample to sample, and how a sentence says that."""
 
 
-@dataclass(frozen=True, eq=False)
 class FrontMovement:
     """How the fronts of a study's weighted sums move, the switch time held at the run's optimum.
 
@@ -106,26 +104,29 @@ class FrontMovement:
         instants: Sampling instants [s].
         against: The largest step of each front against the upper left, as the ratio grows, over its extent.
         moves: Whether the optimum moves at all between the smallest and the largest ratio, in both costs.
+        moving: Number of samples at which it moves to the upper left, and never back, as the ratio grows.
         steps: By measure, the mean change of J_1 and J_2 over the points of equal ratio from sample to sample (S, 2);
             NaN if no ratio has a point at both.
+        with_time: Whether the front moves to the upper left from every sample to the next, in normalized costs.
         parts: The two stages' parts of the horizon at each sample (S + 1, 2) [s].
     """
 
-    instants: tuple[float, ...]
-    against: tuple[float, ...]
-    moves: tuple[bool, ...]
-    steps: Mapping[str, Vector]
-    parts: Vector
-
-    @property
-    def moving(self) -> int:
-        """Number of samples at which the optimum moves to the upper left, and never back, as the ratio grows."""
-        return sum(moves and step <= CLEARLY for moves, step in zip(self.moves, self.against, strict=True))
-
-    @property
-    def with_time(self) -> bool:
-        """Whether the front moves to the upper left from every sample to the next, in normalized costs."""
-        return all(direction(step) == "upper left" for step in self.steps["normalized"])
+    def __init__(self, results: Results) -> None:
+        instants, J = results["instant"], held_costs(results, WEIGHTED)
+        first = results["t_s"] - instants
+        self.instants: list[float] = instants.tolist()
+        self.parts = np.column_stack([first, float(np.asarray(results.attributes["horizon"])) - first])
+        relative = J / np.array([extents(front) for front in J])[:, None, :]
+        known = [front[np.isfinite(front).all(axis=1)] for front in relative]
+        backward = [np.diff(front, axis=0) * [-1.0, 1.0] for front in known]
+        self.against = [float(np.max(steps, initial=0.0)) for steps in backward]
+        self.moves = [bool(len(front)) and bool(np.all(np.ptp(front, axis=0) > 0)) for front in known]
+        self.moving = sum(moves and step <= CLEARLY for moves, step in zip(self.moves, self.against, strict=True))
+        lows = np.nanmin(relative, axis=1, keepdims=True, initial=np.inf)
+        followed = {"normalized": J, "per second": J / self.parts[:, None, :], "own extent": relative - lows}
+        changes = {name: np.ma.masked_invalid(np.diff(values, axis=0)) for name, values in followed.items()}
+        self.steps = {name: each.mean(axis=1).filled(np.nan) for name, each in changes.items()}
+        self.with_time = all(direction(step) == "upper left" for step in self.steps["normalized"])
 
     def directions(self, measure: str = "normalized") -> str:
         """Return where the front moves from sample to sample, and how often, such as upper left (4 of 4)."""
@@ -166,26 +167,3 @@ def held_costs(results: Results, method: str) -> Vector:
     """Return J_1 and J_2 of a method's points with the instant held at the run's optimum, (instants, points, 2)."""
     J = np.stack([results[f"{method}_{name}"] for name in ("J_1", "J_2")], axis=-1)
     return J[:, 0] if J.ndim == 4 else J
-
-
-def front_movement(results: Results) -> FrontMovement:
-    """Return how the fronts of a study with weighted sums move."""
-    instants, J = results["instant"], held_costs(results, WEIGHTED)
-    first = results["t_s"] - instants
-    parts = np.column_stack([first, float(np.asarray(results.attributes["horizon"])) - first])
-    spans = np.array([extents(front) for front in J])[:, None, :]
-    relative = J / spans
-    lows = np.nanmin(relative, axis=1, keepdims=True, initial=np.inf)
-    followed = {"normalized": J, "per second": J / parts[:, None, :], "own extent": relative - lows}
-    known = [front[np.isfinite(front).all(axis=1)] for front in relative]
-    backward = [np.diff(front, axis=0) * [-1.0, 1.0] for front in known]
-    return FrontMovement(
-        instants=tuple(map(float, instants)),
-        against=tuple(float(np.max(steps, initial=0.0)) for steps in backward),
-        moves=tuple(bool(len(front)) and bool(np.all(np.ptp(front, axis=0) > 0)) for front in known),
-        steps={
-            measure: np.ma.masked_invalid(np.diff(values, axis=0)).mean(axis=1).filled(np.nan)
-            for measure, values in followed.items()
-        },
-        parts=parts,
-    )

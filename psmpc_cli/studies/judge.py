@@ -18,7 +18,7 @@ from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.feasibility import earliest_ends
 from psmpc_cli.specs.task import DEEDS
 from psmpc_cli.studies.ablations import Ablation
-from psmpc_cli.studies.fronts import CLEARLY, FrontMovement, front_movement
+from psmpc_cli.studies.fronts import CLEARLY, FrontMovement
 from psmpc_cli.studies.sweep import SweepCells, along_ratio
 
 Value = float | str | tuple[float, ...] | tuple[str, ...]
@@ -184,7 +184,7 @@ class Reproduction:
     @cached_property
     def movement(self) -> FrontMovement | None:
         """How the fronts move."""
-        return None if self.fronts is None else front_movement(self.fronts)
+        return None if self.fronts is None else FrontMovement(self.fronts)
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:

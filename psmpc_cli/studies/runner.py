@@ -383,8 +383,7 @@ def compute_all(
     with closing(compute(function, list(items.values()), jobs)) as results:
         for index, result in results:
             if result is None:
-                killed = f"{names[index]}: its process was killed each time, perhaps for lack of memory"
-                raise RunError(f"{killed}: try fewer --jobs")
+                raise RunError(f"{names[index]}: {LOST}: try fewer --jobs")
             found[names[index]] = result
             done(names[index])
     return {name: found[name] for name in names}

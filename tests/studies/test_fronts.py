@@ -9,11 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from psmpc_cli.logs.results import Quantity, Results
-from psmpc_cli.studies.fronts import (
-    dominated,
-    front_movement,
-    hypervolume,
-)
+from psmpc_cli.studies.fronts import FrontMovement, dominated, hypervolume
 
 CLOUDS = st.integers(2, 3).flatmap(
     lambda count: arrays(float, st.tuples(st.integers(1, 12), st.just(count)), elements=st.integers(0, 6).map(float))
@@ -69,18 +65,18 @@ def front(right: float = 0.0, up: float = 0.0) -> np.ndarray:
 
 
 def test_a_front_that_moves_to_the_upper_left_is_said_to() -> None:
-    movement = front_movement(made_up(np.array([front(2, 0), front(1, 1), front(0, 2)])))
+    movement = FrontMovement(made_up(np.array([front(2, 0), front(1, 1), front(0, 2)])))
     assert movement.moving == 3
     assert movement.with_time
     np.testing.assert_allclose(movement.steps["normalized"], [[1, -1], [1, -1]])
-    assert movement.against == (0.0, 0.0, 0.0)
+    assert movement.against == [0.0, 0.0, 0.0]
 
 
 def test_a_step_back_along_a_front_is_found_and_last_digits_are_none() -> None:
     swapped, rounded = front(), front()
     swapped[[2, 3]] = swapped[[3, 2]]
     rounded[3] = rounded[2] * [1 - 1e-7, 1 + 1e-7]
-    movement = front_movement(made_up(np.array([front(), swapped, rounded])))
+    movement = FrontMovement(made_up(np.array([front(), swapped, rounded])))
     assert movement.moving == 2
     assert movement.against[0] == 0.0
     assert movement.against[1] > 0.1
@@ -89,7 +85,7 @@ def test_a_step_back_along_a_front_is_found_and_last_digits_are_none() -> None:
 
 def test_costs_that_follow_the_stages_parts_of_the_horizon_do_not_move_per_second() -> None:
     parts = np.array([[3.0, 1.0], [2.0, 2.0], [1.0, 3.0]])
-    movement = front_movement(made_up(parts[:, None, :] * front()))
+    movement = FrontMovement(made_up(parts[:, None, :] * front()))
     np.testing.assert_allclose(movement.parts, parts)
     assert movement.directions() == "lower right (2 of 2)"
     np.testing.assert_allclose(movement.steps["per second"], np.zeros((2, 2)), atol=1e-12)

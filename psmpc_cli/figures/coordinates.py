@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.timeline import open_timeline, runs_of
+from psmpc_cli.figures.timeline import Timeline, runs_of
 from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.ocp.problem import Problem, Stage, in_own_chart
 from psmpc_cli.robot.model import RobotModel
@@ -150,7 +150,7 @@ def _plot_quantity(
     """
     model = runs_of(runs)[0].problem.model
     panels = list(_panels(model))
-    timeline = open_timeline(runs, len(panels), HEIGHT)
+    timeline = Timeline(runs, len(panels), HEIGHT)
     for row, (part, rows, labels, angular) in enumerate(panels):
         note, (factor, unit) = "", _in_degrees(model, part, units[angular])
         for axes, run in zip(timeline.panels[row], timeline.runs, strict=True):
@@ -228,7 +228,7 @@ def plot_errors(run: Run) -> Figure:
     which the end condition stands only the coordinates in it count, and a line shows their tolerance. Where the target
     is a trajectory, the error is against its present value. Logarithmic.
     """
-    timeline = open_timeline(run, 2, 1.35)
+    timeline = Timeline(run, 2, 1.35)
     panels = list(timeline.panels[:, 0])
     for axes in panels:
         for frame, name in enumerate(run.problem.model.pose_rows):

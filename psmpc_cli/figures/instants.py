@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.timeline import open_timeline, runs_of
+from psmpc_cli.figures.timeline import Timeline, runs_of
 from psmpc_cli.logs.run import Run
 
 HATCHES = ("", "//////", "......")
@@ -30,7 +30,7 @@ def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
     switched = [np.isfinite(run.stages["switch_time"]) for run in runs_of(runs)]
     any_planned = np.flatnonzero(np.any([seen.any(axis=0) for seen in planned], axis=0)).tolist()
     happened = any((seen.any(axis=0) & ended).any() for seen, ended in zip(planned, switched, strict=True))
-    timeline = open_timeline(runs, 2 if happened else 1, 1.5)
+    timeline = Timeline(runs, 2 if happened else 1, 1.5)
     for column, run, seen in zip(timeline.panels.T, timeline.runs, planned, strict=True):
         above, ends, horizon = column[0], run.motion.time[[0, -1]], run.task.spec.controller.horizon
         above.plot(ends, ends, label="_present time", **style.LEVEL)
@@ -64,7 +64,7 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
     logged = [run["window/share"] for run in runs_of(runs)]
     if any(np.isfinite(values).any() for values in logged):
         shares[CONTROL] = logged
-    timeline = open_timeline(runs, len(shares), 1.2, shaded=False)
+    timeline = Timeline(runs, len(shares), 1.2, shaded=False)
     for row, (whole, found) in enumerate(shares.items()):
         for axes, run, values in zip(timeline.panels[row], timeline.runs, found, strict=True):
             _plot_stack(axes, run, values)
@@ -113,7 +113,7 @@ def _plot_stack(axes: Axes, run: Run, shares: np.ndarray) -> None:
 
 def plot_solve_time(run: Run) -> Figure:
     """Plot the wall time [ms] and the iterations of each solve over time, by how many stages were in the window."""
-    timeline = open_timeline(run, 2, 1.25)
+    timeline = Timeline(run, 2, 1.25)
     above, below = timeline.panels[:, 0]
     time, wall, iterations = run.time, run["solver/wall_time"] * 1e3, run["solver/iterations"]
     count, solved = run["window/count"], np.isfinite(wall) & (wall > 0)
@@ -141,7 +141,7 @@ def plot_solve_time(run: Run) -> Figure:
 
 def plot_pull(run: Run) -> Figure:
     """Plot the filtered pull [N] on each grasp over time, the strength, and where grasps closed and opened."""
-    timeline, thing = open_timeline(run, 1, 1.6), run.task.spec.object
+    timeline, thing = Timeline(run, 1, 1.6), run.task.spec.object
     axes = timeline.panels[0, 0]
     for i, gripper in enumerate(run["gripper"]):
         held = np.where(run["grasp/closed"][:, i] == 1, run["grasp/pull"][:, i], np.nan)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.timeline import open_timeline
+from psmpc_cli.figures.timeline import Timeline
 from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.logs.summary import judge_monitor, monitor_bounds, signal
 
@@ -70,7 +70,7 @@ def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
         run: The run.
         published: Published actual starts by stage [s].
     """
-    timeline = open_timeline(run, 1, 2.4)
+    timeline = Timeline(run, 1, 2.4)
     axes: Axes = timeline.panels[0, 0]
     presence, time, waited, onset = run["window/presence"], run.time, False, run.task.spec.onset
     for stage, name in enumerate(run.stage_names):
@@ -96,7 +96,7 @@ def plot_monitors(run: Run) -> Figure:
     A task without a monitor has one empty panel.
     """
     monitors = run.task.spec.monitors
-    timeline = open_timeline(run, max(1, len(monitors)), 1.6)
+    timeline = Timeline(run, max(1, len(monitors)), 1.6)
     if not monitors:
         timeline.panels[0, 0].set_yticks([])
         style.panel_legend(timeline.panels[0, 0], "the task has no monitor")

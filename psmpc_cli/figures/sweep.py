@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
 
 from psmpc_cli.figures import style
-from psmpc_cli.studies.sweep import ALLOWED, GRID, WITHIN, AlongRatio, SweepCells, along_ratio, recommend
+from psmpc_cli.studies.sweep import ALLOWED, GRID, WITHIN, AlongRatio, SweepCells, recommend
 
 COLORS = "viridis"
 
@@ -144,7 +144,7 @@ def plot_starts(cells: SweepCells) -> Figure:
         starts = cells.of("actual_start")
         for i in map(int, np.argsort(cells.epsilons)):
             label = f"ε = {cells.epsilons[i]:g}"
-            _plot_along(axes, along_ratio(cells, starts[:, i]), label=label, **style.line_look(i))
+            _plot_along(axes, AlongRatio(cells, starts[:, i]), label=label, **style.line_look(i))
     else:
         axes.set_yticks([])
     _mark_failed(axes, cells)
@@ -159,7 +159,7 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
     """
     second = style.readable(cells.names[1])
     quantities = ("completion_time", "control_effort", "final_error")
-    completion, effort, error = found = [along_ratio(cells, cells.of(name)) for name in quantities]
+    completion, effort, error = found = [AlongRatio(cells, cells.of(name)) for name in quantities]
     labels = [f"Completion\nof {second} (s)", "Control effort\n(m²/s³, rad²/s³)", "Final error\n(tolerances)"]
     shown = 3 if np.isfinite(error.middle).any() else 2
     figure, rows = style.stack(labels[:shown], [1.05 + 0.6 / shown] * shown, RATIO)
@@ -206,7 +206,7 @@ def _plot_along(axes: Axes, values: AlongRatio, **look: Any) -> None:
 
 def _plot_bounds(axes: Axes, cells: SweepCells) -> None:
     """Plot t_s and t_s - T_h, below which no switch is in the window."""
-    instant, floor = along_ratio(cells, cells.instant), along_ratio(cells, cells.floor)
+    instant, floor = AlongRatio(cells, cells.instant), AlongRatio(cells, cells.floor)
     room = 0.06 * cells.task.spec.controller.horizon
     low, high = float(floor.lowest.min()) - room, float(instant.highest.max()) + room
     axes.plot(instant.ratio, instant.middle, label="$t_s$", **style.LEVEL)

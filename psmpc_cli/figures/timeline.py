@@ -1,7 +1,6 @@
 """The frame of every figure over time: a strip that names the stages, and panels below it, a column for each run."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,9 +17,8 @@ STRIP_ROW = 0.15
 """Height of a row of the strip [in]."""
 
 
-@dataclass(frozen=True, eq=False)
 class Timeline:
-    """A figure over time.
+    """A figure of empty panels along time, in columns that share their axes, below a strip that names the stages.
 
     Attributes:
         figure: The figure.
@@ -29,10 +27,37 @@ class Timeline:
         handles: What its common legend says of the stages.
     """
 
-    figure: Figure
-    runs: Sequence[Run]
-    panels: np.ndarray
-    handles: tuple[Artist, ...]
+    def __init__(self, runs: Mapping[str, Run] | Run, rows: int, height: float, shaded: bool = True) -> None:
+        """Open a figure.
+
+        Args:
+            runs: A run, or several by controller, whose names then stand above their columns.
+            rows: Number of panels below each other.
+            height: Of one panel [in].
+            shaded: Whether the panels are shaded by stage.
+        """
+        named, self.runs = not isinstance(runs, Run), runs_of(runs)
+        columns, ends = len(self.runs), [run.motion.time[[0, -1]] for run in self.runs]
+        start, end = float(np.min(ends)), float(np.max(ends))
+        wide, width = (style.PAGE, (style.PAGE - 1.3) / columns) if named else (style.COLUMN, style.AXIS_WIDTH)
+        bars = [bar_rows(run.spans, style.CHARACTER * (end - start) / width) for run in self.runs]
+        strip = STRIP_ROW * max(2, *(1 + max(placed) for placed in bars))
+        self.figure = style.new_figure(strip + 0.5 + 0.15 * named + rows * (height + 0.05 * (not named)), wide)
+        heights = [strip] + [height] * rows
+        axes = self.figure.subplots(rows + 1, columns, sharex=True, sharey="row", squeeze=False, height_ratios=heights)
+        room = 0.012 * (end - start) or 0.55 * self.runs[0].task.spec.controller.sample_time
+        axes[0, 0].set_xlim(start - room, end + room)
+        axes[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=4 if named else 7, steps=[1, 2, 5, 10]))
+        axes[0, 0].set_ylim(strip / STRIP_ROW, 0)
+        for column, placed, run in zip(axes.T, bars, self.runs, strict=True):
+            _draw_strip(column[0], run.spans, placed)
+            for panel in column[1:] if shaded else ():
+                _shade(panel, run.spans)
+            column[-1].set_xlabel("Time (s)")
+        for column, name in zip(axes[0], () if isinstance(runs, Run) else runs, strict=False):
+            column.set_title(style.title_of(name), fontsize=8.0, pad=3)
+        self.figure.align_ylabels(axes[1:, 0])
+        self.panels, self.handles = axes[1:], [each for run in self.runs for each in _stage_handles(run.spans, shaded)]
 
     def label(self, row: int, label: str, note: str = "") -> None:
         """Label the vertical axis of a row and write its legend: above a single panel, with a note, else beside it."""
@@ -52,42 +77,6 @@ class Timeline:
 def runs_of(runs: Mapping[str, Run] | Run) -> list[Run]:
     """Return the runs of a figure, one or several."""
     return [runs] if isinstance(runs, Run) else list(runs.values())
-
-
-def open_timeline(runs: Mapping[str, Run] | Run, rows: int, height: float, shaded: bool = True) -> Timeline:
-    """Return a figure of empty panels along time, in columns that share their axes.
-
-    Args:
-        runs: A run, or several by controller, whose names then stand above their columns.
-        rows: Number of panels below each other.
-        height: Of one panel [in].
-        shaded: Whether the panels are shaded by stage.
-    """
-    named = not isinstance(runs, Run)
-    columns = {"": runs} if isinstance(runs, Run) else dict(runs)
-    start, end = min(float(run.motion.time[0]) for run in columns.values()), max(r.motion.end for r in columns.values())
-    figure_width, width = (style.PAGE, (style.PAGE - 1.3) / len(columns)) if named else (style.COLUMN, style.AXIS_WIDTH)
-    bars = [bar_rows(run.spans, style.CHARACTER * (end - start) / width) for run in columns.values()]
-    strip = STRIP_ROW * max(2, *(1 + max(placed) for placed in bars))
-    figure = style.new_figure(strip + 0.5 + 0.15 * named + rows * (height + 0.05 * (not named)), figure_width)
-    axes = figure.subplots(
-        rows + 1, len(columns), sharex=True, sharey="row", squeeze=False, height_ratios=[strip] + [height] * rows
-    )
-    room = 0.012 * (end - start) or 0.55 * next(iter(columns.values())).task.spec.controller.sample_time
-    axes[0, 0].set_xlim(start - room, end + room)
-    axes[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=4 if named else 7, steps=[1, 2, 5, 10]))
-    axes[0, 0].set_ylim(strip / STRIP_ROW, 0)
-    handles: list[Artist] = []
-    for column, placed, (name, run) in zip(axes.T, bars, columns.items(), strict=True):
-        _draw_strip(column[0], run.spans, placed)
-        handles += _stage_handles(run.spans, shaded)
-        if named:
-            column[0].set_title(style.title_of(name), fontsize=8.0, pad=3)
-        for panel in column[1:] if shaded else ():
-            _shade(panel, run.spans)
-        column[-1].set_xlabel("Time (s)")
-    figure.align_ylabels(axes[1:, 0])
-    return Timeline(figure, runs_of(runs), axes[1:], tuple(handles))
 
 
 def bar_rows(spans: Sequence[Span], character: float) -> list[int]:

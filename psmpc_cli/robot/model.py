@@ -14,7 +14,7 @@ from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.dynamics import Dynamics, InertialParameters, derive_dynamics, function, solve_spd
 from psmpc_cli.robot.kinematics import SpatialFrame, base_frame, charted_base, place
 from psmpc_cli.robot.rotations import add, cross, rotate, scaled
-from psmpc_cli.robot.shape import RobotShape, shape_of
+from psmpc_cli.robot.shape import RobotShape
 from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.load import load_robot as load_robot_spec
 from psmpc_cli.specs.robot import RobotSpec
@@ -125,7 +125,7 @@ class RobotModel:
     @cached_property
     def shape(self) -> RobotShape:
         """What the robot looks like, for drawings."""
-        return shape_of(self.spec)
+        return RobotShape(self.spec)
 
     @cached_property
     def nominal(self) -> InertialParameters:

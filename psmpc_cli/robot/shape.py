@@ -1,7 +1,6 @@
 """What a robot looks like as far as its description tells, for drawings: a box, capsules between joints, grippers."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,12 @@ THICKNESS, FINGER = 0.028, 0.09
 """Radius of a capsule, and length of a gripper's finger, in lengths of the longest arm."""
 
 
-@dataclass(frozen=True, eq=False)
 class RobotShape:
-    """The shape of a robot; every part is fixed to the frame of a body, see `RobotModel.body_frames`.
+    """The shape of a robot by its description; every part is fixed to a body's frame, see `RobotModel.body_frames`.
+
+    The base's box goes through the arms' mounts in the plane; in space it is the solid box with the base's inertia. A
+    capsule goes from a body's joint to every joint and end-effector that the body carries, and along the travel of a
+    prismatic joint; on the base only to mounts outside its box.
 
     Attributes:
         reach: Length of the longest arm, or half the diagonal of the base if that is more [m].
@@ -28,42 +30,28 @@ class RobotShape:
         grippers: By arm, on its last body: end of a finger, palm, end of the other finger (4, 3) [m].
     """
 
-    reach: float
-    radius: float
-    box: Array
-    box_frame: Array
-    capsules: tuple[Array, ...]
-    grippers: dict[str, Array]
-
-
-def shape_of(spec: RobotSpec) -> RobotShape:
-    """Derive the shape of a robot from its description.
-
-    The base's box goes through the arms' mounts in the plane; in space it is the solid box with the base's inertia. A
-    capsule goes from a body's joint to every joint and end-effector that the body carries, and along the travel of a
-    prismatic joint; on the base only to mounts outside its box.
-    """
-    arms = (float(np.linalg.norm(spec.link_ends(arm), axis=1).sum()) for arm in spec.arms)
-    longest = max(arms, default=0.0)
-    box, box_frame = _planar_box(spec, longest) if spec.dimension == 2 else _solid_box(spec.bodies[0])
-    reach = max(longest, float(np.linalg.norm(box)))
-    capsules: list[list[Sequence[Sequence[float]]]] = [[] for _ in spec.bodies]
-    for number, body in enumerate(spec.bodies):
-        if body.joint is not None:
-            at = body.joint.at
-            inside = box_frame[:3, :3].T @ (np.array(at.position) - box_frame[:3, 3])
-            if at.body or (np.abs(inside) > box + 1e-9).any():
-                capsules[at.body].append(((0, 0, 0), at.position))
-            if body.joint.prismatic:
-                along = np.multiply.outer(_travel(spec, number), _turn(at) @ body.joint.axis)
-                capsules[at.body].append((along + at.position).tolist())
-    for tool in spec.tools.values():
-        capsules[tool.body].append(((0, 0, 0), tool.position))
-    seen = [[one for one in ends if np.linalg.norm(np.subtract(one[1], one[0])) > 1e-9] for ends in capsules]
-    grippers = {arm: _gripper(spec.bodies[tool.body], tool, FINGER * reach) for arm, tool in spec.tools.items()}
-    return RobotShape(
-        reach, THICKNESS * reach, box, box_frame, tuple(np.reshape(ends, (-1, 2, 3)) for ends in seen), grippers
-    )
+    def __init__(self, spec: RobotSpec) -> None:
+        arms = (float(np.linalg.norm(spec.link_ends(arm), axis=1).sum()) for arm in spec.arms)
+        longest = max(arms, default=0.0)
+        self.box, self.box_frame = _planar_box(spec, longest) if spec.dimension == 2 else _solid_box(spec.bodies[0])
+        self.reach = max(longest, float(np.linalg.norm(self.box)))
+        self.radius = THICKNESS * self.reach
+        ends: list[list[Sequence[Sequence[float]]]] = [[] for _ in spec.bodies]
+        for number, body in enumerate(spec.bodies):
+            if body.joint is not None:
+                at = body.joint.at
+                inside = self.box_frame[:3, :3].T @ (np.array(at.position) - self.box_frame[:3, 3])
+                if at.body or (np.abs(inside) > self.box + 1e-9).any():
+                    ends[at.body].append(((0, 0, 0), at.position))
+                if body.joint.prismatic:
+                    along = np.multiply.outer(_travel(spec, number), _turn(at) @ body.joint.axis)
+                    ends[at.body].append((along + at.position).tolist())
+        for tool in spec.tools.values():
+            ends[tool.body].append(((0, 0, 0), tool.position))
+        seen = ([each for each in own if np.linalg.norm(np.subtract(each[1], each[0])) > 1e-9] for own in ends)
+        self.capsules: tuple[Array, ...] = tuple(np.reshape(own, (-1, 2, 3)) for own in seen)
+        finger, tools = FINGER * self.reach, spec.tools.items()
+        self.grippers = {arm: _gripper(spec.bodies[tool.body], tool, finger) for arm, tool in tools}
 
 
 def _planar_box(spec: RobotSpec, longest: float) -> tuple[Array, Array]:

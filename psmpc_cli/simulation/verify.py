@@ -1,7 +1,6 @@
 """Between the nodes: what the physics does along the plans of a log and along its closed loop."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,26 +31,7 @@ Peaks = dict[str, Largest]
 """The largest values by the names of `QUANTITIES`; none of what could not be measured."""
 
 
-@dataclass(frozen=True, eq=False)
-class Verification:
-    """What the physics did.
-
-    Attributes:
-        horizons: Along the plans of so many horizons.
-        count: Number of horizons integrated.
-        loop: Along the closed loop.
-        samples: Number of samples of it that were integrated.
-        remarks: What was left out.
-    """
-
-    horizons: Peaks
-    count: int
-    loop: Peaks
-    samples: int
-    remarks: tuple[str, ...]
-
-
-def verify(log: Run, every: int = 1, watch: Callable[[int], None] = lambda sample: None) -> Verification:
+def verify(log: Run, every: int = 1, watch: Callable[[int], None] = lambda sample: None) -> "Verification":
     """Integrate every n-th logged horizon, and the whole closed loop.
 
     Args:
@@ -65,19 +45,24 @@ def verify(log: Run, every: int = 1, watch: Callable[[int], None] = lambda sampl
     if not log.has_plans or not len(log.time):
         missing = "samples" if log.has_plans else "plans"
         raise LogError(f"{log.path}: holds no {missing}; expected a log of a task with log: {{plans: true}}")
-    verifier = _Verifier(log)
+    verification = Verification(log)
     for sample in range(len(log.time)):
-        verifier.take(sample, sample % every == 0)
+        verification.take(sample, sample % every == 0)
         watch(sample)
-    return verifier.result()
+    return verification
 
 
 Found = Iterator[tuple[str, Vector, Vector, Sequence[str]]]
 """What is measured of a sample: its name in `QUANTITIES`, values (T, names), times (T,) [s] and names."""
 
 
-class _Verifier:
-    """Goes through a log sample by sample and keeps the largest values."""
+class Verification:
+    """What the physics does along the plans and the closed loop of a log, gone through sample by sample.
+
+    Attributes:
+        horizons, loop: The largest values along the plans of the horizons, and along the closed loop.
+        count, samples, left_out: Numbers of horizons and of samples of the loop integrated, and of those left out.
+    """
 
     def __init__(self, log: Run) -> None:
         self._log, self._problem, self._model = log, log.problem, log.problem.model
@@ -85,9 +70,9 @@ class _Verifier:
         self._levels = "levels/solved" in log
         task = self._problem.spec
         self._uncertain = task.uncertainty.in_force or task.controller.offset_free
-        self._horizons: Peaks = {}
-        self._loop: Peaks = {}
-        self._count, self._samples, self._left_out = 0, 0, 0
+        self.horizons: Peaks = {}
+        self.loop: Peaks = {}
+        self.count, self.samples, self.left_out = 0, 0, 0
         self._plan: Plan | None = None
 
     def take(self, sample: int, horizon: bool) -> None:
@@ -96,18 +81,19 @@ class _Verifier:
             solve = logged_solve(self._log, sample)
             self._plan = solve.plan
             if horizon:
-                self._count += 1
-                _keep(self._horizons, sample, self._of_horizon(solve.plan, solve.window))
+                self.count += 1
+                _keep(self.horizons, sample, self._of_horizon(solve.plan, solve.window))
         if self._uncertain:
             return
         known = None if self._levels or self._log["events/braking"][sample] else self._plan
         flow = self._flow(sample, known)
-        self._samples, self._left_out = self._samples + (flow is not None), self._left_out + (flow is None)
+        self.samples, self.left_out = self.samples + (flow is not None), self.left_out + (flow is None)
         if flow is not None:
-            _keep(self._loop, sample, self._of_loop(sample, flow, known))
+            _keep(self.loop, sample, self._of_loop(sample, flow, known))
 
-    def result(self) -> Verification:
-        """Return what was found."""
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was left out."""
         remarks = []
         if self._levels:
             remarks.append("the log of HTMPC holds the windows of the first levels alone, and those were integrated")
@@ -116,10 +102,10 @@ class _Verifier:
                 "the closed loop was left out: its robot is not the one the plans are made for, or its controls are "
                 "not theirs"
             )
-        if self._left_out:
+        if self.left_out:
             why = "without the plan that was applied in the log; log: {ticks: true} logs the forces"
-            remarks.append(f"{self._left_out} samples of the closed loop were left out, {why}")
-        return Verification(self._horizons, self._count, self._loop, self._samples, tuple(remarks))
+            remarks.append(f"{self.left_out} samples of the closed loop were left out, {why}")
+        return tuple(remarks)
 
     def _of_horizon(self, plan: Plan, window: Window) -> Found:
         """Integrate a plan; limits count by how much more than at the measured state, which the horizon leaves free."""

@@ -19,7 +19,7 @@ from psmpc_cli.ocp.feasibility import earliest_ends
 from psmpc_cli.specs.task import DEEDS
 from psmpc_cli.studies.ablations import Ablation
 from psmpc_cli.studies.fronts import CLEARLY, FrontMovement
-from psmpc_cli.studies.sweep import SweepCells, along_ratio
+from psmpc_cli.studies.sweep import AlongRatio, SweepCells
 
 Value = float | str | tuple[float, ...] | tuple[str, ...]
 
@@ -402,7 +402,7 @@ def _trend(claim: Claim, made: Reproduction) -> Finding:
     sample = cells.task.spec.controller.sample_time
     cause, rises, shown = [], [], []
     for epsilon, values in zip(cells.epsilons, cells.of("actual_start").T, strict=True):
-        start = along_ratio(cells, values)
+        start = AlongRatio(cells, values)
         rise = start.highest - np.minimum.accumulate(start.lowest)
         worst, (first, last) = int(np.argmax(rise)), start.middle[[0, -1]]
         rises.append(float(rise[worst]))
@@ -419,7 +419,7 @@ def _trend(claim: Claim, made: Reproduction) -> Finding:
 def _settles(claim: Claim, made: Reproduction) -> Finding:
     """The actual start at the largest ratio is within the tolerance of published times."""
     cells, tolerance = made.weights, within(claim.number)
-    start = along_ratio(cells, cells.of("actual_start")[:, cells.chosen])
+    start = AlongRatio(cells, cells.of("actual_start")[:, cells.chosen])
     last = float(start.middle[-1])
     apart = np.abs(start.middle - last) > cells.task.spec.controller.sample_time + ROUNDING
     ratio = start.ratio[np.flatnonzero(apart)[-1] + 1 if apart.any() else 0]
@@ -434,7 +434,7 @@ def _settles(claim: Claim, made: Reproduction) -> Finding:
 def _chosen(claim: Claim, made: Reproduction) -> Finding:
     """At the ratio Capture completes earlier than with equal weights, at less effort than at the largest ratio."""
     cells = made.weights
-    completion, effort = (along_ratio(cells, cells.of(name.partition(".")[2])) for name in claim.reads)
+    completion, effort = (AlongRatio(cells, cells.of(name.partition(".")[2])) for name in claim.reads)
     logs, names = np.log(completion.ratio), [f"{ratio:.4g}" for ratio in completion.ratio]
     there, equal = (int(np.argmin(np.abs(logs - np.log(ratio)))) for ratio in (claim.ratio, 1.0))
     reproduced = (

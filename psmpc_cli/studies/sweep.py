@@ -216,26 +216,19 @@ class SweepCells:
         return int(own[0]) if len(own) else int(np.argmax(self.epsilons))
 
 
-@dataclass(frozen=True, eq=False)
 class AlongRatio:
-    """A quantity of the cells that ended, by their ratio: all (ratios,), from the smallest ratio to the largest.
+    """A quantity (cells,) of the cells that ended, by their ratio: from the smallest to the largest, (ratios,) each.
 
     Cells of one ratio differ by no more than the solver's tolerance, unless other stages are in the window as well.
     """
 
-    ratio: Array
-    middle: Array
-    lowest: Array
-    highest: Array
-
-
-def along_ratio(cells: SweepCells, values: Array) -> AlongRatio:
-    """Return a quantity (cells,) by ratio."""
-    which = np.flatnonzero(cells.ended)
-    ratio, kept = cells.ratio[which], values[which]
-    _, first, inverse = np.unique(np.round(np.log10(ratio), SAME), return_index=True, return_inverse=True)
-    groups = [kept[inverse == k] for k in range(len(first))]
-    return AlongRatio(ratio[first], *(np.array([of(group) for group in groups]) for of in (np.median, np.min, np.max)))
+    def __init__(self, cells: SweepCells, values: Array) -> None:
+        ratio, kept = cells.ratio[cells.ended], values[cells.ended]
+        _, first, inverse = np.unique(np.round(np.log10(ratio), SAME), return_index=True, return_inverse=True)
+        groups, self.ratio = [kept[inverse == k] for k in range(len(first))], ratio[first]
+        self.middle, self.lowest, self.highest = (
+            np.array([of(group) for group in groups]) for of in (np.median, np.min, np.max)
+        )
 
 
 class Recommendation(NamedTuple):
@@ -259,7 +252,7 @@ def recommend(cells: SweepCells) -> Recommendation:
     is not recommended.
     """
     names = ("completion_time", "final_error", "control_effort")
-    completion, error, effort = (along_ratio(cells, cells.of(name)) for name in names)
+    completion, error, effort = (AlongRatio(cells, cells.of(name)) for name in names)
     if not len(completion.ratio):
         return Recommendation(None, "no ratio is recommended: no cell has come to its end")
     earliest = float(completion.lowest.min())

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 
 from psmpc_cli.robot.model import load_robot
-from psmpc_cli.robot.shape import RobotShape, shape_of
+from psmpc_cli.robot.shape import RobotShape
 from psmpc_cli.specs.robot import RobotSpec, SpatialRobot
 
 from .strategies import Array, State, laws, moving_robots, moving_spatial_robots
@@ -85,9 +85,9 @@ def test_a_slide_has_a_rail_along_its_travel_and_a_robot_without_arms_is_a_box()
     arm = {"links": [{"joint": slide, "mass": 1, "inertia": moments}], "tool": {"position": (0, 0, 0.5)}}
     given = {"name": "crane", "base": {"mass": 10, "inertia": moments}, "arms": {"arm": arm}}
     crane = SpatialRobot(**given, limits={"arm": {"position": [[-0.2, 0.4]]}})
-    to_mount, rail = shape_of(crane).capsules[0]
+    to_mount, rail = RobotShape(crane).capsules[0]
     np.testing.assert_allclose(to_mount, [[0, 0, 0], [1, 0, 0]])
     np.testing.assert_allclose(rail, [[1.2, 0, 0], [0.6, 0, 0]], atol=1e-12)
-    assert len(shape_of(SpatialRobot(**given)).capsules[0]) == 1
-    bare = shape_of(SpatialRobot(name="bare", base={"mass": 10, "inertia": moments}))
+    assert len(RobotShape(SpatialRobot(**given)).capsules[0]) == 1
+    bare = RobotShape(SpatialRobot(name="bare", base={"mass": 10, "inertia": moments}))
     assert bare.reach == pytest.approx(np.linalg.norm(bare.box)) and not bare.grippers

@@ -14,8 +14,8 @@ from psmpc_cli.studies.sweep import (
     RANDOM,
     RATIOS,
     WITHIN,
+    AlongRatio,
     SweepCells,
-    along_ratio,
     origins,
     parse_sampling,
     parse_stages,
@@ -75,7 +75,7 @@ def test_the_chosen_threshold_is_the_tasks_or_the_largest(
 def test_cells_of_one_ratio_are_taken_together(path: Path) -> None:
     cells = SweepCells(made_up_sweep(path, "3x3", failed=(0,)))
     values = np.arange(9.0)
-    found = along_ratio(cells, values)
+    found = AlongRatio(cells, values)
     np.testing.assert_allclose(found.ratio, [1e-6, 1e-3, 1.0, 1e3, 1e6])
     # the cell in row omega_2 and column omega_1 has the number 3 row + column, and 0 on the diagonal failed
     np.testing.assert_array_equal(found.lowest, [2, 1, 4, 3, 6])

@@ -387,6 +387,9 @@ _Each = TypeVar("_Each")
 OneOrMore = Annotated[tuple[_One, ...], Field(min_length=1), BeforeValidator(_alone), _Or()]
 """A list that is not empty, or one entry alone."""
 
+Sparse = Annotated[_One, Field(exclude_if=lambda value: not value)]
+"""A value that a task's digest leaves out where it is none or 0."""
+
 OrByPart = Annotated[
     Annotated[_One, Tag("number")] | Annotated[Mapping[_Key, _Each], Tag("parts")], Discriminator(_shape)
 ]

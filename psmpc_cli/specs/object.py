@@ -116,10 +116,6 @@ class GraspSpec(Spec):
     known: fields.Flag = Field(False, description="whether the low-level law knows the load and the closed chain")
 
 
-def _no_value(value: object) -> bool:
-    return value is None
-
-
 class ObjectSpec(Spec):
     """The target object. With a mass it is a body that moves freely until grippers close on it."""
 
@@ -127,19 +123,17 @@ class ObjectSpec(Spec):
     pose: PoseNumbers = Field(description="pose at the start: [x, y, angle] [m, rad]; in space position and attitude")
     taken_by: _StageName = Field(description="the stage at whose end it is taken")
     let_go_by: _StageName = Field(description="the stage at whose beginning it is let go")
-    mass: fields.Positive | None = Field(
-        None, exclude_if=_no_value, description="mass; without one it is drawn alone [kg]"
+    mass: fields.Sparse[fields.Positive | None] = Field(None, description="mass; without one it is drawn alone [kg]")
+    inertia: fields.Sparse[Annotated[fields.OneOrMore[fields.Positive], _by_dimension(1, 3)] | None] = Field(
+        None, description="inertia about its centre of mass, in space about its axes [kg m^2]"
     )
-    inertia: Annotated[fields.OneOrMore[fields.Positive], _by_dimension(1, 3)] | None = Field(
-        None, exclude_if=_no_value, description="inertia about its centre of mass, in space about its axes [kg m^2]"
+    motion: fields.Sparse[MotionSpec | None] = Field(
+        None, description="how it moves before it is taken; default not at all"
     )
-    motion: MotionSpec | None = Field(
-        None, exclude_if=_no_value, description="how it moves before it is taken; default not at all"
+    destination: fields.Sparse[DestinationSpec | None] = Field(
+        None, description="where it has to be when it leaves the grippers"
     )
-    destination: DestinationSpec | None = Field(
-        None, exclude_if=_no_value, description="where it has to be when it leaves the grippers"
-    )
-    grasp: GraspSpec | None = Field(None, exclude_if=_no_value, description="how grippers hold it")
+    grasp: fields.Sparse[GraspSpec | None] = Field(None, description="how grippers hold it")
 
 
 BODY = ("inertia", "motion", "destination", "grasp")

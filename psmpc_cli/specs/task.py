@@ -206,9 +206,7 @@ class EndCondition(Spec):
     coordinates: fields.OneOrMore[str] = Field(description="what must be at the target")
     tolerance: _Tolerance = Field(3e-3, description="how near, one number or numbers by part [m, rad]")
     velocity: fields.Width | None = Field(None, description="how much at rest [m/s, rad/s]")
-    hold: fields.Seconds = Field(
-        0.0, exclude_if=lambda hold: hold == 0, description="how long it must be met without a break [s]"
-    )
+    hold: fields.Sparse[fields.Seconds] = Field(0.0, description="how long it must be met without a break [s]")
 
 
 def _rising(times: tuple[float, ...], before: Fields, context: Context) -> Flaws:

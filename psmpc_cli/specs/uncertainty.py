@@ -21,10 +21,6 @@ _Fractions = fields.OrByPart[fields.Fraction, fields.Part, fields.Fraction]
 _ByArm = fields.OrByPart[fields.NotNegative, fields.ArmName, fields.OneOrMore[fields.NotNegative]]
 
 
-def _is_zero(value: float) -> bool:
-    return value == 0
-
-
 class FrictionSpec(Spec):
     """Friction in the joints: the torque -viscous * rate - coulomb * tanh(rate / width)."""
 
@@ -44,8 +40,8 @@ class NoiseSpec(Spec):
     angle: fields.Size = Field(0.0, description="of the base's angle, in space about each axis, and the joints' [rad]")
     velocity: fields.NotNegative = Field(0.0, description="of the velocities of what position is about [m/s]")
     angular_velocity: fields.Size = Field(0.0, description="of the rates of what angle is about [rad/s]")
-    object_position: fields.NotNegative = Field(0.0, exclude_if=_is_zero, description="of the object's position [m]")
-    object_angle: fields.Size = Field(0.0, exclude_if=_is_zero, description="of the object's attitude [rad]")
+    object_position: fields.Sparse[fields.NotNegative] = Field(0.0, description="of the object's position [m]")
+    object_angle: fields.Sparse[fields.Size] = Field(0.0, description="of the object's attitude [rad]")
 
 
 class ImpulseSpec(Spec):
@@ -125,8 +121,8 @@ class UncertaintySpec(Spec):
     )
     impulse: Annotated[ImpulseSpec | None, holds(_impulse)] = Field(None, description="a blow to the base")
     payload: PayloadSpec | None = Field(None, description="what the task's object weighs")
-    object: ObjectErrorSpec | None = Field(
-        None, exclude_if=lambda value: value is None, description="how an object with a mass differs from the task's"
+    object: fields.Sparse[ObjectErrorSpec | None] = Field(
+        None, description="how an object with a mass differs from the task's"
     )
 
     @property

@@ -64,9 +64,9 @@ def flaw(tail: str, found: str | None = None, at_key: bool = False) -> PydanticC
     return PydanticCustomError(FLAW, "{tail}", {"tail": tail, "found": found, "at_key": at_key})
 
 
-def expected(what: str) -> PydanticCustomError:
-    """Create the error of a value that is not `what`."""
-    return flaw(f", expected {what}")
+def expected(what: str, found: str | None = None, at_key: bool = False) -> PydanticCustomError:
+    """Create the error of a value that is not `what`, see `flaw`."""
+    return flaw(f", expected {what}", found, at_key)
 
 
 def holds(rule: Rule, as_written: bool = False) -> WrapValidator:
@@ -129,7 +129,7 @@ def _explained(details: list[ErrorDetails], model: type[Spec]) -> Iterator[Any]:
         elif kind == "missing":
             if at[0] in misspelt:
                 continue
-            error = flaw(f", expected {keys[str(at[0])].description}", f'no key "{at[0]}"', at_key=True)
+            error = expected(f"{keys[str(at[0])].description}", f'no key "{at[0]}"', at_key=True)
         elif kind == "literal_error":
             error = flaw(choice(str(value), re.findall(r"'([^']*)'", context["expected"])))
         elif kind in ("model_type", "model_attributes_type"):
@@ -236,7 +236,7 @@ def beyond_a_turn(value: object) -> PydanticCustomError | None:
     if isinstance(value, bool) or not isinstance(value, int | float) or not TURN < abs(value) <= LARGEST:
         return None
     wanted = f"an angle within one turn, or one with its unit: {value:g} deg, {value:g} rad"
-    return flaw(f", expected {wanted}", f'{value:g} rad (did you mean "{value:g} deg"?)')
+    return expected(wanted, f'{value:g} rad (did you mean "{value:g} deg"?)')
 
 
 def _within_a_turn(value: object, info: ValidationInfo) -> object:

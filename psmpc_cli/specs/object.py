@@ -7,7 +7,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationInfo
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import counted, quoted
-from psmpc_cli.specs.fields import Fields, Flaws, Spec, beyond_a_turn, expected, flaw, holds, is_pose, known, listed
+from psmpc_cli.specs.fields import Fields, Flaws, Spec, beyond_a_turn, expected, holds, is_pose, known, listed
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES, Context, dimension_of
 
 Numbers = tuple[float, ...]
@@ -148,18 +148,15 @@ def complete(thing: ObjectSpec | None, before: Fields, context: Context) -> Flaw
     if order and order.index(thing.let_go_by) <= order.index(thing.taken_by):
         yield ("let_go_by",), expected(f"a stage after {quoted(thing.taken_by)}, which takes the object")
     for key in (key for key in BODY if thing.mass is None and getattr(thing, key) is not None):
-        yield (key,), flaw(', expected also "mass": an object without one is drawn alone', "no mass", at_key=True)
+        yield (key,), expected('also "mass": an object without one is drawn alone', "no mass", at_key=True)
     if thing.mass is not None and (thing.inertia is None or grasp is None):
         missing = " and ".join(quoted(key) for key in ("inertia", "grasp") if getattr(thing, key) is None)
-        yield ("mass",), flaw(f", expected also {missing}", "a mass alone", at_key=True)
+        yield ("mass",), expected(f"also {missing}", "a mass alone", at_key=True)
     if grasp is not None and grasp.known and len(grasp.at) == 1:
         wanted = "false with one gripper: it closes no chain, which the low-level law would have to know"
         yield ("grasp", "known"), expected(wanted)
     plant, moments = before.get("plant"), thing.inertia or ()
     if thing.mass is not None and plant is not None and plant.kind == "ideal":
-        yield (
-            ("mass",),
-            flaw(", expected plant rk4 or mujoco: ideal has no forces", "a mass with plant ideal", at_key=True),
-        )
+        yield ("mass",), expected("plant rk4 or mujoco: ideal has no forces", "a mass with plant ideal", at_key=True)
     if len(moments) == 3 and 2 * max(moments) > sum(moments):
-        yield ("inertia",), flaw(", expected none larger than the sum of the other two", "moments that no body has")
+        yield ("inertia",), expected("none larger than the sum of the other two", "moments that no body has")

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import WrapValidator
 
 from psmpc_cli.specs.document import Data, Location, counted, entries, mapping
-from psmpc_cli.specs.fields import Fields, Flaws, beyond_a_turn, expected, flaw, holds
+from psmpc_cli.specs.fields import Fields, Flaws, beyond_a_turn, expected, holds
 
 Space = Literal["joint", "task", "point"]
 Axes = Mapping[str, tuple[str, ...]]
@@ -139,7 +139,7 @@ def misfits(written: Any, axes: Axes, required: Collection[str] = (), one: bool 
     given = [key for key in written if key in (*axes, "arms")]
     missing = [part for part in required if not any(stands_for(key, part) for key in given)]
     if missing:
-        yield (), flaw(f", expected also {', '.join(missing)}", ", ".join(given) or "no part", at_key=True)
+        yield (), expected(f"also {', '.join(missing)}", ", ".join(given) or "no part", at_key=True)
     times = written.get("times")
     for key in given:
         numbers = written[key]

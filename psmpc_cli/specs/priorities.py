@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psmpc_cli.specs.document import LARGEST, quoted, shortened
-from psmpc_cli.specs.fields import Fields, Flaws, flaw
+from psmpc_cli.specs.fields import Fields, Flaws, expected
 
 Vector = NDArray[np.float64]
 PairwiseComparison = tuple[str, str, float]
@@ -92,7 +92,7 @@ def disagreements(priorities: Any, before: Fields, context: Any) -> Flaws:
             ", ".join(shortened(s) for s, at in zip(stages, labels, strict=True) if at == i) for i in range(number)
         )
         found = f"nothing that compares {' with '.join(islands)}"
-        yield ("compare",), flaw(", expected comparisons that connect all stages", found, at_key=True)
+        yield ("compare",), expected("comparisons that connect all stages", found, at_key=True)
         return
     weighing = weigh(compare, stages)
     sizes = np.abs(weighing.logarithms)
@@ -102,9 +102,9 @@ def disagreements(priorities: Any, before: Fields, context: Any) -> Flaws:
         measure = f"consistency ratio {weighing.ratio:.3g}, acceptable up to {ACCEPTABLE:g}"
         found = f"{quoted(a)} to be {ratio:g} times as important as {quoted(b)}"
         fitted = np.exp(np.log(ratio) - weighing.residuals[worst])
-        wanted = f", expected nearer to {fitted:.3g}, which fits all comparisons best ({measure})"
-        yield ("compare", worst, 2), flaw(wanted, found)
+        wanted = f"nearer to {fitted:.3g}, which fits all comparisons best ({measure})"
+        yield ("compare", worst, 2), expected(wanted, found)
     elif sizes.max() > np.log(LARGEST):
         extreme = int(sizes.argmax())
         found = f"comparisons that make {quoted(stages[extreme])} far more or less important than {quoted(stages[0])}"
-        yield ("compare",), flaw(f", expected a ratio from {1 / LARGEST:g} to {LARGEST:g}", found, at_key=True)
+        yield ("compare",), expected(f"a ratio from {1 / LARGEST:g} to {LARGEST:g}", found, at_key=True)

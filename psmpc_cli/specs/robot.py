@@ -188,7 +188,7 @@ def limits_of_part(limits: Mapping[str, PartLimits], part: str, quantity: str) -
 
 def _not_reserved(name: str) -> str:
     if name in RESERVED:
-        raise flaw(f", expected none of {', '.join(RESERVED)}", f"the reserved name {quoted(name)}", at_key=True)
+        raise expected(f"none of {', '.join(RESERVED)}", f"the reserved name {quoted(name)}", at_key=True)
     return name
 
 

@@ -212,10 +212,10 @@ class EndCondition(Spec):
 def _rising(times: tuple[float, ...], before: Fields, context: Context) -> Flaws:
     """Give times of a trajectory that do not rise from 0."""
     if times[0]:
-        yield (0,), flaw(", expected 0: times count from where the stage begins", f"{times[0]:g} s")
+        yield (0,), expected("0: times count from where the stage begins", f"{times[0]:g} s")
     for i in range(1, len(times)):
         if times[i] <= times[i - 1]:
-            yield (i,), flaw(f", expected later than the time before it, {times[i - 1]:g} s", f"{times[i]:g} s")
+            yield (i,), expected(f"later than the time before it, {times[i - 1]:g} s", f"{times[i]:g} s")
 
 
 class TrajectorySpec(SideBySide):
@@ -255,7 +255,7 @@ def _target(written: Any, before: Fields, context: Context) -> Flaws:
         if key == "arms" or (key in axes and axes[key] != axes["base"]):
             yield (key,), expected("numbers: only the base, and an arm of a skill in task space, have a pose there")
         elif not isinstance(context.value("object", "mass"), int | float):
-            yield (key,), flaw(', expected an "object" with a mass', "no such object", at_key=True)
+            yield (key,), expected('an "object" with a mass', "no such object", at_key=True)
 
 
 def _end(written: Any, before: Fields, context: Context) -> Flaws:
@@ -263,21 +263,15 @@ def _end(written: Any, before: Fields, context: Context) -> Flaws:
     sizes, space = context.sizes, context.spaces.get(before.get("skill", ""))
     if not sizes or not isinstance(written, dict):
         return
-    coordinates, tolerance = written.get("coordinates"), written.get("tolerance")
-    listed = entries(coordinates) or [coordinates]
+    listed, tolerance = entries(written.get("coordinates")) or [written.get("coordinates")], written.get("tolerance")
     valid = list(dict.fromkeys(name for each in SPACES if space in (each, None) for name in names(sizes, each)))
     for i, name in enumerate(listed):
         if isinstance(name, str) and name not in valid:
             yield ("coordinates", i), flaw(choice(name, valid))
-    if space is not None:
-        for at, error in misfits(tolerance, error_axes(sizes, space), one=True):
-            yield ("tolerance", *at), error
-    given = [key for key in mapping(tolerance) if key in (*sizes, "arms")]
     keys = [name.partition(".")[0] for name in listed if isinstance(name, str) and name in valid]
     needed = [part for part in sizes if any(key == "all" or stands_for(key, part) for key in keys)]
-    missing = [part for part in needed if not any(stands_for(key, part) for key in given)]
-    if given and missing:
-        yield ("tolerance",), flaw(f", expected also {', '.join(missing)}", ", ".join(sorted(given)), at_key=True)
+    for at, error in misfits(tolerance, error_axes(sizes, space), needed, one=True) if space is not None else ():
+        yield ("tolerance", *at), error
 
 
 class StageSpec(Spec):
@@ -333,7 +327,7 @@ def _own_names(key: str, written: Any, before: Fields, context: Context) -> Flaw
         name = mapping(entry).get("name")
         if isinstance(name, str) and first.setdefault(name, i) != i:
             found = f"{quoted(name)} again (first at {key}[{first[name]}])"
-            yield (i, "name"), flaw(", expected a name of its own", found)
+            yield (i, "name"), expected("a name of its own", found)
 
 
 def _ends(written: Any, before: Fields, context: Context) -> Flaws:
@@ -344,10 +338,10 @@ def _ends(written: Any, before: Fields, context: Context) -> Flaws:
         if ends != ["ends_when"] if last else len(ends) != 1:
             wanted = '"ends_when" in the last stage: it ends the run' if last else 'either "ends_when" or "at"'
             found = " and ".join(map(quoted, ends)) or "no end"
-            yield (i, "at") if "at" in ends else (i,), flaw(f", expected {wanted}", found, at_key=True)
+            yield (i, "at") if "at" in ends else (i,), expected(wanted, found, at_key=True)
         if context.value("priorities") is not None and stage.get("priority") is not None:
             found = '"priority" at a stage and "priorities" in the task'
-            yield (i, "priority"), flaw(", expected one or the other", found, at_key=True)
+            yield (i, "priority"), expected("one or the other", found, at_key=True)
 
 
 def _instants(stages: tuple[StageSpec, ...], before: Fields, context: Context) -> Flaws:
@@ -356,10 +350,10 @@ def _instants(stages: tuple[StageSpec, ...], before: Fields, context: Context) -
     for i, stage in enumerate(stages):
         earliest += max(stage.dwell, stage.target.times[-1] if isinstance(stage.target, TrajectorySpec) else 0.0)
         if stage.at is not None and (stage.at < earliest or stage.at == fixed):
-            wanted = f", expected a time after {earliest:g} s, by the dwells, trajectories and fixed times so far"
-            yield (i, "at"), flaw(wanted, f"{stage.at:g} s")
+            wanted = f"a time after {earliest:g} s, by the dwells, trajectories and fixed times so far"
+            yield (i, "at"), expected(wanted, f"{stage.at:g} s")
         elif stage.at is not None and stage.at >= limit:
-            yield (i, "at"), flaw(f", expected a time before the time_limit of {limit:g} s", f"{stage.at:g} s")
+            yield (i, "at"), expected(f"a time before the time_limit of {limit:g} s", f"{stage.at:g} s")
         elif stage.at is not None:
             earliest = fixed = stage.at
 
@@ -369,9 +363,9 @@ def _controller(controller: ControllerSpec, before: Fields, context: Context) ->
     horizon, sample = controller.horizon, controller.sample_time
     delay = context.value("uncertainty", "delay") or 0
     if sample > horizon:
-        yield ("sample_time",), flaw(f", expected at most the horizon of {horizon:g} s", f"{sample:g} s")
+        yield ("sample_time",), expected(f"at most the horizon of {horizon:g} s", f"{sample:g} s")
     if horizon > MOST_SAMPLES * sample * (1 + ROUNDING):
-        yield ("horizon",), flaw(f", expected at most {MOST_SAMPLES} samples of {sample:g} s", f"{horizon:g} s")
+        yield ("horizon",), expected(f"at most {MOST_SAMPLES} samples of {sample:g} s", f"{horizon:g} s")
     if isinstance(delay, int) and controller.known_delay > delay:
         wanted = f"at most uncertainty.delay, which is {counted(delay, 'sample', 'samples')}"
         yield ("known_delay",), expected(wanted)
@@ -396,13 +390,13 @@ def _plant(plant: PlantSpec, before: Fields, context: Context) -> Flaws:
     steps = sample * rate if plant.step is None else sample / plant.step
     if steps > MOST_STEPS * (1 + ROUNDING):
         at = "low_level_rate" if plant.step is None else "step"
-        yield (at,), flaw(f", expected at most {MOST_STEPS}", f"{steps:.6g} steps in a sample of {sample:g} s")
+        yield (at,), expected(f"at most {MOST_STEPS}", f"{steps:.6g} steps in a sample of {sample:g} s")
     if not _is_whole(sample * rate):
         found = f"{rate:g} Hz, which makes {sample * rate:.6g} ticks of a sample_time of {sample:g} s"
-        yield ("low_level_rate",), flaw(", expected a whole number of ticks", found)
+        yield ("low_level_rate",), expected("a whole number of ticks", found)
     if plant.step is not None and not _is_whole(1 / rate / plant.step):
         found = f"{plant.step:g} s, which makes {1 / rate / plant.step:.6g} steps of a tick of {1 / rate:g} s"
-        yield ("step",), flaw(", expected a whole number of steps", found)
+        yield ("step",), expected("a whole number of steps", found)
 
 
 def _is_whole(ratio: float) -> bool:
@@ -421,8 +415,7 @@ def _skills(skills: Mapping[str, SkillSpec], before: Fields, context: Context) -
     outer = {"the robot's": context.robot_limits, "the task's": before.get("limits", {})}
     for name, skill in skills.items():
         if skill.input == "task" and joint_only:
-            wanted = '"joint" (task needs solver ipopt, and another controller than htmpc)'
-            yield (name, "input"), expected(wanted)
+            yield (name, "input"), expected('"joint" (task needs solver ipopt, and another controller than htmpc)')
         if skill.input == "task" and context.sizes.get("base") == 6:
             yield (name, "input"), expected('"joint": task takes planar robots alone')
         for at, error in _wider(skill.limits, outer, context.sizes):
@@ -446,7 +439,7 @@ def _monitor(monitor: MonitorSpec, before: Fields, context: Context) -> Flaws:
     """Give a monitor that bounds nothing or is about the wrong number of frames."""
     bounds = ("above_start_at_most", "below_start_at_most", "at_most", "at_least")
     if all(getattr(monitor, bound) is None for bound in bounds):
-        yield (), flaw(f", expected one of {', '.join(bounds)}", "no bound", at_key=True)
+        yield (), expected(f"one of {', '.join(bounds)}", "no bound", at_key=True)
     number = 2 if monitor.quantity == "distance" else 1
     if not len(monitor.of) == len(set(monitor.of)) == number:
         yield ("of",), expected("two different frames for a distance, one for a speed")
@@ -457,19 +450,19 @@ def _uncertainty(spec: UncertaintySpec, before: Fields, context: Context) -> Fla
     controller, plant = before.get("controller"), before.get("plant")
     if controller is not None and spec.delay * controller.sample_time >= controller.horizon:
         found = f"{spec.delay} samples of {controller.sample_time:g} s"
-        yield ("delay",), flaw(f", expected less than the horizon of {controller.horizon:g} s", found)
+        yield ("delay",), expected(f"less than the horizon of {controller.horizon:g} s", found)
     if plant is not None and plant.kind == "ideal" and spec.changes_the_plant:
         found = ", ".join(key for key in type(spec).model_fields if key in spec.model_fields_set - {"noise", "delay"})
         wanted = "only noise and delay, or plant rk4 or mujoco: ideal has neither bodies nor forces"
-        yield (), flaw(f", expected {wanted}", f"{found} with plant ideal")
+        yield (), expected(wanted, f"{found} with plant ideal")
     if spec.payload is not None and before.get("object", spec) is None:
-        wanted = ", expected one: it says which stages take the payload and let it go"
-        yield ("payload",), flaw(wanted, 'no "object"', at_key=True)
+        wanted = "one: it says which stages take the payload and let it go"
+        yield ("payload",), expected(wanted, 'no "object"', at_key=True)
     thing = before.get("object")
     if spec.payload is not None and thing is not None and thing.mass is not None:
-        yield ("payload",), flaw(", expected none: the object has a mass of its own", "a payload", at_key=True)
+        yield ("payload",), expected("none: the object has a mass of its own", "a payload", at_key=True)
     if spec.object is not None and (thing is None or thing.mass is None):
-        yield ("object",), flaw(', expected an "object" with a mass', "no such object", at_key=True)
+        yield ("object",), expected('an "object" with a mass', "no such object", at_key=True)
 
 
 _Monitor = Annotated[MonitorSpec, holds(_monitor)]

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import counted
-from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, flaw, holds
+from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, holds
 from psmpc_cli.specs.parts import Context, in_joint_space
 
 ROUNDING = 1e-6
@@ -71,7 +71,7 @@ def _impulse(impulse: ImpulseSpec | None, before: Fields, context: Context) -> F
         if key in impulse.model_fields_set and len(getattr(impulse, key)) != size:
             yield (key,), expected(counted(size, "entry", "entries"))
     if impulse.at >= limit:
-        yield ("at",), flaw(f", expected a time before the time_limit of {limit:g} s", f"{impulse.at:g} s")
+        yield ("at",), expected(f"a time before the time_limit of {limit:g} s", f"{impulse.at:g} s")
 
 
 def _whole(share: float | Mapping[str, float] | None, before: Fields, context: Context) -> Flaws:
@@ -82,7 +82,7 @@ def _whole(share: float | Mapping[str, float] | None, before: Fields, context: C
     shares = [each for each in own if each is not None]
     if arms and len(shares) == len(arms) and abs(sum(shares) - 1) > ROUNDING:
         found = f"shares whose sum is {sum(shares):g}"
-        yield (), flaw(f", expected 1 over the {len(arms)} arms", found, at_key=True)
+        yield (), expected(f"1 over the {len(arms)} arms", found, at_key=True)
 
 
 class PayloadSpec(Spec):

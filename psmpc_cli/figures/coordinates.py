@@ -83,7 +83,7 @@ def attitude_error(run: Run) -> np.ndarray:
     """Return the angle (N,) [rad] from the base's attitude to the one that the current stage aims at, in space."""
     found = np.full(len(run.motion.time), np.nan)
     for span in run.spans:
-        stage, now = run.problem.stages[span.index], (run.motion.time >= span.start) & (run.motion.time <= span.end)
+        stage, now = run.followed[span.index], (run.motion.time >= span.start) & (run.motion.time <= span.end)
         if now.any():
             errors = _errors(run.problem, stage, run.motion.Q[now], run.motion.time[now] - span.start)
             found[now] = np.linalg.norm(errors[:, 3:6], axis=1)
@@ -259,7 +259,7 @@ def error_curves(run: Run) -> Iterator[tuple[Span, int, bool, np.ndarray, np.nda
     motion, parts = run.motion, run.problem.model.spec.parts
     for span in run.spans:
         inside = (motion.time > span.start) & (motion.time < span.end)
-        time, stage, first = np.r_[span.start, motion.time[inside], span.end], run.problem.stages[span.index], 0
+        time, stage, first = np.r_[span.start, motion.time[inside], span.end], run.followed[span.index], 0
         Q = np.array([motion.coordinates_at(t) for t in time])
         errors = np.abs(_errors(run.problem, stage, Q, time - span.start))
         tolerances = dict(zip(stage.end_rows, stage.tolerance, strict=True))

@@ -18,9 +18,6 @@ from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import MonitorSpec
 
-MOVED = 0.1
-"""Motions by less than this cannot be seen, in lengths of the longest arm."""
-
 NO_BREAK = "\N{NO-BREAK SPACE}"
 """Between a number and its unit."""
 
@@ -114,23 +111,16 @@ class Scene:
         begun = [span for span in spans if (span.start if span.early is None else span.early) <= time]
         return [span.index for span in begun if time < span.end] or [begun[-1].index]
 
-    def targets(self, stage: int, time: float) -> np.ndarray:
-        """Return the positions (1 + arms, dimension) [m] of base and end-effectors a stage aims at, at a time [s]."""
-        return SKILLS[self.run.problem.stages[stage].space].aims(self.run.problem.model, self._aim(stage, time))
-
     def target_frames(self, stage: int, time: float) -> np.ndarray:
         """Return the frames (1 + arms, 4, 4) [m] a stage aims at, at a time [s]; NaN as attitude where it has none."""
-        model, target = self.run.problem.model, self.run.problem.stages[stage]
+        model, followed = self.run.problem.model, self.run.followed[stage]
+        skill, start = SKILLS[followed.space], next((s.start for s in self.run.spans if s.index == stage), time)
+        aim = followed.reference(np.array([time - start]))[0]
         before = Posture(self.run.motion.coordinates_at(time), self.run.motion.poses_at(np.array([time]))[0])
-        xi = SKILLS[target.space].after(model, before, self._aim(stage, time)).xi
-        frames = pose_frames(xi.reshape(len(model.pose_rows), -1))
-        frames[:, : model.dimension, 3] = self.targets(stage, time)
-        frames[1 if target.space == "point" else len(frames) :, :3, :3] = np.nan
+        frames = pose_frames(skill.after(model, before, aim).xi.reshape(len(model.pose_rows), -1))
+        frames[:, : model.dimension, 3] = skill.aims(model, aim)
+        frames[1 if followed.space == "point" else len(frames) :, :3, :3] = np.nan
         return frames
-
-    def _aim(self, stage: int, time: float) -> np.ndarray:
-        start = next((span.start for span in self.run.spans if span.index == stage), time)
-        return np.asarray(self.run.problem.stages[stage].reference(np.array([max(time - start, 0.0)]))[0])
 
     def paths(self, since: float, time: float) -> np.ndarray:
         """Return the paths of base and end-effectors (1 + arms, ., 3) [m] between two times [s]."""
@@ -148,12 +138,14 @@ class Scene:
         return np.vstack([robot, corners(frame, half_edges(spec.shape))])
 
     def extent(self, times: Iterable[float]) -> np.ndarray:
-        """Return points (., 3) [m] whose hull holds all that is drawn up to and at these times [s]."""
+        """Return points (., 3) [m] whose hull holds all that is drawn up to and at these times [s], shadows too."""
         every = list(times)
         tracks = self.paths(float(self.run.motion.time[0]), max(every))
         aims = [self.target_frames(stage, time)[:, :3, 3] for time in every for stage in self.acting(time)]
-        found = np.vstack([*map(self.points, every), *tracks, *aims])
-        return np.asarray(found[np.isfinite(found).all(axis=1)])
+        bodies = np.vstack([*map(self.points, every)])
+        found = np.vstack([bodies, *tracks, *aims])
+        found = found[np.isfinite(found).all(axis=1)]
+        return np.vstack([found, np.c_[bodies[:, :2], np.full(len(bodies), found[:, 2].min())]])
 
     def events(self, time: float) -> list[str]:
         """Return what is on at a time [s]: the current stage, those that already act, whether the object is lost."""
@@ -171,7 +163,7 @@ class Scene:
     def key_instants(self) -> list[tuple[float, str]]:
         """Return start, early starts, switches, loss of the object and end of the run [s] with their names, by time.
 
-        Those between which nothing moves visibly are one.
+        Those within one sample are one.
         """
         start, end = float(self.run.motion.time[0]), self.run.motion.end
         early = [(span.early, f"{readable(span.name)} starts") for span in self.run.spans if span.early is not None]
@@ -179,10 +171,8 @@ class Scene:
         found += [(end, "end of the run")] * all(abs(time - end) > 1e-6 for time, _ in found)
         kept: list[tuple[float, str]] = []
         for time, event in sorted(found, key=lambda instant: instant[0]):
-            before = kept[-1][0] if kept else -np.inf
-            far = MOVED * self.run.problem.model.shape.reach
-            if kept and np.abs(self.points(time) - self.points(before)).max() < far:
-                kept[-1] = before, f"{kept[-1][1]}, {event}"
+            if kept and time <= kept[-1][0] + self.run.task.spec.controller.sample_time:
+                kept[-1] = kept[-1][0], f"{kept[-1][1]}, {event}"
             else:
                 kept.append((time, event))
         return kept

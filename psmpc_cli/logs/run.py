@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ from psmpc_cli.logs.files import kind_in, new_image, read_array, read_file, writ
 from psmpc_cli.logs.schema import COMPARISON, Q_COORDINATE, RUN, Column, columns, layout
 from psmpc_cli.logs.summary import Summary, summarize
 from psmpc_cli.logs.write import create_log
-from psmpc_cli.ocp.problem import Problem, build_problem
+from psmpc_cli.ocp.problem import Problem, Stage, Trajectory, build_problem
 from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.load import Task, parse_task
 
@@ -247,6 +247,21 @@ class Run:
             spans.append(Span(index, name, start, switch if np.isfinite(switch) else end, early))
             start = spans[-1].end
         return tuple(spans)
+
+    @cached_property
+    def followed(self) -> tuple[Stage, ...]:
+        """The stages of the problem; what one aims at relative to the object with mass is where the object was."""
+        rows, starts = self.problem.model.pose_rows, {span.index: span.start for span in self.spans}
+
+        def placed(stage: Stage) -> Stage:
+            if not stage.on_object or "object/pose" not in self or len(self.time) < 2 or stage.index not in starts:
+                return stage
+            states = zip(self["object/pose"], self["object/velocity"], strict=True)
+            values = np.array([stage.at_object(rows, *state).target for state in states])
+            path = Trajectory(self.time - starts[stage.index], values, tuple(stage.attitudes.values()))
+            return replace(stage, trajectory=path)
+
+        return tuple(map(placed, self.problem.stages))
 
     def summary(self) -> Summary:
         """Summarize the run.

@@ -65,7 +65,7 @@ function planAt(run, t) { // node times and coordinates of the plan at t
 
 const Y = new THREE.Vector3(0, 1, 0);
 const material = (color, opacity) => new THREE.MeshLambertMaterial({ color, transparent: opacity < 1, opacity, depthWrite: opacity > 0.5, polygonOffset: opacity < 1, polygonOffsetFactor: 2, polygonOffsetUnits: 2 });
-const EDGE = 0x3a4046;
+const EDGE = 0x3a4046, AXES = ["#d62728", "#2a9d3a", "#1f4fd8"];
 
 function mesh(parent, geometry, color, opacity, outlined = false) {
   const made = new THREE.Mesh(geometry, material(color, opacity));
@@ -79,6 +79,16 @@ function capsule(parent, [from, to], radius, color, opacity) {
   const made = mesh(parent, new THREE.CapsuleGeometry(radius, line.length(), 6, 16), color, opacity);
   made.position.copy(start).addScaledVector(line, 0.5);
   made.quaternion.setFromUnitVectors(Y, line.normalize());
+}
+
+function triad(parent, length, thick) { // axes of a frame, seen through what lies before them
+  return AXES.map((emissive, axis) => {
+    const sizes = [0, 1, 2].map((k) => (k === axis ? length : thick)), look = { color: 0, emissive, transparent: true, depthTest: false };
+    const made = new THREE.Mesh(new THREE.BoxGeometry(...sizes), new THREE.MeshLambertMaterial(look));
+    made.position.setComponent(axis, length / 2);
+    parent.add(made);
+    return made;
+  });
 }
 
 class Robot { // a tree of groups, one for each body, then one for each end-effector
@@ -106,6 +116,7 @@ class Robot { // a tree of groups, one for each body, then one for each end-effe
       carrier.add(group);
       return group;
     });
+    this.triads = opacity > 0.3 ? this.frames.flatMap((frame) => triad(frame, 4 * radius, 0.55 * radius)) : [];
     if (run.object && opacity > 0.3) this.object = mesh(this.group, new THREE.BoxGeometry(...run.object.size), run.robot.objectColor, opacity, true);
   }
 
@@ -184,11 +195,9 @@ class Actor { // one run in the scene: robot, object, path so far, plan from her
     this.future = new Track(this.plan, frames, run.robot.radius, true, faint);
     this.ghosts = run.plans ? [...run.stages.map((stage) => stage.color), "#9AA3AB"].map((color) => new Robot(run, 0.28, color)) : [];
     this.targets = new THREE.Group();
-    const size = 7 * run.robot.radius, thin = 0.3 * run.robot.radius;
     this.marks = run.stages.map(() => frames.map((color) => {
-      const mark = new THREE.Group();
-      for (const axis of [0, 1, 2]) mesh(mark, new THREE.BoxGeometry(...[0, 1, 2].map((k) => (k === axis ? size : thin))), color, 1);
-      this.targets.add(mark);
+      const mark = mesh(this.targets, new THREE.SphereGeometry(1.2 * run.robot.radius, 20, 14), color, 1);
+      mark.axes = triad(mark, 8 * run.robot.radius, 0.3 * run.robot.radius);
       return mark;
     }));
     this.tracked = Array.from(run.time.array, (t) => this.probe.place(coordinates(run, t)).positions());
@@ -202,13 +211,16 @@ class Actor { // one run in the scene: robot, object, path so far, plan from her
     this.path.set([...this.tracked.slice(0, here + 1), this.robot.positions()]);
     this.plan.visible = $("show-plan").checked && this.ghosts.length > 0;
     this.path.lines.forEach((line) => { line.visible = $("show-paths").checked; });
-    this.targets.visible = $("show-targets").checked;
+    for (const each of [this.targets, ...this.robot.triads]) each.visible = $("show-targets").checked;
     const aims = run.targets.row(here);
-    this.marks.forEach((marks, s) => marks.forEach((mark, f) => {
-      const at = aims.subarray(3 * (s * marks.length + f), 3 * (s * marks.length + f) + 3);
-      mark.visible = at.every(Number.isFinite);
-      if (mark.visible) mark.position.set(...at);
-    }));
+    this.marks.flat().forEach((mark, i) => {
+      const pose = aims.subarray(7 * i, 7 * i + 7);
+      mark.visible = Number.isFinite(pose[0]);
+      mark.position.set(...pose.slice(0, 3));
+      const turned = Number.isFinite(pose[3]); // a point has no attitude
+      if (turned) mark.quaternion.set(...pose.slice(3));
+      mark.axes.forEach((axis) => { axis.visible = turned; });
+    });
     if (this.plan.visible) this.seekPlan(t);
   }
 
@@ -229,10 +241,12 @@ class Actor { // one run in the scene: robot, object, path so far, plan from her
   bounds() {
     const box = { low: new THREE.Vector3(Infinity, Infinity, Infinity), high: new THREE.Vector3(-Infinity, -Infinity, -Infinity), balls: [] };
     const take = (point, room) => { box.low.min(point.clone().subScalar(room)); box.high.max(point.clone().addScalar(room)); box.balls.push([point, room]); };
-    const room = Math.hypot(...this.run.robot.box.half), points = this.tracked.length;
-    for (let i = 0; i < points; i += Math.ceil(points / 60)) this.tracked[i].forEach((p, f) => take(p, f ? 4 * this.run.robot.radius : room));
-    if (this.run.object) {
-      for (let i = 0; i < points; i += Math.ceil(points / 60)) take(new THREE.Vector3(...this.run.object.pose.row(i).slice(0, 3)), Math.hypot(...this.run.object.size) / 2);
+    const { object, targets, robot: { box: { half }, radius } } = this.run, room = Math.hypot(...half), points = this.tracked.length;
+    for (let i = 0; i < points; i += Math.ceil(points / 60)) {
+      this.tracked[i].forEach((p, f) => take(p, f ? 4 * radius : room));
+      if (object) take(new THREE.Vector3(...object.pose.row(i).slice(0, 3)), Math.hypot(...object.size) / 2);
+      const aims = targets.row(i);
+      for (let k = 0; k < aims.length; k += 7) if (Number.isFinite(aims[k])) take(new THREE.Vector3(...aims.slice(k, k + 3)), 4 * radius);
     }
     return box;
   }
@@ -295,11 +309,11 @@ function drawGround() { // squares of 1 m below the mission, and the axes of the
   for (let y = y0; y <= y1 + step / 2; y += step) points.push(x0, y, z, x1, y, z);
   const lines = (numbers, color) => new THREE.LineSegments(new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(numbers), 3)), new THREE.LineBasicMaterial({ color }));
   world.ground = new THREE.Group();
-  const planar = !runs[chosen[0]].robot.spatial, L = planar ? 0.5 * step : step, corner = planar ? [x0, y0, z] : [0, 0, 0];
-  const axes = [[1, 0, 0], [0, 1, 0], ...(planar ? [] : [[0, 0, 1]])].map((axis) => axis.map((x, i) => corner[i] + L * x));
+  const spatial = runs[chosen[0]].robot.spatial, corner = spatial ? [x1, y1, z] : [x0, y0, z], L = (spatial ? 1 : 0.5) * step;
+  const axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((axis) => axis.map((x, i) => corner[i] + L * x));
   world.ground.add(lines(points, 0xdde2e7), ...axes.map((axis) => lines([...corner, ...axis], 0x6b7480)));
   world.axes = axes.map((axis, i) => ["xyz"[i], new THREE.Vector3(...axis)]);
-  world.axes.push([`squares of ${step} m`, new THREE.Vector3(x0 + 1.1 * step, y0, z)]);
+  world.axes.push([`squares of ${step} m`, new THREE.Vector3(corner[0] + (spatial ? -3 : 1.1) * step, corner[1], z)]);
   world.scene.add(world.ground);
 }
 
@@ -317,7 +331,7 @@ function render() {
     renderer.setScissor(left, 0, width / columns, height);
     actorsShown.forEach((actor, i) => { actor.group.visible = columns === 1 || i === column; });
     renderer.render(scene, camera);
-    for (const [name, at] of world.axes) label(name, at, left, width / columns, height);
+    for (const [name, at] of world.axes) label(name, at, left, width / columns, height, name.length > 1 ? "ground" : "");
     const seen = actorsShown.filter((actor) => actor.group.visible && actor.plan.visible && width / columns > 480);
     for (const [name, at] of seen.flatMap((actor) => actor.captions)) label(name, at, left, width / columns, height, "planned");
     if (chosen[1] !== null) element($("labels"), "span", "caption", columns > 1 ? actorsShown[column].run.name : `${actorsShown[0].run.name}; paler: ${actorsShown[1].run.name}`).style.transform = `translate(${left + 10}px, 6px)`;
@@ -353,7 +367,8 @@ function openPlots() {
   const host = $("panels"), drawn = chosen.filter((i) => i !== null).map((i) => runs[i]);
   host.replaceChildren();
   const names = drawn.map(panelsOf).sort((a, b) => b.length - a.length)[0];
-  const room = host.clientHeight || 0, height = clamp(Math.floor((room - 20) / names.length) - 26, 100, 230);
+  const legends = names.reduce((sum, panel) => sum + Math.ceil(panel.series.length / 3), 0);
+  const height = clamp(Math.floor((host.clientHeight - 36 - 16 * legends) / names.length) - 3, 100, 230);
   plots = names.map((panel, p) => {
     const series = [{ label: "t (s)", value: () => "" }], tables = [];
     drawn.forEach((run, r) => {
@@ -613,13 +628,15 @@ requestAnimationFrame(frame);
 window.psmpc = {
   seek: (t) => { seek(t); dirty = false; update(); },
   get time() { return now; },
+  camera: () => ({ position: world.camera.position.toArray(), target: world.controls.target.toArray() }),
   poses: (which = 0) => {
-    const { robot } = shown()[which], of = (group) => {
+    const { robot, marks } = shown()[which], of = (group) => {
       const parts = [new THREE.Vector3(), new THREE.Quaternion(), new THREE.Vector3()];
       group.matrixWorld.decompose(...parts);
       return [...parts[0].toArray(), ...parts[1].toArray()];
     };
-    return { bodies: robot.bodies.map(of), tools: robot.tools.map(of), object: robot.object ? of(robot.object) : null };
+    const targets = marks.map((stage) => stage.map((mark) => (mark.visible ? of(mark) : null)));
+    return { bodies: robot.bodies.map(of), tools: robot.tools.map(of), object: robot.object ? of(robot.object) : null, targets };
   },
 };
 })();

@@ -166,13 +166,17 @@ def _plans(run: Run, samples: np.ndarray) -> Json:
 
 
 def _targets(scene: Scene, time: np.ndarray) -> np.ndarray:
-    """Return what the acting stages aim at (T, S, frames, 3) [m]; NaN of stages that do not act."""
-    model, stages = scene.run.problem.model, len(scene.run.stage_names)
-    found = np.full((len(time), stages, len(model.pose_rows), 3), np.nan)
-    found[..., model.dimension :] = 0
+    """Return the frames at which the acting stages aim (T, S, frames, 7): position [m] and quaternion x, y, z, w.
+
+    NaN of stages that do not act, and of the attitude where a target has none.
+    """
+    found = np.full((len(time), len(scene.run.stage_names), len(scene.run.problem.model.pose_rows), 7), np.nan)
     for row, t in enumerate(time):
         for stage in scene.acting(float(t)):
-            found[row, stage, :, : model.dimension] = scene.targets(stage, float(t))
+            frames = scene.target_frames(stage, float(t))
+            known = np.isfinite(frames).all(axis=(1, 2))
+            found[row, stage, :, :3] = frames[:, :3, 3]
+            found[row, stage, known, 3:] = Rotation.from_matrix(frames[known, :3, :3]).as_quat()
     return found
 
 

@@ -10,13 +10,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
+from psmpc_cli.figures.coordinates import error_curves
 from psmpc_cli.figures.scene import PLAN, configurations, grasp, object_frames, scene_of
 from psmpc_cli.figures.snapshots import draw_scene, plot_scenario, plot_snapshots
 from psmpc_cli.figures.style import in_style, new_figure
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.robot.model import RobotModel, pose_frames
-from psmpc_cli.specs.load import Task
+from psmpc_cli.simulation.run import simulate
+from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.specs.object import OnObject
 
 from .drawn import check_figure, common_legend, points
 
@@ -83,9 +86,22 @@ def test_a_frame_for_each_key_instant_all_to_one_scale(run: Run) -> None:
     )
 
 
-def test_instants_between_which_nothing_moves_share_a_frame(load: Load) -> None:
-    assert titles(plot_snapshots(load(early={1: 0.0})))[0] == "0.0 s: start, capture starts"
-    assert titles(plot_snapshots(load(early={1: 0.3})))[0] == "0.0 s: start, capture starts"
+def test_instants_within_a_sample_share_a_frame(load: Load) -> None:
+    assert titles(plot_snapshots(load(early={1: 0.1})))[0] == "0.0 s: start, capture starts"
+    assert titles(plot_snapshots(load(early={1: 0.3})))[:2] == ["0.0 s: start", "0.3 s: capture starts"]
+
+
+@pytest.mark.slow
+def test_a_target_on_an_object_moves_with_it() -> None:
+    run = simulate(load_task("catch_drifting", ["controller.nodes=12", "time_limit=2"]))
+    scene, target = scene_of(run), run.task.spec.stages[0].target["base"]
+    assert isinstance(target, OnObject) and np.ptp(run["object/pose"], axis=0).max() > 0.03
+    for time in run.time[[0, 7, -1]]:
+        (aim, *_), thing = scene.target_frames(0, float(time)), scene.object_frame(float(time))
+        assert thing is not None
+        np.testing.assert_allclose(np.linalg.inv(thing) @ aim, pose_frames(target.object), atol=1e-9)
+    (when, size), *_ = [curve[3:5] for curve in error_curves(run) if not curve[1] and not curve[2]]
+    assert size[when == run.time[-1]] == pytest.approx(np.abs(run.Q[-1, :2] - aim[:2, 3]).max())
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webdriver import WebDriver
 
 from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.figures.scene import scene_of
 from psmpc_cli.logs.run import Run
 from psmpc_cli.report.view import view
 from psmpc_cli.simulation.run import simulate
@@ -103,6 +104,11 @@ def test_what_is_drawn_is_where_the_kinematics_put_it(
             assert Rotation.from_quat(found[3:]).as_matrix() == pytest.approx(frame[:3, :3], abs=1e-6)
         tools = np.array(drawn["tools"])[:, : model.dimension]
         assert tools == pytest.approx(model.poses(Q)[1:, : model.dimension], abs=1e-6)
+        scene = scene_of(run)
+        for stage in scene.acting(time):
+            for found, frame in zip(drawn["targets"][stage], scene.target_frames(stage, time), strict=True):
+                assert found[:3] == pytest.approx(frame[:3, 3], abs=1e-5)
+                assert Rotation.from_quat(found[3:]).as_matrix() == pytest.approx(frame[:3, :3], abs=1e-5)
 
 
 @pytest.mark.slow
@@ -129,6 +135,51 @@ def test_keys_pointer_and_play_move_the_time(browser: WebDriver, run: Run, tmp_p
         chosen = browser.find_element(By.CSS_SELECTOR, "#tabs [aria-selected=true]")
         assert chosen.text == name
         assert browser.find_elements(By.CSS_SELECTOR, "#panels .uplot")
+
+
+def touch(browser: WebDriver, *fingers: list[tuple[float, float]]) -> None:
+    """Put fingers down where each way (x, y) [px] begins, move them along their ways at once, and lift them."""
+
+    def send(kind: str, points: list[tuple[float, float]]) -> None:
+        given = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(points)]
+        browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": given})
+
+    first, *others = zip(*fingers, strict=True)
+    send("touchStart", list(first))
+    for points in others:
+        send("touchMove", list(points))
+    send("touchEnd", [])
+
+
+def box(browser: WebDriver, selector: str) -> tuple[float, float, float, float]:
+    """Left, top, width and height of an element in the window [px]."""
+    script = "const b = document.querySelector(arguments[0]).getBoundingClientRect(); return [b.x, b.y, b.width, b.height]"
+    x, y, width, height = browser.execute_script(script, selector)
+    return x, y, width, height
+
+
+@pytest.mark.slow
+def test_fingers_scrub_turn_and_zoom_on_a_small_screen(browser: WebDriver, run: Run, tmp_path: Path) -> None:
+    browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 2})
+    opened(browser, run, tmp_path / "page.html", *SIZES[0])
+    x, y, width, height = box(browser, "#timeline")
+    touch(browser, [(x + 0.2 * width, y + height / 2), (x + 0.5 * width, y + height / 2), (x + 0.75 * width, y)])
+    assert time_of(browser) == pytest.approx(0.75 * run.motion.end, abs=0.01)
+    x, y, width, height = box(browser, "#panels .u-over")
+    touch(browser, [(x + 0.1 * width, y + 5), (x + 0.4 * width, y + 5)])
+    assert time_of(browser) == pytest.approx(0.4 * run.motion.end, abs=0.02)
+    x, y, width, height = box(browser, "#canvas")
+    middle, seen = (x + width / 2, y + height / 2), [browser.execute_script("return psmpc.camera()")]
+    touch(browser, [middle, (middle[0], middle[1] - 40), (middle[0] + 60, middle[1] - 80)])
+    seen.append(browser.execute_script("return psmpc.camera()"))
+    touch(browser, *[[(middle[0] + side * gap, middle[1]) for gap in (20, 40, 80)] for side in (-1, 1)])
+    seen.append(browser.execute_script("return psmpc.camera()"))
+    before, turned, nearer = (np.subtract(each["position"], each["target"]) for each in seen)
+    length = np.linalg.norm([before, turned, nearer], axis=1)
+    assert length[1] == pytest.approx(length[0])
+    assert before @ turned < 0.95 * length[0] ** 2
+    assert length[2] < 0.5 * length[1]
+    browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
 
 
 @pytest.mark.slow

@@ -153,7 +153,9 @@ def touch(browser: WebDriver, *fingers: list[tuple[float, float]]) -> None:
 
 def box(browser: WebDriver, selector: str) -> tuple[float, float, float, float]:
     """Left, top, width and height of an element in the window [px]."""
-    script = "const b = document.querySelector(arguments[0]).getBoundingClientRect(); return [b.x, b.y, b.width, b.height]"
+    script = (
+        "const b = document.querySelector(arguments[0]).getBoundingClientRect(); return [b.x, b.y, b.width, b.height]"
+    )
     x, y, width, height = browser.execute_script(script, selector)
     return x, y, width, height
 

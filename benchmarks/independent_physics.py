@@ -16,7 +16,7 @@ from pages import markdown
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.plant.mujoco_plant import MujocoPlant
-from psmpc_cli.robot.model import RobotModel, angle_rows, build_model
+from psmpc_cli.robot.model import RobotModel, angle_rows
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
 
@@ -87,7 +87,7 @@ def main(nodes: int) -> None:
     """Print the table."""
     with tempfile.TemporaryDirectory() as directory:
         logs = [run(plant, nodes, Path(directory)) for plant in ("rk4", "mujoco")]
-    lines = rows(*logs, build_model(load_task("transport").robot))
+    lines = rows(*logs, RobotModel(load_task("transport").robot))
     headings = (f"rk4 against MuJoCo {mujoco.__version__}, N_s = {nodes}", "largest difference")
     print("\n".join(markdown(headings, lines.items())))
 

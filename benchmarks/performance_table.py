@@ -29,7 +29,7 @@ from psmpc_cli.logs.run import read_run
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.robot.model import build_model
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import build_experiment, closed_loop, header
 from psmpc_cli.solvers import Solution, build_solver
 from psmpc_cli.specs.document import Data, write
@@ -425,7 +425,7 @@ def _weights(base: list[Data], names: list[str], arm: list[Data]) -> dict[str, D
 
 def _poses(robot: Mapping[str, Data], arms: int, joints: int) -> dict[str, Data]:
     """Return the poses of base and end-effectors with the base at its goal and the arms bent."""
-    model = build_model(RobotSpec.model_validate(robot))
+    model = RobotModel(RobotSpec.model_validate(robot))
     xi = np.asarray(model.g(np.r_[BASE_GOAL, np.full(arms * joints, BENT / joints)])).ravel()
     return {part: [float(value) for value in xi[rows]] for part, rows in model.pose_rows.items()}
 

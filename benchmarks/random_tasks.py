@@ -18,7 +18,7 @@ import yaml
 from psmpc_cli.errors import SpecError
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.feasibility import ensure_feasible
-from psmpc_cli.robot.model import build_model
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.document import write
 from psmpc_cli.specs.library import find, read_text
 from psmpc_cli.specs.load import Task, load_robot, load_task, parse_task
@@ -79,7 +79,7 @@ def draw_task(seed: int) -> Task:
 
 def _task(random: np.random.Generator) -> Row:
     """Return a task as its YAML would have it; targets in task space are poses of configurations within the limits."""
-    count, model = int(random.integers(*STAGES, endpoint=True)), build_model(load_robot(ROBOT))
+    count, model = int(random.integers(*STAGES, endpoint=True)), RobotModel(load_robot(ROBOT))
     Q = np.concatenate([np.zeros(3), random.uniform(-1.2, 1.2, 6)])
     initial, stages = _by_part(Q), []
     for index in range(count):

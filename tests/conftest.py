@@ -9,7 +9,7 @@ from hypothesis import settings
 
 from psmpc_cli.control import Command, State
 from psmpc_cli.ocp.problem import Stage, StageCosts, build_stages
-from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import Experiment, build_experiment
 from psmpc_cli.specs.load import Task, load_task
 
@@ -47,7 +47,7 @@ def transport() -> Task:
 @pytest.fixture(scope="session")
 def model(transport: Task) -> RobotModel:
     """The planar dual arm."""
-    return build_model(transport.robot)
+    return RobotModel(transport.robot)
 
 
 @pytest.fixture(scope="session")

@@ -37,7 +37,7 @@ from psmpc_cli.figures.scene import (
 from psmpc_cli.figures.timeline import runs_of
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.problem import build_stages
-from psmpc_cli.robot.model import RobotModel, build_model, pose_frames
+from psmpc_cli.robot.model import RobotModel, pose_frames
 from psmpc_cli.specs.coordinates import resolve_limits
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import RobotSpec
@@ -323,7 +323,7 @@ def plot_robot(spec: RobotSpec) -> Figure:
 
     Joints have their numbers and axes, base and end-effectors their frames. A spatial robot is seen from four sides.
     """
-    model, limits = build_model(spec), resolve_limits(spec)
+    model, limits = RobotModel(spec), resolve_limits(spec)
     rest = np.clip(0.0, limits.position_low, limits.position_high)[model.parts["base"].stop :]
     Q, size = np.r_[np.zeros(model.nq - len(rest)), rest], 0.2 * model.shape.reach
     Q[3:4] = 1.0 if model.dimension == 3 else Q[3:4]
@@ -391,7 +391,7 @@ def plot_scenario(task: Task) -> Figure:
 
     The robot is faint where the stage begins.
     """
-    model = build_model(task.robot)
+    model = RobotModel(task.robot)
     stages = build_stages(task.spec, task.robot, model)
     stops, thing, camera = configurations(task, model, stages), task.spec.object, camera_of(model)
     half, objects = half_edges(thing.shape if thing else (0.0, 0.0)), object_frames(task, model, stops)

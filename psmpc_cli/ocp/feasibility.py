@@ -11,7 +11,7 @@ import numpy as np
 from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.problem import Stage, build_stages
 from psmpc_cli.robot.free_body import composed, pose_error
-from psmpc_cli.robot.model import build_model
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.robot.rotations import conjugate, log, product
 from psmpc_cli.specs.coordinates import labels, stack
@@ -304,7 +304,7 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
 
 def look_ahead(task: Task) -> tuple[Outlook, ...]:
     """Return the outlook of every stage of a task."""
-    stages = build_stages(task.spec, task.robot, build_model(task.robot))
+    stages = build_stages(task.spec, task.robot, RobotModel(task.robot))
     ends = earliest_ends(task, stages)
     along = ([_reaches(stage, task.robot, xi) for xi in stage.waypoints] for stage in stages)
     return tuple(Outlook(stage, reaches, *end) for stage, reaches, end in zip(stages, along, ends, strict=True))

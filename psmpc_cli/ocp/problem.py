@@ -12,7 +12,7 @@ from psmpc_cli.ocp.objective import StageFunctions, StageShape, stage_functions
 from psmpc_cli.ocp.plan import Chart
 from psmpc_cli.ocp.skills import SKILLS, Posture
 from psmpc_cli.robot.free_body import FreeBody, carried_rate, composed, relative
-from psmpc_cli.robot.model import RobotModel, build_model, nearest_equivalent
+from psmpc_cli.robot.model import RobotModel, nearest_equivalent
 from psmpc_cli.specs.coordinates import Limits, resolve_limits, rows, stack, stack_rows, tolerances
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.object import ObjectSpec, OnObject
@@ -301,7 +301,7 @@ class Problem:
 
 def build_problem(task: Task) -> Problem:
     """Build the problem of a task."""
-    model = build_model(task.robot)
+    model = RobotModel(task.robot)
     solver = task.spec.solver
     costs = StageCosts(model, solver.compiled and solver.kind == "sqp")
     return Problem(task, model, build_stages(task.spec, task.robot, model), costs)

@@ -149,7 +149,7 @@ class _Tree:
         self.base, joints = slice(0, base), ca.vertsplit(Q)[base + (not planar) :]
         self.joints = [body.joint for body in spec.bodies if body.joint is not None]
         self.places = list(map(_joint_place, self.joints, joints))
-        self.lumps = [*_own_lumps(spec, w), *_held_lumps(spec, w)]
+        self.lumps = _lumps(spec, w)
 
     def motions(self, v: ca.SX, vdot: ca.SX) -> list[_Motion]:
         """Compute the motion of every body, each in its own frame."""
@@ -202,25 +202,19 @@ def _carried(before: _Motion, joint: Joint, E: Matrix, r: Vector, rate: Any, cha
     return _Motion(add(omega, scaled(joint.axis, rate)), add(alpha, scaled(joint.axis, change), turning), acceleration)
 
 
-def _own_lumps(spec: RobotSpec, w: ca.SX) -> list[_Lump]:
-    """Return the bodies' own masses."""
-    bodies, d, k = spec.bodies, spec.dimension, 1 if spec.dimension == 2 else 6
-    B, lumps = len(spec.bodies), []
-    for i, body in enumerate(bodies):
-        moments, offset = [w[B * (1 + j) + i] for j in range(k)], [w[B * (1 + k + j) + i] for j in range(d)]
-        xx, yy, zz, xy, xz, yz = [0.0, 0.0, *moments, 0.0, 0.0, 0.0] if d == 2 else moments
-        centre = add(list(body.centre), [*offset, 0.0][:3])
-        lumps.append(_Lump(i, w[i], centre, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-    return lumps
-
-
-def _held_lumps(spec: RobotSpec, w: ca.SX) -> list[_Lump]:
-    """Return the loads of the grippers."""
-    tools, lumps = list(spec.tools.values()), []
-    for a, tool in enumerate(tools):
-        mass, inertia = w[w.numel() - 2 * len(tools) + a], w[w.numel() - len(tools) + a]
-        about = [[inertia if i == j else 0.0 for j in range(3)] for i in range(3)]
-        lumps.append(_Lump(tool.body, mass, list(tool.position), about))
+def _lumps(spec: RobotSpec, w: ca.SX) -> list[_Lump]:
+    """Return the bodies' own masses and the loads of the grippers."""
+    B, A, d, k = len(spec.bodies), len(spec.tools), spec.dimension, 1 if spec.dimension == 2 else 6
+    mass, moments, offsets, held, about = ca.vertsplit(w, np.cumsum([0, B, k * B, d * B, A, A]).tolist())
+    moments, offsets, lumps = ca.reshape(moments, B, k), ca.reshape(offsets, B, d), list[_Lump]()
+    for i, body in enumerate(spec.bodies):
+        own = ca.horzsplit(moments[i, :])
+        xx, yy, zz, xy, xz, yz = [0.0, 0.0, *own, 0.0, 0.0, 0.0] if d == 2 else own
+        centre = add(list(body.centre), [*ca.horzsplit(offsets[i, :]), 0.0][:3])
+        lumps.append(_Lump(i, mass[i], centre, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    for a, tool in enumerate(spec.tools.values()):
+        inertia = [[about[a] if i == j else 0.0 for j in range(3)] for i in range(3)]
+        lumps.append(_Lump(tool.body, held[a], list(tool.position), inertia))
     return lumps
 
 

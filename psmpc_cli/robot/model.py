@@ -1,7 +1,6 @@
 """The model of a robot: numeric methods for Python users, CasADi functions for optimization and simulation."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.native.functions import ArrayFunction
-from psmpc_cli.robot.dynamics import Dynamics, InertialParameters, derive_dynamics, function, solve_spd
+from psmpc_cli.robot.dynamics import InertialParameters, derive_dynamics, function, solve_spd
 from psmpc_cli.robot.kinematics import SpatialFrame, base_frame, charted_base, place
 from psmpc_cli.robot.rotations import add, cross, rotate, scaled
 from psmpc_cli.robot.shape import RobotShape
@@ -25,7 +24,6 @@ DAMPING = 1e-2
 """Of the inverse of J_C in f_2."""
 
 
-@dataclass(frozen=True, eq=False)
 class RobotModel:
     """Kinematics and dynamics of one robot with coordinates Q (nq,) and velocities v (n,).
 
@@ -50,16 +48,18 @@ class RobotModel:
         body_poses: Q -> poses of all bodies in the order of `spec.bodies` (coordinates of a pose, bodies), as in xi.
     """
 
-    spec: RobotSpec
-    n: int
-    nq: int
-    m: int
-    dimension: int
-    parts: dict[str, slice]
-    pose_rows: dict[str, slice]
-    g: ca.Function
-    dynamics: Dynamics
-    body_poses: ca.Function
+    def __init__(self, spec: RobotSpec) -> None:
+        base, self.dimension = spec.parts["base"], spec.dimension
+        self.spec, self.n, spatial = spec, sum(spec.parts.values()), spec.dimension == 3
+        self.nq = self.n + spatial
+        Q = ca.SX.sym("Q", self.nq)
+        placed = place(spec, base_frame(spec, Q), Q[base + spatial :])
+        poses = {"base": placed.bodies[0].pose, **{name: frame.pose for name, frame in placed.tools.items()}}
+        xi, bodies = ca.vertcat(*poses.values()), ca.horzcat(*(frame.pose for frame in placed.bodies))
+        self.m, self.parts = xi.numel(), _rows(spec.parts)
+        self.pose_rows = _rows({name: pose.numel() for name, pose in poses.items()})
+        self.g, self.dynamics = function("g", {"Q": Q}, {"xi": xi}), derive_dynamics(spec)
+        self.body_poses = function("body_poses", {"Q": Q}, {"poses": bodies})
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -206,30 +206,7 @@ def load_robot(reference: str | Path) -> RobotModel:
     Raises:
         SpecError: The file does not describe a robot; the message has all its errors with their positions.
     """
-    return build_model(load_robot_spec(reference))
-
-
-def build_model(spec: RobotSpec) -> RobotModel:
-    """Build the model of a robot."""
-    spatial, n = spec.dimension == 3, sum(spec.parts.values())
-    base = spec.parts["base"]
-    Q = ca.SX.sym("Q", n + spatial)
-    placed = place(spec, base_frame(spec, Q), Q[base + spatial :])
-    frames = {"base": placed.bodies[0], **placed.tools}
-    xi = ca.vertcat(*(frame.pose for frame in frames.values()))
-    bodies = ca.horzcat(*(frame.pose for frame in placed.bodies))
-    return RobotModel(
-        spec=spec,
-        n=n,
-        nq=n + spatial,
-        m=xi.numel(),
-        dimension=spec.dimension,
-        parts=_rows(spec.parts),
-        pose_rows=_rows({name: frame.pose.numel() for name, frame in frames.items()}),
-        g=function("g", {"Q": Q}, {"xi": xi}),
-        dynamics=derive_dynamics(spec),
-        body_poses=function("body_poses", {"Q": Q}, {"poses": bodies}),
-    )
+    return RobotModel(load_robot_spec(reference))
 
 
 def pose_frames(poses: ArrayLike) -> Array:

@@ -7,7 +7,7 @@ import yaml
 
 from psmpc_cli.control import Command, Controller, State
 from psmpc_cli.errors import RunError
-from psmpc_cli.robot.model import build_model
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import Experiment, closed_loop, simulate
 from psmpc_cli.specs.load import Task, load_task
 
@@ -28,7 +28,7 @@ STEPPED = {
 
 def stepped(task: Task) -> list[Command]:
     """Step a controller by hand against a double integrator, the state measured as late as the controller knows."""
-    controller, model = Controller(task), build_model(task.robot)
+    controller, model = Controller(task), RobotModel(task.robot)
     spec, tick = task.spec.controller, 1 / task.spec.plant.low_level_rate
     Q, v = np.zeros(model.n), np.zeros(model.n)
     measured = [State(Q, v)] * (spec.known_delay + 1)

@@ -9,7 +9,7 @@ import numpy as np
 
 from psmpc_cli.logs.schema import MOMENTUM
 from psmpc_cli.logs.write import Header, LogWriter
-from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.library import find
 from psmpc_cli.specs.load import Task, parse_task
@@ -52,7 +52,7 @@ class Story:
 def write_story(path: Path, story: Story) -> Path:
     """Write the log of a story."""
     loaded = parse_task(story.task, story.robot, "transport")
-    model = build_model(loaded.robot)
+    model = RobotModel(loaded.robot)
     with LogWriter(path, _header(loaded, story)) as log:
         for time in np.arange(0.0, min(story.ends[-1] - 1e-9, story.last), story.sample):
             log.write(_row(model, float(time), story))

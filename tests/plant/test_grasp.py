@@ -12,7 +12,7 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.plant import Ticks, build_plant
 from psmpc_cli.plant.grasp import Capture, CapturePlant, build_capture
 from psmpc_cli.robot.free_body import FreeBody, composed, relative
-from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.load import Task, load_robot, load_task
 
@@ -60,7 +60,7 @@ def spatial(set: dict[str, Any]) -> Task:
 
 @cache
 def model_of(robot: str) -> RobotModel:
-    return build_model(load_robot(robot))
+    return RobotModel(load_robot(robot))
 
 
 def joints(robot: Any) -> dict[str, slice]:

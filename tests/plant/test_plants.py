@@ -14,7 +14,7 @@ from psmpc_cli.plant import build_plant
 from psmpc_cli.plant.ideal import IdealPlant
 from psmpc_cli.plant.mujoco_plant import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
-from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import PlantSpec
 
 from ..robot.strategies import State, laws, moving_robots
@@ -83,7 +83,7 @@ def test_one_percent_of_a_links_inertia_shows_in_a_replay(model: RobotModel, x: 
     arm = model.spec.arms["arm_1"]
     links = (arm.links[0].model_copy(update={"inertia": 1.01 * arm.links[0].inertia}), *arm.links[1:])
     arms = {**model.spec.arms, "arm_1": arm.model_copy(update={"links": links})}
-    other = build_model(model.spec.model_copy(update={"arms": arms}))
+    other = RobotModel(model.spec.model_copy(update={"arms": arms}))
     assert np.abs(MujocoPlant(other, TICK).replay(x, ticks.F) - ticks.X).max() > 1e-6
 
 

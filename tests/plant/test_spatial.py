@@ -14,7 +14,7 @@ from psmpc_cli.plant.mujoco_plant import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.plant.uncertainty import release, take_up
 from psmpc_cli.robot.dynamics import InertialParameters
-from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import load_robot
 
 Array = np.ndarray
@@ -30,7 +30,7 @@ def robot() -> RobotModel:
     first = arm.model_copy(update={"mount": "arm.1"})
     sliding = arm.links[2].model_copy(update={"joint": arm.links[2].joint.model_copy(update={"kind": "prismatic"})})
     branch = first.model_copy(update={"links": (arm.links[1], sliding)})
-    return build_model(spec.model_copy(update={"arms": {"arm": arm, "branch": branch}}))
+    return RobotModel(spec.model_copy(update={"arms": {"arm": arm, "branch": branch}}))
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.robot import (
     Arm,
     Base,
@@ -121,7 +121,7 @@ def spatial_robots(draw: st.DrawFn) -> SpatialRobot:
 @st.composite
 def moving_spatial_robots(draw: st.DrawFn) -> State:
     """A robot, Q (nq,), v and a third column (n,)."""
-    model = build_model(draw(spatial_robots()))
+    model = RobotModel(draw(spatial_robots()))
     numbers = st.lists(st.floats(-3, 3), min_size=model.nq, max_size=model.nq).map(np.array)
     Q, v, third = draw(numbers), draw(numbers)[1:], draw(numbers)[1:]
     length = np.linalg.norm(Q[3:7])
@@ -132,7 +132,7 @@ def moving_spatial_robots(draw: st.DrawFn) -> State:
 @st.composite
 def moving_robots(draw: st.DrawFn, fewest: int = 1, most: int = 5) -> State:
     """A robot, Q, Qdot, and a third column (n,) to be used as Qddot, u or F."""
-    model = build_model(draw(robots(fewest, most)))
+    model = RobotModel(draw(robots(fewest, most)))
     column = st.lists(st.floats(-3, 3), min_size=model.n, max_size=model.n).map(np.array)
     return model, draw(column), draw(column), draw(column)
 

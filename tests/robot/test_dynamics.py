@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 
 from psmpc_cli.robot.dynamics import InertialParameters
-from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.robot.model import RobotModel
 
 from .strategies import Array, State, assert_close_to_differences, jacobian_by_differences, laws, moving_robots
 
@@ -104,7 +104,7 @@ def test_an_offset_along_the_link_is_another_centre_of_mass(model: RobotModel, s
     d, arm = 0.03, model.spec.arms["arm_1"]
     first = arm.links[0].model_copy(update={"a": arm.links[0].a + d, "b": arm.links[0].b - d})
     moved = arm.model_copy(update={"links": (first, *arm.links[1:])})
-    other = build_model(model.spec.model_copy(update={"arms": {**model.spec.arms, "arm_1": moved}}))
+    other = RobotModel(model.spec.model_copy(update={"arms": {**model.spec.arms, "arm_1": moved}}))
     offset = np.zeros((7, 2))
     offset[1, 0] = d
     np.testing.assert_allclose(

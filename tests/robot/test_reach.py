@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.robot.model import build_model
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import TOLERANCE, reach_of
 from psmpc_cli.specs.robot import PartLimits, RobotSpec
 
@@ -31,7 +31,7 @@ def with_limits(robot: RobotSpec, **position: tuple[tuple[float, float], ...]) -
 
 def assert_takes(robot: RobotSpec, arm: str, base: tuple[float, ...], pose: tuple[float, ...], q: Array) -> None:
     """The arm's end-effector is at the pose, its angle modulo 2 pi, with joints at q."""
-    model = build_model(robot)
+    model = RobotModel(robot)
     Q = np.zeros(model.n)
     Q[model.parts["base"]], Q[model.parts[arm]] = base, q
     miss = model.poses(Q)[list(model.pose_rows).index(arm)] - pose

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.robot.model import RobotModel, build_model
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.mujoco_model import mujoco_spec
 from psmpc_cli.robot.rotations import matrix
 from psmpc_cli.specs.load import load_robot
@@ -137,7 +137,7 @@ def shipped(robot: str) -> Path:
 def test_robots_that_packages_ship_move_as_in_pinocchio(robot: str) -> None:
     """Their arms as they come: from the root to every leaf."""
     path = shipped(robot)
-    urdf, model = read_urdf(path), build_model(load_robot(path))
+    urdf, model = read_urdf(path), RobotModel(load_robot(path))
     engine = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     engine.gravity.setZero()
     random = np.random.default_rng(0)

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import isfinite
 
 import numpy as np
 
@@ -203,7 +204,7 @@ class Controller:
         switches = self._drop_stages(time, seen)  # stages that are over leave the window
         if self._follows:
             self.stages = self._placed_stages(time, seen, ahead=True)
-        measured = bool(np.isfinite(seen).all())
+        measured = isfinite(seen @ seen)
         x = seen if measured else self._completed(time, seen)
         prediction, before = self._predict(time, x), self.sequence  # the last plan, shifted
         longer = self._detect(prediction)  # the next stage enters when its switch is predicted
@@ -228,23 +229,23 @@ class Controller:
         }
         events, d = frozenset(name for name, yes in happened.items() if yes), self._estimator.d
         tick, model = 1 / self._rate, self.problem.model
-        closed, load = self._closed(sequence, self.edges(time)[:-1]), self._load
+        closed, load = self._closed(sequence, time), self._load
         decided = sequence, prediction, solution, events, switches, d, levels
         return Command(time, x, u, x_next, tick, plan, *decided, model, closed, load)
 
     def _over_sample(self, plan: Plan, time: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return x (2n,) in the chart and the state after the sample as [Q; v], and the rates of v by tick (M, n)."""
-        X, planned = plan.over(self.edges(time))
+        edges = self.edges(time)
         if not self._chart.spatial:
-            return x, X[-1], planned
-        Q, v = self._chart.leave(np.vstack([x, X]))
+            return x, plan.states_at(edges[-1:])[0], plan.mean_control(edges)
+        Q, v = self._chart.leave(np.vstack([x, plan.states_at(edges)]))
         return np.r_[Q[0], v[0]], np.r_[Q[-1], v[-1]], np.diff(v[1:], axis=0) * self._rate
 
-    def _closed(self, sequence: MovingSequence, ticks: np.ndarray) -> np.ndarray:
+    def _closed(self, sequence: MovingSequence, time: float) -> np.ndarray:
         thing = self.problem.spec.object
         if thing is None or self._tracker is None:
-            return np.zeros(len(ticks), bool)
-        return to_be_closed(thing, [stage.name for stage in self.stages], sequence, ticks)
+            return np.zeros(len(self._ticks) - 1, bool)
+        return to_be_closed(thing, [stage.name for stage in self.stages], sequence, self.edges(time)[:-1])
 
     def _in_chart(self, time: float, state: State) -> np.ndarray:
         """Return a measured state in the chart about its attitude (2n,), in which plan and stages are from now on.

@@ -122,11 +122,9 @@ def detect(
         over = max(guess.start + sequence.hold_left(stages, guess.start), earliest)
         holding = sequence.count == 1 and np.isfinite(sequence.met_since) and not sequence.broken
         return _appended(sequence, max(over, begins + 10 * SHORTEST)) if holding and over <= latest else None
-    hits = costs.met(stage, guess.X, margin) & (guess.times >= earliest) & (guess.times <= latest)
-    if not hits.any():
-        return None
-    hit = float(guess.times[np.argmax(hits)])
-    return _appended(sequence, max(hit, begins + 10 * SHORTEST))
+    inside = slice(*guess.times.searchsorted((earliest, latest)))
+    hits = guess.times[inside][costs.met(stage, guess.X[inside], margin)]
+    return _appended(sequence, max(float(hits[0]), begins + 10 * SHORTEST)) if len(hits) else None
 
 
 def _appended(sequence: MovingSequence, instant: float) -> MovingSequence:

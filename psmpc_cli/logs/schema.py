@@ -121,10 +121,12 @@ def _column(path: str, units: str, long_name: str, value: Read = "", dtype: str 
 
 def _window(path: str, units: str, long_name: str, values: Read) -> Column:
     """Return the column of values of the stages in the window, in the places of those stages."""
+    read = _read(values)
 
-    def placed(sample: Sample) -> np.ndarray:
+    def placed(sample: Sample) -> list[float]:
         sequence = sample.command.sequence
-        row, found = np.full(sample.stages, np.nan), np.atleast_1d(_read(values)(sample))[: sequence.count]
+        found = read(sample)[: sequence.count]
+        row = [np.nan] * sample.stages
         row[sequence.first : sequence.first + len(found)] = found
         return row
 
@@ -133,19 +135,21 @@ def _window(path: str, units: str, long_name: str, values: Read) -> Column:
 
 def _by_stage(path: str, units: str, long_name: str, values: Read = "", **more: Any) -> Column:
     """Return the column of values by stage index, by default a metric, in the places of their stages."""
+    read, unknown = _read(values or _metric(path)), more.get("unknown", np.nan)
 
-    def placed(sample: Sample) -> np.ndarray:
-        found = _read(values or _metric(path))(sample)
-        return np.array([found.get(stage, more.get("unknown", np.nan)) for stage in range(sample.stages)])
+    def placed(sample: Sample) -> list[float]:
+        found = read(sample)
+        return [found.get(stage, unknown) for stage in range(sample.stages)]
 
     return Column(path, units, long_name, placed, dims=("time", "stage"), **more)
 
 
 def _level(name: str, units: str, long_name: str, value: Read, **more: Any) -> Column:
     """Return the column of a value of each level, in the place of its stage."""
+    read = _read(value)
 
     def values(sample: Sample) -> Any:
-        return dict(enumerate(map(_read(value), sample.command.levels), start=sample.command.sequence.first))
+        return dict(enumerate(map(read, sample.command.levels), start=sample.command.sequence.first))
 
     return _by_stage(f"levels/{name}", units, long_name, values, only="levels", **more)
 

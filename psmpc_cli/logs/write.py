@@ -61,6 +61,7 @@ class LogWriter:
         self.path = path
         columns = layout("spatial" in header.has)
         self._columns = [column for column in columns if not column.only or column.only in header.has]
+        self._values = [(column.path, column.value) for column in self._columns if column.value is not None]
         self._file = h5py.File(f"log {id(self)}", "w", driver="core", backing_store=False, libver="latest")
         open_end = {"finished": False, "end_reason": "", "stuck": False}
         attributes = {"kind": RUN, "format_version": FORMAT_VERSION, **open_end, **header.attributes}
@@ -88,7 +89,7 @@ class LogWriter:
         Raises:
             RunError: The file cannot be written any further, for example because the disk is full.
         """
-        self.write({column.path: column.value(sample) for column in self._columns if column.value})
+        self.write({path: value(sample) for path, value in self._values})
 
     def write(self, row: Mapping[str, ArrayLike]) -> None:
         """Add what a sample leaves in every dataset that grows, by path.
@@ -150,11 +151,12 @@ class LogWriter:
         for column in self._columns if rows else ():
             if column.value is None:
                 continue
+            if column.dims[0] == "time" and not column.ragged:
+                _extend(self._file[column.path], self._rows, np.array([row[column.path] for row in rows]))
+                continue
             values = [np.asarray(row[column.path]) for row in rows]
             if column.ragged:
                 self._extend_ragged(column, values)
-            elif column.dims[0] == "time":
-                _extend(self._file[column.path], self._rows, np.array(values))
             else:
                 _extend(self._file[column.path], self._rows * len(values[0]), np.concatenate(values))
         self._rows += len(rows)

@@ -64,7 +64,7 @@ class RowFunction:
 
     def __init__(self, function: ca.Function) -> None:
         self._function = function
-        self._mapped: dict[int, ArrayFunction] = {}
+        self._mapped: dict[int, ArrayFunction] = {}  # by number of rows, and by room for them
 
     def __call__(self, *arguments: ArrayLike, rows: int = 1) -> list[np.ndarray]:
         """Evaluate the function at each row and return its results, (rows, size) each.
@@ -73,8 +73,10 @@ class RowFunction:
             arguments: (rows, size) each, or what broadcasts to it: (size,) is the same at every row.
             rows: The number of rows.
         """
-        step = 1 << max(rows.bit_length() - 4, 0)  # few sizes, none much larger than the number of rows
-        room = -(-rows // step) * step
-        if room not in self._mapped:
-            self._mapped[room] = ArrayFunction(self._function.map(room) if room > 1 else self._function)
-        return self._mapped[room](*arguments, rows=rows)
+        if rows not in self._mapped:
+            step = 1 << max(rows.bit_length() - 4, 0)  # few sizes, none much larger than the number of rows
+            room = -(-rows // step) * step
+            if room not in self._mapped:
+                self._mapped[room] = ArrayFunction(self._function.map(room) if room > 1 else self._function)
+            self._mapped[rows] = self._mapped[room]
+        return self._mapped[rows](*arguments, rows=rows)

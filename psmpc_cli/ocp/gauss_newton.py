@@ -138,14 +138,14 @@ class VelocityForm:
 
     def residuals(self, point: Point, p: Parameters[np.ndarray]) -> Residuals:
         """Return objective and constraints at a point."""
-        n, tau = self.grid.n, self.durations(point, float(p.horizon))
+        tau = self.durations(point, float(p.horizon))
         costs, terminal = np.zeros(len(self.stages)), 0.0
         for s, (stage, N) in enumerate(zip(self.costs, self.grid.nodes, strict=True)):
             at, (wanted, _) = self.intervals(s), reference(p, s, tau[s])
-            L = stage.state_costs(point.X[at, :n], p.weights[s], wanted[:N], rows=N)[0]
+            L = stage.costs(point.X[at], 0.0, wanted[:N], p.weights[s], 0.0, rows=N)[0]
             costs[s] = _cost(s, p, N, tau[s], L, self.control(s, point, p, tau[s])[1])
         if p.terminal:
-            L = stage.state_costs(point.X[-1, :n], p.weights[s], wanted[-1])[0]
+            L = stage.costs(point.X[-1], 0.0, wanted[-1], p.weights[s], 0.0)[0]
             terminal = _terminal_cost(p, L)
         return self._residuals(point, p, costs, terminal, self.ends(point, p)[0])
 

@@ -89,14 +89,9 @@ class StageFunctions:
         return ca.Function("Lbar", [self._x, self._u, self._target, self._W, self._W_r], ca.cse([L]))
 
     @cached_property
-    def state_cost(self) -> ca.Function:
-        """Q, W, target -> e'We."""
-        return ca.Function("error", [self._Q, self._W, self._target], ca.cse([self._L]))
-
-    @cached_property
-    def state_costs(self) -> RowFunction:
+    def costs(self) -> RowFunction:
         """The same at rows of arrays, as compiled C where asked for."""
-        return RowFunction(compiled(self.state_cost) if self._native else self.state_cost)
+        return RowFunction(compiled(self.cost) if self._native else self.cost)
 
     @cached_property
     def gauss_newton(self) -> ca.Function:
@@ -179,7 +174,7 @@ class StageFunctions:
         """Build what `sqp` evaluates and return it: of the end condition, where there is one, else of the cost."""
         if self.end_rows:
             return self.end_terms, self.end_curvature
-        return self.error, self.rate, self.state_costs, self.gauss_newtons
+        return self.error, self.rate, self.costs, self.gauss_newtons
 
     def step(self, discretization: str) -> ca.Function:
         """Return x (2n,), u, dt -> x after dt under a constant u."""

@@ -113,19 +113,16 @@ class Grid:
         return np.concatenate([[0], np.cumsum(self.nodes)])
 
 
-def mesh(durations: np.ndarray, nodes: tuple[int, ...]) -> np.ndarray:
-    """Return the node times (K + 1,) [s] from the start of the window; `durations` of all stages. Paper eq. (19)."""
-    stage, after, count, N = _places(nodes)
-    ends = np.concatenate(([0.0], durations.cumsum()))
-    begin = ends.take(stage)
-    return np.concatenate(([0.0], begin + (ends.take(after) - begin) * count / N))
+def mesh(ends: np.ndarray, nodes: tuple[int, ...]) -> np.ndarray:
+    """Return the node times (K + 1,) [s] of stages between the times `ends` (S + 2,) [s]. Paper eq. (19)."""
+    return np.asarray(_shares(nodes) @ ends)
 
 
 @lru_cache(maxsize=256)
-def _places(nodes: tuple[int, ...]) -> tuple[np.ndarray, ...]:
-    """Return stage, the stage after it, number in the stage and N_s of every node but the first, (K,) each."""
-    stage = np.repeat(np.arange(len(nodes)), nodes)
-    return stage, stage + 1, np.concatenate([np.arange(1, N + 1) for N in nodes]), np.array(nodes)[stage]
+def _shares(nodes: tuple[int, ...]) -> np.ndarray:
+    """Return the share of each end in the time of each node, (K + 1, S + 2)."""
+    at = np.cumsum((0, *nodes))
+    return np.array([np.interp(np.arange(at[-1] + 1), at, one) for one in np.eye(len(at))]).T.copy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,43 +176,28 @@ class Plan:
 
     def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the states (len(times), 2n) and the accelerations just after each time (len(times), n)."""
-        X, u, _ = self._read(times, self.intervals_at(times))
+        n, k = self.u.shape[1], self.intervals_at(times)
+        X, u, since = self.X.take(k, 0), self._u_and_none.take(k, 0), (times - self.times.take(k))[:, None]
+        Q, Qdot, gained = X[:, :n], X[:, n:], since * u
+        Q += since * (Qdot + gained / 2)
+        Qdot += gained
         return X, u
-
-    def over(self, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the states (len(edges), 2n) and the mean acceleration between consecutive edges, as `mean_control`."""
-        k = self.intervals_at(edges)
-        X, _, gained = self._read(edges, k)
-        gained += self._impulse.take(k, 0)
-        return X, (gained[1:] - gained[:-1]) / (edges[1:] - edges[:-1])[:, None]
-
-    def _read(self, times: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return states and accelerations at times in the intervals k, and the velocities gained in these so far."""
-        n, X, u = self.u.shape[1], self.X.take(k, 0), self._u_and_none.take(k, 0)
-        since = (times - self.times.take(k))[:, None]
-        gained = since * u
-        X[:, :n] += since * (X[:, n:] + gained / 2)
-        X[:, n:] += gained
-        return X, u, gained
 
     @cached_property
     def _u_and_none(self) -> np.ndarray:
         """The accelerations, and none past the plan's end, (K + 1, n)."""
         return np.concatenate([self.u, np.zeros((1, self.u.shape[1]))])
 
-    @cached_property
-    def _impulse(self) -> np.ndarray:
-        """Integral of the acceleration up to each node, (K + 1, n)."""
-        impulse = np.zeros_like(self._u_and_none)
-        ((self.times[1:] - self.times[:-1])[:, None] * self.u).cumsum(axis=0, out=impulse[1:])
-        return impulse
-
     def mean_control(self, edges: np.ndarray) -> np.ndarray:
         """Return the mean acceleration between consecutive edges (len(edges) - 1, n); zero past the plan's end.
 
         Nodes and ticks do not align; the mean keeps the velocities at the ticks equal to the plan's.
         """
-        return self.over(edges)[1]
+        first, stop = self.times.searchsorted((edges[0], edges[-1]))
+        first = max(first - 1, 0)
+        times, u = self.times[first : stop + 1], self.u[first:stop]
+        reached = np.minimum(np.maximum(edges[:, None], times[:-1]), times[1:])
+        return np.asarray((reached[1:] - reached[:-1]) @ u / (edges[1:] - edges[:-1])[:, None])
 
 
 def resting_plan(start: float, horizon: float, nodes: int, x: np.ndarray, chart: Chart = PLANAR) -> Plan:

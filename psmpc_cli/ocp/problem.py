@@ -215,12 +215,12 @@ class StageCosts:
         """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
         if stage.input == "task":
             u = self.task_acceleration(X, u)
-        return np.asarray(self.of_states(stage, X, since) + (u * u) @ stage.control_weights)
+        W, W_r, wanted = stage.weights, stage.control_weights, _wanted(stage, since)
+        return self._of(stage).costs(X, u, wanted, W, W_r, rows=len(X))[0][:, 0]
 
     def of_states(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return the part of Lbar (K,) that the states X (K, 2n) make, without the control's."""
-        Q, target = X[:, : self.model.n], _wanted(stage, since)
-        return self._of(stage).state_costs(Q, stage.weights, target, rows=len(X))[0][:, 0]
+        return self._of(stage).costs(X, 0.0, _wanted(stage, since), stage.weights, 0.0, rows=len(X))[0][:, 0]
 
     def task_acceleration(self, X: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return the acceleration of xi (K, m) under Qddot = u: J_C u + Jdot_C Qdot."""
@@ -237,11 +237,10 @@ class StageCosts:
         """Return whether the end condition (18) holds at each state (K,), its tolerances widened by `margin`."""
         if not stage.end_rows:
             return np.zeros(len(X), bool)
-        rows = list(stage.end_rows)
-        met = (np.abs(self.errors(stage, X).take(rows, 1)) <= stage.tolerance * margin + SLACK).all(axis=1)
+        met = _within(self.errors(stage, X), stage, stage.tolerance * margin)
         if stage.end_velocity is not None and met.any():
-            met &= (np.abs(self.rates(stage, X)[:, rows]) <= stage.end_velocity * margin + SLACK).all(axis=1)
-        return np.asarray(met)
+            met &= _within(self.rates(stage, X), stage, stage.end_velocity * margin)
+        return met
 
     def end_error(self, stage: Stage, x: np.ndarray) -> float:
         """Compute the largest error of a stage's end condition (18) at x (2n,) over its tolerance; NaN without one."""
@@ -252,6 +251,10 @@ class StageCosts:
         if stage.end_velocity is not None:
             errors.append(self.rates(stage, x[None])[0, rows] / stage.end_velocity)
         return float(np.max(np.abs(errors)))
+
+
+def _within(errors: np.ndarray, stage: Stage, allowed: np.ndarray | float) -> np.ndarray:
+    return np.asarray((np.abs(errors.take(stage.end_rows, 1)) <= allowed + SLACK).all(axis=1))
 
 
 def _wanted(stage: Stage, since: np.ndarray | None) -> np.ndarray:

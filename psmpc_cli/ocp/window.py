@@ -114,6 +114,10 @@ class Window:
         """Return by how much limits of v are moved at the nodes (K + 1, n) in a solve from a guess on this mesh."""
         return self.chart.rate_shift(guess.X) if self.rate_shift is None else self.rate_shift
 
+    def times(self, instants: np.ndarray) -> np.ndarray:
+        """Return the node times (K + 1,) [s] with switching instants (S,) [s], absolute."""
+        return mesh(np.concatenate(((self.start,), instants, (self.start + self.horizon,))), self.nodes)
+
     def plan_of(self, flat: np.ndarray) -> Plan:
         """Return the plan on this window's mesh from `Plan.flat`.
 
@@ -122,8 +126,7 @@ class Window:
         """
         S, n = len(self.stages) - 1, len(self.x0) // 2
         instants, X, u = np.split(flat, [S, S + 2 * n * (self.K + 1)])
-        times = self.start + mesh(durations(instants, self.start, self.horizon), self.nodes)
-        return Plan(times, X.reshape(self.K + 1, 2 * n), u.reshape(self.K, n), instants, self.chart)
+        return Plan(self.times(instants), X.reshape(self.K + 1, 2 * n), u.reshape(self.K, n), instants, self.chart)
 
 
 @dataclass(frozen=True)
@@ -289,8 +292,7 @@ def durations(instants: np.ndarray, start: float, horizon: float) -> np.ndarray:
 
 def on_mesh(plan: Plan, window: Window) -> Plan:
     """Return a plan read at the nodes of a window, begun at its measured state; the plan's instants (S,) stay."""
-    tau = durations(plan.instants, window.start, window.horizon)
-    times = window.start + mesh(tau, window.nodes)
+    times = window.times(plan.instants)
     X, u = plan.at(times)
     X[0] = window.x0
     return Plan(times, X, u[:-1], plan.instants, plan.chart)
@@ -298,8 +300,8 @@ def on_mesh(plan: Plan, window: Window) -> Plan:
 
 def plan_on_mesh(window: Window, X: np.ndarray, u: np.ndarray, tau: np.ndarray) -> Plan:
     """Return the plan of states X (K + 1, 2n) and accelerations u (K, n) at the nodes, free durations tau (S,) [s]."""
-    times = window.start + mesh(np.append(tau, window.horizon - tau.sum()), window.nodes)
-    return Plan(times, X, u, window.start + np.cumsum(tau), window.chart)
+    instants = window.start + tau.cumsum()
+    return Plan(window.times(instants), X, u, instants, window.chart)
 
 
 def node_limits(grid: Grid, stages: Sequence[Stage]) -> tuple[np.ndarray, np.ndarray]:
@@ -350,8 +352,8 @@ def normalization(
         return np.zeros(len(stages)), np.ones(len(stages))
     length, steps = prediction.end - prediction.start, round((prediction.end - prediction.start) / step)
     times = prediction.start + length / steps * np.arange(steps + 1)
-    X, u = prediction.over(times)
-    u = np.concatenate([u, u[-1:]])
+    X, u = prediction.states_at(times), prediction.mean_control(times)
+    u = np.concatenate((u, u[-1:]))
     over_time = [costs.at(stage, X, u, times - begin) for stage, begin in zip(stages, begins, strict=True)]
     nadir = np.array([values.max() for values in over_time])
     if kind == "nadir":

@@ -193,7 +193,7 @@ class RobotModel:
         motion = self.dynamics
         state = motion.momentum.sx_in()
         kept = ca.vertcat(motion.momentum(*state), motion.kinetic_energy(*state))
-        functions = (self.g, motion.H, motion.inverse, motion.forward, ca.Function("balance", state, [kept]))
+        functions = (self.g, motion.H, motion.inverse, motion.forward, ca.Function("balance", state, ca.cse([kept])))
         return {each.name(): ArrayFunction(each) for each in functions}
 
 

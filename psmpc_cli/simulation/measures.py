@@ -41,7 +41,11 @@ class Meter:
         problem, self._capture = counterfactuals.controller.problem, capture
         self._counterfactuals, self._uncertainty, self._problem = counterfactuals, uncertainty, problem
         self._sees_the_state, self._shares = problem.spec.sees_the_state, problem.spec.log.shares
-        self._base, self._number = problem.model.parts["base"], 0
+        self._base, self._number, d = problem.model.parts["base"], 0, problem.model.dimension
+        self._tick, self._norms = (
+            1 / problem.spec.plant.low_level_rate,
+            np.repeat(np.eye(2), (d, self._base.stop - d), 0),
+        )
         self._start = self._kept(0, x0)
         self._gained = np.zeros(len(self._start))
 
@@ -59,17 +63,17 @@ class Meter:
         model, chart = problem.model, command.solution.window.chart
         for happened in (ticks,) if contact is None else (contact, ticks):
             self._gained = self._gained + np.array([*happened.impulse, happened.work])
-        tick, base = ticks.time[1:] - ticks.time[:-1], ticks.F[:, self._base]
-        end, d = ticks.X[-1], model.dimension
+        base, end, limits = ticks.F[:, self._base], ticks.X[-1], stage.limits
+        force, torque = self._tick * np.sqrt(base * base @ self._norms).sum(axis=0)
         X, planned = chart.entered(ticks.X), command.x_next
         limited, deviation = X[1:], end - planned
         if chart.spatial:
             limited = np.hstack([limited[:, : model.n], ticks.X[1:, model.nq :]])  # limits are those of v
             there = Chart.at(planned[: model.nq], model.n).entered(np.array([planned, end]))
             deviation = np.concatenate([(there[1] - there[0])[: model.n], deviation[model.nq :]])
-        below, above = limited - stage.limits.state_low, stage.limits.state_high - limited
+        by_row = limited.T.copy()
         since = ticks.time[:1] - command.sequence.entered
-        n, margin = model.n, np.minimum(below, above).min(axis=0)
+        n, margin = model.n, np.minimum(by_row.min(axis=1) - limits.state_low, limits.state_high - by_row.max(axis=1))
         kept = self._kept(stage.index, end) - self._start - self._gained
         metrics = {
             "control/u": u[0],
@@ -79,9 +83,9 @@ class Meter:
             "window/share": self._counterfactuals.shares(command) if self._shares else {},
             "margin/position": margin[:n],
             "margin/velocity": margin[n:],
-            "effort/control": (tick @ (u * u)).sum(),
-            "effort/base_force": tick @ np.sqrt((base[:, :d] ** 2).sum(axis=1)),
-            "effort/base_torque": tick @ np.sqrt((base[:, d:] ** 2).sum(axis=1)),
+            "effort/control": self._tick * np.vdot(u, u),
+            "effort/base_force": force,
+            "effort/base_torque": torque,
             "deviation/Q": deviation[:n],
             "deviation/Qdot": deviation[n:],
             "deviation/end": self._end_errors(command, ticks.time, X),

@@ -124,7 +124,7 @@ def _libraries(task: TaskSpec, model: RobotModel, stages: Sequence[Stage]) -> It
     if task.solver.kind == "sqp":
         for space in sorted({stage.space for stage in stages}):
             functions = stage_functions(model, StageShape(space))
-            yield from (_library_of(functions.gauss_newton), _library_of(functions.state_cost))
+            yield from (_library_of(functions.gauss_newton), _library_of(functions.cost))
         for switches in range(len(stages)):
             yield partial(kernel_library, model.n, switches)
     if task.plant.kind == "rk4":
@@ -144,7 +144,7 @@ def _library_of(function: ca.Function) -> Callable[[], Path | None]:
 
 
 BOUND = 1e9
-"""Coordinates, rates and forces beyond it are those of a motion that diverged, in any unit of the SI."""
+"""Coordinates and rates, or forces, of a larger norm are those of a motion that diverged, in any unit of the SI."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +199,7 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         else:
             contact = uncertainty.contact(x, before, stage)
             ticks = uncertainty.advance(plant, number, now, contact.x, u, stage, closed)
-        if not (np.abs(ticks.X).max() < BOUND and np.abs(ticks.F).max() < BOUND):  # nor where it is not a number
+        if not all(np.vdot(each, each) < BOUND**2 for each in (ticks.X, ticks.F)):  # nor where it is not a number
             why = "the motion diverged, faster than it can be simulated"
             return Ending(False, why, now, command.x, x, command.switches, stuck=True)
         yield meter.measure(command, ticks, x, u, contact)

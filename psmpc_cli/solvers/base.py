@@ -5,6 +5,7 @@ import time
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from math import isfinite
 
 import numpy as np
 
@@ -114,8 +115,8 @@ class Solver(ABC):
         except (ArithmeticError, RuntimeError, ValueError) as error:
             logger.warning("the solver raised %s: %s", type(error).__name__, str(error).partition("\n")[0])
             return Solution(Outcome.FAILED, guess, np.nan, 0, time.perf_counter() - began, window, guess)
-        plan = solution.plan
-        if solution.outcome.usable and not (np.isfinite(plan.X).all() and np.isfinite(plan.u).all()):
+        finite = all(isfinite(np.vdot(each, each)) for each in (solution.plan.X, solution.plan.u))
+        if solution.outcome.usable and not finite:
             return replace(solution, outcome=Outcome.FAILED)
         return solution
 

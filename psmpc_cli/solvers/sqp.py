@@ -273,7 +273,7 @@ def later(window: SqpWindow, point: Point) -> Point | None:
         return None
     tau = point.tau.copy()
     tau[last] += LATER * room
-    times = mesh(form.durations(point, horizon), form.grid.nodes)
-    motion = Plan(times, point.X, form.inputs(point, horizon), np.cumsum(point.tau))
-    X = motion.states_at(mesh(form.durations(Point(point.X, tau), horizon), form.grid.nodes))
+    before, after = (np.r_[0.0, np.cumsum(each), horizon] for each in (point.tau, tau))
+    motion = Plan(mesh(before, form.grid.nodes), point.X, form.inputs(point, horizon), before[1:-1])
+    X = motion.states_at(mesh(after, form.grid.nodes))
     return Point(np.vstack([point.X[:1], X[1:]]), tau)

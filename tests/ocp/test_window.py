@@ -124,7 +124,7 @@ def test_at_a_switch_the_limits_of_both_stages_hold(stages: tuple[Stage, ...]) -
 
 
 def test_nodes_share_the_time_of_the_intervals_beside_them() -> None:
-    times = mesh(np.array([1.5, 2.5]), (2, 5))
+    times = mesh(np.array([0.0, 1.5, 4.0]), (2, 5))
     values = np.random.default_rng(0).standard_normal(8)
     assert shares_of_time(np.diff(times)[:, None])[:, 0] @ values == pytest.approx(np.trapezoid(values, times))
 

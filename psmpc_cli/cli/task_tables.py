@@ -11,13 +11,12 @@ from psmpc_cli.cli.tables import print_table
 from psmpc_cli.ocp.feasibility import Outlook
 from psmpc_cli.simulation.gradient_audit import AD_TOLERANCE, DIFFERENCE_TOLERANCE, audit_gradients
 from psmpc_cli.simulation.run import build_experiment, converging
-from psmpc_cli.specs.coordinates import labels, resolve_limits
 from psmpc_cli.specs.document import counted, plain
 from psmpc_cli.specs.fields import Spec
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.parts import POSITION_AXES, Space, target_axes
 from psmpc_cli.specs.priorities import ACCEPTABLE, weigh
-from psmpc_cli.specs.robot import RobotSpec, SpatialRobot
+from psmpc_cli.specs.robot import RobotSpec, SpatialRobot, labels, resolve_limits
 from psmpc_cli.specs.task import PrioritiesSpec, StageSpec
 
 Rows = list[Sequence[str]]

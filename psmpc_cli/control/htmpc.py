@@ -14,7 +14,7 @@ from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, Stage
 from psmpc_cli.ocp.window import Kept, Window, normalization
 from psmpc_cli.solvers import Solution, build_solver
-from psmpc_cli.specs.coordinates import labels
+from psmpc_cli.specs.robot import labels
 
 
 class Hierarchy:

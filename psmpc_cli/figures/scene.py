@@ -14,8 +14,8 @@ from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.ocp.skills import SKILLS, Posture
 from psmpc_cli.robot.model import RobotModel, pose_frames
 from psmpc_cli.robot.reach import reach_of
-from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.robot import stack
 from psmpc_cli.specs.task import MonitorSpec
 
 NO_BREAK = "\N{NO-BREAK SPACE}"

@@ -38,9 +38,8 @@ from psmpc_cli.figures.timeline import runs_of
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.problem import build_stages
 from psmpc_cli.robot.model import RobotModel, pose_frames
-from psmpc_cli.specs.coordinates import resolve_limits
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.robot import RobotSpec, resolve_limits
 
 AXIS, AROUND = 0.3, 0.45
 """Height of the axis below the panels; width of the axis left of them [in]."""

@@ -16,8 +16,8 @@ from psmpc_cli.logs.schema import COMPARISON, Q_COORDINATE, RUN, Column, columns
 from psmpc_cli.logs.summary import Summary, summarize
 from psmpc_cli.logs.write import create_log
 from psmpc_cli.ocp.problem import Problem, Stage, Trajectory, build_problem
-from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.load import Task, parse_task
+from psmpc_cli.specs.robot import labels
 
 if TYPE_CHECKING:
     import xarray

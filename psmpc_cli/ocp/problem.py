@@ -13,11 +13,10 @@ from psmpc_cli.ocp.plan import Chart
 from psmpc_cli.ocp.skills import SKILLS, Posture
 from psmpc_cli.robot.free_body import FreeBody, carried_rate, composed, relative
 from psmpc_cli.robot.model import RobotModel, nearest_equivalent
-from psmpc_cli.specs.coordinates import Limits, resolve_limits, rows, stack, stack_rows, tolerances
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.object import ObjectSpec, OnObject
 from psmpc_cli.specs.parts import Space
-from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.robot import Limits, RobotSpec, resolve_limits, rows, stack
 from psmpc_cli.specs.task import SkillSpec, StageSpec, TaskSpec, TrajectorySpec
 
 POSTURE = 1e-3
@@ -349,7 +348,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         weights=_weights(skill, robot, model),
         control_weights=control_weights,
         end_rows=() if end is None else rows(end.coordinates, robot, skill.space),
-        tolerance=np.zeros(0) if end is None else tolerances(end, robot, skill.space),
+        tolerance=np.zeros(0) if end is None else end.tolerances(robot, skill.space),
         end_velocity=None if end is None else end.velocity,
         hold=0.0 if end is None else end.hold,
         at=spec.at,
@@ -400,7 +399,7 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
 def _waypoints(spec: StageSpec, robot: RobotSpec, space: Space, thing: ObjectSpec | None) -> np.ndarray:
     """Return the rows of a stage's target as given, (T, rows); those relative to the object where it is first."""
     if isinstance(spec.target, TrajectorySpec):
-        values = stack_rows(spec.target, robot, space)
+        values = spec.target.stacked(robot, space)
     else:
         parts = {part: _placed(aim, thing) for part, aim in spec.target.items()}
         values = stack(parts, robot, space)[None]

@@ -24,9 +24,9 @@ from psmpc_cli.robot.free_body import FreeBody, body_of, counted, lifted, lifted
 from psmpc_cli.robot.kinematics import moved
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, cross, dot, exp, log, product, rotate, scaled
-from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.object import GraspSpec, ObjectSpec
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES
+from psmpc_cli.specs.robot import stack
 from psmpc_cli.specs.task import TaskSpec
 from psmpc_cli.specs.uncertainty import ObjectErrorSpec
 

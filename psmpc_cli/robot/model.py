@@ -14,9 +14,8 @@ from psmpc_cli.robot.dynamics import InertialParameters, derive_dynamics, functi
 from psmpc_cli.robot.kinematics import SpatialFrame, base_frame, charted_base, place
 from psmpc_cli.robot.rotations import add, cross, rotate, scaled
 from psmpc_cli.robot.shape import RobotShape
-from psmpc_cli.specs.coordinates import labels
 from psmpc_cli.specs.load import load_robot as load_robot_spec
-from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.robot import RobotSpec, labels
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from psmpc_cli.ocp.problem import Stage, in_own_chart
 from psmpc_cli.ocp.window import Window, durations, normalization
 from psmpc_cli.simulation.run import Experiment
 from psmpc_cli.solvers import build_solver
-from psmpc_cli.specs.coordinates import Limits
+from psmpc_cli.specs.robot import Limits
 
 AD_TOLERANCE, DIFFERENCE_TOLERANCE = 1e-8, 1e-6
 """Largest relative difference of the discrete adjoint from algorithmic differentiation and from central differences."""

@@ -36,8 +36,8 @@ from psmpc_cli.robot.kinematics import moved
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.measures import Counterfactuals, GraspRecord, Meter, StageClock
 from psmpc_cli.solvers.quadratic import kernel_library
-from psmpc_cli.specs.coordinates import labels, stack
 from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.robot import labels, stack
 from psmpc_cli.specs.task import TaskSpec
 
 logger = logging.getLogger(__name__)

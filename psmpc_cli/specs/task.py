@@ -9,6 +9,7 @@ from functools import partial
 from itertools import product
 from typing import Annotated, Any, Literal, get_args
 
+import numpy as np
 from pydantic import BaseModel, Discriminator, Field, Tag
 
 from psmpc_cli.specs import fields
@@ -28,7 +29,7 @@ from psmpc_cli.specs.parts import (
     target_axes,
 )
 from psmpc_cli.specs.priorities import disagreements
-from psmpc_cli.specs.robot import LimitsByPart, PartLimits, limits_of_part
+from psmpc_cli.specs.robot import LimitsByPart, PartLimits, RobotSpec, Vector, limits_of_part, rows, stack
 from psmpc_cli.specs.uncertainty import DEFAULT_TIME_LIMIT, UncertaintySpec, time_limit
 
 REQUIRED: dict[Space, tuple[str, ...]] = {"point": ("base",)}
@@ -42,9 +43,6 @@ MOST_SAMPLES = 1000
 
 MOST_STEPS = 20_000
 """Steps of the integrator in a sample: more take seconds."""
-
-Parts = Mapping[str, tuple[float, ...]]
-"""Numbers keyed by part name (`base`, then each arm's name, or `arms` for every arm)."""
 
 
 _Aim = Annotated[
@@ -208,6 +206,13 @@ class EndCondition(Spec):
     velocity: fields.Width | None = Field(None, description="how much at rest [m/s, rad/s]")
     hold: fields.Sparse[fields.Seconds] = Field(0.0, description="how long it must be met without a break [s]")
 
+    def tolerances(self, robot: RobotSpec, space: Space) -> Vector:
+        """Return the tolerance of every row of the error that it selects [m, rad], in the order of `rows`."""
+        chosen = list(rows(self.coordinates, robot, space))
+        if not isinstance(self.tolerance, Mapping):
+            return np.full(len(chosen), self.tolerance)
+        return stack(self.tolerance, robot, space, of_error=True)[chosen]
+
 
 def _rising(times: tuple[float, ...], before: Fields, context: Context) -> Flaws:
     """Give times of a trajectory that do not rise from 0."""
@@ -228,6 +233,11 @@ class TrajectorySpec(SideBySide):
         description="times since the stage began, rising from 0 [s]"
     )
     parts: Mapping[fields.Part, tuple[fields.Row, ...]]
+
+    def stacked(self, robot: RobotSpec, space: Space) -> Vector:
+        """Stack the rows (times, n) or (times, m) in the order of Q or xi."""
+        moments = range(len(self.times))
+        return np.array([stack({part: rows[i] for part, rows in self.parts.items()}, robot, space) for i in moments])
 
 
 def _way(value: object) -> str:

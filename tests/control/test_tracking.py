@@ -10,9 +10,9 @@ from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.tracking import Tracker, to_be_closed
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.free_body import FreeBody, composed
-from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.object import MotionSpec, ObjectSpec
+from psmpc_cli.specs.robot import stack
 
 DRIFTING = load_task("catch_drifting", {"controller.nodes": 12})
 THING = DRIFTING.spec.object

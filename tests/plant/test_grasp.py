@@ -13,8 +13,8 @@ from psmpc_cli.plant import Ticks, build_plant
 from psmpc_cli.plant.grasp import Capture, CapturePlant, build_capture
 from psmpc_cli.robot.free_body import FreeBody, composed, relative
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.coordinates import stack
 from psmpc_cli.specs.load import Task, load_robot, load_task
+from psmpc_cli.specs.robot import stack
 
 Array = np.ndarray
 M, TICK = 100, 1e-3

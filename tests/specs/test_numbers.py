@@ -7,17 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from psmpc_cli.specs.coordinates import (
-    labels,
-    resolve_limits,
-    rows,
-    stack,
-    stack_rows,
-    tolerances,
-)
 from psmpc_cli.specs.load import load_robot, load_task, parse_task
 from psmpc_cli.specs.parts import Space
-from psmpc_cli.specs.robot import Arm, Link, Mount, PartLimits
+from psmpc_cli.specs.robot import Arm, Link, Mount, PartLimits, labels, resolve_limits, rows, stack
 from psmpc_cli.specs.task import EndCondition, TrajectorySpec
 
 DUAL = load_robot("planar_dual_arm")
@@ -64,11 +56,11 @@ def test_numbers_of_an_arm_take_precedence_over_those_of_all_arms() -> None:
 
 def test_tolerances_belong_to_the_selected_rows() -> None:
     one = EndCondition(coordinates=("base.x", "arm_2"), tolerance=0.1)
-    assert tolerances(one, DUAL, "task").tolist() == [0.1] * 4
+    assert one.tolerances(DUAL, "task").tolist() == [0.1] * 4
     by_part = EndCondition.model_validate(
         {"coordinates": ["arm_2", "base.theta"], "tolerance": {"base": 0.3, "arms": [0.1, 0.2, 1]}}
     )
-    assert tolerances(by_part, DUAL, "task").tolist() == [0.3, 0.1, 0.2, 1.0]
+    assert by_part.tolerances(DUAL, "task").tolist() == [0.3, 0.1, 0.2, 1.0]
 
 
 FOLLOW = """\
@@ -90,7 +82,7 @@ def test_rows_of_a_trajectory_are_stacked_in_the_order_of_q() -> None:
     assert isinstance(target, TrajectorySpec)
     assert target.times == (0, 4)
     np.testing.assert_allclose(
-        stack_rows(target, DUAL, "joint"), [np.zeros(9), [0.5, 0, math.radians(30), 1, 2, 3, 4, 5, 6]]
+        target.stacked(DUAL, "joint"), [np.zeros(9), [0.5, 0, math.radians(30), 1, 2, 3, 4, 5, 6]]
     )
 
 

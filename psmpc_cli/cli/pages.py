@@ -48,7 +48,7 @@ def report(
 ) -> None:
     """Write a run as one HTML page to read and print: verdict, stages, figures, measurements and settings."""
     from psmpc_cli.logs.run import read_run
-    from psmpc_cli.report.run import report_run
+    from psmpc_cli.report.reports import report_run
 
     path = page_file(output, log, "report", force)
     _save(report_run(read_run(log)), path, force, open_it)

@@ -30,7 +30,7 @@ def reproduce(
     """Run what the paper's claims need: a table of published against reproduced, and a report with the figures."""
     from psmpc_cli.figures.registry import draw
     from psmpc_cli.logs.files import check_output, write_new
-    from psmpc_cli.report.reproduction import build_report
+    from psmpc_cli.report.reports import build_report
     from psmpc_cli.studies import reproduce as study
 
     folder = output_folder(output, "reproduce", force)

@@ -1,4 +1,4 @@
-"""The report of a reproduction: every claim with the figures beside it, in one HTML page that needs no network."""
+"""Reports as HTML pages that need no network: of a run, and of a reproduction with every claim and its figures."""
 
 import platform
 import shlex
@@ -12,16 +12,51 @@ from psmpc_cli.figures.pareto import plot_fronts
 from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.figures.reproduction import plot_monitors, plot_presence, plot_schedule
 from psmpc_cli.figures.snapshots import plot_snapshots
+from psmpc_cli.figures.style import readable
+from psmpc_cli.logs.run import Run
 from psmpc_cli.report.page import Draw, Page, render, versions_of
-from psmpc_cli.studies.fronts import HEADINGS as FRONT_HEADINGS
-from psmpc_cli.studies.fronts import NOTE, front_rows, front_texts
-from psmpc_cli.studies.judge import ABSOLUTE, HEADINGS, RELATIVE, Reproduction, mission_end
+from psmpc_cli.report.texts import measure_rows, stage_rows
+from psmpc_cli.studies import fronts, judge
+from psmpc_cli.studies.judge import Reproduction
 from psmpc_cli.studies.sweep import recommend
+
+CAPTIONS = {
+    "snapshots": "The robot at the key instants, with the targets of the stages that act.",
+    "instants": "Planned switch times over time, and the actual ends of the stages.",
+    "states": "Base pose and joint angles; stages are shaded, early starts dotted.",
+    "velocities": "Velocities, with the limits in force.",
+    "controls": "Applied accelerations, constant over each sample, with the limits in force.",
+    "forces": "Generalized forces of the low-level controller.",
+    "errors": "Largest errors against the current stage's target, with the tolerances of its end condition.",
+    "shares": "Share of each stage in the applied control.",
+    "solve_time": "Wall time of the solves.",
+}
+"""What the figures show, in the order of the page; a figure without a caption here has its name."""
+
+
+def report_run(run: Run) -> Page:
+    """Report a run on one page.
+
+    Raises:
+        LogError: The run has no samples.
+    """
+    motion, summary, known = run.motion, run.summary(), figures_of("run", run)
+    names = [name for name in CAPTIONS if name in known] + [name for name in known if name not in CAPTIONS]
+    return render(
+        "run.html.j2",
+        title=readable(str(run.attributes["task_name"])),
+        run=run,
+        end=motion.end,
+        summary=summary,
+        stages=stage_rows(summary),
+        measures=list(measure_rows(summary, verbose=True)),
+        figures={CAPTIONS.get(name, f"{readable(name)}."): partial(known[name].function, run) for name in names},
+        versions=versions_of(run.attributes),
+    )
 
 
 def build_report(made: Reproduction, created: str) -> Page:
     """Build the report; `created` is its time in ISO 8601."""
-    rows = () if made.fronts is None else front_rows(made.fronts)
     options = [word for change in made.changes for word in ("--set", change)]
     options += ["--weights", str(made.weights.results.attributes["sampling"])]
     options += [] if made.fronts is None else ["--fronts", str(len(made.fronts["ratio"]))]
@@ -30,26 +65,20 @@ def build_report(made: Reproduction, created: str) -> Page:
         "reproduction.html.j2",
         made=made,
         groups={name: list(group) for name, group in groupby(made.findings, lambda one: one.claim.group)},
-        headings=HEADINGS,
+        judge=judge,
+        study=fronts,
         recommended=recommend(made.weights).sentence,
-        rows=rows,
-        fronts=() if made.fronts is None else front_texts(made.fronts),
-        front_headings=FRONT_HEADINGS,
-        note=NOTE,
         figures=dict(_figures(made)),
         command=shlex.join(["psmpc", "reproduce", *options]),
         created=created,
         versions=f"{versions_of(first)}, Python {platform.python_version()}",
         plant=first["plant"],
-        absolute=ABSOLUTE,
-        relative=RELATIVE,
-        mission_end=mission_end,
     )
 
 
 def _figures(made: Reproduction) -> Iterator[tuple[str, Draw]]:
     """Give what draws each figure, by the name that the template has for it."""
-    ends, cells, fronts = {}, made.weights, made.fronts
+    ends, cells = {}, made.weights
     for method, run in made.runs.items():
         ends[method] = made.published(method, starts=False)
         yield f"{method} times", partial(plot_states, run)
@@ -60,8 +89,8 @@ def _figures(made: Reproduction) -> Iterator[tuple[str, Draw]]:
     yield "snapshots", partial(plot_snapshots, made.runs)
     for name, entry in figures_of("sweep", cells).items() if cells.ended.any() else ():
         yield f"sweep {name}", partial(entry.function, cells)
-    if fronts is not None and any(row["failed"] < row["points"] for row in front_rows(fronts)):
-        yield "fronts", partial(plot_fronts, fronts)
+    if made.fronts is not None and any(row["failed"] < row["points"] for row in fronts.front_rows(made.fronts)):
+        yield "fronts", partial(plot_fronts, made.fronts)
     for method, run in made.grasps.items():
         yield f"{method} pull", partial(plot_pull, run)
     for one in made.ablations:

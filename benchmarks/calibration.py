@@ -2,7 +2,6 @@
 
     python benchmarks/calibration.py screen [COUNT]    random settings at N_s = 25, drawn by seed
     python benchmarks/calibration.py refine [COUNT]    the best ones at N_s = 100
-    python benchmarks/calibration.py show [COUNT]      the best settings of both
     python benchmarks/calibration.py table             the best of both as a table of docs/reproduce.md
     python benchmarks/calibration.py figure            docs/figures/early_starts.png
 
@@ -201,13 +200,8 @@ def table(rows: list[Row]) -> Iterator[str]:
 
 
 def main(command: str, count: str = "100") -> None:
-    """Run what is missing of a screen or a refinement, show the best settings, or write figure and tables."""
+    """Run what is missing of a screen or a refinement, or write the figure or the table."""
     rows = [json.loads(line) for line in RESULTS.read_text(encoding="utf-8").splitlines()]
-    if command == "show":
-        for nodes in EPSILONS:
-            for _, rms, epsilon, names, row in best(rows, nodes)[: int(count)]:
-                print(f"N_s = {nodes}: misses {names}, rms {rms:.3f} s, epsilon {epsilon}, {row['setting']}")
-        return
     if command == "table":
         print("\n".join(table(rows)))
         return

@@ -34,7 +34,7 @@ from psmpc_cli.simulation.run import build_experiment, closed_loop, header
 from psmpc_cli.solvers import Solution, build_solver
 from psmpc_cli.specs.document import Data, write
 from psmpc_cli.specs.load import Task, load_robot, load_task, parse_task
-from psmpc_cli.specs.robot import Arm, RobotSpec
+from psmpc_cli.specs.robot import Arm, PlanarRobot
 from psmpc_cli.studies.bench import (
     HEADINGS,
     NODES,
@@ -78,6 +78,8 @@ PATTERN = "planar_dual_arm"
 
 ROBOTS = tuple((arms, joints) for arms in (1, 2, 3) for joints in (3, 5, 7))
 """Arms of each robot, and joints of each arm."""
+
+SPACES = {"move": "joint", "reach": "task"}
 
 GROWTH = ("solver", "start", "stages", "exponent")
 
@@ -361,32 +363,22 @@ def _sweep_time(jobs: int) -> float:
 def sized_task(arms: int, joints: int) -> Task:
     """Return a task of two stages for a robot with so many arms, whose joints share the length and mass of an arm."""
     robot, names = sized_robot(arms, joints), [f"arm_{k + 1}" for k in range(arms)]
+    straight = dict.fromkeys(names, [0.0] * joints)
+    weights = {
+        "move": {"base": [100.0, 100.0, 10.0], **{name: [100.0] * joints for name in names}, "control": 0.03},
+        "reach": {"base": [100.0] * 3, **{name: [10.0, 10.0, 1.0] for name in names}, "control": 0.03},
+    }
+    go = {"name": "go", "skill": "move", "target": {"base": list(BASE_GOAL), **straight}}
+    reach = {"name": "reach", "skill": "reach", "priority": 100.0, "target": _poses(robot, arms, joints)}
     task: dict[str, Data] = {
         "robot": PATTERN,
-        "initial": {"base": [0.0] * 3, **{name: [0.0] * joints for name in names}},
+        "initial": {"base": [0.0] * 3, **straight},
         "controller": {"horizon": 4.0, "nodes": 25},
         "solver": {"kind": "sqp"},
         "plant": {"kind": "ideal"},
         "log": {"shares": False},
-        "skills": {
-            "move": {"space": "joint", "weights": _weights([100.0, 100.0, 10.0], names, [100.0] * joints)},
-            "reach": {"space": "task", "weights": _weights([100.0] * 3, names, [10.0, 10.0, 1.0])},
-        },
-        "stages": [
-            {
-                "name": "go",
-                "skill": "move",
-                "target": {"base": list(BASE_GOAL), **{name: [0.0] * joints for name in names}},
-                "ends_when": {"coordinates": ["base"], "tolerance": 2e-3},
-            },
-            {
-                "name": "reach",
-                "skill": "reach",
-                "priority": 100.0,
-                "target": _poses(robot, arms, joints),
-                "ends_when": {"coordinates": ["base"], "tolerance": 2e-3},
-            },
-        ],
+        "skills": {name: {"space": SPACES[name], "weights": each} for name, each in weights.items()},
+        "stages": [{**stage, "ends_when": {"coordinates": ["base"], "tolerance": 2e-3}} for stage in (go, reach)],
     }
     return parse_task(write(task), write(robot), str(robot["name"]))
 
@@ -419,13 +411,9 @@ def _links(arm: Arm, joints: int) -> list[Data]:
     return [dict(rod) for _ in range(joints)]
 
 
-def _weights(base: list[Data], names: list[str], arm: list[Data]) -> dict[str, Data]:
-    return {"base": base, **dict.fromkeys(names, arm), "control": 0.03}
-
-
 def _poses(robot: Mapping[str, Data], arms: int, joints: int) -> dict[str, Data]:
     """Return the poses of base and end-effectors with the base at its goal and the arms bent."""
-    model = RobotModel(RobotSpec.model_validate(robot))
+    model = RobotModel(PlanarRobot.model_validate(robot))
     xi = np.asarray(model.g(np.r_[BASE_GOAL, np.full(arms * joints, BENT / joints)])).ravel()
     return {part: [float(value) for value in xi[rows]] for part, rows in model.pose_rows.items()}
 

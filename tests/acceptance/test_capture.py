@@ -73,8 +73,9 @@ def test_tracking_survives_noise_and_a_wrong_mass() -> None:
 
 
 def test_tumbling_object_is_caught_with_both_hands_and_brought_to_rest() -> None:
-    plants = ({"plant.kind": kind, "log.shares": False, "log.plans": False} for kind in ("rk4", "mujoco"))
-    one, other = (psmpc.simulate(psmpc.load_task("catch_tumbling", keys)) for keys in plants)
+    keys = {"controller.nodes": 12, "log": {"shares": False, "plans": False}}
+    plants = ({**keys, "plant.kind": kind} for kind in ("rk4", "mujoco"))
+    one, other = (psmpc.simulate(psmpc.load_task("catch_tumbling", each)) for each in plants)
     for run in (one, other):
         summary = run.summary()
         assert summary.succeeded and summary.failed_solves == 0

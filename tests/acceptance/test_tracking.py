@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from psmpc_cli.logs.schema import Sample
-from psmpc_cli.simulation.run import Experiment, closed_loop
+from psmpc_cli.simulation.run import Experiment
+
+from ..control.runs import run
 
 COARSE = ("controller.nodes=12", "plant.kind=ideal", "log.plans=false")
 
@@ -17,13 +19,7 @@ Run = tuple[Experiment, list[Sample], np.ndarray]
 def tracked(experiment_of: Callable[..., Experiment]) -> Run:
     """The run, and the instants at which its stages ended."""
     experiment = experiment_of(*COARSE, task="tracking")
-    records, samples = [], closed_loop(experiment)
-    while True:
-        try:
-            records.append(next(samples))
-        except StopIteration as stop:
-            ending = stop.value
-            break
+    records, ending = run(experiment)
     assert ending.completed
     switches = [switch for record in records for switch in record.command.switches]
     ends = dict([*switches, *((switch.stage, switch.time) for switch in ending.switches)])
@@ -42,7 +38,7 @@ def errors(tracked: Run) -> tuple[np.ndarray, np.ndarray]:
 def test_trajectory_is_followed(tracked: Run) -> None:
     since, error = errors(tracked)
     assert len(since) >= 160
-    distance = {name: np.hypot(*error[:, rows][:, :2].T) for name, rows in tracked[0].model.pose_rows.items()}
+    distance = {name: np.hypot(*error[:, rows][:, :2].T) for name, rows in tracked[0].problem.model.pose_rows.items()}
     rms = {name: float(np.sqrt(np.mean(values**2))) for name, values in distance.items()}
     assert rms["arm_1"] < 3e-3
     assert rms["arm_2"] < 0.01

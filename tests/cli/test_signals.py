@@ -42,7 +42,7 @@ def start(psmpc: Psmpc, tmp_path: Path) -> Start:
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
     """Wait for a command; return its exit code and what it wrote from now on."""
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=600)
     assert "Traceback" not in err
     return process.returncode, out, err
 

@@ -100,9 +100,6 @@ def test_calls_are_made_in_other_processes_with_one_thread_and_no_more_than_want
     assert {threads for _, _, threads in found} == {"1"}
 
 
-# loky may lose count of calls that are cancelled when its processes are ended early
-
-
 @pytest.fixture(scope="module")
 def task(tmp_path_factory: pytest.TempPathFactory) -> Task:
     path = tmp_path_factory.mktemp("task") / "task.yaml"

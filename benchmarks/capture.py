@@ -4,7 +4,7 @@
     python benchmarks/capture.py known       the load known, 5 to 200 kg
     python benchmarks/capture.py strength    the strength below which each controller loses 20 kg
     python benchmarks/capture.py drifting N  catch_drifting with N draws of drift and spin
-    python benchmarks/capture.py plants N    rk4 and mujoco on the same N draws, under two controllers
+    python benchmarks/capture.py plants N F  rk4 and mujoco on the same N draws, under two controllers, strength F [N]
     python benchmarks/capture.py tumbling    catch_tumbling, rk4 and mujoco
 
 N_s = 25 in every run. Rows are printed in order as their runs end.
@@ -12,7 +12,7 @@ N_s = 25 in every run. Rows are printed in order as their runs end.
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -132,37 +132,43 @@ def drifting(count: str) -> Iterator[str]:
     return markdown(("", f"{count} draws"), rows)
 
 
-def plants(count: str) -> Iterator[str]:
+def plants(count: str, strength: str) -> Iterator[str]:
     """Run both plants on the same draws: mass and motion of the object, bodies of the robot, noise."""
     drawn = {
-        "uncertainty": {"mass": 0.1, "inertia": 0.1, "object": {"mass": 0.3, "linear": 1e-3, "angular": "0.1 deg"}}
+        "uncertainty": {"mass": 0.1, "inertia": 0.1, "object": {"mass": 0.3, "linear": 1e-3, "angular": "0.1 deg"}},
+        "object.grasp.strength.pull": float(strength),
+        "plant.step": 5e-4,
     }
+
+    def row(kind: str) -> Sequence[object]:
+        """Run a controller under both plants, draw by draw."""
+        held, near, drifts, apart = [], 0, [], [0.0]
+        for seed in range(int(count)):
+            pair = [
+                simulated("transport_grasp", {**drawn, "controller.kind": kind, "seed": seed, "plant": plant})
+                for plant in ("rk4", "mujoco")
+            ]
+            summaries = [run.summary() for run in pair]
+            captures = [summary.capture for summary in summaries if summary.capture is not None]
+            held.append([not each.lost for each in captures])
+            near += all(held[-1]) and max(each.pull for each in captures) > 0.99 * float(strength)
+            drifts += [summary.momentum_error for summary in summaries]
+            if all(held[-1]):
+                apart.append(float(np.abs(pair[0]["final/object_pose"] - pair[1]["final/object_pose"]).max()))
+        number, agree = sum(one for one, _ in held), sum(one == other for one, other in held)
+        return kind, count, number, len(held) - number, near, agree, f"{max(apart):.0e}", f"{max(drifts):.0e}"
+
     headings = (
         "controller",
         "draws",
-        "held, lost (rk4)",
+        "held",
+        "lost",
+        "held at more than 99 % of the strength",
         "plants agree on it",
         "object apart at the end, where held [m, rad]",
         "largest drift of momentum",
     )
-    rows = []
-    for kind in ("psmpc", "smpc"):
-        keys = {**drawn, "controller.kind": kind, "object.grasp.strength.pull": 8}
-        pairs = [
-            [simulated("transport_grasp", {**keys, "seed": seed, "plant": plant}) for plant in ("rk4", "mujoco")]
-            for seed in range(int(count))
-        ]
-        held = [[outcome(run)[0] == "held" for run in pair] for pair in pairs]
-        apart = [
-            np.abs(one["final/object_pose"] - other["final/object_pose"]).max()
-            for (one, other), both in zip(pairs, held, strict=True)
-            if all(both)
-        ]
-        drift = max(float(outcome(run)[-1]) for pair in pairs for run in pair)
-        number, agree = sum(one for one, _ in held), sum(one == other for one, other in held)
-        far = f"{max(apart):.0e}" if apart else "none held"
-        rows.append((kind, count, f"{number}, {len(held) - number}", agree, far, f"{drift:.0e}"))
-    return markdown(headings, rows)
+    return markdown(headings, map(row, ("psmpc", "smpc")))
 
 
 def tumbling() -> Iterator[str]:

@@ -50,9 +50,9 @@ def _angle(line: ca.SX, angle: ca.SX) -> ca.SX:
 def _angles(line: ca.SX, attitude: ca.SX) -> ca.SX:
     """Return the turns (2,) [rad] about the frame's y- and z-axis that would bring its x-axis to a line (3,)."""
     x, y, z = rotate(conjugate([attitude[i] for i in range(4)]), [line[i] for i in range(3)])
-    # the shortest rotation from (1, 0, 0) to (x, y, z) has the quaternion (|line| + x, 0, -z, y)
-    length = ca.norm_2(line)
-    turn = log([length + x, 0.0, -z - TILT / 2 * (length - x), y])
+    z += TILT / 2 * (ca.norm_2(line) - x)
+    # the shortest rotation from (1, 0, 0) to (x, y, z) has the quaternion (|(x, y, z)| + x, 0, -z, y)
+    turn = log([ca.norm_2(ca.vertcat(x, y, z)) + x, 0.0, -z, y])
     return ca.SX(ca.vertcat(turn[1], turn[2]))
 
 

@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
 from psmpc_cli.logs.results import Results
+from psmpc_cli.studies.fronts import CONSTRAINED, WEIGHTED, front_points
 
 STAR: dict[str, Any] = {"color": "black", "marker": "*", "linestyle": "none", "markersize": 6.5}
 """Look of the run's own weights."""
@@ -36,15 +37,8 @@ Points = tuple[np.ndarray, np.ndarray]
 
 def in_plane(results: Results) -> list[list[Points]]:
     """Return the points with the instant held at the run's optimum, by sample, then by method."""
-    methods = [method for method in ("weighted", "constrained") if f"{method}_J_1" in results.quantities]
-    return [[held(results, method, i, 0) for method in methods] for i in range(len(results["instant"]))]
-
-
-def held(results: Results, method: str, sample: int, later: int) -> Points:
-    """Return a method's points at a sample with the instant held so much later than the run's optimum."""
-    where = (sample, later) if "later" in results.quantities[f"{method}_J_1"].dims else (sample,)
-    J = np.column_stack([results[f"{method}_{name}"][where] for name in ("J_1", "J_2")])
-    return J, results[f"{method}_dominated"][where].astype(bool)
+    found = [front_points(results, name) for name in (WEIGHTED, CONSTRAINED) if f"{name}_J_1" in results.quantities]
+    return [[(J[i, 0], dominated[i, 0]) for J, dominated in found] for i in range(len(results["instant"]))]
 
 
 def in_space(results: Results) -> bool:
@@ -147,16 +141,16 @@ def plot_in_space(results: Results) -> Figure:
 
 def _plot_in_space(axes: Any, results: Results, i: int) -> None:
     """Plot the fronts of one sample; `axes` are three-dimensional ones, for which Matplotlib has no types."""
-    method = "weighted" if "weighted_J_1" in results.quantities else "constrained"
-    waits, floor = results[f"{method}_wait"][i], float(np.nanmin(results[f"{method}_wait"][i]))
+    method = WEIGHTED if f"{WEIGHTED}_J_1" in results.quantities else CONSTRAINED
+    (J, marks), waits = front_points(results, method), results[f"{method}_wait"][i]
+    floor = float(np.nanmin(waits))
     span = float(np.nanmax(waits)) - floor
     floor -= 0.15 * span
     for later, found in enumerate(waits):
         if not np.isfinite(found).any():
             continue
         wait = float(np.nanmax(found))
-        J, dominated = held(results, method, i, later)
-        y, x = J.T
+        (y, x), dominated = J[i, later].T, marks[i, later]
         axes.plot(x, y, floor, color=SHADOW, linewidth=0.9)
         axes.plot(x, y, wait, color=style.PALETTE[0], linewidth=0.9)
         axes.plot(x[~dominated], y[~dominated], wait, "o", color=style.PALETTE[0], markersize=2.6)

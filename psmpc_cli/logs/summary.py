@@ -269,10 +269,8 @@ def _deeds(thing: ObjectSpec, arrays: Arrays) -> Iterator[Verdict]:
         return
     left = float(arrays["object/left_at"])
     over = np.abs(pose_error(arrays["object/left_pose"], destination.pose)) / destination.tolerance
-    speed = (
-        float(np.linalg.norm(arrays["object/left_velocity"][: len(arrays["object_axis"]) // 3 + 1])) / destination.speed
-    )
-    margin = 1 - float(max(*over, speed))
+    linear = arrays["object/left_velocity"][: len(arrays["object_axis"]) // 3 + 1]
+    margin = 1 - float(max(*over, np.linalg.norm(linear) / destination.speed))
     delivered = taken and not lost.any() and margin >= 0
     yield Verdict(DEEDS[2], delivered, margin, np.nan if delivered else left if np.isfinite(left) else end)
 

@@ -112,7 +112,7 @@ class FrontMovement:
     """
 
     def __init__(self, results: Results) -> None:
-        instants, J = results["instant"], held_costs(results, WEIGHTED)
+        instants, J = results["instant"], front_points(results, WEIGHTED)[0][:, 0]
         first = results["t_s"] - instants
         self.instants: list[float] = instants.tolist()
         self.parts = np.column_stack([first, float(np.asarray(results.attributes["horizon"])) - first])
@@ -163,7 +163,11 @@ def direction(step: Vector) -> str:
     return f"{'upper' if up > 0 else 'lower'} {'left' if right < 0 else 'right'}"
 
 
-def held_costs(results: Results, method: str) -> Vector:
-    """Return J_1 and J_2 of a method's points with the instant held at the run's optimum, (instants, points, 2)."""
-    J = np.stack([results[f"{method}_{name}"] for name in ("J_1", "J_2")], axis=-1)
-    return J[:, 0] if J.ndim == 4 else J
+def front_points(results: Results, method: str) -> tuple[Vector, Vector]:
+    """Return J_1 and J_2 of a method's points (instants, later, points, 2), and which are dominated, without the last.
+
+    Along `later` are the instants held: the run's optimum alone, or later ones too where that is a criterion.
+    """
+    found = (results[f"{method}_{name}"] for name in ("J_1", "J_2", "dominated"))
+    J_1, J_2, marks = (each if each.ndim == 3 else each[:, None] for each in found)
+    return np.stack([J_1, J_2], axis=-1), marks.astype(bool)

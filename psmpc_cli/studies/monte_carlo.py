@@ -14,7 +14,7 @@ from psmpc_cli.logs.schema import MONTE_CARLO, Sample
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.studies.measures import WHOLE_RUN
-from psmpc_cli.studies.runner import FAILED, LIGHT, WAITING, Study, Watch, changed, ignore, names_along, run_study
+from psmpc_cli.studies.runner import FAILED, LIGHT, WAITING, Study, Watch, changed, names_along, run_study
 
 Array = np.ndarray
 
@@ -33,7 +33,7 @@ def monte_carlo(
     dask: str | None = None,
     force: bool = False,
     resume: bool = False,
-    watch: Watch = ignore,
+    watch: Watch = lambda progress: None,
 ) -> "MonteCarloRuns":
     """Run a task many times, each with a seed of its own: the task's plus the number of the run.
 

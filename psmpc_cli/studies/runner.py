@@ -92,10 +92,6 @@ class Progress:
 Watch = Callable[[Progress], None]
 
 
-def ignore(progress: Progress) -> None:
-    """Watch a study without doing anything."""
-
-
 @dataclass(frozen=True, eq=False)
 class Study:
     """A study and the arrays of its results file.
@@ -158,7 +154,7 @@ def run_study(
     dask: str | None = None,
     force: bool = False,
     resume: bool = False,
-    watch: Watch = ignore,
+    watch: Watch = lambda progress: None,
 ) -> Results:
     """Compute all cells of a study that wait in its file, and read the results.
 

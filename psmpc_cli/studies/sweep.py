@@ -16,7 +16,7 @@ from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.schema import SWEEP
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.studies.measures import WHOLE_RUN, second_stage
-from psmpc_cli.studies.runner import FAILED, LIGHT, WAITING, Study, Watch, changed, ignore, names_along, run_study
+from psmpc_cli.studies.runner import FAILED, LIGHT, WAITING, Study, Watch, changed, names_along, run_study
 
 Array = np.ndarray
 
@@ -291,7 +291,7 @@ def sweep(
     dask: str | None = None,
     force: bool = False,
     resume: bool = False,
-    watch: Watch = ignore,
+    watch: Watch = lambda progress: None,
 ) -> Results:
     """Run a task with every combination of values of some of its keys.
 

@@ -54,7 +54,7 @@ INSTANTS = np.array([6.0, 7.0, 8.0])
 def made_up(J: np.ndarray) -> Results:
     """A study with these J_1 and J_2 (instants, ratios, 2), of a switch at 9 s in a horizon of 4 s."""
     arrays = {"instant": INSTANTS[: len(J)], "t_s": np.full(len(J), 9.0)}
-    arrays |= {"weighted_J_1": J[..., 0], "weighted_J_2": J[..., 1]}
+    arrays |= {"weighted_J_1": J[..., 0], "weighted_J_2": J[..., 1], "weighted_dominated": np.zeros(J.shape[:2])}
     quantities = {name: Quantity(name, (), values, "s", "") for name, values in arrays.items()}
     return Results(Path("made_up.h5"), {"horizon": 4.0}, quantities)
 

@@ -87,6 +87,7 @@ def attitude_error(run: Run) -> np.ndarray:
         if now.any():
             errors = _errors(run.problem, stage, run.motion.Q[now], run.motion.time[now] - span.start)
             found[now] = np.linalg.norm(errors[:, 3:6], axis=1)
+            found[np.flatnonzero(now)[: span.index > 0]] = np.nan  # a break where the target changes
     return found
 
 

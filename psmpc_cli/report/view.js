@@ -313,7 +313,7 @@ function drawGround() { // squares of 1 m below the mission, and the axes of the
   const axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((axis) => axis.map((x, i) => corner[i] + L * x));
   world.ground.add(lines(points, 0xdde2e7), ...axes.map((axis) => lines([...corner, ...axis], 0x6b7480)));
   world.axes = axes.map((axis, i) => ["xyz"[i], new THREE.Vector3(...axis)]);
-  world.axes.push([`squares of ${step} m`, new THREE.Vector3(corner[0] + (spatial ? -3 : 1.1) * step, corner[1], z)]);
+  world.axes.push([`squares of ${step} m`, new THREE.Vector3(corner[0] + (spatial ? -5 : 1.1) * step, corner[1], z)]);
   world.scene.add(world.ground);
 }
 

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from psmpc_cli import __version__
-from psmpc_cli.cli import inspect, pages, paper, run, study
+from psmpc_cli.cli import inspect, pages, run, study
 
 ABOUT = "Priority-based switching MPC for space robots: YAML task specs in, HDF5 logs and figures out."
 
@@ -20,7 +20,7 @@ COMMANDS = (
     run.plot,
     pages.view,
     pages.report,
-    paper.reproduce,
+    study.reproduce,
     run.replay,
     run.rerun,
     run.verify,

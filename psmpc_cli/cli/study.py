@@ -1,5 +1,6 @@
-"""Many runs of a task: `psmpc compare`, `sweep-weights`, `monte-carlo` and `pareto`."""
+"""Many runs of a task: `psmpc compare`, `sweep-weights`, `monte-carlo`, `pareto` and `reproduce`."""
 
+from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -12,6 +13,8 @@ from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
     from psmpc_cli.studies.runner import Study
+
+REPORT = "report.html"
 
 PREPARED = ("log.plans=true", "log.shares=false")
 """Changes of a task whose windows are studied: the log holds the windows, and no more than is needed."""
@@ -197,3 +200,42 @@ def pareto(
     with ending_on_signals("no results were written"), live_line(quiet) as show:
         solve_pareto(run, question, path, jobs, force, show)
     present(path, figures, force, quiet)
+
+
+def reproduce(
+    output: Annotated[
+        Path | None, options.output_option("runs/reproduce", "DIR", "Directory of report and logs.")
+    ] = None,
+    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the claims as JSON as well.")] = None,
+    ablations: Annotated[bool, typer.Option("--ablations", help="Run without each departure from the paper.")] = False,
+    weights: Annotated[str, typer.Option(metavar="AxB", help="Points of the priorities' grid, Fig. 6.")] = "7x7",
+    fronts: Annotated[int, typer.Option(min=3, metavar="N", help="Points of each Pareto front, Fig. 7.")] = 13,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 if a claim does not hold.")] = False,
+    force: options.Force = False,
+    changes: options.Changes = None,
+    jobs: options.Jobs = None,
+    quiet: options.Quiet = False,
+) -> None:
+    """Run what the paper's claims need: a table of published against reproduced, and a report with the figures."""
+    from psmpc_cli.cli.tables import print_claims
+    from psmpc_cli.figures.registry import draw
+    from psmpc_cli.logs.files import check_output, write_new
+    from psmpc_cli.report.reports import build_report
+    from psmpc_cli.studies import reproduce as study
+
+    folder = options.output_folder(output, "reproduce", force)
+    if json is not None:
+        check_output(json, force, "--json", hdf5=False)
+    with ending_on_signals("no report was written"), live_line(quiet) as show:
+        made = study.reproduce(folder, changes or [], weights, fronts, ablations, force, jobs, show)
+    created = datetime.now(UTC).isoformat(timespec="seconds")
+    build_report(made, created).save(folder / REPORT, force=True)
+    for ablation in made.ablations:
+        draw("ablations", ablation.panels, folder, only=[f"ablation_{ablation.name}"], force=True)
+    if json is not None:
+        write_new(json, study.claims_json(made, created), force, hdf5=False)
+    if not quiet:
+        print_claims(made)
+        typer.echo(f"report: {folder / REPORT}")
+    if strict and made.failing:
+        raise typer.Exit(1)

@@ -21,6 +21,7 @@ from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.report.texts import ALONE, MEASURES, describe_mission, describe_verdict, measure_rows, number, stage_rows
 from psmpc_cli.studies import fronts
+from psmpc_cli.studies.judge import HEADINGS, Reproduction
 from psmpc_cli.studies.monte_carlo import STATUS, MonteCarloRuns
 from psmpc_cli.studies.sweep import SweepCells, recommend
 
@@ -268,3 +269,20 @@ def print_fronts(results: Results) -> None:
         movement = fronts.FrontMovement(results)
         typer.echo("\n".join((movement.over_ratio, *movement.over_time)))
     typer.echo(f"results: {results.path}")
+
+
+def print_claims(made: Reproduction) -> None:
+    """Print every claim, and why some do not hold or are earlier than published."""
+    print_table(HEADINGS, [finding.row for finding in made.findings], left=1)
+    for finding in made.findings:
+        if finding.cause:
+            holds = "holds" if finding.holds else "does not hold"
+            typer.echo(f"\n{finding.claim.id} {holds}: {finding.claim.statement}")
+            for point in finding.cause:
+                typer.echo(f"  - {point}")
+    typer.echo(f"\nweights: {recommend(made.weights).sentence}")
+    for ablation in made.ablations:
+        typer.echo()
+        rows = [(name, f"{value:.4g}") for name, value in ablation.numbers.items()]
+        print_table((f"without our {ablation.name.replace('_', ' ')}", "measured"), rows, left=1)
+    typer.echo(f"\n{made.outcome}")

@@ -26,7 +26,7 @@ from window import Solve, measured
 
 from psmpc_cli.ocp.plan import Plan, resting_plan, shift
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.window import Window, end_tolerance, on_mesh, shortest_durations
+from psmpc_cli.ocp.window import Window, on_mesh, shortest_durations
 from psmpc_cli.simulation.run import build_experiment, closed_loop
 from psmpc_cli.solvers import Solution, Solver, build_solver
 from psmpc_cli.specs.load import load_task
@@ -102,7 +102,7 @@ def window_numbers(window: Window, by_nodes: dict[int, dict[str, Start]]) -> dic
             "control_weights": stage.control_weights.tolist(),
             "target": stage.target.tolist(),
             "end_rows": list(stage.end_rows) if s < len(window.stages) - 1 else [],
-            "tolerance": end_tolerance(stage).tolist() if s < len(window.stages) - 1 else [],
+            "tolerance": stage.end_tolerance.tolist() if s < len(window.stages) - 1 else [],
             "shortest": float(shortest[s]),
             "low": np.r_[stage.limits.position_low, stage.limits.velocity_low].tolist(),
             "high": np.r_[stage.limits.position_high, stage.limits.velocity_high].tolist(),

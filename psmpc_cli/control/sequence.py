@@ -35,9 +35,9 @@ class MovingSequence:
         return len(self.instants) + 1
 
     @property
-    def begins(self) -> np.ndarray:
-        """When each stage in the window begins [s], (count,)."""
-        return np.concatenate([[self.entered], self.instants])
+    def begins(self) -> tuple[float, ...]:
+        """When each stage in the window begins [s]."""
+        return (self.entered, *self.instants)
 
     @property
     def alone(self) -> "MovingSequence":

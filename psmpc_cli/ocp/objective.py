@@ -73,11 +73,6 @@ class StageFunctions:
         """The same at rows of arrays."""
         return RowFunction(self.residual)
 
-    @cached_property
-    def rate(self) -> RowFunction:
-        """Q, Qdot, target -> rate of e for a target at rest (rows,)."""
-        return RowFunction(ca.Function("edot", [self._Q, self._Qdot, self._target], [ca.densify(self._rate)]))
-
     @property
     def _rate(self) -> ca.SX:
         return ca.jtimes(self._e, self._Q, self._Qdot)
@@ -144,6 +139,11 @@ class StageFunctions:
         return ca.Function("h", [self._x, self._target], [self._end])
 
     @cached_property
+    def ends(self) -> RowFunction:
+        """The same at rows of arrays."""
+        return RowFunction(ca.Function("h", [self._x, self._target], [ca.densify(self._end)]))
+
+    @cached_property
     def end_terms(self) -> RowFunction:
         """x, target -> rows of the end condition, then the nonzeros of their derivative by x."""
         outputs = ca.cse([ca.densify(self._end), _nonzeros(ca.jacobian(self._end, self._x))])
@@ -173,8 +173,8 @@ class StageFunctions:
     def prepare(self) -> tuple[RowFunction | None, ...]:
         """Build what `sqp` evaluates and return it: of the end condition, where there is one, else of the cost."""
         if self.end_rows:
-            return self.end_terms, self.end_curvature
-        return self.error, self.rate, self.costs, self.gauss_newtons
+            return self.ends, self.end_terms, self.end_curvature
+        return self.error, self.costs, self.gauss_newtons
 
     def step(self, discretization: str) -> ca.Function:
         """Return x (2n,), u, dt -> x after dt under a constant u."""

@@ -166,17 +166,13 @@ class Plan:
         """Switching instants, then states row by row, then accelerations row by row, as one vector."""
         return np.concatenate([self.instants, self.X.ravel(), self.u.ravel()])
 
-    def intervals_at(self, times: np.ndarray) -> np.ndarray:
-        """Return the interval that holds just after each time, K past the plan's end."""
-        return np.asarray(self.times[1:].searchsorted(times + 1e-12, side="right"))
-
     def states_at(self, times: np.ndarray) -> np.ndarray:
         """Return the states (len(times), 2n), exact between the nodes; past its end the robot coasts."""
         return self.at(times)[0]
 
     def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the states (len(times), 2n) and the accelerations just after each time (len(times), n)."""
-        n, k = self.u.shape[1], self.intervals_at(times)
+        n, k = self.u.shape[1], self.times[1:].searchsorted(times + 1e-12, side="right")
         X, u, since = self.X.take(k, 0), self._u_and_none.take(k, 0), (times - self.times.take(k))[:, None]
         Q, Qdot, gained = X[:, :n], X[:, n:], since * u
         Q += since * (Qdot + gained / 2)
@@ -193,7 +189,7 @@ class Plan:
 
         Nodes and ticks do not align; the mean keeps the velocities at the ticks equal to the plan's.
         """
-        first, stop = self.times.searchsorted((edges[0], edges[-1]))
+        first, stop = self.times.searchsorted(edges[:: len(edges) - 1])
         first = max(first - 1, 0)
         times, u = self.times[first : stop + 1], self.u[first:stop]
         reached = np.minimum(np.maximum(edges[:, None], times[:-1]), times[1:])

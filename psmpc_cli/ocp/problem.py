@@ -167,6 +167,20 @@ class Stage:
         taken = tuple(signs[frame] for frame in self.attitudes)
         return replace(self, target=placed(self.target), trajectory=path, signs=taken)
 
+    @cached_property
+    def end_tolerance(self) -> np.ndarray:
+        """Tolerance of each end row, positions first, then rates where they count. Paper eq. (18)."""
+        if self.end_velocity is None:
+            return self.tolerance
+        return np.concatenate([self.tolerance, np.full(len(self.end_rows), self.end_velocity)])
+
+    @cached_property
+    def end_drift(self) -> np.ndarray:
+        """About what each end row is bounded: 0, or the rate that a moving target gives its error."""
+        rows, counts = list(self.end_rows), self.end_velocity is not None
+        drift = np.broadcast_to(self.drift, self.weights.shape)[rows]
+        return np.concatenate([np.zeros(len(rows)), drift[: len(rows) * counts]])
+
     @property
     def waypoints(self) -> np.ndarray:
         """What the target leads through (T, rows) [m, rad]: the rows of the trajectory, or the target alone."""
@@ -190,10 +204,10 @@ class StageCosts:
 
     def __init__(self, model: RobotModel, native: bool = False) -> None:
         self.model, self._native = model, native
-        self._functions: dict[tuple[str, str], StageFunctions] = {}
+        self._functions: dict[tuple[str, str, tuple[int, ...], bool], StageFunctions] = {}
 
-    def _of(self, stage: Stage) -> StageFunctions:
-        key = (stage.space, stage.input)
+    def _of(self, stage: Stage, end_rows: tuple[int, ...] = ()) -> StageFunctions:
+        key = (stage.space, stage.input, end_rows, bool(end_rows) and stage.end_velocity is not None)
         if key not in self._functions:
             self._functions[key] = stage_functions(self.model, StageShape(*key), self._native)
         return self._functions[key]
@@ -205,10 +219,9 @@ class StageCosts:
         """
         return self._of(stage).error(X[:, : self.model.n], _wanted(stage, since), rows=len(X))[0]
 
-    def rates(self, stage: Stage, X: np.ndarray) -> np.ndarray:
-        """Return the rate of the stage's error at each state (K, rows) [m/s, rad/s], relative to its target's."""
-        n = self.model.n
-        return self._of(stage).rate(X[:, :n], X[:, n:], stage.target, rows=len(X))[0] - stage.drift
+    def ends(self, stage: Stage, X: np.ndarray) -> np.ndarray:
+        """Return the rows of the end condition (18) at each state (K, rows), rates relative to its target's."""
+        return np.asarray(self._of(stage, stage.end_rows).ends(X, stage.target, rows=len(X))[0] - stage.end_drift)
 
     def at(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
@@ -236,24 +249,13 @@ class StageCosts:
         """Return whether the end condition (18) holds at each state (K,), its tolerances widened by `margin`."""
         if not stage.end_rows:
             return np.zeros(len(X), bool)
-        met = _within(self.errors(stage, X), stage, stage.tolerance * margin)
-        if stage.end_velocity is not None and met.any():
-            met &= _within(self.rates(stage, X), stage, stage.end_velocity * margin)
-        return met
+        return np.asarray((np.abs(self.ends(stage, X)) <= stage.end_tolerance * margin + SLACK).all(axis=1))
 
     def end_error(self, stage: Stage, x: np.ndarray) -> float:
         """Compute the largest error of a stage's end condition (18) at x (2n,) over its tolerance; NaN without one."""
         if not stage.end_rows:
             return np.nan
-        rows = list(stage.end_rows)
-        errors = [self.errors(stage, x[None])[0, rows] / stage.tolerance]
-        if stage.end_velocity is not None:
-            errors.append(self.rates(stage, x[None])[0, rows] / stage.end_velocity)
-        return float(np.max(np.abs(errors)))
-
-
-def _within(errors: np.ndarray, stage: Stage, allowed: np.ndarray | float) -> np.ndarray:
-    return np.asarray((np.abs(errors.take(stage.end_rows, 1)) <= allowed + SLACK).all(axis=1))
+        return float(np.max(np.abs(self.ends(stage, x[None])) / stage.end_tolerance))
 
 
 def _wanted(stage: Stage, since: np.ndarray | None) -> np.ndarray:

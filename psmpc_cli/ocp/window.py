@@ -116,7 +116,7 @@ class Window:
 
     def times(self, instants: np.ndarray) -> np.ndarray:
         """Return the node times (K + 1,) [s] with switching instants (S,) [s], absolute."""
-        return mesh(np.concatenate(((self.start,), instants, (self.start + self.horizon,))), self.nodes)
+        return mesh(np.array([self.start, *instants, self.start + self.horizon]), self.nodes)
 
     def plan_of(self, flat: np.ndarray) -> Plan:
         """Return the plan on this window's mesh from `Plan.flat`.
@@ -262,20 +262,6 @@ def reference(p: Parameters[np.ndarray], s: int, tau: float) -> tuple[np.ndarray
     return (path[:, :nodes] + path[:, nodes:] * tau).T, path[:, nodes:].T
 
 
-def end_tolerance(stage: Stage) -> np.ndarray:
-    """Return the tolerance of each end row, positions first, then rates where they count. Paper eq. (18)."""
-    if stage.end_velocity is None:
-        return stage.tolerance
-    return np.concatenate([stage.tolerance, np.full(len(stage.end_rows), stage.end_velocity)])
-
-
-def end_drift(stage: Stage) -> np.ndarray:
-    """Return about what each end row is bounded: 0, or the rate that a moving target gives its error."""
-    rows = list(stage.end_rows)
-    drift = np.broadcast_to(stage.drift, stage.weights.shape)[rows]
-    return np.concatenate([np.zeros(len(rows)), drift] if stage.end_velocity is not None else [np.zeros(len(rows))])
-
-
 def shortest_durations(window: Window) -> np.ndarray:
     """Return the shortest duration of each stage (S + 1,): eps, or what is left of its dwell and hold times."""
     dwell = np.array([stage.dwell for stage in window.stages])
@@ -334,7 +320,7 @@ def normalization(
     kind: str,
     zeta: float,
     stages: Sequence[Stage],
-    begins: np.ndarray,
+    begins: Sequence[float] | np.ndarray,
     costs: StageCosts,
     prediction: Plan,
     step: float,

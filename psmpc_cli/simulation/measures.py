@@ -46,8 +46,7 @@ class Meter:
             1 / problem.spec.plant.low_level_rate,
             np.repeat(np.eye(2), (d, self._base.stop - d), 0),
         )
-        self._start = self._kept(0, x0)
-        self._gained = np.zeros(len(self._start))
+        self._expected = self._kept(0, x0)
 
     def measure(self, command: Command, ticks: Ticks, x: np.ndarray, u: np.ndarray, contact: Contact | None) -> Sample:
         """Measure a sample.
@@ -62,7 +61,7 @@ class Meter:
         problem, stage, true = self._problem, command.stage, command.x if self._sees_the_state else x
         model, chart = problem.model, command.solution.window.chart
         for happened in (ticks,) if contact is None else (contact, ticks):
-            self._gained = self._gained + np.array([*happened.impulse, happened.work])
+            self._expected = self._expected + np.array([*happened.impulse, happened.work])
         base, end, limits = ticks.F[:, self._base], ticks.X[-1], stage.limits
         force, torque = self._tick * np.sqrt(base * base @ self._norms).sum(axis=0)
         X, planned = chart.entered(ticks.X), command.x_next
@@ -74,7 +73,7 @@ class Meter:
         by_row = limited.T.copy()
         since = ticks.time[:1] - command.sequence.entered
         n, margin = model.n, np.minimum(by_row.min(axis=1) - limits.state_low, limits.state_high - by_row.max(axis=1))
-        kept = self._kept(stage.index, end) - self._start - self._gained
+        kept = self._kept(stage.index, end) - self._expected
         metrics = {
             "control/u": u[0],
             "pose/xi": model.poses(true[: model.nq]).ravel(),

@@ -29,8 +29,6 @@ from psmpc_cli.ocp.window import (
     Parameters,
     Window,
     WindowShape,
-    end_drift,
-    end_tolerance,
     node_limits,
     plan_on_mesh,
     scaled_violations,
@@ -463,7 +461,7 @@ def _bounds(nlp: Nlp, window: Window, guess: Plan, within: float) -> dict[str, n
         at = window.stages[s].at
         lbg[row] = ubg[row] = (0.0 if at is None else at) - window.start
     for s, rows in nlp.end_rows.items():
-        tolerance, drift = end_tolerance(window.stages[s]), end_drift(window.stages[s])
+        tolerance, drift = window.stages[s].end_tolerance, window.stages[s].end_drift
         lbg[rows], ubg[rows] = drift - tolerance, drift + tolerance
     for rows, each in zip(nlp.kept_rows, window.kept, strict=True):
         lbg[rows], ubg[rows] = -each.bound.ravel() if each.bound.ndim else -np.inf, each.bound.ravel()

@@ -15,8 +15,6 @@ from psmpc_cli.ocp.window import (
     SHORTEST,
     Parameters,
     Window,
-    end_drift,
-    end_tolerance,
     node_limits,
     scaled_violations,
     shares_of_time,
@@ -58,7 +56,7 @@ def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
     low, high = node_limits(grid, stages)
     first = np.array([low[0], high[0]])
     low, high = moved_apart(low[1:], high[1:], NARROWEST_SOFT if window.soft else NARROWEST)
-    ends = [end_tolerance(stage) for stage, of_form in zip(stages, form.stages, strict=True) if of_form.end_rows]
+    ends = [stage.end_tolerance for stage, of_form in zip(stages, form.stages, strict=True) if of_form.end_rows]
     tolerance, open_rows = np.concatenate([np.zeros(0), *ends]), np.full(S + 1, np.inf)
     lows, highs = [low.ravel(), -open_rows, -tolerance], [high.ravel(), open_rows, tolerance]
     inputs = [
@@ -93,7 +91,7 @@ def window_bounds(shared: WindowBounds, window: Window, guess: Plan, tau: np.nda
         rates = np.hstack([np.zeros((window.K, len(window.x0) // 2)), window.shift_of_limits(guess)[1:]]).ravel()
         low[:first] += rates
         high[:first] += rates
-    drift = np.concatenate([np.zeros(0), *map(end_drift, window.stages[:-1])])
+    drift = np.concatenate([np.zeros(0), *(stage.end_drift for stage in window.stages[:-1])])
     ends = slice(first + S + 1, first + S + 1 + len(drift))
     low[ends] += drift
     high[ends] += drift

@@ -87,9 +87,9 @@ def test_targets_follow_the_object() -> None:
     assert isinstance(drift, np.ndarray)
     assert drift[3:6] == pytest.approx([0.02 - np.radians(2) * grip[1], np.radians(2) * grip[0], np.radians(2)])
     x = np.concatenate([Q, np.zeros(9)])
-    still = replace(controller.stages[1], drift=0.0)
-    apart = problem.costs.rates(still, x[None]) - problem.costs.rates(controller.stages[1], x[None])
-    assert apart[0] == pytest.approx(drift)
+    moving = replace(controller.stages[1], end_rows=tuple(range(9)), end_velocity=1.0)
+    apart = problem.costs.ends(replace(moving, drift=0.0), x[None]) - problem.costs.ends(moving, x[None])
+    assert apart[0] == pytest.approx([*np.zeros(9), *drift])
 
 
 BESIDE = {"object": [0, -0.978, 0]}

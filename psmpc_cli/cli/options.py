@@ -12,7 +12,7 @@ import typer
 from psmpc_cli.errors import InputError
 
 if TYPE_CHECKING:
-    from psmpc_cli.specs.load import Change
+    from psmpc_cli.specs.document import Change
 
 RUNS = Path("runs")
 """Folder of the default outputs."""

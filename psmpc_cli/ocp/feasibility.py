@@ -14,8 +14,8 @@ from psmpc_cli.robot.free_body import composed, pose_error
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.robot.rotations import conjugate, log, product
-from psmpc_cli.specs.document import Fault, Location, dotted, quoted
-from psmpc_cli.specs.load import Changes, Task, load_task
+from psmpc_cli.specs.document import Changes, Fault, Location, dotted, quoted
+from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.parts import POSITION_AXES
 from psmpc_cli.specs.robot import RobotSpec, labels, stack
 

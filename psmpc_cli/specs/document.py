@@ -1,4 +1,4 @@
-"""YAML 1.2 texts as plain data with the position of every value, messages about them, and plain data as YAML.
+"""YAML 1.2 texts as plain data with the position of every value, messages about them, changes, and plain data as YAML.
 
 PyYAML parses; scalars are resolved here by the core schema of YAML 1.2.
 """
@@ -7,7 +7,8 @@ import copy
 import json
 import math
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import reduce
@@ -59,6 +60,25 @@ _WORDS: dict[str, Scalar] = {
 }
 _INTEGER = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
 _INFINITE = re.compile(r"[-+]?\.(inf|Inf|INF)")
+
+
+_PATH = re.compile(r"[^.\[\]=]+(?:\.[^.\[\]=]+|\[\d+\])*")
+_STEP = re.compile(r"\[(\d+)\]|([^.\[\]=]+)")
+
+SHORTHANDS: tuple[Location, ...] = (("controller",), ("solver",), ("plant",), ("onset",))
+"""Where a text alone means a mapping with that `kind`."""
+
+BY_CONTROLLER = "by_controller"
+"""Key of a task that holds, by controller, keys to change where that controller runs."""
+
+NO_CONTROLLERS_OWN: tuple[Location, ...] = (("robot",), ("controller",), ("controller", "kind"), (BY_CONTROLLER,))
+"""Keys that cannot depend on the controller."""
+
+Change = str | tuple[str, str]
+"""One key to change: `path=value`, or an option as it was typed and the `path=value` that it is short for."""
+
+Changes = Mapping[str, Any] | Sequence[Change]
+"""Keys to change: values by path, or a sequence of changes in their order."""
 
 
 @dataclass(frozen=True, order=True)
@@ -235,8 +255,13 @@ def lies_inside(path: Location, around: Location) -> bool:
     return path[: len(around)] == around
 
 
-def write(data: Data) -> str:
-    """Write data as YAML that reads back as the same data, keys in their order, short lists on one line."""
+def write(data: object) -> str:
+    """Write data as YAML that reads back as the same data, keys in their order, short lists on one line.
+
+    Raises:
+        SpecError: It has no form in YAML.
+    """
+    data = plain(data)
     return yaml.dump(data, Dumper=_Writer, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
 
 
@@ -375,3 +400,97 @@ def choice(name: str, valid: Iterable[str]) -> str:
     listed = ", ".join(printable(shortened(each)) for each in names[:MOST_CHOICES])
     more = f" and {len(names) - MOST_CHOICES} more" if len(names) > MOST_CHOICES else ""
     return f"{hint}, expected {'one of ' if len(names) > 1 else ''}{listed}{more}"
+
+
+def override(document: Document, changes: Changes) -> tuple[Document, tuple[str, ...]]:
+    """Return the document with the changes applied in their order, and messages about those that could not be.
+
+    A change of a key also removes that key, and those around or inside it, from what `by_controller` has of it.
+    """
+    messages = []
+    for number, (typed, text) in enumerate(_texts(changes), start=1):
+        try:
+            document = _apply(document, typed, number, text)
+        except SpecError as error:
+            messages.append(f"{typed}: {error}")
+    return document, tuple(messages)
+
+
+def for_controller(document: Document, kind: str) -> Document:
+    """Apply what the `by_controller` of a document has for one kind of controller.
+
+    Those keys are located where `by_controller` has them; keys that cannot be are faults of the document.
+    """
+    for key, value in mapping(document.value((BY_CONTROLLER, kind))).items():
+        at = (BY_CONTROLLER, kind, key)
+        try:
+            path = _path(document, key)
+            if path in NO_CONTROLLERS_OWN or path[0] == BY_CONTROLLER:
+                wanted = f"any key but {', '.join(map(dotted, NO_CONTROLLERS_OWN))}"
+                raise SpecError(f"found the key {quoted(key)}, expected {wanted}")
+            inside = {place[len(at) :]: origin for place, origin in document.origins.items() if lies_inside(place, at)}
+            document = put(document, path, value, inside)
+        except SpecError as error:
+            document = replace(document, faults=(*document.faults, Fault(at, str(error), at_key=True)))
+    return document
+
+
+def _texts(changes: Changes) -> Iterator[tuple[str, str]]:
+    """Give for each change what messages repeat of it, and `path=value`."""
+    if isinstance(changes, Mapping):
+        texts = (f"{path}={json.dumps(plain(value), ensure_ascii=False)}" for path, value in changes.items())
+        yield from ((f"set {text}", text) for text in texts)
+    else:
+        yield from ((f"--set {change}", change) if isinstance(change, str) else change for change in changes)
+
+
+def _apply(document: Document, typed: str, number: int, text: str) -> Document:
+    """Return the document with one value replaced or added; the value is YAML."""
+    written, separator, value_text = text.partition("=")
+    if not separator:
+        raise SpecError('found no "=", expected path=value, such as controller.nodes=25')
+    path = _path(document, written.strip())
+    new = read("--set", value_text)
+    if new.faults:
+        raise SpecError(new.faults[0].message)
+    origins = {
+        at: replace(origin, place=Place(number, origin.place.column), override=typed)
+        for at, origin in {(): Origin(Place(1, 1)), **new.origins}.items()
+    }
+    overridden = []
+    for at in (at for at in document.origins if len(at) == 3 and at[0] == BY_CONTROLLER):
+        with suppress(SpecError):
+            own = _path(document, str(at[2]))
+            overridden += [at] if lies_inside(own, path) or lies_inside(path, own) else []
+    return put(document, path, new.data, origins, overridden)
+
+
+def _path(document: Document, written: str) -> Location:
+    """Return the path that a text means; what it leads to need not be there, the lists on the way must be."""
+    if not _PATH.fullmatch(written):
+        wanted = "expected one such as stages[1].priority or stages.capture.priority"
+        raise SpecError(f"found the path {quoted(written)}, {wanted}")
+    value = document.data
+    path: Location = ()
+    for index, name in _STEP.findall(written):
+        path = (*path, _key(value, int(index) if index else name, path))
+        value = document.value(path)
+        if value is None or (isinstance(value, str) and path in SHORTHANDS):
+            value = {}
+    return path
+
+
+def _key(value: Data, step: str | int, path: Location) -> str | int:
+    """Return the key or index that a step means inside a value; an entry of a list also goes by its `name`."""
+    if isinstance(value, dict) and isinstance(step, str):
+        return step
+    if not isinstance(value, list):
+        where = f"{dotted(path)}: " if path else ""
+        raise SpecError(f"{where}found {describe(value)}, expected a mapping or list to set {dotted((step,))} in")
+    names = {str(entry["name"]): i for i, entry in enumerate(value) if isinstance(entry, dict) and "name" in entry}
+    if isinstance(step, str) and step in names:
+        return names[step]
+    if str(step).isdecimal() and int(step) < len(value):
+        return int(step)
+    valid = [*names, f"an index from 0 to {len(value) - 1}"] if value else ["no index, the list is empty"]
+    raise SpecError(f"{dotted(path)}: found no entry {step}{choice(str(step), valid)}")

@@ -2,9 +2,7 @@
 
 import hashlib
 import json
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,25 +11,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.document import (
-    Data,
-    Document,
-    Fault,
-    Location,
-    Origin,
-    Place,
-    choice,
-    describe,
-    dotted,
-    entries,
-    lies_inside,
-    mapping,
-    plain,
-    put,
-    quoted,
-    read,
-    write,
-)
+from psmpc_cli.specs.document import Changes, Document, Fault, entries, for_controller, mapping, override, read, write
 from psmpc_cli.specs.fields import faults_of
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
 from psmpc_cli.specs.parts import Context
@@ -41,24 +21,6 @@ from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, TaskSpec
 from psmpc_cli.specs.urdf import read_urdf, spatial_robot
 
 Model = TypeVar("Model", bound=BaseModel)
-
-_PATH = re.compile(r"[^.\[\]=]+(?:\.[^.\[\]=]+|\[\d+\])*")
-_STEP = re.compile(r"\[(\d+)\]|([^.\[\]=]+)")
-
-SHORTHANDS: tuple[Location, ...] = (("controller",), ("solver",), ("plant",), ("onset",))
-"""Where a text alone means a mapping with that `kind`."""
-
-BY_CONTROLLER = "by_controller"
-"""Key of a task that holds, by controller, keys to change where that controller runs."""
-
-NO_CONTROLLERS_OWN: tuple[Location, ...] = (("robot",), ("controller",), ("controller", "kind"), (BY_CONTROLLER,))
-"""Keys that cannot depend on the controller."""
-
-Change = str | tuple[str, str]
-"""One key to change: `path=value`, or an option as it was typed and the `path=value` that it is short for."""
-
-Changes = Mapping[str, Any] | Sequence[Change]
-"""Keys to change: values by path, or a sequence of changes in their order."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +75,7 @@ def load_task(reference: str | Path | Mapping[str, Any], set: Changes = (), revi
         SpecError: Something is wrong with the task, the robot's file or a change; the message lists all of it.
     """
     if isinstance(reference, Mapping):
-        return _task(read("task", write(plain(reference))), Path(), "task", set, review)
+        return _task(read("task", write(reference)), Path(), "task", set, review)
     path = _find("task", reference)
     return _task(read(shown(path), read_text(path)), path.parent, path.stem, set, review)
 
@@ -160,17 +122,13 @@ def kind_of_reference(reference: str | Path) -> Kind:
 def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Fault, ...]]:
     """Return the robot that a document describes, None if it is not valid, and every fault of the document."""
     spatial = "space" in mapping(document.data)
-    if not spatial and (path := next(filter(lambda path: _is_spatial(document, path), document.origins), None)):
-        wanted = 'which only a robot in space has, and no key "space"; expected space: spatial at the top of the file'
-        return None, (*document.faults, Fault(path, f"found {document.found(path)}, {wanted}"))
+    for path in document.origins if not spatial else ():
+        joint_of_link = len(path) == 5 and (path[0], path[2], path[4]) == ("arms", "links", "joint")
+        if joint_of_link or (path == ("base", "inertia") and isinstance(document.value(path), list)):
+            found = f'found {document.found(path)}, which only a robot in space has, and no key "space"'
+            return None, (*document.faults, Fault(path, f"{found}; expected space: spatial at the top of the file"))
     context = Context(document.data, document.data)
     return _validate(document, "robot", SpatialRobot if spatial else PlanarRobot, context)
-
-
-def _is_spatial(document: Document, path: Location) -> bool:
-    """Tell whether only the files of spatial robots have a value like this: a joint of a link, or a list as inertia."""
-    link = len(path) == 5 and (path[0], path[2], path[4]) == ("arms", "links", "joint")
-    return link or (path == ("base", "inertia") and isinstance(document.value(path), list))
 
 
 def _find(kind: Kind, reference: str | Path) -> Path:
@@ -190,8 +148,7 @@ def _read_robot(path: Path) -> Document:
         SpecError: It cannot be read, or its URDF describes no robot or not what the file names.
     """
     if path.suffix == ".urdf":
-        at = Origin(Place(1, 1))
-        document = Document(shown(path), "", {"urdf": path.name}, {(): at, ("urdf",): at})
+        document = replace(read(shown(path), f"urdf: {json.dumps(path.name)}"), text="")
     else:
         document = read(shown(path), read_text(path))
     if (reference := document.value(("urdf",))) is None:
@@ -278,8 +235,8 @@ def _sound_part(
     instead = next((stage for stage in sound.values() if stage.get("ends_when")), None)
     if instead is None:
         return None
-    at_rest: dict[str, Data] = {part: [0.0] * size for part, size in robot.parts.items()}
-    data: dict[str, Data] = {
+    at_rest: dict[str, Any] = {part: [0.0] * size for part, size in robot.parts.items()}
+    data: dict[str, Any] = {
         "robot": robot.name,
         "initial": at_rest | ({"base": {"position": [0, 0, 0]}} if robot.dimension == 3 else {}),
         "skills": kept,
@@ -312,97 +269,3 @@ def _validate(
     except ValidationError as error:
         return None, (*document.faults, *faults_of(error, document))
     return None if document.faults else valid, document.faults
-
-
-def override(document: Document, changes: Changes) -> tuple[Document, tuple[str, ...]]:
-    """Return the document with the changes applied in their order, and messages about those that could not be.
-
-    A change of a key also removes that key, and those around or inside it, from what `by_controller` has of it.
-    """
-    messages = []
-    for number, (typed, text) in enumerate(_texts(changes), start=1):
-        try:
-            document = _apply(document, typed, number, text)
-        except SpecError as error:
-            messages.append(f"{typed}: {error}")
-    return document, tuple(messages)
-
-
-def for_controller(document: Document, kind: str) -> Document:
-    """Apply what the `by_controller` of a document has for one kind of controller.
-
-    Those keys are located where `by_controller` has them; keys that cannot be are faults of the document.
-    """
-    for key, value in mapping(document.value((BY_CONTROLLER, kind))).items():
-        at = (BY_CONTROLLER, kind, key)
-        try:
-            path = _path(document, key)
-            if path in NO_CONTROLLERS_OWN or path[0] == BY_CONTROLLER:
-                wanted = f"any key but {', '.join(map(dotted, NO_CONTROLLERS_OWN))}"
-                raise SpecError(f"found the key {quoted(key)}, expected {wanted}")
-            inside = {place[len(at) :]: origin for place, origin in document.origins.items() if lies_inside(place, at)}
-            document = put(document, path, value, inside)
-        except SpecError as error:
-            document = replace(document, faults=(*document.faults, Fault(at, str(error), at_key=True)))
-    return document
-
-
-def _texts(changes: Changes) -> Iterator[tuple[str, str]]:
-    """Give for each change what messages repeat of it, and `path=value`."""
-    if isinstance(changes, Mapping):
-        texts = (f"{path}={json.dumps(plain(value), ensure_ascii=False)}" for path, value in changes.items())
-        yield from ((f"set {text}", text) for text in texts)
-    else:
-        yield from ((f"--set {change}", change) if isinstance(change, str) else change for change in changes)
-
-
-def _apply(document: Document, typed: str, number: int, text: str) -> Document:
-    """Return the document with one value replaced or added; the value is YAML."""
-    written, separator, value_text = text.partition("=")
-    if not separator:
-        raise SpecError('found no "=", expected path=value, such as controller.nodes=25')
-    path = _path(document, written.strip())
-    new = read("--set", value_text)
-    if new.faults:
-        raise SpecError(new.faults[0].message)
-    origins = {
-        at: replace(origin, place=Place(number, origin.place.column), override=typed)
-        for at, origin in {(): Origin(Place(1, 1)), **new.origins}.items()
-    }
-    overridden = []
-    for at in (at for at in document.origins if len(at) == 3 and at[0] == BY_CONTROLLER):
-        with suppress(SpecError):
-            own = _path(document, str(at[2]))
-            overridden += [at] if lies_inside(own, path) or lies_inside(path, own) else []
-    return put(document, path, new.data, origins, overridden)
-
-
-def _path(document: Document, written: str) -> Location:
-    """Return the path that a text means; what it leads to need not be there, the lists on the way must be."""
-    if not _PATH.fullmatch(written):
-        wanted = "expected one such as stages[1].priority or stages.capture.priority"
-        raise SpecError(f"found the path {quoted(written)}, {wanted}")
-    value = document.data
-    path: Location = ()
-    for index, name in _STEP.findall(written):
-        path = (*path, _key(value, int(index) if index else name, path))
-        value = document.value(path)
-        if value is None or (isinstance(value, str) and path in SHORTHANDS):
-            value = {}
-    return path
-
-
-def _key(value: Data, step: str | int, path: Location) -> str | int:
-    """Return the key or index that a step means inside a value; an entry of a list also goes by its `name`."""
-    if isinstance(value, dict) and isinstance(step, str):
-        return step
-    if not isinstance(value, list):
-        where = f"{dotted(path)}: " if path else ""
-        raise SpecError(f"{where}found {describe(value)}, expected a mapping or list to set {dotted((step,))} in")
-    names = {str(entry["name"]): i for i, entry in enumerate(value) if isinstance(entry, dict) and "name" in entry}
-    if isinstance(step, str) and step in names:
-        return names[step]
-    if str(step).isdecimal() and int(step) < len(value):
-        return int(step)
-    valid = [*names, f"an index from 0 to {len(value) - 1}"] if value else ["no index, the list is empty"]
-    raise SpecError(f"{dotted(path)}: found no entry {step}{choice(str(step), valid)}")

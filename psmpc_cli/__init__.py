@@ -1,15 +1,9 @@
 """Priority-based switching model predictive control for space robots: docs/python.md shows this module by example."""
 
+from functools import cache
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
-from typing import Any
 
 from psmpc_cli.errors import InputError, LogError, PsmpcError, RunError, SpecError
-
-try:
-    __version__ = version("psmpc")
-except PackageNotFoundError:  # run from a source tree that was never installed
-    __version__ = "0+unknown"
 
 __all__ = [
     "Command",
@@ -50,15 +44,28 @@ _MODULES = {
 """The modules from which public names are imported when they are first used: CasADi is not until then."""
 
 
-def __getattr__(name: str) -> Any:
-    """Import a public name.
+def __getattr__(name: str) -> object:
+    """Import a public name, or look up `__version__`.
 
     Raises:
         AttributeError: There is none.
     """
+    if name == "__version__":
+        return _version()
     if name not in _MODULES:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}', expected one of {', '.join(__all__)}")
     return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+
+
+@cache
+def _version() -> str:
+    """Return the installed version."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("psmpc")
+    except PackageNotFoundError:  # run from a source tree that was never installed
+        return "0+unknown"
 
 
 def __dir__() -> list[str]:

@@ -1,5 +1,7 @@
 """The application of Typer: the commands of `psmpc` and what belongs to none of them."""
 
+import logging
+import sys
 from typing import Annotated
 
 import typer
@@ -40,6 +42,15 @@ app = typer.Typer(
 )
 for command in COMMANDS:
     app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)  # wrapped, not cut
+
+
+class EchoHandler(logging.Handler):
+    """Writes messages of the library to the present standard error, which a live display replaces for a while."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write one message as one line."""
+        level = f"{record.levelname.lower()}: " if record.levelno > logging.INFO else ""
+        sys.stderr.write(f"{level}{record.getMessage()}\n")
 
 
 def print_version(wanted: bool) -> None:

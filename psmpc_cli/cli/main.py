@@ -1,21 +1,11 @@
 """The command `psmpc`: runs the application and turns errors and signals into one message and an exit code."""
 
-import logging
 import os
 import signal
 import sys
 from types import FrameType
 
 from psmpc_cli.errors import SIGNALS, PsmpcError, SpecError
-
-
-class EchoHandler(logging.Handler):
-    """Writes messages of the library to the present standard error, which a live display replaces for a while."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Write one message as one line."""
-        level = f"{record.levelname.lower()}: " if record.levelno > logging.INFO else ""
-        sys.stderr.write(f"{level}{record.getMessage()}\n")
 
 
 def print_error(message: str) -> None:
@@ -42,7 +32,9 @@ def main() -> None:
     """Run the command line; exit codes: 0 done, 1 a check asked for fails, 2 bad input, 3 the run could not go on."""
     for number in SIGNALS:
         signal.signal(number, exit_at_once)
-    from psmpc_cli.cli.app import app
+    import logging
+
+    from psmpc_cli.cli.app import EchoHandler, app
 
     logging.basicConfig(handlers=[EchoHandler()], level=logging.WARNING)
     try:

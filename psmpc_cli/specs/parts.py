@@ -118,10 +118,11 @@ def _axes(
     return {part: of_base if part == "base" else of_arm or joints[part] for part in parts}
 
 
-def names(parts: Mapping[str, int], space: Space) -> tuple[str, ...]:
-    """Return every name that means rows of the error; `parts` are the robot's."""
-    axes = error_axes(parts, space)
-    return (*parts, "arms", "all", *(f"{part}.{axis}" for part in parts for axis in axes[part]))
+def names(parts: Mapping[str, int], space: Space | None) -> tuple[str, ...]:
+    """Return every name that means rows of the error, in any space if it is None; `parts` are the robot's."""
+    axes = [error_axes(parts, each) for each in SPACES if space in (each, None)]
+    labels = (f"{part}.{axis}" for by_part in axes for part in parts for axis in by_part[part])
+    return tuple(dict.fromkeys((*parts, "arms", "all", *labels)))
 
 
 def misfits(written: Any, axes: Axes, required: Collection[str] = (), one: bool = False, angles: bool = False) -> Flaws:

@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -193,6 +194,19 @@ def limits_of_part(limits: Mapping[str, PartLimits], part: str, quantity: str) -
     """Return the pairs that hold for a part, None if there are none; an arm's own take precedence over `arms`."""
     given = (getattr(limits[key], quantity) for key in (part, "arms") if key in limits and stands_for(key, part))
     return next((pairs for pairs in given if pairs is not None), None)
+
+
+def wider(
+    limits: Mapping[str, PartLimits], outer: Mapping[str, Mapping[str, PartLimits]], sizes: Mapping[str, int]
+) -> Flaws:
+    """Give limits that are wider than outer ones, which are keyed by whose they are."""
+    for part, quantity, (whose, layer) in product(sizes, QUANTITIES, outer.items()):
+        given, allowed = limits_of_part(limits, part, quantity) or (), limits_of_part(layer, part, quantity) or ()
+        for index, (own, around) in enumerate(zip(given, allowed, strict=False)):
+            (low, high), (least, most) = own or (-np.inf, np.inf), around or (-np.inf, np.inf)
+            if own is not None and (low < least or high > most):
+                key = part if part in limits and getattr(limits[part], quantity) is not None else "arms"
+                yield (key, quantity, index), expected(f"within {whose} [{least:.6g}, {most:.6g}]")
 
 
 def _not_reserved(name: str) -> str:

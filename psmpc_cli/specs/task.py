@@ -3,10 +3,8 @@
 Plain validated data in SI units.
 """
 
-import math
 from collections.abc import Mapping
 from functools import partial
-from itertools import product
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
@@ -16,20 +14,9 @@ from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, counted, entries, mapping, quoted
 from psmpc_cli.specs.fields import Choice, Fields, Flaws, SideBySide, Spec, expected, flaw, holds, known, listed
 from psmpc_cli.specs.object import ObjectSpec, OnObject, complete, is_on_object
-from psmpc_cli.specs.parts import (
-    QUANTITIES,
-    SPACES,
-    Context,
-    Space,
-    error_axes,
-    in_joint_space,
-    misfits,
-    names,
-    stands_for,
-    target_axes,
-)
+from psmpc_cli.specs.parts import Context, Space, error_axes, in_joint_space, misfits, names, stands_for, target_axes
 from psmpc_cli.specs.priorities import disagreements
-from psmpc_cli.specs.robot import LimitsByPart, PartLimits, RobotSpec, Vector, limits_of_part, rows, stack
+from psmpc_cli.specs.robot import LimitsByPart, PartLimits, RobotSpec, Vector, rows, stack, wider
 from psmpc_cli.specs.uncertainty import DEFAULT_TIME_LIMIT, UncertaintySpec, time_limit
 
 REQUIRED: dict[Space, tuple[str, ...]] = {"point": ("base",)}
@@ -274,7 +261,7 @@ def _end(written: Any, before: Fields, context: Context) -> Flaws:
     if not sizes or not isinstance(written, dict):
         return
     listed, tolerance = entries(written.get("coordinates")) or [written.get("coordinates")], written.get("tolerance")
-    valid = list(dict.fromkeys(name for each in SPACES if space in (each, None) for name in names(sizes, each)))
+    valid = names(sizes, space)
     for i, name in enumerate(listed):
         if isinstance(name, str) and name not in valid:
             yield ("coordinates", i), flaw(choice(name, valid))
@@ -415,7 +402,7 @@ def _is_whole(ratio: float) -> bool:
 
 def _within_the_robots(limits: Mapping[str, PartLimits], before: Fields, context: Context) -> Flaws:
     """Give limits of a task that are wider than its robot's."""
-    yield from _wider(limits, {"the robot's": context.robot_limits}, context.sizes)
+    yield from wider(limits, {"the robot's": context.robot_limits}, context.sizes)
 
 
 def _skills(skills: Mapping[str, SkillSpec], before: Fields, context: Context) -> Flaws:
@@ -428,21 +415,8 @@ def _skills(skills: Mapping[str, SkillSpec], before: Fields, context: Context) -
             yield (name, "input"), expected('"joint" (task needs solver ipopt, and another controller than htmpc)')
         if skill.input == "task" and context.sizes.get("base") == 6:
             yield (name, "input"), expected('"joint": task takes planar robots alone')
-        for at, error in _wider(skill.limits, outer, context.sizes):
+        for at, error in wider(skill.limits, outer, context.sizes):
             yield (name, "limits", *at), error
-
-
-def _wider(
-    limits: Mapping[str, PartLimits], outer: Mapping[str, Mapping[str, PartLimits]], sizes: Mapping[str, int]
-) -> Flaws:
-    """Give limits that are wider than outer ones, which are keyed by whose they are."""
-    for part, quantity, (whose, layer) in product(sizes, QUANTITIES, outer.items()):
-        given, allowed = limits_of_part(limits, part, quantity) or (), limits_of_part(layer, part, quantity) or ()
-        for index, (own, around) in enumerate(zip(given, allowed, strict=False)):
-            (low, high), (least, most) = own or (-math.inf, math.inf), around or (-math.inf, math.inf)
-            if own is not None and (low < least or high > most):
-                key = part if part in limits and getattr(limits[part], quantity) is not None else "arms"
-                yield (key, quantity, index), expected(f"within {whose} [{least:.6g}, {most:.6g}]")
 
 
 def _monitor(monitor: MonitorSpec, before: Fields, context: Context) -> Flaws:

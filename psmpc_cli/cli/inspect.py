@@ -40,7 +40,7 @@ def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path
         InputError: The figure cannot be written.
         SpecError: It is not valid.
     """
-    from psmpc_cli.cli.task_tables import print_gradients, print_robot, print_task
+    from psmpc_cli.cli.tables import print_gradients, print_robot, print_task
     from psmpc_cli.ocp.feasibility import load_feasible, look_ahead, remarks
     from psmpc_cli.specs.load import kind_of_reference, load_robot
 

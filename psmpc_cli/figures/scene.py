@@ -142,10 +142,7 @@ class Scene:
         every = list(times)
         tracks = self.paths(float(self.run.motion.time[0]), max(every))
         aims = [self.target_frames(stage, time)[:, :3, 3] for time in every for stage in self.acting(time)]
-        bodies = np.vstack([*map(self.points, every)])
-        found = np.vstack([bodies, *tracks, *aims])
-        found = found[np.isfinite(found).all(axis=1)]
-        return np.vstack([found, np.c_[bodies[:, :2], np.full(len(bodies), found[:, 2].min())]])
+        return with_shadows([*map(self.points, every)], [*tracks, *aims])
 
     def events(self, time: float) -> list[str]:
         """Return what is on at a time [s]: the current stage, those that already act, whether the object is lost."""
@@ -176,6 +173,19 @@ class Scene:
             else:
                 kept.append((time, event))
         return kept
+
+
+def with_shadows(bodies: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> np.ndarray:
+    """Return all finite points (., 3) [m], with those of the bodies again where the lowest of all is."""
+    found, below = np.vstack([*bodies, *others]), np.vstack(bodies)
+    found = found[np.isfinite(found).all(axis=1)]
+    return np.vstack([found, np.c_[below[:, :2], np.full(len(below), found[:, 2].min())]])
+
+
+def looked_at(model: RobotModel, stage: Stage) -> np.ndarray:
+    """Return the points (arms, 3) [m] that a stage points at, none if it does not point; NaN of an arm without one."""
+    aims = SKILLS[stage.space].aims(model, stage.target)[1 if stage.space == "point" else len(model.pose_rows) :]
+    return np.pad(aims, ((0, 0), (0, 3 - model.dimension)))
 
 
 def scene_of(run: Run) -> Scene:
@@ -258,7 +268,7 @@ def configurations(task: Task, model: RobotModel, stages: Sequence[Stage]) -> li
         for arm in task.robot.arms if stage.space == "task" else ():
             found = reach_of(task.robot, arm, base, stage.target[model.pose_rows[arm]]).configuration
             if found is not None:
-                Q[model.parts[arm]] = found
+                Q[model.nq - model.n :][model.parts[arm]] = found
         stops.append(Q)
     return stops
 

@@ -29,10 +29,12 @@ from psmpc_cli.figures.scene import (
     configurations,
     corners,
     half_edges,
+    looked_at,
     object_frames,
     outline,
     placed,
     scene_of,
+    with_shadows,
 )
 from psmpc_cli.figures.timeline import runs_of
 from psmpc_cli.logs.run import Run
@@ -394,7 +396,8 @@ def plot_scenario(task: Task) -> Figure:
     stages = build_stages(task.spec, task.robot, model)
     stops, thing, camera = configurations(task, model, stages), task.spec.object, camera_of(model)
     half, objects = half_edges(thing.shape if thing else (0.0, 0.0)), object_frames(task, model, stops)
-    extent = np.vstack([*(outline(model, Q) for Q in stops), *(corners(frame, half) for frame in objects)])
+    points = [looked_at(model, stage) for stage in stages]
+    extent = with_shadows([outline(model, Q) for Q in stops], [*(corners(frame, half) for frame in objects), *points])
     titles = [f"{i}. {style.readable(stage.name)}, priority {stage.priority:g}" for i, stage in enumerate(stages, 1)]
     figure, grid = _panels(camera, extent, titles, min(2, len(stages)), style.COLUMN)
     for i, axes in enumerate(grid[: len(stages)]):
@@ -404,8 +407,11 @@ def plot_scenario(task: Task) -> Figure:
             _draw_box(axes, camera, frame, half, OBJECT)
         draw_robot(axes, camera, model, stops[i], alpha=FAINT)
         draw_robot(axes, camera, model, stops[i + 1])
+        for arm, point in enumerate(camera.see(points[i])):
+            axes.plot(*point, color=_arm_color(arm), zorder=-UNDER, **TARGET)
     handles: list[Artist] = [style.patch_entry("base at the target", **BASE)]
     handles += [style.patch_entry("where the stage begins", alpha=FAINT, **BASE), *_arm_handles(model)]
     handles += [style.patch_entry("object", **OBJECT)] * bool(objects)
+    handles += [style.entry("point to look at", color="black", **TARGET)] * any(map(len, points))
     style.add_legend(figure, handles, title=describe(camera, extent))
     return figure

@@ -195,13 +195,15 @@ def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
     """Give the tabs of plots, each with its panels."""
     motion, model = run.motion, run.problem.model
     time, u = motion.time[frames], np.vstack([run.u, run.u[-1:]])[np.minimum(frames, len(run.u))]
-    yield _tab("Velocities", _panels(model, time, motion.v[frames], ("m/s", "rad/s")))
-    yield _tab("Controls", _panels(model, time, u, ("m/s²", "rad/s²"), stepped=True))
-    yield _tab("Errors", _error_panels(run, frames))
-    yield _tab("Coordinates", _panels(model, time, _angles(model, motion.Q[frames]), ("m", "rad")))
-    yield _tab("Stages", _stage_panels(run))
-    if "grasp/pull" in run:
-        yield _tab("Grasp", _grasp_panels(run))
+    tabs = {
+        "Velocities": _panels(model, time, motion.v[frames], ("m/s", "rad/s")),
+        "Controls": _panels(model, time, u, ("m/s²", "rad/s²"), stepped=True),
+        "Errors": _error_panels(run, frames),
+        "Coordinates": _panels(model, time, _angles(model, motion.Q[frames]), ("m", "rad")),
+        "Stages": _stage_panels(run),
+        **({"Grasp": _grasp_panels(run)} if "grasp/pull" in run else {}),
+    }
+    return ({"name": name, "panels": list(panels)} for name, panels in tabs.items())
 
 
 def _angles(model: RobotModel, Q: np.ndarray) -> np.ndarray:
@@ -240,14 +242,8 @@ def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
         curves = [(name, row) for name, row in zip(names, errors, strict=True) if np.isfinite(row).any()]
         known = [row for row in tolerances if np.isfinite(row).any()]
         if curves:
-            limits = [("tolerance", np.nanmin(_or_inf(known), axis=0))] if known else []
+            limits = [("tolerance", np.fmin.reduce(known))] if known else []
             yield _panel(label, time, curves, limits, log=True, stepped=False)
-
-
-def _or_inf(rows: list[np.ndarray]) -> np.ndarray:
-    """Return rows (., T) in which a column without a number is infinite."""
-    stacked = np.array(rows)
-    return np.where(np.isnan(stacked).all(axis=0), np.inf, stacked)
 
 
 def _stage_panels(run: Run) -> Iterator[Json]:
@@ -274,10 +270,6 @@ def _grasp_panels(run: Run) -> Iterator[Json]:
     linear = len(axes) // 2 + len(axes) % 2
     for unit, rows in (("m/s", slice(linear)), ("rad/s", slice(linear, None))):
         yield _panel(f"object ({unit})", time, zip(axes[rows], velocity[rows], strict=True))
-
-
-def _tab(name: str, panels: Iterator[Json]) -> Json:
-    return {"name": name, "panels": list(panels)}
 
 
 def _panel(

@@ -8,14 +8,17 @@ from scipy.spatial.transform import Rotation
 
 from psmpc_cli.figures.coordinates import attitude_error, plot_overlay, plot_states, plot_velocities
 from psmpc_cli.figures.registry import draw, figures_of
-from psmpc_cli.figures.scene import OBLIQUE, scene_of
+from psmpc_cli.figures.scene import OBLIQUE, configurations, scene_of
+from psmpc_cli.figures.snapshots import plot_scenario
 from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.run import Run
+from psmpc_cli.ocp.problem import build_problem
+from psmpc_cli.robot.model import pose_frames
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.library import find
-from psmpc_cli.specs.load import parse_task
+from psmpc_cli.specs.load import load_task, parse_task
 
-from .drawn import check_figure, common_legend, curves
+from .drawn import check_figure, common_legend, curves, points
 
 pytestmark = pytest.mark.slow
 
@@ -70,6 +73,25 @@ def test_targets_of_a_scene_are_frames_in_its_view(run: Run) -> None:
     view = OBLIQUE.view(scene.extent([0.0, run.motion.end]))
     seen = OBLIQUE.see(np.array([base[:3, 3], tip[:3, 3]]))
     assert np.all((view.min < seen) & (seen < view.max))
+
+
+def test_a_scenario_has_the_hands_at_their_targets() -> None:
+    problem = build_problem(load_task("servicing"))
+    stop = configurations(problem.task, problem.model, problem.stages)[2]
+    wanted = pose_frames(problem.stages[1].target.reshape(3, 7))
+    np.testing.assert_allclose(pose_frames(problem.model.poses(stop)), wanted, atol=3e-3)
+
+
+def test_a_scenario_has_the_points_that_are_looked_at_in_its_view() -> None:
+    with in_style():
+        figure = plot_scenario(load_task("fly_and_point"))
+        check_figure(figure)
+    hatch = figure.axes[1]
+    (mark,) = [line for line in hatch.lines if line.get_marker() == "+"]
+    (at,) = points(mark)
+    np.testing.assert_allclose(at, OBLIQUE.see(np.array([0.6, 3, -1.4])))
+    assert np.all((hatch.viewLim.min < at) & (at < hatch.viewLim.max))
+    assert "point to look at" in common_legend(figure)
 
 
 def test_snapshots_say_from_where_they_are_seen_and_the_run_is_animated(run: Run, tmp_path: Path) -> None:

@@ -99,8 +99,8 @@ def test_bad_keys_are_named_where_they_are(
     ("right", "wrong", "words"),
     [
         ("servicer.urdf", "gone.urdf", ("gone.urdf", "no readable file", "URDF")),
-        ("base: servicer", "base: serviser", ("serviser", "servicer")),
-        ("left_tool", "left_tol", ("left_tol", "left_tool")),
+        ("base: servicer", "base: serviser", ("r.yaml:3:7: base:", "serviser", "servicer")),
+        ("left_tool", "left_tol", ("r.yaml:4:20: arms.left.tip:", "left_tol", "left_tool")),
         ("{tip: left_tool}", "{tip: servicer}", ("no joint of its own", "servicer")),
         ("{tip: left_tool}", "{top: left_tool}", ("top", "tip")),
         ("limits:", "locked: {right_joint_9: 1}\nlimits:", ("right_joint_9", "right_joint_1")),
@@ -147,6 +147,7 @@ def test_a_pose_of_a_task_becomes_position_and_quaternion(tmp_path: Path) -> Non
     ("right", "wrong", "where", "words"),
     [
         ("rpy: [0, 0, 90 deg]", "rpy: [0, 90 deg]", "t.yaml:8:", ("3 angles",)),
+        ("rpy: [0, 0, 90 deg]", "rpy: [0, 0, 90]", "t.yaml:8:", ("90 rad", "90 deg")),
         ("rpy: [0, 0, 90 deg]", "angle: 90 deg", "t.yaml:8:", ("axis and angle",)),
         ("rpy: [0, 0, 90 deg]", "axis: [0, 0, 2], angle: 90 deg", "t.yaml:8:", ("length 1",)),
         ("rpy: [0, 0, 90 deg]", "rpy: [0, 0, 0], quaternion: [1, 0, 0, 0]", "t.yaml:8:", ("either rpy",)),

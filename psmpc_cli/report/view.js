@@ -309,7 +309,8 @@ function drawGround() { // squares of 1 m below the mission, and the axes of the
   for (let y = y0; y <= y1 + step / 2; y += step) points.push(x0, y, z, x1, y, z);
   const lines = (numbers, color) => new THREE.LineSegments(new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(numbers), 3)), new THREE.LineBasicMaterial({ color }));
   world.ground = new THREE.Group();
-  const spatial = runs[chosen[0]].robot.spatial, corner = spatial ? [x1, y1, z] : [x0, y0, z], L = (spatial ? 1 : 0.5) * step;
+  const spatial = runs[chosen[0]].robot.spatial, inside = [low.x, low.y].map((x) => step * Math.ceil(x / step));
+  const corner = [...(spatial ? [x1, y1] : inside), z + 0.01 * step], L = (spatial ? 1 : 0.5) * step;
   const axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((axis) => axis.map((x, i) => corner[i] + L * x));
   world.ground.add(lines(points, 0xdde2e7), ...axes.map((axis) => lines([...corner, ...axis], 0x6b7480)));
   world.axes = axes.map((axis, i) => ["xyz"[i], new THREE.Vector3(...axis)]);

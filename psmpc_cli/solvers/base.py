@@ -88,7 +88,7 @@ class Solution:
     @property
     def J(self) -> float:
         """The objective in the task's own priorities."""
-        return self.objective * float(np.max(self.window.omega))
+        return self.objective * float(self.window.omega.max())
 
 
 class Solver(ABC):

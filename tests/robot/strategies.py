@@ -59,8 +59,8 @@ def robots(draw: st.DrawFn, fewest: int = 1, most: int = 5) -> PlanarRobot:
 
 
 def vectors(size: float) -> st.SearchStrategy[tuple[float, float, float]]:
-    """Three numbers up to a size."""
-    return st.tuples(*[st.floats(-size, size)] * 3)
+    """Three numbers up to a size, to four digits: MuJoCo takes frames that are turned by less than 1e-6 as parallel."""
+    return st.tuples(*[st.floats(-size, size).map(lambda number: round(number, 4))] * 3)
 
 
 inertias = st.builds(

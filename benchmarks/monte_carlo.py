@@ -48,7 +48,6 @@ HEADINGS = (
     "object held [m]",
     EFFORT,
     "failed solves a run",
-    "a run takes [s]",
 )
 
 
@@ -77,7 +76,6 @@ def row(controller: str, runs: MonteCarloRuns) -> tuple[str, ...]:
         spread(runs["monitor_margin"][:, 0], 3),
         spread(runs["control_effort"], 0),
         f"{np.maximum(runs['solves_failed'], 0).mean():.2f}",
-        spread(runs["cell_time"], 1),
     )
 
 

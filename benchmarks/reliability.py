@@ -41,6 +41,9 @@ RATES, FORCE = 0.6, 5000.0
 INSTANTS = 20
 """How many runs are ended by each signal."""
 
+UNWRITTEN = 1.0
+"""A log is written twice a second: no sample is unwritten for so long [s]."""
+
 EVER = 1000
 
 Line = tuple[tuple[str, ...], bool]
@@ -131,7 +134,7 @@ def outputs(folder: Path) -> Iterator[Line]:
     yield written("the log exists already", taken)
     yield written("the log is /dev/full", Path("/dev/full"))
     yield written("a directory that takes no files", unwritable(folder) / "log.h5")
-    yield written("the disk is full after 1 MB", folder / "full.h5", limit=1_000_000)
+    yield written("the disk is full after 2 MB", folder / "full.h5", limit=2_000_000)
     (folder / "gone").mkdir()
     yield removed("the directory is removed during the run", folder / "gone" / "log.h5")
 
@@ -203,16 +206,23 @@ class Struck(NamedTuple):
     Attributes:
         code: Its exit code, as a shell gives it.
         before: Samples it had told of when the signal was sent.
-        told: Samples it told of in all.
+        told: When it told of each sample [s].
         held: Samples in its log; None if there is no log.
+        sent: When the signal was sent [s].
         took: Time from the signal to its end [s].
     """
 
     code: int
     before: int
-    told: int
+    told: list[float]
     held: int | None
+    sent: float
     took: float
+
+    @property
+    def lost(self) -> list[float]:
+        """When it told of the samples that are not in its log [s]."""
+        return self.told[self.held or 0 :]
 
 
 def strike(number: signal.Signals, log: Path, changes: Sequence[str], samples: int, delay: float) -> Struck:
@@ -221,8 +231,8 @@ def strike(number: signal.Signals, log: Path, changes: Sequence[str], samples: i
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as child:
         assert child.stdout is not None
         child.stdout.readline()
-        told = [child.stdout.readline() for _ in range(samples)]
-        reader = Thread(target=lambda lines: told.extend(lines), args=(child.stdout,))
+        told = [time.monotonic() for _ in range(samples) if child.stdout.readline()]
+        reader = Thread(target=lambda lines: told.extend(time.monotonic() for _ in lines), args=(child.stdout,))
         reader.start()
         time.sleep(delay)
         before, sent = len(told), time.monotonic()
@@ -231,27 +241,31 @@ def strike(number: signal.Signals, log: Path, changes: Sequence[str], samples: i
         took = time.monotonic() - sent
         reader.join()
     held = len(read_run(log).time) if log.exists() else None
-    return Struck(code if code >= 0 else 128 - code, before, len(told), held, took)
+    return Struck(code if code >= 0 else 128 - code, before, told, held, sent, took)
 
 
 def signals(folder: Path, number: signal.Signals, name: str, changes: Sequence[str], count: int) -> Line:
-    """Return the row of runs that a signal ends at random instants, and whether all were safe."""
+    """Return the row of runs that a signal ends at random instants, and whether all were safe.
+
+    A signal that a run cannot catch may take what came after the log was last written.
+    """
     rng = np.random.default_rng(0)
     instants = [(int(samples), float(rng.uniform(0, 0.2))) for samples in rng.integers(0, 120, count)]
     logs = [folder / f"{name}-{i}.h5" for i in range(count)]
     with ThreadPoolExecutor(max_workers=2) as both:
         ended = list(both.map(lambda log, at: strike(number, log, changes, *at), logs, instants))
     started = [(log, one) for log, one in zip(logs, ended, strict=True) if one.held is not None]
-    lost = [max(0, one.told - (one.held or 0)) for _, one in started]
-    safe = all(one.code == 128 + number and (one.held is not None or not one.told) for one in ended)
-    safe &= not any(lost) and all(is_kept(log) for log, _ in started)
+    oldest = max(one.sent - min(one.lost, default=one.sent) for one in ended)
+    safe = all(one.code == 128 + number for one in ended) and all(is_kept(log) for log, _ in started)
+    safe &= oldest < UNWRITTEN if number == signal.SIGKILL else not any(one.lost for one in ended)
     columns = (
         name,
         f"{count}",
         f"{min(one.before for _, one in started)} to {max(one.before for _, one in started)}",
-        f"{max(one.told - one.before for one in ended)}",
+        f"{max(len(one.told) - one.before for one in ended)}",
         f"{max(one.took for one in ended):.1f} s",
-        f"{sum(lost)}",
+        f"{max(len(one.lost) for one in ended)}",
+        f"{oldest:.1f} s",
         f"{len(started)} of {len(started)}" if safe else "NOT ALL",
         ", ".join(sorted({str(one.code) for one in ended})),
     )
@@ -286,7 +300,8 @@ TABLES: dict[str, tuple[Callable[[Path], Iterator[Line]], tuple[str, ...]]] = {
             "sent after samples",
             "samples after it, at most",
             "ended within",
-            "samples lost",
+            "samples lost, at most",
+            "of the last",
             "whole logs, not overwritten",
             "exit code",
         ),

@@ -140,7 +140,7 @@ class LogWriter:
             except OSError as error:
                 reason = error.strerror or error
                 raise RunError(
-                    f"{self.path} cannot be written any further, it holds the run up to then: {reason}"
+                    f"{self.path} cannot be written any further, it holds the run as last written: {reason}"
                 ) from None
         ended = monotonic()
         self._changed, self._next_write = False, ended + max(BETWEEN_WRITES, (ended - began) / LARGEST_SHARE)

@@ -198,7 +198,9 @@ def test_no_room_for_a_record_ends_the_run_and_keeps_the_log(tmp_path: Path) -> 
         time.sleep(BETWEEN_WRITES)
         for one in made:
             log.write(one)
-    assert str(refused.value) == (f"{path} cannot be written any further, it holds the run as last written: File too large")
+    assert str(refused.value) == (
+        f"{path} cannot be written any further, it holds the run as last written: File too large"
+    )
     assert refused.value.exit_code == 3
     assert_same_rows(read_run(path), made[:1])
     assert sorted(each.name for each in tmp_path.iterdir()) == ["log.h5", "short.h5"]

@@ -67,7 +67,7 @@ class LogWriter:
         attributes = {"kind": RUN, "format_version": FORMAT_VERSION, **open_end, **header.attributes}
         create_log(self._file, self._columns, attributes, header.values)
         self._pending: list[Mapping[str, ArrayLike]] = []
-        self._rows, self._changed, self._next_write = 0, False, monotonic() + BETWEEN_WRITES
+        self._rows, self._changed, self._next_write = 0, False, 0.0  # the first row is written at once
         if path is not None:
             write_new(path, image_of(self._file), force)
 

@@ -50,7 +50,7 @@ interior-point iterations of the program.
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """A point, its residuals, and the step that led to it.
+    """Point of an iteration with its residuals and the step that led to it.
 
     Attributes:
         step: Largest component of the program's full step [m, rad, m/s, rad/s, s].

@@ -1,37 +1,38 @@
 """Faults injected into runs from outside: solver, plant and sensors are wrapped."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 from psmpc_cli.control.controller import State
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window
-from psmpc_cli.plant import Disturbance, Plant, Ticks
+from psmpc_cli.plant import Ticks
+from psmpc_cli.simulation import run as running
 from psmpc_cli.simulation.run import Experiment
 from psmpc_cli.solvers import Outcome, Solution, Solver
 
-Spoil = Callable[[float, Callable[[], Solution]], Solution]
-"""Given the time of a window [s] and its solve, returns what the controller gets instead."""
-
-Show = Callable[[float, np.ndarray], np.ndarray]
-"""Given a time [s] and the state then (2n,), returns another one."""
+When = Callable[[float], bool]
+"""Tells whether something goes wrong at a time [s]."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What goes wrong.
+    """What goes wrong at a time [s].
 
     Attributes:
-        spoil: What becomes of a solve.
-        blind: What is measured instead of the state.
-        push: What the state jumps to.
+        solved: What the controller gets instead of a solution.
+        measured: What is measured instead of the state (2n,).
+        moved: What the state (2n,) jumps to.
     """
 
-    spoil: Spoil = lambda now, solve: solve()
-    blind: Show = lambda now, x: x
-    push: Show = lambda now, x: x
+    solved: Callable[[float, Solution], Solution] = lambda now, solution: solution
+    measured: Callable[[float, np.ndarray], np.ndarray] = lambda now, x: x
+    moved: Callable[[float, np.ndarray], np.ndarray] = lambda now, x: x
 
 
 @dataclass
@@ -46,97 +47,89 @@ class Seen:
 class FaultySolver(Solver):
     """A solver whose solutions are spoilt."""
 
-    def __init__(self, solver: Solver, spoil: Spoil) -> None:
-        self.solver, self.spoil = solver, spoil
+    def __init__(self, solver: Solver, fault: Fault) -> None:
+        self.solver, self.fault = solver, fault
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
-        return self.spoil(window.start, lambda: self.solver.solve(window, guess, previous, within))
+        return self.fault.solved(window.start, self.solver.solve(window, guess, previous, within))
 
 
-class FaultyPlant:
-    """A plant that is pushed."""
+@contextmanager
+def injected(fault: Fault) -> Iterator[Seen]:
+    """Let something go wrong in the runs that begin meanwhile, and record what the robot really does."""
+    build, seen = running.build_experiment, Seen()
 
-    def __init__(self, plant: Plant, push: Show, seen: Seen) -> None:
-        self.plant, self.push, self.seen = plant, push, seen
+    def build_faulty(task: Any) -> Experiment:
+        experiment = build(task)
+        controller, step, advance = experiment.controller, experiment.controller.step, experiment.plant.advance
 
-    def advance(
-        self,
-        start: float,
-        x: np.ndarray,
-        u: np.ndarray,
-        disturbance: Disturbance | None = None,
-        closed: np.ndarray | None = None,
-    ) -> Ticks:
-        """Advance, and be pushed at the end of it."""
-        ticks, seen = self.plant.advance(start, x, u, disturbance, closed), self.seen
-        X = ticks.X.copy()
-        X[-1] = seen.x = self.push(float(ticks.time[-1]), X[-1])
-        seen.rates = np.maximum(seen.rates, np.abs(X[:, len(x) // 2 :]).max(axis=0))
-        seen.forces = np.maximum(seen.forces, np.abs(ticks.F).max(axis=0))
-        return replace(ticks, X=X)
+        def faulty_step(time: float, state: State, object_pose: np.ndarray | None) -> Any:
+            return step(time, State.of(fault.measured(time, state.x)), object_pose)
 
+        def faulty_advance(start: float, x: np.ndarray, *rest: Any) -> Ticks:
+            ticks = advance(start, x, *rest)
+            X = ticks.X.copy()
+            X[-1] = seen.x = fault.moved(float(ticks.time[-1]), X[-1])
+            seen.rates = np.maximum(seen.rates, np.abs(X[:, len(x) // 2 :]).max(axis=0))
+            seen.forces = np.maximum(seen.forces, np.abs(ticks.F).max(axis=0))
+            return replace(ticks, X=X)
 
-def inject(experiment: Experiment, fault: Fault, seen: Seen) -> Experiment:
-    """Return an experiment in which something goes wrong."""
-    step = experiment.controller.step
-    experiment.controller.step = lambda time, state, object_pose: step(
-        time, State.of(fault.blind(time, state.x)), object_pose
-    )
-    experiment.controller.solver = FaultySolver(experiment.controller.solver, fault.spoil)
-    return replace(experiment, plant=FaultyPlant(experiment.plant, fault.push, seen))
+        controller.solver = FaultySolver(controller.solver, fault)
+        controller.step, experiment.plant.advance = faulty_step, faulty_advance
+        return experiment
+
+    with patch.object(running, "build_experiment", build_faulty):
+        yield seen
 
 
-def during(first: float, samples: float, sample_time: float = 0.1) -> Callable[[float], bool]:
+def during(first: float, samples: float, sample_time: float = 0.1) -> When:
     """Return whether a time [s] is one of so many samples from the first on."""
     return lambda now: first - 1e-6 < now < first + (samples - 0.5) * sample_time
 
 
-def not_converging(wrong: Callable[[float], bool]) -> Fault:
+def _spoilt(wrong: When, spoil: Callable[[Solution], Solution]) -> Fault:
+    return Fault(solved=lambda now, solution: spoil(solution) if wrong(now) else solution)
+
+
+def not_converging(wrong: When) -> Fault:
     """Return the fault of a solver that does not converge at the wrong times."""
-    return Fault(lambda now, solve: replace(solve(), outcome=Outcome.ITERATION_LIMIT) if wrong(now) else solve())
+    return _spoilt(wrong, lambda solution: replace(solution, outcome=Outcome.ITERATION_LIMIT))
 
 
-def raising(wrong: Callable[[float], bool]) -> Fault:
-    """Return the fault of a solver that raises at the wrong times."""
-
-    def spoil(now: float, solve: Callable[[], Solution]) -> Solution:
-        if wrong(now):
-            raise RuntimeError("Error in Function::call for 'window': evaluation failed")
-        return solve()
-
-    return Fault(spoil)
-
-
-def meaningless(wrong: Callable[[float], bool]) -> Fault:
+def meaningless(wrong: When) -> Fault:
     """Return the fault of a solver that says it has converged, to no numbers, at the wrong times."""
 
-    def spoil(now: float, solve: Callable[[], Solution]) -> Solution:
-        solution = solve()
-        plan = replace(solution.plan, X=np.full_like(solution.plan.X, np.nan))
-        return replace(solution, plan=plan) if wrong(now) else solution
+    def spoil(solution: Solution) -> Solution:
+        return replace(solution, plan=replace(solution.plan, X=np.full_like(solution.plan.X, np.nan)))
 
-    return Fault(spoil)
+    return _spoilt(wrong, spoil)
 
 
-def unmeasured(wrong: Callable[[float], bool], *entries: int) -> Fault:
+def raising(wrong: When) -> Fault:
+    """Return the fault of a solver that raises at the wrong times."""
+
+    def spoil(solution: Solution) -> Solution:
+        raise RuntimeError("Error in Function::call for 'window': evaluation failed")
+
+    return _spoilt(wrong, spoil)
+
+
+def unmeasured(wrong: When, *entries: int) -> Fault:
     """Return the fault of a measurement that is NaN at the wrong times, in these entries of x or in all of them."""
 
-    def blind(now: float, x: np.ndarray) -> np.ndarray:
-        if not wrong(now):
-            return x
-        return np.where(np.isin(np.arange(len(x)), entries) | (not entries), np.nan, x)
+    def measured(now: float, x: np.ndarray) -> np.ndarray:
+        lost = np.isin(np.arange(len(x)), entries) if entries else True
+        return np.where(wrong(now) and lost, np.nan, x)
 
-    return Fault(blind=blind)
+    return Fault(measured=measured)
 
 
 def pushed(at: float, **rates: float) -> Fault:
     """Return the fault of a blow that changes the base's rates x, y [m/s] and theta [rad/s] at a time [s]."""
-    change = [rates.get(name, 0.0) for name in ("x", "y", "theta")]
+    change, wrong = [rates.get(name, 0.0) for name in ("x", "y", "theta")], during(at, 1)
 
-    def push(now: float, x: np.ndarray) -> np.ndarray:
-        if not during(at, 1)(now):
-            return x
+    def moved(now: float, x: np.ndarray) -> np.ndarray:
         n = len(x) // 2
-        return np.r_[x[:n], x[n : n + 3] + change, x[n + 3 :]]
+        return np.r_[x[:n], x[n : n + 3] + change, x[n + 3 :]] if wrong(now) else x
 
-    return Fault(push=push)
+    return Fault(moved=moved)

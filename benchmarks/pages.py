@@ -9,13 +9,17 @@ its arguments, or commands of psmpc joined by `&&`, which run in a folder of the
 A command that fails and has printed nothing leaves its table as it is; the exit code is 1 if one has failed.
 """
 
+import os
 import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # for all processes that are started here
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -36,6 +40,19 @@ def markdown(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> Itera
     yield "|" + "---|" * len(headings)
     for row in rows:
         yield f"| {' | '.join(map(str, row))} |"
+
+
+def print_table(*tables: Callable[..., Iterable[str]]) -> None:
+    """Print the table whose name, and perhaps arguments, the command line of a script gives, line by line."""
+    name, *words = sys.argv[1:]
+    for line in {table.__name__: table for table in tables}[name](*words):
+        print(line, flush=True)
+
+
+def run_psmpc(line: str, folder: Path, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run a line such as `psmpc check transport` in a folder and return how it ended, with what it printed."""
+    arguments = [*PSMPC, *shlex.split(line)[1:]]
+    return subprocess.run(arguments, cwd=folder, text=True, stdout=subprocess.PIPE, **options)
 
 
 def blocks() -> Iterator[tuple[Path, str, str]]:
@@ -67,8 +84,7 @@ def output(command: str) -> tuple[str, bool]:
     text, succeeded = "", True
     with TemporaryDirectory() as folder:
         for line in command.split(" && "):
-            arguments = [*PSMPC, *shlex.split(line)[1:]]
-            ran = subprocess.run(arguments, stdout=subprocess.PIPE, text=True, check=False, cwd=folder)
+            ran = run_psmpc(line, Path(folder))
             text += f"$ {line}\n{ran.stdout}"
             succeeded &= ran.returncode == 0
     return f"```\n{text}```\n" if succeeded else "", succeeded

@@ -13,19 +13,20 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy is loaded
 
 import math
-import subprocess
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
+from itertools import pairwise, product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from pages import PSMPC, markdown
+from pages import markdown, print_table, run_psmpc
 
-from psmpc_cli.logs.run import read_run
+import psmpc_cli as psmpc
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.ocp.problem import Problem
@@ -34,7 +35,7 @@ from psmpc_cli.simulation.run import build_experiment, closed_loop, header
 from psmpc_cli.solvers import Solution, build_solver
 from psmpc_cli.specs.document import Data, write
 from psmpc_cli.specs.load import Task, load_robot, load_task, parse_task
-from psmpc_cli.specs.robot import Arm, PlanarRobot
+from psmpc_cli.specs.robot import PlanarRobot
 from psmpc_cli.studies.bench import (
     HEADINGS,
     NODES,
@@ -45,8 +46,7 @@ from psmpc_cli.studies.bench import (
     median_time,
     run_bench,
 )
-from psmpc_cli.studies.runner import compute, run_study
-from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, parse_sampling, weight_study
+from psmpc_cli.studies.runner import compute
 
 RUNS: Mapping[str, Sequence[str]] = {
     "as shipped": (),
@@ -76,20 +76,13 @@ QUIET = 1.1
 PATTERN = "planar_dual_arm"
 """The robot whose base, arm and limits the robots of other sizes have."""
 
-ROBOTS = tuple((arms, joints) for arms in (1, 2, 3) for joints in (3, 5, 7))
+ROBOTS = tuple(product((1, 2, 3), (3, 5, 7)))
 """Arms of each robot, and joints of each arm."""
-
-SPACES = {"move": "joint", "reach": "task"}
 
 GROWTH = ("solver", "start", "stages", "exponent")
 
 PLANAR, SPATIAL = "transport", "servicing"
 """The tasks whose windows are solved in turn."""
-
-PARTS = ("solve", "counterfactual solves", "plant", "log", "rest", "whole sample")
-
-ITEMS, ADDITIONS, ROUNDS = 16, 40_000_000, 3
-"""Calls of a loop of pure arithmetic, additions in each, and how often everything is timed."""
 
 MESHES = {"25": 6, "100": 6, "auto": 0}
 """Meshes of these windows, and how many of the spatial ones IPOPT solves."""
@@ -97,70 +90,143 @@ MESHES = {"25": 6, "100": 6, "auto": 0}
 WINDOWS = 20
 """Windows of each task and mesh."""
 
-BASE_GOAL, BENT = (1.0, 0.4, 0.3), 0.5
+PARTS = ("solve", "counterfactual solves", "plant", "log", "rest", "whole sample")
+
+ITEMS, ADDITIONS, ROUNDS = 16, 40_000_000, 3
+"""Calls of a loop of pure arithmetic, additions in each, and how often everything is timed."""
+
+BASE_GOAL, BENT = [1.0, 0.4, 0.3], 0.5
 """Goal of the base [m, rad], and the sum of the angles of an arm's joints at the goal [rad]."""
 
 
 def runs(nodes: str = "100") -> Iterator[str]:
     """Yield the tables of whole runs: solve times and wall time by setting; first and later runs on a machine."""
-    rows, first, mesh = [], math.nan, f"controller.nodes={nodes}"
-    with TemporaryDirectory() as folder:
-        os.environ["PSMPC_CACHE"] = str(Path(folder) / "cache")
-        log = Path(folder) / "run.h5"
-        times = {"first run on a machine: compilation and figures": _wall_time(log, "--figures", mesh)}
-        times["later runs, with figures"] = _wall_time(log, "--figures", mesh)
-        for name, changes in RUNS.items():
-            wall_time = _wall_time(log, "--no-figures", mesh, *changes)
-            summary = read_run(log).summary()
-            first = summary.switching_solves.median if math.isnan(first) else first
-            rows.append((name, *_solves(summary, first), f"{wall_time:.1f}"))
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        os.environ["PSMPC_CACHE"] = str(folder / "cache")
+
+        def wall_time(*words: str) -> float:
+            began = perf_counter()
+            line = f"psmpc simulate transport -q --force -o run.h5 --set controller.nodes={nodes}"
+            run_psmpc(shlex.join([*line.split(), *words]), folder, check=True)
+            return perf_counter() - began
+
+        first = wall_time("--figures"), wall_time("--figures")
+        rows, median = [], math.nan
+        for setting, changes in RUNS.items():
+            taken = wall_time("--no-figures", *(word for change in changes for word in ("--set", change)))
+            summary = psmpc.read_run(folder / "run.h5").summary()
+            median = summary.switching_solves.median if math.isnan(median) else median
+            rows.append((setting, *_solves(summary, median), f"{taken:.1f}"))
     yield from markdown(RUN_HEADINGS, rows)
     yield ""
-    named = [(name, f"{taken:.1f}") for name, taken in times.items()]
+    names = "first run on a machine: compilation and figures", "later runs, with figures"
+    named = ((name, f"{taken:.1f}") for name, taken in zip(names, first, strict=True))
     yield from markdown(("`psmpc simulate transport`", "wall time [s]"), named)
-
-
-def _wall_time(log: Path, option: str, *changes: str) -> float:
-    """Return how long the command takes for a run of the transport task, a process of its own [s]."""
-    settings = [word for change in changes for word in ("--set", change)]
-    began = perf_counter()
-    subprocess.run([*PSMPC, "simulate", "transport", "-q", "--force", "-o", log, option, *settings], check=True)
-    return perf_counter() - began
 
 
 def _solves(summary: Summary, first: float) -> Iterator[str]:
     """Yield the cells of a run's solves; `first` is the median of the first row [s]."""
     switching, all_of_them = summary.switching_solves, summary.solves
-    times = (switching.median, switching.p99, switching.largest)
-    yield ", ".join(_number(1e3 * time) for time in times)
+    yield _ms(switching.median, switching.p99, switching.largest)
     yield _number(switching.median / first)
-    yield f"{_number(1e3 * all_of_them.median)}, {_number(1e3 * all_of_them.p99)}"
+    yield _ms(all_of_them.median, all_of_them.p99)
     yield str(summary.missed)
     yield str(summary.failed_solves)
     yield ", ".join(f"{stage.switch_time:.2f}" for stage in summary.stages)
 
 
+def _ms(*times: float) -> str:
+    """Write times [s] in ms."""
+    return ", ".join(_number(1e3 * time) for time in times)
+
+
+def _number(value: float) -> str:
+    return f"{value:.2f}" if np.isfinite(value) else "-"
+
+
+def _tell(line: str) -> None:
+    sys.stderr.write(f"{line}\n")
+
+
 def windows() -> Iterator[str]:
     """Yield the machine, and the tables of solves of single windows: by mesh, by number of stages, growth with N_s."""
     bench = run_bench(load_bench("transport", ()), told=_tell)
-    made = datetime.now(UTC).isoformat(timespec="seconds")
-    yield f"{describe_machine(bench)}; {made}."
+    yield f"{describe_machine(bench)}; {datetime.now(UTC).isoformat(timespec='seconds')}."
     if bench.wall_over_busy > QUIET:
         yield "**The machine was busy: times are too long, and those of different meshes cannot be compared.**"
     yield ""
     yield from markdown(HEADINGS, bench_rows(bench))
     yield from ("", "Medians by the number of stages in the window:", "")
-    yield from by_stages(bench)
+    counts = sorted({solve.stages for solves in bench.solves.values() for solve in solves})
+    headings = ("nodes", "solver", "start", *(f"{count} stage{'s' * (count > 1)} [ms]" for count in counts))
+    medians = {way: [_ms(median_time(solves, count)) for count in counts] for way, solves in bench.solves.items()}
+    yield from markdown(headings, ((*way, *cells) for way, cells in medians.items()))
     yield from ("", "The exponent p of time ~ N_s^p, by least squares of the logarithms of these medians:", "")
-    nodes = {nodes: float(nodes) for nodes in NODES.split(",") if nodes != "auto"}
-    yield from markdown(GROWTH, growth(nodes, bench))
+    yield from markdown(GROWTH, growth({nodes: float(nodes) for nodes in NODES.split(",") if nodes != "auto"}, bench))
 
 
 def freedom() -> Iterator[str]:
     """Yield the table of how solve times grow with the degrees of freedom."""
-    sized = {f"{arms} x {joints}": [sized_task(arms, joints)] for arms, joints in ROBOTS}
-    robots = run_bench(sized, appends=1, told=_tell)
-    yield from markdown(GROWTH, growth({f"{arms} x {joints}": 3.0 + arms * joints for arms, joints in ROBOTS}, robots))
+    tasks = {f"{arms} x {joints}": [sized_task(arms, joints)] for arms, joints in ROBOTS}
+    sizes = {f"{arms} x {joints}": 3.0 + arms * joints for arms, joints in ROBOTS}
+    return markdown(GROWTH, growth(sizes, run_bench(tasks, appends=1, told=_tell)))
+
+
+def growth(sizes: Mapping[str, float], bench: Bench) -> Iterator[Sequence[str]]:
+    """Give the exponent p of time ~ size^p for each back-end, start and number of stages, by least squares of logs."""
+    for solver, start in dict.fromkeys((solver, start) for _, solver, start in bench.solves):
+        mine = {size: bench.solves[nodes, solver, start] for nodes, size in sizes.items()}
+        for count in sorted({solve.stages for solves in mine.values() for solve in solves}):
+            times = {size: median_time(solves, count) for size, solves in mine.items()}
+            known = [(size, time) for size, time in times.items() if np.isfinite(time)]
+            x, y = np.log(np.array(known)).reshape(-1, 2).T
+            if len(np.unique(x)) > 1:
+                yield solver, start, str(count), _number(float(np.polyfit(x, y, 1)[0]))
+
+
+def sized_task(arms: int, joints: int) -> Task:
+    """Build a task of two stages for a robot with so many arms around its base, each as long and heavy as one pattern.
+
+    The joints of an arm share its length and mass as equal, even rods.
+    """
+    pattern, names = load_robot(PATTERN), [f"arm_{k + 1}" for k in range(arms)]
+    arm = next(iter(pattern.arms.values()))
+    length = sum(link.a + link.b for link in arm.links) / joints
+    mass, shoulder = sum(link.mass for link in arm.links) / joints, math.hypot(*arm.mount.position)
+    rod = {"mass": mass, "inertia": mass * length**2 / 12, "a": length / 2, "b": length / 2}
+    angles = [2 * math.pi * k / arms for k in range(arms)]
+    mounts = [{"position": [shoulder * math.cos(at), shoulder * math.sin(at)], "angle": at} for at in angles]
+    robot: dict[str, Data] = {
+        "name": f"arms_{arms}_joints_{joints}",
+        "base": {"mass": pattern.base.mass, "inertia": pattern.base.inertia},
+        "arms": {
+            name: {"mount": mount, "links": [dict(rod) for _ in range(joints)]}
+            for name, mount in zip(names, mounts, strict=True)
+        },
+        "limits": {"base": {"velocity": [0.2] * 3}, "arms": {"velocity": [0.15] * joints}},
+    }
+    model = RobotModel(PlanarRobot.model_validate(robot))
+    xi = np.asarray(model.g(np.r_[BASE_GOAL, np.full(arms * joints, BENT / joints)])).ravel()
+    straight = dict.fromkeys(names, [0.0] * joints)
+    ends = {"ends_when": {"coordinates": ["base"], "tolerance": 2e-3}}
+    move = {"base": [100.0, 100.0, 10.0], **{name: [100.0] * joints for name in names}, "control": 0.03}
+    reach = {"base": [100.0] * 3, **{name: [10.0, 10.0, 1.0] for name in names}, "control": 0.03}
+    poses = {part: xi[rows].tolist() for part, rows in model.pose_rows.items()}
+    task: dict[str, Data] = {
+        "robot": PATTERN,
+        "initial": {"base": [0.0] * 3, **straight},
+        "controller": {"horizon": 4.0, "nodes": 25},
+        "solver": {"kind": "sqp"},
+        "plant": {"kind": "ideal"},
+        "log": {"shares": False},
+        "skills": {"move": {"space": "joint", "weights": move}, "reach": {"space": "task", "weights": reach}},
+        "stages": [
+            {"name": "go", "skill": "move", "target": {"base": BASE_GOAL, **straight}, **ends},
+            {"name": "reach", "skill": "reach", "priority": 100.0, "target": poses, **ends},
+        ],
+    }
+    return parse_task(write(task), write(robot), str(robot["name"]))
 
 
 def timed(subject: object, names: Sequence[str], clock: Callable[[], float] = perf_counter) -> list[float]:
@@ -181,60 +247,57 @@ def timed(subject: object, names: Sequence[str], clock: Callable[[], float] = pe
     return spent
 
 
-class WholeRun(NamedTuple):
-    """A closed loop.
-
-    Attributes:
-        problem: Its task made computable.
-        warm: Solves of windows with two stages that started from the one before, and these.
-        times: Of each sample, wall time of its solves and processor time of the whole decision (K, 2) [s].
-    """
-
-    problem: Problem
-    warm: list[tuple[Solution, Solution]]
-    times: np.ndarray
+Warm = Sequence[tuple[Solution, Solution]]
+"""Solves of windows with two stages that started from the one before, and these."""
 
 
 def space(repeat: str = "5") -> Iterator[str]:
     """Yield the tables of a robot in space: its windows beside the planar robot's, and the solves of a whole run."""
-    cells = {(name, nodes): _whole_run(name, nodes) for nodes in MESHES for name in (PLANAR, SPATIAL)}
+    cells, spent = dict[tuple[str, str], tuple[Problem, Warm]](), {}
+    for nodes, name in product(MESHES, (PLANAR, SPATIAL)):
+        problem, warm, spent = _whole_run(name, nodes)  # the times of the last one are shown
+        cells[name, nodes] = problem, warm
     times, wall_over_busy = _solved_in_turn(cells, int(repeat))
     if wall_over_busy > QUIET:
         yield f"**The machine was busy: wall over processor time {wall_over_busy:.2f}.**\n"
-    sizes = [cells[name, "25"].problem.model.n for name in (PLANAR, SPATIAL)]
-    names = [f"{name}, n = {n} [ms]" for name, n in zip((PLANAR, SPATIAL), sizes, strict=True)]
+    names = [f"{name}, n = {cells[name, '25'][0].model.n} [ms]" for name in (PLANAR, SPATIAL)]
     rows = []
     for nodes in MESHES:
-        planar, spatial, ipopt = (
-            1e3 * np.median(times.get(key, [np.nan]))
-            for key in ((PLANAR, nodes, "sqp"), (SPATIAL, nodes, "sqp"), (SPATIAL, nodes, "ipopt"))
-        )
+        ways = ((PLANAR, nodes, "sqp"), (SPATIAL, nodes, "sqp"), (SPATIAL, nodes, "ipopt"))
+        planar, spatial, ipopt = (1e3 * np.median(times.get(way, [np.nan])) for way in ways)
         rows.append([nodes, *map(_number, (planar, spatial, spatial / planar, ipopt, ipopt / spatial))])
     yield from markdown(("nodes", *names, "over planar", f"{SPATIAL}, IPOPT [ms]", "IPOPT over sqp"), rows)
     yield ""
-    each = cells[SPATIAL, "auto"].times
-    spent = {"solves, wall time": each[:, 0], "whole decisions, processor time": each[:, 1]}
     heads = (f"whole run of {SPATIAL}, nodes auto", "median [ms]", "p99 [ms]", "max [ms]", "over 100 ms", "samples")
-    yield from markdown(heads, [(name, *_spread(found)) for name, found in spent.items()])
+    each = {name: np.array(found) for name, found in spent.items()}
+    yield from markdown(
+        heads,
+        (
+            (name, *map(_ms, np.percentile(found, [50, 99, 100])), np.sum(found > 0.1), len(found))
+            for name, found in each.items()
+        ),
+    )
 
 
-def _whole_run(name: str, nodes: str) -> WholeRun:
+def _whole_run(name: str, nodes: str) -> tuple[Problem, Warm, dict[str, list[float]]]:
+    """Run a closed loop; return its problem, its warm windows, and what solves and whole decisions took [s]."""
     experiment = build_experiment(load_task(name, [f"controller.nodes={nodes}", "log.shares=false"]))
     busy = timed(experiment.controller, ["step"], process_time)
-    warm, times = list[tuple[Solution, Solution]](), list[tuple[float, float]]()
-    before = None
-    for sample in closed_loop(experiment):
-        solution = sample.command.solution
-        times.append((sample.command.solve_time, busy[-1]))
-        if before is not None and solution.warm and solution.outcome.usable and len(solution.window.stages) == 2:
-            warm.append((solution, before))
-        before = solution
-    _tell(f"{name}, nodes {nodes}: {len(times)} samples, {len(warm)} warm windows of two stages")
-    return WholeRun(experiment.problem, warm, np.array(times))
+    commands = [sample.command for sample in closed_loop(experiment)]
+    solutions = [command.solution for command in commands]
+    warm = [
+        (solution, before)
+        for before, solution in pairwise(solutions)
+        if solution.warm and solution.outcome.usable and len(solution.window.stages) == 2
+    ]
+    _tell(f"{name}, nodes {nodes}: {len(commands)} samples, {len(warm)} warm windows of two stages")
+    walls = [command.solve_time for command in commands]
+    spent = {"solves, wall time": walls, "whole decisions, processor time": busy[: len(walls)]}
+    return experiment.problem, warm, spent
 
 
 def _solved_in_turn(
-    cells: Mapping[tuple[str, str], WholeRun], repeat: int
+    cells: Mapping[tuple[str, str], tuple[Problem, Warm]], repeat: int
 ) -> tuple[Mapping[tuple[str, str, str], list[float]], float]:
     """Solve windows of all tasks and meshes again: once untimed, then repeatedly, in a new random order each time.
 
@@ -242,56 +305,20 @@ def _solved_in_turn(
         Wall times by task, mesh and back-end [s]; wall time of all over their processor time.
     """
     calls = []
-    for (name, nodes), run in cells.items():
+    for (name, nodes), (problem, warm) in cells.items():
         kinds = {"sqp": WINDOWS, "ipopt": MESHES[nodes] if name == SPATIAL else 0}
         for kind, count in kinds.items():
-            spec = run.problem.spec.solver.model_copy(update={"kind": kind, "deadline": None})
-            solver, chosen = build_solver(run.problem, spec), np.linspace(0, len(run.warm) - 1, count).astype(int)
-            calls += [((name, nodes, kind), solver, *run.warm[k]) for k in chosen]
+            spec = problem.spec.solver.model_copy(update={"kind": kind, "deadline": None})
+            solver, chosen = build_solver(problem, spec), np.linspace(0, len(warm) - 1, count).astype(int)
+            calls += [((name, nodes, kind), solver, *warm[k]) for k in chosen]
     for _, solver, solution, before in calls:
         solver.solve(solution.window, solution.guess, before)
     times: dict[tuple[str, str, str], list[float]] = {}
     generator, began = np.random.default_rng(0), (perf_counter(), process_time())
-    for _ in range(repeat):
-        for k in generator.permutation(len(calls)):
-            key, solver, solution, before = calls[k]
-            times.setdefault(key, []).append(solver.solve(solution.window, solution.guess, before).wall_time)
+    for k in (k for _ in range(repeat) for k in generator.permutation(len(calls))):
+        key, solver, solution, before = calls[k]
+        times.setdefault(key, []).append(solver.solve(solution.window, solution.guess, before).wall_time)
     return times, (perf_counter() - began[0]) / (process_time() - began[1])
-
-
-def _spread(times: np.ndarray) -> Iterator[str]:
-    yield from (_number(1e3 * float(value)) for value in (np.median(times), np.percentile(times, 99), times.max()))
-    yield from (str(int((times > 0.1).sum())), str(len(times)))
-
-
-def _tell(line: str) -> None:
-    sys.stderr.write(f"{line}\n")
-
-
-def by_stages(bench: Bench) -> Iterator[str]:
-    """Return median times by the number of stages in the window."""
-    counts = sorted({solve.stages for solves in bench.solves.values() for solve in solves})
-    headings = ("nodes", "solver", "start", *(f"{count} stage{'s' * (count > 1)} [ms]" for count in counts))
-    rows = [
-        (*way, *(_number(1e3 * median_time(solves, count)) for count in counts)) for way, solves in bench.solves.items()
-    ]
-    return markdown(headings, rows)
-
-
-def growth(sizes: Mapping[str, float], bench: Bench) -> Iterator[Sequence[str]]:
-    """Give the exponent p of time ~ size^p for each back-end, start and number of stages, by least squares of logs."""
-    for solver, start in dict.fromkeys((solver, start) for _, solver, start in bench.solves):
-        mine = {size: bench.solves[nodes, solver, start] for nodes, size in sizes.items()}
-        for count in sorted({solve.stages for solves in mine.values() for solve in solves}):
-            times = {size: median_time(solves, count) for size, solves in mine.items()}
-            known = [(size, time) for size, time in times.items() if np.isfinite(time)]
-            x, y = np.log(np.array(known)).reshape(-1, 2).T
-            if len(np.unique(x)) > 1:
-                yield solver, start, str(count), _number(float(np.polyfit(x, y, 1)[0]))
-
-
-def _number(value: float) -> str:
-    return f"{value:.2f}" if np.isfinite(value) else "-"
 
 
 def overhead(nodes: str = "25") -> Iterator[str]:
@@ -329,96 +356,22 @@ def _sample_parts(nodes: int, shares: bool) -> np.ndarray:
 
 def parallel() -> Iterator[str]:
     """Yield the table of what a second process brings; all is timed in turn, so that other load falls on all alike."""
-    timings: dict[str, Callable[[int], float]] = {
-        "a loop of arithmetic": _loop_time,
-        "16 runs of a sweep that share nothing": _sweep_time,
+    priorities = {f"stages.{name}.priority": np.geomspace(0.1, 100, 4).tolist() for name in ("approach", "capture")}
+    calls: dict[str, Callable[[int], object]] = {
+        "a loop of arithmetic": lambda jobs: list(compute(sum, [range(ADDITIONS)] * ITEMS, jobs)),
+        "16 runs of a sweep that share nothing": lambda jobs: psmpc.sweep("approach_capture", priorities, jobs=jobs),
     }
-    times: dict[tuple[str, int], list[float]] = {(name, jobs): [] for name in timings for jobs in (1, 2)}
-    _sweep_time(2)  # whatever is compiled is compiled now
-    for _ in range(ROUNDS):
-        for name, jobs in times:
-            times[name, jobs].append(timings[name](jobs))
-    rows = []
-    for name in timings:
-        one, two = (float(np.median(times[name, jobs])) for jobs in (1, 2))
-        rows.append((name, f"{one:.1f}", f"{two:.1f}", f"{one / two / 2:.2f}"))
+    times: dict[tuple[str, int], list[float]] = {(name, jobs): [] for name in calls for jobs in (1, 2)}
+    psmpc.sweep("approach_capture", priorities, jobs=2)  # whatever is compiled is compiled now
+    for (name, jobs), spent in [*times.items()] * ROUNDS:
+        began = perf_counter()
+        calls[name](jobs)
+        spent.append(perf_counter() - began)
+    medians = {way: float(np.median(spent)) for way, spent in times.items()}
+    pairs = {name: (medians[name, 1], medians[name, 2]) for name in calls}
+    rows = ((name, f"{one:.1f}", f"{two:.1f}", f"{one / two / 2:.2f}") for name, (one, two) in pairs.items())
     return markdown(("", "one process [s]", "two [s]", "efficiency of two"), rows)
 
 
-def _loop_time(jobs: int) -> float:
-    """Return how long loops of arithmetic take in so many processes [s]."""
-    began = perf_counter()
-    list(compute(sum, [range(ADDITIONS)] * ITEMS, jobs))
-    return perf_counter() - began
-
-
-def _sweep_time(jobs: int) -> float:
-    """Return how long a sweep of runs that share nothing takes in so many processes [s]."""
-    study = weight_study(load_sweep_task(DEFAULT_TASK), (0, 1), parse_sampling("4x4", (1e-1, 1e2)), every_cell=True)
-    began = perf_counter()
-    run_study(study, None, jobs)
-    return perf_counter() - began
-
-
-def sized_task(arms: int, joints: int) -> Task:
-    """Return a task of two stages for a robot with so many arms, whose joints share the length and mass of an arm."""
-    robot, names = sized_robot(arms, joints), [f"arm_{k + 1}" for k in range(arms)]
-    straight = dict.fromkeys(names, [0.0] * joints)
-    weights = {
-        "move": {"base": [100.0, 100.0, 10.0], **{name: [100.0] * joints for name in names}, "control": 0.03},
-        "reach": {"base": [100.0] * 3, **{name: [10.0, 10.0, 1.0] for name in names}, "control": 0.03},
-    }
-    go = {"name": "go", "skill": "move", "target": {"base": list(BASE_GOAL), **straight}}
-    reach = {"name": "reach", "skill": "reach", "priority": 100.0, "target": _poses(robot, arms, joints)}
-    task: dict[str, Data] = {
-        "robot": PATTERN,
-        "initial": {"base": [0.0] * 3, **straight},
-        "controller": {"horizon": 4.0, "nodes": 25},
-        "solver": {"kind": "sqp"},
-        "plant": {"kind": "ideal"},
-        "log": {"shares": False},
-        "skills": {name: {"space": SPACES[name], "weights": each} for name, each in weights.items()},
-        "stages": [{**stage, "ends_when": {"coordinates": ["base"], "tolerance": 2e-3}} for stage in (go, reach)],
-    }
-    return parse_task(write(task), write(robot), str(robot["name"]))
-
-
-def sized_robot(arms: int, joints: int) -> dict[str, Data]:
-    """Return a robot as YAML has it, its arms around the base."""
-    pattern = load_robot(PATTERN)
-    arm = next(iter(pattern.arms.values()))
-    shoulder = math.hypot(*arm.mount.position)
-    angles = [2 * math.pi * k / arms for k in range(arms)]
-    return {
-        "name": f"arms_{arms}_joints_{joints}",
-        "base": {"mass": pattern.base.mass, "inertia": pattern.base.inertia},
-        "arms": {
-            f"arm_{k + 1}": {
-                "mount": {"position": [shoulder * math.cos(angle), shoulder * math.sin(angle)], "angle": angle},
-                "links": _links(arm, joints),
-            }
-            for k, angle in enumerate(angles)
-        },
-        "limits": {"base": {"velocity": [0.2] * 3}, "arms": {"velocity": [0.15] * joints}},
-    }
-
-
-def _links(arm: Arm, joints: int) -> list[Data]:
-    """Return equal, even rods that are together as long and as heavy as an arm."""
-    length = sum(link.a + link.b for link in arm.links) / joints
-    mass = sum(link.mass for link in arm.links) / joints
-    rod = {"mass": mass, "inertia": mass * length**2 / 12, "a": length / 2, "b": length / 2}
-    return [dict(rod) for _ in range(joints)]
-
-
-def _poses(robot: Mapping[str, Data], arms: int, joints: int) -> dict[str, Data]:
-    """Return the poses of base and end-effectors with the base at its goal and the arms bent."""
-    model = RobotModel(PlanarRobot.model_validate(robot))
-    xi = np.asarray(model.g(np.r_[BASE_GOAL, np.full(arms * joints, BENT / joints)])).ravel()
-    return {part: [float(value) for value in xi[rows]] for part, rows in model.pose_rows.items()}
-
-
-TABLES = {each.__name__: each for each in (runs, windows, freedom, space, overhead, parallel)}
-
 if __name__ == "__main__":
-    print("\n".join(TABLES[sys.argv[1]](*sys.argv[2:])))
+    print_table(runs, windows, freedom, space, overhead, parallel)

@@ -1,10 +1,12 @@
-"""Injects faults into the transport task and prints what each does: tables of docs/reliability.md.
+"""Tables of docs/reliability.md: other physics, and the transport task under faults, full disks and signals.
 
-    python benchmarks/reliability.py faults      some 3 minutes
-    python benchmarks/reliability.py signals     some 2 minutes
+    python benchmarks/reliability.py physics [NODES]   the plant rk4 against MuJoCo; some 4 minutes
+    python benchmarks/reliability.py faults            some 3 minutes
+    python benchmarks/reliability.py signals           some 2 minutes
 
-N_s = 25, solver sqp, unless a row says otherwise. The exit code is 1 if a run is not as it should be: a rate or force
-beyond `RATES` or `FORCE`, a log that cannot be read or lacks a sample it told of, a second run that overwrites.
+Faults and signals: N_s = 25, solver sqp, unless a row says otherwise. The exit code is 1 if a run is not as it should
+be: a rate or force beyond `RATES` or `FORCE`, a log that cannot be read or lacks a sample it told of, a second run that
+overwrites.
 """
 
 import os
@@ -13,9 +15,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import redirect_stderr
+from functools import partial
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,13 +26,27 @@ from threading import Thread
 from typing import NamedTuple
 from unittest.mock import patch
 
+import mujoco
 import numpy as np
-from faults import Fault, Seen, during, inject, meaningless, not_converging, pushed, raising, unmeasured
-from pages import PSMPC, markdown
+from faults import Fault, during, injected, meaningless, not_converging, pushed, raising, unmeasured
+from pages import PSMPC, markdown, print_table
 
-from psmpc_cli.cli.main import main as psmpc
-from psmpc_cli.logs.run import Run, read_run
-from psmpc_cli.simulation import run as running
+import psmpc_cli as psmpc
+from psmpc_cli.cli.main import main
+from psmpc_cli.plant.mujoco_plant import MujocoPlant
+from psmpc_cli.robot.model import angle_rows
+
+WINDOW = 5.0
+"""Length of an open-loop replay [s]."""
+
+EULER, RK4 = mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_RK4
+REPLAYS = {
+    f"{WINDOW:g} s: Runge-Kutta, a step a tick": (RK4, 1, WINDOW),
+    f"{WINDOW:g} s: Runge-Kutta, four steps a tick": (RK4, 4, WINDOW),
+    f"{WINDOW:g} s: semi-implicit Euler, MuJoCo's default": (EULER, 1, WINDOW),
+    "the whole run: Runge-Kutta, a step a tick": (RK4, 1, np.inf),
+}
+"""Integrator, steps a tick and length [s] of the replays."""
 
 TASK = ("controller.nodes=25", "log.shares=false")
 SQP = (*TASK, "solver.kind=sqp")
@@ -78,110 +95,112 @@ FAULTS: dict[str, tuple[Fault, Sequence[str]]] = {
 """What goes wrong from which sample on, and the keys that are changed."""
 
 
-def simulate(log: Path, fault: Fault, changes: Sequence[str]) -> tuple[int, Seen]:
-    """Run `psmpc simulate transport` in this process with a fault; return the exit code and what the robot did."""
-    build, seen = running.build_experiment, Seen()
-    words = [*arguments(log, changes), "--quiet"]
-    with (
-        patch.object(running, "build_experiment", lambda task: inject(build(task), fault, seen)),
-        patch.object(sys, "argv", ["psmpc", *words]),
-        redirect_stderr(StringIO()),
-    ):
+def physics(nodes: str = "100") -> Iterator[str]:
+    """Yield the table of how far the plants rk4 and mujoco are apart on the transport task."""
+    log = {"ticks": True, "plans": False, "shares": False}
+    changes = {"controller.nodes": int(nodes), "log": log}
+    tasks = (psmpc.load_task("transport", {**changes, "plant.kind": kind}) for kind in ("rk4", "mujoco"))
+    runs = ours, theirs = [psmpc.simulate(task) for task in tasks]
+    rows = {f"open loop, {name}": f"{replayed_apart(ours, *how):.1e}" for name, how in REPLAYS.items()}
+    pose, angles = np.abs(ours.final["xi"] - theirs.final["xi"]), list(angle_rows(ours.problem.model)[1])
+    rows["closed loop: final pose"] = f"{np.delete(pose, angles).max():.1e} m, {pose[angles].max():.1e} rad"
+    for name, key in {"instants that end the stages": "switch_time", "actual starts": "actual_start"}.items():
+        rows[f"closed loop: {name}"] = f"{np.abs(ours.stages[key] - theirs.stages[key]).max():.1e} s"
+    for name, run in zip(("rk4", "MuJoCo"), runs, strict=True):
+        summary = run.summary()
+        drift = f"{summary.momentum_error:.1e} N s, {summary.energy_error:.1e} J"
+        rows[f"balance of momentum and energy, {name}"] = drift
+    return markdown((f"rk4 against MuJoCo {mujoco.__version__}, N_s = {nodes}", "largest difference"), rows.items())
+
+
+def replayed_apart(run: psmpc.Run, integrator: mujoco.mjtIntegrator, substeps: int, length: float) -> float:
+    """Replay forces in MuJoCo, anew every so long [s]; return the largest difference of a coordinate or rate."""
+    time, F, X = run.ticks["time"], run.ticks["F"], np.hstack([run.ticks["Q"], run.ticks["v"]])
+    tick = float(time[1] - time[0])
+    plant, count = MujocoPlant(run.problem.model, tick, substeps), round(min(length, time[-1]) / tick)
+    plant.engine.opt.integrator = integrator
+    starts = range(0, len(X) - 1, count)
+    replayed = ((X[k : k + count + 1], plant.replay(X[k], F[k : k + count])) for k in starts)
+    return max(float(np.abs(new[: len(logged)] - logged).max()) for logged, new in replayed)
+
+
+def simulate(log: Path, changes: Sequence[str]) -> int:
+    """Run `psmpc simulate transport` into a log in this process; return the exit code."""
+    with patch.object(sys, "argv", ["psmpc", *arguments(log, changes)]), redirect_stderr(StringIO()):
         try:
-            psmpc()
+            main()
         except SystemExit as left:
-            return int(left.code or 0), seen
-    return 0, seen
+            return int(left.code or 0)
+    return 0
 
 
 def arguments(log: Path, changes: Sequence[str]) -> list[str]:
     """Return the words that run the transport task into a log, after `psmpc`."""
-    return ["simulate", "transport", "--no-figures", "-o", str(log), *(w for key in changes for w in ("--set", key))]
+    settings = [word for change in changes for word in ("--set", change)]
+    return ["simulate", "transport", "--quiet", "--no-figures", "-o", str(log), *settings]
 
 
 def is_kept(log: Path) -> bool:
     """Run into a log once more; tell whether that is rejected and leaves it as it is."""
     before = log.read_bytes()
-    return simulate(log, Fault(), SQP)[0] == 2 and log.read_bytes() == before
+    return simulate(log, SQP) == 2 and log.read_bytes() == before
 
 
 def in_the_loop(name: str, log: Path, fault: Fault, changes: Sequence[str]) -> Line:
     """Run the transport task with a fault, and once more, which must be rejected."""
-    code, seen = simulate(log, fault, changes)
-    found, rate, force = read_run(log), float(seen.rates.max()), float(seen.forces.max())
-    reason = str(found.attributes["end_reason"])
+    with injected(fault) as seen:
+        code = simulate(log, changes)
+    found, rate, force = psmpc.read_run(log), float(seen.rates.max()), float(seen.forces.max())
+    reason = found.summary().reason
     safe = rate <= RATES and force <= FORCE and is_kept(log) and code == (3 if "braked to rest" in reason else 0)
-    return (name, reason, flags(found), stages_done(found), f"{rate:.2f}, {force:.0f}", str(code)), safe
+    return (name, reason, *flags_and_end(found), f"{rate:.2f}, {force:.0f}", str(code)), safe
 
 
-def flags(log: Run) -> str:
-    """Return which samples the log has flagged, and how many."""
+def flags_and_end(run: psmpc.Run) -> tuple[str, str]:
+    """Return how many samples have each flag, and how many stages have ended and when the run did."""
     names = ("unmeasured", "solve_failed", "braking", "postponed")
-    counts = {name: int(log[f"events/{name}"].sum()) for name in names}
-    return ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "none"
-
-
-def stages_done(log: Run) -> str:
-    """Return how many stages have ended, and when the run did."""
-    done = int(np.isfinite(log.stages["switch_time"]).sum())
-    return f"{done} of {len(log.stage_names)}, {log.summary().duration:.1f} s"
+    counts = {name: int(run[f"events/{name}"].sum()) for name in names}
+    done = int(np.isfinite(run.stages["switch_time"]).sum())
+    flags = ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "none"
+    return flags, f"{done} of {len(run.stage_names)}, {run.summary().duration:.1f} s"
 
 
 def outputs(folder: Path) -> Iterator[Line]:
-    """Give what comes of logs that cannot be written, or not to their end."""
-    taken = folder / "taken.h5"
+    """Yield what comes of logs that cannot be written, or not to their end."""
+    taken, closed, gone = folder / "taken.h5", folder / "closed", folder / "gone"
     taken.write_text("mine")
+    closed.mkdir(mode=0o555)
+    gone.mkdir()
+    unwritable = Path("/sys") if os.access(closed, os.W_OK) else closed  # where root, too, can make no file
     yield written("the log exists already", taken)
     yield written("the log is /dev/full", Path("/dev/full"))
-    yield written("a directory that takes no files", unwritable(folder) / "log.h5")
+    yield written("a directory that takes no files", unwritable / "log.h5")
     yield written("the disk is full after 2 MB", folder / "full.h5", limit=2_000_000)
-    (folder / "gone").mkdir()
-    yield removed("the directory is removed during the run", folder / "gone" / "log.h5")
+    yield written("the directory is removed during the run", gone / "log.h5", removed=True)
 
 
-def unwritable(folder: Path) -> Path:
-    """Return a directory in which nobody, root included, may make a file."""
-    closed = folder / "closed"
-    closed.mkdir(mode=0o555)
-    return Path("/sys") if os.access(closed, os.W_OK) else closed
-
-
-def written(name: str, log: Path, limit: int = resource.RLIM_INFINITY) -> Line:
-    """Run the transport task into a log, which may grow no larger than the limit [bytes]."""
+def written(name: str, log: Path, limit: int = resource.RLIM_INFINITY, removed: bool = False) -> Line:
+    """Run the transport task into a log that may grow no larger [bytes], or whose directory is removed meanwhile."""
     before = log.read_bytes() if log.is_file() else b""
-    done = subprocess.run(
-        [*PSMPC, *arguments(log, SQP), "--quiet"],
-        stderr=subprocess.PIPE,
-        text=True,
-        check=False,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
-    )
-    return afterwards(name, log, done.stderr, done.returncode, before)
-
-
-def removed(name: str, log: Path) -> Line:
-    """Run the transport task into a log, whose directory is removed in the midst of it."""
-    command = [*PSMPC, *arguments(log, SQP), "--quiet"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as child:
-        while not log.exists() and child.poll() is None:
-            pass
-        time.sleep(0.5)
-        log.unlink()
-        log.parent.rmdir()
+    command = [*PSMPC, *arguments(log, SQP)]
+    limited = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (limit, limit))
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=limited) as child:
+        if removed:
+            while not log.exists() and child.poll() is None:
+                pass
+            time.sleep(0.5)
+            log.unlink()
+            log.parent.rmdir()
         _, err = child.communicate()
-    return afterwards(name, log, err, child.returncode, b"")
-
-
-def afterwards(name: str, log: Path, err: str, code: int, before: bytes) -> Line:
-    """Return what a command left: what it said last, and its log."""
+    code = child.returncode
     said = err.splitlines()[-1].removeprefix("psmpc: ").replace(str(log), "LOG").replace(str(log.parent), "DIR")
     if code == 2:
         untouched = not log.is_file() or log.read_bytes() == before
         return (name, said, "", "nothing is written", "", "2"), untouched
     if not log.exists():
         return (name, said, "", "no log is left", "", str(code)), code == 3
-    found = read_run(log)
-    return (name, said, flags(found), stages_done(found), "", str(code)), code == 3 and len(found.time) > 0
+    run = psmpc.read_run(log)
+    return (name, said, *flags_and_end(run), "", str(code)), code == 3 and len(run.time) > 0
 
 
 TELLING = """
@@ -227,7 +246,7 @@ class Struck(NamedTuple):
 
 def strike(number: signal.Signals, log: Path, changes: Sequence[str], samples: int, delay: float) -> Struck:
     """Run the transport task in a process of its own, and send it a signal so long [s] after so many samples."""
-    command = [sys.executable, "-c", TELLING, *arguments(log, changes), "--quiet"]
+    command = [sys.executable, "-c", TELLING, *arguments(log, changes)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as child:
         assert child.stdout is not None
         child.stdout.readline()
@@ -240,11 +259,11 @@ def strike(number: signal.Signals, log: Path, changes: Sequence[str], samples: i
         code = child.wait()
         took = time.monotonic() - sent
         reader.join()
-    held = len(read_run(log).time) if log.exists() else None
+    held = len(psmpc.read_run(log).time) if log.exists() else None
     return Struck(code if code >= 0 else 128 - code, before, told, held, sent, took)
 
 
-def signals(folder: Path, number: signal.Signals, name: str, changes: Sequence[str], count: int) -> Line:
+def struck(folder: Path, number: signal.Signals, name: str, changes: Sequence[str], count: int) -> Line:
     """Return the row of runs that a signal ends at random instants, and whether all were safe.
 
     A signal that a run cannot catch may take what came after the log was last written.
@@ -255,13 +274,14 @@ def signals(folder: Path, number: signal.Signals, name: str, changes: Sequence[s
     with ThreadPoolExecutor(max_workers=2) as both:
         ended = list(both.map(lambda log, at: strike(number, log, changes, *at), logs, instants))
     started = [(log, one) for log, one in zip(logs, ended, strict=True) if one.held is not None]
+    before = [one.before for _, one in started]
     oldest = max(one.sent - min(one.lost, default=one.sent) for one in ended)
     safe = all(one.code == 128 + number for one in ended) and all(is_kept(log) for log, _ in started)
     safe &= oldest < UNWRITTEN if number == signal.SIGKILL else not any(one.lost for one in ended)
     columns = (
         name,
         f"{count}",
-        f"{min(one.before for _, one in started)} to {max(one.before for _, one in started)}",
+        f"{min(before)} to {max(before)}",
         f"{max(len(one.told) - one.before for one in ended)}",
         f"{max(one.took for one in ended):.1f} s",
         f"{max(len(one.lost) for one in ended)}",
@@ -272,55 +292,49 @@ def signals(folder: Path, number: signal.Signals, name: str, changes: Sequence[s
     return columns, safe
 
 
-def closed_loop(folder: Path) -> Iterator[Line]:
-    """Yield the rows of faults in the loop and in the output."""
-    for i, (name, what) in enumerate(FAULTS.items()):
-        yield in_the_loop(name, folder / f"{i}.h5", *what)
-    yield from outputs(folder)
+def checked(headings: Sequence[str], lines: Iterable[Line]) -> Iterator[str]:
+    """Yield a table; then exit with 1 if a row is not as it should be."""
+    rows, unsafe = [], False
+    for columns, safe in lines:
+        sys.stderr.write(f"{'' if safe else 'NOT AS IT SHOULD BE: '}{columns[0]}\n")
+        rows.append(columns)
+        unsafe |= not safe
+    yield from markdown(headings, rows)
+    if unsafe:
+        raise SystemExit(1)
 
 
-def ended_by_signals(folder: Path) -> Iterator[Line]:
-    """Yield the rows of signals."""
-    rows = [(number, number.name, SQP, INSTANTS) for number in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)]
-    slow = [(signal.SIGINT, f"SIGINT, {kind}", (*TASK, f"solver.kind={kind}"), 5) for kind in ("fatrop", "ipopt")]
-    for number, name, changes, count in [*rows, *slow]:
-        yield signals(folder, number, name, changes, count)
+def faults() -> Iterator[str]:
+    """Yield the table of faults in the loop and in the output."""
 
+    def lines(folder: Path) -> Iterator[Line]:
+        for number, (name, what) in enumerate(FAULTS.items()):
+            yield in_the_loop(name, folder / f"{number}.h5", *what)
+        yield from outputs(folder)
 
-TABLES: dict[str, tuple[Callable[[Path], Iterator[Line]], tuple[str, ...]]] = {
-    "faults": (
-        closed_loop,
-        ("fault", "what happens", "flags in the log", "stages done, end", "largest rate, force", "exit code"),
-    ),
-    "signals": (
-        ended_by_signals,
-        (
-            "signal",
-            "runs",
-            "sent after samples",
-            "samples after it, at most",
-            "ended within",
-            "samples lost, at most",
-            "of the last",
-            "whole logs, not overwritten",
-            "exit code",
-        ),
-    ),
-}
-"""The rows and headings of each table."""
-
-
-def main(name: str) -> int:
-    """Print a table; return how many rows were not as they should be."""
-    rows, headings = TABLES[name]
-    lines = []
+    headings = ("fault", "what happens", "flags in the log", "stages done, end", "largest rate, force", "exit code")
     with TemporaryDirectory() as folder:
-        for columns, safe in rows(Path(folder)):
-            sys.stderr.write(f"{'' if safe else 'NOT AS IT SHOULD BE: '}{columns[0]}\n")
-            lines.append((columns, safe))
-    print("\n".join(markdown(headings, (columns for columns, _ in lines))))
-    return sum(not safe for _, safe in lines)
+        yield from checked(headings, lines(Path(folder)))
+
+
+def signals() -> Iterator[str]:
+    """Yield the table of runs that are ended by signals."""
+    rows = [(number, number.name, SQP, INSTANTS) for number in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)]
+    rows += [(signal.SIGINT, f"SIGINT, {kind}", (*TASK, f"solver.kind={kind}"), 5) for kind in ("fatrop", "ipopt")]
+    headings = (
+        "signal",
+        "runs",
+        "sent after samples",
+        "samples after it, at most",
+        "ended within",
+        "samples lost, at most",
+        "of the last",
+        "whole logs, not overwritten",
+        "exit code",
+    )
+    with TemporaryDirectory() as folder:
+        yield from checked(headings, (struck(Path(folder), *row) for row in rows))
 
 
 if __name__ == "__main__":
-    raise SystemExit(min(main(sys.argv[1]), 1))
+    print_table(physics, faults, signals)

@@ -9,19 +9,20 @@ machine does hardly counts. The exit code is 1 where objectives differ by more t
 than 20 ms from those of fatrop.
 """
 
-import json
+import pickle
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from itertools import product
+from itertools import islice, product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
 from typing import Any
 
 import numpy as np
+import window as peers
 from window import Solve, measured
 
 from psmpc_cli.ocp.plan import Plan, resting_plan, shift
@@ -30,7 +31,6 @@ from psmpc_cli.ocp.window import Window, on_mesh, shortest_durations
 from psmpc_cli.simulation.run import build_experiment, closed_loop
 from psmpc_cli.solvers import Solution, Solver, build_solver
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.task import SolverSpec
 
 HERE = Path(__file__).parent
@@ -43,33 +43,22 @@ HEADINGS = (
 
 Result = Mapping[str, Any]
 
+Start = tuple[Plan, Solution | None]
+"""Where a solve of a window starts: a plan on its mesh, and the solution of the sample before, if any."""
+
 AT = {"one stage": 3.0, "two stages": 8.0}
 """When each window is solved [s]: Approach alone, and Approach with Capture."""
 
 NODES = (25, 50, 100)
 SOLVERS = ("sqp", "fatrop", "ipopt")
 REPEATS = 5
-QUICK = ("controller.nodes=25", "solver.kind=sqp", "plant.kind=ideal")
-
-
-@dataclass(frozen=True, eq=False)
-class Start:
-    """Where a solve of a window starts: a plan on its mesh, and the solution of the sample before, if any."""
-
-    guess: Plan
-    previous: Solution | None = None
 
 
 def recorded() -> tuple[Problem, dict[str, tuple[Solution, Solution]]]:
     """Run until the last window of `AT` and return the solve of each after the one of the sample before."""
-    experiment = build_experiment(load_task("transport", QUICK))
-    solves: list[Solution] = []
-    for sample in closed_loop(experiment):
-        solves.append(sample.command.solution)
-        if sample.command.time >= max(AT.values()) - 1e-9:
-            break
-    step = experiment.problem.spec.controller.sample_time
-    at = {name: round(time / step) for name, time in AT.items()}
+    experiment = build_experiment(load_task("transport", {"controller.nodes": 25, "plant.kind": "ideal"}))
+    at = {name: round(time / experiment.controller.spec.sample_time) for name, time in AT.items()}
+    solves = [sample.command.solution for sample in islice(closed_loop(experiment), max(at.values()) + 1)]
     return experiment.problem, {name: (solves[k - 1], solves[k]) for name, k in at.items()}
 
 
@@ -86,69 +75,41 @@ def starts(solver: Solver, pair: tuple[Solution, Solution], nodes: int) -> dict[
     before = solver.solve(meshed(pair[0].window, nodes), pair[0].guess)
     assert before.outcome.usable, "the run's windows have solutions"
     moved = shift(before.plan, window.start, window.horizon, window.x0)
-    return {"cold": Start(on_mesh(rest, window)), "warm": Start(on_mesh(moved, window), before)}
+    return {"cold": (on_mesh(rest, window), None), "warm": (on_mesh(moved, window), before)}
 
 
-def window_numbers(window: Window, by_nodes: dict[int, dict[str, Start]]) -> dict[str, Any]:
+def plain(problem: Problem, window: Window, begins: dict[int, dict[str, Start]]) -> peers.Window:
     """Return every number of a window, and its starts by N_s."""
-    largest, shortest = float(window.omega.max()), shortest_durations(window)
+    shortest, last = shortest_durations(window), len(window.stages) - 1
     stages = [
-        {
-            "space": stage.space,
-            "omega": float(window.omega[s]) / largest,
-            "offset": float(window.offset[s]),
-            "scale": float(window.scale[s]),
-            "weights": stage.weights.tolist(),
-            "control_weights": stage.control_weights.tolist(),
-            "target": stage.target.tolist(),
-            "end_rows": list(stage.end_rows) if s < len(window.stages) - 1 else [],
-            "tolerance": stage.end_tolerance.tolist() if s < len(window.stages) - 1 else [],
-            "shortest": float(shortest[s]),
-            "low": np.r_[stage.limits.position_low, stage.limits.velocity_low].tolist(),
-            "high": np.r_[stage.limits.position_high, stage.limits.velocity_high].tolist(),
-        }
+        peers.Stage(
+            space=stage.space,
+            omega=window.omega[s] / window.omega.max(),
+            offset=window.offset[s],
+            scale=window.scale[s],
+            weights=stage.weights,
+            control_weights=stage.control_weights,
+            target=stage.target,
+            end_rows=list(stage.end_rows) if s < last else [],
+            tolerance=stage.end_tolerance,
+            shortest=shortest[s],
+            low=np.r_[stage.limits.position_low, stage.limits.velocity_low],
+            high=np.r_[stage.limits.position_high, stage.limits.velocity_high],
+        )
         for s, stage in enumerate(window.stages)
     ]
-    return {
-        "x0": window.x0.tolist(),
-        "horizon": window.horizon,
-        "pending_cost": window.pending_cost,
-        "stages": stages,
-        "starts": {
-            str(nodes): {name: _plain(start.guess, window) for name, start in starts.items()}
-            for nodes, starts in by_nodes.items()
-        },
-    }
-
-
-def _plain(plan: Plan, window: Window) -> dict[str, Any]:
-    """Return states, controls and free durations of a plan."""
-    durations = np.diff(plan.instants, prepend=window.start)
-    return {"X": plan.X.tolist(), "u": plan.u.tolist(), "durations": durations.tolist()}
-
-
-def robot_numbers(robot: RobotSpec) -> list[dict[str, Any]]:
-    """Return the geometry of the arms."""
-    return [
-        {
-            "mount": list(arm.mount.position),
-            "mount_angle": arm.mount.angle,
-            "lengths": [link.a + link.b for link in arm.links],
-            "tool_angle": arm.tool.angle,
+    plans = {
+        nodes: {
+            name: peers.Start(plan.X, plan.u, np.diff(plan.instants, prepend=window.start))
+            for name, (plan, _) in each.items()
         }
-        for arm in robot.arms.values()
+        for nodes, each in begins.items()
+    }
+    arms = [
+        (tuple(arm.mount.position), arm.mount.angle, [link.a + link.b for link in arm.links], arm.tool.angle)
+        for arm in problem.task.robot.arms.values()
     ]
-
-
-def own_results(
-    problem: Problem, pairs: dict[str, tuple[Solution, Solution]], begins: dict[str, dict[int, dict[str, Start]]]
-) -> Iterator[Result]:
-    """Give what each solver of psmpc makes of each window at each N_s."""
-    for nodes, (name, pair), kind in product(NODES, pairs.items(), SOLVERS):
-        print(f"psmpc {kind}, {name}, N_s = {nodes}", file=sys.stderr)
-        build = partial(own_solve, problem, meshed(pair[1].window, nodes), kind)
-        found = measured(build, begins[name][nodes], REPEATS)
-        yield {"program": f"psmpc, {kind}", **found, "window": name, "nodes": nodes}
+    return peers.Window(arms, window.x0, window.horizon, window.pending_cost, stages, plans, REPEATS)
 
 
 def own_solve(problem: Problem, window: Window, kind: str) -> Solve:
@@ -157,7 +118,7 @@ def own_solve(problem: Problem, window: Window, kind: str) -> Solve:
 
     def solve(start: Start) -> dict[str, Any]:
         began = process_time()
-        solution = solver.solve(window, start.guess, start.previous)
+        solution = solver.solve(window, *start)
         return {
             "time": process_time() - began,
             "status": solution.outcome.name.lower(),
@@ -169,19 +130,21 @@ def own_solve(problem: Problem, window: Window, kind: str) -> Solve:
     return solve
 
 
-def results(directory: Path) -> list[Result]:
-    """Return what every program makes of every window; the peers read them from a file."""
+def results(directory: Path) -> Iterator[Result]:
+    """Yield what every program makes of every window; the peers read them from a file."""
     problem, pairs = recorded()
     fatrop = build_solver(problem, SolverSpec(kind="fatrop"))
     begins = {name: {nodes: starts(fatrop, pair, nodes) for nodes in NODES} for name, pair in pairs.items()}
-    windows = {name: window_numbers(pair[1].window, begins[name]) for name, pair in pairs.items()}
-    numbers = {"arms": robot_numbers(problem.task.robot), "repeats": REPEATS, "windows": windows}
-    (directory / "windows.json").write_text(json.dumps(numbers), encoding="utf-8")
-    found = list(own_results(problem, pairs, begins))
+    windows = {name: plain(problem, pair[1].window, begins[name]) for name, pair in pairs.items()}
+    (directory / "windows").write_bytes(pickle.dumps(windows))
+    for nodes, (name, pair), kind in product(NODES, pairs.items(), SOLVERS):
+        print(f"psmpc {kind}, {name}, N_s = {nodes}", file=sys.stderr)
+        build = partial(own_solve, problem, meshed(pair[1].window, nodes), kind)
+        found = measured(build, begins[name][nodes], REPEATS)
+        yield {"program": f"psmpc, {kind}", **found, "window": name, "nodes": nodes}
     for name, environment in PEERS.items():
         subprocess.run([HERE / environment / "bin" / "python", HERE / f"{name}_peer.py", directory], check=True)
-        found += json.loads((directory / f"{name}.json").read_text())
-    return found
+        yield from pickle.loads((directory / name).read_bytes())
 
 
 def apart(row: Result, reference: Result, start: str) -> tuple[float, float]:
@@ -196,13 +159,12 @@ def table(rows: list[Result]) -> tuple[list[str], bool]:
     lines, agree = [HEADINGS, "|---" * HEADINGS.count(" | ") + "|---|"], True
     for window, nodes in dict.fromkeys((row["window"], row["nodes"]) for row in rows):
         here = {row["program"]: row for row in rows if (row["window"], row["nodes"]) == (window, nodes)}
-        fastest = here["psmpc, sqp"]["warm"]["time"]
         for program, row in here.items():
             pairs = [apart(row, here[REFERENCE], start) for start in ("cold", "warm")]
             objective, instant = (max(values) for values in zip(*pairs, strict=True))
             agree &= objective <= OBJECTIVE and instant <= INSTANT
             cold, warm = (f"{1e3 * row[start]['time']:.1f} ({row[start]['iterations']})" for start in ("cold", "warm"))
-            ratio = row["warm"]["time"] / fastest
+            ratio = row["warm"]["time"] / here["psmpc, sqp"]["warm"]["time"]
             lines.append(
                 f"| {window} | {nodes} | {program} | {row['build']:.2f} | {cold} | {warm} | {ratio:.0f} "
                 f"| {objective:.0e} | {1e3 * instant:.2f} |"
@@ -212,6 +174,6 @@ def table(rows: list[Result]) -> tuple[list[str], bool]:
 
 if __name__ == "__main__":
     with TemporaryDirectory() as temporary:
-        lines, agree = table(results(Path(temporary)))
+        lines, agree = table(list(results(Path(temporary))))
     print("\n".join(lines))
     raise SystemExit(0 if agree else 1)

@@ -1,13 +1,11 @@
 """Solves the exported windows of one stage with do-mpc, which knows neither several stages nor free durations.
 
-python do_mpc_peer.py DIRECTORY          reads windows.json, writes do_mpc.json
+python do_mpc_peer.py DIRECTORY          reads `windows`, writes `do_mpc`
 """
 
-import sys
 import time
 import warnings
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -53,20 +51,14 @@ def solve(mpc: do_mpc.controller.MPC, window: Window, start: Start) -> dict[str,
     began = time.process_time()
     mpc.make_step(window.x0[:, None])
     elapsed = time.process_time() - began
-    stats = mpc.solver_stats
+    stats, J = mpc.solver_stats, ca.Function("J", [mpc.nlp["x"], mpc.nlp["p"]], [mpc.nlp["f"]])
     return {
         "status": stats["return_status"],
-        "objective": objective(mpc),
+        "objective": float(J(mpc.opt_x_num.cat, mpc.opt_p_num.cat)),
         "instants": [],
         "iterations": stats["iter_count"],
         "time": elapsed,
     }
-
-
-def objective(mpc: do_mpc.controller.MPC) -> float:
-    """Return J at the last solution."""
-    J = ca.Function("J", [mpc.nlp["x"], mpc.nlp["p"]], [mpc.nlp["f"]])
-    return float(J(mpc.opt_x_num.cat, mpc.opt_p_num.cat))
 
 
 def build(window: Window, nodes: int) -> Solve:
@@ -75,4 +67,4 @@ def build(window: Window, nodes: int) -> Solve:
 
 
 if __name__ == "__main__":
-    write_results(Path(sys.argv[1]), "do_mpc", {"do-mpc": build}, most_stages=1)
+    write_results("do_mpc", {"do-mpc": build}, most_stages=1)

@@ -1,12 +1,10 @@
 """Solves the exported windows with rockit: one stage object a stage, free durations, multiple shooting, IPOPT.
 
-python rockit_peer.py DIRECTORY          reads windows.json, writes rockit.json
+python rockit_peer.py DIRECTORY          reads `windows`, writes `rockit`
 """
 
-import sys
 import time
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +19,7 @@ VARIANTS = {"rockit": {}, "rockit, expand": {"expand": True}}
 class Problem:
     """A window at N_s intervals a stage."""
 
-    def __init__(self, window: Window, nodes: int, options: dict[str, object]) -> None:
+    def __init__(self, options: dict[str, object], window: Window, nodes: int) -> None:
         self.window, self.nodes, self.ocp = window, nodes, Ocp()
         self.stages, self.states, self.controls = [], [], []
         for index in range(len(window.stages)):
@@ -54,14 +52,14 @@ class Problem:
             self.ocp.subject_to(stage.at_t0(Qdot) == before.at_tf(Qdot_before))
             stage.add_objective(window.pending_cost * stage.t0)
         if spec.end_rows:
-            error = window.end_error(spec, stage.at_tf(Q))
+            error = window.error(spec, stage.at_tf(Q))[spec.end_rows]
             stage.subject_to((-spec.tolerance <= error) <= spec.tolerance)
         self.stages.append(stage)
         self.states.append((Q, Qdot))
         self.controls.append(u)
 
-    def start_from(self, start: Start) -> None:
-        """Set the guess of all solves from now on."""
+    def solve(self, start: Start) -> dict[str, Any]:
+        """Solve from a start and return what came out."""
         tau = np.append(start.durations, self.window.horizon - start.durations.sum())
         begins = np.concatenate([[0.0], np.cumsum(tau)[:-1]])
         for index, (stage, (Q, Qdot), u) in enumerate(zip(self.stages, self.states, self.controls, strict=True)):
@@ -72,33 +70,22 @@ class Problem:
             stage.set_initial(Q, X[:, : self.window.n].T)
             stage.set_initial(Qdot, X[:, self.window.n :].T)
             stage.set_initial(u, start.u[first : first + self.nodes].T)
-
-    def solve(self) -> dict[str, Any]:
-        """Solve from the guess and return what came out."""
         began = time.process_time()
         solution = self.ocp.solve()
         elapsed = time.process_time() - began
-        stats = solution.stats
-        instants = [float(solution(stage).value(stage.tf)) for stage in self.stages[:-1]]
         return {
-            "status": stats["return_status"],
+            "status": solution.stats["return_status"],
             "objective": sum(float(solution(stage).value(stage.objective)) for stage in self.stages),
-            "instants": instants,
-            "iterations": stats["iter_count"],
+            "instants": [float(solution(stage).value(stage.tf)) for stage in self.stages[:-1]],
+            "iterations": solution.stats["iter_count"],
             "time": elapsed,
         }
 
 
 def build(options: dict[str, object], window: Window, nodes: int) -> Solve:
     """Return what solves a window from a start."""
-    problem = Problem(window, nodes, options)
-
-    def solve(start: Start) -> dict[str, Any]:
-        problem.start_from(start)
-        return problem.solve()
-
-    return solve
+    return Problem(options, window, nodes).solve
 
 
 if __name__ == "__main__":
-    write_results(Path(sys.argv[1]), "rockit", {name: partial(build, each) for name, each in VARIANTS.items()})
+    write_results("rockit", {name: partial(build, each) for name, each in VARIANTS.items()})

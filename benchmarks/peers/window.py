@@ -1,6 +1,6 @@
 """A window as the peers read it: numbers, and the cost of its stages in CasADi. Knows nothing of psmpc."""
 
-import json
+import pickle
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ class Window:
     """A window to be solved.
 
     Attributes:
-        arms: Geometry of the arms.
+        arms: Position and angle of the mount, lengths of the links, and angle of the tool of each arm.
         x0: Measured state (2n,).
         horizon, pending_cost: T_h [s], delta.
         stages: Its stages.
@@ -56,7 +56,7 @@ class Window:
         repeats: How often a solve is timed.
     """
 
-    arms: list[dict[str, Any]]
+    arms: list[tuple[tuple[float, float], float, list[float], float]]
     x0: np.ndarray
     horizon: float
     pending_cost: float
@@ -71,59 +71,25 @@ class Window:
 
     def cost(self, stage: Stage, Q: ca.MX, u: ca.MX) -> ca.MX:
         """Return omega L of a stage, as a CasADi expression."""
-        at = Q if stage.space == "joint" else self.poses(Q)
-        error = at - stage.target
-        Lbar = ca.dot(stage.weights, error**2) + ca.dot(stage.control_weights, u**2)
+        Lbar = ca.dot(stage.weights, self.error(stage, Q) ** 2) + ca.dot(stage.control_weights, u**2)
         return stage.omega * (Lbar - stage.offset) / stage.scale
 
-    def end_error(self, stage: Stage, Q: ca.MX) -> ca.MX:
-        """Return the rows of a stage's end condition."""
-        at = Q if stage.space == "joint" else self.poses(Q)
-        return (at - stage.target)[stage.end_rows]
+    def error(self, stage: Stage, Q: ca.MX) -> ca.MX:
+        """Return the error of a stage in its space, as a CasADi expression."""
+        return (Q if stage.space == "joint" else self.poses(Q)) - stage.target
 
     def poses(self, Q: ca.MX) -> ca.MX:
         """Return the poses of base and end-effectors."""
         poses, first = [Q[:3]], 3
-        for arm in self.arms:
+        for (x, y), mount_angle, lengths, tool_angle in self.arms:
             c, s = ca.cos(Q[2]), ca.sin(Q[2])
-            x, y = arm["mount"]
-            tip, angle = Q[:2] + ca.vertcat(c * x - s * y, s * x + c * y), Q[2] + arm["mount_angle"]
-            for length in arm["lengths"]:
+            tip, angle = Q[:2] + ca.vertcat(c * x - s * y, s * x + c * y), Q[2] + mount_angle
+            for length in lengths:
                 angle += Q[first]
                 tip += length * ca.vertcat(ca.cos(angle), ca.sin(angle))
                 first += 1
-            poses += [tip, angle + arm["tool_angle"]]
+            poses += [tip, angle + tool_angle]
         return ca.vertcat(*poses)
-
-
-def read_windows(path: Path) -> dict[str, Window]:
-    """Return the windows of a file by name."""
-    numbers = json.loads(path.read_text(encoding="utf-8"))
-    return {name: _window(window, numbers) for name, window in numbers["windows"].items()}
-
-
-def _window(window: dict[str, Any], numbers: dict[str, Any]) -> Window:
-    starts = {
-        int(nodes): {name: Start(**_arrays(start)) for name, start in by_name.items()}
-        for nodes, by_name in window["starts"].items()
-    }
-    return Window(
-        arms=numbers["arms"],
-        x0=np.array(window["x0"]),
-        horizon=window["horizon"],
-        pending_cost=window["pending_cost"],
-        stages=[Stage(**_arrays(stage)) for stage in window["stages"]],
-        starts=starts,
-        repeats=numbers["repeats"],
-    )
-
-
-def _arrays(values: dict[str, Any]) -> dict[str, Any]:
-    """Return a mapping with its lists of numbers as arrays, but those of row numbers."""
-    return {
-        key: np.array(value) if isinstance(value, list) and key != "end_rows" else value
-        for key, value in values.items()
-    }
 
 
 def measured(build: Callable[[], Solve], starts: Mapping[str, Any], repeats: int) -> dict[str, Any]:
@@ -140,15 +106,13 @@ def measured(build: Callable[[], Solve], starts: Mapping[str, Any], repeats: int
     return found
 
 
-def write_results(
-    directory: Path, name: str, programs: Mapping[str, Callable[[Window, int], Solve]], most_stages: int = 2
-) -> None:
+def write_results(name: str, programs: Mapping[str, Callable[[Window, int], Solve]], most_stages: int = 2) -> None:
     """Solve every window of so many stages with every program, each built from a window and N_s; write the results."""
-    results = []
-    for of, window in read_windows(directory / "windows.json").items():
+    directory, results = Path(sys.argv[1]), []
+    for of, window in pickle.loads((directory / "windows").read_bytes()).items():
         for nodes, starts in window.starts.items() if len(window.stages) <= most_stages else ():
             for program, build in programs.items():
                 print(f"{program}, {of}, N_s = {nodes}", file=sys.stderr)
                 found = measured(partial(build, window, nodes), starts, window.repeats)
                 results.append({"program": program, "window": of, "nodes": nodes, **found})
-    (directory / f"{name}.json").write_text(json.dumps(results), encoding="utf-8")
+    (directory / name).write_bytes(pickle.dumps(results))

@@ -1,4 +1,4 @@
-"""The transport task on physics of other authors, coarsely; benchmarks/independent_physics.py has the paper's mesh."""
+"""The transport task on physics of other authors, coarsely; benchmarks/reliability.py has the paper's mesh."""
 
 import numpy as np
 import pytest

@@ -4,19 +4,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 import pytest
-from faults import Fault, Seen, during, inject, meaningless, not_converging, pushed, raising, unmeasured
+from faults import Fault, Seen, during, injected, meaningless, not_converging, pushed, raising, unmeasured
 
 from psmpc_cli.errors import RunError
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.summary import Summary
-from psmpc_cli.simulation import run as running
-from psmpc_cli.simulation.run import Experiment, build_experiment, simulate
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.solvers.base import FEASIBLE
-from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.specs.load import load_task
 
 from ..there_and_back import TASK
 
@@ -52,13 +50,9 @@ def faulty(tmp_path_factory: pytest.TempPathFactory) -> Start:
     numbers = count()
 
     def start(fault: Fault, *changes: str, path: Path | None = None) -> Faulty:
-        seen, path = Seen(), path or folder / f"{next(numbers)}.h5"
-
-        def build(loaded: Task) -> Experiment:
-            return inject(build_experiment(loaded), fault, seen)
-
+        path = path or folder / f"{next(numbers)}.h5"
         quick = ("solver.kind=sqp", "solver.compiled=false", "log.shares=false")
-        with patch.object(running, "build_experiment", build):
+        with injected(fault) as seen:
             simulate(load_task(folder / "task.yaml", (*quick, *changes)), path)
         log = read_run(path)
         assert np.isfinite(log["state/Q"]).all()

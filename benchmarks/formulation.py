@@ -1,0 +1,68 @@
+"""Tables of docs/formulation.md that take minutes: the measures of an actual start, and the departures from the paper.
+
+python benchmarks/formulation.py starts [NODES]      both measures of an actual start; some half a minute
+python benchmarks/formulation.py ablations [NODES]   and docs/figures/ablation_*.png; about half an hour
+"""
+
+import sys
+from collections.abc import Iterator, Mapping
+
+from pages import ROOT, markdown, print_table
+
+import psmpc_cli as psmpc
+from psmpc_cli.figures.registry import draw
+from psmpc_cli.studies.ablations import CHANGES, DISCRETIZATIONS, run_ablations
+
+STARTS = {
+    "Capture, PSMPC": ("psmpc", "capture"),
+    "Capture, SMPC": ("smpc", "capture"),
+    "Transport, PSMPC": ("psmpc", "transport"),
+    "Release, PSMPC": ("psmpc", "release"),
+}
+"""Controller and stage of each column."""
+
+THRESHOLDS = {"control": [0.1], "closeness": [0.1, 0.5, 0.9]}
+"""Thresholds of the actual start by what is compared with them."""
+
+
+def starts(nodes: str = "100") -> Iterator[str]:
+    """Yield the table of the actual starts of the transport task under both measures of a start."""
+    rows = []
+    for measure, thresholds in THRESHOLDS.items():
+        changes = {"controller.nodes": int(nodes), "onset.kind": measure, "onset.series": thresholds}
+        runs = psmpc.compare(psmpc.load_task("transport", changes), ("psmpc", "smpc"))
+        for number, epsilon in enumerate(runs["psmpc"].stages["epsilon"]):
+            cells = (_start(runs[kind], stage, number) for kind, stage in STARTS.values())
+            rows.append((f"{measure}, {epsilon:g}", *cells))
+    return markdown(("actual start [s]", *STARTS), rows)
+
+
+def _start(run: psmpc.Run, stage: str, number: int) -> str:
+    """Write the actual start of a stage with a threshold [s], or that there is none before its switch."""
+    index = run.stage_names.index(stage)
+    start, switch = run.stages["actual_start_by_epsilon"][index, number], run.stages["switch_time"][index - 1]
+    return f"{start:.1f}" if start < switch else f"{switch:.2f}, its switch"
+
+
+def ablations(*nodes: str) -> Iterator[str]:
+    """Draw the figures and yield the tables of each departure taken back, by default on the task's own mesh."""
+    task = psmpc.load_task("transport", [f"controller.nodes={count}" for count in nodes])
+    for ablation in run_ablations(task, done=lambda name: print(name, file=sys.stderr, flush=True)):
+        draw("ablations", ablation.panels, ROOT / "docs" / "figures", only=[f"ablation_{ablation.name}"], force=True)
+        yield f"\nWithout our {ablation.name.replace('_', ' ')}:\n"
+        yield from _by_variant(ablation.numbers)
+
+
+def _by_variant(numbers: Mapping[str, float]) -> Iterator[str]:
+    """Yield a table with a row for each quantity and a column for each variant, which the names of numbers contain."""
+    columns = [each for each in (*CHANGES, *DISCRETIZATIONS) if any(f", {each}" in name for name in numbers)]
+    rows: dict[str, dict[str, str]] = {}
+    for name, value in numbers.items():
+        of = next((each for each in sorted(columns, key=len, reverse=True) if f", {each}" in name), None)
+        row = rows.setdefault(name.replace(f", {of}", ""), {})
+        row |= dict.fromkeys([of] if of else columns, f"{value:.4g}")
+    return markdown(("", *columns), ((name, *(row.get(each, "-") for each in columns)) for name, row in rows.items()))
+
+
+if __name__ == "__main__":
+    print_table(starts, ablations)

@@ -1,6 +1,6 @@
 """Whether a task can be done, as far as that can be told before anything is solved: limits, reach, order of events."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -64,14 +64,9 @@ def load_feasible(reference: str | Path | Mapping[str, Any], set: Changes = ()) 
     Raises:
         SpecError: Something is wrong or stands against it; the message has all of it, located in the task's file.
     """
-    return load_task(reference, set, _review_sound)
-
-
-def _review_sound(task: Task, sound: Collection[int] | None) -> list[Fault]:
-    """Return the faults of a task; if only some stages are valid, those of their targets."""
-    if sound is None:
-        return review(task)
-    return [problem for each in look_ahead(task) if each.stage.index in sound for problem in _targets(task, each)]
+    task = load_task(reference, set)
+    ensure_feasible(task)
+    return task
 
 
 def ensure_feasible(task: Task) -> None:

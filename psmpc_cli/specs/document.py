@@ -245,11 +245,6 @@ def mapping(value: object) -> dict[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def entries(value: object) -> list[Any]:
-    """Return a list as it was read, an empty one for anything else."""
-    return value if isinstance(value, list) else []
-
-
 def lies_inside(path: Location, around: Location) -> bool:
     """Tell whether a path is another one, or leads into it."""
     return path[: len(around)] == around

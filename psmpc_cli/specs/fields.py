@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
@@ -53,7 +53,7 @@ Flaws = Iterator[tuple[Location, PydanticCustomError]]
 """What is wrong inside a value, with the path from it."""
 
 Fields = Mapping[str, Any]
-"""The fields of a model before the one that a rule is about: valid, or wrong by a rule alone."""
+"""The valid fields of a model before the one that a rule is about."""
 
 Rule = Callable[[Any, Fields, Any], Flaws]
 """Gives what is wrong with a value, by the fields before it and the `Context` of its description."""
@@ -70,33 +70,20 @@ def expected(what: str, found: str | None = None, at_key: bool = False) -> Pydan
 
 
 def holds(rule: Rule, as_written: bool = False) -> WrapValidator:
-    """Create a validator of a rule; without a validation context it does not apply.
+    """Create a validator of a rule about a valid value; without a validation context it does not apply.
 
-    The rule is about a valid value; or about the value as it is written, and applies whatever else is wrong inside it.
+    The rule gets the value itself, or as it is written in the file.
     """
 
     def check(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-        try:
-            valid = handler(value)
-        except ValidationError as error:
-            if as_written:
-                _raise(rule, value, info, error.errors(include_url=False))
-            raise
-        if info.context and not as_written:
-            info.context.well_formed[info.field_name] = valid
-        _raise(rule, value if as_written else valid, info)
+        valid = handler(value)
+        flaws = rule(value if as_written else valid, info.data, info.context) if info.context else ()
+        found: list[Any] = [{"type": error, "loc": at, "input": value} for at, error in flaws]
+        if found:
+            raise ValidationError.from_exception_data("rules", found)
         return valid
 
     return WrapValidator(check)
-
-
-def _raise(rule: Rule, value: object, info: ValidationInfo, inside: Iterable[ErrorDetails] = ()) -> None:
-    """Raise the errors that a rule gives, none without a context, together with those inside the value."""
-    flaws = rule(value, {**info.context.well_formed, **info.data}, info.context) if info.context else ()
-    found: list[Any] = [{"type": error, "loc": at, "input": value} for at, error in flaws]
-    if found:
-        found += [{**each, "type": flaw(**each["ctx"]) if each["type"] == FLAW else each["type"]} for each in inside]
-        raise ValidationError.from_exception_data("rules", found)
 
 
 class Spec(BaseModel):
@@ -452,8 +439,8 @@ def is_pose(value: object) -> bool:
 
 
 def _in_numbers(value: object, info: ValidationInfo) -> object:
-    """Return a pose as its numbers where the robot is spatial; any other value as it is."""
-    if not (is_pose(value) and info.context and info.context.is_spatial):
+    """Return a pose as its numbers unless the robot is planar; any other value as it is."""
+    if not (is_pose(value) and info.context and info.context.sizes.get("base") != 3):
         return value
     return Pose.model_validate(value, context=info.context).numbers
 

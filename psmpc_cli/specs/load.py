@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,14 +11,14 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.document import Changes, Document, Fault, entries, for_controller, mapping, override, read, write
+from psmpc_cli.specs.document import Changes, Document, Fault, for_controller, mapping, override, read, write
 from psmpc_cli.specs.fields import faults_of
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
 from psmpc_cli.specs.parts import Context
 from psmpc_cli.specs.priorities import priorities_of
 from psmpc_cli.specs.robot import PlanarRobot, RobotSpec, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, TaskSpec
-from psmpc_cli.specs.urdf import read_urdf, spatial_robot
+from psmpc_cli.specs.urdf import Urdf, read_urdf, spatial_robot
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -58,26 +58,21 @@ class Task:
         return hashlib.sha256(canonical.encode()).hexdigest()
 
 
-Review = Callable[[Task, frozenset[int] | None], Iterable[Fault]]
-"""Gives what else stands against a task, by the indices of its sound stages; None: the whole task is sound."""
-
-
-def load_task(reference: str | Path | Mapping[str, Any], set: Changes = (), review: Review | None = None) -> Task:
+def load_task(reference: str | Path | Mapping[str, Any], set: Changes = ()) -> Task:
     """Load a task and its robot.
 
     Args:
         reference: The name of a built-in task, the path of a file, or the task itself as a mapping of its keys.
         set: Keys of the task to change: a mapping of paths to values, such as `{"controller.nodes": "auto"}` or
             `{"stages.capture.priority": 10}`, or a sequence of texts `path=value` and options short for them.
-        review: Further checks, whose faults come in the same message: of the task, or of its sound part.
 
     Raises:
         SpecError: Something is wrong with the task, the robot's file or a change; the message lists all of it.
     """
     if isinstance(reference, Mapping):
-        return _task(read("task", write(reference)), Path(), "task", set, review)
+        return _task(read("task", write(reference)), Path(), "task", set)
     path = _find("task", reference)
-    return _task(read(shown(path), read_text(path)), path.parent, path.stem, set, review)
+    return _task(read(shown(path), read_text(path)), path.parent, path.stem, set)
 
 
 def load_robot(reference: str | Path) -> RobotSpec:
@@ -127,8 +122,7 @@ def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Fault, .
         if joint_of_link or (path == ("base", "inertia") and isinstance(document.value(path), list)):
             found = f'found {document.found(path)}, which only a robot in space has, and no key "space"'
             return None, (*document.faults, Fault(path, f"{found}; expected space: spatial at the top of the file"))
-    context = Context(document.data, document.data)
-    return _validate(document, "robot", SpatialRobot if spatial else PlanarRobot, context)
+    return _validate(document, "robot", SpatialRobot if spatial else PlanarRobot, Context(document.data))
 
 
 def _find(kind: Kind, reference: str | Path) -> Path:
@@ -154,7 +148,7 @@ def _read_robot(path: Path) -> Document:
     if (reference := document.value(("urdf",))) is None:
         return document
     urdf = read_urdf(path.parent / reference) if isinstance(reference, str) and reference else None
-    file, faults = _validate(document, "robot", UrdfRobot, Context(document.data, None, urdf=urdf))
+    file, faults = _validate(document, "robot", UrdfRobot, urdf)
     if file is None or urdf is None:
         raise SpecError(document.report(faults))
     built, notes = spatial_robot(urdf, file), [f"{Path(file.urdf).name}, {note}" for note in urdf.notes]
@@ -165,9 +159,7 @@ def _read_robot(path: Path) -> Document:
     return replace(document, text=write(data), data=data, written=document.text)
 
 
-def _task(
-    document: Document, robot: Document | Path, name: str, changes: Changes, review: Review | None = None
-) -> Task:
+def _task(document: Document, robot: Document | Path, name: str, changes: Changes) -> Task:
     """Make the task of a document, and of its robot's or of one that it refers to from a folder.
 
     The task has what its `by_controller` sets for its controller, and is validated with what that sets for others, too.
@@ -186,7 +178,7 @@ def _task(
     spec, robot_faults = (None, ()) if source is None else validate_robot(source)
 
     def validate(task: Document) -> tuple[TaskSpec | None, tuple[Fault, ...]]:
-        context = Context(task.data, source.data if source else None, spec.limits if spec else {})
+        context = Context(task.data, spec.parts, spec.limits) if spec else Context(task.data)
         return _validate(task, "task", TaskSpec, context)
 
     kind = document.value(("controller", "kind")) or document.value(("controller",))
@@ -196,10 +188,6 @@ def _task(
     for variant in (for_controller(document, other) for other in CONTROLLERS):
         if variant not in (document, own):
             reports.append(variant.report(fault for fault in validate(variant)[1] if fault not in faults))
-    if spec is not None and source is not None and review is not None:
-        part, sound = (own, None) if task is not None else _sound_part(own, faults, spec) or (own, None)
-        if (valid := validate(part)[0]) is not None:
-            faults += tuple(review(Task(valid, spec, "", source.text, own), sound))
     reports = [own.report(faults), *reports, *misplaced, source.report(robot_faults) if source else ""]
     if any(reports) or task is None or spec is None or source is None:
         raise SpecError("\n".join(report for report in reports if report))
@@ -217,35 +205,6 @@ def _task(
     )
 
 
-def _sound_part(
-    document: Document, faults: Iterable[Fault], robot: RobotSpec
-) -> tuple[Document, frozenset[int]] | None:
-    """Return a task of the skills and stages without faults, and the indices of these stages; None if there are none.
-
-    A stage without faults that has an end condition is in the place of every other one.
-    """
-    wrong = {fault.path[:length] for fault in faults for length in (1, 2)}
-    skills, stages = mapping(document.value(("skills",))), entries(document.value(("stages",)))
-    kept = {name: skill for name, skill in skills.items() if ("skills", name) not in wrong}
-    sound = {
-        i: stage
-        for i, stage in enumerate(stages)
-        if ("stages", i) not in wrong and str(mapping(stage).get("skill")) in kept
-    }
-    instead = next((stage for stage in sound.values() if stage.get("ends_when")), None)
-    if instead is None:
-        return None
-    at_rest: dict[str, Any] = {part: [0.0] * size for part, size in robot.parts.items()}
-    data: dict[str, Any] = {
-        "robot": robot.name,
-        "initial": at_rest | ({"base": {"position": [0, 0, 0]}} if robot.dimension == 3 else {}),
-        "skills": kept,
-        "limits": {} if ("limits",) in wrong else document.value(("limits",)) or {},
-        "stages": [sound.get(i, {**instead, "name": f"stage {i}"}) for i in range(len(stages))],
-    }
-    return Document(document.name, "", data), frozenset(sound)
-
-
 def _kind_of(document: Document) -> Kind | None:
     """Return whether a document describes a robot or a task by the keys that only one of them has, None if in doubt."""
     keys = mapping(document.data)
@@ -255,7 +214,7 @@ def _kind_of(document: Document) -> Kind | None:
 
 
 def _validate(
-    document: Document, kind: Kind, model: type[Model], context: Context
+    document: Document, kind: Kind, model: type[Model], context: Context | Urdf | None
 ) -> tuple[Model | None, tuple[Fault, ...]]:
     """Return a document as a model, None if it is not valid, and its faults."""
     data, other = document.data, _kind_of(document)

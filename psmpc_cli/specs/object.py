@@ -28,8 +28,7 @@ def _by_dimension(plane: int, space: int) -> AfterValidator:
 
 def _unit_of_angle(written: Any, before: Fields, context: Context) -> Flaws:
     """Give an angle of a planar pose that needs a unit."""
-    planar = isinstance(written, list | tuple) and len(written) == len(TARGET_AXES[2])
-    if planar and (error := beyond_a_turn(written[2])) is not None:
+    if len(written) == len(TARGET_AXES[2]) and (error := beyond_a_turn(written[2])) is not None:
         yield (2,), error
 
 

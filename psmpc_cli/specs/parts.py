@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import WrapValidator
 
-from psmpc_cli.specs.document import Data, Location, counted, entries, mapping
+from psmpc_cli.specs.document import Data, Location, counted, mapping
 from psmpc_cli.specs.fields import Fields, Flaws, beyond_a_turn, expected, holds
 
 Space = Literal["joint", "task", "point"]
@@ -35,38 +35,21 @@ RESERVED = ("base", "arms", "all", "control", "times")
 
 @dataclass(frozen=True, eq=False)
 class Context:
-    """What the rules of one key know of the other keys, as written: what cannot be read is empty or None.
+    """What the rules of one key know of the rest of a description.
 
     Attributes:
-        data: The robot, or the task.
-        robot: The robot.
-        robot_limits: Its limits if it is valid.
-        urdf: The URDF that the robot's file refers to.
-        well_formed: Values that rules were applied to, by field: other rules use them even if a rule rejects them.
+        data: The robot, or the task, as written.
+        sizes: The parts of the task's robot and their numbers of coordinates; none if the robot is not valid.
+        robot_limits: The robot's limits.
     """
 
     data: Data
-    robot: Data
+    sizes: Mapping[str, int] = field(default_factory=dict)
     robot_limits: Mapping[str, Any] = field(default_factory=dict)
-    urdf: Any = None
-    well_formed: dict[str, Any] = field(default_factory=dict)
 
     def value(self, *path: str) -> Data:
-        """Return the value at a path, None if there is none."""
+        """Return the value at a path as written, None if there is none."""
         return reduce(lambda found, key: mapping(found).get(key), path, self.data)
-
-    @property
-    def is_spatial(self) -> bool:
-        """Whether the robot moves in space."""
-        return mapping(self.robot).get("space") == "spatial"
-
-    @cached_property
-    def sizes(self) -> dict[str, int]:
-        """The parts of the robot and their numbers of coordinates."""
-        arms = mapping(self.robot).get("arms", {} if self.is_spatial else None)
-        lengths = {name: len(entries(mapping(arm).get("links"))) for name, arm in mapping(arms).items()}
-        known = isinstance(arms, dict) and all(lengths.values()) and not any(name in RESERVED for name in lengths)
-        return {"base": 6 if self.is_spatial else 3, **lengths} if known else {}
 
     @cached_property
     def parts(self) -> list[str]:
@@ -75,14 +58,15 @@ class Context:
 
     @cached_property
     def spaces(self) -> dict[str, Space | None]:
-        """The skills and their spaces."""
+        """The skills and their spaces as written, None where there is no such space."""
         given = {name: mapping(skill).get("space") for name, skill in mapping(self.value("skills")).items()}
-        return {name: next((each for each in SPACES if each == space), None) for name, space in given.items()}
+        return {name: space if space in SPACES else None for name, space in given.items()}
 
     @cached_property
     def stages(self) -> list[str]:
-        """The names of the stages in their order."""
-        names = (mapping(stage).get("name") for stage in entries(self.value("stages")))
+        """The names of the stages in their order, as written."""
+        stages = self.value("stages")
+        names = (mapping(stage).get("name") for stage in stages) if isinstance(stages, list) else ()
         return [name for name in names if isinstance(name, str)]
 
 
@@ -118,38 +102,35 @@ def _axes(
     return {part: of_base if part == "base" else of_arm or joints[part] for part in parts}
 
 
-def names(parts: Mapping[str, int], space: Space | None) -> tuple[str, ...]:
-    """Return every name that means rows of the error, in any space if it is None; `parts` are the robot's."""
-    axes = [error_axes(parts, each) for each in SPACES if space in (each, None)]
-    labels = (f"{part}.{axis}" for by_part in axes for part in parts for axis in by_part[part])
-    return tuple(dict.fromkeys((*parts, "arms", "all", *labels)))
+def names(parts: Mapping[str, int], space: Space) -> tuple[str, ...]:
+    """Return every name that means rows of the error; `parts` are the robot's."""
+    axes = error_axes(parts, space)
+    return (*parts, "arms", "all", *(f"{part}.{axis}" for part in parts for axis in axes[part]))
 
 
-def misfits(written: Any, axes: Axes, required: Collection[str] = (), one: bool = False, angles: bool = False) -> Flaws:
-    """Give missing parts, wrong lengths and angles without a unit in numbers by part as written.
+def misfits(numbers: Any, axes: Axes, required: Collection[str] = (), one: bool = False, angles: bool = False) -> Flaws:
+    """Give missing parts, wrong lengths and angles without a unit in numbers by part.
 
     Args:
-        written: Lists of numbers by part, or lists of such rows beside the key `times`; anything else has no faults.
+        numbers: Lists by part, or lists of such rows beside the key `times`; anything else has no flaws.
         axes: The names of the numbers of every part.
         required: The parts that must be there.
         one: Whether one number may stand for all of a part.
-        angles: Whether some of the numbers are angles, so that they need a unit beyond one turn.
+        angles: Whether some of the numbers, as written, are angles, which need a unit beyond one turn.
     """
-    if not isinstance(written, dict):
+    if not isinstance(numbers, Mapping):
         return
-    given = [key for key in written if key in (*axes, "arms")]
+    given = {key: row for key, row in numbers.items() if key != "times"}
     missing = [part for part in required if not any(stands_for(key, part) for key in given)]
     if missing:
         yield (), expected(f"also {', '.join(missing)}", ", ".join(given) or "no part", at_key=True)
-    times = written.get("times")
-    for key in given:
-        numbers = written[key]
-        if isinstance(times, list) and isinstance(numbers, list) and len(numbers) != len(times):
+    times = numbers.get("times", ())
+    for key, row in given.items():
+        if times and len(row) != len(times):
             yield (key,), expected(f"{counted(len(times), 'row', 'rows')}, one for every entry of times")
-        rows = [((key, i), row) for i, row in enumerate(entries(numbers)) if isinstance(row, list | dict)]
-        places: list[tuple[Location, Any]] = [*rows] or [((key,), numbers)]
-        for at, row in places:
-            yield from _entries(at, row, key, axes, given, one, angles)
+        rows = {(key, i): each for i, each in enumerate(row)} if times else {(key,): row}
+        for at, each in rows.items():
+            yield from misfit(at, each, key, axes, given, one, angles)
 
 
 def in_joint_space(required: bool = False, one: bool = False, angles: bool = False) -> WrapValidator:
@@ -165,20 +146,7 @@ def in_joint_space(required: bool = False, one: bool = False, angles: bool = Fal
     return holds(rule, as_written=True)
 
 
-def misfit_limits(written: Any, before: Fields, context: Context) -> Flaws:
-    """Give lists of limits by part with wrong lengths, and bounds of angles without a unit."""
-    axes = error_axes(context.sizes, "joint")
-    for quantity in QUANTITIES:
-        given = {key: mapping(part).get(quantity) for key, part in mapping(written).items()}
-        given = {key: bounds for key, bounds in given.items() if bounds is not None}
-        for key, bounds in given.items():
-            yield from _entries((key, quantity), bounds, key, axes, given, angles=quantity == "position")
-            if key == "base" and quantity == "position" and context.is_spatial:
-                limited = (i for i, pair in enumerate(entries(bounds)) if i >= 3 and pair is not None)
-                yield from (((key, quantity, i), expected("null: an attitude has no limits")) for i in limited)
-
-
-def _entries(
+def misfit(
     at: Location, row: Any, key: str, axes: Axes, given: Collection[str], one: bool = False, angles: bool = False
 ) -> Flaws:
     """Give a list of numbers, or of pairs, that misfits a part its key stands for, and its angles without a unit.
@@ -186,7 +154,7 @@ def _entries(
     Parts of `given` have lists of their own.
     """
     parts = [part for part in axes if stands_for(key, part) and (key == part or part not in given)]
-    if not parts or not isinstance(row, list):
+    if not parts or not isinstance(row, list | tuple):
         return
     for part in parts:
         if len(row) not in (len(axes[part]), 1 if one else None):

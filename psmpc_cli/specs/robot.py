@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, quoted
 from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, flaw, holds, known, listed
-from psmpc_cli.specs.parts import QUANTITIES, RESERVED, Space, error_axes, misfit_limits, stands_for, target_axes
+from psmpc_cli.specs.parts import QUANTITIES, RESERVED, Context, Space, error_axes, misfit, stands_for, target_axes
 
 Vector = NDArray[np.float64]
 Parts = Mapping[str, tuple[float, ...]]
@@ -186,7 +186,26 @@ class PartLimits(Spec):
     )
 
 
-LimitsByPart = Annotated[Mapping[fields.Part, PartLimits], holds(misfit_limits, as_written=True)]
+def _fit(written: Any, before: Fields, context: Context) -> Flaws:
+    """Give limits of parts that the robot does not have, with wrong lengths, and bounds of angles without a unit."""
+    sizes = _parts(context.value("space") == "spatial", before["arms"]) if "arms" in before else context.sizes
+    known, axes = [*sizes, "arms"], error_axes(sizes, "joint")
+    for key in (key for key in written if sizes and key not in known):
+        yield (key,), flaw(choice(key, known), "no such part of the robot", at_key=True)
+    for quantity in QUANTITIES:
+        given = {key: part[quantity] for key, part in written.items() if part.get(quantity) is not None}
+        for key, bounds in given.items():
+            yield from misfit((key, quantity), bounds, key, axes, given, angles=quantity == "position")
+            if key == "base" and quantity == "position" and sizes.get(key) == 6:
+                limited = (i for i, pair in enumerate(bounds) if i >= 3 and pair is not None)
+                yield from (((key, quantity, i), expected("null: an attitude has no limits")) for i in limited)
+
+
+def _parts(spatial: bool, arms: Mapping[str, Arm | SpatialArm]) -> dict[str, int]:
+    return {"base": 6 if spatial else 3, **{name: len(arm.links) for name, arm in arms.items()}}
+
+
+LimitsByPart = Annotated[Mapping[str, PartLimits], holds(_fit, as_written=True)]
 """Limits keyed by `base`, `arms` (every arm) or an arm's name."""
 
 
@@ -235,7 +254,7 @@ class RobotSpec(Spec, ABC):
     @property
     def parts(self) -> dict[str, int]:
         """Names and numbers of velocity coordinates of the parts, in the order of v: `base`, then the arms."""
-        return {"base": 3 * (self.dimension - 1), **{name: len(arm.links) for name, arm in self.arms.items()}}
+        return _parts(self.dimension == 3, self.arms)
 
     @property
     @abstractmethod
@@ -330,8 +349,8 @@ class SpatialRobot(RobotSpec):
         }
 
 
-_LinkName = Annotated[str, known(lambda context: context.urdf.links if context.urdf else ())]
-_JointName = Annotated[str, known(lambda context: context.urdf.joints if context.urdf else (), "joint")]
+_LinkName = Annotated[str, known(lambda urdf: urdf.links)]
+_JointName = Annotated[str, known(lambda urdf: urdf.joints, "joint")]
 
 
 class Tip(Spec):
@@ -351,7 +370,7 @@ class UrdfRobot(Spec):
     locked: Mapping[_JointName, fields.Angle] = Field(
         {}, description="positions of joints that belong to no arm, by name [rad, m]"
     )
-    limits: LimitsByPart = Field(
+    limits: Mapping[str, PartLimits] = Field(
         {}, description="limits of base, arms (every arm) or an arm by name, besides the URDF's"
     )
 

@@ -11,13 +11,13 @@ import numpy as np
 from pydantic import BaseModel, Discriminator, Field, Tag
 
 from psmpc_cli.specs import fields
-from psmpc_cli.specs.document import choice, counted, entries, mapping, quoted
+from psmpc_cli.specs.document import choice, counted, quoted
 from psmpc_cli.specs.fields import Choice, Fields, Flaws, SideBySide, Spec, expected, flaw, holds, known, listed
 from psmpc_cli.specs.object import ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import Context, Space, error_axes, in_joint_space, misfits, names, stands_for, target_axes
 from psmpc_cli.specs.priorities import disagreements
 from psmpc_cli.specs.robot import LimitsByPart, PartLimits, RobotSpec, Vector, rows, stack, wider
-from psmpc_cli.specs.uncertainty import DEFAULT_TIME_LIMIT, UncertaintySpec, time_limit
+from psmpc_cli.specs.uncertainty import UncertaintySpec
 
 REQUIRED: dict[Space, tuple[str, ...]] = {"point": ("base",)}
 """Parts that targets and weights must have, where these are not all: not every arm has to point at something."""
@@ -157,15 +157,12 @@ class SkillWeights(SideBySide):
     control: _Control = Field(1.0, description="weights of the control, one number or numbers by part")
 
 
-def _weights(written: Any, before: Fields, context: Context) -> Flaws:
+def _weights(weights: SkillWeights, before: Fields, context: Context) -> Flaws:
     """Give missing parts and wrong lengths of a skill's weights."""
-    sizes, space = context.sizes, before.get("space")
-    if not sizes or not isinstance(written, dict):
-        return
-    if space is not None:
-        yield from misfits(written, error_axes(sizes, space), REQUIRED.get(space, sizes))
-    axes = error_axes(sizes, before.get("input", "joint"))
-    for at, error in misfits(written.get("control"), axes, axes):
+    if (space := before.get("space")) is not None:
+        yield from misfits(weights.parts, error_axes(context.sizes, space), REQUIRED.get(space, context.sizes))
+    axes = error_axes(context.sizes, before.get("input", "joint"))
+    for at, error in misfits(weights.control, axes, axes):
         yield ("control", *at), error
 
 
@@ -176,9 +173,7 @@ class SkillSpec(Spec):
         description="joint: cost on Q, eq. (30); task: cost on xi, eq. (31); point: end-effectors point at points"
     )
     input: Literal["joint", "task"] = Field("joint", description="the control is the acceleration of Q or of xi")
-    weights: Annotated[SkillWeights, holds(_weights, as_written=True)] = Field(
-        description="weights by part, and of the control"
-    )
+    weights: Annotated[SkillWeights, holds(_weights)] = Field(description="weights by part, and of the control")
     limits: LimitsByPart = Field({}, description="limits of this skill, within the task's")
 
 
@@ -243,32 +238,47 @@ Target = Annotated[
 
 def _target(written: Any, before: Fields, context: Context) -> Flaws:
     """Give missing parts, wrong lengths, angles without a unit, and parts that have no pose on the object."""
-    sizes, space = context.sizes, context.spaces.get(before.get("skill", ""))
-    if not sizes or space is None:
+    if (space := context.spaces.get(before.get("skill", ""))) is None:
         return
-    axes = target_axes(sizes, space)
-    yield from misfits(written, axes, REQUIRED.get(space, sizes), angles=True)
-    for key in (key for key, aim in mapping(written).items() if is_on_object(aim)):
+    axes = target_axes(context.sizes, space)
+    yield from misfits(written, axes, REQUIRED.get(space, context.sizes), angles=True)
+    for key in (key for key, aim in written.items() if is_on_object(aim)):
         if key == "arms" or (key in axes and axes[key] != axes["base"]):
             yield (key,), expected("numbers: only the base, and an arm of a skill in task space, have a pose there")
         elif not isinstance(context.value("object", "mass"), int | float):
             yield (key,), expected('an "object" with a mass', "no such object", at_key=True)
 
 
-def _end(written: Any, before: Fields, context: Context) -> Flaws:
+def _end(end: EndCondition | None, before: Fields, context: Context) -> Flaws:
     """Give coordinates of an end condition that the robot does not have, and tolerances that are missing or misfit."""
     sizes, space = context.sizes, context.spaces.get(before.get("skill", ""))
-    if not sizes or not isinstance(written, dict):
+    if not sizes or space is None or end is None:
         return
-    listed, tolerance = entries(written.get("coordinates")) or [written.get("coordinates")], written.get("tolerance")
     valid = names(sizes, space)
-    for i, name in enumerate(listed):
-        if isinstance(name, str) and name not in valid:
+    for i, name in enumerate(end.coordinates):
+        if name not in valid:
             yield ("coordinates", i), flaw(choice(name, valid))
-    keys = [name.partition(".")[0] for name in listed if isinstance(name, str) and name in valid]
+    keys = [name.partition(".")[0] for name in end.coordinates]
     needed = [part for part in sizes if any(key == "all" or stands_for(key, part) for key in keys)]
-    for at, error in misfits(tolerance, error_axes(sizes, space), needed, one=True) if space is not None else ():
+    for at, error in misfits(end.tolerance, error_axes(sizes, space), needed, one=True):
         yield ("tolerance", *at), error
+
+
+def _one_way(priority: float, before: Fields, context: Context) -> Flaws:
+    """Give a priority beside comparisons."""
+    if context.value("priorities") is not None:
+        found = '"priority" at a stage and "priorities" in the task'
+        yield (), expected("one or the other", found, at_key=True)
+
+
+def _one_end(at: float | None, before: Fields, context: Context) -> Flaws:
+    """Give a stage without an end, or with two."""
+    if "ends_when" in before:
+        last = before.get("name") == context.stages[-1]
+        ends = [key for key, end in (("ends_when", before["ends_when"]), ("at", at)) if end is not None]
+        if ends != ["ends_when"] if last else len(ends) != 1:
+            wanted = '"ends_when" in the last stage: it ends the run' if last else 'either "ends_when" or "at"'
+            yield (), expected(wanted, " and ".join(map(quoted, ends)) or "no end", at_key=True)
 
 
 class StageSpec(Spec):
@@ -276,14 +286,18 @@ class StageSpec(Spec):
 
     name: fields.Name = Field(description="name of the stage")
     skill: _SkillName = Field(description="the skill to run, by name")
-    priority: fields.Positive = Field(1.0, description="relative importance omega, eq. (11)")
+    priority: Annotated[fields.Positive, holds(_one_way)] = Field(
+        1.0, description="relative importance omega, eq. (11)"
+    )
     target: Annotated[Target, holds(_target, as_written=True)] = Field(
         description="joint: base pose and joint angles; task: base and end-effector poses; or a trajectory of them"
     )
-    ends_when: Annotated[EndCondition | None, holds(_end, as_written=True)] = Field(
+    ends_when: Annotated[EndCondition | None, holds(_end)] = Field(
         None, description="the condition that ends the stage, eq. (18)"
     )
-    at: fields.Positive | None = Field(None, description="fixed time that ends the stage [s], instead of a condition")
+    at: Annotated[fields.Positive | None, holds(_one_end)] = Field(
+        None, validate_default=True, description="fixed time that ends the stage [s], instead of a condition"
+    )
     dwell: fields.NotNegative = Field(0.0, description="shortest duration, that of a trajectory at least [s]")
     onset: _JointNames | None = Field(None, description="coordinates whose control marks the stage's actual start")
     angles: Literal["nearest", "exact"] = Field(
@@ -317,33 +331,18 @@ class LogSpec(Spec):
     shares: fields.Flag = Field(True, description="each stage's share in the control, for some more solves a sample")
 
 
-def _own_names(key: str, written: Any, before: Fields, context: Context) -> Flaws:
+def _own_names(key: str, entries: tuple[StageSpec | MonitorSpec, ...], before: Fields, context: Context) -> Flaws:
     """Give names of entries of a list that an earlier entry has."""
     first: dict[str, int] = {}
-    for i, entry in enumerate(entries(written)):
-        name = mapping(entry).get("name")
-        if isinstance(name, str) and first.setdefault(name, i) != i:
-            found = f"{quoted(name)} again (first at {key}[{first[name]}])"
+    for i, entry in enumerate(entries):
+        if first.setdefault(entry.name, i) != i:
+            found = f"{quoted(entry.name)} again (first at {key}[{first[entry.name]}])"
             yield (i, "name"), expected("a name of its own", found)
-
-
-def _ends(written: Any, before: Fields, context: Context) -> Flaws:
-    """Give stages without an end, or with two, and priorities beside comparisons."""
-    stages = entries(written)
-    for i, stage in ((i, stage) for i, stage in enumerate(stages) if isinstance(stage, dict)):
-        last, ends = i == len(stages) - 1, [key for key in ("ends_when", "at") if stage.get(key) is not None]
-        if ends != ["ends_when"] if last else len(ends) != 1:
-            wanted = '"ends_when" in the last stage: it ends the run' if last else 'either "ends_when" or "at"'
-            found = " and ".join(map(quoted, ends)) or "no end"
-            yield (i, "at") if "at" in ends else (i,), expected(wanted, found, at_key=True)
-        if context.value("priorities") is not None and stage.get("priority") is not None:
-            found = '"priority" at a stage and "priorities" in the task'
-            yield (i, "priority"), expected("one or the other", found, at_key=True)
 
 
 def _instants(stages: tuple[StageSpec, ...], before: Fields, context: Context) -> Flaws:
     """Give fixed switch times that no order of events can keep."""
-    limit, earliest, fixed = time_limit(context), 0.0, 0.0
+    limit, earliest, fixed = before.get("time_limit", np.inf), 0.0, 0.0
     for i, stage in enumerate(stages):
         earliest += max(stage.dwell, stage.target.times[-1] if isinstance(stage.target, TrajectorySpec) else 0.0)
         if stage.at is not None and (stage.at < earliest or stage.at == fixed):
@@ -439,6 +438,9 @@ def _uncertainty(spec: UncertaintySpec, before: Fields, context: Context) -> Fla
         found = ", ".join(key for key in type(spec).model_fields if key in spec.model_fields_set - {"noise", "delay"})
         wanted = "only noise and delay, or plant rk4 or mujoco: ideal has neither bodies nor forces"
         yield (), expected(wanted, f"{found} with plant ideal")
+    if spec.impulse is not None and spec.impulse.at >= before.get("time_limit", np.inf):
+        wanted = f"a time before the time_limit of {before['time_limit']:g} s"
+        yield ("impulse", "at"), expected(wanted, f"{spec.impulse.at:g} s")
     if spec.payload is not None and before.get("object", spec) is None:
         wanted = "one: it says which stages take the payload and let it go"
         yield ("payload",), expected(wanted, 'no "object"', at_key=True)
@@ -469,6 +471,7 @@ class TaskSpec(Spec):
     )
     solver: Annotated[SolverSpec, holds(_solver)] = Field(SolverSpec(), description="the NLP back-end")
     plant: Annotated[PlantSpec, holds(_plant)] = Field(PlantSpec(), description="the simulated physics")
+    time_limit: fields.Positive = Field(60.0, description="time after which the run is stopped [s]")
     limits: Annotated[LimitsByPart, holds(_within_the_robots)] = Field(
         {}, description="limits of this task, within the robot's"
     )
@@ -478,8 +481,7 @@ class TaskSpec(Spec):
     stages: Annotated[
         tuple[StageSpec, ...],
         Field(min_length=1),
-        holds(partial(_own_names, "stages"), as_written=True),
-        holds(_ends, as_written=True),
+        holds(partial(_own_names, "stages")),
         holds(_instants),
     ] = Field(description="the stages in their order")
     priorities: Annotated[PrioritiesSpec | None, holds(disagreements)] = Field(
@@ -490,7 +492,7 @@ class TaskSpec(Spec):
     uncertainty: Annotated[UncertaintySpec, holds(_uncertainty)] = Field(
         UncertaintySpec(), description="what the controller does not know"
     )
-    monitors: Annotated[tuple[_Monitor, ...], holds(partial(_own_names, "monitors"), as_written=True)] = Field(
+    monitors: Annotated[tuple[_Monitor, ...], holds(partial(_own_names, "monitors"))] = Field(
         (), description="what must hold for the mission to succeed"
     )
     published: Mapping[_ControllerKey, PublishedRun] = Field(
@@ -500,7 +502,6 @@ class TaskSpec(Spec):
         {}, exclude=True, description="keys to change where a controller runs, by controller and path"
     )
     log: LogSpec = Field(LogSpec(), description="what the log holds beyond the samples")
-    time_limit: fields.Positive = Field(DEFAULT_TIME_LIMIT, description="time after which the run is stopped [s]")
     seed: fields.Whole = Field(0, ge=0, description="seed of everything random")
 
     @property

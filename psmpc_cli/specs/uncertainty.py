@@ -1,6 +1,5 @@
 """What the controller does not know: inertial parameters, friction, noise, delay, impulse, payload."""
 
-import math
 from collections.abc import Mapping
 from typing import Annotated
 
@@ -13,9 +12,6 @@ from psmpc_cli.specs.parts import Context, in_joint_space
 
 ROUNDING = 1e-6
 """By how much the shares of a payload may miss 1 in all."""
-
-DEFAULT_TIME_LIMIT = 60.0
-"""Time after which a run is stopped where the task does not say [s]."""
 
 _Fractions = fields.OrByPart[fields.Fraction, fields.Part, fields.Fraction]
 _ByArm = fields.OrByPart[fields.NotNegative, fields.ArmName, fields.OneOrMore[fields.NotNegative]]
@@ -56,22 +52,12 @@ class ImpulseSpec(Spec):
     )
 
 
-def time_limit(context: Context) -> float:
-    """Return the time after which a task's run is stopped [s]; infinite if it is not valid."""
-    given = context.value("time_limit")
-    return float(given) if isinstance(given, int | float) else DEFAULT_TIME_LIMIT if given is None else math.inf
-
-
 def _impulse(impulse: ImpulseSpec | None, before: Fields, context: Context) -> Flaws:
-    """Give an impulse that comes after the run, or has other components than the base."""
-    limit, base = time_limit(context), context.sizes.get("base")
-    if impulse is None:
-        return
+    """Give an impulse that has other components than the base."""
+    base = context.sizes.get("base")
     for key, size in (("linear", base // 3 + 1), ("angular", 2 * base // 3 - 1)) if base else ():
-        if key in impulse.model_fields_set and len(getattr(impulse, key)) != size:
+        if impulse is not None and key in impulse.model_fields_set and len(getattr(impulse, key)) != size:
             yield (key,), expected(counted(size, "entry", "entries"))
-    if impulse.at >= limit:
-        yield ("at",), expected(f"a time before the time_limit of {limit:g} s", f"{impulse.at:g} s")
 
 
 def _whole(share: float | Mapping[str, float] | None, before: Fields, context: Context) -> Flaws:

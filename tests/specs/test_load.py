@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.ocp.feasibility import load_feasible
 from psmpc_cli.specs.library import LARGEST_FILE, built_ins, read_text
 from psmpc_cli.specs.load import kind_of_reference, load_task, parse_task
 
@@ -78,30 +77,6 @@ def test_faults_of_task_and_robot_come_together(tmp_path: Path, monkeypatch: pyt
         "r.yaml:2:14: base.mass: found -1, expected a number greater than 0",
         "r.yaml:3:46: arms.a.links: found an empty list, expected a length of at least 1",
     ]
-
-
-@pytest.mark.parametrize(
-    ("right", "wrong", "where"),
-    [
-        ("    skill: move\n    priority", "    skil: move\n    priority", "stages[0].skil: found an unknown key"),
-        ("onset: base", "onsett: base", "stages[0].onsett: found an unknown key"),
-        ("target: {base: [-2, 2, 30 deg]", "target: {base: [-2, 2]", "stages[0].target.base: found [-2, 2]"),
-        ("initial:", "intial:", "intial: found an unknown key"),
-        ("control: 4}", "control: no}", "weights.control: found"),
-        ("nodes: 100", "nodes: 1", "controller.nodes: found 1"),
-        ("taken_by: capture", "taken_by: captur", "object.taken_by: found"),
-    ],
-)
-def test_what_is_out_of_reach_is_reported_with_what_is_misspelt(
-    right: str, wrong: str, where: str, tmp_path: Path
-) -> None:
-    assert right in TASK
-    unreachable = TASK.replace("-1.9334, 3.1677", "-1.9334, 9.1677", 1)
-    path = write(tmp_path, "t.yaml", unreachable.replace(right, wrong, 1))
-    with pytest.raises(SpecError) as raised:
-        load_feasible(path)
-    assert where in str(raised.value)
-    assert "stages[1].target.arm_1: found a pose 7" in str(raised.value)
 
 
 @pytest.mark.parametrize(

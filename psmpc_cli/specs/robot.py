@@ -3,7 +3,6 @@
 And the order of its coordinates: their names, numbers by part as vectors, and the limits in force.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -54,7 +53,7 @@ class Joint:
     """
 
     at: Attachment
-    axis: Triple
+    axis: Triple = (0.0, 0.0, 1.0)
     prismatic: bool = False
 
 
@@ -83,6 +82,11 @@ class Base(Spec):
     mass: fields.Positive = Field(description="mass [kg]")
     inertia: fields.Positive = Field(description="inertia about the centre of mass [kg m^2]")
 
+    @property
+    def centre_of_mass(self) -> Triple:
+        """In the body's frame [m]."""
+        return (0.0, 0.0, 0.0)
+
 
 class Mount(Spec):
     """Where an arm's first joint sits on the base."""
@@ -97,6 +101,11 @@ class Link(Base):
     a: fields.NotNegative = Field(description="joint to centre of mass [m]")
     b: fields.NotNegative = Field(description="centre of mass to the next joint or the tip [m]")
 
+    @property
+    def centre_of_mass(self) -> Triple:
+        """In the body's frame [m]."""
+        return (self.a, 0.0, 0.0)
+
 
 class Tool(Spec):
     """The end-effector frame."""
@@ -110,6 +119,13 @@ class Arm(Spec):
     mount: Mount = Field(description="where the arm's first joint sits on the base")
     links: tuple[Link, ...] = Field(min_length=1, description="the links, from the base outward")
     tool: Tool = Field(Tool(), description="the end-effector frame")
+
+    @property
+    def frames(self) -> list[tuple[Triple, Triple]]:
+        """Position and rotation vector of each joint's frame, then of the tool's, on the body before it."""
+        positions = [(*self.mount.position, 0.0), *((link.a + link.b, 0.0, 0.0) for link in self.links)]
+        angles = [self.mount.angle, *(0.0 for _ in self.links[1:]), self.tool.angle]
+        return [(position, (0.0, 0.0, angle)) for position, angle in zip(positions, angles, strict=True)]
 
 
 def _moments(value: object) -> object:
@@ -170,6 +186,18 @@ class SpatialArm(Spec):
     mount: str = Field("base", description="what carries it: base, or the link of an arm before it, such as arm_1.2")
     links: tuple[SpatialLink, ...] = Field(min_length=1, description="the links, from the base outward")
     tool: SpatialTool = Field(SpatialTool(), description="the end-effector frame")
+
+    @property
+    def frames(self) -> list[tuple[Triple, Triple]]:
+        """Position and rotation vector of each joint's frame, then of the tool's, on the body before it."""
+        frames = (*(link.joint for link in self.links), self.tool)
+        return [(frame.position, _rotation_vector(frame.rpy)) for frame in frames]
+
+
+def _rotation_vector(rpy: Triple) -> Triple:
+    """Compute the rotation vector [rad] of fixed-axis angles about x, y and z [rad]."""
+    x, y, z = Rotation.from_euler("xyz", rpy).as_rotvec().tolist()
+    return x, y, z
 
 
 class PartLimits(Spec):
@@ -237,7 +265,7 @@ def _not_reserved(name: str) -> str:
 ArmKey = Annotated[fields.Name, AfterValidator(_not_reserved)]
 
 
-class RobotSpec(Spec, ABC):
+class RobotSpec(Spec):
     """A space robot: a free-floating base, and arms that are chains of joints and links. Planar or spatial.
 
     `limits` is keyed by `base`, `arms` (every arm) or an arm's name.
@@ -247,6 +275,7 @@ class RobotSpec(Spec, ABC):
     description: str = Field("", description="what it is, for people")
     arms: Mapping[ArmKey, Arm | SpatialArm]
     limits: LimitsByPart = Field({}, description="limits of base, arms (every arm) or an arm by name")
+    base: Base | SpatialBase
 
     dimension: ClassVar[int]
     """Number of position coordinates of a pose: 2 or 3."""
@@ -257,20 +286,32 @@ class RobotSpec(Spec, ABC):
         return _parts(self.dimension == 3, self.arms)
 
     @property
-    @abstractmethod
     def bodies(self) -> tuple[Body, ...]:
         """The base, then the links of each arm from the base outward; a body comes after the one that carries it."""
+        bodies, index = [_body("base", self.base)], {"base": 0}
+        for name, arm in self.arms.items():
+            carrier = index[arm.mount if isinstance(arm.mount, str) else "base"]
+            links: Sequence[Link | SpatialLink] = arm.links
+            for number, (link, frame) in enumerate(zip(links, arm.frames, strict=False), start=1):
+                moving = (link.joint.axis, link.joint.kind == "prismatic") if isinstance(link, SpatialLink) else ()
+                bodies.append(_body(f"{name}.{number}", link, Joint(Attachment(carrier, *frame), *moving)))
+                carrier = index[bodies[-1].name] = len(bodies) - 1
+        return tuple(bodies)
 
     @property
-    @abstractmethod
     def tools(self) -> dict[str, Attachment]:
         """The end-effector frame of each arm."""
+        last = {body.name.rpartition(".")[0]: number for number, body in enumerate(self.bodies)}
+        return {name: Attachment(last[name], *arm.frames[-1]) for name, arm in self.arms.items()}
 
     def link_ends(self, arm: str) -> tuple[Triple, ...]:
         """Return where each link of an arm has the next joint, the last one the end-effector, in its frame [m]."""
-        links = [body for body in self.bodies if body.name.rpartition(".")[0] == arm]
-        places = [body.joint.at.position for body in links[1:] if body.joint is not None]
-        return (*places, self.tools[arm].position)
+        return tuple(position for position, _ in self.arms[arm].frames[1:])
+
+
+def _body(name: str, part: Base | SpatialBase, joint: Joint | None = None) -> Body:
+    inertia = part.inertia if isinstance(part.inertia, tuple) else (0.0, 0.0, part.inertia, 0.0, 0.0, 0.0)
+    return Body(name, part.mass, part.centre_of_mass, inertia, joint)
 
 
 class PlanarRobot(RobotSpec):
@@ -280,27 +321,6 @@ class PlanarRobot(RobotSpec):
     arms: Mapping[ArmKey, Arm] = Field(min_length=1, description="the arms by name, in the order of Q")
 
     dimension: ClassVar[int] = 2
-
-    @property
-    def bodies(self) -> tuple[Body, ...]:
-        """See `RobotSpec.bodies`."""
-        bodies = [Body("base", self.base.mass, (0.0, 0.0, 0.0), _about_z(self.base.inertia))]
-        for name, arm in self.arms.items():
-            place = Attachment(0, (*arm.mount.position, 0.0), (0.0, 0.0, arm.mount.angle))
-            for number, link in enumerate(arm.links, start=1):
-                centre, joint = (link.a, 0.0, 0.0), Joint(place, (0.0, 0.0, 1.0))
-                bodies.append(Body(f"{name}.{number}", link.mass, centre, _about_z(link.inertia), joint))
-                place = Attachment(len(bodies) - 1, (link.a + link.b, 0.0, 0.0), (0.0, 0.0, 0.0))
-        return tuple(bodies)
-
-    @property
-    def tools(self) -> dict[str, Attachment]:
-        """See `RobotSpec.tools`."""
-        last, tools = 0, {}
-        for name, arm in self.arms.items():
-            last, link = last + len(arm.links), arm.links[-1]
-            tools[name] = Attachment(last, (link.a + link.b, 0.0, 0.0), (0.0, 0.0, arm.tool.angle))
-        return tools
 
 
 def _mounted(arms: Mapping[str, SpatialArm], before: Fields, context: Any) -> Flaws:
@@ -323,30 +343,6 @@ class SpatialRobot(RobotSpec):
     )
 
     dimension: ClassVar[int] = 3
-
-    @property
-    def bodies(self) -> tuple[Body, ...]:
-        """See `RobotSpec.bodies`."""
-        base, index = self.base, {"base": 0}
-        bodies = [Body("base", base.mass, base.centre_of_mass, base.inertia)]
-        for name, arm in self.arms.items():
-            carrier = index[arm.mount]
-            for number, link in enumerate(arm.links, start=1):
-                joint = link.joint
-                place = Attachment(carrier, joint.position, _rotation_vector(joint.rpy))
-                moving = Joint(place, joint.axis, joint.kind == "prismatic")
-                carrier = index[f"{name}.{number}"] = len(bodies)
-                bodies.append(Body(f"{name}.{number}", link.mass, link.centre_of_mass, link.inertia, moving))
-        return tuple(bodies)
-
-    @property
-    def tools(self) -> dict[str, Attachment]:
-        """See `RobotSpec.tools`."""
-        index = {body.name: number for number, body in enumerate(self.bodies)}
-        return {
-            name: Attachment(index[f"{name}.{len(arm.links)}"], arm.tool.position, _rotation_vector(arm.tool.rpy))
-            for name, arm in self.arms.items()
-        }
 
 
 _LinkName = Annotated[str, known(lambda urdf: urdf.links)]
@@ -373,16 +369,6 @@ class UrdfRobot(Spec):
     limits: Mapping[str, PartLimits] = Field(
         {}, description="limits of base, arms (every arm) or an arm by name, besides the URDF's"
     )
-
-
-def _about_z(inertia: float) -> Six:
-    return (0.0, 0.0, inertia, 0.0, 0.0, 0.0)
-
-
-def _rotation_vector(rpy: Triple) -> Triple:
-    """Compute the rotation vector [rad] of fixed-axis angles about x, y and z [rad]."""
-    x, y, z = Rotation.from_euler("xyz", rpy).as_rotvec().tolist()
-    return x, y, z
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import reduce
 from operator import getitem
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 from pydantic_core import PydanticSerializationError, to_jsonable_python
@@ -32,9 +32,6 @@ Location = tuple[str | int, ...]
 LONGEST = 60
 """Characters of a value that a message repeats."""
 
-MOST_CHOICES = 60
-"""Names that a message lists."""
-
 DEEPEST, MOST_VALUES = 30, 20_000
 """Levels of nesting (a task has seven), and values of a file once its aliases are expanded."""
 
@@ -43,9 +40,6 @@ MOST_FAULTS = 50
 
 WIDEST = 120
 """Columns of a source line that a report repeats."""
-
-MOST_DIGITS = 300
-"""Digits of an integer that is surely within the range of a float."""
 
 LARGEST = 1e12
 """Magnitude of a number: results computed from it stay within a float's range."""
@@ -57,10 +51,10 @@ _WORDS: dict[str, Scalar] = {
     **dict.fromkeys(("true", "True", "TRUE"), True),
     **dict.fromkeys(("false", "False", "FALSE"), False),
     **dict.fromkeys((".nan", ".NaN", ".NAN"), math.nan),
+    **{f"{sign}.{word}": float(f"{sign}inf") for sign in ("", "+", "-") for word in ("inf", "Inf", "INF")},
 }
-_INTEGER = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
-_INFINITE = re.compile(r"[-+]?\.(inf|Inf|INF)")
-
+_INTEGER = re.compile(r"[-+]?[0-9]{1,300}|0o[0-7]+|0x[0-9a-fA-F]+")
+"""Integers that are surely within the range of a float, if they are decimal."""
 
 _PATH = re.compile(r"[^.\[\]=]+(?:\.[^.\[\]=]+|\[\d+\])*")
 _STEP = re.compile(r"\[(\d+)\]|([^.\[\]=]+)")
@@ -81,8 +75,7 @@ Changes = Mapping[str, Any] | Sequence[Change]
 """Keys to change: values by path, or a sequence of changes in their order."""
 
 
-@dataclass(frozen=True, order=True)
-class Place:
+class Place(NamedTuple):
     """A position in a text, both counted from 1."""
 
     line: int
@@ -126,7 +119,7 @@ class Document:
         data: What it holds; None if it is empty or no YAML.
         origins: Where every value of `data` comes from.
         faults: What is wrong with it as YAML.
-        written: The text that places are in, where it is not `text`.
+        changed: Whether `data` is no longer what the text says.
     """
 
     name: str
@@ -134,7 +127,12 @@ class Document:
     data: Data = None
     origins: Mapping[Location, Origin] = field(default_factory=dict)
     faults: tuple[Fault, ...] = ()
-    written: str | None = None
+    changed: bool = False
+
+    @property
+    def yaml(self) -> str:
+        """A text that says what it holds: its own, or one without comments if that was changed."""
+        return write(self.data) if self.changed else self.text
 
     def origin(self, path: Location) -> Origin:
         """Return the origin of the value at a path, or of the nearest one around it."""
@@ -174,11 +172,11 @@ class Document:
 
     def _place(self, fault: Fault) -> Place:
         origin = self.origin(fault.path)
-        return fault.place or (origin.key if fault.at_key and origin.key is not None else origin.place)
+        return fault.place or (fault.at_key and origin.key) or origin.place
 
     def _source(self, place: Place) -> str:
         """Write the line of a position with a caret below its column; nothing for a line that is not in the text."""
-        lines = (self.text if self.written is None else self.written).splitlines()
+        lines = self.text.splitlines()
         if place.line > len(lines) or not lines[place.line - 1]:
             return ""
         line = lines[place.line - 1]
@@ -233,7 +231,8 @@ def put(
             around[key] = {} if inner is None else {"kind": inner}
         around = around[key]
     around[at[-1]] = copy.deepcopy(new)
-    return replace(document, data=data, origins=kept | {(*at, *path): origin for path, origin in origins.items()})
+    kept |= {(*at, *path): origin for path, origin in origins.items()}
+    return replace(document, data=data, origins=kept, changed=True)
 
 
 def _inside(data: Any, path: Location) -> Any:
@@ -278,12 +277,9 @@ def resolve(word: str) -> Scalar:
     """Return the meaning of an unquoted word in YAML 1.2; a number beyond a float's range is infinite."""
     if word in _WORDS:
         return _WORDS[word]
-    infinite = -math.inf if word.startswith("-") else math.inf
     if _INTEGER.fullmatch(word):
-        return infinite if len(word) > MOST_DIGITS else int(word, {"0o": 8, "0x": 16}.get(word[:2], 10))
-    if re.fullmatch(DECIMAL, word):
-        return float(word)
-    return infinite if _INFINITE.fullmatch(word) else word
+        return int(word, {"0o": 8, "0x": 16}.get(word[:2], 10))
+    return float(word) if re.fullmatch(DECIMAL, word) else word
 
 
 def describe(value: Data, written: str | None = None) -> str:
@@ -392,9 +388,8 @@ def choice(name: str, valid: Iterable[str]) -> str:
     names = list(dict.fromkeys(valid))
     near = suggestion(name, names)
     hint = f" (did you mean {quoted(near)}?)" if near else ""
-    listed = ", ".join(printable(shortened(each)) for each in names[:MOST_CHOICES])
-    more = f" and {len(names) - MOST_CHOICES} more" if len(names) > MOST_CHOICES else ""
-    return f"{hint}, expected {'one of ' if len(names) > 1 else ''}{listed}{more}"
+    listed = ", ".join(printable(shortened(each)) for each in names)
+    return f"{hint}, expected {'one of ' if len(names) > 1 else ''}{listed}"
 
 
 def override(document: Document, changes: Changes) -> tuple[Document, tuple[str, ...]]:

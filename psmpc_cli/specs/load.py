@@ -71,7 +71,7 @@ def load_task(reference: str | Path | Mapping[str, Any], set: Changes = ()) -> T
     """
     if isinstance(reference, Mapping):
         return _task(read("task", write(reference)), Path(), "task", set)
-    path = _find("task", reference)
+    path = find("task", reference)
     return _task(read(shown(path), read_text(path)), path.parent, path.stem, set)
 
 
@@ -81,7 +81,7 @@ def load_robot(reference: str | Path) -> RobotSpec:
     Raises:
         SpecError: Something is wrong with the file; the message lists all of it.
     """
-    robot, faults = validate_robot(document := _read_robot(_find("robot", reference)))
+    robot, faults = validate_robot(document := _read_robot(find("robot", reference)))
     if robot is None:
         raise SpecError(document.report(faults))
     return robot
@@ -110,7 +110,7 @@ def kind_of_reference(reference: str | Path) -> Kind:
     """
     if Path(reference).suffix == ".urdf" or (str(reference) in built_ins("robot") and not Path(reference).is_file()):
         return "robot"
-    path = _find("task", reference)
+    path = find("task", reference)
     return _kind_of(read(shown(path), read_text(path))) or "task"
 
 
@@ -123,14 +123,6 @@ def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Fault, .
             found = f'found {document.found(path)}, which only a robot in space has, and no key "space"'
             return None, (*document.faults, Fault(path, f"{found}; expected space: spatial at the top of the file"))
     return _validate(document, "robot", SpatialRobot if spatial else PlanarRobot, Context(document.data))
-
-
-def _find(kind: Kind, reference: str | Path) -> Path:
-    """Return the file that a reference given by the user means."""
-    try:
-        return find(kind, reference)
-    except SpecError as error:
-        raise SpecError(f"{reference}: {error}") from None
 
 
 def _read_robot(path: Path) -> Document:
@@ -156,7 +148,7 @@ def _read_robot(path: Path) -> Document:
     given, limits = own.get("limits", {}), built["limits"]
     merged = {part: {**limits.get(part, {}), **given.get(part, {})} for part in {**limits, **given}}
     data = {**built, **own, "limits": merged, "assumed": notes}
-    return replace(document, text=write(data), data=data, written=document.text)
+    return replace(document, data=data, changed=True)
 
 
 def _task(document: Document, robot: Document | Path, name: str, changes: Changes) -> Task:
@@ -195,12 +187,11 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
     if task.priorities is not None:
         omega = priorities_of(task.priorities.compare, [stage.name for stage in stages])
         stages = tuple(stage.model_copy(update={"priority": omega[i]}) for i, stage in enumerate(stages))
-    overridden = any(origin.override is not None for origin in document.origins.values())
     return Task(
         spec=task.model_copy(update={"name": task.name or name, "stages": stages}),
         robot=spec,
-        task_yaml=write(document.data) if overridden else document.text,
-        robot_yaml=source.text,
+        task_yaml=document.yaml,
+        robot_yaml=source.yaml,
         source=own,
     )
 

@@ -305,7 +305,7 @@ class Controller:
         """
         time = plan.end if begins is None else begins
         since = time - self.sequence.entered if stage.index == self.sequence.first else 0.0
-        wanted = stage.reference(np.array([since]))[0]
+        wanted = stage.reference(since)
         xi = np.asarray(
             self.problem.model.charted(plan.states_at(np.array([time]))[0, : self.problem.model.n], self._chart.anchor)
         )

@@ -115,7 +115,7 @@ class Scene:
         """Return the frames (1 + arms, 4, 4) [m] a stage aims at, at a time [s]; NaN as attitude where it has none."""
         model, followed = self.run.problem.model, self.run.followed[stage]
         skill, start = SKILLS[followed.space], next((s.start for s in self.run.spans if s.index == stage), time)
-        aim = followed.reference(np.array([time - start]))[0]
+        aim = followed.reference(time - start)
         before = Posture(self.run.motion.coordinates_at(time), self.run.motion.poses_at(np.array([time]))[0])
         frames = pose_frames(skill.after(model, before, aim).xi.reshape(len(model.pose_rows), -1))
         frames[:, : model.dimension, 3] = skill.aims(model, aim)

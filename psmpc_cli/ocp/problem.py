@@ -54,16 +54,16 @@ class Trajectory:
             angles[:, at : at + 4] = 2 * np.arctan2(apart, near)[:, None]
         return angles
 
-    def at(self, since: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the values at times since the stage began (K,) [s], and their rates just after, (K, rows) each."""
+    def at(self, since: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the values at times since the stage began (...,) [s], and their rates just after, (..., rows) each."""
         k = np.clip(self.times.searchsorted(since, side="right") - 1, 0, len(self.times) - 2)
-        steps, angles = np.diff(self.times)[k, None], self._angles[k]
-        inside = (since >= self.times[0]) & (since < self.times[-1])
-        s = np.clip((since - self.times[k])[:, None] / steps, 0.0, 1.0)
+        steps, angles = np.diff(self.times)[k][..., None], self._angles[k]
+        inside = np.asarray((since >= self.times[0]) & (since < self.times[-1]))
+        s = np.clip((since - self.times[k])[..., None] / steps, 0.0, 1.0)
         before, after, whole = self.values[k], self.values[k + 1], _sinc(angles)
         values = ((1 - s) * _sinc((1 - s) * angles) * before + s * _sinc(s * angles) * after) / whole
         rates = (np.cos(s * angles) * after - np.cos((1 - s) * angles) * before) / whole / steps
-        return values, rates * inside[:, None]
+        return values, rates * inside[..., None]
 
 
 def _sinc(angle: np.ndarray) -> np.ndarray:
@@ -186,17 +186,12 @@ class Stage:
         """What the target leads through (T, rows) [m, rad]: the rows of the trajectory, or the target alone."""
         return self.target[None] if self.trajectory is None else self.trajectory.values
 
-    def reference(self, since: np.ndarray) -> np.ndarray:
-        """Return what the cost follows at times since the stage began (K,) [s]: (K, rows)."""
-        if self.trajectory is None:
-            return np.tile(self.target, (len(since), 1))
-        return self.trajectory.at(since)[0]
+    def reference(self, since: np.ndarray | float | None) -> np.ndarray:
+        """Return what the cost follows at times since the stage began (...,) [s], (..., rows).
 
-    def rate(self, since: np.ndarray) -> np.ndarray:
-        """Return how fast that moves just after times since the stage began (K,) [s]: (K, rows) [m/s, rad/s]."""
-        if self.trajectory is None:
-            return np.zeros((len(since), len(self.target)))
-        return self.trajectory.at(since)[1]
+        The target alone (rows,) where it stands still, or without times.
+        """
+        return self.target if self.trajectory is None or since is None else self.trajectory.at(since)[0]
 
 
 class StageCosts:
@@ -217,7 +212,7 @@ class StageCosts:
 
         Against what its cost follows at times `since` its start (K,) [s]; without them against its target.
         """
-        return self._of(stage).error(X[:, : self.model.n], _wanted(stage, since), rows=len(X))[0]
+        return self._of(stage).error(X[:, : self.model.n], stage.reference(since), rows=len(X))[0]
 
     def ends(self, stage: Stage, X: np.ndarray) -> np.ndarray:
         """Return the rows of the end condition (18) at each state (K, rows), rates relative to its target's."""
@@ -225,19 +220,17 @@ class StageCosts:
 
     def at(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
-        if stage.input == "task":
-            u = self.task_acceleration(X, u)
-        W, W_r, wanted = stage.weights, stage.control_weights, _wanted(stage, since)
-        return self._of(stage).costs(X, u, wanted, W, W_r, rows=len(X))[0][:, 0]
+        W, W_r, u = stage.weights, stage.control_weights, self.inputs(stage, X, u)
+        return self._of(stage).costs(X, u, stage.reference(since), W, W_r, rows=len(X))[0][:, 0]
 
     def of_states(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return the part of Lbar (K,) that the states X (K, 2n) make, without the control's."""
-        return self._of(stage).costs(X, 0.0, _wanted(stage, since), stage.weights, 0.0, rows=len(X))[0][:, 0]
+        return self._of(stage).costs(X, 0.0, stage.reference(since), stage.weights, 0.0, rows=len(X))[0][:, 0]
 
-    def task_acceleration(self, X: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Return the acceleration of xi (K, m) under Qddot = u: J_C u + Jdot_C Qdot."""
+    def inputs(self, stage: Stage, X: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Return the inputs of a stage at Qddot = u: u (K, n), or the acceleration of xi (K, m), J_C u + Jdot_C v."""
         n = self.model.n
-        return self._pose_acceleration(X[:, :n], X[:, n:], u, rows=len(X))[0]
+        return u if stage.input == "joint" else self._pose_acceleration(X[:, :n], X[:, n:], u, rows=len(X))[0]
 
     @cached_property
     def _pose_acceleration(self) -> RowFunction:
@@ -258,11 +251,6 @@ class StageCosts:
         return float(np.max(np.abs(self.ends(stage, x[None])) / stage.end_tolerance))
 
 
-def _wanted(stage: Stage, since: np.ndarray | None) -> np.ndarray:
-    """Return what a stage's cost follows at times since its start (K,) [s], (K, numbers); its target without them."""
-    return stage.target if since is None or stage.trajectory is None else stage.reference(since)
-
-
 def in_own_chart(
     model: RobotModel, stage: Stage, Q: np.ndarray, v: np.ndarray, since: float | None = None
 ) -> tuple[Stage, np.ndarray]:
@@ -276,7 +264,7 @@ def in_own_chart(
     if not chart.spatial:
         return stage, x
     poses = dict(zip(model.pose_rows, model.poses(Q), strict=True))
-    target = stage.target if since is None else stage.reference(np.array([since]))[0]
+    target = stage.reference(since)
     nearer = {frame: float(target[at : at + 4] @ poses[frame][3:]) for frame, at in stage.attitudes.items()}
     return stage.in_chart(chart.anchor, Q[7:], {frame: np.sign(w) or 1.0 for frame, w in nearer.items()}), x
 

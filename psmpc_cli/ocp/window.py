@@ -3,9 +3,9 @@
 Also how these numbers follow from the previous prediction: the normalization of the costs and automatic meshes.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from psmpc_cli.ocp.plan import PLANAR, Chart, Grid, Plan, mesh
 from psmpc_cli.ocp.problem import Stage, StageCosts
 
 T = TypeVar("T")
+U = TypeVar("U")
 
 SHORTEST = 1e-3
 """Shortest duration of a stage in a window [s], eps of (14)."""
@@ -211,6 +212,12 @@ class Parameters(Generic[T]):
         head = (self.x0, self.horizon, self.pending, self.terminal, self.omega, self.offset, self.scale)
         return (*head, *self.weights, *self.control_weights, *self.targets, *self.paths)
 
+    def mapped(self, of: Callable[[T], U]) -> "Parameters[U]":
+        """Return what a function makes of each of them."""
+        old: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
+        new: Any = {name: tuple(map(of, x)) if isinstance(x, tuple) else of(x) for name, x in old.items()}
+        return Parameters(**new)
+
 
 def window_numbers(window: Window, instants: np.ndarray) -> Parameters[np.ndarray]:
     """Return the parameters of a window's optimization, its instants guessed at (S,) [s]."""
@@ -247,8 +254,9 @@ def _path(stage: Stage, N: int, tau: float, elapsed: float) -> np.ndarray:
     if stage.trajectory is None:
         return np.zeros((len(stage.target), 0))
     share = np.arange(N + 1) / N
-    slopes = stage.rate(elapsed + share * tau) * share[:, None]
-    return np.vstack([stage.reference(elapsed + share * tau) - tau * slopes, slopes]).T
+    values, rates = stage.trajectory.at(elapsed + share * tau)
+    slopes = rates * share[:, None]
+    return np.vstack([values - tau * slopes, slopes]).T
 
 
 def reference(p: Parameters[np.ndarray], s: int, tau: float) -> tuple[np.ndarray, np.ndarray]:

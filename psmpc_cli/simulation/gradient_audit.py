@@ -110,10 +110,8 @@ def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes:
     solution = build_solver(experiment.problem).solve(window, guess, within=0.0)
     plan, ends = solution.plan, np.cumsum(window.nodes)
     pieces = [slice(end - N, end) for end, N in zip(ends, window.nodes, strict=True)]
-    U = [
-        plan.u[at] if stage.input == "joint" else experiment.problem.costs.task_acceleration(plan.X[at], plan.u[at])
-        for stage, at in zip(free, pieces, strict=True)
-    ]
+    costs = experiment.problem.costs
+    U = [costs.inputs(stage, plan.X[at], plan.u[at]) for stage, at in zip(free, pieces, strict=True)]
     rollout = Rollout(experiment.problem.model, window, instants)
     return float(np.abs(rollout.by_adjoint(tau, U) - rollout.by_costate(tau, U)).max())
 

@@ -9,15 +9,14 @@ the shape of a window is fixed in its program; all numbers are parameters.
 import io
 import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext, redirect_stdout
-from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
+from functools import cached_property, partial
 from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.ocp.objective import stage_functions
@@ -63,120 +62,66 @@ BARRIER_START = 1e-4
 """fatrop: the first barrier parameter. The shifted plan is a good guess, and 1e-2 costs a third more iterations."""
 
 
-@dataclass(frozen=True)
-class Layout(Grid):
-    """Offsets of the decision variables x_0, u_0, x_1, u_1, ..., x_K, each x_k = [Q; Qdot; tau_0 .. tau_{S-1}].
-
-    Where costs of other stages are bounded, their sums so far follow on the durations in each x_k. Where limits are
-    soft, rho times the violations of [Q; Qdot], e_k, follow on u_k, and on x_K.
-
-    Attributes:
-        inputs: Inputs of each stage.
-        soft: Limits on the states may be violated.
-        sums: Number of sums of costs.
-    """
-
-    inputs: tuple[int, ...]
-    soft: bool = False
-    sums: int = 0
-
-    @property
-    def nx(self) -> int:
-        """Size of x_k, durations and sums included."""
-        return 2 * self.n + self.switches + self.sums
-
-    @property
-    def durations(self) -> slice:
-        """Where the durations are in x_k."""
-        return slice(2 * self.n, 2 * self.n + self.switches)
-
-    @cached_property
-    def offsets(self) -> np.ndarray:
-        """Offset of x_k in the decision vector, (K + 1,)."""
-        sizes = [self.nx + self.inputs[s] + self.violations for s in self.stage_of]
-        return np.concatenate([[0], np.cumsum(sizes)]).astype(int)
-
-    @property
-    def size(self) -> int:
-        """Size of the decision vector."""
-        return int(self.offsets[-1]) + self.nx + self.violations
-
-    @property
-    def violations(self) -> int:
-        """Number of violations e_k at a node: 0 where limits are hard."""
-        return 2 * self.n if self.soft else 0
-
-    @cached_property
-    def state_index(self) -> np.ndarray:
-        """Indices of [Q; Qdot] at each node, (K + 1, 2n)."""
-        return self.offsets[:, None] + np.arange(2 * self.n)[None, :]
-
-    @cached_property
-    def duration_index(self) -> np.ndarray:
-        """Indices of the durations at each node, (K + 1, S)."""
-        return self.offsets[:, None] + 2 * self.n + np.arange(self.switches)[None, :]
-
-    @cached_property
-    def violation_index(self) -> np.ndarray:
-        """Indices of the violations e_k at the nodes, (K + 1, 2n); (K + 1, 0) where limits are hard."""
-        inputs = np.array([*(self.inputs[s] for s in self.stage_of), 0])
-        return np.asarray((self.offsets + self.nx + inputs)[:, None] + np.arange(self.violations))
-
-    @cached_property
-    def input_index(self) -> tuple[np.ndarray, ...]:
-        """Indices of the inputs of each stage's intervals, (N_s, inputs)."""
-        first = [self.offsets[a:b] for a, b in pairwise(self.first_node)]
-        return tuple(k[:, None] + self.nx + np.arange(inputs) for k, inputs in zip(first, self.inputs, strict=True))
+Bound = Callable[[Window, np.ndarray, np.ndarray], tuple[ArrayLike, ArrayLike]]
+"""Low and high of rows for a window, given those of [Q; Qdot] at its nodes, (K + 1, 2n) each."""
 
 
 class Nlp:
     """A window's NLP: min f(x, p) subject to bounds on x and g(x, p), for the windows of one shape.
 
-    Paper eq. (20), with the departures of docs/formulation.md. The rows of g are node by node: the gap to the next node
-    first, then the path rows of the node.
+    Paper eq. (20), with the departures of docs/formulation.md. The decision variables are x_0, u_0, x_1, u_1, ..., x_K,
+    each x_k = [Q; Qdot; tau_0 .. tau_{S-1}]. Where costs of other stages are bounded, their sums so far follow on the
+    durations in each x_k. Where limits are soft, rho times the violations of [Q; Qdot], e_k, follow on u_k, and on x_K.
+    The rows of g are node by node: the gap to the next node first, then the path rows of the node.
+
+    Args:
+        model: The robot.
+        shape: The shape.
+        numbers: The parameters of one window of this shape.
 
     Attributes:
-        shape: The window's shape.
-        layout: Offsets of the decision variables.
+        shape: The windows' shape.
+        grid: Intervals of the stages.
         problem: Decision variables x, parameters p, objective f and constraints g, as CasADi's solvers take them.
-        nx, nu, ng: Sizes of state, of input with violations of soft limits, and of path rows at each node, (K + 1,).
-        x0_rows: Rows that fix the initial state, (2n,).
-        last_duration_row: Row with the last stage's duration, None with one stage.
-        instant_rows: Row with the cumulated duration to the end of a stage with a fixed switching time, by stage.
-        end_rows: Rows with the end condition, error rows first, then rates, by stage of the window.
-        limit_rows: Rows of soft limits at the nodes, below and above, (2, K + 1, 2n); (2, K + 1, 0) if hard.
-        kept_rows: Rows with the cost integral of each kept stage, or with its errors at the nodes after the first.
+        sizes: N, and by node nx, nu and ng: sizes of state, of input with violations of soft limits, of path rows.
+        pack: At the nodes states (2n, K + 1), durations (S, K + 1), sums (sums, K + 1) and rho times violations
+            (2n, K + 1) or (0, K + 1), then inputs of each stage (inputs, N_s) -> decision vector.
+        unpack: The inverse.
     """
 
-    def __init__(self, model: RobotModel, shape: WindowShape) -> None:
+    def __init__(self, model: RobotModel, shape: WindowShape, numbers: Parameters[np.ndarray]) -> None:
         self._functions = [stage_functions(model, stage) for stage in (*shape.stages, *shape.kept)]
-        inputs = tuple(functions.inputs for functions in self._functions[: len(shape.stages)])
-        sums = 0 if shape.kept_errors else len(shape.kept)
-        self.shape, self.layout = shape, Layout(model.n, shape.nodes, inputs, shape.soft, sums)
-        layout, self._p = self.layout, self._symbolic_parameters()
-        xs = [ca.SX.sym(f"x{k}", layout.nx) for k in range(layout.K + 1)]
-        us = [ca.SX.sym(f"u{k}", layout.inputs[layout.stage_of[k]]) for k in range(layout.K)]
-        es = [ca.SX.sym(f"e{k}", layout.violations) for k in range(layout.K + 1)]
-        x = ca.vertcat(*(v for node in zip(xs, [*us, ca.SX(0, 1)], es, strict=True) for v in node))
-        costs, S = [ca.SX(0) for _ in layout.nodes], layout.switches
-        for k, s in enumerate(layout.stage_of):
-            costs[s] += self._L(int(s), k - int(layout.first_node[s]), xs[k], us[k]) * self._step(k, xs[k])
-        kept = [
-            [self._L(S + 1 + i, k, xs[k], us[k]) * self._step(k, xs[k]) for k in range(layout.K)]
-            for i in range(len(shape.kept))
-        ]
-        terminal = self._p.terminal * self._L(S, layout.nodes[S], xs[-1], ca.SX.zeros(layout.inputs[S]))
-        pending = sum((ca.sum1(xs[0][layout.durations][:s]) for s in range(1, S + 1)), ca.SX(0))
-        J = ca.dot(self._p.omega, ca.vertcat(*costs)) + self._p.pending * pending + self._p.omega[-1] * terminal
-        self._added, self.count = list[ca.SX](), 0
-        ng = self._write_rows(xs, us, es, kept)
+        self.shape, self.grid, self._p = shape, Grid(model.n, shape.nodes), numbers.mapped(_symbol)
+        K, S = self.grid.K, self.grid.switches
+        self._X, self._tau = ca.SX.sym("X", 2 * model.n, K + 1), ca.SX.sym("tau", S, K + 1)
+        self._sums = ca.SX.sym("sum", 0 if shape.kept_errors else len(shape.kept), K + 1)
+        self._e = ca.SX.sym("e", 2 * model.n if shape.soft else 0, K + 1)
+        inputs = [ca.SX.sym("u", self._functions[s].inputs, N) for s, N in enumerate(shape.nodes)]
+        self._u = [*(u for each in inputs for u in ca.horzsplit(each)), ca.SX(0, 1)]
+        xs, es = ca.horzsplit(ca.vertcat(self._X, self._tau, self._sums)), ca.horzsplit(self._e)
+        x = ca.vertcat(*(part for node in zip(xs, self._u, es, strict=True) for part in node))
+        pieces = [self._X, self._tau, self._sums, self._e, *inputs]
+        self.pack, self.unpack = ca.Function("pack", pieces, [x]), ca.Function("unpack", [x], pieces)
+        costs, p = [ca.SX(0) for _ in shape.nodes], self._p
+        for k, s in enumerate(self.grid.stage_of):
+            costs[s] += self._cost(int(s), k - int(self.grid.first_node[s]), k)
+        kept = [[self._cost(S + 1 + i, k, k) for k in range(K)] for i in range(len(shape.kept))]
+        terminal = p.terminal * self._L(S, shape.nodes[S], K, ca.SX.zeros(self._functions[S].inputs))
+        pending = sum((ca.sum1(self._tau[:s, 0]) for s in range(1, S + 1)), ca.SX(0))
+        J = ca.dot(p.omega, ca.vertcat(*costs)) + p.pending * pending + p.omega[-1] * terminal
+        paths = [list(self._path(k)) for k in range(K + 1)]
         if shape.bounded:
-            self._add(costs[-1] + terminal)
-            ng[-1] += 1
-        self.nx, self.ng = (layout.nx,) * (layout.K + 1), tuple(ng)
-        self.nu = tuple(inputs + layout.violations for inputs in (*(layout.inputs[s] for s in layout.stage_of), 0))
-        numbers = ca.vertcat(*(ca.vec(piece) for piece in self._p.pieces()))
-        self.problem = {"x": x, "p": numbers, "f": J + self._penalty(xs, es), "g": ca.vertcat(*self._added)}
+            paths[-1].append((costs[-1] + terminal, lambda window, *_: (-np.inf, window.cost_bound)))
+        gaps: list[list[tuple[ca.SX, Bound]]] = [[(self._gap(k, xs[k + 1], kept), _zero)] for k in range(K)]
+        rows = [row for node in zip([*gaps, []], paths, strict=True) for part in node for row in part]
+        self._bounds, g = [(row.numel(), bound) for row, bound in rows], ca.vertcat(*(row for row, _ in rows))
+        self.sizes = {
+            "N": K,
+            "nx": [each.numel() for each in xs],
+            "nu": [u.numel() + e.numel() for u, e in zip(self._u, es, strict=True)],
+            "ng": [sum(row.numel() for row, _ in path) for path in paths],
+        }
+        self.problem = {"x": x, "p": ca.vertcat(*map(ca.vec, p.pieces())), "f": J + self._penalty(), "g": g}
         self._costs = ca.vertcat(*map(sum, kept), *costs), terminal
 
     @cached_property
@@ -189,114 +134,126 @@ class Nlp:
         """x, p -> g."""
         return ca.Function("rows", [self.problem[name] for name in "xp"], [self.problem["g"]])
 
-    def _add(self, row: ca.SX) -> np.ndarray:
-        """Add rows to g and return their indices."""
-        self._added.append(row)
-        self.count += row.shape[0]
-        return np.arange(self.count - row.shape[0], self.count)
+    def limits(self, window: Window, guess: Plan) -> tuple[np.ndarray, np.ndarray]:
+        """Return low and high of [Q; Qdot] at the nodes, (K + 1, 2n) each; those of v in the chart about a guess."""
+        low, high = node_limits(self.grid, window.stages)
+        if window.chart.spatial:
+            shift = window.shift_of_limits(guess)
+            low[:, self.grid.n :] += shift
+            high[:, self.grid.n :] += shift
+        return low, high
 
-    def _L(self, s: int, node: int, x: ca.SX, u: ca.SX) -> ca.SX:
-        """Return the normalized cost of a stage, or of a kept one, at one of its nodes, 0 to N_s."""
-        p, n, S = self._p, self.layout.n, self.layout.switches
-        wanted = self._reference(s, node, self._duration(min(s, S), x))
-        Lbar = self._functions[s].cost(x[: 2 * n], u, wanted, p.weights[s], p.control_weights[s])
+    def bounds(self, window: Window, guess: Plan, within: float) -> dict[str, np.ndarray]:
+        """Return lbx, ubx, lbg, ubg, durations within so many seconds of the guess. Paper (14), (17), (18)."""
+        (low, high), limits = self.limits(window, guess), [stage.limits for stage in window.stages]
+        tau = np.diff(guess.instants, prepend=window.start)
+        shortest = np.maximum(shortest_durations(window)[:-1], tau - within)
+        rows = [(size, bound(window, low, high)) for size, bound in self._bounds]
+        return {
+            "lbx": self._box(-np.inf, low, shortest, 0.0, [each.acceleration_low for each in limits]),
+            "ubx": self._box(np.inf, high, tau + within, np.inf, [each.acceleration_high for each in limits]),
+            "lbg": np.concatenate([np.broadcast_to(low, size) for size, (low, _) in rows]),
+            "ubg": np.concatenate([np.broadcast_to(high, size) for size, (_, high) in rows]),
+        }
+
+    def _box(
+        self, none: float, X: np.ndarray, tau: np.ndarray, violation: float, inputs: Sequence[np.ndarray]
+    ) -> np.ndarray:
+        """Return one side of the bounds of x, `none` where there is none; soft limits of states are rows."""
+        states, durations = np.full(X.shape, none), np.full((len(tau), len(X)), none)
+        durations[:, 0] = tau
+        if not self.shape.soft:
+            states[1:] = X[1:]
+        rates = [
+            np.tile(limit[:, None], N) if stage.input == "joint" else none
+            for limit, N, stage in zip(inputs, self.shape.nodes, self.shape.stages, strict=True)
+        ]
+        return _array(self.pack(states.T, durations, none, violation, *rates))
+
+    def _L(self, s: int, node: int, k: int, u: ca.SX) -> ca.SX:
+        """Return the normalized cost of a stage, or of a kept one, at its own node, 0 to N_s, which is node k."""
+        p, S = self._p, self.grid.switches
+        wanted = self._reference(s, node, self._duration(min(s, S), k))
+        Lbar = self._functions[s].cost(self._X[:, k], u, wanted, p.weights[s], p.control_weights[s])
         return (Lbar - p.offset[s]) / p.scale[s]
 
-    def _duration(self, s: int, x: ca.SX) -> ca.SX:
-        """Return tau_s of a stage from a node's state; the last stage takes what is left of the horizon."""
-        tau = x[self.layout.durations]
-        return self._p.horizon - ca.sum1(tau) if s == self.layout.switches else tau[s]
+    def _cost(self, s: int, node: int, k: int) -> ca.SX:
+        """Return what interval k adds to the cost integral of a stage, or of a kept one, at whose node it begins."""
+        return self._L(s, node, k, self._u[k]) * self._step(k, k)
 
-    def _step(self, k: int, x: ca.SX) -> ca.SX:
-        """Return the length of an interval from the state at one of its ends."""
-        s = int(self.layout.stage_of[k])
-        return self._duration(s, x) / self.layout.nodes[s]
+    def _duration(self, s: int, k: int) -> ca.SX:
+        """Return tau_s of a stage as node k has it; the last stage takes what is left of the horizon."""
+        tau = self._tau[:, k]
+        return self._p.horizon - ca.sum1(tau) if s == self.grid.switches else tau[s]
+
+    def _step(self, interval: int, k: int) -> ca.SX:
+        """Return the length of an interval as node k at one of its ends has it."""
+        s = int(self.grid.stage_of[interval])
+        return self._duration(s, k) / self.grid.nodes[s]
 
     def _reference(self, s: int, node: int, tau: ca.SX) -> ca.SX:
         """Return what a stage's cost follows at one of its nodes if the stage lasts tau [s]."""
         path, nodes = self._p.paths[s], self._p.paths[s].shape[1] // 2
         return path[:, node] + path[:, nodes + node] * tau if nodes else self._p.targets[s]
 
-    def _penalty(self, xs: list[ca.SX], es: list[ca.SX]) -> ca.SX:
+    def _penalty(self) -> ca.SX:
         """Return what violated soft limits cost: rho times the integral of the violations, by the trapezoidal rule."""
-        before, after = ([self._step(k, xs[k + i]) for k in range(self.layout.K)] for i in (1, 0))
-        none = [ca.SX(0)]
-        shares = [(one + other) / 2 for one, other in zip(none + before, after + none, strict=True)]
-        return sum((share * ca.sum1(e) for share, e in zip(shares, es, strict=True)), ca.SX(0))
+        K, penalty = self.grid.K, ca.SX(0)
+        for k in range(K + 1):
+            around = [self._step(interval, k) for interval in (k - 1, k) if 0 <= interval < K]
+            penalty += sum(around) / 2 * ca.sum1(self._e[:, k])
+        return penalty
 
-    def _write_rows(self, xs: list[ca.SX], us: list[ca.SX], es: list[ca.SX], kept: list[list[ca.SX]]) -> list[int]:
-        """Write the constraints node by node and return the number of path rows at each."""
-        layout, stages, ng = self.layout, self.shape.stages, []
-        limits, size = [], 2 * layout.n
-        self.end_rows: dict[int, np.ndarray] = {}
-        kept_rows: list[list[np.ndarray]] = [[] for _ in kept]
-        for k, (x, e) in enumerate(zip(xs, es, strict=True)):
-            if k < layout.K:
-                self._add(self._gap(k, xs, us, kept))
-            before = self.count
-            if k == 0:
-                self._write_start(x)
-            elif k in layout.first_node[1:-1]:
-                s = int(layout.stage_of[k - 1])
-                if stages[s].end_rows:
-                    self.end_rows[s] = self._add(self._functions[s].end(x[:size], self._p.targets[s]))
-            for i, rows in enumerate(kept_rows):
-                if self.shape.kept_errors and k:
-                    s = len(stages) + i
-                    wanted = self._reference(s, k, self._p.horizon)
-                    rows.append(self._add(self._functions[s].residual(x[: layout.n], wanted)))
-                elif layout.sums and k == layout.K:
-                    rows.append(self._add(x[layout.durations.stop + i]))
-            violated = x[: layout.violations], e / PENALTY
-            limits.append([self._add(violated[0] + violated[1]), self._add(violated[0] - violated[1])])
-            ng.append(self.count - before)
-        self.limit_rows = np.array(limits, int).transpose(1, 0, 2)
-        self.kept_rows = [np.concatenate(rows) for rows in kept_rows]
-        return ng
+    def _gap(self, k: int, after: ca.SX, kept: list[list[ca.SX]]) -> ca.SX:
+        """Return by how much the state of the next node differs from where interval k leads."""
+        step = self._functions[self.grid.stage_of[k]].step(self.shape.discretization)
+        led_to = step(self._X[:, k], self._u[k], self._step(k, k))
+        sums = [self._sums[i, k] + kept[i][k] for i in range(self._sums.shape[0])]
+        return after - ca.vertcat(led_to, self._tau[:, k], *sums)
 
-    def _write_start(self, x: ca.SX) -> None:
-        layout = self.layout
-        measured = ca.vertcat(self._p.x0, ca.SX.zeros(layout.sums))
-        self.x0_rows = self._add(ca.vertcat(x[: 2 * layout.n], x[layout.durations.stop :]) - measured)
-        self.last_duration_row: int | None = None
-        if layout.switches:
-            self.last_duration_row = int(self._add(self._duration(layout.switches, x))[0])
-        tau, fixed = x[layout.durations], [s for s, stage in enumerate(self.shape.stages[:-1]) if stage.fixed_end]
-        self.instant_rows = {s: int(self._add(ca.sum1(tau[: s + 1]))[0]) for s in fixed}
-
-    def _gap(self, k: int, xs: list[ca.SX], us: list[ca.SX], kept: list[list[ca.SX]]) -> ca.SX:
-        layout, s = self.layout, int(self.layout.stage_of[k])
-        step = self._functions[s].step(self.shape.discretization)
-        after = step(xs[k][: 2 * layout.n], us[k], self._step(k, xs[k]))
-        sums = [xs[k][layout.durations.stop + i] + kept[i][k] for i in range(layout.sums)]
-        return xs[k + 1] - ca.vertcat(after, xs[k][layout.durations], *sums)
-
-    def _symbolic_parameters(self) -> Parameters[ca.SX]:
-        """Return the parameters as symbols."""
-        shape, each = self.shape, list(enumerate(self._functions))
-        shapes, nodes = (*shape.stages, *shape.kept), (*shape.nodes, *(self.layout.K for _ in shape.kept))
-        columns = [2 * (N + 1) if stage.moving else 0 for stage, N in zip(shapes, nodes, strict=True)]
-        return Parameters(
-            x0=ca.SX.sym("x0", 2 * self.layout.n),
-            horizon=ca.SX.sym("T_h"),
-            pending=ca.SX.sym("delta"),
-            terminal=ca.SX.sym("kappa"),
-            omega=ca.SX.sym("omega", len(shape.stages)),
-            offset=ca.SX.sym("offset", len(each)),
-            scale=ca.SX.sym("scale", len(each)),
-            weights=tuple(ca.SX.sym(f"W_{s}", stage.rows) for s, stage in each),
-            control_weights=tuple(ca.SX.sym(f"W_r_{s}", stage.inputs) for s, stage in each),
-            targets=tuple(ca.SX.sym(f"target_{s}", stage.numbers) for s, stage in each),
-            paths=tuple(ca.SX.sym(f"path_{s}", stage.numbers, columns[s]) for s, stage in each),
-        )
+    def _path(self, k: int) -> Iterator[tuple[ca.SX, Bound]]:
+        """Give the path rows of a node with their bounds."""
+        X, tau, sums, p, stages = self._X[:, k], self._tau[:, k], self._sums[:, k], self._p, self.shape.stages
+        if k == 0:
+            yield ca.vertcat(X - p.x0, sums), _zero
+            if len(stages) > 1:
+                yield self._duration(len(stages) - 1, k), lambda *_: (SHORTEST, np.inf)
+            fixed = [s for s, stage in enumerate(stages[:-1]) if stage.fixed_end]
+            yield from ((ca.sum1(tau[: s + 1]), partial(_fixed_end, s)) for s in fixed)
+        elif k in self.grid.first_node[1:-1] and stages[s := int(self.grid.stage_of[k - 1])].end_rows:
+            yield self._functions[s].end(X, p.targets[s]), partial(_end_condition, s)
+        for i in range(len(self.shape.kept)):
+            if self.shape.kept_errors and k:
+                wanted, functions = self._reference(len(stages) + i, k, p.horizon), self._functions[len(stages) + i]
+                error = functions.residual(X[: self.grid.n], wanted)
+                yield error, lambda window, *_, i=i: (-window.kept[i].bound[k - 1], window.kept[i].bound[k - 1])
+            elif sums.numel() and k == self.grid.K:
+                yield sums[i], lambda window, *_, i=i: (-np.inf, window.kept[i].bound)
+        if self.shape.soft:
+            yield X + self._e[:, k] / PENALTY, lambda window, low, high: (low[k], np.inf)
+            yield X - self._e[:, k] / PENALTY, lambda window, low, high: (-np.inf, high[k])
 
 
-def _outcome(stats: Mapping[str, object], z: np.ndarray) -> Outcome:
-    if not np.all(np.isfinite(z)):
-        return Outcome.FAILED
-    if stats["success"]:
-        return Outcome.OPTIMAL
-    return OUTCOMES.get(stats["return_status"], Outcome.FAILED)
+def _zero(*_: object) -> tuple[float, float]:
+    return 0.0, 0.0
+
+
+def _fixed_end(s: int, window: Window, *_: object) -> tuple[float, float]:
+    at = (window.stages[s].at or 0.0) - window.start
+    return at, at
+
+
+def _end_condition(s: int, window: Window, *_: object) -> tuple[np.ndarray, np.ndarray]:
+    tolerance, drift = window.stages[s].end_tolerance, window.stages[s].end_drift
+    return drift - tolerance, drift + tolerance
+
+
+def _symbol(numbers: np.ndarray) -> ca.SX:
+    return ca.SX.sym("p", *numbers.shape)
+
+
+def _array(vector: ca.DM) -> np.ndarray:
+    return np.asarray(vector).ravel()
 
 
 class NlpSolver(Solver):
@@ -327,147 +284,88 @@ class NlpSolver(Solver):
         self._nlps: dict[WindowShape, Nlp] = {}
         self._compiled: dict[WindowShape, ca.Function] = {}
 
-    def nlp(self, window: Window) -> Nlp:
-        """Return the NLP of a window, transcribed on first use."""
-        shape = window_shape(window)
-        if shape not in self._nlps:
-            if shape.bounded and self._plugin != "ipopt":
-                raise InputError(f"found a bound on a cost and the solver {self._plugin}, expected ipopt")
-            self._nlps[shape] = Nlp(self._problem.model, shape)
-        return self._nlps[shape]
-
     def violation(self, window: Window, plan: Plan) -> float:
         """Return by how much a plan on the mesh of a window violates a constraint at worst."""
-        nlp, z = self.nlp(window), self._pack(window, plan)
-        g = nlp.rows(z, _flat(window, plan.instants))
-        return _violation(_bounds(nlp, window, plan, np.inf), z, np.asarray(g).ravel())
+        nlp, z, p = self._posed(window, plan)
+        return _violation(nlp.bounds(window, plan, np.inf), z, _array(nlp.rows(z, p)))
 
     def costs(self, window: Window, plan: Plan) -> np.ndarray:
         """Return what each stage adds to the objective at priority 1 along a plan on the mesh of a window, (S + 1,)."""
-        nlp = self.nlp(window)
-        costs, terminal = nlp.costs(self._pack(window, plan), _flat(window, plan.instants))
-        return np.append(np.asarray(costs).ravel()[:-1], float(costs[-1] + terminal))
+        nlp, z, p = self._posed(window, plan)
+        costs, terminal = nlp.costs(z, p)
+        return np.append(_array(costs)[:-1], float(costs[-1] + terminal))
+
+    def _posed(self, window: Window, plan: Plan) -> tuple[Nlp, np.ndarray, np.ndarray]:
+        """Return the NLP of a window, transcribed on first use, and its x and p of a plan on the window's mesh."""
+        shape, numbers = window_shape(window), window_numbers(window, plan.instants)
+        if shape not in self._nlps:
+            if shape.bounded and self._plugin != "ipopt":
+                raise InputError(f"found a bound on a cost and the solver {self._plugin}, expected ipopt")
+            self._nlps[shape] = Nlp(self._problem.model, shape, numbers)
+        nlp, inputs = self._nlps[shape], list[np.ndarray]()
+        for stage, first, last in zip(window.stages, nlp.grid.first_node, nlp.grid.first_node[1:], strict=False):
+            X, u = plan.X[first:last], plan.u[first:last]
+            inputs.append(self._problem.costs.inputs(stage, X, u).T)
+        violations = scaled_violations(plan.X, *nlp.limits(window, plan)).T if shape.soft else 0.0
+        tau = np.tile(np.diff(plan.instants, prepend=window.start)[:, None], nlp.grid.K + 1)
+        z = nlp.pack(plan.X.T, tau, 0.0, violations, *inputs)
+        return nlp, _array(z), np.concatenate([np.ravel(piece, order="F") for piece in numbers.pieces()])
 
     def _function(self, nlp: Nlp) -> ca.Function:
         """Return the compiled solver of a program."""
         if nlp.shape not in self._compiled:
             options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
             if self._plugin == "fatrop":
-                sizes = {"N": len(nlp.nu) - 1, "nx": nlp.nx, "nu": nlp.nu, "ng": nlp.ng}
-                options |= {"structure_detection": "manual", **sizes}
+                options |= {"structure_detection": "manual", **nlp.sizes}
             loud = {} if self._report is None else {"print_level": PRINT_LEVEL}
             options[self._plugin] = {**self._settings, **loud}
             self._compiled[nlp.shape] = ca.nlpsol("window", self._plugin, nlp.problem, options)
         return self._compiled[nlp.shape]
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
-        nlp = self.nlp(window)
-        solver, bounds = self._function(nlp), _bounds(nlp, window, guess, within)
-        p, began = _flat(window, guess.instants), time.perf_counter()
+        nlp, x0, p = self._posed(window, guess)
+        solver, bounds, began = self._function(nlp), nlp.bounds(window, guess, within), time.perf_counter()
         with redirect_stdout(io.StringIO()) if self._report else nullcontext(io.StringIO()) as written:
-            result = solver(x0=self._pack(window, guess), p=p, **bounds)
+            result = solver(x0=x0, p=p, **bounds)
         wall_time = time.perf_counter() - began
         if self._report is not None:
             for line in filter(ITERATION.match, written.getvalue().splitlines()):
                 self._report(line)
-        found, stats = {name: np.asarray(values).ravel() for name, values in result.items()}, solver.stats()
-        z, layout = found["x"], nlp.layout
-        outcome, iterations = _outcome(stats, z), int(stats["iter_count"])
-        stepped = outcome is Outcome.DEADLINE and iterations > 0  # else this is the guess
-        if stepped and _violation(bounds, z, found["g"]) <= FEASIBLE:
+        z, stats = _array(result["x"]), solver.stats()
+        outcome = Outcome.OPTIMAL if stats["success"] else OUTCOMES.get(stats["return_status"], Outcome.FAILED)
+        stepped = outcome is Outcome.DEADLINE and stats["iter_count"] > 0  # else this is the guess
+        if not np.isfinite(z).all():
+            outcome = Outcome.FAILED
+        elif stepped and _violation(bounds, z, _array(result["g"])) <= FEASIBLE:
             outcome = Outcome.FEASIBLE
         costs, terminal = nlp.costs(z, p)
+        plan, violations = _unpacked(nlp, window, z)
         return Solution(
             outcome=outcome,
-            plan=_unpack(layout, window, z),
-            objective=found["f"].item(),
-            iterations=iterations,
+            plan=plan,
+            objective=float(result["f"]),
+            iterations=int(stats["iter_count"]),
             wall_time=wall_time,
             window=window,
             guess=guess,
             warm=previous is not None,
-            costs=np.asarray(costs).ravel(),
+            costs=_array(costs),
             terminal=float(terminal),
-            violations=z[layout.violation_index[1:]].max(axis=0) / PENALTY,
-            bound_multiplier=float(found["lam_g"][-1]) if np.isfinite(window.cost_bound) else np.nan,
+            violations=violations,
+            bound_multiplier=float(result["lam_g"][-1]) if np.isfinite(window.cost_bound) else np.nan,
         )
 
-    def _pack(self, window: Window, plan: Plan) -> np.ndarray:
-        """Return the decision vector of a plan on the mesh of a window."""
-        layout = self.nlp(window).layout
-        z, u = np.zeros(layout.size), plan.u
-        z[layout.state_index] = plan.X
-        z[layout.duration_index] = np.diff(plan.instants, prepend=window.start)
-        for s, stage in enumerate(window.stages):
-            at = slice(layout.first_node[s], layout.first_node[s + 1])
-            joint = stage.input == "joint"
-            z[layout.input_index[s]] = u[at] if joint else self._problem.costs.task_acceleration(plan.X[at], u[at])
-        if layout.soft:
-            z[layout.violation_index] = scaled_violations(plan.X, *_state_limits(layout, window, plan))
-        return z
 
-
-def _state_limits(layout: Layout, window: Window, guess: Plan) -> tuple[np.ndarray, np.ndarray]:
-    """Return low and high of [Q; Qdot] at the nodes, (K + 1, 2n) each; those of v in the chart about a guess."""
-    low, high = node_limits(layout, window.stages)
-    if window.chart.spatial:
-        n = layout.n
-        shift = window.shift_of_limits(guess)
-        low[:, n:] += shift
-        high[:, n:] += shift
-    return low, high
-
-
-def _unpack(layout: Layout, window: Window, z: np.ndarray) -> Plan:
-    """Return the plan of a decision vector."""
-    u = np.zeros((layout.K, layout.n))
-    plan = plan_on_mesh(window, z[layout.state_index], u, z[layout.duration_index[0]])
+def _unpacked(nlp: Nlp, window: Window, z: np.ndarray) -> tuple[Plan, np.ndarray]:
+    """Return the plan of a decision vector, and by how much its nodes violate soft limits at worst."""
+    X, tau, _, violations, *inputs = (np.ascontiguousarray(each.full().T) for each in nlp.unpack(z))
+    n, first = nlp.grid.n, nlp.grid.first_node
+    plan = plan_on_mesh(window, X, np.zeros((nlp.grid.K, n)), tau[0])
     for s, stage in enumerate(window.stages):
-        first, last = layout.first_node[s], layout.first_node[s + 1]
-        if stage.input == "joint":
-            u[first:last] = z[layout.input_index[s]]
-        else:
-            times, velocities = plan.times[first : last + 1], plan.X[first : last + 1, layout.n :]
-            u[first:last] = np.diff(velocities, axis=0) / np.diff(times)[:, None]
-    return plan
-
-
-def _flat(window: Window, instants: np.ndarray) -> np.ndarray:
-    """Return the parameter vector of a window, its instants guessed at (S,) [s]."""
-    return np.concatenate([np.ravel(piece, order="F") for piece in window_numbers(window, instants).pieces()])
-
-
-def _bounds(nlp: Nlp, window: Window, guess: Plan, within: float) -> dict[str, np.ndarray]:
-    """Return lbx, ubx, lbg, ubg of a window, durations within so many seconds of the guess. Paper (14), (17), (18)."""
-    layout = nlp.layout
-    lbx, ubx = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
-    lbg, ubg = np.zeros(nlp.count), np.zeros(nlp.count)
-    low, high = _state_limits(layout, window, guess)
-    for s, stage in enumerate(window.stages):
-        if stage.input == "joint":
-            inputs = layout.input_index[s]
-            lbx[inputs], ubx[inputs] = stage.limits.acceleration_low, stage.limits.acceleration_high
-    tau = np.diff(guess.instants, prepend=window.start)
-    lbx[layout.duration_index[0]] = np.maximum(shortest_durations(window)[:-1], tau - within)
-    ubx[layout.duration_index[0]] = tau + within
-    if layout.soft:
-        lbx[layout.violation_index] = 0.0
-        lbg[nlp.limit_rows], ubg[nlp.limit_rows] = [low, np.full_like(low, -np.inf)], [np.full_like(high, np.inf), high]
-    else:
-        lbx[layout.state_index[1:]], ubx[layout.state_index[1:]] = low[1:], high[1:]
-    if nlp.last_duration_row is not None:
-        lbg[nlp.last_duration_row], ubg[nlp.last_duration_row] = SHORTEST, np.inf
-    for s, row in nlp.instant_rows.items():
-        at = window.stages[s].at
-        lbg[row] = ubg[row] = (0.0 if at is None else at) - window.start
-    for s, rows in nlp.end_rows.items():
-        tolerance, drift = window.stages[s].end_tolerance, window.stages[s].end_drift
-        lbg[rows], ubg[rows] = drift - tolerance, drift + tolerance
-    for rows, each in zip(nlp.kept_rows, window.kept, strict=True):
-        lbg[rows], ubg[rows] = -each.bound.ravel() if each.bound.ndim else -np.inf, each.bound.ravel()
-    if np.isfinite(window.cost_bound):
-        lbg[-1], ubg[-1] = -np.inf, window.cost_bound
-    return {"lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg}
+        nodes = slice(first[s], first[s + 1] + 1)
+        means = np.diff(X[nodes, n:], axis=0) / np.diff(plan.times[nodes])[:, None]
+        plan.u[first[s] : first[s + 1]] = inputs[s] if stage.input == "joint" else means
+    return plan, violations[1:].max(axis=0) / PENALTY
 
 
 def _violation(bounds: Mapping[str, np.ndarray], z: np.ndarray, g: np.ndarray) -> float:

@@ -40,10 +40,12 @@ def test_euler_step_converges_to_the_exact_one_with_first_order(model: RobotMode
     assert errors[0] / errors[1] == pytest.approx(2, rel=1e-6)
 
 
-def test_task_input_is_the_acceleration_of_the_poses(model: RobotModel, costs: StageCosts, x_u: X_U) -> None:
+def test_task_input_is_the_acceleration_of_the_poses(
+    model: RobotModel, costs: StageCosts, stages: tuple[Stage, ...], x_u: X_U
+) -> None:
     (x, u), h = x_u, 1e-4
     after = np.asarray(stage_functions(model, StageShape("joint", "task")).step("exact")(x, u, h)).ravel()
-    acceleration = costs.task_acceleration(x[None], (after[9:] - x[9:])[None] / h)[0]
+    acceleration = costs.inputs(replace(stages[0], input="task"), x[None], (after[9:] - x[9:])[None] / h)[0]
     np.testing.assert_allclose(acceleration, u, atol=2e-2)
 
 

@@ -42,9 +42,9 @@ def test_reference_is_linear_between_the_times_and_held_after_the_last(trace: St
 @given(since=st.floats(-1, 20))
 def test_rate_is_the_slope_of_the_reference_just_after(trace: Stage, since: float) -> None:
     h = 1e-6
-    ahead, now = trace.reference(np.array([since + h])), trace.reference(np.array([since]))
+    ahead, now = trace.reference(since + h), trace.reference(since)
     if np.ceil(since) - since > h:
-        np.testing.assert_allclose(trace.rate(np.array([since])), (ahead - now) / h, atol=1e-6)
+        np.testing.assert_allclose(trace.trajectory.at(since)[1], (ahead - now) / h, atol=1e-6)
 
 
 @pytest.mark.parametrize("signs", [0b00000, 0b10110])
@@ -62,7 +62,7 @@ def test_attitudes_turn_at_a_constant_rate_between_rows(signs: int) -> None:
     wanted = Slerp(times, rows)(inside)
     assert (wanted.inv() * Rotation.from_quat(values[:, [4, 5, 6, 3]])).magnitude().max() < 1e-7
     np.testing.assert_allclose(values[:, 0], np.interp(inside, times, np.arange(5)))
-    np.testing.assert_allclose(stage.rate(since), (stage.reference(since + h) - values) / h, atol=1e-5)
+    np.testing.assert_allclose(stage.trajectory.at(since)[1], (stage.reference(since + h) - values) / h, atol=1e-5)
 
 
 @pytest.mark.parametrize(("dwell", "least"), [(0, 16), (3, 16), (20, 20)])

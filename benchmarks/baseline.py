@@ -11,7 +11,6 @@ import numpy as np
 import yaml
 
 import psmpc_cli as psmpc
-from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.studies.runner import run_study
 from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, parse_sampling, weight_study
@@ -56,40 +55,30 @@ WEIGHTS_HEADER = (
 
 def row(summary: Summary) -> dict[str, object]:
     """Return a summary's numbers at full precision: a rerun on one machine repeats every digit."""
-    stages = summary.stages
+    stages, efforts = summary.stages, ("control_effort", "base_force", "base_torque")
     return {
         "completed": summary.completed,
         "mission": "succeeded" if summary.succeeded else "failed",
-        "switch_time": {stage.name: float(stage.switch_time) for stage in stages},
-        "actual_start": {stage.name: float(stage.actual_start) for stage in stages},
-        "gripper_distance": {s.name: float(d) for s, d in zip(stages, summary.distances, strict=True)},
-        "control_effort": float(summary.control_effort),
-        "base_force": float(summary.base_force),
-        "base_torque": float(summary.base_torque),
+        **{key: {stage.name: getattr(stage, key) for stage in stages} for key in ("switch_time", "actual_start")},
+        "gripper_distance": {s.name: d for s, d in zip(stages, summary.distances, strict=True)},
+        **{key: getattr(summary, key) for key in efforts},
         "fallbacks": summary.failed_solves,
         "postponed": summary.postponed,
     }
 
 
-def table(results: Results) -> dict[str, object]:
-    """Return a sweep's starts and ends by ratio."""
-    rows = {
-        float(f"{ratio:.3g}"): [float(start) for start in starts]
-        for ratio, starts in zip(results["ratio"], results["actual_start"], strict=True)
-    }
+def sweep(changes: list[str]) -> dict[str, object]:
+    """Run the sweep over ratios with keys of the task changed; return its starts and ends by ratio."""
+    task = load_sweep_task(DEFAULT_TASK, changes)
+    results = run_study(weight_study(task, (0, 1), parse_sampling(RATIOS, RANGE)))
+    ratios = [float(f"{ratio:.3g}") for ratio in results["ratio"]]
     return {
-        "epsilon": [float(epsilon) for epsilon in results["epsilon"]],
+        "epsilon": results["epsilon"].tolist(),
         "approach_ends": float(np.median(results["switch_time"][:, 0])),
-        "actual_start": rows,
-        "capture_ends": [float(end) for end in results["completion_time"]],
+        "actual_start": dict(zip(ratios, results["actual_start"].tolist(), strict=True)),
+        "capture_ends": results["completion_time"].tolist(),
         "failed_solves": int(results["solves_failed"].sum()),
     }
-
-
-def sweep(changes: list[str]) -> Results:
-    """Run the sweep over ratios with keys of the task changed."""
-    task = load_sweep_task(DEFAULT_TASK, tuple(changes), ())
-    return run_study(weight_study(task, (0, 1), parse_sampling(RATIOS, RANGE)))
 
 
 def save(name: str, header: str, tables: dict[str, dict[str, object]]) -> None:
@@ -101,4 +90,4 @@ def save(name: str, header: str, tables: dict[str, dict[str, object]]) -> None:
 if __name__ == "__main__":
     tasks = {name: psmpc.load_task("transport", changes) for name, changes in RUNS.items()}
     save("baseline.yaml", HEADER, {name: row(psmpc.simulate(task).summary()) for name, task in tasks.items()})
-    save("weights.yaml", WEIGHTS_HEADER, {name: table(sweep(changes)) for name, changes in SETTINGS.items()})
+    save("weights.yaml", WEIGHTS_HEADER, {name: sweep(changes) for name, changes in SETTINGS.items()})

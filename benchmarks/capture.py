@@ -11,23 +11,17 @@ N_s = 25 in every run. Rows are printed in order as their runs end.
 """
 
 import math
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import Any
 
 import numpy as np
-from pages import markdown
+from pages import command_line, markdown
 from scipy.stats import binomtest
 
 import psmpc_cli as psmpc
-from psmpc_cli.logs.run import Run
 from psmpc_cli.robot.free_body import pose_error
 
-INERTIA = 2.67 / 20
-"""Inertia over mass of the object of transport_grasp [m^2]."""
-
-LEAN = {"controller.nodes": 25, "log.shares": False, "log.plans": False}
 CARRY = {
     "skills.carry": {
         "space": "joint",
@@ -43,158 +37,135 @@ CARRY = {
 }
 """The load known, and Transport slow: no more than 0.1 m/s^2 of the base, arms that keep their posture."""
 
-CONTROLLERS = ("psmpc", "smpc", "htmpc", "hard")
+PULL = "object.grasp.strength.pull"
 
 
-def simulated(task: str, set: Mapping[str, Any]) -> Run:
+def simulated(task: str, changes: Mapping[str, Any]) -> psmpc.Run:
     """Run a task; nothing but its outcome is looked at."""
-    return psmpc.simulate(psmpc.load_task(task, {**LEAN, **set}))
+    lean = {"controller.nodes": 25, "log.shares": False, "log.plans": False}
+    return psmpc.simulate(psmpc.load_task(task, {**lean, **changes}))
 
 
-def massive(mass: float, **set: Any) -> dict[str, Any]:
-    """Return the keys of transport_grasp with an object of a mass [kg]."""
-    return {"object.mass": mass, "object.inertia": INERTIA * mass, **set}
+def carried(mass: float, changes: Mapping[str, Any]) -> psmpc.Run:
+    """Run transport_grasp with an object of a mass [kg] and the shape of its own."""
+    return simulated("transport_grasp", {"object.mass": mass, "object.inertia": 2.67 / 20 * mass, **changes})
 
 
-def outcome(run: Run) -> list[str]:
+def outcome(run: psmpc.Run) -> dict[str, str]:
     """Write what became of the object: pull, where and how fast it left, end of the run, drift of momentum."""
     summary = run.summary()
     found = summary.capture
     assert found is not None
-    held = f"lost at {found.left_at:.2f} s" if found.lost else "held" if math.isfinite(found.left_at) else "not let go"
-    held = held if math.isfinite(found.closed_at) else "not taken"
-    return [
-        held,
-        f"{found.pull:.1f}",
-        f"{100 * found.distance:.1f}",
-        f"{math.degrees(found.angle):.1f}",
-        f"{1e3 * found.speed:.0f}",
-        "yes" if summary.monitors[-1].held else "no",
-        f"{summary.duration:.1f}" if summary.completed else summary.reason,
-        f"{summary.momentum_error:.0e}",
-    ]
-
-
-OUTCOME = (
-    "grasps", "pull [N]", "object off by [cm]", "[deg]", "speed [mm/s]", "delivered", "ends [s]", "drift of momentum"
-)  # fmt: skip
+    left = "held" if math.isfinite(found.left_at) else "not let go"
+    taken = f"lost at {found.left_at:.2f} s" if found.lost else left
+    return {
+        "grasps": taken if math.isfinite(found.closed_at) else "not taken",
+        "pull [N]": f"{found.pull:.1f}",
+        "object off by [cm]": f"{100 * found.distance:.1f}",
+        "[deg]": f"{math.degrees(found.angle):.1f}",
+        "speed [mm/s]": f"{1e3 * found.speed:.0f}",
+        "delivered": "yes" if summary.monitors[-1].held else "no",
+        "ends [s]": f"{summary.duration:.1f}" if summary.completed else summary.reason,
+        "drift of momentum": f"{summary.momentum_error:.0e}",
+    }
 
 
 def held() -> Iterator[str]:
     """Unknown loads under every controller."""
-    rows = (
-        (kind, mass, *outcome(simulated("transport_grasp", massive(mass, **{"controller.kind": kind}))))
-        for kind, mass in product(CONTROLLERS, (5, 20, 60))
+    cases = product(("psmpc", "smpc", "htmpc", "hard"), (5, 20, 60))
+    return markdown(
+        {"controller": kind, "mass [kg]": mass, **outcome(carried(mass, {"controller.kind": kind}))}
+        for kind, mass in cases
     )
-    return markdown(("controller", "mass [kg]", *OUTCOME), rows)
 
 
 def known() -> Iterator[str]:
     """Known loads; the pull between the grasps is the smaller of the two."""
 
-    def row(mass: float) -> tuple[object, ...]:
-        run = simulated("transport_grasp", massive(mass, **CARRY))
+    def row(mass: float) -> dict[str, object]:
+        run = carried(mass, CARRY)
         internal = np.min(run["grasp/pull"], axis=1).max(initial=0.0)
-        return mass, *outcome(run), f"{internal:.1f}"
+        return {"mass [kg]": mass, **outcome(run), "internal pull [N]": f"{internal:.1f}"}
 
-    return markdown(("mass [kg]", *OUTCOME, "internal pull [N]"), map(row, (5, 20, 60, 120, 200)))
+    return markdown(map(row, (5, 20, 60, 120, 200)))
 
 
 def strength() -> Iterator[str]:
     """Look for losses of 20 kg as the strength falls."""
-    rows = (
-        (
-            kind,
-            pull,
-            *outcome(simulated("transport_grasp", {"controller.kind": kind, "object.grasp.strength.pull": pull})),
-        )
+    return markdown(
+        {"controller": kind, "strength [N]": pull, **outcome(carried(20, {"controller.kind": kind, PULL: pull}))}
         for kind, pull in product(("psmpc", "smpc"), (8, 4, 2))
     )
-    return markdown(("controller", "strength [N]", *OUTCOME), rows)
 
 
 def drifting(count: str) -> Iterator[str]:
     """Draw drift and spin up to the stated values, which the task's own motion does not know of."""
-    still = {
+    drawn = {
         "object.motion": {"linear": [0, 0], "angular": 0},
         "uncertainty.object": {"linear": 0.02, "angular": "2 deg"},
     }
-    found = [simulated("catch_drifting", {**still, "seed": seed}) for seed in range(int(count))]
-    captures = [each for each in (run.summary().capture for run in found) if each is not None]
-    missed = np.array([each.missed_by for each in captures])
+    captures = [simulated("catch_drifting", {**drawn, "seed": k}).summary().capture for k in range(int(count))]
     taken = sum(math.isfinite(each.closed_at) for each in captures)
-    low, high = binomtest(taken, len(found)).proportion_ci(method="wilson")
-    rows = [
-        ("taken", f"{taken} of {len(found)}, 95 % interval {100 * low:.1f} to {100 * high:.1f} %"),
-        ("farthest at closing", f"{1e3 * missed[:, 0].max():.2f} mm, {np.degrees(missed[:, 1].max()):.3f} deg"),
-        ("fastest at closing", f"{1e3 * missed[:, 2].max():.1f} mm/s, {np.degrees(missed[:, 3].max()):.2f} deg/s"),
-    ]
-    return markdown(("", f"{count} draws"), rows)
+    low, high = binomtest(taken, len(captures)).proportion_ci(method="wilson")
+    position, angle, velocity, turn = np.max([each.missed_by for each in captures], axis=0)
+    rows = {
+        "taken": f"{taken} of {count}, 95 % interval {100 * low:.1f} to {100 * high:.1f} %",
+        "farthest at closing": f"{1e3 * position:.2f} mm, {np.degrees(angle):.3f} deg",
+        "fastest at closing": f"{1e3 * velocity:.1f} mm/s, {np.degrees(turn):.2f} deg/s",
+    }
+    return markdown(rows.items(), "", f"{count} draws")
 
 
 def plants(count: str, strength: str) -> Iterator[str]:
     """Run both plants on the same draws: mass and motion of the object, bodies of the robot, noise."""
     drawn = {
         "uncertainty": {"mass": 0.1, "inertia": 0.1, "object": {"mass": 0.3, "linear": 1e-3, "angular": "0.1 deg"}},
-        "object.grasp.strength.pull": float(strength),
+        PULL: float(strength),
         "plant.step": 5e-4,
     }
 
-    def row(kind: str) -> Sequence[object]:
+    def row(kind: str) -> dict[str, object]:
         """Run a controller under both plants, draw by draw."""
         held, near, drifts, apart = [], 0, [], [0.0]
         for seed in range(int(count)):
-            pair = [
-                simulated("transport_grasp", {**drawn, "controller.kind": kind, "seed": seed, "plant": plant})
-                for plant in ("rk4", "mujoco")
-            ]
+            changes = {**drawn, "controller.kind": kind, "seed": seed}
+            pair = [simulated("transport_grasp", {**changes, "plant": plant}) for plant in ("rk4", "mujoco")]
             summaries = [run.summary() for run in pair]
-            captures = [summary.capture for summary in summaries if summary.capture is not None]
-            held.append([not each.lost for each in captures])
-            near += all(held[-1]) and max(each.pull for each in captures) > 0.99 * float(strength)
-            drifts += [summary.momentum_error for summary in summaries]
+            held.append([not each.capture.lost for each in summaries])
+            drifts += [each.momentum_error for each in summaries]
             if all(held[-1]):
+                near += max(each.capture.pull for each in summaries) > 0.99 * float(strength)
                 apart.append(float(np.abs(pair[0]["final/object_pose"] - pair[1]["final/object_pose"]).max()))
-        number, agree = sum(one for one, _ in held), sum(one == other for one, other in held)
-        return kind, count, number, len(held) - number, near, agree, f"{max(apart):.0e}", f"{max(drifts):.0e}"
+        number = sum(one for one, _ in held)
+        return {
+            "controller": kind,
+            "draws": count,
+            "held": number,
+            "lost": len(held) - number,
+            "held at more than 99 % of the strength": near,
+            "plants agree on it": sum(one == other for one, other in held),
+            "object apart at the end, where held [m, rad]": f"{max(apart):.0e}",
+            "largest drift of momentum": f"{max(drifts):.0e}",
+        }
 
-    headings = (
-        "controller",
-        "draws",
-        "held",
-        "lost",
-        "held at more than 99 % of the strength",
-        "plants agree on it",
-        "object apart at the end, where held [m, rad]",
-        "largest drift of momentum",
-    )
-    return markdown(headings, map(row, ("psmpc", "smpc")))
+    return markdown(map(row, ("psmpc", "smpc")))
 
 
 def tumbling() -> Iterator[str]:
     """Run catch_tumbling under both plants."""
     runs = {plant: simulated("catch_tumbling", {"plant.kind": plant}) for plant in ("rk4", "mujoco")}
-    apart = pose_error(*(run["final/object_pose"] for run in runs.values()))
 
-    def row(plant: str, run: Run) -> tuple[object, ...]:
+    def row(plant: str, run: psmpc.Run) -> dict[str, object]:
         summary = run.summary()
-        assert summary.capture is not None
-        position, angle = summary.capture.missed_by[:2]
+        position, angle, *_ = summary.capture.missed_by
         missed = f"{1e3 * position:.2f} mm, {math.degrees(angle):.3f} deg"
-        return plant, missed, *outcome(run), summary.failed_solves
+        return {"plant": plant, "off at closing": missed, **outcome(run), "failed solves": summary.failed_solves}
 
-    yield from markdown(("plant", "off at closing", *OUTCOME, "failed solves"), (row(*each) for each in runs.items()))
-    yield ""
-    yield (
-        f"Final poses of the object apart by {1e3 * np.linalg.norm(apart[:3]):.1e} mm and "
-        f"{math.degrees(float(np.linalg.norm(apart[3:]))):.1e} deg."
-    )
+    yield from markdown(row(*each) for each in runs.items())
+    apart = pose_error(*(run["final/object_pose"] for run in runs.values()))
+    position, angle = 1e3 * np.linalg.norm(apart[:3]), math.degrees(np.linalg.norm(apart[3:]))
+    yield from ("", f"Final poses of the object apart by {position:.1e} mm and {angle:.1e} deg.")
 
-
-COMMANDS: dict[str, Callable[..., Iterator[str]]] = {
-    each.__name__: each for each in (held, known, strength, drifting, plants, tumbling)
-}
 
 if __name__ == "__main__":
-    for line in COMMANDS[sys.argv[1]](*sys.argv[2:]):
-        print(line, flush=True)
+    command_line(held, known, strength, drifting, plants, tumbling)

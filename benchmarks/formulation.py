@@ -7,7 +7,7 @@ python benchmarks/formulation.py ablations [NODES]   and docs/figures/ablation_*
 import sys
 from collections.abc import Iterator, Mapping
 
-from pages import ROOT, markdown, print_table
+from pages import ROOT, command_line, markdown
 
 import psmpc_cli as psmpc
 from psmpc_cli.figures.registry import draw
@@ -32,9 +32,9 @@ def starts(nodes: str = "100") -> Iterator[str]:
         changes = {"controller.nodes": int(nodes), "onset.kind": measure, "onset.series": thresholds}
         runs = psmpc.compare(psmpc.load_task("transport", changes), ("psmpc", "smpc"))
         for number, epsilon in enumerate(runs["psmpc"].stages["epsilon"]):
-            cells = (_start(runs[kind], stage, number) for kind, stage in STARTS.values())
-            rows.append((f"{measure}, {epsilon:g}", *cells))
-    return markdown(("actual start [s]", *STARTS), rows)
+            cells = {name: _start(runs[kind], stage, number) for name, (kind, stage) in STARTS.items()}
+            rows.append({"actual start [s]": f"{measure}, {epsilon:g}", **cells})
+    return markdown(rows)
 
 
 def _start(run: psmpc.Run, stage: str, number: int) -> str:
@@ -59,10 +59,11 @@ def _by_variant(numbers: Mapping[str, float]) -> Iterator[str]:
     rows: dict[str, dict[str, str]] = {}
     for name, value in numbers.items():
         of = next((each for each in sorted(columns, key=len, reverse=True) if f", {each}" in name), None)
-        row = rows.setdefault(name.replace(f", {of}", ""), {})
+        quantity = name.replace(f", {of}", "")
+        row = rows.setdefault(quantity, {"": quantity, **dict.fromkeys(columns, "-")})
         row |= dict.fromkeys([of] if of else columns, f"{value:.4g}")
-    return markdown(("", *columns), ((name, *(row.get(each, "-") for each in columns)) for name, row in rows.items()))
+    return markdown(rows.values())
 
 
 if __name__ == "__main__":
-    print_table(starts, ablations)
+    command_line(starts, ablations)

@@ -9,31 +9,27 @@ run adds one line to benchmarks/missions.jsonl; a run that has its line is not r
 import json
 import logging
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import ArrayLike
 from pages import markdown
 from scipy.stats import binomtest, bootstrap
 
-from psmpc_cli.errors import SpecError
-from psmpc_cli.ocp.feasibility import ensure_feasible
-from psmpc_cli.simulation.run import simulate
-from psmpc_cli.specs.load import Task, load_task
+import psmpc_cli as psmpc
+from psmpc_cli.ocp.feasibility import load_feasible
+from psmpc_cli.specs.load import Task
+from psmpc_cli.studies.runner import compute
 
 RESULTS = Path(__file__).with_suffix(".jsonl")
-MISSIONS = dict.fromkeys(("psmpc", "smpc", "htmpc", "hard"), 200)
-STAND_OFF, GRIP = np.array([0.0, -0.978]), np.array([0.6415, 0.0])
-"""Where the base stands and the first arm grips, in the object's frame [m]; the second arm grips opposite."""
+MISSIONS = ("psmpc=200", "smpc=200", "htmpc=200", "hard=200")
+STAND_OFF, GRIP, SIDEWAYS = np.array([0.0, -0.978]), np.array([0.6415, 0.0]), np.array([1.5, 0.0])
+"""Where the base stands, and the first arm grips and lets go, in the object's frame [m]; the second arm is opposite."""
 
 OBJECT, DESTINATION = ((1.5, 4.0), 90.0), ((0.0, 2.0), 60.0)
 """Ranges of the poses that are drawn: distance from the origin [m] and angle [deg]."""
-
-SUCCESS = ("controller", "succeeded", "success rate", "time less that of `hard` [s]", "effort over that of `hard`")
-STARTS = ("controller", "Capture starts early by [s]", "Transport by [s]", "Release by [s]", "lost after Release began")
 
 Row = dict[str, Any]
 
@@ -41,25 +37,16 @@ Row = dict[str, Any]
 def draw_mission(seed: int, controller: str) -> Task:
     """Return the mission of a seed; poses that `psmpc check` rejects are drawn again."""
     random = np.random.default_rng(seed)
+    lean = {"controller.nodes": 25, "log.plans": False, "log.shares": False, "time_limit": 120}
     while True:
-        taken, left = pose(random, *OBJECT), pose(random, *DESTINATION)
-        mission = {
-            **targets(taken, left),
-            "controller.kind": controller,
-            "controller.nodes": 25,
-            "log.plans": False,
-            "log.shares": False,
-            "time_limit": 120,
-        }
+        taken, left = draw_pose(random, *OBJECT), draw_pose(random, *DESTINATION)
         try:
-            task = load_task("transport", mission)
-            ensure_feasible(task)
-        except SpecError:
+            return load_feasible("transport", {**targets(taken, left), "controller.kind": controller, **lean})
+        except psmpc.SpecError:
             continue
-        return task
 
 
-def pose(random: np.random.Generator, distances: tuple[float, float], angle: float) -> np.ndarray:
+def draw_pose(random: np.random.Generator, distances: tuple[float, float], angle: float) -> np.ndarray:
     """Return a pose [x, y, angle] [m, deg] at a random distance and bearing from the origin."""
     distance, bearing = random.uniform(*distances), random.uniform(-np.pi, np.pi)
     return np.array([distance * np.cos(bearing), distance * np.sin(bearing), random.uniform(-angle, angle)])
@@ -68,32 +55,26 @@ def pose(random: np.random.Generator, distances: tuple[float, float], angle: flo
 def targets(taken: np.ndarray, left: np.ndarray) -> dict[str, Any]:
     """Return what places object and stages: the poses [x, y, angle] (3,) [m, deg] of the object and of its release."""
 
-    def at(frame: np.ndarray, offset: np.ndarray, turn: float = 0.0) -> list[Any]:
+    def at(frame: np.ndarray, offset: ArrayLike = (0, 0), turn: float = 0.0) -> list[Any]:
         c, s = np.cos(np.radians(frame[2])), np.sin(np.radians(frame[2]))
         x, y = frame[:2] + np.array([[c, -s], [s, c]]) @ offset
         return [round(float(x), 4), round(float(y), 4), f"{frame[2] + turn:.2f} deg"]
 
-    sideways = np.array([1.5, 0.0])
-    base, destination = at(taken, STAND_OFF), at(left, np.zeros(2))
+    base, destination = at(taken, STAND_OFF), at(left)
     return {
-        "object.pose": at(taken, np.zeros(2)),
+        "object.pose": at(taken),
         "stages.approach.target.base": base,
         "stages.capture.target": {"base": base, "arm_1": at(taken, GRIP, 135), "arm_2": at(taken, -GRIP, -135)},
         "stages.transport.target.base": destination,
-        "stages.release.target": {"base": destination, "arm_1": at(left, sideways), "arm_2": at(left, -sideways)},
+        "stages.release.target": {"base": destination, "arm_1": at(left, SIDEWAYS), "arm_2": at(left, -SIDEWAYS)},
     }
 
 
-def results() -> dict[tuple[str, int], Row]:
-    """Return the lines of the results by controller and seed."""
-    lines = RESULTS.read_text(encoding="utf-8").splitlines() if RESULTS.exists() else []
-    return {(row["controller"], row["seed"]): row for row in map(json.loads, lines)}
-
-
-def measure(seed: int, controller: str) -> Row:
+def measure(mission: tuple[str, int]) -> Row:
     """Run the mission of a seed under a controller and return its line of the results."""
     logging.disable(logging.CRITICAL)
-    summary = simulate(draw_mission(seed, controller)).summary()
+    controller, seed = mission
+    summary = psmpc.simulate(draw_mission(seed, controller)).summary()
     held = summary.monitors[0]
     return {
         "seed": seed,
@@ -110,31 +91,43 @@ def measure(seed: int, controller: str) -> Row:
     }
 
 
-def tables(made: dict[tuple[str, int], Row]) -> Iterator[str]:
-    """Give the lines of the tables: success, what it costs against hard switching, when stages start."""
-    names = dict.fromkeys(name for name, _ in made)
-    by = {name: {seed: row for (of, seed), row in made.items() if of == name} for name in names}
-    rows_of_success = []
-    for name, rows in by.items():
+def results() -> dict[str, dict[int, Row]]:
+    """Return the lines of the results by controller and seed."""
+    found: dict[str, dict[int, Row]] = {}
+    for row in map(json.loads, RESULTS.read_text(encoding="utf-8").splitlines() if RESULTS.exists() else []):
+        found.setdefault(row["controller"], {})[row["seed"]] = row
+    return found
+
+
+def successes(made: dict[str, dict[int, Row]]) -> Iterator[Row]:
+    """Yield how often each controller succeeds, and what it costs against hard switching."""
+    for name, rows in made.items():
         succeeded = sum(row["succeeded"] for row in rows.values())
         rate = binomtest(succeeded, len(rows)).proportion_ci(method="wilson")
-        pairs = [(row, by["hard"][seed]) for seed, row in rows.items() if seed in by["hard"] and row["completed"]]
-        paired = (
-            median([r["time"] - h["time"] for r, h in pairs]),
-            median([r["effort"] / h["effort"] for r, h in pairs]),
-        )
-        interval = f"{100 * rate.low:.1f} to {100 * rate.high:.1f} %"
-        rows_of_success.append((f"`{name}`", f"{succeeded} of {len(rows)}", interval, *paired))
-    yield from markdown(SUCCESS, rows_of_success)
-    yield ""
-    rows_of_starts = []
-    for name, rows in by.items():
+        hard = made.get("hard", {})
+        pairs = [(row, hard[seed]) for seed, row in rows.items() if seed in hard and row["completed"]]
+        yield {
+            "controller": f"`{name}`",
+            "succeeded": f"{succeeded} of {len(rows)}",
+            "success rate": f"{100 * rate.low:.1f} to {100 * rate.high:.1f} %",
+            "time less that of `hard` [s]": median([row["time"] - other["time"] for row, other in pairs]),
+            "effort over that of `hard`": median([row["effort"] / other["effort"] for row, other in pairs]),
+        }
+
+
+def starts(made: dict[str, dict[int, Row]]) -> Iterator[Row]:
+    """Yield how early each stage starts, and when objects are lost."""
+    for name, rows in made.items():
         ends, starts = (np.array([row[key] for row in rows.values()]) for key in ("switch_time", "actual_start"))
+        capture, transport, release = map(median, (ends[:, :3] - starts[:, 1:]).T)
         lost = [(row["broken_at"], row["actual_start"][3]) for row in rows.values() if row["broken_at"] is not None]
-        early = (median(column) for column in (ends[:, :3] - starts[:, 1:]).T)
-        after = f"{sum(at >= start for at, start in lost)} of {len(lost)}"
-        rows_of_starts.append((f"`{name}`", *early, after))
-    yield from markdown(STARTS, rows_of_starts)
+        yield {
+            "controller": f"`{name}`",
+            "Capture starts early by [s]": capture,
+            "Transport by [s]": transport,
+            "Release by [s]": release,
+            "lost after Release began": f"{sum(at >= start for at, start in lost)} of {len(lost)}",
+        }
 
 
 def median(values: ArrayLike) -> str:
@@ -144,19 +137,18 @@ def median(values: ArrayLike) -> str:
     return f"{np.median(sample):.2f} ({found.low:.2f} to {found.high:.2f})"
 
 
-def main() -> None:
+def main(words: Sequence[str]) -> None:
     """Run what is missing and print the tables."""
-    given = (each.partition("=") for each in sys.argv[1:])
-    counts = {name: int(count) for name, _, count in given} or MISSIONS
+    counts = {name: int(count) for name, count in (word.split("=") for word in words or MISSIONS)}
     made = results()
     wanted = [(name, seed) for seed in range(max(counts.values())) for name in counts if seed < counts[name]]
-    calls = (delayed(measure)(seed, name) for name, seed in wanted if (name, seed) not in made)
+    missing = [(name, seed) for name, seed in wanted if seed not in made.get(name, {})]
     with RESULTS.open("a", encoding="utf-8") as file:
-        for row in Parallel(n_jobs=2, return_as="generator_unordered")(calls):
+        for _, row in compute(measure, missing, 2):
             file.write(json.dumps(row) + "\n")
             file.flush()
-    print("\n".join(tables(results())))
+    print("\n".join([*markdown(successes(results())), "", *markdown(starts(results()))]))
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

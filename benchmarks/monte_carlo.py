@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
-from pages import markdown, print_table
+from pages import command_line, markdown
 
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns, monte_carlo_study
 from psmpc_cli.studies.runner import run_study
@@ -35,8 +35,7 @@ DELAYS = (
 )
 """Samples of delay, how many of them the controller knows of, and W_r."""
 
-SUCCEEDED, FAILED_SOLVES = "succeeded", "failed solves a run"
-ENDS, ERROR, EFFORT = "ends [s]", "final error [tolerances]", "effort [m^2/s^3, rad^2/s^3]"
+EFFORT = "effort [m^2/s^3, rad^2/s^3]"
 
 
 def measure(name: str, count: int, *changes: str) -> MonteCarloRuns:
@@ -52,14 +51,14 @@ def columns(runs: MonteCarloRuns) -> dict[str, str]:
     made, succeeded = int(runs.made.sum()), int(runs.succeeded.sum())
     low, high = runs.interval
     return {
-        SUCCEEDED: f"{succeeded} of {made}",
+        "succeeded": f"{succeeded} of {made}",
         "rate, 95 % interval": f"{100 * succeeded / made:.1f} %, {100 * low:.1f} to {100 * high:.1f} %",
-        ENDS: spread(runs.end_time, 1),
-        ERROR: spread(runs["final_error"], 2),
+        "ends [s]": spread(runs.end_time, 1),
+        "final error [tolerances]": spread(runs["final_error"], 2),
         "velocity margin [%]": spread(100 * runs["relative_velocity_margin"], 0),
         "object held [m]": spread(runs["monitor_margin"][:, 0], 3),
         EFFORT: spread(runs["control_effort"], 0),
-        FAILED_SOLVES: f"{np.maximum(runs['solves_failed'], 0).mean():.2f}",
+        "failed solves a run": f"{np.maximum(runs['solves_failed'], 0).mean():.2f}",
     }
 
 
@@ -81,9 +80,7 @@ def controllers(*counts: str) -> Iterator[str]:
     """Yield the table of the controllers, and why their runs failed."""
     given = (each.split("=") for each in counts or RUNS)
     runs = {name: measure(f"monte-carlo-{name}", int(count), f"controller.kind={name}") for name, count in given}
-    rows = {name: columns(each) for name, each in runs.items()}
-    headings = ("controller", *next(iter(rows.values())))
-    yield from markdown(headings, ((f"`{name}`", *row.values()) for name, row in rows.items()))
+    yield from markdown({"controller": f"`{name}`", **columns(each)} for name, each in runs.items())
     yield ""
     yield "Spreads are 5 / 50 / 95 % quantiles; those of the end are over completed runs."
     for name, each in runs.items():
@@ -94,15 +91,18 @@ def controllers(*counts: str) -> Iterator[str]:
 
 def delays(count: str = "20") -> Iterator[str]:
     """Yield the table of late controls."""
-    shown, rows = (SUCCEEDED, ENDS, ERROR, EFFORT, FAILED_SOLVES), []
-    for delay, known, weight in DELAYS:
+    shown = ("succeeded", "ends [s]", "final error [tolerances]", EFFORT, "failed solves a run")
+
+    def row(delay: int, known: int, weight: float) -> dict[str, object]:
         weights = (f"skills.{skill}.weights.control={weight}" for skill in ("move", "reach"))
         changes = (f"uncertainty.delay={delay}", f"controller.known_delay={known}", *weights)
         runs = measure(f"delay-{delay}-{known}-{weight:g}", int(count), *changes)
         found, why = columns(runs), (f"{len(seeds)}: {reason}" for reason, seeds in failures(runs).items())
-        rows.append((delay, known, f"{weight:g}", *(found[name] for name in shown), "; ".join(why)))
-    return markdown(("delay [samples]", "known", "W_r", *shown, "why runs fail"), rows)
+        given = {"delay [samples]": delay, "known": known, "W_r": f"{weight:g}"}
+        return {**given, **{name: found[name] for name in shown}, "why runs fail": "; ".join(why)}
+
+    return markdown(row(*each) for each in DELAYS)
 
 
 if __name__ == "__main__":
-    print_table(controllers, delays)
+    command_line(controllers, delays)

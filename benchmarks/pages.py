@@ -14,7 +14,7 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -34,18 +34,21 @@ QUICK = "tables.py"
 PSMPC = [sys.executable, "-c", "from psmpc_cli.cli.main import main; main()"]
 
 
-def markdown(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> Iterator[str]:
-    """Yield the lines of a table in Markdown."""
-    yield f"| {' | '.join(headings)} |"
-    yield "|" + "---|" * len(headings)
-    for row in rows:
-        yield f"| {' | '.join(map(str, row))} |"
+def markdown(rows: Iterable[Iterable[object]], *headings: str) -> Iterator[str]:
+    """Yield the lines of a table in Markdown as its rows come: each is cells, or cells by heading."""
+    for number, row in enumerate(rows):
+        cells = row if isinstance(row, Mapping) else dict(zip(headings, row, strict=True))
+        if number == 0:
+            headings = tuple(cells)
+            yield f"| {' | '.join(headings)} |"
+            yield "|" + "---|" * len(headings)
+        yield f"| {' | '.join(str(cells.get(heading, '')) for heading in headings)} |"
 
 
-def print_table(*tables: Callable[..., Iterable[str]]) -> None:
-    """Print the table whose name, and perhaps arguments, the command line of a script gives, line by line."""
+def command_line(*functions: Callable[..., Iterable[str]]) -> None:
+    """Print the lines of the function that a script's command line names, perhaps with arguments, as they come."""
     name, *words = sys.argv[1:]
-    for line in {table.__name__: table for table in tables}[name](*words):
+    for line in {each.__name__: each for each in functions}[name](*words):
         print(line, flush=True)
 
 

@@ -24,10 +24,9 @@ from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
-from pages import markdown, print_table, run_psmpc
+from pages import command_line, markdown, run_psmpc
 
 import psmpc_cli as psmpc
-from psmpc_cli.logs.summary import Summary
 from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.robot.model import RobotModel
@@ -58,17 +57,6 @@ RUNS: Mapping[str, Sequence[str]] = {
     "converged, `solver=fatrop`": ("solver=fatrop",),
 }
 """Keys that are changed in each run of the transport task."""
-
-RUN_HEADINGS = (
-    "`psmpc simulate transport --no-figures`",
-    "windows with a switch: median, p99, max [ms]",
-    "over the first row",
-    "all windows: median, p99 [ms]",
-    "solves over 100 ms",
-    "failed solves",
-    "ends of the stages [s]",
-    "wall time [s]",
-)
 
 QUIET = 1.1
 """Wall over processor time up to which times mean something."""
@@ -101,8 +89,8 @@ BASE_GOAL, BENT = [1.0, 0.4, 0.3], 0.5
 
 def runs(nodes: str = "100") -> Iterator[str]:
     """Yield the tables of whole runs: solve times and wall time by setting; first and later runs on a machine."""
-    with TemporaryDirectory() as name:
-        folder = Path(name)
+    with TemporaryDirectory() as temporary:
+        folder = Path(temporary)
         os.environ["PSMPC_CACHE"] = str(folder / "cache")
 
         def wall_time(*words: str) -> float:
@@ -111,29 +99,29 @@ def runs(nodes: str = "100") -> Iterator[str]:
             run_psmpc(shlex.join([*line.split(), *words]), folder, check=True)
             return perf_counter() - began
 
-        first = wall_time("--figures"), wall_time("--figures")
-        rows, median = [], math.nan
-        for setting, changes in RUNS.items():
+        names = "first run on a machine: compilation and figures", "later runs, with figures"
+        with_figures = [(name, f"{wall_time('--figures'):.1f}") for name in names]
+        rows, first = [], math.nan
+        for name, changes in RUNS.items():
             taken = wall_time("--no-figures", *(word for change in changes for word in ("--set", change)))
             summary = psmpc.read_run(folder / "run.h5").summary()
-            median = summary.switching_solves.median if math.isnan(median) else median
-            rows.append((setting, *_solves(summary, median), f"{taken:.1f}"))
-    yield from markdown(RUN_HEADINGS, rows)
+            some, every = summary.switching_solves, summary.solves
+            first = some.median if math.isnan(first) else first
+            rows.append(
+                {
+                    "`psmpc simulate transport --no-figures`": name,
+                    "windows with a switch: median, p99, max [ms]": _ms(some.median, some.p99, some.largest),
+                    "over the first row": _number(some.median / first),
+                    "all windows: median, p99 [ms]": _ms(every.median, every.p99),
+                    "solves over 100 ms": summary.missed,
+                    "failed solves": summary.failed_solves,
+                    "ends of the stages [s]": ", ".join(f"{stage.switch_time:.2f}" for stage in summary.stages),
+                    "wall time [s]": f"{taken:.1f}",
+                }
+            )
+    yield from markdown(rows)
     yield ""
-    names = "first run on a machine: compilation and figures", "later runs, with figures"
-    named = ((name, f"{taken:.1f}") for name, taken in zip(names, first, strict=True))
-    yield from markdown(("`psmpc simulate transport`", "wall time [s]"), named)
-
-
-def _solves(summary: Summary, first: float) -> Iterator[str]:
-    """Yield the cells of a run's solves; `first` is the median of the first row [s]."""
-    switching, all_of_them = summary.switching_solves, summary.solves
-    yield _ms(switching.median, switching.p99, switching.largest)
-    yield _number(switching.median / first)
-    yield _ms(all_of_them.median, all_of_them.p99)
-    yield str(summary.missed)
-    yield str(summary.failed_solves)
-    yield ", ".join(f"{stage.switch_time:.2f}" for stage in summary.stages)
+    yield from markdown(with_figures, "`psmpc simulate transport`", "wall time [s]")
 
 
 def _ms(*times: float) -> str:
@@ -156,24 +144,23 @@ def windows() -> Iterator[str]:
     if bench.wall_over_busy > QUIET:
         yield "**The machine was busy: times are too long, and those of different meshes cannot be compared.**"
     yield ""
-    yield from markdown(HEADINGS, bench_rows(bench))
+    yield from markdown(bench_rows(bench), *HEADINGS)
     yield from ("", "Medians by the number of stages in the window:", "")
     counts = sorted({solve.stages for solves in bench.solves.values() for solve in solves})
-    headings = ("nodes", "solver", "start", *(f"{count} stage{'s' * (count > 1)} [ms]" for count in counts))
-    medians = {way: [_ms(median_time(solves, count)) for count in counts] for way, solves in bench.solves.items()}
-    yield from markdown(headings, ((*way, *cells) for way, cells in medians.items()))
+    medians = ((*way, *(_ms(median_time(each, count)) for count in counts)) for way, each in bench.solves.items())
+    yield from markdown(medians, *HEADINGS[:3], *(f"{count} stage{'s' * (count > 1)} [ms]" for count in counts))
     yield from ("", "The exponent p of time ~ N_s^p, by least squares of the logarithms of these medians:", "")
-    yield from markdown(GROWTH, growth({nodes: float(nodes) for nodes in NODES.split(",") if nodes != "auto"}, bench))
+    yield from markdown(growth({nodes: float(nodes) for nodes in NODES.split(",") if nodes != "auto"}, bench), *GROWTH)
 
 
 def freedom() -> Iterator[str]:
     """Yield the table of how solve times grow with the degrees of freedom."""
     tasks = {f"{arms} x {joints}": [sized_task(arms, joints)] for arms, joints in ROBOTS}
     sizes = {f"{arms} x {joints}": 3.0 + arms * joints for arms, joints in ROBOTS}
-    return markdown(GROWTH, growth(sizes, run_bench(tasks, appends=1, told=_tell)))
+    return markdown(growth(sizes, run_bench(tasks, appends=1, told=_tell)), *GROWTH)
 
 
-def growth(sizes: Mapping[str, float], bench: Bench) -> Iterator[Sequence[str]]:
+def growth(sizes: Mapping[str, float], bench: Bench) -> Iterator[tuple[object, ...]]:
     """Give the exponent p of time ~ size^p for each back-end, start and number of stages, by least squares of logs."""
     for solver, start in dict.fromkeys((solver, start) for _, solver, start in bench.solves):
         mine = {size: bench.solves[nodes, solver, start] for nodes, size in sizes.items()}
@@ -182,7 +169,7 @@ def growth(sizes: Mapping[str, float], bench: Bench) -> Iterator[Sequence[str]]:
             known = [(size, time) for size, time in times.items() if np.isfinite(time)]
             x, y = np.log(np.array(known)).reshape(-1, 2).T
             if len(np.unique(x)) > 1:
-                yield solver, start, str(count), _number(float(np.polyfit(x, y, 1)[0]))
+                yield solver, start, count, _number(float(np.polyfit(x, y, 1)[0]))
 
 
 def sized_task(arms: int, joints: int) -> Task:
@@ -264,19 +251,16 @@ def space(repeat: str = "5") -> Iterator[str]:
     rows = []
     for nodes in MESHES:
         ways = ((PLANAR, nodes, "sqp"), (SPATIAL, nodes, "sqp"), (SPATIAL, nodes, "ipopt"))
-        planar, spatial, ipopt = (1e3 * np.median(times.get(way, [np.nan])) for way in ways)
-        rows.append([nodes, *map(_number, (planar, spatial, spatial / planar, ipopt, ipopt / spatial))])
-    yield from markdown(("nodes", *names, "over planar", f"{SPATIAL}, IPOPT [ms]", "IPOPT over sqp"), rows)
+        planar, spatial, ipopt = (float(np.median(times.get(way, [np.nan]))) for way in ways)
+        rows.append((nodes, _ms(planar), _ms(spatial), _number(spatial / planar), _ms(ipopt), _number(ipopt / spatial)))
+    yield from markdown(rows, "nodes", *names, "over planar", f"{SPATIAL}, IPOPT [ms]", "IPOPT over sqp")
     yield ""
-    heads = (f"whole run of {SPATIAL}, nodes auto", "median [ms]", "p99 [ms]", "max [ms]", "over 100 ms", "samples")
-    each = {name: np.array(found) for name, found in spent.items()}
-    yield from markdown(
-        heads,
-        (
-            (name, *map(_ms, np.percentile(found, [50, 99, 100])), np.sum(found > 0.1), len(found))
-            for name, found in each.items()
-        ),
+    spreads = (
+        (name, *map(_ms, np.percentile(each, (50, 99, 100))), sum(time > 0.1 for time in each), len(each))
+        for name, each in spent.items()
     )
+    run = f"whole run of {SPATIAL}, nodes auto"
+    yield from markdown(spreads, run, "median [ms]", "p99 [ms]", "max [ms]", "over 100 ms", "samples")
 
 
 def _whole_run(name: str, nodes: str) -> tuple[Problem, Warm, dict[str, list[float]]]:
@@ -329,10 +313,10 @@ def overhead(nodes: str = "25") -> Iterator[str]:
     runs = [np.min([_sample_parts(int(nodes), shares) for _ in range(3)], axis=0) for shares in (False, True)]
     columns = [1e3 * np.median(times, axis=0) for times in runs]
     rows = [(name, *(f"{times[i]:.2f}" for times in columns)) for i, name in enumerate(PARTS)]
-    solve, rest, whole = (columns[0][PARTS.index(name)] for name in ("solve", "rest", "whole sample"))
+    solve, *_, rest, whole = columns[0]
     rows.append(("rest over solve, at most 0.4", f"{rest / solve:.2f}", ""))
     rows.append(("whole sample over solve, at most 1.8", f"{whole / solve:.2f}", ""))
-    return markdown((f"median of a sample, N_s = {nodes} [ms]", "without shares", "with shares"), rows)
+    return markdown(rows, f"median of a sample, N_s = {nodes} [ms]", "without shares", "with shares")
 
 
 def _sample_parts(nodes: int, shares: bool) -> np.ndarray:
@@ -368,10 +352,13 @@ def parallel() -> Iterator[str]:
         calls[name](jobs)
         spent.append(perf_counter() - began)
     medians = {way: float(np.median(spent)) for way, spent in times.items()}
-    pairs = {name: (medians[name, 1], medians[name, 2]) for name in calls}
-    rows = ((name, f"{one:.1f}", f"{two:.1f}", f"{one / two / 2:.2f}") for name, (one, two) in pairs.items())
-    return markdown(("", "one process [s]", "two [s]", "efficiency of two"), rows)
+
+    rows = []
+    for name in calls:
+        one, two = medians[name, 1], medians[name, 2]
+        rows.append((name, f"{one:.1f}", f"{two:.1f}", f"{one / two / 2:.2f}"))
+    return markdown(rows, "", "one process [s]", "two [s]", "efficiency of two")
 
 
 if __name__ == "__main__":
-    print_table(runs, windows, freedom, space, overhead, parallel)
+    command_line(runs, windows, freedom, space, overhead, parallel)

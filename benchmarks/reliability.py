@@ -20,6 +20,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import redirect_stderr
 from functools import partial
 from io import StringIO
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
@@ -29,7 +30,7 @@ from unittest.mock import patch
 import mujoco
 import numpy as np
 from faults import Fault, during, injected, meaningless, not_converging, pushed, raising, unmeasured
-from pages import PSMPC, markdown, print_table
+from pages import PSMPC, command_line, markdown
 
 import psmpc_cli as psmpc
 from psmpc_cli.cli.main import main
@@ -63,7 +64,7 @@ UNWRITTEN = 1.0
 
 EVER = 1000
 
-Line = tuple[tuple[str, ...], bool]
+Line = tuple[dict[str, str], bool]
 """A row of a table, and whether what it tells is as it should be."""
 
 FAULTS: dict[str, tuple[Fault, Sequence[str]]] = {
@@ -110,7 +111,7 @@ def physics(nodes: str = "100") -> Iterator[str]:
         summary = run.summary()
         drift = f"{summary.momentum_error:.1e} N s, {summary.energy_error:.1e} J"
         rows[f"balance of momentum and energy, {name}"] = drift
-    return markdown((f"rk4 against MuJoCo {mujoco.__version__}, N_s = {nodes}", "largest difference"), rows.items())
+    return markdown(rows.items(), f"rk4 against MuJoCo {mujoco.__version__}, N_s = {nodes}", "largest difference")
 
 
 def replayed_apart(run: psmpc.Run, integrator: mujoco.mjtIntegrator, substeps: int, length: float) -> float:
@@ -150,19 +151,23 @@ def in_the_loop(name: str, log: Path, fault: Fault, changes: Sequence[str]) -> L
     """Run the transport task with a fault, and once more, which must be rejected."""
     with injected(fault) as seen:
         code = simulate(log, changes)
-    found, rate, force = psmpc.read_run(log), float(seen.rates.max()), float(seen.forces.max())
-    reason = found.summary().reason
-    safe = rate <= RATES and force <= FORCE and is_kept(log) and code == (3 if "braked to rest" in reason else 0)
-    return (name, reason, *flags_and_end(found), f"{rate:.2f}, {force:.0f}", str(code)), safe
+    run, rate, force = psmpc.read_run(log), float(seen.rates.max()), float(seen.forces.max())
+    what = run.summary().reason
+    safe = rate <= RATES and force <= FORCE and is_kept(log) and code == (3 if "braked to rest" in what else 0)
+    return {**row(name, what, code, run), "largest rate, force": f"{rate:.2f}, {force:.0f}"}, safe
 
 
-def flags_and_end(run: psmpc.Run) -> tuple[str, str]:
-    """Return how many samples have each flag, and how many stages have ended and when the run did."""
-    names = ("unmeasured", "solve_failed", "braking", "postponed")
-    counts = {name: int(run[f"events/{name}"].sum()) for name in names}
-    done = int(np.isfinite(run.stages["switch_time"]).sum())
-    flags = ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "none"
-    return flags, f"{done} of {len(run.stage_names)}, {run.summary().duration:.1f} s"
+def row(name: str, what: str, code: int, run: psmpc.Run | None) -> dict[str, str]:
+    """Return what a run came to: samples by flag, stages that ended, and when it did."""
+    flags, end = "", "no log is left" if code == 3 else "nothing is written"
+    if run is not None:
+        names = ("unmeasured", "solve_failed", "braking", "postponed")
+        counts = {name: int(run[f"events/{name}"].sum()) for name in names}
+        flags = ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "none"
+        done = int(np.isfinite(run.stages["switch_time"]).sum())
+        end = f"{done} of {len(run.stage_names)}, {run.summary().duration:.1f} s"
+    cells = {"fault": name, "what happens": what, "flags in the log": flags, "stages done, end": end}
+    return {**cells, "largest rate, force": "", "exit code": str(code)}
 
 
 def outputs(folder: Path) -> Iterator[Line]:
@@ -195,12 +200,9 @@ def written(name: str, log: Path, limit: int = resource.RLIM_INFINITY, removed: 
     code = child.returncode
     said = err.splitlines()[-1].removeprefix("psmpc: ").replace(str(log), "LOG").replace(str(log.parent), "DIR")
     if code == 2:
-        untouched = not log.is_file() or log.read_bytes() == before
-        return (name, said, "", "nothing is written", "", "2"), untouched
-    if not log.exists():
-        return (name, said, "", "no log is left", "", str(code)), code == 3
-    run = psmpc.read_run(log)
-    return (name, said, *flags_and_end(run), "", str(code)), code == 3 and len(run.time) > 0
+        return row(name, said, code, None), not log.is_file() or log.read_bytes() == before
+    run = psmpc.read_run(log) if log.exists() else None
+    return row(name, said, code, run), code == 3 and (run is None or len(run.time) > 0)
 
 
 TELLING = """
@@ -278,63 +280,51 @@ def struck(folder: Path, number: signal.Signals, name: str, changes: Sequence[st
     oldest = max(one.sent - min(one.lost, default=one.sent) for one in ended)
     safe = all(one.code == 128 + number for one in ended) and all(is_kept(log) for log, _ in started)
     safe &= oldest < UNWRITTEN if number == signal.SIGKILL else not any(one.lost for one in ended)
-    columns = (
-        name,
-        f"{count}",
-        f"{min(before)} to {max(before)}",
-        f"{max(len(one.told) - one.before for one in ended)}",
-        f"{max(one.took for one in ended):.1f} s",
-        f"{max(len(one.lost) for one in ended)}",
-        f"{oldest:.1f} s",
-        f"{len(started)} of {len(started)}" if safe else "NOT ALL",
-        ", ".join(sorted({str(one.code) for one in ended})),
-    )
-    return columns, safe
+    cells = {
+        "signal": name,
+        "runs": f"{count}",
+        "sent after samples": f"{min(before)} to {max(before)}",
+        "samples after it, at most": f"{max(len(one.told) - one.before for one in ended)}",
+        "ended within": f"{max(one.took for one in ended):.1f} s",
+        "samples lost, at most": f"{max(len(one.lost) for one in ended)}",
+        "of the last": f"{oldest:.1f} s",
+        "whole logs, not overwritten": f"{len(started)} of {len(started)}" if safe else "NOT ALL",
+        "exit code": ", ".join(sorted({str(one.code) for one in ended})),
+    }
+    return cells, safe
 
 
-def checked(headings: Sequence[str], lines: Iterable[Line]) -> Iterator[str]:
+def checked(lines: Iterable[Line]) -> Iterator[str]:
     """Yield a table; then exit with 1 if a row is not as it should be."""
-    rows, unsafe = [], False
-    for columns, safe in lines:
-        sys.stderr.write(f"{'' if safe else 'NOT AS IT SHOULD BE: '}{columns[0]}\n")
-        rows.append(columns)
-        unsafe |= not safe
-    yield from markdown(headings, rows)
+    unsafe = []
+
+    def rows() -> Iterator[dict[str, str]]:
+        for cells, safe in lines:
+            if not safe:
+                unsafe.append(cells)
+                sys.stderr.write(f"NOT AS IT SHOULD BE: {cells}\n")
+            yield cells
+
+    yield from markdown(rows())
     if unsafe:
         raise SystemExit(1)
 
 
 def faults() -> Iterator[str]:
     """Yield the table of faults in the loop and in the output."""
-
-    def lines(folder: Path) -> Iterator[Line]:
-        for number, (name, what) in enumerate(FAULTS.items()):
-            yield in_the_loop(name, folder / f"{number}.h5", *what)
-        yield from outputs(folder)
-
-    headings = ("fault", "what happens", "flags in the log", "stages done, end", "largest rate, force", "exit code")
-    with TemporaryDirectory() as folder:
-        yield from checked(headings, lines(Path(folder)))
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        runs = (in_the_loop(fault, folder / f"{k}.h5", *how) for k, (fault, how) in enumerate(FAULTS.items()))
+        yield from checked(chain(runs, outputs(folder)))
 
 
 def signals() -> Iterator[str]:
     """Yield the table of runs that are ended by signals."""
     rows = [(number, number.name, SQP, INSTANTS) for number in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)]
     rows += [(signal.SIGINT, f"SIGINT, {kind}", (*TASK, f"solver.kind={kind}"), 5) for kind in ("fatrop", "ipopt")]
-    headings = (
-        "signal",
-        "runs",
-        "sent after samples",
-        "samples after it, at most",
-        "ended within",
-        "samples lost, at most",
-        "of the last",
-        "whole logs, not overwritten",
-        "exit code",
-    )
     with TemporaryDirectory() as folder:
-        yield from checked(headings, (struck(Path(folder), *row) for row in rows))
+        yield from checked(struck(Path(folder), *row) for row in rows)
 
 
 if __name__ == "__main__":
-    print_table(physics, faults, signals)
+    command_line(physics, faults, signals)

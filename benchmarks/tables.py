@@ -70,7 +70,7 @@ def keys(name: str) -> Iterator[str]:
         for key, value in mapping["properties"].items()
         if key != NOT_WRITTEN
     ]
-    return markdown(("key", "value", "unit", "default", "meaning"), rows)
+    return markdown(rows, "key", "value", "unit", "default", "meaning")
 
 
 def models_of(root: type[BaseModel]) -> dict[str, Any]:
@@ -174,21 +174,21 @@ def datasets(along: str, *only: str) -> Iterator[str]:
             shape = ["K", "its longest"] if column.ragged else dims
             comma = "," if along != "fixed" and len(shape) == 1 else ""
             rows.append((f"`{column.path}`", f"({', '.join(shape)}{comma})", column.units, column.long_name))
-    return markdown(("dataset", "shape", "units", "what"), rows)
+    return markdown(rows, "dataset", "shape", "units", "what")
 
 
 def quantities(study: str) -> Iterator[str]:
     """Yield the table of what a study records of each of its runs: a sweep or a monte-carlo study."""
     found = {"sweep": second_stage(1), "monte-carlo": WHOLE_RUN}[study]
     rows = ((f"`{each.path}`", each.units, each.long_name) for each in found)
-    return markdown(("array", "units", "what"), rows)
+    return markdown(rows, "array", "units", "what")
 
 
 def commands() -> Iterator[str]:
     """Yield the table of the commands."""
     given = vars(get_command(app))["commands"]
     rows = ((f"`psmpc {name}`", command.get_short_help_str(200)) for name, command in given.items())
-    return markdown(("command", "what it does"), rows)
+    return markdown(rows, "command", "what it does")
 
 
 def baseline(*names: str) -> Iterator[str]:
@@ -205,7 +205,7 @@ def baseline(*names: str) -> Iterator[str]:
             )
         apart = ", ".join(f"{found['gripper_distance'][stage]:.3f}" for stage in ("capture", "transport"))
         rows.append((name, *_times(found["switch_time"], found["actual_start"]), apart, found["mission"]))
-    return markdown(("", *TIMES, "grippers apart at the ends of Capture, Transport [m]", "mission"), rows)
+    return markdown(rows, "", *TIMES, "grippers apart at the ends of Capture, Transport [m]", "mission")
 
 
 TIMES = ("Capture starts [s]", "Approach ends", "Capture ends", "Transport ends", "end")
@@ -227,7 +227,7 @@ def transport() -> Iterator[str]:
         ends = {stage.name: stage.switch_time for stage in summary.stages}
         starts = {stage.name: stage.actual_start for stage in summary.stages}
         rows.append((nodes, kind, *_times(ends, starts), "succeeded" if summary.succeeded else "failed"))
-    return markdown(("N_s", "controller", *TIMES, "mission"), rows)
+    return markdown(rows, "N_s", "controller", *TIMES, "mission")
 
 
 TABLES: Mapping[str, Callable[..., Iterable[str]]] = {

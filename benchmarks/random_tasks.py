@@ -8,7 +8,6 @@ fall-backs and be as smooth. The exit code is 1 if one does not.
 """
 
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +51,8 @@ one sample to the next [s], and how many times as much as under fatrop the contr
 does not keep the first two, it is itself the bound.
 """
 
+LEAN = ("log.plans=false", "log.shares=false")
+
 HEADER = """\
 # One iteration of sqp a sample against fatrop iterated to convergence. Written by `make random-tasks`.
 # switches, end: of either run [s]; apart: the largest difference of the instants; variation: of the control, sqp's over
@@ -63,50 +64,42 @@ Row = dict[str, Any]
 
 def draw_task(seed: int) -> Task:
     """Draw 2 to 4 stages in joint or task space, each some seconds after the one before; repeat while infeasible."""
-    random = np.random.default_rng(seed)
+    random, text = np.random.default_rng(seed), read_text(find("robot", ROBOT))
     while True:
-        data, robot = _task(random), yaml.safe_load(read_text(find("robot", ROBOT)))
+        task, robot = _drawn(random), yaml.safe_load(text)
         speed = float(random.uniform(*SPEEDS))
         for limits in robot["limits"].values():
-            limits["velocity"] = [_rounded(speed * limit) for limit in limits["velocity"]]
+            limits["velocity"] = [float(f"{speed * limit:.3g}") for limit in limits["velocity"]]
         try:
-            task = parse_task(write(data), write(robot), f"random_{seed}")
-            ensure_feasible(task)
+            parsed = parse_task(write(task), write(robot), f"random_{seed}")
+            ensure_feasible(parsed)
         except SpecError:
             continue
-        return task
+        return parsed
 
 
-def _task(random: np.random.Generator) -> Row:
+def _drawn(random: np.random.Generator) -> Row:
     """Return a task as its YAML would have it; targets in task space are poses of configurations within the limits."""
     count, model = int(random.integers(*STAGES, endpoint=True)), RobotModel(load_robot(ROBOT))
+
+    def log_uniform(low: float, high: float) -> float:
+        return float(f"{np.exp(random.uniform(np.log(low), np.log(high))):.3g}")
+
+    def by_part(rows: np.ndarray) -> dict[str, list[float]]:
+        return dict(zip(("base", "arm_1", "arm_2"), np.round(rows, 4).reshape(3, 3).tolist(), strict=True))
+
     Q = np.concatenate([np.zeros(3), random.uniform(-1.2, 1.2, 6)])
-    initial, stages = _by_part(Q), []
+    initial, stages = by_part(Q), []
     for index in range(count):
         Q = np.clip(Q + random.uniform(-WAY, WAY), -REACH, REACH)
-        space = str(random.choice(["joint", "task"]))
-        priority = _log_uniform(random, *PRIORITIES)
+        space, priority = str(random.choice(["joint", "task"])), log_uniform(*PRIORITIES)
         coordinates = ["all"] if index == count - 1 else ENDS[int(random.integers(len(ENDS)))]
-        ends = {"coordinates": coordinates, "tolerance": _log_uniform(random, *TOLERANCES)}
-        target = _by_part(Q if space == "joint" else np.asarray(model.g(Q)).ravel())
+        ends = {"coordinates": coordinates, "tolerance": log_uniform(*TOLERANCES)}
+        target = by_part(Q if space == "joint" else np.asarray(model.g(Q)).ravel())
         stage = {"name": f"stage_{index + 1}", "skill": space, "priority": priority, "target": target}
         stages.append({**stage, "ends_when": ends})
     skills = {space: {"space": space, "weights": weights} for space, weights in WEIGHTS.items()}
     return {"robot": ROBOT, "initial": initial, "skills": skills, "stages": stages}
-
-
-def _log_uniform(random: np.random.Generator, low: float, high: float) -> float:
-    return _rounded(np.exp(random.uniform(np.log(low), np.log(high))))
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.3g}")
-
-
-def _by_part(values: np.ndarray) -> dict[str, list[float]]:
-    """Return the rows of Q or xi (9,) by part; rounded, as people write them."""
-    parts = zip(("base", "arm_1", "arm_2"), np.split(values, 3), strict=True)
-    return {part: np.round(rows, 4).tolist() for part, rows in parts}
 
 
 def measured(log: Run) -> Row:
@@ -153,11 +146,11 @@ def variation(log: Run) -> float:
     return float(np.abs(np.diff(mean, axis=0)).sum())
 
 
-def pair(fatrop: Row, sqp: Row) -> Row:
+def compared(fatrop: Row, sqp: Row) -> Row:
     """Return what is written of a pair of runs, first what does not hold."""
-    apart = np.abs(np.subtract(sqp["switches"], fatrop["switches"]))
-    known = ~(np.isnan(sqp["switches"]) & np.isnan(fatrop["switches"]))
-    farthest = float(np.nan_to_num(apart[known], nan=np.inf).max(initial=0.0))
+    ends = np.array([fatrop["switches"], sqp["switches"]])
+    apart = np.abs(np.diff(ends[:, ~np.isnan(ends).all(axis=0)], axis=0))
+    farthest = float(np.nan_to_num(apart, nan=np.inf).max(initial=0.0))
     requirements = {
         "result": sqp["result"] == fatrop["result"],
         "instants": farthest <= SAMPLE + HAIR,
@@ -175,17 +168,6 @@ def pair(fatrop: Row, sqp: Row) -> Row:
     }
 
 
-def compared(tasks: Mapping[str, Task]) -> dict[str, Row]:
-    """Run every task with both solvers and return what was found by name."""
-    variants = {
-        f"{name}, {solver}": changed(task, [f"solver.kind={solver}", "log.plans=false", "log.shares=false"])
-        for name, task in tasks.items()
-        for solver in ("fatrop", "sqp")
-    }
-    runs = run_tasks(variants, 2)
-    return {name: pair(*(measured(runs[f"{name}, {solver}"]) for solver in ("fatrop", "sqp"))) for name in tasks}
-
-
 def main() -> int:
     """Run everything, write it, and return the exit code."""
     os.nice(10)
@@ -197,7 +179,13 @@ def main() -> int:
     }
     kinds = ("psmpc", "smpc", "hard")
     sections["transport, N_s = 100"] = {kind: load_task("transport", [f"controller.kind={kind}"]) for kind in kinds}
-    found = {name: compared(tasks) for name, tasks in sections.items()}
+    found: dict[str, dict[str, Row]] = {}
+    for section, tasks in sections.items():
+        runs = [
+            run_tasks({name: changed(task, [f"solver.kind={solver}", *LEAN]) for name, task in tasks.items()}, 2)
+            for solver in ("fatrop", "sqp")
+        ]
+        found[section] = {name: compared(*(measured(each[name]) for each in runs)) for name in tasks}
     text = yaml.safe_dump(found, sort_keys=False, default_flow_style=None, width=120)
     RESULTS.write_text(HEADER + text, encoding="utf-8")
     return 1 if any(row["not_met"] for rows in found.values() for row in rows.values()) else 0

@@ -180,7 +180,7 @@ def outputs(folder: Path) -> Iterator[Line]:
     yield written("the log exists already", taken)
     yield written("the log is /dev/full", Path("/dev/full"))
     yield written("a directory that takes no files", unwritable / "log.h5")
-    yield written("the disk is full after 2 MB", folder / "full.h5", limit=2_000_000)
+    yield written("the disk is full after 3.5 MB", folder / "full.h5", limit=3_500_000)
     yield written("the directory is removed during the run", gone / "log.h5", removed=True)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli.logs.results import Quantity, Results
-from psmpc_cli.studies.pareto import STATUS, Question, write_pareto
+from psmpc_cli.studies.pareto import STATUS, Question, join_samples
 
 QUESTION = Question("1,2", (), 7, "weighted-sum", False)
 
@@ -21,7 +21,7 @@ def made_up_fronts(
     """A study of weighted sums in which all points of these samples failed."""
     attributes = {"task_name": "made_up", "horizon": T_H, "method": "weighted-sum", "stages": "1,2"}
     cells = [_sample(i, drift, i in failed) for i in range(samples)]
-    return write_pareto(path, attributes, ("approach", "capture"), QUESTION, cells, False)
+    return join_samples(path, attributes, ("approach", "capture"), QUESTION, cells)
 
 
 def _sample(i: int, drift: tuple[float, float], failed: bool) -> list[Quantity]:

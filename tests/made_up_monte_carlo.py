@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from psmpc_cli.logs.results import ResultsWriter, read_results
+from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.schema import MONTE_CARLO
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns, monte_carlo_study
-from psmpc_cli.studies.runner import COMPUTED, FAILED, create_file
+from psmpc_cli.studies.runner import COMPUTED, FAILED
 
 NOISE = ("uncertainty.noise={position: 1e-3}", "seed=10")
 
@@ -24,16 +24,12 @@ def made_up_monte_carlo(
 ) -> MonteCarloRuns:
     """A study in which these runs wait, crashed, came to the time limit, or dropped the object."""
     study = monte_carlo_study(task, runs, NOISE)
-    create_file(study, path, True)
     stages, monitors = len(study.task.spec.stages), len(study.task.spec.monitors)
-    writer = ResultsWriter(read_results(path, MONTE_CARLO))
+    results = study.results(path)
     for run in sorted({*range(runs)} - {*waiting}):
-        if run in crashed:
-            writer.fill((run,), {"reason": "ZeroDivisionError: by zero", "status": FAILED})
-            continue
         ends = 7.0 * np.arange(1, stages + 1) + 0.01 * run
         margin = np.full(monitors, -0.01 if run in dropped else 0.04)
-        values = {
+        values: dict[str, object] = {
             "completed": run not in late,
             "succeeded": run not in (*late, *dropped),
             "reason": "time limit of 60 s reached" if run in late else "release met its end condition",
@@ -47,6 +43,9 @@ def made_up_monte_carlo(
             "control_effort": 50.0 + run,
             "status": COMPUTED,
         }
-        writer.fill((run,), values)
-    writer.write()
+        if run in crashed:
+            values = {"reason": "ZeroDivisionError: by zero", "status": FAILED}
+        for name, value in values.items():
+            results[name][run] = value
+    results.create(force=True)
     return MonteCarloRuns(read_results(path, MONTE_CARLO))

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from psmpc_cli.logs.results import Results, ResultsWriter, read_results
+from psmpc_cli.logs.results import Results, read_results
 from psmpc_cli.logs.schema import SWEEP
-from psmpc_cli.studies.runner import COMPUTED, FAILED, create_file
+from psmpc_cli.studies.runner import COMPUTED, FAILED
 from psmpc_cli.studies.sweep import Sampling, load_sweep_task, parse_sampling, weight_study
 
 T_S, T_H = 10.14, 4.0
@@ -50,18 +50,14 @@ def made_up_sweep(
     """A sweep over the first two stages in which these cells wait and those failed."""
     loaded = load_sweep_task(task, (), epsilons)
     cells = sampling_of(sampling)
-    create_file(weight_study(loaded, (0, 1), cells), path, True)
-    results = read_results(path, SWEEP)
-    writer = ResultsWriter(results)
+    results = weight_study(loaded, (0, 1), cells).results(path)
     for cell, ratio in enumerate(cells.ratio):
-        index = tuple(map(int, np.unravel_index(cell, results["status"].shape)))
-        if cell in failed:
-            writer.fill(index, {"reason": "time limit of 30 s reached", "origin": cell, "status": FAILED})
-        elif cell not in waiting:
-            values = {name: np.asarray(value) for name, value in of(float(ratio)).items()}
+        values: dict[str, object] = {"reason": "time limit of 30 s reached", "origin": cell, "status": FAILED}
+        if cell not in failed:
             switches = np.full(len(loaded.spec.stages), np.nan)
-            switches[:2] = values["switch_time"]
-            values["switch_time"] = switches
-            writer.fill(index, {**values, "origin": cell, "status": COMPUTED})
-    writer.write()
+            switches[:2] = of(float(ratio))["switch_time"]
+            values = {**of(float(ratio)), "switch_time": switches, "origin": cell, "status": COMPUTED}
+        for name, value in values.items() if cell not in waiting else ():
+            results[name][np.unravel_index(cell, results["status"].shape)] = value
+    results.create(force=True)
     return read_results(path, SWEEP)

@@ -282,10 +282,10 @@ def print_fronts(results: Results) -> None:
 
 
 def print_claims(made: Reproduction) -> None:
-    """Print every claim, and why some do not hold or are earlier than published."""
+    """Print every claim, and what is known of why some do not hold or are earlier than published."""
     print_table(HEADINGS, [finding.row for finding in made.findings], left=1)
     for finding in made.findings:
-        if finding.cause:
+        if finding.earlier or not finding.holds:
             holds = "holds" if finding.holds else "does not hold"
             typer.echo(f"\n{finding.claim.id} {holds}: {finding.claim.statement}")
             for point in finding.cause:

@@ -1,11 +1,11 @@
 """Results of a study: arrays over named coordinates in one file, filled in while the study runs.
 
-All arrays have their full size from the beginning, with a value that says "not yet". Each cell that is filled in puts a
-whole file in the place of the one before, so that a killed study leaves a readable file.
+All arrays have their full size from the beginning, with a value that says "not yet". Each time they are saved a whole
+file takes the place of the one before, so that a killed study leaves a readable file.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
@@ -40,12 +40,12 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """A results file in memory.
+    """The results of a study in memory.
 
     Attributes:
-        path: The file.
-        attributes: Its attributes.
-        quantities: Its arrays by name, coordinates among them.
+        path: Their file, if they have one.
+        attributes: Attributes of the file.
+        quantities: Its arrays by name; one that is its own only dimension is a coordinate.
     """
 
     path: Path
@@ -57,72 +57,51 @@ class Results:
             raise LogError(f"{self.path}: found no {name}, expected results as psmpc writes them")
         return self.quantities[name].values
 
+    def create(self, force: bool = False) -> None:
+        """Write a new file.
 
-def create_results(
-    path: Path, kind: str, attributes: Mapping[str, str | int | float], quantities: Sequence[Quantity], force: bool
-) -> None:
-    """Write a results file; a quantity that is its own only dimension is a coordinate.
+        Raises:
+            InputError: The file exists already or cannot be written; with `force`, it exists and is no HDF5 file.
+        """
+        write_new(self.path, new_image(self._write), force)
 
-    Raises:
-        InputError: The file exists already or cannot be written; with `force`, it exists and is no HDF5 file.
-    """
-    about = {"kind": kind, "psmpc_version": __version__, "format_version": FORMAT_VERSION}
-    write_new(path, _image({**about, **attributes}, quantities), force)
-
-
-def _image(attributes: Mapping[str, object], quantities: Iterable[Quantity]) -> bytes:
-    def fill(file: h5py.File) -> None:
-        file.attrs.update(attributes)
-        for quantity in sorted(quantities, key=lambda quantity: quantity.dims != (quantity.name,)):
-            _create(file, quantity)
-
-    return new_image(fill)
-
-
-def _create(file: h5py.File, quantity: Quantity) -> None:
-    values = quantity.values
-    if values.dtype.kind in "UO":
-        values = np.array(values.tolist(), h5py.string_dtype())
-    # HDF5 has no checksums of texts of variable length, nor of single numbers
-    chunks = values.shape if values.size and values.shape and not values.dtype.hasobject else None
-    dataset = file.create_dataset(quantity.name, data=values, chunks=chunks, fletcher32=chunks is not None)
-    dataset.attrs.update({"units": quantity.units, "long_name": quantity.long_name, "dims": " ".join(quantity.dims)})
-    if quantity.meanings:
-        codes = {"flag_values": np.arange(len(quantity.meanings)), "flag_meanings": " ".join(quantity.meanings)}
-        dataset.attrs.update(codes)
-    if quantity.dims == (quantity.name,):
-        dataset.make_scale(quantity.name)
-        return
-    for dimension, name in zip(dataset.dims, quantity.dims, strict=True):
-        dimension.attach_scale(file[name])
-
-
-class ResultsWriter:
-    """Fills a results file in, cell by cell."""
-
-    def __init__(self, results: Results) -> None:
-        self.results = results
-        values = {name: quantity.values for name, quantity in results.quantities.items()}  # text of any length
-        self._values = {
-            name: each.astype(object if each.dtype.kind == "U" else each.dtype) for name, each in values.items()
-        }
-
-    def fill(self, index: tuple[int, ...], values: Mapping[str, np.ndarray | float | str]) -> None:
-        """Fill in the values of one cell; they are in the file with the next `write`."""
-        for name, value in values.items():
-            self._values[name][index] = value
-
-    def write(self) -> None:
+    def save(self) -> None:
         """Write the whole file in the place of the one before.
 
         Raises:
             RunError: The file cannot be written.
         """
-        filled = [replace(each, values=self._values[name]) for name, each in self.results.quantities.items()]
         try:
-            replace_file(self.results.path, _image(self.results.attributes, filled))
+            replace_file(self.path, new_image(self._write))
         except OSError as error:
-            raise RunError(f"{self.results.path} cannot be written any further: {error.strerror or error}") from None
+            raise RunError(f"{self.path} cannot be written any further: {error.strerror or error}") from None
+
+    def _write(self, file: h5py.File) -> None:
+        file.attrs.update(self.attributes)
+        for each in sorted(self.quantities.values(), key=lambda each: each.dims != (each.name,)):
+            values = each.values
+            if values.dtype.kind in "UO":
+                values = np.array(values.tolist(), h5py.string_dtype())
+            # HDF5 has no checksums of texts of variable length, nor of single numbers
+            chunks = values.shape if values.size and values.shape and not values.dtype.hasobject else None
+            dataset = file.create_dataset(each.name, data=values, chunks=chunks, fletcher32=chunks is not None)
+            dataset.attrs.update({"units": each.units, "long_name": each.long_name, "dims": " ".join(each.dims)})
+            if each.meanings:
+                codes = {"flag_values": np.arange(len(each.meanings)), "flag_meanings": " ".join(each.meanings)}
+                dataset.attrs.update(codes)
+            if each.dims == (each.name,):
+                dataset.make_scale(each.name)
+                continue
+            for dimension, name in zip(dataset.dims, each.dims, strict=True):
+                dimension.attach_scale(file[name])
+
+
+def new_results(
+    path: Path, kind: str, attributes: Mapping[str, str | int | float], quantities: Iterable[Quantity]
+) -> Results:
+    """Build the results of a study, which are in no file yet."""
+    about = {"kind": kind, "psmpc_version": __version__, "format_version": FORMAT_VERSION}
+    return Results(path, {**about, **attributes}, {each.name: each for each in quantities})
 
 
 def read_results(path: Path, kind: str) -> Results:

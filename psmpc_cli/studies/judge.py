@@ -1,7 +1,7 @@
 """The rules that judge the paper's claims and our own, and the computed causes of what does not hold."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
 from importlib.resources import files
@@ -152,9 +152,6 @@ class Moment:
         self.name, self.ended = summary.stages[self.index].name, summary.stages[before].switch_time
         self.time = self.ended if self.end == symbol else summary.stages[self.index].actual_start
 
-    def __str__(self) -> str:
-        return f"{self.symbol} of {str(self.run.attributes['controller']).upper()}"
-
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
@@ -239,8 +236,7 @@ def _setting(claim: Claim, made: Reproduction) -> Finding:
     values = {getattr(run.task.spec.controller, claim.reads[0]) for run in made.runs.values()}
     found = sorted(np.nan if value == "auto" else float(value) for value in values)
     reproduced = next((value for value in found if value != claim.number), claim.number)
-    cause = f"the runs were made with {', '.join(f'{value:g}' for value in found)}"
-    return Finding(claim, reproduced, found == [claim.number], reproduced - claim.number, cause=(cause,))
+    return Finding(claim, reproduced, found == [claim.number], reproduced - claim.number)
 
 
 def _time(claim: Claim, made: Reproduction) -> Finding:
@@ -249,68 +245,39 @@ def _time(claim: Claim, made: Reproduction) -> Finding:
     difference, tolerance = moment.time - published, within(published)
     near = abs(difference) <= tolerance + ROUNDING
     earlier = not near and difference < 0 and moment.summary.succeeded
-    cause = () if near else tuple(_why_off(moment, published, made.published(claim.group, starts=False)))
+    cause = () if near else tuple(_why_off(moment, published))
     return Finding(claim, moment.time, near or earlier, difference, tolerance, earlier, cause)
 
 
-def _why_off(moment: Moment, published: float, ends: Mapping[str, float]) -> Iterator[str]:
-    """Give the causes of a difference from a published time; `ends` are all published ends of the method."""
+def _why_off(moment: Moment, published: float) -> Iterator[str]:
+    """Give the causes of a difference from a published time."""
+    late, summary, run = moment.time > published, moment.summary, moment.run
     if np.isnan(moment.time):
         yield _never(moment)
         return
-    late, summary = moment.time > published, moment.summary
-    if not late and summary.succeeded:
-        yield "earlier than published, and the mission succeeded"
-    elif not late:
-        ended = "; ".join(mission_end(summary))
-        yield f"earlier than published does not count because the mission failed ({ended})"
+    if not late:
+        ended = "succeeded" if summary.succeeded else f"failed: {'; '.join(mission_end(summary))}"
+        yield f"earlier than published, and the mission {ended}"
     if moment.symbol != moment.end:
-        yield _by_threshold(moment)
+        yield _start(moment)
         return
-    reached = zip(ENDS[: moment.index + 1], summary.stages, strict=False)
-    off = {symbol: stage.switch_time - ends.get(stage.name, np.nan) for symbol, stage in reached}
-    known = [("the start", 0.0), *((symbol, late) for symbol, late in off.items() if np.isfinite(late))]
-    gains = (f"{now - before:+.2f} s from {one} to {other}" for (one, before), (other, now) in pairwise(known))
-    yield f"the difference arises {', '.join(gains)}"
     if late:
-        run, Q = moment.run, [np.interp(published, moment.run.motion.time, row) for row in moment.run.motion.Q_seen.T]
+        Q = [np.interp(published, run.motion.time, row) for row in run.motion.Q_seen.T]
         error = run.problem.costs.end_error(run.problem.stages[moment.index], np.r_[Q, np.zeros(len(Q))])
-        digits = 0 if error >= 10 else 1
-        yield f"at {published:g} s {moment.name} was still {error:.{digits}f} tolerances away"
-    earliest, _ = earliest_ends(moment.run.task, moment.run.problem.stages)[moment.index]
+        yield f"at {published:g} s {moment.name} was still {error:.1f} tolerances away"
+    earliest, _ = earliest_ends(run.task, run.problem.stages)[moment.index]
     if published < earliest:
-        limited = f"within its velocity limits {moment.name} cannot end before {earliest:.2f} s"
-        yield f"published is {published:g} s, but {limited}"
-
-
-def _by_threshold(start: Moment) -> str:
-    """Tell how the start of a stage depends on the threshold."""
-    run = start.run
-    if not np.isfinite(run["window/presence"][:, start.index]).any():
-        return f"{start.name} never waits in a window"
-    found = sorted(zip(run.stages["epsilon"], run.stages["actual_start_by_epsilon"][start.index], strict=True))
-    onset = run.task.spec.onset
-    measure = "its closeness to its own optimum" if onset.kind == "closeness" else "the control it adds"
-    return (
-        f"{start.name} starts where {measure} reaches epsilon = {onset.epsilon:g}; "
-        f"by epsilon it starts at {', '.join(f'{_seconds(time)} for {epsilon:g}' for epsilon, time in found)}"
-    )
+        yield f"within its velocity limits {moment.name} cannot end before {earliest:.2f} s"
 
 
 def _coincides(claim: Claim, made: Reproduction, horizons: int) -> Finding:
     """A stage starts so many horizons before the one before it ends, to one sample."""
     (start,) = made.moments(claim)
-    run, controller = start.run, start.run.task.spec.controller
+    controller = start.run.task.spec.controller
     difference = start.time - (start.ended - horizons * controller.horizon)
-    beyond = run["window/first"] + run["window/count"] == start.index
-    postponed = np.count_nonzero(beyond & (run["events/postponed"] != 0))
-    if np.isnan(difference):
-        cause = [_never(start)]
-    else:
-        cause = [_both(start), _by_threshold(start), _monitors(start.summary)]
-        cause += [f"at {postponed} samples the window with it had no solution yet"] if postponed else []
     holds = abs(difference) <= controller.sample_time + ROUNDING
-    return Finding(claim, difference, holds, difference, controller.sample_time, cause=tuple(cause))
+    cause = _never(start) if np.isnan(difference) else _start(start)
+    return Finding(claim, difference, holds, difference, controller.sample_time, cause=(cause,))
 
 
 def _floor(claim: Claim, made: Reproduction) -> Finding:
@@ -318,46 +285,40 @@ def _floor(claim: Claim, made: Reproduction) -> Finding:
     starts = made.moments(claim)
     controller = starts[0].run.task.spec.controller
     slacks = {start: start.time - (start.ended - controller.horizon) for start in starts}
-    cause = [
-        f"{start.name} starts {-slack:.2f} s before {start.end} - T_h: an earlier end was predicted"
-        for start, slack in slacks.items()
-        if slack < 0
-    ] or [f"no stage ended: {starts[0].summary.reason}"]
-    return _not_below(claim, min(filter(np.isfinite, slacks.values()), default=np.nan), controller.sample_time, cause)
+    known = [start for start in starts if np.isfinite(slacks[start])]
+    if not known:
+        return Finding(claim, np.nan, False, np.nan, controller.sample_time, cause=(_never(starts[0]),))
+    first = min(known, key=lambda start: slacks[start])
+    return _not_below(claim, slacks[first], controller.sample_time, first.name)
 
 
 def _weights_floor(claim: Claim, made: Reproduction) -> Finding:
     """No actual start of any cell, for any threshold, is more than a sample before t_s - T_h."""
     cells = made.weights
-    starts = cells.of("actual_start")
-    slacks = np.where(cells.ended[:, None], starts - cells.floor[:, None], np.inf)
+    slacks = np.where(cells.ended[:, None], cells.of("actual_start") - cells.floor[:, None], np.inf)
     cell, k = np.unravel_index(np.argmin(slacks), slacks.shape)
-    where = f"at ratio {cells.ratio[cell]:.4g} and epsilon = {cells.epsilons[k]:g} it starts at {starts[cell, k]:.2f} s"
-    cause = [f"{where}, {-slacks[cell, k]:.2f} s before t_s - T_h"]
-    return _not_below(claim, float(slacks[cell, k]), cells.task.spec.controller.sample_time, cause)
+    where = f"at ratio {cells.ratio[cell]:.4g} and epsilon = {cells.epsilons[k]:g} {cells.names[1]}"
+    return _not_below(claim, float(slacks[cell, k]), cells.task.spec.controller.sample_time, where)
 
 
-def _not_below(claim: Claim, slack: float, sample: float, cause: Iterable[str]) -> Finding:
-    return Finding(claim, slack, slack >= -sample - ROUNDING, min(slack, 0.0), sample, cause=tuple(cause))
+def _not_below(claim: Claim, slack: float, sample: float, first: str) -> Finding:
+    """Judge the smallest difference of a start from the instant before which none may lie, and what has it."""
+    cause = f"{first} starts {-slack:.2f} s before t_s - T_h"
+    return Finding(claim, slack, slack >= -sample - ROUNDING, min(slack, 0.0), sample, cause=(cause,))
 
 
 def _all_early(claim: Claim, made: Reproduction) -> Finding:
     """All of the stages start early."""
     starts = made.moments(claim)
     early = tuple(start.name for start in starts if start.summary.stages[start.index].early)
-    cause = tuple(_by_threshold(start) for start in starts if start.name not in early)
+    cause = tuple(_start(start) for start in starts if start.name not in early)
     return Finding(claim, early, not cause, cause=cause)
 
 
 def _order(claim: Claim, made: Reproduction) -> Finding:
     """The times are in this order, however small the difference."""
-    moments = made.moments(claim)
-    cause = [
-        f"{one} = {_seconds(one.time)} is not before {other} = {_seconds(other.time)}"
-        for one, other in pairwise(moments)
-        if not one.time < other.time
-    ]
-    return Finding(claim, tuple(moment.time for moment in moments), not cause, cause=tuple(cause))
+    times = tuple(moment.time for moment in made.moments(claim))
+    return Finding(claim, times, all(one < other for one, other in pairwise(times)))
 
 
 def _mission(claim: Claim, made: Reproduction) -> Finding:
@@ -369,10 +330,9 @@ def _mission(claim: Claim, made: Reproduction) -> Finding:
 
 def _delivered(claim: Claim, made: Reproduction) -> Finding:
     """By the mechanics of a grasped body, the runs deliver the object or do not, as published."""
-    summaries = [made.grasps[name.removeprefix("grasp.")].summary() for name in claim.reads]
-    found = tuple(map(_fate, summaries))
+    found = tuple(_fate(made.grasps[name.removeprefix("grasp.")].summary()) for name in claim.reads)
     holds = tuple("delivered" if end == "delivered" else "not delivered" for end in found) == claim.published
-    return Finding(claim, found, holds, cause=tuple(point for one in summaries for point in mission_end(one)))
+    return Finding(claim, found, holds)
 
 
 def _fate(summary: Summary) -> str:
@@ -389,11 +349,9 @@ def _fate(summary: Summary) -> str:
 def _released_early(claim: Claim, made: Reproduction) -> Finding:
     """A monitor is violated after the last stage has started and before the stage before it ends."""
     (start,) = made.moments(claim)
-    summary = start.summary
-    lost = min((one.broken_at for one in summary.monitors if np.isfinite(one.broken_at)), default=np.nan)
+    lost = min((one.broken_at for one in start.summary.monitors if np.isfinite(one.broken_at)), default=np.nan)
     reproduced = f"lost at {lost:.1f} s, {start.end} = {start.ended:.1f} s" if np.isfinite(lost) else "not lost"
-    cause = _both(start), _monitors(summary)
-    return Finding(claim, reproduced, start.time <= lost < start.ended, cause=cause)
+    return Finding(claim, reproduced, start.time <= lost < start.ended, cause=(_start(start),))
 
 
 def _trend(claim: Claim, made: Reproduction) -> Finding:
@@ -403,32 +361,22 @@ def _trend(claim: Claim, made: Reproduction) -> Finding:
     cause, rises, shown = [], [], []
     for epsilon, values in zip(cells.epsilons, cells.of("actual_start").T, strict=True):
         start = AlongRatio(cells, values)
-        rise = start.highest - np.minimum.accumulate(start.lowest)
-        worst, (first, last) = int(np.argmax(rise)), start.middle[[0, -1]]
-        rises.append(float(rise[worst]))
+        rise = float(np.max(start.highest - np.minimum.accumulate(start.lowest)))
+        first, last = start.middle[[0, -1]]
+        rises.append(rise)
         shown.append(f"{first:.2f} s to {last:.2f} s")
-        begun = f"for epsilon = {epsilon:g} it is"
-        if rises[-1] > sample + ROUNDING:
-            at = f"at ratio {start.ratio[worst]:.4g} than at a smaller or equal ratio"
-            cause.append(f"{begun} {rises[-1]:.2f} s later {at}")
-        if first - last <= sample + ROUNDING:
-            cause.append(f"{begun} {first:.2f} s at the smallest, {last:.2f} s at the largest ratio")
+        if rise > sample + ROUNDING or first - last <= sample + ROUNDING:
+            cause.append(f"for epsilon = {epsilon:g} from {shown[-1]}, by up to {rise:.2f} s later at a larger ratio")
     return Finding(claim, shown[cells.chosen], not cause, max(rises), sample, cause=tuple(cause))
 
 
 def _settles(claim: Claim, made: Reproduction) -> Finding:
     """The actual start at the largest ratio is within the tolerance of published times."""
     cells, tolerance = made.weights, within(claim.number)
-    start = AlongRatio(cells, cells.of("actual_start")[:, cells.chosen])
-    last = float(start.middle[-1])
-    apart = np.abs(start.middle - last) > cells.task.spec.controller.sample_time + ROUNDING
-    ratio = start.ratio[np.flatnonzero(apart)[-1] + 1 if apart.any() else 0]
-    cause = (
-        f"from ratio {ratio:.4g} on it is {last:.2f} s to one sample, for epsilon = {cells.epsilons[cells.chosen]:g}",
-        f"t_s - T_h = {float(np.median(cells.floor[cells.ended])):.2f} s, and no start can be before it",
-    )
+    last = float(AlongRatio(cells, cells.of("actual_start")[:, cells.chosen]).middle[-1])
     difference = last - claim.number
-    return Finding(claim, last, abs(difference) <= tolerance + ROUNDING, difference, tolerance, cause=cause)
+    cause = f"t_s - T_h = {float(np.median(cells.floor[cells.ended])):.2f} s, and no start can be before it"
+    return Finding(claim, last, abs(difference) <= tolerance + ROUNDING, difference, tolerance, cause=(cause,))
 
 
 def _chosen(claim: Claim, made: Reproduction) -> Finding:
@@ -441,39 +389,34 @@ def _chosen(claim: Claim, made: Reproduction) -> Finding:
         f"{completion.middle[there]:.2f} s, {completion.middle[equal]:.2f} s at {names[equal]}; "
         f"effort {effort.middle[there]:.3g}, {effort.middle[-1]:.3g} at {names[-1]}"
     )
-    cause = []
-    if not completion.highest[there] < completion.lowest[equal] - ROUNDING:
-        cause.append(f"at ratio {names[there]} it completes no earlier than at {names[equal]}")
-    if not effort.highest[there] < effort.lowest[-1]:
-        cause.append(f"at ratio {names[there]} it takes no less effort than at {names[-1]}")
-    return Finding(claim, reproduced, not cause, cause=tuple(cause))
+    sooner = completion.highest[there] < completion.lowest[equal] - ROUNDING
+    return Finding(claim, reproduced, bool(sooner and effort.highest[there] < effort.lowest[-1]))
 
 
 def _along_ratio(claim: Claim, made: Reproduction) -> Finding:
     """At every sample the optimum moves to the upper left as the ratio grows, and never back by more than rounding."""
-    movement, cause = made.movement, list[str]()
+    movement = made.movement
     if movement is None:
-        return _no_fronts(claim)
+        return Finding(claim, "unknown", False, cause=(NO_FRONTS,))
+    cause = list[str]()
     for instant, step, moves in zip(movement.instants, movement.against, movement.moves, strict=True):
-        if step > CLEARLY:
-            cause.append(f"at {instant:g} s it moves against it by {step:.2g} of the front")
-        if not moves:
-            cause.append(f"at {instant:g} s it does not move, or was not found")
-    reproduced = f"{claim.published} at {movement.moving} of {len(movement.instants)}"
-    return Finding(claim, reproduced, not cause, cause=tuple(cause))
+        if step > CLEARLY or not moves:
+            how = f"moves against it by {step:.2g} of the front" if moves else "does not move, or was not found"
+            cause.append(f"at {instant:g} s it {how}")
+    return Finding(
+        claim, f"{claim.published} at {movement.moving} of {len(movement.instants)}", not cause, cause=tuple(cause)
+    )
 
 
 def _along_time(claim: Claim, made: Reproduction) -> Finding:
     """In normalized costs the front moves to the upper left, on average, from every sample to the next."""
     movement = made.movement
     if movement is None or len(movement.instants) < 2:
-        return _no_fronts(claim)
+        return Finding(claim, "unknown", False, cause=(NO_FRONTS,))
     return Finding(claim, movement.directions(), movement.with_time, cause=movement.over_time)
 
 
-def _no_fronts(claim: Claim) -> Finding:
-    cause = "fewer windows of the PSMPC run than needed hold the first two stages alone and were solved"
-    return Finding(claim, "unknown", False, cause=(cause,))
+NO_FRONTS = "fewer windows of the PSMPC run than needed hold the first two stages alone and were solved"
 
 
 RULES: Mapping[str, Callable[[Claim, Reproduction], Finding]] = {
@@ -499,7 +442,13 @@ RULES: Mapping[str, Callable[[Claim, Reproduction], Finding]] = {
 
 def mission_end(summary: Summary) -> tuple[str, ...]:
     """Return how a mission ended: why the run ended, and its monitors."""
-    return tuple(filter(None, (summary.reason, _monitors(summary))))
+    monitors = (
+        f"'{verdict.name}' was violated at {verdict.broken_at:.1f} s, by up to {-verdict.margin:.3f}"
+        if np.isfinite(verdict.broken_at)
+        else f"'{verdict.name}' {'held' if verdict.held else 'was not judged'}, margin {verdict.margin:.3f}"
+        for verdict in summary.monitors
+    )
+    return tuple(filter(None, (summary.reason, ", ".join(monitors))))
 
 
 def _never(moment: Moment) -> str:
@@ -507,17 +456,13 @@ def _never(moment: Moment) -> str:
     return f"{moment.name} did not {event}: {moment.summary.reason}"
 
 
-def _monitors(summary: Summary) -> str:
-    return ", ".join(
-        f"'{verdict.name}' was violated at {verdict.broken_at:.1f} s, by up to {-verdict.margin:.3f}"
-        if np.isfinite(verdict.broken_at)
-        else f"'{verdict.name}' {'held' if verdict.held else 'was not judged'}, margin {verdict.margin:.3f}"
-        for verdict in summary.monitors
-    )
-
-
-def _both(start: Moment) -> str:
-    return f"{start.name} starts at {_seconds(start.time)}, {start.end} = {_seconds(start.ended)}"
+def _start(start: Moment) -> str:
+    """Tell when a stage starts, and how that depends on the threshold."""
+    stages, kind = start.run.stages, start.run.task.spec.onset.kind
+    found = sorted(zip(stages["epsilon"], stages["actual_start_by_epsilon"][start.index], strict=True))
+    by_epsilon = ", ".join(f"{_seconds(time)} for epsilon = {epsilon:g}" for epsilon, time in found)
+    when = f"{start.name} starts at {_seconds(start.time)}, {start.end} = {_seconds(start.ended)}"
+    return f"{when}; by its {kind} it starts at {by_epsilon}"
 
 
 def _seconds(time: float) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.logs.results import Quantity, Results, create_results, read_results
+from psmpc_cli.logs.results import Quantity, Results, new_results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import PARETO
 from psmpc_cli.ocp.problem import Problem, build_problem
@@ -108,7 +108,9 @@ def solve_pareto(
     attributes = {**header(build_experiment(run.task)).attributes, "method": question.method}
     attributes["stages"] = ",".join(str(stage + 1) for stage in stages)
     names = [run.stage_names[stage] for stage in stages]
-    return write_pareto(path, attributes, names, question, list(found.values()), force)
+    results = join_samples(path, attributes, names, question, list(found.values()))
+    results.create(force)
+    return results
 
 
 def possible_samples(log: Run, stages: tuple[int, int]) -> Vector:
@@ -216,7 +218,7 @@ def values_of(problem: Window, points: Sequence[Solution]) -> Vector:
 
 
 def _solve_sample(cell: tuple[Task, Question, Solution]) -> list[Quantity]:
-    """Find the fronts about a solve of a run; the sampling instant comes first."""
+    """Find the fronts about a solve of a run."""
     task, question, logged = cell
     trade_off = TradeOff(build_problem(converging(task)))
     solve = trade_off.settled(logged)
@@ -230,16 +232,14 @@ def _solve_sample(cell: tuple[Task, Question, Solution]) -> list[Quantity]:
         *held_points, free = (found for found, _ in swept)
         points = [*_stacked("later", held_points), *free]
     J_1, J_2 = trade_off.costs_of(solve)
-    numbers = (
-        ("instant", window.start, "s", "sampling instant T0"),
-        ("t_s", instant, "s", "switching instant, as the run optimized it"),
-        ("chosen_ratio", window.omega[1] / window.omega[0], "1", "omega_2 / omega_1 of the run"),
-        ("chosen_J_1", J_1, "s", "J_1 of the run's optimum"),
-        ("chosen_J_2", J_2, "s", "J_2 of the run's optimum"),
-        ("again", sum(more for _, more in swept), "1", "points solved again because another one served them better"),
-    )
+    ratio, again = window.omega[1] / window.omega[0], sum(more for _, more in swept)
     return [
-        *(Quantity(name, (), np.array(value), units, words) for name, value, units, words in numbers),
+        Quantity("instant", (), np.array(window.start), "s", "sampling instant T0"),
+        Quantity("t_s", (), np.array(instant), "s", "switching instant, as the run optimized it"),
+        Quantity("chosen_ratio", (), np.array(ratio), "1", "omega_2 / omega_1 of the run"),
+        Quantity("chosen_J_1", (), np.array(J_1), "s", "J_1 of the run's optimum"),
+        Quantity("chosen_J_2", (), np.array(J_2), "s", "J_2 of the run's optimum"),
+        Quantity("again", (), np.array(again), "1", "points solved again because another one served them better"),
         Quantity("scale", ("stage",), window.scale, "1", "normalization of each stage's cost, for all points"),
         *points,
     ]
@@ -310,75 +310,62 @@ def improved(
 def _arrays(method: str, points: Sequence[Solution]) -> list[Quantity]:
     """Return the arrays of a method's points."""
     bounded, (J_1, J_2) = method == CONSTRAINED, point_costs(points).T
+    dims = ("bound",) if bounded else ("ratio",)
     status = np.array([STATUS.index(point.outcome.name.lower()) for point in points], "i1")
     minimized = f"{'J_1 with J_2 bounded' if bounded else 'weighted sum'} and pending cost, over the larger weight"
-    arrays: list[tuple[str, Sequence[float] | Vector, str, str]] = [
-        ("J_1", J_1, "s", "normalized cost of the first stage"),
-        ("J_2", J_2, "s", "normalized cost of the second stage"),
-        ("wait", _waits(points), "s", "t_s - T0"),
-        ("objective", [point.objective for point in points], "1", minimized),
-        ("status", status, "1", "outcome of the solve"),
+    arrays = [
+        Quantity(f"{method}_J_1", dims, J_1, "s", "normalized cost of the first stage"),
+        Quantity(f"{method}_J_2", dims, J_2, "s", "normalized cost of the second stage"),
+        Quantity(f"{method}_wait", dims, _waits(points), "s", "t_s - T0"),
+        Quantity(f"{method}_objective", dims, np.array([each.objective for each in points]), "1", minimized),
+        Quantity(f"{method}_status", dims, status, "1", "outcome of the solve", STATUS),
     ]
     if bounded:
-        ratios = [point.bound_multiplier for point in points]
-        arrays.append(("limit", [point.window.cost_bound for point in points], "s", "bound on J_2"))
-        arrays.append(("ratio", ratios, "1", "omega_2 / omega_1 with the same optimum, -dJ_1/dJ_2"))
-    dims = ("bound",) if bounded else ("ratio",)
-    return [
-        Quantity(f"{method}_{name}", dims, np.array(values), units, words, STATUS if name == "status" else ())
-        for name, values, units, words in arrays
-    ]
+        limit, ratio = np.array([(each.window.cost_bound, each.bound_multiplier) for each in points]).T
+        arrays.append(Quantity(f"{method}_limit", dims, limit, "s", "bound on J_2"))
+        arrays.append(
+            Quantity(f"{method}_ratio", dims, ratio, "1", "omega_2 / omega_1 with the same optimum, -dJ_1/dJ_2")
+        )
+    return arrays
 
 
-def write_pareto(
+def join_samples(
     path: Path,
     attributes: Mapping[str, str | int | float],
     stages: Sequence[str],
     question: Question,
     cells: Sequence[Sequence[Quantity]],
-    force: bool,
 ) -> Results:
-    """Write the fronts found at several samples into a file, with what they dominate, and read it.
-
-    Raises:
-        InputError: The file exists already or cannot be written; with `force`, it exists and is no HDF5 file.
-    """
+    """Put the fronts found at several samples together, with what they dominate."""
     found = {quantity.name: quantity for quantity in _stacked("instant", cells)}
-    quantities = [*found.values(), *_coordinates(stages, question, found)]
     names = ["J_1", "J_2", "wait"] if question.free else ["J_1", "J_2"]
-    criteria = {
+    fronts = {
         method: np.stack([found[f"{method}_{name}"].values for name in names], axis=-1)
         for method in (WEIGHTED, CONSTRAINED, FREE)
         if f"{method}_J_1" in found
     }
-    every = np.concatenate([values.reshape(len(cells), -1, len(names)) for values in criteria.values()], axis=1)
+    every = np.concatenate([values.reshape(len(cells), -1, len(names)) for values in fronts.values()], axis=1)
     worst, span = np.nanmax(every, axis=(0, 1), initial=0.0), extents(every.reshape(-1, len(names)))
     reference = worst + 0.1 * span
     volumes, units = [hypervolume(points, reference) for points in every], "s^3" if question.free else "s^2"
-    quantities += [
+    ends = np.cumsum([values[0, ..., 0].size for values in fronts.values()])[:-1]
+    marks = np.split(np.array([dominated(points) for points in every], "i1"), ends, axis=1)
+    for method, values in zip(fronts, marks, strict=True):
+        J = found[f"{method}_J_1"]
+        shaped = values.reshape(J.values.shape)
+        found[f"{method}_dominated"] = Quantity(f"{method}_dominated", J.dims, shaped, "1", "another point is better")
+    criteria, bounds = ["J_1", "J_2", "t_s - T0"][: len(names)], np.linspace(0.0, 1.0, question.points)
+    bound = "bound on J_2, from the smallest ratio's (0) to the largest one's (1)"
+    later = "how much later the instant is held than the run's optimum, as a part of what is left of the horizon"
+    along = {"criterion", *(dim for quantity in found.values() for dim in quantity.dims)}
+    known = [
+        Quantity("stage", ("stage",), np.array(stages), "1", "the two stages"),
+        Quantity("criterion", ("criterion",), np.array(criteria), "1", "what is to be small"),
+        Quantity("ratio", ("ratio",), question.ratios, "1", "omega_2 / omega_1"),
+        Quantity("bound", ("bound",), bounds, "1", bound),
+        Quantity("later", ("later",), question.later, "1", later),
         Quantity("reference", ("criterion",), reference, "s", "reference point of the hypervolume"),
         Quantity("hypervolume", ("instant",), np.array(volumes), units, "measure of what is dominated"),
     ]
-    ends = np.cumsum([values[0, ..., 0].size for values in criteria.values()])[:-1]
-    marks = np.split(np.array([dominated(points) for points in every], "i1"), ends, axis=1)
-    for method, values in zip(criteria, marks, strict=True):
-        like = found[f"{method}_J_1"]
-        shaped = values.reshape(like.values.shape)
-        quantities.append(Quantity(f"{method}_dominated", like.dims, shaped, "1", "another point is better"))
-    create_results(path, PARETO, {**attributes, "free_instant": int(question.free)}, quantities, force)
-    return read_results(path, PARETO)
-
-
-def _coordinates(stages: Sequence[str], question: Question, found: Mapping[str, Quantity]) -> list[Quantity]:
-    """Build the coordinates of what was found, but for the instants."""
-    bound = "bound on J_2, from the smallest ratio's (0) to the largest one's (1)"
-    later = "how much later the instant is held than the run's optimum, as a part of what is left of the horizon"
-    known = (
-        ("stage", stages, "the two stages"),
-        ("criterion", ["J_1", "J_2", "t_s - T0"][: 3 if question.free else 2], "what is to be small"),
-        ("ratio", question.ratios, "omega_2 / omega_1"),
-        ("bound", np.linspace(0.0, 1.0, question.points), bound),
-        ("later", question.later, later),
-    )
-    along = {"criterion", *(dim for quantity in found.values() for dim in quantity.dims)}
-    return [Quantity(name, (name,), np.array(values), "1", words) for name, values, words in known if name in along]
+    quantities = [*found.values(), *(each for each in known if along.issuperset(each.dims))]
+    return new_results(path, PARETO, {**attributes, "free_instant": int(question.free)}, quantities)

@@ -14,6 +14,7 @@ from concurrent.futures import CancelledError, Executor, Future
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from difflib import unified_diff
 from functools import partial
 from itertools import islice
 from multiprocessing import active_children
@@ -21,7 +22,6 @@ from multiprocessing.resource_tracker import ensure_running
 from pathlib import Path
 from pkgutil import resolve_name
 from queue import Empty, SimpleQueue
-from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 import numpy as np
@@ -31,7 +31,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError, Interruption, RunError, deferred_signals
-from psmpc_cli.logs.results import Quantity, Results, ResultsWriter, create_results, read_results
+from psmpc_cli.logs.results import Quantity, Results, new_results, read_results
 from psmpc_cli.logs.schema import Column
 from psmpc_cli.ocp.feasibility import load_feasible
 from psmpc_cli.simulation.run import simulate
@@ -123,28 +123,29 @@ class Study:
     origins: np.ndarray | None = None
 
     @property
-    def arrays(self) -> list[Quantity]:
-        """All arrays of the results file with nothing computed."""
-        sizes = {each.name: len(each.values) for each in self.coordinates if each.dims == (each.name,)}
-        waiting = np.full([sizes[name] for name in self.dims], WAITING, "i4")
-        status = Quantity("status", self.dims, waiting, "1", "status of the cell", self.statuses)
-        of_cell = [
-            _unfilled(each, self.dims, sizes) for each in (*OF_CELL, *self.quantities) if {*each.dims} <= {*sizes}
-        ]
-        spent = Quantity("wall_time", (), np.array(0.0), "s", f"wall time spent on the {self.name}")
-        return [*self.coordinates, status, *of_cell, spent]
-
-    @property
     def name(self) -> str:
         """What a message calls it."""
         return "sweep" if self.kind == "sweep" else "study"
 
-
-def _unfilled(column: Column, dims: tuple[str, ...], sizes: Mapping[str, int]) -> Quantity:
-    """Build the array of a column with nothing filled in, for cells along dims and coordinates of these sizes."""
-    dims, text = (*dims, *column.dims), column.dtype == "text"
-    values = np.full([sizes[name] for name in dims], "" if text else column.unknown, None if text else column.dtype)
-    return Quantity(column.path, dims, values, column.units, column.long_name)
+    def results(self, path: Path | None = None) -> Results:
+        """Build the results with nothing computed, for a file that is not written yet."""
+        sizes = {each.name: len(each.values) for each in self.coordinates if each.dims == (each.name,)}
+        waiting = np.full([sizes[name] for name in self.dims], WAITING, "i4")
+        arrays = [
+            *self.coordinates,
+            Quantity("status", self.dims, waiting, "1", "status of the cell", self.statuses),
+            Quantity("wall_time", (), np.array(0.0), "s", f"wall time spent on the {self.name}"),
+        ]
+        for each in (*OF_CELL, *self.quantities):
+            if {*each.dims} <= {*sizes}:
+                dims, text = (*self.dims, *each.dims), each.dtype == "text"
+                shape = [sizes[name] for name in dims]
+                values = np.full(shape, "" if text else each.unknown, object if text else each.dtype)
+                arrays.append(Quantity(each.path, dims, values, each.units, each.long_name))
+        created, task = datetime.now(UTC).isoformat(timespec="seconds"), self.task
+        about = {"digest": task.digest, "task_name": task.spec.name, "task_yaml": task.task_yaml}
+        attributes = {**self.identity, **about, "robot_yaml": task.robot_yaml, "created": created, **self.attributes}
+        return new_results(path or Path("a study in memory"), self.kind, attributes, arrays)
 
 
 def run_study(
@@ -156,7 +157,7 @@ def run_study(
     resume: bool = False,
     watch: Watch = lambda progress: None,
 ) -> Results:
-    """Compute all cells of a study that wait in its file, and read the results.
+    """Compute all cells of a study that wait in its file, and return the results.
 
     A cell whose run fails or whose process is killed is marked so; the others go on.
 
@@ -173,37 +174,35 @@ def run_study(
         InputError: The file exists, cannot be written, or holds another study; or there is no such cluster.
         RunError: The file cannot be written any further, or the cluster is gone.
     """
-    if path is None:
-        with TemporaryDirectory(prefix="psmpc-study-") as folder:
-            return run_study(study, Path(folder) / "results.h5", jobs, dask, watch=watch)
-    if resume:
-        before = _resumed(study, path)
-    else:
-        create_file(study, path, force)
-        before = read_results(path, study.kind)
-    status, spent = before.quantities["status"], float(before["wall_time"])
+    results = study.results(path)
+    if path is not None and resume:
+        results = _resumed(study, results)
+    elif path is not None:
+        results.create(force)
+    status, spent = results["status"], float(results["wall_time"])
     origins = np.arange(len(study.cells)) if study.origins is None else study.origins
-    needed = np.unique(origins[np.isin(status.values.ravel(), (WAITING, FAILED))])
+    needed = np.unique(origins[np.isin(status.ravel(), (WAITING, FAILED))])
     began, progress = time.monotonic(), Progress(len(needed), 0, 0, 0.0)
     watch(progress)
     run = partial(_run_cell, study.task, study.quantities, study.stop)
-    writer = ResultsWriter(before)
-    with closing(compute(run, [study.cells[cell] for cell in needed], jobs, dask)) as results:
-        for number, found in results:
+    with closing(compute(run, [study.cells[cell] for cell in needed], jobs, dask)) as ended:
+        for number, found in ended:
             row, failure, cell_time = ({}, LOST, np.nan) if found is None else found
             origin = int(needed[number])
             alike = np.flatnonzero(origins == origin)
             for cell in alike:
-                index = tuple(map(int, np.unravel_index(cell, status.values.shape)))
                 code = FAILED if failure else COMPUTED if cell == origin else SHARED
-                writer.fill(index, {"reason": failure, **row, "cell_time": cell_time, "origin": origin, "status": code})
+                values = {"reason": failure, **row, "cell_time": cell_time, "origin": origin, "status": code}
+                for name, value in values.items():
+                    results[name][np.unravel_index(cell, status.shape)] = value
             elapsed = time.monotonic() - began
-            writer.fill((), {"wall_time": spent + elapsed})
-            writer.write()
+            results["wall_time"][()] = spent + elapsed
+            if path is not None:
+                results.save()
             failed = progress.failed + len(alike) * bool(failure)
             progress = Progress(len(needed), progress.ended + 1, failed, elapsed)
             watch(progress)
-    return read_results(path, study.kind)
+    return results
 
 
 def _run_cell(
@@ -242,57 +241,33 @@ def names_along(task: Task) -> list[Quantity]:
     return [Quantity(name, (name,), np.array(found), "1", name) for name, found in names.items() if found]
 
 
-def create_file(study: Study, path: Path, force: bool = False) -> None:
-    """Write the results file of a study whose cells all wait.
-
-    Raises:
-        InputError: The file exists already or cannot be written.
-    """
-    created = datetime.now(UTC).isoformat(timespec="seconds")
-    task = {"task_name": study.task.spec.name, "task_yaml": study.task.task_yaml, "robot_yaml": study.task.robot_yaml}
-    attributes = {**_identity(study), "created": created, **task, **study.attributes}
-    create_results(path, study.kind, attributes, study.arrays, force)
-
-
-def _identity(study: Study) -> dict[str, str | int | float]:
-    return {"psmpc_version": __version__, "digest": study.task.digest, **study.identity}
-
-
-def _resumed(study: Study, path: Path) -> Results:
+def _resumed(study: Study, new: Results) -> Results:
     """Read the results to resume, with room for the cells that the study has more now."""
+    path, cells = new.path, len(study.cells)
     if not path.exists():
         raise InputError(f"--resume: found no file {path}, expected a {study.name} that was stopped; omit --resume")
     results = read_results(path, study.kind)
-    for name, wanted in _identity(study).items():
-        found = results.attributes.get(name)
+    for name in ("psmpc_version", "digest", *study.identity):
+        found, wanted = (each.attributes.get(name) for each in (results, new))
         if found != wanted:
-            plainly = f"found {name.replace('_', ' ')} {found}, this one has {wanted}"
-            difference = _difference(results, study.task) if name == "digest" else plainly
+            difference = f"found {name.replace('_', ' ')} {found}, this one has {wanted}"
+            if name == "digest":
+                difference = _difference(results, new)
             advice = "give the same task and options, or choose another file with -o"
             raise InputError(f"--resume: {path} holds another {study.name}: {difference}; {advice}")
-    cells, found_cells = len(study.cells), results["status"].size
-    if found_cells > cells:
+    if (found_cells := results["status"].size) > cells:
         raise InputError(f"--resume: {path} has {found_cells} runs, found {cells}, expected at least as many")
-    if found_cells < cells:
-        results = replace(results, quantities={new.name: _extended(new, results) for new in study.arrays})
-    return results
+    for name, quantity in new.quantities.items():
+        quantity.values[tuple(map(slice, results[name].shape))] = results[name]
+    return replace(new, attributes=results.attributes)
 
 
-def _extended(new: Quantity, results: Results) -> Quantity:
-    """Return an array that is as long as the new one and begins with the old one."""
-    old = results[new.name]
-    return replace(new, values=np.concatenate([old, new.values[len(old) :]]) if old.ndim else old)
-
-
-def _difference(results: Results, task: Task) -> str:
-    """Say how the task in a results file differs from another one: by its name, or by lines of their texts."""
-    for key, own in (("task_name", task.spec.name), ("task_yaml", task.task_yaml), ("robot_yaml", task.robot_yaml)):
-        before, now = str(results.attributes[key]).splitlines(), own.splitlines()
-        lines = [[line.strip() for line in one if line not in other] for one, other in ((before, now), (now, before))]
-        if any(lines):
-            found, wanted = (quoted("; ".join(each)) for each in lines)
-            return f"found {found} in its {key.replace('_', ' ')}, this one has {wanted}"
-    return "found the lines of its task in another order"
+def _difference(*studies: Results) -> str:
+    """Write the lines in which the tasks of two studies differ."""
+    before, now = (f"{each.attributes['task_yaml']}\n{each.attributes['robot_yaml']}".splitlines() for each in studies)
+    lines = list(unified_diff(before, now, n=0, lineterm=""))[2:]
+    found, wanted = (quoted("; ".join(line[1:].strip() for line in lines if line[0] == sign)) for sign in "-+")
+    return f"found {found} in its task, this one has {wanted}"
 
 
 def compute(

@@ -1,5 +1,6 @@
 """Results files of studies."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.logs.results import Quantity, ResultsWriter, create_results, read_results
+from psmpc_cli.logs.results import Quantity, new_results, read_results
 from psmpc_cli.logs.schema import PARETO, SWEEP
 
 QUANTITIES = (
@@ -23,7 +24,7 @@ QUANTITIES = (
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     path = tmp_path / "results.h5"
-    create_results(path, SWEEP, {"task_name": "test"}, QUANTITIES, False)
+    new_results(path, SWEEP, {"task_name": "test"}, QUANTITIES).create()
     return path
 
 
@@ -41,25 +42,26 @@ def test_what_was_written_is_read_back_with_names_units_and_meanings(path: Path)
         np.testing.assert_array_equal(found.values, quantity.values)
 
 
-def test_a_cell_is_filled_in_and_no_other(path: Path) -> None:
-    writer, reason = ResultsWriter(read_results(path, SWEEP)), "because of ü" * 100
-    writer.fill((1, 2), {"start": 6.1, "status": 1, "reason": reason})
-    writer.fill((), {"spent": 3.5})
-    writer.write()
-    results = read_results(path, SWEEP)
-    assert results["start"][1, 2] == 6.1
-    assert results["reason"][1, 2] == reason
-    assert results["spent"] == 3.5
-    assert np.count_nonzero(results["status"]) == 1
-    assert np.isnan(results["start"]).sum() == 5
+def test_what_is_filled_in_and_saved_is_in_the_file_and_no_more(path: Path) -> None:
+    results, reason = read_results(path, SWEEP), np.full((2, 3), "", object)
+    results["start"][1, 2], results["status"][1, 2], reason[1, 2] = 6.1, 1, "because of ü" * 100
+    results["spent"][()] = 3.5
+    about = {**results.quantities, "reason": replace(results.quantities["reason"], values=reason)}
+    replace(results, quantities=about).save()
+    found = read_results(path, SWEEP)
+    assert found["start"][1, 2] == 6.1
+    assert found["reason"][1, 2] == reason[1, 2]
+    assert found["spent"] == 3.5
+    assert np.count_nonzero(found["status"]) == 1
+    assert np.isnan(found["start"]).sum() == 5
 
 
 def test_an_existing_file_is_not_overwritten_unasked(path: Path) -> None:
     before = path.read_bytes()
     with pytest.raises(InputError, match="exists already"):
-        create_results(path, SWEEP, {}, QUANTITIES, False)
+        new_results(path, SWEEP, {}, QUANTITIES).create()
     assert path.read_bytes() == before
-    create_results(path, SWEEP, {"task_name": "other"}, QUANTITIES, True)
+    new_results(path, SWEEP, {"task_name": "other"}, QUANTITIES).create(force=True)
     assert read_results(path, SWEEP).attributes["task_name"] == "other"
 
 

@@ -1,3 +1,4 @@
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from math import isnan, nan
@@ -49,16 +50,13 @@ def test_a_time_earlier_than_published_holds_and_is_marked_if_the_mission_succee
     assert "'object held' was violated at 23.4 s" in told(failed)
 
 
-def test_the_cause_says_where_a_difference_arises() -> None:
-    late = judge(CLAIMS["smpc.t2"], reproduced(smpc=hand_made((10.6, 17.0, 24.0, 30.0), lost=20.0, method="smpc")))
-    assert "+0.30 s from the start to t1, +1.60 s from t1 to t2" in told(late)
-    early = judge(CLAIMS["psmpc.t3"], reproduced(psmpc=hand_made((10.0, 13.0, 22.0, 30.0))))
-    assert "-0.80 s from the start to t2, -1.60 s from t2 to t3" in told(early)
-
-
 def test_the_cause_says_that_no_run_could_end_when_it_is_published() -> None:
     assert "approach cannot end before 9.9" in told(judged("time", "psmpc.t1", published=9.0))
     assert "cannot" not in told(judged("time", "psmpc.t1", published=12.0))
+    late = told(
+        judge(CLAIMS["smpc.t2"], reproduced(smpc=hand_made((10.6, 17.0, 24.0, 30.0), lost=20.0, method="smpc")))
+    )
+    assert re.fullmatch(r"at 15\.1 s capture was still \d+\.\d tolerances away", late)
 
 
 def test_a_time_that_never_came_does_not_hold() -> None:
@@ -80,30 +78,25 @@ def test_times_have_one_rule(published: float, off: float, succeeded: bool) -> N
 
 def test_the_cause_of_a_start_says_how_it_depends_on_the_threshold() -> None:
     run: dict[str, Any] = {"early": {"capture": 6.4}, "starts": {0.1: 6.4, 1e-4: 6.2, 10.0: nan}, "lost": 23.0}
-    finding = judged("time", "psmpc.t1_real", published=8.8, presence={"capture": {6.4: 0.3}}, **run)
+    finding = judged("time", "psmpc.t1_real", published=8.8, **run)
     assert not finding.holds
-    assert "epsilon = 0.5; by epsilon it starts at 6.20 s for 0.0001, 6.40 s for 0.1, never" in told(finding)
-    assert "capture never waits in a window" in told(judged("time", "psmpc.t1_real", published=8.8, **run))
+    assert "by its closeness it starts at 6.20 s for epsilon = 0.0001, 6.40 s for epsilon = 0.1, never" in told(finding)
 
 
 def test_a_start_on_time_holds_to_one_sample() -> None:
     assert judged("on_time", "psmpc.t2_real").holds
     assert judged("on_time", "psmpc.t2_real", early={"transport": 13.9}).holds
-    presence = {"transport": {13.7: 0.05, 13.8: 0.4}}
-    finding = judged("on_time", "psmpc.t2_real", early={"transport": 13.8}, presence=presence)
+    finding = judged("on_time", "psmpc.t2_real", early={"transport": 13.8})
     assert not finding.holds
     assert finding.difference == pytest.approx(-0.2)
     assert "transport starts at 13.80 s, t2 = 14.00 s" in told(finding)
-    assert "'object held' held, margin 0.050" in told(finding)
 
 
 def test_a_start_once_seen_is_a_horizon_before_the_end() -> None:
     assert judged("once_seen", "psmpc.t1_real", early={"capture": 6.1}).holds
-    presence = {"capture": {6.3: 0.01, 6.4: 0.2}}
-    late = judged("once_seen", "psmpc.t1_real", early={"capture": 6.4}, presence=presence, postponed=(6.1, 6.2, 15.0))
+    late = judged("once_seen", "psmpc.t1_real", early={"capture": 6.4})
     assert not late.holds
     assert late.difference == pytest.approx(0.4)
-    assert "at 2 samples" in told(late)
     assert not judged("once_seen", "psmpc.t1_real").holds
 
 
@@ -115,35 +108,28 @@ def test_no_start_may_come_before_its_end_is_seen() -> None:
     broken = judged(*about, early={"capture": 5.5})
     assert not broken.holds
     assert broken.difference == pytest.approx(-0.5)
-    assert "capture starts 0.50 s before t1 - T_h" in told(broken)
+    assert "capture starts 0.50 s before t_s - T_h" in told(broken)
     nothing = judged(*about, ends=(nan, nan, nan, nan))
     assert not nothing.holds
-    assert "no stage ended" in told(nothing)
+    assert "capture did not start: time limit" in told(nothing)
 
 
 def test_all_stages_have_to_start_early() -> None:
     about = ("all_early", "psmpc.t1_real", "psmpc.t3_real")
     assert judged(*about, early={"capture": 8.0, "release": 22.0}).holds
-    finding = judged(*about, early={"capture": 8.0}, presence={"release": {21.0: 0.01}}, starts={0.01: 21.0})
+    finding = judged(*about, early={"capture": 8.0})
     assert not finding.holds
     assert finding.reproduced == ("capture",)
-    assert "release starts where its closeness to its own optimum reaches epsilon = 0.5" in told(finding)
+    assert told(finding).startswith("release starts at 24.00 s, t3 = 24.00 s")
 
 
-@pytest.mark.parametrize(
-    ("psmpc", "htmpc", "cause"),
-    [
-        (13.0, 18.0, ""),
-        (13.01, 18.0, "t2 of PSMPC = 13.01 s is not before t2 of SMPC = 13.01 s"),
-        (13.0, nan, "t2 of SMPC = 13.01 s is not before t2 of HTMPC = never"),
-    ],
-)
-def test_an_order_holds_or_not_however_little_is_between(psmpc: float, htmpc: float, cause: str) -> None:
+@pytest.mark.parametrize(("psmpc", "htmpc", "holds"), [(13.0, 18.0, True), (13.01, 18.0, False), (13.0, nan, False)])
+def test_an_order_holds_or_not_however_little_is_between(psmpc: float, htmpc: float, holds: bool) -> None:
     times = {"psmpc": psmpc, "smpc": 13.01, "htmpc": htmpc}
     runs = {name: hand_made((9.0, time, 24.0, 30.0), method=name) for name, time in times.items()}
     finding = judge(CLAIMS["order.t2"], reproduced(**runs))
-    assert finding.holds == (not cause)
-    assert told(finding) == cause
+    assert finding.holds == holds
+    assert finding.reproduced == pytest.approx((psmpc, 13.01, htmpc), nan_ok=True)
 
 
 def test_a_mission_ends_as_published_or_the_cause_says_how() -> None:
@@ -169,7 +155,7 @@ def test_a_grasped_object_is_delivered_by_one_controller_alone(smpc: dict[str, A
     made = Reproduction({}, reproduced().weights, None, grasps={"psmpc": grasped(), "smpc": grasped(**smpc)})
     finding = judge(CLAIMS["grasp.delivered"], made)
     assert finding.reproduced == ("delivered", found)
-    assert finding.holds == (found != "delivered") == (not finding.cause)
+    assert finding.holds == (found != "delivered")
     both = {"psmpc": grasped(**smpc), "smpc": grasped(0.08)}
     assert judge(CLAIMS["grasp.delivered"], replace(made, grasps=both)).holds == (found == "delivered")
 
@@ -194,7 +180,6 @@ def test_a_setting_holds_if_all_runs_have_it() -> None:
         finding = judge(CLAIMS["setting.nodes"], reproduced(**runs))
         assert not finding.holds
         assert finding.reproduced == pytest.approx(found, nan_ok=True)
-        assert f"{found:g}" in told(finding)
 
 
 WEIGHTS = ("trend", "floor", "settles", "chosen")
@@ -222,34 +207,26 @@ def test_a_sweep_as_published_holds_everywhere(sweep: Sweep, name: str) -> None:
     assert name != "trend" or (finding.reproduced, finding.difference) == (f"{T_S:.2f} s to 6.20 s", 0.0)
 
 
-@pytest.mark.parametrize(
-    ("by", "causes"), [(0.1, ()), (0.2, ("for epsilon = 0.1 it is 0.20 s later at ratio 1e+06 than",))]
-)
-def test_a_start_that_comes_later_at_a_larger_ratio_breaks_the_trend(
-    sweep: Sweep, by: float, causes: tuple[str, ...]
-) -> None:
+@pytest.mark.parametrize("by", [0.1, 0.2])
+def test_a_start_that_comes_later_at_a_larger_ratio_breaks_the_trend(sweep: Sweep, by: float) -> None:
     rising = with_changed(actual_start=lambda ratio: [6.2, numbers(ratio)["actual_start"][1] + by * (ratio > 1e5)])
     finding = of_weights("trend", sweep(of=rising))
     assert finding.difference == pytest.approx(by)
-    later = [point for point in finding.cause if "later" in point]
-    assert all(point.startswith(cause) for point, cause in zip(later, causes, strict=True))
+    later = [point for point in finding.cause if "by up to 0.20 s later at a larger ratio" in point]
+    assert len(later) == (by > 0.1)
 
 
 @pytest.mark.parametrize(
     ("name", "changed", "causes"),
     [
-        ("trend", {"actual_start": lambda ratio: [T_S, T_S]}, ["at the smallest, 10.14 s at the largest"] * 2),
-        (
-            "settles",
-            {"actual_start": lambda ratio: [8.0, 8.0]},
-            ["from ratio 1e-06 on it is 8.00 s", "t_s - T_h = 6.14 s"],
-        ),
-        ("chosen", {"completion_time": lambda ratio: 15.0}, ["no earlier"]),
-        ("chosen", {"control_effort": lambda ratio: 2.0}, ["no less effort"]),
+        ("trend", {"actual_start": lambda ratio: [T_S, T_S]}, ["from 10.14 s to 10.14 s"] * 2),
+        ("settles", {"actual_start": lambda ratio: [8.0, 8.0]}, ["t_s - T_h = 6.14 s"]),
+        ("chosen", {"completion_time": lambda ratio: 15.0}, []),
+        ("chosen", {"control_effort": lambda ratio: 2.0}, []),
         (
             "floor",
             {"actual_start": lambda ratio: [T_S - T_H - 0.11 if ratio > 1e5 else 7.0, 8.0]},
-            ["at ratio 1e+06 and epsilon = 0.001 it starts at 6.03 s, 0.11 s before"],
+            ["at ratio 1e+06 and epsilon = 0.001 capture starts 0.11 s before"],
         ),
     ],
 )

@@ -34,7 +34,6 @@ from psmpc_cli.studies.runner import (
     Study,
     changed,
     compute,
-    create_file,
     run_study,
 )
 from psmpc_cli.studies.sweep import load_sweep_task, parse_sampling, weight_study
@@ -202,7 +201,7 @@ def test_another_study_is_not_resumed(
 def test_a_study_of_another_version_or_without_a_file_is_not_resumed(tmp_path: Path, task: Task) -> None:
     with pytest.raises(InputError, match="found no file"):
         run_study(study_of(task), tmp_path / "study.h5", resume=True)
-    create_file(study_of(task), tmp_path / "study.h5")
+    study_of(task).results(tmp_path / "study.h5").create()
     with h5py.File(tmp_path / "study.h5", "r+") as file:
         file.attrs["psmpc_version"] = "0.0.1"
     with pytest.raises(InputError, match=r"found psmpc version 0\.0\.1, this one has "):

@@ -50,13 +50,15 @@ def made_up_sweep(
     """A sweep over the first two stages in which these cells wait and those failed."""
     loaded = load_sweep_task(task, (), epsilons)
     cells = sampling_of(sampling)
-    results = weight_study(loaded, (0, 1), cells).results(path)
+    study = weight_study(loaded, (0, 1), cells)
+    results, origins = study.results(path), study.origins
+    assert origins is not None
     for cell, ratio in enumerate(cells.ratio):
-        values: dict[str, object] = {"reason": "time limit of 30 s reached", "origin": cell, "status": FAILED}
+        values: dict[str, object] = {"reason": "time limit of 30 s reached", "origin": origins[cell], "status": FAILED}
         if cell not in failed:
             switches = np.full(len(loaded.spec.stages), np.nan)
             switches[:2] = of(float(ratio))["switch_time"]
-            values = {**of(float(ratio)), "switch_time": switches, "origin": cell, "status": COMPUTED}
+            values = {**of(float(ratio)), "switch_time": switches, "origin": origins[cell], "status": COMPUTED}
         for name, value in values.items() if cell not in waiting else ():
             results[name][np.unravel_index(cell, results["status"].shape)] = value
     results.create(force=True)

@@ -193,8 +193,8 @@ def print_differences(comparison: Comparison, conditions: Sequence[str]) -> None
 
 def print_sweep(cells: SweepCells) -> None:
     """Print a sweep over weights, complete or not: a row for each run, the cells by status, the recommended ratio."""
-    if cells.groups:
-        _print_groups(cells)
+    if len(cells.runs):
+        _print_runs(cells)
     meanings = cells.results.quantities["status"].meanings
     counts = np.bincount(cells.of("status"), minlength=len(meanings))
     parts = ", ".join(f"{count} {meaning}" for meaning, count in zip(meanings, counts, strict=True) if count)
@@ -206,29 +206,26 @@ def print_sweep(cells: SweepCells) -> None:
     typer.echo(f"sweep: {cells.results.path}")
 
 
-def _print_groups(cells: SweepCells) -> None:
-    """Print a row for each run of a sweep, or for each ratio if runs of one ratio are equal."""
-    (first, second), groups = cells.names, cells.groups
-    apart = len(groups) > len(np.unique([f"{cells.ratio[group[0]]:.9g}" for group in groups]))
-    kept = np.unique(np.linspace(0, len(groups) - 1, min(len(groups), MOST_ROWS)).round().astype(int))
-    rows = []
-    for group in (groups[k] for k in kept):
-        instant, starts = np.median(cells.instant[group]), np.median(cells.of("actual_start")[group], axis=0)
-        others = (np.median(cells.of(name)[group]) for name in ("completion_time", "control_effort", "final_error"))
-        weights = cells.omega[group[0]] if apart else cells.ratio[group[:1]]
-        rows.append(
-            (
-                *(f"{each:.4g}" for each in weights),
-                *(number(start, 1 if start < instant else 2) for start in starts),
-                *(number(float(each), 2) for each in (instant, *others)),
-            )
+def _print_runs(cells: SweepCells) -> None:
+    """Print a row for each run of a sweep, or for some of many."""
+    (first, second), runs = cells.names, cells.runs
+    apart = len(runs) > len(np.unique([f"{ratio:.9g}" for ratio in cells.ratio[runs]]))
+    kept = runs[np.unique(np.linspace(0, len(runs) - 1, min(len(runs), MOST_ROWS)).round().astype(int))]
+    others = [cells.instant, *(cells.of(name) for name in ("completion_time", "control_effort", "final_error"))]
+    rows = [
+        (
+            *(f"{each:.4g}" for each in (cells.omega[run] if apart else cells.ratio[run : run + 1])),
+            *(number(start, 1 if start < cells.instant[run] else 2) for start in cells.of("actual_start")[run]),
+            *(number(float(values[run]), 2) for values in others),
         )
+        for run in kept
+    ]
     typer.echo(f"actual start of {second} [s] by threshold epsilon")
     over = ("omega_1", "omega_2") if apart else ("omega_2/omega_1",)
     epsilons = (f"{epsilon:g}" for epsilon in cells.epsilons)
     print_table((*over, *epsilons, f"{first} ends [s]", f"{second} ends [s]", "effort", "final error"), rows, left=0)
-    if len(kept) < len(groups):
-        typer.echo(f"{len(kept)} of {len(groups)} {'runs' if apart else 'ratios'}")
+    if len(kept) < len(runs):
+        typer.echo(f"{len(kept)} of {len(runs)} {'runs' if apart else 'ratios'}")
 
 
 def print_monte_carlo(runs: MonteCarloRuns) -> None:

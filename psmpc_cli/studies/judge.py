@@ -212,8 +212,8 @@ class Reproduction:
     def published(self, method: str, starts: bool) -> dict[str, float]:
         """Return the published ends, or actual starts, of a method's stages [s]."""
         claims = [claim for claim in load_claims() if claim.rule == "time" and claim.group == method]
-        found = [(moment, claim.number) for claim in claims for moment in self.moments(claim)]
-        return {moment.name: time for moment, time in found if (moment.symbol != moment.end) == starts}
+        chosen = [claim for claim in claims if claim.reads[0].endswith("_real") == starts]
+        return {self.moments(claim)[0].name: claim.number for claim in chosen}
 
 
 def judge(claim: Claim, made: Reproduction) -> Finding:

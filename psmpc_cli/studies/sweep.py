@@ -159,6 +159,7 @@ class SweepCells:
         own_ratio: omega_2 / omega_1 of the task itself.
         epsilons: Thresholds of the actual start (epsilons,).
         failed, waiting, ended: Which cells failed, have not been run, or came to their end (cells,).
+        runs: The cells that ended and share no other one's run, from the smallest ratio to the largest (runs,).
         instant: t_s, which ended the first studied stage (cells,) [s].
         floor: t_s - T_h, before which the second stage is in no window (cells,) [s].
 
@@ -188,6 +189,8 @@ class SweepCells:
         self.epsilons, status = results["epsilon"], results["status"].ravel()
         self.failed, self.waiting = status == FAILED, status == WAITING
         self.ended = ~(self.failed | self.waiting)
+        own = np.flatnonzero(self.ended & (self.of("origin") == np.arange(len(self.ratio))))
+        self.runs = own[np.argsort(np.round(np.log10(self.ratio[own]), SAME), kind="stable")]
         self.instant = self.of("switch_time")[:, first]
         self.floor = self.instant - self.task.spec.controller.horizon
 
@@ -200,14 +203,6 @@ class SweepCells:
         """Sum up a number over the runs; a run that several cells share counts once."""
         own = self.of("origin") == np.arange(len(self.ratio))
         return int(np.maximum(self.of(name)[own], 0).sum())
-
-    @property
-    def groups(self) -> list[Array]:
-        """The cells that ended, those with the same run together, from the smallest ratio to the largest."""
-        which = np.flatnonzero(self.ended)
-        same = origins(self.task, self.stages, self.omega)[which]
-        first = sorted(np.unique(same), key=lambda cell: (round(float(np.log10(self.ratio[cell])), SAME), cell))
-        return [which[same == cell] for cell in first]
 
     @property
     def chosen(self) -> int:

@@ -39,7 +39,6 @@ def hand_made(
     lost: float | None = None,
     presence: Mapping[str, Mapping[float, float]] | None = None,
     starts: Mapping[float, float] | None = None,
-    postponed: Sequence[float] = (),
     method: str = "psmpc",
 ) -> Run:
     """A run with a sample every 0.1 s to 30 s.
@@ -50,7 +49,6 @@ def hand_made(
         lost: When the grippers move apart; during transport that violates the monitor.
         presence: What a waiting stage adds at each time, by stage.
         starts: Actual starts of every stage by threshold.
-        postponed: Times at which the stage after the window's last one is postponed.
         method: The controller.
     """
     base, early = _made_up(), early or {}
@@ -71,7 +69,7 @@ def hand_made(
         "window/count": np.ones_like(first),
         "window/presence": added,
         "pose/xi": xi,
-        "events/postponed": np.isin(TIMES, postponed),
+        "events/postponed": np.zeros_like(first),
         "stages/switch_time": np.array(ends),
         "stages/actual_start": np.array([early.get(name, begin) for name, begin in zip(STAGES, begins, strict=True)]),
         "stages/early": np.array([name in early for name in STAGES]),

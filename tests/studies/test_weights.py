@@ -84,10 +84,9 @@ def test_cells_of_one_ratio_are_taken_together(path: Path) -> None:
 
 
 def test_what_cells_share_counts_once(path: Path) -> None:
-    cells = SweepCells(made_up_sweep(path, "3x3", waiting=(1,), failed=(2,)))
-    assert cells.count("solves") == 700
-    cells.results["origin"][2, 2] = 0
-    assert cells.count("solves") == 600
+    assert SweepCells(made_up_sweep(path, "3x3")).count("solves") == 500
+    assert SweepCells(made_up_sweep(path, "3x3", waiting=(2,))).count("solves") == 400
+    assert SweepCells(made_up_sweep(path, "3x3", task="transport")).count("solves") == 900
 
 
 @pytest.mark.parametrize(
@@ -106,10 +105,9 @@ def test_runs_are_shared_where_all_priorities_over_the_largest_are_equal() -> No
     assert len(np.unique(origins(load_task("transport"), (0, 1), omega))) == 9
 
 
-def test_cells_with_equal_runs_are_one_group(path: Path) -> None:
-    groups = SweepCells(made_up_sweep(path, "3x3", failed=(0,))).groups
-    assert [group.tolist() for group in groups] == [[2], [1, 5], [4, 8], [3, 7], [6]]
-    assert all(len(group) == 1 for group in SweepCells(made_up_sweep(path, "3x3", task="transport")).groups)
+def test_runs_go_from_the_smallest_ratio_to_the_largest(path: Path) -> None:
+    assert SweepCells(made_up_sweep(path, "3x3", failed=(0, 4, 8))).runs.tolist() == [2, 1, 3, 6]
+    assert len(SweepCells(made_up_sweep(path, "3x3", task="transport")).runs) == 9
 
 
 SEVEN = "7"

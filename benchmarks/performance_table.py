@@ -328,7 +328,7 @@ def _sample_parts(nodes: int, shares: bool) -> np.ndarray:
         began = perf_counter()
         for sample in closed_loop(experiment):
             decided = perf_counter()
-            writer.append(sample)
+            writer.write(sample)
             ended = perf_counter()
             parts = [sample.command.solve_time, *map(sum, spent), ended - decided]
             found.append([*parts, ended - began - sum(parts), ended - began])

@@ -70,7 +70,6 @@ class Command:
         time: When it begins to act [s].
         x: State [Q; v] (nq + n,) it was decided from: the measured one, or the one foreseen over a known delay.
         u: Accelerations over the low-level ticks of the coming sample (M, n) [m/s^2, rad/s^2].
-        x_next: State [Q; v] (2n,) to which the plan leads at the next sample.
         tick: Length of a tick [s].
         plan: The plan in force.
         sequence: The stages in the window.
@@ -91,7 +90,6 @@ class Command:
     time: float
     x: np.ndarray
     u: np.ndarray
-    x_next: np.ndarray
     tick: float
     plan: Plan
     sequence: MovingSequence
@@ -109,6 +107,12 @@ class Command:
     def instants(self) -> np.ndarray:
         """Planned switch times [s], absolute; one fewer than stages in the window."""
         return self.sequence.instants
+
+    @property
+    def x_next(self) -> np.ndarray:
+        """State [Q; v] (nq + n,) to which the plan leads at the next sample."""
+        X = self.plan.states_at(np.array([self.time + len(self.u) * self.tick]))
+        return np.concatenate(self.plan.chart.leave(X), axis=1)[0]
 
     @property
     def stage(self) -> Stage:
@@ -218,7 +222,7 @@ class Controller:
         self.sequence, self._solved = sequence, solution
         plan = self._plan_in_force((levels or (solution,))[-1].plan if solved else None, prediction, time, x)
         self._trusted = plan.end if measured and self._braking is None else self._trusted
-        x, x_next, planned = self._over_sample(plan, time, x)
+        x, planned = self._over_sample(plan, time, x)
         u = self._estimator.command(planned, state.v)
         happened = {
             "appended": sequence.last > before.last,
@@ -231,15 +235,15 @@ class Controller:
         tick, model = 1 / self._rate, self.problem.model
         closed, load = self._closed(sequence, time), self._load
         decided = sequence, prediction, solution, events, switches, d, levels
-        return Command(time, x, u, x_next, tick, plan, *decided, model, closed, load)
+        return Command(time, x, u, tick, plan, *decided, model, closed, load)
 
-    def _over_sample(self, plan: Plan, time: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return x (2n,) in the chart and the state after the sample as [Q; v], and the rates of v by tick (M, n)."""
+    def _over_sample(self, plan: Plan, time: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return x (2n,) in the chart as [Q; v] (nq + n,), and the rates of v that the plan has at the ticks (M, n)."""
         edges = self.edges(time)
         if not self._chart.spatial:
-            return x, plan.states_at(edges[-1:])[0], plan.mean_control(edges)
+            return x, plan.mean_control(edges)
         Q, v = self._chart.leave(np.vstack([x, plan.states_at(edges)]))
-        return np.r_[Q[0], v[0]], np.r_[Q[-1], v[-1]], np.diff(v[1:], axis=0) * self._rate
+        return np.r_[Q[0], v[0]], np.diff(v[1:], axis=0) * self._rate
 
     def _closed(self, sequence: MovingSequence, time: float) -> np.ndarray:
         thing = self.problem.spec.object

@@ -4,7 +4,7 @@ Writer, reader, CSV export and the tables of docs/log.md follow it: a new logged
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from operator import attrgetter
 from typing import Any
@@ -29,16 +29,27 @@ class Sample:
     Attributes:
         command: What the controller decided.
         ticks: What the plant did until the next sample.
-        metrics: What was measured of both, by the paths of the log; what is by stage as a mapping from its index.
+        presence: How much of each waiting stage is in the control, by its index.
         number: Of the sample, from 0.
         stages: Number of stages of the task.
+        measure: Fills in what is `measured`, of other samples too.
+        measured: The metrics, once they are.
     """
 
     command: Command
     ticks: Ticks
-    metrics: Mapping[str, Any]
+    presence: Mapping[int, float]
     number: int
     stages: int
+    measure: Callable[[], None] = field(repr=False)
+    measured: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    @property
+    def metrics(self) -> Mapping[str, Any]:
+        """What was measured of both, by the paths of the log; what is by stage as a mapping from its index."""
+        if not self.measured:
+            self.measure()
+        return self.measured
 
     @property
     def n(self) -> int:

@@ -61,12 +61,11 @@ class LogWriter:
         self.path = path
         columns = layout("spatial" in header.has)
         self._columns = [column for column in columns if not column.only or column.only in header.has]
-        self._values = [(column.path, column.value) for column in self._columns if column.value is not None]
         self._file = h5py.File(f"log {id(self)}", "w", driver="core", backing_store=False, libver="latest")
         open_end = {"finished": False, "end_reason": "", "stuck": False}
         attributes = {"kind": RUN, "format_version": FORMAT_VERSION, **open_end, **header.attributes}
         create_log(self._file, self._columns, attributes, header.values)
-        self._pending: list[Mapping[str, ArrayLike]] = []
+        self._pending: list[Sample | Mapping[str, ArrayLike]] = []
         self._rows, self._changed, self._next_write = 0, False, 0.0  # the first row is written at once
         if path is not None:
             write_new(path, image_of(self._file), force)
@@ -83,19 +82,13 @@ class LogWriter:
         self._move_rows()
         return self._file
 
-    def append(self, sample: Sample) -> None:
-        """Add the row of a sample.
+    def write(self, row: Sample | Mapping[str, ArrayLike]) -> None:
+        """Add a sample, or what it leaves in every dataset that grows, by path.
+
+        It is read when the file is written: numbers that are measured of many samples together are faster.
 
         Raises:
             RunError: The file cannot be written any further, for example because the disk is full.
-        """
-        self.write({path: value(sample) for path, value in self._values})
-
-    def write(self, row: Mapping[str, ArrayLike]) -> None:
-        """Add what a sample leaves in every dataset that grows, by path.
-
-        Raises:
-            RunError: As for `append`.
         """
         self._pending.append(row)
         self._changed = True
@@ -112,7 +105,7 @@ class LogWriter:
         """Write how the run ended, and what is known then of datasets that do not grow.
 
         Raises:
-            RunError: As for `append`.
+            RunError: As for `write`.
         """
         self.update(values)
         self._file.attrs.update({"finished": finished, "end_reason": reason, "stuck": stuck})
@@ -122,7 +115,7 @@ class LogWriter:
         """Write what is not in the file yet, and close it.
 
         Raises:
-            RunError: As for `append`.
+            RunError: As for `write`.
         """
         try:
             if self._changed:
@@ -147,10 +140,12 @@ class LogWriter:
 
     def _move_rows(self) -> None:
         """Move the rows that wait to the log in memory; done again after an interruption, it does no harm."""
-        rows = self._pending
-        for column in self._columns if rows else ():
-            if column.value is None:
-                continue
+        grow = [(column, column.value) for column in self._columns if column.value is not None and self._pending]
+        rows = [
+            {column.path: value(row) for column, value in grow} if isinstance(row, Sample) else row
+            for row in self._pending
+        ]
+        for column, _ in grow:
             if column.dims[0] == "time" and not column.ragged:
                 _extend(self._file[column.path], self._rows, np.array([row[column.path] for row in rows]))
                 continue

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.native.functions import ArrayFunction
+from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.robot.dynamics import InertialParameters, derive_dynamics, function, solve_spd
 from psmpc_cli.robot.kinematics import SpatialFrame, base_frame, charted_base, place
 from psmpc_cli.robot.rotations import add, cross, rotate, scaled
@@ -134,9 +134,10 @@ class RobotModel:
     def poses(self, Q: ArrayLike) -> Array:
         """Return the poses of the base and of each end-effector in order.
 
-        (x, y, angle) [m, m, rad], (frames, 3); of a spatial robot (x, y, z, w, x, y, z) [m], (frames, 7).
+        (x, y, angle) [m, m, rad], (frames, 3); of a spatial robot (x, y, z, w, x, y, z) [m], (frames, 7). At coordinates
+        (nq,), or at each of (K, nq).
         """
-        return self._evaluate("g", Q).reshape(len(self.pose_rows), -1)
+        return self._evaluate("g", Q).reshape(*np.shape(Q)[:-1], len(self.pose_rows), -1)
 
     def body_frames(self, Q: ArrayLike) -> Array:
         """Return the frames of all bodies at coordinates (..., nq), in the order of `spec.bodies`, (..., bodies, 4, 4).
@@ -149,7 +150,7 @@ class RobotModel:
 
     def mass_matrix(self, Q: ArrayLike, parameters: InertialParameters | None = None) -> Array:
         """Return H(Q), (n, n) [kg, kg m, kg m^2]. Paper eq. (3)."""
-        return self._evaluate("H", Q, self._w(parameters))
+        return self._evaluate("H", Q, self._w(parameters)).reshape(self.n, self.n)
 
     def bias(self, Q: ArrayLike, v: ArrayLike, parameters: InertialParameters | None = None) -> Array:
         """Return the Coriolis and centrifugal forces C(Q, v) v, (n,) [N, N m]. Below paper eq. (3)."""
@@ -159,13 +160,13 @@ class RobotModel:
         self, Q: ArrayLike, v: ArrayLike, vdot: ArrayLike, parameters: InertialParameters | None = None
     ) -> Array:
         """Return the generalized force F = H vdot + C v, (n,) [N, N m], of accelerations vdot (n,). Paper eq. (3)."""
-        return self._evaluate("inverse", Q, v, vdot, self._w(parameters)).ravel()
+        return self._evaluate("inverse", Q, v, vdot, self._w(parameters))
 
     def forward_dynamics(
         self, Q: ArrayLike, v: ArrayLike, F: ArrayLike, parameters: InertialParameters | None = None
     ) -> Array:
         """Return the accelerations H^-1 (F - C v), (n,) [m/s^2, rad/s^2], under a generalized force F (n,)."""
-        return self._evaluate("forward", Q, v, F, self._w(parameters)).ravel()
+        return self._evaluate("forward", Q, v, F, self._w(parameters))
 
     def momentum(self, Q: ArrayLike, v: ArrayLike, parameters: InertialParameters | None = None) -> Array:
         """Return linear momentum [N s] and angular momentum about the inertial origin [N m s], (3,) or (6,)."""
@@ -176,24 +177,29 @@ class RobotModel:
         return float(self.balance(Q, v, parameters)[-1])
 
     def balance(self, Q: ArrayLike, v: ArrayLike, parameters: InertialParameters | None = None) -> Array:
-        """Return momentum, then kinetic energy, (4,) or (7,): what external forces alone change, and all forces."""
-        return self._evaluate("balance", Q, v, self._w(parameters)).ravel()
+        """Return momentum, then kinetic energy, (4,) or (7,): what external forces alone change, and all forces.
+
+        At coordinates (nq,) and velocities (n,), or at each of (K, nq) and (K, n).
+        """
+        return self._evaluate("balance", Q, v, self._w(parameters))
 
     def _evaluate(self, name: str, *arguments: ArrayLike) -> Array:
-        """Return the result of a CasADi function, its columns as rows."""
-        return self._numeric[name](*arguments)[0]
+        """Return the result of a CasADi function at coordinates (nq,), or at each of (K, nq)."""
+        rows = np.shape(arguments[0])[:-1]
+        return self._numeric[name](*arguments, rows=max((1, *rows)))[0].reshape(*rows, -1)
 
     def _w(self, parameters: InertialParameters | None) -> Array:
         return (parameters or self.nominal).vector
 
     @cached_property
-    def _numeric(self) -> dict[str, ArrayFunction]:
+    def _numeric(self) -> dict[str, RowFunction]:
         """The CasADi functions on arrays, by name."""
         motion = self.dynamics
         state = motion.momentum.sx_in()
         kept = ca.vertcat(motion.momentum(*state), motion.kinetic_energy(*state))
-        functions = (self.g, motion.H, motion.inverse, motion.forward, ca.Function("balance", state, ca.cse([kept])))
-        return {each.name(): ArrayFunction(each) for each in functions}
+        balance, inertial = ca.Function("balance", state, ca.cse([kept])), motion.H.sx_in()
+        H = ca.Function("H", inertial, [ca.vec(motion.H(*inertial))])
+        return {each.name(): RowFunction(each) for each in (self.g, H, motion.inverse, motion.forward, balance)}
 
 
 def load_robot(reference: str | Path) -> RobotModel:

@@ -5,7 +5,9 @@ waiting stage in the control says when it first acts (docs/formulation.md, secti
 applied control each stage makes up (paper Fig. 1).
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import chain, takewhile
 
 import numpy as np
 from scipy.optimize import nnls
@@ -24,11 +26,18 @@ from psmpc_cli.specs.task import OnsetSpec
 DISTINCT = 1e-3
 """Controls nearer to each other than this are the same [m/s^2, rad/s^2]."""
 
+TOGETHER = 20
+"""Samples that are measured together: more do not fit into a core's own cache."""
+
+_Waiting = tuple[Sample, np.ndarray, np.ndarray, Mapping[int, float], Contact | None, np.ndarray | float]
+"""A sample, its true state, the accelerations applied, shares, contact, and what the object keeps at its end."""
+
 
 class Meter:
     """Measures the samples of one run, and follows its balances of momentum and energy.
 
-    How the motion went is measured of the true state where that is not the one the controller saw.
+    How the motion went is measured of the true state where that is not the one the controller saw. What no decision
+    needs is measured of many samples together, sooner where it is read.
     """
 
     def __init__(
@@ -46,7 +55,8 @@ class Meter:
             1 / problem.spec.plant.low_level_rate,
             np.repeat(np.eye(2), (d, self._base.stop - d), 0),
         )
-        self._expected = self._kept(0, x0)
+        self._waiting: list[_Waiting] = []
+        self._expected = self._kept(0, x0[None])[0] + (0.0 if capture is None else capture.kept)
 
     def measure(self, command: Command, ticks: Ticks, x: np.ndarray, u: np.ndarray, contact: Contact | None) -> Sample:
         """Measure a sample.
@@ -58,64 +68,95 @@ class Meter:
             u: Accelerations that reached the robot over the ticks (M, n).
             contact: Effect of taking up or letting go at the sample; None without a payload.
         """
-        problem, stage, true = self._problem, command.stage, command.x if self._sees_the_state else x
-        model, chart = problem.model, command.solution.window.chart
-        for happened in (ticks,) if contact is None else (contact, ticks):
-            self._expected = self._expected + np.array([*happened.impulse, happened.work])
-        base, end, limits = ticks.F[:, self._base], ticks.X[-1], stage.limits
-        force, torque = self._tick * np.sqrt(base * base @ self._norms).sum(axis=0)
-        X, planned = chart.entered(ticks.X), command.x_next
-        limited, deviation = X[1:], end - planned
-        if chart.spatial:
-            limited = np.hstack([limited[:, : model.n], ticks.X[1:, model.nq :]])  # limits are those of v
-            there = Chart.at(planned[: model.nq], model.n).entered(np.array([planned, end]))
-            deviation = np.concatenate([(there[1] - there[0])[: model.n], deviation[model.nq :]])
-        by_row = limited.T.copy()
-        since = ticks.time[:1] - command.sequence.entered
-        n, margin = model.n, np.minimum(by_row.min(axis=1) - limits.state_low, limits.state_high - by_row.max(axis=1))
-        kept = self._kept(stage.index, end) - self._expected
-        metrics = {
-            "control/u": u[0],
-            "pose/xi": model.poses(true[: model.nq]).ravel(),
-            "cost/current_stage": problem.costs.at(stage, chart.entered(true[None]), u[:1], since)[0],
-            "window/presence": self._counterfactuals.presence(command),
-            "window/share": self._counterfactuals.shares(command) if self._shares else {},
-            "margin/position": margin[:n],
-            "margin/velocity": margin[n:],
-            "effort/control": self._tick * np.vdot(u, u),
+        presence = self._counterfactuals.presence(command)
+        shares = self._counterfactuals.shares(command) if self._shares else {}
+        sample = Sample(command, ticks, presence, self._number, len(self._problem.stages), self.catch_up)
+        of_object = 0.0 if self._capture is None else self._capture.kept
+        self._number += 1
+        self._waiting.append((sample, command.x if self._sees_the_state else x, u, shares, contact, of_object))
+        if len(self._waiting) == TOGETHER:
+            self.catch_up()
+        return sample
+
+    def catch_up(self) -> None:
+        """Measure the samples that wait; done again after an interruption, it does no harm."""
+        while self._waiting:
+            stage = self._waiting[0][0].command.stage
+            together = list(takewhile(lambda each: each[0].command.stage is stage, self._waiting))
+            self._expected, self._waiting = self._measure(together), self._waiting[len(together) :]
+
+    def _measure(self, together: Sequence[_Waiting]) -> np.ndarray:
+        """Measure samples of one stage, which in space no two have, and return the balances expected at their end."""
+        samples, true, applied, shares, contacts, of_object = zip(*together, strict=True)
+        commands, ticks, contacts = [s.command for s in samples], [s.ticks for s in samples], list(contacts)
+        problem, stage, chart = self._problem, commands[0].stage, commands[0].solution.window.chart
+        model, n, limits = problem.model, problem.model.n, stage.limits
+        x, u, ends = np.array(true), np.array([each[0] for each in applied]), np.array([each.X[-1] for each in ticks])
+        charted = [chart.entered(each.X) for each in ticks]
+        base = np.stack([each.F[:, self._base] for each in ticks], axis=1)
+        force, torque = self._tick * np.sqrt(base * base @ self._norms).sum(axis=0).T
+        sides = ((X[1:, :n], each.X[1:, model.nq :]) for X, each in zip(charted, ticks, strict=True))
+        passed = np.hstack(list(chain.from_iterable(sides)))  # positions in the chart, and v, which limits are of
+        low, high = (extreme.reshape(len(x), -1) for extreme in (passed.min(axis=0), passed.max(axis=0)))
+        margin = np.minimum(low - limits.state_low, limits.state_high - high)
+        deviation = np.array([self._deviation(each, end) for each, end in zip(commands, ends, strict=True)])
+        since = np.array([each.time - each.sequence.entered for each in commands])
+        gained = np.array([[*each.impulse, each.work] for each in ticks])
+        for row, contact in zip(gained, contacts, strict=True):
+            row += 0.0 if contact is None else [*contact.impulse, contact.work]
+        expected = self._expected + gained.cumsum(axis=0)
+        kept = self._kept(stage.index, ends) + np.array(of_object).reshape(len(x), -1) - expected
+        held = self._uncertainty is not None and self._uncertainty.holds(stage.index)
+        columns = {
+            "control/u": u,
+            "pose/xi": model.poses(x[:, : model.nq]).reshape(len(x), -1),
+            "cost/current_stage": problem.costs.at(stage, chart.entered(x), u, since),
+            "window/presence": [each.presence for each in samples],
+            "window/share": shares,
+            "margin/position": margin[:, :n],
+            "margin/velocity": margin[:, n:],
+            "effort/control": [self._tick * np.vdot(each, each) for each in applied],
             "effort/base_force": force,
             "effort/base_torque": torque,
-            "deviation/Q": deviation[:n],
-            "deviation/Qdot": deviation[n:],
-            "deviation/end": self._end_errors(command, ticks.time, X),
-            "balance/momentum": kept[:-1],
-            "balance/energy": kept[-1],
-            "state/Q_true": true[: model.nq],
-            "state/Qdot_true": true[model.nq :],
-            "payload/held": self._uncertainty is not None and self._uncertainty.holds(stage.index),
-            "payload/energy": 0.0 if contact is None else contact.work,
+            "deviation/Q": deviation[:, :n],
+            "deviation/Qdot": deviation[:, n:],
+            "deviation/end": [self._end_errors(*each) for each in zip(commands, ticks, charted, strict=True)],
+            "balance/momentum": kept[:, :-1],
+            "balance/energy": kept[:, -1],
+            "state/Q_true": x[:, : model.nq],
+            "state/Qdot_true": x[:, model.nq :],
+            "payload/held": [held] * len(x),
+            "payload/energy": [0.0 if each is None else each.work for each in contacts],
         }
-        self._number += 1
-        return Sample(command, ticks, metrics, self._number - 1, len(problem.stages))
+        for sample, row in zip(samples, zip(*columns.values(), strict=True), strict=True):
+            sample.measured.update(zip(columns, row, strict=True))
+        return np.asarray(expected[-1])
 
     def _kept(self, stage: int, x: np.ndarray) -> np.ndarray:
-        """Return momentum [N s, N m s] and energy [J] of the robot and what it holds in a stage, (4,) or (7,)."""
-        model = self._problem.model
-        robot = None if self._uncertainty is None else self._uncertainty.true_parameters(stage)
-        own = model.balance(x[: model.nq], x[model.nq :], robot)
-        return own if self._capture is None else own + self._capture.kept
+        """Return momentum [N s, N m s] and energy [J] of the robot at states (K, nq + n) in a stage, (K, 4 or 7)."""
+        nq, uncertainty = self._problem.model.nq, self._uncertainty
+        robot = None if uncertainty is None else uncertainty.true_parameters(stage)
+        return self._problem.model.balance(x[:, :nq], x[:, nq:], robot)
 
-    def _end_errors(self, command: Command, times: np.ndarray, X: np.ndarray) -> dict[int, float]:
+    def _deviation(self, command: Command, end: np.ndarray) -> np.ndarray:
+        """Return a state at the end of a sample less that to which the plan led, (2n,)."""
+        model, planned = self._problem.model, command.x_next
+        if model.dimension == 2:
+            return np.asarray(end - planned)
+        there = Chart.at(planned[: model.nq], model.n).entered(np.array([planned, end]))
+        return np.concatenate([(there[1] - there[0])[: model.n], (end - planned)[model.nq :]])
+
+    def _end_errors(self, command: Command, ticks: Ticks, X: np.ndarray) -> dict[int, float]:
         """Return the end errors of stages that end by the plan before the next sample, by stage index.
 
         At their planned switch times, which may lie up to `SHORTEST` after it: so far the motion is carried on. X are
-        the states at times (M + 1,) [s] in the chart of the sample (M + 1, 2n).
+        the states of the ticks in the chart of the sample (M + 1, 2n).
         """
-        found, stages = {}, self._counterfactuals.controller.stages
-        for index, instant in enumerate(command.instants, start=command.sequence.first):
-            if instant <= times[-1] + SHORTEST:
-                found[index] = self._problem.costs.end_error(stages[index], state_at(times, X, float(instant)))
-        return found
+        return {
+            stage.index: self._problem.costs.end_error(stage, state_at(ticks.time, X, float(instant)))
+            for stage, instant in zip(command.solution.window.stages, command.instants, strict=False)
+            if instant <= ticks.time[-1] + SHORTEST
+        }
 
 
 def state_at(times: np.ndarray, X: np.ndarray, time: float) -> np.ndarray:
@@ -261,7 +302,7 @@ class StageClock:
         """Take in a sample; return whether anything changed."""
         self.end(sample.command.switches)
         changed = bool(sample.command.switches)
-        for stage, found in sample.metrics["window/presence"].items():
+        for stage, found in sample.presence.items():
             starts = (found >= self.thresholds) & np.isnan(self._early[stage])
             self._early[stage, starts] = sample.command.time
             changed |= bool(starts.any())

@@ -294,7 +294,7 @@ def _write(experiment: Experiment, writer: LogWriter, watch: Watch, until: int |
         writer.update(clock.tables)
         while True:
             sample = next(samples)
-            writer.append(sample)
+            writer.write(sample)
             if clock.update(sample):
                 writer.update(clock.tables)
             if record is not None and record.update(sample):

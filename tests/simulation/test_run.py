@@ -228,9 +228,9 @@ def test_one_sample_passes_the_files_that_the_page_on_the_architecture_lists() -
     samples = closed_loop(experiment)
     with LogWriter(None, header(experiment)) as log:
         for _ in range(5):
-            log.append(next(samples))
+            log.write(next(samples))
         sys.setprofile(note)
-        log.append(next(samples))
+        log.write(next(samples))
         sys.setprofile(None)
     page = (root.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
     steps = page.partition("## One sample")[2].partition("What a task does not ask for")[0]

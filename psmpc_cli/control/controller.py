@@ -109,12 +109,6 @@ class Command:
         return self.sequence.instants
 
     @property
-    def x_next(self) -> np.ndarray:
-        """State [Q; v] (nq + n,) to which the plan leads at the next sample."""
-        X = self.plan.states_at(np.array([self.time + len(self.u) * self.tick]))
-        return np.concatenate(self.plan.chart.leave(X), axis=1)[0]
-
-    @property
     def stage(self) -> Stage:
         """The current stage, with its `name` and `index`."""
         return self.solution.window.stages[0]
@@ -172,7 +166,7 @@ class Controller:
         self._ticks = np.arange(round(self.spec.sample_time * self._rate) + 1) / self._rate
         self._estimator = Estimator(self.spec, 1 / self._rate, self.problem.model.n)
         self._soft, self._starts = self.problem.spec.limits_are_soft, self.spec.multistart or 1
-        self._nodes = self.spec.uniform_nodes
+        self._nodes, self._priorities = self.spec.uniform_nodes, priorities_in_force(self.spec, self.stages)
         self._hierarchy = Hierarchy(self.problem) if self.spec.kind == "htmpc" else None
         self._chart, self._known_signs = PLANAR, dict[int, dict[str, float]]()
         thing = self.problem.spec.object
@@ -214,7 +208,7 @@ class Controller:
         longer = self._detect(prediction)  # the next stage enters when its switch is predicted
         sequence, solution = self._solve_longest(before, longer, prediction, x)
         solved = solution.outcome.usable and (measured or not self._is_used_up(time))
-        if solved:
+        if solved and sequence.count > 1:
             sequence = replace(sequence, instants=solution.plan.instants)
         levels: tuple[Solution, ...] = ()
         if self._hierarchy and solved:
@@ -430,7 +424,7 @@ class Controller:
             elapsed=prediction.start - sequence.entered,
             hold=sequence.hold_left(self.stages, prediction.start),
             x0=x,
-            omega=priorities_in_force(spec, stages),
+            omega=self._priorities[sequence.first : sequence.last + 1],
             offset=offset,
             scale=scale,
             horizon=spec.horizon,

@@ -30,6 +30,9 @@ written more rarely."""
 ROWS_IN_A_CHUNK, TICKS_IN_A_CHUNK, ROWS_IN_A_PACK, ELEMENTS_IN_A_CHUNK = 64, 512, 16, 512
 """Sizes of the chunks of rows and of ticks, and of those of vectors with lengths of their own."""
 
+Row = Mapping[str, ArrayLike]
+"""What a sample leaves in every dataset that grows, by path."""
+
 
 @dataclass(frozen=True)
 class Header:
@@ -60,12 +63,13 @@ class LogWriter:
         """
         self.path = path
         columns = layout("spatial" in header.has)
-        self._columns = [column for column in columns if not column.only or column.only in header.has]
+        chosen = [column for column in columns if not column.only or column.only in header.has]
         self._file = h5py.File(f"log {id(self)}", "w", driver="core", backing_store=False, libver="latest")
         open_end = {"finished": False, "end_reason": "", "stuck": False}
         attributes = {"kind": RUN, "format_version": FORMAT_VERSION, **open_end, **header.attributes}
-        create_log(self._file, self._columns, attributes, header.values)
-        self._pending: list[Sample | Mapping[str, ArrayLike]] = []
+        create_log(self._file, chosen, attributes, header.values)
+        self._growing = [column for column in chosen if column.value is not None]
+        self._pending: list[Sample | Row] = []
         self._rows, self._changed, self._next_write = 0, False, 0.0  # the first row is written at once
         if path is not None:
             write_new(path, image_of(self._file), force)
@@ -82,10 +86,8 @@ class LogWriter:
         self._move_rows()
         return self._file
 
-    def write(self, row: Sample | Mapping[str, ArrayLike]) -> None:
-        """Add a sample, or what it leaves in every dataset that grows, by path.
-
-        It is read when the file is written: numbers that are measured of many samples together are faster.
+    def write(self, row: Sample | Row) -> None:
+        """Add a sample, which is read when the file is written, or its row.
 
         Raises:
             RunError: The file cannot be written any further, for example because the disk is full.
@@ -140,12 +142,8 @@ class LogWriter:
 
     def _move_rows(self) -> None:
         """Move the rows that wait to the log in memory; done again after an interruption, it does no harm."""
-        grow = [(column, column.value) for column in self._columns if column.value is not None and self._pending]
-        rows = [
-            {column.path: value(row) for column, value in grow} if isinstance(row, Sample) else row
-            for row in self._pending
-        ]
-        for column, _ in grow:
+        rows = rows_of(self._pending, self._growing)
+        for column in self._growing if rows else ():
             if column.dims[0] == "time" and not column.ragged:
                 _extend(self._file[column.path], self._rows, np.array([row[column.path] for row in rows]))
                 continue
@@ -165,6 +163,12 @@ class LogWriter:
         _extend(self._file[column.path], self._rows, block)
         _extend(self._file[f"{column.path}_length"], self._rows, np.array(lengths))
         _extend(self._file[column.dims[1]], 0, np.arange(self._file[column.path].shape[1]))
+
+
+def rows_of(samples: Sequence[Sample | Row], columns: Sequence[Column]) -> list[Row]:
+    """Return what samples leave in the columns, by path."""
+    values = [(column.path, column.value) for column in columns if column.value is not None]
+    return [{path: of(each) for path, of in values} if isinstance(each, Sample) else each for each in samples]
 
 
 def _extend(dataset: h5py.Dataset, first: int, rows: np.ndarray) -> None:

@@ -144,6 +144,15 @@ class StageFunctions:
         return RowFunction(ca.Function("h", [self._x, self._target], [ca.densify(self._end)]))
 
     @cached_property
+    def met(self) -> RowFunction:
+        """x, target, drift, tolerance, margin, slack -> 1 where all rows of the end condition hold, else 0."""
+        bounds = [ca.SX.sym(name, self.end_rows) for name in ("drift", "tolerance")]
+        margin, slack = ca.SX.sym("margin"), ca.SX.sym("slack")
+        holds = ca.fabs(ca.densify(self._end) - bounds[0]) <= bounds[1] * margin + slack
+        arguments = [self._x, self._target, *bounds, margin, slack]
+        return RowFunction(ca.Function("met", arguments, [ca.mmin(holds)]))
+
+    @cached_property
     def end_terms(self) -> RowFunction:
         """x, target -> rows of the end condition, then the nonzeros of their derivative by x."""
         outputs = ca.cse([ca.densify(self._end), _nonzeros(ca.jacobian(self._end, self._x))])
@@ -173,7 +182,7 @@ class StageFunctions:
     def prepare(self) -> tuple[RowFunction | None, ...]:
         """Build what `sqp` evaluates and return it: of the end condition, where there is one, else of the cost."""
         if self.end_rows:
-            return self.ends, self.end_terms, self.end_curvature
+            return self.met, self.ends, self.end_terms, self.end_curvature
         return self.error, self.costs, self.gauss_newtons
 
     def step(self, discretization: str) -> ca.Function:

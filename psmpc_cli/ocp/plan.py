@@ -7,6 +7,7 @@ the body's angular velocity, and the robot is the exact double integrator (8) in
 section "attitude".
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -172,12 +173,9 @@ class Plan:
 
     def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the states (len(times), 2n) and the accelerations just after each time (len(times), n)."""
-        n, k = self.u.shape[1], self.times[1:].searchsorted(times + 1e-12, side="right")
-        X, u, since = self.X.take(k, 0), self._u_and_none.take(k, 0), (times - self.times.take(k))[:, None]
-        Q, Qdot, gained = X[:, :n], X[:, n:], since * u
-        Q += since * (Qdot + gained / 2)
-        Qdot += gained
-        return X, u
+        k = self.times[1:].searchsorted(times + 1e-12, side="right")
+        u = self._u_and_none.take(k, 0)
+        return _accelerated(self.X.take(k, 0), u, (times - self.times.take(k))[:, None]), u
 
     @cached_property
     def _u_and_none(self) -> np.ndarray:
@@ -194,6 +192,25 @@ class Plan:
         times, u = self.times[first : stop + 1], self.u[first:stop]
         reached = np.minimum(np.maximum(edges[:, None], times[:-1]), times[1:])
         return np.asarray((reached[1:] - reached[:-1]) @ u / (edges[1:] - edges[:-1])[:, None])
+
+
+def _accelerated(X: np.ndarray, u: np.ndarray, since: np.ndarray) -> np.ndarray:
+    """Return states X (K, 2n) after times since (K, 1) [s] under accelerations u (K, n); X itself, overwritten."""
+    n = u.shape[1]
+    Q, Qdot, gained = X[:, :n], X[:, n:], since * u
+    Q += since * (Qdot + gained / 2)
+    Qdot += gained
+    return X
+
+
+def states_of(plans: Sequence[Plan], times: Sequence[float]) -> np.ndarray:
+    """Return the state of each plan at a time of its own [s], (len(plans), 2n), as `Plan.states_at` does."""
+    at = [
+        (each, each.times[1:].searchsorted(time + 1e-12, side="right")) for each, time in zip(plans, times, strict=True)
+    ]
+    since = np.array(times) - [plan.times[k] for plan, k in at]
+    X, u = np.array([plan.X[k] for plan, k in at]), np.array([plan._u_and_none[k] for plan, k in at])
+    return _accelerated(X, u, since[:, None])
 
 
 def resting_plan(start: float, horizon: float, nodes: int, x: np.ndarray, chart: Chart = PLANAR) -> Plan:

@@ -242,7 +242,8 @@ class StageCosts:
         """Return whether the end condition (18) holds at each state (K,), its tolerances widened by `margin`."""
         if not stage.end_rows:
             return np.zeros(len(X), bool)
-        return np.asarray((np.abs(self.ends(stage, X)) <= stage.end_tolerance * margin + SLACK).all(axis=1))
+        given = X, stage.target, stage.end_drift, stage.end_tolerance, margin, SLACK
+        return np.asarray(self._of(stage, stage.end_rows).met(*given, rows=len(X))[0][:, 0] > 0)
 
     def end_error(self, stage: Stage, x: np.ndarray) -> float:
         """Compute the largest error of a stage's end condition (18) at x (2n,) over its tolerance; NaN without one."""

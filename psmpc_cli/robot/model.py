@@ -134,8 +134,8 @@ class RobotModel:
     def poses(self, Q: ArrayLike) -> Array:
         """Return the poses of the base and of each end-effector in order.
 
-        (x, y, angle) [m, m, rad], (frames, 3); of a spatial robot (x, y, z, w, x, y, z) [m], (frames, 7). At coordinates
-        (nq,), or at each of (K, nq).
+        (x, y, angle) [m, m, rad], (frames, 3); of a spatial robot (x, y, z, w, x, y, z) [m], (frames, 7).
+        At coordinates (nq,), or at each of (K, nq).
         """
         return self._evaluate("g", Q).reshape(*np.shape(Q)[:-1], len(self.pose_rows), -1)
 

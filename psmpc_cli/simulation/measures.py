@@ -7,7 +7,7 @@ applied control each stage makes up (paper Fig. 1).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import chain, takewhile
+from itertools import chain
 
 import numpy as np
 from scipy.optimize import nnls
@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 from psmpc_cli.control.controller import Command, Controller
 from psmpc_cli.control.sequence import MovingSequence, Switch
 from psmpc_cli.logs.schema import Sample
-from psmpc_cli.ocp.plan import Chart, Plan, shift
+from psmpc_cli.ocp.plan import Chart, Plan, shift, states_of
 from psmpc_cli.ocp.window import SHORTEST, Window
 from psmpc_cli.plant import Ticks
 from psmpc_cli.plant.grasp import MISSED_BY, Capture
@@ -26,8 +26,8 @@ from psmpc_cli.specs.task import OnsetSpec
 DISTINCT = 1e-3
 """Controls nearer to each other than this are the same [m/s^2, rad/s^2]."""
 
-TOGETHER = 20
-"""Samples that are measured together: more do not fit into a core's own cache."""
+MOST_WAITING = 500
+"""Samples that wait at most to be measured together; a log reads them sooner."""
 
 _Waiting = tuple[Sample, np.ndarray, np.ndarray, Mapping[int, float], Contact | None, np.ndarray | float]
 """A sample, its true state, the accelerations applied, shares, contact, and what the object keeps at its end."""
@@ -74,21 +74,21 @@ class Meter:
         of_object = 0.0 if self._capture is None else self._capture.kept
         self._number += 1
         self._waiting.append((sample, command.x if self._sees_the_state else x, u, shares, contact, of_object))
-        if len(self._waiting) == TOGETHER:
+        if len(self._waiting) == MOST_WAITING:
             self.catch_up()
         return sample
 
     def catch_up(self) -> None:
         """Measure the samples that wait; done again after an interruption, it does no harm."""
         while self._waiting:
-            stage = self._waiting[0][0].command.stage
-            together = list(takewhile(lambda each: each[0].command.stage is stage, self._waiting))
-            self._expected, self._waiting = self._measure(together), self._waiting[len(together) :]
+            stages = [sample.command.stage for sample, *_ in self._waiting]
+            count = next((k for k, stage in enumerate(stages) if stage is not stages[0]), len(stages))
+            self._expected, self._waiting = self._measure(self._waiting[:count]), self._waiting[count:]
 
     def _measure(self, together: Sequence[_Waiting]) -> np.ndarray:
         """Measure samples of one stage, which in space no two have, and return the balances expected at their end."""
         samples, true, applied, shares, contacts, of_object = zip(*together, strict=True)
-        commands, ticks, contacts = [s.command for s in samples], [s.ticks for s in samples], list(contacts)
+        commands, ticks = [each.command for each in samples], [each.ticks for each in samples]
         problem, stage, chart = self._problem, commands[0].stage, commands[0].solution.window.chart
         model, n, limits = problem.model, problem.model.n, stage.limits
         x, u, ends = np.array(true), np.array([each[0] for each in applied]), np.array([each.X[-1] for each in ticks])
@@ -99,7 +99,9 @@ class Meter:
         passed = np.hstack(list(chain.from_iterable(sides)))  # positions in the chart, and v, which limits are of
         low, high = (extreme.reshape(len(x), -1) for extreme in (passed.min(axis=0), passed.max(axis=0)))
         margin = np.minimum(low - limits.state_low, limits.state_high - high)
-        deviation = np.array([self._deviation(each, end) for each, end in zip(commands, ends, strict=True)])
+        Q, v = chart.leave(states_of([each.plan for each in commands], [each.time[-1] for each in ticks]))
+        about = Chart.at(Q[0], n)
+        deviation = np.hstack([(about.entered(ends) - about.enter(Q, v))[:, :n], ends[:, model.nq :] - v])
         since = np.array([each.time - each.sequence.entered for each in commands])
         gained = np.array([[*each.impulse, each.work] for each in ticks])
         for row, contact in zip(gained, contacts, strict=True):
@@ -137,14 +139,6 @@ class Meter:
         nq, uncertainty = self._problem.model.nq, self._uncertainty
         robot = None if uncertainty is None else uncertainty.true_parameters(stage)
         return self._problem.model.balance(x[:, :nq], x[:, nq:], robot)
-
-    def _deviation(self, command: Command, end: np.ndarray) -> np.ndarray:
-        """Return a state at the end of a sample less that to which the plan led, (2n,)."""
-        model, planned = self._problem.model, command.x_next
-        if model.dimension == 2:
-            return np.asarray(end - planned)
-        there = Chart.at(planned[: model.nq], model.n).entered(np.array([planned, end]))
-        return np.concatenate([(there[1] - there[0])[: model.n], (end - planned)[model.nq :]])
 
     def _end_errors(self, command: Command, ticks: Ticks, X: np.ndarray) -> dict[int, float]:
         """Return the end errors of stages that end by the plan before the next sample, by stage index.

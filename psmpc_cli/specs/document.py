@@ -7,7 +7,7 @@ import copy
 import json
 import math
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -398,7 +398,11 @@ def override(document: Document, changes: Changes) -> tuple[Document, tuple[str,
     A change of a key also removes that key, and those around or inside it, from what `by_controller` has of it.
     """
     messages = []
-    for number, (typed, text) in enumerate(_texts(changes), start=1):
+    if isinstance(changes, Mapping):
+        texts = (f"{path}={json.dumps(plain(value), ensure_ascii=False)}" for path, value in changes.items())
+        changes = [(f"set {text}", text) for text in texts]
+    for number, change in enumerate(changes, start=1):
+        typed, text = (f"--set {change}", change) if isinstance(change, str) else change
         try:
             document = _apply(document, typed, number, text)
         except SpecError as error:
@@ -423,15 +427,6 @@ def for_controller(document: Document, kind: str) -> Document:
         except SpecError as error:
             document = replace(document, faults=(*document.faults, Fault(at, str(error), at_key=True)))
     return document
-
-
-def _texts(changes: Changes) -> Iterator[tuple[str, str]]:
-    """Give for each change what messages repeat of it, and `path=value`."""
-    if isinstance(changes, Mapping):
-        texts = (f"{path}={json.dumps(plain(value), ensure_ascii=False)}" for path, value in changes.items())
-        yield from ((f"set {text}", text) for text in texts)
-    else:
-        yield from ((f"--set {change}", change) if isinstance(change, str) else change for change in changes)
 
 
 def _apply(document: Document, typed: str, number: int, text: str) -> Document:

@@ -184,12 +184,7 @@ class SideBySide(Spec):
         """Write the parts beside the other fields."""
         schema = handler.resolve_ref_schema(handler(core_schema))
         parts = schema["properties"].pop("parts")
-        required = [key for key in schema.pop("required", ()) if key != "parts"]
-        return {
-            **schema,
-            **({"required": required} if required else {}),
-            "additionalProperties": parts["additionalProperties"],
-        }
+        return {**schema, "additionalProperties": parts["additionalProperties"]}
 
 
 def number(value: object) -> float:
@@ -201,21 +196,14 @@ def number(value: object) -> float:
     return float(value)
 
 
-def angle(word: str) -> float | None:
-    """Return the angle [rad] that a word such as `30 deg` means, None if it is no angle."""
-    if re.fullmatch(ANGLE_PATTERN, word) is None:
-        return None
-    number = float(word.rstrip(" degra°"))
-    return number if word.endswith("rad") else math.radians(number)
-
-
 def number_or_angle(value: object) -> float:
     """Return a finite number, or an angle with its unit in rad."""
-    if not isinstance(value, str):
-        return number(value)
-    if (radians := angle(value)) is None:
-        raise expected("a number, or an angle such as 30 deg")
-    return number(radians)
+    if isinstance(value, str):
+        if not re.fullmatch(ANGLE_PATTERN, value):
+            raise expected("a number, or an angle such as 30 deg")
+        size = float(value.rstrip(" degra°"))
+        value = size if value.endswith("rad") else math.radians(size)
+    return number(value)
 
 
 def beyond_a_turn(value: object) -> PydanticCustomError | None:
@@ -234,11 +222,11 @@ def _within_a_turn(value: object, info: ValidationInfo) -> object:
 
 
 def _seconds(value: object) -> float:
-    if not isinstance(value, str):
-        return number(value)
-    if not re.fullmatch(SECONDS_PATTERN, value):
-        raise expected("a number, or seconds such as 2 s")
-    return number(float(value.removesuffix("s")))
+    if isinstance(value, str):
+        if not re.fullmatch(SECONDS_PATTERN, value):
+            raise expected("a number, or seconds such as 2 s")
+        value = float(value.removesuffix("s"))
+    return number(value)
 
 
 def ensure(holds: Callable[[Any], bool], what: str) -> AfterValidator:

@@ -3,27 +3,14 @@
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationInfo
+from pydantic import Discriminator, Field, Tag
 
 from psmpc_cli.specs import fields
-from psmpc_cli.specs.document import counted, quoted
+from psmpc_cli.specs.document import quoted
 from psmpc_cli.specs.fields import Fields, Flaws, Spec, beyond_a_turn, expected, holds, is_pose, known, listed
-from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES, Context, dimension_of
+from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES, Context, by_dimension
 
 Numbers = tuple[float, ...]
-
-
-def _by_dimension(plane: int, space: int) -> AfterValidator:
-    """Create a validator of a list whose length is another for a planar than for a spatial robot."""
-
-    def check(value: Numbers, info: ValidationInfo) -> Numbers:
-        sizes = info.context.sizes if info.context else {}
-        length = plane if dimension_of(sizes) == 2 else space
-        if sizes and len(value) != length:
-            raise expected(counted(length, "entry", "entries"))
-        return value
-
-    return AfterValidator(check)
 
 
 def _unit_of_angle(written: Any, before: Fields, context: Context) -> Flaws:
@@ -35,14 +22,14 @@ def _unit_of_angle(written: Any, before: Fields, context: Context) -> Flaws:
 _list = listed("a list of numbers")
 PoseNumbers = Annotated[
     tuple[fields.Angle, ...],
-    _by_dimension(len(TARGET_AXES[2]), len(TARGET_AXES[3])),
+    by_dimension(len(TARGET_AXES[2]), len(TARGET_AXES[3])),
     _list,
     holds(_unit_of_angle, as_written=True),
     fields.or_pose,
 ]
 """A pose: (x, y, angle) [m, rad], or in space position and unit quaternion w, x, y, z."""
 
-_Extent = Annotated[tuple[fields.Positive, ...], _by_dimension(2, 3), _list]
+_Extent = Annotated[tuple[fields.Positive, ...], by_dimension(2, 3), _list]
 _StageName = Annotated[str, known(lambda context: context.stages)]
 _Gripper = Annotated[str, known(lambda context: list(context.value("object", "grasp", "at") or ()))]
 
@@ -64,10 +51,10 @@ def is_on_object(value: object) -> bool:
 class MotionSpec(Spec):
     """How the object moves before it is taken."""
 
-    linear: Annotated[Numbers, _by_dimension(2, 3), _list] = Field(
+    linear: Annotated[Numbers, by_dimension(2, 3), _list] = Field(
         description="velocity of its centre of mass in the inertial frame [m/s]"
     )
-    angular: Annotated[fields.OneOrMore[fields.Angle], _by_dimension(1, 3)] = Field(
+    angular: Annotated[fields.OneOrMore[fields.Angle], by_dimension(1, 3)] = Field(
         description="angular velocity, in space about its own axes [rad/s]"
     )
 
@@ -76,8 +63,8 @@ class DestinationSpec(Spec):
     """Where the object has to be when it leaves the grippers, and how slow."""
 
     pose: PoseNumbers = Field(description="pose, as the object's")
-    tolerance: Annotated[tuple[fields.Width, ...], _by_dimension(len(ERROR_AXES[2]), len(ERROR_AXES[3])), _list] = (
-        Field(description="how near, one number for each row of the pose's error [m, rad]")
+    tolerance: Annotated[tuple[fields.Width, ...], by_dimension(len(ERROR_AXES[2]), len(ERROR_AXES[3])), _list] = Field(
+        description="how near, one number for each row of the pose's error [m, rad]"
     )
     speed: fields.Positive = Field(description="largest speed of its centre of mass [m/s]")
 
@@ -123,7 +110,7 @@ class ObjectSpec(Spec):
     taken_by: _StageName = Field(description="the stage at whose end it is taken")
     let_go_by: _StageName = Field(description="the stage at whose beginning it is let go")
     mass: fields.Sparse[fields.Positive | None] = Field(None, description="mass; without one it is drawn alone [kg]")
-    inertia: fields.Sparse[Annotated[fields.OneOrMore[fields.Positive], _by_dimension(1, 3)] | None] = Field(
+    inertia: fields.Sparse[Annotated[fields.OneOrMore[fields.Positive], by_dimension(1, 3)] | None] = Field(
         None, description="inertia about its centre of mass, in space about its axes [kg m^2]"
     )
     motion: fields.Sparse[MotionSpec | None] = Field(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, reduce
 from typing import Any, Literal
 
-from pydantic import WrapValidator
+from pydantic import AfterValidator, ValidationInfo, WrapValidator
 
 from psmpc_cli.specs.document import Data, Location, counted, mapping
 from psmpc_cli.specs.fields import Fields, Flaws, beyond_a_turn, expected, holds
@@ -92,6 +92,19 @@ def error_axes(parts: Mapping[str, int], space: Space) -> dict[str, tuple[str, .
 def dimension_of(parts: Mapping[str, int]) -> int:
     """Return 2 or 3: in how many dimensions a robot with such parts moves."""
     return 3 if parts.get("base") == len(ERROR_AXES[3]) else 2
+
+
+def by_dimension(plane: int, space: int) -> AfterValidator:
+    """Create a validator of a list whose length is another for a planar than for a spatial robot."""
+
+    def check(value: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        sizes = info.context.sizes if info.context else {}
+        length = plane if dimension_of(sizes) == 2 else space
+        if sizes and len(value) != length:
+            raise expected(counted(length, "entry", "entries"))
+        return value
+
+    return AfterValidator(check)
 
 
 def _axes(

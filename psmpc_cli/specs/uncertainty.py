@@ -6,9 +6,8 @@ from typing import Annotated
 from pydantic import Field
 
 from psmpc_cli.specs import fields
-from psmpc_cli.specs.document import counted
 from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, holds
-from psmpc_cli.specs.parts import Context, in_joint_space
+from psmpc_cli.specs.parts import Context, by_dimension, in_joint_space
 
 ROUNDING = 1e-6
 """By how much the shares of a payload may miss 1 in all."""
@@ -44,20 +43,12 @@ class ImpulseSpec(Spec):
     """A blow to the base, even over one tick of the low-level loop."""
 
     at: fields.NotNegative = Field(description="when it comes [s]")
-    linear: fields.OneOrMore[fields.Number] = Field(
+    linear: Annotated[fields.OneOrMore[fields.Number], by_dimension(2, 3)] = Field(
         (0.0,), description="impulse of the force, [x, y] or [x, y, z] [N s]"
     )
-    angular: fields.OneOrMore[fields.Number] = Field(
+    angular: Annotated[fields.OneOrMore[fields.Number], by_dimension(1, 3)] = Field(
         (0.0,), description="impulse of the torque; in space about the base's axes x, y, z [N m s]"
     )
-
-
-def _impulse(impulse: ImpulseSpec | None, before: Fields, context: Context) -> Flaws:
-    """Give an impulse that has other components than the base."""
-    base = context.sizes.get("base")
-    for key, size in (("linear", base // 3 + 1), ("angular", 2 * base // 3 - 1)) if base else ():
-        if impulse is not None and key in impulse.model_fields_set and len(getattr(impulse, key)) != size:
-            yield (key,), expected(counted(size, "entry", "entries"))
 
 
 def _whole(share: float | Mapping[str, float] | None, before: Fields, context: Context) -> Flaws:
@@ -105,7 +96,7 @@ class UncertaintySpec(Spec):
         {},
         description="largest force and torque of the base, [Fx, Fy, torque] or 6 in space, and of arms [N, N m]",
     )
-    impulse: Annotated[ImpulseSpec | None, holds(_impulse)] = Field(None, description="a blow to the base")
+    impulse: ImpulseSpec | None = Field(None, description="a blow to the base")
     payload: PayloadSpec | None = Field(None, description="what the task's object weighs")
     object: fields.Sparse[ObjectErrorSpec | None] = Field(
         None, description="how an object with a mass differs from the task's"

@@ -4,7 +4,7 @@ What a file leaves out is assumed and noted; what cannot be a robot is an error.
 of its child link, its `<origin>` is in the parent link's frame, rpy are angles about fixed axes.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,11 @@ Matrix = NDArray[np.float64]
 MOVING = ("revolute", "continuous", "prismatic")
 KINDS = (*MOVING, "fixed", "floating", "planar")
 
+FOREIGN = ("gazebo", "transmission")
+"""Elements that do not describe the robot itself."""
+
 READ = {
-    "robot": ("link", "joint", "material", "gazebo", "transmission"),
+    "robot": ("link", "joint", "material", *FOREIGN),
     "link": ("inertial", "visual", "collision", "contact"),
     "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "safety_controller", "calibration", "mimic"),
 }
@@ -111,20 +114,14 @@ def read_urdf(path: Path) -> Urdf:
     except etree.XMLSyntaxError as error:
         line, column = error.position
         raise SpecError(f"{name}:{line}:{column}: found no XML ({error.msg}), expected a URDF file") from None
-    if any(str(part.tag).startswith(XACRO) or "${" in "".join(part.attrib.values()) for part in _described(root)):
+    described = (part for each in root.iterchildren("*") if each.tag not in FOREIGN for part in each.iter("*"))
+    if any(part.tag.startswith(XACRO) or "${" in "".join(part.attrib.values()) for part in described):
         raise SpecError(
             f"{name}:1: found xacro macros, expected plain URDF: expand it first with xacro FILE > FILE.urdf"
         )
     if root.tag != "robot":
         raise SpecError(f"{name}:{root.sourceline}: found <{root.tag}>, expected a URDF file with the element <robot>")
     return _Reader(Urdf(name, root.get("name") or path.stem)).read(root)
-
-
-def _described(root: Any) -> Iterator[Any]:
-    """Give the elements that describe the robot itself, at any depth."""
-    for element in root.iterchildren(etree.Element):
-        if element.tag not in ("gazebo", "transmission"):
-            yield from element.iter(etree.Element)
 
 
 class _Reader:
@@ -308,7 +305,21 @@ def spatial_robot(urdf: Urdf, file: UrdfRobot) -> dict[str, Any]:
     Raises:
         SpecError: An arm has no joint, or a moving body has no mass.
     """
-    return _Merger(urdf, file).robot()
+    merged = _Merger(urdf, file)
+    for joint in (joint for joint in urdf.joints.values() if joint.child in merged.places):
+        note = f"line {joint.sourceline}: joint {quoted(joint.name)}"
+        if joint.kind in ("floating", "planar"):
+            urdf.notes.append(f"{note} is {joint.kind}: taken as fixed")
+        if joint.kind in MOVING and joint.name not in merged.body_of:
+            urdf.notes.append(f"{note} belongs to no arm: locked at {file.locked.get(joint.name, 0.0):g}")
+    limits = {name: _limits(own) for name, own in merged.arms.items()}
+    return {
+        "name": urdf.name,
+        "space": "spatial",
+        "base": merged.inertial("base"),
+        "arms": {name: merged.arm(name, own) for name, own in merged.arms.items()},
+        "limits": {name: found for name, found in limits.items() if found},
+    }
 
 
 class _Merger:
@@ -330,23 +341,6 @@ class _Merger:
                 raise SpecError(f"{urdf.file}: {no_joint}, expected a tip that moves against the base and other arms")
         self.body_of = {joint.name: f"{name}.{i}" for name, own in self.arms.items() for i, joint in enumerate(own, 1)}
         self.places = self._placed()
-
-    def robot(self) -> dict[str, Any]:
-        """Build the keys."""
-        for joint in (joint for joint in self.urdf.joints.values() if joint.child in self.places):
-            note = f"line {joint.sourceline}: joint {quoted(joint.name)}"
-            if joint.kind in ("floating", "planar"):
-                self.urdf.notes.append(f"{note} is {joint.kind}: taken as fixed")
-            if joint.kind in MOVING and joint.name not in self.body_of:
-                self.urdf.notes.append(f"{note} belongs to no arm: locked at {self.locked.get(joint.name, 0.0):g}")
-        limits = {name: _limits(own) for name, own in self.arms.items()}
-        return {
-            "name": self.urdf.name,
-            "space": "spatial",
-            "base": self._inertial("base"),
-            "arms": {name: self._arm(name, own) for name, own in self.arms.items()},
-            "limits": {name: found for name, found in limits.items() if found},
-        }
 
     def _moving_towards(self, tip: str) -> list[UrdfJoint]:
         """Return the joints that move on the way from the base to a link, those that are locked left out."""
@@ -382,27 +376,28 @@ class _Merger:
             move[:3, :3] = Rotation.from_rotvec(by).as_matrix()
         return np.asarray(joint.origin @ move)
 
-    def _arm(self, name: str, own: Sequence[UrdfJoint]) -> dict[str, Any]:
+    def arm(self, name: str, own: Sequence[UrdfJoint]) -> dict[str, Any]:
+        """Return the keys of an arm."""
         links = []
         for number, joint in enumerate(own, 1):
             _, carrier = self.places[joint.parent]
             kind = "prismatic" if joint.kind == "prismatic" else "revolute"
             moving = {"kind": kind, "axis": _plain(joint.axis), **_place(carrier @ joint.origin)}
-            links.append({"joint": moving, **self._inertial(f"{name}.{number}")})
+            links.append({"joint": moving, **self.inertial(f"{name}.{number}")})
         _, tool = self.places[self.tips[name]]
         return {"mount": self.places[own[0].parent][0], "links": links, "tool": _place(tool)}
 
-    def _inertial(self, body: str) -> dict[str, Any]:
+    def inertial(self, body: str) -> dict[str, Any]:
         """Return mass, centre of mass and inertia of the links of a body together, in the body's frame.
 
         Raises:
             SpecError: They have no mass.
         """
         links = [(self.urdf.links[link], frame) for link, (of, frame) in self.places.items() if of == body]
-        mass = sum(link.mass for link, _ in links)
+        mass, where = sum(link.mass for link, _ in links), f"{self.urdf.file}:{links[0][0].sourceline}"
         if mass <= 0:
-            names, line = ", ".join(quoted(link.name) for link, _ in links), links[0][0].sourceline
-            raise SpecError(f"{self.urdf.file}:{line}: found no mass of {names}, expected one: it moves on its own")
+            names = ", ".join(quoted(link.name) for link, _ in links)
+            raise SpecError(f"{where}: found no mass of {names}, expected one: it moves on its own")
         centres = [(frame @ np.append(link.centre, 1.0))[:3] for link, frame in links]
         centre = sum((link.mass * at for (link, _), at in zip(links, centres, strict=True)), np.zeros(3)) / mass
         inertia = np.zeros((3, 3))
@@ -411,11 +406,8 @@ class _Merger:
             inertia += turned @ link.inertia @ turned.T + link.mass * (d @ d * np.eye(3) - np.outer(d, d))
         principal = np.linalg.eigvalsh(inertia)
         if principal[0] <= 0:
-            found = ", ".join(f"{moment:.3g}" for moment in principal)
-            where = f"{self.urdf.file}:{links[0][0].sourceline}"
-            raise SpecError(
-                f"{where}: found principal moments {found} kg m^2 of {links[0][0].name}, expected positive ones"
-            )
+            found = f"{', '.join(f'{moment:.3g}' for moment in principal)} kg m^2 of {links[0][0].name}"
+            raise SpecError(f"{where}: found principal moments {found}, expected positive ones")
         moments = [inertia[i] for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
         return {"mass": float(mass), "centre_of_mass": _plain(centre), "inertia": _plain(moments)}
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.specs.document import MOST_FAULTS, Data, Fault, Place, read, resolve, write
-from psmpc_cli.specs.fields import angle
+from psmpc_cli.specs.fields import number_or_angle
 
 texts = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc", "Co", "Cn")), max_size=12)
 scalars = st.none() | st.booleans() | st.integers(-(10**18), 10**18) | st.floats(allow_nan=False, allow_infinity=False)
@@ -77,8 +77,8 @@ def test_numbers_mean_themselves_within_the_range_of_floats(number: float, digit
 
 @given(st.floats(-1e6, 1e6))
 def test_angles_have_units(number: float) -> None:
-    assert angle(f"{number!r} deg") == angle(f"{number!r}°") == math.radians(number)
-    assert angle(f"{number!r} rad") == number
+    assert number_or_angle(f"{number!r} deg") == number_or_angle(f"{number!r}°") == math.radians(number)
+    assert number_or_angle(f"{number!r} rad") == number
 
 
 def test_caret_is_under_the_value_behind_tabs_and_in_long_lines() -> None:

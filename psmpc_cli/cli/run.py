@@ -4,7 +4,6 @@ import logging
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -128,8 +127,8 @@ def rerun(
     from psmpc_cli.simulation.replay import unequal_conditions
 
     loaded = read_run(log)
-    with TemporaryDirectory(prefix="psmpc-") as folder, watched_run(quiet) as (watch, interruption):
-        path = Path(folder) / "again.h5" if output is None else options.output_file(output, "", force, figures=False)
+    path = None if output is None else options.output_file(output, "", force, figures=False)
+    with watched_run(quiet) as (watch, interruption):
         comparison = repeat(loaded, path, force, watch)
     if comparison is None:
         raise typer.Exit(interruption.exit_code)
@@ -155,7 +154,7 @@ def replay(
     found = solve_again(run, step, solver)
     window = found.logged.window
     stages = ", ".join(stage.name for stage in window.stages)
-    kind = found.experiment.problem.spec.solver.kind
+    kind = found.problem.spec.solver.kind
     typer.echo(f"sample {step} of {len(run.time)}, {window.start:.2f} s: window of {stages}; solver {kind}")
     for remark in found.remarks:
         typer.echo(f"note: {remark}")

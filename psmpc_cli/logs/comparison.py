@@ -9,11 +9,11 @@ import numpy as np
 
 from psmpc_cli import __version__
 from psmpc_cli.logs.files import new_image, write_new
-from psmpc_cli.logs.run import Run, read_run
-from psmpc_cli.logs.schema import COMPARISON, FORMAT_VERSION, SCHEMA
+from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.schema import COMPARISON, FORMAT_VERSION, SCHEMA, Column
 
-ALONG_TIME = {part.path for column in SCHEMA for part in column.parts if part.dims[:1] == ("time",)}
-"""Datasets with a row a sample."""
+COLUMNS = {part.path: part for column in SCHEMA for part in column.parts}
+"""What is known of each dataset, by its path."""
 
 
 def save_comparison(runs: Mapping[str, Run], path: Path, force: bool = False) -> None:
@@ -38,17 +38,17 @@ class Difference:
 
     Attributes:
         path: The dataset.
+        units: Of its numbers.
+        what: What differs, if it is not the numbers alone.
         largest: Largest difference of two numbers; NaN where none can be compared.
         row: Row of the first difference; -1 where there is none.
-        units: Of the numbers.
-        what: What differs, if it is not the numbers alone.
     """
 
     path: str
-    largest: float
-    row: int
     units: str
-    what: str = ""
+    what: str
+    largest: float = np.nan
+    row: int = -1
 
 
 @dataclass(frozen=True)
@@ -59,51 +59,35 @@ class Comparison:
     differences: tuple[Difference, ...]
 
 
-def compare_logs(one: Path, other: Path, rows: int | None = None, without: tuple[str, ...] = ()) -> Comparison:
-    """Compare every dataset of two logs but the wall times.
-
-    Args:
-        one: A log, maybe cut short.
-        other: Another.
-        rows: Number of samples that are compared; by default all.
-        without: Beginnings of the paths of further datasets that are left out.
-
-    Raises:
-        LogError: One of them cannot be read.
-    """
-    runs = [read_run(one), read_run(other)]
-    mine, others = (run.arrays for run in runs)
-    wanted = [path for path in sorted({*mine, *others}) if not (path.endswith("wall_time") or path.startswith(without))]
-    found = [_difference(path, mine, others, _length(path, runs[0], rows)) for path in wanted]
-    return Comparison(len(found), tuple(each for each in found if each is not None))
+def compare_runs(log: Run, again: Run) -> Comparison:
+    """Compare every dataset of two runs but the wall times; of a log that was cut short, the rows that it has."""
+    columns = [
+        column
+        for path, column in sorted(COLUMNS.items())
+        if (path in log or path in again) and not path.endswith("wall_time")
+        if column.value is not None or not log.interrupted
+    ]
+    found = (_difference(column, log, again) for column in columns)
+    return Comparison(len(columns), tuple(each for each in found if each is not None))
 
 
-def _length(path: str, run: Run, rows: int | None) -> int | None:
-    """Return how many rows of a dataset belong to so many samples; None for all it has."""
-    if rows is not None and path.startswith("ticks/"):
-        return rows * round(len(run["ticks/time"]) / max(len(run.time), 1))
-    return rows if path in ALONG_TIME else None
-
-
-def _difference(
-    path: str, one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray], rows: int | None
-) -> Difference | None:
-    if path not in one or path not in other:
-        return Difference(path, np.nan, -1, "", f"only the {'run' if path in other else 'log'} has it")
-    a, b = (each[path] if rows is None else each[path][:rows] for each in (one, other))
-    if rows is not None and a.ndim == b.ndim == 2:  # rows of vectors are as wide as the longest of the whole run
-        a, b = (values[:, : min(a.shape[1], b.shape[1])] for values in (a, b))
-    units, what = next((column.units for column in SCHEMA if column.path == path), "1"), ""
+def _difference(column: Column, log: Run, again: Run) -> Difference | None:
+    path, units, what = column.path, column.units, ""
+    if path not in log or path not in again:
+        return Difference(path, units, f"only the {'log' if path in log else 'run'} has it")
+    a, b = log[path], again[path]
+    if log.interrupted:
+        b = b[tuple(map(slice, a.shape))]
     if a.shape != b.shape:
-        shapes = " and ".join("x".join(map(str, each.shape)) for each in (a, b))
-        what, common = f"shapes {shapes}", tuple(map(slice, np.minimum(a.shape, b.shape)))
+        what = "shapes " + " and ".join("x".join(map(str, each.shape)) for each in (a, b))
+        common = tuple(map(slice, np.minimum(a.shape, b.shape)))
         a, b = a[common], b[common]
-    numbers = a.dtype.kind in "fiub"
-    same = (a == b) | (np.isnan(a) & np.isnan(b)) if a.dtype.kind == "f" else a == b
+    numbers = a.dtype.kind in "fiu"
+    same = np.isclose(a, b, 0, 0, equal_nan=True) if numbers else a == b
     if np.all(same):
-        return Difference(path, 0.0, -1, units, what) if what else None
+        return Difference(path, units, what) if what else None
     row = int(np.argwhere(~np.atleast_1d(same))[0, 0])
-    apart = np.abs(a.astype(float) - b.astype(float))[~same] if numbers else np.zeros(0)
-    if not numbers or not np.isfinite(apart).all():
+    apart = np.abs(a.astype(float) - b.astype(float))[~same] if numbers else np.array([np.nan])
+    if not np.isfinite(apart).all():
         what = what or ("values only one of them has" if numbers else "texts")
-    return Difference(path, float(np.nanmax(apart, initial=0.0)) if numbers else np.nan, row, units, what)
+    return Difference(path, units, what, float(np.nanmax(apart, initial=0.0)) if numbers else np.nan, row)

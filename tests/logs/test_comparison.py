@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.logs.comparison import compare_logs, save_comparison
+from psmpc_cli.logs.comparison import Difference, compare_runs, save_comparison
 from psmpc_cli.logs.files import kind_of
 from psmpc_cli.logs.run import Run, read_comparison, read_run
 from psmpc_cli.logs.schema import COMPARISON, RUN
@@ -77,7 +77,7 @@ def test_a_run_can_be_saved_as_the_log_it_was(merged: Path, logs: dict[str, Path
         alone.visit(places.append)
         for place in places:
             same_dataset(alone[place], file[place], "")
-    assert compare_logs(logs["smpc"], tmp_path / "out.h5").differences == ()
+    assert differences(logs["smpc"], tmp_path / "out.h5") == ()
 
 
 def same_dataset(one: h5py.Dataset | h5py.Group, other: h5py.Dataset | h5py.Group, root: str) -> None:
@@ -122,10 +122,12 @@ def test_nothing_is_overwritten_without_force(merged: Path, logs: dict[str, Path
     assert [path.name for path in merged.parent.iterdir()] == [merged.name]
 
 
-def write(path: Path, samples: int, header: Header = HEADER) -> Path:
+def write(path: Path, samples: int, header: Header = HEADER, ended: bool = True) -> Path:
     with LogWriter(path, header) as writer:
         for k in range(samples):
             writer.write(record(k, length=7 + k))
+        if ended:
+            writer.finish(True, "done", FINAL)
     return path
 
 
@@ -134,8 +136,12 @@ def pair(tmp_path: Path) -> tuple[Path, Path]:
     return write(tmp_path / "one.h5", 4), write(tmp_path / "other.h5", 4)
 
 
+def differences(log: Path, again: Path) -> tuple[Difference, ...]:
+    return compare_runs(read_run(log), read_run(again)).differences
+
+
 def test_equal_logs_do_not_differ(pair: tuple[Path, Path]) -> None:
-    comparison = compare_logs(*pair)
+    comparison = compare_runs(*map(read_run, pair))
     assert comparison.differences == ()
     assert comparison.compared > 50
 
@@ -143,7 +149,7 @@ def test_equal_logs_do_not_differ(pair: tuple[Path, Path]) -> None:
 def test_wall_times_are_not_compared(pair: tuple[Path, Path]) -> None:
     with h5py.File(pair[1], "r+") as file:
         file["solver/wall_time"][...] = 9.0
-    assert compare_logs(*pair).differences == ()
+    assert differences(*pair) == ()
 
 
 def test_the_largest_difference_and_the_first_row_are_told(pair: tuple[Path, Path]) -> None:
@@ -152,7 +158,7 @@ def test_the_largest_difference_and_the_first_row_are_told(pair: tuple[Path, Pat
         file["state/Q"][3, 0] -= 0.5
         file["solver/status"][2] = b"failed"
         file["window/instants"][0, 0] = 7.0
-    status, position, instants = compare_logs(*pair).differences
+    status, position, instants = differences(*pair)
     assert (position.path, position.largest, position.row, position.units) == ("state/Q", 0.5, 1, "m, rad")
     assert (status.path, status.row, status.what) == ("solver/status", 2, "texts")
     assert np.isnan(status.largest)
@@ -160,19 +166,19 @@ def test_the_largest_difference_and_the_first_row_are_told(pair: tuple[Path, Pat
 
 
 def test_logs_of_other_lengths_and_contents_differ(tmp_path: Path, pair: tuple[Path, Path]) -> None:
-    longer = compare_logs(pair[0], write(tmp_path / "longer.h5", 5))
-    assert {each.path: each.what for each in longer.differences}["state/Q"] == "shapes 4x3 and 5x3"
-    lean = {each.path: each.what for each in compare_logs(pair[0], write(tmp_path / "lean.h5", 4, LEAN)).differences}
+    longer = {each.path: each.what for each in differences(pair[0], write(tmp_path / "longer.h5", 5))}
+    assert longer["state/Q"] == "shapes 4x3 and 5x3"
+    lean = {each.path: each.what for each in differences(pair[0], write(tmp_path / "lean.h5", 4, LEAN))}
     assert lean["plan/solution"] == lean["ticks/F"] == "only the log has it"
-    more = {each.path: each.what for each in compare_logs(tmp_path / "lean.h5", pair[0]).differences}
+    more = {each.path: each.what for each in differences(tmp_path / "lean.h5", pair[0])}
     assert more["plan/solution"] == "only the run has it"
 
 
-def test_of_a_longer_log_the_first_samples_can_be_compared(tmp_path: Path) -> None:
-    header = replace(HEADER, has=frozenset({"ticks"}))
-    one, other = write(tmp_path / "one.h5", 4, header), write(tmp_path / "other.h5", 6, header)
-    assert compare_logs(one, other, 4).differences == ()
+def test_of_a_log_that_was_cut_short_the_rows_it_has_are_compared(tmp_path: Path) -> None:
+    one, other = write(tmp_path / "one.h5", 4, ended=False), write(tmp_path / "other.h5", 6)
     with h5py.File(other, "r+") as file:
-        file["stages/priority"][0] = 8.0
-    assert [each.path for each in compare_logs(one, other, 4).differences] == ["stages/priority"]
-    assert compare_logs(one, other, 4, without=("stages/",)).differences == ()
+        file["stages/switch_time"][0] = 8.0
+    assert differences(one, other) == ()
+    with h5py.File(other, "r+") as file:
+        file["ticks/F"][3, 0] = 8.0
+    assert [(each.path, each.row) for each in differences(one, other)] == [("ticks/F", 3)]

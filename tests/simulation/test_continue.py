@@ -8,7 +8,7 @@ import h5py
 import pytest
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.logs.comparison import compare_logs
+from psmpc_cli.logs.comparison import compare_runs
 from psmpc_cli.logs.run import read_run
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.logs.write import LogWriter
@@ -32,7 +32,7 @@ def test_an_interrupted_run_is_completed(tmp_path: Path, changes: tuple[str, ...
     comparison = continue_run(log)
     assert comparison is not None
     assert comparison.differences == ()
-    assert compare_logs(whole.path, log.path).differences == ()
+    assert compare_runs(whole, read_run(log.path)).differences == ()
     assert sorted(each.name for each in tmp_path.iterdir()) == ["log.h5", "part.h5", "task.yaml"]
 
 
@@ -56,7 +56,7 @@ def test_a_killed_run_is_completed(tmp_path: Path) -> None:
     assert log.attributes["end_reason"] == ""
     assert 0 < len(log.time) <= 5
     assert continue_run(log) is not None
-    assert compare_logs(whole.path, path).differences == ()
+    assert compare_runs(whole, read_run(path)).differences == ()
 
 
 def test_where_rows_differ_the_log_stays_as_it_was(tmp_path: Path) -> None:
@@ -98,7 +98,7 @@ def test_a_run_repeated_is_equal_in_every_dataset(tmp_path: Path, controller: st
     comparison = rerun(log, tmp_path / "again.h5")
     assert comparison is not None
     assert comparison.differences == ()
-    assert comparison.compared > 50
+    assert comparison.compared > 40
 
 
 def test_an_interruption_leaves_nothing_to_compare(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.comparison import compare_logs
+from psmpc_cli.logs.comparison import compare_runs
 from psmpc_cli.logs.run import Run
 from psmpc_cli.plant.uncertainty import measurement_noise
 from psmpc_cli.simulation.run import build_experiment
@@ -44,7 +44,7 @@ def held(log: Run) -> np.ndarray:
 def test_a_block_of_zeros_is_no_block(tmp_path: Path) -> None:
     zeros = "uncertainty={mass: 0, inertia: {base: 0}, friction: {viscous: 0}, noise: {angle: 0}, delay: 0}"
     one, other = logged(tmp_path), logged(tmp_path, zeros, name="zeros")
-    assert compare_logs(one.path, other.path).differences == ()
+    assert compare_runs(one, other).differences == ()
     assert "uncertainty/body" not in other
 
 

@@ -182,7 +182,7 @@ def main() -> int:
     found: dict[str, dict[str, Row]] = {}
     for section, tasks in sections.items():
         runs = [
-            run_tasks({name: changed(task, [f"solver.kind={solver}", *LEAN]) for name, task in tasks.items()}, 2)
+            run_tasks({name: changed(task, [f"solver.kind={solver}", *LEAN]) for name, task in tasks.items()}, jobs=2)
             for solver in ("fatrop", "sqp")
         ]
         found[section] = {name: compared(*(measured(each[name]) for each in runs)) for name in tasks}

@@ -37,7 +37,7 @@ def compare(
 ) -> None:
     """Run several controllers on the identical task: one table, one file of logs, and figures side by side."""
     from psmpc_cli.cli.tables import present
-    from psmpc_cli.studies.compare import compare_tasks, compared_tasks, controllers_in
+    from psmpc_cli.studies.compare import compared_tasks, controllers_in, run_tasks
 
     tasks = compared_tasks(task, controllers_in(controllers), changes or [])
     first = next(iter(tasks.values()))
@@ -45,7 +45,7 @@ def compare(
     with ending_on_signals("no comparison was written"), live_line(quiet) as show:
         show(f"0 of {len(tasks)} runs done", due=False)
         ended = count(1)
-        compare_tasks(tasks, path, force, jobs, lambda name: show(f"{name} done, {next(ended)} of {len(tasks)}"))
+        run_tasks(tasks, path, jobs, force, lambda name: show(f"{name} done, {next(ended)} of {len(tasks)}"))
     present(path, figures, force, quiet)
 
 

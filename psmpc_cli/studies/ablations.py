@@ -122,7 +122,7 @@ def run_ablations(
             changes = (f"controller.nodes={count}", f"controller.discretization={kind}")
             variants.setdefault(_on_mesh(kind, count, nodes), changes)
     tasks = {name: changed(task, (*converged, *EVERY_RUN, *changes)) for name, changes in variants.items()}
-    logs = run_tasks(tasks, jobs, done)
+    logs = run_tasks(tasks, jobs=jobs, done=done)
     equal, ours = pick_window(logs[EQUAL]), pick_window(logs[OURS])
     return [
         _pending_cost(logs, (equal, ours, with_priorities(ours, (1.0, 1.0))), points),

@@ -8,7 +8,7 @@ from typing import get_args
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.comparison import save_comparison
 from psmpc_cli.logs.files import check_output, writing
-from psmpc_cli.logs.run import Run, read_comparison
+from psmpc_cli.logs.run import Run
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import ControllerSpec
@@ -45,11 +45,7 @@ def compare(
         SpecError: The task does not hold.
         RunError: A process was killed each time.
     """
-    tasks = compared_tasks(task, controllers_in(",".join(controllers)))
-    if path is None:
-        return run_tasks(tasks, jobs)
-    compare_tasks(tasks, path, force, jobs)
-    return read_comparison(path)
+    return run_tasks(compared_tasks(task, controllers_in(",".join(controllers))), path, jobs, force)
 
 
 def controllers_in(text: str) -> tuple[str, ...]:
@@ -80,39 +76,34 @@ def compared_tasks(task: Task | str | Path, controllers: Iterable[str], changes:
     return {kind: changed(loaded, (f"{VARIED}={kind}",)) for kind in controllers}
 
 
-def compare_tasks(
-    tasks: Mapping[str, Task],
-    path: Path,
-    force: bool = False,
-    jobs: int | None = None,
-    done: Callable[[str], None] = lambda name: None,
-) -> None:
-    """Run every task as `run_tasks` does and write all logs into one file, whole or not at all.
-
-    Raises:
-        InputError: The file exists already or cannot be written.
-        RunError: A process was killed each time.
-    """
-    with writing(path):
-        check_output(path, force)
-        path.parent.mkdir(parents=True, exist_ok=True)
-    save_comparison(run_tasks(tasks, jobs, done), path, force)
-
-
 def run_tasks(
-    tasks: Mapping[str, Task], jobs: int | None = None, done: Callable[[str], None] = lambda name: None
+    tasks: Mapping[str, Task],
+    path: Path | None = None,
+    jobs: int | None = None,
+    force: bool = False,
+    done: Callable[[str], None] = lambda name: None,
 ) -> dict[str, Run]:
     """Run every task in a process of its own, and return the runs by name.
 
     Args:
         tasks: By name.
+        path: File of all logs, written whole or not at all; None for none.
         jobs: Processes; by default one for each core.
+        force: Whether an existing file is overwritten.
         done: Called with the name of each run that ends.
 
     Raises:
+        InputError: The file exists already or cannot be written.
         RunError: A process was killed each time.
     """
-    return compute_all(_run, tasks, jobs, done)
+    if path is not None:
+        with writing(path):
+            check_output(path, force)
+            path.parent.mkdir(parents=True, exist_ok=True)
+    runs = compute_all(_run, tasks, jobs, done)
+    if path is not None:
+        save_comparison(runs, path, force)
+    return runs
 
 
 def _run(task: Task) -> Run:

@@ -7,13 +7,11 @@ from pydantic_core import to_json
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError
-from psmpc_cli.logs.results import Results
-from psmpc_cli.logs.run import Run, read_comparison
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.ablations import Ablation, run_ablations
-from psmpc_cli.studies.compare import compare_tasks, compared_tasks
+from psmpc_cli.studies.compare import compared_tasks, run_tasks
 from psmpc_cli.studies.fronts import front_rows
 from psmpc_cli.studies.judge import ENDS, Finding, Reproduction
 from psmpc_cli.studies.pareto import Question, possible_samples, solve_pareto
@@ -75,22 +73,25 @@ def reproduce(
         RunError: A file could not be written, or processes are ended from outside repeatedly.
     """
     variants, sweep, grasps = load_variants(changes), load_weights_sweep(changes, grid), load_grasps(changes)
-    compare_tasks(variants, directory / LOGS, force, jobs, lambda name: told(f"runs: {name} done"))
-    runs = read_comparison(directory / LOGS)
-    results = run_study(
+    runs = run_tasks(variants, directory / LOGS, jobs, force, lambda name: told(f"runs: {name} done"))
+    weights = run_study(
         sweep,
         directory / WEIGHTS,
         jobs,
         force=force,
         watch=lambda progress: told(f"weights: {progress.ended} of {progress.runs} runs"),
     )
-    fronts = _find_fronts(directory, runs["psmpc"], points, force, jobs, told)
-    compare_tasks(grasps, directory / GRASPS, force, jobs, lambda name: told(f"grasps: {name} done"))
+    fronts, path = None, directory / FRONTS
+    if force:
+        path.unlink(missing_ok=True)
+    if len(possible_samples(runs["psmpc"], (0, 1))):
+        question = Question("1,2", (), points, "weighted-sum", free=False)
+        fronts = solve_pareto(runs["psmpc"], question, path, jobs, force, told)
+    held = run_tasks(grasps, directory / GRASPS, jobs, force, lambda name: told(f"grasps: {name} done"))
     departures = list[Ablation]()
     if ablations:
         departures = run_ablations(variants["psmpc"], jobs, lambda name: told(f"ablations: {name} done"))
-    held = read_comparison(directory / GRASPS)
-    return Reproduction(runs, SweepCells(results), fronts, tuple(changes), tuple(departures), held)
+    return Reproduction(runs, SweepCells(weights), fronts, tuple(changes), tuple(departures), held)
 
 
 def load_variants(changes: Sequence[str] = ()) -> dict[str, Task]:
@@ -136,18 +137,6 @@ def load_grasps(changes: Sequence[str] = ()) -> dict[str, Task]:
 
 def _common(changes: Sequence[str], keys: Sequence[str]) -> tuple[str, ...]:
     return tuple(change for change in changes if change.partition("=")[0].strip().partition(".")[0] in keys)
-
-
-def _find_fronts(
-    directory: Path, run: Run, points: int, force: bool, jobs: int | None, told: Callable[[str], None]
-) -> Results | None:
-    """Find the Pareto fronts of the PSMPC run; None if no window holds Approach and Capture alone."""
-    path = directory / FRONTS
-    if force:
-        path.unlink(missing_ok=True)
-    if not len(possible_samples(run, (0, 1))):
-        return None
-    return solve_pareto(run, Question("1,2", (), points, "weighted-sum", free=False), path, jobs, force, told)
 
 
 def claims_json(made: Reproduction, created: str) -> bytes:

@@ -10,8 +10,8 @@ from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.compare import (
     CONTROLLERS,
     compare,
-    compare_tasks,
     compared_tasks,
+    run_tasks,
 )
 
 from ..there_and_back import TASK
@@ -43,9 +43,9 @@ def test_tasks_differ_in_the_controller_alone(reference: str) -> None:
 def test_runs_in_parallel_are_the_runs_alone(tmp_path: Path, tasks: dict[str, Task]) -> None:
     done: list[str] = []
     path = tmp_path / "new" / "comparison.h5"
-    compare_tasks(tasks, path, jobs=2, done=done.append)
+    runs = run_tasks(tasks, path, jobs=2, done=done.append)
     found = read_comparison(path)
-    assert list(found) == ["smpc", "hard"]
+    assert list(runs) == list(found) == ["smpc", "hard"]
     assert sorted(done) == ["hard", "smpc"]
     assert list(path.parent.iterdir()) == [path]  # the logs it was made from are gone
     for name, task in tasks.items():

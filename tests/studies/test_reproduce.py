@@ -121,7 +121,7 @@ def test_the_json_has_everything_and_null_for_what_is_unknown(made: Reproduction
     assert claims["smpc.starts_early"]["reproduced"] == []
     assert claims["psmpc.t_end"]["earlier"] is True
     assert claims["smpc.mission"]["unit"] is None
-    assert claims["psmpc.t1_real.once_seen"]["cause"].count("; ") == 2
+    assert claims["fronts.with_time"]["cause"].count("; ") == 3
     assert data["changes"] == ["x=1"]
     assert (data["weights"]["failed_cells"], data["weights"]["sampling"]) == (1, "3x3")
     assert data["weights"]["recommended"] == pytest.approx(1e3)

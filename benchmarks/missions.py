@@ -144,7 +144,7 @@ def main(words: Sequence[str]) -> None:
     wanted = [(name, seed) for seed in range(max(counts.values())) for name in counts if seed < counts[name]]
     missing = [(name, seed) for name, seed in wanted if seed not in made.get(name, {})]
     with RESULTS.open("a", encoding="utf-8") as file:
-        for _, row in compute(measure, missing, 2):
+        for _, row in compute(measure, dict(enumerate(missing)), 2):
             file.write(json.dumps(row) + "\n")
             file.flush()
     print("\n".join([*markdown(successes(results())), "", *markdown(starts(results()))]))

@@ -354,7 +354,7 @@ def parallel() -> Iterator[str]:
     """Yield the table of what a second process brings; all is timed in turn, so that other load falls on all alike."""
     priorities = {f"stages.{name}.priority": np.geomspace(0.1, 100, 4).tolist() for name in ("approach", "capture")}
     calls: dict[str, Callable[[int], object]] = {
-        "a loop of arithmetic": lambda jobs: list(compute(sum, [range(ADDITIONS)] * ITEMS, jobs)),
+        "a loop of arithmetic": lambda jobs: list(compute(sum, dict.fromkeys(range(ITEMS), range(ADDITIONS)), jobs)),
         "16 runs of a sweep that share nothing": lambda jobs: psmpc.sweep("approach_capture", priorities, jobs=jobs),
     }
     times: dict[tuple[str, int], list[float]] = {(name, jobs): [] for name in calls for jobs in (1, 2)}

@@ -1,5 +1,6 @@
 """Many runs of a task: `psmpc compare`, `sweep-weights`, `monte-carlo`, `pareto` and `reproduce`."""
 
+import re
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
@@ -37,9 +38,9 @@ def compare(
 ) -> None:
     """Run several controllers on the identical task: one table, one file of logs, and figures side by side."""
     from psmpc_cli.cli.tables import present
-    from psmpc_cli.studies.compare import compared_tasks, controllers_in, run_tasks
+    from psmpc_cli.studies.compare import compared_tasks, run_tasks
 
-    tasks = compared_tasks(task, controllers_in(controllers), changes or [])
+    tasks = compared_tasks(task, re.findall(r"[^\s,]+", controllers), changes or [])
     first = next(iter(tasks.values()))
     path = options.output_file(output, f"{first.spec.name}-comparison", force, figures)
     with ending_on_signals("no comparison was written"), live_line(quiet) as show:

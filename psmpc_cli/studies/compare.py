@@ -45,35 +45,24 @@ def compare(
         SpecError: The task does not hold.
         RunError: A process was killed each time.
     """
-    return run_tasks(compared_tasks(task, controllers_in(",".join(controllers))), path, jobs, force)
-
-
-def controllers_in(text: str) -> tuple[str, ...]:
-    """Parse a list of controllers such as `psmpc,smpc`; each is returned once.
-
-    Raises:
-        InputError: One is unknown, or there is none.
-    """
-    known = get_args(ControllerSpec.model_fields["kind"].annotation)
-    wanted = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
-    unknown = [name for name in wanted if name not in known]
-    if unknown or not wanted:
-        found = f"no controller '{unknown[0]}'" if unknown else "no controller"
-        raise InputError(f"--controllers: found {found}, expected one or more of {', '.join(known)} between commas")
-    return wanted
+    return run_tasks(compared_tasks(task, controllers), path, jobs, force)
 
 
 def compared_tasks(task: Task | str | Path, controllers: Iterable[str], changes: Sequence[str] = ()) -> dict[str, Task]:
-    """Build the task with keys changed under each controller; nothing else differs.
+    """Build the task with keys changed under each controller, each once; nothing else differs.
 
     Raises:
-        InputError: The changes are of the controller itself.
+        InputError: A controller is unknown, or there is none; or the changes are of the controller itself.
         SpecError: The task does not hold.
     """
+    known, kinds = get_args(ControllerSpec.model_fields["kind"].annotation), dict.fromkeys(controllers)
+    if not kinds or not {*kinds} <= {*known}:
+        expected = f"one or more of {', '.join(known)} between commas"
+        raise InputError(f"--controllers: found '{','.join(kinds)}', expected {expected}")
     if any(change.partition("=")[0].strip() == VARIED for change in changes):
         raise InputError(f"--set {VARIED}: a comparison varies it; choose with --controllers")
     loaded = changed(task, changes)
-    return {kind: changed(loaded, (f"{VARIED}={kind}",)) for kind in controllers}
+    return {kind: changed(loaded, (f"{VARIED}={kind}",)) for kind in kinds}
 
 
 def run_tasks(

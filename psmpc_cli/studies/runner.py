@@ -11,7 +11,7 @@ import signal
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Executor, Future
-from contextlib import AbstractContextManager, closing, contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from difflib import unified_diff
@@ -30,7 +30,7 @@ from joblib.externals.loky.backend.process import LokyProcess
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from psmpc_cli import __version__
-from psmpc_cli.errors import InputError, Interruption, RunError, deferred_signals
+from psmpc_cli.errors import InputError, RunError, deferred_signals
 from psmpc_cli.logs.results import Quantity, Results, new_results, read_results
 from psmpc_cli.logs.schema import Column
 from psmpc_cli.ocp.feasibility import load_feasible
@@ -40,6 +40,7 @@ from psmpc_cli.specs.load import Task, parse_task
 
 logger = logging.getLogger(__name__)
 
+Key = TypeVar("Key")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -185,10 +186,9 @@ def run_study(
     began, progress = time.monotonic(), Progress(len(needed), 0, 0, 0.0)
     watch(progress)
     run = partial(_run_cell, study.task, study.quantities, study.stop)
-    with closing(compute(run, [study.cells[cell] for cell in needed], jobs, dask)) as ended:
-        for number, found in ended:
+    with closing(compute(run, {int(cell): study.cells[cell] for cell in needed}, jobs, dask)) as ended:
+        for origin, found in ended:
             row, failure, cell_time = ({}, LOST, np.nan) if found is None else found
-            origin = int(needed[number])
             alike = np.flatnonzero(origins == origin)
             for cell in alike:
                 code = FAILED if failure else COMPUTED if cell == origin else SHARED
@@ -271,9 +271,9 @@ def _difference(*studies: Results) -> str:
 
 
 def compute(
-    function: Callable[[Item], Result], items: Sequence[Item], jobs: int | None = None, dask: str | None = None
-) -> Generator[tuple[int, Result | None], None, None]:
-    """Call a function on many items in parallel, and yield the index and the result of each as they come.
+    function: Callable[[Item], Result], items: Mapping[Key, Item], jobs: int | None = None, dask: str | None = None
+) -> Generator[tuple[Key, Result | None], None, None]:
+    """Call a function on many items in parallel, and yield the key and the result of each as they come.
 
     The calls are made in processes with one thread each, never in this one: a call may kill its process. If one is
     killed, the first call without a result is repeated alone, and is lost if that is killed as well; then the others go
@@ -286,57 +286,39 @@ def compute(
         dask: Address of the scheduler of a Dask cluster to use instead.
 
     Yields:
-        Index and result of an item; None for an item that is lost, since it kills its process.
+        Key and result of an item; None for an item that is lost, since it kills its process.
 
     Raises:
         InputError: There is no such cluster, or its workers do not fit.
         RunError: The cluster is gone.
-        KeyboardInterrupt: Ctrl-C or SIGTERM came; the processes are killed.
+        KeyboardInterrupt: Ctrl-C or SIGTERM came; the processes are killed. No other code of a study is interrupted.
     """
-    place = partial(_on_this_machine, jobs or os.cpu_count() or 1) if dask is None else partial(_on_cluster, dask)
-    waiting, alone = dict(enumerate(items)), False
+    waiting, alone = dict(items), False
     with deferred_signals() as interruption:
         while waiting:
             called = dict(islice(waiting.items(), 1 if alone else None))
-            with closing(_results(place, function, called, interruption)) as results:
-                for index, result in results:
-                    del waiting[index]
-                    yield index, result
-            killed = called.keys() & waiting.keys()
-            if alone:
-                for lost in killed:
-                    del waiting[lost]
-                    yield lost, None
-            alone = bool(killed) and not alone
-
-
-Place = Callable[[], AbstractContextManager[tuple[Executor, type[Exception]]]]
-"""Provides what computes calls, and the error of a call that kills its process."""
-
-
-def _results(
-    place: Place, function: Callable[[Item], Result], items: Mapping[int, Item], interruption: Interruption
-) -> Generator[tuple[int, Result], None, None]:
-    """Make calls, and yield index and result of each as they end, without those whose process was killed.
-
-    Raises:
-        KeyboardInterrupt: A signal came. It is raised here alone: no other code of a study is interrupted.
-    """
-    ended = SimpleQueue[Future[Result]]()
-    with place() as (executor, killed), suppress(killed):  # which a submission raises if a process was killed before
-        with _interrupts_blocked():
-            calls = {executor.submit(function, item): index for index, item in items.items()}
-        for call in calls:
-            call.add_done_callback(ended.put)
-        while calls:
-            interruption.check()
-            try:
-                call = ended.get(timeout=POLL)
-            except Empty:
-                continue
-            index = calls.pop(call)
-            if not isinstance(call.exception(), killed):
-                yield index, call.result()
+            ended = SimpleQueue[Future[Result]]()
+            place = _on_this_machine(jobs or os.cpu_count() or 1) if dask is None else _on_cluster(dask)
+            with place as (executor, killed), suppress(killed):  # raised by a submission if a process was killed before
+                with _interrupts_blocked():
+                    calls = {executor.submit(function, item): key for key, item in called.items()}
+                for call in calls:
+                    call.add_done_callback(ended.put)
+                while calls:
+                    interruption.check()
+                    try:
+                        call = ended.get(timeout=POLL)
+                    except Empty:
+                        continue
+                    key = calls.pop(call)
+                    if not isinstance(call.exception(), killed):
+                        del waiting[key]
+                        yield key, call.result()
+            lost = called.keys() & waiting.keys()
+            for key in lost if alone else ():
+                del waiting[key]
+                yield key, None
+            alone = bool(lost) and not alone
 
 
 def compute_all(
@@ -350,14 +332,14 @@ def compute_all(
     Raises:
         RunError: A call is lost, since it kills its process.
     """
-    found, names = dict[str, Result](), list(items)
-    with closing(compute(function, list(items.values()), jobs)) as results:
-        for index, result in results:
+    found = dict[str, Result]()
+    with closing(compute(function, items, jobs)) as results:
+        for name, result in results:
             if result is None:
-                raise RunError(f"{names[index]}: {LOST}: try fewer --jobs")
-            found[names[index]] = result
-            done(names[index])
-    return {name: found[name] for name in names}
+                raise RunError(f"{name}: {LOST}: try fewer --jobs")
+            found[name] = result
+            done(name)
+    return {name: found[name] for name in items}
 
 
 @contextmanager
@@ -383,18 +365,6 @@ def _end(executor: Executor) -> None:
 
 
 @contextmanager
-def _on_cluster(address: str) -> Iterator[tuple[Executor, type[Exception]]]:
-    """Provide a Dask cluster, and what a call raises that kills its worker."""
-    with _client(address) as client:
-        from distributed import KilledWorker
-
-        try:
-            yield client.get_executor(pure=False), KilledWorker
-        except CancelledError:
-            raise RunError(f"the connection to the Dask scheduler at {address} was lost") from None
-
-
-@contextmanager
 def _interrupts_blocked() -> Iterator[None]:
     """Start processes that do not see a terminal's Ctrl-C, since they inherit what is blocked: this one ends them."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -405,10 +375,10 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 @contextmanager
-def _client(address: str) -> Iterator[Any]:
-    """Connect to a Dask cluster, and make sure that its workers compute what this process would."""
+def _on_cluster(address: str) -> Iterator[tuple[Executor, type[Exception]]]:
+    """Provide a Dask cluster whose workers compute what this process would, and what a call raises that kills one."""
     try:
-        from distributed import Client
+        from distributed import Client, KilledWorker
     except ImportError:
         raise InputError("--dask: Dask is not installed, expected the extra: pip install 'psmpc[dask]'") from None
     for name in ("distributed", "tornado", "asyncio"):  # what they report is in a message of ours, or is a repetition
@@ -434,4 +404,7 @@ def _client(address: str) -> Iterator[Any]:
                     f"--dask: worker {worker} has {threads} threads and psmpc {found}, expected 1 "
                     f"(--nthreads 1; --nworkers for several calls at a time) and {__version__} as here"
                 )
-        yield client
+        try:
+            yield client.get_executor(pure=False), KilledWorker
+        except CancelledError:
+            raise RunError(f"the connection to the Dask scheduler at {address} was lost") from None

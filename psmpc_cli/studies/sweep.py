@@ -311,7 +311,7 @@ def sweep(
     runs = int(np.prod([len(each) for each in values.values()])) if values else 0
     if not 0 < runs <= MOST_CELLS:
         raise InputError(f"a sweep: found {runs} runs, expected 1 to {MOST_CELLS}")
-    changes = {key: [f"{key}={json.dumps(_plain(value))}" for value in each] for key, each in values.items()}
+    changes = {key: [f"{key}={_text(value)}" for value in each] for key, each in values.items()}
     for change in (change for each in changes.values() for change in each):
         changed(loaded, (change,))
     axes = [Quantity(key, (key,), _axis(each), "1", f"value of {key}") for key, each in values.items()]
@@ -327,16 +327,15 @@ def sweep(
     return run_study(study, path, jobs, dask, force, resume, watch)
 
 
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
+def _text(value: Any) -> str:
+    return json.dumps(value, default=lambda array: array.tolist())
 
 
 def _axis(values: Sequence[Any]) -> np.ndarray:
     """Return the values of a key as a coordinate: numbers, or their text."""
-    plain = [_plain(value) for value in values]
-    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in plain):
-        return np.array(plain, float)
-    return np.array([each if isinstance(each, str) else json.dumps(each) for each in plain])
+    if all(isinstance(value, int | float | np.number) and not isinstance(value, bool) for value in values):
+        return np.array(values, float)
+    return np.array([each if isinstance(each, str) else _text(each) for each in values])
 
 
 def load_sweep_task(reference: str | Path | Task, changes: Sequence[str] = (), epsilons: Sequence[float] = ()) -> Task:

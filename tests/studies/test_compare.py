@@ -59,5 +59,5 @@ def test_runs_in_parallel_are_the_runs_alone(tmp_path: Path, tasks: dict[str, Ta
 def test_the_python_call_returns_the_runs(reference: str) -> None:
     runs = compare(reference, ["smpc", "hard"], jobs=2)
     assert {name: str(run.attributes["controller"]) for name, run in runs.items()} == {"smpc": "smpc", "hard": "hard"}
-    with pytest.raises(InputError, match="no controller 'mpc'"):
+    with pytest.raises(InputError, match="found 'mpc', expected one or more of psmpc"):
         compare(reference, ["mpc"])

@@ -42,6 +42,8 @@ from ..there_and_back import TASK
 
 Call = Callable[[int], int]
 
+ITEMS = {item: item for item in range(6)}
+
 
 def doubling(*fatal: int, once: Path | None = None) -> Call:
     """A call that doubles its item; some items kill their process, every time or until a note exists."""
@@ -62,13 +64,13 @@ def doubled(*lost: int) -> dict[int, int | None]:
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_every_item_gets_its_result(jobs: int) -> None:
-    assert dict(compute(doubling(), range(6), jobs)) == doubled()
-    assert list(compute(doubling(), [], jobs)) == []
+    assert dict(compute(doubling(), ITEMS, jobs)) == doubled()
+    assert list(compute(doubling(), {}, jobs)) == []
 
 
 @pytest.mark.slow
 def test_a_killed_process_loses_no_result(tmp_path: Path) -> None:
-    found = list(compute(doubling(2, once=tmp_path / "note"), range(6), 2))
+    found = list(compute(doubling(2, once=tmp_path / "note"), ITEMS, 2))
     assert sorted(found) == sorted(doubled().items())
 
 
@@ -78,7 +80,7 @@ def test_what_a_call_raises_is_raised() -> None:
         raise ArithmeticError("no such luck")
 
     with pytest.raises(ArithmeticError, match="no such luck"):
-        list(compute(call, range(2), 1))
+        list(compute(call, {0: 0}, 1))
 
 
 @pytest.mark.slow
@@ -93,7 +95,7 @@ def test_calls_are_made_in_other_processes_with_one_thread_and_no_more_than_want
         mine.unlink()
         return os.getpid(), at_once, os.environ["OMP_NUM_THREADS"]
 
-    found = [result for _, result in compute(call, range(8), jobs)]
+    found = [result for _, result in compute(call, {item: item for item in range(8)}, jobs)]
     assert os.getpid() not in {process for process, _, _ in found}
     assert max(at_once for _, at_once, _ in found) <= jobs
     assert {threads for _, _, threads in found} == {"1"}
@@ -245,9 +247,9 @@ def test_a_cluster_computes_what_this_machine_does_and_survives_killed_workers(
 ) -> None:
     with dask_cluster(tmp_path, "--nthreads", "1", "--nworkers", "2") as address:
         assert_same(run_study(study_of(task), tmp_path / "study.h5", dask=address), whole)
-        assert dict(compute(doubling(1), range(6), dask=address)) == doubled(1)
+        assert dict(compute(doubling(1), ITEMS, dask=address)) == doubled(1)
         with pytest.raises(ArithmeticError, match="no such luck"):
-            list(compute(lambda item: (_ for _ in ()).throw(ArithmeticError("no such luck")), [1], dask=address))
+            list(compute(lambda item: (_ for _ in ()).throw(ArithmeticError("no such luck")), {1: 1}, dask=address))
     assert tuple(capfd.readouterr()) == ("", "")
 
 
@@ -255,14 +257,14 @@ def test_a_cluster_computes_what_this_machine_does_and_survives_killed_workers(
 def test_workers_with_several_threads_are_rejected(tmp_path: Path) -> None:
     several = dask_cluster(tmp_path, "--nthreads", "2", "--no-nanny")
     with several as address, pytest.raises(InputError, match="has 2 threads"):
-        list(compute(doubling(), range(2), dask=address))
+        list(compute(doubling(), ITEMS, dask=address))
 
 
 @pytest.mark.parametrize("address", ["localhost", "", "http://127.0.0.1:1", "tcp://127.0.0.1:1"])
 def test_an_address_without_a_scheduler_is_told(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("psmpc_cli.studies.runner.CONNECTING", 1)
     with pytest.raises(InputError, match="dask scheduler --host") as error:
-        list(compute(doubling(), range(2), dask=address))
+        list(compute(doubling(), ITEMS, dask=address))
     assert f"'{address}'" in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -270,4 +272,4 @@ def test_an_address_without_a_scheduler_is_told(address: str, monkeypatch: pytes
 def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"pip install 'psmpc\[dask\]'"):
-        list(compute(doubling(), range(2), dask="tcp://127.0.0.1:8786"))
+        list(compute(doubling(), ITEMS, dask="tcp://127.0.0.1:8786"))

@@ -3,16 +3,13 @@
 import logging
 import os
 from collections.abc import Iterator
-from itertools import count, islice, takewhile
+from itertools import count, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from psmpc_cli.errors import InputError
-
-if TYPE_CHECKING:
-    from psmpc_cli.specs.document import Change
 
 RUNS = Path("runs")
 """Folder of the default outputs."""
@@ -33,10 +30,6 @@ def _set_log_level(quiet: bool) -> bool:
 Changes = Annotated[
     list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change any key of the task; repeatable.")
 ]
-Controller = Annotated[
-    str | None, typer.Option(metavar="psmpc|smpc|hard|htmpc", help="Controller; short for --set controller.kind=...")
-]
-Plant = Annotated[str | None, typer.Option(metavar="ideal|rk4|mujoco", help="Plant; short for --set plant.kind=...")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite files of an earlier command.")]
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures beside the file.")]
 Quiet = Annotated[
@@ -53,12 +46,6 @@ def output_option(default: str, metavar: str = "FILE", what: str = "Results.") -
     """Build the option -o of a command whose default output is `default`."""
     help = f"{what} Missing folders are made. Default: {default}{', numbered' if '/' in default else ''}."
     return typer.Option("-o", "--output", metavar=metavar, help=help, show_default=False)
-
-
-def shorthands(controller: str | None, plant: str | None) -> "list[Change]":
-    """Build the changes that --controller and --plant are short for."""
-    given = {"controller": controller, "plant": plant}
-    return [(f"--{name} {value}", f"{name}.kind={value}") for name, value in given.items() if value is not None]
 
 
 def output_file(given: Path | None, name: str, force: bool, figures: bool, resume: bool = False) -> Path:
@@ -80,32 +67,16 @@ def output_file(given: Path | None, name: str, force: bool, figures: bool, resum
 
     default = RUNS / f"{name}.h5"
     if resume:
-        return given or [default, *takewhile(Path.exists, islice(_numbered(default), 1, None))][-1]
-    path = given or _free(default, force)
+        return given or next(path for path, later in pairwise(_numbered(default)) if not later.exists())
+    path = given or free_path(default, force)
     check_output(path, force)
     if figures:
-        _ensure_fillable(default_directory(path), force, "with --force, or leave the figures out with --no-figures")
+        ensure_fillable(default_directory(path), force, "with --force, or leave the figures out with --no-figures")
     return path
 
 
-def output_folder(given: Path | None, name: str, force: bool) -> Path:
-    """Choose the folder that a command fills: the one given, or the first of runs/NAME, runs/NAME-2, ... that is free.
-
-    Raises:
-        InputError: It holds files that are not to be overwritten, or cannot be written.
-    """
-    folder = given or _free(RUNS / name, force)
-    _ensure_fillable(folder, force, "with --force")
-    return folder
-
-
-def page_file(given: Path | None, log: Path, kind: str, force: bool) -> Path:
-    """Choose the file of a page: the one given, or the first of LOG-kind.html, LOG-kind-2.html, ... that is free."""
-    return given or _free(log.with_name(f"{log.stem}-{kind}.html"), force)
-
-
-def _free(default: Path, force: bool) -> Path:
-    """Choose the first numbered path that neither exists nor has a folder of figures; the default itself if forced."""
+def free_path(default: Path, force: bool) -> Path:
+    """Choose the first of NAME, NAME-2, ... that neither exists nor has a folder of figures; NAME itself if forced."""
     return default if force else next(p for p in _numbered(default) if not (p.exists() or p.with_suffix("").exists()))
 
 
@@ -114,7 +85,7 @@ def _numbered(path: Path) -> Iterator[Path]:
     return (path if number == 1 else path.with_stem(f"{path.stem}-{number}") for number in count(1))
 
 
-def _ensure_fillable(folder: Path, force: bool, overwrite: str) -> None:
+def ensure_fillable(folder: Path, force: bool, overwrite: str = "with --force") -> None:
     """Raise InputError if a folder is no folder, is read-only, or has files that are not to be overwritten."""
     existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not existing.is_dir():

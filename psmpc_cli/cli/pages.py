@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from psmpc_cli.cli.options import Force, Quiet, output_option, page_file
+from psmpc_cli.cli.options import Force, Quiet, free_path, output_option
 from psmpc_cli.cli.progress import watched_run
 from psmpc_cli.errors import InputError
 
@@ -32,7 +32,7 @@ def view(
     """Write runs as one interactive HTML page: the robot in 3-D with its plans, a time line, and linked plots."""
     from psmpc_cli.report.view import view as show
 
-    path = page_file(output, logs[0], "view", force)
+    path = output or free_path(logs[0].with_name(f"{logs[0].stem}-view.html"), force)
     runs: dict[str, Run] = {}
     for log in logs:
         for name, found in _runs_of(log, run or [], quiet).items():
@@ -50,7 +50,7 @@ def report(
     from psmpc_cli.logs.run import read_run
     from psmpc_cli.report.reports import report_run
 
-    path = page_file(output, log, "report", force)
+    path = output or free_path(log.with_name(f"{log.stem}-report.html"), force)
     _save(report_run(read_run(log)), path, force, open_it)
 
 

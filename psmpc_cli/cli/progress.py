@@ -71,22 +71,11 @@ def watched_run(quiet: bool) -> "Iterator[tuple[Callable[[Sample], None], Interr
         yield watch, interruption
 
 
-@contextmanager
-def watched_study(quiet: bool, failed: str) -> "Iterator[Callable[[Progress], None]]":
-    """Provide a watcher that shows how many runs of a study have ended, and the estimated time to its end.
-
-    Args:
-        quiet: Show nothing.
-        failed: Follows the number of failures.
-    """
-    with live_line(quiet) as show:
-
-        def watch(progress: "Progress") -> None:
-            text = f"{progress.ended} of {progress.runs} runs"
-            text += f", {progress.failed} {failed}" if progress.failed else ""
-            if 0 < progress.ended < progress.runs:
-                left = progress.elapsed / progress.ended * (progress.runs - progress.ended)
-                text += f", about {left // 60:.0f} min {left % 60:.0f} s left"
-            show(text)
-
-        yield watch
+def describe_progress(progress: "Progress") -> str:
+    """Write how many runs of a study have ended, and the estimated time to its end."""
+    text = f"{progress.ended} of {progress.runs} runs"
+    text += f", {progress.failed} failed" if progress.failed else ""
+    if 0 < progress.ended < progress.runs:
+        left = progress.elapsed / progress.ended * (progress.runs - progress.ended)
+        text += f", about {left // 60:.0f} min {left % 60:.0f} s left"
+    return text

@@ -15,6 +15,7 @@ from psmpc_cli.errors import InputError, RunError
 if TYPE_CHECKING:
     from psmpc_cli.logs.schema import Sample
     from psmpc_cli.simulation.verify import Peaks
+    from psmpc_cli.specs.document import Change
 
     Watch = Callable[[Sample], None]
 
@@ -32,8 +33,13 @@ def simulate(
     output: Annotated[Path | None, options.output_option("runs/<task>.h5", what="Log file.")] = None,
     force: options.Force = False,
     changes: options.Changes = None,
-    controller: options.Controller = None,
-    plant: options.Plant = None,
+    controller: Annotated[
+        str | None,
+        typer.Option(metavar="psmpc|smpc|hard|htmpc", help="Controller; short for --set controller.kind=..."),
+    ] = None,
+    plant: Annotated[
+        str | None, typer.Option(metavar="ideal|rk4|mujoco", help="Plant; short for --set plant.kind=...")
+    ] = None,
     figures: options.Figures = True,
     render: Render = False,
     view: Annotated[bool, typer.Option("--view", help="Write the interactive page of `psmpc view` as well.")] = False,
@@ -56,7 +62,9 @@ def simulate(
         raise InputError("found both --quiet and --verbose, expected at most one of them")
     if verbose:
         logging.getLogger("psmpc_cli").setLevel(logging.INFO)
-    overrides = [*(changes or []), *options.shorthands(controller, plant)]
+    overrides: list[Change] = [*(changes or [])]
+    short = (("controller", controller), ("plant", plant))
+    overrides += [(f"--{name} {kind}", f"{name}.kind={kind}") for name, kind in short if kind is not None]
     drawing = figures or render
     if unfinished is not None and (task or overrides):
         wanted = "expected no task, --set, --controller or --plant beside it"
@@ -84,7 +92,8 @@ def simulate(
     if view and len(log.time):
         from psmpc_cli.report.view import view as show
 
-        typer.echo(f"page: {show(log).save(options.page_file(None, path, 'view', force), force)}")
+        page = options.free_path(path.with_name(f"{path.stem}-view.html"), force)
+        typer.echo(f"page: {show(log).save(page, force)}")
     if log.interrupted:
         raise typer.Exit(interruption.exit_code)
     if log.attributes["stuck"]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from psmpc_cli.cli import options
-from psmpc_cli.cli.progress import ending_on_signals, live_line, watched_run, watched_study
+from psmpc_cli.cli.progress import describe_progress, ending_on_signals, live_line, watched_run
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ REPORT = "report.html"
 
 PREPARED = ("log.plans=true", "log.shares=false")
 """Changes of a task whose windows are studied: the log holds the windows, and no more than is needed."""
-
 
 Stages = Annotated[str, typer.Option(metavar="A,B", help="The two stages in a row that vary, by number or name.")]
 
@@ -89,7 +88,7 @@ def sweep_weights(
     limits = sweep.parse_numbers("--range", bounds, "LOW:HIGH of positive numbers, such as 1e-3:1e3", 0.0, ":")
     cells = sweep.parse_sampling(grid or sampling or "", limits, loaded.spec.seed)
     study = sweep.weight_study(loaded, sweep.parse_stages(stages, loaded), cells, every_cell)
-    _run_study(study, output, f"{loaded.spec.name}-sweep", force, resume, jobs, dask, figures, quiet)
+    _run_study(study, output, force, resume, jobs, dask, figures, quiet)
 
 
 def monte_carlo(
@@ -108,21 +107,18 @@ def monte_carlo(
     from psmpc_cli.studies.monte_carlo import monte_carlo_study
 
     study = monte_carlo_study(task, runs, tuple(changes or ()))
-    default = f"{study.task.spec.name}-monte-carlo"
-    _run_study(study, output, default, force, resume, jobs, dask, figures, quiet, "failed")
+    _run_study(study, output, force, resume, jobs, dask, figures, quiet)
 
 
 def _run_study(
     study: "Study",
     output: Path | None,
-    default: str,
     force: bool,
     resume: bool,
     jobs: int | None,
     dask: str | None,
     figures: bool,
     quiet: bool,
-    failed: str = "cells failed",
 ) -> None:
     """Run a study into its file, with its progress, and present it; after a signal the file keeps what was done.
 
@@ -137,12 +133,9 @@ def _run_study(
         raise InputError("found both --resume and --force, expected at most one of them")
     if jobs is not None and dask is not None:
         raise InputError("found both --jobs and --dask, expected at most one: a cluster has as many workers as it has")
-    path = options.output_file(output, default, force, figures, resume)
-    with (
-        ending_on_signals(f"{path} holds what was done: continue with --resume"),
-        watched_study(quiet, failed) as watch,
-    ):
-        run_study(study, path, jobs, dask, force, resume, watch)
+    path = options.output_file(output, f"{study.task.spec.name}-{study.kind}", force, figures, resume)
+    with ending_on_signals(f"{path} holds what was done: continue with --resume"), live_line(quiet) as show:
+        run_study(study, path, jobs, dask, force, resume, lambda progress: show(describe_progress(progress)))
     present(path, figures, force or resume, quiet)
 
 
@@ -171,6 +164,7 @@ def pareto(
     from h5py import is_hdf5
 
     from psmpc_cli.cli.tables import present
+    from psmpc_cli.logs.files import check_output
     from psmpc_cli.logs.run import read_run
     from psmpc_cli.ocp.feasibility import load_feasible
     from psmpc_cli.simulation.run import simulate
@@ -179,18 +173,16 @@ def pareto(
 
     times = parse_numbers("--at", at, "times in seconds between commas, such as 6.1,8.0") if at is not None else ()
     question = Question(stages, times, points, method, free_instant)
-    loaded = None if is_hdf5(task) else load_feasible(task, [*(changes or []), *PREPARED])
-    if loaded is not None:
-        parse_stages(stages, loaded)
-    elif changes or log is not None:
+    run = read_run(task) if is_hdf5(task) else None
+    if run is not None and (changes or log is not None):
         raise InputError(f"{task} is the log of a run: it is studied as it ran, without --set and --log")
-    path = options.output_file(output, f"{loaded.spec.name if loaded else Path(task).stem}-pareto", force, figures)
+    loaded = load_feasible(task, [*(changes or []), *PREPARED]) if run is None else run.task
+    parse_stages(stages, loaded)
+    path = options.output_file(output, f"{loaded.spec.name}-pareto", force, figures)
     if log is not None:
-        options.output_file(log, "", force, figures=False)
+        check_output(log, force, "--log")
 
-    if loaded is None:
-        run = read_run(task)
-    else:
+    if run is None:
         with watched_run(quiet) as (watch, interruption):
             run = simulate(loaded, log, watch, force=True)
         if run.interrupted:
@@ -224,7 +216,8 @@ def reproduce(
     from psmpc_cli.report.reports import build_report
     from psmpc_cli.studies import reproduce as study
 
-    folder = options.output_folder(output, "reproduce", force)
+    folder = output or options.free_path(options.RUNS / "reproduce", force)
+    options.ensure_fillable(folder, force)
     if json is not None:
         check_output(json, force, "--json", hdf5=False)
     with ending_on_signals("no report was written"), live_line(quiet) as show:

@@ -4,7 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
-from itertools import zip_longest
+from itertools import count, zip_longest
 from json import dumps
 from pathlib import Path
 from typing import Any
@@ -29,10 +29,10 @@ from psmpc_cli.simulation.run import build_experiment, converging
 from psmpc_cli.specs.document import counted, plain
 from psmpc_cli.specs.fields import Spec
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.parts import POSITION_AXES, Space, target_axes
+from psmpc_cli.specs.parts import POSITION_AXES, error_axes, target_axes
 from psmpc_cli.specs.priorities import ACCEPTABLE, weigh
 from psmpc_cli.specs.robot import RobotSpec, SpatialRobot, labels, resolve_limits
-from psmpc_cli.specs.task import PrioritiesSpec, StageSpec
+from psmpc_cli.specs.task import PrioritiesSpec
 from psmpc_cli.studies import fronts
 from psmpc_cli.studies.judge import HEADINGS, Reproduction
 from psmpc_cli.studies.monte_carlo import STATUS, MonteCarloRuns
@@ -53,25 +53,21 @@ WORST = 5
 """Number of the worst runs of a Monte Carlo study that are printed."""
 
 
-def print_table(headings: Row | None, rows: Sequence[Row], left: int = 2) -> None:
+def print_table(headings: Row, rows: Sequence[Row], left: int = 2) -> None:
     """Print a table: as wide as the terminal, or wide into a file.
 
     Args:
-        headings: Names of the columns; None for a table of two columns without headings.
+        headings: Names of the columns, empty for a table without them.
         rows: Cells by row; columns without any content are left out.
         left: Number of columns that are aligned left.
     """
-    kept = [
-        column
-        for column in range(len(headings or ("", "")))
-        if column == 0 or not rows or any(row[column] not in NOTHING for row in rows)
-    ]
-    table = Table(box=None, show_header=headings is not None, pad_edge=False)
-    for column in kept:
-        heading = Text(headings[column] if headings else "")
-        table.add_column(heading, justify="right" if headings and column >= left else "left", overflow="fold")
+    columns = list(enumerate(headings))
+    kept = [i for i, _ in columns if i == 0 or not rows or any(row[i] not in NOTHING for row in rows)]
+    table = Table(box=None, show_header=any(headings), pad_edge=False)
+    for i in kept:
+        table.add_column(Text(headings[i]), justify="right" if i >= left else "left", overflow="fold")
     for row in rows:
-        table.add_row(*(Text(row[column]) for column in kept))
+        table.add_row(*(Text(row[i]) for i in kept))
     terminal = Console()
     console = terminal if terminal.is_terminal else Console(width=PLAIN_WIDTH)
     with console.capture() as capture:
@@ -125,9 +121,8 @@ def print_summary(run: Run, verbose: bool = False) -> None:
     """Print a run: how the mission went, its stages, what was measured; all of it if `verbose`."""
     summary = run.summary()
     typer.echo(describe_mission(summary))
-    headings, rows = stage_rows(summary)
-    print_table(headings, rows)
-    print_table(None, list(measure_rows(summary, verbose)))
+    print_table(*stage_rows(summary))
+    print_table(("", ""), list(measure_rows(summary, verbose)))
     typer.echo(f"log: {run.path}")
 
 
@@ -200,8 +195,8 @@ def print_sweep(cells: SweepCells) -> None:
     parts = ", ".join(f"{count} {meaning}" for meaning, count in zip(meanings, counts, strict=True) if count)
     solves, failed = cells.count("solves"), cells.count("solves_failed")
     typer.echo(f"{len(cells.ratio)} cells: {parts}; {solves} solves, {failed} of them failed")
-    for reason, count in Counter(cells.of("reason")[cells.failed]).most_common():
-        typer.echo(f"  {count} failed: {reason}")
+    for reason, times in Counter(cells.of("reason")[cells.failed]).most_common():
+        typer.echo(f"  {times} failed: {reason}")
     typer.echo(recommend(cells).sentence)
     typer.echo(f"sweep: {cells.results.path}")
 
@@ -347,57 +342,41 @@ def _listed(numbers: Sequence[float]) -> str:
 def _comparisons(priorities: PrioritiesSpec, stages: list[str]) -> str:
     """Write the number of comparisons behind the priorities, and how consistent they are."""
     found, count = weigh(priorities.compare, stages), len(priorities.compare)
-    if found.surplus > 0:
-        agreement = f"consistency ratio {found.ratio:.2g}, acceptable up to {ACCEPTABLE:g}"
-    else:
-        agreement = "as few as possible, so their consistency is not known"
+    agreement = f"consistency ratio {found.ratio:.2g}, acceptable up to {ACCEPTABLE:g}"
+    agreement = agreement if found.surplus > 0 else "as few as possible, so their consistency is not known"
     return f"priorities from {counted(count, 'comparison', 'comparisons')}: {agreement}"
 
 
 def _stage(task: Task, outlook: Outlook) -> list[Row]:
     """Build the rows of one stage, one for each part."""
-    spec = task.spec.stages[outlook.stage.index]
+    stage, spec, sizes = outlook.stage, task.spec.stages[outlook.stage.index], task.robot.parts
     space = task.spec.skills[spec.skill].space
     about = [spec.name, f"{spec.skill} ({space})", f"priority {spec.priority:g}"]
-    about += [f"follows {outlook.stage.trajectory.times[-1]:g} s"] if outlook.stage.trajectory else []
+    about += [f"follows {stage.trajectory.times[-1]:g} s"] if stage.trajectory else []
     about += [f"at least {spec.dwell:g} s"] if spec.dwell else []
-    values, ends = _targets(task.robot, outlook, space), _ends(task.robot, outlook, spec, space)
-    reaches = {part: f"{each.distance:.3f} of {each.full_reach:.3f} m" for part, each in outlook.reaches.items()}
-    parts = [(part, values[part], ends[part], reaches.get(part, "")) for part in task.robot.parts]
+    numbers, row, parts = iter(stage.target), count(), []
+    tolerances = {i: f"{each:g}" for i, each in zip(stage.end_rows, stage.tolerance, strict=True)}
+    rest = f" ({spec.ends_when.velocity:g}/s)" if spec.ends_when and spec.ends_when.velocity is not None else ""
+    for (part, axes), rows in zip(target_axes(sizes, space).items(), error_axes(sizes, space).values(), strict=True):
+        target = ("to " if stage.trajectory else "") + _target(list(zip(axes, numbers, strict=False)))
+        asked = [tolerances.get(next(row), "-") for _ in rows]
+        within = asked[0] if len(set(asked)) == 1 else ", ".join(asked)
+        ends = f"at {spec.at:g} s" * (part == "base") if spec.at is not None else "" if within == "-" else within + rest
+        reach = outlook.reaches.get(part)
+        parts.append((part, target, ends, f"{reach.distance:.3f} of {reach.full_reach:.3f} m" if reach else ""))
     earliest = [f"{math.floor(outlook.earliest_end * 100) / 100:g} s"]
     lines = zip_longest(about, parts, earliest)
     return [(left or "", *(middle or ("",) * 4), right or "") for left, middle, right in lines]
 
 
-def _targets(robot: RobotSpec, outlook: Outlook, space: Space) -> dict[str, str]:
-    """Write the target of every part, of a trajectory its last row; angles in degrees."""
-    numbers, found = iter(outlook.stage.target), {}
-    for part, axes in target_axes(robot.parts, space).items():
-        values = list(zip(axes, numbers, strict=False))
-        lengths = ", ".join(f"{value:g}" for axis, value in values if axis in POSITION_AXES)
-        angles = ", ".join(f"{math.degrees(value):.4g}" for axis, value in values if axis == "theta" or axis.isdigit())
-        attitude = [value for axis, value in values if axis.startswith("q")]
-        if attitude:
-            turn = 2 * math.atan2(math.hypot(*attitude[1:]), abs(attitude[0]))
-            angles = f"turned by {math.degrees(turn):.4g}{', ' if angles else ''}{angles}"
-        texts = (f"{text} {unit}" for text, unit in ((lengths, "m"), (angles, "deg")) if text)
-        found[part] = ("to " if outlook.stage.trajectory else "") + ", ".join(texts)
-    return found
-
-
-def _ends(robot: RobotSpec, outlook: Outlook, spec: StageSpec, space: Space) -> dict[str, str]:
-    """Write what ends a stage, by part: a fixed time, or the tolerances of its coordinates."""
-    if spec.at is not None:
-        return dict.fromkeys(robot.parts, "") | {"base": f"at {spec.at:g} s"}
-    names, found = labels(robot, space), {}
-    asked = dict(zip(outlook.stage.end_rows, outlook.stage.tolerance, strict=True))
-    for part in robot.parts:
-        rows = [row for row, label in enumerate(names) if label.rpartition(".")[0] == part]
-        numbers = [f"{asked[row]:g}" if row in asked else "-" for row in rows]
-        text = "" if set(numbers) == {"-"} else numbers[0] if len(set(numbers)) == 1 else ", ".join(numbers)
-        rest = spec.ends_when.velocity if spec.ends_when else None
-        found[part] = f"{text} ({rest:g}/s)" if text and rest is not None else text
-    return found
+def _target(values: Sequence[tuple[str, float]]) -> str:
+    """Write the target of a part, coordinates by axis: angles in degrees, of an attitude the angle it is turned by."""
+    lengths = [f"{value:g}" for axis, value in values if axis in POSITION_AXES]
+    angles = [f"{math.degrees(value):.4g}" for axis, value in values if axis == "theta" or axis.isdigit()]
+    if attitude := [value for axis, value in values if axis.startswith("q")]:
+        turn = 2 * math.atan2(math.hypot(*attitude[1:]), abs(attitude[0]))
+        angles = [f"turned by {math.degrees(turn):.4g}"]
+    return ", ".join(f"{', '.join(each)} {unit}" for each, unit in ((lengths, "m"), (angles, "deg")) if each)
 
 
 def _limits(robot: RobotSpec) -> list[Row]:

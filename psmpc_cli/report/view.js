@@ -34,19 +34,13 @@ function before(times, t) { // the last row at or before t
 function interpolated(times, rows, t, quaternion = -1) { // a row of numbers at a time; a quaternion from one column on
   const i = before(times, t), j = Math.min(i + 1, times.length - 1), gap = times[j] - times[i];
   const s = gap > 0 ? clamp((t - times[i]) / gap, 0, 1) : 0, a = rows(i), b = rows(j);
-  const found = Array.from(a, (x, k) => x + s * (b[k] - x));
-  if (quaternion >= 0) {
-    let dot = 0;
-    for (let k = quaternion; k < quaternion + 4; k++) dot += a[k] * b[k];
-    for (let k = quaternion; k < quaternion + 4; k++) found[k] = (1 - s) * a[k] + s * Math.sign(dot || 1) * b[k];
-    const length = Math.hypot(...found.slice(quaternion, quaternion + 4));
-    for (let k = quaternion; k < quaternion + 4; k++) found[k] /= length;
-  }
+  const found = Array.from(a, (x, k) => x + s * (b[k] - x)), turn = (row) => new THREE.Quaternion().fromArray(row, quaternion);
+  if (quaternion >= 0) turn(a).slerp(turn(b), s).toArray(found, quaternion); // in any order of its numbers
   return found;
 }
 const attitudeAt = (run) => (run.robot.spatial ? 3 : -1);
 const coordinates = (run, t) => interpolated(run.time.array, (i) => run.Q.row(i), t, attitudeAt(run));
-const endOf = (run) => run.time.array[run.time.array.length - 1];
+const endOf = (run) => run.time.array.at(-1);
 const sampleAt = (run, t) => before(run.samples.array, t);
 const ending = (stage) => stage.end !== undefined;
 
@@ -57,8 +51,8 @@ function planned(run, t) { // the switch times as the sample at or before t plan
 
 function planAt(run, t) { // node times and coordinates of the plan at t
   if (!run.plans || !run.samples.array.length) return null;
-  const k = sampleAt(run, t), times = run.plans.time.row(k), [, nodes, nq] = run.plans.Q.shape, Q = run.plans.Q.row(k);
-  return { times, nodes, at: (time) => interpolated(times, (i) => Q.subarray(i * nq, (i + 1) * nq), time, attitudeAt(run)) };
+  const k = sampleAt(run, t), times = run.plans.time.row(k), nq = run.plans.Q.shape[2], Q = run.plans.Q.row(k);
+  return { times, at: (time) => interpolated(times, (i) => Q.subarray(i * nq, (i + 1) * nq), time, attitudeAt(run)) };
 }
 
 // ---- robots in three dimensions
@@ -72,6 +66,12 @@ function mesh(parent, geometry, color, opacity, outlined = false) {
   if (outlined) made.add(new THREE.LineSegments(new THREE.EdgesGeometry(geometry), new THREE.LineBasicMaterial({ color: EDGE, transparent: true, opacity })));
   parent.add(made);
   return made;
+}
+
+function put(object, { position, quaternion }) { // where the data have it
+  object.position.set(...position);
+  object.quaternion.set(...quaternion);
+  return object;
 }
 
 function capsule(parent, [from, to], radius, color, opacity) {
@@ -96,22 +96,16 @@ class Robot { // a tree of groups, one for each body, then one for each end-effe
     const { bodies, tools, box, colors, radius } = run.robot;
     this.run = run;
     this.group = new THREE.Group();
-    this.fixed = bodies.map((body) => new THREE.Quaternion(...body.quaternion));
-    this.bodies = bodies.map(() => new THREE.Group());
+    this.bodies = bodies.map((body) => put(new THREE.Group(), body));
     bodies.forEach((body, i) => {
       const group = this.bodies[i], color = tint || colors[body.part];
-      (i ? this.bodies[body.parent] : this.group).add(group);
-      group.position.set(...body.position);
+      (i ? this.bodies[body.body] : this.group).add(group);
       for (const line of body.capsules) capsule(group, line, radius, color, opacity);
       if (i && !body.prismatic) mesh(group, new THREE.SphereGeometry(1.45 * radius, 20, 14), tint || EDGE, opacity);
     });
-    const base = mesh(this.bodies[0], new THREE.BoxGeometry(...box.half.map((x) => 2 * x)), tint || colors[0], opacity, true);
-    base.position.set(...box.position);
-    base.quaternion.set(...box.quaternion);
+    put(mesh(this.bodies[0], new THREE.BoxGeometry(...box.half.map((x) => 2 * x)), tint || colors[0], opacity, true), box);
     this.tools = tools.map((tool) => {
-      const group = new THREE.Group(), carrier = this.bodies[tool.body], color = tint || colors[bodies[tool.body].part];
-      group.position.set(...tool.position);
-      group.quaternion.set(...tool.quaternion);
+      const group = put(new THREE.Group(), tool), carrier = this.bodies[tool.body], color = tint || colors[bodies[tool.body].part];
       for (let i = 0; i < 3; i++) capsule(carrier, tool.gripper.slice(i, i + 2), 0.45 * radius, color, opacity);
       carrier.add(group);
       return group;
@@ -121,19 +115,12 @@ class Robot { // a tree of groups, one for each body, then one for each end-effe
   }
 
   place(Q) {
-    const { bodies, spatial } = this.run.robot, [base] = this.bodies;
-    if (spatial) {
-      base.position.set(Q[0], Q[1], Q[2]);
-      base.quaternion.set(Q[4], Q[5], Q[6], Q[3]);
-    } else {
-      base.position.set(Q[0], Q[1], 0);
-      base.quaternion.set(0, 0, Math.sin(Q[2] / 2), Math.cos(Q[2] / 2));
-    }
-    bodies.forEach((body, i) => {
-      if (!i) return;
-      const q = Q[i - 1 + (spatial ? 7 : 3)], axis = new THREE.Vector3(...body.axis), group = this.bodies[i];
-      group.quaternion.copy(this.fixed[i]);
-      if (body.prismatic) group.position.set(...body.position).add(axis.multiplyScalar(q).applyQuaternion(this.fixed[i]));
+    const { bodies, spatial } = this.run.robot, [x, y, z] = Q;
+    if (spatial) put(this.bodies[0], { position: [x, y, z], quaternion: [Q[4], Q[5], Q[6], Q[3]] });
+    else put(this.bodies[0], { position: [x, y, 0], quaternion: [0, 0, Math.sin(z / 2), Math.cos(z / 2)] });
+    bodies.slice(1).forEach((body, i) => {
+      const q = Q[i + (spatial ? 7 : 3)], axis = new THREE.Vector3(...body.axis), group = put(this.bodies[i + 1], body);
+      if (body.prismatic) group.position.addScaledVector(axis.applyQuaternion(group.quaternion), q);
       else group.quaternion.multiply(new THREE.Quaternion().setFromAxisAngle(axis, q));
     });
     this.group.updateMatrixWorld(true);
@@ -145,9 +132,7 @@ class Robot { // a tree of groups, one for each body, then one for each end-effe
     this.place(coordinates(run, t));
     if (this.object) {
       const pose = interpolated(run.time.array, (i) => run.object.pose.row(i), t, 3);
-      this.object.position.set(...pose.slice(0, 3));
-      this.object.quaternion.set(...pose.slice(3));
-      this.object.visible = true;
+      put(this.object, { position: pose.slice(0, 3), quaternion: pose.slice(3) });
       this.object.material.opacity = run.object.lost !== null && t >= run.object.lost ? 0.3 : 1;
       this.object.material.transparent = true;
     }
@@ -234,29 +219,27 @@ class Actor { // one run in the scene: robot, object, path so far, plan from her
       this.captions.push([caption, ghost.positions()[0]]);
     };
     for (const { stage, time } of planned(this.run, t)) show(this.ghosts[this.run.stages.indexOf(stage)], time, `planned: ${stage.name} ends, ${time.toFixed(1)} s`);
-    const end = plan.times[plan.nodes - 1];
-    if (end > t + 1e-6) show(this.ghosts[this.ghosts.length - 1], end, `end of the plan, ${end.toFixed(1)} s`);
+    const end = plan.times.at(-1);
+    if (end > t + 1e-6) show(this.ghosts.at(-1), end, `end of the plan, ${end.toFixed(1)} s`);
   }
 
-  bounds() {
-    const box = { low: new THREE.Vector3(Infinity, Infinity, Infinity), high: new THREE.Vector3(-Infinity, -Infinity, -Infinity), balls: [] };
-    const take = (point, room) => { box.low.min(point.clone().subScalar(room)); box.high.max(point.clone().addScalar(room)); box.balls.push([point, room]); };
-    const { object, targets, robot: { box: { half }, radius } } = this.run, room = Math.hypot(...half), points = this.tracked.length;
-    for (let i = 0; i < points; i += Math.ceil(points / 60)) {
-      this.tracked[i].forEach((p, f) => take(p, f ? 4 * radius : room));
-      if (object) take(new THREE.Vector3(...object.pose.row(i).slice(0, 3)), Math.hypot(...object.size) / 2);
+  balls() { // around what its robot, its object and its targets are and will be: centres and radii
+    const { object, targets, robot: { box: { half }, radius } } = this.run, every = Math.ceil(this.tracked.length / 60), found = [];
+    for (let i = 0; i < this.tracked.length; i += every) {
+      this.tracked[i].forEach((p, f) => found.push([p, f ? 4 * radius : Math.hypot(...half)]));
+      if (object) found.push([new THREE.Vector3().fromArray(object.pose.row(i)), Math.hypot(...object.size) / 2]);
       const aims = targets.row(i);
-      for (let k = 0; k < aims.length; k += 7) if (Number.isFinite(aims[k])) take(new THREE.Vector3(...aims.slice(k, k + 3)), 4 * radius);
+      for (let k = 0; k < aims.length; k += 7) if (Number.isFinite(aims[k])) found.push([new THREE.Vector3().fromArray(aims, k), 4 * radius]);
     }
-    return box;
+    return found;
   }
 }
 
 // ---- the scene
 
-const shown = () => [actors[chosen[0]], ...(chosen[1] === null ? [] : [actors[chosen[1]]])];
-let actors = [], chosen = [0, runs.length > 1 ? 1 : null], now = 0, dirty = true, world = null;
-const beside = () => chosen[1] !== null && !$("overlay").checked;
+let actors = [], chosen = runs.slice(0, 2), now = 0, dirty = true, world = null; // an actor for each run that is chosen
+const several = () => chosen.length > 1, named = (run, text) => (several() ? `${run.name}: ${text}` : text);
+const beside = () => several() && !$("overlay").checked;
 
 function openWorld() {
   const canvas = $("canvas"), scene = new THREE.Scene();
@@ -271,15 +254,15 @@ function openWorld() {
   const sun = new THREE.DirectionalLight(0xffffff, 1.3);
   sun.position.set(-2, -3, 6);
   scene.add(sun);
-  return { scene, renderer, camera, controls, moved: false, from: null, axes: [] };
+  return { scene, renderer, camera, controls, moved: false, axes: [] };
 }
 
 function frameMission(tilted) {
-  const boxes = shown().map((actor) => actor.bounds()), [box] = boxes;
-  boxes.slice(1).forEach((other) => { box.low.min(other.low); box.high.max(other.high); });
-  Object.assign(world, { box, tilted, moved: false });
-  const { camera, controls } = world, center = box.low.clone().add(box.high).multiplyScalar(0.5);
-  const spatial = runs[chosen[0]].robot.spatial;
+  const balls = actors.flatMap((actor) => actor.balls()), [low, high] = [balls[0][0].clone(), balls[0][0].clone()];
+  balls.forEach(([point, room]) => { low.min(point.clone().subScalar(room)); high.max(point.clone().addScalar(room)); });
+  Object.assign(world, { low, high, tilted, moved: false });
+  const { camera, controls } = world, center = low.clone().lerp(high, 0.5);
+  const { spatial } = chosen[0].robot;
   const from = tilted ? new THREE.Vector3(spatial ? 0.7 : 0.25, -1, spatial ? 0.75 : 1.05) : new THREE.Vector3(0, -1e-4, 1);
   camera.position.copy(center).add(from.normalize());
   controls.target.copy(center);
@@ -288,7 +271,7 @@ function frameMission(tilted) {
   const right = new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, 0), up = new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, 1);
   const tall = Math.tan((camera.fov * Math.PI) / 360), wide = tall * camera.aspect;
   let distance = 0.1;
-  for (const [point, room] of boxes.flatMap((each) => each.balls)) {
+  for (const [point, room] of balls) {
     const p = point.clone().sub(center);
     distance = Math.max(distance, p.dot(from) + 1.06 * Math.max((Math.abs(p.dot(right)) + room) / wide, (1.12 * (Math.abs(p.dot(up)) + room)) / tall));
   }
@@ -300,16 +283,16 @@ function frameMission(tilted) {
   dirty = true;
 }
 
-function drawGround() { // squares of 1 m below the mission, and the axes of the inertial frame
+function drawGround() { // squares of a round length below the mission, and the axes of the inertial frame
   if (world.ground) world.scene.remove(world.ground);
-  const { low, high } = world.box, step = [0.1, 0.25, 0.5, 1, 2, 5, 10].find((s) => (high.x - low.x + high.y - low.y) / s < 26) || 25;
+  const { low, high } = world, step = [0.1, 0.25, 0.5, 1, 2, 5, 10].find((s) => (high.x - low.x + high.y - low.y) / s < 26) || 25;
   const round = (x, up) => step * (up ? Math.ceil(x / step + 0.5) : Math.floor(x / step - 0.5));
   const [x0, x1, y0, y1] = [round(low.x), round(high.x, true), round(low.y), round(high.y, true)], z = low.z - 0.02, points = [];
   for (let x = x0; x <= x1 + step / 2; x += step) points.push(x, y0, z, x, y1, z);
   for (let y = y0; y <= y1 + step / 2; y += step) points.push(x0, y, z, x1, y, z);
   const lines = (numbers, color) => new THREE.LineSegments(new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(numbers), 3)), new THREE.LineBasicMaterial({ color }));
   world.ground = new THREE.Group();
-  const spatial = runs[chosen[0]].robot.spatial, inside = [low.x, low.y].map((x) => step * Math.ceil(x / step));
+  const { spatial } = chosen[0].robot, inside = [low.x, low.y].map((x) => step * Math.ceil(x / step));
   const corner = [...(spatial ? [x1, y1] : inside), z + 0.01 * step], L = (spatial ? 1 : 0.5) * step;
   const axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((axis) => axis.map((x, i) => corner[i] + L * x));
   world.ground.add(lines(points, 0xdde2e7), ...axes.map((axis) => lines([...corner, ...axis], 0x6b7480)));
@@ -319,8 +302,8 @@ function drawGround() { // squares of 1 m below the mission, and the axes of the
 }
 
 function render() {
-  const { renderer, scene, camera } = world, canvas = $("canvas"), actorsShown = shown();
-  const width = canvas.clientWidth, height = canvas.clientHeight, columns = beside() ? actorsShown.length : 1;
+  const { renderer, scene, camera } = world, canvas = $("canvas");
+  const width = canvas.clientWidth, height = canvas.clientHeight, columns = beside() ? actors.length : 1;
   camera.aspect = width / columns / height;
   camera.updateProjectionMatrix();
   renderer.setScissorTest(true);
@@ -330,12 +313,12 @@ function render() {
     const left = (column * width) / columns;
     renderer.setViewport(left, 0, width / columns, height);
     renderer.setScissor(left, 0, width / columns, height);
-    actorsShown.forEach((actor, i) => { actor.group.visible = columns === 1 || i === column; });
+    actors.forEach((actor, i) => { actor.group.visible = columns === 1 || i === column; });
     renderer.render(scene, camera);
     for (const [name, at] of world.axes) label(name, at, left, width / columns, height, name.length > 1 ? "ground" : "");
-    const seen = actorsShown.filter((actor) => actor.group.visible && actor.plan.visible && width / columns > 480);
+    const seen = actors.filter((actor) => actor.group.visible && actor.plan.visible && width / columns > 480);
     for (const [name, at] of seen.flatMap((actor) => actor.captions)) label(name, at, left, width / columns, height, "planned");
-    if (chosen[1] !== null) element($("labels"), "span", "caption", columns > 1 ? actorsShown[column].run.name : `${actorsShown[0].run.name}; paler: ${actorsShown[1].run.name}`).style.transform = `translate(${left + 10}px, 6px)`;
+    if (several()) element($("labels"), "span", "caption", columns > 1 ? chosen[column].name : `${chosen[0].name}; paler: ${chosen[1].name}`).style.transform = `translate(${left + 10}px, 6px)`;
   }
 }
 
@@ -365,14 +348,14 @@ const values = (packed, log) => Array.from(packed.array, (x) => (Number.isFinite
 
 function openPlots() {
   plots.forEach((plot) => plot.destroy());
-  const host = $("panels"), drawn = chosen.filter((i) => i !== null).map((i) => runs[i]);
+  const host = $("panels");
   host.replaceChildren();
-  const names = drawn.map(panelsOf).sort((a, b) => b.length - a.length)[0];
+  const names = chosen.map(panelsOf).sort((a, b) => b.length - a.length)[0];
   const legends = names.reduce((sum, panel) => sum + Math.ceil(panel.series.length / 3), 0);
   const height = clamp(Math.floor((host.clientHeight - 36 - 16 * legends) / names.length) - 3, 100, 230);
   plots = names.map((panel, p) => {
     const series = [{ label: "t (s)", value: () => "" }], tables = [];
-    drawn.forEach((run, r) => {
+    chosen.forEach((run, r) => {
       const found = panelsOf(run)[p];
       if (!found) return;
       tables.push([Array.from(found.time.array), ...found.series.map((each) => values(each.values, found.log))]);
@@ -398,7 +381,7 @@ function openPlots() {
       ],
       cursor: { y: false, points: { size: 5 }, drag: { x: false, y: false }, bind: { mousemove: () => null, mouseleave: () => null, mousedown: () => null, mouseup: () => null, dblclick: () => null, mouseenter: () => null } },
       legend: { live: true },
-      hooks: { drawClear: [(u) => shadeStages(u, drawn[0])] },
+      hooks: { drawClear: [(u) => shadeStages(u, chosen[0])] },
     };
     const plot = new uPlot(options, tables.length > 1 ? uPlot.join(tables) : tables[0], host);
     dragging(plot.over, (x) => seek(plot.posToVal(x, "x")));
@@ -426,16 +409,9 @@ function shadeStages(u, run) {
   ctx.restore();
 }
 
-function moveCursors() {
-  plots.forEach((plot) => {
-    const left = plot.valToPos(now, "x");
-    plot.setCursor({ left, top: 0 }, false);
-  });
-}
-
 // ---- time
 
-const span = () => Math.max(...chosen.filter((i) => i !== null).map((i) => endOf(runs[i])));
+const span = () => Math.max(...chosen.map(endOf));
 const percent = (t) => `${(100 * t) / span()}%`;
 let markers = [];
 
@@ -452,33 +428,25 @@ function dragging(target, seekTo) {
 function openTimeline() {
   const line = $("timeline");
   line.replaceChildren();
-  markers = [];
   line.setAttribute("aria-valuemax", span().toFixed(1));
-  chosen.filter((i) => i !== null).forEach((i, r) => {
-    const run = runs[i], row = element(line, "div", "row");
+  markers = chosen.map((run, r) => {
+    const row = element(line, "div", "row");
     if (!r) {
       const step = [1, 2, 5, 10, 20, 50, 100].find((s) => span() / s <= 12) || 500;
       for (let t = 0; t <= span() - step / 3; t += step) element(row, "span", "tick", String(t)).style.left = percent(t);
     }
-    run.stages.forEach((stage) => {
-      if (!ending(stage)) return;
-      if (stage.end > stage.start) {
-        const band = element(row, "div", "band", stage.name);
-        Object.assign(band.style, { left: percent(stage.start), width: percent(stage.end - stage.start), background: stage.color });
-        band.title = `${stage.name}: ${stage.start.toFixed(2)} to ${stage.end.toFixed(2)} s`;
+    for (const { name, start, end, early, color } of run.stages.filter(ending)) {
+      if (end > start) {
+        const band = element(row, "div", "band", name);
+        Object.assign(band.style, { left: percent(start), width: percent(end - start), background: color });
+        band.title = `${name}: ${start.toFixed(2)} to ${end.toFixed(2)} s`;
       }
-    });
-    run.stages.forEach((stage) => {
-      if (!ending(stage) || stage.early === null) return;
-      const early = element(row, "div", "early");
-      early.title = `${stage.name} already acts from ${stage.early.toFixed(1)} s`;
-      Object.assign(early.style, { left: percent(stage.early), width: percent(stage.start - stage.early), background: `repeating-linear-gradient(135deg, ${stage.color} 0 4px, #fff9 4px 7px), ${stage.color}` });
-    });
-    markers.push(run.stages.map((stage) => {
-      const mark = element(row, "div", "switch");
-      mark.style.borderTopColor = "#1b1f24";
-      return mark;
-    }));
+      if (early === null) continue;
+      const acting = element(row, "div", "early");
+      acting.title = `${name} already acts from ${early.toFixed(1)} s`;
+      Object.assign(acting.style, { left: percent(early), width: percent(start - early), background: `repeating-linear-gradient(135deg, ${color} 0 4px, #fff9 4px 7px), ${color}` });
+    }
+    return run.stages.map(() => element(row, "div", "switch"));
   });
   element(line, "div").id = "cursor";
 }
@@ -499,11 +467,10 @@ function seek(t) {
 function update() { // all parts at the present time
   $("cursor").style.left = percent(now);
   $("time").textContent = `${now.toFixed(2)} s of ${span().toFixed(1)} s`;
-  const drawn = chosen.filter((i) => i !== null).map((i) => runs[i]);
-  $("now").textContent = drawn.map((run) => (drawn.length > 1 ? `${run.name}: ` : "") + describe(run, Math.min(now, endOf(run)))).join(" | ");
+  $("now").textContent = chosen.map((run) => named(run, describe(run, Math.min(now, endOf(run))))).join(" | ");
   $("timeline").setAttribute("aria-valuenow", now.toFixed(2));
   $("timeline").setAttribute("aria-valuetext", `${now.toFixed(2)} s, ${$("now").textContent}`);
-  drawn.forEach((run, r) => {
+  chosen.forEach((run, r) => {
     const ends = planned(run, Math.min(now, endOf(run)));
     markers[r].forEach((mark, s) => {
       const found = ends.find((each) => each.stage === run.stages[s]);
@@ -512,9 +479,9 @@ function update() { // all parts at the present time
       if (found) mark.title = `planned end of ${found.stage.name}: ${found.time.toFixed(2)} s`;
     });
   });
-  moveCursors();
+  plots.forEach((plot) => plot.setCursor({ left: plot.valToPos(now, "x"), top: 0 }, false));
   if (!world) return;
-  shown().forEach((actor) => actor.seek(now));
+  actors.forEach((actor) => actor.seek(now));
   render();
 }
 
@@ -548,42 +515,37 @@ function frame(instant) {
 // ---- what is chosen
 
 function choose() {
-  const [first, second] = chosen.map((i) => (i === null ? null : runs[i]));
-  if (chosen[1] === chosen[0]) chosen[1] = null;
-  $("first").value = String(chosen[0]);
-  $("second").value = chosen[1] === null ? "" : String(chosen[1]);
-  $("together").hidden = chosen[1] === null;
-  const several = chosen[1] !== null;
-  $("mission").textContent = several ? [first, second].map((run) => `${run.name}: ${run.mission}`).join(" | ") : `${first.name}: ${first.mission}`;
+  const first = runs[$("first").selectedIndex], second = runs[$("second").selectedIndex - 1];
+  chosen = second && second !== first ? [first, second] : [first];
+  if (!several()) $("second").selectedIndex = 0;
+  $("together").hidden = !several();
+  $("mission").textContent = chosen.map((run) => `${run.name}: ${run.mission}`).join(" | ");
   $("notes").replaceChildren();
-  for (const run of several ? [first, second] : [first]) for (const note of run.notes) element($("notes"), "li", "", several ? `${run.name}: ${note}` : note);
-  $("show-plan").parentElement.hidden = !(first.plans || (several && second.plans));
+  for (const run of chosen) for (const note of run.notes) element($("notes"), "li", "", named(run, note));
+  $("show-plan").parentElement.hidden = !chosen.some((run) => run.plans);
   $("parts").replaceChildren();
   const { parts, colors, objectColor } = first.robot;
   [...parts.map((part, i) => [part, colors[i]]), ...(first.object ? [["object", objectColor]] : [])].forEach(([part, color]) => {
-    const entry = element($("parts"), "span"), swatch = element(entry, "i");
-    swatch.style.background = color;
-    swatch.style.border = "1px solid #3a4046";
+    const entry = element($("parts"), "span");
+    Object.assign(element(entry, "i").style, { background: color, border: "1px solid #3a4046" });
     element(entry, "span", "", part);
   });
   openTimeline();
   openPlots();
   if (world) {
-    actors.forEach((actor) => { if (actor) { world.scene.remove(actor.group); } });
-    chosen.forEach((i, r) => {
-      if (i === null) return;
-      actors[i] = new Actor(runs[i], r === 1 && $("overlay").checked);
-      world.scene.add(actors[i].group);
-    });
+    world.scene.remove(...actors.map((actor) => actor.group));
+    actors = chosen.map((run, r) => new Actor(run, r === 1 && $("overlay").checked));
+    world.scene.add(...actors.map((actor) => actor.group));
     resize();
     drawGround();
   }
   seek(now);
 }
 
-runs.forEach((run, i) => {
-  for (const list of [$("first"), $("second")]) element(list, "option", "", run.name).value = String(i);
-});
+for (const list of [$("first"), $("second")]) list.append(...runs.map((run) => new Option(run.name)));
+$("second").prepend(new Option("none"));
+$("second").selectedIndex = runs.length > 1 ? 2 : 0;
+for (const id of ["first", "second", "overlay"]) $(id).onchange = choose;
 for (const name of new Set(runs.flatMap((run) => run.plots.map((each) => each.name)))) {
   const button = element($("tabs"), "button", "", name);
   Object.assign(button, { type: "button", onclick: () => { tab = name; showTab(); openPlots(); } });
@@ -591,11 +553,7 @@ for (const name of new Set(runs.flatMap((run) => run.plots.map((each) => each.na
 }
 const showTab = () => [...$("tabs").children].forEach((button) => button.setAttribute("aria-selected", String(button.textContent === tab)));
 showTab();
-$("second").prepend(new Option("none", ""));
 $("overlay").checked = window.innerWidth < 700;
-$("first").onchange = (event) => { chosen[0] = Number(event.target.value); choose(); };
-$("second").onchange = (event) => { chosen[1] = event.target.value === "" ? null : Number(event.target.value); choose(); };
-$("overlay").onchange = choose;
 for (const id of ["show-plan", "show-targets", "show-paths"]) $(id).onchange = () => seek(now);
 $("play").onclick = toggle;
 $("above").onclick = () => frameMission(false);
@@ -603,7 +561,7 @@ $("tilted").onclick = () => frameMission(true);
 dragging($("timeline"), (x) => seek((x / $("timeline").clientWidth) * span()));
 document.addEventListener("keydown", (event) => {
   if (["SELECT", "INPUT", "TEXTAREA"].includes(event.target.tagName) && event.key !== " ") return;
-  const times = runs[chosen[0]].time.array, step = event.shiftKey ? 1 : times.length > 1 ? times[1] - times[0] : 0.1;
+  const times = chosen[0].time.array, step = event.shiftKey ? 1 : times.length > 1 ? times[1] - times[0] : 0.1;
   const actions = { " ": toggle, ArrowLeft: () => { pause(); seek(now - step); }, ArrowRight: () => { pause(); seek(now + step); }, Home: () => seek(0), End: () => seek(span()) };
   if (!(event.key in actions) || (event.key === " " && ["SELECT", "INPUT", "BUTTON"].includes(event.target.tagName))) return;
   event.preventDefault();
@@ -631,7 +589,7 @@ window.psmpc = {
   get time() { return now; },
   camera: () => ({ position: world.camera.position.toArray(), target: world.controls.target.toArray() }),
   poses: (which = 0) => {
-    const { robot, marks } = shown()[which], of = (group) => {
+    const { robot, marks } = actors[which], of = (group) => {
       const parts = [new THREE.Vector3(), new THREE.Quaternion(), new THREE.Vector3()];
       group.matrixWorld.decompose(...parts);
       return [...parts[0].toArray(), ...parts[1].toArray()];

@@ -5,7 +5,7 @@ page computes the poses, plans, stages, targets, the object, and the curves of t
 """
 
 from base64 import b64encode
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from psmpc_cli.report.page import Page, render
 from psmpc_cli.report.texts import describe_mission
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.replay import logged_solve
+from psmpc_cli.specs.robot import Attachment, Joint
 
 MOST_FRAMES, MOST_PLANS, MOST_NODES = 3000, 750, 24
 """Times at which a run is shown, plans, and nodes of a plan besides those at its switches, at most."""
@@ -59,6 +60,7 @@ def _run(name: str, run: Run) -> Json:
     scene, model, motion = scene_of(run), run.problem.model, run.motion
     frames, samples = _thinned(len(motion.time), MOST_FRAMES), _thinned(len(run.time), MOST_PLANS)
     time = motion.time[frames]
+    spans = {span.index: {"start": span.start, "end": span.end, "early": span.early} for span in run.spans}
     return {
         "name": name,
         "mission": describe_mission(run.summary()),
@@ -67,14 +69,8 @@ def _run(name: str, run: Run) -> Json:
         "time": _packed(time, "f8"),
         "Q": _packed(motion.Q[frames], "f8"),
         "stages": [
-            {
-                "name": style.readable(stage),
-                "color": STAGES[number % len(STAGES)],
-                **next(
-                    ({"start": s.start, "end": s.end, "early": s.early} for s in run.spans if s.index == number), {}
-                ),
-            }
-            for number, stage in enumerate(run.stage_names)
+            {"name": style.readable(name), "color": STAGES[number % len(STAGES)], **spans.get(number, {})}
+            for number, name in enumerate(run.stage_names)
         ],
         "samples": _packed(run.time[samples], "f8"),
         "instants": _packed(run["window/instants"][samples]),
@@ -100,43 +96,35 @@ def _notes(run: Run) -> Iterator[str]:
 def _robot(model: RobotModel) -> Json:
     """Describe a robot as bodies, each on the one that carries it; lengths [m], quaternions x, y, z, w."""
     spec, shape = model.spec, model.shape
-    arms = {name: number for number, name in enumerate(spec.arms, start=1)}
+    turn = Rotation.from_matrix(shape.box_frame[:3, :3]).as_quat()
+    parts, none = list(model.parts), (0.0, 0.0, 0.0)
+    joints = [body.joint or Joint(Attachment(-1, none, none), none) for body in spec.bodies]
     bodies = [
         {
-            "part": arms.get(body.name.rpartition(".")[0], 0),
-            "parent": -1 if body.joint is None else body.joint.at.body,
-            "position": (0, 0, 0) if body.joint is None else body.joint.at.position,
-            "quaternion": _quaternion((0, 0, 0) if body.joint is None else body.joint.at.rotation),
-            "axis": (0, 0, 0) if body.joint is None else body.joint.axis,
-            "prismatic": body.joint is not None and body.joint.prismatic,
-            "capsules": shape.capsules[number].tolist(),
+            **_frame(joint.at),
+            "part": parts.index(body.name.rpartition(".")[0] or "base"),
+            "axis": joint.axis,
+            "prismatic": joint.prismatic,
+            "capsules": lines.tolist(),
         }
-        for number, body in enumerate(spec.bodies)
+        for body, joint, lines in zip(spec.bodies, joints, shape.capsules, strict=True)
     ]
-    tools = [
-        {
-            "body": at.body,
-            "position": at.position,
-            "quaternion": _quaternion(at.rotation),
-            "gripper": shape.grippers[arm].tolist(),
-        }
-        for arm, at in spec.tools.items()
-    ]
-    box = {"half": shape.box.tolist(), "position": shape.box_frame[:3, 3].tolist()}
     return {
         "spatial": model.dimension == 3,
         "bodies": bodies,
-        "tools": tools,
-        "box": {**box, "quaternion": Rotation.from_matrix(shape.box_frame[:3, :3]).as_quat().tolist()},
-        "parts": [style.readable(part) for part in model.parts],
-        "colors": [style.BODY, *(_color(number - 1) for number in arms.values())],
+        "tools": [{**_frame(at), "gripper": shape.grippers[arm].tolist()} for arm, at in spec.tools.items()],
+        "box": {"half": shape.box.tolist(), "position": shape.box_frame[:3, 3].tolist(), "quaternion": turn.tolist()},
+        "parts": [style.readable(part) for part in parts],
+        "colors": [style.BODY, *map(_color, range(len(spec.arms)))],
         "objectColor": style.OBJECT,
         "radius": shape.radius,
     }
 
 
-def _quaternion(rotation: Sequence[float]) -> list[float]:
-    return [float(x) for x in Rotation.from_rotvec(rotation).as_quat()]
+def _frame(at: Attachment) -> Json:
+    """Describe a frame on a body."""
+    quaternion = Rotation.from_rotvec(at.rotation).as_quat().tolist()
+    return {"body": at.body, "position": at.position, "quaternion": quaternion}
 
 
 def _color(number: int) -> str:
@@ -145,24 +133,25 @@ def _color(number: int) -> str:
 
 def _plans(run: Run, samples: np.ndarray) -> Json:
     """Give node times (K, nodes) [s] and coordinates (K, nodes, nq) of the plans at samples; the last one is repeated
-    where a solve failed.
+    where a solve failed, and its last node up to equal lengths.
     """
-    times, Q = [], []
-    plan: Plan | None = None
+    found: list[tuple[Plan, np.ndarray]] = []
     for sample in samples:
-        if plan is None or not run["events/solve_failed"][sample]:
-            solve = logged_solve(run, int(sample))
-            plan, ends = solve.plan, np.cumsum(solve.window.nodes)
-        last = len(plan.times) - 1
-        nodes = np.union1d(np.linspace(0, last, min(last, MOST_NODES) + 1).astype(int), ends)
-        times.append(plan.times[nodes])
-        Q.append(plan.chart.leave(plan.X[nodes])[0])
-    most = max(map(len, times), default=0)
-    rows = [np.minimum(np.arange(most), len(each) - 1) for each in times]  # the last node again, up to equal lengths
-    return {
-        "time": _packed(np.array([each[row] for each, row in zip(times, rows, strict=True)])),
-        "Q": _packed(np.array([each[row] for each, row in zip(Q, rows, strict=True)])),
-    }
+        if found and run["events/solve_failed"][sample]:
+            found.append(found[-1])
+            continue
+        solve = logged_solve(run, int(sample))
+        ends = np.cumsum(solve.window.nodes)
+        found.append(
+            (solve.plan, np.union1d(np.linspace(0, ends[-1], min(ends[-1], MOST_NODES) + 1).astype(int), ends))
+        )
+    most = max((len(nodes) for _, nodes in found), default=0)
+    plans = [(plan, np.pad(nodes, (0, most - len(nodes)), mode="edge")) for plan, nodes in found]
+    times, Q = (
+        [plan.times[nodes] for plan, nodes in plans],
+        [plan.chart.leave(plan.X[nodes])[0] for plan, nodes in plans],
+    )
+    return {"time": _packed(np.array(times)), "Q": _packed(np.array(Q))}
 
 
 def _targets(scene: Scene, time: np.ndarray) -> np.ndarray:
@@ -201,9 +190,11 @@ def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
         "Errors": _error_panels(run, frames),
         "Coordinates": _panels(model, time, _angles(model, motion.Q[frames]), ("m", "rad")),
         "Stages": _stage_panels(run),
-        **({"Grasp": _grasp_panels(run)} if "grasp/pull" in run else {}),
+        "Grasp": _grasp_panels(run) if "grasp/pull" in run else (),
     }
-    return ({"name": name, "panels": list(panels)} for name, panels in tabs.items())
+    for name, panels in tabs.items():
+        if drawn := [panel for panel in panels if panel["series"]]:
+            yield {"name": name, "panels": drawn}
 
 
 def _angles(model: RobotModel, Q: np.ndarray) -> np.ndarray:
@@ -239,11 +230,8 @@ def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
     found[0] = np.where(found[0] > LEAST_ERROR, found[0], np.nan)
     for kind, label in enumerate(("largest coordinate (m)", "largest angle (rad)")):
         errors, tolerances = found[:, kind]
-        curves = [(name, row) for name, row in zip(names, errors, strict=True) if np.isfinite(row).any()]
-        known = [row for row in tolerances if np.isfinite(row).any()]
-        if curves:
-            limits = [("tolerance", np.fmin.reduce(known))] if known else []
-            yield _panel(label, time, curves, limits, log=True, stepped=False)
+        limits = [("tolerance", np.fmin.reduce(tolerances))]
+        yield _panel(label, time, zip(names, errors, strict=True), limits, log=True)
 
 
 def _stage_panels(run: Run) -> Iterator[Json]:
@@ -251,41 +239,40 @@ def _stage_panels(run: Run) -> Iterator[Json]:
     samples, names = _thinned(len(run.time), MOST_FRAMES), [style.readable(name) for name in run.stage_names]
     time = run.time[samples]
     for label, path in (("planned switch time (s)", "window/instants"), ("share in control (1)", "window/share")):
-        values = run[path][samples].T
-        curves = [(name, row) for name, row in zip(names, values, strict=True) if np.isfinite(row).any()]
-        if curves:
-            yield _panel(label, time, curves)
+        yield _panel(label, time, zip(names, run[path][samples].T, strict=True))
     yield _panel("solve time (ms)", time, [("solve", 1e3 * run["solver/wall_time"][samples])], log=True)
 
 
 def _grasp_panels(run: Run) -> Iterator[Json]:
     """Give the filtered pull on each grasp, with the strength at which it is lost, and the object's velocities."""
     samples, names = _thinned(len(run.time), MOST_FRAMES), map(style.readable, run["gripper"].tolist())
-    time, spec = run.time[samples], run.task.spec.object
-    grasp = None if spec is None else spec.grasp
-    strength = [] if grasp is None or grasp.strength is None else [grasp.strength.pull]
-    limits = [("strength", np.full(len(time), pull)) for pull in strength]
+    time, thing = run.time[samples], run.task.spec.object
+    strength = thing.grasp.strength if thing is not None and thing.grasp is not None else None
+    limits = [] if strength is None else [("strength", np.full(len(time), strength.pull))]
     yield _panel("pull on grasp (N)", time, zip(names, run["grasp/pull"][samples].T, strict=True), limits)
-    axes, velocity = run["object_axis"].tolist(), run["object/velocity"][samples].T
-    linear = len(axes) // 2 + len(axes) % 2
-    for unit, rows in (("m/s", slice(linear)), ("rad/s", slice(linear, None))):
-        yield _panel(f"object ({unit})", time, zip(axes[rows], velocity[rows], strict=True))
+    curves = list(zip(run["object_axis"].tolist(), run["object/velocity"][samples].T, strict=True))
+    linear = len(curves) // 3 + 1
+    yield _panel("object (m/s)", time, curves[:linear])
+    yield _panel("object (rad/s)", time, curves[linear:])
 
 
 def _panel(
     label: str,
     time: np.ndarray,
-    curves: Any,
+    curves: Iterable[tuple[str, np.ndarray]],
     limits: Sequence[tuple[str, np.ndarray]] = (),
     log: bool = False,
     stepped: bool = False,
 ) -> Json:
-    """Give a panel of curves (T,) by label over times (T,) [s]; limits are dashed."""
+    """Give a panel of curves (T,) by label over times (T,) [s], those that have values; limits are dashed."""
     series = [
-        {"label": name, "color": _color(number), "values": _packed(values)}
-        for number, (name, values) in enumerate(curves)
+        {"label": name, "color": color, "dash": color == style.EDGE, "values": _packed(values)}
+        for name, values, color in (
+            *((name, values, _color(number)) for number, (name, values) in enumerate(curves)),
+            *((name, values, style.EDGE) for name, values in limits),
+        )
+        if np.isfinite(values).any()
     ]
-    series += [{"label": name, "color": style.EDGE, "dash": True, "values": _packed(v)} for name, v in limits]
     return {"label": label, "time": _packed(time, "f8"), "series": series, "log": log, "stepped": stepped}
 
 

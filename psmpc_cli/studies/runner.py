@@ -80,7 +80,7 @@ class Progress:
     Attributes:
         runs: Runs that are needed for the cells that waited.
         ended: Runs that have ended.
-        failed: Cells that failed.
+        failed: Those that failed.
         elapsed: Time since the study began [s].
     """
 
@@ -189,8 +189,7 @@ def run_study(
     with closing(compute(run, {int(cell): study.cells[cell] for cell in needed}, jobs, dask)) as ended:
         for origin, found in ended:
             row, failure, cell_time = ({}, LOST, np.nan) if found is None else found
-            alike = np.flatnonzero(origins == origin)
-            for cell in alike:
+            for cell in np.flatnonzero(origins == origin):
                 code = FAILED if failure else COMPUTED if cell == origin else SHARED
                 values = {"reason": failure, **row, "cell_time": cell_time, "origin": origin, "status": code}
                 for name, value in values.items():
@@ -199,8 +198,7 @@ def run_study(
             results["wall_time"][()] = spent + elapsed
             if path is not None:
                 results.save()
-            failed = progress.failed + len(alike) * bool(failure)
-            progress = Progress(len(needed), progress.ended + 1, failed, elapsed)
+            progress = Progress(len(needed), progress.ended + 1, progress.failed + bool(failure), elapsed)
             watch(progress)
     return results
 

@@ -1,30 +1,8 @@
 """Priority-based switching model predictive control for space robots: docs/python.md shows this module by example."""
 
-from functools import cache
 from importlib import import_module
 
 from psmpc_cli.errors import InputError, LogError, PsmpcError, RunError, SpecError
-
-__all__ = [
-    "Command",
-    "Controller",
-    "InputError",
-    "LogError",
-    "PsmpcError",
-    "Run",
-    "RunError",
-    "SpecError",
-    "State",
-    "compare",
-    "load_robot",
-    "load_task",
-    "monte_carlo",
-    "plot",
-    "read_run",
-    "simulate",
-    "sweep",
-    "view",
-]
 
 _MODULES = {
     "Command": "control",
@@ -43,6 +21,8 @@ _MODULES = {
 }
 """The modules from which public names are imported when they are first used: CasADi is not until then."""
 
+__all__ = ["InputError", "LogError", "PsmpcError", "RunError", "SpecError", *_MODULES]
+
 
 def __getattr__(name: str) -> object:
     """Import a public name, or look up `__version__`.
@@ -51,21 +31,15 @@ def __getattr__(name: str) -> object:
         AttributeError: There is none.
     """
     if name == "__version__":
-        return _version()
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            return version("psmpc")
+        except PackageNotFoundError:  # run from a source tree that was never installed
+            return "0+unknown"
     if name not in _MODULES:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}', expected one of {', '.join(__all__)}")
     return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
-
-
-@cache
-def _version() -> str:
-    """Return the installed version."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("psmpc")
-    except PackageNotFoundError:  # run from a source tree that was never installed
-        return "0+unknown"
 
 
 def __dir__() -> list[str]:

@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,8 +15,6 @@ if TYPE_CHECKING:
     from psmpc_cli.logs.schema import Sample
     from psmpc_cli.simulation.verify import Peaks
     from psmpc_cli.specs.document import Change
-
-    Watch = Callable[[Sample], None]
 
 Log = Annotated[Path, typer.Argument(help="The log of a run.")]
 AnyFile = Annotated[Path, typer.Argument(help="A log, or results of any study.")]
@@ -66,23 +63,24 @@ def simulate(
     short = (("controller", controller), ("plant", plant))
     overrides += [(f"--{name} {kind}", f"{name}.kind={kind}") for name, kind in short if kind is not None]
     drawing = figures or render
-    if unfinished is not None and (task or overrides):
-        wanted = "expected no task, --set, --controller or --plant beside it"
-        raise InputError(f"--continue repeats the task in the log: {wanted}")
     if unfinished is not None:
+        if task or overrides:
+            wanted = "expected no task, --set, --controller or --plant beside it"
+            raise InputError(f"--continue repeats the task in the log: {wanted}")
         path = unfinished if output is None else options.output_file(output, "", force, drawing)
-        run: Callable[[Watch], object] = partial(_continue, unfinished, output)
     elif task is not None:
         loaded = load_feasible(task, overrides)
         name = "-".join(filter(None, (loaded.spec.name, controller, plant)))
         path = options.output_file(output, name, force, drawing)
-        run = partial(run_task, loaded, path, force=force)
     else:
         raise InputError("found no task: expected a task file, a built-in name such as transport, or --continue LOG")
     if render:
         offscreen_driver()
     with watched_run(quiet) as (watch, interruption):
-        run(watch)
+        if unfinished is not None:
+            _continue(unfinished, output, watch)
+        else:
+            run_task(loaded, path, watch, force)
     log = read_run(path)
     if not quiet:
         print_summary(log, verbose)
@@ -102,7 +100,7 @@ def simulate(
         raise RunError(f"{log.attributes['end_reason']}{advice}; {log.path} holds the run up to then")
 
 
-def _continue(path: Path, output: Path | None, watch: "Watch") -> None:
+def _continue(path: Path, output: Path | None, watch: "Callable[[Sample], None]") -> None:
     """Finish an unfinished run by running it again from its beginning; end with 1 where that differs from its log."""
     from psmpc_cli.cli.tables import print_differences
     from psmpc_cli.logs.run import read_run

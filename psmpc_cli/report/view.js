@@ -115,9 +115,9 @@ class Robot { // a tree of groups, one for each body, then one for each end-effe
   }
 
   place(Q) {
-    const { bodies, spatial } = this.run.robot, [x, y, z] = Q;
-    if (spatial) put(this.bodies[0], { position: [x, y, z], quaternion: [Q[4], Q[5], Q[6], Q[3]] });
-    else put(this.bodies[0], { position: [x, y, 0], quaternion: [0, 0, Math.sin(z / 2), Math.cos(z / 2)] });
+    const { bodies, spatial } = this.run.robot;
+    if (spatial) put(this.bodies[0], { position: Q.slice(0, 3), quaternion: [Q[4], Q[5], Q[6], Q[3]] });
+    else put(this.bodies[0], { position: [Q[0], Q[1], 0], quaternion: [0, 0, Math.sin(Q[2] / 2), Math.cos(Q[2] / 2)] });
     bodies.slice(1).forEach((body, i) => {
       const q = Q[i + (spatial ? 7 : 3)], axis = new THREE.Vector3(...body.axis), group = put(this.bodies[i + 1], body);
       if (body.prismatic) group.position.addScaledVector(axis.applyQuaternion(group.quaternion), q);

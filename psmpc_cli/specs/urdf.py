@@ -167,93 +167,83 @@ class _Reader:
         if inertial is None:
             self._note(element, f"link {quoted(name)} has no <inertial>: it has no mass")
             return UrdfLink(name, line, 0.0, np.zeros(3), np.zeros((3, 3)))
-        place = self._origin(inertial)
-        mass = self._number(inertial, "mass", "value")
-        xx, yy, zz = (self._number(inertial, "inertia", term) for term in ("ixx", "iyy", "izz"))
-        xy, xz, yz = (self._number(inertial, "inertia", term, 0.0) for term in ("ixy", "ixz", "iyz"))
+        place, mass = self._origin(inertial), self._number(inertial, "mass/@value")
+        xx, yy, zz = (self._number(inertial, f"inertia/@{term}") for term in ("ixx", "iyy", "izz"))
+        xy, xz, yz = (self._number(inertial, f"inertia/@{term}", "0") for term in ("ixy", "ixz", "iyz"))
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         if mass < 0:
             self._wrong(inertial, f"a mass of {mass:g} kg of link {quoted(name)}", "a mass of at least 0")
-        principal = np.linalg.eigvalsh(inertia)
-        if mass > 0 and principal[0] <= 0:
-            self._note(inertial, f"a principal moment of link {quoted(name)} is {principal[0]:.3g} kg m^2")
+        if mass > 0 and (least := np.linalg.eigvalsh(inertia)[0]) <= 0:
+            self._note(inertial, f"a principal moment of link {quoted(name)} is {least:.3g} kg m^2")
         turned = place[:3, :3]
         return UrdfLink(name, line, mass, place[:3, 3], turned @ inertia @ turned.T)
 
     def _joint(self, element: Any, name: str) -> UrdfJoint:
-        kind, line, ends = element.get("type"), element.sourceline, {}
+        kind, own = element.get("type"), f"of joint {quoted(name)}"
         if kind not in KINDS:
-            self._wrong(element, f"the type {quoted(str(kind))} of joint {quoted(name)}", choice(str(kind), KINDS))
-            kind = "fixed"
-        for end in ("parent", "child"):
-            part = element.find(end)
-            ends[end] = "" if part is None else part.get("link", "")
-            if not ends[end]:
-                self._wrong(element, f"no {end} of joint {quoted(name)}", f"<{end} link=...>")
-        axis = np.array([1.0, 0.0, 0.0])
-        if kind in MOVING and element.find("axis") is None:
+            self._wrong(element, f"the type {quoted(str(kind))} {own}", choice(str(kind), KINDS))
+        ends = {end: element.xpath(f"string({end}/@link)") for end in ("parent", "child")}
+        for end in (end for end, link in ends.items() if not link):
+            self._wrong(element, f"no {end} {own}", f"<{end} link=...>")
+        axis, given = np.array([1.0, 0.0, 0.0]), element.find("axis")
+        if kind in MOVING and given is None:
             self._note(element, f"joint {quoted(name)} has no <axis>: taken as 1 0 0")
         elif kind in MOVING:
-            axis = np.array(self._numbers(where := element.find("axis"), "xyz", 3))
+            axis = np.array(self._numbers(element, "axis/@xyz", 3, "0 0 0"))
             length = float(np.linalg.norm(axis))
             if length < 1e-9:
-                self._wrong(where, f"an axis of length 0 of joint {quoted(name)}", "a direction")
+                self._wrong(given, f"an axis of length 0 {own}", "a direction")
             elif abs(length - 1) > 1e-6:
-                self._note(where, f"the axis of joint {quoted(name)} has length {length:.4g}: scaled to 1")
+                self._note(given, f"the axis {own} has length {length:.4g}: scaled to 1")
             axis = axis / length if length else axis
-        if element.find("mimic") is not None:
-            self._note(element.find("mimic"), f"joint {quoted(name)} mimics another: taken as a joint of its own")
+        if (mimic := element.find("mimic")) is not None:
+            self._note(mimic, f"joint {quoted(name)} mimics another: taken as a joint of its own")
         limits, rate = self._limits(element, name, kind)
-        return UrdfJoint(name, line, kind, ends["parent"], ends["child"], self._origin(element), axis, limits, rate)
+        line, origin = element.sourceline, self._origin(element)
+        return UrdfJoint(name, line, kind, ends["parent"], ends["child"], origin, axis, limits, rate)
 
     def _limits(self, element: Any, name: str, kind: str) -> tuple[tuple[float, float] | None, float | None]:
-        limit = element.find("limit")
-        if kind not in MOVING:
+        limit, own = element.find("limit"), f"of joint {quoted(name)}"
+        if limit is None and kind in ("revolute", "prismatic"):
+            self._note(element, f"joint {quoted(name)} has no <limit>: without limits")
+        if limit is None or kind not in MOVING:
             return None, None
-        if limit is None:
-            if kind != "continuous":
-                self._note(element, f"joint {quoted(name)} has no <limit>: without limits")
-            return None, None
-        low, high, rate = (self._number(element, "limit", key, 0.0) for key in ("lower", "upper", "velocity"))
+        low, high, rate = (self._number(element, f"limit/@{key}", "0") for key in ("lower", "upper", "velocity"))
         if kind != "prismatic" and rate > 4 * np.pi:
-            self._note(limit, f"the velocity {rate:g} rad/s of joint {quoted(name)} looks like degrees")
+            self._note(limit, f"the velocity {rate:g} rad/s {own} looks like degrees")
         if kind == "continuous":
             return None, rate or None
         if low > high:
-            self._wrong(limit, f"the limits {low:g}, {high:g} of joint {quoted(name)}", "the lower one first")
+            self._wrong(limit, f"the limits {low:g}, {high:g} {own}", "the lower one first")
         if kind == "revolute" and max(-low, high) > 4 * np.pi:
-            self._note(limit, f"the limits {low:g}, {high:g} rad of joint {quoted(name)} look like degrees")
+            self._note(limit, f"the limits {low:g}, {high:g} rad {own} look like degrees")
         return (low, high), rate or None
 
     def _origin(self, element: Any) -> Matrix:
-        origin, place = element.find("origin"), np.eye(4)
-        if origin is not None:
-            rpy = self._numbers(origin, "rpy", 3)
-            if max(np.abs(rpy)) > 4 * np.pi:
-                self._note(origin, f'the angles rpy="{origin.get("rpy")}" look like degrees: taken as rad')
-            place[:3, 3] = self._numbers(origin, "xyz", 3)
-            place[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
+        place, rpy = np.eye(4), self._numbers(element, "origin/@rpy", 3, "0 0 0")
+        if max(np.abs(rpy)) > 4 * np.pi:
+            angles = " ".join(f"{angle:g}" for angle in rpy)
+            self._note(element.find("origin"), f'the angles rpy="{angles}" look like degrees: taken as rad')
+        place[:3, 3] = self._numbers(element, "origin/@xyz", 3, "0 0 0")
+        place[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
         return place
 
-    def _numbers(self, element: Any, attribute: str, count: int) -> list[float]:
-        text = element.get(attribute, " ".join("0" * count))
+    def _number(self, element: Any, attribute: str, missing: str = "") -> float:
+        return self._numbers(element, attribute, 1, missing)[0]
+
+    def _numbers(self, element: Any, attribute: str, count: int, missing: str = "") -> list[float]:
+        """Return the numbers of an attribute of an element inside another one, such as `origin/@xyz`."""
+        text: Any = next(iter(element.xpath(attribute)), missing)
         try:
             values = [float(part) for part in text.split()]
         except ValueError:
             values = []
         if len(values) != count or not np.isfinite(values).all():
-            self._wrong(element, f'{attribute}="{text}"', counted(count, "number", "numbers"))
+            key = attribute.replace("/@", " ")
+            found = f'{key}="{text}"' if text else f"no {key}"
+            self._wrong(text.getparent() if text else element, found, counted(count, "number", "numbers"))
             return [1.0] + [0.0] * (count - 1)
         return values
-
-    def _number(self, element: Any, tag: str, attribute: str, missing: float | None = None) -> float:
-        """Return the number of an attribute of the element inside that has a tag."""
-        inside = element.find(tag)
-        if inside is not None and attribute in inside.attrib:
-            return self._numbers(inside, attribute, 1)[0]
-        if missing is None:
-            self._wrong(element, f"no <{tag} {attribute}=...>", f"a number for {attribute}")
-        return 1.0 if missing is None else missing
 
     def _check_tree(self, root: Any) -> None:
         """Check that the joints make a tree of the links."""

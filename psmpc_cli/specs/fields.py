@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import (
-    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -69,15 +68,15 @@ def expected(what: str, found: str | None = None, at_key: bool = False) -> Pydan
     return flaw(f", expected {what}", found, at_key)
 
 
-def holds(rule: Rule, as_written: bool = False) -> WrapValidator:
-    """Create a validator of a rule about a valid value; without a validation context it does not apply.
+def holds(rule: Rule, as_written: bool = False, always: bool = False) -> WrapValidator:
+    """Create a validator of a rule about a valid value; without a validation context it does not apply, unless always.
 
     The rule gets the value itself, or as it is written in the file.
     """
 
     def check(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
         valid = handler(value)
-        flaws = rule(value if as_written else valid, info.data, info.context) if info.context else ()
+        flaws = rule(value if as_written else valid, info.data, info.context) if always or info.context else ()
         found: list[Any] = [{"type": error, "loc": at, "input": value} for at, error in flaws]
         if found:
             raise ValidationError.from_exception_data("rules", found)
@@ -206,19 +205,11 @@ def number_or_angle(value: object) -> float:
     return number(value)
 
 
-def beyond_a_turn(value: object) -> PydanticCustomError | None:
-    """Create the error of an angle of more than a turn without a unit: degrees, most likely. None if it is none."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not TURN < abs(value) <= LARGEST:
-        return None
-    wanted = f"an angle within one turn, or one with its unit: {value:g} deg, {value:g} rad"
-    return expected(wanted, f'{value:g} rad (did you mean "{value:g} deg"?)')
-
-
-def _within_a_turn(value: object, info: ValidationInfo) -> object:
-    error = beyond_a_turn(value) if info.context else None
-    if error is not None:
-        raise error
-    return value
+def within_a_turn(written: object, before: Fields, context: Any) -> Flaws:
+    """Give an angle of more than a turn without a unit: degrees, most likely."""
+    if isinstance(written, int | float) and abs(written) > TURN:
+        wanted = f"an angle within one turn, or one with its unit: {written:g} deg, {written:g} rad"
+        yield (), expected(wanted, f'{written:g} rad (did you mean "{written:g} deg"?)')
 
 
 def _seconds(value: object) -> float:
@@ -229,15 +220,9 @@ def _seconds(value: object) -> float:
     return number(value)
 
 
-def ensure(holds: Callable[[Any], bool], what: str) -> AfterValidator:
+def ensure(test: Callable[[Any], bool], what: str) -> WrapValidator:
     """Create a validator of valid values that must also be `what`."""
-
-    def check(value: Any) -> Any:
-        if not holds(value):
-            raise expected(what)
-        return value
-
-    return AfterValidator(check)
+    return holds(lambda value, _before, _context: iter(() if test(value) else [((), expected(what))]), always=True)
 
 
 def _whole(value: object) -> int:
@@ -260,7 +245,7 @@ def _name(value: object) -> str:
     return value
 
 
-def known(names: Callable[[Any], Collection[str]], kind: str | None = None) -> AfterValidator:
+def known(names: Callable[[Any], Collection[str]], kind: str | None = None) -> WrapValidator:
     """Create a validator of a name that must be among those that the context lists, if it lists any.
 
     Args:
@@ -268,13 +253,12 @@ def known(names: Callable[[Any], Collection[str]], kind: str | None = None) -> A
         kind: For keys of a mapping, the kind of thing they name.
     """
 
-    def check(value: str, info: ValidationInfo) -> str:
-        valid = names(info.context) if info.context else ()
-        if valid and value not in valid:
-            raise flaw(choice(value, valid), kind and f"no such {kind}", at_key=kind is not None)
-        return value
+    def rule(name: str, before: Fields, context: Any) -> Flaws:
+        valid = names(context)
+        if valid and name not in valid:
+            yield (), flaw(choice(name, valid), kind and f"no such {kind}", at_key=kind is not None)
 
-    return AfterValidator(check)
+    return holds(rule)
 
 
 def listed(what: str, length: int | None = None) -> BeforeValidator:
@@ -325,7 +309,7 @@ NotNegative = Annotated[float, Field(ge=0), BeforeValidator(number)]
 Fraction = Annotated[float, Field(ge=0, lt=1), BeforeValidator(number)]
 Seconds = Annotated[float, Field(ge=0), BeforeValidator(_seconds), _Or({"type": "string", "pattern": SECONDS_PATTERN})]
 Angle = Annotated[float, BeforeValidator(number_or_angle), _or_angle]
-Direction = Annotated[float, BeforeValidator(number_or_angle), BeforeValidator(_within_a_turn), _or_angle]
+Direction = Annotated[float, BeforeValidator(number_or_angle), holds(within_a_turn, as_written=True), _or_angle]
 Size = Annotated[float, Field(ge=0), BeforeValidator(number_or_angle), _or_angle]
 Width = Annotated[float, Field(gt=0), BeforeValidator(number_or_angle), _not_tiny, _or_angle]
 Whole = Annotated[int, BeforeValidator(_whole)]

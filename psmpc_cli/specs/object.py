@@ -7,7 +7,7 @@ from pydantic import Discriminator, Field, Tag
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import quoted
-from psmpc_cli.specs.fields import Fields, Flaws, Spec, beyond_a_turn, expected, holds, is_pose, known, listed
+from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, holds, is_pose, known, listed, within_a_turn
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES, Context, by_dimension
 
 Numbers = tuple[float, ...]
@@ -15,8 +15,8 @@ Numbers = tuple[float, ...]
 
 def _unit_of_angle(written: Any, before: Fields, context: Context) -> Flaws:
     """Give an angle of a planar pose that needs a unit."""
-    if len(written) == len(TARGET_AXES[2]) and (error := beyond_a_turn(written[2])) is not None:
-        yield (2,), error
+    if len(written) == len(TARGET_AXES[2]):
+        yield from (((2,), error) for _, error in within_a_turn(written[2], {}, None))
 
 
 _list = listed("a list of numbers")

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from functools import cached_property, reduce
 from typing import Any, Literal
 
-from pydantic import AfterValidator, ValidationInfo, WrapValidator
+from pydantic import WrapValidator
 
 from psmpc_cli.specs.document import Data, Location, counted, mapping
-from psmpc_cli.specs.fields import Fields, Flaws, beyond_a_turn, expected, holds
+from psmpc_cli.specs.fields import Fields, Flaws, expected, holds, within_a_turn
 
 Space = Literal["joint", "task", "point"]
 Axes = Mapping[str, tuple[str, ...]]
@@ -94,17 +94,15 @@ def dimension_of(parts: Mapping[str, int]) -> int:
     return 3 if parts.get("base") == len(ERROR_AXES[3]) else 2
 
 
-def by_dimension(plane: int, space: int) -> AfterValidator:
+def by_dimension(plane: int, space: int) -> WrapValidator:
     """Create a validator of a list whose length is another for a planar than for a spatial robot."""
 
-    def check(value: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
-        sizes = info.context.sizes if info.context else {}
-        length = plane if dimension_of(sizes) == 2 else space
-        if sizes and len(value) != length:
-            raise expected(counted(length, "entry", "entries"))
-        return value
+    def rule(numbers: tuple[float, ...], before: Fields, context: Context) -> Flaws:
+        length = plane if dimension_of(context.sizes) == 2 else space
+        if context.sizes and len(numbers) != length:
+            yield (), expected(counted(length, "entry", "entries"))
 
-    return AfterValidator(check)
+    return holds(rule)
 
 
 def _axes(
@@ -179,5 +177,4 @@ def misfit(
         if angles and (axis == "theta" or axis.isdigit()):
             values = [((i, j), value) for j, value in enumerate(item)] if isinstance(item, list) else [((i,), item)]
             for place, value in values:
-                if (error := beyond_a_turn(value)) is not None:
-                    yield (*at, *place), error
+                yield from (((*at, *place), error) for _, error in within_a_turn(value, {}, None))

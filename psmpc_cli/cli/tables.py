@@ -29,7 +29,7 @@ from psmpc_cli.simulation.run import build_experiment, converging
 from psmpc_cli.specs.document import counted, plain
 from psmpc_cli.specs.fields import Spec
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.parts import POSITION_AXES, error_axes, target_axes
+from psmpc_cli.specs.parts import POSITION_AXES, axes_of
 from psmpc_cli.specs.priorities import ACCEPTABLE, weigh
 from psmpc_cli.specs.robot import RobotSpec, SpatialRobot, labels, resolve_limits
 from psmpc_cli.specs.task import PrioritiesSpec
@@ -357,7 +357,7 @@ def _stage(task: Task, outlook: Outlook) -> list[Row]:
     numbers, row, parts = iter(stage.target), count(), []
     tolerances = {i: f"{each:g}" for i, each in zip(stage.end_rows, stage.tolerance, strict=True)}
     rest = f" ({spec.ends_when.velocity:g}/s)" if spec.ends_when and spec.ends_when.velocity is not None else ""
-    for (part, axes), rows in zip(target_axes(sizes, space).items(), error_axes(sizes, space).values(), strict=True):
+    for (part, rows), axes in zip(axes_of(sizes, space).items(), axes_of(sizes, space, False).values(), strict=True):
         target = ("to " if stage.trajectory else "") + _target(list(zip(axes, numbers, strict=False)))
         asked = [tolerances.get(next(row), "-") for _ in rows]
         within = asked[0] if len(set(asked)) == 1 else ", ".join(asked)

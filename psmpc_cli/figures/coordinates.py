@@ -15,7 +15,7 @@ from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.ocp.problem import Problem, Stage, in_own_chart
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import log
-from psmpc_cli.specs.parts import POSITION_AXES, error_axes
+from psmpc_cli.specs.parts import POSITION_AXES, axes_of
 
 HEIGHT = 0.92
 """Height of a panel of coordinates [in]."""
@@ -264,7 +264,7 @@ def error_curves(run: Run) -> Iterator[tuple[Span, int, bool, np.ndarray, np.nda
         Q = np.array([motion.coordinates_at(t) for t in time])
         errors = np.abs(_errors(run.problem, stage, Q, time - span.start))
         tolerances = dict(zip(stage.end_rows, stage.tolerance, strict=True))
-        for frame, axes in enumerate(error_axes(parts, stage.space).values()):
+        for frame, axes in enumerate(axes_of(parts, stage.space).values()):
             for angular in (False, True):
                 rows = [row for row, axis in enumerate(axes, start=first) if (axis not in POSITION_AXES) == angular]
                 ending = [row for row in rows if row in tolerances]

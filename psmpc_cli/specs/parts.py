@@ -66,8 +66,7 @@ class Context:
     def stages(self) -> list[str]:
         """The names of the stages in their order, as written."""
         stages = self.value("stages")
-        names = (mapping(stage).get("name") for stage in stages) if isinstance(stages, list) else ()
-        return [name for name in names if isinstance(name, str)]
+        return [str(mapping(stage).get("name")) for stage in stages] if isinstance(stages, list) else []
 
 
 def stands_for(key: str, part: str) -> bool:
@@ -75,18 +74,13 @@ def stands_for(key: str, part: str) -> bool:
     return key == part or (key == "arms" and part != "base")
 
 
-def target_axes(parts: Mapping[str, int], space: Space) -> dict[str, tuple[str, ...]]:
-    """Return the names of the numbers of a target, by part; `parts` are the robot's."""
+def axes_of(parts: Mapping[str, int], space: Space, of_error: bool = True) -> dict[str, tuple[str, ...]]:
+    """Return the names of the rows of the error, or of the numbers of a target, by part; `parts` are the robot's."""
     d = dimension_of(parts)
-    of_arm = {"task": TARGET_AXES[d], "point": POSITION_AXES[:d]}
-    return _axes(parts, TARGET_AXES[d], of_arm.get(space))
-
-
-def error_axes(parts: Mapping[str, int], space: Space) -> dict[str, tuple[str, ...]]:
-    """Return the names of the rows of the error, by part; `parts` are the robot's."""
-    d = dimension_of(parts)
-    of_arm = {"task": ERROR_AXES[d], "point": POINTING_AXES[d]}
-    return _axes(parts, ERROR_AXES[d], of_arm.get(space))
+    pose = (ERROR_AXES if of_error else TARGET_AXES)[d]
+    of_arm = {"task": pose, "point": POINTING_AXES[d] if of_error else POSITION_AXES[:d]}.get(space)
+    joints = {part: tuple(str(joint + 1) for joint in range(size)) for part, size in parts.items()}
+    return {part: pose if part == "base" else of_arm or joints[part] for part in parts}
 
 
 def dimension_of(parts: Mapping[str, int]) -> int:
@@ -105,17 +99,9 @@ def by_dimension(plane: int, space: int) -> WrapValidator:
     return holds(rule)
 
 
-def _axes(
-    parts: Mapping[str, int], of_base: tuple[str, ...], of_arm: tuple[str, ...] | None
-) -> dict[str, tuple[str, ...]]:
-    """Return names by part; those of an arm are its joints from 1 if it has none of its own."""
-    joints = {part: tuple(str(joint + 1) for joint in range(size)) for part, size in parts.items()}
-    return {part: of_base if part == "base" else of_arm or joints[part] for part in parts}
-
-
 def names(parts: Mapping[str, int], space: Space) -> tuple[str, ...]:
     """Return every name that means rows of the error; `parts` are the robot's."""
-    axes = error_axes(parts, space)
+    axes = axes_of(parts, space)
     return (*parts, "arms", "all", *(f"{part}.{axis}" for part in parts for axis in axes[part]))
 
 
@@ -151,7 +137,7 @@ def in_joint_space(required: bool = False, one: bool = False, angles: bool = Fal
     """
 
     def rule(written: Any, before: Fields, context: Context) -> Flaws:
-        axes = (target_axes if angles else error_axes)(context.sizes, "joint")
+        axes = axes_of(context.sizes, "joint", of_error=not angles)
         yield from misfits(written, axes, axes if required else (), one, angles)
 
     return holds(rule, as_written=True)

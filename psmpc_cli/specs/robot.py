@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, quoted
 from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, flaw, holds, known, listed
-from psmpc_cli.specs.parts import QUANTITIES, RESERVED, Context, Space, error_axes, misfit, stands_for, target_axes
+from psmpc_cli.specs.parts import QUANTITIES, RESERVED, Context, Space, axes_of, misfit, stands_for
 
 Vector = NDArray[np.float64]
 Parts = Mapping[str, tuple[float, ...]]
@@ -217,7 +217,7 @@ class PartLimits(Spec):
 def _fit(written: Any, before: Fields, context: Context) -> Flaws:
     """Give limits of parts that the robot does not have, with wrong lengths, and bounds of angles without a unit."""
     sizes = _parts(context.value("space") == "spatial", before["arms"]) if "arms" in before else context.sizes
-    known, axes = [*sizes, "arms"], error_axes(sizes, "joint")
+    known, axes = [*sizes, "arms"], axes_of(sizes, "joint")
     for key in (key for key in written if sizes and key not in known):
         yield (key,), flaw(choice(key, known), "no such part of the robot", at_key=True)
     for quantity in QUANTITIES:
@@ -421,17 +421,15 @@ def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits]) -> Limits:
 
 def labels(robot: RobotSpec, space: Space, *, of_error: bool = True) -> tuple[str, ...]:
     """Return the name of every row of the error, or of a target: `base.x`, `arm_1.2`."""
-    axes = (error_axes if of_error else target_axes)(robot.parts, space)
+    axes = axes_of(robot.parts, space, of_error)
     return tuple(f"{part}.{axis}" for part in axes for axis in axes[part])
 
 
 def rows(chosen: Sequence[str], robot: RobotSpec, space: Space) -> tuple[int, ...]:
     """Return the rows of the error that names mean, sorted."""
-    by_label = enumerate(labels(robot, space))
-    split = [(row, label, label.rpartition(".")[0]) for row, label in by_label]
-    return tuple(
-        row for row, label, part in split if any(name in (label, "all") or stands_for(name, part) for name in chosen)
-    )
+    named = [(label, label.rpartition(".")[0]) for label in labels(robot, space)]
+    meant = (any(name in (label, "all") or stands_for(name, part) for name in chosen) for label, part in named)
+    return tuple(np.flatnonzero(list(meant)).tolist())
 
 
 def stack(parts: Parts, robot: RobotSpec, space: Space, missing: float = np.nan, *, of_error: bool = False) -> Vector:
@@ -444,6 +442,6 @@ def stack(parts: Parts, robot: RobotSpec, space: Space, missing: float = np.nan,
         missing: The value for parts that are missing.
         of_error: Whether the numbers belong to the rows of the error (weights, tolerances), not to those of a target.
     """
-    axes = (error_axes if of_error else target_axes)(robot.parts, space)
+    axes = axes_of(robot.parts, space, of_error)
     given = {part: parts.get(part, (missing,) if part == "base" else parts.get("arms", (missing,))) for part in axes}
     return np.concatenate([np.broadcast_to(np.array(given[part], dtype=np.float64), len(axes[part])) for part in axes])

@@ -14,7 +14,7 @@ from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, counted, quoted
 from psmpc_cli.specs.fields import Choice, Fields, Flaws, SideBySide, Spec, expected, flaw, holds, known, listed
 from psmpc_cli.specs.object import ObjectSpec, OnObject, complete, is_on_object
-from psmpc_cli.specs.parts import Context, Space, error_axes, in_joint_space, misfits, names, stands_for, target_axes
+from psmpc_cli.specs.parts import Context, Space, axes_of, in_joint_space, misfits, names, stands_for
 from psmpc_cli.specs.priorities import disagreements
 from psmpc_cli.specs.robot import LimitsByPart, PartLimits, RobotSpec, Vector, rows, stack, wider
 from psmpc_cli.specs.uncertainty import UncertaintySpec
@@ -155,8 +155,8 @@ class SkillWeights(SideBySide):
 def _weights(weights: SkillWeights, before: Fields, context: Context) -> Flaws:
     """Give missing parts and wrong lengths of a skill's weights."""
     if (space := before.get("space")) is not None:
-        yield from misfits(weights.parts, error_axes(context.sizes, space), REQUIRED.get(space, context.sizes))
-    axes = error_axes(context.sizes, before.get("input", "joint"))
+        yield from misfits(weights.parts, axes_of(context.sizes, space), REQUIRED.get(space, context.sizes))
+    axes = axes_of(context.sizes, before.get("input", "joint"))
     for at, error in misfits(weights.control, axes, axes):
         yield ("control", *at), error
 
@@ -235,7 +235,7 @@ def _target(written: Any, before: Fields, context: Context) -> Flaws:
     """Give missing parts, wrong lengths, angles without a unit, and parts that have no pose on the object."""
     if (space := context.spaces.get(before.get("skill", ""))) is None:
         return
-    axes = target_axes(context.sizes, space)
+    axes = axes_of(context.sizes, space, of_error=False)
     yield from misfits(written, axes, REQUIRED.get(space, context.sizes), angles=True)
     for key in (key for key, aim in written.items() if is_on_object(aim)):
         if key == "arms" or (key in axes and axes[key] != axes["base"]):
@@ -255,7 +255,7 @@ def _end(end: EndCondition | None, before: Fields, context: Context) -> Flaws:
             yield ("coordinates", i), flaw(choice(name, valid))
     keys = [name.partition(".")[0] for name in end.coordinates]
     needed = [part for part in sizes if any(key == "all" or stands_for(key, part) for key in keys)]
-    for at, error in misfits(end.tolerance, error_axes(sizes, space), needed, one=True):
+    for at, error in misfits(end.tolerance, axes_of(sizes, space), needed, one=True):
         yield ("tolerance", *at), error
 
 

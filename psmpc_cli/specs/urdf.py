@@ -4,7 +4,7 @@ What a file leaves out is assumed and noted; what cannot be a robot is an error.
 of its child link, its `<origin>` is in the parent link's frame, rpy are angles about fixed axes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,9 @@ READ = {
     "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "safety_controller", "calibration", "mimic"),
 }
 """Elements of URDF, by the one they are in; others are noted."""
+
+Places = dict[str, tuple[str, Matrix]]
+"""By link, its body and its frame in that of the body (4, 4)."""
 
 XACRO = "{http://www.ros.org/wiki/xacro}"
 
@@ -295,117 +298,107 @@ def spatial_robot(urdf: Urdf, file: UrdfRobot) -> dict[str, Any]:
     Raises:
         SpecError: An arm has no joint, or a moving body has no mass.
     """
-    merged = _Merger(urdf, file)
-    for joint in (joint for joint in urdf.joints.values() if joint.child in merged.places):
+    base = file.base or urdf.root
+    chains = _chains(urdf, file, base)
+    bodies = {joint.name: f"{name}.{i}" for name, (_, own) in chains.items() for i, joint in enumerate(own, 1)}
+    places = _placed(urdf, base, file.locked, bodies)
+    for joint in (joint for joint in urdf.joints.values() if joint.child in places):
         note = f"line {joint.sourceline}: joint {quoted(joint.name)}"
         if joint.kind in ("floating", "planar"):
             urdf.notes.append(f"{note} is {joint.kind}: taken as fixed")
-        if joint.kind in MOVING and joint.name not in merged.body_of:
+        if joint.kind in MOVING and joint.name not in bodies:
             urdf.notes.append(f"{note} belongs to no arm: locked at {file.locked.get(joint.name, 0.0):g}")
-    limits = {name: _limits(own) for name, own in merged.arms.items()}
-    return {
-        "name": urdf.name,
-        "space": "spatial",
-        "base": merged.inertial("base"),
-        "arms": {name: merged.arm(name, own) for name, own in merged.arms.items()},
-        "limits": {name: found for name, found in limits.items() if found},
-    }
-
-
-class _Merger:
-    """Merges the links of a URDF into bodies: groups of links, by number, the base's first, then arm by arm."""
-
-    def __init__(self, urdf: Urdf, file: UrdfRobot) -> None:
-        self.urdf, self.base, self.locked = urdf, file.base or urdf.root, file.locked
-        tips = {name: arm.tip for name, arm in (file.arms or {}).items()}
-        self.tips: dict[str, str] = {}
-        self.arms: dict[str, list[UrdfJoint]] = {}
-        taken: set[str] = set()
-        for name, tip in (tips or {leaf: leaf for leaf in urdf.leaves if leaf != self.base}).items():
-            own = [joint for joint in self._moving_towards(tip) if joint.name not in taken]
-            if own:
-                self.tips[name], self.arms[name] = tip, own
-                taken |= {joint.name for joint in own}
-            elif tips:
-                no_joint = f"found no joint of its own on the way to {quoted(tip)}, the tip of arm {quoted(name)}"
-                raise SpecError(f"{urdf.file}: {no_joint}, expected a tip that moves against the base and other arms")
-        self.body_of = {joint.name: f"{name}.{i}" for name, own in self.arms.items() for i, joint in enumerate(own, 1)}
-        self.places = self._placed()
-
-    def _moving_towards(self, tip: str) -> list[UrdfJoint]:
-        """Return the joints that move on the way from the base to a link, those that are locked left out."""
-        above = {joint.child for joint in self.urdf.chain(self.base)}
-        way = [joint for joint in self.urdf.chain(tip) if joint.child not in above]
-        return [joint for joint in way if joint.kind in MOVING and joint.name not in self.locked]
-
-    def _placed(self) -> dict[str, tuple[str, Matrix]]:
-        """Return the body of each link and the link's frame in that of its body (4, 4), from the base on."""
-        places, waiting = {self.base: ("base", np.eye(4))}, [self.base]
-        while waiting:
-            link = waiting.pop()
-            body, frame = places[link]
-            for joint in self.urdf.joints.values():
-                if joint.parent == link and joint.child not in places:
-                    moves = joint.name in self.body_of
-                    at = (self.body_of[joint.name], np.eye(4)) if moves else (body, frame @ self._rigid(joint))
-                    places[joint.child] = at
-                    waiting.append(joint.child)
-                elif joint.child == link and joint.parent not in places and joint.kind == "fixed":
-                    places[joint.parent] = (body, frame @ np.linalg.inv(joint.origin))
-                    waiting.append(joint.parent)
-        if left := [name for name in self.urdf.links if name not in places]:
-            self.urdf.notes.append(f"links above the base are left out: {', '.join(left)}")
-        return places
-
-    def _rigid(self, joint: UrdfJoint) -> Matrix:
-        """Return the child's frame in the parent's (4, 4), at where the joint is locked."""
-        by, move = self.locked.get(joint.name, 0.0) * joint.axis, np.eye(4)
-        if joint.kind == "prismatic":
-            move[:3, 3] = by
-        else:
-            move[:3, :3] = Rotation.from_rotvec(by).as_matrix()
-        return np.asarray(joint.origin @ move)
-
-    def arm(self, name: str, own: Sequence[UrdfJoint]) -> dict[str, Any]:
-        """Return the keys of an arm."""
+    robot: dict[str, Any] = {"name": urdf.name, "space": "spatial", "base": _inertial(urdf, places, "base")}
+    arms, limits = robot.setdefault("arms", {}), robot.setdefault("limits", {})
+    for name, (tip, own) in chains.items():
         links = []
-        for number, joint in enumerate(own, 1):
-            _, carrier = self.places[joint.parent]
+        for joint in own:
             kind = "prismatic" if joint.kind == "prismatic" else "revolute"
-            moving = {"kind": kind, "axis": _plain(joint.axis), **_place(carrier @ joint.origin)}
-            links.append({"joint": moving, **self.inertial(f"{name}.{number}")})
-        _, tool = self.places[self.tips[name]]
-        return {"mount": self.places[own[0].parent][0], "links": links, "tool": _place(tool)}
-
-    def inertial(self, body: str) -> dict[str, Any]:
-        """Return mass, centre of mass and inertia of the links of a body together, in the body's frame.
-
-        Raises:
-            SpecError: They have no mass.
-        """
-        links = [(self.urdf.links[link], frame) for link, (of, frame) in self.places.items() if of == body]
-        mass, where = sum(link.mass for link, _ in links), f"{self.urdf.file}:{links[0][0].sourceline}"
-        if mass <= 0:
-            names = ", ".join(quoted(link.name) for link, _ in links)
-            raise SpecError(f"{where}: found no mass of {names}, expected one: it moves on its own")
-        centres = [(frame @ np.append(link.centre, 1.0))[:3] for link, frame in links]
-        centre = sum((link.mass * at for (link, _), at in zip(links, centres, strict=True)), np.zeros(3)) / mass
-        inertia = np.zeros((3, 3))
-        for (link, frame), at in zip(links, centres, strict=True):
-            turned, d = frame[:3, :3], at - centre
-            inertia += turned @ link.inertia @ turned.T + link.mass * (d @ d * np.eye(3) - np.outer(d, d))
-        principal = np.linalg.eigvalsh(inertia)
-        if principal[0] <= 0:
-            found = f"{', '.join(f'{moment:.3g}' for moment in principal)} kg m^2 of {links[0][0].name}"
-            raise SpecError(f"{where}: found principal moments {found}, expected positive ones")
-        moments = [inertia[i] for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-        return {"mass": float(mass), "centre_of_mass": _plain(centre), "inertia": _plain(moments)}
+            moving = {"kind": kind, "axis": _plain(joint.axis), **_place(places[joint.parent][1] @ joint.origin)}
+            links.append({"joint": moving, **_inertial(urdf, places, bodies[joint.name])})
+        arms[name] = {"mount": places[own[0].parent][0], "links": links, "tool": _place(places[tip][1])}
+        position = [joint.limits and [_with_unit(joint, end) for end in joint.limits] for joint in own]
+        given: dict[str, list[Any]] = {"position": position, "velocity": [joint.rate for joint in own]}
+        if found := {key: values for key, values in given.items() if any(value is not None for value in values)}:
+            limits[name] = found
+    return robot
 
 
-def _limits(own: Sequence[UrdfJoint]) -> dict[str, list[Any]]:
-    position = [None if joint.limits is None else [_with_unit(joint, end) for end in joint.limits] for joint in own]
-    found: dict[str, list[Any]] = {"position": position, "velocity": [joint.rate for joint in own]}
-    return {key: values for key, values in found.items() if any(value is not None for value in values)}
+def _chains(urdf: Urdf, file: UrdfRobot, base: str) -> dict[str, tuple[str, list[UrdfJoint]]]:
+    """Return for each arm its tip and its joints from the base on; an arm for each leaf that moves if none are named.
+
+    Raises:
+        SpecError: An arm that is named has no joint.
+    """
+    above, found = {joint.child for joint in urdf.chain(base)}, dict[str, tuple[str, list[UrdfJoint]]]()
+    taken = set(file.locked)
+    tips = {name: arm.tip for name, arm in (file.arms or {}).items()}
+    for name, tip in (tips or {leaf: leaf for leaf in urdf.leaves if leaf != base}).items():
+        way = [joint for joint in urdf.chain(tip) if joint.child not in above and joint.kind in MOVING]
+        if own := [joint for joint in way if joint.name not in taken]:
+            found[name] = tip, own
+            taken |= {joint.name for joint in own}
+        elif tips:
+            no_joint = f"found no joint of its own on the way to {quoted(tip)}, the tip of arm {quoted(name)}"
+            raise SpecError(f"{urdf.file}: {no_joint}, expected a tip that moves against the base and other arms")
+    return found
+
+
+def _placed(urdf: Urdf, base: str, locked: Mapping[str, float], bodies: Mapping[str, str]) -> Places:
+    """Return the body of each link and the link's frame in that of its body (4, 4), from the base on.
+
+    `bodies` are those of the joints that move; the others are where they are locked.
+    """
+    places, waiting = {base: ("base", np.eye(4))}, [base]
+    while waiting:
+        link = waiting.pop()
+        body, frame = places[link]
+        for joint in urdf.joints.values():
+            if joint.parent == link and joint.child not in places:
+                moves, at = joint.name in bodies, locked.get(joint.name, 0.0)
+                places[joint.child] = (bodies[joint.name], np.eye(4)) if moves else (body, frame @ _rigid(joint, at))
+                waiting.append(joint.child)
+            elif joint.child == link and joint.parent not in places and joint.kind == "fixed":
+                places[joint.parent] = (body, frame @ np.linalg.inv(joint.origin))
+                waiting.append(joint.parent)
+    if left := [name for name in urdf.links if name not in places]:
+        urdf.notes.append(f"links above the base are left out: {', '.join(left)}")
+    return places
+
+
+def _rigid(joint: UrdfJoint, at: float) -> Matrix:
+    """Return the child's frame in the parent's (4, 4), with the joint at a position."""
+    move = np.eye(4)
+    if joint.kind == "prismatic":
+        move[:3, 3] = at * joint.axis
+    else:
+        move[:3, :3] = Rotation.from_rotvec(at * joint.axis).as_matrix()
+    return np.asarray(joint.origin @ move)
+
+
+def _inertial(urdf: Urdf, places: Places, body: str) -> dict[str, Any]:
+    """Return mass, centre of mass and inertia of the links of a body together, in the body's frame.
+
+    Raises:
+        SpecError: They have no mass, or no moments of a rigid body.
+    """
+    links = [(urdf.links[link], frame) for link, (of, frame) in places.items() if of == body]
+    mass, where = sum(link.mass for link, _ in links), f"{urdf.file}:{links[0][0].sourceline}"
+    if mass <= 0:
+        names = ", ".join(quoted(link.name) for link, _ in links)
+        raise SpecError(f"{where}: found no mass of {names}, expected one: it moves on its own")
+    centres = [(frame @ np.append(link.centre, 1.0))[:3] for link, frame in links]
+    centre = sum((link.mass * at for (link, _), at in zip(links, centres, strict=True)), np.zeros(3)) / mass
+    inertia = np.zeros((3, 3))
+    for (link, frame), at in zip(links, centres, strict=True):
+        turned, d = frame[:3, :3], at - centre
+        inertia += turned @ link.inertia @ turned.T + link.mass * (d @ d * np.eye(3) - np.outer(d, d))
+    principal = np.linalg.eigvalsh(inertia)
+    if principal[0] <= 0:
+        found = f"{', '.join(f'{moment:.3g}' for moment in principal)} kg m^2 of {links[0][0].name}"
+        raise SpecError(f"{where}: found principal moments {found}, expected positive ones")
+    moments = [inertia[i] for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    return {"mass": float(mass), "centre_of_mass": _plain(centre), "inertia": _plain(moments)}
 
 
 def _with_unit(joint: UrdfJoint, limit: float) -> float | str:

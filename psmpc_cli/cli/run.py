@@ -189,10 +189,10 @@ def verify(
     import time
 
     from psmpc_cli.logs.run import read_run
-    from psmpc_cli.simulation.verify import verify as integrate
+    from psmpc_cli.simulation.verify import Verification
 
     began = time.perf_counter()
-    found = integrate(read_run(log), every)
+    found = Verification(read_run(log), every)
     typer.echo(f"{found.count} horizons, the low-level law acting at every instant")
     if found.count:
         _print_peaks(found.horizons)

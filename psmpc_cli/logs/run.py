@@ -13,7 +13,7 @@ import numpy as np
 from psmpc_cli.errors import InputError, LogError, SpecError
 from psmpc_cli.logs.files import kind_in, new_image, read_array, read_file, write_new, writing
 from psmpc_cli.logs.schema import COMPARISON, Q_COORDINATE, RUN, Column, columns, layout
-from psmpc_cli.logs.summary import Summary, summarize
+from psmpc_cli.logs.summary import Summary
 from psmpc_cli.logs.write import create_log
 from psmpc_cli.ocp.problem import Problem, Stage, Trajectory, build_problem
 from psmpc_cli.specs.load import Task, parse_task
@@ -269,7 +269,7 @@ class Run:
         Raises:
             LogError: As for `task`.
         """
-        return summarize(self.arrays, self.attributes, self.problem)
+        return Summary(self.arrays, self.attributes, self.problem)
 
     def plan(self, name: str, sample: int) -> Array:
         """Return one vector of a sample's solve: guess, guess_multipliers, parameters or solution.

@@ -1,6 +1,6 @@
 """The summary of a run: what is computed from the datasets of its log, given by their paths."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,8 +85,14 @@ class Largest:
     sample: int
 
 
-@dataclass(frozen=True)
-class CaptureSummary:
+class _Computed:
+    """What is computed when it is made, shown by its attributes."""
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in vars(self).items())})"
+
+
+class CaptureSummary(_Computed):
     """What became of an object with a mass; NaN where it never came to that.
 
     Attributes:
@@ -100,18 +106,21 @@ class CaptureSummary:
         speed: Of the object then [m/s].
     """
 
-    closed_at: float
-    missed_by: tuple[float, ...]
-    pull: float
-    lost: tuple[str, ...]
-    left_at: float
-    distance: float
-    angle: float
-    speed: float
+    def __init__(self, task: TaskSpec, arrays: Arrays) -> None:
+        """Take it from the datasets of a log."""
+        destination = None if task.object is None else task.object.destination
+        pose, v, d = arrays["object/left_pose"], arrays["object/left_velocity"], len(arrays["object_axis"]) // 3 + 1
+        error = np.full(len(v), np.nan) if destination is None else pose_error(pose, destination.pose)
+        self.closed_at = float(np.max(arrays["grasp/closed_at"]))
+        self.missed_by: tuple[float, ...] = tuple(arrays["grasp/missed_by"].max(axis=0).tolist())
+        self.pull = float(np.max(arrays["grasp/pull"], initial=0.0))
+        self.lost: tuple[str, ...] = tuple(arrays["gripper"][arrays["grasp/lost"] == 1].tolist())
+        self.left_at = float(arrays["object/left_at"])
+        self.distance, self.angle = float(np.linalg.norm(error[:d])), float(np.linalg.norm(error[d:]))
+        self.speed = float(np.linalg.norm(v[:d]))
 
 
-@dataclass(frozen=True)
-class Summary:
+class Summary(_Computed):
     """The results of a run.
 
     Attributes:
@@ -143,101 +152,46 @@ class Summary:
         capture: What became of an object with a mass; None without one.
     """
 
-    ended: bool
-    completed: bool
-    succeeded: bool
-    reason: str
-    duration: float
-    stages: tuple[StageSummary, ...]
-    solves: SolveSummary
-    switching_solves: SolveSummary
-    missed: int
-    appended: int
-    postponed: int
-    failed_solves: int
-    unmeasured: int
-    basins: int | None
-    unsolved_levels: int | None
-    limits: tuple[LimitSummary, ...]
-    control_effort: float
-    base_force: float
-    base_torque: float
-    variation_base_position: float
-    variation_base_angle: float
-    variation_joints: float
-    momentum_error: float
-    energy_error: float
-    monitors: tuple[Verdict, ...]
-    distances: tuple[float, ...]
-    off_plan: tuple[Largest, ...]
-    beyond_limits: tuple[Largest, ...]
-    end_condition: Largest | None
-    end_errors: tuple[float, float] | None = None
-    capture: CaptureSummary | None = None
-
-
-def summarize(arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -> Summary:
-    """Summarize a run from the datasets and attributes of its log, and the problem it solved."""
-    spec, stages = problem.spec, problem.stages
-    completed, monitors = bool(attributes["finished"]), verdicts(spec, arrays)
-    time, end, wall_time = arrays["time"], float(arrays["final/end_time"]), arrays["solver/wall_time"]
-    published = spec.published.get(str(attributes["controller"]), PublishedRun())
-    last = float(time[-1]) if len(time) else 0.0
-    coordinates = tuple(arrays["coordinate"])
-    velocities = tuple(f"{name} velocity" for name in coordinates)
-    position, angle, joints = variation(np.abs(np.diff(arrays["control/u"], axis=0)).sum(axis=0), coordinates)
-    kinds = (("Q", "position", coordinates), ("Qdot", "velocity", velocities))
-    off_plan = [_largest(arrays, f"deviation/{q}", names) for q, _, names in kinds]
-    beyond = [_largest(arrays, f"margin/{kind}", names, below=True) for _, kind, names in kinds]
-    return Summary(
-        ended=bool(np.isfinite(end)),
-        completed=completed,
-        succeeded=completed and all(verdict.held for verdict in monitors),
-        reason=str(attributes["end_reason"]) or "the run was killed, or goes on",
-        duration=end if np.isfinite(end) else last,
-        stages=tuple(_stage(arrays, index, published) for index in range(len(stages))),
-        solves=_solves(arrays, np.ones(len(time), bool)),
-        switching_solves=_solves(arrays, arrays["window/count"] > 1),
-        missed=int(np.sum(wall_time > spec.controller.sample_time)),
-        appended=int(arrays["events/appended"].sum()),
-        postponed=int(arrays["events/postponed"].sum()),
-        failed_solves=int(arrays["events/solve_failed"].sum()),
-        unmeasured=int(arrays["events/unmeasured"].sum()),
-        basins=int(np.sum(arrays["window/basin"] > 0)) if np.any(arrays["window/basin"] >= 0) else None,
-        unsolved_levels=int(np.sum(arrays["levels/solved"] == 0)) if "levels/solved" in arrays else None,
-        limits=_limits(arrays, stages),
-        control_effort=float(arrays["effort/control"].sum()),
-        base_force=float(arrays["effort/base_force"].sum()),
-        base_torque=float(arrays["effort/base_torque"].sum()),
-        variation_base_position=position,
-        variation_base_angle=angle,
-        variation_joints=joints,
-        momentum_error=float(np.max(np.abs(arrays["balance/momentum"]), initial=0.0)) if len(time) else np.nan,
-        energy_error=float(np.max(np.abs(arrays["balance/energy"]), initial=0.0)) if len(time) else np.nan,
-        monitors=monitors,
-        distances=_distances(arrays),
-        off_plan=tuple(each for each in off_plan if each is not None),
-        beyond_limits=tuple(each for each in beyond if each is not None and each.value > 0),
-        end_condition=_largest(arrays, "deviation/end", tuple(arrays["stages/name"])),
-        end_errors=_end_errors(arrays, problem, stages[-1]),
-        capture=_capture(spec, arrays) if "grasp/pull" in arrays else None,
-    )
-
-
-def _capture(task: TaskSpec, arrays: Arrays) -> CaptureSummary:
-    destination = None if task.object is None else task.object.destination
-    pose, v, d = arrays["object/left_pose"], arrays["object/left_velocity"], len(arrays["object_axis"]) // 3 + 1
-    error = np.full(len(v), np.nan) if destination is None else pose_error(pose, destination.pose)
-    return CaptureSummary(
-        closed_at=float(np.max(arrays["grasp/closed_at"])),
-        missed_by=tuple(arrays["grasp/missed_by"].max(axis=0).tolist()),
-        pull=float(np.max(arrays["grasp/pull"], initial=0.0)),
-        lost=tuple(arrays["gripper"][arrays["grasp/lost"] == 1].tolist()),
-        left_at=float(arrays["object/left_at"]),
-        distance=float(np.linalg.norm(error[:d])),
-        angle=float(np.linalg.norm(error[d:])),
-        speed=float(np.linalg.norm(v[:d])),
-    )
+    def __init__(self, arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -> None:
+        """Summarize a run from the datasets and attributes of its log, and the problem it solved."""
+        spec, time, end = problem.spec, arrays["time"], float(arrays["final/end_time"])
+        self.ended, self.completed = bool(np.isfinite(end)), bool(attributes["finished"])
+        self.monitors = verdicts(spec, arrays)
+        self.succeeded = self.completed and all(verdict.held for verdict in self.monitors)
+        self.reason = str(attributes["end_reason"]) or "the run was killed, or goes on"
+        self.duration = end if self.ended else float(time[-1]) if len(time) else 0.0
+        self.stages = _stages(arrays, spec.published.get(str(attributes["controller"]), PublishedRun()))
+        self.solves = _solves(arrays, np.ones(len(time), bool))
+        self.switching_solves = _solves(arrays, arrays["window/count"] > 1)
+        self.missed = int(np.sum(arrays["solver/wall_time"] > spec.controller.sample_time))
+        self.appended, self.postponed, self.failed_solves, self.unmeasured = (
+            int(arrays[f"events/{name}"].sum()) for name in ("appended", "postponed", "solve_failed", "unmeasured")
+        )
+        basin, levels = arrays["window/basin"], arrays.get("levels/solved")
+        self.basins = int(np.sum(basin > 0)) if np.any(basin >= 0) else None
+        self.unsolved_levels = None if levels is None else int(np.sum(levels == 0))
+        self.limits = _limits(arrays, problem.stages)
+        self.control_effort, self.base_force, self.base_torque = (
+            float(arrays[f"effort/{name}"].sum()) for name in ("control", "base_force", "base_torque")
+        )
+        coordinates = tuple(arrays["coordinate"])
+        varied = variation(np.abs(np.diff(arrays["control/u"], axis=0)).sum(axis=0), coordinates)
+        self.variation_base_position, self.variation_base_angle, self.variation_joints = varied
+        self.momentum_error, self.energy_error = (
+            float(np.max(np.abs(arrays[f"balance/{name}"]), initial=0.0)) if len(time) else np.nan
+            for name in ("momentum", "energy")
+        )
+        self.distances = _distances(arrays)
+        velocities = tuple(f"{name} velocity" for name in coordinates)
+        kinds = (("Q", "position", coordinates), ("Qdot", "velocity", velocities))
+        self.off_plan = tuple(
+            filter(None, (largest(np.abs(arrays[f"deviation/{q}"]), names, time) for q, _, names in kinds))
+        )
+        beyond = (largest(-arrays[f"margin/{kind}"], names, time) for _, kind, names in kinds)
+        self.beyond_limits = tuple(each for each in beyond if each is not None and each.value > 0)
+        self.end_condition = largest(arrays["deviation/end"], tuple(arrays["stages/name"]), time)
+        self.end_errors = _end_errors(arrays, problem, problem.stages[-1])
+        self.capture = CaptureSummary(spec, arrays) if "grasp/pull" in arrays else None
 
 
 def verdicts(task: TaskSpec, arrays: Arrays) -> tuple[Verdict, ...]:
@@ -299,26 +253,22 @@ def variation(by_coordinate: np.ndarray, coordinates: tuple[str, ...]) -> tuple[
     return at, angles, joints
 
 
-def _stage(arrays: Arrays, index: int, published: PublishedRun) -> StageSummary:
-    name, switch = str(arrays["stages/name"][index]), arrays["stages/switch_time"]
-    return StageSummary(
-        name=name,
-        priority=float(arrays["stages/priority"][index]),
-        actual_start=float(arrays["stages/actual_start"][index]),
-        published_start=published.actual_start.get(name, np.nan),
-        early=bool(arrays["stages/early"][index]),
-        switch_time=float(switch[index]),
-        published_switch=published.switch_time.get(name, np.nan),
-        duration=float(switch[index] - (switch[index - 1] if index else 0.0)),
-    )
+def _stages(arrays: Arrays, published: PublishedRun) -> tuple[StageSummary, ...]:
+    names, switch = arrays["stages/name"].tolist(), arrays["stages/switch_time"]
+    known = published.actual_start, published.switch_time
+    starts, ends = ([times.get(name, np.nan) for name in names] for times in known)
+    priority, actual, early = (arrays[f"stages/{name}"].tolist() for name in ("priority", "actual_start", "early"))
+    durations = np.diff(switch, prepend=0.0).tolist()
+    columns = zip(names, priority, actual, starts, map(bool, early), switch.tolist(), ends, durations, strict=True)
+    return tuple(StageSummary(*row) for row in columns)
 
 
 def _solves(arrays: Arrays, chosen: np.ndarray) -> SolveSummary:
     wall_time, iterations = arrays["solver/wall_time"][chosen], arrays["solver/iterations"][chosen]
     if not len(wall_time):
         return SolveSummary(0, np.nan, np.nan, np.nan, np.nan, np.nan)
-    median, p95, p99, largest = np.percentile(wall_time, [50, 95, 99, 100])
-    return SolveSummary(len(wall_time), median, p95, p99, largest, float(np.median(iterations)))
+    median, p95, p99, longest = np.percentile(wall_time, [50, 95, 99, 100])
+    return SolveSummary(len(wall_time), median, p95, p99, longest, float(np.median(iterations)))
 
 
 def _limits(arrays: Arrays, stages: tuple[Stage, ...]) -> tuple[LimitSummary, ...]:
@@ -328,8 +278,8 @@ def _limits(arrays: Arrays, stages: tuple[Stage, ...]) -> tuple[LimitSummary, ..
         margin = arrays[f"margin/{kind}"]
         if not np.isfinite(margin).any():
             continue
-        limits = [stages[index].limits for index in arrays["window/first"]]
-        width = np.array([getattr(limit, f"{kind}_high") - getattr(limit, f"{kind}_low") for limit in limits]) / 2
+        spans = [getattr(stage.limits, f"{kind}_high") - getattr(stage.limits, f"{kind}_low") for stage in stages]
+        width = np.array(spans)[arrays["window/first"]] / 2
         bounded = np.isfinite(width) & (width > 0)
         relative = np.where(np.isfinite(margin), margin / np.where(bounded, width, 1.0), np.inf)
         row, column = np.unravel_index(np.argmin(relative), relative.shape)
@@ -358,14 +308,13 @@ def _distances(arrays: Arrays) -> tuple[float, ...]:
     return tuple(float(np.interp(t, time[known], distance[known])) for t in arrays["stages/switch_time"])
 
 
-def _largest(arrays: Arrays, path: str, names: tuple[str, ...], below: bool = False) -> Largest | None:
-    """Find the largest magnitude of a dataset, or how far it goes below 0; None if it has no number."""
-    values = arrays[path]
-    found = np.where(np.isnan(values), -np.inf, -values if below else np.abs(values))
+def largest(values: np.ndarray, names: Sequence[str], time: np.ndarray, sample: int | None = None) -> Largest | None:
+    """Find the largest of values (T, names) at times (T,) [s], of a sample or each of its own; None if all are NaN."""
+    found = np.where(np.isnan(values), -np.inf, values)
     if not np.isfinite(found).any():
         return None
-    row, column = np.unravel_index(int(np.argmax(found)), found.shape)
-    return Largest(float(found[row, column]), str(names[int(column)]), float(arrays["time"][row]), int(row))
+    row, column = (int(at) for at in np.unravel_index(int(np.argmax(found)), found.shape))
+    return Largest(float(found[row, column]), str(names[column]), float(time[row]), row if sample is None else sample)
 
 
 def judge_monitor(monitor: MonitorSpec, arrays: Arrays) -> Verdict:

@@ -9,7 +9,7 @@ import psmpc_cli as psmpc
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.simulation.replay import continue_run, replay, rerun
 from psmpc_cli.simulation.run import simulate
-from psmpc_cli.simulation.verify import verify
+from psmpc_cli.simulation.verify import Verification
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.fronts import STATUS
 from psmpc_cli.studies.pareto import Question, solve_pareto
@@ -100,7 +100,7 @@ def test_a_repeated_run_is_equal_and_a_cut_one_continues(log: Path, run: Run, tm
 
 @pytest.mark.slow
 def test_the_physics_follows_the_plans(run: Run) -> None:
-    found = verify(run, every=10)
+    found = Verification(run, every=10)
     assert found.horizons["velocity"].value < 1e-9
     assert found.loop["plant"].value < 1e-8
 

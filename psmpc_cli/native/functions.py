@@ -60,10 +60,14 @@ class ArrayFunction:
 
 
 class RowFunction:
-    """A CasADi function of dense columns, evaluated at each row of arrays."""
+    """A CasADi function of dense columns, evaluated at each row of arrays; `native`, as compiled C.
 
-    def __init__(self, function: ca.Function) -> None:
-        self._function = function
+    Attributes:
+        function: The function itself, for expressions.
+    """
+
+    def __init__(self, function: ca.Function, native: bool = False) -> None:
+        self.function, self._evaluated = function, compiled(function) if native else function
         self._mapped: dict[int, ArrayFunction] = {}  # by number of rows, and by room for them
 
     def __call__(self, *arguments: ArrayLike, rows: int = 1) -> list[np.ndarray]:
@@ -77,6 +81,6 @@ class RowFunction:
             step = 1 << max(rows.bit_length() - 4, 0)  # few sizes, none much larger than the number of rows
             room = -(-rows // step) * step
             if room not in self._mapped:
-                self._mapped[room] = ArrayFunction(self._function.map(room) if room > 1 else self._function)
+                self._mapped[room] = ArrayFunction(self._evaluated.map(room) if room > 1 else self._evaluated)
             self._mapped[rows] = self._mapped[room]
         return self._mapped[rows](*arguments, rows=rows)

@@ -142,10 +142,10 @@ class VelocityForm:
         costs, terminal = np.zeros(len(self.stages)), 0.0
         for s, (stage, N) in enumerate(zip(self.costs, self.grid.nodes, strict=True)):
             at, (wanted, _) = self.intervals(s), reference(p, s, tau[s])
-            L = stage.costs(point.X[at], 0.0, wanted[:N], p.weights[s], 0.0, rows=N)[0]
+            L = stage.cost(point.X[at], 0.0, wanted[:N], p.weights[s], 0.0, rows=N)[0]
             costs[s] = _cost(s, p, N, tau[s], L, self.control(s, point, p, tau[s])[1])
         if p.terminal:
-            L = stage.costs(point.X[-1], 0.0, wanted[-1], p.weights[s], 0.0)[0]
+            L = stage.cost(point.X[-1], 0.0, wanted[-1], p.weights[s], 0.0)[0]
             terminal = _terminal_cost(p, L)
         return self._residuals(point, p, costs, terminal, self.ends(point, p)[0])
 
@@ -258,7 +258,7 @@ class _Sums:
         form, n, p = self.form, self.form.grid.n, self.p
         (wanted, slope), stage = reference(p, s, self.tau[s]), form.costs[s]
         X, (rows, columns) = self.point.X[at, :n], stage.hessian_places
-        found = stage.gauss_newtons(X, p.weights[s], wanted[of_stage], slope[of_stage], rows=len(X))
+        found = stage.gauss_newton(X, p.weights[s], wanted[of_stage], slope[of_stage], rows=len(X))
         L, r, q, g, m, H = found
         w, slope_w = (c, 0.0) if tau is None else (c * tau, c)
         self.gradient[at, :n] += 2 * w * g

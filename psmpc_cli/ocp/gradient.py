@@ -109,7 +109,7 @@ def _stage_terms(model: RobotModel, window: Window, s: int) -> ca.Function:
     functions = stage_functions(model, StageShape(stage.space, stage.input))
     x, dt, r = ca.SX.sym("x", 2 * model.n), ca.SX.sym("dt"), ca.SX.sym("r", len(stage.target))
     u = ca.SX.sym("u", functions.inputs)
-    Lbar = functions.cost(x, u, r, stage.weights, stage.control_weights)
+    Lbar = functions.cost.function(x, u, r, stage.weights, stage.control_weights)
     L = window.omega[s] / np.max(window.omega) * (Lbar - window.offset[s]) / window.scale[s]
     after = functions.step(window.discretization)(x, u, dt)
     f = (model.f_1 if stage.input == "joint" else model.f_2)(x, u)

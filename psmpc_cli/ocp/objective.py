@@ -10,7 +10,7 @@ from functools import cached_property, lru_cache
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.native.functions import RowFunction, compiled
+from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.skills import SKILLS, every_sample
 from psmpc_cli.robot.model import RobotModel
 
@@ -44,7 +44,8 @@ def weighted_square(r: ca.SX, weights: ca.SX) -> ca.SX:
 class StageFunctions:
     """The functions of the stages of one shape for one robot, each written when it is first used.
 
-    They are of SX and have no state, so they can be mapped over nodes, saved and compiled.
+    They are of SX and have no state, so they can be mapped over nodes, saved and compiled. At rows of arrays they are
+    called, in expressions by their `function`.
 
     Args:
         model: The robot.
@@ -64,32 +65,23 @@ class StageFunctions:
         self._L = weighted_square(self._e, self._W)
 
     @cached_property
-    def residual(self) -> ca.Function:
-        """Q, target -> e (rows,)."""
-        return ca.Function("e", [self._Q, self._target], [self._e])
-
-    @cached_property
     def error(self) -> RowFunction:
-        """The same at rows of arrays."""
-        return RowFunction(self.residual)
+        """Q, target -> e (rows,)."""
+        return RowFunction(ca.Function("e", [self._Q, self._target], [self._e]))
 
     @property
     def _rate(self) -> ca.SX:
         return ca.jtimes(self._e, self._Q, self._Qdot)
 
     @cached_property
-    def cost(self) -> ca.Function:
+    def cost(self) -> RowFunction:
         """x, u, target, W, W_r -> Lbar."""
         L = self._L + weighted_square(self._u, self._W_r)
-        return ca.Function("Lbar", [self._x, self._u, self._target, self._W, self._W_r], ca.cse([L]))
+        arguments = [self._x, self._u, self._target, self._W, self._W_r]
+        return RowFunction(ca.Function("Lbar", arguments, ca.cse([L])), self._native)
 
     @cached_property
-    def costs(self) -> RowFunction:
-        """The same at rows of arrays, as compiled C where asked for."""
-        return RowFunction(compiled(self.cost) if self._native else self.cost)
-
-    @cached_property
-    def gauss_newton(self) -> ca.Function:
+    def gauss_newton(self) -> RowFunction:
         """Q, W, target, slope -> e'We, e'We_tau, e_tau'We_tau, E'We (n,), E'We_tau (n,), nonzeros of triu(E'WE).
 
         E is the derivative of e by Q and e_tau that by the stage's duration, with which the target moves by `slope`.
@@ -99,12 +91,8 @@ class StageFunctions:
         e_tau = ca.jtimes(e, self._target, slope)
         by_duration = [ca.dot(W * e, e_tau), weighted_square(e_tau, W)]
         by_position = [ca.densify(E.T @ (W * e)), ca.densify(E.T @ (W * e_tau)), _nonzeros(self._hessian)]
-        return ca.Function("cost", [self._Q, W, self._target, slope], ca.cse([self._L, *by_duration, *by_position]))
-
-    @cached_property
-    def gauss_newtons(self) -> RowFunction:
-        """The same at rows of arrays, as compiled C where asked for."""
-        return RowFunction(compiled(self.gauss_newton) if self._native else self.gauss_newton)
+        outputs = ca.cse([self._L, *by_duration, *by_position])
+        return RowFunction(ca.Function("cost", [self._Q, W, self._target, slope], outputs), self._native)
 
     @cached_property
     def hessian_places(self) -> tuple[np.ndarray, np.ndarray]:
@@ -134,13 +122,8 @@ class StageFunctions:
         return len(self.shape.end_rows) * (2 if self.shape.end_velocity else 1)
 
     @cached_property
-    def end(self) -> ca.Function:
+    def end(self) -> RowFunction:
         """x, target -> rows of the end condition."""
-        return ca.Function("h", [self._x, self._target], [self._end])
-
-    @cached_property
-    def ends(self) -> RowFunction:
-        """The same at rows of arrays."""
         return RowFunction(ca.Function("h", [self._x, self._target], [ca.densify(self._end)]))
 
     @cached_property
@@ -182,8 +165,8 @@ class StageFunctions:
     def prepare(self) -> tuple[RowFunction | None, ...]:
         """Build what `sqp` evaluates and return it: of the end condition, where there is one, else of the cost."""
         if self.end_rows:
-            return self.met, self.ends, self.end_terms, self.end_curvature
-        return self.error, self.costs, self.gauss_newtons
+            return self.met, self.end, self.end_terms, self.end_curvature
+        return self.error, self.cost, self.gauss_newton
 
     def step(self, discretization: str) -> ca.Function:
         """Return x (2n,), u, dt -> x after dt under a constant u."""

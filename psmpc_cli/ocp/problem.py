@@ -216,16 +216,16 @@ class StageCosts:
 
     def ends(self, stage: Stage, X: np.ndarray) -> np.ndarray:
         """Return the rows of the end condition (18) at each state (K, rows), rates relative to its target's."""
-        return np.asarray(self._of(stage, stage.end_rows).ends(X, stage.target, rows=len(X))[0] - stage.end_drift)
+        return np.asarray(self._of(stage, stage.end_rows).end(X, stage.target, rows=len(X))[0] - stage.end_drift)
 
     def at(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
         W, W_r, u = stage.weights, stage.control_weights, self.inputs(stage, X, u)
-        return self._of(stage).costs(X, u, stage.reference(since), W, W_r, rows=len(X))[0][:, 0]
+        return self._of(stage).cost(X, u, stage.reference(since), W, W_r, rows=len(X))[0][:, 0]
 
     def of_states(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return the part of Lbar (K,) that the states X (K, 2n) make, without the control's."""
-        return self._of(stage).costs(X, 0.0, stage.reference(since), stage.weights, 0.0, rows=len(X))[0][:, 0]
+        return self._of(stage).cost(X, 0.0, stage.reference(since), stage.weights, 0.0, rows=len(X))[0][:, 0]
 
     def inputs(self, stage: Stage, X: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return the inputs of a stage at Qddot = u: u (K, n), or the acceleration of xi (K, m), J_C u + Jdot_C v."""

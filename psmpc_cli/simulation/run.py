@@ -124,7 +124,7 @@ def _libraries(task: TaskSpec, model: RobotModel, stages: Sequence[Stage]) -> It
     if task.solver.kind == "sqp":
         for space in sorted({stage.space for stage in stages}):
             functions = stage_functions(model, StageShape(space))
-            yield from (_library_of(functions.gauss_newton), _library_of(functions.cost))
+            yield from (_library_of(functions.gauss_newton.function), _library_of(functions.cost.function))
         for switches in range(len(stages)):
             yield partial(kernel_library, model.n, switches)
     if task.plant.kind == "rk4":

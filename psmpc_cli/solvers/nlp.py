@@ -174,7 +174,7 @@ class Nlp:
         """Return the normalized cost of a stage, or of a kept one, at its own node, 0 to N_s, which is node k."""
         p, S = self._p, self.grid.switches
         wanted = self._reference(s, node, self._duration(min(s, S), k))
-        Lbar = self._functions[s].cost(self._X[:, k], u, wanted, p.weights[s], p.control_weights[s])
+        Lbar = self._functions[s].cost.function(self._X[:, k], u, wanted, p.weights[s], p.control_weights[s])
         return (Lbar - p.offset[s]) / p.scale[s]
 
     def _cost(self, s: int, node: int, k: int) -> ca.SX:
@@ -221,11 +221,11 @@ class Nlp:
             fixed = [s for s, stage in enumerate(stages[:-1]) if stage.fixed_end]
             yield from ((ca.sum1(tau[: s + 1]), partial(_fixed_end, s)) for s in fixed)
         elif k in self.grid.first_node[1:-1] and stages[s := int(self.grid.stage_of[k - 1])].end_rows:
-            yield self._functions[s].end(X, p.targets[s]), partial(_end_condition, s)
+            yield self._functions[s].end.function(X, p.targets[s]), partial(_end_condition, s)
         for i in range(len(self.shape.kept)):
             if self.shape.kept_errors and k:
                 wanted, functions = self._reference(len(stages) + i, k, p.horizon), self._functions[len(stages) + i]
-                error = functions.residual(X[: self.grid.n], wanted)
+                error = functions.error.function(X[: self.grid.n], wanted)
                 yield error, lambda window, *_, i=i: (-window.kept[i].bound[k - 1], window.kept[i].bound[k - 1])
             elif sums.numel() and k == self.grid.K:
                 yield sums[i], lambda window, *_, i=i: (-np.inf, window.kept[i].bound)

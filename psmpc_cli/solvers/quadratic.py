@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import piqp
 from numpy.typing import ArrayLike
-from scipy.sparse import csc_array
+from scipy.sparse import csr_array, vstack
 
 from psmpc_cli.native.library import library
 from psmpc_cli.ocp.gauss_newton import Linearization, Point
@@ -196,50 +196,38 @@ class PiqpQp(QpMethod):
     """Programs by PIQP's back-end for multistage problems.
 
     Its unknowns are ordered node by node, the durations last: they couple all nodes, which PIQP knows as an arrow. A
-    soft limit has an unknown of its own for its violation. The sparsity is set up once for the rows that are limited.
+    soft limit has an unknown of its own for its violation.
     """
 
     def __init__(self, tolerance: float) -> None:
         self._tolerance = tolerance
-        self._set_up: dict[tuple[object, ...], tuple[piqp.SparseSolver, list[_Pattern]]] = {}
 
     def _solve(self, numbers: dict[str, np.ndarray], soft: bool) -> tuple[QpStatus, int]:
         (K, n), S, low, high = numbers["coupling"].shape, len(numbers["tau"]), numbers["low"], numbers["high"]
         node = (4 if soft else 2) * n
         x = node * np.arange(K)[:, None] + np.arange(2 * n)
-        e = x + 2 * n if soft else x[:, :0]
-        tau, row = np.arange(node * K, node * K + S), np.arange(len(low))
-        size, unknown, is_soft = node * K + S, np.r_[x.ravel(), tau], soft & (row < x.size)
-        below, above, boxed = is_soft & np.isfinite(low), is_soft & np.isfinite(high), ~is_soft & (row < x.size + S)
-        hard = ~is_soft & ~boxed & (np.isfinite(low) | np.isfinite(high))
-        rows, violated = _rows(numbers, x, tau), (np.arange(x.size), e.ravel())
-        limited = [*_chosen(hard, rows, below.sum() + above.sum())]
-        for some, way, first in ((below, 1.0, 0), (above, -1.0, below.sum())) if soft else ():
-            limited += _chosen(some, [*rows, (*violated, way)], first)
-        given = len(numbers["given_rows"])
-        pieces = [_hessian(numbers, x, tau), _equalities(numbers, x, tau), limited]
-        cost, lowest, highest, of_box = (
-            np.zeros(size),
-            np.full(size, -np.inf),
-            np.full(size, np.inf),
-            unknown[row[boxed]],
-        )
+        e, tau = x + 2 * n if soft else x[:, :0], np.arange(node * K, node * K + S)
+        size, unknown, row = node * K + S, np.r_[x.ravel(), tau], np.arange(len(low))
+        is_soft, boxed = soft & (row < x.size), (row >= soft * x.size) & (row < x.size + S)
+        below, above = is_soft & np.isfinite(low), is_soft & np.isfinite(high)
+        hard, of_box = ~is_soft & ~boxed & (np.isfinite(low) | np.isfinite(high)), unknown[row[boxed]]
+        rows = _matrix(len(low), size, _rows(numbers, x, tau))
+        violated = _matrix(len(low), size, [(np.arange(e.size), e.ravel(), 1.0)])
+        equalities = _matrix(K * n + len(numbers["given_rows"]), size, _equalities(numbers, x, tau))
+        cost, lowest, highest = np.zeros(size), np.full(size, -np.inf), np.full(size, np.inf)
         cost[x], cost[tau], cost[e], lowest[e] = numbers["gradient"], numbers["gradient_tau"], numbers["penalty"], 0.0
         lowest[of_box], highest[of_box] = low[boxed], high[boxed]
-        key = soft, np.packbits([below, above, hard]).tobytes(), np.array(_places(numbers)).tobytes(), given
-        known = key in self._set_up
-        if not known:
-            counts = size, K * n + given, below.sum() + above.sum() + hard.sum()
-            patterns = [_Pattern(int(count), size, each) for count, each in zip(counts, pieces, strict=True)]
-            self._set_up[key] = self._new_solver(), patterns
-        solver, patterns = self._set_up[key]
-        P, A, G = (pattern.matrix(each) for pattern, each in zip(patterns, pieces, strict=True))
-        (solver.update if known else solver.setup)(
-            P=P,
+        solver = piqp.SparseSolver()
+        solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
+        solver.settings.max_iter = MAX_ITERATIONS
+        solver.settings.reg_finetune_lower_limit = SMALLEST_REGULARIZATION
+        solver.settings.eps_abs = solver.settings.eps_duality_gap_abs = self._tolerance
+        solver.setup(
+            P=_matrix(size, size, _hessian(numbers, x, tau)).tocsc(),
             c=cost,
-            A=A,
+            A=equalities.tocsc(),
             b=np.r_[-numbers["gaps"].ravel(), numbers["given_change"]],
-            G=G,
+            G=vstack([(rows + violated)[below], (rows - violated)[above], rows[hard]], format="csc"),
             h_l=np.r_[low[below], np.full(above.sum(), -np.inf), low[hard]],
             h_u=np.r_[np.full(below.sum(), np.inf), high[above], high[hard]],
             x_l=lowest,
@@ -250,18 +238,9 @@ class PiqpQp(QpMethod):
         numbers["X"][:], numbers["tau"][:] = found[x], found[tau]
         numbers["gap_multipliers"][:], numbers["given_multipliers"][:] = y[: K * n].reshape(K, n), y[K * n :]
         z[boxed] = (np.array(result.z_bu) - np.array(result.z_bl))[of_box]
-        z[np.flatnonzero(below)] += of_rows[: below.sum()]
-        z[np.flatnonzero(above)] += of_rows[below.sum() :][: above.sum()]
-        z[hard] = of_rows[below.sum() + above.sum() :]
+        limited = np.r_[np.flatnonzero(below), np.flatnonzero(above), np.flatnonzero(hard)]
+        np.add.at(z, limited, of_rows)
         return _status(status, result.info), int(result.info.iter)
-
-    def _new_solver(self) -> piqp.SparseSolver:
-        solver = piqp.SparseSolver()
-        solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
-        solver.settings.max_iter = MAX_ITERATIONS
-        solver.settings.reg_finetune_lower_limit = SMALLEST_REGULARIZATION
-        solver.settings.eps_abs = solver.settings.eps_duality_gap_abs = self._tolerance
-        return solver
 
 
 def _status(status: piqp.Status, info: piqp.Info) -> QpStatus:
@@ -271,38 +250,17 @@ def _status(status: piqp.Status, info: piqp.Info) -> QpStatus:
     return QpStatus.SOLVED if status == piqp.Status.PIQP_SOLVED or nearly else QpStatus.FAILED
 
 
-class _Pattern:
-    """The places of a sparse matrix's nonzeros, which stay whatever their values; what has the same place adds up."""
-
-    def __init__(self, rows: int, columns: int, pieces: Sequence[Piece]) -> None:
-        entries = [np.broadcast_arrays(*piece) for piece in pieces]
-        row, column = (np.concatenate([entry[i].ravel() for entry in entries]) for i in (0, 1))
-        places, self._slot = np.unique((column * rows + row)[row >= 0], return_inverse=True)
-        self._kept, first = row >= 0, np.searchsorted(places, rows * np.arange(columns + 1))
-        self._matrix = csc_array((np.zeros(len(places)), places % max(rows, 1), first), shape=(rows, columns))
-
-    def matrix(self, pieces: Sequence[Piece]) -> csc_array:
-        """Return the matrix with the values of pieces in the same places; the next call overwrites it."""
-        values = [np.broadcast_arrays(*piece)[2].ravel() for piece in pieces]
-        self._matrix.data = np.bincount(self._slot, np.concatenate(values)[self._kept], len(self._matrix.data))
-        return self._matrix
-
-
-def _chosen(some: np.ndarray, pieces: Sequence[Piece], first: int) -> list[Piece]:
-    """Return the pieces with some of their rows (R,), numbered from `first` on; the others have the number -1."""
-    number = np.where(some, first + np.cumsum(some) - 1, -1)
-    return [(number[np.asarray(row)], column, value) for row, column, value in pieces]
-
-
-def _places(numbers: dict[str, np.ndarray]) -> tuple[np.ndarray, ...]:
-    """Return rows and columns of the Hessian's nonzeros by Q at any node."""
-    return np.nonzero(np.triu(numbers["positions"].any(axis=0)))
+def _matrix(rows: int, columns: int, pieces: Sequence[Piece]) -> csr_array:
+    """Return a sparse matrix; entries in the same place add up."""
+    entries = [np.broadcast_arrays(*piece) for piece in pieces]
+    row, column, value = (np.concatenate([entry[i].ravel() for entry in entries]) for i in range(3))
+    return csr_array((value, (row, column)), shape=(rows, columns))
 
 
 def _hessian(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> list[Piece]:
     """Return the upper triangle of the Hessian."""
     n, weight = numbers["coupling"].shape[1], -numbers["coupling"]
-    Q, v, (i, j), (c, d) = x[:, :n], x[:, n:], _places(numbers), np.triu_indices(len(tau))
+    Q, v, (i, j), (c, d) = x[:, :n], x[:, n:], np.triu_indices(n), np.triu_indices(len(tau))
     return [
         (Q[:, i], Q[:, j], numbers["positions"][:, i, j]),
         (v, v, weight),

@@ -196,10 +196,10 @@ def test_derivatives_of_residuals_are_those_of_differences(space: str, angle: fl
     numbers = np.r_[wanted[0], target[space], anchor, np.zeros(3)]
 
     def residual(Q: Array) -> Array:
-        return np.asarray(functions.residual(Q, numbers)).ravel()
+        return np.asarray(functions.error.function(Q, numbers)).ravel()
 
     Q, step = ca.SX.sym("Q", model.n), 1e-6
-    exact = ca.Function("J", [Q], [ca.jacobian(functions.residual(Q, numbers), Q)])(at).full()
+    exact = ca.Function("J", [Q], [ca.jacobian(functions.error.function(Q, numbers), Q)])(at).full()
     assert np.isfinite(exact).all()
     assert np.linalg.norm(residual(at)[3:6]) == pytest.approx(angle, abs=1e-9)
     of_arm = {"joint": np.zeros(0), "task": residual(at)[9:12], "point": residual(at)[6:8]}

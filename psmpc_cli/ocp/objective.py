@@ -12,6 +12,7 @@ import numpy as np
 
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.skills import SKILLS, every_sample
+from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
 
 
@@ -205,9 +206,5 @@ def _step(model: RobotModel, stage_input: str, discretization: str) -> ca.Functi
     elif stage_input == "joint":
         after = ca.vertcat(x[:n] + dt * x[n:] + dt**2 / 2 * u, x[n:] + dt * u)
     else:
-        k1 = flow(x, u)
-        k2 = flow(x + dt / 2 * k1, u)
-        k3 = flow(x + dt / 2 * k2, u)
-        k4 = flow(x + dt * k3, u)
-        after = x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        after = runge_kutta(lambda x: flow(x, u), x, dt)
     return ca.Function("F", [x, u, dt], [after], ["x", "u", "dt"], ["x_next"])

@@ -23,7 +23,7 @@ from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody, body_of, counted, lifted, lifted_rate, motion_of, relative
 from psmpc_cli.robot.kinematics import moved
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.rotations import add, conjugate, cross, dot, exp, log, product, rotate, scaled
+from psmpc_cli.robot.rotations import add, conjugate, cross, dot, exp, log, product, rotate, scaled, shorter
 from psmpc_cli.specs.object import GraspSpec, ObjectSpec
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES
 from psmpc_cli.specs.robot import stack
@@ -72,10 +72,9 @@ def compared(gripper: Vector, rate: Vector, pose: Vector, v: Vector, anchor: Vec
     lever = add(at, scaled(centre, -1))
     wanted = product(q, turned)
     apart = product(conjugate(wanted), attitude)
-    sign = ca.if_else(apart[0] < 0, -1.0, 1.0)
     return Relative(
         r=add(lever, scaled(rotate(q, inside), -1)),
-        phi=rotate(wanted, log([sign * part for part in apart])),
+        phi=rotate(wanted, log(shorter(apart))),
         rdot=add(moving, scaled(add(carried, cross(spin, lever)), -1)),
         omega=add(turning, scaled(spin, -1)),
         lever=lever,

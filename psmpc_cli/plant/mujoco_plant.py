@@ -11,7 +11,7 @@ from psmpc_cli.plant.grasp import GraspLaw
 from psmpc_cli.plant.ideal import turn_defect
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody, lifted_rate
-from psmpc_cli.robot.kinematics import coordinate_rate, external_wrench, moved, step_between
+from psmpc_cli.robot.kinematics import coordinate_rate, external_wrench, moved, runge_kutta, step_between
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.mujoco_model import OBJECT, mujoco_spec
 from psmpc_cli.robot.rotations import add, cross, rotate
@@ -184,11 +184,7 @@ class MujocoStep:
         h, spatial, nx, no = self._tick / self._substeps, self._model.dimension == 3, len(x), len(thing)
         y = np.concatenate([x, thing, np.zeros(self._model.parts["base"].stop + 1)])
         for _ in range(self._substeps):
-            k1 = self._rate(y, F, parameters)
-            k2 = self._rate(y + h / 2 * k1, F, parameters)
-            k3 = self._rate(y + h / 2 * k2, F, parameters)
-            k4 = self._rate(y + h * k3, F, parameters)
-            y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            y = runge_kutta(lambda y: self._rate(y, F, parameters), y, h)
             for first in (3, nx + 3) if spatial else ():
                 y[first : first + 4] /= np.linalg.norm(y[first : first + 4])
         return y[:nx], y[nx : nx + no], y[nx + no : -1], float(y[-1])

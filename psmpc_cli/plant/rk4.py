@@ -8,7 +8,7 @@ from psmpc_cli.plant.base import Disturbance, Resistance, Ticks
 from psmpc_cli.plant.grasp import GraspLaw
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody
-from psmpc_cli.robot.kinematics import coordinate_rate, external_wrench, moved
+from psmpc_cli.robot.kinematics import coordinate_rate, external_wrench, moved, runge_kutta
 from psmpc_cli.robot.model import RobotModel
 
 
@@ -175,11 +175,7 @@ def _runge_kutta(
     """
     h = tick / substeps
     for _ in range(substeps):
-        k1 = flow(z, *held)
-        k2 = flow(z + h / 2 * k1, *held)
-        k3 = flow(z + h / 2 * k2, *held)
-        k4 = flow(z + h * k3, *held)
-        z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        z = runge_kutta(lambda z: flow(z, *held), z, h)
         for first in attitudes:
             q = z[first : first + 4]
             z = ca.vertcat(z[:first], q / ca.norm_2(q), z[first + 4 :])

@@ -11,7 +11,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from psmpc_cli.robot.rotations import add, conjugate, cross, dot, log, product, rotate, scaled, turn
+from psmpc_cli.robot.kinematics import coordinate_rate, runge_kutta
+from psmpc_cli.robot.rotations import add, conjugate, cross, dot, log, product, rotate, scaled, shorter, turn
 from psmpc_cli.specs.object import ObjectSpec
 
 Array = NDArray[np.float64]
@@ -61,8 +62,7 @@ def pose_error(pose: Any, wanted: Any) -> Array:
     turned = relative(pose, wanted)
     if len(pose) == 3:
         return np.array([pose[0] - wanted[0], pose[1] - wanted[1], np.arctan2(np.sin(turned[2]), np.cos(turned[2]))])
-    turn = log(list(turned[3:] if turned[3] >= 0 else -turned[3:]))
-    return np.array([*(np.asarray(pose[:3]) - np.asarray(wanted[:3])), *turn])
+    return np.array([*(np.asarray(pose[:3]) - np.asarray(wanted[:3])), *log(shorter(list(turned[3:])))])
 
 
 def carried_rate(pose: Any, v: Any, inside: Any) -> Array:
@@ -98,9 +98,8 @@ class FreeBody:
         q, omega = list(Q[3:]), list(v[3:])
         spin = [moment * rate for moment, rate in zip(self.inertia, omega, strict=True)]
         moment = add(rotate(conjugate(q), list(wrench[3:])), scaled(cross(omega, spin), -1))
-        turning = scaled(product(q, [0.0, *omega]), 0.5)
         alpha = [each / own for each, own in zip(moment, self.inertia, strict=True)]
-        return [*v[:3], *turning], [*scaled(list(wrench[:3]), 1 / self.mass), *alpha]
+        return coordinate_rate(Q, v), [*scaled(list(wrench[:3]), 1 / self.mass), *alpha]
 
     def momentum(self, Q: Any, v: Any) -> list[Any]:
         """Compute linear [N s] and angular momentum about the inertial origin [N m s], (3,) or (6,)."""
@@ -125,16 +124,9 @@ class FreeBody:
         steps = max(1, int(np.ceil(abs(time) * float(np.linalg.norm(v[3:])) / STEP)))
         y, h = np.concatenate([Q, v]), time / steps
         for _ in range(steps):
-            k1 = self._free_rate(y)
-            k2 = self._free_rate(y + h / 2 * k1)
-            k3 = self._free_rate(y + h / 2 * k2)
-            k4 = self._free_rate(y + h * k3)
-            y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            y = runge_kutta(lambda y: np.concatenate(self.rates(y[:7], y[7:], np.zeros(6))), y, h)
         y[3:7] /= np.linalg.norm(y[3:7])
         return y[:7], y[7:]
-
-    def _free_rate(self, y: Array) -> Array:
-        return np.concatenate(self.rates(y[:7], y[7:], np.zeros(6)))
 
 
 def body_of(thing: ObjectSpec) -> FreeBody | None:

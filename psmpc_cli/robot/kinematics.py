@@ -1,13 +1,12 @@
 """Frames of a robot, as expressions of its coordinates: in the plane, and in space."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
 import casadi as ca
-import numpy as np
 
-from psmpc_cli.robot.rotations import add, conjugate, cross, exp, log, product, rotate, scaled, turn
+from psmpc_cli.robot.rotations import add, conjugate, cross, exp, log, product, rotate, scaled, shorter, turn
 from psmpc_cli.specs.robot import Attachment, Joint, RobotSpec
 
 
@@ -117,7 +116,7 @@ def step_between(Q: Any, after: Any, spatial: bool) -> list[Any]:
     if not spatial:
         return apart
     turned = product(conjugate(Q[3:7]), after[3:7])
-    return [*apart[:3], *log(scaled(turned, np.where(turned[0] < 0, -1.0, 1.0))), *apart[7:]]
+    return [*apart[:3], *log(shorter(turned)), *apart[7:]]
 
 
 def external_wrench(Q: Any, F: Any) -> list[Any]:
@@ -125,3 +124,12 @@ def external_wrench(Q: Any, F: Any) -> list[Any]:
     if len(Q) == len(F):
         return [F[0], F[1], F[2] + Q[0] * F[1] - Q[1] * F[0]]
     return [*F[:3], *add(rotate(Q[3:7], F[3:6]), cross(Q[:3], F[:3]))]
+
+
+def runge_kutta(rate: Callable[[Any], Any], y: Any, h: Any) -> Any:
+    """Compute y after a classical Runge-Kutta step h of ydot = rate(y)."""
+    k1 = rate(y)
+    k2 = rate(y + h / 2 * k1)
+    k3 = rate(y + h / 2 * k2)
+    k4 = rate(y + h * k3)
+    return y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)

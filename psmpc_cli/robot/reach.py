@@ -12,7 +12,7 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.free_body import lifted
 from psmpc_cli.robot.kinematics import SpatialFrame, place
-from psmpc_cli.robot.rotations import add, conjugate, exp, log, product, rotate, scaled
+from psmpc_cli.robot.rotations import add, conjugate, exp, log, product, rotate, scaled, shorter
 from psmpc_cli.specs.robot import RobotSpec
 
 Array = NDArray[np.float64]
@@ -113,28 +113,23 @@ def _configuration(
     Bounded least squares on the error of the pose, from several starts. Paper eq. (1). Joints of other arms are at 0.
     Besides them returns by how much the nearest pose that was found misses the wanted one, [m] and [rad].
     """
-    q, sign, rows = ca.SX.sym("q", len(low)), ca.SX.sym("sign"), _rows(robot, arm)
+    q, rows = ca.SX.sym("q", len(low)), _rows(robot, arm)
     joints = ca.SX.zeros(len(robot.bodies) - 1)
     joints[rows.start : rows.stop] = q
     tip = place(robot, base, joints).tools[arm]
-    turned = product(conjugate([sign * part for part in target.quaternion]), tip.quaternion)
+    turned = shorter(product(conjugate(target.quaternion), tip.quaternion))
     missed = ca.vertcat(*add(tip.position, scaled(target.position, -1)), *log(turned))
-    evaluate = ArrayFunction(ca.Function("tip", [q, sign], [missed, ca.densify(ca.jacobian(missed, q))]))
-
-    def nearer(q: Array) -> float:
-        return min((1.0, -1.0), key=lambda sign: float(np.abs(evaluate(q, sign)[0][0][3:]).max()))
+    evaluate = ArrayFunction(ca.Function("tip", [q], [missed, ca.densify(ca.jacobian(missed, q))]))
 
     def error(q: Array) -> Array:
-        missed: Array = evaluate(q, nearer(q))[0][0]
-        return missed
-
-    def slope(q: Array) -> Array:
-        return evaluate(q, nearer(q))[1].T
+        return evaluate(q)[0].ravel()
 
     bounds = low, np.maximum(high, low + 1e-9)  # least_squares needs room between them
     best, missing = np.inf, (np.inf, np.inf)
     for start in _starts(low, high):
-        found = least_squares(error, start, slope, bounds, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=100)
+        found = least_squares(
+            error, start, lambda q: evaluate(q)[1].T, bounds, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=100
+        )
         angles = np.where(_sliding(robot, arm), np.clip(found.x, low, high), _nearest_zero(found.x, low, high))
         off = error(angles)
         if np.linalg.norm(off) < best:

@@ -16,8 +16,6 @@ Vector = Sequence[Any]
 TERMS = 13
 """Terms of the series below in |phi|^2: exact to 1e-13 up to |phi| = pi, without a branch and smooth everywhere."""
 
-IDENTITY = (1.0, 0.0, 0.0, 0.0)
-
 
 def dot(a: Vector, b: Vector) -> Any:
     """Compute the inner product."""
@@ -104,6 +102,12 @@ def log(q: Vector) -> list[Any]:
     s = np.sqrt(s2)
     near = s <= 1e-12 * np.abs(w)
     return scaled(v, 2 * np.where(near, 1 / np.where(near, w, 1.0), np.arctan2(s, w) / np.where(near, 1.0, s)))
+
+
+def shorter(q: Vector) -> list[Any]:
+    """Compute the one of q and -q that turns by at most half a turn."""
+    choose = ca.if_else if _library(q[0]) is ca else np.where
+    return scaled(q, choose(q[0] < 0, -1.0, 1.0))
 
 
 def body_rate(phi: Vector, rate: Vector) -> list[Any]:

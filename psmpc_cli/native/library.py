@@ -22,9 +22,6 @@ CACHE_VARIABLE = "PSMPC_CACHE"
 COMPILERS = ("cc", "gcc", "clang")
 """Compilers looked up on PATH where the environment variable CC is not set."""
 
-FLAGS = ("-O2",)
-"""Default compiler flags."""
-
 SUFFIX = ".dylib" if sys.platform == "darwin" else ".so"
 
 
@@ -32,7 +29,7 @@ class CompilationError(Exception):
     """There is no compiler, or it failed; `library` reports it and returns None."""
 
 
-def library(source: str, name: str, flags: Sequence[str] = FLAGS) -> Path | None:
+def library(source: str, name: str, flags: Sequence[str] = ("-O2",)) -> Path | None:
     """Compile C source to a shared library, or find it in the cache.
 
     The file is keyed by the digest of source, flags, compiler version and machine; with `-march=native` among the flags
@@ -48,7 +45,14 @@ def library(source: str, name: str, flags: Sequence[str] = FLAGS) -> Path | None
         Path of the library; None where there is no compiler or it failed.
     """
     try:
-        return _library(source, name, tuple(flags))
+        compiler, directory = find_compiler(), cache_directory()
+        key = "\0".join((source, " ".join(flags), _macros(compiler, tuple(flags))))
+        entry = directory / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:24]}{SUFFIX}"
+        if not _loads(entry):
+            _report(f"compiling solver and plant code with {Path(compiler[0]).name} (once, kept in {directory})")
+            _compile(compiler, source, entry, flags)
+            ctypes.CDLL(str(entry))
+        return entry
     except (CompilationError, OSError) as error:
         _report(f"{error}; continuing without compiled code")
         return None
@@ -86,33 +90,12 @@ def find_compiler() -> tuple[str, ...]:
 
 
 @cache
-def compiler_macros(compiler: tuple[str, ...], flags: tuple[str, ...] = ()) -> str:
-    """Return the predefined macros of a compiler; they give its version, the system, machine and instruction set.
-
-    Raises:
-        CompilationError: It does not run, or rejects one of the flags.
-    """
+def _macros(compiler: tuple[str, ...], flags: tuple[str, ...]) -> str:
+    """Return the predefined macros of a compiler; they give its version, the system, machine and instruction set."""
     return _run([*compiler, *flags, "-dM", "-E", "-x", "c", os.devnull], None)
 
 
-def _library(source: str, name: str, flags: tuple[str, ...]) -> Path:
-    """Return the path of the library.
-
-    Raises:
-        CompilationError: There is no compiler or it failed.
-        OSError: The library cannot be written or loaded.
-    """
-    compiler, directory = find_compiler(), cache_directory()
-    key = "\0".join((source, " ".join(flags), compiler_macros(compiler, flags)))
-    entry = directory / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:24]}{SUFFIX}"
-    if not _loads(entry):
-        _report(f"compiling solver and plant code with {Path(compiler[0]).name} (once, kept in {directory})")
-        _compile(compiler, source, entry, flags)
-        ctypes.CDLL(str(entry))
-    return entry
-
-
-def _compile(compiler: tuple[str, ...], source: str, entry: Path, flags: tuple[str, ...]) -> None:
+def _compile(compiler: tuple[str, ...], source: str, entry: Path, flags: Sequence[str]) -> None:
     """Compile in a temporary directory beside the entry, then rename: safe for several processes at once."""
     with tempfile.TemporaryDirectory(prefix=".making-", dir=entry.parent) as folder:
         # The file names are always the same because compilers write them into the library.

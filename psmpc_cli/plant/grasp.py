@@ -6,9 +6,9 @@ gripper's. Both velocities of rdot are taken at that point, so the pair has no r
 is kept. Stiffnesses are the same in every direction, and so are the dampings.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -174,16 +174,13 @@ class GraspLaw:
 
     def _inverse_mass(self, pose: ca.SX, lever: Vector) -> ca.SX:
         """Return the acceleration of the object's point at a lever by the wrench on it there."""
-        columns = []
-        rest = ca.vertsplit(pose), [0.0] * self.size
-        for unit in np.eye(self.size).tolist():
-            force, moment = lifted_rate(unit)
-            wrench = counted(self.size, force, add(moment, cross(lever, force)))
-            _, acceleration = self.body.rates(*rest, ca.vertsplit(wrench))
-            linear, angular = lifted_rate(acceleration)
-            angular = rotate(lifted(rest[0])[1], angular)
-            columns.append(counted(self.size, add(linear, cross(angular, lever)), angular))
-        return ca.SX(ca.horzcat(*columns))
+        w, attitude = ca.SX.sym("w", self.size), lifted(ca.vertsplit(pose))[1]
+        force, moment = lifted_rate(ca.vertsplit(w))
+        about_centre = counted(self.size, force, add(moment, cross(lever, force)))
+        _, rate = self.body.rates(ca.vertsplit(pose), [0.0] * self.size, ca.vertsplit(about_centre))
+        linear, angular = lifted_rate(rate)
+        angular = rotate(attitude, angular)
+        return ca.SX(ca.jacobian(counted(self.size, add(linear, cross(angular, lever)), angular), w))
 
 
 TINY = 1e-12
@@ -353,22 +350,15 @@ STEADY = 2.0
 """Largest step over the fastest rate of a bushing; classical Runge-Kutta steps are stable up to 2.8."""
 
 
-class Step(Protocol):
-    """Physics of a robot and an object over a tick: what the plants of an object with a mass differ in."""
+Step = Callable[
+    [np.ndarray, np.ndarray, np.ndarray, np.ndarray, InertialParameters],
+    tuple[np.ndarray, np.ndarray, np.ndarray, float],
+]
+"""Physics of a robot and an object over a tick: what the plants of an object with a mass differ in.
 
-    def __call__(
-        self, x: np.ndarray, thing: np.ndarray, F: np.ndarray, parameters: np.ndarray, robot: InertialParameters
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-        """Return the states of robot and object a tick later, the external impulse, and the work of all forces [J].
-
-        Args:
-            x: State of the robot.
-            thing: State of the object.
-            F: External generalized force, held (n,).
-            parameters: Of the bushings, gripper by gripper.
-            robot: Inertial parameters of the robot.
-        """
-        ...
+From states of robot and object, the held external force (n,), the parameters of the bushings gripper by gripper, and
+the robot's inertial parameters: both states a tick later, the external impulse, and the work of all forces [J].
+"""
 
 
 class CapturePlant:

@@ -3,7 +3,7 @@
 What is random is drawn from the task's seed, every item from a stream of its own.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,12 +14,12 @@ from psmpc_cli.plant.base import Disturbance, Plant, Resistance, Ticks
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.kinematics import moved
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.robot import RobotSpec, stack
 from psmpc_cli.specs.task import TaskSpec
 from psmpc_cli.specs.uncertainty import NoiseSpec, PayloadSpec, UncertaintySpec
 
 ByPart = float | Mapping[str, float] | Mapping[str, tuple[float, ...]]
-"""One number for all, or numbers by part; `arms` stands for every arm that has none of its own."""
+"""One number for all, or numbers by part, of which one is for all of it; `arms` is every arm that has none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,19 +215,16 @@ def measurement_noise(spec: NoiseSpec, robot: RobotSpec, seed: int, sample: int,
 
 def resistance_of(spec: UncertaintySpec, robot: RobotSpec) -> Resistance:
     """Return friction and force limits by coordinate."""
-    friction = spec.friction
-    return Resistance(
-        viscous=_by_coordinate(friction.viscous, robot, missing=0.0, base=0.0),
-        coulomb=_by_coordinate(friction.coulomb, robot, missing=0.0, base=0.0),
-        width=friction.width,
-        largest=_by_coordinate(spec.force_limits, robot, missing=np.inf),
-    )
+    viscous, coulomb = (_by_coordinate(each, robot, 0.0) for each in (spec.friction.viscous, spec.friction.coulomb))
+    viscous[: robot.parts["base"]] = coulomb[: robot.parts["base"]] = 0.0
+    return Resistance(viscous, coulomb, spec.friction.width, _by_coordinate(spec.force_limits, robot, np.inf))
 
 
 def payload_shares(payload: PayloadSpec, robot: RobotSpec) -> np.ndarray:
     """Return the share of a payload in each gripper (arms,); they sum to 1."""
-    arms = list(robot.arms)
-    return np.full(len(arms), 1 / len(arms)) if payload.share is None else _by_name(payload.share, arms)
+    given = 1 / len(robot.arms) if payload.share is None else payload.share
+    by_arm = given if isinstance(given, Mapping) else {"arms": given}
+    return np.array([by_arm.get(arm, by_arm.get("arms", 0.0)) for arm in robot.arms])
 
 
 def _check_step(task: TaskSpec, inertia: np.ndarray, way: Resistance) -> None:
@@ -267,27 +264,13 @@ def stream(seed: int, item: str, *key: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAMS.index(item), *key)))
 
 
-def _by_body(given: float | Mapping[str, float], robot: RobotSpec) -> np.ndarray:
-    """Return one number a body (bodies,)."""
-    sizes = [1, *(len(arm.links) for arm in robot.arms.values())]
-    return np.repeat(_by_name(given, list(robot.parts)), sizes)
+def _by_body(given: ByPart, robot: RobotSpec) -> np.ndarray:
+    """Return one number a body (bodies,), 0 where none is given: each link has a joint, and the base one number."""
+    return _by_coordinate(given, robot, 0.0)[robot.parts["base"] - 1 :]
 
 
-def _by_name(given: float | Mapping[str, float], parts: Sequence[str]) -> np.ndarray:
-    """Return one number a part (parts,), 0 where none is given."""
-    return np.array([_of_part(given, part, 0.0) for part in parts])
-
-
-def _by_coordinate(given: ByPart, robot: RobotSpec, missing: float, base: float | None = None) -> np.ndarray:
-    """Return one number a coordinate (n,); with `base` given, that one for the base."""
-    values = {part: _of_part(given, part, missing) for part in robot.parts}
-    if base is not None:
-        values["base"] = base
-    return np.concatenate([np.broadcast_to(values[part], size) for part, size in robot.parts.items()])
-
-
-def _of_part(given: ByPart, part: str, missing: float) -> float | tuple[float, ...]:
-    """Return what is given for a part."""
-    if not isinstance(given, Mapping):
-        return given
-    return given.get(part, missing if part == "base" else given.get("arms", missing))
+def _by_coordinate(given: ByPart, robot: RobotSpec, missing: float) -> np.ndarray:
+    """Return one number a coordinate (n,)."""
+    parts = given if isinstance(given, Mapping) else {"base": given, "arms": given}
+    numbers = {part: tuple(np.ravel(values).tolist()) for part, values in parts.items()}
+    return stack(numbers, robot, "joint", missing, of_error=True)

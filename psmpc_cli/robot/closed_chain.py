@@ -96,12 +96,10 @@ def _chain_terms(model: RobotModel, body: FreeBody, grippers: list[str]) -> ca.F
 
 def _at_centre(size: int, lever: Vector, k: ca.SX, kappa: ca.SX) -> ca.SX:
     """Return the stiffness of a bushing at a lever from the object's centre as the wrench about it, by displacement."""
-    columns = []
-    for unit in np.eye(size).tolist():
-        moved, turned = lifted_rate(unit)
-        force = scaled(add(moved, cross(turned, lever)), k)
-        columns.append(counted(size, force, add(scaled(turned, kappa), cross(lever, force))))
-    return ca.SX(ca.horzcat(*columns))
+    displacement = ca.SX.sym("d", size)
+    moved, turned = lifted_rate(ca.vertsplit(displacement))
+    force = scaled(add(moved, cross(turned, lever)), k)
+    return ca.SX(ca.jacobian(counted(size, force, add(scaled(turned, kappa), cross(lever, force))), displacement))
 
 
 def _load(body: FreeBody, attitude: Vector | None, velocity: Vector) -> tuple[ca.SX, ca.SX]:

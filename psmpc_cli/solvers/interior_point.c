@@ -104,14 +104,15 @@ static void weigh(Solver *s) {
     for (int64_t j = 0; j < s->equations.count; j++) s->weight[s->equations.row[j]] = s->stiffness;
     const double *w = s->weight + p->K * M;
     memcpy(s->durations, p->durations, S * S * sizeof(double));
-    for (int c = 0; c < S; c++) {
-        s->durations[c * S + c] += w[c];
-        for (int e = 0; e < S; e++) s->durations[c * S + e] += w[S];
+    for (int j = 0; j < S; j++) {
+        s->durations[j * S + j] += w[j];
+        for (int c = 0; c <= j; c++)
+            for (int e = 0; e <= j; e++) s->durations[c * S + e] += w[S + j];
     }
-    s->stages.end_weights = w + S + 1;
+    s->stages.end_weights = w + 2 * S;
     for (int64_t i = 0; i < p->K * N; i++) s->difference[i] = -p->coupling[i];
     if (!p->inputs) return;
-    w += S + 1 + p->ends;
+    w += 2 * S + p->ends;
     memcpy(s->arrow, p->arrow, p->K * M * S * sizeof(double));
     for (int64_t k = 0; k < p->K; k++)
         for (int i = 0; i < N; i++) {
@@ -128,39 +129,29 @@ static void weigh(Solver *s) {
         }
 }
 
-/* Solve [U A'; A -1/stiffness] [x; n] = [-u; r] by elimination with pivots. Returns 0 where it is singular. */
-static int solve_durations(const Program *p, const double *U, const double *u, const double *r, double stiffness,
-                           double *x, double *n) {
-    int size = S + (int)p->given, width = size + 1;
-    double T[3 * S + 1][3 * S + 2];
-    for (int i = 0; i < size; i++)
-        for (int j = 0; j < width; j++) T[i][j] = 0.0;
+/* Solve U x = -u by elimination with pivots. Returns 0 where it is singular. */
+static int solve_durations(const double *U, const double *u, double *x) {
+    double T[S + 1][S + 1];
     for (int i = 0; i < S; i++) {
-        for (int j = 0; j < S; j++) T[i][j] = U[i * S + j];
-        T[i][size] = -u[i];
+        memcpy(T[i], U + i * S, S * sizeof(double));
+        T[i][S] = -u[i];
     }
-    for (int e = 0; e < (int)p->given; e++) {
-        for (int j = 0; j < S; j++) T[S + e][j] = T[j][S + e] = p->given_rows[e * S + j];
-        T[S + e][S + e] = -1.0 / stiffness;
-        T[S + e][size] = r[e];
-    }
-    for (int l = 0; l < size; l++) {
+    for (int l = 0; l < S; l++) {
         int best = l;
-        for (int i = l + 1; i < size; i++)
+        for (int i = l + 1; i < S; i++)
             if (fabs(T[i][l]) > fabs(T[best][l])) best = i;
         if (!(fabs(T[best][l]) > DBL_MIN)) return 0;
-        for (int j = 0; j < width; j++) {
+        for (int j = 0; j <= S; j++) {
             double held = T[l][j];
             T[l][j] = T[best][j], T[best][j] = held;
         }
-        for (int i = 0; i < size; i++) {
+        for (int i = 0; i < S; i++) {
             double f = i == l ? 0.0 : T[i][l] / T[l][l];
             if (f != 0.0)
-                for (int j = l; j < width; j++) T[i][j] -= f * T[l][j];
+                for (int j = l; j <= S; j++) T[i][j] -= f * T[l][j];
         }
     }
-    for (int i = 0; i < S; i++) x[i] = T[i][size] / T[i][i];
-    for (int e = 0; e < (int)p->given; e++) n[e] = T[S + e][size] / T[S + e][S + e];
+    for (int i = 0; i < S; i++) x[i] = T[i][S] / T[i][i];
     return 1;
 }
 
@@ -173,10 +164,10 @@ static void gradient(Solver *s) {
 
 /* Newton direction with complementarities towards `target` less the products of the affine step, if `corrected`.
  * Returns 0 where rounding has left none. */
-static int direction(Solver *s, const double *tau, double target, double corrected, Reach *reach) {
+static int direction(Solver *s, double target, double corrected, Reach *reach) {
     const Program *p = s->p;
     Equations *e = &s->equations;
-    double residual[2 * S + 1], least = 1.0 / s->stiffness;
+    double least = 1.0 / s->stiffness;
     aim(s->hard, 0, target, corrected);
     aim(s->soft, 1, target, corrected);
     memset(s->q, 0, row_count(p) * sizeof(double));
@@ -184,10 +175,8 @@ static int direction(Solver *s, const double *tau, double target, double correct
     add_multipliers(s->soft, 1.0, s->q);
     for (int64_t j = 0; j < e->count; j++) s->q[e->row[j]] += e->y[j] + e->off[j] * s->stiffness;
     gradient(s);
-    add_given(p, s->nu, s->u);
-    for (int i = 0; i < (int)p->given; i++) residual[i] = given_left(p, tau, i);
     backward(&s->stages, s->intervals, s->lin, s->u, s->y);
-    if (!solve_durations(p, s->U, s->u, residual, s->stiffness, s->dtau, s->dnu)) return 0;
+    if (!solve_durations(s->U, s->u, s->dtau)) return 0;
     forward(&s->stages, s->intervals, s->dtau, s->y, s->step);
     rows_of(p, s->dtau, s->step);
     *reach = (Reach){1.0, 1.0, 0.0, 0.0};
@@ -197,7 +186,7 @@ static int direction(Solver *s, const double *tau, double target, double correct
     return 1;
 }
 
-/* Move, and find what is left: the largest residual of limits, equations and given sums, and the complementarity. */
+/* Move, and find what is left: the largest residual of limits and equations, and the complementarity. */
 static void move(Solver *s, double primal, double dual, double *X, double *tau) {
     Equations *e = &s->equations;
     double worst = 0.0;
@@ -211,10 +200,6 @@ static void move(Solver *s, double primal, double dual, double *X, double *tau) 
     }
     for (int64_t i = 0; i < s->p->K * M; i++) X[i] += primal * s->step[i];
     for (int c = 0; c < S; c++) tau[c] += primal * s->dtau[c];
-    for (int i = 0; i < (int)s->p->given; i++) {
-        s->nu[i] += dual * s->dnu[i];
-        worst = fmax(worst, fabs(given_left(s->p, tau, i)));
-    }
     s->residual = worst;
 }
 /* A primal-dual interior-point method for the quadratic programs of a window, on the recursion in recursion.c.
@@ -226,7 +211,6 @@ static void move(Solver *s, double primal, double dual, double *X, double *tau) 
 
 #define STIFFEST 1e9      /* greatest weight a row gets */
 #define SOFTEST 1e4       /* the same where rounding has made a Hessian indefinite */
-#define NARROW 1e-8       /* rows with low and high nearer than this are equations */
 #define TO_BOUNDARY 0.995 /* share of the way to the boundary */
 #define CENTER 0.1        /* share of the tolerance that the complementarities are steered to at the end */
 #define SHORTEST 1e-9     /* share of a step that gets no further */
@@ -245,7 +229,6 @@ static double dual_residual(Solver *s) {
     add_multipliers(s->soft, 0.0, s->q);
     gradient(s);
     reduce(p, s->lin, s->u, s->adjoint, p->gap_multipliers);
-    add_given(p, s->nu, s->u);
     for (int c = 0; c < S; c++) worst = fmax(worst, fabs(s->u[c])), sum += s->u[c];
 #pragma omp simd reduction(max : worst) reduction(+ : sum)
     for (int64_t i = 0; i < p->K * N; i++) {
@@ -258,14 +241,13 @@ static double dual_residual(Solver *s) {
 
 /* Whether the multipliers prove that no point meets all rows: their combination of the rows is violated at the
  * iterate by more than any step inside the bounds can mend. Farkas' lemma, with room for rounding. */
-static int proves_infeasible(Solver *s, const double *tau) {
+static int proves_infeasible(Solver *s) {
     const Program *p = s->p;
     const Limits *l = &s->hard;
     const Equations *e = &s->equations;
     double violated = 0.0, mendable = 0.0;
     for (int64_t j = 0; j < l->count; j++) violated -= l->z[j] * l->room[j];
     for (int64_t j = 0; j < e->count; j++) violated += e->y[j] * e->off[j];
-    for (int i = 0; i < (int)p->given; i++) violated -= s->nu[i] * given_left(p, tau, i);
     if (!(violated > 0.0)) return 0;
     memset(s->lin, 0, p->K * M * sizeof(double));
     memset(s->u, 0, S * sizeof(double));
@@ -280,7 +262,6 @@ static int proves_infeasible(Solver *s, const double *tau) {
             double room = p->soft ? LONGEST : fmax(p->high[row] - p->X[row], p->X[row] - p->low[row]);
             mendable += fmin(room, LONGEST) * fabs(s->adjoint[k * N + i]);
         }
-    add_given(p, s->nu, s->u);
     for (int c = 0; c < S; c++) mendable += LONGEST * fabs(s->u[c]);
     return violated > 2.0 * mendable;
 }
@@ -318,8 +299,8 @@ static int64_t lay_out(Solver *s, const Program *p, double *work) {
     s->adjoint = take(&work, K * N);
     s->difference = take(&work, K * N);
     s->arrow = take(&work, K * M * S);
-    double **small[] = {&s->cost_tau, &s->u, &s->dtau, &s->nu, &s->dnu, &s->U, &s->durations};
-    for (size_t i = 0; i < sizeof small / sizeof *small; i++) *small[i] = take(&work, (S + 1) * (S + 1) + 2 * S);
+    double **small[] = {&s->cost_tau, &s->u, &s->dtau, &s->U, &s->durations};
+    for (size_t i = 0; i < sizeof small / sizeof *small; i++) *small[i] = take(&work, S * S);
     return work - begin;
 }
 
@@ -364,7 +345,7 @@ static void begin_limits(Solver *s) {
     for (int64_t j = 0; j < l->count; j++) push = fmax(push, -l->room[j]);
     for (int64_t j = 0; j < s->equations.count; j++) push = fmax(push, fabs(s->equations.off[j]));
     barrier *= push / p->push;
-    int64_t inputs = p->K * M + S + 1 + p->ends, shift = p->K * N;
+    int64_t inputs = p->K * M + 2 * S + p->ends, shift = p->K * N;
     for (int64_t j = 0; j < l->count; j++) {
         int64_t low = l->row[j], high = low;
         if (low >= inputs + shift) low -= shift; /* an acceleration has a row for each of its limits */
@@ -401,7 +382,6 @@ static void begin(Solver *s) {
                     p->positions[(k * N + i) * N + j];
     memset(p->X, 0, p->K * M * sizeof(double));
     memset(p->tau, 0, S * sizeof(double));
-    memset(s->nu, 0, p->given * sizeof(double));
     for (int64_t k = 0; k < p->K; k++)
         for (int i = 0; i < N; i++) p->X[k * M + i] = drift[i] -= p->gaps[k * N + i];
     memcpy(s->step, p->X, p->K * M * sizeof(double));
@@ -409,7 +389,6 @@ static void begin(Solver *s) {
     list_rows(s);
     begin_limits(s);
     memset(s->dtau, 0, S * sizeof(double));
-    memset(s->dnu, 0, p->given * sizeof(double));
     move(s, 0.0, 0.0, p->X, p->tau);
 }
 
@@ -431,11 +410,11 @@ static int factorize_safely(Solver *s) {
 static int iterate(Solver *s, double limits, int alike) {
     const Program *p = s->p;
     Reach r;
-    if (!factorize_safely(s) || !direction(s, p->tau, 0.0, 0.0, &r)) return 0;
+    if (!factorize_safely(s) || !direction(s, 0.0, 0.0, &r)) return 0;
     double primal = 1.0 / r.primal, dual = 1.0 / r.dual, least = CENTER * p->tolerance / limits, mu = s->gap / limits;
     double left = (1.0 - dual) * s->gap + (primal - dual) * r.change + primal * dual * r.product;
     double share = s->gap > 0.0 ? left / s->gap : 0.0;
-    if (!direction(s, p->tau, fmax(share * share * share * mu, least), 1.0, &r)) return 0;
+    if (!direction(s, fmax(share * share * share * mu, least), 1.0, &r)) return 0;
     primal = r.primal > 1.0 ? TO_BOUNDARY / r.primal : 1.0;
     dual = r.dual > 1.0 ? TO_BOUNDARY / r.dual : 1.0;
     if (alike) primal = dual = fmin(primal, dual);
@@ -456,10 +435,9 @@ int64_t psmpc_qp_solve(const Program *p) {
         double worst = fmax(fmax(primal, dual), gap);
         p->report[0] = (double)count, p->report[1] = primal, p->report[2] = dual, p->report[3] = gap;
         memcpy(p->multipliers, s.q, row_count(p) * sizeof(double));
-        memcpy(p->given_multipliers, s.nu, p->given * sizeof(double));
         if (!isfinite(worst)) return FAILED;
         if (worst <= p->tolerance) return SOLVED;
-        if (primal > p->tolerance && proves_infeasible(&s, p->tau)) return INFEASIBLE;
+        if (primal > p->tolerance && proves_infeasible(&s)) return INFEASIBLE;
         /* Steps of two lengths may throw the gradient about; steps of one length lessen every residual. */
         alike |= primal <= p->nearly && fmax(dual, gap) > before;
         before = fmax(dual, gap);

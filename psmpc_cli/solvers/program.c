@@ -1,18 +1,18 @@
 /* A quadratic program of a window: its rows, its costs, and their derivatives by velocities and durations.
  *
- * Rows stand between low and high: bounds of [Q; v] at nodes 1 .. K; of the durations; of their sum; end rows;
- * accelerations from below, from above.
+ * Rows stand between low and high: bounds of [Q; v] at nodes 1 .. K; of the durations; of their sums up to each; end
+ * rows; accelerations from below, from above.
  */
 
 typedef struct {
-    int64_t K, ends, given, inputs, limit, soft; /* the last: the bounds of [Q; v] are */
+    int64_t K, ends, inputs, limit, soft; /* the last: the bounds of [Q; v] are */
     double tolerance, nearly, barrier, push;
     const double *positions, *gradient, *gradient_tau, *coupling, *arrow, *durations, *gap_velocity, *gap_tau, *gaps;
     const int64_t *end_node;
-    const double *end_rows, *given_rows, *given_change, *low, *high, *input_low, *input_high, *share;
+    const double *end_rows, *low, *high, *input_low, *input_high, *share;
     const double *penalty; /* of soft rows by node, (K,) */
     double *work;
-    double *X, *tau, *gap_multipliers, *multipliers, *given_multipliers, *report;
+    double *X, *tau, *gap_multipliers, *multipliers, *report;
 } Program;
 
 /* One-sided limits of rows, room = sign (row - bound) >= 0, one array for each number.
@@ -41,26 +41,26 @@ typedef struct {
 typedef struct {
     const Program *p;
     double stiffness;     /* greatest weight a row gets */
-    double residual, gap; /* largest one of limits, equations and given sums; sum of the complementarities */
+    double residual, gap; /* largest one of limits and equations; sum of the complementarities */
     Limits hard, soft;
     Equations equations;
     Stages stages;
     Interval *intervals;
     double *weight, *q, *step; /* of the rows: weight, multiplier, step; the first steps are those of [Q; v] */
-    double *y, *cost, *cost_tau, *lin, *u, *dtau, *nu, *dnu, *U, *adjoint, *arrow, *difference, *durations;
+    double *y, *cost, *cost_tau, *lin, *u, *dtau, *U, *adjoint, *arrow, *difference, *durations;
     vec *positions;
 } Solver;
 
 static int64_t row_count(const Program *p) {
-    return p->K * M + S + 1 + p->ends + (p->inputs ? 2 * p->K * N : 0);
+    return p->K * M + 2 * S + p->ends + (p->inputs ? 2 * p->K * N : 0);
 }
 
 /* Set the rows behind their first, which are X. */
 static void rows_of(const Program *p, const double *tau, double *rows) {
     const double *X = rows;
     double sum = 0.0, *out = rows + p->K * M;
-    for (int c = 0; c < S; c++) sum += *out++ = tau[c];
-    *out++ = sum;
+    for (int c = 0; c < S; c++) out[c] = tau[c], out[S + c] = sum += tau[c];
+    out += 2 * S;
     for (int64_t e = 0; e < p->ends; e++) {
         double value = 0.0;
         for (int i = 0; i < M; i++) value += p->end_rows[e * M + i] * X[p->end_node[e] * M + i];
@@ -82,8 +82,9 @@ static void rows_of(const Program *p, const double *tau, double *rows) {
 static void add_rows(const Program *p, const double *q, double *restrict X, double *restrict tau) {
     for (int64_t i = 0; i < p->K * M; i++) X[i] += q[i];
     q += p->K * M;
-    for (int c = 0; c < S; c++) tau[c] += q[c] + q[S];
-    q += S + 1;
+    double later = 0.0;
+    for (int c = S - 1; c >= 0; c--) tau[c] += q[c] + (later += q[S + c]);
+    q += 2 * S;
     for (int64_t e = 0; e < p->ends; e++, q++)
         for (int i = 0; i < M; i++) X[p->end_node[e] * M + i] += *q * p->end_rows[e * M + i];
     if (!p->inputs) return;
@@ -95,19 +96,6 @@ static void add_rows(const Program *p, const double *q, double *restrict X, doub
             if (k) X[(k - 1) * M + N + i] -= low + high;
             for (int c = 0; c < S; c++) tau[c] -= by_h * p->share[k * S + c];
         }
-}
-
-/* Add the transpose of the given sums of durations times nu. */
-static void add_given(const Program *p, const double *nu, double *tau) {
-    for (int e = 0; e < (int)p->given; e++)
-        for (int c = 0; c < S; c++) tau[c] += p->given_rows[e * S + c] * nu[e];
-}
-
-/* How much a given sum of durations still has to change. */
-static double given_left(const Program *p, const double *tau, int e) {
-    double left = p->given_change[e];
-    for (int c = 0; c < S; c++) left -= p->given_rows[e * S + c] * tau[c];
-    return left;
 }
 
 /* Gradient of the objective at (X, tau). */

@@ -39,6 +39,9 @@ BARRIER = 1e-2
 PUSH = 3e-3
 """The smallest slack it starts from [m, rad, m/s, rad/s, s]."""
 
+NARROW = 1e-8
+"""Rows whose bounds are nearer to each other than this [m, rad, m/s, rad/s, s] are equations."""
+
 SMALLEST_REGULARIZATION = 1e-10
 """PIQP lowers its regularization to 1e-13 where it gets stuck; with tiny intervals that loses the digits it needs."""
 
@@ -64,7 +67,6 @@ class QpSolution:
         step: The step; that of x_0 is 0.
         gaps: Multipliers of the gaps, (K, n).
         rows: Of the rows of `SqpWindow`, (R,).
-        given: Of given sums of durations, (G,).
         ends: Of the end conditions, a part of `rows`, (E,).
         largest: The largest multiplier of what must hold; soft limits need not.
         iterations: Interior-point iterations.
@@ -74,7 +76,6 @@ class QpSolution:
     step: Point
     gaps: np.ndarray
     rows: np.ndarray
-    given: np.ndarray
     ends: np.ndarray
     largest: float
     iterations: int
@@ -99,8 +100,6 @@ class QpMethod(ABC):
             "gaps": model.at.gaps,
             "end_node": window.form.end_node - 1,
             "end_rows": model.end_rows,
-            "given_rows": bounds.given_rows,
-            "given_change": bounds.given - bounds.given_rows @ point.tau,
             "low": bounds.low - rows,
             "high": bounds.high - rows,
             "input_low": bounds.input_low,
@@ -111,36 +110,35 @@ class QpMethod(ABC):
             "tau": np.zeros(S),
             "gap_multipliers": np.zeros((K, n)),
             "multipliers": np.zeros(len(rows)),
-            "given_multipliers": np.zeros(len(bounds.given)),
         }
         status, iterations = self._solve(numbers, bounds.soft)
-        gaps, z, given = (numbers[name] for name in ("gap_multipliers", "multipliers", "given_multipliers"))
-        hard, ends = z[states if bounds.soft else 0 :], z[states + S + 1 :][: len(model.at.ends)]
-        largest = float(max(np.abs(each).max(initial=0.0) for each in (gaps, hard, given)))
-        return QpSolution(status, Point(X, numbers["tau"]), gaps, z, given, ends, largest, iterations)
+        gaps, z = numbers["gap_multipliers"], numbers["multipliers"]
+        hard, ends = z[states if bounds.soft else 0 :], z[states + 2 * S :][: len(model.at.ends)]
+        largest = float(max(np.abs(each).max(initial=0.0) for each in (gaps, hard)))
+        return QpSolution(status, Point(X, numbers["tau"]), gaps, z, ends, largest, iterations)
 
     @abstractmethod
     def _solve(self, numbers: dict[str, np.ndarray], soft: bool) -> tuple[QpStatus, int]:
-        """Write the step and the multipliers into the last five arrays; return how it ended, and the iterations."""
+        """Write the step and the multipliers into the last four arrays; return how it ended, and the iterations."""
 
 
 class Program(ctypes.Structure):
     """A quadratic program as the C code takes it; see `Program` in program.c."""
 
     _fields_ = (
-        [(name, ctypes.c_int64) for name in ("K", "ends", "given", "inputs", "limit", "soft")]
+        [(name, ctypes.c_int64) for name in ("K", "ends", "inputs", "limit", "soft")]
         + [(name, ctypes.c_double) for name in ("tolerance", "nearly", "barrier", "push")]
         + [(name, ctypes.c_void_p) for name in ("positions", "gradient", "gradient_tau", "coupling", "arrow")]
         + [(name, ctypes.c_void_p) for name in ("durations", "gap_velocity", "gap_tau", "gaps", "end_node")]
-        + [(name, ctypes.c_void_p) for name in ("end_rows", "given_rows", "given_change", "low", "high")]
+        + [(name, ctypes.c_void_p) for name in ("end_rows", "low", "high")]
         + [(name, ctypes.c_void_p) for name in ("input_low", "input_high", "share", "penalty", "work", "X", "tau")]
-        + [(name, ctypes.c_void_p) for name in ("gap_multipliers", "multipliers", "given_multipliers", "report")]
+        + [(name, ctypes.c_void_p) for name in ("gap_multipliers", "multipliers", "report")]
     )
 
 
 def kernel_library(coordinates: int, durations: int) -> Path | None:
     """Return the shared library of our own method for these sizes; None where nothing can be compiled."""
-    sizes = f"#define N {coordinates}\n#define S {durations}\n"
+    sizes = f"#define N {coordinates}\n#define S {durations}\n#define NARROW {NARROW}\n"
     folder = files("psmpc_cli.solvers")
     code = sizes + "".join((folder / name).read_text(encoding="utf-8") for name in SOURCES)
     return library(code, "qp", FLAGS)
@@ -167,7 +165,6 @@ class RiccatiQp(QpMethod):
         program = Program(
             K=len(numbers["coupling"]),
             ends=len(numbers["end_rows"]),
-            given=len(numbers["given_rows"]),
             inputs=len(numbers["input_low"]) > 0,
             limit=MAX_ITERATIONS,
             soft=soft,
@@ -208,12 +205,13 @@ class PiqpQp(QpMethod):
         x = node * np.arange(K)[:, None] + np.arange(2 * n)
         e, tau = x + 2 * n if soft else x[:, :0], np.arange(node * K, node * K + S)
         size, unknown, row = node * K + S, np.r_[x.ravel(), tau], np.arange(len(low))
-        is_soft, boxed = soft & (row < x.size), (row >= soft * x.size) & (row < x.size + S)
-        below, above = is_soft & np.isfinite(low), is_soft & np.isfinite(high)
-        hard, of_box = ~is_soft & ~boxed & (np.isfinite(low) | np.isfinite(high)), unknown[row[boxed]]
-        rows = _matrix(len(low), size, _rows(numbers, x, tau))
+        is_soft = soft & (row < x.size)
+        equal = ~is_soft & (high <= low + NARROW)
+        boxed = ~is_soft & ~equal & (row < x.size + S)
+        below, above, of_box = is_soft & np.isfinite(low), is_soft & np.isfinite(high), unknown[row[boxed]]
+        hard = ~is_soft & ~equal & ~boxed & (np.isfinite(low) | np.isfinite(high))
+        rows, gaps = _matrix(len(low), size, _rows(numbers, x, tau)), _matrix(K * n, size, _gaps(numbers, x, tau))
         violated = _matrix(len(low), size, [(np.arange(e.size), e.ravel(), 1.0)])
-        equalities = _matrix(K * n + len(numbers["given_rows"]), size, _equalities(numbers, x, tau))
         cost, lowest, highest = np.zeros(size), np.full(size, -np.inf), np.full(size, np.inf)
         cost[x], cost[tau], cost[e], lowest[e] = numbers["gradient"], numbers["gradient_tau"], numbers["penalty"], 0.0
         lowest[of_box], highest[of_box] = low[boxed], high[boxed]
@@ -225,8 +223,8 @@ class PiqpQp(QpMethod):
         solver.setup(
             P=_matrix(size, size, _hessian(numbers, x, tau)).tocsc(),
             c=cost,
-            A=equalities.tocsc(),
-            b=np.r_[-numbers["gaps"].ravel(), numbers["given_change"]],
+            A=vstack([gaps, rows[equal]], format="csc"),
+            b=np.r_[-numbers["gaps"].ravel(), (low[equal] + high[equal]) / 2],
             G=vstack([(rows + violated)[below], (rows - violated)[above], rows[hard]], format="csc"),
             h_l=np.r_[low[below], np.full(above.sum(), -np.inf), low[hard]],
             h_u=np.r_[np.full(below.sum(), np.inf), high[above], high[hard]],
@@ -236,7 +234,7 @@ class PiqpQp(QpMethod):
         status, result, z = solver.solve(), solver.result, numbers["multipliers"]
         found, y, of_rows = np.array(result.x), np.array(result.y), np.array(result.z_u) - np.array(result.z_l)
         numbers["X"][:], numbers["tau"][:] = found[x], found[tau]
-        numbers["gap_multipliers"][:], numbers["given_multipliers"][:] = y[: K * n].reshape(K, n), y[K * n :]
+        numbers["gap_multipliers"][:], z[equal] = y[: K * n].reshape(K, n), y[K * n :]
         z[boxed] = (np.array(result.z_bu) - np.array(result.z_bl))[of_box]
         limited = np.r_[np.flatnonzero(below), np.flatnonzero(above), np.flatnonzero(hard)]
         np.add.at(z, limited, of_rows)
@@ -271,27 +269,26 @@ def _hessian(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> 
     ]
 
 
-def _equalities(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> list[Piece]:
-    """Return the rows of gaps and of given sums of durations."""
+def _gaps(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> list[Piece]:
+    """Return the rows of gaps."""
     (K, n), by_v = numbers["coupling"].shape, numbers["gap_velocity"][:, :, None]
-    row, Q, v, given = np.arange(K * n).reshape(K, n), x[:, :n], x[:, n:], numbers["given_rows"]
+    row, Q, v = np.arange(K * n).reshape(K, n), x[:, :n], x[:, n:]
     return [
         (row, Q, 1.0),
         (row, v, by_v[:, 1]),
         (row[1:], Q[:-1], -1.0),
         (row[1:], v[:-1], by_v[1:, 0]),
         (row[..., None], tau, numbers["gap_tau"]),
-        (K * n + np.arange(len(given))[:, None], tau, given),
     ]
 
 
 def _rows(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> list[Piece]:
     """Return the rows of `SqpWindow`."""
     (K, n), S, ends = numbers["coupling"].shape, len(tau), len(numbers["end_rows"])
-    at, v = x.size + S + 1, x[:, n:]
+    at, v, (until, of) = x.size + 2 * S, x[:, n:], np.tril_indices(S)
     pieces: list[Piece] = [
         (np.arange(x.size + S), np.r_[x.ravel(), tau], 1.0),
-        (x.size + S, tau, 1.0),
+        (x.size + S + until, tau[of], 1.0),
         (at + np.arange(ends)[:, None], x[numbers["end_node"]], numbers["end_rows"]),
     ]
     for first, limit in ((at + ends, numbers["input_low"]), (at + ends + K * n, numbers["input_high"])):

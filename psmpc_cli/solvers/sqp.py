@@ -265,9 +265,9 @@ def later(window: SqpWindow, point: Point) -> Point | None:
     is not in a linear program; from a late instant the second alone is enough.
     """
     form, bounds, last, horizon = window.form, window.bounds, len(point.tau) - 1, window.horizon
-    if last < 0 or bounds.given_rows[:, last].any():
+    if last < 0:
         return None
-    longest, together = bounds.high[window.states :][[last, last + 1]]
+    longest, together = bounds.high[window.states :][[last, 2 * last + 1]]
     room = min(longest, together - point.tau[:last].sum()) - point.tau[last]
     if room <= 0:
         return None

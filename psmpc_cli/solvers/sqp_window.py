@@ -1,7 +1,8 @@
 """A window in the velocity form as its quadratic programs need it: bounds, violations, penalties.
 
-What has a bound is a row: states at nodes 1 .. K, durations, their sum, end conditions, accelerations as velocities,
-`Qdot+ - Qdot - h u_low` and `Qdot+ - Qdot - h u_high`. Violations, the programs and their multipliers share the order.
+What has a bound is a row: states at nodes 1 .. K, durations, their sums up to each, end conditions, accelerations as
+velocities, `Qdot+ - Qdot - h u_low` and `Qdot+ - Qdot - h u_high`. Violations, the programs and their multipliers share
+the order.
 """
 
 from dataclasses import dataclass, replace
@@ -21,11 +22,11 @@ from psmpc_cli.ocp.window import (
     shortest_durations,
 )
 
-NARROWEST = 2e-9
-"""Bounds nearer to each other than this [m, rad, m/s, rad/s] are moved apart to it: no interior point has none."""
-
 NARROWEST_SOFT = 1e-4
-"""The same of soft ones: nothing but the width tells their two multipliers apart, and at 1e-5 some programs fail."""
+"""Soft bounds nearer to each other than this [m, rad, m/s, rad/s] are moved apart to it.
+
+Nothing but the width tells their two multipliers apart, and at 1e-5 some programs fail.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +34,7 @@ class WindowBounds:
     """The bounds of one window.
 
     Attributes:
-        low, high: Of the rows, (R,).
-        given_rows, given: Sums of durations that are given, as rows of durations (G, S) and as times (G,) [s].
+        low, high: Of the rows, (R,); where they are equal, or cross, the row is an equation.
         input_low, input_high: Of the accelerations, (K, n), 0 where there is none; (0, n) where none has one.
         soft: The bounds of states may be violated at a cost.
         first: Low and high of x_0, which count where bounds are soft, (2, 2n).
@@ -42,8 +42,6 @@ class WindowBounds:
 
     low: np.ndarray
     high: np.ndarray
-    given_rows: np.ndarray
-    given: np.ndarray
     input_low: np.ndarray
     input_high: np.ndarray
     soft: bool
@@ -55,9 +53,9 @@ def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
     grid, stages, S = form.grid, window.stages, form.grid.switches
     low, high = node_limits(grid, stages)
     first = np.array([low[0], high[0]])
-    low, high = moved_apart(low[1:], high[1:], NARROWEST_SOFT if window.soft else NARROWEST)
+    low, high = moved_apart(low[1:], high[1:]) if window.soft else (low[1:], high[1:])
     ends = [stage.end_tolerance for stage, of_form in zip(stages, form.stages, strict=True) if of_form.end_rows]
-    tolerance, open_rows = np.concatenate([np.zeros(0), *ends]), np.full(S + 1, np.inf)
+    tolerance, open_rows = np.concatenate([np.zeros(0), *ends]), np.full(2 * S, np.inf)
     lows, highs = [low.ravel(), -open_rows, -tolerance], [high.ravel(), open_rows, tolerance]
     inputs = [
         np.array([getattr(stage.limits, f"acceleration_{side}") for stage in stages])[grid.stage_of]
@@ -74,8 +72,6 @@ def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
     return WindowBounds(
         low=np.concatenate(lows),
         high=np.concatenate(highs),
-        given_rows=np.zeros((0, S)),
-        given=np.zeros(0),
         input_low=inputs[0],
         input_high=inputs[1],
         soft=window.soft,
@@ -92,25 +88,22 @@ def window_bounds(shared: WindowBounds, window: Window, guess: Plan, tau: np.nda
         low[:first] += rates
         high[:first] += rates
     drift = np.concatenate([np.zeros(0), *(stage.end_drift for stage in window.stages[:-1])])
-    ends = slice(first + S + 1, first + S + 1 + len(drift))
+    ends = slice(first + 2 * S, first + 2 * S + len(drift))
     low[ends] += drift
     high[ends] += drift
-    shortest, longest = np.maximum(shortest_durations(window)[:-1], tau - within), tau + within
-    fixed = shortest == longest
-    low[first : first + S] = np.where(fixed, -np.inf, shortest)
-    high[first : first + S] = np.where(fixed, np.inf, longest)
-    high[first + S] = window.horizon - SHORTEST if S else np.inf
-    tied = {s: stage.at - window.start for s, stage in enumerate(window.stages[:-1]) if stage.at is not None}
-    if not tied and not fixed.any():
-        return replace(shared, low=low, high=high)
-    given_rows = np.vstack([np.tri(S)[list(tied)], np.eye(S)[fixed]])
-    given = np.array([*tied.values(), *shortest[fixed]])
-    return replace(shared, low=low, high=high, given_rows=given_rows, given=given)
+    low[first : first + S] = np.maximum(shortest_durations(window)[:-1], tau - within)
+    high[first : first + S] = tau + within
+    if S:
+        high[first + 2 * S - 1] = window.horizon - SHORTEST
+    for s, stage in enumerate(window.stages[:-1]):
+        if stage.at is not None:
+            low[first + S + s] = high[first + S + s] = stage.at - window.start
+    return replace(shared, low=low, high=high)
 
 
-def moved_apart(low: np.ndarray, high: np.ndarray, narrowest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return bounds with at least so much between them."""
-    apart = np.maximum(narrowest - (high - low), 0.0) / 2
+def moved_apart(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return soft bounds with at least `NARROWEST_SOFT` between them."""
+    apart = np.maximum(NARROWEST_SOFT - (high - low), 0.0) / 2
     return low - apart, high + apart
 
 
@@ -151,7 +144,7 @@ class SqpWindow:
 
     def rows(self, point: Point, at: Residuals) -> np.ndarray:
         """Return the rows at a point, (R,)."""
-        rows = [point.X[1:].ravel(), point.tau, point.tau.sum(keepdims=True), at.ends]
+        rows = [point.X[1:].ravel(), point.tau, point.tau.cumsum(), at.ends]
         if len(self.bounds.input_low):
             h, dv = self.form.steps(point, self.horizon), np.diff(point.X[:, self.form.grid.n :], axis=0)
             rows += [(dv - h * bound).ravel() for bound in (self.bounds.input_low, self.bounds.input_high)]
@@ -160,9 +153,7 @@ class SqpWindow:
     def violation(self, point: Point, at: Residuals) -> Violation:
         """Return by how much a point violates gaps, end conditions and hard limits."""
         bounds, rows, hard = self.bounds, self.rows(point, at), slice(self.states if self.bounds.soft else 0, None)
-        past = [at.gaps.ravel(), bounds.given - bounds.given_rows @ point.tau]
-        past = [*map(np.abs, past), (bounds.low - rows)[hard], (rows - bounds.high)[hard]]
-        every = np.concatenate(past)
+        every = np.concatenate([np.abs(at.gaps).ravel(), (bounds.low - rows)[hard], (rows - bounds.high)[hard]])
         return Violation(float(max(every.max(), 0.0)), float(np.maximum(every, 0.0).sum()))
 
     def beyond(self, point: Point) -> np.ndarray:

@@ -57,21 +57,19 @@ class Optimality:
 
 
 def optimality(task: Task, found: QpSolution) -> Optimality:
-    """Karush, Kuhn and Tucker's conditions, row by row: gaps, rows with bounds, given sums of durations."""
+    """Karush, Kuhn and Tucker's conditions, row by row: gaps, rows with bounds."""
     model, bounds, x = task.model, task.window.bounds, flat(found.step)
     steps = [_step(task.point, column) for column in np.eye(len(x))]
     rows = _rows(task, found.step.moved(found.step, -1.0))
     G = np.column_stack([_rows(task, step) - rows for step in steps])
     gaps = np.column_stack([_change_of_gaps(model, step).ravel() for step in steps])
-    given = np.hstack([np.zeros((len(bounds.given), len(x) - len(task.point.tau))), bounds.given_rows])
     low, high, value, z = bounds.low - rows, bounds.high - rows, G @ x, found.rows
     gradient = hessian(model) @ x + np.r_[model.gradient[1:].ravel(), model.gradient_tau]
-    gradient += gaps.T @ found.gaps.ravel() + G.T @ z + given.T @ found.given
-    left = bounds.given - bounds.given_rows @ (task.point.tau + found.step.tau)
+    gradient += gaps.T @ found.gaps.ravel() + G.T @ z
     room = np.where(z > 0, np.abs(high - value), np.abs(value - low))
     return Optimality(
         gaps=float(np.abs(gaps @ x + model.at.gaps.ravel()).max()),
-        limits=float(max((low - value).max(), (value - high).max(), np.abs(left).max(initial=0.0))),
+        limits=float(max((low - value).max(), (value - high).max())),
         gradient=float(np.abs(gradient).max()),
         complementarity=float(np.where(np.abs(z) > 1e-12, np.abs(z) * np.minimum(room, 1e9), 0.0).max()),
     )

@@ -105,9 +105,9 @@ def _bounds_about(
     fixed = np.arange(S) == (0 if "fixed" in what else -1)
     tied = np.arange(S) == (S - 1 if "tied" in what else -1)
     end_low, end_high = around(model.at.ends + (model.end_rows * step.X[form.end_node]).sum(axis=1))
-    none, together = np.full(S, np.inf), float(tau.sum() + 0.05) if S else np.inf
-    low = [X_low.ravel(), np.where(fixed, -none, tau - 0.3), np.array([-np.inf]), end_low]
-    high = [X_high.ravel(), none, np.array([together]), end_high]
+    none, together = np.full(S, np.inf), tau.cumsum()
+    low = [X_low.ravel(), np.where(fixed, tau, tau - 0.3), np.where(tied, together, -none), end_low]
+    high = [X_high.ravel(), np.where(fixed, tau, none), together + np.where(tied, 0.0, 0.05), end_high]
     inputs = [np.zeros((0, n))] * 2
     if "inputs" in what:
         h = form.steps(point, 2.0) + (form.interval_steps @ step.tau)[:, None]
@@ -115,9 +115,8 @@ def _bounds_about(
         inputs, free = [np.where(np.isfinite(limit), limit, 0.0) for limit in limits], np.full(K * n, np.inf)
         low += [np.where(np.isfinite(limits[0]), 0.0, -np.inf).ravel(), -free]
         high += [free, np.where(np.isfinite(limits[1]), 0.0, np.inf).ravel()]
-    given_rows = np.vstack([np.tri(S)[tied], np.eye(S)[fixed]])
     rows, first = (np.concatenate(low), np.concatenate(high)), np.array([[-np.inf], [np.inf]]) * np.ones(2 * n)
-    return WindowBounds(*rows, given_rows, given_rows @ tau, inputs[0], inputs[1], False, first)
+    return WindowBounds(*rows, inputs[0], inputs[1], False, first)
 
 
 def unattainable(task: Task) -> Task:
@@ -127,7 +126,7 @@ def unattainable(task: Task) -> Task:
     low, high, first = (
         task.window.bounds.low.copy(),
         task.window.bounds.high.copy(),
-        task.window.states + len(task.point.tau) + 1,
+        task.window.states + 2 * len(task.point.tau),
     )
     low[first : first + 2], high[first : first + 2] = (0.0, 1.0), (0.1, 1.1)
     model = replace(task.model, at=replace(task.model.at, ends=ends), end_rows=rows)

@@ -14,7 +14,7 @@ from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
 from psmpc_cli.ocp.window import PENALTY, scaled_violations, window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers.quadratic import PiqpQp, QpSolution, QpStatus, RiccatiQp, load_kernel
-from psmpc_cli.solvers.sqp_window import NARROWEST_SOFT, SqpWindow, fixed_bounds, moved_apart, window_bounds
+from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, moved_apart, window_bounds
 
 from .optimality import energy, objective, optimality
 from .random_programs import Task, random_task, unattainable
@@ -125,7 +125,7 @@ def softened(task: Task, away: np.ndarray | float = 0.0) -> Task:
     """The same program with soft bounds of states, some of them moved."""
     bounds, at = task.window.bounds, slice(task.window.states)
     low, high = bounds.low.copy(), bounds.high.copy()
-    low[at], high[at] = moved_apart(low[at] + away, high[at] + away, NARROWEST_SOFT)
+    low[at], high[at] = moved_apart(low[at] + away, high[at] + away)
     return task.with_bounds(low=low, high=high, soft=True)
 
 

@@ -114,7 +114,12 @@ def read_results(path: Path, kind: str) -> Results:
     def read(file: h5py.File) -> Results:
         if (found := kind_in(file)) != kind:
             raise LogError(f"{path}: found a {found}, expected a {kind}")
-        quantities = {name: _quantity(name, dataset) for name, dataset in file.items()}
+        quantities = dict[str, Quantity]()
+        for name, dataset in file.items():
+            keys = ("units", "long_name", "dims", "flag_meanings")
+            units, long_name, dims, meanings = (str(dataset.attrs.get(key, "")) for key in keys)
+            about = units, long_name, tuple(meanings.split())
+            quantities[name] = Quantity(name, tuple(dims.split()), read_array(dataset), *about)
         for each in quantities.values():
             if each.values.shape != tuple(quantities[name].values.size for name in each.dims):
                 raise ValueError(f"{each.name} does not fit its coordinates")
@@ -123,10 +128,3 @@ def read_results(path: Path, kind: str) -> Results:
         return Results(path, dict(file.attrs), quantities)
 
     return read_file(path, read, f"a {kind} written by psmpc")
-
-
-def _quantity(name: str, dataset: h5py.Dataset) -> Quantity:
-    units, long_name, dims, meanings = (
-        str(dataset.attrs.get(key, "")) for key in ("units", "long_name", "dims", "flag_meanings")
-    )
-    return Quantity(name, tuple(dims.split()), read_array(dataset), units, long_name, tuple(meanings.split()))

@@ -14,10 +14,11 @@ from scipy.signal import find_peaks
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.window import SHORTEST, Window, normalization
 from psmpc_cli.simulation.replay import logged_solve
-from psmpc_cli.simulation.run import Experiment, build_experiment, converging
-from psmpc_cli.solvers import build_solver
+from psmpc_cli.simulation.run import converging
+from psmpc_cli.solvers import Solver, build_solver
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.compare import run_tasks
 from psmpc_cli.studies.runner import changed
@@ -71,13 +72,15 @@ class OneWindow:
 
     Attributes:
         label: Priorities of its stages, the first one's as 1, such as 1 : 100.
-        experiment: The run's experiment, built anew.
+        problem: The run's problem, and
+        solver: what solves its windows to convergence.
         window: The window.
         plan: Its optimum.
     """
 
     label: str
-    experiment: Experiment
+    problem: Problem
+    solver: Solver
     window: Window
     plan: Plan
 
@@ -243,11 +246,9 @@ def pick_window(log: Run) -> OneWindow:
     if not len(with_one):
         raise LogError(f"{log.path}: found no window with one switch, expected a run of several stages")
     with_one = with_one[first[with_one] == first[with_one[0]]]
-    experiment = build_experiment(converging(log.task))
-    to_go = ahead(log)[1][with_one]
-    sample = int(with_one[np.argmin(np.abs(to_go - 0.3 * experiment.problem.spec.controller.horizon))])
-    solve = logged_solve(log, sample)
-    return OneWindow(_ratio(solve.window.omega), experiment, solve.window, solve.plan)
+    problem, to_go = build_problem(converging(log.task)), ahead(log)[1][with_one]
+    solve = logged_solve(log, int(with_one[np.argmin(np.abs(to_go - 0.3 * problem.spec.controller.horizon))]))
+    return OneWindow(_ratio(solve.window.omega), problem, build_solver(problem), solve.window, solve.plan)
 
 
 def _ratio(omega: np.ndarray) -> str:
@@ -259,14 +260,14 @@ def with_priorities(one: OneWindow, priorities: tuple[float, float]) -> OneWindo
 
     It is normalized from the optimum they have with the old normalization, as at the sample after they were changed.
     """
-    experiment, window = one.experiment, replace(one.window, omega=np.array(priorities))
-    controller, solver = experiment.problem.spec.controller, experiment.controller.solver
-    plan = solver.solve(window, one.plan).plan
+    window, controller = replace(one.window, omega=np.array(priorities)), one.problem.spec.controller
+    plan = one.solver.solve(window, one.plan).plan
     begins = np.r_[window.start - window.elapsed, plan.instants]
     kind, zeta, step = controller.normalization, controller.zeta, controller.sample_time
-    offset, scale = normalization(kind, zeta, window.stages, begins, experiment.problem.costs, plan, step)
+    offset, scale = normalization(kind, zeta, window.stages, begins, one.problem.costs, plan, step)
     window = replace(window, offset=offset, scale=scale)
-    return OneWindow(f"{_ratio(window.omega)} from {one.label}", experiment, window, solver.solve(window, plan).plan)
+    label, plan = f"{_ratio(window.omega)} from {one.label}", one.solver.solve(window, plan).plan
+    return replace(one, label=label, window=window, plan=plan)
 
 
 def scan_instants(one: OneWindow, grid: np.ndarray) -> Curve:
@@ -285,7 +286,7 @@ def scan_instants(one: OneWindow, grid: np.ndarray) -> Curve:
         instant = tried.pop() if tried else (min(scanned) + infeasible) / 2
         for guess in (plan, one.plan):
             at = replace(guess, instants=np.array([window.start + instant]))
-            solved = one.experiment.controller.solver.solve(window, at, within=0.0)
+            solved = one.solver.solve(window, at, within=0.0)
             if solved.outcome.usable:
                 scanned[instant], plan = solved.objective, solved.plan
                 break
@@ -300,7 +301,7 @@ def optimize_instants(one: OneWindow, pending_cost: float) -> np.ndarray:
     window, found = replace(one.window, pending_cost=pending_cost), []
     for guess in GUESSES:
         started = replace(one.plan, instants=np.array([window.start + guess * window.horizon]))
-        solved = one.experiment.controller.solver.solve(window, started)
+        solved = one.solver.solve(window, started)
         found.append(float(solved.plan.instants[0]) - window.start if solved.outcome.usable else np.nan)
     return np.array(found)
 
@@ -312,14 +313,12 @@ def on_mesh(one: OneWindow, nodes: int, discretization: str) -> tuple[float, flo
     tolerance of the end condition [1]; both NaN if there is no solution.
     """
     window = replace(one.window, nodes=(nodes,) * len(one.window.stages), discretization=discretization)
-    solved = build_solver(one.experiment.problem).solve(window, one.plan)
+    solved = build_solver(one.problem).solve(window, one.plan)
     if not solved.outcome.usable:
         return np.nan, np.nan
-    real, n, stage = led_to(solved.plan), one.experiment.problem.model.n, one.window.stages[0]
-    missed = (
-        one.experiment.problem.costs.errors(stage, real[nodes : nodes + 1])[0, list(stage.end_rows)] / stage.tolerance
-    )
-    return float(np.abs(solved.plan.X[:, :n] - real[:, :n]).max()), float(np.max(np.abs(missed), initial=0.0))
+    real, n = led_to(solved.plan), one.problem.model.n
+    error = float(np.abs(solved.plan.X[:, :n] - real[:, :n]).max())
+    return error, one.problem.costs.end_error(one.window.stages[0], real[nodes])
 
 
 def led_to(plan: Plan) -> np.ndarray:

@@ -51,11 +51,12 @@ WAITING, COMPUTED, SHARED, FAILED = range(4)
 """Codes of a cell's status; its run is its own, or that of another cell."""
 
 OF_CELL = (
+    Column("status", "1", "status of the cell", dtype="i4", unknown=WAITING),
     Column("origin", "1", "flat index of the cell whose run it shares", dtype="i4", unknown=-1),
     Column("reason", "1", "why the run ended, where it says so, or the cell failed", dtype="text"),
     Column("cell_time", "s", "wall time of the cell's run, with all that is around"),
 )
-"""What the results have of a cell itself besides its status."""
+"""What the results have of a cell itself."""
 
 CONNECTING = 10
 """Time within which a Dask scheduler answers and has a worker [s]."""
@@ -123,26 +124,17 @@ class Study:
     stop: int | None = None
     origins: np.ndarray | None = None
 
-    @property
-    def name(self) -> str:
-        """What a message calls it."""
-        return "sweep" if self.kind == "sweep" else "study"
-
     def results(self, path: Path | None = None) -> Results:
         """Build the results with nothing computed, for a file that is not written yet."""
         sizes = {each.name: len(each.values) for each in self.coordinates if each.dims == (each.name,)}
-        waiting = np.full([sizes[name] for name in self.dims], WAITING, "i4")
-        arrays = [
-            *self.coordinates,
-            Quantity("status", self.dims, waiting, "1", "status of the cell", self.statuses),
-            Quantity("wall_time", (), np.array(0.0), "s", f"wall time spent on the {self.name}"),
-        ]
+        arrays = [*self.coordinates, Quantity("wall_time", (), np.array(0.0), "s", "wall time spent on the study")]
         for each in (*OF_CELL, *self.quantities):
             if {*each.dims} <= {*sizes}:
                 dims, text = (*self.dims, *each.dims), each.dtype == "text"
                 shape = [sizes[name] for name in dims]
                 values = np.full(shape, "" if text else each.unknown, object if text else each.dtype)
-                arrays.append(Quantity(each.path, dims, values, each.units, each.long_name))
+                meanings = self.statuses if each.path == "status" else ()
+                arrays.append(Quantity(each.path, dims, values, each.units, each.long_name, meanings))
         created, task = datetime.now(UTC).isoformat(timespec="seconds"), self.task
         about = {"digest": task.digest, "task_name": task.spec.name, "task_yaml": task.task_yaml}
         attributes = {**self.identity, **about, "robot_yaml": task.robot_yaml, "created": created, **self.attributes}
@@ -243,7 +235,9 @@ def _resumed(study: Study, new: Results) -> Results:
     """Read the results to resume, with room for the cells that the study has more now."""
     path, cells = new.path, len(study.cells)
     if not path.exists():
-        raise InputError(f"--resume: found no file {path}, expected a {study.name} that was stopped; omit --resume")
+        raise InputError(
+            f"--resume: found no file {path}, expected a {study.kind} study that was stopped; omit --resume"
+        )
     results = read_results(path, study.kind)
     for name in ("psmpc_version", "digest", *study.identity):
         found, wanted = (each.attributes.get(name) for each in (results, new))
@@ -252,7 +246,7 @@ def _resumed(study: Study, new: Results) -> Results:
             if name == "digest":
                 difference = _difference(results, new)
             advice = "give the same task and options, or choose another file with -o"
-            raise InputError(f"--resume: {path} holds another {study.name}: {difference}; {advice}")
+            raise InputError(f"--resume: {path} holds another {study.kind} study: {difference}; {advice}")
     if (found_cells := results["status"].size) > cells:
         raise InputError(f"--resume: {path} has {found_cells} runs, found {cells}, expected at least as many")
     for name, quantity in new.quantities.items():

@@ -110,10 +110,7 @@ def test_j_at_the_optimal_instant_is_the_optimum(one: OneWindow, log: Run) -> No
 def test_the_scan_ends_at_the_earliest_feasible_instant(one: OneWindow) -> None:
     instants, cost = scan_instants(one, instant_grid(one.window.horizon, 8))
     target = one.window.stages[0]
-    away = (
-        np.abs(one.experiment.problem.costs.errors(target, one.window.x0[None])[0, list(target.end_rows)])
-        - target.tolerance
-    )
+    away = np.abs(one.problem.costs.errors(target, one.window.x0[None])[0, list(target.end_rows)]) - target.tolerance
     least = float(np.max(away / target.limits.velocity_high[list(target.end_rows)]))
     assert least <= instants[0] <= least + CLOSE + 0.02
     assert np.all(np.diff(instants) > 0)

@@ -15,6 +15,9 @@ from psmpc_cli.ocp.skills import SKILLS, every_sample
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
 
+SLACK = 1e-6
+"""By how much an end condition's tolerances may be exceeded [m, rad, m/s, rad/s]: solvers stop at a tolerance."""
+
 
 @dataclass(frozen=True)
 class StageShape:
@@ -129,12 +132,12 @@ class StageFunctions:
 
     @cached_property
     def met(self) -> RowFunction:
-        """x, target, drift, tolerance, margin, slack -> 1 where all rows of the end condition hold, else 0."""
-        bounds = [ca.SX.sym(name, self.end_rows) for name in ("drift", "tolerance")]
-        margin, slack = ca.SX.sym("margin"), ca.SX.sym("slack")
-        holds = ca.fabs(ca.densify(self._end) - bounds[0]) <= bounds[1] * margin + slack
-        arguments = [self._x, self._target, *bounds, margin, slack]
-        return RowFunction(ca.Function("met", arguments, [ca.mmin(holds)]))
+        """x, [target; drift; tolerance], margin -> whether the end condition holds within margin * tolerance."""
+        sizes, margin = np.cumsum([0, self.numbers, self.end_rows, self.end_rows]), ca.SX.sym("margin")
+        numbers = ca.SX.sym("numbers", int(sizes[-1]))
+        target, drift, tolerance = ca.vertsplit(numbers, sizes.tolist())
+        holds = ca.fabs(self.end.function(self._x, target) - drift) <= tolerance * margin + SLACK
+        return RowFunction(ca.Function("met", [self._x, numbers, margin], [ca.mmin(holds)]))
 
     @cached_property
     def end_terms(self) -> RowFunction:

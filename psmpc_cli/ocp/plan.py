@@ -194,8 +194,8 @@ class Plan:
         return np.asarray((reached[1:] - reached[:-1]) @ u / (edges[1:] - edges[:-1])[:, None])
 
 
-def _accelerated(X: np.ndarray, u: np.ndarray, since: np.ndarray) -> np.ndarray:
-    """Return states X (K, 2n) after times since (K, 1) [s] under accelerations u (K, n); X itself, overwritten."""
+def _accelerated(X: np.ndarray, u: np.ndarray, since: np.ndarray | float) -> np.ndarray:
+    """Return states X (K, 2n) after times (K, 1) or () [s] under accelerations u (K, n); X itself, overwritten."""
     n = u.shape[1]
     Q, Qdot, gained = X[:, :n], X[:, n:], since * u
     Q += since * (Qdot + gained / 2)
@@ -227,12 +227,10 @@ def shift(plan: Plan, now: float, horizon: float, x: np.ndarray, instants: np.nd
 
     Its instants are those of the plan that are still to come, if none (S,) [s] are given.
     """
-    end, n = now + horizon, len(x) // 2
+    end = now + horizon
     first, stop = plan.times.searchsorted((now + 1e-9, end - 1e-9))
-    u, last, since = plan._u_and_none[first - 1 : stop], plan.X[stop - 1], end - plan.times[stop - 1]
-    gained = since * u[-1]
-    Q = last[:n] + since * (last[n:] + gained / 2)
-    X = np.concatenate((x, plan.X[first:stop].ravel(), Q, last[n:] + gained)).reshape(-1, 2 * n)
+    u, last = plan._u_and_none[first - 1 : stop], plan.X[stop - 1 : stop].copy()
+    X = np.concatenate((x[None], plan.X[first:stop], _accelerated(last, u[-1:], end - plan.times[stop - 1])))
     times = np.concatenate(((now,), plan.times[first:stop], (end,)))
     instants = plan.instants[plan.instants > now] if instants is None else instants
     return Plan(times, X, u, instants, plan.chart)

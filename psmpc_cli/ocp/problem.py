@@ -25,9 +25,6 @@ POSTURE = 1e-3
 FOLLOWED = 41
 """Points of the object's predicted motion that a cost follows: at 10 deg/s over 4 s straight to 0.03 mm at 0.6 m."""
 
-SLACK = 1e-6
-"""By how much an end condition's tolerances may be exceeded [m, rad, m/s, rad/s]: solvers stop at a tolerance."""
-
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
@@ -181,6 +178,11 @@ class Stage:
         drift = np.broadcast_to(self.drift, self.weights.shape)[rows]
         return np.concatenate([np.zeros(len(rows)), drift[: len(rows) * counts]])
 
+    @cached_property
+    def end_numbers(self) -> np.ndarray:
+        """Target, drift and tolerance, as `StageFunctions.met` takes them."""
+        return np.concatenate([self.target, self.end_drift, self.end_tolerance])
+
     @property
     def waypoints(self) -> np.ndarray:
         """What the target leads through (T, rows) [m, rad]: the rows of the trajectory, or the target alone."""
@@ -242,8 +244,7 @@ class StageCosts:
         """Return whether the end condition (18) holds at each state (K,), its tolerances widened by `margin`."""
         if not stage.end_rows:
             return np.zeros(len(X), bool)
-        given = X, stage.target, stage.end_drift, stage.end_tolerance, margin, SLACK
-        return np.asarray(self._of(stage, stage.end_rows).met(*given, rows=len(X))[0][:, 0] > 0)
+        return np.asarray(self._of(stage, stage.end_rows).met(X, stage.end_numbers, margin, rows=len(X))[0][:, 0] > 0)
 
     def end_error(self, stage: Stage, x: np.ndarray) -> float:
         """Compute the largest error of a stage's end condition (18) at x (2n,) over its tolerance; NaN without one."""

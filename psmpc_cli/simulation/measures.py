@@ -7,7 +7,7 @@ applied control each stage makes up (paper Fig. 1).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, groupby
 
 import numpy as np
 from scipy.optimize import nnls
@@ -26,9 +26,6 @@ from psmpc_cli.specs.task import OnsetSpec
 DISTINCT = 1e-3
 """Controls nearer to each other than this are the same [m/s^2, rad/s^2]."""
 
-MOST_WAITING = 500
-"""Samples that wait at most to be measured together; a log reads them sooner."""
-
 _Waiting = tuple[Sample, np.ndarray, np.ndarray, Mapping[int, float], Contact | None, np.ndarray | float]
 """A sample, its true state, the accelerations applied, shares, contact, and what the object keeps at its end."""
 
@@ -37,7 +34,7 @@ class Meter:
     """Measures the samples of one run, and follows its balances of momentum and energy.
 
     How the motion went is measured of the true state where that is not the one the controller saw. What no decision
-    needs is measured of many samples together, sooner where it is read.
+    needs is measured when it is first read, of all samples that wait for it.
     """
 
     def __init__(
@@ -51,11 +48,8 @@ class Meter:
         self._counterfactuals, self._uncertainty, self._problem = counterfactuals, uncertainty, problem
         self._sees_the_state, self._shares = problem.spec.sees_the_state, problem.spec.log.shares
         self._base, self._number, d = problem.model.parts["base"], 0, problem.model.dimension
-        self._tick, self._norms = (
-            1 / problem.spec.plant.low_level_rate,
-            np.repeat(np.eye(2), (d, self._base.stop - d), 0),
-        )
-        self._waiting: list[_Waiting] = []
+        self._tick, self._waiting = 1 / problem.spec.plant.low_level_rate, list[_Waiting]()
+        self._norms = np.repeat(np.eye(2), (d, self._base.stop - d), 0)
         self._expected = self._kept(0, x0[None])[0] + (0.0 if capture is None else capture.kept)
 
     def measure(self, command: Command, ticks: Ticks, x: np.ndarray, u: np.ndarray, contact: Contact | None) -> Sample:
@@ -74,16 +68,13 @@ class Meter:
         of_object = 0.0 if self._capture is None else self._capture.kept
         self._number += 1
         self._waiting.append((sample, command.x if self._sees_the_state else x, u, shares, contact, of_object))
-        if len(self._waiting) == MOST_WAITING:
-            self.catch_up()
         return sample
 
     def catch_up(self) -> None:
         """Measure the samples that wait; done again after an interruption, it does no harm."""
-        while self._waiting:
-            stages = [sample.command.stage for sample, *_ in self._waiting]
-            count = next((k for k, stage in enumerate(stages) if stage is not stages[0]), len(stages))
-            self._expected, self._waiting = self._measure(self._waiting[:count]), self._waiting[count:]
+        for _, group in groupby(self._waiting, lambda each: each[0].command.stage):
+            together = list(group)
+            self._expected, self._waiting = self._measure(together), self._waiting[len(together) :]
 
     def _measure(self, together: Sequence[_Waiting]) -> np.ndarray:
         """Measure samples of one stage, which in space no two have, and return the balances expected at their end."""
@@ -105,7 +96,8 @@ class Meter:
         since = np.array([each.time - each.sequence.entered for each in commands])
         gained = np.array([[*each.impulse, each.work] for each in ticks])
         for row, contact in zip(gained, contacts, strict=True):
-            row += 0.0 if contact is None else [*contact.impulse, contact.work]
+            if contact is not None:
+                row += [*contact.impulse, contact.work]
         expected = self._expected + gained.cumsum(axis=0)
         kept = self._kept(stage.index, ends) + np.array(of_object).reshape(len(x), -1) - expected
         held = self._uncertainty is not None and self._uncertainty.holds(stage.index)
@@ -181,9 +173,11 @@ class Counterfactuals:
         the stage's onset coordinates. A stage is measured until it reaches the largest threshold.
         """
         sequence, presence = command.sequence, {}
-        edges = self.controller.edges(command.time)[[0, -1]] if sequence.count > 1 else np.zeros(0)
+        if sequence.count == 1 or "braking" in command.events:
+            return {}
+        edges = self.controller.edges(command.time)[[0, -1]]
         for stage in range(sequence.first + 1, sequence.last + 1):
-            if stage in self._started or "braking" in command.events:
+            if stage in self._started:
                 continue
             shorter = MovingSequence(sequence.first, sequence.instants[: stage - sequence.first - 1], sequence.entered)
             without, _ = self._plan(shorter, command)

@@ -180,38 +180,37 @@ def run_study(
     run = partial(_run_cell, study.task, study.quantities, study.stop)
     with closing(compute(run, {int(cell): study.cells[cell] for cell in needed}, jobs, dask)) as ended:
         for origin, found in ended:
-            row, failure, cell_time = ({}, LOST, np.nan) if found is None else found
+            row = {"reason": LOST, "cell_time": np.nan, "status": FAILED} if found is None else found
+            failed = row["status"] == FAILED
             for cell in np.flatnonzero(origins == origin):
-                code = FAILED if failure else COMPUTED if cell == origin else SHARED
-                values = {"reason": failure, **row, "cell_time": cell_time, "origin": origin, "status": code}
-                for name, value in values.items():
+                code = row["status"] if failed or cell == origin else SHARED
+                for name, value in {**row, "origin": origin, "status": code}.items():
                     results[name][np.unravel_index(cell, status.shape)] = value
             elapsed = time.monotonic() - began
             results["wall_time"][()] = spent + elapsed
             if path is not None:
                 results.save()
-            progress = Progress(len(needed), progress.ended + 1, progress.failed + bool(failure), elapsed)
+            progress = Progress(len(needed), progress.ended + 1, progress.failed + failed, elapsed)
             watch(progress)
     return results
 
 
-def _run_cell(
-    task: Task, quantities: Sequence[Column], stop: int | None, changes: tuple[str, ...]
-) -> tuple[dict[str, Any], str, float]:
-    """Run a cell; return what was read from it, why it failed and its wall time [s]: an error ends nothing.
+def _run_cell(task: Task, quantities: Sequence[Column], stop: int | None, changes: tuple[str, ...]) -> dict[str, Any]:
+    """Run a cell, and return its part of the results: an error ends nothing.
 
     A mission that fails is no failure to measure it, but one that does not reach the stage at which it stops is.
     """
     began = time.perf_counter()
     try:
         run = simulate(changed(task, changes), until=stop)
-        found = {each.path: value for each in quantities if each.value and np.size(value := each.value(run))}
-        reached, reason = stop is None or np.isfinite(run.stages["switch_time"][stop]), run.summary().reason
-        row, failure = (found if stop is not None else {**found, "reason": reason}), "" if reached else reason
+        row = {each.path: value for each in quantities if each.value and np.size(value := each.value(run))}
+        reached = stop is None or np.isfinite(run.stages["switch_time"][stop])
+        row["reason"] = "" if stop is not None and reached else run.summary().reason
+        row["status"] = COMPUTED if reached else FAILED
     except Exception as error:
         logger.exception("a cell failed")
-        row, failure = {}, f"{type(error).__name__}: {error}"
-    return row, failure, time.perf_counter() - began
+        row = {"reason": f"{type(error).__name__}: {error}", "status": FAILED}
+    return {**row, "cell_time": time.perf_counter() - began}
 
 
 def changed(task: Task | str | Path, changes: Sequence[str]) -> Task:

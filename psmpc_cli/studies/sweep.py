@@ -151,8 +151,7 @@ class SweepCells:
     Attributes:
         results: The content of its file.
         task: The task; in the cells the priorities of the studied stages are others.
-        stages: Indices of the two studied stages.
-        names: Their names.
+        names: Names of the two studied stages.
         sampling: GRID, RATIOS or RANDOM.
         omega: Their priorities in each cell (cells, 2).
         ratio: omega_2 / omega_1 of each cell (cells,).
@@ -178,13 +177,12 @@ class SweepCells:
         except SpecError as error:
             message = f"{results.path}: the task or robot in it does not hold in this version:\n{error}"
             raise LogError(message) from None
-        self.results, self.stages = results, (first, second)
+        self.results = results
         self.names = self.task.spec.stages[first].name, self.task.spec.stages[second].name
         omega_1, omega_2 = results["omega_1"], results["omega_2"]
         if self.sampling == GRID:
             omega_2, omega_1 = np.meshgrid(omega_2, omega_1, indexing="ij")
-        self.omega = np.column_stack([omega_1.ravel(), omega_2.ravel()])
-        self.ratio = self.omega[:, 1] / self.omega[:, 0]
+        self.omega, self.ratio = np.column_stack([omega_1.ravel(), omega_2.ravel()]), results["ratio"].ravel()
         self.own_ratio = float(self.task.spec.stages[second].priority / self.task.spec.stages[first].priority)
         self.epsilons, status = results["epsilon"], results["status"].ravel()
         self.failed, self.waiting = status == FAILED, status == WAITING

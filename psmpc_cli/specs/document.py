@@ -158,21 +158,16 @@ class Document:
 
         Faults of overrides come last and repeat the override instead.
         """
-        located = {fault: (self.origin(fault.path).override, self._place(fault)) for fault in faults}
-        ordered = sorted(located, key=lambda fault: (located[fault][0] is not None, located[fault][1]))
         lines = []
-        for fault in ordered[:MOST_FAULTS]:
-            override, place = located[fault]
+        for fault in dict.fromkeys(faults):
+            origin = self.origin(fault.path)
+            place = fault.place or (fault.at_key and origin.key) or origin.place
             what = f"{dotted(fault.path)}: {fault.message}" if fault.path else fault.message
-            where = f"{self.name}:{place.line}:{place.column}" if override is None else override
-            lines.append(f"{where}: {what}{self._source(place) if override is None else ''}")
-        if len(ordered) > MOST_FAULTS:
-            lines.append(f"{self.name}: {len(ordered) - MOST_FAULTS} more problems")
-        return "\n".join(lines)
-
-    def _place(self, fault: Fault) -> Place:
-        origin = self.origin(fault.path)
-        return fault.place or (fault.at_key and origin.key) or origin.place
+            where = origin.override or f"{self.name}:{place.line}:{place.column}"
+            line = f"{where}: {what}{'' if origin.override else self._source(place)}"
+            lines.append((origin.override is not None, place, line))
+        more = [f"{self.name}: {len(lines) - MOST_FAULTS} more problems"] if len(lines) > MOST_FAULTS else []
+        return "\n".join([line for *_, line in sorted(lines, key=lambda each: each[:2])[:MOST_FAULTS]] + more)
 
     def _source(self, place: Place) -> str:
         """Write the line of a position with a caret below its column; nothing for a line that is not in the text."""

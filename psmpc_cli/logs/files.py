@@ -19,16 +19,19 @@ DAMAGE = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeEr
 """What h5py and NumPy raise for a damaged file."""
 
 
-def read_file(path: Path, read: Callable[[h5py.File], T], expected: str = "a log written by psmpc simulate") -> T:
+def read_file(
+    path: Path, read: Callable[[h5py.File], T], expected: str = "a log written by psmpc simulate", kind: str = ""
+) -> T:
     """Open a file of this format version, also while it is written, and read it.
 
     Args:
         path: The file.
         read: Reads the open file; what it returns is returned.
         expected: What was expected, for the messages.
+        kind: Of the file, as `kind_in` tells it; any by default.
 
     Raises:
-        LogError: The file is missing, empty, no HDF5 file, damaged, or of another program or format version.
+        LogError: The file is missing, empty, no HDF5 file, damaged, or of another program, format version or kind.
     """
 
     def rejected(found: str) -> LogError:
@@ -49,6 +52,8 @@ def read_file(path: Path, read: Callable[[h5py.File], T], expected: str = "a log
             if "format_version" not in file.attrs or "psmpc_version" not in file.attrs:
                 raise rejected("an HDF5 file of another program")
             _check_version(path, file)
+            if kind not in ("", kind_in(file)):
+                raise rejected(f"a {kind_in(file)}")
             return read(file)
     except DAMAGE as error:
         reason = (str(error) or type(error).__name__).partition("\n")[0][:200]

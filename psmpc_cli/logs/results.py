@@ -13,7 +13,7 @@ import numpy as np
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import LogError, RunError
-from psmpc_cli.logs.files import kind_in, new_image, read_array, read_file, replace_file, write_new
+from psmpc_cli.logs.files import new_image, read_array, read_file, replace_file, write_new
 from psmpc_cli.logs.schema import FORMAT_VERSION
 
 
@@ -112,8 +112,6 @@ def read_results(path: Path, kind: str) -> Results:
     """
 
     def read(file: h5py.File) -> Results:
-        if (found := kind_in(file)) != kind:
-            raise LogError(f"{path}: found a {found}, expected a {kind}")
         quantities = dict[str, Quantity]()
         for name, dataset in file.items():
             keys = ("units", "long_name", "dims", "flag_meanings")
@@ -127,4 +125,4 @@ def read_results(path: Path, kind: str) -> Results:
                 raise ValueError(f"{each.name} holds a code without a meaning")
         return Results(path, dict(file.attrs), quantities)
 
-    return read_file(path, read, f"a {kind} written by psmpc")
+    return read_file(path, read, f"a {kind} written by psmpc", kind)

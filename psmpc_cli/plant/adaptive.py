@@ -47,18 +47,8 @@ class AdaptiveDynamics:
     """
 
     def __init__(self, model: RobotModel) -> None:
-        n, nq, anchor = model.n, model.nq, 4 * (model.dimension == 3)
-        x, u, F = ca.MX.sym("x", nq + n), ca.MX.sym("u", n), ca.MX.sym("F", n)
-        charted, dt = ca.MX.sym("charted", n + anchor), ca.MX.sym("dt")
-        lawful, held = _integrator(model, lawful=True), _integrator(model, lawful=False)
-        F_law = model.dynamics.inverse(x[:nq], x[nq:], u, model.nominal.vector)
-        ticking = held(x0=x, p=ca.vertcat(F_law, dt))["xf"]
-        self._pieces = {
-            "law": _piece(lawful(x0=x, p=ca.vertcat(charted, dt))["xf"], x, charted, dt),
-            "ticks": _piece(ticking, x, u, dt),
-            "force": _piece(held(x0=x, p=ca.vertcat(F, dt))["xf"], x, F, dt),
-        }
-        self._chains: dict[tuple[str, int], ca.Function] = {}
+        self._model = model
+        self._integrators = {lawful: _integrator(model, lawful) for lawful in (False, True)}
 
     def under(self, what: str, x: np.ndarray, times: np.ndarray, inputs: np.ndarray) -> Flow:
         """Return the states from x (nq + n,) on.
@@ -70,13 +60,15 @@ class AdaptiveDynamics:
             inputs: Accelerations [m/s^2, rad/s^2], or generalized forces [N, N m], of the pieces (K, n). Under the law
                 a spatial robot's are those of a plan, in its chart, each with the chart's anchor behind it (K, n + 4).
         """
-        K, dt = len(inputs), np.diff(times)
-        if (what, K) not in self._chains:
-            self._chains[what, K] = self._pieces[what].mapaccum(K)
-        _, inside = self._chains[what, K](x, inputs.T, dt[None])
+        X, integrator = [x[:, None]], self._integrators[what == "law"]
+        for given, dt in zip(inputs, np.diff(times), strict=True):
+            x = X[-1][:, -1]
+            if what == "ticks":
+                given = self._model.inverse_dynamics(x[: self._model.nq], x[self._model.nq :], given)
+            X.append(np.asarray(integrator(x0=x, p=np.r_[given, dt])["xf"]))
         parts = np.arange(1, INSIDE + 1) / INSIDE
-        at = (times[:-1, None] + dt[:, None] * parts).ravel()
-        return Flow(np.concatenate([times[:1], at]), np.vstack([x, np.asarray(inside).T]))
+        inside = (times[:-1, None] + np.diff(times)[:, None] * parts).ravel()
+        return Flow(np.concatenate([times[:1], inside]), np.hstack(X).T)
 
 
 def _integrator(model: RobotModel, lawful: bool) -> ca.Function:
@@ -109,8 +101,3 @@ def _rate_of_v(Q: ca.SX, v: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
     at = log(turned)
     there = ca.vertcat(*at), ca.vertcat(*chart_rate(at, ca.vertsplit(v[3:6])))
     return ca.vertcat(u[:3], ca.substitute(change, ca.vertcat(phi, rate), ca.vertcat(*there)), u[6:])
-
-
-def _piece(states: ca.MX, x: ca.MX, inputs: ca.MX, dt: ca.MX) -> ca.Function:
-    """Return x, inputs, dt -> state after the piece, states inside it and after it."""
-    return ca.Function("piece", [x, inputs, dt], [states[:, -1], states])

@@ -99,9 +99,9 @@ def test_the_kind_tells_files_apart(merged: Path, logs: dict[str, Path], tmp_pat
     with h5py.File(unsaid, "r+") as file:
         del file.attrs["kind"]
     assert [kind_of(path) for path in (merged, logs["hard"], unsaid)] == [COMPARISON, RUN, RUN]
-    with pytest.raises(LogError, match="found a comparison of several runs, expected the log of one"):
+    with pytest.raises(LogError, match="found a comparison, expected a log"):
         read_run(merged)
-    with pytest.raises(LogError, match="found the log of one run, expected a comparison"):
+    with pytest.raises(LogError, match="found a run, expected a comparison"):
         read_comparison(unsaid)
 
 

@@ -83,7 +83,8 @@ def test_other_version_is_named(path: Path) -> None:
 def test_missing_attribute_is_named(path: Path, name: str) -> None:
     with h5py.File(path, "r+") as file:
         del file.attrs[name]
-    assert refusal(path) == f"{path}: found no attribute {name}, expected a log written by psmpc simulate"
+    message = refusal(path)
+    assert message.startswith(f"{path}: found an HDF5 file that is cut off or damaged (") and name in message
 
 
 @pytest.mark.parametrize("name", ["time", "state/Q", "stage", "stages/name", "final/end_time", "monitors"])
@@ -167,9 +168,8 @@ def test_tables_are_overwritten_with_force_only(tmp_path: Path) -> None:
     (tmp_path / "stages.csv").write_text("mine")
     with pytest.raises(InputError) as refused:
         log.to_csv(tmp_path)
-    assert str(refused.value) == (
-        f"{tmp_path / 'stages.csv'} exists already: choose another directory, or overwrite with --force"
-    )
+    assert str(refused.value).startswith(f"{tmp_path / 'stages.csv'} exists already: ")
+    assert "--csv" in str(refused.value) and "--force" in str(refused.value)
     assert (tmp_path / "stages.csv").read_text() == "mine"
     assert not (tmp_path / "samples.csv").exists()
     log.to_csv(tmp_path, force=True)

@@ -103,7 +103,7 @@ def concept(overlapped: psmpc.Run, hard: psmpc.Run) -> Figure:
         bars.set(xlim=(0, latest), yticks=[], xlabel="Time (s)")
         bars.invert_yaxis()
         scene = scenes[title]
-        draw_scene(picture, scene, EARLY, EARLY - 3.0, points, width=1.3)
+        draw_scene(picture, scene, EARLY, EARLY - 3.0, points)
         show(picture, scene.camera, scene.camera.view(points))
         picture.set_title(f"at {EARLY:.0f} s: {', '.join(scene.events(EARLY))}", loc="left", fontsize=8.0)
         picture.set(xlabel="x (m)", ylabel="y (m)")

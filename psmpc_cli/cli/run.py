@@ -282,7 +282,7 @@ def plot(
     if films and kind != RUN:
         instead = "but a run of it is: choose one with --run" if kind == COMPARISON else "but the log of a run is"
         raise InputError(f"--{'animate' if animate else 'render'}: a {kind} is not animated, {instead}")
-    for path in draw(kind.replace("-", "_"), subject, directory, formats or ("png",), only or None, force, films):
+    for path in draw(kind, subject, directory, formats or ("png",), only or None, force, films):
         typer.echo(str(path))
     if films and not mp4_possible():
         typer.echo("psmpc: no MP4 was written: found no ffmpeg on the PATH", err=True)

@@ -112,7 +112,7 @@ def draw_beside(
 
     directory = default_directory(path)
     only = None if figures else ()
-    drawn = draw(kind.replace("-", "_"), subject, directory, only=only, force=force, films=films)
+    drawn = draw(kind, subject, directory, only=only, force=force, films=films)
     if not quiet:
         typer.echo(f"{len(drawn)} figures in {directory}" if figures else f"film in {directory}")
 

@@ -1,1 +1,1 @@
-"""Figures and animation of a log: one figure a file, drawn by `psmpc_cli.figures.draw.draw`."""
+"""Figures of runs, studies, tasks and robots, and films of runs: `psmpc_cli.figures.registry` draws them."""

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 from joblib.externals.loky import ProcessPoolExecutor
-from matplotlib.animation import FFMpegWriter, PillowWriter
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.animation import FFMpegWriter, FuncAnimation
+from matplotlib.artist import Artist
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
@@ -28,7 +28,7 @@ from psmpc_cli.robot.mujoco_model import mujoco_spec
 RATE, LONGEST = 15, 150
 """Frames a second; most frames of motion."""
 
-WIDTH, DPI = 4.0, 120
+WIDTH, DPI = style.COLUMN, 144
 """Width [in] and resolution of a frame."""
 
 TITLE = 0.3
@@ -57,11 +57,6 @@ SURROUNDINGS = """
 """A camera that sees a whole view, and a floor of squares with edges of 1 m."""
 
 
-def film_files(directory: Path, name: str) -> list[Path]:
-    """Return the files of an animation or film: a GIF, and an MP4 where ffmpeg is there."""
-    return [directory / f"{name}.{ending}" for ending in ("gif", "mp4")[: 1 + mp4_possible()]]
-
-
 def mp4_possible() -> bool:
     """Return whether an MP4 can be written: whether ffmpeg is there."""
     return bool(FFMpegWriter.isAvailable())
@@ -74,19 +69,20 @@ def write_animation(run: Run, paths: Iterable[Path]) -> None:
         RunError: One could not be encoded or written.
     """
     scene, times, extent = _shots(run)
-    camera, view = scene.camera, scene.camera.view(extent)
-    figure = Figure(layout="constrained")
+    figure = style.new_figure(WIDTH)
     axes = figure.add_subplot()
 
-    def draw_frame(number: int, title: str) -> None:
+    def draw_frame(number: int) -> list[Artist]:
         axes.clear()
-        time = float(times[number])
-        draw_scene(axes, scene, time, since=max(time - 3.0, float(run.motion.time[0])), extent=extent, width=1.6)
-        show(axes, camera, view)
-        axes.set_title(title, loc="left")
-        axes.set(**dict(zip(("xlabel", "ylabel"), camera.labels or (describe(camera, extent, WIDTH), ""), strict=True)))
+        draw_scene(axes, scene, times[number], max(times[number] - 3.0, times[0]), extent)
+        show(axes, scene.camera, scene.camera.view(extent))
+        axes.set(title=_title(scene, times[number]))
+        axes.set(**dict(zip(("xlabel", "ylabel"), scene.camera.labels or (), strict=False)))
+        return [axes]
 
-    _encode(figure, WIDTH * view.height / view.width + 0.6, scene, times, draw_frame, paths)
+    draw_frame(len(times) - 1)
+    style.finish(figure, describe(scene.camera, extent))
+    _encode(figure, draw_frame, len(times), paths)
 
 
 def write_film(run: Run, paths: Iterable[Path]) -> None:
@@ -102,46 +98,36 @@ def write_film(run: Run, paths: Iterable[Path]) -> None:
     poses = [scene.object_frame(time) for time in times]
     frames = _in_process(offscreen_driver(), render, film_model(scene, extent), Q, poses, joints)
     tall = frames.shape[1] / DPI
-    figure = Figure()
+    figure = Figure(figsize=(WIDTH, tall + TITLE))
     shown = figure.add_axes((0, 0, 1, tall / (tall + TITLE))).imshow(frames[0], aspect="auto")
     shown.axes.set_axis_off()
 
-    def draw_frame(number: int, title: str) -> None:
+    def draw_frame(number: int) -> list[Artist]:
         shown.set_data(frames[number])
-        shown.axes.set_title(title, loc="left", x=0.02)
+        return [shown.axes.set_title(_title(scene, times[number]), x=0.02)]
 
-    _encode(figure, tall + TITLE, scene, times, draw_frame, paths)
+    _encode(figure, draw_frame, len(times), paths)
 
 
-def _shots(run: Run) -> tuple[Scene, np.ndarray, np.ndarray]:
+def _shots(run: Run) -> tuple[Scene, list[float], np.ndarray]:
     """Return a run as a scene, the time of each frame [s], and points (., 3) to show."""
-    scene, times = scene_of(run), np.linspace(run.motion.time[0], run.motion.end, min(LONGEST, len(run.motion.time)))
-    return scene, times, scene.extent(times)
+    times = np.linspace(run.motion.time[0], run.motion.end, min(LONGEST, len(run.motion.time))).tolist()
+    return scene_of(run), times, scene_of(run).extent(times)
 
 
-def _encode(
-    figure: Figure,
-    height: float,
-    scene: Scene,
-    times: np.ndarray,
-    draw_frame: Callable[[int, str], None],
-    paths: Iterable[Path],
-) -> None:
-    """Write a figure of a height [in] frame by frame, the last one held, GIF or MP4 by the files' endings."""
-    titles = [f"t = {time:.1f} s: {', '.join(scene.events(time))}" for time in times]
-    figure.set_size_inches(WIDTH, round(height * DPI / 2) * 2 / DPI)  # even in pixels, as video encoders want
-    figure.set_dpi(DPI)
-    FigureCanvasAgg(figure)
-    draw_frame(len(times) - 1, titles[-1])
-    figure.canvas.draw()
+def _title(scene: Scene, time: float) -> str:
+    return f"t = {time:.1f} s: {', '.join(scene.events(time))}"
+
+
+def _encode(figure: Figure, draw_frame: Callable[[int], Iterable[Artist]], count: int, paths: Iterable[Path]) -> None:
+    """Write a figure frame by frame, the last one held, GIF or MP4 by the files' endings."""
+    figure.set_figheight(round(figure.get_figheight() * DPI / 2) * 2 / DPI)  # even in pixels, for video encoders
+    figure.draw_without_rendering()
     figure.set_layout_engine("none")  # laid out anew, the axes would move from frame to frame
     for path in paths:
-        writer = PillowWriter(fps=RATE) if path.suffix == ".gif" else FFMpegWriter(fps=RATE)
+        frames, writer = [*range(count), *[count - 1] * RATE], "pillow" if path.suffix == ".gif" else "ffmpeg"
         try:
-            with writer.saving(figure, str(path), DPI):
-                for number in [*range(len(times)), *[len(times) - 1] * RATE]:
-                    draw_frame(number, titles[number])
-                    writer.grab_frame()
+            FuncAnimation(figure, draw_frame, frames, cache_frame_data=False).save(path, writer, RATE, DPI)
         except (OSError, subprocess.CalledProcessError) as error:
             raise RunError(f"{path} could not be written: {error}") from None
 

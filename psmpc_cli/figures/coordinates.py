@@ -10,14 +10,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.timeline import Timeline, runs_of
+from psmpc_cli.figures.timeline import label_row, runs_of, timeline
 from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.ocp.problem import Problem, Stage, in_own_chart
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import log
 from psmpc_cli.specs.parts import POSITION_AXES, axes_of
 
-HEIGHT = 0.92
+HEIGHT = 0.82
 """Height of a panel of coordinates [in]."""
 
 FARTHEST = 4.0
@@ -28,9 +28,6 @@ PEAK = 5.0
 
 SMALLEST = 1e-5
 """Smaller errors are not shown [m, rad]."""
-
-SEEN: Mapping[str, Any] = {"color": "#7A7A7A", "linewidth": 0.55}
-"""Look of what the controller saw."""
 
 
 def plot_states(runs: Run | Mapping[str, Run]) -> Figure:
@@ -99,15 +96,15 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
         for part, at, labels, angle in _panels(model)
         for row, label in zip(range(at.start, at.stop), labels, strict=True)
     ]
-    across = 3
-    figure = style.new_figure(1.3 * -(-len(rows) // across) + 0.8, style.PAGE)
-    grid = figure.subplots(-(-len(rows) // across), across, sharex=True, squeeze=False)
+    figure, across = style.new_figure(style.PAGE), 3
+    down = -(-len(rows) // across)
+    grid = figure.subplots(down, across, sharex=True, squeeze=False, height_ratios=[1.1] * down)
     for axes, (part, row, label, angle) in zip(grid.flat, rows, strict=False):
-        for number, run in enumerate(runs.values()):
+        for number, (name, run) in enumerate(runs.items()):
             motion, look = run.motion, style.line_look(number)
             factor, unit = _in_degrees(model, part, "rad" if angle else "m")
             values = factor * _coordinates(run)[1][:, row]
-            axes.plot(motion.time, values, linewidth=1.2, **look)
+            axes.plot(motion.time, values, linewidth=1.2, label=f"_{style.title_of(name)}", **look)
             switches = run.stages["switch_time"][np.isfinite(run.stages["switch_time"])]
             at = np.interp(switches, motion.time, values)
             axes.plot(switches, at, "o", markersize=3, color=look["color"])
@@ -116,11 +113,8 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
         axes.set_visible(False)
     for axes in grid[-1]:
         axes.set_xlabel("Time (s)")
-    names = [style.entry(style.title_of(name), linewidth=1.2, **style.line_look(i)) for i, name in enumerate(runs)]
-    style.add_legend(
-        figure, [*names, style.entry("ends of stages", marker="o", markersize=3, linestyle="none", color=style.EDGE)]
-    )
-    return figure
+    grid[0, 0].plot([], [], "o", markersize=3, color=style.EDGE, label="_ends of stages")
+    return style.finish(figure)
 
 
 def _plot_quantity(
@@ -151,10 +145,10 @@ def _plot_quantity(
     """
     model = runs_of(runs)[0].problem.model
     panels = list(_panels(model))
-    timeline = Timeline(runs, len(panels), HEIGHT)
+    figure, grid = timeline(runs, len(panels), HEIGHT)
     for row, (part, rows, labels, angular) in enumerate(panels):
         note, (factor, unit) = "", _in_degrees(model, part, units[angular])
-        for axes, run in zip(timeline.panels[row], timeline.runs, strict=True):
+        for axes, run in zip(grid[row], runs_of(runs), strict=True):
             time, every = curves(run)
             values = factor * every[:, rows]
             for i, label in enumerate(labels):
@@ -164,7 +158,7 @@ def _plot_quantity(
             if limits is not None:
                 _plot_limits(axes, run, limits, rows, values, factor)
             if seen is not None and not np.array_equal(seen(run), every, equal_nan=True):
-                axes.plot(time, factor * seen(run)[:, rows], label="_seen by the controller", zorder=1.4, **SEEN)
+                axes.plot(time, factor * seen(run)[:, rows], **style.look("seen by the controller"))
             if error is not None and part == "Base" and angular:
                 axes.plot(time, factor * error(run), label="to the target", color="black", linewidth=0.8)
             if peaked:
@@ -172,8 +166,8 @@ def _plot_quantity(
         word = "attitude" if error is not None and unit == "deg" else words[angular]
         unit = f"({unit})"
         short = len(f"{part} {word}") * style.CHARACTER < HEIGHT
-        timeline.label(row, f"{part} {word}\n{unit}" if short else f"{part}\n{word} {unit}", note)
-    return timeline.finish()
+        label_row(grid[row], f"{part} {word}\n{unit}" if short else f"{part}\n{word} {unit}", note)
+    return style.finish(figure)
 
 
 def _in_degrees(model: RobotModel, part: str, unit: str) -> tuple[float, str]:
@@ -229,8 +223,8 @@ def plot_errors(run: Run) -> Figure:
     which the end condition stands only the coordinates in it count, and a line shows their tolerance. Where the target
     is a trajectory, the error is against its present value. Logarithmic.
     """
-    timeline = Timeline(run, 2, 1.35)
-    panels = list(timeline.panels[:, 0])
+    figure, grid = timeline(run, 2, 1.35)
+    panels = list(grid[:, 0])
     for axes in panels:
         for frame, name in enumerate(run.problem.model.pose_rows):
             axes.plot([], [], label=style.readable(name), **_frame_look(frame))
@@ -246,9 +240,10 @@ def plot_errors(run: Run) -> Figure:
         axes.set_yscale("log")
         axes.set_ylim(bottom=max(axes.get_ylim()[0], SMALLEST))
         axes.yaxis.set_minor_formatter(NullFormatter())
-        timeline.label(row, ("Position error\n(m)", "Angle error\n(rad)")[row], f"largest {what}")
-    bounded = any(len(stage.end_rows) for stage in run.problem.stages[: len(run.spans)])
-    return timeline.finish([style.entry("tolerance", **style.LEVEL)] if bounded else [])
+        label_row(grid[row], ("Position error\n(m)", "Angle error\n(rad)")[row], f"largest {what}")
+    if np.isfinite([tolerance for *_, tolerance in curves]).any():
+        panels[0].plot([], [], label="_tolerance", **style.LEVEL)
+    return style.finish(figure)
 
 
 def error_curves(run: Run) -> Iterator[tuple[Span, int, bool, np.ndarray, np.ndarray, float]]:

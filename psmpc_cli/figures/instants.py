@@ -4,13 +4,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.timeline import Timeline, runs_of
+from psmpc_cli.figures.timeline import label_row, runs_of, timeline
 from psmpc_cli.logs.run import Run
 
 HATCHES = ("", "//////", "......")
@@ -30,8 +29,8 @@ def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
     switched = [np.isfinite(run.stages["switch_time"]) for run in runs_of(runs)]
     any_planned = np.flatnonzero(np.any([seen.any(axis=0) for seen in planned], axis=0)).tolist()
     happened = any((seen.any(axis=0) & ended).any() for seen, ended in zip(planned, switched, strict=True))
-    timeline = Timeline(runs, 2 if happened else 1, 1.5)
-    for column, run, seen in zip(timeline.panels.T, timeline.runs, planned, strict=True):
+    figure, grid = timeline(runs, 2 if happened else 1, 1.5)
+    for column, run, seen in zip(grid.T, runs_of(runs), planned, strict=True):
         above, ends, horizon = column[0], run.motion.time[[0, -1]], run.task.spec.controller.horizon
         above.plot(ends, ends, label="_present time", **style.LEVEL)
         above.plot(ends, ends + horizon, label="_end of the horizon", linestyle=style.DASHED, **style.LEVEL)
@@ -47,10 +46,10 @@ def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
         above.plot(switches, switches, "o", label="_actual switch", **look)
         if happened:
             column[1].axhline(0.0, **style.LEVEL)
-    timeline.label(0, "Planned switch\ntime (s)", "" if any_planned else "no switch time was planned")
+    label_row(grid[0], "Planned switch\ntime (s)", "" if any_planned else "no switch time was planned")
     if happened:
-        timeline.panels[1, 0].set_ylabel("Planned minus\nactual (ms)")
-    return timeline.finish()
+        grid[1, 0].set_ylabel("Planned minus\nactual (ms)")
+    return style.finish(figure)
 
 
 def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
@@ -64,16 +63,15 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
     logged = [run["window/share"] for run in runs_of(runs)]
     if any(np.isfinite(values).any() for values in logged):
         shares[CONTROL] = logged
-    timeline = Timeline(runs, len(shares), 1.2, shaded=False)
-    for row, (whole, found) in enumerate(shares.items()):
-        for axes, run, values in zip(timeline.panels[row], timeline.runs, found, strict=True):
+    figure, grid = timeline(runs, len(shares), 1.2, shaded=False)
+    for panels, (whole, found) in zip(grid, shares.items(), strict=True):
+        for axes, run, values in zip(panels, runs_of(runs), found, strict=True):
             _plot_stack(axes, run, values)
-        timeline.panels[row, 0].set_ylabel(f"Share in the\n{whole} (%)")
-    timeline.label(0, f"Share in the\n{COST} (%)")  # one legend serves both rows
-    handles: list[Artist] = []
-    if not all(np.isfinite(values).any(axis=1).all() for found in shares.values() for values in found):
-        handles.append(style.patch_entry("no share: stages agree, or no solution", facecolor="white"))
-    return timeline.finish(handles)
+            if not np.isfinite(values).any(axis=1).all():
+                axes.bar(run.time[0], 0, color="white", label=["_no share: stages agree, or no solution"])
+        panels[0].set_ylabel(f"Share in the\n{whole} (%)")
+    label_row(grid[0], f"Share in the\n{COST} (%)")  # one legend serves both rows
+    return style.finish(figure)
 
 
 def cost_shares(run: Run) -> np.ndarray:
@@ -91,30 +89,21 @@ def _plot_stack(axes: Axes, run: Run, shares: np.ndarray) -> None:
     top = np.zeros(len(run.time))
     for stage in map(int, np.flatnonzero(np.any(np.isfinite(shares), axis=0))):
         bottom, top = top, top + 100 * np.nan_to_num(shares[:, stage])
-        axes.stairs(
-            top,
-            edges,
-            baseline=bottom,
-            fill=True,
-            facecolor=(style.PALETTE[stage % len(style.PALETTE)], 0.75),
-            edgecolor="white",
-            linewidth=0.0,
-            zorder=1,
-            hatch=HATCHES[stage % len(HATCHES)],
-            label=style.readable(run.stage_names[stage]),
-        )
+        label, color = style.readable(run.stage_names[stage]), style.PALETTE[stage % len(style.PALETTE)]
+        look: dict[str, Any] = {"facecolor": (color, 0.75), "hatch": HATCHES[stage % len(HATCHES)], "zorder": 1}
+        axes.stairs(top, edges, baseline=bottom, fill=True, label=label, edgecolor="white", linewidth=0.0, **look)
     for span in run.spans:
         if span.index:
             axes.axvline(span.start, color="black", linewidth=0.6, label="_switch")
         if span.early is not None:
-            axes.axvline(span.early, color="black", linestyle=style.DOTTED, linewidth=0.8)
+            axes.axvline(span.early, **style.look("early start"))
     axes.set_ylim(0, 100)
 
 
 def plot_solve_time(run: Run) -> Figure:
     """Plot the wall time [ms] and the iterations of each solve over time, by how many stages were in the window."""
-    timeline = Timeline(run, 2, 1.25)
-    above, below = timeline.panels[:, 0]
+    figure, grid = timeline(run, 2, 1.25)
+    above, below = grid[:, 0]
     time, wall, iterations = run.time, run["solver/wall_time"] * 1e3, run["solver/iterations"]
     count, solved = run["window/count"], np.isfinite(wall) & (wall > 0)
     counts = np.unique(count[solved])
@@ -131,28 +120,28 @@ def plot_solve_time(run: Run) -> Figure:
     below.margins(y=0.1)
     below.set_ylim(bottom=0)
     below.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, steps=[1, 2, 5, 10]))
-    timeline.label(0, "Solve time\n(ms)")
+    label_row(grid[0], "Solve time\n(ms)")
     failed = run["events/solve_failed"].astype(bool)
     if np.any(failed):
         for axes, values in ((above, np.where(solved, wall, limit)), (below, iterations)):
-            axes.plot(time[failed], values[failed], label="_failed solve", **style.FAILED)
-    return timeline.finish()
+            axes.plot(time[failed], values[failed], **style.look("failed", label="_failed solve"))
+    return style.finish(figure)
 
 
 def plot_pull(run: Run) -> Figure:
     """Plot the filtered pull [N] on each grasp over time, the strength, and where grasps closed and opened."""
-    timeline, thing = Timeline(run, 1, 1.6), run.task.spec.object
-    axes = timeline.panels[0, 0]
+    (figure, grid), thing = timeline(run, 1, 1.6), run.task.spec.object
+    axes = grid[0, 0]
     for i, gripper in enumerate(run["gripper"]):
         held = np.where(run["grasp/closed"][:, i] == 1, run["grasp/pull"][:, i], np.nan)
         axes.plot(run.time, held, label=style.readable(str(gripper)), **style.line_look(i))
         if run["grasp/lost"][i] == 1:
-            axes.plot(run["grasp/opened_at"][i], np.nanmax(held), label="_lost", **style.FAILED)
+            axes.plot(run["grasp/opened_at"][i], np.nanmax(held), **style.look("failed", label="_lost"))
     strength = thing.grasp.strength if thing is not None and thing.grasp is not None else None
     if strength is not None:
         axes.axhline(strength.pull, label=f"_strength, {strength.pull:g} N", **style.LEVEL)
-    timeline.label(0, "Pull on a\ngrasp (N)")
-    return timeline.finish()
+    label_row(grid[0], "Pull on a\ngrasp (N)")
+    return style.finish(figure)
 
 
 def has_grasps(run: Run) -> bool:

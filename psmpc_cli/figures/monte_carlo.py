@@ -11,15 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from psmpc_cli.figures import style
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 
-RING_LOOK: Mapping[str, Any] = {
-    "color": "black",
-    "marker": "o",
-    "markersize": 6.5,
-    "markeredgewidth": 0.6,
-    "markerfacecolor": "none",
-    "linestyle": "none",
-    "zorder": 1.8,
-}
+RING: Mapping[str, Any] = {"markersize": 6.5, "markeredgewidth": 0.6, "markerfacecolor": "none", "zorder": 1.8}
 """Look of the ring around a run that failed, behind the marks."""
 
 
@@ -29,9 +21,8 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
     The times of a stage are relative to their median, which the legend names; those of the last one are the ends of the
     mission. A curve that ends below 1 belongs to a stage that not every run has ended.
     """
-    figure, (axes,) = style.stack(
-        ["Fraction of runs (1)"], [2.6], "Switch time that ends the stage, less its median (s)"
-    )
+    xlabel = "Switch time that ends the stage, less its median (s)"
+    figure, (axes,) = style.stack(["Fraction of runs (1)"], [2.2], xlabel)
     times, made = runs["switch_time"], int(runs.made.sum())
     for number, stage in enumerate(runs.stages):
         ended = np.sort(times[np.isfinite(times[:, number]), number])
@@ -42,16 +33,11 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
             axes.step(np.r_[ended[0], ended] - median, fraction, where="post", label=label, **style.line_look(number))
     axes.locator_params(axis="x", nbins=5)
     axes.set_ylim(-0.04, 1.04)
-    style.panel_legend(axes)
+    style.panel_legend(axes, title="Stage, median of its end")
     low, high = (100 * bound for bound in runs.interval)
     rate = f"{runs.succeeded.sum()} of {made} runs succeeded; 95 % interval of the rate: {low:.0f} to {high:.0f} %"
-    if (legend := axes.get_legend()) is not None:
-        figure.set_figheight(figure.get_figheight() + style.LINE)
-        legend.set_title("Stage, median of its end")
-        legend.get_title().set_fontsize(style.TEXT)
-        legend.set_alignment("left")
-    figure.suptitle(rate, fontsize=style.TEXT)
-    return figure
+    figure.suptitle(rate)
+    return style.finish(figure)
 
 
 def plot_runs(runs: MonteCarloRuns) -> Figure:
@@ -63,8 +49,7 @@ def plot_runs(runs: MonteCarloRuns) -> Figure:
     if runs.monitors:
         monitored = dict(zip(map(style.readable, runs.monitors), runs["monitor_margin"].T, strict=True))
         panels.append(("Margin of monitor\n(m, m/s)", monitored, 0.0, "bound"))
-    heights = [1.15 + 0.65 / len(panels)] * len(panels)
-    figure, rows = style.stack([label for label, *_ in panels], heights, "Seed of the run (1)")
+    figure, rows = style.stack([label for label, *_ in panels], [1.1] * len(panels), "Seed of the run (1)")
     known = error[np.isfinite(error) & (error > 0)]
     if len(known) and known.max() > 30.0 * known.min():
         rows[0].set_yscale("log")
@@ -75,7 +60,7 @@ def plot_runs(runs: MonteCarloRuns) -> Figure:
         axes.axhline(level, label=name, **style.LEVEL)
         style.panel_legend(axes)
     rows[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
-    return figure
+    return style.finish(figure)
 
 
 def _plot_by_run(axes: Axes, runs: MonteCarloRuns, values: Mapping[str, np.ndarray]) -> None:
@@ -83,12 +68,12 @@ def _plot_by_run(axes: Axes, runs: MonteCarloRuns, values: Mapping[str, np.ndarr
     seed, failed = runs["seed"], runs.failed
     for number, (name, value) in enumerate(values.items()):
         look = {"linestyle": "none", "markersize": 3.0, "markeredgewidth": 0, **style.mark_look(number)}
-        axes.plot(seed, value, label=name or "_all", **look)
-        axes.plot(seed[failed], value[failed], **RING_LOOK)
+        axes.plot(seed, value, label=name or "_", **look)
+        axes.plot(seed[failed], value[failed], "ko", **RING)
     axes.margins(y=0.12)
     known = np.isfinite(list(values.values())).any(axis=0)
     if (failed & known).any():
-        axes.plot([], [], label="failed", **RING_LOOK)
+        axes.plot([], [], "ko", label="failed", **RING)
     if (lost := seed[failed & ~known]).size:
-        below = axes.get_xaxis_transform()
-        axes.plot(lost, np.zeros(len(lost)), transform=below, label="failed, no value", clip_on=False, **style.FAILED)
+        look = style.look("failed", label="failed, no value", transform=axes.get_xaxis_transform(), clip_on=False)
+        axes.plot(lost, np.zeros(len(lost)), **look)

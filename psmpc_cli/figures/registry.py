@@ -1,7 +1,6 @@
 """Every figure in one table, and what draws them into files."""
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +9,11 @@ from matplotlib.figure import Figure
 
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.figures import coordinates, instants, monte_carlo, pareto, reproduction, snapshots, sweep
-from psmpc_cli.figures.animation import film_files, offscreen_driver, write_animation, write_film
+from psmpc_cli.figures.animation import mp4_possible, offscreen_driver, write_animation, write_film
 from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.files import writing
 from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 from psmpc_cli.studies.sweep import GRID, RANDOM
 
 FORMATS = ("png", "pdf", "svg")
@@ -25,64 +25,66 @@ FILMS: Mapping[str, Callable[[Run, Iterable[Path]], None]] = {"animation": write
 """What shows a run in motion, by name, which is also the stem of its files."""
 
 
-@dataclass(frozen=True)
-class RegisteredFigure:
-    """A figure of the table.
+FIGURES: Mapping[tuple[str, str], Callable[..., Figure]] = {
+    (RUN, "states"): coordinates.plot_states,
+    (RUN, "velocities"): coordinates.plot_velocities,
+    (RUN, "controls"): coordinates.plot_controls,
+    (RUN, "forces"): coordinates.plot_forces,
+    (RUN, "errors"): coordinates.plot_errors,
+    (RUN, "instants"): instants.plot_instants,
+    (RUN, "shares"): instants.plot_shares,
+    (RUN, "snapshots"): snapshots.plot_snapshots,
+    (RUN, "solve_time"): instants.plot_solve_time,
+    (RUN, "pull"): instants.plot_pull,
+    (COMPARISON, "overlay"): coordinates.plot_overlay,
+    (COMPARISON, "states"): coordinates.plot_states,
+    (COMPARISON, "instants"): instants.plot_instants,
+    (COMPARISON, "shares"): instants.plot_shares,
+    (COMPARISON, "snapshots"): snapshots.plot_snapshots,
+    (SWEEP, "surface"): sweep.plot_surface,
+    (SWEEP, "heat_map"): sweep.plot_plane,
+    (SWEEP, "draws"): sweep.plot_plane,
+    (SWEEP, "starts"): sweep.plot_starts,
+    (SWEEP, "sensitivity"): sweep.plot_sensitivity,
+    (PARETO, "front"): pareto.plot_fronts,
+    (PARETO, "front_3d"): pareto.plot_in_space,
+    (MONTE_CARLO, "success"): monte_carlo.plot_success,
+    (MONTE_CARLO, "runs"): monte_carlo.plot_runs,
+    ("robot", "robot"): snapshots.plot_robot,
+    ("scenario", "scenario"): snapshots.plot_scenario,
+    ("claims", "presence"): reproduction.plot_presence,
+    ("claims", "monitors"): reproduction.plot_monitors,
+    ("claims", "schedule"): reproduction.plot_schedule,
+    ("ablations", "ablation_pending_cost"): reproduction.plot_pending_cost,
+    ("ablations", "ablation_normalization"): reproduction.plot_normalization,
+    ("ablations", "ablation_discretization"): reproduction.plot_discretization,
+}
+"""The functions that make figures, by what they are of and by name, which is also the stem of their files.
 
-    Attributes:
-        kind: What it is of: run (a Run), comparison (Runs by controller), sweep, pareto, monte_carlo (the results of
-            such a study), scenario (a Task), robot (its description), claims (a Run, or Runs by controller, and what is
-            published), ablations (curves by panel and label).
-        name: Its name, which is also its file's stem.
-        function: Makes it from its subject.
-        there: Whether a subject has it.
-    """
+They are of a Run, of Runs by controller, of the results of a study, of the description of a robot, of a Task; of
+claims: a Run, or Runs by controller, and what is published; of ablations: curves by panel and label.
+"""
 
-    kind: str
-    name: str
-    function: Callable[..., Figure]
-    there: Callable[[Any], bool] = lambda subject: True
+ONLY_OF: Mapping[str, Callable[[Any], bool]] = {
+    "pull": instants.has_grasps,
+    **dict.fromkeys(("surface", "heat_map"), lambda cells: cells.sampling == GRID),
+    "draws": lambda cells: cells.sampling == RANDOM,
+    "front_3d": pareto.in_space,
+}
+"""Figures that not every subject has, with what tells whether one has it."""
 
-
-TABLE = (
-    RegisteredFigure("run", "states", coordinates.plot_states),
-    RegisteredFigure("run", "velocities", coordinates.plot_velocities),
-    RegisteredFigure("run", "controls", coordinates.plot_controls),
-    RegisteredFigure("run", "forces", coordinates.plot_forces),
-    RegisteredFigure("run", "errors", coordinates.plot_errors),
-    RegisteredFigure("run", "instants", instants.plot_instants),
-    RegisteredFigure("run", "shares", instants.plot_shares),
-    RegisteredFigure("run", "snapshots", snapshots.plot_snapshots),
-    RegisteredFigure("run", "solve_time", instants.plot_solve_time),
-    RegisteredFigure("run", "pull", instants.plot_pull, instants.has_grasps),
-    RegisteredFigure("comparison", "overlay", coordinates.plot_overlay),
-    RegisteredFigure("comparison", "states", coordinates.plot_states),
-    RegisteredFigure("comparison", "instants", instants.plot_instants),
-    RegisteredFigure("comparison", "shares", instants.plot_shares),
-    RegisteredFigure("comparison", "snapshots", snapshots.plot_snapshots),
-    RegisteredFigure("sweep", "surface", sweep.plot_surface, lambda cells: cells.sampling == GRID),
-    RegisteredFigure("sweep", "heat_map", sweep.plot_plane, lambda cells: cells.sampling == GRID),
-    RegisteredFigure("sweep", "draws", sweep.plot_plane, lambda cells: cells.sampling == RANDOM),
-    RegisteredFigure("sweep", "starts", sweep.plot_starts),
-    RegisteredFigure("sweep", "sensitivity", sweep.plot_sensitivity),
-    RegisteredFigure("pareto", "front", pareto.plot_fronts),
-    RegisteredFigure("pareto", "front_3d", pareto.plot_in_space, pareto.in_space),
-    RegisteredFigure("monte_carlo", "success", monte_carlo.plot_success),
-    RegisteredFigure("monte_carlo", "runs", monte_carlo.plot_runs),
-    RegisteredFigure("robot", "robot", snapshots.plot_robot),
-    RegisteredFigure("scenario", "scenario", snapshots.plot_scenario),
-    RegisteredFigure("claims", "presence", reproduction.plot_presence),
-    RegisteredFigure("claims", "monitors", reproduction.plot_monitors),
-    RegisteredFigure("claims", "schedule", reproduction.plot_schedule),
-    RegisteredFigure("ablations", "ablation_pending_cost", reproduction.plot_pending_cost),
-    RegisteredFigure("ablations", "ablation_normalization", reproduction.plot_normalization),
-    RegisteredFigure("ablations", "ablation_discretization", reproduction.plot_discretization),
-)
+DRAWABLE: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
+    SWEEP: ("cell that was run", lambda cells: not cells.waiting.all()),
+    MONTE_CARLO: ("run that was made", lambda runs: runs.made.any()),
+    PARETO: ("point that could be solved for", lambda results: np.isfinite(pareto.every_point(results)).any()),
+}
+"""What a study needs to be drawn."""
 
 
-def figures_of(kind: str, subject: Any = None) -> dict[str, RegisteredFigure]:
+def figures_of(kind: str, subject: Any = None) -> dict[str, Callable[..., Figure]]:
     """Return the figures of a kind by name; of a subject, those it has."""
-    return {one.name: one for one in TABLE if one.kind == kind and (subject is None or one.there(subject))}
+    every = {name: make for (of, name), make in FIGURES.items() if of == kind}
+    return {name: every[name] for name in every if subject is None or name not in ONLY_OF or ONLY_OF[name](subject)}
 
 
 def plot(run: Run | Mapping[str, Run], name: str) -> Figure:
@@ -95,10 +97,10 @@ def plot(run: Run | Mapping[str, Run], name: str) -> Figure:
     Raises:
         InputError: There is no figure of this name.
     """
-    known = figures_of("run" if isinstance(run, Run) else "comparison")
+    known = figures_of(RUN if isinstance(run, Run) else COMPARISON)
     (name,) = _chosen("figure", [name], known)
     with in_style():
-        figure = known[name].function(run)
+        figure = known[name](run)
         figure.draw_without_rendering()  # ticks and texts are made in this style, not in the user's
     return figure
 
@@ -129,34 +131,27 @@ def draw(
         LogError: There is nothing to draw.
         RunError: A film could not be rendered or encoded.
     """
-    _ensure_drawable(kind, subject)
+    what, drawable = DRAWABLE.get(kind, ("", lambda subject: True))
+    if not drawable(subject):
+        raise LogError(f"{getattr(subject, 'results', subject).path}: found no {what}, expected one at least to draw")
     known = figures_of(kind, subject)
     names = _chosen("figure", known if only is None else only, known)
     endings = _chosen("format", formats, FORMATS)
     figures = {name: [directory / f"{name}.{ending}" for ending in endings] for name in names}
     if films and only is None and not force and any(path.exists() for paths in figures.values() for path in paths):
         figures = {}
-    moving = {name: film_files(directory, name) for name in FILMS if name in films}
+    kinds = ("gif", "mp4") if mp4_possible() else ("gif",)
+    moving = {name: [directory / f"{name}.{ending}" for ending in kinds] for name in FILMS if name in films}
     files = [path for paths in (*figures.values(), *moving.values()) for path in paths]
     if "render" in films:
         offscreen_driver()
     _make_room(files, force)
     with in_style():
         for name, paths in figures.items():
-            _save(known[name].function(subject), paths)
+            _save(known[name](subject), paths)
         for name, paths in moving.items():
             FILMS[name](subject, paths)
     return files
-
-
-def _ensure_drawable(kind: str, subject: Any) -> None:
-    """Raise LogError where a study holds nothing to draw."""
-    if kind == "sweep" and subject.waiting.all():
-        raise LogError(f"{subject.results.path}: found no cell that was run, expected one at least to draw")
-    if kind == "monte_carlo" and not subject.made.any():
-        raise LogError(f"{subject.results.path}: found no run that was made, expected one at least to draw")
-    if kind == "pareto" and not any(np.isfinite(J).any() for points in pareto.in_plane(subject) for J, _ in points):
-        raise LogError(f"{subject.path}: holds no point that could be solved for, so there is nothing to draw")
 
 
 def draw_file(kind: str, subject: Any, path: Path, force: bool = False) -> Path:
@@ -167,9 +162,9 @@ def draw_file(kind: str, subject: Any, path: Path, force: bool = False) -> Path:
     """
     _chosen("format", [path.suffix[1:]], FORMATS)
     _make_room([path], force)
-    (one,) = figures_of(kind, subject).values()
+    (make,) = figures_of(kind, subject).values()
     with in_style():
-        _save(one.function(subject), [path])
+        _save(make(subject), [path])
     return path
 
 

@@ -5,13 +5,12 @@ from textwrap import fill
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.timeline import Timeline
+from psmpc_cli.figures.timeline import bar_rows, draw_stages, label_row, timeline
 from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.logs.summary import judge_monitor, monitor_bounds, signal
 
@@ -22,28 +21,10 @@ Panels = Mapping[str, Curves]
 SMALLEST = 1e-5
 """A smaller control that a waiting stage adds is not shown [m/s^2, rad/s^2]."""
 
-PUBLISHED: Mapping[str, Any] = {
-    "marker": "v",
-    "color": "black",
-    "markerfacecolor": "white",
-    "markersize": 5.0,
-    "linestyle": "none",
-}
-"""Look of a published value."""
-
-BOUND: Mapping[str, Any] = {**style.LEVEL, "linestyle": style.DASHED}
-"""Look of a monitor's bound."""
-
-BROKEN: Mapping[str, Any] = {"color": style.PALETTE[1], "linestyle": "none", "marker": "X", "markersize": 6.0}
-"""Look of the time at which a monitor broke."""
-
-HEIGHT, AXIS = 1.25, 0.3
-"""Height of a panel, and of an axis with its label [in]."""
+HEIGHT = 1.0
+"""Height of a panel [in]."""
 
 OVER_TIME = ("Planned switch\ntime from now (s)", "Variation of joint\ncontrol (rad/s²)")
-
-ROW = 0.38
-"""Height of a run's row of bars [in]."""
 
 HORIZON = "T_f"
 """The curve that says how far ahead the horizon ends."""
@@ -70,8 +51,8 @@ def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
         run: The run.
         published: Published actual starts by stage [s].
     """
-    timeline = Timeline(run, 1, 2.4)
-    axes: Axes = timeline.panels[0, 0]
+    figure, grid = timeline(run, 1, 2.4)
+    axes: Axes = grid[0, 0]
     presence, time, waited, onset = run["window/presence"], run.time, False, run.task.spec.onset
     for stage, name in enumerate(run.stage_names):
         which = np.isfinite(presence[:, stage])
@@ -80,14 +61,14 @@ def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
             axes.plot(time[which], values, label=style.readable(name), **style.line_look(stage))
     axes.axhline(onset.epsilon, label="_threshold", **style.LEVEL)
     for start in published.values():
-        axes.plot(start, onset.epsilon, label="_published start", **PUBLISHED)
+        axes.plot(start, onset.epsilon, **style.look("published start"))
     label = "Closeness to a waiting stage's\nown optimum (1)"
     if onset.kind == "control":
         axes.set_yscale("log")
         axes.set_ylim(bottom=SMALLEST)
         label = "Control added by a waiting stage\n(m/s², rad/s²)"
-    timeline.label(0, label, "" if waited else "no stage waits: one at a time")
-    return timeline.finish()
+    label_row(grid[0], label, "" if waited else "no stage waits: one at a time")
+    return style.finish(figure)
 
 
 def plot_monitors(run: Run) -> Figure:
@@ -96,63 +77,52 @@ def plot_monitors(run: Run) -> Figure:
     A task without a monitor has one empty panel.
     """
     monitors = run.task.spec.monitors
-    timeline = Timeline(run, max(1, len(monitors)), 1.6)
+    figure, grid = timeline(run, max(1, len(monitors)), 1.6)
     if not monitors:
-        timeline.panels[0, 0].set_yticks([])
-        style.panel_legend(timeline.panels[0, 0], "the task has no monitor")
+        grid[0, 0].set_yticks([])
+        style.panel_legend(grid[0, 0], "the task has no monitor")
     for row, monitor in enumerate(monitors):
         verdict = judge_monitor(monitor, run.arrays)
-        axes: Axes = timeline.panels[row, 0]
+        axes: Axes = grid[row, 0]
         time, values = run.time, signal(monitor, run.arrays)
         axes.plot(time, values, color=style.PALETTE[0])
         during = run["window/first"] == run.stage_names.index(monitor.during)
         for bound, _ in monitor_bounds(monitor, float(values[during][0])) if during.any() else ():
-            axes.plot(time[during][[0, -1]], [bound, bound], label="_bound", **BOUND)
+            axes.plot(time[during][[0, -1]], [bound, bound], **style.look("bound"))
         if np.isfinite(verdict.broken_at):
-            axes.plot(
-                verdict.broken_at, np.interp(verdict.broken_at, time, values), label="_broken", zorder=3, **BROKEN
-            )
+            value = np.interp(verdict.broken_at, time, values)
+            axes.plot(verdict.broken_at, value, **style.look("broken"))
         frames = " and ".join(map(style.readable, [*monitor.of, "base"][:2]))
         label = "Speed (m/s)" if monitor.quantity == "speed" else f"Distance of\n{frames} (m)"
-        timeline.label(row, label, f"{style.readable(monitor.name)} during {style.readable(monitor.during)}")
-    return timeline.finish()
+        label_row(grid[row], label, f"{style.readable(monitor.name)} during {style.readable(monitor.during)}")
+    return style.finish(figure)
 
 
 def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, float]] = {}) -> Figure:
-    """Plot a bar a stage for every method, early starts below it, and marks at the published ends.
+    """Plot the stages of every method as bars, with early starts and marks at the published ends.
 
     Args:
         runs: By method.
         published: Published ends by method and stage [s].
     """
-    figure, (axes,) = style.stack([""], [0.9 + 0.5 * len(runs)], "Time (s)")
+    figure, (axes,) = style.stack([""], [0.5 * len(runs)], "Time (s)")
     _draw_schedule(axes, {style.title_of(name): run.spans for name, run in runs.items()})
-    for row, name in enumerate(runs):
+    for name, y in zip(runs, axes.get_yticks(), strict=True):
         for time in published.get(name, {}).values():
-            axes.plot(time, row - 0.33, label="_published end", **PUBLISHED)
-    axes.set_xlim(left=0.0)
-    names = enumerate(map(style.readable, next(iter(runs.values())).stage_names), start=1)
-    axes.set_title(", ".join(f"{number} {name}" for number, name in names), loc="left", pad=4, fontsize=style.TEXT)
-    handles: list[Artist] = []
-    if any(span.early is not None for run in runs.values() for span in run.spans):
-        handles.append(style.patch_entry("next stage already acts", facecolor=style.EARLY))
-    style.add_legend(figure, handles)
-    return figure
+            axes.plot(time, y - 1.3, **style.look("published end"))
+    return style.finish(figure)
 
 
-def _draw_schedule(axes: Axes, runs: Mapping[str, Sequence[Span]]) -> None:
-    """Draw the stages of each run as numbered bars in a row with its name, and early starts below them."""
-    axes.set_yticks(range(len(runs)), [fill(name, 12) for name in runs])
+def _draw_schedule(axes: Axes, schedules: Mapping[str, Sequence[Span]]) -> None:
+    """Draw the stages of each run in rows beside its name."""
+    end = max((span.end for spans in schedules.values() for span in spans), default=1.0)
+    rows = [bar_rows(spans, style.CHARACTER * end / style.AXIS_WIDTH) for spans in schedules.values()]
+    deep = 1.7 + max((row for placed in rows for row in placed), default=1)
+    axes.set_yticks(deep * np.arange(len(rows)) + 1, [fill(name, 12) for name in schedules])
     axes.tick_params(axis="y", length=0)
-    axes.set_ylim(len(runs) - 0.5, -0.6)
-    look: dict[str, Any] = {"edgecolor": style.EDGE, "linewidth": 0.5}
-    for row, spans in enumerate(runs.values()):
-        for span in spans:
-            face = style.STAGE if span.index % 2 else "white"
-            bar = axes.barh(row, span.end - span.start, 0.46, span.start, facecolor=face, **look)
-            axes.bar_label(bar, [str(span.index + 1)], label_type="center", fontsize=style.TEXT)
-            if span.early is not None:
-                axes.barh(row + 0.32, span.start - span.early, 0.18, span.early, facecolor=style.EARLY, **look)
+    axes.set(ylim=(deep * len(rows), -0.7), xlim=(0, 1.01 * end))
+    for number, (spans, placed) in enumerate(zip(schedules.values(), rows, strict=True)):
+        draw_stages(axes, spans, [deep * number + row for row in placed])
 
 
 def plot_pending_cost(panels: Panels) -> Figure:
@@ -161,16 +131,16 @@ def plot_pending_cost(panels: Panels) -> Figure:
     J is over its value at the earliest instant that can be met, the other variables optimized; circles are its minima,
     triangles what the free optimizer returns.
     """
-    labels, heights = [*OVER_TIME, "$J$, δ = 0\n(relative)", "$J$, ours\n(relative)"], [HEIGHT, HEIGHT + AXIS] * 2
+    labels, heights = [*OVER_TIME, "$J$, δ = 0\n(relative)", "$J$, ours\n(relative)"], [HEIGHT] * 4
     figure, (ahead, variation, printed, ours) = style.stack(labels, heights, "Switch time $t_s$ after $T_0$ (s)", False)
     _plot_over_time(ahead, variation, panels, "ab")
     ours.sharex(printed)
     for axes, form in ((printed, "printed"), (ours, "ours")):
         _plot_scan(axes, panels, form, end=float(panels["instant"][HORIZON][1][0]))
     style.panel_legend(printed, "(c)")
-    ours.set_title("(d)", loc="left", pad=3.5, fontsize=style.TEXT)  # the same legend
+    ours.set_title("(d)")  # the same legend
     printed.tick_params(labelbottom=False)
-    return figure
+    return style.finish(figure)
 
 
 def plot_normalization(panels: Panels) -> Figure:
@@ -178,11 +148,11 @@ def plot_normalization(panels: Panels) -> Figure:
 
     The starts and ends of stages are infinite or NaN if a run has none.
     """
-    heights = [ROW * len(panels["stages"]) + style.LINE, HEIGHT, HEIGHT + AXIS]
+    heights = [0.35 * len(panels["stages"]), HEIGHT, HEIGHT]
     figure, (stages, ahead, variation) = style.stack(["", *OVER_TIME], heights, "Time (s)", False)
     spans = {
         NAMES.get(label, label): [
-            Span(index, "", begin, end, start if start < begin else None)
+            Span(index, str(index + 1), begin, end, start if start < begin else None)
             for index, (start, begin, end) in enumerate(zip(starts, np.r_[0.0, ends[:-1]], ends, strict=True))
             if np.isfinite([begin, end]).all()
         ]
@@ -192,14 +162,12 @@ def plot_normalization(panels: Panels) -> Figure:
     _plot_over_time(ahead, variation, panels, "bc")
     stages.sharex(ahead)
     stages.tick_params(labelbottom=False)
-    stages.plot([], [], "s", color=style.EDGE, markerfacecolor="white", label="stage, by number")
-    stages.plot([], [], "s", color=style.EDGE, markerfacecolor=style.EARLY, label="next one already acts")
-    style.panel_legend(stages, "(a)")
+    style.panel_legend(stages, "(a) stages by number")
     sizes = np.concatenate([y[y > 0] for _, y in panels["variation"].values()])
     if len(sizes):
         style.make_logarithmic(variation, subs=(1.0,))
         variation.set_ylim(max(float(sizes.min()), 0.1), 2.0 * float(sizes.max()))
-    return figure
+    return style.finish(figure)
 
 
 def plot_discretization(panels: Panels) -> Figure:
@@ -208,7 +176,7 @@ def plot_discretization(panels: Panels) -> Figure:
     A form whose prediction has no error to speak of is named above its panel.
     """
     labels = ["Prediction error\n(m, rad)", "Miss at $t_s$\n(tolerances)", "End of\nthe run (s)"]
-    figure, rows = style.stack(labels, [HEIGHT, HEIGHT, HEIGHT + AXIS], "Intervals of a stage, $N_s$ (1)")
+    figure, rows = style.stack(labels, [HEIGHT] * 3, "Intervals of a stage, $N_s$ (1)")
     style.make_logarithmic(rows[0])
     for axes, panel, letter in zip(rows, ("error", "missed", "end"), "abc", strict=True):
         note = f"({letter})"
@@ -222,7 +190,7 @@ def plot_discretization(panels: Panels) -> Figure:
     rows[1].set_ylim(bottom=0.0)
     style.make_logarithmic(rows[-1], "x")
     rows[-1].set_xticks(sorted({float(n) for nodes, _ in panels["end"].values() for n in nodes}))
-    return figure
+    return style.finish(figure)
 
 
 def _plot_over_time(above: Axes, below: Axes, panels: Panels, letters: str) -> None:
@@ -249,7 +217,7 @@ def _plot_scan(axes: Axes, panels: Panels, form: str, end: float) -> None:
     curves, minima, found = (panels[f"{what}, {form}"] for what in ("J", "minima", "found"))
     earliest = min(float(instants[0]) for instants, _ in curves.values())
     axes.axvspan(0.0, earliest, facecolor="#DDDDDD", edgecolor="none", zorder=0)
-    axes.text(earliest / 2, 0.5, "infeasible", transform=axes.get_xaxis_transform(), fontsize=style.TEXT, ha="center")
+    axes.text(earliest / 2, 0.5, "infeasible", transform=axes.get_xaxis_transform(), ha="center")
     axes.axvline(end, **style.LEVEL)
     marks: dict[str, Any] = {"markeredgecolor": "black", "linestyle": "none", "markersize": 4.5}
     for i, (label, curve) in enumerate(curves.items(), start=2):

@@ -94,6 +94,12 @@ class Scene:
         """From where it is seen."""
         return camera_of(self.run.problem.model)
 
+    @property
+    def half(self) -> np.ndarray:
+        """Half the edges of the object (3,) [m]; 0 where the task has none."""
+        spec = self.run.task.spec.object
+        return half_edges(spec.shape if spec else ())
+
     def object_frame(self, time: float) -> np.ndarray | None:
         """Return the object's frame (4, 4) [m] at a time [s]; None where the task has no object."""
         spec = self.run.task.spec.object
@@ -131,11 +137,8 @@ class Scene:
 
     def points(self, time: float) -> np.ndarray:
         """Return points (., 3) [m] whose hull holds robot and object at a time [s]."""
-        spec, frame = self.run.task.spec.object, self.object_frame(time)
-        robot = outline(self.run.problem.model, self.run.motion.coordinates_at(time))
-        if spec is None or frame is None:
-            return robot
-        return np.vstack([robot, corners(frame, half_edges(spec.shape))])
+        robot, frame = outline(self.run.problem.model, self.run.motion.coordinates_at(time)), self.object_frame(time)
+        return robot if frame is None else np.vstack([robot, corners(frame, self.half)])
 
     def extent(self, times: Iterable[float]) -> np.ndarray:
         """Return points (., 3) [m] whose hull holds all that is drawn up to and at these times [s], shadows too."""
@@ -150,7 +153,7 @@ class Scene:
         current = [span for span in spans if span.start <= time]
         early = [span for span in spans if span.early is not None and span.early <= time < span.start]
         events = [readable(current[-1].name), *(f"{readable(span.name)} already acts" for span in early)]
-        return events + ["object lost"] * (self.lost and time >= self.left)
+        return events + ["object lost"] * bool(self.lost and time >= self.left)
 
     def switches(self) -> list[tuple[float, str]]:
         """Return when stages ended [s], and what to call that."""
@@ -247,7 +250,7 @@ def base_half(model: RobotModel) -> np.ndarray:
 
 def half_edges(shape: Sequence[float]) -> np.ndarray:
     """Return half the edges of an object (3,) [m]; one of length and width is flat."""
-    return np.array([*shape, 0.0][:3]) / 2
+    return np.array([*shape, 0.0, 0.0, 0.0][:3]) / 2
 
 
 def corners(frame: np.ndarray, half: np.ndarray) -> np.ndarray:

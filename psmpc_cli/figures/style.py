@@ -1,16 +1,15 @@
 """One look for all figures: journal column width, fonts, a colour-blind safe palette, legends and axes."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 COLUMN, PAGE = 3.5, 7.16
@@ -50,8 +49,8 @@ LONGEST_NAME = 16
 TITLES = {"psmpc": "PSMPC", "smpc": "SMPC", "htmpc": "HTMPC", "hard": "Hard switching"}
 """Controllers as figures write them."""
 
-LINE = 0.125
-"""Height of a line of text [in]."""
+TALL = 20.0
+"""Height of a figure before it is finished [in]."""
 
 STAGE, EARLY, EDGE, BODY, OBJECT = "#ECECEC", "#FAD28A", "#444444", "#C9D3DA", "#F5EDA0"
 """Colours of every other stage, a stage that acts early, limits and outlines, the base, the object."""
@@ -61,23 +60,46 @@ DASHED, DOTTED = (0, (5, 2)), (0, (1, 1.5))
 LEVEL: Mapping[str, Any] = {"color": EDGE, "linewidth": 0.7, "zorder": 1.5}
 """Look of a line at a level: a limit, a tolerance, a threshold, the present time."""
 
-FAILED: Mapping[str, Any] = {"color": "black", "marker": "x", "markersize": 3.5, "linestyle": "none"}
-"""Look of what failed."""
+PUBLISHED = {"marker": "v", "color": "black", "markerfacecolor": "white", "markersize": 5.0, "linestyle": "none"}
+
+LOOKS: Mapping[str, Mapping[str, Any]] = {
+    "every other stage": {"facecolor": STAGE, "edgecolor": "none", "zorder": 0},
+    "next stage already acts": {"facecolor": EARLY, "edgecolor": "none", "zorder": 0.1},
+    "early start": {"color": "black", "linestyle": DOTTED, "linewidth": 0.8, "zorder": 1.2},
+    "seen by the controller": {"color": "#7A7A7A", "linewidth": 0.55, "zorder": 1.4},
+    "failed": {"color": "black", "marker": "x", "markersize": 3.5, "linestyle": "none"},
+    "waiting": {"color": EDGE, "marker": "o", "markerfacecolor": "white", "linestyle": "none"},
+    "dominated": {"color": "#A0A0A0", "marker": "x", "linestyle": "none", "zorder": 4},
+    "published start": PUBLISHED,
+    "published end": PUBLISHED,
+    "bound": {**LEVEL, "linestyle": DASHED},
+    "broken": {"color": PALETTE[1], "marker": "X", "markersize": 6.0, "linestyle": "none", "zorder": 3},
+    "base": {"facecolor": BODY, "edgecolor": "black", "linewidth": 0.7},
+    "object": {"facecolor": OBJECT, "edgecolor": EDGE, "linewidth": 0.6},
+    "object, lost": {"facecolor": "none", "edgecolor": EDGE, "linewidth": 0.8, "linestyle": (0, (3, 1.5))},
+    "target": {"linestyle": "none", "marker": "+", "markersize": 5.5, "markeredgewidth": 0.9},
+    "path of the base": {"color": EDGE, "linewidth": 0.7, "linestyle": (0, (2, 1.5))},
+}
+"""Looks by what legends call them."""
 
 TICKS: Mapping[str, Any] = {"labelsize": TEXT, "direction": "in", "major.width": 0.6, "minor.width": 0.4}
 
 STYLE: Mapping[str, Any] = {
     "font.family": "DejaVu Sans",
-    "font.size": 8.0,
+    "font.size": TEXT,
     "mathtext.fontset": "dejavusans",
     "axes.labelsize": 7.5,
     "axes.titlesize": TEXT,
+    "axes.titlelocation": "left",
+    "axes.titlepad": 3.5,
     "axes.linewidth": 0.6,
     "axes.axisbelow": True,
     "axes.formatter.useoffset": False,
     **{f"{axis}tick.{key}": value for axis in "xy" for key, value in TICKS.items()},
     **{f"{axis}tick.{kind}.size": size for axis in "xy" for kind, size in (("major", 2.5), ("minor", 1.5))},
+    "figure.titlesize": TEXT,
     "legend.fontsize": TEXT,
+    "legend.title_fontsize": TEXT,
     "legend.frameon": False,
     "legend.borderpad": 0.1,
     "legend.borderaxespad": 0.2,
@@ -91,8 +113,8 @@ STYLE: Mapping[str, Any] = {
     "savefig.dpi": 300,
     "pdf.fonttype": 42,
     "svg.hashsalt": "psmpc",
-    **{f"figure.constrained_layout.{pad}": 0.02 for pad in ("w_pad", "hspace", "wspace")},
-    "figure.constrained_layout.h_pad": 0.03,
+    **{f"figure.constrained_layout.{pad}": 0.02 for pad in ("w_pad", "wspace")},
+    **{f"figure.constrained_layout.{pad}": size for pad, size in (("h_pad", 0.04), ("hspace", 0.0))},
 }
 """Matplotlib settings in force while a figure is drawn and written."""
 
@@ -107,16 +129,16 @@ def in_style() -> Iterator[None]:
         yield
 
 
-def new_figure(height: float, width: float = COLUMN) -> Figure:
-    """Return an empty figure of the given size [in], without a window and unknown to pyplot."""
-    return Figure(figsize=(width, height), layout="constrained")
+def new_figure(width: float = COLUMN) -> Figure:
+    """Return an empty figure of a width [in], without a window and unknown to pyplot; `finish` sets its height."""
+    return Figure(figsize=(width, TALL), layout="constrained")
 
 
 def stack(
     labels: Sequence[str], heights: Sequence[float], xlabel: str, sharex: bool = True
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure of panels below each other, with the labels of their vertical axes and heights [in]."""
-    figure = new_figure(sum(heights))
+    figure = new_figure()
     rows = figure.subplots(len(labels), 1, sharex=sharex, squeeze=False, height_ratios=heights)[:, 0]
     for axes, label in zip(rows, labels, strict=True):
         axes.set_ylabel(label)
@@ -135,6 +157,11 @@ def mark_look(index: int) -> dict[str, Any]:
     return {"color": PALETTE[index % len(PALETTE)], "marker": MARKERS[index % len(MARKERS)]}
 
 
+def look(name: str, **more: Any) -> dict[str, Any]:
+    """Return the look of what legends call by this name, with the label by which `finish` finds it."""
+    return {"label": f"_{name}", **LOOKS[name], **more}
+
+
 def readable(name: str) -> str:
     """Return a name from a specification as words, such as arm 1 for arm_1; a very long one without its middle."""
     words = name.replace("_", " ")
@@ -147,53 +174,63 @@ def title_of(controller: str) -> str:
     return TITLES.get(controller, readable(controller))
 
 
-def entry(label: str, **look: Any) -> Line2D:
-    """Return a legend entry for a line or a marker."""
-    return Line2D([], [], label=label, **look)
+def finish(figure: Figure, title: str = "", above: bool = False) -> Figure:
+    """Write the common legend below or above all panels, make the figure as tall as these need it, and return it.
 
-
-def patch_entry(label: str, **look: Any) -> Patch:
-    """Return a legend entry for an area."""
-    return Patch(label=label, **{"edgecolor": EDGE, "linewidth": 0.4, **look})
-
-
-def add_legend(figure: Figure, handles: Iterable[Artist], above: bool = False, title: str = "") -> None:
-    """Write a legend, each label once, below or above all axes, and make the figure taller by its height.
-
-    Its entries are what the axes name after an underscore, which is in no legend of theirs, then the handles.
+    Its entries are what the panels name after an underscore, which is in no legend of theirs. Panels get the heights of
+    their grid's rows [in], those with equal scales the height that goes with their width.
     """
     artists = [artist for axes in figure.axes for artist in axes.get_children()]
-    named = [artist for artist in artists if re.match("_(?!child|nolegend).", str(artist.get_label()))]
-    entries = {str(artist.get_label()).removeprefix("_"): artist for artist in (*named, *handles)}
+    entries: dict[str, Artist] = {}
+    for artist in artists:
+        if re.match("_(?!child|nolegend).", label := str(artist.get_label())):
+            entries.setdefault(label[1:], artist)
     if entries:
-        place = "outside upper center" if above else "outside lower center"
-        look: dict[str, Any] = {"handles": [*entries.values()], "labels": [*entries], "loc": place}
-        if title:
-            look |= {"title": title, "title_fontsize": TEXT, "alignment": "left"}
-        height = _fit_legend(figure, figure, figure.get_figwidth() - 0.05, **look)
-        figure.set_figheight(figure.get_figheight() + height + 0.05)
+        content: dict[str, Any] = {"handles": [*entries.values()], "labels": [*entries], "title": title or None}
+        place = f"outside {'upper' if above else 'lower'} center"
+        _fit_legend(figure, figure.get_figwidth() - 0.05, loc=place, alignment="left", **content)
+        for patch in figure.legends[0].get_patches():
+            patch.set(edgecolor=EDGE, linewidth=0.4)
+    engine, first = figure.get_layout_engine(), figure.axes[0].get_subplotspec()
+    if engine is not None and first is not None:
+        equal = [axes for axes in figure.axes if axes.get_aspect() != "auto"]
+        for axes in equal:
+            axes.set_aspect("auto")  # a panel narrower than its cell seems to need less room for its labels
+        engine.execute(figure)
+        width, height = figure.get_size_inches()
+        heights, taken = np.array(first.get_gridspec().get_height_ratios(), dtype=float), 0.0
+        rows = {spot.rowspan.start: axes for axes in figure.axes[::-1] if (spot := axes.get_subplotspec())}
+        for row, axes in rows.items():
+            box = axes.get_position(original=True)
+            taken += height * box.height
+            if axes in equal:
+                heights[row] = width * box.width * axes.get_data_ratio()
+        first.get_gridspec().set_height_ratios(heights.tolist())
+        figure.set_figheight(height + heights.sum() - taken)
+        if equal:
+            engine.execute(figure)
+        for axes in equal:
+            axes.set_aspect("equal")
+    return figure
 
 
-def panel_legend(axes: Axes, note: str = "") -> None:
-    """Write a note and the legend above a panel, where they cover no curve; rows after the first make room."""
+def panel_legend(axes: Axes, note: str = "", title: str | None = None) -> None:
+    """Write a note and the legend above a panel, where they cover no curve."""
     figure: Any = axes.figure
-    written = axes.set_title(note, loc="left", pad=3.5, fontsize=TEXT)
+    written = axes.set_title(note)
     if axes.get_legend_handles_labels()[0]:
         width = AXIS_WIDTH - written.get_window_extent().width / figure.dpi
-        height = _fit_legend(figure, axes, width, loc="lower right", bbox_to_anchor=(1.0, 1.0))
-        figure.set_figheight(figure.get_figheight() + max(height - LINE, 0.0))
+        _fit_legend(axes, width, loc="lower right", bbox_to_anchor=(1.0, 1.0), title=title, alignment="left")
 
 
-def _fit_legend(figure: Figure, host: Figure | Axes, width: float, **look: Any) -> float:
-    """Write the legend of a figure or panel in as many columns as fit a width [in]; return its height [in]."""
+def _fit_legend(host: Figure | Axes, width: float, **content: Any) -> None:
+    """Write the legend of a figure or panel in as many columns as fit a width [in]."""
+    figure: Any = host.get_figure()
     for columns in range(MOST_COLUMNS, 0, -1):
-        legend = host.legend(ncols=columns, **look)
-        size = legend.get_window_extent()
-        if size.width <= width * figure.dpi:
-            break
-        if columns > 1:
-            legend.remove()
-    return float(size.height / figure.dpi)
+        legend = host.legend(ncols=columns, **content)
+        if columns == 1 or legend.get_window_extent().width <= width * figure.dpi:
+            return
+        legend.remove()
 
 
 def make_logarithmic(axes: Axes, along: str = "y", subs: tuple[float, ...] = (1.0, 2.0, 5.0)) -> None:

@@ -1,10 +1,9 @@
 """The actual start of a stage over the priorities of two stages, and what their ratio does. Paper Fig. 6."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
@@ -19,11 +18,6 @@ COLORS = "viridis"
 
 FLOOR, RATIO = "$t_s - T_h$", "Ratio of the priorities, ω₂/ω₁ (1)"
 
-WAITING: Mapping[str, Any] = {"color": style.EDGE, "marker": "o", "markerfacecolor": "white", "linestyle": "none"}
-
-MARKS = {"failed": style.FAILED, "waiting": WAITING}
-"""Looks of cells without a start."""
-
 
 def plot_plane(cells: SweepCells) -> Figure:
     """Plot the actual start [s] over omega_1 and omega_2 as colours: cells of a grid, or a point for every draw.
@@ -31,25 +25,23 @@ def plot_plane(cells: SweepCells) -> Figure:
     A contour on a grid parts the cells in which the start is t_s - T_h. Starts are known to one sample: within the
     contour the start is the first sample after t_s - T_h.
     """
-    figure = style.new_figure(2.8)
-    axes = figure.add_subplot()
+    figure, (axes,) = style.stack([""], [2.4], "")
     scale, omega, marks = _start_scale(cells), np.log10(cells.omega), {"failed": cells.failed}
-    handles: list[Artist] = []
     if cells.sampling == GRID:
         x, y = (np.log10(cells.results[name]) for name in ("omega_1", "omega_2"))
         start, floor = (values.reshape(len(y), len(x)) for values in (_starts(cells), cells.floor))
         axes.pcolormesh(x, y, np.ma.masked_invalid(start), norm=scale, cmap=COLORS, shading="nearest")
-        handles += _plot_contour(axes, x, y, start - floor, cells.task.spec.controller.sample_time)
+        _plot_contour(axes, x, y, start - floor, cells.task.spec.controller.sample_time)
         if cells.waiting.any():
-            handles.append(style.patch_entry("waiting", facecolor="white"))
+            axes.bar(x[0], 0, color="white", label=["_waiting"])
     else:
         marks["waiting"] = cells.waiting
-        x, y = omega[cells.ended].T
         edge: dict[str, Any] = {"edgecolors": style.EDGE, "linewidths": 0.3}
+        x, y = omega[cells.ended].T
         axes.scatter(x, y, 16, _starts(cells)[cells.ended], norm=scale, cmap=COLORS, **edge)
     for name, which in marks.items():
         if which.any():
-            axes.plot(*omega[which].T, label=f"_{name}", **MARKS[name])
+            axes.plot(*omega[which].T, **style.look(name))
     first, second = (style.readable(name) for name in cells.names)
     for axis in (axes.xaxis, axes.yaxis):
         _count_decades(axis, 7)
@@ -57,32 +49,31 @@ def plot_plane(cells: SweepCells) -> Figure:
     if cells.ended.any():
         bar = figure.colorbar(ScalarMappable(scale, COLORS), ax=axes, pad=0.02, aspect=22)
         bar.set_label(_start_label(cells, ", "))
-        bar.ax.set_title("$t_s$", fontsize=style.TEXT, pad=3)
+        bar.ax.set_title("$t_s$", loc="center")
         bar.ax.set_xlabel(FLOOR, fontsize=style.TEXT, labelpad=4, loc="left")
-    style.add_legend(figure, handles, above=True)
-    return figure
+    return style.finish(figure, above=True)
 
 
 def plot_surface(cells: SweepCells) -> Figure:
     """Plot the actual start [s] over omega_1 and omega_2 as a surface, between frames at t_s and at t_s - T_h."""
-    figure = style.new_figure(2.8)
+    figure = style.new_figure()
     figure.set_layout_engine("none")  # it makes no room for the labels of axes in three dimensions
+    figure.set_figheight(3.0)
     axes: Any = figure.add_axes((0.09, 0.0, 0.91, 1.0), projection="3d", proj_type="ortho", computed_zorder=False)
     scale, shape, failed = _start_scale(cells), cells.results["status"].shape, cells.failed
     x, y = (omega.reshape(shape) for omega in np.log10(cells.omega.T))
     start = _starts(cells).reshape(shape)
     corners = [x.min(), x.max(), x.max(), x.min(), x.min()], [y.min(), y.min(), y.max(), y.max(), y.min()]
-    handles: list[Artist] = []
     if cells.ended.any():  # from the lowest to the highest, as they cover each other
-        floor = axes.plot(*corners, [scale.vmin] * 5, linestyle=style.DASHED, label=FLOOR, **style.LEVEL)
+        axes.plot(*corners, [scale.vmin] * 5, linestyle=style.DASHED, label=f"_{FLOOR}", **style.LEVEL)
         colors = ScalarMappable(scale, COLORS).to_rgba(start)
         look = {"rstride": 1, "cstride": 1, "shade": False, "edgecolor": style.EDGE, "linewidth": 0.2}
         axes.plot_surface(x, y, start, facecolors=colors, **look)
-        handles = [*axes.plot(*corners, [scale.vmax] * 5, label="$t_s$", **style.LEVEL), *floor]
+        axes.plot(*corners, [scale.vmax] * 5, label="_$t_s$", **style.LEVEL)
     if failed.any():
-        axes.plot(x.flat[failed], y.flat[failed], np.full(failed.sum(), scale.vmin), label="_failed", **style.FAILED)
+        axes.plot(x.flat[failed], y.flat[failed], np.full(failed.sum(), scale.vmin), **style.look("failed"))
     if cells.waiting.any():
-        handles.append(style.entry("blank: waiting", linestyle="none"))
+        axes.plot([], [], linestyle="none", label="_blank: waiting")
     axes.view_init(24.0, -128.0)
     axes.set_box_aspect((1.0, 1.0, 0.78), zoom=1.03)
     axes.set_xlabel("ω₁ (1)", labelpad=-6)
@@ -97,8 +88,7 @@ def plot_surface(cells: SweepCells) -> Figure:
         _count_decades(axis, 4)
     if not cells.ended.any():
         axes.set_zticks([])
-    style.add_legend(figure, handles, above=True)
-    return figure
+    return style.finish(figure, above=True)
 
 
 def _start_scale(cells: SweepCells) -> Normalize:
@@ -123,21 +113,21 @@ def _count_decades(axis: Axis, most: int) -> None:
     axis.set_major_formatter(StrMethodFormatter("$10^{{{x:.0f}}}$"))
 
 
-def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, sample: float) -> list[Artist]:
-    """Part the cells whose start is less than a sample above t_s - T_h from the others; return what the legend says."""
+def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, sample: float) -> None:
+    """Part the cells whose start is less than a sample above t_s - T_h from the others."""
     known = np.isfinite(above)
     near = above < sample + 1e-6
     if near[known].all() or not near[known].any():
-        return []
+        return
     for color, width in (("white", 2.0), ("black", 1.0)):  # visible on every colour
         axes.contour(x, y, np.ma.masked_where(~known, near.astype(float)), levels=[0.5], colors=color, linewidths=width)
-    return [style.entry(f"{FLOOR}, to one sample", color="black", linewidth=1.0)]
+    axes.plot([], [], color="black", linewidth=1.0, label=f"_{FLOOR}, to one sample")
 
 
 def plot_starts(cells: SweepCells) -> Figure:
     """Plot the actual start [s] over omega_2 / omega_1, a line a threshold, between t_s and t_s - T_h."""
     label = f"Actual start of {style.readable(cells.names[1])} (s)"
-    figure, (axes,) = style.stack([label], [2.7], RATIO)
+    figure, (axes,) = style.stack([label], [2.3], RATIO)
     _set_ratio(axes, cells)
     if cells.ended.any():
         _plot_bounds(axes, cells)
@@ -149,7 +139,7 @@ def plot_starts(cells: SweepCells) -> Figure:
         axes.set_yticks([])
     _mark_failed(axes, cells)
     style.panel_legend(axes)
-    return figure
+    return style.finish(figure)
 
 
 def plot_sensitivity(cells: SweepCells) -> Figure:
@@ -162,7 +152,7 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
     completion, effort, error = found = [AlongRatio(cells, cells.of(name)) for name in quantities]
     labels = [f"Completion\nof {second} (s)", "Control effort\n(m²/s³, rad²/s³)", "Final error\n(tolerances)"]
     shown = 3 if np.isfinite(error.middle).any() else 2
-    figure, rows = style.stack(labels[:shown], [1.05 + 0.6 / shown] * shown, RATIO)
+    figure, rows = style.stack(labels[:shown], [1.1] * shown, RATIO)
     _set_ratio(rows[0], cells)
     _mark_ratios(rows, cells)
     for axes, values in zip(rows, found, strict=False):
@@ -184,7 +174,7 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
         style.panel_legend(rows[2])
     _mark_failed(rows[0], cells)
     style.panel_legend(rows[0])
-    return figure
+    return style.finish(figure)
 
 
 def _set_ratio(axes: Axes, cells: SweepCells) -> None:
@@ -219,8 +209,8 @@ def _mark_failed(axes: Axes, cells: SweepCells) -> None:
     """Mark the ratios of cells that failed along the lower edge."""
     ratio = np.unique(cells.ratio[cells.failed])
     if len(ratio):
-        low = np.full(len(ratio), 0.045)
-        axes.plot(ratio, low, transform=axes.get_xaxis_transform(), label="failed", **style.FAILED)
+        look = style.look("failed", label="failed", transform=axes.get_xaxis_transform())
+        axes.plot(ratio, np.full(len(ratio), 0.045), **look)
 
 
 def _mark_ratios(rows: Sequence[Axes], cells: SweepCells) -> None:

@@ -50,7 +50,7 @@ def report_run(run: Run) -> Page:
         summary=summary,
         stages=stage_rows(summary),
         measures=list(measure_rows(summary, verbose=True)),
-        figures={CAPTIONS.get(name, f"{readable(name)}."): partial(known[name].function, run) for name in names},
+        figures={CAPTIONS.get(name, f"{readable(name)}."): partial(known[name], run) for name in names},
         versions=versions_of(run.attributes),
     )
 
@@ -87,11 +87,11 @@ def _figures(made: Reproduction) -> Iterator[tuple[str, Draw]]:
     yield "schedule", partial(plot_schedule, made.runs, ends)
     yield "instants", partial(plot_instants, made.runs)
     yield "snapshots", partial(plot_snapshots, made.runs)
-    for name, entry in figures_of("sweep", cells).items() if cells.ended.any() else ():
-        yield f"sweep {name}", partial(entry.function, cells)
+    for name, make in figures_of("sweep", cells).items() if cells.ended.any() else ():
+        yield f"sweep {name}", partial(make, cells)
     if made.fronts is not None and any(row["failed"] < row["points"] for row in fronts.front_rows(made.fronts)):
         yield "fronts", partial(plot_fronts, made.fronts)
     for method, run in made.grasps.items():
         yield f"{method} pull", partial(plot_pull, run)
     for one in made.ablations:
-        yield f"ablation_{one.name}", partial(figures_of("ablations")[f"ablation_{one.name}"].function, one.panels)
+        yield f"ablation_{one.name}", partial(figures_of("ablations")[f"ablation_{one.name}"], one.panels)

@@ -1,4 +1,4 @@
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -7,11 +7,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.run import Run, read_run
 
 from .made_up import Story, write_story
 
 Write = Callable[..., Path]
+
+
+@pytest.fixture(autouse=True)
+def styled() -> Iterator[None]:
+    """Figures are made in their own style, as the registry and the reports make them."""
+    with in_style():
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from psmpc_cli.figures.registry import TABLE, figures_of
-from psmpc_cli.figures.style import in_style
+from psmpc_cli.figures.registry import FIGURES, figures_of
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.load import Task, load_robot
 from psmpc_cli.specs.robot import SpatialRobot
@@ -67,11 +66,11 @@ CASES: Mapping[str, tuple[str, Callable[[Subjects], Any]]] = {
     "narrow fronts": ("pareto", lambda s: made_up(narrow=True, method="weighted")),
     "fronts with gaps": ("pareto", lambda s: unsolved(made_up(method="constrained"), 4)),
     "fronts in space": ("pareto", lambda s: made_up(later=3, method="constrained")),
-    "Monte Carlo": ("monte_carlo", lambda s: s.monte_carlo()),
-    "many of Monte Carlo": ("monte_carlo", lambda s: s.monte_carlo(runs=200, late=(3, 90), dropped=(50, 51))),
-    "failures": ("monte_carlo", lambda s: s.monte_carlo(waiting=(0, 11), crashed=(2,), late=(5,), dropped=(7,))),
-    "one crash": ("monte_carlo", lambda s: s.monte_carlo(runs=1, crashed=(0,))),
-    "all late": ("monte_carlo", lambda s: s.monte_carlo(runs=4, late=(0, 1, 2, 3))),
+    "Monte Carlo": ("monte-carlo", lambda s: s.monte_carlo()),
+    "many of Monte Carlo": ("monte-carlo", lambda s: s.monte_carlo(runs=200, late=(3, 90), dropped=(50, 51))),
+    "failures": ("monte-carlo", lambda s: s.monte_carlo(waiting=(0, 11), crashed=(2,), late=(5,), dropped=(7,))),
+    "one crash": ("monte-carlo", lambda s: s.monte_carlo(runs=1, crashed=(0,))),
+    "all late": ("monte-carlo", lambda s: s.monte_carlo(runs=4, late=(0, 1, 2, 3))),
     "scenario": ("scenario", lambda s: s.task),
     **{name: ("robot", lambda s, name=name: load_robot(name)) for name in ROBOTS},
     "robot without arms": (
@@ -101,8 +100,8 @@ def test_a_figure_is_fit_to_print(
 ) -> None:
     which, make = CASES[case]
     subject = make(Subjects(load, runs, many_stages, one_arm, transport, tmp_path / "study.h5"))
-    drawn = [*figures_of(which, subject).values(), *(one for one in TABLE if one.name == which != one.kind)]
+    named = [make for (kind, name), make in FIGURES.items() if name == which != kind]
+    drawn = [*figures_of(which, subject).values(), *named]
     assert drawn
-    for figure in drawn:
-        with in_style():
-            check_figure(figure.function(subject))
+    for make in drawn:
+        check_figure(make(subject))

@@ -38,4 +38,4 @@ def test_failed_runs_are_ringed_behind_their_marks_even_those_without_values(tmp
 
 def test_a_study_that_has_not_begun_has_nothing_to_draw(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no run that was made"):
-        draw("monte_carlo", made_up_monte_carlo(tmp_path / "study.h5", 2, waiting=(0, 1)), tmp_path / "figures")
+        draw("monte-carlo", made_up_monte_carlo(tmp_path / "study.h5", 2, waiting=(0, 1)), tmp_path / "figures")

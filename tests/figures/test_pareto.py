@@ -7,7 +7,6 @@ from matplotlib.figure import Figure
 from psmpc_cli.errors import LogError
 from psmpc_cli.figures.pareto import plot_fronts
 from psmpc_cli.figures.registry import draw
-from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.results import Quantity, Results
 
 from .drawn import common_legend, points
@@ -59,8 +58,7 @@ def made_up(
 
 
 def figure(results: Results) -> Figure:
-    with in_style():
-        return plot_fronts(results)
+    return plot_fronts(results)
 
 
 def test_a_logarithmic_panel_is_added_where_a_linear_one_hides_what_is_small() -> None:

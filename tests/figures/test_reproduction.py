@@ -11,7 +11,6 @@ from matplotlib.patches import Rectangle
 
 from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.figures.reproduction import SMALLEST, plot_monitors, plot_presence, plot_schedule
-from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.library import find
 
@@ -31,9 +30,8 @@ def waiting(run: Run) -> Run:
 
 
 def draw(plot: Callable[..., Figure], *arguments: Any) -> Figure:
-    with in_style():
-        figure = plot(*arguments)
-        check_figure(figure)
+    figure = plot(*arguments)
+    check_figure(figure)
     return figure
 
 
@@ -70,7 +68,7 @@ def test_a_schedule_has_a_bar_a_stage_and_marks_what_is_published(run: Run, load
     odd = load(early={1: 6.4, 3: 9.0}, last=12.0)  # it was killed in its second stage
     figure = draw(plot_schedule, {"psmpc": run, "smpc": odd}, {"smpc": PUBLISHED})
     (axes,) = figure.axes
-    bars = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+    bars = [patch for patch in axes.patches if isinstance(patch, Rectangle) and patch.get_fill()]
     widths = sorted(bar.get_width() for bar in bars)
     assert len(bars) == len(run.spans) + len(odd.spans) + sum(
         span.early is not None for span in (*run.spans, *odd.spans)
@@ -115,8 +113,7 @@ MADE_UP = {
 
 
 def figure(name: str) -> Figure:
-    with in_style():
-        return figures_of("ablations")[f"ablation_{name}"].function(MADE_UP[name])
+    return figures_of("ablations")[f"ablation_{name}"](MADE_UP[name])
 
 
 def test_every_curve_is_drawn_as_given() -> None:

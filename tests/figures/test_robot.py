@@ -13,7 +13,7 @@ from matplotlib.patches import Polygon
 from psmpc_cli.figures.coordinates import error_curves
 from psmpc_cli.figures.scene import PLAN, configurations, grasp, object_frames, scene_of
 from psmpc_cli.figures.snapshots import draw_scene, plot_scenario, plot_snapshots
-from psmpc_cli.figures.style import in_style, new_figure
+from psmpc_cli.figures.style import new_figure
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.robot.model import RobotModel, pose_frames
@@ -27,7 +27,7 @@ Load = Callable[..., Run]
 
 
 def drawn_points(run: Run, time: float) -> np.ndarray:
-    axes = new_figure(3.0).add_subplot()
+    axes = new_figure().add_subplot()
     draw_scene(axes, scene_of(run), time, since=0.0, extent=np.zeros((1, 3)))
     outlines = [patch.get_xy() for patch in axes.patches if isinstance(patch, Polygon)]
     return np.vstack([*outlines, *(line.get_xydata() for line in axes.lines)])
@@ -59,6 +59,7 @@ def test_the_object_rests_moves_rigidly_with_the_grippers_and_stays_where_it_was
 def test_the_object_is_lost_when_the_grippers_open_too_early(load: Load) -> None:
     scene = scene_of(load(early={1: 6.4, 3: 19.0}))
     assert scene.lost and 19.0 < scene.left < 23.0
+    assert [scene.events(time)[-1] for time in np.array([18.0, 29.6])] == ["transport", "object lost"]
     np.testing.assert_array_equal(scene.object_frame(29.6), scene.object_frame(scene.left))
 
 
@@ -149,8 +150,7 @@ def test_a_scenario_has_every_stage_at_its_target(
     np.testing.assert_array_equal(capture, approach)
     assert np.linalg.norm(transported[:2, 3] - capture[:2, 3]) > 1
     np.testing.assert_array_equal(released, transported)
-    with in_style():
-        figure = plot_scenario(transport)
-        check_figure(figure)
+    figure = plot_scenario(transport)
+    check_figure(figure)
     expected = ["1. approach, priority 1", "2. capture, priority 100", "3. transport, priority 1"]
     assert titles(figure) == [*expected, "4. release, priority 0.01"]

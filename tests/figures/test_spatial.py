@@ -10,7 +10,6 @@ from psmpc_cli.figures.coordinates import attitude_error, plot_overlay, plot_sta
 from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.figures.scene import OBLIQUE, configurations, scene_of
 from psmpc_cli.figures.snapshots import plot_scenario
-from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.model import pose_frames
@@ -44,9 +43,8 @@ def run() -> Run:
 
 def test_every_figure_is_fit_to_print(run: Run) -> None:
     for kind, subject in (("run", run), ("comparison", {"psmpc": run, "smpc": run})):
-        for figure in figures_of(kind, subject).values():
-            with in_style():
-                check_figure(figure.function(subject))
+        for make in figures_of(kind, subject).values():
+            check_figure(make(subject))
 
 
 def test_attitude_is_a_rotation_vector_beside_its_angle_to_the_target(run: Run) -> None:
@@ -83,9 +81,8 @@ def test_a_scenario_has_the_hands_at_their_targets() -> None:
 
 
 def test_a_scenario_has_the_points_that_are_looked_at_in_its_view() -> None:
-    with in_style():
-        figure = plot_scenario(load_task("fly_and_point"))
-        check_figure(figure)
+    figure = plot_scenario(load_task("fly_and_point"))
+    check_figure(figure)
     hatch = figure.axes[1]
     (mark,) = [line for line in hatch.lines if line.get_marker() == "+"]
     (at,) = points(mark)
@@ -95,7 +92,7 @@ def test_a_scenario_has_the_points_that_are_looked_at_in_its_view() -> None:
 
 
 def test_snapshots_say_from_where_they_are_seen_and_the_run_is_animated(run: Run, tmp_path: Path) -> None:
-    figure = figures_of("run")["snapshots"].function(run)
+    figure = figures_of("run")["snapshots"](run)
     assert "azimuth −60°" in figure.legends[0].get_title().get_text()
     assert "x axis of a target" in common_legend(figure)
     files = draw("run", run, tmp_path, only=(), films=["animation"])

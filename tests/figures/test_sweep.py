@@ -88,7 +88,7 @@ def test_cells_that_wait_are_blank_and_failed_ones_are_marked(sweep: Sweep) -> N
     figure = plot_plane(cells)
     masked = np.ma.getmaskarray(mesh(figure))
     assert list(zip(*np.nonzero(masked), strict=True)) == [(0, 1), (1, 2)]
-    (marks,) = figure.axes[0].lines
+    (marks,) = [line for line in figure.axes[0].lines if line.get_label() == "_failed"]
     np.testing.assert_allclose(points(marks), [[3.0, 0.0]])
     assert {"failed", "waiting"} <= set(common_legend(figure))
     for plot in (plot_starts, plot_sensitivity):

@@ -12,7 +12,7 @@ from psmpc_cli.ocp.objective import StageFunctions, StageShape, stage_functions
 from psmpc_cli.ocp.plan import Chart
 from psmpc_cli.ocp.skills import SKILLS, Posture
 from psmpc_cli.robot.free_body import FreeBody, carried_rate, composed, relative
-from psmpc_cli.robot.model import RobotModel, nearest_equivalent
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.object import ObjectSpec, OnObject
 from psmpc_cli.specs.parts import Space
@@ -378,7 +378,9 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
         skill, waypoints = SKILLS[space], _waypoints(spec, robot, space, task.object)
         turning = list(skill.angles(model))
         if spec.angles == "nearest":
-            waypoints[:, turning] = _unwrapped(skill.before(model, posture)[turning], waypoints[:, turning])
+            waypoints[:, turning] = np.unwrap(np.vstack([skill.before(model, posture), waypoints])[:, turning], axis=0)[
+                1:
+            ]
         for at in skill.attitudes(model).values():
             q = waypoints[:, at : at + 4]  # a view
             q /= np.linalg.norm(q, axis=1, keepdims=True)
@@ -404,12 +406,3 @@ def _placed(aim: tuple[float, ...] | OnObject, thing: ObjectSpec | None) -> tupl
         return () if isinstance(aim, OnObject) else aim
     at = aim.object if not isinstance(aim.object, str) else thing.grasp.at[aim.object] if thing.grasp else ()
     return tuple(composed(thing.pose, at).tolist())
-
-
-def _unwrapped(before: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return rows of angles (T, angles) [rad], each moved to the equivalents nearest to the row before it."""
-    moved = []
-    for row in rows:
-        before = nearest_equivalent(before, row)
-        moved.append(before)
-    return np.array(moved)

@@ -91,6 +91,10 @@ class Resistance:
         """Return that of n coordinates without friction or limits."""
         return cls(np.zeros(n), np.zeros(n), 1.0, np.full(n, np.inf))
 
+    def left_of(self, F: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return what friction at velocities v (n,) leaves of a generalized force F (n,)."""
+        return np.asarray(F - self.viscous * v - self.coulomb * np.tanh(v / self.width))
+
     @property
     def vector(self) -> np.ndarray:
         """All of it in one vector (3n + 1,)."""
@@ -113,6 +117,11 @@ class Disturbance:
     law: InertialParameters
     noise: np.ndarray
     push: np.ndarray
+
+    @classmethod
+    def none(cls, robot: InertialParameters, ticks: int, n: int) -> "Disturbance":
+        """Return that of a known robot with n velocities which nothing disturbs."""
+        return cls(robot, robot, np.zeros((ticks, 2 * n)), np.zeros((ticks, n)))
 
 
 class Plant(Protocol):

@@ -386,8 +386,7 @@ class CapturePlant:
         model, capture, M = self.model, self.capture, len(u)
         X, F = np.vstack([x, np.empty((M, len(x)))]), np.empty((M, model.n))
         impulse, work = np.zeros(model.parts["base"].stop), 0.0
-        nothing = Disturbance(model.nominal, model.nominal, np.zeros((M, 2 * model.n)), np.zeros((M, model.n)))
-        other, time = disturbance or nothing, start + self.tick * np.arange(M + 1)
+        other, time = disturbance or Disturbance.none(model.nominal, M, model.n), start + self.tick * np.arange(M + 1)
         capture.begin()
         for k in range(M):
             capture.update(float(time[k]), X[k], closed is not None and bool(closed[k]))

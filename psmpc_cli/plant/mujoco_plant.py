@@ -43,7 +43,7 @@ class MujocoPlant:
         self.engine.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state must be visible
         mujoco.set_mju_user_warning(logger.warning)  # by default MuJoCo writes a file in the current directory
         self.data = mujoco.MjData(self.engine)
-        self._resistance = resistance
+        self.resistance, self._known = resistance or Resistance.none(model.n), model.nominal
         names, base = [body.name for body in model.spec.bodies], model.parts["base"].stop
         self._bodies = [self.engine.body(name).id for name in names]
         joints = [self.engine.joint(name).id for name in names[1:]]  # MuJoCo has them in another order, by depth
@@ -59,20 +59,17 @@ class MujocoPlant:
         closed: np.ndarray | None = None,
     ) -> Ticks:
         """Advance over len(u) ticks."""
-        n, nq, M, way = self.model.n, self.model.nq, len(u), self._resistance
-        X, F, push, work = np.vstack([x, np.empty((M, nq + n))]), np.empty((M, n)), np.zeros((M, n)), 0.0
-        noise, law = np.zeros((M, 2 * n)), self.model.nominal
-        if way is not None and disturbance is not None:
-            noise, law, push = disturbance.noise, disturbance.law, disturbance.push
-            self.set_inertial_parameters(disturbance.robot)
+        n, nq, M, largest = self.model.n, self.model.nq, len(u), self.resistance.largest
+        X, F, work = np.vstack([x, np.empty((M, nq + n))]), np.empty((M, n)), 0.0
+        other = disturbance or Disturbance.none(self.model.nominal, M, n)
+        self.set_inertial_parameters(other.robot)
         for k in range(M):
-            F[k] = self.model.inverse_dynamics(moved(X[k, :nq], noise[k, :n]), X[k, nq:] + noise[k, n:], u[k], law)
-            if way is not None:
-                F[k] = np.clip(F[k], -way.largest, way.largest)
-            X[k + 1], done = self._step(X[k], F[k] + push[k])
+            read, v = moved(X[k, :nq], other.noise[k, :n]), X[k, nq:] + other.noise[k, n:]
+            F[k] = np.clip(self.model.inverse_dynamics(read, v, u[k], other.law), -largest, largest)
+            X[k + 1], done = self._step(X[k], F[k] + other.push[k])
             work += done
         time = start + self.tick * np.arange(M + 1)
-        return Ticks(time, X, F, _impulse(X[:, :nq], X[:, nq:], F + push, self.tick), work)
+        return Ticks(time, X, F, _impulse(X[:, :nq], X[:, nq:], F + other.push, self.tick), work)
 
     def replay(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return the states (M + 1, nq + n) from x on under given forces (M, n), held a tick each: no feedback."""
@@ -86,12 +83,10 @@ class MujocoPlant:
 
         The work of a force held over a step is exact, whatever the path between the states.
         """
-        nq, spatial, data, way, work = self.model.nq, self.model.dimension == 3, self.data, self._resistance, 0.0
+        nq, spatial, data, way, work = self.model.nq, self.model.dimension == 3, self.data, self.resistance, 0.0
         Q, v = x[:nq], x[nq:]
         for _ in range(self.substeps):
-            before, omega, acting = Q, v[3:6], F
-            if way is not None:
-                acting = F - way.viscous * v - way.coulomb * np.tanh(v / way.width)
+            before, omega, acting = Q, v[3:6], way.left_of(F, v)
             data.qpos[self.q], data.qvel[self.v], data.qfrc_applied[self.v] = Q, v, acting
             mujoco.mj_step(self.engine, data)
             Q, v = data.qpos[self.q], data.qvel[self.v]
@@ -103,7 +98,9 @@ class MujocoPlant:
 
     def set_inertial_parameters(self, robot: InertialParameters) -> None:
         """Set masses, inertias and centres of mass of the bodies; a load becomes one body with the last link."""
-        d, bodies = self.model.dimension, self.model.spec.bodies
+        if robot is self._known:
+            return
+        self._known, d, bodies = robot, self.model.dimension, self.model.spec.bodies
         mass, centre = robot.mass.copy(), np.array([body.centre for body in bodies])
         centre[:, :d] += robot.offset
         inertia = np.array([_matrix(moments) for moments in robot.inertia])
@@ -164,7 +161,6 @@ class MujocoStep:
     ) -> None:
         self._law, self._model, self._tick, self._substeps = law, law.model, tick, substeps
         self._robot = MujocoPlant(law.model, tick, substeps, resistance, body)
-        self._way = resistance or Resistance.none(law.model.n)
         self._bushing = ArrayFunction(law.bushing)
         engine = self._robot.engine
         self._sites = [engine.site(gripper).id for gripper in law.grippers]
@@ -172,15 +168,12 @@ class MujocoStep:
         first = engine.body_jntadr[self._thing]
         self._q = slice(engine.jnt_qposadr[first], engine.jnt_qposadr[first] + law.sizes[0])
         self._v = slice(engine.jnt_dofadr[first], engine.jnt_dofadr[first] + law.sizes[1])
-        self._known: InertialParameters | None = None
 
     def __call__(
         self, x: np.ndarray, thing: np.ndarray, F: np.ndarray, parameters: np.ndarray, robot: InertialParameters
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """Advance by a tick."""
-        if robot is not self._known:
-            self._robot.set_inertial_parameters(robot)
-            self._known = robot
+        self._robot.set_inertial_parameters(robot)
         h, spatial, nx, no = self._tick / self._substeps, self._model.dimension == 3, len(x), len(thing)
         y = np.concatenate([x, thing, np.zeros(self._model.parts["base"].stop + 1)])
         for _ in range(self._substeps):
@@ -191,13 +184,13 @@ class MujocoStep:
 
     def _rate(self, y: np.ndarray, F: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """Return the rate of y = [Q; v; pose; velocity of the object; impulse; work] under the external force F."""
-        model, engine, data, law, way = self._model, self._robot.engine, self._robot.data, self._law, self._way
+        model, engine, data, law = self._model, self._robot.engine, self._robot.data, self._law
         ends = np.cumsum([model.nq, model.n, *law.sizes])
         Q, v, pose, rate, _ = np.split(y, ends)
         data.qpos[self._robot.q], data.qvel[self._robot.v], data.qpos[self._q], data.qvel[self._v] = Q, v, pose, rate
         mujoco.mj_fwdPosition(engine, data)
         mujoco.mj_fwdVelocity(engine, data)
-        acting = F - way.viscous * v - way.coulomb * np.tanh(v / way.width)
+        acting = self._robot.resistance.left_of(F, v)
         data.qfrc_applied[:] = 0.0
         data.qfrc_applied[self._robot.v] = acting
         power = sum(self._press(site, p) for site, p in zip(self._sites, parameters, strict=True) if p[-4])

@@ -66,14 +66,6 @@ class SpatialFrame:
 Frame = PlanarFrame | SpatialFrame
 
 
-@dataclass(frozen=True)
-class Placement:
-    """Frames of a robot: of its bodies in their order, and of its end-effectors by arm."""
-
-    bodies: tuple[Any, ...]
-    tools: dict[str, Any]
-
-
 def base_frame(spec: RobotSpec, Q: Any) -> Frame:
     """Return the base's frame at coordinates Q (nq,): (x, y, theta), or position and unit quaternion."""
     if spec.dimension == 2:
@@ -87,13 +79,16 @@ def charted_base(Q: Any, anchor: Any) -> SpatialFrame:
     return SpatialFrame([Q[i] for i in range(3)], turned)
 
 
-def place(spec: RobotSpec, base: Frame, joints: Any) -> Placement:
-    """Compute all frames of a robot with its base at a frame, at joint coordinates (joints,) [rad, m]."""
+def place(spec: RobotSpec, base: Frame, joints: Any) -> tuple[list[Any], dict[str, Any]]:
+    """Compute the frames of a robot's bodies in their order, and those of its end-effectors by arm.
+
+    Its base is at a frame, its joints are at coordinates (joints,) [rad, m].
+    """
     frames: list[Any] = [base]
     for number, body in enumerate(spec.bodies[1:]):
         if body.joint is not None:
             frames.append(frames[body.joint.at.body].moved(body.joint, joints[number]))
-    return Placement(tuple(frames), {name: frames[tool.body].carried(tool) for name, tool in spec.tools.items()})
+    return frames, {name: frames[tool.body].carried(tool) for name, tool in spec.tools.items()}
 
 
 def coordinate_rate(Q: Any, v: Any) -> list[Any]:

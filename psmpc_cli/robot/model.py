@@ -52,13 +52,13 @@ class RobotModel:
         self.spec, self.n, spatial = spec, sum(spec.parts.values()), spec.dimension == 3
         self.nq = self.n + spatial
         Q = ca.SX.sym("Q", self.nq)
-        placed = place(spec, base_frame(spec, Q), Q[base + spatial :])
-        poses = {"base": placed.bodies[0].pose, **{name: frame.pose for name, frame in placed.tools.items()}}
-        xi, bodies = ca.vertcat(*poses.values()), ca.horzcat(*(frame.pose for frame in placed.bodies))
+        bodies, tools = place(spec, base_frame(spec, Q), Q[base + spatial :])
+        poses = {name: frame.pose for name, frame in {"base": bodies[0], **tools}.items()}
+        xi, body_poses = ca.vertcat(*poses.values()), ca.horzcat(*(frame.pose for frame in bodies))
         self.m, self.parts = xi.numel(), _rows(spec.parts)
         self.pose_rows = _rows({name: pose.numel() for name, pose in poses.items()})
         self.g, self.dynamics = function("g", {"Q": Q}, {"xi": xi}), derive_dynamics(spec)
-        self.body_poses = function("body_poses", {"Q": Q}, {"poses": bodies})
+        self.body_poses = function("body_poses", {"Q": Q}, {"poses": body_poses})
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -69,8 +69,8 @@ class RobotModel:
     def charted(self) -> ca.Function:
         """Of a spatial robot: position, rotation vector about the anchor and joints (n,), anchor (4,) -> xi (m,)."""
         Q, anchor = ca.SX.sym("Q", self.n), ca.SX.sym("anchor", 4)
-        placed = place(self.spec, charted_base(Q, anchor), Q[6:])
-        xi = ca.vertcat(placed.bodies[0].pose, *(frame.pose for frame in placed.tools.values()))
+        bodies, tools = place(self.spec, charted_base(Q, anchor), Q[6:])
+        xi = ca.vertcat(bodies[0].pose, *(frame.pose for frame in tools.values()))
         return function("charted", {"Q": Q, "anchor": anchor}, {"xi": xi})
 
     @cached_property
@@ -83,10 +83,10 @@ class RobotModel:
         Q = ca.SX.sym("Q", self.nq)
         if self.dimension == 2:
             return function("J_C", {"Q": Q}, {"J_C": ca.densify(ca.jacobian(self.g(Q), Q))})
-        placed = place(self.spec, base_frame(self.spec, Q), Q[7:])
-        rows = [_frame_jacobian(self.spec, placed.bodies, 0, placed.bodies[0])]
+        bodies, tools = place(self.spec, base_frame(self.spec, Q), Q[7:])
+        rows = [_frame_jacobian(self.spec, bodies, 0, bodies[0])]
         for name, tool in self.spec.tools.items():
-            rows.append(_frame_jacobian(self.spec, placed.bodies, tool.body, placed.tools[name]))
+            rows.append(_frame_jacobian(self.spec, bodies, tool.body, tools[name]))
         return function("J_C", {"Q": Q}, {"J_C": ca.densify(ca.vertcat(*rows))})
 
     @cached_property

@@ -13,7 +13,7 @@ from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.free_body import lifted
 from psmpc_cli.robot.kinematics import SpatialFrame, place
 from psmpc_cli.robot.rotations import add, conjugate, exp, log, product, rotate, scaled, shorter
-from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.robot import RobotSpec, limits_of_part
 
 Array = NDArray[np.float64]
 
@@ -74,8 +74,8 @@ def reach_of(
     lengths, slides = np.linalg.norm(robot.link_ends(arm), axis=1), np.zeros(len(low))
     slides[_sliding(robot, arm)] = np.maximum(np.abs(low), np.abs(high))[_sliding(robot, arm)]
     inner, outer = _annulus(lengths[:-1], float(slides.sum()))
-    at_rest = place(robot, base, np.zeros(len(robot.bodies) - 1))
-    first, tool = at_rest.bodies[_rows(robot, arm).start + 1], robot.tools[arm]
+    at_rest, _ = place(robot, base, np.zeros(len(robot.bodies) - 1))
+    first, tool = at_rest[_rows(robot, arm).start + 1], robot.tools[arm]
     turned = product(target.quaternion, conjugate(exp(tool.rotation)))
     wrist = np.array(target.position) - rotate(turned, tool.position)
     wrist_distance = float(np.linalg.norm(wrist - first.position))
@@ -116,7 +116,7 @@ def _configuration(
     q, rows = ca.SX.sym("q", len(low)), _rows(robot, arm)
     joints = ca.SX.zeros(len(robot.bodies) - 1)
     joints[rows.start : rows.stop] = q
-    tip = place(robot, base, joints).tools[arm]
+    tip = place(robot, base, joints)[1][arm]
     turned = shorter(product(conjugate(target.quaternion), tip.quaternion))
     missed = ca.vertcat(*add(tip.position, scaled(target.position, -1)), *log(turned))
     evaluate = ArrayFunction(ca.Function("tip", [q], [missed, ca.densify(ca.jacobian(missed, q))]))
@@ -174,9 +174,6 @@ def _rows(robot: RobotSpec, arm: str) -> slice:
 
 def _joint_limits(robot: RobotSpec, arm: str) -> tuple[Array, Array]:
     """Return the lowest and highest joint coordinates of an arm, (links,) each; infinite where there are none."""
-    own, all_arms = robot.limits.get(arm), robot.limits.get("arms")
-    position = (own and own.position) or (all_arms and all_arms.position)
-    if not position:
-        return np.full(len(robot.arms[arm].links), -np.inf), np.full(len(robot.arms[arm].links), np.inf)
-    low, high = np.array(position, dtype=float).T
+    free = [(-np.inf, np.inf)] * len(robot.arms[arm].links)
+    low, high = np.array(limits_of_part(robot.limits, arm, "position") or free, dtype=float).T
     return low, high

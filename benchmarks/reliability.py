@@ -34,8 +34,8 @@ from pages import PSMPC, command_line, markdown
 
 import psmpc_cli as psmpc
 from psmpc_cli.cli.main import main
+from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.plant.mujoco_plant import MujocoPlant
-from psmpc_cli.robot.model import angle_rows
 
 WINDOW = 5.0
 """Length of an open-loop replay [s]."""
@@ -103,7 +103,7 @@ def physics(nodes: str = "100") -> Iterator[str]:
     tasks = (psmpc.load_task("transport", {**changes, "plant.kind": kind}) for kind in ("rk4", "mujoco"))
     runs = ours, theirs = [psmpc.simulate(task) for task in tasks]
     rows = {f"open loop, {name}": f"{replayed_apart(ours, *how):.1e}" for name, how in REPLAYS.items()}
-    pose, angles = np.abs(ours.final["xi"] - theirs.final["xi"]), list(angle_rows(ours.problem.model)[1])
+    pose, angles = np.abs(ours.final["xi"] - theirs.final["xi"]), SKILLS["task"].angles(ours.problem.model)
     rows["closed loop: final pose"] = f"{np.delete(pose, angles).max():.1e} m, {pose[angles].max():.1e} rad"
     for name, key in {"instants that end the stages": "switch_time", "actual starts": "actual_start"}.items():
         rows[f"closed loop: {name}"] = f"{np.abs(ours.stages[key] - theirs.stages[key]).max():.1e} s"

@@ -376,11 +376,9 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
     for spec in task.stages:
         space = task.skills[spec.skill].space
         skill, waypoints = SKILLS[space], _waypoints(spec, robot, space, task.object)
-        turning = list(skill.angles(model))
+        turning = skill.angles(model)
         if spec.angles == "nearest":
-            waypoints[:, turning] = np.unwrap(np.vstack([skill.before(model, posture), waypoints])[:, turning], axis=0)[
-                1:
-            ]
+            waypoints[:, turning] = np.unwrap(np.vstack([posture.xi[turning], waypoints[:, turning]]), axis=0)[1:]
         for at in skill.attitudes(model).values():
             q = waypoints[:, at : at + 4]  # a view
             q /= np.linalg.norm(q, axis=1, keepdims=True)

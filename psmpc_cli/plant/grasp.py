@@ -53,7 +53,7 @@ class Relative:
     lever: list[Any]
 
 
-def compared(gripper: Vector, rate: Vector, pose: Vector, v: Vector, anchor: Vector) -> Relative:
+def compared(gripper: Any, rate: Any, pose: Any, v: Any, anchor: Any) -> Relative:
     """Compare a gripper with a pose fixed to the object.
 
     Args:
@@ -105,22 +105,11 @@ class GraspLaw:
         self.bushing = self._bushing()
         self.forces = self._forces()
 
-    def symbols(self) -> list[ca.SX]:
-        """Return symbols for Q, v, pose and velocity of the object."""
-        sizes = {"Q": self.model.nq, "v": self.model.n, "pose": self.sizes[0], "rate": self.sizes[1]}
-        return [ca.SX.sym(name, size) for name, size in sizes.items()]
-
-    def gripper(self, number: int, Q: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def gripper(self, number: int, Q: Any, v: Any) -> tuple[Any, Any, Any]:
         """Return pose, velocity (angular in the inertial frame) and Jacobian of a gripper."""
         frame = list(self.model.pose_rows).index(self.grippers[number])
         J = self.model.J_C(Q)[self.size * frame : self.size * (frame + 1), :]
         return self.model.g(Q)[self.model.pose_rows[self.grippers[number]]], J @ v, J
-
-    def compared(self, number: int, symbols: Sequence[ca.SX], anchor: ca.SX) -> Relative:
-        """Compare a gripper with a pose in the object's frame."""
-        gripper, rate, _ = self.gripper(number, *symbols[:2])
-        pose, v = map(ca.vertsplit, symbols[2:])
-        return compared(ca.vertsplit(gripper), ca.vertsplit(rate), pose, v, ca.vertsplit(anchor))
 
     def _bushing(self) -> ca.Function:
         sizes = {"gripper": self.sizes[0], "turn": self.size, "pose": self.sizes[0], "v": self.size}
@@ -133,11 +122,12 @@ class GraspLaw:
         moment = add(scaled(found.phi, -kappa), scaled(found.omega, -delta))
         back = add(scaled(moment, -1), cross(found.lever, scaled(force, -1)))
         power = dot(force, found.rdot) + dot(moment, found.omega)
-        outputs = [counted(self.size, force, moment), counted(self.size, scaled(force, -1), back), ca.SX(power)]
-        return ca.Function("bushing", [*known, p], ca.cse(outputs))
+        wrenches = counted(self.size, force, moment), counted(self.size, scaled(force, -1), back)
+        return ca.Function("bushing", [*known, p], ca.cse([*(ca.vertcat(*each) for each in wrenches), ca.SX(power)]))
 
     def _forces(self) -> ca.Function:
-        Q, v, pose, rate = symbols = self.symbols()
+        sizes = {"Q": self.model.nq, "v": self.model.n, "pose": self.sizes[0], "rate": self.sizes[1]}
+        Q, v, pose, rate = symbols = [ca.SX.sym(name, size) for name, size in sizes.items()]
         p = ca.SX.sym("p", self.parameters * len(self.grippers))
         force, wrench, power = ca.SX.zeros(self.model.n), ca.SX.zeros(self.size), ca.SX(0)
         puts, pulls = [], []
@@ -154,33 +144,28 @@ class GraspLaw:
         outputs = ca.cse([force, wrench, power, ca.horzcat(*puts), ca.vertcat(*pulls)])
         return ca.Function("forces", [*symbols, p], outputs)
 
-    def approach(self) -> ca.Function:
-        """Return a function of Q, v, pose and velocity of the object, anchors: how far each gripper is from its own.
+    def approach(self, number: int, Q: np.ndarray, v: np.ndarray, thing: np.ndarray, anchor: np.ndarray) -> np.ndarray:
+        """Compute how far a gripper is from a pose in the object's frame, whose pose and velocity are `thing`.
 
-        For each distance, angle, velocity, angular velocity, then the inverses of the effective mass and of the
-        effective inertia of both bodies at the gripper, means over the directions.
+        Distance, angle, velocity, angular velocity, then the inverses of the effective mass and of the effective
+        inertia of both bodies at the gripper, means over the directions (6,).
         """
-        Q, v, pose, _ = symbols = self.symbols()
-        anchors = ca.SX.sym("anchors", self.sizes[0] * len(self.grippers))
-        H, rows, d = self.model.dynamics.H(Q, self.model.nominal.vector), [], self.model.dimension
-        for i in range(len(self.grippers)):
-            found = self.compared(i, symbols, anchors[self.sizes[0] * i : self.sizes[0] * (i + 1)])
-            _, _, J = self.gripper(i, Q, v)
-            inverse = J @ ca.solve(H, J.T) + self._inverse_mass(pose, found.lever)
-            means = ca.trace(inverse[:d, :d]) / d, ca.trace(inverse[d:, d:]) / (self.size - d)
-            missed = (ca.sqrt(dot(each, each)) for each in (found.r, found.phi, found.rdot, found.omega))
-            rows.append(ca.vertcat(*missed, *means))
-        return ca.Function("approach", [*symbols, anchors], ca.cse([ca.densify(ca.horzcat(*rows))]))
+        d, (pose, rate) = self.model.dimension, np.split(thing, [self.sizes[0]])
+        at, moving, J = (each.full() for each in self.gripper(number, Q, v))
+        found = compared(at.ravel(), moving.ravel(), pose, rate, anchor)
+        missed = (np.linalg.norm(each) for each in (found.r, found.phi, found.rdot, found.omega))
+        inverse = J @ np.linalg.solve(self.model.mass_matrix(Q), J.T) + self._inverse_mass(pose, found.lever)
+        return np.array([*missed, inverse.diagonal()[:d].mean(), inverse.diagonal()[d:].mean()])
 
-    def _inverse_mass(self, pose: ca.SX, lever: Vector) -> ca.SX:
+    def _inverse_mass(self, pose: np.ndarray, lever: Vector) -> np.ndarray:
         """Return the acceleration of the object's point at a lever by the wrench on it there."""
-        w, attitude = ca.SX.sym("w", self.size), lifted(ca.vertsplit(pose))[1]
-        force, moment = lifted_rate(ca.vertsplit(w))
-        about_centre = counted(self.size, force, add(moment, cross(lever, force)))
-        _, rate = self.body.rates(ca.vertsplit(pose), [0.0] * self.size, ca.vertsplit(about_centre))
-        linear, angular = lifted_rate(rate)
-        angular = rotate(attitude, angular)
-        return ca.SX(ca.jacobian(counted(self.size, add(linear, cross(angular, lever)), angular), w))
+        columns = []
+        for force, moment in map(lifted_rate, np.eye(self.size)):
+            wrench = counted(self.size, force, add(moment, cross(lever, force)))
+            linear, angular = lifted_rate(self.body.rates(pose, np.zeros(self.size), wrench)[1])
+            angular = rotate(lifted(pose)[1], angular)
+            columns.append(counted(self.size, add(linear, cross(angular, lever)), angular))
+        return np.array(columns, dtype=float).T
 
 
 TINY = 1e-12
@@ -214,7 +199,7 @@ class Capture:
         self.closed, self._wanted = np.zeros(count, bool), False
         self._pull, self._events = np.zeros(count), list[GraspEvent]()
         self._rows: list[tuple[np.ndarray, ...]] = []
-        self._approach, self._forces = ArrayFunction(law.approach()), ArrayFunction(law.forces)
+        self._forces = ArrayFunction(law.forces)
         self._filter = 1.0 if spec.strength is None else -np.expm1(-tick / spec.strength.filter)
 
     @property
@@ -259,9 +244,10 @@ class Capture:
 
     def fastest_rate(self, Q: np.ndarray) -> float:
         """Return the fastest rate of a bushing [1/s] if grippers closed with the robot at Q (nq,)."""
-        rest, (pose, _) = np.zeros(self.law.model.n), self.pose_and_velocity
-        inverse = self._approach(Q, rest, pose, np.zeros(self.law.size), self._at.ravel())[0][:, 4:]
-        natural = float(np.sqrt(np.max(inverse * self.spec.stiffness)))
+        approaches = [
+            self.law.approach(i, Q, np.zeros(self.law.model.n), self.state, at) for i, at in enumerate(self._at)
+        ]
+        natural = float(np.sqrt(np.max(np.array(approaches)[:, 4:] * self.spec.stiffness)))
         return natural * max(1.0, 2 * self.spec.damping_ratio)
 
     def begin(self) -> None:
@@ -298,10 +284,10 @@ class Capture:
     def _close(self, time: float, x: np.ndarray) -> None:
         """Close every gripper that is inside its envelope."""
         allowed, nq = [getattr(self.spec.envelope, name) for name in MISSED_BY], self.law.model.nq
-        pose, v = self.pose_and_velocity
+        pose, _ = self.pose_and_velocity
         poses = dict(zip(self.law.model.pose_rows, self.law.model.poses(x[:nq]), strict=True))
-        for i, row in enumerate(self._approach(x[:nq], x[nq:], pose, v, self._at.ravel())[0]):
-            gripper, missed, inverse = self.law.grippers[i], row[:4], row[4:]
+        for i, gripper in enumerate(self.law.grippers):
+            missed, inverse = np.split(self.law.approach(i, x[:nq], x[nq:], self.state, self._at[i]), [4])
             inside = bool((missed <= allowed).all())
             self._events.append(GraspEvent(gripper, time, "closed" if inside else "missed", tuple(missed.tolist())))
             if inside:

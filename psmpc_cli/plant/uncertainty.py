@@ -86,10 +86,9 @@ class Uncertainty:
         """Advance the plant over a sample of a stage from the true state x, u (M, n) and closed (M,) one a tick."""
         if self.resistance is None:
             return plant.advance(start, x, u, None, closed)
-        robot, law = self._true, self._model.nominal
-        if self.spec.payload is not None and self.holds(stage):
-            robot = self._with_payload(robot)
-            law = self._with_payload(law) if self.spec.payload.known else law
+        robot, law, payload = self.true_parameters(stage), self._model.nominal, self.spec.payload
+        if payload is not None and payload.known and self.holds(stage):
+            law = self._with_payload(law)
         return plant.advance(start, x, u, Disturbance(robot, law, self._noise(sample), self._push(start)), closed)
 
     def true_parameters(self, stage: int) -> InertialParameters:

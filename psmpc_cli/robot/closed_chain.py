@@ -86,7 +86,7 @@ def _chain_terms(model: RobotModel, body: FreeBody, grippers: list[str]) -> ca.F
         linear, angular = lifted_rate(ca.vertsplit(xidot[size * frame : size * (frame + 1)]))
         lever = scaled(rotate(attitude, inside), -1)
         stiffness.append(_at_centre(size, scaled(lever, -1), *own[-2:]))
-        velocities.append(counted(size, add(linear, cross(angular, lever)), angular))
+        velocities += counted(size, add(linear, cross(angular, lever)), angular)
     moving = ca.vertcat(*velocities)
     S, rate = ca.jacobian(moving, v), ca.vertcat(*coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v)))
     inertia, spin = _load(body, attitude, ca.vertsplit(moving[:size]))
@@ -99,7 +99,8 @@ def _at_centre(size: int, lever: Vector, k: ca.SX, kappa: ca.SX) -> ca.SX:
     displacement = ca.SX.sym("d", size)
     moved, turned = lifted_rate(ca.vertsplit(displacement))
     force = scaled(add(moved, cross(turned, lever)), k)
-    return ca.SX(ca.jacobian(counted(size, force, add(scaled(turned, kappa), cross(lever, force))), displacement))
+    wrench = counted(size, force, add(scaled(turned, kappa), cross(lever, force)))
+    return ca.SX(ca.jacobian(ca.vertcat(*wrench), displacement))
 
 
 def _load(body: FreeBody, attitude: Vector | None, velocity: Vector) -> tuple[ca.SX, ca.SX]:

@@ -177,7 +177,7 @@ class _Tree:
             f, carrier = _times(E, forces[i]), joint.at.body
             forces[carrier] = add(forces[carrier], f)
             moments[carrier] = add(moments[carrier], _times(E, moments[i]), cross(r, f))
-        return ca.SX(ca.vertcat(counted(self.base.stop, _times(self.turned, forces[0]), moments[0]), *along))
+        return ca.SX(ca.vertcat(*counted(self.base.stop, _times(self.turned, forces[0]), moments[0]), *along))
 
 
 def _joint_place(joint: Joint, q: Any) -> tuple[Matrix, Vector]:

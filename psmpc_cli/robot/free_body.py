@@ -7,7 +7,6 @@ with the rate of the angle, or the angular velocity in the body's frame. The fra
 from dataclasses import dataclass
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,9 +34,9 @@ def lifted_rate(rate: Any) -> tuple[list[Any], list[Any]]:
     return list(rate[:3]), list(rate[3:])
 
 
-def counted(size: int, linear: Any, angular: Any) -> Any:
+def counted(size: int, linear: Any, angular: Any) -> list[Any]:
     """Return the components of two vectors (3,) that count, (3,) or (6,), the inverse of `lifted_rate`."""
-    return ca.vertcat(*linear[:2], angular[2]) if size == 3 else ca.vertcat(*linear, *angular)
+    return [*linear[:2], angular[2]] if size == 3 else [*linear, *angular]
 
 
 def composed(pose: Any, inside: Any) -> Array:
@@ -71,7 +70,7 @@ def carried_rate(pose: Any, v: Any, inside: Any) -> Array:
     at, turned = lifted(inside)
     linear, angular = lifted_rate(v)  # about the body's axes, which in the plane is the same
     moved = add(linear, rotate(quaternion, cross(angular, at)))
-    return np.array([*moved[:2], angular[2]] if len(pose) == 3 else [*moved, *rotate(conjugate(turned), angular)])
+    return np.array(counted(len(v), moved, rotate(conjugate(turned), angular)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +106,7 @@ class FreeBody:
         linear, angular = lifted_rate(v)
         p = scaled(linear, self.mass)
         spin = rotate(quaternion, [moment * rate for moment, rate in zip(self.moments, angular, strict=True)])
-        h = add(spin, cross(position, p))
-        return [*p[:2], h[2]] if self.dimension == 2 else [*p, *h]
+        return counted(len(v), p, add(spin, cross(position, p)))
 
     def kinetic_energy(self, v: Any) -> Any:
         """Compute the kinetic energy [J]."""

@@ -226,17 +226,6 @@ def pose_frames(poses: ArrayLike) -> Array:
     return frames.reshape(*poses.shape[:-1], 4, 4)
 
 
-def angle_rows(model: RobotModel) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the rows of Q and those of xi that are unwrapped angles of base or end-effectors, equivalent modulo 2 pi.
-
-    Joint angles are not among them, as their limits tell turns apart.
-    """
-    if model.dimension == 3:
-        return (), ()
-    xi = (row for rows in model.pose_rows.values() for row in range(rows.start + model.dimension, rows.stop))
-    return tuple(range(model.dimension, model.parts["base"].stop)), tuple(xi)
-
-
 def nearest_equivalent(angle: ArrayLike, target: ArrayLike) -> Array:
     """Return the angle equivalent to `target` [rad] that is nearest to `angle` [rad]; both of the same shape."""
     target = np.asarray(target, dtype=float)

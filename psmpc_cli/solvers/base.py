@@ -41,10 +41,6 @@ class Outcome(Enum):
         return self in (Outcome.OPTIMAL, Outcome.FEASIBLE)
 
 
-def _nothing() -> np.ndarray:
-    return np.zeros(0)
-
-
 @dataclass(frozen=True, eq=False)
 class Solution:
     """What a solve of a window returned.
@@ -77,11 +73,11 @@ class Solution:
     window: Window
     guess: Plan
     warm: bool = False
-    costs: np.ndarray = field(default_factory=_nothing)
+    costs: np.ndarray = field(default_factory=lambda: np.zeros(0))
     terminal: float = 0.0
-    violations: np.ndarray = field(default_factory=_nothing)
-    duals: np.ndarray = field(default_factory=_nothing)
-    guess_duals: np.ndarray = field(default_factory=_nothing)
+    violations: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    duals: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    guess_duals: np.ndarray = field(default_factory=lambda: np.zeros(0))
     bound_multiplier: float = np.nan
     basin: int = -1
 

@@ -206,14 +206,10 @@ class _Solve:
             return
         if qp is None:
             self.report(HEADING)
-        line = f"{count:4d} {iterate.at.objective:15.8e} {iterate.violation.worst:8.2e}"
-        if qp is None:
-            line += f" {'-':>8} {'-':>8} {'-':>3}"
-        elif qp.status is QpStatus.SOLVED:
-            line += f" {iterate.step:8.2e} {iterate.share:8.2e} {qp.iterations:3d}"
-        else:
-            line += f" {'-':>8} {'-':>8} {qp.iterations:3d}  {qp.status.value}"
-        self.report(line)
+        solved = qp is not None and qp.status is QpStatus.SOLVED
+        step = f"{iterate.step:8.2e} {iterate.share:8.2e}" if solved else f"{'-':>8} {'-':>8}"
+        program = f"{'-':>3}" if qp is None else f"{qp.iterations:3d}" + f"  {qp.status.value}" * (not solved)
+        self.report(f"{count:4d} {iterate.at.objective:15.8e} {iterate.violation.worst:8.2e} {step} {program}")
 
     def _unfinished(self, iterate: Iterate, otherwise: Outcome) -> Outcome:
         """Return how an iterate that is not settled is to be taken."""

@@ -33,23 +33,30 @@ class Skill:
         rows: Number of rows of the error.
         numbers: Number of numbers of a target in a task file.
         error: Error (rows,) at Q (n,) in the chart against a target; units of the coordinates.
-        angles: Numbers of a planar target that are angles, of which the nearest equivalent is meant.
-        before: The numbers of a target that describe a posture; only those of `angles` are used.
         after: The posture to which a target leads.
         aims: Positions (frames, dimension) [m] of base and end-effectors, or of their points, that a target is about.
-        attitudes: Of a spatial target, the first numbers of its quaternions, by frame.
+        poses: Whether a target begins with the poses of all frames; if not, with that of the base alone.
         absent: The numbers of a part that the target leaves out, whose weights are then 0; NaN where all are required.
     """
 
     rows: Callable[[RobotModel], int]
     numbers: Callable[[RobotModel], int]
     error: Callable[[RobotModel, ca.SX, ca.SX], ca.SX]
-    angles: Callable[[RobotModel], tuple[int, ...]]
-    before: Callable[[RobotModel, Posture], np.ndarray]
     after: Callable[[RobotModel, Posture, np.ndarray], Posture]
     aims: Callable[[RobotModel, np.ndarray], np.ndarray]
-    attitudes: Callable[[RobotModel], dict[str, int]]
+    poses: bool = False
     absent: float = np.nan
+
+    def angles(self, model: RobotModel) -> list[int]:
+        """Return the numbers of a planar target that are angles of frames, of which the nearest equivalent is meant."""
+        return [rows.stop - 1 for rows in self._poses(model).values() if model.dimension == 2]
+
+    def attitudes(self, model: RobotModel) -> dict[str, int]:
+        """Return the first numbers of the quaternions of a spatial target, by frame."""
+        return {frame: rows.stop - 4 for frame, rows in self._poses(model).items() if model.dimension == 3}
+
+    def _poses(self, model: RobotModel) -> dict[str, slice]:
+        return model.pose_rows if self.poses else {"base": model.pose_rows["base"]}
 
 
 def every_sample(model: RobotModel) -> int:

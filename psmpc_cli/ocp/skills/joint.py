@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.ocp.skills.base import Posture, Skill, anchored_poses, pose_error
-from psmpc_cli.robot.model import RobotModel, angle_rows
+from psmpc_cli.robot.model import RobotModel
 
 
 def error(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
@@ -29,9 +29,6 @@ SKILL = Skill(
     rows=lambda model: model.n,
     numbers=lambda model: model.nq,
     error=error,
-    angles=lambda model: angle_rows(model)[0],
-    before=lambda model, posture: posture.Q,
     after=after,
     aims=aims,
-    attitudes=lambda model: {"base": 3} if model.dimension == 3 else {},
 )

@@ -78,10 +78,7 @@ SKILL = Skill(
     rows=rows,
     numbers=numbers,
     error=error,
-    angles=lambda model: (2,) if model.dimension == 2 else (),
-    before=lambda model, posture: posture.xi,
     after=after,
     aims=aims,
-    attitudes=lambda model: {"base": 3} if model.dimension == 3 else {},
     absent=FAR,
 )

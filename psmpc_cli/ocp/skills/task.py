@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.ocp.skills.base import Posture, Skill, anchored_poses, pose_error
-from psmpc_cli.robot.model import RobotModel, angle_rows
+from psmpc_cli.robot.model import RobotModel
 
 
 def error(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
@@ -35,9 +35,7 @@ SKILL = Skill(
     rows=lambda model: model.m if model.dimension == 2 else 6 * len(model.pose_rows) + model.n - 6,
     numbers=lambda model: model.m,
     error=error,
-    angles=lambda model: angle_rows(model)[1],
-    before=lambda model, posture: posture.xi,
     after=after,
     aims=aims,
-    attitudes=lambda model: {frame: rows.stop - 4 for frame, rows in model.pose_rows.items() if model.dimension == 3},
+    poses=True,
 )

@@ -106,9 +106,6 @@ def second_stage(index: int) -> tuple[Column, ...]:
         found = np.flatnonzero((first < index) & (first + run["window/count"] > index))
         return float(signal[found[0]]) if len(found) else np.nan
 
-    def actual_starts(run: Run) -> np.ndarray:
-        return np.asarray(run.stages["actual_start_by_epsilon"][index])
-
     def final_error(run: Run) -> float:
         """Read the error at the planned switch time, as logged; without one, compute it where the run ended."""
         if np.isnan(run.stages["switch_time"][index]):
@@ -116,6 +113,7 @@ def second_stage(index: int) -> tuple[Column, ...]:
         planned = float(run["deviation/end"][-1, index]) if len(run.time) else np.nan
         return planned if np.isfinite(planned) else _error_at_end(run, index)
 
+    by_epsilon = "actual_start_by_epsilon"
     seen, planned = "first sample with the switch in the window", "optimized switching instant at that sample"
     starts, ends = "actual start of the second stage", "instant that ended the second stage"
     error = "largest error of the second stage's end condition at its end, over its tolerance"
@@ -124,7 +122,7 @@ def second_stage(index: int) -> tuple[Column, ...]:
         _number("detection_time", "s", seen, lambda run: at_detection(run, run.time)),
         _number("instant_at_detection", "s", planned, lambda run: at_detection(run, run["window/instants"][:, before])),
         _ENDS,
-        _number("actual_start", "s", starts, actual_starts, dims=("epsilon",)),
+        _number("actual_start", "s", starts, lambda run: run.stages[by_epsilon][index], dims=("epsilon",)),
         _number("completion_time", "s", ends, lambda run: run.stages["switch_time"][index]),
         _number("final_error", "1", error, final_error),
         *SPENT,

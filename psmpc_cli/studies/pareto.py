@@ -149,11 +149,14 @@ class TradeOff:
     A problem is the window with other priorities, the larger one 1, and perhaps a bound on J_2; a point is its
     solution. J_s is what stage s adds to the objective at priority 1: its normalized cost integral, and of the last
     stage the terminal cost where the task has one. Paper eqs. (12), (29).
+
+    Attributes:
+        solver: The task's, which also computes the costs of a plan.
     """
 
     def __init__(self, problem: Problem) -> None:
         spec = problem.spec.solver
-        self._solver = NlpSolver(problem, spec)
+        self.solver = NlpSolver(problem, spec)
         # IPOPT, whatever the task says: a row that reaches over all nodes breaks the structure others live on
         self._bounded = NlpSolver(problem, spec.model_copy(update={"kind": "ipopt"}))
 
@@ -165,25 +168,12 @@ class TradeOff:
         guess, within = near.plan, np.inf
         if wait is not None:
             guess, within = replace(guess, instants=np.array([problem.start + wait])), 0.0
-        solver = self._solver if np.isinf(problem.cost_bound) else self._bounded
+        solver = self.solver if np.isinf(problem.cost_bound) else self._bounded
         point = solver.solve(problem, guess, within=within)
         if point.outcome.usable:
             return point
         unknown = np.full(2, np.nan)
         return replace(point, plan=near.plan, costs=unknown, objective=np.nan, bound_multiplier=np.nan)
-
-    def settled(self, solve: Solution) -> Solution:
-        """Return the optimum that a run's solve in space stands for, limits of omega about its guess for all points.
-
-        One iteration a sample may leave it with an instant that is earlier than the limits allow, by some 1e-3 s.
-        """
-        if not solve.window.chart.spatial:
-            return solve
-        return self.solve(solve.window.about(solve.guess), solve, None)
-
-    def costs_of(self, solve: Solution) -> Vector:
-        """Return J_1 and J_2 (2,) along the plan of a solve."""
-        return self._solver.costs(solve.window, solve.plan)
 
 
 def weighted_sum(window: Window, ratio: float) -> Window:
@@ -221,7 +211,9 @@ def _solve_sample(cell: tuple[Task, Question, Solution]) -> list[Quantity]:
     """Find the fronts about a solve of a run."""
     task, question, logged = cell
     trade_off = TradeOff(build_problem(converging(task)))
-    solve = trade_off.settled(logged)
+    solve = logged
+    if logged.window.chart.spatial:  # one iteration may leave an instant before what limits of omega allow, by 1e-3 s
+        solve = trade_off.solve(logged.window.about(logged.guess), logged, None)
     window, instant = solve.window, float(solve.plan.instants[0])
     wait = instant - window.start
     held = wait + question.later * max(window.horizon - SHORTEST - wait, 0.0)
@@ -231,7 +223,7 @@ def _solve_sample(cell: tuple[Task, Question, Solution]) -> list[Quantity]:
         swept.append(_sweep(trade_off, solve, question, None))
         *held_points, free = (found for found, _ in swept)
         points = [*_stacked("later", held_points), *free]
-    J_1, J_2 = trade_off.costs_of(solve)
+    J_1, J_2 = trade_off.solver.costs(window, solve.plan)
     ratio, again = window.omega[1] / window.omega[0], sum(more for _, more in swept)
     return [
         Quantity("instant", (), np.array(window.start), "s", "sampling instant T0"),
@@ -264,10 +256,8 @@ def _sweep(trade_off: TradeOff, solve: Solution, question: Question, wait: float
     sums = [weighted_sum(window, ratio) for ratio in ratios]
     first = int(np.argmin(np.abs(np.log(ratios / (window.omega[1] / window.omega[0])))))
     found: dict[int, Solution] = {}
-    for outward in (range(first, len(sums)), range(first - 1, -1, -1)):
-        near = found.get(first, solve)
-        for i in outward:
-            found[i] = near = trade_off.solve(sums[i], near, wait)
+    for i in (*range(first, len(sums)), *range(first - 1, -1, -1)):
+        found[i] = trade_off.solve(sums[i], found.get(i - 1 if i > first else i + 1, solve), wait)
     points, again = improved(trade_off, sums, [found[i] for i in range(len(sums))], wait)
     if wait is None or question.method == "weighted-sum":
         return _arrays(FREE if wait is None else WEIGHTED, points), again

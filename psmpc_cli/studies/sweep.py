@@ -264,12 +264,11 @@ def recommend(cells: SweepCells) -> Recommendation:
             f"{earliest:.2f} s{allowed}; control effort {effort.middle[best]:.2f}, of {effort.lowest.min():.2f} to "
             f"{effort.highest.max():.2f} over all ratios",
         )
-    return Recommendation(
-        None,
-        f"no ratio is recommended: of the {early.sum()} that complete within {WITHIN:.0%} of the earliest completion, "
-        f"{earliest:.2f} s, in all cells, {np.sum(early & failing)} had a cell that failed and "
-        f"{np.sum(early & raised & ~failing)} raised the final error",
+    kept = (
+        f"of the {early.sum()} ratios that complete within {WITHIN:.0%} of the earliest completion, {earliest:.2f} s,"
     )
+    others = f"{np.sum(early & failing)} had a cell that failed, the others raised the final error"
+    return Recommendation(None, f"no ratio is recommended: {kept} {others}")
 
 
 DEFAULT_TASK = "approach_capture"

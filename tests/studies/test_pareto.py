@@ -170,7 +170,7 @@ def wait_of(point: Solution) -> float:
 
 
 def test_the_run_s_own_weights_lead_to_the_run_s_optimum(trade_off: TradeOff, solve: Solution, wait: float) -> None:
-    costs = trade_off.costs_of(solve)
+    costs = trade_off.solver.costs(solve.window, solve.plan)
     for held in (wait, None):
         point = trade_off.solve(weighted_sum(solve.window, 3.0), solve, held)
         np.testing.assert_allclose(point_costs([point])[0], costs, rtol=1e-3)

@@ -56,9 +56,9 @@ def compared_tasks(task: Task | str | Path, controllers: Iterable[str], changes:
         SpecError: The task does not hold.
     """
     known, kinds = get_args(ControllerSpec.model_fields["kind"].annotation), dict.fromkeys(controllers)
-    if not kinds or not {*kinds} <= {*known}:
-        expected = f"one or more of {', '.join(known)} between commas"
-        raise InputError(f"--controllers: found '{','.join(kinds)}', expected {expected}")
+    unknown = ", ".join(kind for kind in kinds if kind not in known)
+    if unknown or not kinds:
+        raise InputError(f"--controllers: found '{unknown}', expected one or more of {', '.join(known)} between commas")
     if any(change.partition("=")[0].strip() == VARIED for change in changes):
         raise InputError(f"--set {VARIED}: a comparison varies it; choose with --controllers")
     loaded = changed(task, changes)

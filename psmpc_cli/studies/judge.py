@@ -223,7 +223,7 @@ def judge(claim: Claim, made: Reproduction) -> Finding:
         reasons = sorted({str(reason) for reason in cells.of("reason")[cells.failed]})
         return Finding(claim, np.nan, False, cause=("no cell of the sweep completed", *reasons))
     finding = RULES[claim.rule](claim, made)
-    return finding._replace(cause=() if finding.holds and not finding.earlier else tuple(filter(None, finding.cause)))
+    return finding._replace(cause=()) if finding.holds and not finding.earlier else finding
 
 
 def within(published: float) -> float:

@@ -132,6 +132,7 @@ def _explained(details: list[ErrorDetails], model: type[Spec]) -> Iterator[Any]:
 _WORDINGS = {
     "string_type": "a text (in quotes if it looks like a number)",
     "bool_type": "true or false",
+    "int_from_float": "a whole number",
     "tuple_type": "a list",
     "greater_than": "a number greater than {gt:g}",
     "greater_than_equal": "a number of at least {ge:g}",
@@ -225,12 +226,6 @@ def ensure(test: Callable[[Any], bool], what: str) -> WrapValidator:
     return holds(lambda value, _before, _context: iter(() if test(value) else [((), expected(what))]), always=True)
 
 
-def _whole(value: object) -> int:
-    if number(value) % 1:
-        raise expected("a whole number")
-    return int(number(value))
-
-
 def _intervals(value: object) -> object:
     if value != "auto" and not (isinstance(value, int | float) and value % 1 == 0 and 2 <= value <= 1000):
         raise expected("a whole number from 2 to 1000, or auto")
@@ -280,14 +275,6 @@ def _mirrored(value: object) -> object:
     return 0.0 - size, size
 
 
-def _alone(value: object) -> object:
-    return value if isinstance(value, list | tuple | dict) else [value]
-
-
-def _shape(value: object) -> str:
-    return "parts" if isinstance(value, Mapping) else "number"
-
-
 class _Or:
     """Adds other ways to write a value to its JSON Schema; for a list, its single entry."""
 
@@ -312,7 +299,7 @@ Angle = Annotated[float, BeforeValidator(number_or_angle), _or_angle]
 Direction = Annotated[float, BeforeValidator(number_or_angle), holds(within_a_turn, as_written=True), _or_angle]
 Size = Annotated[float, Field(ge=0), BeforeValidator(number_or_angle), _or_angle]
 Width = Annotated[float, Field(gt=0), BeforeValidator(number_or_angle), _not_tiny, _or_angle]
-Whole = Annotated[int, BeforeValidator(_whole)]
+Whole = Annotated[int, BeforeValidator(number)]
 Intervals = Annotated[
     int | Literal["auto"],
     BeforeValidator(_intervals),
@@ -343,14 +330,20 @@ Rate = Annotated[
 _Key = TypeVar("_Key")
 _One = TypeVar("_One")
 _Each = TypeVar("_Each")
-OneOrMore = Annotated[tuple[_One, ...], Field(min_length=1), BeforeValidator(_alone), _Or()]
+OneOrMore = Annotated[
+    tuple[_One, ...],
+    Field(min_length=1),
+    BeforeValidator(lambda value: value if isinstance(value, list | tuple | dict) else [value]),
+    _Or(),
+]
 """A list that is not empty, or one entry alone."""
 
 Sparse = Annotated[_One, Field(exclude_if=lambda value: not value)]
 """A value that a task's digest leaves out where it is none or 0."""
 
 OrByPart = Annotated[
-    Annotated[_One, Tag("number")] | Annotated[Mapping[_Key, _Each], Tag("parts")], Discriminator(_shape)
+    Annotated[_One, Tag("number")] | Annotated[Mapping[_Key, _Each], Tag("parts")],
+    Discriminator(lambda value: "parts" if isinstance(value, Mapping) else "number"),
 ]
 """One number for all parts, or numbers by part: `OrByPart[one, key, each]`."""
 

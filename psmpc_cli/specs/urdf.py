@@ -75,6 +75,7 @@ class Urdf:
         name: The robot's name.
         links, joints: By name, in the file's order.
         notes: What was assumed, each with its line.
+        errors: What is wrong.
     """
 
     file: str
@@ -82,12 +83,17 @@ class Urdf:
     links: dict[str, UrdfLink] = field(default_factory=dict)
     joints: dict[str, UrdfJoint] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+
+    @property
+    def carried(self) -> dict[str, UrdfJoint]:
+        """The joint that carries each link but the root, by link."""
+        return {joint.child: joint for joint in self.joints.values()}
 
     @property
     def root(self) -> str:
         """The link that no joint carries."""
-        carried = {joint.child for joint in self.joints.values()}
-        return next(name for name in self.links if name not in carried)
+        return next(name for name in self.links if name not in self.carried)
 
     @property
     def leaves(self) -> list[str]:
@@ -97,63 +103,29 @@ class Urdf:
 
     def chain(self, tip: str) -> list[UrdfJoint]:
         """Return the joints from the root to a link."""
-        carried = {joint.child: joint for joint in self.joints.values()}
-        found: list[UrdfJoint] = []
+        carried, found = self.carried, list[UrdfJoint]()
         while tip in carried:
             found.insert(0, carried[tip])
             tip = carried[tip].parent
         return found
 
-
-def read_urdf(path: Path) -> Urdf:
-    """Read a URDF file.
-
-    Raises:
-        SpecError: It cannot be read or is no robot; the message lists everything that is wrong, with lines.
-    """
-    text, name = read_text(path), shown(path)
-    try:
-        root = etree.fromstring(text.encode())
-    except etree.XMLSyntaxError as error:
-        line, column = error.position
-        raise SpecError(f"{name}:{line}:{column}: found no XML ({error.msg}), expected a URDF file") from None
-    described = (part for each in root.iterchildren("*") if each.tag not in FOREIGN for part in each.iter("*"))
-    if any(part.tag.startswith(XACRO) or "${" in "".join(part.attrib.values()) for part in described):
-        raise SpecError(
-            f"{name}:1: found xacro macros, expected plain URDF: expand it first with xacro FILE > FILE.urdf"
-        )
-    if root.tag != "robot":
-        raise SpecError(f"{name}:{root.sourceline}: found <{root.tag}>, expected a URDF file with the element <robot>")
-    return _Reader(Urdf(name, root.get("name") or path.stem)).read(root)
-
-
-class _Reader:
-    """Reads the elements of one file and collects what is wrong with them."""
-
-    def __init__(self, urdf: Urdf) -> None:
-        self.urdf = urdf
-        self.errors: list[str] = []
-        self._unknown: set[str] = set()
-
-    def read(self, root: Any) -> Urdf:
-        """Read all elements.
-
-        Raises:
-            SpecError: Something is wrong with them.
-        """
-        for element in root.iterchildren(tag=etree.Element):
+    def read(self, root: Any) -> None:
+        """Read the elements of the file."""
+        unknown = set()
+        for element in root.iterchildren("*"):
             if element.tag in ("link", "joint"):
                 self._add(element)
-            self._note_unknown(element, "robot")
+            own = [(part, element.tag) for part in element.iterchildren("*")] if element.tag in READ else []
+            for part, within in (*own, (element, "robot")):
+                if part.tag not in READ[within] and part.tag not in unknown:
+                    unknown.add(part.tag)
+                    self._note(part, f"<{part.tag}> is not an element of URDF's <{within}>: left out")
         if meshes := len(list(root.iter("mesh"))):
-            self.urdf.notes.append(f"{meshes} meshes are not read: bodies are drawn as capsules")
+            self.notes.append(f"{meshes} meshes are not read: bodies are drawn as capsules")
         self._check_tree(root)
-        if self.errors:
-            raise SpecError("\n".join(self.errors))
-        return self.urdf
 
     def _add(self, element: Any) -> None:
-        known: dict[str, Any] = self.urdf.links if element.tag == "link" else self.urdf.joints
+        known: dict[str, Any] = self.links if element.tag == "link" else self.joints
         name = element.get("name")
         if not name:
             self._wrong(element, f"<{element.tag}> without a name", "the attribute name")
@@ -162,8 +134,6 @@ class _Reader:
             self._wrong(element, second, "a name of its own")
         else:
             known[name] = self._link(element, name) if element.tag == "link" else self._joint(element, name)
-        for part in element.iterchildren(tag=etree.Element):
-            self._note_unknown(part, element.tag)
 
     def _link(self, element: Any, name: str) -> UrdfLink:
         inertial, line = element.find("inertial"), element.sourceline
@@ -250,8 +220,8 @@ class _Reader:
 
     def _check_tree(self, root: Any) -> None:
         """Check that the joints make a tree of the links."""
-        links, carried = self.urdf.links, dict[str, UrdfJoint]()
-        for joint in self.urdf.joints.values():
+        links, carried = self.links, dict[str, UrdfJoint]()
+        for joint in self.joints.values():
             for end in (end for end in (joint.parent, joint.child) if end and end not in links):
                 self._wrong(joint, f"the unknown link {quoted(end)} of joint {quoted(joint.name)}", choice(end, links))
             if (first := carried.setdefault(joint.child, joint)) is not joint:
@@ -271,18 +241,38 @@ class _Reader:
         if circle := [name for name in links if name not in reached]:
             self._wrong(links[circle[0]], f"link {quoted(circle[0])} in a circle of joints", "a tree from the base")
 
-    def _note_unknown(self, element: Any, within: str) -> None:
-        tag = str(element.tag)
-        if tag not in READ[within] and tag not in self._unknown:
-            self._unknown.add(tag)
-            self._note(element, f"<{tag}> is not an element of URDF's <{within}>: left out")
-
     def _note(self, element: Any, text: str) -> None:
-        self.urdf.notes.append(f"line {element.sourceline}: {text}")
+        self.notes.append(f"line {element.sourceline}: {text}")
 
     def _wrong(self, at: Any, found: str, wanted: str) -> None:
         tail = wanted if wanted.startswith((" (", ", ")) else f", expected {wanted}"
-        self.errors.append(f"{self.urdf.file}:{at.sourceline}: found {found}{tail}")
+        self.errors.append(f"{self.file}:{at.sourceline}: found {found}{tail}")
+
+
+def read_urdf(path: Path) -> Urdf:
+    """Read a URDF file.
+
+    Raises:
+        SpecError: It cannot be read or is no robot; the message lists everything that is wrong, with lines.
+    """
+    text, name = read_text(path), shown(path)
+    try:
+        root = etree.fromstring(text.encode())
+    except etree.XMLSyntaxError as error:
+        line, column = error.position
+        raise SpecError(f"{name}:{line}:{column}: found no XML ({error.msg}), expected a URDF file") from None
+    described = (part for each in root.iterchildren("*") if each.tag not in FOREIGN for part in each.iter("*"))
+    if any(part.tag.startswith(XACRO) or "${" in "".join(part.attrib.values()) for part in described):
+        raise SpecError(
+            f"{name}:1: found xacro macros, expected plain URDF: expand it first with xacro FILE > FILE.urdf"
+        )
+    if root.tag != "robot":
+        raise SpecError(f"{name}:{root.sourceline}: found <{root.tag}>, expected a URDF file with the element <robot>")
+    urdf = Urdf(name, root.get("name") or path.stem)
+    urdf.read(root)
+    if urdf.errors:
+        raise SpecError("\n".join(urdf.errors))
+    return urdf
 
 
 def spatial_robot(urdf: Urdf, file: UrdfRobot) -> dict[str, Any]:

@@ -59,9 +59,6 @@ _INTEGER = re.compile(r"[-+]?[0-9]{1,300}|0o[0-7]+|0x[0-9a-fA-F]+")
 _PATH = re.compile(r"[^.\[\]=]+(?:\.[^.\[\]=]+|\[\d+\])*")
 _STEP = re.compile(r"\[(\d+)\]|([^.\[\]=]+)")
 
-SHORTHANDS: tuple[Location, ...] = (("controller",), ("solver",), ("plant",), ("onset",))
-"""Where a text alone means a mapping with that `kind`."""
-
 BY_CONTROLLER = "by_controller"
 """Key of a task that holds, by controller, keys to change where that controller runs."""
 
@@ -204,7 +201,7 @@ def read(name: str, text: str) -> Document:
 def put(
     document: Document, at: Location, new: Data, origins: Mapping[Location, Origin], without: Collection[Location] = ()
 ) -> Document:
-    """Return the document with one value replaced or added, in mappings that are added too.
+    """Return the document with one value replaced or added, in mappings that are added too, or stand for a kind alone.
 
     Args:
         document: The document.
@@ -455,7 +452,7 @@ def _path(document: Document, written: str) -> Location:
     for index, name in _STEP.findall(written):
         path = (*path, _key(value, int(index) if index else name, path))
         value = document.value(path)
-        if value is None or (isinstance(value, str) and path in SHORTHANDS):
+        if value is None or (isinstance(value, str) and len(path) == 1):  # such as `controller: htmpc`
             value = {}
     return path
 

@@ -31,7 +31,7 @@ _Aim = Annotated[
 ]
 _Control = fields.OrByPart[fields.Size, fields.Part, tuple[fields.Size, ...]]
 _Tolerance = fields.OrByPart[fields.Width, fields.Part, fields.OneOrMore[fields.Width]]
-_Frames = fields.OneOrMore[Annotated[str, known(lambda context: list(context.sizes))]]
+_Frames = fields.OneOrMore[Annotated[str, known(lambda context: context.sizes)]]
 _JointNames = fields.OneOrMore[
     Annotated[str, known(lambda context: names(context.sizes, "joint") if context.sizes else ())]
 ]

@@ -80,7 +80,8 @@ def write_animation(run: Run, paths: Iterable[Path]) -> None:
         axes.set(**dict(zip(("xlabel", "ylabel"), scene.camera.labels or (), strict=False)))
         return [axes]
 
-    draw_frame(len(times) - 1)
+    draw_frame(0)
+    draw_scene(axes, scene, times[-1], times[0], extent)  # the legend has what is there at the start and at the end
     style.finish(figure, describe(scene.camera, extent))
     _encode(figure, draw_frame, len(times), paths)
 

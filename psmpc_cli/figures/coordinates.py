@@ -1,13 +1,12 @@
 """Coordinates over time: states, velocities, controls, forces, and errors against the tolerances of the stages."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from operator import attrgetter
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter, StrMethodFormatter
+from matplotlib.ticker import NullFormatter
 
 from psmpc_cli.figures import style
 from psmpc_cli.figures.timeline import label_row, runs_of, timeline
@@ -36,40 +35,33 @@ def plot_states(runs: Run | Mapping[str, Run]) -> Figure:
     Of one run it also shows what the controller saw of them. In space the attitude is a rotation vector, beside the
     angle to the attitude the current stage aims at [deg].
     """
-    spatial = runs_of(runs)[0].problem.model.dimension == 3
-    look: dict[str, Any] = {"error": attitude_error} if spatial else {}
-    if isinstance(runs, Run):
-        look["seen"] = lambda run: _in_rotation_vectors(run.motion.Q_seen, run.motion.v)
-    return _plot_quantity(runs, ("position", "angle"), ("m", "rad"), _coordinates, **look)
+    curves = [(run.motion.time, _in_vectors(run, run.motion.Q)) for run in runs_of(runs)]
+    seen = _in_vectors(runs, runs.motion.Q_seen) if isinstance(runs, Run) else None
+    return _plot_quantity(runs, ("position", "m"), ("angle", "rad"), curves, seen)
 
 
 def plot_velocities(run: Run) -> Figure:
     """Plot generalized velocities [m/s, rad/s] with the limits in force and what the controller saw."""
-    curves, seen = attrgetter("motion.time", "motion.v"), attrgetter("motion.v_seen")
-    return _plot_quantity(run, ("velocity", "velocity"), ("m/s", "rad/s"), curves, seen=seen, limits="velocity")
+    curves, seen = [(run.motion.time, run.motion.v)], run.motion.v_seen
+    return _plot_quantity(run, ("velocity", "m/s"), ("velocity", "rad/s"), curves, seen, limits="velocity")
 
 
 def plot_controls(run: Run) -> Figure:
     """Plot the applied accelerations [m/s^2, rad/s^2], constant over each sample, with the limits in force."""
-    held = np.r_[run.time, run.motion.end], np.vstack([run.u, run.u[-1:]])
-    look: Mapping[str, Any] = {"limits": "acceleration", "drawstyle": "steps-post", "peaked": True}
-    return _plot_quantity(run, ("control", "control"), ("m/s²", "rad/s²"), lambda run: held, **look)
+    held = [(np.r_[run.time, run.motion.end], np.vstack([run.u, run.u[-1:]]))]
+    linear, angular = ("control", "m/s²"), ("control", "rad/s²")
+    return _plot_quantity(run, linear, angular, held, None, "acceleration", "steps-post", peaked=True)
 
 
 def plot_forces(run: Run) -> Figure:
     """Plot base force [N], base torque and joint torques [N m] at every tick if logged, else at every sample."""
     curves = (run.ticks["time"], run.ticks["F"]) if len(run.ticks.get("time", ())) else (run.time, run["force/F"])
-    return _plot_quantity(run, ("force", "torque"), ("N", "N m"), lambda run: curves, peaked=True)
+    return _plot_quantity(run, ("force", "N"), ("torque", "N m"), [curves], peaked=True)
 
 
-def _coordinates(run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """Return times (K,) [s] and coordinates (K, n) of a run, with the attitude in space as rotation vector."""
-    return run.motion.time, _in_rotation_vectors(run.motion.Q, run.motion.v)
-
-
-def _in_rotation_vectors(Q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return coordinates (K, nq) with the unit quaternion as rotation vector, continuous over time: as many as v."""
-    if Q.shape == v.shape:
+def _in_vectors(run: Run, Q: np.ndarray) -> np.ndarray:
+    """Return coordinates (K, nq) of a run with the attitude in space as a rotation vector continuous over time."""
+    if not run.spatial:
         return Q
     flips = np.cumprod(np.where((Q[1:, 3:7] * Q[:-1, 3:7]).sum(axis=1) < 0, -1.0, 1.0))
     vector = np.array(log((Q[:, 3:7] * np.r_[1.0, flips][:, None]).T)).T
@@ -92,23 +84,22 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
     """Plot every coordinate [m, rad] of several runs on the same axes, with the ends of their stages."""
     model = next(iter(runs.values())).problem.model
     rows = [
-        (part, row, label, angle)
-        for part, at, labels, angle in _panels(model)
+        (f"{part} {'attitude ' * (unit == 'deg')}{label}\n({unit})", row, factor)
+        for part, _, unit, factor, at, labels in _panels(model, ("position", "m"), ("angle", "rad"))
         for row, label in zip(range(at.start, at.stop), labels, strict=True)
     ]
     figure, across = style.new_figure(style.PAGE), 3
     down = -(-len(rows) // across)
     grid = figure.subplots(down, across, sharex=True, squeeze=False, height_ratios=[1.1] * down)
-    for axes, (part, row, label, angle) in zip(grid.flat, rows, strict=False):
+    for axes, (label, row, factor) in zip(grid.flat, rows, strict=False):
         for number, (name, run) in enumerate(runs.items()):
             motion, look = run.motion, style.line_look(number)
-            factor, unit = _in_degrees(model, part, "rad" if angle else "m")
-            values = factor * _coordinates(run)[1][:, row]
+            values = factor * _in_vectors(run, motion.Q)[:, row]
             axes.plot(motion.time, values, linewidth=1.2, label=f"_{style.title_of(name)}", **look)
             switches = run.stages["switch_time"][np.isfinite(run.stages["switch_time"])]
             at = np.interp(switches, motion.time, values)
             axes.plot(switches, at, "o", markersize=3, color=look["color"])
-        axes.set_ylabel(f"{part} {'attitude ' * (unit == 'deg')}{label}\n({unit})")
+        axes.set_ylabel(label)
     for axes in grid.flat[len(rows) :]:
         axes.set_visible(False)
     for axes in grid[-1]:
@@ -119,13 +110,12 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
 
 def _plot_quantity(
     runs: Run | Mapping[str, Run],
-    words: tuple[str, str],
-    units: tuple[str, str],
-    curves: Callable[[Run], tuple[np.ndarray, np.ndarray]],
-    seen: Callable[[Run], np.ndarray] | None = None,
-    error: Callable[[Run], np.ndarray] | None = None,
+    linear: tuple[str, str],
+    angular: tuple[str, str],
+    curves: Sequence[tuple[np.ndarray, np.ndarray]],
+    seen: np.ndarray | None = None,
     limits: Literal["velocity", "acceleration"] | None = None,
-    drawstyle: str = "default",
+    drawstyle: Literal["default", "steps-post"] = "default",
     peaked: bool = False,
 ) -> Figure:
     """Plot a quantity with a value for each generalized coordinate over time.
@@ -134,59 +124,55 @@ def _plot_quantity(
 
     Args:
         runs: A run, or several by controller.
-        words: Its names, of linear and of angular coordinates.
-        units: Its units, of linear and of angular coordinates.
-        curves: Times (K,) [s] and values (K, n) of a run.
+        linear: Its name and unit for linear coordinates.
+        angular: Its name and unit for angular coordinates.
+        curves: Times (K,) [s] and values (K, n) of each run.
         seen: What the controller saw of it (K, n), drawn where it differs.
-        error: The error of the base's attitude (K,), drawn beside it.
         limits: Which limits of the stages bound it.
         drawstyle: How its values are joined.
         peaked: It may have short peaks that hide the rest; the axis is then logarithmic far out.
     """
-    model = runs_of(runs)[0].problem.model
-    panels = list(_panels(model))
+    panels = list(_panels(runs_of(runs)[0].problem.model, linear, angular))
     figure, grid = timeline(runs, len(panels), HEIGHT)
-    for row, (part, rows, labels, angular) in enumerate(panels):
-        note, (factor, unit) = "", _in_degrees(model, part, units[angular])
-        for axes, run in zip(grid[row], runs_of(runs), strict=True):
-            time, every = curves(run)
+    for places, (part, word, unit, factor, rows, labels) in zip(grid, panels, strict=True):
+        note = ""
+        for axes, run, (time, every) in zip(places, runs_of(runs), curves, strict=True):
             values = factor * every[:, rows]
             for i, label in enumerate(labels):
-                look = style.line_look(i)
-                axes.plot(time, values[:, i], label=label, drawstyle=drawstyle, **look)
+                axes.plot(time, values[:, i], label=label, drawstyle=drawstyle, **style.line_look(i))
             axes.margins(y=0.08)
             if limits is not None:
                 _plot_limits(axes, run, limits, rows, values, factor)
-            if seen is not None and not np.array_equal(seen(run), every, equal_nan=True):
-                axes.plot(time, factor * seen(run)[:, rows], **style.look("seen by the controller"))
-            if error is not None and part == "Base" and angular:
-                axes.plot(time, factor * error(run), label="to the target", color="black", linewidth=0.8)
+            if seen is not None and not np.array_equal(seen, every, equal_nan=True):
+                axes.plot(time, factor * seen[:, rows], **style.look("seen by the controller"))
+            if word == "attitude":
+                axes.plot(time, factor * attitude_error(run), label="to the target", color="black", linewidth=0.8)
             if peaked:
                 note = _compress(axes, values) or note
-        word = "attitude" if error is not None and unit == "deg" else words[angular]
-        unit = f"({unit})"
         short = len(f"{part} {word}") * style.CHARACTER < HEIGHT
-        label_row(grid[row], f"{part} {word}\n{unit}" if short else f"{part}\n{word} {unit}", note)
+        label_row(places, f"{part} {word}\n({unit})" if short else f"{part}\n{word} ({unit})", note)
     return style.finish(figure)
 
 
-def _in_degrees(model: RobotModel, part: str, unit: str) -> tuple[float, str]:
-    """Return by how much to multiply values of a part, and their unit: degrees of the attitude in space."""
-    if model.dimension == 3 and part == "Base" and "rad" in unit:
-        return 180 / np.pi, unit.replace("rad", "deg")
-    return 1.0, unit
+def _panels(
+    model: RobotModel, linear: tuple[str, str], angular: tuple[str, str]
+) -> Iterator[tuple[str, str, str, float, slice, Sequence[str]]]:
+    """Give the panels of v: part, name, unit, factor to this unit, rows, labels of the rows; attitudes are in degrees.
 
-
-def _panels(model: RobotModel) -> Iterator[tuple[str, slice, Sequence[str], bool]]:
-    """Give the panels of Q: part, rows, labels of the rows, and whether they are angles."""
+    `linear` and `angular` are the quantity's name and SI unit for linear and for angular coordinates.
+    """
     base, d = model.parts["base"], model.dimension
-    yield "Base", slice(base.start, base.start + d), "xyz"[:d], False
-    yield "Base", slice(base.start + d, base.stop), ("θ",) if d == 2 else "xyz", True
-    for name, rows in model.parts.items():
+    yield "Base", *linear, 1.0, slice(base.start, base.start + d), "xyz"[:d]
+    turns, (word, unit) = slice(base.start + d, base.stop), angular
+    if d == 2:
+        yield "Base", word, unit, 1.0, turns, ("θ",)
+    else:
+        factor = 180 / np.pi if "rad" in unit else 1.0
+        yield "Base", word.replace("angle", "attitude"), unit.replace("rad", "deg"), factor, turns, "xyz"
+    for name, rows in list(model.parts.items())[1:]:
         joints = rows.stop - rows.start
         labels = [f"joint {i + 1}" if joints <= 4 else str(i + 1) for i in range(joints)]
-        if name != "base":
-            yield style.readable(name).capitalize(), rows, labels, True
+        yield style.readable(name).capitalize(), word, unit, 1.0, rows, labels
 
 
 def _compress(axes: Axes, values: np.ndarray) -> str:
@@ -199,7 +185,7 @@ def _compress(axes: Axes, values: np.ndarray) -> str:
     axes.set_yscale("symlog", linthresh=threshold)
     axes.set_yticks(threshold * np.array([-10.0, -1.0, 0.0, 1.0, 10.0]), minor=False)
     axes.set_yticks([], minor=True)
-    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.yaxis.set_major_formatter("{x:g}")
     return f"log beyond ±{threshold:g}"
 
 

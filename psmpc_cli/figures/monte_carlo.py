@@ -1,7 +1,6 @@
 """The runs of a Monte Carlo study: how often they succeed, when their stages end, how near to limits they come."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,9 +9,6 @@ from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
-
-RING: Mapping[str, Any] = {"markersize": 6.5, "markeredgewidth": 0.6, "markerfacecolor": "none", "zorder": 1.8}
-"""Look of the ring around a run that failed, behind the marks."""
 
 
 def plot_success(runs: MonteCarloRuns) -> Figure:
@@ -69,11 +65,11 @@ def _plot_by_run(axes: Axes, runs: MonteCarloRuns, values: Mapping[str, np.ndarr
     for number, (name, value) in enumerate(values.items()):
         look = {"linestyle": "none", "markersize": 3.0, "markeredgewidth": 0, **style.mark_look(number)}
         axes.plot(seed, value, label=name or "_", **look)
-        axes.plot(seed[failed], value[failed], "ko", **RING)
+        axes.plot(seed[failed], value[failed], **style.look("ring around a failed run", label="_"))
     axes.margins(y=0.12)
     known = np.isfinite(list(values.values())).any(axis=0)
     if (failed & known).any():
-        axes.plot([], [], "ko", label="failed", **RING)
+        axes.plot([], [], **style.look("ring around a failed run", label="failed"))
     if (lost := seed[failed & ~known]).size:
         look = style.look("failed", label="failed, no value", transform=axes.get_xaxis_transform(), clip_on=False)
         axes.plot(lost, np.zeros(len(lost)), **look)

@@ -1,6 +1,6 @@
 """Pareto fronts between the costs of two stages at several samples of a run. Paper Fig. 7."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,32 +12,15 @@ from psmpc_cli.figures import style
 from psmpc_cli.logs.results import Results
 from psmpc_cli.studies.fronts import CONSTRAINED, WEIGHTED, front_points
 
-STAR: Mapping[str, Any] = {
-    "color": "black",
-    "markeredgecolor": "white",
-    "markersize": 6.5,
-    "markeredgewidth": 0.4,
-    "zorder": 5,
-}
-"""Look of the run's own weights."""
-
-FRONT: Mapping[str, Any] = {"linewidth": 0.9, "markersize": 2.2}
+FRONT: Any = {"linewidth": 0.9, "markersize": 2.2}
 """Look of a front, besides its colour and marker."""
 
-ARROW: Mapping[str, Any] = {
-    "arrowstyle": "-|>,head_width=0.25,head_length=0.5",
-    "linewidth": 0.4,
-    "shrinkA": 0,
-    "shrinkB": 0,
-}
-"""Look of an arrow along a front."""
 
-Points = tuple[np.ndarray, np.ndarray]
-"""J_1 and J_2 of the points of one method at one instant (P, 2), and which are dominated (P,)."""
+def in_plane(results: Results) -> list[list[tuple[np.ndarray, np.ndarray]]]:
+    """Return J_1 and J_2 of the points with the instant held at the run's optimum, and which are dominated.
 
-
-def in_plane(results: Results) -> list[list[Points]]:
-    """Return the points with the instant held at the run's optimum, by sample, then by method."""
+    By sample, then by method, (P, 2) and (P,).
+    """
     found = [front_points(results, name) for name in (WEIGHTED, CONSTRAINED) if f"{name}_J_1" in results.quantities]
     return [[(J[i, 0], dominated[i, 0]) for J, dominated in found] for i in range(len(results["instant"]))]
 
@@ -72,7 +55,7 @@ def plot_fronts(results: Results) -> Figure:
             zip(samples, results["instant"], results["hypervolume"], strict=True)
         ):
             _plot_sample(axes, points, i, f"{instant:.1f} s" + ("" if third else f": {volume:.3g} s$^2$"))
-        axes.plot(results["chosen_J_2"], results["chosen_J_1"], "*", label=_chosen_label(results), **STAR)
+        axes.plot(results["chosen_J_2"], results["chosen_J_1"], **_chosen(results))
         axes.set(xlabel=f"Cost of {second}, $J_2$ (s)", ylabel=f"Cost of {first}, $J_1$ (s)")
         axes.margins(0.04)
         axes.set_title(f"({letter})" if panels > 1 else "")
@@ -84,7 +67,7 @@ def plot_fronts(results: Results) -> Figure:
     return style.finish(figure)
 
 
-def _plot_sample(axes: Axes, found: Sequence[Points], index: int, label: str) -> None:
+def _plot_sample(axes: Axes, found: Sequence[tuple[np.ndarray, np.ndarray]], index: int, label: str) -> None:
     """Plot a sample's points, of the first method joined, with arrows to larger ratios, dominated ones crossed."""
     look = style.mark_look(index)
     for order, (J, dominated) in enumerate(found):
@@ -100,13 +83,16 @@ def _plot_sample(axes: Axes, found: Sequence[Points], index: int, label: str) ->
         return
     length = np.cumsum(np.linalg.norm(np.diff(curve, axis=0) / np.maximum(np.ptp(curve, axis=0), 1e-12), axis=1))
     for k in np.searchsorted(length, [0.3 * length[-1], 0.75 * length[-1]]):
-        axes.annotate("", xy=curve[k + 1], xytext=curve[k], arrowprops={**ARROW, "facecolor": look["color"]}, zorder=4)
+        axes.annotate(
+            "", xy=curve[k + 1], xytext=curve[k], arrowprops={**style.ARROW, "facecolor": look["color"]}, zorder=4
+        )
 
 
-def _chosen_label(results: Results) -> str:
-    """Return the legend entry of the run's own weights."""
+def _chosen(results: Results) -> dict[str, Any]:
+    """Return the look of the run's own weights, with its label."""
     ratio = results["chosen_ratio"]
-    return f"_$ω_2/ω_1$ = {ratio[0]:g}" if np.ptp(ratio) <= 1e-9 * ratio[0] else "_weights of the run"
+    same = np.ptp(ratio) <= 1e-9 * ratio[0]
+    return style.look("weights of the run", **({"label": f"_$ω_2/ω_1$ = {ratio[0]:g}"} if same else {}))
 
 
 def plot_in_space(results: Results) -> Figure:
@@ -146,7 +132,7 @@ def _plot_in_space(axes: Any, results: Results, i: int) -> None:
     free = [results[f"free_{name}"][i] for name in ("J_2", "J_1", "wait")]
     axes.plot(*free, label="_instant free", **FRONT, **style.mark_look(1))
     chosen = (results["chosen_J_2"][i], results["chosen_J_1"][i], results["t_s"][i] - results["instant"][i])
-    axes.plot(*([value] for value in chosen), "*", label=_chosen_label(results), **STAR)
+    axes.plot(*([value] for value in chosen), **_chosen(results))
     first, second = map(style.readable, results["stage"].tolist())
     axes.set_xlabel(f"{second}, $J_2$ (s)", labelpad=-3)
     axes.set_ylabel(f"{first}, $J_1$ (s)", labelpad=-4)

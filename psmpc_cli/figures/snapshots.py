@@ -50,14 +50,6 @@ ACROSS = 4
 NEARER = 100.0
 """Order of a body by how near to the viewer it is [1/m]."""
 
-ARROW: Mapping[str, Any] = {
-    "arrowstyle": "-|>,head_width=0.12,head_length=0.25",
-    "linewidth": 0.6,
-    "shrinkA": 0,
-    "shrinkB": 0,
-}
-"""Look of a direction."""
-
 FAINT = 0.25
 """Opacity of the robot where a stage begins."""
 
@@ -138,7 +130,12 @@ def _draw_directions(axes: Axes, camera: Camera, extent: np.ndarray) -> None:
     inner = view.get_points() + 1.7 * length * np.array([[1], [-1]])
     corner = max(Bbox(inner).corners(), key=lambda corner: float(np.linalg.norm(seen - corner, axis=1).min()))
     for name, direction in zip("xyz", camera.see(length * np.eye(3)), strict=True):
-        axes.annotate("", tuple(corner + direction), tuple(corner), arrowprops={**ARROW, "zorder": -UNDER})
+        axes.annotate(
+            "",
+            tuple(corner + direction),
+            tuple(corner),
+            arrowprops={**style.ARROW, "facecolor": "black", "zorder": -UNDER},
+        )
         x, y = corner + 1.5 * direction
         axes.text(x, y, name, ha="center", va="center")
 

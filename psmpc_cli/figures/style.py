@@ -1,16 +1,16 @@
 """One look for all figures: journal column width, fonts, a colour-blind safe palette, legends and axes."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
+from matplotlib.style import context
+from matplotlib.ticker import LogLocator, NullLocator
 
 COLUMN, PAGE = 3.5, 7.16
 """Widths of one column and of a page of two columns [in]."""
@@ -20,9 +20,6 @@ AXIS_WIDTH = 2.85
 
 CHARACTER = 0.056
 """Width of a character of the smallest text, about [in]."""
-
-MOST_COLUMNS = 8
-"""Most columns of a legend."""
 
 TEXT = 7.0
 """Smallest text [pt]."""
@@ -57,8 +54,15 @@ STAGE, EARLY, EDGE, BODY, OBJECT = "#ECECEC", "#FAD28A", "#444444", "#C9D3DA", "
 
 DASHED, DOTTED = (0, (5, 2)), (0, (1, 1.5))
 
+ARROW = {"arrowstyle": "-|>", "mutation_scale": 8, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 0}
+"""Look of an arrow."""
+
 LEVEL: Mapping[str, Any] = {"color": EDGE, "linewidth": 0.7, "zorder": 1.5}
 """Look of a line at a level: a limit, a tolerance, a threshold, the present time."""
+
+RING = {"markersize": 6.5, "markeredgewidth": 0.6, "markerfacecolor": "none"}
+
+STAR = {"markersize": 6.5, "markeredgewidth": 0.4, "markeredgecolor": "white"}
 
 PUBLISHED = {"marker": "v", "color": "black", "markerfacecolor": "white", "markersize": 5.0, "linestyle": "none"}
 
@@ -69,6 +73,8 @@ LOOKS: Mapping[str, Mapping[str, Any]] = {
     "seen by the controller": {"color": "#7A7A7A", "linewidth": 0.55, "zorder": 1.4},
     "failed": {"color": "black", "marker": "x", "markersize": 3.5, "linestyle": "none"},
     "waiting": {"color": EDGE, "marker": "o", "markerfacecolor": "white", "linestyle": "none"},
+    "ring around a failed run": {"color": "black", "marker": "o", "linestyle": "none", "zorder": 1.8, **RING},
+    "weights of the run": {"color": "black", "marker": "*", "linestyle": "none", "zorder": 5, **STAR},
     "dominated": {"color": "#A0A0A0", "marker": "x", "linestyle": "none", "zorder": 4},
     "published start": PUBLISHED,
     "published end": PUBLISHED,
@@ -82,8 +88,6 @@ LOOKS: Mapping[str, Mapping[str, Any]] = {
 }
 """Looks by what legends call them."""
 
-TICKS: Mapping[str, Any] = {"labelsize": TEXT, "direction": "in", "major.width": 0.6, "minor.width": 0.4}
-
 STYLE: Mapping[str, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": TEXT,
@@ -95,8 +99,10 @@ STYLE: Mapping[str, Any] = {
     "axes.linewidth": 0.6,
     "axes.axisbelow": True,
     "axes.formatter.useoffset": False,
-    **{f"{axis}tick.{key}": value for axis in "xy" for key, value in TICKS.items()},
-    **{f"{axis}tick.{kind}.size": size for axis in "xy" for kind, size in (("major", 2.5), ("minor", 1.5))},
+    **{f"{axis}tick.labelsize": TEXT for axis in "xy"},
+    **{f"{axis}tick.direction": "in" for axis in "xy"},
+    **{f"{axis}tick.major.{key}": size for axis in "xy" for key, size in (("size", 2.5), ("width", 0.6))},
+    **{f"{axis}tick.minor.{key}": size for axis in "xy" for key, size in (("size", 1.5), ("width", 0.4))},
     "figure.titlesize": TEXT,
     "legend.fontsize": TEXT,
     "legend.title_fontsize": TEXT,
@@ -114,19 +120,16 @@ STYLE: Mapping[str, Any] = {
     "pdf.fonttype": 42,
     "svg.hashsalt": "psmpc",
     **{f"figure.constrained_layout.{pad}": 0.02 for pad in ("w_pad", "wspace")},
-    **{f"figure.constrained_layout.{pad}": size for pad, size in (("h_pad", 0.04), ("hspace", 0.0))},
+    "figure.constrained_layout.h_pad": 0.04,
+    "figure.constrained_layout.hspace": 0.0,
 }
 """Matplotlib settings in force while a figure is drawn and written."""
 
 
-@contextmanager
-def in_style() -> Iterator[None]:
+def in_style() -> AbstractContextManager[None]:
     """Apply the settings above for a while, instead of the user's own."""
     settings: Any = dict(STYLE)  # the type of its keys differs between versions of Matplotlib
-    with mpl.rc_context():
-        mpl.rcdefaults()
-        mpl.rcParams.update(settings)
-        yield
+    return context(settings, after_reset=True)
 
 
 def new_figure(width: float = COLUMN) -> Figure:
@@ -226,7 +229,7 @@ def panel_legend(axes: Axes, note: str = "", title: str | None = None) -> None:
 def _fit_legend(host: Figure | Axes, width: float, **content: Any) -> None:
     """Write the legend of a figure or panel in as many columns as fit a width [in]."""
     figure: Any = host.get_figure()
-    for columns in range(MOST_COLUMNS, 0, -1):
+    for columns in range(8, 0, -1):
         legend = host.legend(ncols=columns, **content)
         if columns == 1 or legend.get_window_extent().width <= width * figure.dpi:
             return
@@ -238,5 +241,5 @@ def make_logarithmic(axes: Axes, along: str = "y", subs: tuple[float, ...] = (1.
     axes.set(**{f"{along}scale": "log"})
     axis = axes.yaxis if along == "y" else axes.xaxis
     axis.set_major_locator(LogLocator(subs=subs))
-    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_major_formatter("{x:g}")
     axis.set_minor_locator(NullLocator())

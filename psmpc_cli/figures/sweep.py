@@ -9,14 +9,14 @@ from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from psmpc_cli.figures import style
 from psmpc_cli.studies.sweep import ALLOWED, GRID, WITHIN, AlongRatio, SweepCells, recommend
 
 COLORS = "viridis"
 
-FLOOR, RATIO = "$t_s - T_h$", "Ratio of the priorities, ω₂/ω₁ (1)"
+FLOOR = "$t_s - T_h$"
 
 
 def plot_plane(cells: SweepCells) -> Figure:
@@ -110,7 +110,7 @@ def _start_label(cells: SweepCells, between: str) -> str:
 def _count_decades(axis: Axis, most: int) -> None:
     """Put ticks of an axis of logarithms at whole powers of ten."""
     axis.set_major_locator(MaxNLocator(nbins=most, integer=True))
-    axis.set_major_formatter(StrMethodFormatter("$10^{{{x:.0f}}}$"))
+    axis.set_major_formatter("$10^{{{x:.0f}}}$")
 
 
 def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, sample: float) -> None:
@@ -126,18 +126,19 @@ def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, s
 
 def plot_starts(cells: SweepCells) -> Figure:
     """Plot the actual start [s] over omega_2 / omega_1, a line a threshold, between t_s and t_s - T_h."""
-    label = f"Actual start of {style.readable(cells.names[1])} (s)"
-    figure, (axes,) = style.stack([label], [2.3], RATIO)
-    _set_ratio(axes, cells)
+    figure, (axes,) = _over_ratio(cells, [f"Actual start of {style.readable(cells.names[1])} (s)"], 2.3)
     if cells.ended.any():
-        _plot_bounds(axes, cells)
+        instant, floor = AlongRatio(cells, cells.instant), AlongRatio(cells, cells.floor)
+        room = 0.06 * cells.task.spec.controller.horizon
+        low, high = float(floor.lowest.min()) - room, float(instant.highest.max()) + room
+        axes.plot(instant.ratio, instant.middle, label="$t_s$", **style.LEVEL)
+        axes.plot(floor.ratio, floor.middle, linestyle=style.DOTTED, label=FLOOR, **style.LEVEL)
+        axes.fill_between(floor.ratio, low, floor.middle, color=style.STAGE, linewidth=0, zorder=0.5)  # in no window
+        axes.set_ylim(low, high)
         starts = cells.of("actual_start")
         for i in map(int, np.argsort(cells.epsilons)):
             label = f"ε = {cells.epsilons[i]:g}"
             _plot_along(axes, AlongRatio(cells, starts[:, i]), label=label, **style.line_look(i))
-    else:
-        axes.set_yticks([])
-    _mark_failed(axes, cells)
     style.panel_legend(axes)
     return style.finish(figure)
 
@@ -152,14 +153,11 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
     completion, effort, error = found = [AlongRatio(cells, cells.of(name)) for name in quantities]
     labels = [f"Completion\nof {second} (s)", "Control effort\n(m²/s³, rad²/s³)", "Final error\n(tolerances)"]
     shown = 3 if np.isfinite(error.middle).any() else 2
-    figure, rows = style.stack(labels[:shown], [1.1] * shown, RATIO)
-    _set_ratio(rows[0], cells)
+    figure, rows = _over_ratio(cells, labels[:shown], 1.1)
     _mark_ratios(rows, cells)
     for axes, values in zip(rows, found, strict=False):
         _plot_along(axes, values, **style.line_look(0))
         axes.margins(y=0.12)
-        if not cells.ended.any():
-            axes.set_yticks([])
     if cells.ended.any():
         earliest = float(completion.lowest.min())
         shade: dict[str, Any] = {"facecolor": style.STAGE, "edgecolor": "none", "zorder": 0.5}
@@ -172,19 +170,24 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
         rows[2].set_ylim(0.0, 1.15 * max(ALLOWED, float(np.nanmax(error.highest, initial=0.0))))
         rows[2].yaxis.set_major_locator(MaxNLocator(nbins=5, prune="lower"))
         style.panel_legend(rows[2])
-    _mark_failed(rows[0], cells)
     style.panel_legend(rows[0])
     return style.finish(figure)
 
 
-def _set_ratio(axes: Axes, cells: SweepCells) -> None:
-    """Make the axis one of ratios, over all that the sweep has, run or not."""
+def _over_ratio(cells: SweepCells, labels: Sequence[str], height: float) -> tuple[Figure, list[Axes]]:
+    """Return panels over all ratios of a sweep, run or not, with those of failed cells along the first one's edge."""
+    figure, rows = style.stack(labels, [height] * len(labels), "Ratio of the priorities, ω₂/ω₁ (1)")
     low, high = float(cells.ratio.min()), float(cells.ratio.max())
     room = (high / low) ** 0.02 if high > low else 2.0
-    axes.set_xscale("log")
-    axes.set_xlim(low / room, high * room)
-    axes.xaxis.set_major_locator(LogLocator(numticks=8))
-    axes.xaxis.set_minor_locator(NullLocator())
+    rows[0].set(xscale="log", xlim=(low / room, high * room))
+    rows[0].xaxis.set_major_locator(LogLocator(numticks=8))
+    rows[0].xaxis.set_minor_locator(NullLocator())
+    if cells.failed.any():
+        ratio, below = np.unique(cells.ratio[cells.failed]), rows[0].get_xaxis_transform()
+        rows[0].plot(ratio, 0.045 + 0 * ratio, transform=below, **style.look("failed", label="failed"))
+    for axes in rows if not cells.ended.any() else ():
+        axes.set_yticks([])
+    return figure, rows
 
 
 def _plot_along(axes: Axes, values: AlongRatio, **look: Any) -> None:
@@ -192,25 +195,6 @@ def _plot_along(axes: Axes, values: AlongRatio, **look: Any) -> None:
     axes.plot(values.ratio, values.middle, marker="o", markersize=2.2, **look)
     if np.any(values.highest > values.lowest):
         axes.fill_between(values.ratio, values.lowest, values.highest, color=look["color"], alpha=0.2, linewidth=0)
-
-
-def _plot_bounds(axes: Axes, cells: SweepCells) -> None:
-    """Plot t_s and t_s - T_h, below which no switch is in the window."""
-    instant, floor = AlongRatio(cells, cells.instant), AlongRatio(cells, cells.floor)
-    room = 0.06 * cells.task.spec.controller.horizon
-    low, high = float(floor.lowest.min()) - room, float(instant.highest.max()) + room
-    axes.plot(instant.ratio, instant.middle, label="$t_s$", **style.LEVEL)
-    axes.plot(floor.ratio, floor.middle, linestyle=style.DOTTED, label=FLOOR, **style.LEVEL)
-    axes.fill_between(floor.ratio, low, floor.middle, color=style.STAGE, linewidth=0, zorder=0.5)
-    axes.set_ylim(low, high)
-
-
-def _mark_failed(axes: Axes, cells: SweepCells) -> None:
-    """Mark the ratios of cells that failed along the lower edge."""
-    ratio = np.unique(cells.ratio[cells.failed])
-    if len(ratio):
-        look = style.look("failed", label="failed", transform=axes.get_xaxis_transform())
-        axes.plot(ratio, np.full(len(ratio), 0.045), **look)
 
 
 def _mark_ratios(rows: Sequence[Axes], cells: SweepCells) -> None:

@@ -64,19 +64,18 @@ def load_feasible(reference: str | Path | Mapping[str, Any], set: Changes = ()) 
     Raises:
         SpecError: Something is wrong or stands against it; the message has all of it, located in the task's file.
     """
-    task = load_task(reference, set)
-    ensure_feasible(task)
-    return task
+    return ensure_feasible(load_task(reference, set))
 
 
-def ensure_feasible(task: Task) -> None:
-    """Make sure that nothing stands against a task.
+def ensure_feasible(task: Task) -> Task:
+    """Return a task if nothing stands against it.
 
     Raises:
         SpecError: Something does; the message has all of it, located in the task's file.
     """
     if problems := review(task):
         raise SpecError(task.source.report(problems))
+    return task
 
 
 def review(task: Task) -> list[Fault]:
@@ -84,7 +83,8 @@ def review(task: Task) -> list[Fault]:
     outlooks = look_ahead(task)
     return [
         *_initial(task, outlooks[0].stage),
-        *(problem for outlook in outlooks for problem in _targets(task, outlook)),
+        *(problem for outlook in outlooks for problem in _targets(task, outlook.stage)),
+        *(problem for outlook in outlooks for problem in _out_of_reach(task, outlook, certain=True)),
         *(problem for now, then in pairwise(outlooks) for problem in _handover(task, now.stage, then.stage)),
         *_times(task, outlooks),
         *_grasps(task, outlooks),
@@ -133,16 +133,12 @@ def _initial(task: Task, first: Stage) -> Iterator[Fault]:
             yield Fault(_place(task, (key,), row, "joint"), _beyond(task, row, values[row], first, kind))
 
 
-def _targets(task: Task, outlook: Outlook) -> Iterator[Fault]:
-    """Give what of a stage's target, or of any row of its trajectory, lies outside its limits, or out of reach."""
-    stage = outlook.stage
-    for index, (numbers, reaches) in enumerate(zip(stage.waypoints, outlook.along, strict=True)):
+def _targets(task: Task, stage: Stage) -> Iterator[Fault]:
+    """Give what of a stage's target, or of any row of its trajectory, lies outside its limits."""
+    for index, numbers in enumerate(stage.waypoints):
         values = _coordinates(stage, numbers)
         for row in _rows_outside(stage, values):
             yield Fault(_place(task, stage, row, stage.space, index), _beyond(task, row, values[row], stage))
-        for arm, reach in reaches.items():
-            if found := _out_of_reach(task.robot, arm, reach, numbers):
-                yield Fault(_place_of_part(task, stage, arm, index), found)
 
 
 def _rows_outside(stage: Stage, values: np.ndarray) -> list[int]:
@@ -150,29 +146,42 @@ def _rows_outside(stage: Stage, values: np.ndarray) -> list[int]:
     return [row for row in _outside(values, *_bounds(stage, "position")) if _counts(stage, slice(row, row + 1))]
 
 
-def _out_of_reach(robot: RobotSpec, arm: str, reach: Reach, numbers: np.ndarray) -> str | None:
-    """Say why an arm cannot take its target, whose first numbers are the base's pose; None if it can, or perhaps can.
+def _out_of_reach(task: Task, outlook: Outlook, certain: bool) -> Iterator[Fault]:
+    """Give the poses that an arm certainly cannot take, or those that it perhaps can, though it was not found how.
 
     Where joint coordinates were looked for and none were found, that is certain of short planar arms alone.
     """
-    base = f"with the base at {_pose(robot, numbers)}"
-    if reach.distance > reach.full_reach and not reach.reachable:
-        return (
-            f"found a pose {reach.distance:.4g} m from the shoulder of {arm} {base}, "
-            f"expected at most its reach of {reach.full_reach:.4g} m"
-        )
-    if not reach.within_annulus:
-        return (
-            f"found a pose that puts the last joint {reach.wrist_distance:.4g} m from the shoulder of {arm} {base}, "
-            f"expected between {reach.inner:.4g} and {reach.outer:.4g} m, the reach of the links before the last"
-        )
-    if not reach.reachable and robot.dimension == 2 and len(robot.arms[arm].links) <= ALL_KNOWN:
-        return (
-            f"found a pose that {arm} can take only beyond its joint limits {base} "
-            f"({reach.distance:.4g} m from its shoulder, within its reach of {reach.full_reach:.4g} m), "
-            "expected one within them"
-        )
-    return None
+    robot = task.robot
+    for index, (numbers, reaches) in enumerate(zip(outlook.stage.waypoints, outlook.along, strict=True)):
+        base = f"with the base at {_pose(robot, numbers)}"
+        for arm, reach in reaches.items():
+            known, far = True, f"{reach.distance:.4g} m from"
+            if reach.reachable:
+                continue
+            if reach.distance > reach.full_reach:
+                found = (
+                    f"a pose {far} the shoulder of {arm} {base}, expected at most its reach of {reach.full_reach:.4g} m"
+                )
+            elif not reach.within_annulus:
+                found = (
+                    f"a pose that puts the last joint {reach.wrist_distance:.4g} m from the shoulder of {arm} {base}, "
+                    f"expected between {reach.inner:.4g} and {reach.outer:.4g} m, the reach of the links before the "
+                    "last"
+                )
+            elif known := robot.dimension == 2 and len(robot.arms[arm].links) <= ALL_KNOWN:
+                found = (
+                    f"a pose that {arm} can take only beyond its joint limits {base} ({far} its shoulder, within its "
+                    f"reach of {reach.full_reach:.4g} m), expected one within them"
+                )
+            else:
+                metres, angle = reach.missed[0], np.degrees(reach.missed[1])
+                found = (
+                    f"no joint coordinates of {arm} within their limits that take the pose {base}: the nearest misses "
+                    f"it by {metres:.2g} m and {angle:.2g} deg, expected a pose within reach, or weights and an end "
+                    "condition that do not ask for all of it"
+                )
+            if known == certain:
+                yield Fault(_place_of_part(task, outlook.stage, arm, index), f"found {found}")
 
 
 def _pose(robot: RobotSpec, numbers: np.ndarray) -> str:
@@ -183,31 +192,14 @@ def _pose(robot: RobotSpec, numbers: np.ndarray) -> str:
     return f"[{numbers[0]:g}, {numbers[1]:g}, {numbers[2]:g}], turned by {turned:g} deg"
 
 
-def _not_found(task: Task, outlook: Outlook) -> Iterator[Fault]:
-    """Give poses of which none was found that an arm can take, where that is not certain."""
-    for index, (numbers, reaches) in enumerate(zip(outlook.stage.waypoints, outlook.along, strict=True)):
-        for arm, reach in reaches.items():
-            if not reach.reachable and _out_of_reach(task.robot, arm, reach, numbers) is None:
-                metres, angle = reach.missed
-                message = (
-                    f"found no joint coordinates of {arm} within their limits that take the pose with the base at "
-                    f"{_pose(task.robot, numbers)}: the nearest misses it by {metres:.2g} m and "
-                    f"{np.degrees(angle):.2g} deg, expected a pose within reach, or weights and an end condition that "
-                    "do not ask for all of it"
-                )
-                yield Fault(_place_of_part(task, outlook.stage, arm, index), message)
-
-
 def _handover(task: Task, stage: Stage, then: Stage) -> Iterator[Fault]:
     """Give the coordinates that a stage leaves where the limits of the next one do not allow them."""
-    low, high = _bounds(then, "position")
-    values = _coordinates(stage, stage.target)
-    for row, tolerance in _coordinates_at_end(stage).items():
-        value = values[row]
-        outside = value + tolerance < low[row] - SLACK or value - tolerance > high[row] + SLACK
-        if outside and row not in _rows_outside(stage, values):
-            message = f"{_beyond(task, row, value, then)}, where {quoted(then.name)} keeps it"
-            yield Fault(("stages", stage.index, "ends_when"), message)
+    values, tolerances = _coordinates(stage, stage.target), _tolerances(stage)
+    rows = np.array(sorted(tolerances.keys() - {len(values), *_rows_outside(stage, values)}), int)
+    within, (low, high) = np.array([tolerances[row] for row in rows]), _bounds(then, "position")
+    for row in rows[_outside(values[rows], low[rows] - within, high[rows] + within)]:
+        message = f"{_beyond(task, row, values[row], then)}, where {quoted(then.name)} keeps it"
+        yield Fault(("stages", stage.index, "ends_when"), message)
 
 
 def _times(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
@@ -235,7 +227,7 @@ def remarks(task: Task, outlooks: Sequence[Outlook]) -> list[Fault]:
     """
     pairs = pairwise(outlooks)
     return [
-        *(problem for outlook in outlooks for problem in _not_found(task, outlook)),
+        *(problem for outlook in outlooks for problem in _out_of_reach(task, outlook, certain=False)),
         *(problem for before, outlook in pairs for problem in _far_base(task, before.stage, outlook)),
         *(problem for outlook in outlooks for problem in _too_fast(task, outlook.stage)),
         *_too_short(task, outlooks),
@@ -326,7 +318,7 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
     found, end = list[tuple[float, tuple[int, ...]]](), 0.0
     for stage in stages:
         most = np.maximum(most, _largest_rates(stage))  # up and down, since a coordinate was known
-        asked = _coordinates_at_end(stage) | _attitude_at_end(stage)
+        asked = _tolerances(stage)
         rows, within = np.array(list(asked), int), np.array(list(asked.values()))
         target = np.append(_coordinates(stage, stage.target), _angle(turn, stage.target[3:7]))
         way = target[rows] - value[rows]
@@ -377,18 +369,16 @@ def _coordinates(stage: Stage, numbers: np.ndarray) -> np.ndarray:
     return _of_state(numbers, n) if stage.space == "joint" else np.r_[numbers[:3], np.full(n - 3, np.nan)]
 
 
-def _coordinates_at_end(stage: Stage) -> dict[int, float]:
-    """Return the tolerance of every coordinate in the end condition [m, rad]; in task space those of the base."""
-    known = np.flatnonzero(np.isfinite(_coordinates(stage, stage.target)))
-    return {row: t for row, t in zip(stage.end_rows, stage.tolerance.tolist(), strict=True) if row in known}
+def _tolerances(stage: Stage) -> dict[int, float]:
+    """Return the tolerance of every coordinate in the end condition [m, rad]; in task space those of the base.
 
-
-def _attitude_at_end(stage: Stage) -> dict[int, float]:
-    """Return the tolerance of a spatial base's attitude [rad] as that of row n, if the end condition has all of it."""
-    tolerances = dict(zip(stage.end_rows, stage.tolerance.tolist(), strict=True))
-    if not stage.attitudes or not {3, 4, 5} <= set(tolerances):
-        return {}
-    return {len(stage.limits.velocity_low): float(np.linalg.norm([tolerances[row] for row in (3, 4, 5)]))}
+    Row n is the attitude of a spatial base, where the end condition has all of it.
+    """
+    asked, known = dict(zip(stage.end_rows, stage.tolerance.tolist(), strict=True)), _coordinates(stage, stage.target)
+    found = {row: t for row, t in asked.items() if row < len(known) and np.isfinite(known[row])}
+    if stage.attitudes and {3, 4, 5} <= set(asked):
+        found[len(known)] = float(np.linalg.norm([asked[row] for row in (3, 4, 5)]))
+    return found
 
 
 def _counts(stage: Stage, rows: slice) -> bool:
@@ -449,8 +439,8 @@ def _place(task: Task, of: Stage | Location, row: int, space: str, index: int = 
     """Return where a row of Q or xi is in numbers by part, of a stage's target at one of its waypoints."""
     names = labels(task.robot, "joint" if space == "joint" else "task")
     part = names[row].rpartition(".")[0]
-    first = next(i for i, name in enumerate(names) if name.rpartition(".")[0] == part)
-    return (*_place_of_part(task, of, part, index), row - first)
+    before = sum(name.rpartition(".")[0] == part for name in names[:row])
+    return (*_place_of_part(task, of, part, index), before)
 
 
 def _place_of_part(task: Task, of: Stage | Location, part: str, index: int = 0) -> Location:

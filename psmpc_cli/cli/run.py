@@ -166,8 +166,8 @@ def replay(
     for remark in found.remarks:
         typer.echo(f"note: {remark}")
     typer.echo("\n".join(found.iterations))
-    if found.largest_priority != 1:
-        typer.echo(f"objective in the lines above: J over the largest priority, {found.largest_priority:g}")
+    if (largest := max(window.omega)) != 1:
+        typer.echo(f"objective in the lines above: J over the largest priority, {largest:g}")
     rows = [(name, f"{was:.9g}", f"{now:.9g}", f"{abs(now - was):.1e}") for name, (was, now) in found.compared.items()]
     rows.append(("largest of a control in the plan", "", "", f"{found.apart:.1e}"))
     print_table(("", "logged", "again", "difference"), rows, left=1)

@@ -99,26 +99,28 @@ def _grasps(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
     stage, envelope = next(each.stage for each in outlooks if each.stage.name == thing.taken_by), thing.grasp.envelope
     if stage.space != "task" or not stage.end_rows:
         return
-    d, frames = task.robot.dimension, ["base", *task.robot.arms]
-    size = 3 * (d - 1)
+
+    def norms(motion: np.ndarray) -> list[float]:
+        return [float(np.linalg.norm(part)) for part in np.split(motion, [task.robot.dimension])]
+
+    size, frames = 3 * (task.robot.dimension - 1), ["base", *task.robot.arms]
+    poses = dict(zip(frames, stage.target.reshape(len(frames), -1), strict=True))
     tolerance = np.full(len(stage.weights), np.inf)
     tolerance[list(stage.end_rows)] = stage.tolerance
     rate = np.where(np.isfinite(tolerance), np.inf if stage.end_velocity is None else stage.end_velocity, np.inf)
     widths = dict[str, list[float]]()
     for arm, at in thing.grasp.at.items():
-        first = size * frames.index(arm)
-        parts = slice(first, first + d), slice(first + d, first + size)
-        widths[arm] = [float(np.linalg.norm(each[part])) for each in (tolerance, rate) for part in parts]
-        if thing.motion is None and arm not in stage.on_object:
-            target = stage.target[slice(*(len(thing.pose) * (frames.index(arm) + each) for each in (0, 1)))]
-            apart = np.abs(pose_error(target, composed(thing.pose, at)))
-            if np.linalg.norm(apart[:d]) > envelope.position or np.linalg.norm(apart[d:]) > envelope.angle:
-                far = f"{np.linalg.norm(apart[:d]):.3g} m and {np.degrees(np.linalg.norm(apart[d:])):.3g} deg"
-                found = f"found a pose {far} from where {quoted(stage.name)} leads {arm}, expected it there"
-                yield Fault(("object", "grasp", "at", arm), found)
+        own = slice(size * frames.index(arm), size * (frames.index(arm) + 1))
+        widths[arm] = norms(tolerance[own]) + norms(rate[own])
+        metres, angle = norms(pose_error(poses[arm], composed(thing.pose, at)))
+        fixed = thing.motion is None and arm not in stage.on_object
+        if fixed and (metres > envelope.position or angle > envelope.angle):
+            far = f"{metres:.3g} m and {np.degrees(angle):.3g} deg"
+            found = f"found a pose {far} from where {quoted(stage.name)} leads {arm}, expected it there"
+            yield Fault(("object", "grasp", "at", arm), found)
     for row, (key, unit) in enumerate(ENVELOPE.items()):
-        arm, allowed = max((values[row], name) for name, values in widths.items())[1], getattr(envelope, key)
-        if (width := widths[arm][row]) > allowed * (1 + SLACK):
+        (width, arm), allowed = max((values[row], arm) for arm, values in widths.items()), getattr(envelope, key)
+        if width > allowed * (1 + SLACK):
             arrives = f"lets {arm} arrive within {width:.3g} {unit}" if np.isfinite(width) else f"does not bound {arm}"
             found = f"found {allowed:.3g} {unit}, expected no less than {quoted(stage.name)} ends with, which {arrives}"
             yield Fault(("object", "grasp", "envelope", key), found)

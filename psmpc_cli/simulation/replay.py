@@ -119,11 +119,6 @@ class Replay:
     same_solver: bool
 
     @property
-    def largest_priority(self) -> float:
-        """What the objective is divided by in the NLP."""
-        return float(np.max(self.logged.window.omega))
-
-    @property
     def largest(self) -> float:
         """The largest of all differences."""
         return max(self.apart, *(abs(again - logged) for logged, again in self.compared.values()))

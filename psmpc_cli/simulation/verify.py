@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Largest, largest
 from psmpc_cli.ocp.plan import Chart, Plan
@@ -48,9 +47,6 @@ class Verification:
         Raises:
             LogError: The log holds no plans or no samples.
         """
-        if not log.has_plans or not len(log.time):
-            missing = "samples" if log.has_plans else "plans"
-            raise LogError(f"{log.path}: holds no {missing}; expected a log of a task with log: {{plans: true}}")
         self._log, self._problem, self._model = log, log.problem, log.problem.model
         self._physics, task = AdaptiveDynamics(self._model), self._problem.spec
         levels, uncertain = "levels/solved" in log, task.uncertainty.in_force or task.controller.offset_free

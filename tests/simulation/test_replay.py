@@ -39,7 +39,7 @@ def test_our_own_solver_repeats_the_log_and_shows_its_iterations(tmp_path: Path)
         rows = [line.split() for line in again.iterations]
         assert rows[0] == ["iter", "objective", "inf_pr", "||d||", "alpha", "qp"]
         assert [int(row[0]) for row in rows[1:]] == list(range(log["solver/iterations"][sample] + 1))
-        objective = float(rows[-1][1]) * again.largest_priority
+        objective = float(rows[-1][1]) * max(again.logged.window.omega)
         assert objective == pytest.approx(log["solver/objective"][sample], rel=1e-8)
 
 

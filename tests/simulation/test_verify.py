@@ -84,5 +84,5 @@ def test_failed_solves_have_no_horizon_and_braking_no_plan(tmp_path: Path) -> No
 
 
 def test_a_log_without_plans_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="holds no plans"):
+    with pytest.raises(LogError, match="found no plans"):
         Verification(there_and_back(tmp_path, "log.plans=false", samples=1))

@@ -3,7 +3,7 @@
 Writer, reader, CSV export and the tables of docs/log.md follow it: a new logged quantity is one row of `SCHEMA`.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from operator import attrgetter
@@ -187,13 +187,6 @@ def _plan(name: str, long_name: str, value: str) -> Column:
     return _column(f"plan/{name}", "1", long_name, value, dims=("time", f"plan/{name}_element"), only="plans")
 
 
-def _halves(Q: str, v: str, what: str, scale: str = "coordinate", **more: Any) -> Iterator[Column]:
-    """Yield the columns of what is measured of positions, along a scale, and of velocities."""
-    names = ("position", "velocity") if "limit" in what else ("coordinates", "velocities")
-    for path, unit, name, dim in zip((Q, v), (_Q, _V), names, (scale, "coordinate"), strict=True):
-        yield _column(path, unit, what.format(name), dims=("time", dim), **more)
-
-
 def _tick_of_object(dim: str, name: str, units: str, long_name: str, value: Read) -> Column:
     path, dims = f"ticks/{name}", ("ticks/tick", dim)
     return _column(path, units, f"{long_name} at every tick", value, dims=dims, only="object at ticks")
@@ -212,7 +205,6 @@ _momentum = partial(_column, dims=("time", "momentum"))
 _disturbance = partial(_column, dims=("time", "coordinate"), only="disturbance")
 _tick_q = partial(_column, dims=("ticks/tick", Q_COORDINATE), only="ticks")
 _tick = partial(_column, dims=("ticks/tick", "coordinate"), only="ticks")
-_payload = partial(_column, dims=("time",), only="payload")
 _pose = partial(_column, dims=("time", "object_coordinate"), only="object")
 _axis = partial(_column, dims=("time", "object_axis"), only="object")
 _grip = partial(_column, dims=("time", "gripper"), only="object")
@@ -279,11 +271,13 @@ SCHEMA = (
     _t("solver/objective", "1", "objective J", "command.solution.J"),
     _window("normalization/nadir", "1", "divisor of each window stage's cost", "command.solution.window.scale"),
     _t("cost/current_stage", "1", "cost Lbar of the current stage"),
-    *_halves("margin/position", "margin/velocity", "smallest distance to a {} limit until the next sample"),
+    _tn("margin/position", _Q, "smallest distance to a position limit until the next sample"),
+    _tn("margin/velocity", _V, "smallest distance to a velocity limit until the next sample"),
     _t("effort/control", "m^2/s^3, rad^2/s^3", "integral of |u|^2 until the next sample"),
     _t("effort/base_force", "N s", "integral of the norm of the base force"),
     _t("effort/base_torque", "N m s", "integral of the norm of the base torque"),
-    *_halves("deviation/Q", "deviation/Qdot", "generalized {} at the next sample less the plan's"),
+    _tn("deviation/Q", _Q, "generalized coordinates at the next sample less the plan's"),
+    _tn("deviation/Qdot", _V, "generalized velocities at the next sample less the plan's"),
     _by_stage("deviation/end", "1", "error of an end condition over its tolerance, where its stage ends"),
     _momentum("balance/momentum", "N s, N m s", "momentum less the integral of the external wrench"),
     _t("balance/energy", "J", "kinetic energy less the work of the generalized forces"),
@@ -291,9 +285,10 @@ SCHEMA = (
     _levels("levels/cost", "1", "cost of each level's stage at the last level that converged", _level_costs),
     _level("wall_time", "s", "wall time of each level's solve alone; NaN where there was none", "wall_time"),
     _solved("solved", "1", "1 if the level converged, 0 if not, -1 if there was none", "outcome.usable"),
-    *_halves("state/Q_true", "state/Qdot_true", "generalized {}, true", Q_COORDINATE, only="true state"),
-    _payload("payload/held", "1", "whether the grippers hold the payload from the sample on", dtype="i1"),
-    _payload("payload/energy", "J", "kinetic energy gained by taking it up or letting it go"),
+    _tq("state/Q_true", _Q, "generalized coordinates, true", only="true state"),
+    _tn("state/Qdot_true", _V, "generalized velocities, true", only="true state"),
+    _t("payload/held", "1", "whether the grippers hold the payload from the sample on", dtype="i1", only="payload"),
+    _t("payload/energy", "J", "kinetic energy gained by taking it up or letting it go", only="payload"),
     _disturbance("control/disturbance", _A, "estimated disturbance, taken off the control", "command.disturbance"),
     _pose("object/pose", _Q, "pose of the object", lambda s: s.ticks.thing.pose[0]),
     _axis("object/velocity", _V, "velocity of the object, angular about its own axes", lambda s: s.ticks.thing.v[0]),

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from psmpc_cli import __version__
-from psmpc_cli.cli import inspect, pages, run, study
+from psmpc_cli.cli import inspect, run, study
 
 ABOUT = "Priority-based switching MPC for space robots: YAML task specs in, HDF5 logs and figures out."
 
@@ -20,8 +20,8 @@ COMMANDS = (
     inspect.bench,
     inspect.check,
     run.plot,
-    pages.view,
-    pages.report,
+    run.view,
+    run.report,
     study.reproduce,
     run.replay,
     run.rerun,

@@ -1,7 +1,7 @@
-"""One run and its log: `psmpc simulate`, `rerun`, `replay`, `verify`, `show` and `plot`."""
+"""Runs and their logs: `psmpc simulate`, `rerun`, `replay`, `verify`, `show`, `plot`, `view` and `report`."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,13 +12,16 @@ from psmpc_cli.cli.progress import watched_run
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
+    from psmpc_cli.logs.run import Run
     from psmpc_cli.logs.schema import Sample
+    from psmpc_cli.report.pages import Page
     from psmpc_cli.simulation.verify import Peaks
     from psmpc_cli.specs.document import Change
 
 Log = Annotated[Path, typer.Argument(help="The log of a run.")]
 AnyFile = Annotated[Path, typer.Argument(help="A log, or results of any study.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every event and all that was measured.")]
+Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 Render = Annotated[bool, typer.Option("--render", help="Film the run with MuJoCo's renderer (psmpc[mujoco]).")]
 
 EQUAL = 1e-6
@@ -91,7 +94,7 @@ def simulate(
         from psmpc_cli.report.view import view as show
 
         page = options.free_path(path.with_name(f"{path.stem}-view.html"), force)
-        typer.echo(f"page: {show(log).save(page, force)}")
+        _save(show(log), page, force)
     if log.interrupted:
         raise typer.Exit(interruption.exit_code)
     if log.attributes["stuck"]:
@@ -257,7 +260,10 @@ def plot(
         bool, typer.Option("--animate", help="Add a GIF of the robot moving, an MP4 with ffmpeg.")
     ] = False,
     render: Render = False,
-    run: Annotated[str | None, typer.Option(metavar="NAME", help="Draw this run of a comparison.")] = None,
+    run: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Draw this run of a comparison; the number of one of a Monte Carlo."),
+    ] = None,
     force: options.Force = False,
 ) -> None:
     """Draw the figures of a log, or of the results of any study.
@@ -269,20 +275,96 @@ def plot(
     from psmpc_cli.cli.tables import read_file
     from psmpc_cli.figures.animation import mp4_possible
     from psmpc_cli.figures.registry import default_directory, draw
-    from psmpc_cli.logs.schema import COMPARISON, RUN
+    from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, RUN
 
-    kind, subject, _ = read_file(log)
-    directory = output or default_directory(log)
     films = [name for name, chosen in (("animation", animate), ("render", render)) if chosen]
-    if run is not None:
-        if kind != COMPARISON or run not in subject:
-            runs = f"one of {', '.join(subject)}" if kind == COMPARISON else f"a comparison, and this file is a {kind}"
-            raise InputError(f"--run: found no run '{run}' in {log}, expected {runs}")
-        kind, subject, directory = RUN, subject[run], output or directory / run
+    if run is None:
+        (kind, subject, _), directory = read_file(log), output or default_directory(log)
+    else:
+        kind, (subject,), directory = RUN, _runs_in(log, [run], False).values(), output or default_directory(log) / run
     if films and kind != RUN:
-        instead = "but a run of it is: choose one with --run" if kind == COMPARISON else "but the log of a run is"
+        several = kind in (COMPARISON, MONTE_CARLO)
+        instead = "but a run of it is: choose one with --run" if several else "but the log of a run is"
         raise InputError(f"--{'animate' if animate else 'render'}: a {kind} is not animated, {instead}")
     for path in draw(kind, subject, directory, formats or ("png",), only or None, force, films):
         typer.echo(str(path))
     if films and not mp4_possible():
         typer.echo("psmpc: no MP4 was written: found no ffmpeg on the PATH", err=True)
+
+
+def view(
+    logs: Annotated[list[Path], typer.Argument(help="Logs of runs, comparisons, Monte Carlo studies.")],
+    output: Annotated[Path | None, options.output_option("beside the first log", what="The page.")] = None,
+    run: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="This run of a comparison; the number of one of a Monte Carlo; repeatable."),
+    ] = None,
+    open_it: Open = False,
+    force: options.Force = False,
+    quiet: options.Quiet = False,
+) -> None:
+    """Write runs as one interactive HTML page: the robot in 3-D with its plans, a time line, and linked plots."""
+    from psmpc_cli.report.view import view as show
+
+    path = output or options.free_path(logs[0].with_name(f"{logs[0].stem}-view.html"), force)
+    runs: dict[str, Run] = {}
+    for log in logs:
+        for name, found in _runs_in(log, run or [], quiet).items():
+            runs[name if name not in runs else f"{name} of {log.stem} {len(runs) + 1}"] = found
+    _save(show(runs), path, force, open_it)
+
+
+def report(
+    log: Log,
+    output: Annotated[Path | None, options.output_option("beside the log", what="The page.")] = None,
+    open_it: Open = False,
+    force: options.Force = False,
+) -> None:
+    """Write a run as one HTML page to read and print: verdict, stages, figures, measurements and settings."""
+    from psmpc_cli.logs.run import read_run
+    from psmpc_cli.report.pages import report_run
+
+    path = output or options.free_path(log.with_name(f"{log.stem}-report.html"), force)
+    _save(report_run(read_run(log)), path, force, open_it)
+
+
+def _save(page: "Page", path: Path, force: bool, open_it: bool = False) -> None:
+    """Write a page, say where it is, and open it if asked to."""
+    import webbrowser
+
+    typer.echo(f"page: {page.save(path, force)}")
+    if open_it and not webbrowser.open(path.resolve().as_uri()):
+        typer.echo("psmpc: no browser was opened: found none; set BROWSER, or open the page yourself", err=True)
+
+
+def _runs_in(log: Path, chosen: Sequence[str], quiet: bool) -> "dict[str, Run]":
+    """Read the runs of a file by name, those chosen; those of a Monte Carlo study are repeated from their seeds.
+
+    Raises:
+        InputError: There is no such run.
+    """
+    from psmpc_cli.cli.tables import read_file
+    from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, RUN
+
+    kind, content, _ = read_file(log)
+    if kind == RUN and not chosen:
+        return {str(content.attributes["controller"]): content}
+    if kind not in (COMPARISON, MONTE_CARLO):
+        wanted = "a comparison or a Monte Carlo study" if chosen else "the log of a run, or a file of several"
+        raise InputError(f"{'--run: ' if chosen else ''}{log} holds a {kind}, expected {wanted}")
+    compared = kind == COMPARISON
+    known = list(content) if compared else [str(number) for number in range(len(content["seed"]))]
+    found: dict[str, Run] = {}
+    for name in chosen or (known if compared else [""]):
+        if name not in known:
+            wanted = f"one of {', '.join(known)}" if compared else f"0 to {known[-1]}"
+            missing = f"no run '{name}'" if name else "no --run"
+            raise InputError(f"{log} holds a {kind} of several runs: found {missing}, expected --run with {wanted}")
+        if compared:
+            found[name] = content[name]
+            continue
+        with watched_run(quiet) as (watch, interruption):
+            found[f"run {name}"] = run = content.repeat(int(name), watch)
+        if run.interrupted:
+            raise typer.Exit(interruption.exit_code)
+    return found

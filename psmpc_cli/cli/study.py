@@ -213,7 +213,7 @@ def reproduce(
     from psmpc_cli.cli.tables import print_claims
     from psmpc_cli.figures.registry import draw
     from psmpc_cli.logs.files import check_output, write_new
-    from psmpc_cli.report.reports import build_report
+    from psmpc_cli.report.pages import build_report
     from psmpc_cli.studies import reproduce as study
 
     folder = output or options.free_path(options.RUNS / "reproduce", force)

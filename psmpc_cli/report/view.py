@@ -17,7 +17,7 @@ from psmpc_cli.figures.coordinates import error_curves
 from psmpc_cli.figures.scene import Scene, scene_of
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.report.page import Page, render
+from psmpc_cli.report.pages import Page, render
 from psmpc_cli.report.texts import describe_mission
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.replay import logged_solve

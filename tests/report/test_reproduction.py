@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 import pytest
 from PIL import Image
 
-from psmpc_cli.report.reports import build_report
+from psmpc_cli.report.pages import build_report
 from psmpc_cli.studies.judge import Reproduction
 
 from .conftest import CREATED, HOSTILE

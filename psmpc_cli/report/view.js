@@ -12,15 +12,12 @@ const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 
 // ---- the data
 
-function unpack(value) {
-  if (Array.isArray(value)) return value.map(unpack);
-  if (value === null || typeof value !== "object") return value;
-  if (!("data" in value)) return Object.fromEntries(Object.entries(value).map(([key, each]) => [key, unpack(each)]));
+const runs = JSON.parse($("data").textContent, (key, value) => { // packed arrays as rows of numbers
+  if (value?.data === undefined) return value;
   const bytes = Uint8Array.from(atob(value.data), (char) => char.charCodeAt(0));
-  const array = new (value.type === "f8" ? Float64Array : Float32Array)(bytes.buffer);
-  return { array, shape: value.shape, size: value.shape.slice(1).reduce((a, b) => a * b, 1), row(i) { return array.subarray(i * this.size, (i + 1) * this.size); } };
-}
-const runs = unpack(JSON.parse($("data").textContent));
+  const array = new (value.type === "f8" ? Float64Array : Float32Array)(bytes.buffer), { shape } = value, size = shape.slice(1).reduce((a, b) => a * b, 1);
+  return { array, shape, row: (i) => array.subarray(i * size, (i + 1) * size) };
+});
 
 function before(times, t) { // the last row at or before t
   let low = 0, high = times.length - 1;
@@ -47,12 +44,6 @@ const ending = (stage) => stage.end !== undefined;
 function planned(run, t) { // the switch times as the sample at or before t planned them: stage and time
   const row = run.instants.row(sampleAt(run, t));
   return run.stages.flatMap((stage, s) => (Number.isFinite(row[s]) && row[s] >= t - 1e-9 ? [{ stage, time: row[s] }] : []));
-}
-
-function planAt(run, t) { // node times and coordinates of the plan at t
-  if (!run.plans || !run.samples.array.length) return null;
-  const k = sampleAt(run, t), times = run.plans.time.row(k), nq = run.plans.Q.shape[2], Q = run.plans.Q.row(k);
-  return { times, at: (time) => interpolated(times, (i) => Q.subarray(i * nq, (i + 1) * nq), time, attitudeAt(run)) };
 }
 
 // ---- robots in three dimensions
@@ -210,16 +201,17 @@ class Actor { // one run in the scene: robot, object, path so far, plan from her
   }
 
   seekPlan(t) {
-    const plan = planAt(this.run, t), times = [t, ...plan.times.filter((each) => each > t)];
-    this.future.set(times.map((each) => this.probe.place(plan.at(each)).positions()));
+    const { run } = this, k = sampleAt(run, t), times = run.plans.time.row(k), nq = run.plans.Q.shape[2], Q = run.plans.Q.row(k);
+    const at = (time) => interpolated(times, (i) => Q.subarray(i * nq, (i + 1) * nq), time, attitudeAt(run));
+    this.future.set([t, ...times.filter((each) => each > t)].map((each) => this.probe.place(at(each)).positions()));
     this.ghosts.forEach((ghost) => { ghost.group.visible = false; });
     this.captions = [];
     const show = (ghost, time, caption) => {
-      ghost.place(plan.at(time)).group.visible = true;
+      ghost.place(at(time)).group.visible = true;
       this.captions.push([caption, ghost.positions()[0]]);
     };
-    for (const { stage, time } of planned(this.run, t)) show(this.ghosts[this.run.stages.indexOf(stage)], time, `planned: ${stage.name} ends, ${time.toFixed(1)} s`);
-    const end = plan.times.at(-1);
+    for (const { stage, time } of planned(run, t)) show(this.ghosts[run.stages.indexOf(stage)], time, `planned: ${stage.name} ends, ${time.toFixed(1)} s`);
+    const end = times.at(-1);
     if (end > t + 1e-6) show(this.ghosts.at(-1), end, `end of the plan, ${end.toFixed(1)} s`);
   }
 
@@ -304,8 +296,6 @@ function drawGround() { // squares of a round length below the mission, and the 
 function render() {
   const { renderer, scene, camera } = world, canvas = $("canvas");
   const width = canvas.clientWidth, height = canvas.clientHeight, columns = beside() ? actors.length : 1;
-  camera.aspect = width / columns / height;
-  camera.updateProjectionMatrix();
   renderer.setScissorTest(true);
   $("labels").replaceChildren();
   world.labels = [];
@@ -418,7 +408,7 @@ let markers = [];
 function dragging(target, seekTo) {
   const move = (event) => seekTo(event.clientX - target.getBoundingClientRect().left);
   target.addEventListener("pointerdown", (event) => {
-    pause();
+    play(false);
     target.setPointerCapture(event.pointerId);
     move(event);
   });
@@ -486,23 +476,18 @@ function update() { // all parts at the present time
 }
 
 let playing = false, clock = 0;
-function pause() {
-  playing = false;
-  $("play").textContent = "▶";
-  $("play").setAttribute("aria-label", "play");
-}
-function toggle() {
-  if (playing) return pause();
-  if (now >= span() - 1e-6) seek(0);
-  playing = true;
+function play(on) {
+  if (on && now >= span() - 1e-6) seek(0);
+  playing = on;
   clock = performance.now();
-  $("play").textContent = "❚❚";
-  $("play").setAttribute("aria-label", "pause");
+  $("play").textContent = on ? "❚❚" : "▶";
+  $("play").setAttribute("aria-label", on ? "pause" : "play");
 }
+const toggle = () => play(!playing);
 function frame(instant) {
   if (playing) {
     seek(now + (Math.min(instant - clock, 200) / 1000) * Number($("speed").value));
-    if (now >= span()) pause();
+    if (now >= span()) play(false);
   }
   clock = instant;
   if (dirty) {
@@ -562,7 +547,7 @@ dragging($("timeline"), (x) => seek((x / $("timeline").clientWidth) * span()));
 document.addEventListener("keydown", (event) => {
   if (["SELECT", "INPUT", "TEXTAREA"].includes(event.target.tagName) && event.key !== " ") return;
   const times = chosen[0].time.array, step = event.shiftKey ? 1 : times.length > 1 ? times[1] - times[0] : 0.1;
-  const actions = { " ": toggle, ArrowLeft: () => { pause(); seek(now - step); }, ArrowRight: () => { pause(); seek(now + step); }, Home: () => seek(0), End: () => seek(span()) };
+  const actions = { " ": toggle, ArrowLeft: () => { play(false); seek(now - step); }, ArrowRight: () => { play(false); seek(now + step); }, Home: () => seek(0), End: () => seek(span()) };
   if (!(event.key in actions) || (event.key === " " && ["SELECT", "INPUT", "BUTTON"].includes(event.target.tagName))) return;
   event.preventDefault();
   actions[event.key]();
@@ -589,11 +574,8 @@ window.psmpc = {
   get time() { return now; },
   camera: () => ({ position: world.camera.position.toArray(), target: world.controls.target.toArray() }),
   poses: (which = 0) => {
-    const { robot, marks } = actors[which], of = (group) => {
-      const parts = [new THREE.Vector3(), new THREE.Quaternion(), new THREE.Vector3()];
-      group.matrixWorld.decompose(...parts);
-      return [...parts[0].toArray(), ...parts[1].toArray()];
-    };
+    const { robot, marks } = actors[which];
+    const of = (group) => [...group.getWorldPosition(new THREE.Vector3()), ...group.getWorldQuaternion(new THREE.Quaternion())];
     const targets = marks.map((stage) => stage.map((mark) => (mark.visible ? of(mark) : null)));
     return { bodies: robot.bodies.map(of), tools: robot.tools.map(of), object: robot.object ? of(robot.object) : null, targets };
   },

@@ -53,7 +53,7 @@ BAD: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("plot ended.h5 --format jpg", ("'jpg'", "png, pdf, svg")),
     ("plot ended.h5 --run psmpc", ("--run", "comparison")),
     ("plot part.h5 -o task.yaml", ("task.yaml", "-o")),
-    ("compare task.yaml --controllers psmpc,spmc", ("'spmc'", "psmpc, smpc, hard, htmpc")),
+    ("compare task.yaml --controllers psmpc,spmc", ("psmpc,spmc", "psmpc, smpc, hard, htmpc")),
     ("compare task.yaml --set controller.kind=smpc", ("controller.kind", "--controllers")),
     ("compare task.yaml --set controller.nods=3", ('"nodes"',)),
     ("compare task.yaml --jobs 0", ("--jobs",)),

@@ -14,16 +14,13 @@ from psmpc_cli.errors import InputError
 RUNS = Path("runs")
 """Folder of the default outputs."""
 
-NATIVE = "psmpc_cli.native"
-"""Logger of the compilation, which a user sees once."""
-
 TASK = "Task file, or the name of a built-in task such as transport."
 
 
 def _set_log_level(quiet: bool) -> bool:
-    """Choose which messages of the library are printed: warnings and the compilation, or errors only."""
+    """Choose which messages of the library are printed: warnings and the compilation, which comes once, or errors."""
     logging.getLogger("psmpc_cli").setLevel(logging.ERROR if quiet else logging.WARNING)
-    logging.getLogger(NATIVE).setLevel(logging.ERROR if quiet else logging.INFO)
+    logging.getLogger("psmpc_cli.native").setLevel(logging.ERROR if quiet else logging.INFO)
     return quiet
 
 

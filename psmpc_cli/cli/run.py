@@ -50,10 +50,8 @@ def simulate(
     verbose: Verbose = False,
 ) -> None:
     """Run a task in closed loop and write its log and figures."""
-    from psmpc_cli.cli.tables import draw_beside, print_summary
+    from psmpc_cli.cli.tables import present
     from psmpc_cli.figures.animation import offscreen_driver
-    from psmpc_cli.logs.run import read_run
-    from psmpc_cli.logs.schema import RUN
     from psmpc_cli.ocp.feasibility import load_feasible
     from psmpc_cli.simulation.run import simulate as run_task
     from psmpc_cli.solvers import Outcome
@@ -84,12 +82,7 @@ def simulate(
             _continue(unfinished, output, watch)
         else:
             run_task(loaded, path, watch, force)
-    log = read_run(path)
-    if not quiet:
-        print_summary(log, verbose)
-    if drawing and len(log.time):
-        films = ("render",) if render else ()
-        draw_beside(path, RUN, log, force or path == unfinished, quiet, figures, films)
+    log = present(path, figures, force or path == unfinished, quiet, verbose, ("render",) if render else ())
     if view and len(log.time):
         from psmpc_cli.report.view import view as show
 
@@ -107,13 +100,13 @@ def _continue(path: Path, output: Path | None, watch: "Callable[[Sample], None]"
     """Finish an unfinished run by running it again from its beginning; end with 1 where that differs from its log."""
     from psmpc_cli.cli.tables import print_differences
     from psmpc_cli.logs.run import read_run
-    from psmpc_cli.simulation.replay import continue_run, unequal_conditions
+    from psmpc_cli.simulation.replay import continue_run
 
     log = read_run(path)
     comparison = continue_run(log, output, watch)
     if comparison is None or not comparison.differences:
         return
-    print_differences(comparison, unequal_conditions(log))
+    print_differences(comparison, log)
     if output is None:
         typer.echo(
             f"{path} was not continued and is unchanged, since its run differs from it when it is repeated; "
@@ -134,7 +127,6 @@ def rerun(
     from psmpc_cli.cli.tables import print_differences
     from psmpc_cli.logs.run import read_run
     from psmpc_cli.simulation.replay import rerun as repeat
-    from psmpc_cli.simulation.replay import unequal_conditions
 
     loaded = read_run(log)
     path = None if output is None else options.output_file(output, "", force, figures=False)
@@ -142,11 +134,8 @@ def rerun(
         comparison = repeat(loaded, path, force, watch)
     if comparison is None:
         raise typer.Exit(interruption.exit_code)
-    if not comparison.differences:
-        typer.echo(f"equal: all {comparison.compared} datasets but the wall times")
-        return
-    print_differences(comparison, unequal_conditions(loaded))
-    if strict:
+    print_differences(comparison, loaded)
+    if strict and comparison.differences:
         raise typer.Exit(1)
 
 
@@ -162,9 +151,8 @@ def replay(
 
     run = read_run(log)
     found = solve_again(run, step, solver)
-    window = found.logged.window
+    window, kind = found.logged.window, found.problem.spec.solver.kind
     stages = ", ".join(stage.name for stage in window.stages)
-    kind = found.problem.spec.solver.kind
     typer.echo(f"sample {step} of {len(run.time)}, {window.start:.2f} s: window of {stages}; solver {kind}")
     for remark in found.remarks:
         typer.echo(f"note: {remark}")
@@ -174,14 +162,10 @@ def replay(
     rows = [(name, f"{was:.9g}", f"{now:.9g}", f"{abs(now - was):.1e}") for name, (was, now) in found.compared.items()]
     rows.append(("largest of a control in the plan", "", "", f"{found.apart:.1e}"))
     print_table(("", "logged", "again", "difference"), rows, left=1)
-    result = f"differs from the log by up to {found.largest:.1e}"
-    if found.largest <= EQUAL:
-        result = f"the log is repeated to {EQUAL:g}"
-    typer.echo(
-        f"{result}{'' if found.same_solver else ', by another solver'}: {found.logged.outcome.name.lower()} after "
-        f"{int(run['solver/iterations'][step])} iterations, again {found.solution.outcome.name.lower()} after "
-        f"{found.solution.iterations}"
-    )
+    equal, differs = f"the log is repeated to {EQUAL:g}", f"differs from the log by up to {found.largest:.1e}"
+    result = (equal if found.largest <= EQUAL else differs) + ("" if found.same_solver else ", by another solver")
+    was, now = (f"{each.outcome.name.lower()} after {each.iterations}" for each in (found.logged, found.solution))
+    typer.echo(f"{result}: {was} iterations, again {now}")
 
 
 def verify(
@@ -229,10 +213,10 @@ def show(
     verbose: Verbose = False,
 ) -> None:
     """Print the summary of a log, or the table of a comparison or a study, again, or export tables of logs."""
-    from psmpc_cli.cli.tables import print_summary, read_file
+    from psmpc_cli.cli.tables import read_file
     from psmpc_cli.logs.schema import COMPARISON, RUN
 
-    kind, found, print_content = read_file(log)
+    kind, found, print_content = read_file(log, verbose)
     if csv is not None:
         if kind not in (RUN, COMPARISON):
             raise InputError(
@@ -241,8 +225,6 @@ def show(
         for name, run in ({"": found} if kind == RUN else found).items():
             for path in run.to_csv(csv / name, force):
                 typer.echo(str(path))
-    elif kind == RUN:
-        print_summary(found, verbose)
     else:
         print_content(found)
 

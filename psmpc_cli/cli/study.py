@@ -15,8 +15,6 @@ from psmpc_cli.errors import InputError, RunError
 if TYPE_CHECKING:
     from psmpc_cli.studies.runner import Study
 
-REPORT = "report.html"
-
 PREPARED = ("log.plans=true", "log.shares=false")
 """Changes of a task whose windows are studied: the log holds the windows, and no more than is needed."""
 
@@ -182,16 +180,15 @@ def pareto(
     if log is not None:
         check_output(log, force, "--log")
 
-    if run is None:
-        with watched_run(quiet) as (watch, interruption):
-            run = simulate(loaded, log, watch, force=True)
-        if run.interrupted:
-            typer.echo(f"psmpc: {run.attributes['end_reason']}; no results were written", err=True)
-            raise typer.Exit(interruption.exit_code)
-        if run.attributes["stuck"]:
-            raise RunError(f"the closed loop could not go on: {run.attributes['end_reason']}")
-    with ending_on_signals("no results were written"), live_line(quiet) as show:
-        solve_pareto(run, question, path, jobs, force, show)
+    with ending_on_signals("no results were written"):
+        if run is None:
+            with watched_run(quiet) as (watch, interruption):
+                run = simulate(loaded, log, watch, force=True)
+            interruption.check()
+            if run.attributes["stuck"]:
+                raise RunError(f"the closed loop could not go on: {run.attributes['end_reason']}")
+        with live_line(quiet) as show:
+            solve_pareto(run, question, path, jobs, force, show)
     present(path, figures, force, quiet)
 
 
@@ -223,13 +220,13 @@ def reproduce(
     with ending_on_signals("no report was written"), live_line(quiet) as show:
         made = study.reproduce(folder, changes or [], weights, fronts, ablations, force, jobs, show)
     created = datetime.now(UTC).isoformat(timespec="seconds")
-    build_report(made, created).save(folder / REPORT, force=True)
+    page = build_report(made, created).save(folder / "report.html", force=True)
     for ablation in made.ablations:
         draw("ablations", ablation.panels, folder, only=[f"ablation_{ablation.name}"], force=True)
     if json is not None:
         write_new(json, study.claims_json(made, created), force, hdf5=False)
     if not quiet:
         print_claims(made)
-        typer.echo(f"report: {folder / REPORT}")
+        typer.echo(f"report: {page}")
     if strict and made.failing:
         raise typer.Exit(1)

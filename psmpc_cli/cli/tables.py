@@ -25,6 +25,7 @@ from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.feasibility import Outlook
 from psmpc_cli.report.texts import ALONE, MEASURES, describe_mission, describe_verdict, measure_rows, number, stage_rows
 from psmpc_cli.simulation.gradient_audit import AD_TOLERANCE, DIFFERENCE_TOLERANCE, audit_gradients
+from psmpc_cli.simulation.replay import unequal_conditions
 from psmpc_cli.simulation.run import build_experiment, converging
 from psmpc_cli.specs.document import counted, plain
 from psmpc_cli.specs.fields import Spec
@@ -35,7 +36,7 @@ from psmpc_cli.specs.robot import RobotSpec, SpatialRobot, labels, resolve_limit
 from psmpc_cli.specs.task import PrioritiesSpec
 from psmpc_cli.studies import fronts
 from psmpc_cli.studies.judge import HEADINGS, Reproduction
-from psmpc_cli.studies.monte_carlo import STATUS, MonteCarloRuns
+from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 from psmpc_cli.studies.sweep import SweepCells, recommend
 
 Row = Sequence[str]
@@ -75,14 +76,14 @@ def print_table(headings: Row, rows: Sequence[Row], left: int = 2) -> None:
     typer.echo("\n".join(line.rstrip() for line in capture.get().splitlines()))
 
 
-def read_file(path: Path) -> tuple[str, Any, Callable[[Any], None]]:
-    """Read a file written by psmpc; return its kind, its content, and what prints the content.
+def read_file(path: Path, verbose: bool = False) -> tuple[str, Any, Callable[[Any], None]]:
+    """Read a file written by psmpc; return its kind, its content, and what prints the content, all of it if `verbose`.
 
     Raises:
         LogError: The file is missing, damaged or of another program.
     """
     kinds: Mapping[str, tuple[Callable[[Path], Any], Callable[[Any], None]]] = {
-        RUN: (read_run, print_summary),
+        RUN: (read_run, partial(print_summary, verbose=verbose)),
         COMPARISON: (read_comparison, partial(print_comparison, path=path)),
         SWEEP: (lambda path: SweepCells(read_results(path, SWEEP)), print_sweep),
         PARETO: (lambda path: read_results(path, PARETO), print_fronts),
@@ -95,29 +96,24 @@ def read_file(path: Path) -> tuple[str, Any, Callable[[Any], None]]:
     return kind, read(path), show
 
 
-def present(path: Path, figures: bool, force: bool, quiet: bool) -> None:
-    """Print the table of a study's file and draw its figures beside it."""
-    kind, results, show = read_file(path)
-    if not quiet:
-        show(results)
-    if figures:
-        draw_beside(path, kind, results, force, quiet)
-
-
-def draw_beside(
-    path: Path, kind: str, subject: Any, force: bool, quiet: bool, figures: bool = True, films: Collection[str] = ()
-) -> None:
-    """Draw the figures of a file's content into its folder of figures, its films, or both, and say so."""
+def present(
+    path: Path, figures: bool, force: bool, quiet: bool, verbose: bool = False, films: Collection[str] = ()
+) -> Any:
+    """Print the table of a file, draw its figures and films into its folder of figures, and return its content."""
     from psmpc_cli.figures.registry import default_directory, draw
 
-    directory = default_directory(path)
-    only = None if figures else ()
-    drawn = draw(kind, subject, directory, only=only, force=force, films=films)
+    kind, content, show = read_file(path, verbose)
     if not quiet:
-        typer.echo(f"{len(drawn)} figures in {directory}" if figures else f"film in {directory}")
+        show(content)
+    if (figures or films) and (kind != RUN or len(content.time)):
+        only, directory = None if figures else (), default_directory(path)
+        drawn = draw(kind, content, directory, only=only, force=force, films=films)
+        if not quiet:
+            typer.echo(f"{len(drawn)} figures in {directory}" if figures else f"film in {directory}")
+    return content
 
 
-def print_summary(run: Run, verbose: bool = False) -> None:
+def print_summary(run: Run, verbose: bool) -> None:
     """Print a run: how the mission went, its stages, what was measured; all of it if `verbose`."""
     summary = run.summary()
     typer.echo(describe_mission(summary))
@@ -173,8 +169,11 @@ def _differences(values: Sequence[float], digits: int, published: Sequence[float
     return list(map("".join, zip(texts, marks, strict=True)))
 
 
-def print_differences(comparison: Comparison, conditions: Sequence[str]) -> None:
+def print_differences(comparison: Comparison, log: Run) -> None:
     """Print how a repeated run differs from its log, and the conditions under which that is to be expected."""
+    if not comparison.differences:
+        typer.echo(f"equal: all {comparison.compared} datasets but the wall times")
+        return
     rows = []
     for each in comparison.differences:
         largest = "" if math.isnan(each.largest) else f"{each.largest:.1e}"
@@ -182,7 +181,7 @@ def print_differences(comparison: Comparison, conditions: Sequence[str]) -> None
         rows.append((each.path, each.units, text, "" if each.row < 0 else str(each.row)))
     print_table(("dataset", "units", "largest difference", "first in row"), rows)
     typer.echo(f"differs: {len(rows)} of {comparison.compared} datasets; wall times were not compared")
-    for condition in conditions:
+    for condition in unequal_conditions(log):
         typer.echo(f"note: {condition}")
 
 
@@ -190,15 +189,18 @@ def print_sweep(cells: SweepCells) -> None:
     """Print a sweep over weights, complete or not: a row for each run, the cells by status, the recommended ratio."""
     if len(cells.runs):
         _print_runs(cells)
-    meanings = cells.results.quantities["status"].meanings
-    counts = np.bincount(cells.of("status"), minlength=len(meanings))
-    parts = ", ".join(f"{count} {meaning}" for meaning, count in zip(meanings, counts, strict=True) if count)
     solves, failed = cells.count("solves"), cells.count("solves_failed")
-    typer.echo(f"{len(cells.ratio)} cells: {parts}; {solves} solves, {failed} of them failed")
+    typer.echo(f"{len(cells.ratio)} cells: {_by_status(cells.results)}; {solves} solves, {failed} of them failed")
     for reason, times in Counter(cells.of("reason")[cells.failed]).most_common():
         typer.echo(f"  {times} failed: {reason}")
     typer.echo(recommend(cells).sentence)
     typer.echo(f"sweep: {cells.results.path}")
+
+
+def _by_status(results: Results) -> str:
+    """Write how many cells of a study there are of every status."""
+    counts = np.bincount(results["status"].ravel()).tolist()
+    return ", ".join(f"{n} {name}" for n, name in zip(counts, results.quantities["status"].meanings, strict=False) if n)
 
 
 def _print_runs(cells: SweepCells) -> None:
@@ -228,20 +230,14 @@ def print_monte_carlo(runs: MonteCarloRuns) -> None:
     typer.echo(_success(runs))
     rows = [(name, str(count), *(number(value, 3) for value in at)) for name, count, at in runs.quantiles()]
     print_table(("over the runs that have it", "runs", "5 %", "50 %", "95 %"), rows, left=1)
-    worst = [int(run) for run in runs.worst(WORST)]
-    if worst:
+    if worst := [int(run) for run in runs.worst(WORST)]:
         typer.echo("worst runs: failed, latest, largest error")
-        columns = [
-            (
-                str(runs["seed"][run]),
-                "failed" if runs.failed[run] else "succeeded",
-                number(float(runs["end_time"][run]), 2),
-                number(float(runs["final_error"][run]), 3),
-                runs.why(run),
-            )
-            for run in worst
-        ]
-        print_table(("seed", "", "ends [s]", "final error", "why"), columns)
+        rows = []
+        for run in worst:
+            seed, outcome = str(runs["seed"][run]), "failed" if runs.failed[run] else "succeeded"
+            end, error = number(float(runs["end_time"][run]), 2), number(float(runs["final_error"][run]), 3)
+            rows.append((seed, outcome, end, error, runs.why(run)))
+        print_table(("seed", "", "ends [s]", "final error", "why"), rows)
         typer.echo(f"repeat one: {runs.command(worst[0])}")
     typer.echo(f"study: {runs.results.path}")
 
@@ -249,8 +245,7 @@ def print_monte_carlo(runs: MonteCarloRuns) -> None:
 def _success(runs: MonteCarloRuns) -> str:
     """Write how many runs succeeded, how sure the rate is, the runs by status, and how many exceeded limits."""
     made, succeeded = int(runs.made.sum()), int(runs.succeeded.sum())
-    counts = zip(STATUS, np.bincount(runs["status"], minlength=len(STATUS)), strict=True)
-    states = ", ".join(f"{count} {meaning}" for meaning, count in counts if count)
+    states = _by_status(runs.results)
     if not made:
         return f"no run was made yet: {states}"
     low, high = runs.interval
@@ -316,12 +311,11 @@ def print_robot(robot: RobotSpec) -> None:
     typer.echo(f"{'planar' if d == 2 else 'spatial'}, {sum(robot.parts.values())} degrees of freedom, {total:.6g} kg")
     rows: list[Row] = []
     for body in bodies:
-        joint, carrier = "", ""
+        joint = carrier = ""
         if body.joint is not None:
-            at = body.joint.at
+            at, kind = body.joint.at, "prismatic along" if body.joint.prismatic else "revolute about"
             turn = math.degrees(math.hypot(*at.rotation))
             carrier = f"{bodies[at.body].name} at {_listed(at.position[:d])} m{f', {turn:.4g} deg' if turn else ''}"
-            kind = "prismatic along" if body.joint.prismatic else "revolute about"
             joint = "revolute" if d == 2 else f"{kind} {_listed(body.joint.axis)}"
         inertia = body.inertia[2:3] if d == 2 else body.inertia
         rows.append((body.name, joint, carrier, f"{body.mass:g}", _listed(body.centre[:d]), _listed(inertia)))
@@ -398,19 +392,12 @@ def print_gradients(task: Task) -> bool:
     audits = audit_gradients(build_experiment(converging(task)))
     nodes = task.spec.controller.uniform_nodes
     typer.echo("Gradient of the cost by the switching instant")
-    gaps = (f"costate gap, N_s = {nodes}", f"N_s = {2 * nodes}")
-    rows = [
-        (
-            " to ".join(audit.switch),
-            f"{audit.gradient:.4f}",
-            f"{audit.to_differentiation:.1e}",
-            f"{audit.to_differences:.1e}",
-            *(f"{gap:.1e}" for gap in audit.costate_gaps),
-            "yes" if audit.holds else "NO",
-        )
-        for audit in audits
-    ]
-    print_table(("switch", "dJ/dt_s [1/s]", "adjoint - AD", "adjoint - differences", *gaps, "agrees"), rows, left=1)
+    rows = []
+    for audit in audits:
+        gaps = (f"{gap:.1e}" for gap in (audit.to_differentiation, audit.to_differences, *audit.costate_gaps))
+        rows.append((" to ".join(audit.switch), f"{audit.gradient:.4f}", *gaps, "yes" if audit.holds else "NO"))
+    headings = ("switch", "dJ/dt_s [1/s]", "adjoint - AD", "adjoint - differences")
+    print_table((*headings, f"costate gap, N_s = {nodes}", f"N_s = {2 * nodes}", "agrees"), rows, left=1)
     typer.echo(
         f"Differences are relative; expected: at most {AD_TOLERANCE:g} and {DIFFERENCE_TOLERANCE:g}. The costate "
         "formula's gap, taken at an optimum without limits and end conditions, halves with twice the nodes."

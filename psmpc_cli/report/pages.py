@@ -41,9 +41,6 @@ DPI, CSS_DPI = 200, 96
 IN_NOTEBOOK = 760
 """Height of a page in a notebook [px]."""
 
-VERSIONS = {"psmpc": "psmpc_version", "CasADi": "casadi_version", "NumPy": "numpy_version"}
-"""Attributes of a log by the program whose version they have."""
-
 CAPTIONS = {
     "snapshots": "The robot at the key instants, with the targets of the stages that act.",
     "instants": "Planned switch times over time, and the actual ends of the stages.",
@@ -112,7 +109,8 @@ def _source(name: str) -> Markup:
 
 def versions_of(attributes: Mapping[str, Any]) -> str:
     """List the versions with which a log was written."""
-    return ", ".join(f"{name} {attributes[key]}" for name, key in VERSIONS.items() if key in attributes)
+    keys = {name: f"{name.lower()}_version" for name in ("psmpc", "CasADi", "NumPy")}
+    return ", ".join(f"{name} {attributes[key]}" for name, key in keys.items() if key in attributes)
 
 
 def _png(draw: Draw) -> dict[str, str | int]:
@@ -130,13 +128,12 @@ def report_run(run: Run) -> Page:
     Raises:
         LogError: The run has no samples.
     """
-    motion, summary, known = run.motion, run.summary(), figures_of("run", run)
-    names = [name for name in CAPTIONS if name in known] + [name for name in known if name not in CAPTIONS]
+    summary, known = run.summary(), figures_of("run", run)
+    names = [name for name in CAPTIONS | known if name in known]
     return render(
         "run.html.j2",
         title=readable(str(run.attributes["task_name"])),
         run=run,
-        end=motion.end,
         summary=summary,
         stages=stage_rows(summary),
         measures=list(measure_rows(summary, verbose=True)),

@@ -41,9 +41,8 @@ const endOf = (run) => run.time.array.at(-1);
 const sampleAt = (run, t) => before(run.samples.array, t);
 const ending = (stage) => stage.end !== undefined;
 
-function planned(run, t) { // the switch times as the sample at or before t planned them: stage and time
-  const row = run.instants.row(sampleAt(run, t));
-  return run.stages.flatMap((stage, s) => (Number.isFinite(row[s]) && row[s] >= t - 1e-9 ? [{ stage, time: row[s] }] : []));
+function planned(run, t) { // the stages that are to end, and when, as the sample at or before t planned it
+  return Array.from(run.instants.row(sampleAt(run, t)), (time, s) => [s, time]).filter(([, time]) => time >= t - 1e-9);
 }
 
 // ---- robots in three dimensions
@@ -210,7 +209,7 @@ class Actor { // one run in the scene: robot, object, path so far, plan from her
       ghost.place(at(time)).group.visible = true;
       this.captions.push([caption, ghost.positions()[0]]);
     };
-    for (const { stage, time } of planned(run, t)) show(this.ghosts[run.stages.indexOf(stage)], time, `planned: ${stage.name} ends, ${time.toFixed(1)} s`);
+    for (const [s, time] of planned(run, t)) show(this.ghosts[s], time, `planned: ${run.stages[s].name} ends, ${time.toFixed(1)} s`);
     const end = times.at(-1);
     if (end > t + 1e-6) show(this.ghosts.at(-1), end, `end of the plan, ${end.toFixed(1)} s`);
   }
@@ -337,6 +336,7 @@ const panelsOf = (run) => (run.plots.find((each) => each.name === tab) || { pane
 const values = (packed, log) => Array.from(packed.array, (x) => (Number.isFinite(x) && (!log || x > 0) ? x : null));
 
 function openPlots() {
+  for (const button of $("tabs").children) button.setAttribute("aria-selected", String(button.textContent === tab));
   plots.forEach((plot) => plot.destroy());
   const host = $("panels");
   host.replaceChildren();
@@ -444,7 +444,7 @@ function openTimeline() {
 function describe(run, t) {
   const current = run.stages.filter((stage) => ending(stage) && stage.start <= t + 1e-9 && stage.end > stage.start).pop();
   const early = run.stages.filter((stage) => ending(stage) && stage.early !== null && stage.early <= t + 1e-9 && t < stage.start - 1e-9);
-  const ends = planned(run, t).map(({ stage, time }) => `${stage.name} to end at ${time.toFixed(2)} s`);
+  const ends = planned(run, t).map(([s, time]) => `${run.stages[s].name} to end at ${time.toFixed(2)} s`);
   const lost = run.object && run.object.lost !== null && t >= run.object.lost ? ["object lost"] : [];
   return [current && current.name, ...early.map((stage) => `${stage.name} already acts`), ...ends, ...lost].filter(Boolean).join(" · ");
 }
@@ -461,13 +461,11 @@ function update() { // all parts at the present time
   $("timeline").setAttribute("aria-valuenow", now.toFixed(2));
   $("timeline").setAttribute("aria-valuetext", `${now.toFixed(2)} s, ${$("now").textContent}`);
   chosen.forEach((run, r) => {
-    const ends = planned(run, Math.min(now, endOf(run)));
-    markers[r].forEach((mark, s) => {
-      const found = ends.find((each) => each.stage === run.stages[s]);
-      mark.hidden = !found;
-      if (found) mark.style.left = percent(Math.min(found.time, span()));
-      if (found) mark.title = `planned end of ${found.stage.name}: ${found.time.toFixed(2)} s`;
-    });
+    markers[r].forEach((mark) => { mark.hidden = true; });
+    for (const [s, time] of planned(run, Math.min(now, endOf(run)))) {
+      const title = `planned end of ${run.stages[s].name}: ${time.toFixed(2)} s`;
+      Object.assign(markers[r][s], { title, hidden: false }).style.left = percent(Math.min(time, span()));
+    }
   });
   plots.forEach((plot) => plot.setCursor({ left: plot.valToPos(now, "x"), top: 0 }, false));
   if (!world) return;
@@ -533,11 +531,9 @@ $("second").selectedIndex = runs.length > 1 ? 2 : 0;
 for (const id of ["first", "second", "overlay"]) $(id).onchange = choose;
 for (const name of new Set(runs.flatMap((run) => run.plots.map((each) => each.name)))) {
   const button = element($("tabs"), "button", "", name);
-  Object.assign(button, { type: "button", onclick: () => { tab = name; showTab(); openPlots(); } });
+  Object.assign(button, { type: "button", onclick: () => { tab = name; openPlots(); } });
   button.setAttribute("role", "tab");
 }
-const showTab = () => [...$("tabs").children].forEach((button) => button.setAttribute("aria-selected", String(button.textContent === tab)));
-showTab();
 $("overlay").checked = window.innerWidth < 700;
 for (const id of ["show-plan", "show-targets", "show-paths"]) $(id).onchange = () => seek(now);
 $("play").onclick = toggle;

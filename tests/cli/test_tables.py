@@ -55,7 +55,7 @@ def test_a_sweep_has_a_row_for_each_ratio_and_a_recommendation(tmp_path: Path, s
     cell = numbers(1.0)
     fine, coarse = cell["actual_start"]
     assert rows[2].split() == ["1", f"{fine}", f"{coarse}", f"{T_S}", f"{cell['completion_time']:.2f}", "1.01", "0.90"]
-    assert rows[5].startswith("9 cells: 9 computed; 900 solves")
+    assert rows[5].startswith("9 cells: 9 computed; 500 solves")
     assert rows[6].startswith("recommended omega_2/omega_1: ")
     assert rows[7] == f"sweep: {path}"
     assert "holds a sweep, expected logs" in psmpc("show", str(path), "--csv", "tables").stderr

@@ -87,7 +87,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     runs = {"one": read_run(folder / "log.h5"), "two": read_run(folder / "part.h5")}
     save_comparison(runs, folder / "compared.h5")
     made_up_sweep(folder / "sweep.h5", "3x3", waiting=(1,), failed=(2,))
-    made_up_fronts(folder / "fronts.h5", failed=(1,))
+    made_up_fronts(folder / "fronts.h5", failed=(1,)).create()
     (folder / "task.yaml").write_text(TASK)
     (folder / "empty.h5").touch()
     return folder

@@ -18,6 +18,9 @@ class Ran(NamedTuple):
     stderr: str
 
 
+PROGRAM = [sys.executable, "-c", "from psmpc_cli.cli.main import main; main()"]
+"""The command line as a process of its own."""
+
 Psmpc = Callable[..., Ran]
 """The command line: words in, what came of them out."""
 

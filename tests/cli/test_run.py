@@ -16,9 +16,7 @@ from psmpc_cli.logs.run import read_run
 
 from ..simulation.logged import there_and_back
 from ..there_and_back import TASK
-from .command import Psmpc, Ran
-
-PSMPC = [sys.executable, "-c", "from psmpc_cli.cli.main import main; main()"]
+from .command import PROGRAM, Psmpc, Ran
 
 
 @pytest.fixture
@@ -217,9 +215,8 @@ def test_a_terminal_shows_one_live_line_and_every_event_above_it(tmp_path: Path)
     task.write_text(TASK)
     arguments = ["simulate", str(task), "--no-figures", "-o", str(tmp_path / "log.h5"), "--verbose"]
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}
-    with subprocess.Popen(
-        [*PSMPC, *arguments], env=environment, stdout=subprocess.DEVNULL, stderr=terminal[1]
-    ) as child:
+    pipes = {"stdout": subprocess.DEVNULL, "stderr": terminal[1]}
+    with subprocess.Popen([*PROGRAM, *arguments], env=environment, **pipes) as child:
         os.close(terminal[1])
         shown = b""
         with suppress(OSError):  # the end of a terminal

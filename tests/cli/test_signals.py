@@ -4,7 +4,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -18,11 +17,9 @@ from psmpc_cli.logs.run import read_run
 from psmpc_cli.logs.schema import SWEEP
 from psmpc_cli.studies.runner import SHARED, WAITING
 
-from .command import Psmpc
+from .command import PROGRAM, Psmpc
 
 pytestmark = pytest.mark.slow
-
-PSMPC = [sys.executable, "-c", "from psmpc_cli.cli.main import main; main()"]
 
 Start = Callable[..., subprocess.Popen[str]]
 
@@ -35,7 +32,7 @@ def start(psmpc: Psmpc, tmp_path: Path) -> Start:
 
     def run(*arguments: str) -> subprocess.Popen[str]:
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        return subprocess.Popen([*PSMPC, *arguments], cwd=tmp_path, start_new_session=True, **pipes)
+        return subprocess.Popen([*PROGRAM, *arguments], cwd=tmp_path, start_new_session=True, **pipes)
 
     return run
 

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from typer.main import get_command
 
 from psmpc_cli.cli.app import app
 
@@ -21,12 +22,6 @@ finally:
 """
 """Runs the command line; its last line names the packages imported by then."""
 
-COMMANDS = [
-    command.name or command.callback.__name__.replace("_", "-")
-    for command in app.registered_commands
-    if command.callback
-]
-
 
 def imported_by(*arguments: str) -> set[str]:
     command = [sys.executable, "-W", "error", "-c", REPORT, *arguments]
@@ -41,7 +36,7 @@ def test_a_start_imports_nothing_heavy(arguments: list[str]) -> None:
     assert imported & HEAVY == set()
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", get_command(app).commands)
 def test_the_help_of_a_command_imports_nothing_heavy(command: str) -> None:
     typers_own = {"pydantic"}  # Typer reads the parameters of a command with it
     assert imported_by(command, "--help") & (HEAVY - typers_own) == set()

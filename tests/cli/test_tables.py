@@ -107,7 +107,7 @@ def test_a_monte_carlo_study_without_runs_says_so(tmp_path: Path, shown: Psmpc) 
 
 def test_fronts_have_a_row_for_each_sample_and_how_they_move(tmp_path: Path, shown: Psmpc) -> None:
     path = tmp_path / "pareto.h5"
-    made_up_fronts(path, failed=(1,))
+    made_up_fronts(path, failed=(1,)).create()
     heading, *rows = shown(path)
     assert heading.split()[:4] == ["T0", "[s]", "t_s", "[s]"]
     assert [row.split()[0] for row in rows[:3]] == ["6.50", "7.50", "8.50"]

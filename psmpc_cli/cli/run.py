@@ -219,9 +219,7 @@ def show(
     kind, found, print_content = read_file(log, verbose)
     if csv is not None:
         if kind not in (RUN, COMPARISON):
-            raise InputError(
-                f"--csv: {log} holds a {kind}, expected logs; other programs open its file, such as xarray"
-            )
+            raise InputError(f"--csv: {log} holds a {kind}, expected logs; other programs, such as xarray, open it")
         for name, run in ({"": found} if kind == RUN else found).items():
             for path in run.to_csv(csv / name, force):
                 typer.echo(str(path))

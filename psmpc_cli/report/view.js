@@ -245,7 +245,7 @@ function openWorld() {
   const sun = new THREE.DirectionalLight(0xffffff, 1.3);
   sun.position.set(-2, -3, 6);
   scene.add(sun);
-  return { scene, renderer, camera, controls, moved: false, axes: [] };
+  return { scene, renderer, camera, controls, moved: false, ground: null, axes: [] };
 }
 
 function frameMission(tilted) {
@@ -275,7 +275,7 @@ function frameMission(tilted) {
 }
 
 function drawGround() { // squares of a round length below the mission, and the axes of the inertial frame
-  if (world.ground) world.scene.remove(world.ground);
+  world.scene.remove(world.ground);
   const { low, high } = world, step = [0.1, 0.25, 0.5, 1, 2, 5, 10].find((s) => (high.x - low.x + high.y - low.y) / s < 26) || 25;
   const round = (x, up) => step * (up ? Math.ceil(x / step + 0.5) : Math.floor(x / step - 0.5));
   const [x0, x1, y0, y1] = [round(low.x), round(high.x, true), round(low.y), round(high.y, true)], z = low.z - 0.02, points = [];
@@ -287,8 +287,8 @@ function drawGround() { // squares of a round length below the mission, and the 
   const corner = [...(spatial ? [x1, y1] : inside), z + 0.01 * step], L = (spatial ? 1 : 0.5) * step;
   const axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((axis) => axis.map((x, i) => corner[i] + L * x));
   world.ground.add(lines(points, 0xdde2e7), ...axes.map((axis) => lines([...corner, ...axis], 0x6b7480)));
-  world.axes = axes.map((axis, i) => ["xyz"[i], new THREE.Vector3(...axis)]);
-  world.axes.push([`squares of ${step} m`, new THREE.Vector3(corner[0] + (spatial ? -5 : 1.1) * step, corner[1], z)]);
+  const scale = new THREE.Vector3(corner[0] + (spatial ? -5 : 1.1) * step, corner[1], z);
+  world.axes = [...axes.map((axis, i) => ["xyz"[i], new THREE.Vector3(...axis)]), [`squares of ${step} m`, scale]];
   world.scene.add(world.ground);
 }
 

@@ -59,6 +59,7 @@ def test_a_run_of_a_study_is_repeated_from_its_seed(psmpc: Psmpc, ended: Path) -
     assert psmpc("view", "one.h5").code == 0
     assert again["Q"] == shown("one-view.html")[0]["Q"]
     assert again["plans"] is not None
+    assert psmpc("plot", "study.h5", "--run", "1", "--only", "states").stdout == "study/1/states.png\n"
     for arguments, word in (
         (("study.h5",), "--run with 0 to 1"),
         (("study.h5", "--run", "2"), "0 to 1"),

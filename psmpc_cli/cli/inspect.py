@@ -6,8 +6,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from psmpc_cli.cli.options import TASK, Changes, Force, Quiet
-from psmpc_cli.cli.progress import ending_on_signals, live_line
+from psmpc_cli.cli.common import TASK, Changes, Force, Quiet, ending_on_signals, live_line
 from psmpc_cli.errors import PsmpcError, SpecError
 
 

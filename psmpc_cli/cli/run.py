@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from psmpc_cli.cli import options
-from psmpc_cli.cli.progress import watched_run
+from psmpc_cli.cli import common
+from psmpc_cli.cli.common import watched_run
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -29,10 +29,10 @@ EQUAL = 1e-6
 
 
 def simulate(
-    task: Annotated[str | None, typer.Argument(help=options.TASK, show_default=False)] = None,
-    output: Annotated[Path | None, options.output_option("runs/<task>.h5", what="Log file.")] = None,
-    force: options.Force = False,
-    changes: options.Changes = None,
+    task: Annotated[str | None, typer.Argument(help=common.TASK, show_default=False)] = None,
+    output: Annotated[Path | None, common.output_option("runs/<task>.h5", what="Log file.")] = None,
+    force: common.Force = False,
+    changes: common.Changes = None,
     controller: Annotated[
         str | None,
         typer.Option(metavar="psmpc|smpc|hard|htmpc", help="Controller; short for --set controller.kind=..."),
@@ -40,13 +40,13 @@ def simulate(
     plant: Annotated[
         str | None, typer.Option(metavar="ideal|rk4|mujoco", help="Plant; short for --set plant.kind=...")
     ] = None,
-    figures: options.Figures = True,
+    figures: common.Figures = True,
     render: Render = False,
     view: Annotated[bool, typer.Option("--view", help="Write the interactive page of `psmpc view` as well.")] = False,
     unfinished: Annotated[
         Path | None, typer.Option("--continue", metavar="LOG", help="Finish an unfinished run, by repeating it.")
     ] = None,
-    quiet: options.Quiet = False,
+    quiet: common.Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Run a task in closed loop and write its log and figures."""
@@ -68,11 +68,11 @@ def simulate(
         if task or overrides:
             wanted = "expected no task, --set, --controller or --plant beside it"
             raise InputError(f"--continue repeats the task in the log: {wanted}")
-        path = unfinished if output is None else options.output_file(output, "", force, drawing)
+        path = unfinished if output is None else common.output_file(output, "", force, drawing)
     elif task is not None:
         loaded = load_feasible(task, overrides)
         name = "-".join(filter(None, (loaded.spec.name, controller, plant)))
-        path = options.output_file(output, name, force, drawing)
+        path = common.output_file(output, name, force, drawing)
     else:
         raise InputError("found no task: expected a task file, a built-in name such as transport, or --continue LOG")
     if render:
@@ -86,7 +86,7 @@ def simulate(
     if view and len(log.time):
         from psmpc_cli.report.view import view as show
 
-        page = options.free_path(path.with_name(f"{path.stem}-view.html"), force)
+        page = common.free_path(path.with_name(f"{path.stem}-view.html"), force)
         _save(show(log), page, force)
     if log.interrupted:
         raise typer.Exit(interruption.exit_code)
@@ -118,10 +118,10 @@ def _continue(path: Path, output: Path | None, watch: "Callable[[Sample], None]"
 
 def rerun(
     log: Log,
-    output: Annotated[Path | None, options.output_option("none", what="Keep the new log.")] = None,
-    force: options.Force = False,
+    output: Annotated[Path | None, common.output_option("none", what="Keep the new log.")] = None,
+    force: common.Force = False,
     strict: Annotated[bool, typer.Option("--strict", help="Exit code 1 if anything differs.")] = False,
-    quiet: options.Quiet = False,
+    quiet: common.Quiet = False,
 ) -> None:
     """Repeat a run from its log and compare every dataset but the wall times."""
     from psmpc_cli.cli.tables import print_differences
@@ -129,7 +129,7 @@ def rerun(
     from psmpc_cli.simulation.replay import rerun as repeat
 
     loaded = read_run(log)
-    path = None if output is None else options.output_file(output, "", force, figures=False)
+    path = None if output is None else common.output_file(output, "", force, figures=False)
     with watched_run(quiet) as (watch, interruption):
         comparison = repeat(loaded, path, force, watch)
     if comparison is None:
@@ -209,7 +209,7 @@ def _print_peaks(peaks: "Peaks") -> None:
 def show(
     log: AnyFile,
     csv: Annotated[Path | None, typer.Option(metavar="DIR", help="Export a log's tables as CSV files.")] = None,
-    force: options.Force = False,
+    force: common.Force = False,
     verbose: Verbose = False,
 ) -> None:
     """Print the summary of a log, or the table of a comparison or a study, again, or export tables of logs."""
@@ -229,7 +229,7 @@ def show(
 
 def plot(
     log: AnyFile,
-    output: Annotated[Path | None, options.output_option("beside the log", "DIR", "Directory of the figures.")] = None,
+    output: Annotated[Path | None, common.output_option("beside the log", "DIR", "Directory of the figures.")] = None,
     formats: Annotated[
         list[str] | None, typer.Option("--format", metavar="png|pdf|svg", help="Repeatable. Default: png.")
     ] = None,
@@ -244,7 +244,7 @@ def plot(
         str | None,
         typer.Option(metavar="NAME", help="Draw this run of a comparison; the number of one of a Monte Carlo."),
     ] = None,
-    force: options.Force = False,
+    force: common.Force = False,
 ) -> None:
     """Draw the figures of a log, or of the results of any study.
 
@@ -274,19 +274,19 @@ def plot(
 
 def view(
     logs: Annotated[list[Path], typer.Argument(help="Logs of runs, comparisons, Monte Carlo studies.")],
-    output: Annotated[Path | None, options.output_option("beside the first log", what="The page.")] = None,
+    output: Annotated[Path | None, common.output_option("beside the first log", what="The page.")] = None,
     run: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME", help="This run of a comparison; the number of one of a Monte Carlo; repeatable."),
     ] = None,
     open_it: Open = False,
-    force: options.Force = False,
-    quiet: options.Quiet = False,
+    force: common.Force = False,
+    quiet: common.Quiet = False,
 ) -> None:
     """Write runs as one interactive HTML page: the robot in 3-D with its plans, a time line, and linked plots."""
     from psmpc_cli.report.view import view as show
 
-    path = output or options.free_path(logs[0].with_name(f"{logs[0].stem}-view.html"), force)
+    path = output or common.free_path(logs[0].with_name(f"{logs[0].stem}-view.html"), force)
     runs: dict[str, Run] = {}
     for log in logs:
         for name, found in _runs_in(log, run or [], quiet).items():
@@ -296,15 +296,15 @@ def view(
 
 def report(
     log: Log,
-    output: Annotated[Path | None, options.output_option("beside the log", what="The page.")] = None,
+    output: Annotated[Path | None, common.output_option("beside the log", what="The page.")] = None,
     open_it: Open = False,
-    force: options.Force = False,
+    force: common.Force = False,
 ) -> None:
     """Write a run as one HTML page to read and print: verdict, stages, figures, measurements and settings."""
     from psmpc_cli.logs.run import read_run
     from psmpc_cli.report.pages import report_run
 
-    path = output or options.free_path(log.with_name(f"{log.stem}-report.html"), force)
+    path = output or common.free_path(log.with_name(f"{log.stem}-report.html"), force)
     _save(report_run(read_run(log)), path, force, open_it)
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from psmpc_cli.cli import options
-from psmpc_cli.cli.progress import describe_progress, ending_on_signals, live_line, watched_run
+from psmpc_cli.cli import common
+from psmpc_cli.cli.common import describe_progress, ending_on_signals, live_line, watched_run
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -22,16 +22,16 @@ Stages = Annotated[str, typer.Option(metavar="A,B", help="The two stages in a ro
 
 
 def compare(
-    task: Annotated[str, typer.Argument(help=options.TASK)],
+    task: Annotated[str, typer.Argument(help=common.TASK)],
     controllers: Annotated[
         str, typer.Option(metavar="KIND,...", help="Of psmpc, smpc, htmpc, hard; differences are to the first.")
     ] = "psmpc,smpc,htmpc,hard",
-    output: Annotated[Path | None, options.output_option("runs/<task>-comparison.h5", what="File of all logs.")] = None,
-    force: options.Force = False,
-    changes: options.Changes = None,
-    jobs: options.Jobs = None,
-    figures: options.Figures = True,
-    quiet: options.Quiet = False,
+    output: Annotated[Path | None, common.output_option("runs/<task>-comparison.h5", what="File of all logs.")] = None,
+    force: common.Force = False,
+    changes: common.Changes = None,
+    jobs: common.Jobs = None,
+    figures: common.Figures = True,
+    quiet: common.Quiet = False,
 ) -> None:
     """Run several controllers on the identical task: one table, one file of logs, and figures side by side."""
     from psmpc_cli.cli.tables import present
@@ -39,7 +39,7 @@ def compare(
 
     tasks = compared_tasks(task, re.findall(r"[^\s,]+", controllers), changes or [])
     first = next(iter(tasks.values()))
-    path = options.output_file(output, f"{first.spec.name}-comparison", force, figures)
+    path = common.output_file(output, f"{first.spec.name}-comparison", force, figures)
     with ending_on_signals("no comparison was written"), live_line(quiet) as show:
         show(f"0 of {len(tasks)} runs done", due=False)
         ended = count(1)
@@ -62,15 +62,15 @@ def sweep_weights(
     sampling: Annotated[
         str | None, typer.Option(metavar="random:N", help="N random draws from the range instead of a grid.")
     ] = None,
-    output: Annotated[Path | None, options.output_option("runs/<task>-sweep.h5")] = None,
+    output: Annotated[Path | None, common.output_option("runs/<task>-sweep.h5")] = None,
     every_cell: Annotated[bool, typer.Option("--every-cell", help="Run cells of equal ratio separately.")] = False,
-    resume: options.Resume = False,
-    force: options.Force = False,
-    changes: options.Changes = None,
-    jobs: options.Jobs = None,
-    dask: options.Dask = None,
-    figures: options.Figures = True,
-    quiet: options.Quiet = False,
+    resume: common.Resume = False,
+    force: common.Force = False,
+    changes: common.Changes = None,
+    jobs: common.Jobs = None,
+    dask: common.Dask = None,
+    figures: common.Figures = True,
+    quiet: common.Quiet = False,
 ) -> None:
     """Run the closed loop under many pairs of priorities: how they decide the actual start. Paper Fig. 6."""
     from psmpc_cli.studies import sweep
@@ -92,14 +92,14 @@ def sweep_weights(
 def monte_carlo(
     task: Annotated[str, typer.Argument(help="Task file or built-in task, with an uncertainty.")],
     runs: Annotated[int, typer.Option(min=1, max=100_000, metavar="N", help="Runs, each with its own seed.")],
-    output: Annotated[Path | None, options.output_option("runs/<task>-monte-carlo.h5")] = None,
-    resume: options.Resume = False,
-    force: options.Force = False,
-    changes: options.Changes = None,
-    jobs: options.Jobs = None,
-    dask: options.Dask = None,
-    figures: options.Figures = True,
-    quiet: options.Quiet = False,
+    output: Annotated[Path | None, common.output_option("runs/<task>-monte-carlo.h5")] = None,
+    resume: common.Resume = False,
+    force: common.Force = False,
+    changes: common.Changes = None,
+    jobs: common.Jobs = None,
+    dask: common.Dask = None,
+    figures: common.Figures = True,
+    quiet: common.Quiet = False,
 ) -> None:
     """Run a task many times, each with another seed for its uncertainty: how often it succeeds, and how runs spread."""
     from psmpc_cli.studies.monte_carlo import monte_carlo_study
@@ -131,7 +131,7 @@ def _run_study(
         raise InputError("found both --resume and --force, expected at most one of them")
     if jobs is not None and dask is not None:
         raise InputError("found both --jobs and --dask, expected at most one: a cluster has as many workers as it has")
-    path = options.output_file(output, f"{study.task.spec.name}-{study.kind}", force, figures, resume)
+    path = common.output_file(output, f"{study.task.spec.name}-{study.kind}", force, figures, resume)
     with ending_on_signals(f"{path} holds what was done: continue with --resume"), live_line(quiet) as show:
         run_study(study, path, jobs, dask, force, resume, lambda progress: show(describe_progress(progress)))
     present(path, figures, force or resume, quiet)
@@ -150,13 +150,13 @@ def pareto(
         Literal["weighted-sum", "epsilon-constraint", "both"], typer.Option(help="How the points are found.")
     ] = "both",
     free_instant: Annotated[bool, typer.Option("--free-instant", help="The instant is a third criterion.")] = False,
-    output: Annotated[Path | None, options.output_option("runs/<task>-pareto.h5")] = None,
+    output: Annotated[Path | None, common.output_option("runs/<task>-pareto.h5")] = None,
     log: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep the log of the closed loop here.")] = None,
-    force: options.Force = False,
-    changes: options.Changes = None,
-    jobs: options.Jobs = None,
-    figures: options.Figures = True,
-    quiet: options.Quiet = False,
+    force: common.Force = False,
+    changes: common.Changes = None,
+    jobs: common.Jobs = None,
+    figures: common.Figures = True,
+    quiet: common.Quiet = False,
 ) -> None:
     """Compute what two stages cost at each other's expense: Pareto fronts at several samples of a run. Paper Fig. 7."""
     from h5py import is_hdf5
@@ -176,7 +176,7 @@ def pareto(
         raise InputError(f"{task} is the log of a run: it is studied as it ran, without --set and --log")
     loaded = load_feasible(task, [*(changes or []), *PREPARED]) if run is None else run.task
     parse_stages(stages, loaded)
-    path = options.output_file(output, f"{loaded.spec.name}-pareto", force, figures)
+    path = common.output_file(output, f"{loaded.spec.name}-pareto", force, figures)
     if log is not None:
         check_output(log, force, "--log")
 
@@ -194,17 +194,17 @@ def pareto(
 
 def reproduce(
     output: Annotated[
-        Path | None, options.output_option("runs/reproduce", "DIR", "Directory of report and logs.")
+        Path | None, common.output_option("runs/reproduce", "DIR", "Directory of report and logs.")
     ] = None,
     json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the claims as JSON as well.")] = None,
     ablations: Annotated[bool, typer.Option("--ablations", help="Run without each departure from the paper.")] = False,
     weights: Annotated[str, typer.Option(metavar="AxB", help="Points of the priorities' grid, Fig. 6.")] = "7x7",
     fronts: Annotated[int, typer.Option(min=3, metavar="N", help="Points of each Pareto front, Fig. 7.")] = 13,
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 if a claim does not hold.")] = False,
-    force: options.Force = False,
-    changes: options.Changes = None,
-    jobs: options.Jobs = None,
-    quiet: options.Quiet = False,
+    force: common.Force = False,
+    changes: common.Changes = None,
+    jobs: common.Jobs = None,
+    quiet: common.Quiet = False,
 ) -> None:
     """Run what the paper's claims need: a table of published against reproduced, and a report with the figures."""
     from psmpc_cli.cli.tables import print_claims
@@ -213,8 +213,8 @@ def reproduce(
     from psmpc_cli.report.pages import build_report
     from psmpc_cli.studies import reproduce as study
 
-    folder = output or options.free_path(options.RUNS / "reproduce", force)
-    options.ensure_fillable(folder, force)
+    folder = output or common.free_path(common.RUNS / "reproduce", force)
+    common.ensure_fillable(folder, force)
     if json is not None:
         check_output(json, force, "--json", hdf5=False)
     with ending_on_signals("no report was written"), live_line(quiet) as show:

@@ -69,8 +69,8 @@ def _run(name: str, run: Run) -> Json:
         "time": _packed(time, "f8"),
         "Q": _packed(motion.Q[frames], "f8"),
         "stages": [
-            {"name": style.readable(name), "color": STAGES[number % len(STAGES)], **spans.get(number, {})}
-            for number, name in enumerate(run.stage_names)
+            {"name": style.readable(stage), "color": STAGES[number % len(STAGES)], **spans.get(number, {})}
+            for number, stage in enumerate(run.stage_names)
         ],
         "samples": _packed(run.time[samples], "f8"),
         "instants": _packed(run["window/instants"][samples]),
@@ -137,21 +137,15 @@ def _plans(run: Run, samples: np.ndarray) -> Json:
     """
     found: list[tuple[Plan, np.ndarray]] = []
     for sample in samples:
-        if found and run["events/solve_failed"][sample]:
-            found.append(found[-1])
-            continue
-        solve = logged_solve(run, int(sample))
-        ends = np.cumsum(solve.window.nodes)
-        found.append(
-            (solve.plan, np.union1d(np.linspace(0, ends[-1], min(ends[-1], MOST_NODES) + 1).astype(int), ends))
-        )
+        if not found or not run["events/solve_failed"][sample]:
+            solve = logged_solve(run, int(sample))
+            ends = np.cumsum(solve.window.nodes)
+            nodes = np.union1d(np.linspace(0, ends[-1], min(ends[-1], MOST_NODES) + 1).astype(int), ends)
+        found.append((solve.plan, nodes))
     most = max((len(nodes) for _, nodes in found), default=0)
     plans = [(plan, np.pad(nodes, (0, most - len(nodes)), mode="edge")) for plan, nodes in found]
-    times, Q = (
-        [plan.times[nodes] for plan, nodes in plans],
-        [plan.chart.leave(plan.X[nodes])[0] for plan, nodes in plans],
-    )
-    return {"time": _packed(np.array(times)), "Q": _packed(np.array(Q))}
+    Q = [plan.chart.leave(plan.X[nodes])[0] for plan, nodes in plans]
+    return {"time": _packed(np.array([plan.times[nodes] for plan, nodes in plans])), "Q": _packed(np.array(Q))}
 
 
 def _targets(scene: Scene, time: np.ndarray) -> np.ndarray:

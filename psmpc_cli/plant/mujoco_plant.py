@@ -37,18 +37,25 @@ class MujocoPlant:
         thing: FreeBody | None = None,
     ) -> None:
         self.model, self.tick, self.substeps = model, tick, substeps
-        self.engine = mujoco_spec(model.spec, thing).compile()
-        self.engine.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
-        self.engine.opt.timestep = tick / substeps
-        self.engine.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state must be visible
+        self.resistance, self._thing = resistance or Resistance.none(model.n), thing
         mujoco.set_mju_user_warning(logger.warning)  # by default MuJoCo writes a file in the current directory
-        self.data = mujoco.MjData(self.engine)
-        self.resistance, self._known = resistance or Resistance.none(model.n), model.nominal
+        self._known = np.zeros(0)
+        self.set_inertial_parameters(model.nominal)
         names, base = [body.name for body in model.spec.bodies], model.parts["base"].stop
-        self._bodies = [self.engine.body(name).id for name in names]
         joints = [self.engine.joint(name).id for name in names[1:]]  # MuJoCo has them in another order, by depth
         self.q = np.r_[: base + model.nq - model.n, self.engine.jnt_qposadr[joints]]
         self.v = np.r_[:base, self.engine.jnt_dofadr[joints]]
+
+    def set_inertial_parameters(self, robot: InertialParameters) -> None:
+        """Build the engine for these inertial parameters of the robot and what it holds."""
+        if np.array_equal(robot.vector, self._known):
+            return
+        self._known, spec = robot.vector, mujoco_spec(self.model.spec, self._thing, robot)
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        spec.option.timestep = self.tick / self.substeps
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state must be visible
+        self.engine = spec.compile()
+        self.data = mujoco.MjData(self.engine)
 
     def advance(
         self,
@@ -95,38 +102,6 @@ class MujocoPlant:
                 step[3:6] -= turn_defect(omega, v[3:6], self.engine.opt.timestep)
             work += float(acting @ step)
         return np.concatenate([Q, v]), work
-
-    def set_inertial_parameters(self, robot: InertialParameters) -> None:
-        """Set masses, inertias and centres of mass of the bodies; a load becomes one body with the last link."""
-        if robot is self._known:
-            return
-        self._known, d, bodies = robot, self.model.dimension, self.model.spec.bodies
-        mass, centre = robot.mass.copy(), np.array([body.centre for body in bodies])
-        centre[:, :d] += robot.offset
-        inertia = np.array([_matrix(moments) for moments in robot.inertia])
-        for number, tool in enumerate(self.model.spec.tools.values()):
-            link, held = tool.body, robot.held_mass[number]
-            apart, total = np.array(tool.position) - centre[link], mass[link] + held
-            reduced = mass[link] * held / total
-            inertia[link] += robot.held_inertia[number] * np.eye(3)
-            inertia[link] += reduced * (apart @ apart * np.eye(3) - np.outer(apart, apart))
-            centre[link] += held / total * apart
-            mass[link] = total
-        moments, axes = np.linalg.eigh(inertia)
-        axes[:, :, 0] *= np.linalg.det(axes)[:, None]
-        self.engine.body_mass[self._bodies], self.engine.body_inertia[self._bodies] = mass, moments
-        self.engine.body_ipos[self._bodies] = centre
-        for body, turned in zip(self._bodies, axes, strict=True):
-            mujoco.mju_mat2Quat(self.engine.body_iquat[body], turned.ravel())
-        mujoco.mj_setConst(self.engine, self.data)
-
-
-def _matrix(moments: np.ndarray) -> np.ndarray:
-    """Return the inertia matrix (3, 3) of xx, yy, zz, xy, xz, yz; of a planar moment, the same about each axis."""
-    if len(moments) == 1:
-        return np.asarray(moments * np.eye(3))
-    xx, yy, zz, xy, xz, yz = moments
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def _impulse(Q: np.ndarray, v: np.ndarray, F: np.ndarray, tick: float) -> np.ndarray:

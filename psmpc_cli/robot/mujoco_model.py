@@ -2,6 +2,9 @@
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.rotations import exp
 from psmpc_cli.specs.robot import Attachment, Body, RobotSpec
@@ -14,7 +17,9 @@ OBJECT = "the object"
 """Name of the body of an object, which no arm has."""
 
 
-def mujoco_spec(spec: RobotSpec, thing: FreeBody | None = None) -> "mujoco.MjSpec":
+def mujoco_spec(
+    spec: RobotSpec, thing: FreeBody | None = None, inertial: InertialParameters | None = None
+) -> "mujoco.MjSpec":
     """Describe a robot for MuJoCo, in SI units and radians.
 
     No gravity, damping, contact or joint limits. The base of a planar robot slides along x and y and turns, by joints
@@ -22,54 +27,60 @@ def mujoco_spec(spec: RobotSpec, thing: FreeBody | None = None) -> "mujoco.MjSpe
     named as in `RobotSpec.bodies`; the sites `base` and `<arm>` are the frames of poses. `qpos` and `qvel` are Q and v,
     but where an arm is mounted on another one MuJoCo orders the joints by depth. MuJoCo needs three moments of
     inertia: of a planar body all are the planar one, and the two about axes in the plane have no effect. A `thing` is a
-    further free body, its joints after the robot's.
+    further free body, its joints after the robot's. What the grippers hold is a body of its own in each of them.
+
+    Args:
+        spec: The robot.
+        thing: The further body.
+        inertial: Inertial parameters, and what the grippers hold; by default those of the description.
     """
     import mujoco
 
+    known = inertial or InertialParameters.nominal(spec)
     robot = mujoco.MjSpec()
     robot.modelname = spec.name
     robot.option.gravity = [0, 0, 0]
     robot.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     added: list[Any] = []
-    for body in spec.bodies:
+    for number, body in enumerate(spec.bodies):
         carrier = robot.worldbody if body.joint is None else added[body.joint.at.body]
         place = {} if body.joint is None else _place(body.joint.at)
-        added.append(carrier.add_body(name=body.name, **place, **_inertial(body, spec.dimension)))
+        added.append(carrier.add_body(name=body.name, **place, **_inertial(body, known, number)))
         if body.joint is not None:
             kind = mujoco.mjtJoint.mjJNT_SLIDE if body.joint.prismatic else mujoco.mjtJoint.mjJNT_HINGE
             added[-1].add_joint(name=body.name, type=kind, axis=body.joint.axis)
-        elif spec.dimension == 3:
-            added[-1].add_freejoint(name="base")
         else:
-            _add_planar_joints(added[-1], "base")
+            _let_move(added[-1], "base", spec.dimension)
     added[0].add_site(name="base")
-    for name, tool in spec.tools.items():
+    for number, (name, tool) in enumerate(spec.tools.items()):
         added[tool.body].add_site(name=name, **_place(tool))
+        held = {"mass": known.held_mass[number], "ipos": [0, 0, 0], "inertia": [known.held_inertia[number]] * 3}
+        added[tool.body].add_body(pos=tool.position, explicitinertial=True, **held)
     if thing is not None:
         moments = [*thing.inertia] * (3 if spec.dimension == 2 else 1)
         body = robot.worldbody.add_body(name=OBJECT, mass=thing.mass, inertia=moments, explicitinertial=True)
-        if spec.dimension == 3:
-            body.add_freejoint(name=OBJECT)
-        else:
-            _add_planar_joints(body, OBJECT)
+        _let_move(body, OBJECT, spec.dimension)
     return robot
 
 
-def _add_planar_joints(body: Any, name: str) -> None:
-    """Let a body move in the plane."""
+def _let_move(body: Any, name: str, dimension: int) -> None:
+    """Add the joints of a free body."""
     import mujoco
 
+    if dimension == 3:
+        body.add_freejoint(name=name)
+        return
     for axis, along in (("x", [1, 0, 0]), ("y", [0, 1, 0])):
         body.add_joint(name=f"{name}.{axis}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=along)
     body.add_joint(name=f"{name}.angle", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
 
 
-def _inertial(body: Body, dimension: int) -> dict[str, Any]:
+def _inertial(body: Body, known: InertialParameters, number: int) -> dict[str, Any]:
     """Return the inertial parameters of a body."""
-    given = {"mass": body.mass, "ipos": body.centre, "explicitinertial": True}
-    if dimension == 2:
-        return {**given, "inertia": [body.inertia[2]] * 3}
-    return {**given, "fullinertia": body.inertia}
+    offset, moments = known.offset[number], known.inertia[number]
+    centre = np.array(body.centre) + np.pad(offset, (0, 3 - len(offset)))
+    inertia = {"inertia": [moments[0]] * 3} if len(moments) == 1 else {"fullinertia": moments}
+    return {"mass": known.mass[number], "ipos": centre, "explicitinertial": True, **inertia}
 
 
 def _place(at: Attachment) -> dict[str, Any]:

@@ -71,11 +71,12 @@ def reach_of(
         raise InputError(f"robot '{robot.name}' has no arm '{arm}'; it has {', '.join(robot.arms)}")
     base, target = _frame(robot, "base_pose", base_pose), _frame(robot, "pose", pose)
     low, high = limits or _joint_limits(robot, arm)
-    lengths, slides = np.linalg.norm(robot.link_ends(arm), axis=1), np.zeros(len(low))
-    slides[_sliding(robot, arm)] = np.maximum(np.abs(low), np.abs(high))[_sliding(robot, arm)]
-    inner, outer = _annulus(lengths[:-1], float(slides.sum()))
+    (rows, sliding), lengths = _joints(robot, arm), np.linalg.norm(robot.link_ends(arm), axis=1)
+    slides = float(np.maximum(np.abs(low), np.abs(high))[sliding].sum())
+    outer = float(lengths[:-1].sum()) + slides
+    inner = max(0.0, 2 * float(lengths[:-1].max(initial=0.0)) - outer)  # of links that are freely jointed
     at_rest, _ = place(robot, base, np.zeros(len(robot.bodies) - 1))
-    first, tool = at_rest[_rows(robot, arm).start + 1], robot.tools[arm]
+    first, tool = at_rest[rows.start + 1], robot.tools[arm]
     turned = product(target.quaternion, conjugate(exp(tool.rotation)))
     wrist = np.array(target.position) - rotate(turned, tool.position)
     wrist_distance = float(np.linalg.norm(wrist - first.position))
@@ -86,7 +87,7 @@ def reach_of(
         wrist_distance=wrist_distance,
         inner=inner,
         outer=outer,
-        full_reach=float(lengths.sum() + slides.sum()),
+        full_reach=float(lengths.sum()) + slides,
         within_annulus=within,
         reachable=q is not None,
         configuration=None if q is None else tuple(q.tolist()),
@@ -94,15 +95,12 @@ def reach_of(
     )
 
 
-def _sliding(robot: RobotSpec, arm: str) -> Array:
-    """Return which joints of an arm slide, (links,)."""
-    return np.array([body.joint is not None and body.joint.prismatic for body in robot.bodies[1:][_rows(robot, arm)]])
-
-
-def _annulus(lengths: Array, slides: float) -> tuple[float, float]:
-    """Return the least and largest distance [m] that links of these lengths, freely jointed, span with their slides."""
-    longest = float(lengths.max(initial=0.0))
-    return max(0.0, 2 * longest - float(lengths.sum()) - slides), float(lengths.sum()) + slides
+def _joints(robot: RobotSpec, arm: str) -> tuple[slice, Array]:
+    """Return the rows of an arm in the joint coordinates of all arms, and which of its joints slide, (links,)."""
+    parts = list(robot.parts)[1:]
+    first = sum(robot.parts[part] for part in parts[: parts.index(arm)])
+    rows = slice(first, first + robot.parts[arm])
+    return rows, np.array([body.joint is not None and body.joint.prismatic for body in robot.bodies[1:][rows]])
 
 
 def _configuration(
@@ -113,7 +111,7 @@ def _configuration(
     Bounded least squares on the error of the pose, from several starts. Paper eq. (1). Joints of other arms are at 0.
     Besides them returns by how much the nearest pose that was found misses the wanted one, [m] and [rad].
     """
-    q, rows = ca.SX.sym("q", len(low)), _rows(robot, arm)
+    q, (rows, sliding) = ca.SX.sym("q", len(low)), _joints(robot, arm)
     joints = ca.SX.zeros(len(robot.bodies) - 1)
     joints[rows.start : rows.stop] = q
     tip = place(robot, base, joints)[1][arm]
@@ -130,7 +128,7 @@ def _configuration(
         found = least_squares(
             error, start, lambda q: evaluate(q)[1].T, bounds, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=100
         )
-        angles = np.where(_sliding(robot, arm), np.clip(found.x, low, high), _nearest_zero(found.x, low, high))
+        angles = np.where(sliding, np.clip(found.x, low, high), _nearest_zero(found.x, low, high))
         off = error(angles)
         if np.linalg.norm(off) < best:
             best, missing = float(np.linalg.norm(off)), (float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:])))
@@ -165,15 +163,8 @@ def _frame(robot: RobotSpec, name: str, values: ArrayLike) -> SpatialFrame:
     return SpatialFrame(position, scaled(turned, 1 / float(np.linalg.norm(turned))))
 
 
-def _rows(robot: RobotSpec, arm: str) -> slice:
-    """Return the rows of an arm in the joint coordinates of all arms."""
-    sizes = {name: len(part.links) for name, part in robot.arms.items()}
-    first = sum(list(sizes.values())[: list(sizes).index(arm)])
-    return slice(first, first + sizes[arm])
-
-
 def _joint_limits(robot: RobotSpec, arm: str) -> tuple[Array, Array]:
     """Return the lowest and highest joint coordinates of an arm, (links,) each; infinite where there are none."""
-    free = [(-np.inf, np.inf)] * len(robot.arms[arm].links)
-    low, high = np.array(limits_of_part(robot.limits, arm, "position") or free, dtype=float).T
+    pairs = limits_of_part(robot.limits, arm, "position") or (None,) * len(robot.arms[arm].links)
+    low, high = np.array([pair or (-np.inf, np.inf) for pair in pairs], dtype=float).T
     return low, high

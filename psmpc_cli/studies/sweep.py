@@ -309,7 +309,8 @@ def sweep(
     if not 0 < runs <= MOST_CELLS:
         raise InputError(f"a sweep: found {runs} runs, expected 1 to {MOST_CELLS}")
     changes = {key: [f"{key}={_text(value)}" for value in each] for key, each in values.items()}
-    for change in (change for each in changes.values() for change in each):
+    every = [change for each in changes.values() for change in each]
+    for change in every:
         changed(loaded, (change,))
     axes = [Quantity(key, (key,), _axis(each), "1", f"value of {key}") for key, each in values.items()]
     study = Study(
@@ -319,7 +320,7 @@ def sweep(
         dims=tuple(values),
         coordinates=[*axes, *names_along(loaded)],
         quantities=WHOLE_RUN,
-        identity={"keys": "; ".join(change for each in changes.values() for change in each)},
+        identity={"keys": "; ".join(every)},
     )
     return run_study(study, path, jobs, dask, force, resume, watch)
 

@@ -190,6 +190,8 @@ class Plan:
         first, stop = self.times.searchsorted(edges[:: len(edges) - 1])
         first = max(first - 1, 0)
         times, u = self.times[first : stop + 1], self.u[first:stop]
+        if len(u) == 1 and times[0] <= edges[0] and edges[-1] <= times[1]:  # one acceleration over all of them
+            return u.repeat(len(edges) - 1, axis=0)
         reached = np.minimum(np.maximum(edges[:, None], times[:-1]), times[1:])
         return np.asarray((reached[1:] - reached[:-1]) @ u / (edges[1:] - edges[:-1])[:, None])
 

@@ -344,8 +344,8 @@ def normalization(
     """
     if kind == "none":
         return np.zeros(len(stages)), np.ones(len(stages))
-    length, steps = prediction.end - prediction.start, round((prediction.end - prediction.start) / step)
-    times = prediction.start + length / steps * np.arange(steps + 1)
+    start, length = prediction.start, prediction.end - prediction.start
+    times = start + length / round(length / step) * np.arange(round(length / step) + 1)
     X, u = prediction.states_at(times), prediction.mean_control(times)
     u = np.concatenate((u, u[-1:]))
     over_time = [costs.at(stage, X, u, times - begin) for stage, begin in zip(stages, begins, strict=True)]

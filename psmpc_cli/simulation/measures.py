@@ -7,7 +7,7 @@ applied control each stage makes up (paper Fig. 1).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import chain, groupby
+from itertools import groupby
 
 import numpy as np
 from scipy.optimize import nnls
@@ -86,9 +86,10 @@ class Meter:
         charted = [chart.entered(each.X) for each in ticks]
         base = np.stack([each.F[:, self._base] for each in ticks], axis=1)
         force, torque = self._tick * np.sqrt(base * base @ self._norms).sum(axis=0).T
-        sides = ((X[1:, :n], each.X[1:, model.nq :]) for X, each in zip(charted, ticks, strict=True))
-        passed = np.hstack(list(chain.from_iterable(sides)))  # positions in the chart, and v, which limits are of
-        low, high = (extreme.reshape(len(x), -1) for extreme in (passed.min(axis=0), passed.max(axis=0)))
+        passed = np.stack([each[1:] for each in charted], axis=1)
+        if chart.spatial:  # limits are those of v, not of the chart's rates
+            passed[:, :, n:] = np.stack([each.X[1:, model.nq :] for each in ticks], axis=1)
+        low, high = passed.min(axis=0), passed.max(axis=0)
         margin = np.minimum(low - limits.state_low, limits.state_high - high)
         Q, v = chart.leave(states_of([each.plan for each in commands], [each.time[-1] for each in ticks]))
         about = Chart.at(Q[0], n)

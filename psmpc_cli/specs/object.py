@@ -126,10 +126,8 @@ BODY = ("inertia", "motion", "destination", "grasp")
 """Keys of an object that only a body with mass has."""
 
 
-def complete(thing: ObjectSpec | None, before: Fields, context: Context) -> Flaws:
+def complete(thing: ObjectSpec, before: Fields, context: Context) -> Flaws:
     """Give an object that is let go before it is taken, or is half a body."""
-    if thing is None:
-        return
     order, grasp = context.stages, thing.grasp
     if order and order.index(thing.let_go_by) <= order.index(thing.taken_by):
         yield ("let_go_by",), expected(f"a stage after {quoted(thing.taken_by)}, which takes the object")

@@ -80,7 +80,7 @@ def disagreements(priorities: Any, before: Fields, context: Any) -> Flaws:
     from scipy.sparse.csgraph import connected_components
 
     stages = [stage.name for stage in before.get("stages", ())]
-    if priorities is None or not stages:
+    if not stages:
         return
     compare = priorities.compare
     number, labels = connected_components(_incidence(compare, stages).T @ _incidence(compare, stages), directed=False)

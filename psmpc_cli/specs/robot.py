@@ -376,12 +376,9 @@ class Limits:
     """Bounds of every coordinate in the order of Q, each (n,); +-inf where there is none.
 
     Attributes:
-        position_low: Of Q [m, rad].
-        position_high: Of Q [m, rad].
-        velocity_low: Of Qdot [m/s, rad/s].
-        velocity_high: Of Qdot [m/s, rad/s].
-        acceleration_low: Of Qddot [m/s^2, rad/s^2].
-        acceleration_high: Of Qddot [m/s^2, rad/s^2].
+        position_low, position_high: Of Q [m, rad].
+        velocity_low, velocity_high: Of Qdot [m/s, rad/s].
+        acceleration_low, acceleration_high: Of Qddot [m/s^2, rad/s^2].
     """
 
     position_low: Vector

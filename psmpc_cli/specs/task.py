@@ -244,10 +244,10 @@ def _target(written: Any, before: Fields, context: Context) -> Flaws:
             yield (key,), expected('an "object" with a mass', "no such object", at_key=True)
 
 
-def _end(end: EndCondition | None, before: Fields, context: Context) -> Flaws:
+def _end(end: EndCondition, before: Fields, context: Context) -> Flaws:
     """Give coordinates of an end condition that the robot does not have, and tolerances that are missing or misfit."""
     sizes, space = context.sizes, context.spaces.get(before.get("skill", ""))
-    if not sizes or space is None or end is None:
+    if not sizes or space is None:
         return
     valid = names(sizes, space)
     for i, name in enumerate(end.coordinates):
@@ -287,7 +287,7 @@ class StageSpec(Spec):
     target: Annotated[Target, holds(_target, as_written=True)] = Field(
         description="joint: base pose and joint angles; task: base and end-effector poses; or a trajectory of them"
     )
-    ends_when: Annotated[EndCondition | None, holds(_end)] = Field(
+    ends_when: Annotated[EndCondition, holds(_end)] | None = Field(
         None, description="the condition that ends the stage, eq. (18)"
     )
     at: Annotated[fields.Positive | None, holds(_one_end)] = Field(
@@ -473,11 +473,11 @@ class TaskSpec(Spec):
         holds(partial(_own_names, "stages")),
         holds(_instants),
     ] = Field(description="the stages in their order")
-    priorities: Annotated[PrioritiesSpec | None, holds(disagreements)] = Field(
+    priorities: Annotated[PrioritiesSpec, holds(disagreements)] | None = Field(
         None, description="priorities of all stages from paired comparisons, instead of one at each stage"
     )
     onset: OnsetSpec = Field(OnsetSpec(), description="what counts as the actual start of a stage")
-    object: Annotated[ObjectSpec | None, holds(complete)] = Field(None, description="the target object")
+    object: Annotated[ObjectSpec, holds(complete)] | None = Field(None, description="the target object")
     uncertainty: Annotated[UncertaintySpec, holds(_uncertainty)] = Field(
         UncertaintySpec(), description="what the controller does not know"
     )

@@ -311,14 +311,10 @@ Vector2 = Annotated[tuple[Number, Number], listed("2 entries", 2)]
 Vector3 = Annotated[tuple[Number, Number, Number], listed("3 entries", 3)]
 Angles3 = Annotated[tuple[Direction, Direction, Direction], listed("3 angles", 3)]
 Axis = Annotated[Vector3, ensure(lambda axis: abs(math.hypot(*axis) - 1) <= 1e-6, "an axis of length 1")]
-Interval = Annotated[
-    tuple[Angle, Angle],
-    listed("a pair [low, high]", 2),
-    ensure(lambda pair: pair[0] <= pair[1], "the lower bound first, [low, high]"),
-]
+_Bounds = Annotated[tuple[Angle, Angle], listed("a pair [low, high]", 2)]
+Interval = Annotated[_Bounds, ensure(lambda pair: pair[0] <= pair[1], "the lower bound first, [low, high]")]
 Rate = Annotated[
-    tuple[Angle, Angle],
-    listed("a pair [low, high]", 2),
+    _Bounds,
     BeforeValidator(_mirrored),
     ensure(
         lambda pair: pair[0] <= 0 <= pair[1],

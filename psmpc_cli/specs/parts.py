@@ -101,8 +101,8 @@ def by_dimension(plane: int, space: int) -> WrapValidator:
 
 def names(parts: Mapping[str, int], space: Space) -> tuple[str, ...]:
     """Return every name that means rows of the error; `parts` are the robot's."""
-    axes = axes_of(parts, space)
-    return (*parts, "arms", "all", *(f"{part}.{axis}" for part in parts for axis in axes[part]))
+    labels = (f"{part}.{axis}" for part, axes in axes_of(parts, space).items() for axis in axes)
+    return (*parts, "arms", "all", *labels) if parts else ()
 
 
 def misfits(numbers: Any, axes: Axes, required: Collection[str] = (), one: bool = False, angles: bool = False) -> Flaws:

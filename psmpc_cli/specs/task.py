@@ -32,9 +32,7 @@ _Aim = Annotated[
 _Control = fields.OrByPart[fields.Size, fields.Part, tuple[fields.Size, ...]]
 _Tolerance = fields.OrByPart[fields.Width, fields.Part, fields.OneOrMore[fields.Width]]
 _Frames = fields.OneOrMore[Annotated[str, known(lambda context: context.sizes)]]
-_JointNames = fields.OneOrMore[
-    Annotated[str, known(lambda context: names(context.sizes, "joint") if context.sizes else ())]
-]
+_JointNames = fields.OneOrMore[Annotated[str, known(lambda context: names(context.sizes, "joint"))]]
 _SkillName = Annotated[str, known(lambda context: context.spaces)]
 _StageName = Annotated[str, known(lambda context: context.stages)]
 _Comparison = Annotated[tuple[_StageName, _StageName, fields.Positive], listed("a comparison [stage, stage, ratio]", 3)]

@@ -143,12 +143,18 @@ class Document:
         return found
 
     def found(self, path: Location) -> str:
-        """Describe the value at a path of `origins` as it was written."""
+        """Describe the value at a path: its kind and, for a scalar or a short list of them, how it was written."""
         value = self.value(path)
         if isinstance(value, list) and 0 < len(value) <= 4 and not any(isinstance(x, list | dict) for x in value):
             written = (self.origins[(*path, i)].written for i in range(len(value)))
             return f"[{', '.join(shortened(word or 'null') for word in written)}]"
-        return describe(value, self.origin(path).written)
+        if isinstance(value, list):
+            return f"a list of {counted(len(value), 'entry', 'entries')}" if value else "an empty list"
+        if isinstance(value, dict):
+            return f"a mapping of {counted(len(value), 'key', 'keys')}" if value else "an empty mapping"
+        if isinstance(value, str):
+            return f"the text {quoted(value)}"
+        return "nothing" if value is None else shortened(self.origins[path].written or str(value))
 
     def report(self, faults: Iterable[Fault]) -> str:
         """Write faults as `file:line:column: path: message` with the line itself, in the order of the lines.
@@ -272,21 +278,6 @@ def resolve(word: str) -> Scalar:
     if _INTEGER.fullmatch(word):
         return int(word, {"0o": 8, "0x": 16}.get(word[:2], 10))
     return float(word) if re.fullmatch(DECIMAL, word) else word
-
-
-def describe(value: Data, written: str | None = None) -> str:
-    """Describe a value: its kind and, for a scalar, how it was written."""
-    if isinstance(value, dict):
-        return f"a mapping of {counted(len(value), 'key', 'keys')}" if value else "an empty mapping"
-    if isinstance(value, list):
-        return f"a list of {counted(len(value), 'entry', 'entries')}" if value else "an empty list"
-    if value is None:
-        return "nothing"
-    if isinstance(value, str):
-        return f"the text {quoted(value)}"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return shortened(written) if written else (f"{value:g}" if math.isfinite(value) else str(value))
 
 
 TOO_LARGE = f"more than {DEEPEST} levels or {MOST_VALUES} values with aliases expanded"
@@ -450,20 +441,21 @@ def _path(document: Document, written: str) -> Location:
     value = document.data
     path: Location = ()
     for index, name in _STEP.findall(written):
-        path = (*path, _key(value, int(index) if index else name, path))
+        path = (*path, _key(document, value, int(index) if index else name, path))
         value = document.value(path)
         if value is None or (isinstance(value, str) and len(path) == 1):  # such as `controller: htmpc`
             value = {}
     return path
 
 
-def _key(value: Data, step: str | int, path: Location) -> str | int:
+def _key(document: Document, value: Data, step: str | int, path: Location) -> str | int:
     """Return the key or index that a step means inside a value; an entry of a list also goes by its `name`."""
     if isinstance(value, dict) and isinstance(step, str):
         return step
     if not isinstance(value, list):
         where = f"{dotted(path)}: " if path else ""
-        raise SpecError(f"{where}found {describe(value)}, expected a mapping or list to set {dotted((step,))} in")
+        found = f"found {document.found(path)}"
+        raise SpecError(f"{where}{found}, expected a mapping or list to set {dotted((step,))} in")
     names = {str(entry["name"]): i for i, entry in enumerate(value) if isinstance(entry, dict) and "name" in entry}
     if isinstance(step, str) and step in names:
         return names[step]

@@ -364,8 +364,8 @@ class Attitude(Spec):
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
-        ways = [self.rpy is not None, self.quaternion is not None, self.axis is not None or self.angle is not None]
-        if sum(ways) != 1 or (self.axis is None) != (self.angle is None):
+        given = {key for key, value in self if value is not None}
+        if given not in ({"rpy"}, {"quaternion"}, {"axis", "angle"}):
             raise expected("either rpy, or quaternion, or axis and angle")
         return self
 

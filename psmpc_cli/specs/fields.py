@@ -85,10 +85,16 @@ def holds(rule: Rule, as_written: bool = False, always: bool = False) -> WrapVal
     return WrapValidator(check)
 
 
+def _untitled(schema: dict[str, Any]) -> None:
+    """Leave out of a model's JSON Schema the titles, which only repeat the keys."""
+    for each in (schema, *schema["properties"].values()):
+        each.pop("title", None)
+
+
 class Spec(BaseModel):
     """The parent of every part of a description: frozen, and strict about unknown keys."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", json_schema_extra=_untitled)
 
     @model_validator(mode="wrap")
     @classmethod

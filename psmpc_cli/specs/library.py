@@ -84,15 +84,7 @@ def json_schema(kind: Kind) -> dict[str, Any]:
         schema = TaskSpec.model_json_schema()
     else:
         schema = TypeAdapter(PlanarRobot | SpatialRobot | UrdfRobot).json_schema()
-    return {"$schema": DIALECT, "title": f"psmpc {kind}", **_untitled(schema)}
-
-
-def _untitled(schema: Any) -> Any:
-    """Return a schema without the titles, which only repeat the keys."""
-    if isinstance(schema, dict):
-        kept = {key: value for key, value in schema.items() if not (key == "title" and isinstance(value, str))}
-        return {key: _untitled(value) for key, value in kept.items()}
-    return [_untitled(item) for item in schema] if isinstance(schema, list) else schema
+    return {"$schema": DIALECT, "title": f"psmpc {kind}", **schema}
 
 
 def write_starter(folder: Path, overwrite: bool) -> list[Path]:

@@ -168,19 +168,16 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
         except SpecError as error:
             document = replace(document, faults=(*document.faults, Fault(("robot",), str(error))))
     spec, robot_faults = (None, ()) if source is None else validate_robot(source)
-
-    def validate(task: Document) -> tuple[TaskSpec | None, tuple[Fault, ...]]:
-        context = Context(task.data, spec.parts, spec.limits) if spec else Context(task.data)
-        return _validate(task, "task", TaskSpec, context)
-
+    of_robot = (spec.parts, spec.limits) if spec else ()
     kind = document.value(("controller", "kind")) or document.value(("controller",))
     own = for_controller(document, kind if isinstance(kind, str) else ControllerSpec().kind)
-    task, faults = validate(own)
-    reports = []
+    task, faults = _validate(own, "task", TaskSpec, Context(own.data, *of_robot))
+    reports = [own.report(faults)]
     for variant in (for_controller(document, other) for other in CONTROLLERS):
         if variant not in (document, own):
-            reports.append(variant.report(fault for fault in validate(variant)[1] if fault not in faults))
-    reports = [own.report(faults), *reports, *misplaced, source.report(robot_faults) if source else ""]
+            _, others = _validate(variant, "task", TaskSpec, Context(variant.data, *of_robot))
+            reports.append(variant.report(fault for fault in others if fault not in faults))
+    reports += [*misplaced, source.report(robot_faults) if source else ""]
     if any(reports) or task is None or spec is None or source is None:
         raise SpecError("\n".join(report for report in reports if report))
     stages = task.stages

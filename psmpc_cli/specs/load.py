@@ -122,7 +122,7 @@ def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Fault, .
         if joint_of_link or (path == ("base", "inertia") and isinstance(document.value(path), list)):
             found = f'found {document.found(path)}, which only a robot in space has, and no key "space"'
             return None, (*document.faults, Fault(path, f"{found}; expected space: spatial at the top of the file"))
-    return _validate(document, "robot", SpatialRobot if spatial else PlanarRobot, Context(document.data))
+    return _validate(document, "robot", SpatialRobot if spatial else PlanarRobot, Context(document))
 
 
 def _read_robot(path: Path) -> Document:
@@ -171,11 +171,11 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
     of_robot = (spec.parts, spec.limits) if spec else ()
     kind = document.value(("controller", "kind")) or document.value(("controller",))
     own = for_controller(document, kind if isinstance(kind, str) else ControllerSpec().kind)
-    task, faults = _validate(own, "task", TaskSpec, Context(own.data, *of_robot))
+    task, faults = _validate(own, "task", TaskSpec, Context(own, *of_robot))
     reports = [own.report(faults)]
     for variant in (for_controller(document, other) for other in CONTROLLERS):
         if variant not in (document, own):
-            _, others = _validate(variant, "task", TaskSpec, Context(variant.data, *of_robot))
+            _, others = _validate(variant, "task", TaskSpec, Context(variant, *of_robot))
             reports.append(variant.report(fault for fault in others if fault not in faults))
     reports += [*misplaced, source.report(robot_faults) if source else ""]
     if any(reports) or task is None or spec is None or source is None:

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from pydantic import Discriminator, Field, Tag
 
 from psmpc_cli.specs import fields
-from psmpc_cli.specs.document import quoted
+from psmpc_cli.specs.document import mapping, quoted
 from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, holds, is_pose, known, listed, within_a_turn
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES, Context, by_dimension
 
@@ -31,7 +31,7 @@ PoseNumbers = Annotated[
 
 _Extent = Annotated[tuple[fields.Positive, ...], by_dimension(2, 3), _list]
 _StageName = Annotated[str, known(lambda context: context.stages)]
-_Gripper = Annotated[str, known(lambda context: list(context.value("object", "grasp", "at") or ()))]
+_Gripper = Annotated[str, known(lambda context: mapping(context.file.value(("object", "grasp", "at"))))]
 
 
 class OnObject(Spec):

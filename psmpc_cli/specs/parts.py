@@ -2,12 +2,12 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, reduce
+from functools import cached_property
 from typing import Any, Literal
 
 from pydantic import WrapValidator
 
-from psmpc_cli.specs.document import Data, Location, counted, mapping
+from psmpc_cli.specs.document import Document, Location, counted, mapping
 from psmpc_cli.specs.fields import Fields, Flaws, expected, holds, within_a_turn
 
 Space = Literal["joint", "task", "point"]
@@ -38,18 +38,14 @@ class Context:
     """What the rules of one key know of the rest of a description.
 
     Attributes:
-        data: The robot, or the task, as written.
+        file: The robot's file, or the task's, as written.
         sizes: The parts of the task's robot and their numbers of coordinates; none if the robot is not valid.
         robot_limits: The robot's limits.
     """
 
-    data: Data
+    file: Document
     sizes: Mapping[str, int] = field(default_factory=dict)
     robot_limits: Mapping[str, Any] = field(default_factory=dict)
-
-    def value(self, *path: str) -> Data:
-        """Return the value at a path as written, None if there is none."""
-        return reduce(lambda found, key: mapping(found).get(key), path, self.data)
 
     @cached_property
     def parts(self) -> list[str]:
@@ -59,13 +55,13 @@ class Context:
     @cached_property
     def spaces(self) -> dict[str, Space | None]:
         """The skills and their spaces as written, None where there is no such space."""
-        given = {name: mapping(skill).get("space") for name, skill in mapping(self.value("skills")).items()}
+        given = {name: mapping(skill).get("space") for name, skill in mapping(self.file.value(("skills",))).items()}
         return {name: space if space in SPACES else None for name, space in given.items()}
 
     @cached_property
     def stages(self) -> list[str]:
         """The names of the stages in their order, as written."""
-        stages = self.value("stages")
+        stages = self.file.value(("stages",))
         return [str(mapping(stage).get("name")) for stage in stages] if isinstance(stages, list) else []
 
 

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.specs import fields
-from psmpc_cli.specs.document import choice, quoted
+from psmpc_cli.specs.document import choice, mapping, quoted
 from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, flaw, holds, known, listed
 from psmpc_cli.specs.parts import QUANTITIES, RESERVED, Context, Space, axes_of, misfit, stands_for
 
@@ -216,7 +216,7 @@ class PartLimits(Spec):
 
 def _fit(written: Any, before: Fields, context: Context) -> Flaws:
     """Give limits of parts that the robot does not have, with wrong lengths, and bounds of angles without a unit."""
-    sizes = _parts(context.value("space") == "spatial", before["arms"]) if "arms" in before else context.sizes
+    sizes = _parts("space" in mapping(context.file.data), before["arms"]) if "arms" in before else context.sizes
     known, axes = [*sizes, "arms"], axes_of(sizes, "joint")
     for key in (key for key in written if sizes and key not in known):
         yield (key,), flaw(choice(key, known), "no such part of the robot", at_key=True)

@@ -238,7 +238,7 @@ def _target(written: Any, before: Fields, context: Context) -> Flaws:
     for key in (key for key, aim in written.items() if is_on_object(aim)):
         if key == "arms" or (key in axes and axes[key] != axes["base"]):
             yield (key,), expected("numbers: only the base, and an arm of a skill in task space, have a pose there")
-        elif not isinstance(context.value("object", "mass"), int | float):
+        elif not isinstance(context.file.value(("object", "mass")), int | float):
             yield (key,), expected('an "object" with a mass', "no such object", at_key=True)
 
 
@@ -259,7 +259,7 @@ def _end(end: EndCondition, before: Fields, context: Context) -> Flaws:
 
 def _one_way(priority: float, before: Fields, context: Context) -> Flaws:
     """Give a priority beside comparisons."""
-    if context.value("priorities") is not None:
+    if context.file.value(("priorities",)) is not None:
         found = '"priority" at a stage and "priorities" in the task'
         yield (), expected("one or the other", found, at_key=True)
 
@@ -349,7 +349,7 @@ def _instants(stages: tuple[StageSpec, ...], before: Fields, context: Context) -
 
 def _controller(controller: ControllerSpec, before: Fields, context: Context) -> Flaws:
     """Give times of a controller that do not fit each other, and meshes that it cannot have."""
-    delay = context.value("uncertainty", "delay") or 0
+    delay = context.file.value(("uncertainty", "delay")) or 0
     if controller.sample_time > controller.horizon:
         wanted = f"at most the horizon of {controller.horizon:g} s"
         yield ("sample_time",), expected(wanted, f"{controller.sample_time:g} s")

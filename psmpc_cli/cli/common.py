@@ -57,13 +57,8 @@ def output_option(default: str, metavar: str = "FILE", what: str = "Results.") -
 def output_file(given: Path | None, name: str, force: bool, figures: bool, resume: bool = False) -> Path:
     """Choose the file that a command writes and make sure that nothing is overwritten unasked.
 
-    Args:
-        given: The path after -o; by default the first of runs/NAME.h5, runs/NAME-2.h5, ... that neither exists nor has
-            a folder of figures.
-        name: Stem of the default.
-        force: Overwrite an existing file; by default runs/NAME.h5.
-        figures: Whether figures are drawn beside the file.
-        resume: Continue an existing file; by default the last of those above.
+    That is the one given after -o; else of runs/NAME.h5, runs/NAME-2.h5, ... the one that `free_path` chooses, or to
+    resume the last one. If figures are drawn, their folder beside the file counts as well.
 
     Raises:
         InputError: The file or its folder of figures exists and is not to be overwritten, or cannot be written.

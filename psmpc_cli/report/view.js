@@ -47,7 +47,6 @@ function planned(run, t) { // the stages that are to end, and when, as the sampl
 
 // ---- robots in three dimensions
 
-const Y = new THREE.Vector3(0, 1, 0);
 const material = (color, opacity) => new THREE.MeshLambertMaterial({ color, transparent: opacity < 1, opacity, depthWrite: opacity > 0.5, polygonOffset: opacity < 1, polygonOffsetFactor: 2, polygonOffsetUnits: 2 });
 const EDGE = 0x3a4046, AXES = ["#d62728", "#2a9d3a", "#1f4fd8"];
 
@@ -68,7 +67,7 @@ function capsule(parent, [from, to], radius, color, opacity) {
   const start = new THREE.Vector3(...from), line = new THREE.Vector3(...to).sub(start);
   const made = mesh(parent, new THREE.CapsuleGeometry(radius, line.length(), 6, 16), color, opacity);
   made.position.copy(start).addScaledVector(line, 0.5);
-  made.quaternion.setFromUnitVectors(Y, line.normalize());
+  made.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), line.normalize());
 }
 
 function triad(parent, length, thick) { // axes of a frame, seen through what lies before them

@@ -115,7 +115,7 @@ def _robot(model: RobotModel) -> Json:
         "tools": [{**_frame(at), "gripper": shape.grippers[arm].tolist()} for arm, at in spec.tools.items()],
         "box": {"half": shape.box.tolist(), "position": shape.box_frame[:3, 3].tolist(), "quaternion": turn.tolist()},
         "parts": [style.readable(part) for part in parts],
-        "colors": [style.BODY, *map(_color, range(len(spec.arms)))],
+        "colors": [style.BODY, *(style.line_look(number)["color"] for number in range(len(spec.arms)))],
         "objectColor": style.OBJECT,
         "radius": shape.radius,
     }
@@ -125,10 +125,6 @@ def _frame(at: Attachment) -> Json:
     """Describe a frame on a body."""
     quaternion = Rotation.from_rotvec(at.rotation).as_quat().tolist()
     return {"body": at.body, "position": at.position, "quaternion": quaternion}
-
-
-def _color(number: int) -> str:
-    return style.PALETTE[number % len(style.PALETTE)]
 
 
 def _plans(run: Run, samples: np.ndarray) -> Json:
@@ -262,7 +258,7 @@ def _panel(
     series = [
         {"label": name, "color": color, "dash": color == style.EDGE, "values": _packed(values)}
         for name, values, color in (
-            *((name, values, _color(number)) for number, (name, values) in enumerate(curves)),
+            *((name, values, style.line_look(number)["color"]) for number, (name, values) in enumerate(curves)),
             *((name, values, style.EDGE) for name, values in limits),
         )
         if np.isfinite(values).any()

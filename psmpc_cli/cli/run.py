@@ -306,7 +306,7 @@ def report(
 
 
 def _save(page: "Page", output: Path | None, log: Path, kind: str, force: bool, open_it: bool = False) -> None:
-    """Write a page, by default to LOG-kind.html or the next number of that, say where it is, and open it if asked to."""
+    """Write a page, by default to LOG-kind.html or with a number, say where it is, and open it if asked to."""
     import webbrowser
 
     path = output or common.free_path(log.with_name(f"{log.stem}-{kind}.html"), force)

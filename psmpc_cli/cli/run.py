@@ -128,9 +128,8 @@ def rerun(
     from psmpc_cli.simulation.replay import rerun as repeat
 
     loaded = read_run(log)
-    path = None if output is None else common.output_file(output, "", force, figures=False)
     with watched_run(quiet) as (watch, interruption):
-        comparison = repeat(loaded, path, force, watch)
+        comparison = repeat(loaded, output, force, watch)
     if comparison is None:
         raise typer.Exit(interruption.exit_code)
     print_differences(comparison, loaded)

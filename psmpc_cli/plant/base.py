@@ -56,17 +56,15 @@ class Ticks:
         time: (M + 1,) [s], the first is the sample's start.
         X: States [Q; v] at those times (M + 1, nq + n).
         F: Generalized force commanded over each tick, within its limits (M, n) [N, N m].
-        impulse: Integral of the external wrench over the sample: linear [N s] and angular about the inertial origin
-            [N m s], (3,) or (6,).
-        work: Integral of F' v over the sample, of all forces, those between grippers and object included [J].
+        gained: Integral of the external wrench over the sample, linear [N s] and angular about the inertial origin
+            [N m s], then of F' v of all forces, those between grippers and object included [J], (4,) or (7,).
         thing: What an object with a mass did; None without one.
     """
 
     time: np.ndarray
     X: np.ndarray
     F: np.ndarray
-    impulse: np.ndarray
-    work: float
+    gained: np.ndarray
     thing: ObjectTicks | None = None
 
 

@@ -337,13 +337,12 @@ STEADY = 2.0
 
 
 Step = Callable[
-    [np.ndarray, np.ndarray, np.ndarray, np.ndarray, InertialParameters],
-    tuple[np.ndarray, np.ndarray, np.ndarray, float],
+    [np.ndarray, np.ndarray, np.ndarray, np.ndarray, InertialParameters], tuple[np.ndarray, np.ndarray, np.ndarray]
 ]
 """Physics of a robot and an object over a tick: what the plants of an object with a mass differ in.
 
 From states of robot and object, the held external force (n,), the parameters of the bushings gripper by gripper, and
-the robot's inertial parameters: both states a tick later, the external impulse, and the work of all forces [J].
+the robot's inertial parameters: both states a tick later, and what was gained meanwhile, as in `Ticks`.
 """
 
 
@@ -371,7 +370,7 @@ class CapturePlant:
         """Advance over len(u) ticks, at some of which the grippers are to be closed (M,)."""
         model, capture, M = self.model, self.capture, len(u)
         X, F = np.vstack([x, np.empty((M, len(x)))]), np.empty((M, model.n))
-        impulse, work = np.zeros(model.parts["base"].stop), 0.0
+        total = np.zeros(model.parts["base"].stop + 1)
         other, time = disturbance or Disturbance.none(model.nominal, M, model.n), start + self.tick * np.arange(M + 1)
         capture.begin()
         for k in range(M):
@@ -379,11 +378,10 @@ class CapturePlant:
             read = np.array(moved(X[k, : model.nq], other.noise[k, : model.n]))
             v = X[k, model.nq :] + other.noise[k, model.n :]
             F[k] = np.clip(self._force(read, v, u[k], other.law), -self._largest, self._largest)
-            X[k + 1], capture.state, gained, done = self._step(
-                X[k], capture.state, F[k] + other.push[k], capture.parameters, other.robot
-            )
-            impulse, work = impulse + gained, work + done
-        return Ticks(time, X, F, impulse, work, capture.ticks())
+            acting = F[k] + other.push[k]
+            X[k + 1], capture.state, gained = self._step(X[k], capture.state, acting, capture.parameters, other.robot)
+            total += gained
+        return Ticks(time, X, F, total, capture.ticks())
 
     def _force(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, law: InertialParameters) -> np.ndarray:
         if self._chain is None or not self.capture.all_closed:

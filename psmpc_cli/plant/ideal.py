@@ -32,9 +32,8 @@ class IdealPlant:
             steps[:, 3:6] += turn_defect(v[:-1, 3:6], v[1:, 3:6], tick)
         X = np.hstack([np.array(list(accumulate(steps.tolist(), moved, initial=x[:nq].tolist()))), v])
         (F,) = self._force(X[:-1, :nq], v[:-1], u, model.nominal.vector, rows=len(u))
-        first, last = (model.balance(state[:nq], state[nq:]) for state in X[[0, -1]])
-        *impulse, work = last - first
-        return Ticks(start + tick * np.arange(len(u) + 1), X, F, np.array(impulse), float(work))
+        first, last = model.balance(X[[0, -1], :nq], X[[0, -1], nq:])
+        return Ticks(start + tick * np.arange(len(u) + 1), X, F, last - first)
 
 
 def turn_defect(before: np.ndarray, after: np.ndarray, step: float) -> np.ndarray:

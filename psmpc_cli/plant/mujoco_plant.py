@@ -76,7 +76,7 @@ class MujocoPlant:
             X[k + 1], done = self._step(X[k], F[k] + other.push[k])
             work += done
         time = start + self.tick * np.arange(M + 1)
-        return Ticks(time, X, F, _impulse(X[:, :nq], X[:, nq:], F + other.push, self.tick), work)
+        return Ticks(time, X, F, np.append(_impulse(X[:, :nq], X[:, nq:], F + other.push, self.tick), work))
 
     def replay(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return the states (M + 1, nq + n) from x on under given forces (M, n), held a tick each: no feedback."""
@@ -146,7 +146,7 @@ class MujocoStep:
 
     def __call__(
         self, x: np.ndarray, thing: np.ndarray, F: np.ndarray, parameters: np.ndarray, robot: InertialParameters
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Advance by a tick."""
         self._robot.set_inertial_parameters(robot)
         h, spatial, nx, no = self._tick / self._substeps, self._model.dimension == 3, len(x), len(thing)
@@ -155,7 +155,7 @@ class MujocoStep:
             y = runge_kutta(lambda y: self._rate(y, F, parameters), y, h)
             for first in (3, nx + 3) if spatial else ():
                 y[first : first + 4] /= np.linalg.norm(y[first : first + 4])
-        return y[:nx], y[nx : nx + no], y[nx + no : -1], float(y[-1])
+        return y[:nx], y[nx : nx + no], y[nx + no :]
 
     def _rate(self, y: np.ndarray, F: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """Return the rate of y = [Q; v; pose; velocity of the object; impulse; work] under the external force F."""

@@ -51,7 +51,7 @@ class Rk4Plant:
         Z, F = self._sample[M](np.concatenate([x, np.zeros(self.model.parts["base"].stop + 1)]), u, *differences)
         X = np.concatenate([x[None], Z[:, :nx]])
         time = start + self.tick * np.arange(M + 1)
-        return Ticks(time, X, F, Z[-1, nx:-1], float(Z[-1, -1]))
+        return Ticks(time, X, F, Z[-1, nx:])
 
 
 class Rk4Step:
@@ -69,13 +69,12 @@ class Rk4Step:
 
     def __call__(
         self, x: np.ndarray, thing: np.ndarray, F: np.ndarray, parameters: np.ndarray, robot: InertialParameters
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Advance by a tick."""
         gained, size = np.zeros(self._model.parts["base"].stop + 1), len(x)
         p = np.concatenate([robot.vector, self._friction, self._body])
         z = self._tick(np.concatenate([x, gained, thing]), F, parameters.ravel(), p)[0][0]
-        ends = size + len(gained)
-        return z[:size], z[ends:], z[size : ends - 1], float(z[ends - 1])
+        return z[:size], z[size + len(gained) :], z[size : size + len(gained)]
 
 
 def capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:

@@ -28,13 +28,11 @@ class Contact:
 
     Attributes:
         x: State after it (nq + n,).
-        impulse: Momentum that the robot, with what it holds, gains, (3,) or (6,) [N s], [N m s].
-        work: Kinetic energy that it gains [J].
+        gained: Momentum [N s, N m s] and kinetic energy [J] that the robot, with what it holds, gains, (4,) or (7,).
     """
 
     x: np.ndarray
-    impulse: np.ndarray
-    work: float
+    gained: np.ndarray
 
 
 class Uncertainty:
@@ -76,7 +74,7 @@ class Uncertainty:
     def contact(self, x: np.ndarray, before: int, after: int) -> Contact:
         """Return the effect of a switch from one stage to another on the true state x."""
         if self.resistance is None or self.holds(before) == self.holds(after):
-            return Contact(x, np.zeros(self._model.parts["base"].stop), 0.0)
+            return Contact(x, np.zeros(self._model.parts["base"].stop + 1))
         change = take_up if self.holds(after) else release
         return change(self._model, x, self._true, self._with_payload(self._true))
 
@@ -153,14 +151,13 @@ def take_up(model: RobotModel, x: np.ndarray, free: InertialParameters, holding:
     after = np.linalg.solve(H_holding, H_free @ before)
     lost = before - after
     loss = (lost @ H_free @ lost + after @ (H_holding - H_free) @ after) / 2
-    return Contact(np.concatenate([Q, after]), np.zeros(model.parts["base"].stop), -float(loss))
+    return Contact(np.concatenate([Q, after]), np.append(np.zeros(model.parts["base"].stop), -loss))
 
 
 def release(model: RobotModel, x: np.ndarray, free: InertialParameters, holding: InertialParameters) -> Contact:
     """Compute the effect of releasing an object: velocities stay, its momentum and energy leave with it."""
     Q, v = np.split(x, [model.nq])
-    *impulse, work = model.balance(Q, v, free) - model.balance(Q, v, holding)
-    return Contact(x, np.array(impulse), float(work))
+    return Contact(x, model.balance(Q, v, free) - model.balance(Q, v, holding))
 
 
 STREAMS = ("mass", "inertia", "centre_of_mass", "noise", "object", "object noise")

@@ -95,11 +95,8 @@ class Meter:
         about = Chart.at(Q[0], n)
         deviation = np.hstack([(about.entered(ends) - about.enter(Q, v))[:, :n], ends[:, model.nq :] - v])
         since = np.array([each.time - each.sequence.entered for each in commands])
-        gained = np.array([[*each.impulse, each.work] for each in ticks])
-        for row, contact in zip(gained, contacts, strict=True):
-            if contact is not None:
-                row += [*contact.impulse, contact.work]
-        expected = self._expected + gained.cumsum(axis=0)
+        gained = [t.gained if c is None else t.gained + c.gained for t, c in zip(ticks, contacts, strict=True)]
+        expected = self._expected + np.cumsum(gained, axis=0)
         kept = self._kept(stage.index, ends) + np.array(of_object).reshape(len(x), -1) - expected
         held = self._uncertainty is not None and self._uncertainty.holds(stage.index)
         columns = {
@@ -121,7 +118,7 @@ class Meter:
             "state/Q_true": x[:, : model.nq],
             "state/Qdot_true": x[:, model.nq :],
             "payload/held": [held] * len(x),
-            "payload/energy": [0.0 if each is None else each.work for each in contacts],
+            "payload/energy": [0.0 if each is None else each.gained[-1] for each in contacts],
         }
         for sample, row in zip(samples, zip(*columns.values(), strict=True), strict=True):
             sample.measured.update(zip(columns, row, strict=True))

@@ -80,7 +80,7 @@ def test_momentum_changes_by_the_impulse_and_energy_by_the_work(
     robot: RobotModel, x: Array, u: Array, plant: type
 ) -> None:
     ticks: Ticks = plant(robot, TICK).advance(0.0, x, u)
-    np.testing.assert_allclose(kept(robot, ticks.X[-1]) - kept(robot, x), [*ticks.impulse, ticks.work], atol=1e-10)
+    np.testing.assert_allclose(kept(robot, ticks.X[-1]) - kept(robot, x), ticks.gained, atol=1e-10)
 
 
 @pytest.mark.parametrize("plant", PLANTS)
@@ -91,7 +91,7 @@ def test_so_it_is_with_everything_that_disturbs(
     rough = Resistance(np.r_[np.zeros(6), np.full(n - 6, 0.02)], np.zeros(n), 0.02, np.full(n, 2.0))
     ticks: Ticks = plant(robot, TICK, 2, resistance=rough).advance(0.0, x, u, everything)
     before, after = (kept(robot, ticks.X[k], everything.robot) for k in (0, -1))
-    np.testing.assert_allclose(after - before, [*ticks.impulse, ticks.work], atol=2e-9)
+    np.testing.assert_allclose(after - before, ticks.gained, atol=2e-9)
 
 
 def test_the_engines_agree(robot: RobotModel, x: Array, u: Array, everything: Disturbance) -> None:
@@ -111,7 +111,7 @@ def test_a_push_is_a_blow_to_the_base_in_space(robot: RobotModel, x: Array, ever
     ticks = free.advance(0.0, x, np.zeros((M, robot.n)), blow)
     force, torque = TICK * blow.push[20, :3], TICK * blow.push[20, 3:6]
     turned = Rotation.from_quat(x[3:7], scalar_first=True).apply(torque)
-    np.testing.assert_allclose(ticks.impulse, [*force, *(turned + np.cross(x[:3], force))], rtol=1e-2, atol=1e-4)
+    np.testing.assert_allclose(ticks.gained[:-1], [*force, *(turned + np.cross(x[:3], force))], rtol=1e-2, atol=1e-4)
 
 
 def test_the_quaternion_stays_a_unit_one_for_a_minute(robot: RobotModel, x: Array) -> None:
@@ -155,7 +155,7 @@ def test_taking_up_keeps_momentum_and_letting_go_velocities(robot: RobotModel, x
     holding = robot.nominal.holding(np.array([3.0, 2.0]), np.array([0.4, 0.3]))
     taken, left = take_up(robot, x, robot.nominal, holding), release(robot, x, robot.nominal, holding)
     np.testing.assert_allclose(kept(robot, taken.x, holding)[:6], kept(robot, x)[:6], atol=1e-12)
-    assert taken.work == pytest.approx(kept(robot, taken.x, holding)[6] - kept(robot, x)[6])
-    assert taken.work < 0
+    assert taken.gained[-1] == pytest.approx(kept(robot, taken.x, holding)[6] - kept(robot, x)[6])
+    assert taken.gained[-1] < 0
     np.testing.assert_array_equal(left.x, x)
-    np.testing.assert_allclose(kept(robot, x, holding) + np.r_[left.impulse, left.work], kept(robot, x), atol=1e-12)
+    np.testing.assert_allclose(kept(robot, x, holding) + left.gained, kept(robot, x), atol=1e-12)

@@ -106,7 +106,6 @@ def concept(overlapped: psmpc.Run, hard: psmpc.Run) -> Figure:
         draw_scene(picture, scene, EARLY, EARLY - 3.0, points)
         show(picture, scene.camera, scene.camera.view(points))
         picture.set_title(f"at {EARLY:.0f} s: {', '.join(scene.events(EARLY))}", loc="left", fontsize=8.0)
-        picture.set(xlabel="x (m)", ylabel="y (m)")
     FigureCanvasAgg(figure)
     return figure
 

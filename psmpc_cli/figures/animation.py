@@ -28,11 +28,8 @@ from psmpc_cli.robot.mujoco_model import mujoco_spec
 RATE, LONGEST = 15, 150
 """Frames a second; most frames of motion."""
 
-WIDTH, DPI = style.COLUMN, 144
-"""Width [in] and resolution of a frame."""
-
-TITLE = 0.3
-"""Height of the title above a frame of the film [in]."""
+WIDTH, TITLE, DPI = style.COLUMN, 0.3, 144
+"""Width of a frame [in], height of the title above one of the film [in], and resolution."""
 
 FROM_ABOVE = Camera(-90, 60)
 """From where the film of a planar robot is taken."""
@@ -76,9 +73,7 @@ def write_animation(run: Run, paths: Iterable[Path]) -> None:
         axes.clear()
         draw_scene(axes, scene, times[number], max(times[number] - 3.0, times[0]), extent)
         show(axes, scene.camera, scene.camera.view(extent))
-        axes.set(title=_title(scene, times[number]))
-        axes.set(**dict(zip(("xlabel", "ylabel"), scene.camera.labels or (), strict=False)))
-        return [axes]
+        return [axes.set_title(_title(scene, times[number]))]
 
     draw_frame(0)
     draw_scene(axes, scene, times[-1], times[0], extent)  # the legend has what is there at the start and at the end
@@ -154,10 +149,7 @@ def film_model(scene: Scene, extent: np.ndarray) -> str:
     for number, (body, capsules) in enumerate(zip(model.spec.bodies, shape.capsules, strict=True)):
         added, color = robot.body(body.name), colors.get(body.name.rpartition(".")[0], _opaque(style.BODY))
         fingers = grippers.get(number, np.zeros((0, 3)))
-        for size, lines in (
-            (shape.radius, capsules),
-            (0.4 * shape.radius, pairwise(fingers)),
-        ):
+        for size, lines in ((shape.radius, capsules), (0.4 * shape.radius, pairwise(fingers))):
             for start, end in lines:
                 added.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[size, 0, 0], fromto=[*start, *end], rgba=color)
         if body.joint is not None and not body.joint.prismatic:

@@ -19,11 +19,9 @@ from psmpc_cli.specs.parts import POSITION_AXES, axes_of
 HEIGHT = 0.82
 """Height of a panel of coordinates [in]."""
 
-FARTHEST = 4.0
-"""Limits farther away than so many times the largest value are not drawn: nothing else could be read."""
-
-PEAK = 5.0
-"""Peaks so many times as large as 19 in 20 values hide the rest."""
+FARTHEST, PEAK = 4.0, 5.0
+"""Limits farther away than so many times the largest value are not drawn; peaks so many times as large as 19 in 20
+values hide the rest."""
 
 SMALLEST = 1e-5
 """Smaller errors are not shown [m, rad]."""
@@ -120,17 +118,10 @@ def _plot_quantity(
 ) -> Figure:
     """Plot a quantity with a value for each generalized coordinate over time.
 
-    There is a row of panels for base position, base angles and each arm, and a column for each run.
-
-    Args:
-        runs: A run, or several by controller.
-        linear: Its name and unit for linear coordinates.
-        angular: Its name and unit for angular coordinates.
-        curves: Times (K,) [s] and values (K, n) of each run.
-        seen: What the controller saw of it (K, n), drawn where it differs.
-        limits: Which limits of the stages bound it.
-        drawstyle: How its values are joined.
-        peaked: It may have short peaks that hide the rest; the axis is then logarithmic far out.
+    There is a row of panels for base position, base angles and each arm, and a column for each run. A quantity has a
+    name and a unit for `linear` and for `angular` coordinates, `curves` of times (K,) [s] and values (K, n) of each
+    run, what the controller has `seen` of it (K, n), drawn where it differs, and the `limits` of the stages that bound
+    it. One that is `peaked` may have short peaks that hide the rest; the axis is then logarithmic far out.
     """
     panels = list(_panels(runs_of(runs)[0].problem.model, linear, angular))
     figure, grid = timeline(runs, len(panels), HEIGHT)

@@ -15,9 +15,6 @@ from psmpc_cli.logs.run import Run
 HATCHES = ("", "//////", "......")
 """Patterns that go with the colours, so that a print in grey can be read as well."""
 
-COST, CONTROL = "weighted cost", "applied control"
-"""What the stages have shares in."""
-
 
 def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
     """Plot the planned switch time that ends each stage [s], and how far it is from the actual one [ms].
@@ -26,11 +23,11 @@ def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
     The second row is there only if a planned switch happened.
     """
     planned = [np.isfinite(run["window/instants"]) for run in runs_of(runs)]
-    switched = [np.isfinite(run.stages["switch_time"]) for run in runs_of(runs)]
     any_planned = np.flatnonzero(np.any([seen.any(axis=0) for seen in planned], axis=0)).tolist()
-    happened = any((seen.any(axis=0) & ended).any() for seen, ended in zip(planned, switched, strict=True))
+    off = [run["window/instants"] - run.stages["switch_time"] for run in runs_of(runs)]
+    happened = any(np.isfinite(values).any() for values in off)
     figure, grid = timeline(runs, 2 if happened else 1, 1.5)
-    for column, run, seen in zip(grid.T, runs_of(runs), planned, strict=True):
+    for column, run, seen, late in zip(grid.T, runs_of(runs), planned, off, strict=True):
         above, ends, horizon = column[0], run.motion.time[[0, -1]], run.task.spec.controller.horizon
         above.plot(ends, ends, label="_present time", **style.LEVEL)
         above.plot(ends, ends + horizon, label="_end of the horizon", linestyle=style.DASHED, **style.LEVEL)
@@ -41,7 +38,7 @@ def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
             look: dict[str, Any] = {"markevery": 10**6, "linewidth": 1.3, **style.mark_look(stage)}
             above.plot(time, instant, label=style.readable(run.stage_names[stage]), **look)
             if np.isfinite(switches[stage]):
-                column[1].plot(time, 1e3 * (instant - switches[stage]), **look)
+                column[1].plot(time, 1e3 * late[seen[:, stage], stage], **look)
         look = {"color": "black", "markerfacecolor": "white", "markersize": 3.5, "zorder": 3}
         above.plot(switches, switches, "o", label="_actual switch", **look)
         if happened:
@@ -59,10 +56,10 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
     in the control is the stage's weight in that combination of the controls all stages in the window would apply on
     their own which is nearest to the applied one; its panel is there only if those shares were logged.
     """
-    shares = {COST: [cost_shares(run) for run in runs_of(runs)]}
+    shares = {"weighted cost": [cost_shares(run) for run in runs_of(runs)]}
     logged = [run["window/share"] for run in runs_of(runs)]
     if any(np.isfinite(values).any() for values in logged):
-        shares[CONTROL] = logged
+        shares["applied control"] = logged
     figure, grid = timeline(runs, len(shares), 1.2, shaded=False)
     for panels, (whole, found) in zip(grid, shares.items(), strict=True):
         for axes, run, values in zip(panels, runs_of(runs), found, strict=True):
@@ -70,7 +67,7 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
             if not np.isfinite(values).any(axis=1).all():
                 axes.bar(run.time[0], 0, color="white", label=["_no share: stages agree, or no solution"])
         panels[0].set_ylabel(f"Share in the\n{whole} (%)")
-    label_row(grid[0], f"Share in the\n{COST} (%)")  # one legend serves both rows
+    label_row(grid[0], grid[0, 0].get_ylabel())  # one legend serves both rows
     return style.finish(figure)
 
 

@@ -16,14 +16,11 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 from psmpc_cli.studies.sweep import GRID, RANDOM
 
-FORMATS = ("png", "pdf", "svg")
-
-_UNDATED: Mapping[str, dict[str, Any]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
-"""Metadata with which the same data give the same file."""
+FORMATS: Mapping[str, dict[str, Any]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+"""Formats of files, with the metadata with which the same data give the same file."""
 
 FILMS: Mapping[str, Callable[[Run, Iterable[Path]], None]] = {"animation": write_animation, "render": write_film}
 """What shows a run in motion, by name, which is also the stem of its files."""
-
 
 FIGURES: Mapping[tuple[str, str], Callable[..., Figure]] = {
     (RUN, "states"): coordinates.plot_states,
@@ -172,7 +169,7 @@ def _save(figure: Figure, paths: Iterable[Path]) -> None:
     """Write a figure into files, each in the format of its ending; InputError if one cannot be written."""
     for path in paths:
         with writing(path):
-            figure.savefig(path, metadata=_UNDATED[path.suffix[1:]])
+            figure.savefig(path, metadata=FORMATS[path.suffix[1:]])
 
 
 def _make_room(files: Iterable[Path], force: bool) -> None:

@@ -18,8 +18,8 @@ Curves = Mapping[str, tuple[np.ndarray, np.ndarray]]
 Panels = Mapping[str, Curves]
 """Curves (x, y) by panel and label, as the ablations measure them."""
 
-SMALLEST = 1e-5
-"""A smaller control that a waiting stage adds is not shown [m/s^2, rad/s^2]."""
+SMALLEST, EXACT = 1e-5, 1e-9
+"""A smaller control that a waiting stage adds is not shown [m/s^2, rad/s^2]; smaller errors are none [m, rad]."""
 
 HEIGHT = 1.0
 """Height of a panel [in]."""
@@ -28,9 +28,6 @@ OVER_TIME = ("Planned switch\ntime from now (s)", "Variation of joint\ncontrol (
 
 HORIZON = "T_f"
 """The curve that says how far ahead the horizon ends."""
-
-EXACT = 1e-9
-"""Errors below this are none [m, rad]."""
 
 NAMES: Mapping[str, str] = {
     "ours": "ours",

@@ -28,10 +28,12 @@ class Camera:
 
     Attributes:
         azimuth, elevation: Direction from the scene to the viewer, from x towards y and from there towards z [deg].
+        labels: Labels of the axes of the drawing where they are x, y or z.
     """
 
     azimuth: float
     elevation: float
+    labels: tuple[str, str] = ("", "")
 
     @property
     def axes(self) -> np.ndarray:
@@ -55,14 +57,9 @@ class Camera:
         size = np.maximum(size, [size[1] / 1.6, size[0] * 0.45])
         return Bbox([(low + high - size) / 2, (low + high + size) / 2])
 
-    @property
-    def labels(self) -> tuple[str, str] | None:
-        """Labels of the axes of the drawing, if they are x, y or z."""
-        found = ["xyz"[int(np.argmax(axis))] for axis in self.axes[:2] if axis.max() > 1 - 1e-9]
-        return (f"{found[0]} (m)", f"{found[1]} (m)") if len(found) == 2 else None
 
-
-PLAN, FRONT, SIDE, OBLIQUE = Camera(-90, 90), Camera(-90, 0), Camera(0, 0), Camera(-60, 25)
+PLAN, OBLIQUE = Camera(-90, 90, ("x (m)", "y (m)")), Camera(-60, 25)
+FRONT, SIDE = Camera(-90, 0, ("x (m)", "z (m)")), Camera(0, 0, ("y (m)", "z (m)"))
 
 
 def camera_of(model: RobotModel) -> Camera:

@@ -41,23 +41,17 @@ from psmpc_cli.robot.model import RobotModel, pose_frames
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits
 
-AROUND = 0.45
-"""Width of the axis left of panels [in]."""
+ACROSS, AROUND = 4, 0.45
+"""Frames, or stages, side by side on a page; width of the axis left of them [in]."""
 
-ACROSS = 4
-"""Frames, or stages, side by side on a page."""
+NEARER, UNDER = 100.0, -1e4
+"""Order of a body by how near to the viewer it is [1/m], and of what lies under all bodies of a spatial scene."""
 
-NEARER = 100.0
-"""Order of a body by how near to the viewer it is [1/m]."""
-
-FAINT = 0.25
-"""Opacity of the robot where a stage begins."""
+FAINT, FLOOR, SHADOW = 0.25, "#E0E0E0", "#EFEFEF"
+"""Opacity of the robot where a stage begins; colours of the squares below a scene and of the shadow on them."""
 
 TRIAD = {"x": "#000000", "y": "#808080", "z": "#C0C0C0"}
 """Colours of the axes of a frame."""
-
-UNDER, FLOOR, SHADOW = -1e4, "#E0E0E0", "#EFEFEF"
-"""Order of what lies under all bodies of a spatial scene; colours of the squares below it and of the shadow on them."""
 
 
 def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
@@ -94,7 +88,7 @@ def _panels(
 
     They show points (., 3) [m]. Titles are broken between words to the width of a panel.
     """
-    titles, labels = [*titles, *[""] * (-len(titles) % columns)], camera.labels
+    titles = [*titles, *[""] * (-len(titles) % columns)]
     figure, characters = style.new_figure(width), int((width - AROUND) / columns / style.CHARACTER)
     grid = figure.subplots(len(titles) // columns, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for i, (axes, title) in enumerate(zip(grid, titles, strict=True)):
@@ -103,19 +97,20 @@ def _panels(
             continue
         show(axes, camera, camera.view(extent))
         axes.set_title("\n".join(fill(line, characters) for line in title.split("\n")))
-        if i % columns == 0 and labels:
-            axes.set_ylabel(labels[1])
-        if not any(titles[i + columns :: columns]) and labels:
-            axes.set_xlabel(labels[0])
+        if i % columns:
+            axes.set_ylabel("")
+        if any(titles[i + columns :: columns]):
+            axes.set_xlabel("")
+        else:
             axes.tick_params(labelbottom=True)
-    if not labels:
+    if camera == OBLIQUE:
         _draw_directions(grid[0], camera, extent)
     return figure, grid
 
 
 def describe(camera: Camera, extent: np.ndarray | None = None, width: float = style.COLUMN) -> str:
     """Describe from where a spatial scene is seen, and what lies under points (., 3), in lines of a width [in]."""
-    if camera.labels:
+    if camera != OBLIQUE:
         return ""
     text = f"Seen from azimuth {camera.azimuth:g}°, elevation {camera.elevation:g}°, in parallel projection"
     if extent is not None:
@@ -141,11 +136,12 @@ def _draw_directions(axes: Axes, camera: Camera, extent: np.ndarray) -> None:
 
 
 def show(axes: Axes, camera: Camera, view: Bbox, width: float | None = None) -> None:
-    """Set a panel's limits, with equal scales, and its ticks, some six in a width [m]; none where axes have no name."""
+    """Set a panel's limits, with equal scales, labels and ticks, some six in a width [m]; none without labels."""
     step = float(np.ptp(MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(0, width or view.width)[:2]))
     axes.set(xlim=view.intervalx, ylim=view.intervaly, aspect="equal")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MultipleLocator(step) if camera.labels else NullLocator())
+    for axis, label in zip((axes.xaxis, axes.yaxis), camera.labels, strict=True):
+        axis.set_label_text(label)
+        axis.set_major_locator(MultipleLocator(step) if label else NullLocator())
 
 
 def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.ndarray) -> None:
@@ -261,9 +257,7 @@ def plot_robot(spec: RobotSpec) -> Figure:
     views: list[Any] = [[PLAN]] if model.dimension == 2 else [[OBLIQUE, OBLIQUE], [PLAN, "."], [FRONT, SIDE]]
     panels: dict[Any, Axes] = figure.subplot_mosaic(views, width_ratios=wide)
     for camera, axes in panels.items():
-        labels = camera.labels or ("", "")
-        show(axes, camera, Bbox(camera.see(box)) if camera.labels else camera.view(points), wide.sum())
-        axes.set(xlabel=labels[0], ylabel=labels[1])
+        show(axes, camera, camera.view(points) if camera == OBLIQUE else Bbox(camera.see(box)), wide.sum())
         draw_robot(axes, camera, model, Q)
         for frame in frames:
             _draw_triad(axes, camera, frame, size, "frame")

@@ -46,9 +46,6 @@ LONGEST_NAME = 16
 TITLES = {"psmpc": "PSMPC", "smpc": "SMPC", "htmpc": "HTMPC", "hard": "Hard switching"}
 """Controllers as figures write them."""
 
-TALL = 20.0
-"""Height of a figure before it is finished [in]."""
-
 STAGE, EARLY, EDGE, BODY, OBJECT = "#ECECEC", "#FAD28A", "#444444", "#C9D3DA", "#F5EDA0"
 """Colours of every other stage, a stage that acts early, limits and outlines, the base, the object."""
 
@@ -134,7 +131,7 @@ def in_style() -> AbstractContextManager[None]:
 
 def new_figure(width: float = COLUMN) -> Figure:
     """Return an empty figure of a width [in], without a window and unknown to pyplot; `finish` sets its height."""
-    return Figure(figsize=(width, TALL), layout="constrained")
+    return Figure(figsize=(width, 20.0), layout="constrained")  # taller than any, so that no panel collapses
 
 
 def stack(

@@ -26,10 +26,10 @@ def plot_plane(cells: SweepCells) -> Figure:
     contour the start is the first sample after t_s - T_h.
     """
     figure, (axes,) = style.stack([""], [2.4], "")
-    scale, omega, marks = _start_scale(cells), np.log10(cells.omega), {"failed": cells.failed}
+    (starts, scale, label), omega, marks = _shown(cells), np.log10(cells.omega), {"failed": cells.failed}
     if cells.sampling == GRID:
         x, y = (np.log10(cells.results[name]) for name in ("omega_1", "omega_2"))
-        start, floor = (values.reshape(len(y), len(x)) for values in (_starts(cells), cells.floor))
+        start, floor = (values.reshape(len(y), len(x)) for values in (starts, cells.floor))
         axes.pcolormesh(x, y, np.ma.masked_invalid(start), norm=scale, cmap=COLORS, shading="nearest")
         _plot_contour(axes, x, y, start - floor, cells.task.spec.controller.sample_time)
         if cells.waiting.any():
@@ -38,7 +38,7 @@ def plot_plane(cells: SweepCells) -> Figure:
         marks["waiting"] = cells.waiting
         edge: dict[str, Any] = {"edgecolors": style.EDGE, "linewidths": 0.3}
         x, y = omega[cells.ended].T
-        axes.scatter(x, y, 16, _starts(cells)[cells.ended], norm=scale, cmap=COLORS, **edge)
+        axes.scatter(x, y, 16, starts[cells.ended], norm=scale, cmap=COLORS, **edge)
     for name, which in marks.items():
         if which.any():
             axes.plot(*omega[which].T, **style.look(name))
@@ -48,7 +48,7 @@ def plot_plane(cells: SweepCells) -> Figure:
     axes.set(xlabel=f"Priority of {first}, ω₁ (1)", ylabel=f"Priority of {second}, ω₂ (1)")
     if cells.ended.any():
         bar = figure.colorbar(ScalarMappable(scale, COLORS), ax=axes, pad=0.02, aspect=22)
-        bar.set_label(_start_label(cells, ", "))
+        bar.set_label(label)
         bar.ax.set_title("$t_s$", loc="center")
         bar.ax.set_xlabel(FLOOR, fontsize=style.TEXT, labelpad=4, loc="left")
     return style.finish(figure, above=True)
@@ -60,15 +60,14 @@ def plot_surface(cells: SweepCells) -> Figure:
     figure.set_layout_engine("none")  # it makes no room for the labels of axes in three dimensions
     figure.set_figheight(3.0)
     axes: Any = figure.add_axes((0.09, 0.0, 0.91, 1.0), projection="3d", proj_type="ortho", computed_zorder=False)
-    scale, shape, failed = _start_scale(cells), cells.results["status"].shape, cells.failed
+    (starts, scale, label), shape, failed = _shown(cells), cells.results["status"].shape, cells.failed
     x, y = (omega.reshape(shape) for omega in np.log10(cells.omega.T))
-    start = _starts(cells).reshape(shape)
     corners = [x.min(), x.max(), x.max(), x.min(), x.min()], [y.min(), y.min(), y.max(), y.max(), y.min()]
     if cells.ended.any():  # from the lowest to the highest, as they cover each other
         axes.plot(*corners, [scale.vmin] * 5, linestyle=style.DASHED, label=f"_{FLOOR}", **style.LEVEL)
-        colors = ScalarMappable(scale, COLORS).to_rgba(start)
+        colors = ScalarMappable(scale, COLORS).to_rgba(starts.reshape(shape))
         look = {"rstride": 1, "cstride": 1, "shade": False, "edgecolor": style.EDGE, "linewidth": 0.2}
-        axes.plot_surface(x, y, start, facecolors=colors, **look)
+        axes.plot_surface(x, y, starts.reshape(shape), facecolors=colors, **look)
         axes.plot(*corners, [scale.vmax] * 5, label="_$t_s$", **style.LEVEL)
     if failed.any():
         axes.plot(x.flat[failed], y.flat[failed], np.full(failed.sum(), scale.vmin), **style.look("failed"))
@@ -78,7 +77,7 @@ def plot_surface(cells: SweepCells) -> Figure:
     axes.set_box_aspect((1.0, 1.0, 0.78), zoom=1.03)
     axes.set_xlabel("ω₁ (1)", labelpad=-6)
     axes.set_ylabel("ω₂ (1)", labelpad=-6)
-    axes.set_zlabel(_start_label(cells, "\n"), labelpad=-4)
+    axes.set_zlabel(label.replace(", ", "\n"), labelpad=-4)
     axes.grid(visible=False)
     axes.set_zlim(scale.vmin, scale.vmax)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
@@ -91,20 +90,16 @@ def plot_surface(cells: SweepCells) -> Figure:
     return style.finish(figure, above=True)
 
 
-def _start_scale(cells: SweepCells) -> Normalize:
-    """Return the scale of actual starts, from the earliest t_s - T_h to the latest t_s [s]."""
-    instant, floor = cells.instant[cells.ended], cells.floor[cells.ended]
-    return Normalize(float(floor.min()), float(instant.max())) if len(instant) else Normalize(0.0, 1.0)
+def _shown(cells: SweepCells) -> tuple[np.ndarray, Normalize, str]:
+    """Return the actual starts for the one threshold that is shown, their scale and their label.
 
-
-def _starts(cells: SweepCells) -> np.ndarray:
-    """Return the actual start for the one threshold that is shown, NaN where no cell has ended (cells,) [s]."""
-    return np.where(cells.ended, cells.of("actual_start")[:, cells.chosen], np.nan)
-
-
-def _start_label(cells: SweepCells, between: str) -> str:
-    """Return the label of an axis of actual starts."""
-    return f"Actual start of {style.readable(cells.names[1])}{between}ε = {cells.epsilons[cells.chosen]:g} (s)"
+    They are NaN where no cell has ended (cells,) [s]; the scale is from the earliest t_s - T_h to the latest t_s.
+    """
+    starts = np.where(cells.ended, cells.of("actual_start")[:, cells.chosen], np.nan)
+    label = f"Actual start of {style.readable(cells.names[1])}, ε = {cells.epsilons[cells.chosen]:g} (s)"
+    if not cells.ended.any():
+        return starts, Normalize(0.0, 1.0), label
+    return starts, Normalize(cells.floor[cells.ended].min(), cells.instant[cells.ended].max()), label
 
 
 def _count_decades(axis: Axis, most: int) -> None:

@@ -1,6 +1,8 @@
 """The frame of every figure over time: a strip that names the stages, and panels below it, a column for each run."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from itertools import chain, count
 from typing import Any
 
 import numpy as np
@@ -70,16 +72,12 @@ def bar_rows(spans: Sequence[Span], character: float) -> list[int]:
     is as wide as this time [s].
     """
     rows: list[int] = []
-    ends = [-np.inf, -np.inf]  # up to where each row is taken
+    ends: dict[int, float] = defaultdict(lambda: -np.inf)  # up to where each row is taken
     for span in spans:
         left = span.start if span.early is None else span.early
         beyond = max(0.0, character * (1 + len(style.readable(span.name))) - (span.end - left)) / 2
-        free = [row for row in (span.index % 2, *range(len(ends))) if ends[row] <= left - beyond]
-        if not free:
-            free = [len(ends)]
-            ends.append(-np.inf)
-        rows.append(free[0])
-        ends[free[0]] = span.end + beyond
+        rows.append(next(row for row in chain([span.index % 2], count()) if ends[row] <= left - beyond))
+        ends[rows[-1]] = span.end + beyond
     return rows
 
 

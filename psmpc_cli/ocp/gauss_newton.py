@@ -200,12 +200,10 @@ class VelocityForm:
         """Return the quadratic model at a point."""
         horizon, D, of = float(p.horizon), self.stage_durations, self.grid.stage_of
         sums = _Sums(self, point, p)
-        costs = np.array([sums.add_stage(s) for s in range(len(self.stages))])
-        terminal = sums.add_terminal() if p.terminal else 0.0
         ends, end_rows = self.ends(point, p)
         by_stage = -self._mean_velocities(point) / self.nodes[of, None]
         return Linearization(
-            at=self._residuals(point, p, costs, terminal, ends),
+            at=self._residuals(point, p, sums.costs, sums.terminal, ends),
             gradient=sums.gradient,
             gradient_tau=D.T @ sums.by_tau + p.pending * self.waiting,
             positions=sums.positions,
@@ -229,7 +227,7 @@ def _terminal_cost(p: Parameters[np.ndarray], L: np.ndarray) -> float:
 
 
 class _Sums:
-    """The sums of a linearization while it is put together; derivatives by the durations of all stages."""
+    """The sums over nodes that a linearization has; derivatives by the durations of all stages."""
 
     def __init__(self, form: VelocityForm, point: Point, p: Parameters[np.ndarray]) -> None:
         K, n, S = form.grid.K, form.grid.n, form.grid.switches
@@ -240,18 +238,13 @@ class _Sums:
         self.arrow = np.zeros((K + 1, 2 * n, S + 1))
         self.durations = np.zeros(S + 1)
         self.by_tau = np.zeros(S + 1)
-
-    def add_stage(self, s: int) -> float:
-        """Add omega_s times the cost integral of a stage; return the integral."""
-        p, N, tau = self.p, self.form.grid.nodes[s], self.tau[s]
-        L = self._add_states(s, self.form.intervals(s), slice(N), p.omega[s] / p.scale[s] / N, tau)
-        return _cost(s, p, N, tau, L, self._add_control(s))
-
-    def add_terminal(self) -> float:
-        """Add omega_S times the terminal cost; return that."""
-        p, last = self.p, self.form.grid.K
-        c = p.terminal * p.omega[-1] / p.scale[-1]
-        return _terminal_cost(p, self._add_states(len(self.tau) - 1, slice(last, last + 1), slice(-1, None), c, None))
+        self.costs, self.terminal = np.zeros(S + 1), 0.0
+        for s, (N, tau) in enumerate(zip(form.grid.nodes, self.tau, strict=True)):
+            L = self._add_states(s, form.intervals(s), slice(N), p.omega[s] / p.scale[s] / N, tau)
+            self.costs[s] = _cost(s, p, N, tau, L, self._add_control(s))
+        if p.terminal:
+            c = p.terminal * p.omega[-1] / p.scale[-1]
+            self.terminal = _terminal_cost(p, self._add_states(S, slice(K, K + 1), slice(-1, None), c, None))
 
     def _add_states(self, s: int, at: slice, of_stage: slice, c: float, tau: float | None) -> np.ndarray:
         """Add c times the squares of a stage's residual at some nodes, times tau [s] if given; return the squares."""

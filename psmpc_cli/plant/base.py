@@ -135,7 +135,7 @@ class Plant(Protocol):
     ) -> Ticks:
         """Advance from the state x (nq + n,) at `start` [s], the rates u of v (M, n) applied one a tick.
 
-        Plants built without a resistance are undisturbed and ignore the disturbance; the others require it. Those with
-        an object close their grippers, and open them, at the ticks at which they are to be closed (M,).
+        Without a disturbance nothing disturbs a plant; one is for plants built with a resistance. Those with an object
+        close their grippers, and open them, at the ticks at which they are to be closed (M,).
         """
         ...

@@ -237,11 +237,6 @@ class Capture:
             return np.asarray(self.state[:3] + step)
         return np.array([*(self.state[:3] + step[:3]), *product(list(self.state[3:7]), exp(list(step[3:])))])
 
-    @property
-    def all_closed(self) -> bool:
-        """Whether every gripper holds the object."""
-        return bool(self.closed.all())
-
     def fastest_rate(self, Q: np.ndarray) -> float:
         """Return the fastest rate of a bushing [1/s] if grippers closed with the robot at Q (nq,)."""
         approaches = [
@@ -249,10 +244,6 @@ class Capture:
         ]
         natural = float(np.sqrt(np.max(np.array(approaches)[:, 4:] * self.spec.stiffness)))
         return natural * max(1.0, 2 * self.spec.damping_ratio)
-
-    def begin(self) -> None:
-        """Begin a sample."""
-        self._rows, self._events = [], []
 
     def update(self, time: float, x: np.ndarray, wanted: bool) -> None:
         """Close, open and lose grasps at the beginning of a tick, the robot being at x.
@@ -276,10 +267,11 @@ class Capture:
         self._rows.append((self.state, wrench, pull, self.closed.copy()))
 
     def ticks(self) -> ObjectTicks:
-        """Return what happened in the sample."""
+        """Return what happened in the sample, and begin the next one."""
         states, wrench, pull, closed = (np.array(column) for column in zip(*self._rows, strict=True))
         pose, v = np.split(np.vstack([states, self.state]), [self.law.sizes[0]], axis=1)
-        return ObjectTicks(pose, v, wrench, pull, closed, tuple(self._events))
+        events, self._rows, self._events = tuple(self._events), [], []
+        return ObjectTicks(pose, v, wrench, pull, closed, events)
 
     def _close(self, time: float, x: np.ndarray) -> None:
         """Close every gripper that is inside its envelope."""
@@ -372,7 +364,6 @@ class CapturePlant:
         X, F = np.vstack([x, np.empty((M, len(x)))]), np.empty((M, model.n))
         total = np.zeros(model.parts["base"].stop + 1)
         other, time = disturbance or Disturbance.none(model.nominal, M, model.n), start + self.tick * np.arange(M + 1)
-        capture.begin()
         for k in range(M):
             capture.update(float(time[k]), X[k], closed is not None and bool(closed[k]))
             read = np.array(moved(X[k, : model.nq], other.noise[k, : model.n]))
@@ -384,6 +375,6 @@ class CapturePlant:
         return Ticks(time, X, F, total, capture.ticks())
 
     def _force(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, law: InertialParameters) -> np.ndarray:
-        if self._chain is None or not self.capture.all_closed:
+        if self._chain is None or not self.capture.closed.all():
             return self.model.inverse_dynamics(Q, v, u, law)
         return self._chain.force(Q, v, u, law, self.capture.parameters[:, :-2])

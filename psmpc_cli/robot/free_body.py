@@ -87,18 +87,16 @@ class FreeBody:
 
     @property
     def moments(self) -> list[Any]:
-        """Moments of inertia about the three axes, those in the plane of a planar body 0."""
-        return [*([0.0, 0.0] if self.dimension == 2 else []), *self.inertia]
+        """Moments of inertia about the three axes; of a planar body those in the plane have no effect."""
+        return [*self.inertia] * (3 if self.dimension == 2 else 1)
 
     def rates(self, Q: Any, v: Any, wrench: Any) -> tuple[list[Any], list[Any]]:
         """Compute the rates of pose and velocity under a wrench about the centre of mass, in the inertial frame."""
-        if self.dimension == 2:
-            return list(v), [wrench[0] / self.mass, wrench[1] / self.mass, wrench[2] / self.inertia[0]]
-        q, omega = list(Q[3:]), list(v[3:])
-        spin = [moment * rate for moment, rate in zip(self.inertia, omega, strict=True)]
-        moment = add(rotate(conjugate(q), list(wrench[3:])), scaled(cross(omega, spin), -1))
-        alpha = [each / own for each, own in zip(moment, self.inertia, strict=True)]
-        return coordinate_rate(Q, v), [*scaled(list(wrench[:3]), 1 / self.mass), *alpha]
+        (_, q), (_, omega), (force, moment) = lifted(Q), lifted_rate(v), lifted_rate(wrench)
+        spin = [moment * rate for moment, rate in zip(self.moments, omega, strict=True)]
+        moment = add(rotate(conjugate(q), moment), scaled(cross(omega, spin), -1))
+        alpha = [each / own for each, own in zip(moment, self.moments, strict=True)]
+        return coordinate_rate(Q, v), counted(len(v), [each / self.mass for each in force], alpha)
 
     def momentum(self, Q: Any, v: Any) -> list[Any]:
         """Compute linear [N s] and angular momentum about the inertial origin [N m s], (3,) or (6,)."""

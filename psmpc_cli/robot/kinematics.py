@@ -73,12 +73,6 @@ def base_frame(spec: RobotSpec, Q: Any) -> Frame:
     return SpatialFrame([Q[i] for i in range(3)], [Q[i] for i in range(3, 7)])
 
 
-def charted_base(Q: Any, anchor: Any) -> SpatialFrame:
-    """Return a spatial base's frame in the chart about an anchor (4,): attitude anchor Exp(Q[3:6])."""
-    turned = product([anchor[i] for i in range(4)], exp([Q[i] for i in range(3, 6)]))
-    return SpatialFrame([Q[i] for i in range(3)], turned)
-
-
 def place(spec: RobotSpec, base: Frame, joints: Any) -> tuple[list[Any], dict[str, Any]]:
     """Compute the frames of a robot's bodies in their order, and those of its end-effectors by arm.
 

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.robot.dynamics import InertialParameters, derive_dynamics, function, solve_spd
-from psmpc_cli.robot.kinematics import SpatialFrame, base_frame, charted_base, place
-from psmpc_cli.robot.rotations import add, cross, rotate, scaled
+from psmpc_cli.robot.kinematics import SpatialFrame, base_frame, place
+from psmpc_cli.robot.rotations import add, cross, exp, product, rotate, scaled
 from psmpc_cli.robot.shape import RobotShape
 from psmpc_cli.specs.load import load_robot as load_robot_spec
 from psmpc_cli.specs.robot import RobotSpec, labels
@@ -69,7 +69,8 @@ class RobotModel:
     def charted(self) -> ca.Function:
         """Of a spatial robot: position, rotation vector about the anchor and joints (n,), anchor (4,) -> xi (m,)."""
         Q, anchor = ca.SX.sym("Q", self.n), ca.SX.sym("anchor", 4)
-        bodies, tools = place(self.spec, charted_base(Q, anchor), Q[6:])
+        at = ca.vertsplit(Q)
+        bodies, tools = place(self.spec, SpatialFrame(at[:3], product(ca.vertsplit(anchor), exp(at[3:6]))), Q[6:])
         xi = ca.vertcat(bodies[0].pose, *(frame.pose for frame in tools.values()))
         return function("charted", {"Q": Q, "anchor": anchor}, {"xi": xi})
 

@@ -57,8 +57,7 @@ def mujoco_spec(
         held = {"mass": known.held_mass[number], "ipos": [0, 0, 0], "inertia": [known.held_inertia[number]] * 3}
         added[tool.body].add_body(pos=tool.position, explicitinertial=True, **held)
     if thing is not None:
-        moments = [*thing.inertia] * (3 if spec.dimension == 2 else 1)
-        body = robot.worldbody.add_body(name=OBJECT, mass=thing.mass, inertia=moments, explicitinertial=True)
+        body = robot.worldbody.add_body(name=OBJECT, mass=thing.mass, inertia=thing.moments, explicitinertial=True)
         _let_move(body, OBJECT, spec.dimension)
     return robot
 

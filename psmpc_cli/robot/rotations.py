@@ -5,6 +5,7 @@ an expression. The chart of attitude about an anchor A is R = A Exp(phi), with t
 omega = J_r(phi) phidot. Sola, Deray, Atchuthan: A micro Lie theory (2018), section on S^3 and SO(3).
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -81,7 +82,7 @@ def turn_matrix(axis: Sequence[float], angle: Any) -> list[list[Any]]:
 def exp(phi: Vector) -> list[Any]:
     """Compute the unit quaternion of a rotation vector (3,) [rad]; smooth everywhere."""
     t = dot(phi, phi) / 4
-    return [1 - t * _cosc(t), *scaled(phi, _sinc(t) / 2)]
+    return [1 - t * _series(t, 2), *scaled(phi, _series(t, 1) / 2)]
 
 
 def log(q: Vector) -> list[Any]:
@@ -113,13 +114,13 @@ def shorter(q: Vector) -> list[Any]:
 def body_rate(phi: Vector, rate: Vector) -> list[Any]:
     """Compute the body's angular velocity J_r(phi) phidot (3,) [rad/s]."""
     t, a = dot(phi, phi), cross(phi, rate)
-    return add(rate, scaled(a, -_cosc(t)), scaled(cross(phi, a), _sinc3(t)))
+    return add(rate, scaled(a, -_series(t, 2)), scaled(cross(phi, a), _series(t, 3)))
 
 
 def chart_rate(phi: Vector, omega: Vector) -> list[Any]:
     """Compute phidot = J_r(phi)^-1 omega (3,) [rad/s] of numbers or arrays with |phi| < 2 pi."""
     t, a = dot(phi, phi), cross(phi, omega)
-    c = (_sinc3(t) - _series(t, 4) / 12) / (2 * _cosc(t))  # 1/|phi|^2 - (1 + cos|phi|) / (2 |phi| sin|phi|)
+    c = (_series(t, 3) - 2 * _series(t, 4)) / (2 * _series(t, 2))  # 1/|phi|^2 - (1 + cos|phi|) / (2 |phi| sin|phi|)
     return add(omega, scaled(a, 0.5), scaled(cross(phi, a), c))
 
 
@@ -128,23 +129,11 @@ def _library(x: Any) -> Any:
 
 
 def _series(t: Any, first: int) -> Any:
-    """Compute 1 - t/((f+1)(f+2)) (1 - t/((f+3)(f+4)) (1 - ...)), f = first, by Horner's rule."""
+    """Compute the sum of (-t)^k / (2 k + first)! by Horner's rule.
+
+    At t = a^2 it is sin(a)/a, (1 - cos a)/a^2 and (a - sin a)/a^3 for first = 1, 2 and 3.
+    """
     value = 1.0
     for k in range(TERMS, 0, -1):
         value = 1 - t * value / ((2 * k + first - 1) * (2 * k + first))
-    return value
-
-
-def _sinc(t: Any) -> Any:
-    """sin(a)/a at t = a^2."""
-    return _series(t, 1)
-
-
-def _cosc(t: Any) -> Any:
-    """(1 - cos a)/a^2 at t = a^2."""
-    return _series(t, 2) / 2
-
-
-def _sinc3(t: Any) -> Any:
-    """(a - sin a)/a^3 at t = a^2."""
-    return _series(t, 3) / 6
+    return value / math.factorial(first)

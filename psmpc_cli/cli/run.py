@@ -149,7 +149,7 @@ def replay(
 
     run = read_run(log)
     found = solve_again(run, step, solver)
-    window, kind = found.logged.window, found.problem.spec.solver.kind
+    window, kind = found.logged.window, solver or run.task.spec.solver.kind
     stages = ", ".join(stage.name for stage in window.stages)
     typer.echo(f"sample {step} of {len(run.time)}, {window.start:.2f} s: window of {stages}; solver {kind}")
     for remark in found.remarks:

@@ -291,8 +291,7 @@ class Run:
     def write_into(self, group: h5py.Group) -> None:
         """Write the log of the run into an empty group of an open file."""
         present = [column for column in layout(self.spatial) if column.path in self.arrays]
-        elements = {c.dims[1]: np.arange(self[c.path].shape[1]) for c in present if c.ragged}
-        create_log(group, present, self.attributes, {**self.arrays, **elements})
+        create_log(group, present, self.attributes, self.arrays)
 
     def to_csv(self, directory: Path | str, force: bool = False) -> list[Path]:
         """Write samples.csv and stages.csv, and ticks.csv if ticks were logged, and return their paths.
@@ -381,7 +380,7 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
         Exception: One of `files.DAMAGE`: it is damaged.
     """
     columns = layout(Q_COORDINATE in group)
-    present = [part for column in columns if not column.only or column.path in group for part in column.parts[:2]]
+    present = [part for column in columns if not column.only or column.path in group for part in column.parts]
     arrays = {column.path: read_array(group[column.path]) for column in present}
     if missing := [name for name in ATTRIBUTES if name not in group.attrs]:
         raise ValueError(f"no attribute {', '.join(missing)}")

@@ -190,7 +190,7 @@ class Summary(_Computed):
         beyond = (largest(-arrays[f"margin/{kind}"], names, time) for _, kind, names in kinds)
         self.beyond_limits = tuple(each for each in beyond if each is not None and each.value > 0)
         self.end_condition = largest(arrays["deviation/end"], tuple(arrays["stages/name"]), time)
-        self.end_errors = _end_errors(arrays, problem, problem.stages[-1])
+        self.end_errors = _end_errors(arrays, problem)
         self.capture = CaptureSummary(spec, arrays) if "grasp/pull" in arrays else None
 
 
@@ -288,12 +288,12 @@ def _limits(arrays: Arrays, stages: tuple[Stage, ...]) -> tuple[LimitSummary, ..
     return tuple(tightest)
 
 
-def _end_errors(arrays: Arrays, problem: Problem, stage: Stage) -> tuple[float, float] | None:
+def _end_errors(arrays: Arrays, problem: Problem) -> tuple[float, float] | None:
     """Compute the last stage's end errors of the final state, as the controller saw it and true."""
     if "final/Q_true" not in arrays or np.isnan(arrays["final/end_time"]):
         return None
     states = ((arrays[f"final/Q{which}"], arrays[f"final/Qdot{which}"]) for which in ("", "_true"))
-    seen, true = (problem.costs.end_error(*in_own_chart(problem.model, stage, Q, v)) for Q, v in states)
+    seen, true = (problem.costs.end_error(*in_own_chart(problem.model, problem.stages[-1], Q, v)) for Q, v in states)
     return seen, true
 
 

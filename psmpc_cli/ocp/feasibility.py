@@ -145,7 +145,7 @@ def _targets(task: Task, stage: Stage) -> Iterator[Fault]:
 
 def _rows_outside(stage: Stage, values: np.ndarray) -> list[int]:
     """Return the coordinates whose values (n,) the stage asks for but its limits forbid."""
-    return [row for row in _outside(values, *_bounds(stage, "position")) if _counts(stage, slice(row, row + 1))]
+    return [row for row in _outside(values, *_bounds(stage, "position")) if _counts(stage, [row])]
 
 
 def _out_of_reach(task: Task, outlook: Outlook, certain: bool) -> Iterator[Fault]:
@@ -281,7 +281,7 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     for row in np.flatnonzero(np.isfinite(changes).all(axis=0)).tolist():
         excess = np.maximum(rates[:, row] - high[row], low[row] - rates[:, row])
         worst = int(excess.argmax())
-        if excess[worst] > SPEED_SLACK and _counts(stage, slice(row, row + 1)):
+        if excess[worst] > SPEED_SLACK and _counts(stage, [row]):
             name, rate = labels(task.robot, "joint")[row], _number(task, row, rates[worst, row], "/s")
             message = (
                 f"found {name} to move at {rate} from {times[worst]:g} s to {times[worst + 1]:g} s, expected within "
@@ -383,10 +383,9 @@ def _tolerances(stage: Stage) -> dict[int, float]:
     return found
 
 
-def _counts(stage: Stage, rows: slice) -> bool:
+def _counts(stage: Stage, rows: Sequence[int]) -> bool:
     """Tell whether weights or the end condition ask for all of some rows of the target."""
-    inside = range(rows.start, rows.stop)
-    return all(stage.weights[row] > 0 or row in stage.end_rows for row in inside)
+    return all(stage.weights[row] > 0 or row in stage.end_rows for row in rows)
 
 
 def _reaches(stage: Stage, robot: RobotSpec, xi: np.ndarray, base: np.ndarray | None = None) -> dict[str, Reach]:
@@ -394,16 +393,14 @@ def _reaches(stage: Stage, robot: RobotSpec, xi: np.ndarray, base: np.ndarray | 
 
     With the base at its own pose, or elsewhere.
     """
-    rows, size = (3, 3) if robot.dimension == 2 else (6, 7)
-    if stage.space != "task" or not _counts(stage, slice(0, rows)):
+    size = robot.parts["base"]
+    if stage.space != "task" or not _counts(stage, range(size)):
         return {}
-    found, first = {}, rows
+    poses, ends, found = xi.reshape(len(robot.parts), -1), np.cumsum(list(robot.parts.values())), {}
+    low, high = (np.split(bound, ends[:-1]) for bound in _bounds(stage, "position"))
     for i, arm in enumerate(robot.arms, start=1):
-        first, own = first + robot.parts[arm], slice(first, first + robot.parts[arm])
-        if _counts(stage, slice(rows * i, rows * (i + 1))):
-            low, high = (bound[own] for bound in _bounds(stage, "position"))
-            pose = xi[size * i : size * (i + 1)]
-            found[arm] = reach_of(robot, arm, xi[:size] if base is None else base, pose, (low, high))
+        if _counts(stage, range(size * i, size * (i + 1))):
+            found[arm] = reach_of(robot, arm, poses[0] if base is None else base, poses[i], (low[i], high[i]))
     return found
 
 

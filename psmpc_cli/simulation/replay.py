@@ -16,7 +16,7 @@ from psmpc_cli.logs.comparison import Comparison, compare_runs
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.ocp.plan import Chart
-from psmpc_cli.ocp.problem import Problem, build_problem
+from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.simulation.run import Watch, simulate
@@ -99,7 +99,6 @@ class Replay:
     """A solve done again.
 
     Attributes:
-        problem: The run's problem; its solver may be another one.
         logged: The solve as it was logged.
         solution: What came out again.
         iterations: The solver's table of iterations, line by line; its objective is J over the largest priority.
@@ -109,7 +108,6 @@ class Replay:
         same_solver: Whether the solver is the run's.
     """
 
-    problem: Problem
     logged: Solution
     solution: Solution
     iterations: tuple[str, ...]
@@ -135,8 +133,11 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
     if solver is not None:
         change = (f"--solver {solver}", f"solver.kind={json.dumps(solver)}")
         task = parse_task(task.task_yaml, task.robot_yaml, task.spec.name, [change])
-    problem, same = build_problem(task), task.spec.solver.kind == log.task.spec.solver.kind
-    back_end = build_solver(problem, task.spec.solver.model_copy(update={"deadline": None}), lines.append)
+    spec, same = (
+        task.spec.solver.model_copy(update={"deadline": None}),
+        task.spec.solver.kind == log.task.spec.solver.kind,
+    )
+    back_end = build_solver(build_problem(task), spec, lines.append)
     duals = logged.guess_duals if same else np.zeros(0)
     previous = replace(logged, outcome=Outcome.OPTIMAL, plan=logged.guess, duals=duals) if logged.warm else None
     solution = back_end.solve(logged.window, logged.guess, previous)
@@ -145,7 +146,6 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
     names = ["objective J", *ends, *(f"control of {name}" for name in controls)]
     solves = [np.r_[each.J, each.plan.instants, each.plan.mean_control(tick)[0]] for each in (logged, solution)]
     return Replay(
-        problem=problem,
         logged=logged,
         solution=solution,
         iterations=tuple(lines),

@@ -34,7 +34,7 @@ class Meter:
     """Measures the samples of one run, and follows its balances of momentum and energy.
 
     How the motion went is measured of the true state where that is not the one the controller saw. What no decision
-    needs is measured when it is first read, of all samples that wait for it.
+    needs is measured when it is first read, of all samples that wait for it; to the bit, their number does not matter.
     """
 
     def __init__(
@@ -47,9 +47,8 @@ class Meter:
         problem, self._capture = counterfactuals.controller.problem, capture
         self._counterfactuals, self._uncertainty, self._problem = counterfactuals, uncertainty, problem
         self._sees_the_state, self._shares = problem.spec.sees_the_state, problem.spec.log.shares
-        self._base, self._number, d = problem.model.parts["base"], 0, problem.model.dimension
+        self._base, self._number = problem.model.parts["base"], 0
         self._tick, self._waiting = 1 / problem.spec.plant.low_level_rate, list[_Waiting]()
-        self._norms = np.repeat(np.eye(2), (d, self._base.stop - d), 0)
         self._expected = self._kept(0, x0[None])[0] + (0.0 if capture is None else capture.kept)
 
     def measure(self, command: Command, ticks: Ticks, x: np.ndarray, u: np.ndarray, contact: Contact | None) -> Sample:
@@ -84,8 +83,9 @@ class Meter:
         model, n, limits = problem.model, problem.model.n, stage.limits
         x, u, ends = np.array(true), np.array([each[0] for each in applied]), np.array([each.X[-1] for each in ticks])
         charted = [chart.entered(each.X) for each in ticks]
-        base = np.stack([each.F[:, self._base] for each in ticks], axis=1)
-        force, torque = self._tick * np.sqrt(base * base @ self._norms).sum(axis=0).T
+        squares = np.array([each.F[:, self._base] for each in ticks]) ** 2
+        parts = squares[..., : model.dimension], squares[..., model.dimension :]
+        force, torque = (self._tick * np.sqrt(part.sum(axis=2)).sum(axis=1) for part in parts)
         passed = np.stack([each[1:] for each in charted], axis=1)
         if chart.spatial:  # limits are those of v, not of the chart's rates
             passed[:, :, n:] = np.stack([each.X[1:, model.nq :] for each in ticks], axis=1)
@@ -96,7 +96,7 @@ class Meter:
         deviation = np.hstack([(about.entered(ends) - about.enter(Q, v))[:, :n], ends[:, model.nq :] - v])
         since = np.array([each.time - each.sequence.entered for each in commands])
         gained = [t.gained if c is None else t.gained + c.gained for t, c in zip(ticks, contacts, strict=True)]
-        expected = self._expected + np.cumsum(gained, axis=0)
+        expected = np.cumsum([self._expected, *gained], axis=0)[1:]
         kept = self._kept(stage.index, ends) + np.array(of_object).reshape(len(x), -1) - expected
         held = self._uncertainty is not None and self._uncertainty.holds(stage.index)
         columns = {

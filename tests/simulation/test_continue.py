@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 
 from psmpc_cli.errors import LogError
@@ -13,7 +14,8 @@ from psmpc_cli.logs.run import read_run
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.simulation.replay import continue_run, rerun, unequal_conditions
-from psmpc_cli.simulation.run import build_experiment, header
+from psmpc_cli.simulation.run import build_experiment, header, simulate
+from psmpc_cli.specs.load import load_task
 
 from .logged import there_and_back
 
@@ -34,6 +36,18 @@ def test_an_interrupted_run_is_completed(tmp_path: Path, changes: tuple[str, ...
     assert comparison.differences == ()
     assert compare_runs(whole, read_run(log.path)).differences == ()
     assert sorted(each.name for each in tmp_path.iterdir()) == ["log.h5", "part.h5", "task.yaml"]
+
+
+@pytest.mark.slow
+def test_a_capture_that_was_interrupted_before_its_grippers_closed_is_completed(tmp_path: Path) -> None:
+    def stop(sample: Sample) -> None:
+        if sample.number == 60:
+            raise KeyboardInterrupt
+
+    task = load_task("transport_grasp", ["controller.nodes=8", "log.shares=false", "time_limit=16"])
+    comparison = continue_run(simulate(task, tmp_path / "part.h5", stop))
+    assert comparison is not None and comparison.differences == ()
+    assert np.isfinite(read_run(tmp_path / "part.h5")["grasp/closed_at"]).all()
 
 
 KILLED = """

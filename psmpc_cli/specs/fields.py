@@ -32,19 +32,11 @@ from psmpc_cli.specs.document import DECIMAL, LARGEST, Document, Fault, Location
 NAME_PATTERN = r"^[^\s./\\\[\]=:,]+( [^\s./\\\[\]=:,]+)*$"
 """Names appear in paths, messages, files and datasets."""
 
-LONGEST_NAME = 60
-
-SMALLEST = 1e-12
-"""Magnitude of a number that must not be 0."""
-
 SECONDS_PATTERN = rf"^{DECIMAL} *s$"
 ANGLE_PATTERN = rf"^{DECIMAL} *(deg|rad|°)$"
 
 FLAW = "flaw"
 """Type of every validation error of a `Spec`; its context holds the parts of the message."""
-
-TURN = 2 * math.pi * (1 + 1e-9)
-"""Largest angle without a unit [rad]."""
 
 Pair = tuple[float, float]
 
@@ -214,7 +206,7 @@ def number_or_angle(value: object) -> float:
 
 def within_a_turn(written: object, before: Fields, context: Any) -> Flaws:
     """Give an angle of more than a turn without a unit: degrees, most likely."""
-    if isinstance(written, int | float) and abs(written) > TURN:
+    if isinstance(written, int | float) and abs(written) > 2 * math.pi * (1 + 1e-9):
         wanted = f"an angle within one turn, or one with its unit: {written:g} deg, {written:g} rad"
         yield (), expected(wanted, f'{written:g} rad (did you mean "{written:g} deg"?)')
 
@@ -241,8 +233,8 @@ def _intervals(value: object) -> object:
 def _name(value: object) -> str:
     if not isinstance(value, str):
         raise expected("a name (in quotes if it looks like a number)")
-    if len(value) > LONGEST_NAME or not value.isprintable() or not re.fullmatch(NAME_PATTERN, value):
-        raise expected(f"a name of at most {LONGEST_NAME} characters without . / \\ [ ] = : , and double spaces")
+    if len(value) > 60 or not value.isprintable() or not re.fullmatch(NAME_PATTERN, value):
+        raise expected("a name of at most 60 characters without . / \\ [ ] = : , and double spaces")
     return value
 
 
@@ -294,7 +286,7 @@ class _Or:
 
 
 _or_angle = _Or({"type": "string", "pattern": ANGLE_PATTERN})
-_not_tiny = ensure(lambda value: not 0 < value < SMALLEST, f"a number of at least {SMALLEST:g}")
+_not_tiny = ensure(lambda value: not 0 < value < 1e-12, "a number of at least 1e-12")
 
 Number = Annotated[float, BeforeValidator(number)]
 Positive = Annotated[float, Field(gt=0), BeforeValidator(number), _not_tiny]

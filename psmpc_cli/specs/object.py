@@ -122,16 +122,13 @@ class ObjectSpec(Spec):
     grasp: fields.Sparse[GraspSpec | None] = Field(None, description="how grippers hold it")
 
 
-BODY = ("inertia", "motion", "destination", "grasp")
-"""Keys of an object that only a body with mass has."""
-
-
 def complete(thing: ObjectSpec, before: Fields, context: Context) -> Flaws:
     """Give an object that is let go before it is taken, or is half a body."""
     order, grasp = context.stages, thing.grasp
     if order and order.index(thing.let_go_by) <= order.index(thing.taken_by):
         yield ("let_go_by",), expected(f"a stage after {quoted(thing.taken_by)}, which takes the object")
-    for key in (key for key in BODY if thing.mass is None and getattr(thing, key) is not None):
+    of_body = ("inertia", "motion", "destination", "grasp") if thing.mass is None else ()
+    for key in (key for key in of_body if getattr(thing, key) is not None):
         yield (key,), expected('also "mass": an object without one is drawn alone', "no mass", at_key=True)
     if thing.mass is not None and (thing.inertia is None or grasp is None):
         missing = " and ".join(quoted(key) for key in ("inertia", "grasp") if getattr(thing, key) is None)

@@ -22,9 +22,6 @@ from psmpc_cli.specs.uncertainty import UncertaintySpec
 REQUIRED: dict[Space, tuple[str, ...]] = {"point": ("base",)}
 """Parts that targets and weights must have, where these are not all: not every arm has to point at something."""
 
-ROUNDING = 1e-6
-"""By how much a ratio of times may miss a whole number."""
-
 _Aim = Annotated[
     Annotated[fields.Numbers, Tag("numbers")] | Annotated[OnObject, Tag("object")],
     Discriminator(lambda value: "object" if is_on_object(value) else "numbers"),
@@ -383,7 +380,8 @@ def _plant(plant: PlantSpec, before: Fields, context: Context) -> Flaws:
 
 
 def _is_whole(ratio: float) -> bool:
-    return round(ratio) >= 1 and abs(ratio - round(ratio)) <= ROUNDING * ratio
+    """Tell whether a ratio of times is a whole number, but for the digits it is written with."""
+    return round(ratio) >= 1 and abs(ratio - round(ratio)) <= 1e-6 * ratio
 
 
 def _within_the_robots(limits: Mapping[str, PartLimits], before: Fields, context: Context) -> Flaws:

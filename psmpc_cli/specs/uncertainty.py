@@ -9,9 +9,6 @@ from psmpc_cli.specs import fields
 from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, holds
 from psmpc_cli.specs.parts import Context, by_dimension, in_joint_space
 
-ROUNDING = 1e-6
-"""By how much the shares of a payload may miss 1 in all."""
-
 _Fractions = fields.OrByPart[fields.Fraction, fields.Part, fields.Fraction]
 _ByArm = fields.OrByPart[fields.NotNegative, fields.ArmName, fields.OneOrMore[fields.NotNegative]]
 
@@ -52,12 +49,12 @@ class ImpulseSpec(Spec):
 
 
 def _whole(share: float | Mapping[str, float] | None, before: Fields, context: Context) -> Flaws:
-    """Give shares of a payload whose sum over the arms is not 1."""
+    """Give shares of a payload whose sum over the arms is not 1, but for the digits they are written with."""
     arms = [part for part in context.sizes if part != "base"]
     by_arm = share if isinstance(share, Mapping) else {"arms": share}
     own = [by_arm.get(arm, by_arm.get("arms")) for arm in arms]
     shares = [each for each in own if each is not None]
-    if arms and len(shares) == len(arms) and abs(sum(shares) - 1) > ROUNDING:
+    if arms and len(shares) == len(arms) and abs(sum(shares) - 1) > 1e-6:
         found = f"shares whose sum is {sum(shares):g}"
         yield (), expected(f"1 over the {len(arms)} arms", found, at_key=True)
 

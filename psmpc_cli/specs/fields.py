@@ -46,9 +46,6 @@ Flaws = Iterator[tuple[Location, PydanticCustomError]]
 Fields = Mapping[str, Any]
 """The valid fields of a model before the one that a rule is about."""
 
-Rule = Callable[[Any, Fields, Any], Flaws]
-"""Gives what is wrong with a value, by the fields before it and the `Context` of its description."""
-
 
 def flaw(tail: str, found: str | None = None, at_key: bool = False) -> PydanticCustomError:
     """Create the error `found <found><tail>`; without `found` the message describes the value in the file."""
@@ -60,10 +57,13 @@ def expected(what: str, found: str | None = None, at_key: bool = False) -> Pydan
     return flaw(f", expected {what}", found, at_key)
 
 
-def holds(rule: Rule, as_written: bool = False, always: bool = False) -> WrapValidator:
-    """Create a validator of a rule about a valid value; without a validation context it does not apply, unless always.
+def holds(rule: Callable[[Any, Fields, Any], Flaws], as_written: bool = False, always: bool = False) -> WrapValidator:
+    """Create a validator of a valid value.
 
-    The rule gets the value itself, or as it is written in the file.
+    Args:
+        rule: Gives what is wrong with the value, by the fields before it and the `Context` of its description.
+        as_written: Whether the rule gets the value as it is written in the file.
+        always: Whether the rule also applies without a context.
     """
 
     def check(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:

@@ -20,8 +20,6 @@ KINDS: tuple[Kind, ...] = ("robot", "task")
 LARGEST_FILE = 2**18
 """Bytes of a description; the built-in ones have some three thousand."""
 
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
-
 _MODE_LINE = re.compile(r"(?<=\$schema=)\S*/(?=(?:robot|task)\.json)")
 _ROBOT_LINE = re.compile(r"^robot: *([^\s#]+)", re.MULTILINE)
 
@@ -84,7 +82,7 @@ def json_schema(kind: Kind) -> dict[str, Any]:
         schema = TaskSpec.model_json_schema()
     else:
         schema = TypeAdapter(PlanarRobot | SpatialRobot | UrdfRobot).json_schema()
-    return {"$schema": DIALECT, "title": f"psmpc {kind}", **schema}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"psmpc {kind}", **schema}
 
 
 def write_starter(folder: Path, overwrite: bool) -> list[Path]:

@@ -18,10 +18,7 @@ ACCEPTABLE = 0.1
 """Largest consistency ratio of comparisons that still agree well enough. Saaty's rule."""
 
 LARGEST_INDEX = {3: 0.31, 4: 0.35}
-"""Geometric consistency index at which the ratio is `ACCEPTABLE`, by the number of things compared."""
-
-LARGEST_INDEX_OF_MORE = 0.37
-"""The same for more than four."""
+"""Geometric consistency index at which the ratio is `ACCEPTABLE`, by the number of things compared; of more 0.37."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +58,7 @@ def weigh(compare: Sequence[PairwiseComparison], stages: Sequence[str]) -> Weigh
     residuals = logs - incidence @ logarithms
     surplus = len(compare) - len(stages) + 1
     index = float(residuals @ residuals) / surplus if surplus > 0 else 0.0
-    ratio = ACCEPTABLE * index / LARGEST_INDEX.get(len(stages), LARGEST_INDEX_OF_MORE)
+    ratio = ACCEPTABLE * index / LARGEST_INDEX.get(len(stages), 0.37)
     return Weighing(logarithms, residuals, surplus, ratio)
 
 

@@ -190,18 +190,17 @@ def read(name: str, text: str) -> Document:
     try:
         node = yaml.compose(text, Loader=yaml.BaseLoader)
         data = None if node is None else _convert(node, (), None, origins, faults)
+        return Document(name, text, data, origins, tuple(faults))
     except MarkedYAMLError as error:
         since = f", {error.context} that begins in line {error.context_mark.line + 1}" if error.context_mark else ""
-        message = f"found no plain YAML{since}: {error.problem}"
-        return Document(name, text, faults=(Fault((), message, place=_place_of(error.problem_mark)),))
+        message, place = f"found no plain YAML{since}: {error.problem}", _place_of(error.problem_mark)
     except ReaderError as error:
         start = text.rfind("\n", 0, error.position) + 1
         place = Place(text.count("\n", 0, error.position) + 1, error.position - start + 1)
-        code = f"found the control character U+{ord(text[error.position]):04X}, expected printable text"
-        return Document(name, text, faults=(Fault((), code, place=place),))
+        message = f"found the control character U+{ord(text[error.position]):04X}, expected printable text"
     except RecursionError:
-        return Document(name, text, faults=(Fault((), f"found no plain YAML: {TOO_LARGE}"),))
-    return Document(name, text, data, origins, tuple(faults))
+        message, place = f"found no plain YAML: {TOO_LARGE}", Place(1, 1)
+    return Document(name, text, faults=(Fault((), message, place=place),))
 
 
 def put(

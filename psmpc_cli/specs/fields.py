@@ -341,8 +341,8 @@ OrByPart = Annotated[
 ]
 """One number for all parts, or numbers by part: `OrByPart[one, key, each]`."""
 
-Part = Annotated[str, known(lambda context: context.parts, "part of the robot")]
-ArmName = Annotated[str, known(lambda context: context.parts[1:], "part of the robot")]
+Part = Annotated[str, known(lambda context: context.sizes and [*context.sizes, "arms"], "part of the robot")]
+ArmName = Annotated[str, known(lambda context: context.sizes and [*context.sizes, "arms"][1:], "part of the robot")]
 
 
 Quaternion = Annotated[

@@ -48,11 +48,6 @@ class Context:
     robot_limits: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
-    def parts(self) -> list[str]:
-        """The keys of numbers by part."""
-        return [*self.sizes, "arms"] if self.sizes else []
-
-    @cached_property
     def spaces(self) -> dict[str, Space | None]:
         """The skills and their spaces as written, None where there is no such space."""
         given = {name: mapping(skill).get("space") for name, skill in mapping(self.file.value(("skills",))).items()}

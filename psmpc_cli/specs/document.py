@@ -174,10 +174,9 @@ class Document:
 
     def _source(self, place: Place) -> str:
         """Write the line of a position with a caret below its column; nothing for a line that is not in the text."""
-        lines = self.text.splitlines()
-        if place.line > len(lines) or not lines[place.line - 1]:
+        line = "".join(self.text.splitlines()[place.line - 1 : place.line])
+        if not line:
             return ""
-        line = lines[place.line - 1]
         start = max(0, min(place.column - WIDEST // 2, len(line) - WIDEST))
         shown = "".join(c if c.isprintable() else " " for c in line[start : start + WIDEST])
         return f"\n{place.line:>4} | {shown.rstrip()}\n     | {' ' * (place.column - 1 - start)}^"

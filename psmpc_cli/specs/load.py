@@ -195,9 +195,8 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
 
 def _kind_of(document: Document) -> Kind | None:
     """Return whether a document describes a robot or a task by the keys that only one of them has, None if in doubt."""
-    keys = mapping(document.data)
-    robot = any(key in keys for key in ("arms", "base"))
-    task = any(key in keys for key in ("stages", "skills", "robot"))
+    keys = set(mapping(document.data))
+    robot, task = bool(keys & {"arms", "base"}), bool(keys & {"stages", "skills", "robot"})
     return None if robot == task else "robot" if robot else "task"
 
 

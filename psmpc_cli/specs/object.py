@@ -10,8 +10,6 @@ from psmpc_cli.specs.document import mapping, quoted
 from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, holds, is_pose, known, listed, within_a_turn
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES, Context, by_dimension
 
-Numbers = tuple[float, ...]
-
 
 def _unit_of_angle(written: Any, before: Fields, context: Context) -> Flaws:
     """Give an angle of a planar pose that needs a unit."""
@@ -19,17 +17,15 @@ def _unit_of_angle(written: Any, before: Fields, context: Context) -> Flaws:
         yield from (((2,), error) for _, error in within_a_turn(written[2], {}, None))
 
 
-_list = listed("a list of numbers")
 PoseNumbers = Annotated[
     tuple[fields.Angle, ...],
     by_dimension(len(TARGET_AXES[2]), len(TARGET_AXES[3])),
-    _list,
     holds(_unit_of_angle, as_written=True),
     fields.or_pose,
 ]
 """A pose: (x, y, angle) [m, rad], or in space position and unit quaternion w, x, y, z."""
 
-_Extent = Annotated[tuple[fields.Positive, ...], by_dimension(2, 3), _list]
+_Extent = Annotated[tuple[fields.Positive, ...], by_dimension(2, 3)]
 _StageName = Annotated[str, known(lambda context: context.stages)]
 _Gripper = Annotated[str, known(lambda context: mapping(context.file.value(("object", "grasp", "at"))))]
 
@@ -51,7 +47,7 @@ def is_on_object(value: object) -> bool:
 class MotionSpec(Spec):
     """How the object moves before it is taken."""
 
-    linear: Annotated[Numbers, by_dimension(2, 3), _list] = Field(
+    linear: Annotated[tuple[float, ...], by_dimension(2, 3)] = Field(
         description="velocity of its centre of mass in the inertial frame [m/s]"
     )
     angular: Annotated[fields.OneOrMore[fields.Angle], by_dimension(1, 3)] = Field(
@@ -63,7 +59,7 @@ class DestinationSpec(Spec):
     """Where the object has to be when it leaves the grippers, and how slow."""
 
     pose: PoseNumbers = Field(description="pose, as the object's")
-    tolerance: Annotated[tuple[fields.Width, ...], by_dimension(len(ERROR_AXES[2]), len(ERROR_AXES[3])), _list] = Field(
+    tolerance: Annotated[tuple[fields.Width, ...], by_dimension(len(ERROR_AXES[2]), len(ERROR_AXES[3]))] = Field(
         description="how near, one number for each row of the pose's error [m, rad]"
     )
     speed: fields.Positive = Field(description="largest speed of its centre of mass [m/s]")

@@ -82,10 +82,8 @@ def disagreements(priorities: Any, before: Fields, context: Any) -> Flaws:
     compare = priorities.compare
     number, labels = connected_components(_incidence(compare, stages).T @ _incidence(compare, stages), directed=False)
     if number > 1:
-        islands = (
-            ", ".join(shortened(s) for s, at in zip(stages, labels, strict=True) if at == i) for i in range(number)
-        )
-        found = f"nothing that compares {' with '.join(islands)}"
+        islands = [[shortened(stages[i]) for i in np.flatnonzero(labels == island)] for island in range(number)]
+        found = f"nothing that compares {' with '.join(map(', '.join, islands))}"
         yield ("compare",), expected("comparisons that connect all stages", found, at_key=True)
         return
     weighing = weigh(compare, stages)

@@ -128,11 +128,6 @@ class Arm(Spec):
         return [(position, (0.0, 0.0, angle)) for position, angle in zip(positions, angles, strict=True)]
 
 
-def _moments(value: object) -> object:
-    """Take three principal moments as a matrix without products."""
-    return [*value, 0.0, 0.0, 0.0] if isinstance(value, list | tuple) and len(value) == 3 else value
-
-
 def _is_an_inertia(value: Six) -> Six:
     """Check that a rigid body can have an inertia: positive, and no principal moment above the sum of the others."""
     xx, yy, zz, xy, xz, yz = value
@@ -147,7 +142,7 @@ def _is_an_inertia(value: Six) -> Six:
 Inertia = Annotated[
     tuple[fields.Number, fields.Number, fields.Number, fields.Number, fields.Number, fields.Number],
     listed("3 principal moments, or 6 numbers: xx, yy, zz, xy, xz, yz", 6),
-    BeforeValidator(_moments),
+    BeforeValidator(lambda value: [*value, 0, 0, 0] if isinstance(value, list | tuple) and len(value) == 3 else value),
     AfterValidator(_is_an_inertia),
 ]
 

@@ -34,10 +34,10 @@ READ = {
 }
 """Elements of URDF, by the one they are in; others are noted."""
 
+XACRO = "{http://www.ros.org/wiki/xacro}"
+
 Places = dict[str, tuple[str, Matrix]]
 """By link, its body and its frame in that of the body (4, 4)."""
-
-XACRO = "{http://www.ros.org/wiki/xacro}"
 
 
 @dataclass(frozen=True)

@@ -323,13 +323,7 @@ def overhead(nodes: str = "25") -> Iterator[str]:
 
 
 def _sample_parts(nodes: int, shares: bool, together: Sequence[list[float]]) -> np.ndarray:
-    """Return what the parts of each sample of a run took (K, parts) [s].
-
-    Args:
-        nodes: Of a stage.
-        shares: Whether shares are computed.
-        together: Follow what reading rows and measuring samples take, of many together.
-    """
+    """Return what the parts of each sample of a run took (K, parts) [s]; `together` follows rows, then metrics."""
     experiment = build_experiment(load_task("transport", {"controller.nodes": nodes, "log.shares": shares}))
     spent = timed(experiment.counterfactuals, ["presence", "shares"]), timed(experiment.plant, ["advance"])
     found: list[list[float]] = []

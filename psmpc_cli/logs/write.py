@@ -144,14 +144,12 @@ class LogWriter:
         """Move the rows that wait to the log in memory; done again after an interruption, it does no harm."""
         rows = rows_of(self._pending, self._growing)
         for column in self._growing if rows else ():
-            if column.dims[0] == "time" and not column.ragged:
-                _extend(self._file[column.path], self._rows, np.array([row[column.path] for row in rows]))
-                continue
             values = [np.asarray(row[column.path]) for row in rows]
             if column.ragged:
                 self._extend_ragged(column, values)
-            else:
-                _extend(self._file[column.path], self._rows * len(values[0]), np.concatenate(values))
+                continue
+            block = np.array(values) if column.dims[0] == "time" else np.concatenate(values)
+            _extend(self._file[column.path], self._rows * (len(block) // len(rows)), block)
         self._rows += len(rows)
         self._pending = []
 

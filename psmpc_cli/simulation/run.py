@@ -285,21 +285,18 @@ def simulate(
 
 def _write(experiment: Experiment, writer: LogWriter, watch: Watch, until: int | None = None) -> None:
     """Write every sample of the closed loop and how it ended."""
-    samples, clock = (
-        closed_loop(experiment, until),
-        StageClock(len(experiment.problem.stages), experiment.problem.spec.onset),
-    )
-    record = None if experiment.capture is None else GraspRecord(experiment.capture)
+    samples, stages = closed_loop(experiment, until), experiment.problem.stages
+    clock = StageClock(len(stages), experiment.problem.spec.onset)
+    records = (clock,) if experiment.capture is None else (clock, GraspRecord(experiment.capture))
     try:
         writer.update(clock.tables)
         while True:
             sample = next(samples)
             writer.write(sample)
-            if clock.update(sample):
-                writer.update(clock.tables)
-            if record is not None and record.update(sample):
-                writer.update(record.tables)
-            _report(sample, experiment.problem.stages)
+            for record in records:
+                if record.update(sample):
+                    writer.update(record.tables)
+            _report(sample, stages)
             watch(sample)
     except StopIteration as stop:
         ending: Ending = stop.value

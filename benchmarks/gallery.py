@@ -33,6 +33,7 @@ import psmpc_cli as psmpc
 from psmpc_cli.figures import style
 from psmpc_cli.figures.scene import scene_of
 from psmpc_cli.figures.snapshots import draw_scene, show
+from psmpc_cli.figures.timeline import draw_stages
 
 FIGURES = ROOT / "docs" / "figures"
 
@@ -86,18 +87,7 @@ def concept(overlapped: psmpc.Run, hard: psmpc.Run) -> Figure:
     points = np.vstack([scene.extent([EARLY]) for scene in scenes.values()])
     latest = max(run.motion.end for run in runs.values())
     for (bars, picture), (title, run) in zip(grid.T, runs.items(), strict=True):
-        for span in run.spans:
-            color = style.PALETTE[span.index]
-            bars.barh(span.index, span.end - span.start, 0.8, span.start, color=color, alpha=0.75)
-            if span.early is not None and span.start - span.early > 0.3:
-                look = {"facecolor": style.EARLY, "edgecolor": color, "hatch": "////"}
-                bars.barh(span.index, span.start - span.early, 0.8, span.early, **look)
-            beside = {"va": "center", "fontsize": style.TEXT}
-            if span.index < 2:
-                bars.text(span.end + 0.5, span.index, style.readable(span.name), **beside)
-            else:
-                start = span.start if span.early is None else span.early
-                bars.text(start - 0.5, span.index, style.readable(span.name), ha="right", **beside)
+        draw_stages(bars, run.spans, [span.index for span in run.spans])
         bars.axvline(EARLY, color="black", linewidth=0.8, linestyle=":")
         bars.set_title(f"{title}, done after {run.motion.end:.1f} s", loc="left", fontsize=8.0)
         bars.set(xlim=(0, latest), yticks=[], xlabel="Time (s)")

@@ -84,7 +84,7 @@ def _plot_stack(axes: Axes, run: Run, shares: np.ndarray) -> None:
     last = run.time[-1]
     edges = np.r_[run.time, run.motion.end if run.motion.end > last else last + run.task.spec.controller.sample_time]
     top = np.zeros(len(run.time))
-    for stage in map(int, np.flatnonzero(np.any(np.isfinite(shares), axis=0))):
+    for stage in np.flatnonzero(np.isfinite(shares).any(axis=0)).tolist():
         bottom, top = top, top + 100 * np.nan_to_num(shares[:, stage])
         label, color = style.readable(run.stage_names[stage]), style.PALETTE[stage % len(style.PALETTE)]
         look: dict[str, Any] = {"facecolor": (color, 0.75), "hatch": HATCHES[stage % len(HATCHES)], "zorder": 1}

@@ -1,9 +1,6 @@
 """The runs of a Monte Carlo study: how often they succeed, when their stages end, how near to limits they come."""
 
-from collections.abc import Mapping
-
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -37,7 +34,10 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
 
 
 def plot_runs(runs: MonteCarloRuns) -> Figure:
-    """Plot final error [tolerances], tightest margins [%] and those of the monitors [m, m/s] of every run."""
+    """Plot final error [tolerances], tightest margins [%] and those of the monitors [m, m/s] of every run.
+
+    Failed runs are ringed, or crosses on the lower edge where they have no values.
+    """
     error = runs["final_error"]
     margins = {kind: 100 * runs[f"relative_{kind}_margin"] for kind in ("position", "velocity")}
     panels = [("Final error\n(tolerances)", {"": error}, 1.0, "tolerance")]
@@ -46,30 +46,25 @@ def plot_runs(runs: MonteCarloRuns) -> Figure:
         monitored = dict(zip(map(style.readable, runs.monitors), runs["monitor_margin"].T, strict=True))
         panels.append(("Margin of monitor\n(m, m/s)", monitored, 0.0, "bound"))
     figure, rows = style.stack([label for label, *_ in panels], [1.1] * len(panels), "Seed of the run (1)")
-    known = error[np.isfinite(error) & (error > 0)]
-    if len(known) and known.max() > 30.0 * known.min():
+    positive = error[np.isfinite(error) & (error > 0)]
+    if len(positive) and positive.max() > 30.0 * positive.min():
         rows[0].set_yscale("log")
     else:
         rows[0].set_ylim(0.0, 1.12 * max(1.0, float(np.nanmax(error, initial=0.0))))
-    for axes, (_, values, level, name) in zip(rows, panels, strict=True):
-        _plot_by_run(axes, runs, values)
-        axes.axhline(level, label=name, **style.LEVEL)
+    seed, failed = runs["seed"], runs.failed
+    for axes, (_, values, level, limit) in zip(rows, panels, strict=True):
+        for number, (name, value) in enumerate(values.items()):
+            look = {"linestyle": "none", "markersize": 3.0, "markeredgewidth": 0, **style.mark_look(number)}
+            axes.plot(seed, value, label=name or "_", **look)
+            axes.plot(seed[failed], value[failed], **style.look("ring around a failed run", label="_"))
+        axes.margins(y=0.12)
+        known = np.isfinite(list(values.values())).any(axis=0)
+        if (failed & known).any():
+            axes.plot([], [], **style.look("ring around a failed run", label="failed"))
+        if (lost := seed[failed & ~known]).size:  # along the lower edge
+            look = style.look("failed", label="failed, no value", transform=axes.get_xaxis_transform(), clip_on=False)
+            axes.plot(lost, np.zeros(len(lost)), **look)
+        axes.axhline(level, label=limit, **style.LEVEL)
         style.panel_legend(axes)
     rows[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
     return style.finish(figure)
-
-
-def _plot_by_run(axes: Axes, runs: MonteCarloRuns, values: Mapping[str, np.ndarray]) -> None:
-    """Plot quantities (runs,) over the seed; failed runs are ringed, or crosses on the lower edge without values."""
-    seed, failed = runs["seed"], runs.failed
-    for number, (name, value) in enumerate(values.items()):
-        look = {"linestyle": "none", "markersize": 3.0, "markeredgewidth": 0, **style.mark_look(number)}
-        axes.plot(seed, value, label=name or "_", **look)
-        axes.plot(seed[failed], value[failed], **style.look("ring around a failed run", label="_"))
-    axes.margins(y=0.12)
-    known = np.isfinite(list(values.values())).any(axis=0)
-    if (failed & known).any():
-        axes.plot([], [], **style.look("ring around a failed run", label="failed"))
-    if (lost := seed[failed & ~known]).size:
-        look = style.look("failed", label="failed, no value", transform=axes.get_xaxis_transform(), clip_on=False)
-        axes.plot(lost, np.zeros(len(lost)), **look)

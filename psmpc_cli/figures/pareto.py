@@ -25,9 +25,9 @@ def in_plane(results: Results) -> list[list[tuple[np.ndarray, np.ndarray]]]:
     return [[(J[i, 0], dominated[i, 0]) for J, dominated in found] for i in range(len(results["instant"]))]
 
 
-def every_point(results: Results) -> np.ndarray:
-    """Return J_1 and J_2 of all points in the plane (P, 2)."""
-    return np.concatenate([J for points in in_plane(results) for J, _ in points])
+def has_points(results: Results) -> bool:
+    """Return whether a study has a point that could be solved for."""
+    return any(np.isfinite(J).any() for points in in_plane(results) for J, _ in points)
 
 
 def in_space(results: Results) -> bool:
@@ -41,7 +41,7 @@ def plot_fronts(results: Results) -> Figure:
     The axes of a second panel are logarithmic if the costs differ so much that a linear one cannot show them all.
     """
     samples = in_plane(results)
-    every = every_point(results)
+    every = np.concatenate([J for points in samples for J, _ in points])
     smallest, largest = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
     panels = 2 if np.all(smallest > 0) and np.any(largest > 30.0 * smallest) else 1
     figure, rows = style.stack([""] * panels, [1.9] * panels, "", sharex=False)

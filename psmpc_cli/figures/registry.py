@@ -4,7 +4,6 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from psmpc_cli.errors import InputError, LogError
@@ -73,7 +72,7 @@ ONLY_OF: Mapping[str, Callable[[Any], bool]] = {
 DRAWABLE: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
     SWEEP: ("cell that was run", lambda cells: not cells.waiting.all()),
     MONTE_CARLO: ("run that was made", lambda runs: runs.made.any()),
-    PARETO: ("point that could be solved for", lambda results: np.isfinite(pareto.every_point(results)).any()),
+    PARETO: ("point that could be solved for", pareto.has_points),
 }
 """What a study needs to be drawn."""
 

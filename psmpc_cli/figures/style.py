@@ -86,9 +86,7 @@ LOOKS: Mapping[str, Mapping[str, Any]] = {
 """Looks by what legends call them."""
 
 STYLE: Mapping[str, Any] = {
-    "font.family": "DejaVu Sans",
     "font.size": TEXT,
-    "mathtext.fontset": "dejavusans",
     "axes.labelsize": 7.5,
     "axes.titlesize": TEXT,
     "axes.titlelocation": "left",
@@ -116,8 +114,7 @@ STYLE: Mapping[str, Any] = {
     "savefig.dpi": 300,
     "pdf.fonttype": 42,
     "svg.hashsalt": "psmpc",
-    **{f"figure.constrained_layout.{pad}": 0.02 for pad in ("w_pad", "wspace")},
-    "figure.constrained_layout.h_pad": 0.04,
+    "figure.constrained_layout.w_pad": 0.02,
     "figure.constrained_layout.hspace": 0.0,
 }
 """Matplotlib settings in force while a figure is drawn and written."""

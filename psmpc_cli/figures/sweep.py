@@ -149,8 +149,14 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
     labels = [f"Completion\nof {second} (s)", "Control effort\n(m²/s³, rad²/s³)", "Final error\n(tolerances)"]
     shown = 3 if np.isfinite(error.middle).any() else 2
     figure, rows = _over_ratio(cells, labels[:shown], 1.1)
-    _mark_ratios(rows, cells)
+    best = recommend(cells).ratio
     for axes, values in zip(rows, found, strict=False):
+        if cells.ratio.min() <= cells.own_ratio <= cells.ratio.max():
+            label = f"task's {cells.own_ratio:.4g}" if axes is rows[0] else "_"
+            axes.axvline(cells.own_ratio, linestyle=style.DOTTED, label=label, **style.LEVEL)
+        if best is not None:
+            label = f"recommended {best:.4g}" if axes is rows[0] else "_"
+            axes.axvline(best, color=style.PALETTE[1], linewidth=1.1, label=label, zorder=1.8)
         _plot_along(axes, values, **style.line_look(0))
         axes.margins(y=0.12)
     if cells.ended.any():
@@ -190,15 +196,3 @@ def _plot_along(axes: Axes, values: AlongRatio, **look: Any) -> None:
     axes.plot(values.ratio, values.middle, marker="o", markersize=2.2, **look)
     if np.any(values.highest > values.lowest):
         axes.fill_between(values.ratio, values.lowest, values.highest, color=look["color"], alpha=0.2, linewidth=0)
-
-
-def _mark_ratios(rows: Sequence[Axes], cells: SweepCells) -> None:
-    """Mark the task's own ratio, if it lies within the sweep, and the recommended one."""
-    best = recommend(cells).ratio
-    for axes in rows:
-        if cells.ratio.min() <= cells.own_ratio <= cells.ratio.max():
-            label = f"task's {cells.own_ratio:.4g}" if axes is rows[0] else "_"
-            axes.axvline(cells.own_ratio, linestyle=style.DOTTED, label=label, **style.LEVEL)
-        if best is not None:
-            label = f"recommended {best:.4g}" if axes is rows[0] else "_"
-            axes.axvline(best, color=style.PALETTE[1], linewidth=1.1, label=label, zorder=1.8)

@@ -33,12 +33,7 @@ def check(
 
 
 def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path | None, force: bool) -> bool:
-    """Print the table of one robot or task and the audit of its gradients, draw it; tell whether gradients agree.
-
-    Raises:
-        InputError: The figure cannot be written.
-        SpecError: It is not valid.
-    """
+    """Print the table of one robot or task and the audit of its gradients, draw it; tell whether gradients agree."""
     from psmpc_cli.cli.tables import print_gradients, print_robot, print_task
     from psmpc_cli.ocp.feasibility import load_feasible, look_ahead, remarks
     from psmpc_cli.specs.load import kind_of_reference, load_robot

@@ -315,11 +315,7 @@ def _save(page: "Page", output: Path | None, log: Path, kind: str, force: bool, 
 
 
 def _runs_in(log: Path, chosen: Sequence[str], quiet: bool) -> "dict[str, Run]":
-    """Read the runs of a file by name, those chosen; those of a Monte Carlo study are repeated from their seeds.
-
-    Raises:
-        InputError: There is no such run.
-    """
+    """Read the runs of a file by name, those chosen; those of a Monte Carlo study are repeated from their seeds."""
     from psmpc_cli.cli.tables import read_file
     from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, RUN
 

@@ -118,12 +118,7 @@ def _run_study(
     figures: bool,
     quiet: bool,
 ) -> None:
-    """Run a study into its file, with its progress, and present it; after a signal the file keeps what was done.
-
-    Raises:
-        InputError: Options exclude each other, or the file is not to be overwritten.
-        SpecError: The task cannot be done.
-    """
+    """Run a study into its file, with its progress, and present it; after a signal the file keeps what was done."""
     from psmpc_cli.cli.tables import present
     from psmpc_cli.studies.runner import run_study
 

@@ -50,9 +50,6 @@ NOTHING = ("", "-")
 MOST_ROWS = 49
 """Rows of a sweep's table; of more runs so many are printed, evenly from the smallest to the largest ratio."""
 
-WORST = 5
-"""Number of the worst runs of a Monte Carlo study that are printed."""
-
 
 def print_table(headings: Row, rows: Sequence[Row], left: int = 2) -> None:
     """Print a table: as wide as the terminal, or wide into a file.
@@ -230,7 +227,7 @@ def print_monte_carlo(runs: MonteCarloRuns) -> None:
     typer.echo(_success(runs))
     rows = [(name, str(count), *(number(value, 3) for value in at)) for name, count, at in runs.quantiles()]
     print_table(("over the runs that have it", "runs", "5 %", "50 %", "95 %"), rows, left=1)
-    if worst := [int(run) for run in runs.worst(WORST)]:
+    if worst := [int(run) for run in runs.worst(count=5)]:
         typer.echo("worst runs: failed, latest, largest error")
         rows = []
         for run in worst:

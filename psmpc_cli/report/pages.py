@@ -38,9 +38,6 @@ from psmpc_cli.studies.sweep import recommend
 DPI, CSS_DPI = 200, 96
 """Pixels an inch in the file of a figure, and on a page."""
 
-IN_NOTEBOOK = 760
-"""Height of a page in a notebook [px]."""
-
 CAPTIONS = {
     "snapshots": "The robot at the key instants, with the targets of the stages that act.",
     "instants": "Planned switch times over time, and the actual ends of the stages.",
@@ -68,7 +65,7 @@ class Page:
     html: str
 
     def _repr_html_(self) -> str:
-        style = f"width: 100%; height: {IN_NOTEBOOK}px; border: 1px solid #d0d7de"
+        style = "width: 100%; height: 760px; border: 1px solid #d0d7de"
         return f'<iframe srcdoc="{escape(self.html)}" style="{style}" allowfullscreen></iframe>'
 
     def save(self, path: Path | str, force: bool = False) -> Path:

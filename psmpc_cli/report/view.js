@@ -476,7 +476,6 @@ let playing = false, clock = 0;
 function play(on) {
   if (on && now >= span() - 1e-6) seek(0);
   playing = on;
-  clock = performance.now();
   $("play").textContent = on ? "❚❚" : "▶";
   $("play").setAttribute("aria-label", on ? "pause" : "play");
 }

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.figures import style
-from psmpc_cli.figures.coordinates import error_curves
+from psmpc_cli.figures.coordinates import SMALLEST, error_curves
 from psmpc_cli.figures.scene import Scene, scene_of
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.plan import Plan
@@ -28,9 +28,6 @@ MOST_FRAMES, MOST_PLANS, MOST_NODES = 3000, 750, 24
 
 STAGES = ("#77AADD", "#EE8866", "#44BB99", "#EEDD88", "#FFAABB", "#99DDFF", "#BBCC33", "#DDDDDD")
 """Colours of the stages in turn: the light scheme of Paul Tol, distinct for colour-blind readers, below dark text."""
-
-LEAST_ERROR = 1e-5
-"""Smaller errors are not shown on their logarithmic scale [m, rad]."""
 
 Json = dict[str, Any]
 
@@ -217,7 +214,7 @@ def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
         inside = (time >= span.start - 1e-9) & (time <= span.end + 1e-9)
         found[0, int(angular), frame, inside] = np.interp(time[inside], when, size)
         found[1, int(angular), frame, inside] = tolerance
-    found[0] = np.where(found[0] > LEAST_ERROR, found[0], np.nan)
+    found[0] = np.where(found[0] > SMALLEST, found[0], np.nan)
     for kind, label in enumerate(("largest coordinate (m)", "largest angle (rad)")):
         errors, tolerances = found[:, kind]
         limits = [("tolerance", np.fmin.reduce(tolerances))]

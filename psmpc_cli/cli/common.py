@@ -22,9 +22,6 @@ RUNS = Path("runs")
 
 TASK = "Task file, or the name of a built-in task such as transport."
 
-PLAIN_INTERVAL = 5.0
-"""Simulated time between two plain lines [s]."""
-
 
 def _set_log_level(quiet: bool) -> bool:
     """Choose which messages of the library are printed: warnings and the compilation, which comes once, or errors."""
@@ -127,7 +124,8 @@ def live_line(quiet: bool) -> Iterator[Callable[..., None]]:
 def watched_run(quiet: bool) -> "Iterator[tuple[Callable[[Sample], None], Interruption]]":
     """Provide a watcher that shows the progress of a run and ends it after the sample at which a signal came.
 
-    Its line has time, stage, planned switch times, real-time factor since the first sample, and failed solves.
+    Its line has time, stage, planned switch times, real-time factor since the first sample, and failed solves. Without
+    a terminal there is one at every switch, and otherwise one every 5 s of simulated time.
     """
     began, due, failed = 0.0, 0.0, 0
     with deferred_signals() as interruption, live_line(quiet) as show:
@@ -140,7 +138,7 @@ def watched_run(quiet: bool) -> "Iterator[tuple[Callable[[Sample], None], Interr
             factor = f"{command.time / (now - began):.1f}" if command.time > 0 else "-"
             ahead = ", ".join(f"{instant:.2f}" for instant in command.instants) or "none"
             is_due = command.time >= due or bool(command.switches)
-            due = command.time + PLAIN_INTERVAL if is_due else due
+            due = command.time + 5.0 if is_due else due
             show(
                 f"{command.time:5.1f} s  {command.stage.name:<10} planned switch times: {ahead:<12} "
                 f"{factor:>5} x real time  failed solves: {failed}",

@@ -195,12 +195,11 @@ def _print_peaks(peaks: "Peaks") -> None:
     from psmpc_cli.simulation.verify import QUANTITIES
 
     rows = []
-    for quantity, name in QUANTITIES.items():
-        if (peak := peaks.get(quantity)) is None:
-            continue
+    for quantity in (each for each in QUANTITIES if each in peaks):
+        peak = peaks[quantity]
         value = f"{peak.value:.6f}" if quantity == "end condition" else f"{peak.value:.1e}" if peak.value else "0"
         where = (peak.where, f"{peak.time:.3f}") if peak.value else ("", "")
-        rows.append((name, value, *where, str(peak.sample)))
+        rows.append((QUANTITIES[quantity], value, *where, str(peak.sample)))
     print_table(("", "largest", "of", "at [s]", "sample"), rows, left=1)
 
 

@@ -38,8 +38,7 @@ def compare(
     from psmpc_cli.studies.compare import compared_tasks, run_tasks
 
     tasks = compared_tasks(task, re.findall(r"[^\s,]+", controllers), changes or [])
-    first = next(iter(tasks.values()))
-    path = common.output_file(output, f"{first.spec.name}-comparison", force, figures)
+    path = common.output_file(output, f"{next(iter(tasks.values())).spec.name}-comparison", force, figures)
     with ending_on_signals("no comparison was written"), live_line(quiet) as show:
         show(f"0 of {len(tasks)} runs done", due=False)
         ended = count(1)
@@ -104,8 +103,7 @@ def monte_carlo(
     """Run a task many times, each with another seed for its uncertainty: how often it succeeds, and how runs spread."""
     from psmpc_cli.studies.monte_carlo import monte_carlo_study
 
-    study = monte_carlo_study(task, runs, tuple(changes or ()))
-    _run_study(study, output, force, resume, jobs, dask, figures, quiet)
+    _run_study(monte_carlo_study(task, runs, tuple(changes or ())), output, force, resume, jobs, dask, figures, quiet)
 
 
 def _run_study(

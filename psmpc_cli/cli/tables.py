@@ -41,9 +41,6 @@ from psmpc_cli.studies.sweep import SweepCells, recommend
 
 Row = Sequence[str]
 
-PLAIN_WIDTH = 160
-"""Columns of a table that goes into a file."""
-
 NOTHING = ("", "-")
 """Cells without content; a column that has no others is not printed."""
 
@@ -52,7 +49,7 @@ MOST_ROWS = 49
 
 
 def print_table(headings: Row, rows: Sequence[Row], left: int = 2) -> None:
-    """Print a table: as wide as the terminal, or wide into a file.
+    """Print a table: as wide as the terminal, or of 160 columns into a file.
 
     Args:
         headings: Names of the columns, empty for a table without them.
@@ -67,7 +64,7 @@ def print_table(headings: Row, rows: Sequence[Row], left: int = 2) -> None:
     for row in rows:
         table.add_row(*(Text(row[i]) for i in kept))
     terminal = Console()
-    console = terminal if terminal.is_terminal else Console(width=PLAIN_WIDTH)
+    console = terminal if terminal.is_terminal else Console(width=160)
     with console.capture() as capture:
         console.print(table)
     typer.echo("\n".join(line.rstrip() for line in capture.get().splitlines()))

@@ -47,9 +47,9 @@ def view(runs: Run | Mapping[str, Run]) -> Page:
     by_name = {style.title_of(str(runs.attributes["controller"])): runs} if isinstance(runs, Run) else dict(runs)
     if not by_name:
         raise LogError("found no run to show, expected one at least")
+    tasks = dict.fromkeys(style.readable(str(run.attributes["task_name"])) for run in by_name.values())
     shown = [_run(style.title_of(name), run) for name, run in by_name.items()]
-    tasks = dict.fromkeys(str(run.attributes["task_name"]) for run in by_name.values())
-    return render("view.html.j2", title=", ".join(map(style.readable, tasks)), runs=shown)
+    return render("view.html.j2", title=", ".join(tasks), runs=shown)
 
 
 def _run(name: str, run: Run) -> Json:

@@ -331,7 +331,7 @@ def _runs_in(log: Path, chosen: Sequence[str], quiet: bool) -> "dict[str, Run]":
         if name not in known:
             wanted = f"one of {', '.join(known)}" if compared else f"0 to {known[-1]}"
             missing = f"no run '{name}'" if name else "no --run"
-            raise InputError(f"{log} holds a {kind} of several runs: found {missing}, expected --run with {wanted}")
+            raise InputError(f"{log} holds several runs: found {missing}, expected --run with {wanted}")
         if compared:
             found[name] = content[name]
             continue

@@ -5,15 +5,9 @@
 `make gallery` writes both. Each figure is that of the command that stands above it on the page.
 """
 
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-
 import base64
 import re
-import shlex
 import shutil
-import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -23,7 +17,7 @@ from time import sleep
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from pages import PSMPC, ROOT
+from pages import ROOT, run_psmpc
 from PIL import Image
 from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
@@ -82,17 +76,16 @@ def concept(overlapped: psmpc.Run, hard: psmpc.Run) -> Figure:
     """Draw the idea: the stages of both runs as bars, and the robot of each at the same time."""
     runs = {"Hard switching: one stage after another": hard, "PSMPC: the next stage acts early": overlapped}
     figure = Figure(figsize=(style.PAGE, 4.3), layout="constrained")
-    grid = figure.subplots(2, 2, height_ratios=[1.0, 2.6])
-    scenes = {title: scene_of(run) for title, run in runs.items()}
-    points = np.vstack([scene.extent([EARLY]) for scene in scenes.values()])
+    scenes = [scene_of(run) for run in runs.values()]
+    points = np.vstack([scene.extent([EARLY]) for scene in scenes])
     latest = max(run.motion.end for run in runs.values())
-    for (bars, picture), (title, run) in zip(grid.T, runs.items(), strict=True):
+    columns = figure.subplots(2, 2, height_ratios=[1.0, 2.6]).T
+    for (bars, picture), (title, run), scene in zip(columns, runs.items(), scenes, strict=True):
         draw_stages(bars, run.spans, [span.index for span in run.spans])
         bars.axvline(EARLY, color="black", linewidth=0.8, linestyle=":")
         bars.set_title(f"{title}, done after {run.motion.end:.1f} s", loc="left", fontsize=8.0)
         bars.set(xlim=(0, latest), yticks=[], xlabel="Time (s)")
         bars.invert_yaxis()
-        scene = scenes[title]
         draw_scene(picture, scene, EARLY, EARLY - 3.0, points)
         show(picture, scene.camera, scene.camera.view(points))
         picture.set_title(f"at {EARLY:.0f} s: {', '.join(scene.events(EARLY))}", loc="left", fontsize=8.0)
@@ -108,19 +101,16 @@ def photograph(page: Path, target: Path) -> None:
         return
     options = webdriver.ChromeOptions()
     options.binary_location = chromium
-    software = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-    for option in ("--headless=new", "--no-sandbox", "--hide-scrollbars", *software):
+    for option in ("--headless=new", "--no-sandbox", "--hide-scrollbars", "--use-angle=swiftshader"):
         options.add_argument(option)
-    browser = webdriver.Chrome(options, webdriver.ChromeService(driver))
-    try:
+    options.add_argument("--enable-unsafe-swiftshader")
+    with webdriver.Chrome(options, webdriver.ChromeService(driver)) as browser:
         browser.set_window_size(1300, 1040)
         browser.get(page.as_uri())
         for _ in range(round(EARLY)):
             ActionChains(browser).key_down(Keys.SHIFT).send_keys(Keys.ARROW_RIGHT).key_up(Keys.SHIFT).perform()
         sleep(1.0)
         browser.save_screenshot(str(page.with_suffix(".png")))
-    finally:
-        browser.quit()
     shrink(page.with_suffix(".png"), target, 1300)
 
 
@@ -133,37 +123,40 @@ def shrink(path: Path, target: Path, width: int = 1100) -> None:
     image.quantize(128, dither=Image.Dither.NONE).save(target, optimize=True)
 
 
+def grid(folder: Path) -> Iterator[str]:
+    """Run the commands in a folder, write their figures, and yield the lines of the page's grid."""
+    seen: set[Path] = set()
+    for heading, command in COMMANDS.items():
+        sys.stderr.write(f"{command}\n")
+        lines = command.split(" && ")
+        for line in lines:
+            run_psmpc(line, folder, check=True)
+        yield from ("", f"## {heading}", "", "```", *lines, "```", "", '<div class="gallery" markdown>', "")
+        for path in figures_in(folder):
+            if path not in seen:
+                seen.add(path)
+                place = f"gallery/{path.parent.name}_{path.stem}.png"
+                shrink(path, FIGURES / place)
+                picture, caption = f"![{path.stem}](figures/{place})", f"<figcaption>{path.stem}</figcaption>"
+                yield from ("<figure markdown>", picture, caption, "</figure>")
+        yield from ("", "</div>")
+
+
 def main() -> None:
-    """Run the commands, write every figure, and print the page's grid."""
-    for old in (FIGURES / "gallery").glob("*.png"):
-        old.unlink()
+    """Write every figure, and print the page's grid."""
+    shutil.rmtree(FIGURES / "gallery", ignore_errors=True)
     with TemporaryDirectory() as name:
         folder = Path(name)
-        seen: set[Path] = set()
-        for heading, command in COMMANDS.items():
-            sys.stderr.write(f"{command}\n")
-            for line in command.split(" && "):
-                arguments = [*PSMPC, *shlex.split(line)[1:]]
-                subprocess.run(arguments, cwd=folder, stdout=subprocess.DEVNULL, check=True)
-            shown = command.replace(" && ", "\n")
-            print(f'\n## {heading}\n\n```\n{shown}\n```\n\n<div class="gallery" markdown>\n')
-            for path in figures_in(folder):
-                if path not in seen:
-                    seen.add(path)
-                    place = f"gallery/{path.parent.name}_{path.stem}.png"
-                    shrink(path, FIGURES / place)
-                    caption = f"<figcaption>{path.stem}</figcaption>"
-                    print(f"<figure markdown>\n![{path.stem}](figures/{place})\n{caption}\n</figure>")
-            print("\n</div>")
-        animate = [*PSMPC, "plot", "run.h5", "--animate", "--only", "states", "-o", "animation"]
-        subprocess.run(animate, cwd=folder, stdout=subprocess.DEVNULL, check=True)
+        for line in grid(folder):
+            print(line, flush=True)
+        run_psmpc("psmpc plot run.h5 --animate --only states -o animation", folder, check=True)
         (FIGURES / "transport.gif").write_bytes((folder / "animation" / "animation.gif").read_bytes())
-        subprocess.run([*PSMPC, "view", "run.h5"], cwd=folder, stdout=subprocess.DEVNULL, check=True)
+        run_psmpc("psmpc view run.h5", folder, check=True)
         photograph(folder / "run-view.html", FIGURES / "view.png")
-        overlapped = psmpc.read_run(folder / "run.h5")
-    hard = psmpc.simulate(psmpc.load_task("transport", ["controller.nodes=25", "controller.kind=hard"]))
-    with style.in_style():
-        concept(overlapped, hard).savefig(FIGURES / "concept.png", dpi=200)
+        run_psmpc(f"psmpc simulate transport --controller hard {COARSE} --no-figures -o hard.h5", folder, check=True)
+        with style.in_style():
+            figure = concept(psmpc.read_run(folder / "run.h5"), psmpc.read_run(folder / "hard.h5"))
+            figure.savefig(FIGURES / "concept.png", dpi=200)
     shrink(FIGURES / "concept.png", FIGURES / "concept.png", 1400)
 
 

@@ -183,15 +183,14 @@ def sized_task(arms: int, joints: int) -> Task:
     length = sum(link.a + link.b for link in arm.links) / joints
     mass, shoulder = sum(link.mass for link in arm.links) / joints, math.hypot(*arm.mount.position)
     rod = {"mass": mass, "inertia": mass * length**2 / 12, "a": length / 2, "b": length / 2}
-    angles = [2 * math.pi * k / arms for k in range(arms)]
-    mounts = [{"position": [shoulder * math.cos(at), shoulder * math.sin(at)], "angle": at} for at in angles]
+    mounts = {}
+    for k, name in enumerate(names):
+        angle = 2 * math.pi * k / arms
+        mounts[name] = {"position": [shoulder * math.cos(angle), shoulder * math.sin(angle)], "angle": angle}
     robot: dict[str, Data] = {
         "name": f"arms_{arms}_joints_{joints}",
         "base": {"mass": pattern.base.mass, "inertia": pattern.base.inertia},
-        "arms": {
-            name: {"mount": mount, "links": [dict(rod) for _ in range(joints)]}
-            for name, mount in zip(names, mounts, strict=True)
-        },
+        "arms": {name: {"mount": at, "links": [dict(rod) for _ in range(joints)]} for name, at in mounts.items()},
         "limits": {"base": {"velocity": [0.2] * 3}, "arms": {"velocity": [0.15] * joints}},
     }
     model = RobotModel(PlanarRobot.model_validate(robot))
@@ -217,21 +216,17 @@ def sized_task(arms: int, joints: int) -> Task:
     return parse_task(write(task), write(robot), str(robot["name"]))
 
 
-def timed(subject: object, names: Sequence[str], clock: Callable[[], float] = perf_counter) -> list[float]:
-    """Let methods of an object put the time that each call takes into a list [s], and return the list."""
-    spent: list[float] = []
+def timed(subject: object, name: str, clock: Callable[[], float] = perf_counter) -> list[float]:
+    """Let a method of an object put the time that each call takes into a list [s], and return the list."""
+    spent, method = list[float](), getattr(subject, name)
 
-    def timing(method: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*arguments: Any, **named: Any) -> Any:
-            began = clock()
-            result = method(*arguments, **named)
-            spent.append(clock() - began)
-            return result
+    def call(*arguments: Any, **named: Any) -> Any:
+        began = clock()
+        result = method(*arguments, **named)
+        spent.append(clock() - began)
+        return result
 
-        return call
-
-    for name in names:
-        setattr(subject, name, timing(getattr(subject, name)))
+    setattr(subject, name, call)
     return spent
 
 
@@ -252,7 +247,7 @@ def space(repeat: str = "5") -> Iterator[str]:
     rows = []
     for nodes in MESHES:
         ways = ((PLANAR, nodes, "sqp"), (SPATIAL, nodes, "sqp"), (SPATIAL, nodes, "ipopt"))
-        planar, spatial, ipopt = (float(np.median(times.get(way, [np.nan]))) for way in ways)
+        planar, spatial, ipopt = (float(np.median(times.get(way, np.nan))) for way in ways)
         rows.append((nodes, _ms(planar), _ms(spatial), _number(spatial / planar), _ms(ipopt), _number(ipopt / spatial)))
     yield from markdown(rows, "nodes", *names, "over planar", f"{SPATIAL}, IPOPT [ms]", "IPOPT over sqp")
     yield ""
@@ -267,7 +262,7 @@ def space(repeat: str = "5") -> Iterator[str]:
 def _whole_run(name: str, nodes: str) -> tuple[Problem, Warm, dict[str, list[float]]]:
     """Run a closed loop; return its problem, its warm windows, and what solves and whole decisions took [s]."""
     experiment = build_experiment(load_task(name, [f"controller.nodes={nodes}", "log.shares=false"]))
-    busy = timed(experiment.controller, ["step"], process_time)
+    busy = timed(experiment.controller, "step", process_time)
     commands = [sample.command for sample in closed_loop(experiment)]
     solutions = [command.solution for command in commands]
     warm = [
@@ -312,7 +307,7 @@ def overhead(nodes: str = "25") -> Iterator[str]:
     The rest is all but the solve behind the command, counterfactual solves, plant and log. Measuring samples and
     reading their rows, done of many together, counts with its mean; medians leave out writing the file.
     """
-    together = timed(log, ["rows_of"]), timed(Meter, ["catch_up"])
+    together = timed(log, "rows_of"), timed(Meter, "catch_up")
     runs = [np.min([_sample_parts(int(nodes), shares, together) for _ in range(3)], 0) for shares in (False, True)]
     columns = [1e3 * np.median(times, axis=0) for times in runs]
     rows = [(name, *(f"{times[i]:.2f}" for times in columns)) for i, name in enumerate(PARTS)]
@@ -325,16 +320,17 @@ def overhead(nodes: str = "25") -> Iterator[str]:
 def _sample_parts(nodes: int, shares: bool, together: Sequence[list[float]]) -> np.ndarray:
     """Return what the parts of each sample of a run took (K, parts) [s]; `together` follows rows, then metrics."""
     experiment = build_experiment(load_task("transport", {"controller.nodes": nodes, "log.shares": shares}))
-    spent = timed(experiment.counterfactuals, ["presence", "shares"]), timed(experiment.plant, ["advance"])
-    found: list[list[float]] = []
+    counterfactuals, found = experiment.counterfactuals, list[list[float]]()
+    spent = [timed(counterfactuals, "presence"), timed(counterfactuals, "shares"), timed(experiment.plant, "advance")]
     with TemporaryDirectory() as folder, log.LogWriter(Path(folder) / "run.h5", header(experiment)) as writer:
+        spent.append(timed(writer, "write"))
         began = perf_counter()
         for sample in closed_loop(experiment):
-            decided = perf_counter()
             writer.write(sample)
-            ended = perf_counter()
-            parts = [sample.command.solve_time, *map(sum, spent), ended - decided]
-            found.append([*parts, ended - began - sum(parts), ended - began])
+            whole = perf_counter() - began
+            presence, shared, plant, written = map(sum, spent)
+            parts = [sample.command.solve_time, presence + shared, plant, written]
+            found.append([*parts, whole - sum(parts), whole])
             for times in spent:
                 times.clear()
             began = perf_counter()
@@ -357,11 +353,9 @@ def parallel() -> Iterator[str]:
         began = perf_counter()
         calls[name](jobs)
         spent.append(perf_counter() - began)
-    medians = {way: float(np.median(spent)) for way, spent in times.items()}
-
     rows = []
     for name in calls:
-        one, two = medians[name, 1], medians[name, 2]
+        one, two = (float(np.median(times[name, jobs])) for jobs in (1, 2))
         rows.append((name, f"{one:.1f}", f"{two:.1f}", f"{one / two / 2:.2f}"))
     return markdown(rows, "", "one process [s]", "two [s]", "efficiency of two")
 

@@ -226,24 +226,18 @@ class Struck(NamedTuple):
 
     Attributes:
         code: Its exit code, as a shell gives it.
-        before: Samples it had told of when the signal was sent.
-        told: When it told of each sample [s].
-        held: Samples in its log; None if there is no log.
-        sent: When the signal was sent [s].
+        before, after: Samples it told of before the signal was sent, and after that.
+        logged: Whether it has begun its log.
+        lost: How long before the signal it told of each sample that is not in its log [s].
         took: Time from the signal to its end [s].
     """
 
     code: int
     before: int
-    told: list[float]
-    held: int | None
-    sent: float
+    after: int
+    logged: bool
+    lost: list[float]
     took: float
-
-    @property
-    def lost(self) -> list[float]:
-        """When it told of the samples that are not in its log [s]."""
-        return self.told[self.held or 0 :]
 
 
 def strike(number: signal.Signals, log: Path, changes: Sequence[str], samples: int, delay: float) -> Struck:
@@ -261,8 +255,9 @@ def strike(number: signal.Signals, log: Path, changes: Sequence[str], samples: i
         code = child.wait()
         took = time.monotonic() - sent
         reader.join()
-    held = len(psmpc.read_run(log).time) if log.exists() else None
-    return Struck(code if code >= 0 else 128 - code, before, told, held, sent, took)
+    held = len(psmpc.read_run(log).time) if log.exists() else 0
+    lost = [sent - at for at in told[held:]]
+    return Struck(code if code >= 0 else 128 - code, before, len(told) - before, log.exists(), lost, took)
 
 
 def struck(folder: Path, number: signal.Signals, name: str, changes: Sequence[str], count: int) -> Line:
@@ -275,20 +270,19 @@ def struck(folder: Path, number: signal.Signals, name: str, changes: Sequence[st
     logs = [folder / f"{name}-{i}.h5" for i in range(count)]
     with ThreadPoolExecutor(max_workers=2) as both:
         ended = list(both.map(lambda log, at: strike(number, log, changes, *at), logs, instants))
-    started = [(log, one) for log, one in zip(logs, ended, strict=True) if one.held is not None]
-    before = [one.before for _, one in started]
-    oldest = max(one.sent - min(one.lost, default=one.sent) for one in ended)
-    safe = all(one.code == 128 + number for one in ended) and all(is_kept(log) for log, _ in started)
-    safe &= oldest < UNWRITTEN if number == signal.SIGKILL else not any(one.lost for one in ended)
+    before, lost = [one.before for one in ended if one.logged], [one.lost for one in ended]
+    oldest = max(max(ages, default=0.0) for ages in lost)
+    safe = all(one.code == 128 + number for one in ended) and all(is_kept(log) for log in logs if log.exists())
+    safe &= oldest < UNWRITTEN if number == signal.SIGKILL else not any(lost)
     cells = {
         "signal": name,
         "runs": f"{count}",
         "sent after samples": f"{min(before)} to {max(before)}",
-        "samples after it, at most": f"{max(len(one.told) - one.before for one in ended)}",
+        "samples after it, at most": f"{max(one.after for one in ended)}",
         "ended within": f"{max(one.took for one in ended):.1f} s",
-        "samples lost, at most": f"{max(len(one.lost) for one in ended)}",
+        "samples lost, at most": f"{max(map(len, lost))}",
         "of the last": f"{oldest:.1f} s",
-        "whole logs, not overwritten": f"{len(started)} of {len(started)}" if safe else "NOT ALL",
+        "whole logs, not overwritten": f"{len(before)} of {len(before)}" if safe else "NOT ALL",
         "exit code": ", ".join(sorted({str(one.code) for one in ended})),
     }
     return cells, safe

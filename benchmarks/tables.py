@@ -31,6 +31,8 @@ UNITS = {
     *("1", "m", "rad", "s", "kg", "kg m^2", "Hz", "m/s", "rad/s", "m/s^2", "rad/s^2"),
     *("N", "N m", "N s", "N m s", "N m s/rad"),
 }
+BOUNDS = {"exclusiveMinimum": "> {:g}", "minimum": ">= {:g}", "maximum": "<= {:g}", "exclusiveMaximum": "< {:g}"}
+
 NOT_WRITTEN = "parts"
 """Stands for keys that are parts of the robot."""
 
@@ -64,12 +66,9 @@ def keys(name: str) -> Iterator[str]:
     models: dict[str, Any] = {}
     for root in (TaskSpec, PlanarRobot, SpatialRobot, UrdfRobot):
         models |= models_of(root)
-    mapping = _mapping(models[name])
-    rows = [
-        _row(key, value, key in mapping.get("required", ()), models)
-        for key, value in mapping["properties"].items()
-        if key != NOT_WRITTEN
-    ]
+    ways = [models[name], *models[name].get("anyOf", ())]
+    mapping = next(way for way in ways if "properties" in way)
+    rows = (_row(key, value, mapping) for key, value in mapping["properties"].items() if key != NOT_WRITTEN)
     return markdown(rows, "key", "value", "unit", "default", "meaning")
 
 
@@ -79,80 +78,61 @@ def models_of(root: type[BaseModel]) -> dict[str, Any]:
     return {**found["$defs"], root.__name__: found}
 
 
-def _mapping(model: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the mapping among the ways to write a model."""
-    return model if "properties" in model else next(_mapping(way) for way in model["anyOf"] if "enum" not in way)
-
-
-def _row(key: str, value: Mapping[str, Any], required: bool, models: Mapping[str, Any]) -> tuple[str, ...]:
-    meaning, units = _without_unit(value["description"])
-    default = "required" if required else _default(value, models)
-    return f"`{key}`", _words(value, models), units, default, meaning
-
-
-def _without_unit(description: str) -> tuple[str, str]:
-    """Return a description without the unit at its end, and all units in it."""
-    groups = [
-        match for match in re.finditer(r" \[([^\]]*)\]", description) if {*re.split(r", ", match[1])}.issubset(UNITS)
-    ]
-    units = "; ".join(match[1] for match in groups)
+def _row(key: str, value: Mapping[str, Any], mapping: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the cells of a key; a unit at the end of its description has a column of its own."""
+    meaning, default = value["description"], value.get("default")
+    groups = [each for each in re.finditer(r" \[([^\]]*)\]", meaning) if {*each[1].split(", ")} <= UNITS]
     if len(groups) == 1:
-        return description[: groups[0].start()] + description[groups[0].end() :], units
-    return description, units
+        meaning = meaning[: groups[0].start()] + meaning[groups[0].end() :]
+    if key in mapping.get("required", ()):
+        shown = "required"
+    elif default is None or default in ("", {}, []):
+        shown = "none"
+    else:
+        shown = "its keys' defaults" if isinstance(default, Mapping) else f"`{json.dumps(default)}`".replace('"', "")
+    return f"`{key}`", _words(value), "; ".join(each[1] for each in groups), shown, meaning
 
 
-def _default(value: Mapping[str, Any], models: Mapping[str, Any]) -> str:
-    default = value.get("default")
-    if default is None or default in ("", {}, []):
-        return "none"
-    return "its keys' defaults" if isinstance(default, Mapping) else f"`{json.dumps(default)}`".replace('"', "")
-
-
-def _words(value: Mapping[str, Any] | bool, models: Mapping[str, Any]) -> str:
+def _words(value: Mapping[str, Any] | bool) -> str:
     """Say what a value may be; the schema `true` allows any."""
     if isinstance(value, bool):
         return "any value of [that key](#keys-of-one-controller)"
     if "$ref" in value:
         return f"[mapping]({SECTIONS[value['$ref'].rpartition('/')[2]]})"
-    for key in ("anyOf", "oneOf"):
-        if key in value:
-            return _either([way for way in value[key] if way.get("type") != "null"], models)
+    if ways := value.get("anyOf", value.get("oneOf")):
+        return _either([way for way in ways if way.get("type") != "null"])
     if "enum" in value or "const" in value:
         return ", ".join(f"`{choice}`" for choice in value.get("enum", [value.get("const")]))
-    kind = value["type"]
-    if kind == "array":
-        return _list(value, models)
-    if kind == "object":
-        named = next(iter(value.get("patternProperties", {}).values()), value.get("additionalProperties"))
-        return f"by name: {_words(named, models)}"
-    if kind == "string":
-        kinds = {NAME_PATTERN: "name", ANGLE_PATTERN: "angle", SECONDS_PATTERN: "`2 s`"}
-        return kinds.get(value.get("pattern", ""), "text")
-    return {"boolean": "`true`, `false`", "integer": "whole number", "number": "number"}[kind] + _bounds(value)
+    match value["type"]:
+        case "array":
+            return _list(value)
+        case "object":
+            named = next(iter(value.get("patternProperties", {}).values()), value.get("additionalProperties"))
+            return f"by name: {_words(named)}"
+        case "string":
+            kinds = {NAME_PATTERN: "name", ANGLE_PATTERN: "angle", SECONDS_PATTERN: "`2 s`"}
+            return kinds.get(value.get("pattern", ""), "text")
+        case "boolean":
+            return "`true`, `false`"
+        case kind:
+            bounds = " and ".join(text.format(value[key]) for key, text in BOUNDS.items() if key in value)
+            return f"{'whole number' if kind == 'integer' else 'number'} {bounds}".strip()
 
 
-def _either(ways: list[Mapping[str, Any]], models: Mapping[str, Any]) -> str:
+def _either(ways: list[Mapping[str, Any]]) -> str:
     """Name alternatives; a number or an angle with its unit is one kind of value."""
-    words = sorted(dict.fromkeys(_words(way, models) for way in ways), key=lambda word: word == "[low, high]")
+    words = sorted(dict.fromkeys(map(_words, ways)), key=lambda word: word == "[low, high]")
     if len(words) > 1 and words[0].startswith("number") and words[1] == "angle":
         words[:2] = [words[0].replace("number", "number or angle", 1)]
     return ", or ".join(words)
 
 
-def _list(value: Mapping[str, Any], models: Mapping[str, Any]) -> str:
+def _list(value: Mapping[str, Any]) -> str:
     if "prefixItems" in value:
-        words = [_words(item, models) for item in value["prefixItems"]]
+        words = [_words(item) for item in value["prefixItems"]]
         return "[low, high]" if words == ["number or angle"] * 2 else f"[{', '.join(words)}]"
     least = f", at least {value['minItems']}" if value.get("minItems", 0) > 1 else ""
-    return f"list of {_words(value['items'], models)}{least}"
-
-
-def _bounds(value: Mapping[str, Any]) -> str:
-    if value["type"] == "boolean":
-        return ""
-    texts = {"exclusiveMinimum": "> {:g}", "minimum": ">= {:g}", "maximum": "<= {:g}", "exclusiveMaximum": "< {:g}"}
-    found = [text.format(value[key]) for key, text in texts.items() if key in value]
-    return f" {' and '.join(found)}" if found else ""
+    return f"list of {_words(value['items'])}{least}"
 
 
 def datasets(along: str, *only: str) -> Iterator[str]:
@@ -196,13 +176,10 @@ def baseline(*names: str) -> Iterator[str]:
     published = psmpc.load_task("transport").spec.published
     measured = yaml.safe_load(BASELINE.read_text(encoding="utf-8"))
     rows = []
-    for name, found in measured.items():
-        if names and name not in names:
-            continue
-        if name in published:
-            rows.append(
-                (f"{name}, published", *_times(published[name].switch_time, published[name].actual_start), "", "")
-            )
+    for name in names or measured:
+        found, paper = measured[name], published.get(name)
+        if paper is not None:
+            rows.append((f"{name}, published", *_times(paper.switch_time, paper.actual_start), "", ""))
         apart = ", ".join(f"{found['gripper_distance'][stage]:.3f}" for stage in ("capture", "transport"))
         rows.append((name, *_times(found["switch_time"], found["actual_start"]), apart, found["mission"]))
     return markdown(rows, "", *TIMES, "grippers apart at the ends of Capture, Transport [m]", "mission")
@@ -223,10 +200,9 @@ def transport() -> Iterator[str]:
     rows = []
     for nodes, kind in ((12, "psmpc"), (12, "smpc"), (12, "hard"), (25, "psmpc")):
         changes = {"controller.nodes": nodes, "controller.kind": kind, "log.shares": False}
-        summary = psmpc.simulate(psmpc.load_task("transport", changes)).summary()
-        ends = {stage.name: stage.switch_time for stage in summary.stages}
-        starts = {stage.name: stage.actual_start for stage in summary.stages}
-        rows.append((nodes, kind, *_times(ends, starts), "succeeded" if summary.succeeded else "failed"))
+        run = psmpc.simulate(psmpc.load_task("transport", changes))
+        times = (dict(zip(run.stage_names, run.stages[key], strict=True)) for key in ("switch_time", "actual_start"))
+        rows.append((nodes, kind, *_times(*times), "succeeded" if run.summary().succeeded else "failed"))
     return markdown(rows, "N_s", "controller", *TIMES, "mission")
 
 

@@ -6,18 +6,13 @@ A block with a title is a file, or the text of a line of one; a console block is
 error where the command ends with an error. `...` stands for the rest of an output; the lines above it are kept.
 """
 
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-
 import re
-import shlex
 import subprocess
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from gallery import FIGURES, shrink
-from pages import PSMPC, ROOT
+from pages import ROOT, run_psmpc
 
 PAGE = ROOT / "docs" / "tutorial.md"
 
@@ -36,15 +31,15 @@ def follow(page: str, folder: Path) -> str:
 def step(block: re.Match[str], folder: Path) -> str:
     """Write the file or run the command of a block; return the block with what was printed."""
     if block["file"] is not None:
-        path = folder / block["file"]
-        lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if block["line"] else [block["text"]]
+        path, text = folder / block["file"], block["text"]
         if block["line"]:
-            lines[int(block["line"]) - 1] = block["text"]
-        path.write_text("".join(lines), encoding="utf-8")
+            lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+            lines[int(block["line"]) - 1] = text
+            text = "".join(lines)
+        path.write_text(text, encoding="utf-8")
         return block[0]
     command, *shown = block["text"].splitlines()
-    arguments = [*PSMPC, *shlex.split(command.removeprefix("$ psmpc "))]
-    ran = subprocess.run(arguments, cwd=folder, capture_output=True, text=True, check=False)
+    ran = run_psmpc(command.removeprefix("$ "), folder, stderr=subprocess.PIPE)
     printed = (ran.stderr if ran.returncode else ran.stdout).splitlines()
     if "..." in shown:
         printed[shown.index("...") :] = ["..."]

@@ -173,9 +173,8 @@ class VelocityForm:
         values, rows, at = [np.zeros(0)], np.zeros((len(self.end_node), 2 * self.grid.n)), 0
         for s, stage in enumerate(self.stages):
             if stage.end_rows:
-                h, nonzeros = stage.end_terms(point.X[self.grid.first_node[s + 1]], p.targets[s])
-                row, column = stage.end_places
-                rows[at + row, column] = nonzeros[0]
+                h, by_x = stage.end_terms(point.X[self.grid.first_node[s + 1]], p.targets[s])
+                rows[at : at + stage.end_rows] = by_x.reshape(stage.end_rows, -1)
                 values.append(h[0])
                 at += stage.end_rows
         return np.concatenate(values), rows
@@ -250,12 +249,11 @@ class _Sums:
         """Add c times the squares of a stage's residual at some nodes, times tau [s] if given; return the squares."""
         form, n, p = self.form, self.form.grid.n, self.p
         (wanted, slope), stage = reference(p, s, self.tau[s]), form.costs[s]
-        X, (rows, columns) = self.point.X[at, :n], stage.hessian_places
-        found = stage.gauss_newton(X, p.weights[s], wanted[of_stage], slope[of_stage], rows=len(X))
-        L, r, q, g, m, H = found
+        X = self.point.X[at, :n]
+        L, r, q, g, m, H = stage.gauss_newton(X, p.weights[s], wanted[of_stage], slope[of_stage], rows=len(X))
         w, slope_w = (c, 0.0) if tau is None else (c * tau, c)
         self.gradient[at, :n] += 2 * w * g
-        self.positions[at, rows, columns] += 2 * w * H
+        self.positions[at] += 2 * w * H.reshape(-1, n, n)
         self.arrow[at, :n, s] += 2 * w * m + slope_w * g
         self.durations[s] += (2 * w * q + 2 * slope_w * r + slope_w**2 / (2 * w) * L).sum()
         self.by_tau[s] += (slope_w * (L - p.offset[s]) + 2 * w * r).sum()

@@ -86,30 +86,18 @@ class StageFunctions:
 
     @cached_property
     def gauss_newton(self) -> RowFunction:
-        """Q, W, target, slope -> e'We, e'We_tau, e_tau'We_tau, E'We (n,), E'We_tau (n,), nonzeros of triu(E'WE).
+        """Q, W, target, slope -> e'We, e'We_tau, e_tau'We_tau, E'We (n,), E'We_tau (n,), triu(E'WE) (n n,).
 
         E is the derivative of e by Q and e_tau that by the stage's duration, with which the target moves by `slope`.
         """
         slope = ca.SX.sym("slope", self.numbers)
-        e, W, E = self._e, self._W, self._jacobian
+        e, W, E = self._e, self._W, ca.jacobian(self._e, self._Q)
+        hessian = ca.triu(E.T @ (ca.diag(W) @ E))
         e_tau = ca.jtimes(e, self._target, slope)
         by_duration = [ca.dot(W * e, e_tau), weighted_square(e_tau, W)]
-        by_position = [ca.densify(E.T @ (W * e)), ca.densify(E.T @ (W * e_tau)), _nonzeros(self._hessian)]
+        by_position = [ca.densify(E.T @ (W * e)), ca.densify(E.T @ (W * e_tau)), _row_by_row(hessian)]
         outputs = ca.cse([self._L, *by_duration, *by_position])
         return RowFunction(ca.Function("cost", [self._Q, W, self._target, slope], outputs), self._native)
-
-    @cached_property
-    def hessian_places(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the nonzeros of triu(E'WE)."""
-        return _places(self._hessian)
-
-    @cached_property
-    def _jacobian(self) -> ca.SX:
-        return ca.jacobian(self._e, self._Q)
-
-    @cached_property
-    def _hessian(self) -> ca.SX:
-        return ca.triu(self._jacobian.T @ (ca.diag(self._W) @ self._jacobian))
 
     @cached_property
     def _end(self) -> ca.SX:
@@ -141,14 +129,9 @@ class StageFunctions:
 
     @cached_property
     def end_terms(self) -> RowFunction:
-        """x, target -> rows of the end condition, then the nonzeros of their derivative by x."""
-        outputs = ca.cse([ca.densify(self._end), _nonzeros(ca.jacobian(self._end, self._x))])
+        """x, target -> rows of the end condition, then their derivatives by x, row by row."""
+        outputs = ca.cse([ca.densify(self._end), _row_by_row(ca.jacobian(self._end, self._x))])
         return RowFunction(ca.Function("end", [self._x, self._target], outputs))
-
-    @cached_property
-    def end_places(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the nonzeros of that derivative."""
-        return _places(ca.jacobian(self._end, self._x))
 
     @cached_property
     def end_curvature(self) -> RowFunction | None:
@@ -164,7 +147,7 @@ class StageFunctions:
         if not upper.nnz():
             return None
         arguments = [self._x, self._target, multipliers]
-        return RowFunction(ca.Function("end_curvature", arguments, ca.cse([ca.vec(ca.densify(upper.T))])))
+        return RowFunction(ca.Function("end_curvature", arguments, ca.cse([_row_by_row(upper)])))
 
     def prepare(self) -> tuple[RowFunction | None, ...]:
         """Build what `sqp` evaluates and return it: of the end condition, where there is one, else of the cost."""
@@ -183,15 +166,9 @@ def stage_functions(model: RobotModel, shape: StageShape, native: bool = False) 
     return StageFunctions(model, shape, native)
 
 
-def _nonzeros(matrix: ca.SX) -> ca.SX:
-    """Return the nonzeros of a matrix as a column."""
-    return matrix.nz[:] if matrix.nnz() else ca.SX(0, 1)
-
-
-def _places(matrix: ca.SX) -> tuple[np.ndarray, np.ndarray]:
-    """Return rows and columns of the nonzeros."""
-    rows, columns = matrix.sparsity().get_triplet()
-    return np.array(rows, int), np.array(columns, int)
+def _row_by_row(matrix: ca.SX) -> ca.SX:
+    """Return all entries of a matrix as a column."""
+    return ca.vec(ca.densify(matrix.T))
 
 
 @lru_cache(maxsize=64)

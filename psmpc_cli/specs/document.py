@@ -202,17 +202,12 @@ def read(name: str, text: str) -> Document:
     return Document(name, text, faults=(Fault((), message, place=place),))
 
 
-def put(
+def _put(
     document: Document, at: Location, new: Data, origins: Mapping[Location, Origin], without: Collection[Location] = ()
 ) -> Document:
-    """Return the document with one value replaced or added, in mappings that are added too, or stand for a kind alone.
+    """Return the document with a value at a place, in mappings that are added too, and without some keys.
 
-    Args:
-        document: The document.
-        at: Where the value goes.
-        new: The value.
-        origins: Its origin and those of values inside it, by path from it.
-        without: Keys that are left out.
+    `origins` are those of the value and of what is inside it, by path from it. A text on the way stands for its kind.
     """
     data, gone = copy.deepcopy(document.data), (at, *without)
     kept = {path: origin for path, origin in document.origins.items() if not any(lies_inside(path, g) for g in gone)}
@@ -404,7 +399,7 @@ def for_controller(document: Document, kind: str) -> Document:
                 wanted = f"any key but {', '.join(map(dotted, NO_CONTROLLERS_OWN))}"
                 raise SpecError(f"found the key {quoted(key)}, expected {wanted}")
             inside = {place[len(at) :]: origin for place, origin in document.origins.items() if lies_inside(place, at)}
-            document = put(document, path, value, inside)
+            document = _put(document, path, value, inside)
         except SpecError as error:
             document = replace(document, faults=(*document.faults, Fault(at, str(error), at_key=True)))
     return document
@@ -421,14 +416,14 @@ def _apply(document: Document, typed: str, number: int, text: str) -> Document:
         raise SpecError(new.faults[0].message)
     origins = {
         at: replace(origin, place=Place(number, origin.place.column), override=typed)
-        for at, origin in {(): Origin(Place(1, 1)), **new.origins}.items()
+        for at, origin in (new.origins or {(): Origin(Place(1, 1))}).items()
     }
     overridden = []
     for at in (at for at in document.origins if len(at) == 3 and at[0] == BY_CONTROLLER):
         with suppress(SpecError):
             own = _path(document, str(at[2]))
             overridden += [at] if lies_inside(own, path) or lies_inside(path, own) else []
-    return put(document, path, new.data, origins, overridden)
+    return _put(document, path, new.data, origins, overridden)
 
 
 def _path(document: Document, written: str) -> Location:
@@ -455,9 +450,8 @@ def _key(document: Document, value: Data, step: str | int, path: Location) -> st
         found = f"found {document.found(path)}"
         raise SpecError(f"{where}{found}, expected a mapping or list to set {dotted((step,))} in")
     names = {str(entry["name"]): i for i, entry in enumerate(value) if isinstance(entry, dict) and "name" in entry}
-    if isinstance(step, str) and step in names:
-        return names[step]
-    if str(step).isdecimal() and int(step) < len(value):
-        return int(step)
+    places = {str(i): i for i in range(len(value))} | names
+    if str(step) in places:
+        return places[str(step)]
     valid = [*names, f"an index from 0 to {len(value) - 1}"] if value else ["no index, the list is empty"]
     raise SpecError(f"{dotted(path)}: found no entry {step}{choice(str(step), valid)}")

@@ -31,9 +31,6 @@ ENVELOPE = {"position": "m", "angle": "rad", "velocity": "m/s", "angular_velocit
 SPEED_SLACK = 1e-6
 """By which a trajectory may be faster than a velocity limit [m/s, rad/s]: values are written with a few digits."""
 
-UNITS = {"position": "", "velocity": "/s"}
-"""What follows on the unit of a coordinate in its derivatives."""
-
 
 @dataclass(frozen=True, eq=False)
 class Outlook:
@@ -282,7 +279,7 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
         excess = np.maximum(rates[:, row] - high[row], low[row] - rates[:, row])
         worst = int(excess.argmax())
         if excess[worst] > SPEED_SLACK and _counts(stage, [row]):
-            name, rate = labels(task.robot, "joint")[row], _number(task, row, rates[worst, row], "/s")
+            name, rate = labels(task.robot, "joint")[row], _number(task, row, rates[worst, row], "velocity")
             message = (
                 f"found {name} to move at {rate} from {times[worst]:g} s to {times[worst + 1]:g} s, expected within "
                 f"its velocity limits {_span(task, row, stage, 'velocity')}: the robot falls behind"
@@ -416,21 +413,22 @@ def _outside(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[int]
 
 def _beyond(task: Task, row: int, value: float, stage: Stage, kind: str = "position") -> str:
     """Say that a coordinate is out of a stage's bounds."""
-    name, found = labels(task.robot, "joint")[row], _number(task, row, value, UNITS[kind])
+    name, found = labels(task.robot, "joint")[row], _number(task, row, value, kind)
     return f"found {name} at {found}, expected within its limits {_span(task, row, stage, kind)}"
 
 
-def _number(task: Task, row: int, value: float, per: str) -> str:
-    """Write the value of a coordinate with its unit, angles in degrees."""
+def _number(task: Task, row: int, value: float, kind: str) -> str:
+    """Write the position or velocity of a coordinate with its unit, angles in degrees."""
     body, base = row - task.robot.parts["base"], labels(task.robot, "joint")[row].rpartition(".")[2] in POSITION_AXES
     joint = task.robot.bodies[body + 1].joint if body >= 0 else None
     in_metres = base or (joint is not None and joint.prismatic)
-    return f"{value:.6g} m{per}" if in_metres else f"{np.degrees(value):.6g} deg{per}"
+    written = f"{value:.6g} m" if in_metres else f"{np.degrees(value):.6g} deg"
+    return written if kind == "position" else f"{written}/s"
 
 
 def _span(task: Task, row: int, stage: Stage, kind: str) -> str:
     """Write a stage's bounds of a coordinate with their unit."""
-    low, high = (_number(task, row, bound[row], UNITS[kind]) for bound in _bounds(stage, kind))
+    low, high = (_number(task, row, bound[row], kind) for bound in _bounds(stage, kind))
     return f"[{low}, {high}]"
 
 

@@ -77,11 +77,7 @@ def build_experiment(loaded: Task) -> Experiment:
     compiled, controller = compile_for(task, model, problem.stages), Controller(problem)
     uncertainty = Uncertainty(task, model) if task.uncertainty.in_force else None
     resistance, capture = None if uncertainty is None else uncertainty.resistance, build_capture(task, model)
-    v = (
-        stack(task.initial_velocity, loaded.robot, "joint", of_error=True)
-        if task.initial_velocity
-        else np.zeros(model.n)
-    )
+    Q = stack(task.initial, loaded.robot, "joint")
     return Experiment(
         problem=problem,
         controller=controller,
@@ -89,7 +85,7 @@ def build_experiment(loaded: Task) -> Experiment:
         plant=build_plant(task.plant, model, compiled, resistance, capture),
         uncertainty=uncertainty,
         capture=capture,
-        x0=np.r_[stack(task.initial, loaded.robot, "joint"), v],
+        x0=np.r_[Q, stack(task.initial_velocity, loaded.robot, "joint", 0.0, of_error=True)],
         compiled=compiled,
     )
 

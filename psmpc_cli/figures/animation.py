@@ -31,9 +31,6 @@ RATE, LONGEST = 15, 150
 WIDTH, TITLE, DPI = style.COLUMN, 0.3, 144
 """Width of a frame [in], height of the title above one of the film [in], and resolution."""
 
-FROM_ABOVE = Camera(-90, 60)
-"""From where the film of a planar robot is taken."""
-
 SURROUNDINGS = """
 <mujoco>
   <option gravity="0 0 0"><flag contact="disable"/></option>
@@ -133,7 +130,7 @@ def film_model(scene: Scene, extent: np.ndarray) -> str:
     import mujoco
 
     model, spec, width = scene.run.problem.model, scene.run.task.spec.object, round(WIDTH * DPI)
-    shape, camera = model.shape, FROM_ABOVE if model.dimension == 2 else scene.camera
+    shape, camera = model.shape, Camera(-90, 60) if model.dimension == 2 else scene.camera
     view, floor = camera.view(extent), float(extent[:, 2].min()) - 1.5 * shape.box[2]
     x, y, z = np.mean(view.get_points(), axis=0) @ camera.axes[:2]
     numbers = {"height": 2 * round(width * view.height / view.width / 2), "width": width, "tall": view.height}

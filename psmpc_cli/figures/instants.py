@@ -139,8 +139,3 @@ def plot_pull(run: Run) -> Figure:
         axes.axhline(strength.pull, label=f"_strength, {strength.pull:g} N", **style.LEVEL)
     label_row(grid[0], "Pull on a\ngrasp (N)")
     return style.finish(figure)
-
-
-def has_grasps(run: Run) -> bool:
-    """Tell whether a run has an object with a mass that at least one gripper closed on."""
-    return "grasp/closed_at" in run and bool(np.isfinite(run["grasp/closed_at"]).any())

@@ -4,6 +4,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from psmpc_cli.errors import InputError, LogError
@@ -62,7 +63,7 @@ claims: a Run, or Runs by controller, and what is published; of ablations: curve
 """
 
 ONLY_OF: Mapping[str, Callable[[Any], bool]] = {
-    "pull": instants.has_grasps,
+    "pull": lambda run: "grasp/closed_at" in run and bool(np.isfinite(run["grasp/closed_at"]).any()),
     **dict.fromkeys(("surface", "heat_map"), lambda cells: cells.sampling == GRID),
     "draws": lambda cells: cells.sampling == RANDOM,
     "front_3d": pareto.in_space,

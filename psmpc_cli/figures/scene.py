@@ -18,9 +18,6 @@ from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import stack
 from psmpc_cli.specs.task import MonitorSpec
 
-NO_BREAK = "\N{NO-BREAK SPACE}"
-"""Between a number and its unit."""
-
 
 @dataclass(frozen=True)
 class Camera:
@@ -61,10 +58,8 @@ class Camera:
 PLAN, OBLIQUE = Camera(-90, 90, ("x (m)", "y (m)")), Camera(-60, 25)
 FRONT, SIDE = Camera(-90, 0, ("x (m)", "z (m)")), Camera(0, 0, ("y (m)", "z (m)"))
 
-
-def camera_of(model: RobotModel) -> Camera:
-    """Return from where scenes of a robot are seen."""
-    return PLAN if model.dimension == 2 else OBLIQUE
+CAMERAS = {2: PLAN, 3: OBLIQUE}
+"""From where scenes of robots of each dimension are seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +84,7 @@ class Scene:
     @property
     def camera(self) -> Camera:
         """From where it is seen."""
-        return camera_of(self.run.problem.model)
+        return CAMERAS[self.run.problem.model.dimension]
 
     @property
     def half(self) -> np.ndarray:

@@ -15,15 +15,14 @@ from scipy.spatial import ConvexHull
 
 from psmpc_cli.figures import style
 from psmpc_cli.figures.scene import (
+    CAMERAS,
     FRONT,
-    NO_BREAK,
     OBLIQUE,
     PLAN,
     SIDE,
     Camera,
     Scene,
     base_half,
-    camera_of,
     configurations,
     corners,
     half_edges,
@@ -68,7 +67,7 @@ def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
     room = -(-most // across) * across  # panels of a run
     titles: list[str] = []
     for shown in frames:
-        titles += [*(f"{time:.1f}{NO_BREAK}s: {event}" for time, event in shown), *[""] * (room - len(shown))]
+        titles += [*(f"{time:.1f}\N{NO-BREAK SPACE}s: {event}" for time, event in shown), *[""] * (room - len(shown))]
     times = [[float(scene.run.motion.time[0]), *dict(shown)] for scene, shown in zip(scenes, frames, strict=True)]
     camera = scenes[0].camera
     extent = np.vstack([scene.extent(drawn) for scene, drawn in zip(scenes, times, strict=True)])
@@ -296,7 +295,7 @@ def plot_scenario(task: Task) -> Figure:
     """
     model = RobotModel(task.robot)
     stages = build_stages(task.spec, task.robot, model)
-    stops, thing, camera = configurations(task, model, stages), task.spec.object, camera_of(model)
+    stops, thing, camera = configurations(task, model, stages), task.spec.object, CAMERAS[model.dimension]
     half, objects = half_edges(thing.shape if thing else (0.0, 0.0)), object_frames(task, model, stops)
     points = [looked_at(model, stage) for stage in stages]
     extent = with_shadows([outline(model, Q) for Q in stops], [*(corners(frame, half) for frame in objects), *points])

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -13,8 +12,6 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from psmpc_cli.figures import style
 from psmpc_cli.studies.sweep import ALLOWED, GRID, WITHIN, AlongRatio, SweepCells, recommend
-
-COLORS = "viridis"
 
 FLOOR = "$t_s - T_h$"
 
@@ -30,7 +27,7 @@ def plot_plane(cells: SweepCells) -> Figure:
     if cells.sampling == GRID:
         x, y = (np.log10(cells.results[name]) for name in ("omega_1", "omega_2"))
         start, floor = (values.reshape(len(y), len(x)) for values in (starts, cells.floor))
-        axes.pcolormesh(x, y, np.ma.masked_invalid(start), norm=scale, cmap=COLORS, shading="nearest")
+        axes.pcolormesh(x, y, np.ma.masked_invalid(start), norm=scale, shading="nearest")
         _plot_contour(axes, x, y, start - floor, cells.task.spec.controller.sample_time)
         if cells.waiting.any():
             axes.bar(x[0], 0, color="white", label=["_waiting"])
@@ -38,16 +35,15 @@ def plot_plane(cells: SweepCells) -> Figure:
         marks["waiting"] = cells.waiting
         edge: dict[str, Any] = {"edgecolors": style.EDGE, "linewidths": 0.3}
         x, y = omega[cells.ended].T
-        axes.scatter(x, y, 16, starts[cells.ended], norm=scale, cmap=COLORS, **edge)
+        axes.scatter(x, y, 16, starts[cells.ended], norm=scale, **edge)
     for name, which in marks.items():
         if which.any():
             axes.plot(*omega[which].T, **style.look(name))
     first, second = (style.readable(name) for name in cells.names)
-    for axis in (axes.xaxis, axes.yaxis):
-        _count_decades(axis, 7)
+    _count_decades(axes, 7)
     axes.set(xlabel=f"Priority of {first}, ω₁ (1)", ylabel=f"Priority of {second}, ω₂ (1)")
     if cells.ended.any():
-        bar = figure.colorbar(ScalarMappable(scale, COLORS), ax=axes, pad=0.02, aspect=22)
+        bar = figure.colorbar(ScalarMappable(scale), ax=axes, pad=0.02, aspect=22)
         bar.set_label(label)
         bar.ax.set_title("$t_s$", loc="center")
         bar.ax.set_xlabel(FLOOR, fontsize=style.TEXT, labelpad=4, loc="left")
@@ -65,7 +61,7 @@ def plot_surface(cells: SweepCells) -> Figure:
     corners = [x.min(), x.max(), x.max(), x.min(), x.min()], [y.min(), y.min(), y.max(), y.max(), y.min()]
     if cells.ended.any():  # from the lowest to the highest, as they cover each other
         axes.plot(*corners, [scale.vmin] * 5, linestyle=style.DASHED, label=f"_{FLOOR}", **style.LEVEL)
-        colors = ScalarMappable(scale, COLORS).to_rgba(starts.reshape(shape))
+        colors = ScalarMappable(scale).to_rgba(starts.reshape(shape))
         look = {"rstride": 1, "cstride": 1, "shade": False, "edgecolor": style.EDGE, "linewidth": 0.2}
         axes.plot_surface(x, y, starts.reshape(shape), facecolors=colors, **look)
         axes.plot(*corners, [scale.vmax] * 5, label="_$t_s$", **style.LEVEL)
@@ -83,8 +79,7 @@ def plot_surface(cells: SweepCells) -> Figure:
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_tick_params(pad=-3)
         axis.pane.set_facecolor("white")
-    for axis in (axes.xaxis, axes.yaxis):
-        _count_decades(axis, 4)
+    _count_decades(axes, 4)
     if not cells.ended.any():
         axes.set_zticks([])
     return style.finish(figure, above=True)
@@ -102,10 +97,11 @@ def _shown(cells: SweepCells) -> tuple[np.ndarray, Normalize, str]:
     return starts, Normalize(cells.floor[cells.ended].min(), cells.instant[cells.ended].max()), label
 
 
-def _count_decades(axis: Axis, most: int) -> None:
-    """Put ticks of an axis of logarithms at whole powers of ten."""
-    axis.set_major_locator(MaxNLocator(nbins=most, integer=True))
-    axis.set_major_formatter("$10^{{{x:.0f}}}$")
+def _count_decades(axes: Axes, most: int) -> None:
+    """Put ticks of axes of logarithms at whole powers of ten."""
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(nbins=most, integer=True))
+        axis.set_major_formatter("$10^{{{x:.0f}}}$")
 
 
 def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, sample: float) -> None:

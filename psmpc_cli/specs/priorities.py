@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from psmpc_cli.specs.document import quoted, shortened
+from psmpc_cli.specs.document import LARGEST, quoted, shortened
 from psmpc_cli.specs.fields import Fields, Flaws, expected
 
 Vector = NDArray[np.float64]
@@ -73,7 +73,7 @@ def priorities_of(compare: Sequence[PairwiseComparison], stages: Sequence[str]) 
 
 
 def disagreements(priorities: Any, before: Fields, context: Any) -> Flaws:
-    """Give comparisons that leave stages unconnected, or contradict each other."""
+    """Give comparisons that leave stages unconnected, contradict each other, or lead beyond all numbers."""
     from scipy.sparse.csgraph import connected_components
 
     stages = [stage.name for stage in before.get("stages", ())]
@@ -95,3 +95,8 @@ def disagreements(priorities: Any, before: Fields, context: Any) -> Flaws:
         fitted = np.exp(np.log(ratio) - weighing.residuals[worst])
         wanted = f"nearer to {fitted:.3g}, which fits all comparisons best ({measure})"
         yield ("compare", worst, 2), expected(wanted, found)
+    sizes = np.abs(weighing.logarithms)
+    if sizes.max() > np.log(LARGEST):
+        extreme = quoted(stages[int(sizes.argmax())])
+        found = f"comparisons that make {extreme} far more or less important than {quoted(stages[0])}"
+        yield ("compare",), expected(f"a ratio from {1 / LARGEST:g} to {LARGEST:g}", found, at_key=True)

@@ -88,7 +88,7 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
     ]
     figure, across = style.new_figure(style.PAGE), 3
     down = -(-len(rows) // across)
-    grid = figure.subplots(down, across, sharex=True, squeeze=False, height_ratios=[1.1] * down)
+    grid = figure.subplots(down, across, sharex=True, squeeze=False, height_ratios=[1.3] * down)
     for axes, (label, row, factor) in zip(grid.flat, rows, strict=False):
         for number, (name, run) in enumerate(runs.items()):
             motion, look = run.motion, style.line_look(number)

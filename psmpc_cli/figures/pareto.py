@@ -103,7 +103,7 @@ def plot_in_space(results: Results) -> Figure:
     samples = len(results["instant"])
     rows = -(-samples // 3)
     figure = style.new_figure(style.PAGE)
-    grid: Any = figure.subplots(rows, 3, subplot_kw={"projection": "3d"}, squeeze=False, height_ratios=[2.0] * rows)
+    grid: Any = figure.subplots(rows, 3, subplot_kw={"projection": "3d"}, squeeze=False, height_ratios=[2.1] * rows)
     for i, axes in enumerate(grid.flat):
         if i < samples:
             _plot_in_space(axes, results, i)

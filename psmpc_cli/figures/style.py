@@ -59,7 +59,7 @@ LEVEL: Mapping[str, Any] = {"color": EDGE, "linewidth": 0.7, "zorder": 1.5}
 
 RING = {"markersize": 6.5, "markeredgewidth": 0.6, "markerfacecolor": "none"}
 
-STAR = {"markersize": 6.5, "markeredgewidth": 0.4, "markeredgecolor": "white"}
+STAR = {"markersize": 8.0, "markeredgewidth": 0.4, "markeredgecolor": "white"}
 
 PUBLISHED = {"marker": "v", "color": "black", "markerfacecolor": "white", "markersize": 5.0, "linestyle": "none"}
 

@@ -245,9 +245,9 @@ def plot(
 ) -> None:
     """Draw the figures of a log, or of the results of any study.
 
-    Figures of a log: states, velocities, controls, forces, errors, instants, shares, snapshots, solve_time. Of a
-    comparison: states, instants, shares, snapshots. Of a Pareto study: front, front_3d. Of a sweep: surface, heat_map
-    (of random draws: draws), starts, sensitivity. Of a Monte Carlo study: success, runs.
+    Figures of a log: states, velocities, controls, forces, errors, instants, shares, snapshots, solve_time, pull (of
+    grasps). Of a comparison: overlay, states, instants, shares, snapshots. Of a Pareto study: front, front_3d. Of a
+    sweep: surface, heat_map (of random draws: draws), starts, sensitivity. Of a Monte Carlo study: success, runs.
     """
     from psmpc_cli.cli.tables import read_file
     from psmpc_cli.figures.animation import mp4_possible

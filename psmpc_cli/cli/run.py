@@ -86,7 +86,7 @@ def simulate(
     if view and len(log.time):
         from psmpc_cli.report.view import view as show
 
-        _save(show(log), None, path, "view", force)
+        _save(lambda: show(log), None, path, "view", force)
     if log.interrupted:
         raise typer.Exit(interruption.exit_code)
     if log.attributes["stuck"]:
@@ -283,11 +283,14 @@ def view(
     """Write runs as one interactive HTML page: the robot in 3-D with its plans, a time line, and linked plots."""
     from psmpc_cli.report.view import view as show
 
-    runs: dict[str, Run] = {}
-    for log in logs:
-        for name, found in _runs_in(log, run or [], quiet).items():
-            runs[name if name not in runs else f"{name} of {log.stem} {len(runs) + 1}"] = found
-    _save(show(runs), output, logs[0], "view", force, open_it)
+    def page() -> "Page":
+        runs: dict[str, Run] = {}
+        for log in logs:
+            for name, found in _runs_in(log, run or [], quiet).items():
+                runs[name if name not in runs else f"{name} of {log.stem} {len(runs) + 1}"] = found
+        return show(runs)
+
+    _save(page, output, logs[0], "view", force, open_it)
 
 
 def report(
@@ -300,15 +303,20 @@ def report(
     from psmpc_cli.logs.run import read_run
     from psmpc_cli.report.pages import report_run
 
-    _save(report_run(read_run(log)), output, log, "report", force, open_it)
+    _save(lambda: report_run(read_run(log)), output, log, "report", force, open_it)
 
 
-def _save(page: "Page", output: Path | None, log: Path, kind: str, force: bool, open_it: bool = False) -> None:
-    """Write a page, by default to LOG-kind.html or with a number, say where it is, and open it if asked to."""
+def _save(
+    page: "Callable[[], Page]", output: Path | None, log: Path, kind: str, force: bool, open_it: bool = False
+) -> None:
+    """Make and write a page, by default to LOG-kind.html or with a number, say where, and open it if asked to."""
     import webbrowser
 
+    from psmpc_cli.logs.files import check_output
+
     path = output or common.free_path(log.with_name(f"{log.stem}-{kind}.html"), force)
-    typer.echo(f"page: {page.save(path, force)}")
+    check_output(path, force, hdf5=False)
+    typer.echo(f"page: {page().save(path, force)}")
     if open_it and not webbrowser.open(path.resolve().as_uri()):
         typer.echo("psmpc: no browser was opened: found none; set BROWSER, or open the page yourself", err=True)
 

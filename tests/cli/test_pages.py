@@ -25,7 +25,7 @@ def shown(page: str | Path) -> list[dict[str, Any]]:
     return found
 
 
-@pytest.mark.parametrize("kind", ["view", "report"])
+@pytest.mark.parametrize("kind", ["view", pytest.param("report", marks=pytest.mark.slow)])
 def test_a_page_goes_beside_the_log_numbered_and_replaces_nothing_unasked(psmpc: Psmpc, ended: Path, kind: str) -> None:
     assert psmpc(kind, str(ended)).stdout == f"page: {ended.parent}/ended-{kind}.html\n"
     assert psmpc(kind, str(ended)).stdout == f"page: {ended.parent}/ended-{kind}-2.html\n"

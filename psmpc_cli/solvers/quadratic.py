@@ -68,7 +68,6 @@ class QpSolution:
         gaps: Multipliers of the gaps, (K, n).
         rows: Of the rows of `SqpWindow`, (R,).
         ends: Of the end conditions, a part of `rows`, (E,).
-        largest: The largest multiplier of what must hold; soft limits need not.
         iterations: Interior-point iterations.
     """
 
@@ -77,7 +76,6 @@ class QpSolution:
     gaps: np.ndarray
     rows: np.ndarray
     ends: np.ndarray
-    largest: float
     iterations: int
 
 
@@ -112,10 +110,9 @@ class QpMethod(ABC):
             "multipliers": np.zeros(len(rows)),
         }
         status, iterations = self._solve(numbers, bounds.soft)
-        gaps, z = numbers["gap_multipliers"], numbers["multipliers"]
-        hard, ends = z[states if bounds.soft else 0 :], z[states + 2 * S :][: len(model.at.ends)]
-        largest = float(max(np.abs(each).max(initial=0.0) for each in (gaps, hard)))
-        return QpSolution(status, Point(X, numbers["tau"]), gaps, z, ends, largest, iterations)
+        z = numbers["multipliers"]
+        ends = z[states + 2 * S :][: len(model.at.ends)]
+        return QpSolution(status, Point(X, numbers["tau"]), numbers["gap_multipliers"], z, ends, iterations)
 
     @abstractmethod
     def _solve(self, numbers: dict[str, np.ndarray], soft: bool) -> tuple[QpStatus, int]:

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from psmpc_cli import __version__
-from psmpc_cli.control.controller import Command, Controller, State, priorities_in_force
+from psmpc_cli.control.controller import Controller, priorities_in_force
+from psmpc_cli.control.interface import Command, State
 from psmpc_cli.control.sequence import Switch
 from psmpc_cli.errors import RunError
 from psmpc_cli.logs.run import Run, read_run, run_in

@@ -152,12 +152,14 @@ class _Solve:
     def run(self, guess: Point, ends: np.ndarray, warm: bool) -> tuple[Iterate, Outcome, int]:
         """Return the last iterate, how it is to be taken, and the number of iterations."""
         iterate, model = self._begin(guess)
-        qp = self._program(iterate.point, model, ends)
-        if qp.status is not QpStatus.SOLVED and not warm:
-            point = later(self.window, guess)
-            if point is not None:
-                iterate, model = self._begin(point)
-                qp = self._program(point, model, ends)
+        qp = self._program(guess, model, ends)
+        if not warm and not self._keeps_limits(guess, qp):
+            later = later_switch(self.window, guess)
+            if later is not None:
+                late_iterate, late_model = self._begin(later)
+                late_qp = self._program(later, late_model, ends)
+                if self._keeps_limits(later, late_qp):
+                    iterate, model, qp = late_iterate, late_model, late_qp
         self._tell(0, iterate, None)
         filter_ = Filter()
         for count in range(1, self.spec.max_iterations + 1):
@@ -177,6 +179,10 @@ class _Solve:
         """Return the iterate at a guess, and the model there."""
         model = self.window.linearize(point)
         return Iterate(point, model.at, self.window.violation(point, model.at)), model
+
+    def _keeps_limits(self, point: Point, qp: QpSolution) -> bool:
+        """Tell whether a program has a solution, which violates soft limits no further than the measured state does."""
+        return qp.status is QpStatus.SOLVED and self.window.keeps_soft_limits(point.moved(qp.step, 1.0))
 
     def _program(self, point: Point, model: Linearization, ends: np.ndarray) -> QpSolution:
         """Return the solution of the program at a point.
@@ -304,7 +310,7 @@ def _improves(theta: float, phi: float, old_theta: float, old_phi: float) -> boo
     return theta <= (1 - MARGIN) * old_theta or phi <= old_phi - MARGIN * old_theta
 
 
-def later(window: SqpWindow, point: Point) -> Point | None:
+def later_switch(window: SqpWindow, point: Point) -> Point | None:
     """Return the motion of a guess with its last switch near the latest instant; None where that cannot move.
 
     A stage that is too short for its end condition has to last longer and to be faster at once. The product of the two

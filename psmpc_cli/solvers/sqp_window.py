@@ -13,6 +13,7 @@ import numpy as np
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import (
+    PENALTY,
     SHORTEST,
     Parameters,
     Window,
@@ -21,6 +22,7 @@ from psmpc_cli.ocp.window import (
     shares_of_time,
     shortest_durations,
 )
+from psmpc_cli.solvers.base import FEASIBLE
 
 NARROWEST_SOFT = 1e-4
 """Soft bounds nearer to each other than this [m, rad, m/s, rad/s] are moved apart to it.
@@ -158,6 +160,11 @@ class SqpWindow:
             for first, bound in zip(self.bounds.first, (self.bounds.low, self.bounds.high), strict=True)
         )
         return scaled_violations(point.X, low, high)
+
+    def keeps_soft_limits(self, point: Point) -> bool:
+        """Tell whether soft limits are violated no further than the measured state violates them."""
+        violation = self.beyond(point) / PENALTY
+        return bool((violation[1:] <= violation[0] + FEASIBLE).all())
 
     def shares(self, point: Point) -> np.ndarray:
         """Return the share of time that each node stands for, (K + 1, 1) [s]."""

@@ -8,7 +8,7 @@ import yaml
 from psmpc_cli.control import Command, Controller, State
 from psmpc_cli.errors import RunError
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.simulation.run import Experiment, closed_loop, simulate
+from psmpc_cli.simulation.run import Experiment, build_experiment, closed_loop, simulate
 from psmpc_cli.specs.load import Task, load_task
 
 from ..there_and_back import TASK
@@ -135,6 +135,40 @@ def test_without_a_plan_the_robot_stays_at_rest(experiment_of: Build) -> None:
     samples, ending = run(with_failures(experiment_of(*QUICK), lambda window: True))
     assert ending.stuck
     assert np.all(states(samples) == 0)
+
+
+def test_a_robot_that_moves_brakes_at_once_where_its_first_solve_fails() -> None:
+    """A joint 5 deg beyond its limit, outward at 0.15 rad/s: no window has a solution under hard limits."""
+    task = load_task("transport", QUICK)
+    controller = Controller(task)
+    Q, v = np.zeros(9), np.zeros(9)
+    Q[3] = np.radians(5) + controller.stages[0].limits.position_high[3]
+    v[3] = 0.15
+    command = controller.step(0.0, State(Q, v))
+    assert "solve_failed" in command.events
+    end = command.plan.states_at(np.array([0.5, task.spec.controller.horizon]))
+    np.testing.assert_allclose(end[:, 9:], 0, atol=1e-12)
+    np.testing.assert_allclose(end[:, 3], Q[3] + 0.5 / 2 * 0.15)
+
+
+def test_a_switch_that_is_due_takes_place_where_the_measured_state_is_near_its_target() -> None:
+    """4 tolerances past it, a few milliseconds before the switch: no motion corrects that in time.
+
+    Soft limits would let the robot rush there and past it, and without the stage that waits it turns back.
+    """
+    experiment = build_experiment(load_task("transport", {"controller.nodes": 25, "controller.soft_limits": True}))
+    controller = experiment.controller
+    for sample in closed_loop(experiment):
+        command = sample.command
+        if len(command.instants) and command.instants[0] < command.time + 0.105:
+            break
+    planned, x = command.instants[0], sample.ticks.X[-1].copy()
+    x[0] -= 4 * controller.stages[command.stage.index].tolerance[0]
+    due = controller.step(command.time + 0.1, State.of(x))
+    assert 0.001 < planned - due.time < 0.005
+    np.testing.assert_array_equal(due.instants, planned)
+    after = controller.step(due.time + 0.1, State.of(x))
+    assert [(switch.stage, switch.time) for switch in after.switches] == [(command.stage.index, planned)]
 
 
 def test_an_append_that_cannot_be_solved_is_postponed(experiment_of: Build) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
+from time import perf_counter
 
 import numpy as np
 
@@ -82,6 +83,7 @@ class Controller:
         self._follows = self._tracker is not None and any(stage.on_object for stage in self.stages)
         self._plan: Plan | None = None
         self._braking: Plan | None = None
+        self._of_sample = self.solver
         self._solved: Solution | None = None
         self._unfinished: Solution | None = None
         self._trusted = np.inf
@@ -101,6 +103,8 @@ class Controller:
         """
         if self._tracker is not None and object_pose is not None:
             self._tracker.see(time - self.spec.known_delay * self.spec.sample_time, object_pose)
+        until = perf_counter() + self.solver.deadline
+        self._of_sample = self.solver.stopping(until)
         estimate = self._estimator.measured(self._estimate, state)
         seen = self._in_chart(time, self._estimator.foreseen(estimate))
         switches = self._drop_stages(time, seen)  # stages that are over leave the window
@@ -116,7 +120,9 @@ class Controller:
             sequence = replace(sequence, instants=solution.plan.instants)
         levels: tuple[Solution, ...] = ()
         if self._hierarchy and solved:
-            levels = self._hierarchy.descend(self.stages[sequence.first :], sequence.entered, solution, prediction)
+            levels = self._hierarchy.descend(
+                self.stages[sequence.first :], sequence.entered, solution, prediction, until
+            )
         self.sequence, self._solved = sequence, solution
         plan = self._plan_in_force((levels or (solution,))[-1].plan if solved else None, prediction, time, x)
         self._trusted = plan.end if measured and self._braking is None else self._trusted
@@ -306,8 +312,8 @@ class Controller:
     def _solve(self, sequence: MovingSequence, prediction: Plan, x: np.ndarray) -> Solution:
         window, guess = self.window(sequence, prediction, x, self._solved), self._guess(sequence, prediction)
         if self._starts == 1:
-            return self.solver.solve(window, guess, self._solved)
-        return solve_from_several(self.solver, window, guess, self._solved, self._starts)
+            return self._of_sample.solve(window, guess, self._solved)
+        return solve_from_several(self._of_sample, window, guess, self._solved, self._starts)
 
     def _guess(self, sequence: MovingSequence, prediction: Plan) -> Plan:
         """Return the guess of a window: the prediction, or the unfinished iterate over the same stages, shifted."""

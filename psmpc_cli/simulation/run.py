@@ -1,14 +1,11 @@
 """One run: the experiment that a task describes, its closed loop, and its log."""
 
 import logging
-import os
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Generator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -25,9 +22,8 @@ from psmpc_cli.logs.run import Run, read_run, run_in
 from psmpc_cli.logs.schema import MOMENTUM, Q_COORDINATE, Sample
 from psmpc_cli.logs.summary import verdicts
 from psmpc_cli.logs.write import Header, LogWriter
-from psmpc_cli.native.functions import FLAGS, source_of
-from psmpc_cli.native.library import library
-from psmpc_cli.ocp.objective import StageShape, stage_functions
+from psmpc_cli.native.functions import maker_of
+from psmpc_cli.native.library import make_all
 from psmpc_cli.ocp.problem import Problem, Stage, build_problem
 from psmpc_cli.plant import Plant, build_plant, ticks_of
 from psmpc_cli.plant.grasp import Capture, build_capture
@@ -36,7 +32,7 @@ from psmpc_cli.plant.uncertainty import Uncertainty, disturbs
 from psmpc_cli.robot.kinematics import moved
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.measures import Counterfactuals, GraspRecord, Meter, StageClock
-from psmpc_cli.solvers.quadratic import kernel_library
+from psmpc_cli.solvers.sqp import libraries as solver_libraries
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import labels, stack
 from psmpc_cli.specs.task import TaskSpec
@@ -75,7 +71,7 @@ def build_experiment(loaded: Task) -> Experiment:
     """Return the experiment a task describes."""
     problem = build_problem(loaded)
     task, model = problem.spec, problem.model
-    compiled, controller = compile_for(task, model, problem.stages), Controller(problem)
+    compiled, controller = compile_for(problem), Controller(problem)
     uncertainty = Uncertainty(task, model) if task.uncertainty.in_force else None
     resistance, capture = None if uncertainty is None else uncertainty.resistance, build_capture(task, model)
     Q = stack(task.initial, loaded.robot, "joint")
@@ -103,41 +99,27 @@ def converging(loaded: Task) -> Task:
     return replace(loaded, spec=loaded.spec.model_copy(update={"solver": solver}))
 
 
-def compile_for(task: TaskSpec, model: RobotModel, stages: Sequence[Stage]) -> bool:
-    """Compile what a run of the task needs and is not in the cache, several libraries at once.
+def compile_for(problem: Problem) -> bool:
+    """Compile what a run of a problem needs and is not in the cache, several libraries at once.
 
     Returns:
         Whether the run uses compiled code: the task allows it, needs some, and all of it could be made.
     """
+    task = problem.spec
     if not task.solver.compiled:
         return False
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        made = list(threads.map(lambda make: make(), _libraries(task, model, stages)))
-    return bool(made) and all(path is not None for path in made)
-
-
-def _libraries(task: TaskSpec, model: RobotModel, stages: Sequence[Stage]) -> Iterator[Callable[[], Path | None]]:
-    """Give functions that make what windows and plant need, whichever stages are in a window."""
-    if task.solver.kind == "sqp":
-        for space in sorted({stage.space for stage in stages}):
-            functions = stage_functions(model, StageShape(space))
-            yield from (_library_of(functions.gauss_newton.function), _library_of(functions.cost.function))
-        for switches in range(len(stages)):
-            yield partial(kernel_library, model.n, switches)
+    makers = list(solver_libraries(problem)) if task.solver.kind == "sqp" else []
     if task.plant.kind == "rk4":
-        (tick, substeps), capture = ticks_of(task.plant), build_capture(task, model)
-        disturbed = disturbs(task)
-        function = (
-            tick_function(model, tick, substeps, disturbed)
-            if capture is None
-            else capture_tick(capture.law, tick, substeps)
-        )
-        yield _library_of(function)
+        makers.append(maker_of(_tick_function(task, problem.model)))
+    return make_all(makers)
 
 
-def _library_of(function: ca.Function) -> Callable[[], Path | None]:
-    """Return what compiles a function; its source is written here, because CasADi is not thread-safe."""
-    return partial(library, source_of(function), function.name(), FLAGS)
+def _tick_function(task: TaskSpec, model: RobotModel) -> ca.Function:
+    """Return the function that the plant `rk4` of a task evaluates at every tick."""
+    (tick, substeps), capture = ticks_of(task.plant), build_capture(task, model)
+    if capture is None:
+        return tick_function(model, tick, substeps, disturbs(task))
+    return capture_tick(capture.law, tick, substeps)
 
 
 BOUND = 1e9

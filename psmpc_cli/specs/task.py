@@ -125,7 +125,7 @@ class SolverSpec(Choice):
     max_iterations: fields.Whole = Field(200, ge=1, description="iterations after which it gives up")
     iterations: fields.Whole = Field(1, ge=1, description="sqp: iterations a sample from the shifted plan")
     deadline: fields.Positive | None = Field(
-        None, description="time after which a solve stops [s], sqp and ipopt; default none"
+        None, description="time after which the solves of a sample stop [s], sqp and ipopt; default none"
     )
     compiled: fields.Flag = Field(True, description="sqp and plant rk4 as compiled C, where there is a compiler")
 

@@ -1,5 +1,8 @@
+from collections import defaultdict
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
+from time import perf_counter
 
 import numpy as np
 import pytest
@@ -7,8 +10,11 @@ import yaml
 
 from psmpc_cli.control import Command, Controller, State
 from psmpc_cli.errors import RunError
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.window import Window
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import Experiment, build_experiment, closed_loop, simulate
+from psmpc_cli.solvers import Solution, Solver
 from psmpc_cli.specs.load import Task, load_task
 
 from ..there_and_back import TASK
@@ -187,6 +193,31 @@ def test_an_append_whose_solve_ran_out_of_iterations_goes_on_from_its_iterate(ex
     resumed = next(s for s in closed_loop(limited) if "appended" in s.command.events).command
     assert resumed.time == pytest.approx(usual.time + 0.3)
     assert resumed.solution.iterations < usual.solution.iterations
+
+
+class Clocked(Solver):
+    """A solver that records when each solve has to stop, by the beginning of its window."""
+
+    deadline = 0.03
+
+    def __init__(self, solver: Solver) -> None:
+        self.solver = solver
+        self.stops = defaultdict[float, list[float]](list)
+
+    def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
+        self.stops[window.start].append(self.stop_time(perf_counter()))
+        return self.solver.solve(window, guess, previous, within)
+
+
+def test_all_solves_of_a_sample_share_its_deadline(experiment_of: Build) -> None:
+    fails = with_failures(experiment_of(*SHORT), lambda window: len(window.stages) > 1 and window.start < 0.95)
+    clocked = Clocked(fails.controller.solver)
+    list(closed_loop(replace(fails, controller=Controller(fails.problem, clocked))))
+    several = [stops for stops in clocked.stops.values() if len(stops) > 1]
+    assert several
+    assert all(len(set(stops)) == 1 for stops in several)
+    firsts = [stops[0] for stops in clocked.stops.values()]
+    assert all(later > earlier for earlier, later in pairwise(firsts))
 
 
 def test_a_state_that_is_not_measured_is_that_of_the_plan() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from psmpc_cli.control.estimator import Estimate, Estimator
 from psmpc_cli.control.htmpc import Hierarchy
-from psmpc_cli.control.interface import Command, State
+from psmpc_cli.control.interface import Command, Measurement, State
 from psmpc_cli.control.multistart import solve_from_several
 from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed, is_over
 from psmpc_cli.control.tracking import Tracker, to_be_closed
@@ -27,6 +27,7 @@ from psmpc_cli.ocp.window import (
 from psmpc_cli.robot.closed_chain import ClosedChain
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.solvers import FEASIBLE, Outcome, Solution, Solver, build_solver
+from psmpc_cli.specs.arguments import require
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import ControllerSpec, SolverSpec, TaskSpec
 from psmpc_cli.specs.uncertainty import standard_deviations
@@ -59,7 +60,12 @@ class Controller:
         Args:
             task: The task, or its problem.
             solver: Solves the windows; by default what the task names.
+
+        Raises:
+            InputError: The task or the solver is none.
         """
+        require("task", task, (Task, Problem), "a Task, from load_task")
+        require("solver", solver, (Solver, type(None)), "a Solver, or None for the task's own")
         self.problem = task if isinstance(task, Problem) else build_problem(task)
         self.spec, self.stages, self.costs = self.problem.spec.controller, self.problem.stages, self.problem.costs
         self.solver = solver or build_solver(self.problem, _solver_spec(self.problem.spec))
@@ -83,7 +89,7 @@ class Controller:
         self._follows = self._tracker is not None and any(stage.on_object for stage in self.stages)
         self._plan: Plan | None = None
         self._braking: Plan | None = None
-        self._of_sample = self.solver
+        self._of_sample, self._time = self.solver, -np.inf
         self._solved: Solution | None = None
         self._unfinished: Solution | None = None
         self._trusted = np.inf
@@ -99,8 +105,13 @@ class Controller:
                 finite, or not given, the object's motion is predicted.
 
         Raises:
+            InputError: The time is not after the sample before, or the state or the pose is not of the task's robot or
+                object.
             RunError: Nothing is measured, and there is no plan yet.
         """
+        measurement, before_this = Measurement(time, state, object_pose), self._time
+        measurement.check(self.problem, before_this)
+        self._time = time
         if self._tracker is not None and object_pose is not None:
             self._tracker.see(time - self.spec.known_delay * self.spec.sample_time, object_pose)
         until = perf_counter() + self.solver.deadline
@@ -134,6 +145,7 @@ class Controller:
             "solve_failed": not solved,
             "braking": self._braking is not None,
             "unmeasured": not measured,
+            "gap": measurement.follows_a_gap(before_this, self.spec.sample_time),
         }
         events, d = frozenset(name for name, yes in happened.items() if yes), self._estimate.disturbance
         tick, model = 1 / self._rate, self.problem.model

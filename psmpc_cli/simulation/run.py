@@ -33,6 +33,7 @@ from psmpc_cli.robot.kinematics import moved
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.measures import Counterfactuals, GraspRecord, Meter, StageClock
 from psmpc_cli.solvers.sqp import libraries as solver_libraries
+from psmpc_cli.specs.arguments import as_path, require, require_callable, require_whole
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import labels, stack
 from psmpc_cli.specs.task import TaskSpec
@@ -198,7 +199,7 @@ class _Link:
         none = np.zeros((round(task.controller.sample_time * task.plant.low_level_rate), n))
         before = (-back * task.controller.sample_time * v for back in range(known, 0, -1))
         self._measured: deque[np.ndarray] = deque(np.r_[np.array(moved(Q, step)), v] for step in before)
-        self._poses: deque[np.ndarray] = deque([np.full(1, np.nan)] * known)
+        self._poses: deque[np.ndarray | None] = deque([None] * known)
         self._commanded = deque([(none, np.zeros(len(none), bool))] * (task.uncertainty.delay - known))
 
     def measured(self, x: np.ndarray) -> np.ndarray:
@@ -206,8 +207,8 @@ class _Link:
         self._measured.append(x)
         return self._measured.popleft()
 
-    def measured_object(self, pose: np.ndarray) -> np.ndarray:
-        """Return the pose of the object that reaches the controller where this one is measured now."""
+    def measured_object(self, pose: np.ndarray) -> np.ndarray | None:
+        """Return the pose of the object that reaches the controller where this one is measured now; None before any."""
         self._poses.append(pose)
         return self._poses.popleft()
 
@@ -251,10 +252,16 @@ def simulate(
         until: Index of the stage at whose end the run stops; by default that of the task.
 
     Raises:
-        InputError: The log exists already or cannot be written.
+        InputError: An argument is of another type, or the log exists already or cannot be written.
         RunError: The log could not be written any further.
     """
-    experiment, path = build_experiment(task), None if path is None else Path(path)
+    require("task", task, Task, "a Task, from load_task")
+    path = None if path is None else as_path("path", path)
+    require_callable("watch", watch, "a sample")
+    require("force", force, bool, "True or False")
+    if until is not None:
+        require_whole("until", until, least=0, most=len(task.spec.stages) - 1)
+    experiment = build_experiment(task)
     with LogWriter(path, header(experiment), force) as writer:
         _write(experiment, writer, watch, until)
         if path is None:

@@ -7,6 +7,7 @@ import copy
 import json
 import math
 import re
+import reprlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -16,7 +17,7 @@ from operator import getitem
 from typing import Any, NamedTuple
 
 import yaml
-from pydantic_core import PydanticSerializationError, to_jsonable_python
+from pydantic_core import to_jsonable_python
 from yaml.error import MarkedYAMLError
 from yaml.reader import ReaderError
 
@@ -258,9 +259,9 @@ def plain(value: Any) -> Data:
     """
     try:
         data: Data = to_jsonable_python(value, fallback=lambda item: item.tolist())
-    except (AttributeError, PydanticSerializationError):
+    except (AttributeError, ValueError):  # no other form; one that holds itself, or cannot be serialized
         wanted = "numbers, texts, True, False, None, lists and mappings"
-        raise SpecError(f"found {shortened(repr(value))}, expected {wanted}") from None
+        raise SpecError(f"found {shortened(reprlib.repr(value))}, expected {wanted}") from None
     return data
 
 

@@ -2,15 +2,17 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.errors import SpecError
+from psmpc_cli.specs.arguments import rejected, require
 from psmpc_cli.specs.document import Changes, Document, Fault, for_controller, mapping, override, read, write
 from psmpc_cli.specs.fields import faults_of
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
@@ -67,20 +69,41 @@ def load_task(reference: str | Path | Mapping[str, Any], set: Changes = ()) -> T
             `{"stages.capture.priority": 10}`, or a sequence of texts `path=value` and options short for them.
 
     Raises:
+        InputError: The reference or the changes are of another type.
         SpecError: Something is wrong with the task, the robot's file or a change; the message lists all of it.
     """
+    require("task", reference, (str, PathLike, Mapping), "the name of a task, the path of a file, or a mapping of keys")
+    _require_changes(set)
     if isinstance(reference, Mapping):
         return _task(read("task", write(reference)), Path(), "task", set)
     path = find("task", reference)
     return _task(read(shown(path), read_text(path)), path.parent, path.stem, set)
 
 
+def _require_changes(changes: Changes) -> None:
+    """Make sure that changes of a task are a mapping by path, or a sequence of texts or pairs of texts.
+
+    Raises:
+        InputError: They are not.
+    """
+    wanted = 'a mapping such as {"controller.nodes": 25}, or a sequence of texts "path=value"'
+    if isinstance(changes, str):
+        raise rejected("set", changes, wanted)
+    require("set", changes, (Mapping, Sequence), wanted)
+    for change in changes:
+        pair = isinstance(change, tuple) and len(change) == 2 and all(isinstance(text, str) for text in change)
+        if not isinstance(change, str) and not pair:
+            raise rejected("set", change, wanted)
+
+
 def load_robot(reference: str | Path) -> RobotSpec:
     """Load a robot from a path or by the name of a built-in one.
 
     Raises:
+        InputError: The reference is neither.
         SpecError: Something is wrong with the file; the message lists all of it.
     """
+    require("robot", reference, (str, PathLike), "the name of a robot or the path of a file")
     robot, faults = validate_robot(document := _read_robot(find("robot", reference)))
     if robot is None:
         raise SpecError(document.report(faults))

@@ -14,6 +14,8 @@ from psmpc_cli.control.multistart import multistart_for
 from psmpc_cli.errors import InputError, LogError, SpecError
 from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.schema import SWEEP
+from psmpc_cli.specs.arguments import rejected, require, require_callable, require_options
+from psmpc_cli.specs.document import plain
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.studies.measures import WHOLE_RUN, second_stage
 from psmpc_cli.studies.runner import FAILED, LIGHT, WAITING, Study, Watch, changed, names_along, run_study
@@ -278,7 +280,7 @@ DEFAULT_TASK = "approach_capture"
 def sweep(
     task: Task | str | Path,
     values: Mapping[str, Sequence[Any]],
-    path: Path | None = None,
+    path: Path | str | None = None,
     jobs: int | None = None,
     dask: str | None = None,
     force: bool = False,
@@ -301,9 +303,16 @@ def sweep(
         What became of the runs: arrays along one dimension for each key, named as the key.
 
     Raises:
-        InputError: There are no values or too many, or as for `run_study`.
+        InputError: An argument is of another type, there are no values or too many, or as for `run_study`.
         SpecError: A value does not fit the task.
     """
+    wanted = 'a mapping of keys to lists of values, such as {"stages.capture.priority": [1, 10]}'
+    require("values", values, Mapping, wanted)
+    for key, each in values.items():
+        if not isinstance(key, str) or isinstance(each, str) or not isinstance(each, Sequence | np.ndarray):
+            raise rejected("values", {key: each}, wanted)
+    require_callable("watch", watch, "the progress")
+    path = require_options(path, jobs, force, resume, dask)
     loaded = changed(task, LIGHT)
     runs = int(np.prod([len(each) for each in values.values()])) if values else 0
     if not 0 < runs <= MOST_CELLS:
@@ -326,7 +335,7 @@ def sweep(
 
 
 def _text(value: Any) -> str:
-    return json.dumps(value, default=lambda array: array.tolist())
+    return json.dumps(plain(value))
 
 
 def _axis(values: Sequence[Any]) -> np.ndarray:

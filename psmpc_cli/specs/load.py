@@ -13,14 +13,24 @@ from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.arguments import rejected, require
-from psmpc_cli.specs.document import Changes, Document, Fault, for_controller, mapping, override, read, write
+from psmpc_cli.specs.document import (
+    Changes,
+    Document,
+    Fault,
+    for_controller,
+    mapping,
+    origins_of,
+    override,
+    read,
+    write,
+)
 from psmpc_cli.specs.fields import faults_of
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
 from psmpc_cli.specs.parts import Context
 from psmpc_cli.specs.priorities import priorities_of
 from psmpc_cli.specs.robot import PlanarRobot, RobotSpec, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, TaskSpec
-from psmpc_cli.specs.urdf import Urdf, read_urdf, spatial_robot
+from psmpc_cli.specs.urdf import URDF_ENDINGS, Urdf, read_urdf, spatial_robot
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -131,7 +141,9 @@ def kind_of_reference(reference: str | Path) -> Kind:
     Raises:
         SpecError: There is no such file, or it cannot be read.
     """
-    if Path(reference).suffix == ".urdf" or (str(reference) in built_ins("robot") and not Path(reference).is_file()):
+    if Path(reference).suffix in URDF_ENDINGS or (
+        str(reference) in built_ins("robot") and not Path(reference).is_file()
+    ):
         return "robot"
     path = find("task", reference)
     return _kind_of(read(shown(path), read_text(path))) or "task"
@@ -156,7 +168,7 @@ def _read_robot(path: Path) -> Document:
     Raises:
         SpecError: It cannot be read, or its URDF describes no robot or not what the file names.
     """
-    if path.suffix == ".urdf":
+    if path.suffix in URDF_ENDINGS:
         document = replace(read(shown(path), f"urdf: {json.dumps(path.name)}"), text="")
     else:
         document = read(shown(path), read_text(path))
@@ -166,12 +178,14 @@ def _read_robot(path: Path) -> Document:
     file, faults = _validate(document, "robot", UrdfRobot, urdf)
     if file is None or urdf is None:
         raise SpecError(document.report(faults))
-    built, notes = spatial_robot(urdf, file), [f"{Path(file.urdf).name}, {note}" for note in urdf.notes]
+    built, sources = spatial_robot(urdf, file)
+    notes = [f"{Path(file.urdf).name}, {note}" for note in urdf.notes]
     own = {key: value for key, value in mapping(document.data).items() if key not in ("urdf", "locked", "base", "arms")}
     given, limits = own.get("limits", {}), built["limits"]
     merged = {part: {**limits.get(part, {}), **given.get(part, {})} for part in {**limits, **given}}
     data = {**built, **own, "limits": merged, "assumed": notes}
-    return replace(document, data=data, changed=True)
+    origins = {path: origin for path, origin in origins_of(data, sources).items() if path not in document.origins}
+    return replace(document, data=data, origins={**document.origins, **origins}, changed=True)
 
 
 def _task(document: Document, robot: Document | Path, name: str, changes: Changes) -> Task:

@@ -74,7 +74,7 @@ def injected(fault: Fault) -> Iterator[Seen]:
             seen.forces = np.maximum(seen.forces, np.abs(ticks.F).max(axis=0))
             return replace(ticks, X=X)
 
-        controller.solver = FaultySolver(controller.solver, fault)
+        controller.law.solver = FaultySolver(controller.law.solver, fault)
         controller.step, experiment.plant.advance = faulty_step, faulty_advance
         return experiment
 

@@ -57,7 +57,7 @@ REPEATS = 5
 def recorded() -> tuple[Problem, dict[str, tuple[Solution, Solution]]]:
     """Run until the last window of `AT` and return the solve of each after the one of the sample before."""
     experiment = build_experiment(load_task("transport", {"controller.nodes": 25, "plant.kind": "ideal"}))
-    at = {name: round(time / experiment.controller.spec.sample_time) for name, time in AT.items()}
+    at = {name: round(time / experiment.problem.spec.controller.sample_time) for name, time in AT.items()}
     solves = [sample.command.solution for sample in islice(closed_loop(experiment), max(at.values()) + 1)]
     return experiment.problem, {name: (solves[k - 1], solves[k]) for name, k in at.items()}
 

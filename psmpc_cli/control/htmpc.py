@@ -26,10 +26,10 @@ class Hierarchy:
         kind = "fatrop" if solver.kind == "sqp" else solver.kind
         self._solver = build_solver(problem, solver.model_copy(update={"kind": kind}))
 
-    def descend(
+    def solve_levels(
         self, stages: Sequence[Stage], entered: float, first: Solution, prediction: Plan, until: float
     ) -> tuple[Solution, ...]:
-        """Solve level after level, each from the plan of the one before; a level that fails ends the descent.
+        """Solve level after level, each from the plan of the one before; none follows a level that fails.
 
         Args:
             stages: The current stage and those after it.

@@ -140,6 +140,7 @@ class Command:
         x: State [Q; v] (nq + n,) it was decided from: the measured one, or the one foreseen over a known delay.
         u: Accelerations over the low-level ticks of the coming sample (M, n) [m/s^2, rad/s^2].
         tick: Length of a tick [s].
+        edges: Beginnings of the ticks, and the sample's end (M + 1,) [s].
         plan: The plan in force.
         sequence: The stages in the window.
         prediction: The shifted plan that the solve started from.
@@ -153,6 +154,7 @@ class Command:
         levels: The solution of each level of HTMPC, of the current stage first. Where a level did not converge, its
             plan is that of the level before.
         model: The robot.
+        stages: All stages of the task, with their targets at this sample.
         closed: Whether the grippers are to be closed on the object at each tick (M,).
         load: The law of a robot that knows what it holds, for a task whose grasps are `known`.
     """
@@ -161,6 +163,7 @@ class Command:
     x: np.ndarray
     u: np.ndarray
     tick: float
+    edges: np.ndarray
     plan: Plan
     sequence: MovingSequence
     prediction: Plan
@@ -170,6 +173,7 @@ class Command:
     disturbance: np.ndarray
     levels: tuple[Solution, ...]
     model: RobotModel = field(repr=False)
+    stages: tuple[Stage, ...] = field(repr=False)
     closed: np.ndarray
     load: ClosedChain | None = field(default=None, repr=False)
 

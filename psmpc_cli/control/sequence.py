@@ -1,5 +1,6 @@
 """The moving sequence: which stages are in the window at a sample. Paper Algorithm 1."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -49,7 +50,9 @@ class MovingSequence:
         """Index of the window's last stage."""
         return self.first + len(self.instants)
 
-    def noticed(self, stages: tuple[Stage, ...], costs: StageCosts, now: float, x: np.ndarray) -> "MovingSequence":
+    def with_measurement(
+        self, stages: Sequence[Stage], costs: StageCosts, now: float, x: np.ndarray
+    ) -> "MovingSequence":
         """Return the sequence after a sample at time now [s] that measured x (2n,)."""
         stage = stages[self.first]
         if not stage.hold:
@@ -59,7 +62,7 @@ class MovingSequence:
         broken = self.broken or np.isfinite(self.met_since)
         return replace(self.alone if broken else self, met_since=np.inf, broken=broken)
 
-    def hold_left(self, stages: tuple[Stage, ...], now: float) -> float:
+    def hold_left(self, stages: Sequence[Stage], now: float) -> float:
         """Return for how long the end condition of the current stage must still be met at time now [s] on [s]."""
         hold = stages[self.first].hold
         return min(max(hold - (now - self.met_since), 0.0), hold)
@@ -82,7 +85,7 @@ def drop_passed(sequence: MovingSequence, now: float) -> tuple[MovingSequence, l
     return sequence, switches
 
 
-def is_over(sequence: MovingSequence, stages: tuple[Stage, ...], costs: StageCosts, now: float, x: np.ndarray) -> bool:
+def is_over(sequence: MovingSequence, stages: Sequence[Stage], costs: StageCosts, now: float, x: np.ndarray) -> bool:
     """Tell whether the current stage is over: at its fixed time, or when x meets its end condition and has held it."""
     stage = stages[sequence.first]
     if now - sequence.entered < stage.dwell - 1e-9 or sequence.hold_left(stages, now) > 1e-9:
@@ -91,7 +94,7 @@ def is_over(sequence: MovingSequence, stages: tuple[Stage, ...], costs: StageCos
 
 
 def drop_met(
-    sequence: MovingSequence, stages: tuple[Stage, ...], costs: StageCosts, now: float, x: np.ndarray
+    sequence: MovingSequence, stages: Sequence[Stage], costs: StageCosts, now: float, x: np.ndarray
 ) -> tuple[MovingSequence, list[Switch]]:
     """Drop the current stage if it is over; the task's last stage stays."""
     if sequence.first == len(stages) - 1 or not is_over(sequence, stages, costs, now, x):
@@ -100,7 +103,7 @@ def drop_met(
 
 
 def detect(
-    sequence: MovingSequence, stages: tuple[Stage, ...], costs: StageCosts, guess: Plan, margin: float
+    sequence: MovingSequence, stages: Sequence[Stage], costs: StageCosts, guess: Plan, margin: float
 ) -> MovingSequence | None:
     """Return the sequence with the next stage appended if its switch is seen in the prediction, else None.
 

@@ -1,6 +1,7 @@
 """What the controller knows of the task's object: its free motion, and when the grippers are to be closed on it."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,44 +18,61 @@ Benedict, Bordner: Synthesis of an optimal set of radar track-while-scan smoothi
 """
 
 
-class Tracker:
-    """Follows the free motion of the object: what the task says of it, corrected by measured poses.
+@dataclass(frozen=True, eq=False)
+class ObjectEstimate:
+    """The free motion of the object: what the task says of it, corrected by measured poses.
 
     An alpha-beta filter: pose and velocity are predicted, and a part of what the measured pose differs by corrects
     both. Without measurements it predicts from what the task says.
+
+    Attributes:
+        body: The object.
+        pose: Estimated pose at `time`, (3,) or (7,).
+        velocity: Estimated velocity then, (3,) or (6,).
+        time: Of the estimate [s].
+        measured_at: When its pose was measured last [s]; minus infinity before.
     """
 
-    def __init__(self, thing: ObjectSpec, body: FreeBody) -> None:
-        self.body, self._time, self._seen = body, 0.0, -np.inf
-        self._pose, self._v = np.array(thing.pose), motion_of(thing)
+    body: FreeBody
+    pose: np.ndarray
+    velocity: np.ndarray
+    time: float = 0.0
+    measured_at: float = -np.inf
+
+    @classmethod
+    def of(cls, target_object: ObjectSpec, body: FreeBody) -> "ObjectEstimate":
+        """Return what the task says of its object."""
+        return cls(body, np.array(target_object.pose), motion_of(target_object))
 
     def at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Predict pose, (3,) or (7,), and velocity at a time [s]."""
-        return self.body.predicted(self._pose, self._v, time - self._time)
+        return self.body.predicted(self.pose, self.velocity, time - self.time)
 
-    def see(self, time: float, pose: np.ndarray) -> None:
-        """Take in a pose measured at a time [s]; one that is not finite is ignored."""
-        if not np.isfinite(pose).all():
-            return
-        (alpha, beta), between = GAINS, time - self._seen
-        predicted, v = self.at(time)
+    def with_measurement(self, time: float, pose: np.ndarray | None) -> "ObjectEstimate":
+        """Return the estimate after a pose measured at a time [s]; one that is not finite, or None, is ignored."""
+        if pose is None or not np.isfinite(pose).all():
+            return self
+        alpha, beta = GAINS
+        predicted, velocity = self.at(time)
         if len(pose) == 3:
-            pose = np.array([*pose[:2], nearest_equivalent(predicted[2], pose[2])])
-            missed = pose - predicted
-            predicted = predicted + alpha * missed
+            angle = nearest_equivalent(predicted[2], pose[2])
+            innovation = np.array([*pose[:2], angle]) - predicted
+            corrected = predicted + alpha * innovation
         else:
-            back = conjugate(list(predicted[3:]))
-            turned = product(back, list(pose[3:]))
+            turned = product(conjugate(list(predicted[3:])), list(pose[3:]))
             turn = log([-part for part in turned] if turned[0] < 0 else turned)
-            missed = np.array([*(pose[:3] - predicted[:3]), *turn])
+            innovation = np.array([*(pose[:3] - predicted[:3]), *turn])
             attitude = product(list(predicted[3:]), exp([alpha * part for part in turn]))
-            predicted = np.array([*(predicted[:3] + alpha * missed[:3]), *attitude])
-        if np.isfinite(between) and between > 0:
-            v = v + beta / between * missed
-        self._pose, self._v, self._time, self._seen = predicted, v, time, time
+            corrected = np.array([*(predicted[:3] + alpha * innovation[:3]), *attitude])
+        since = time - self.measured_at
+        if np.isfinite(since) and since > 0:
+            velocity = velocity + beta / since * innovation
+        return ObjectEstimate(self.body, corrected, velocity, time=time, measured_at=time)
 
 
-def to_be_closed(thing: ObjectSpec, names: Sequence[str], sequence: MovingSequence, ticks: np.ndarray) -> np.ndarray:
+def to_be_closed(
+    target_object: ObjectSpec, names: Sequence[str], sequence: MovingSequence, ticks: np.ndarray
+) -> np.ndarray:
     """Tell at which ticks (M,) [s] the grippers are to be closed (M,).
 
     From the first one at or after the planned switch time that ends `taken_by` until that of the stage before
@@ -67,7 +85,8 @@ def to_be_closed(thing: ObjectSpec, names: Sequence[str], sequence: MovingSequen
         ahead = stage - sequence.first
         return float(sequence.instants[ahead]) if ahead < len(sequence.instants) else np.inf
 
-    taken, released = end(names.index(thing.taken_by)), end(names.index(thing.let_go_by) - 1)
+    taken = end(names.index(target_object.taken_by))
+    released = end(names.index(target_object.let_go_by) - 1)
     return np.asarray((ticks >= taken - ROUNDING) & (ticks < released - ROUNDING))
 
 

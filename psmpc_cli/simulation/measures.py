@@ -47,7 +47,7 @@ class Meter:
         capture: Capture | None,
         x0: np.ndarray,
     ) -> None:
-        problem, self._capture = counterfactuals.controller.problem, capture
+        problem, self._capture = counterfactuals.problem, capture
         self._counterfactuals, self._uncertainty, self._problem = counterfactuals, uncertainty, problem
         self._sees_the_state, self._shares = problem.spec.sees_the_state, problem.spec.log.shares
         self._noise = standard_deviations(problem.spec.uncertainty.noise, problem.model.spec)
@@ -181,7 +181,10 @@ class Counterfactuals:
     """Solves windows for what is measured, never for what is applied; each starts from its own last plan."""
 
     def __init__(self, controller: Controller) -> None:
-        self.controller, self.onset = controller, controller.problem.spec.onset
+        self.problem = controller.problem
+        self.onset = controller.problem.spec.onset
+        self._solver = controller.law.solver
+        self._builder = controller.law.builder
         self._last: dict[tuple[int, int], tuple[Plan, Solution]] = {}
         self._started: set[int] = set()
 
@@ -195,13 +198,13 @@ class Counterfactuals:
         sequence, presence = command.sequence, {}
         if sequence.count == 1 or "braking" in command.events:
             return {}
-        edges = self.controller.edges(command.time)[[0, -1]]
+        edges = command.edges[[0, -1]]
         for stage in range(sequence.first + 1, sequence.last + 1):
             if stage in self._started:
                 continue
             shorter = MovingSequence(sequence.first, sequence.instants[: stage - sequence.first - 1], sequence.entered)
             without, _ = self._plan(shorter, command)
-            rows = list(self.controller.stages[stage].onset_rows)
+            rows = list(command.stages[stage].onset_rows)
             applied, other = (plan.mean_control(edges)[0, rows] for plan in (command.plan, without))
             if self.onset.kind == "control":
                 presence[stage] = float(np.linalg.norm(applied - other))
@@ -226,7 +229,7 @@ class Counterfactuals:
             return {}
         if count == 1:
             return {first: 1.0}
-        controls, edges = [], self.controller.edges(command.time)[:2]
+        controls, edges = [], command.edges[:2]
         for stage in range(first, first + count):
             entered = command.sequence.entered if stage == first else command.time
             plan, usable = self._plan(MovingSequence(stage, np.zeros(0), entered), command)
@@ -245,13 +248,13 @@ class Counterfactuals:
         plan, previous = self._last.get(key, (None, None))
         if plan is not None and previous is not None and plan.start >= command.time:
             return plan, previous.outcome.usable
-        controller, prediction = self.controller, command.prediction
+        prediction = command.prediction
         x, chart = command.solution.window.x0, command.solution.window.chart
         if plan is not None:
-            prediction = shift(plan.in_chart(chart), command.time, controller.spec.horizon, x)
-        window = controller.window(sequence, prediction, x, previous or command.solution)
+            prediction = shift(plan.in_chart(chart), command.time, command.solution.window.horizon, x)
+        window = self._builder.build(sequence, command.stages, prediction, previous or command.solution)
         guess = replace(prediction, instants=sequence.instants)
-        solution = controller.solver.solve(_on_mesh_of(command.solution.window, window), guess, previous)
+        solution = self._solver.solve(_on_mesh_of(command.solution.window, window), guess, previous)
         self._last[key] = solution.plan if solution.outcome.usable else prediction, solution
         return self._last[key][0], solution.outcome.usable
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli import __version__
-from psmpc_cli.control.controller import ends_in_plan
+from psmpc_cli.control.placement import end_is_planned
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.comparison import Comparison, compare_runs
 from psmpc_cli.logs.run import Run
@@ -66,7 +66,7 @@ def _window(run: Run, numbers: np.ndarray, sample: int) -> Window:
     ends = np.cumsum([2, count, count, count, *sizes[0], *sizes[1]])
     (elapsed, hold), omega, offset, scale, *parts = np.split(numbers, ends)[:-1]
     body = None if spec.object is None else body_of(spec.object)
-    planned = ends_in_plan(spec.controller.kind, first, problem.stages)
+    planned = end_is_planned(spec.controller.kind, first, problem.stages)
     for stage, signs, seen in zip(stages, parts[:count], parts[count:], strict=True):
         if stage.on_object and body is not None and stage.index == first and not planned:
             stage = stage.following(rows, body, seen, float(elapsed), spec.controller.horizon)

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from psmpc_cli import __version__
-from psmpc_cli.control.controller import Controller, priorities_in_force
+from psmpc_cli.control.controller import Controller
 from psmpc_cli.control.interface import Command, State
 from psmpc_cli.control.sequence import Switch
+from psmpc_cli.control.window_builder import priorities_in_force
 from psmpc_cli.errors import RunError
 from psmpc_cli.logs.run import Run, read_run, run_in
 from psmpc_cli.logs.schema import MOMENTUM, Q_COORDINATE, Sample
@@ -161,9 +162,10 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
     capture = experiment.capture
     meter = Meter(experiment.counterfactuals, uncertainty, capture, experiment.x0)
     x, braking_until, number, stage = experiment.x0, np.inf, 0, 0
+    sample_time = experiment.problem.spec.controller.sample_time
     link = _Link(experiment.problem.spec, experiment.x0, experiment.problem.model.n)
     while True:
-        now = number * controller.spec.sample_time
+        now = number * sample_time
         seen = link.measured(x if uncertainty is None else uncertainty.measured(number, x))
         pose = None if capture is None else link.measured_object(capture.measured(number))
         command = controller.step(now, State.of(seen), pose)

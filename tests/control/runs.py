@@ -48,7 +48,7 @@ class Unreliable(Solver):
 
 def with_failures(experiment: Experiment, fails: Callable[[Window], bool]) -> Experiment:
     """Return the experiment with a solver that fails in some windows."""
-    controller = Controller(experiment.problem, Unreliable(experiment.controller.solver, fails))
+    controller = Controller(experiment.problem, Unreliable(experiment.controller.law.solver, fails))
     return replace(experiment, controller=controller, counterfactuals=Counterfactuals(controller))
 
 

@@ -148,7 +148,7 @@ def test_a_robot_that_moves_brakes_at_once_where_its_first_solve_fails() -> None
     task = load_task("transport", QUICK)
     controller = Controller(task)
     Q, v = np.zeros(9), np.zeros(9)
-    Q[3] = np.radians(5) + controller.stages[0].limits.position_high[3]
+    Q[3] = np.radians(5) + controller.problem.stages[0].limits.position_high[3]
     v[3] = 0.15
     command = controller.step(0.0, State(Q, v))
     assert "solve_failed" in command.events
@@ -169,7 +169,7 @@ def test_a_switch_that_is_due_takes_place_where_the_measured_state_is_near_its_t
         if len(command.instants) and command.instants[0] < command.time + 0.105:
             break
     planned, x = command.instants[0], sample.ticks.X[-1].copy()
-    x[0] -= 4 * controller.stages[command.stage.index].tolerance[0]
+    x[0] -= 4 * command.stage.tolerance[0]
     due = controller.step(command.time + 0.1, State.of(x))
     assert 0.001 < planned - due.time < 0.005
     np.testing.assert_array_equal(due.instants, planned)
@@ -211,7 +211,7 @@ class Clocked(Solver):
 
 def test_all_solves_of_a_sample_share_its_deadline(experiment_of: Build) -> None:
     fails = with_failures(experiment_of(*SHORT), lambda window: len(window.stages) > 1 and window.start < 0.95)
-    clocked = Clocked(fails.controller.solver)
+    clocked = Clocked(fails.controller.law.solver)
     list(closed_loop(replace(fails, controller=Controller(fails.problem, clocked))))
     several = [stops for stops in clocked.stops.values() if len(stops) > 1]
     assert several

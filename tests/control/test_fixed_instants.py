@@ -30,7 +30,7 @@ def ends(samples: list[Sample], ending: Ending) -> dict[int, float]:
 
 @pytest.fixture(scope="module")
 def solver(experiment_of: Build) -> Solver:
-    return experiment_of("controller.nodes=20", "solver.kind=fatrop").controller.solver
+    return experiment_of("controller.nodes=20", "solver.kind=fatrop").controller.law.solver
 
 
 @pytest.mark.parametrize("guess", [0.2, 0.9, 3.9])

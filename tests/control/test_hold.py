@@ -28,7 +28,7 @@ def seen(states: list[np.ndarray], stages: tuple[Stage, ...], costs: StageCosts)
     """The sequence after samples 0.1 s apart."""
     sequence = MovingSequence(0, np.zeros(0), 0.0)
     for k, x in enumerate(states):
-        sequence = sequence.noticed(stages, costs, 0.1 * k, x)
+        sequence = sequence.with_measurement(stages, costs, 0.1 * k, x)
     return sequence
 
 
@@ -50,7 +50,7 @@ def test_a_break_begins_the_hold_again_and_keeps_the_next_stage_out(
     assert longer.instants.tolist() == pytest.approx([HOLD])
     assert detect(broken, holding, costs, prediction, 10) is None
     assert detect(seen([np.zeros(18)], holding, costs), holding, costs, prediction, 10) is None
-    lost = longer.noticed(holding, costs, 0.4, np.zeros(18))
+    lost = longer.with_measurement(holding, costs, 0.4, np.zeros(18))
     assert (lost.count, lost.broken) == (1, True)
 
 

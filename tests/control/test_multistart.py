@@ -49,7 +49,7 @@ class Counting(Solver):
 
 @pytest.fixture
 def counting(experiment_of: Build) -> Counting:
-    return Counting(experiment_of(*COARSE).controller.solver)
+    return Counting(experiment_of(*COARSE).controller.law.solver)
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def test_an_earlier_switch_that_costs_less_is_found(experiment_of: Build, starts
     experiment = experiment_of(*COARSE, "controller.pending_cost=0.1", task="approach_capture")
     waiting = decided(experiment, 7.3)
     assert ahead(waiting.solution) > 3.99
-    solver, window = experiment.controller.solver, waiting.solution.window
+    solver, window = experiment.controller.law.solver, waiting.solution.window
     best = solve_from_several(solver, window, waiting.prediction, None, starts)
     assert best.basin == 1
     assert ahead(best) < 3.0

@@ -7,7 +7,7 @@ import pytest
 
 from psmpc_cli.control import Controller, State
 from psmpc_cli.control.sequence import MovingSequence
-from psmpc_cli.control.tracking import Tracker, to_be_closed
+from psmpc_cli.control.tracking import ObjectEstimate, to_be_closed
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.free_body import FreeBody, composed
 from psmpc_cli.specs.load import load_task
@@ -27,19 +27,20 @@ def spatial() -> ObjectSpec:
 
 
 def test_without_measurements_the_motion_is_the_tasks() -> None:
-    pose, v = Tracker(THING, BODY).at(10.0)
+    pose, v = ObjectEstimate.of(THING, BODY).at(10.0)
     assert pose == pytest.approx([-2.489 + 0.2, 2.847, np.radians(50)])
     assert v == pytest.approx([0.02, 0, np.radians(2)])
 
 
 @pytest.mark.parametrize("turns", [0.0, 2 * np.pi])
 def test_measured_poses_correct_the_motion(turns: float) -> None:
-    tracker, v = Tracker(THING, BODY), np.array([-0.01, 0.015, -0.03])
+    estimate, v = ObjectEstimate.of(THING, BODY), np.array([-0.01, 0.015, -0.03])
     for k in range(100):
-        tracker.see(0.1 * k, np.array(THING.pose) + 0.1 * k * v + [0, 0, turns * (k % 2)])
-    tracker.see(9.95, np.full(3, np.nan))
-    assert tracker.at(12.0)[1] == pytest.approx(v, abs=1e-6)
-    assert tracker.at(12.0)[0] == pytest.approx(np.array(THING.pose) + 12 * v, abs=1e-5)
+        pose = np.array(THING.pose) + 0.1 * k * v + [0, 0, turns * (k % 2)]
+        estimate = estimate.with_measurement(0.1 * k, pose)
+    estimate = estimate.with_measurement(9.95, np.full(3, np.nan))
+    assert estimate.at(12.0)[1] == pytest.approx(v, abs=1e-6)
+    assert estimate.at(12.0)[0] == pytest.approx(np.array(THING.pose) + 12 * v, abs=1e-5)
 
 
 def test_measured_attitudes_correct_the_motion() -> None:
@@ -47,11 +48,11 @@ def test_measured_attitudes_correct_the_motion() -> None:
         FreeBody(20.0, [2.0, 3.0, 4.0]),
         (np.array([1, 2, 3, 1, 0, 0, 0.0]), np.array([0, 0, 0, 0.02, -0.01, 0.03])),
     )
-    tracker = Tracker(spatial(), body)
+    estimate = ObjectEstimate.of(spatial(), body)
     for k in range(200):
         pose = body.predicted(*true, 0.1 * k)[0]
-        tracker.see(0.1 * k, np.r_[pose[:3], pose[3:] * (-1) ** k])
-    assert tracker.at(22.0)[1] == pytest.approx(body.predicted(*true, 22.0)[1], abs=1e-4)
+        estimate = estimate.with_measurement(0.1 * k, np.r_[pose[:3], pose[3:] * (-1) ** k])
+    assert estimate.at(22.0)[1] == pytest.approx(body.predicted(*true, 22.0)[1], abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -77,17 +78,17 @@ def test_targets_follow_the_object() -> None:
     controller = Controller(problem)
     Q = stack(DRIFTING.spec.initial, DRIFTING.robot, "joint")
     pose = np.array([-2.4, 2.8, 0.5])
-    controller.step(0.0, State(Q, np.zeros(9)), pose)
+    stages = controller.step(0.0, State(Q, np.zeros(9)), pose).stages
     angle = 0.5 + (np.radians(30) - 0.5) / 2 + np.radians(2) * 4  # half of what is measured corrects the angle
-    found = controller.stages[1].target[problem.model.pose_rows["arm_1"]]
+    found = stages[1].target[problem.model.pose_rows["arm_1"]]
     assert found[2] == pytest.approx(angle + np.radians(135))
     grip = 0.6415 * np.array([np.cos(angle), np.sin(angle)])
     assert found[:2] == pytest.approx(grip + np.array([(-2.4 - 2.489) / 2 + 0.08, (2.8 + 2.847) / 2]))
-    drift = controller.stages[1].drift
+    drift = stages[1].drift
     assert isinstance(drift, np.ndarray)
     assert drift[3:6] == pytest.approx([0.02 - np.radians(2) * grip[1], np.radians(2) * grip[0], np.radians(2)])
     x = np.concatenate([Q, np.zeros(9)])
-    moving = replace(controller.stages[1], end_rows=tuple(range(9)), end_velocity=1.0)
+    moving = replace(stages[1], end_rows=tuple(range(9)), end_velocity=1.0)
     apart = problem.costs.ends(replace(moving, drift=0.0), x[None]) - problem.costs.ends(moving, x[None])
     assert apart[0] == pytest.approx([*np.zeros(9), *drift])
 
@@ -102,14 +103,15 @@ BESIDE = {"object": [0, -0.978, 0]}
 def test_cost_follows_the_object_where_no_end_is_planned(stage: int, keys: dict[str, object]) -> None:
     task = load_task("catch_drifting", {"controller.nodes": 12, **keys})
     controller, pose_rows = Controller(task), build_problem(task).model.pose_rows
-    controller.sequence = MovingSequence(stage, np.zeros(0), -1.5)
-    controller.step(0.0, State(stack(task.spec.initial, task.robot, "joint"), np.zeros(9)), np.array(THING.pose))
+    controller.memory = replace(controller.memory, sequence=MovingSequence(stage, np.zeros(0), -1.5))
+    state = State(stack(task.spec.initial, task.robot, "joint"), np.zeros(9))
+    stages = controller.step(0.0, state, np.array(THING.pose)).stages
     since = np.array([0.0, 2.03, 4.0])
-    found = controller.stages[stage].reference(1.5 + since)[:, pose_rows["base"]]
+    found = stages[stage].reference(1.5 + since)[:, pose_rows["base"]]
     angle = np.radians(30 + 2 * since)
     beside = np.stack([0.02 * since - 2.489 + 0.978 * np.sin(angle), 2.847 - 0.978 * np.cos(angle)], axis=1)
     assert found == pytest.approx(np.c_[beside, angle], abs=1e-5)
-    assert controller.stages[stage].target[pose_rows["base"]] == pytest.approx(found[0])
+    assert stages[stage].target[pose_rows["base"]] == pytest.approx(found[0])
 
 
 def test_cost_follows_an_object_that_tumbles() -> None:

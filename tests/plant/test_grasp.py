@@ -1,5 +1,6 @@
 """Robot, object and the grasps between them: laws of physics, both plants against each other, and what grippers do."""
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -222,7 +223,7 @@ def test_a_commands_force_counts_a_known_load_in(known: bool) -> None:
     """At the tick of closing it is what the plant applies, but for the pose recorded then, some mm from the task's."""
     task = planar({**FREE, "object.grasp.known": known, "controller.nodes": 12})
     controller, model = Controller(task), model_of(task.robot.name)
-    controller.sequence = MovingSequence(2, np.zeros(0), 0.0)
+    controller.memory = replace(controller.memory, sequence=MovingSequence(2, np.zeros(0), 0.0))
     state = State(stack(task.spec.initial, task.robot, "joint"), np.zeros(model.n))
     command = controller.step(0.0, state)
     plant = build_plant(task.spec.plant, model, False, None, build_capture(task.spec, model))

@@ -1,0 +1,142 @@
+"""Which windows are solved at a sample, and which solution counts: the longest sequence that has one."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from psmpc_cli.control.multistart import solve_from_several
+from psmpc_cli.control.sequence import MovingSequence
+from psmpc_cli.control.window_builder import WindowBuilder
+from psmpc_cli.ocp.plan import Plan, shift
+from psmpc_cli.ocp.problem import Problem, Stage
+from psmpc_cli.ocp.window import own_violations
+from psmpc_cli.solvers import FEASIBLE, Outcome, Solution, Solver
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """What came of a sample's solves.
+
+    Attributes:
+        sequence: The stages in the window that counts.
+        solution: Its solve; its wall time is that of all.
+        unfinished: The solve of a window with a stage that has appeared, which ran out of iterations or time: the next
+            sample goes on from it.
+    """
+
+    sequence: MovingSequence
+    solution: Solution
+    unfinished: Solution | None
+
+
+class Attempts:
+    """The solves of one sample.
+
+    Args:
+        problem: The problem.
+        solver: Its solver, with the deadline of the sample.
+        builder: Builds the windows.
+        stages: All stages of the task, placed at this sample.
+        prediction: The last plan, shifted; it begins at the measured state.
+        previous: The solve of the sample before.
+        unfinished: The solve that the sample before left unfinished.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        solver: Solver,
+        builder: WindowBuilder,
+        stages: Sequence[Stage],
+        prediction: Plan,
+        previous: Solution | None,
+        unfinished: Solution | None,
+    ) -> None:
+        self._spec = problem.spec.controller
+        self._costs = problem.costs
+        self._solver = solver
+        self._builder = builder
+        self._stages = stages
+        self._prediction = prediction
+        self._previous = previous
+        self._unfinished = unfinished
+
+    def solve_longest(self, sequence: MovingSequence, longer: MovingSequence | None) -> Attempt:
+        """Solve the window over the longest sequence that has a solution; over `sequence` if none has.
+
+        Where a stage has appeared that is the one with it. Where no point meets all constraints, an impact has put the
+        end condition of the current stage out of reach for example, the stages that wait are left to be seen again.
+        Soft limits make no difference: a window that violates them further than one with fewer stages has no solution.
+        A switch that is planned before the next sample takes place as planned all the same, by the plan in force, where
+        the measured state meets the end condition within the detection margin: what is left of the stage is too short
+        to correct what the measurement is off by.
+
+        Args:
+            sequence: The stages that are in the window.
+            longer: The same with a stage that has appeared; None where none has.
+        """
+        solved = self._solve(longer or sequence, self._unfinished)
+        ran_out = solved.outcome in (Outcome.ITERATION_LIMIT, Outcome.DEADLINE)
+        unfinished = solved if longer is not None and ran_out else None
+        if longer is not None:
+            if solved.outcome.usable and _keeps_limits(solved):
+                return Attempt(longer, solved, unfinished)
+            shorter = self._solve(sequence, unfinished)
+            if solved.outcome.usable and _keeps_limits(solved, shorter):
+                return Attempt(longer, _with_time_of(shorter, solved), unfinished)
+            solved = _with_time_of(solved, shorter)
+        if solved.outcome is not Outcome.INFEASIBLE and _keeps_limits(solved):
+            return Attempt(sequence, solved, unfinished)
+        if self._hands_over(sequence):
+            return Attempt(sequence, replace(solved, outcome=Outcome.INFEASIBLE), unfinished)
+        if sequence.count > 1:
+            alone = self._solve(sequence.alone, unfinished)
+            better = solved.outcome is Outcome.INFEASIBLE or not _keeps_limits(solved, alone)
+            if alone.outcome.usable and better:
+                return Attempt(sequence.alone, _with_time_of(solved, alone), unfinished)
+            solved = _with_time_of(alone, solved)
+        return Attempt(sequence, solved, unfinished)
+
+    def _hands_over(self, sequence: MovingSequence) -> bool:
+        """Tell whether the next stage begins before the next sample, from near the target of the current one."""
+        prediction = self._prediction
+        if sequence.count == 1 or sequence.instants[0] > prediction.start + self._spec.sample_time:
+            return False
+        stage = self._stages[sequence.first]
+        return bool(self._costs.met(stage, prediction.X[:1], self._spec.detection_margin)[0])
+
+    def _solve(self, sequence: MovingSequence, unfinished: Solution | None) -> Solution:
+        window = self._builder.build(sequence, self._stages, self._prediction, self._previous)
+        guess = self._guess(sequence, unfinished)
+        starts = self._spec.multistart or 1
+        if starts == 1:
+            return self._solver.solve(window, guess, self._previous)
+        return solve_from_several(self._solver, window, guess, self._previous, starts)
+
+    def _guess(self, sequence: MovingSequence, unfinished: Solution | None) -> Plan:
+        """Return the guess of a window: the prediction, or the unfinished iterate over the same stages, shifted."""
+        prediction = self._prediction
+        if unfinished is not None and unfinished.window.stages[-1].index == sequence.last:
+            started = unfinished.plan.in_chart(prediction.chart)
+            if np.isfinite(started.X).all():
+                iterate = shift(started, prediction.start, self._spec.horizon, prediction.X[0])
+                if len(iterate.instants) == len(sequence.instants):
+                    return iterate
+        same = prediction.instants is sequence.instants
+        return prediction if same else replace(prediction, instants=sequence.instants)
+
+
+def _keeps_limits(solved: Solution, shorter: Solution | None = None) -> bool:
+    """Tell whether a window violates soft limits no further than the measured state, or than one with fewer stages."""
+    if not len(solved.violations):
+        return True
+    acceptable = own_violations(solved.window.x0, solved.window.stages)
+    if shorter is not None and shorter.outcome.usable:
+        acceptable = np.maximum(acceptable, shorter.violations)
+    return bool((solved.violations <= acceptable + FEASIBLE).all())
+
+
+def _with_time_of(other: Solution, solved: Solution) -> Solution:
+    """Return a solve whose wall time counts another one in the same sample."""
+    return replace(solved, wall_time=other.wall_time + solved.wall_time)

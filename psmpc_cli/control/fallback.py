@@ -1,0 +1,81 @@
+"""The plan that is applied at a sample: the solved one, else the one before it, else one that brakes."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from psmpc_cli.ocp.plan import Chart, Plan, braking_plan
+from psmpc_cli.specs.robot import Limits
+
+BRAKING_TIME = 0.5
+"""Time within which a robot without a plan comes to rest [s], longer where acceleration limits ask for it."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlansInForce:
+    """The plans that outlast a sample.
+
+    Attributes:
+        solved: The last plan that was solved for, or that took the place of the first one; None before.
+        braking: The plan that brakes to rest, where the other is used up.
+        trusted_until: End of the plan in force when the state was last measured completely [s].
+    """
+
+    solved: Plan | None = None
+    braking: Plan | None = None
+    trusted_until: float = np.inf
+
+    @property
+    def current(self) -> Plan | None:
+        """The plan in force; None before the first."""
+        return self.solved if self.braking is None else self.braking
+
+    def in_chart(self, chart: Chart) -> "PlansInForce":
+        """Return the plans in another chart."""
+        solved = None if self.solved is None else self.solved.in_chart(chart)
+        braking = None if self.braking is None else self.braking.in_chart(chart)
+        return replace(self, solved=solved, braking=braking)
+
+    def used_up(self, time: float, sample_time: float) -> bool:
+        """Tell whether the solved plan, or the trust in it, ends before the next sample."""
+        end = np.inf if self.solved is None else self.solved.end
+        return time > min(end, self.trusted_until) - sample_time
+
+    def with_plan(self, plan: Plan) -> "PlansInForce":
+        """Return the plans after a solve."""
+        return replace(self, solved=plan, braking=None)
+
+    def without_plan(
+        self, time: float, x: np.ndarray, limits: Limits, horizon: float, sample_time: float, chart: Chart
+    ) -> tuple["PlansInForce", Plan]:
+        """Return the plans after a sample without a solution, and the one that is applied.
+
+        The shifted plan goes on until it is used up; then, and where there is none yet, the robot brakes. In place of
+        a first plan it rests until the end of the horizon, while every sample tries again.
+
+        Args:
+            time: Of the sample [s].
+            x: Measured state (2n,).
+            limits: Of the current stage.
+            horizon: T_h [s].
+            sample_time: Time between two samples [s].
+            chart: The chart of x.
+        """
+        strongest = np.minimum(limits.acceleration_high, -limits.acceleration_low)
+        v = x[len(x) // 2 :]
+        duration = max(BRAKING_TIME, float(np.max(np.abs(v) / strongest)))
+        if self.solved is None:
+            first = braking_plan(time, x, duration, horizon, chart)
+            return replace(self, solved=first), first
+        if self.braking is not None:
+            return self, self.braking
+        if self.used_up(time, sample_time):
+            braking = braking_plan(time, x, duration, chart=chart)
+            return replace(self, braking=braking), braking
+        return self, self.solved
+
+    def measured(self) -> "PlansInForce":
+        """Return the plans after a sample that measured all of the state: the current one is trusted to its end."""
+        if self.braking is not None or self.solved is None:
+            return self
+        return replace(self, trusted_until=self.solved.end)

@@ -1,0 +1,133 @@
+"""What a sample sets of the task's stages: the chart of the attitude, and where targets are in it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.control.sequence import MovingSequence
+from psmpc_cli.control.tracking import ObjectEstimate
+from psmpc_cli.ocp.plan import Chart, Plan, resting_plan
+from psmpc_cli.ocp.problem import Problem, Stage
+
+QUATERNION_FLIP_THRESHOLD = -0.17
+"""Real part of an attitude's error at which the other sign of its quaternion is taken: an error of some 200 deg."""
+
+ONE_STAGE = ("hard", "htmpc")
+"""Controllers whose window holds the current stage alone."""
+
+Signs = Mapping[int, Mapping[str, float]]
+"""Signs of the quaternions in spatial targets, by stage index and frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """The stages of a task at a sample.
+
+    Attributes:
+        chart: The chart that state, plans and targets are in.
+        stages: All stages of the task, with the numbers of their targets.
+        signs: Of their quaternions.
+    """
+
+    chart: Chart
+    stages: tuple[Stage, ...]
+    signs: Signs
+
+
+class Placer:
+    """Places the stages of a problem.
+
+    In space a target's attitude is one of two quaternions; the nearer one where the stage begins in the plan is taken,
+    and kept until the error passes 200 deg, so that an error that passes 180 deg within a horizon stays smooth.
+
+    Attributes:
+        follows_object: Some target is relative to the object.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self._horizon = problem.spec.controller.horizon
+        self.follows_object = any(stage.on_object for stage in problem.stages)
+
+    def place(
+        self,
+        time: float,
+        x: np.ndarray,
+        chart: Chart,
+        sequence: MovingSequence,
+        plan: Plan | None,
+        target_object: ObjectEstimate | None,
+        signs: Signs,
+        at_ends: bool = False,
+    ) -> Placement:
+        """Place the stages at a sample.
+
+        Targets relative to the object are where it is now.
+
+        Args:
+            time: Of the sample [s].
+            x: Measured state in the chart (2n,).
+            chart: The chart.
+            sequence: The stages in the window.
+            plan: The plan in force, in the chart; None before the first.
+            target_object: What is known of the object; None without one that moves.
+            signs: Those of the sample before.
+            at_ends: Targets relative to the object are where it is when their stage is planned to end, or at the end of
+                the horizon. A current stage whose end is never planned follows the object over the horizon.
+        """
+        stages = self._problem.stages
+        if target_object is not None and self.follows_object:
+            stages = self._at_object(time, sequence, target_object, at_ends)
+        if not chart.spatial:
+            return Placement(chart, stages, signs)
+        plan = plan or resting_plan(time, self._horizon, 1, x, chart)
+        begins = dict(enumerate([time, *sequence.instants], start=sequence.first))
+        found = {
+            stage.index: self._signs(stage, plan, begins.get(stage.index), sequence, signs.get(stage.index, {}))
+            for stage in stages
+        }
+        joints = x[6 : self._problem.model.n]
+        charted = tuple(stage.in_chart(chart.anchor, joints, found[stage.index]) for stage in stages)
+        return Placement(chart, charted, found)
+
+    def _at_object(
+        self, time: float, sequence: MovingSequence, target_object: ObjectEstimate, at_ends: bool
+    ) -> tuple[Stage, ...]:
+        rows = self._problem.model.pose_rows
+        ends = dict(enumerate(sequence.instants, start=sequence.first))
+        placed = list(self._problem.stages)
+        for stage in placed[sequence.first :]:
+            if stage.on_object:
+                when = float(ends.get(stage.index, time + self._horizon)) if at_ends else time
+                placed[stage.index] = stage.at_object(rows, *target_object.at(when))
+        current = placed[sequence.first]
+        ends_in_plan = end_is_planned(self._problem.spec.controller.kind, sequence.first, placed)
+        if at_ends and current.on_object and not ends_in_plan:
+            now = np.concatenate(target_object.at(time))
+            elapsed = time - sequence.entered
+            placed[sequence.first] = current.following(rows, target_object.body, now, elapsed, self._horizon)
+        return tuple(placed)
+
+    def _signs(
+        self, stage: Stage, plan: Plan, begins: float | None, sequence: MovingSequence, known: Mapping[str, float]
+    ) -> Mapping[str, float]:
+        """Choose the signs of a stage's quaternions by frame; a trajectory counts where it is when the stage begins."""
+        time = plan.end if begins is None else begins
+        since = time - sequence.entered if stage.index == sequence.first else 0.0
+        wanted = stage.reference(since)
+        model = self._problem.model
+        Q = plan.states_at(np.array([time]))[0, : model.n]
+        xi = np.asarray(model.charted(Q, plan.chart.anchor)).ravel()
+        found = dict(known)
+        for frame, at in stage.attitudes.items():
+            w = float(wanted[at : at + 4] @ xi[model.pose_rows[frame]][3:7])
+            sign = known.get(frame)
+            if sign is None or begins is None or sign * w < QUATERNION_FLIP_THRESHOLD:
+                found[frame] = 1.0 if w >= 0 else -1.0
+        return found
+
+
+def end_is_planned(kind: str, first: int, stages: Sequence[Stage]) -> bool:
+    """Tell whether the end of a current stage, the first in the window, is ever planned under a controller."""
+    return kind not in ONE_STAGE and first < len(stages) - 1

@@ -1,0 +1,73 @@
+"""Builds windows: the numbers that a sequence of placed stages, a prediction and the task give an optimization."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from psmpc_cli.control.sequence import MovingSequence
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.problem import Problem, Stage
+from psmpc_cli.ocp.window import Window, first_counts, node_counts, normalization
+from psmpc_cli.solvers import Solution
+from psmpc_cli.specs.task import ControllerSpec
+
+
+class WindowBuilder:
+    """Builds the windows of one problem."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._spec = problem.spec.controller
+        self._costs = problem.costs
+        self._soft = problem.spec.limits_are_soft
+        self._uniform_nodes = self._spec.uniform_nodes
+        self._priorities = priorities_in_force(self._spec, problem.stages)
+
+    def build(
+        self, sequence: MovingSequence, stages: Sequence[Stage], prediction: Plan, before: Solution | None = None
+    ) -> Window:
+        """Build the window over a sequence, begun where a prediction begins, which normalizes its costs.
+
+        An automatic mesh is for the costs along the prediction, where that comes from a solve `before`.
+
+        Args:
+            sequence: The stages in the window.
+            stages: All stages of the task, placed at this sample.
+            prediction: The shifted plan.
+            before: The solve that it comes from.
+        """
+        spec = self._spec
+        own = stages[sequence.first : sequence.last + 1]
+        # strict priorities do not depend on the scale; the printed range is 0 for a robot at rest
+        kind = "nadir" if spec.kind == "htmpc" else spec.normalization
+        offset, scale = normalization(kind, spec.zeta, own, sequence.begins, self._costs, prediction, spec.sample_time)
+        window = Window(
+            stages=tuple(own),
+            start=prediction.start,
+            elapsed=prediction.start - sequence.entered,
+            hold=sequence.hold_left(stages, prediction.start),
+            x0=prediction.X[0],
+            omega=self._priorities[sequence.first : sequence.last + 1],
+            offset=offset,
+            scale=scale,
+            horizon=spec.horizon,
+            pending_cost=spec.pending_cost,
+            terminal_cost=spec.terminal_cost,
+            nodes=(self._uniform_nodes,) * len(own),
+            discretization=spec.discretization,
+            soft=self._soft,
+            chart=prediction.chart,
+        )
+        if spec.nodes != "auto":
+            return window
+        if before is None:
+            return replace(window, nodes=first_counts(window, sequence.instants, spec.mesh_tolerance, spec.sample_time))
+        had = {stage.index: N for stage, N in zip(before.window.stages, before.window.nodes, strict=True)}
+        plan = replace(prediction, instants=sequence.instants)
+        counts = node_counts(window, plan, self._costs, spec.sample_time, spec.mesh_tolerance, had)
+        return replace(window, nodes=counts)
+
+
+def priorities_in_force(spec: ControllerSpec, stages: Sequence[Stage]) -> np.ndarray:
+    """Return omega of each stage (stages,); SMPC knows none but 1."""
+    return np.array([1.0 if spec.kind == "smpc" else stage.priority for stage in stages])

@@ -152,6 +152,14 @@ CASES: dict[str, tuple[Callable[[Api], object], str]] = {
     "mass matrix of texts": (lambda api: api.robot.mass_matrix(["0"] * N), r"Q: found a list of 9 entries"),
     "momentum of a short v": (lambda api: api.robot.momentum(np.zeros(N), np.zeros(8)), r"v: .*\(8,\)"),
     "energy of one number": (lambda api: api.robot.kinetic_energy(np.zeros(N), [1.0]), r"v: .*expected numbers \(9,\)"),
+    "mass matrix of a mass": (
+        lambda api: api.robot.mass_matrix(np.zeros(N), 3),
+        r"parameters: found 3, expected Inert",
+    ),
+    "mass matrix of another robot's bodies": (
+        lambda api: api.robot.mass_matrix(np.zeros(N), api.controllers["turning"].problem.model.nominal),
+        r"w: found an array .*expected numbers \(32,\)",
+    ),
     "frames of a short Q": (lambda api: api.robot.body_frames(np.zeros(8)), r"Q: .*\(8,\).*9"),
     # a run
     "simulation of a name": (lambda api: psmpc.simulate("transport"), r"task: .*\"transport\".*from load_task"),

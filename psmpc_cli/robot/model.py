@@ -14,7 +14,7 @@ from psmpc_cli.robot.dynamics import InertialParameters, derive_dynamics, functi
 from psmpc_cli.robot.kinematics import SpatialFrame, base_frame, place
 from psmpc_cli.robot.rotations import add, cross, exp, product, rotate, scaled
 from psmpc_cli.robot.shape import RobotShape
-from psmpc_cli.specs.arguments import rejected
+from psmpc_cli.specs.arguments import rejected, require
 from psmpc_cli.specs.load import load_robot as load_robot_spec
 from psmpc_cli.specs.robot import RobotSpec, labels
 
@@ -207,7 +207,10 @@ class RobotModel:
         return self._numeric[name](*arguments, rows=max((1, *rows)))[0].reshape(*rows, -1)
 
     def _w(self, parameters: InertialParameters | None) -> Array:
-        return (parameters or self.nominal).vector
+        if parameters is None:
+            return self.nominal.vector
+        require("parameters", parameters, InertialParameters, "InertialParameters")
+        return parameters.vector
 
     @cached_property
     def _sizes(self) -> dict[str, dict[str, int]]:

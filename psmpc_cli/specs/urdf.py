@@ -279,9 +279,11 @@ class Urdf:
         if len(values) != count or not np.all(np.abs(values) <= largest):
             key = attribute.replace("/@", " ")
             found = f"{key} {quoted(text)}" if text else f"no {key}"
+            whose = element.getparent() if element.tag == "inertial" else element
             wanted = counted(count, "number", "numbers")
             if np.any(np.abs(values) > largest):
                 wanted += f" of at most {largest:g} in magnitude"
+            found += f" of {whose.tag} {quoted(whose.get('name'))}"
             self._wrong(text.getparent() if text else element, found, wanted)
             return [1.0] + [0.0] * (count - 1)
         return values

@@ -225,10 +225,10 @@ def written(folder: Path, **changed: str) -> Path:
         (part("joint", "<limit", "<limit/><limit"), 4, ("second <limit>", '"j"', "one at most")),
         (part("link", "<mass", '<mass value="2"/><mass'), 3, ("second <mass>", '"arm"')),
         (part("link", "</link>", "<inertial/></link>"), 3, ("second <inertial>", '"arm"')),
-        (part("link", 'value="1"', 'value="1_0"'), 3, ("1_0", "number")),
+        (part("link", 'value="1"', 'value="1_0"'), 3, ("1_0", 'link "arm"', "number")),
         (part("link", 'value="1"', 'value="\uff11"'), 3, ("mass value", "number")),
-        (part("link", 'value="1"', 'value="1e13"'), 3, ("1e13", "at most 1e+12")),
-        (part("joint", "0 0 1", "0 1e300 1e300"), 4, ("axis", "1e300", "at most 1e+12")),
+        (part("link", 'value="1"', 'value="1e13"'), 3, ("1e13", 'link "arm"', "at most 1e+12")),
+        (part("joint", "0 0 1", "0 1e300 1e300"), 4, ("axis", "1e300", 'joint "j"', "at most 1e+12")),
         (
             part("joint", "<axis", '<origin xyz="1e300 0 0"/><axis'),
             4,

@@ -146,7 +146,8 @@ class Summary(_Computed):
         distances: Distance between the first two end-effectors at the end of each stage [m]; NaN with one arm.
         off_plan: Largest deviations of a position and of a velocity at a sample from the prediction of the plan before.
         beyond_limits: Largest violations of a position and of a velocity limit at a tick, where there are any.
-        end_condition: Largest error over tolerance at a planned switch time; None without one.
+        compiled: Whether solver and plant ran as compiled code.
+        end_condition: Largest error over tolerance where a stage ended; None without one.
         end_errors: Error of the last stage's end condition over its tolerance at the end, of the state seen and of the
             true state; None without noise.
         capture: What became of an object with a mass; None without one.
@@ -155,6 +156,7 @@ class Summary(_Computed):
     def __init__(self, arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -> None:
         """Summarize a run from the datasets and attributes of its log, and the problem it solved."""
         spec, time, end = problem.spec, arrays["time"], float(arrays["final/end_time"])
+        self.compiled = bool(attributes.get("compiled", False))
         self.ended, self.completed = bool(np.isfinite(end)), bool(attributes["finished"])
         self.monitors = verdicts(spec, arrays)
         self.succeeded = self.completed and all(verdict.held for verdict in self.monitors)

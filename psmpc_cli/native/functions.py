@@ -24,13 +24,13 @@ def source_of(function: ca.Function) -> str:
 
 def compiled(function: ca.Function) -> ca.Function:
     """Return the function as compiled C, with the same inputs and outputs; itself where that is not possible."""
-    path = library(source_of(function), function.name(), FLAGS)
+    path = maker_of(function)()
     return function if path is None else ca.external(function.name(), str(path))
 
 
 def maker_of(function: ca.Function) -> Callable[[], Path | None]:
     """Return what compiles a function; its source is written here, because CasADi is not thread-safe."""
-    return partial(library, source_of(function), function.name(), FLAGS)
+    return partial(library, source_of(function), function.name(), FLAGS, (function.name(),))
 
 
 class ArrayFunction:

@@ -5,15 +5,21 @@ import ctypes
 import hashlib
 import logging
 import os
+import platform
+import re
 import shlex
 import shutil
+import stat
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
+from time import time
 
 logger = logging.getLogger(__name__)
 
@@ -23,6 +29,13 @@ CACHE_VARIABLE = "PSMPC_CACHE"
 COMPILERS = ("cc", "gcc", "clang")
 """Compilers looked up on PATH where the environment variable CC is not set."""
 
+DAY = 24 * 3600.0
+KEPT_FOR = 90 * DAY
+"""Time after which libraries that are not used are removed [s]."""
+
+LIBRARY_NAME = re.compile(r"\w+-[0-9a-f]{24}(-[0-9a-f]{24})?")
+"""Names of libraries in the cache, those of earlier versions included."""
+
 SUFFIX = ".dylib" if sys.platform == "darwin" else ".so"
 
 
@@ -30,29 +43,35 @@ class CompilationError(Exception):
     """There is no compiler, or it failed; `library` reports it and returns None."""
 
 
-def library(source: str, name: str, flags: Sequence[str] = ("-O2",)) -> Path | None:
+def library(source: str, name: str, flags: Sequence[str] = ("-O2",), symbols: Sequence[str] = ()) -> Path | None:
     """Compile C source to a shared library, or find it in the cache.
 
-    The file is keyed by the digest of source, flags, compiler version and machine; with `-march=native` among the flags
-    by the instruction set of the machine too. The library has been loaded once, so `ctypes.CDLL` or `casadi.external`
+    A file's name has the digest of source, flags, compiler version and machine (with `-march=native` among the flags,
+    of the instruction set too), and the digest of the file itself, which is checked before it is loaded: loading a
+    library that was cut off ends the process. The library has been loaded once, so `ctypes.CDLL` or `casadi.external`
     can load it. The first compilation of a program, and the reason of a failure, are logged as information.
 
     Args:
         source: C, with no includes but the system's.
         name: Beginning of the file's name.
         flags: Flags of the compiler.
+        symbols: Functions that the library must have.
 
     Returns:
         Path of the library; None where there is no compiler or it failed.
     """
     try:
         compiler, directory = find_compiler(), cache_directory()
-        key = "\0".join((source, " ".join(flags), _macros(compiler, tuple(flags))))
-        entry = directory / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:24]}{SUFFIX}"
-        if not _loads(entry):
-            _report(f"compiling solver and plant code with {Path(compiler[0]).name} (once, kept in {directory})")
-            _compile(compiler, source, entry, flags)
-            ctypes.CDLL(str(entry))
+        key = _digest("\0".join((source, " ".join(flags), _macros(compiler, tuple(flags)))).encode())
+        for entry in directory.glob(f"{name}-{key}-*{SUFFIX}"):
+            if _is_sound(entry) and _has(entry, symbols):
+                _mark_used(entry)
+                return entry
+            entry.unlink(missing_ok=True)
+        _report(f"compiling solver and plant code with {_name_of(compiler)} (once, kept in {directory})")
+        _remove_unused(directory)
+        entry = _compile(compiler, source, directory, f"{name}-{key}", flags)
+        ctypes.CDLL(str(entry))
         return entry
     except (CompilationError, OSError) as error:
         _report(f"{error}; continuing without compiled code")
@@ -73,7 +92,8 @@ def make_all(makers: Iterable[Callable[[], Path | None]]) -> bool:
 def cache_directory() -> Path:
     """Return the directory of compiled libraries: PSMPC_CACHE, else `psmpc` below XDG_CACHE_HOME or ~/.cache.
 
-    It exists and is writable; where that is not possible, it is a temporary directory that is deleted at exit.
+    It exists, is writable, and nobody else may write to it: what is in it is executed. Where that is not possible, it
+    is a temporary directory that is deleted at exit.
     """
     chosen, base = os.environ.get(CACHE_VARIABLE), os.environ.get("XDG_CACHE_HOME", "")
     try:
@@ -81,13 +101,19 @@ def cache_directory() -> Path:
         default = (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "psmpc"
         directory = Path(chosen).expanduser().resolve() if chosen else default
         directory.mkdir(parents=True, exist_ok=True, mode=0o700)
+        private = _is_private(directory)
     except (OSError, RuntimeError):  # it cannot be made, or the user has no home
+        return _temporary_directory()
+    if not private:
+        _report(f"{directory} belongs to or may be written by somebody else: compiled code is kept for this run alone")
         return _temporary_directory()
     return directory if os.access(directory, os.W_OK | os.X_OK) else _temporary_directory()
 
 
 def find_compiler() -> tuple[str, ...]:
-    """Return the command of the C compiler: the environment variable CC, else the first of cc, gcc, clang on PATH.
+    """Return the command of the C compiler.
+
+    That is the environment variable CC, else the first of cc, gcc, clang on PATH, else that of the package `ziglang`.
 
     Raises:
         CompilationError: There is none.
@@ -97,8 +123,31 @@ def find_compiler() -> tuple[str, ...]:
     for command in commands:
         if program := shutil.which(command[0]):
             return (program, *command[1:])
+    if not chosen and find_spec("ziglang") is not None:
+        return (sys.executable, "-m", "ziglang", "cc")
     found = f"CC is {chosen!r}, which is not a program" if chosen else f"none of {', '.join(COMPILERS)} on PATH"
-    raise CompilationError(f"no C compiler: {found}")
+    raise CompilationError(f"no C compiler: {found}; pip install 'psmpc[compiler]' brings one")
+
+
+def describe_compiler() -> str:
+    """Return name and version of the compiler in one line; empty where there is none."""
+    try:
+        return _run([*find_compiler(), "--version"], None).partition("\n")[0].strip()
+    except CompilationError:
+        return ""
+
+
+def describe_processor() -> str:
+    """Return the name of the processor, as far as the system tells it."""
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+def _name_of(compiler: Sequence[str]) -> str:
+    return "zig cc" if "ziglang" in compiler else Path(compiler[0]).name
 
 
 @cache
@@ -107,14 +156,66 @@ def _macros(compiler: tuple[str, ...], flags: tuple[str, ...]) -> str:
     return _run([*compiler, *flags, "-dM", "-E", "-x", "c", os.devnull], None)
 
 
-def _compile(compiler: tuple[str, ...], source: str, entry: Path, flags: Sequence[str]) -> None:
-    """Compile in a temporary directory beside the entry, then rename: safe for several processes at once."""
-    with tempfile.TemporaryDirectory(prefix=".making-", dir=entry.parent) as folder:
+def _compile(compiler: tuple[str, ...], source: str, directory: Path, name: str, flags: Sequence[str]) -> Path:
+    """Compile a library and return its path in a directory.
+
+    It is made in a temporary directory beside, stored on disk and then renamed: safe for several processes at once, and
+    when the machine stops.
+    """
+    with tempfile.TemporaryDirectory(prefix=".making-", dir=directory) as folder:
         # The file names are always the same because compilers write them into the library.
         written, made = Path(folder) / "source.c", Path(folder) / f"made{SUFFIX}"
         written.write_text(source, encoding="utf-8")
         _run([*compiler, *flags, "-fPIC", "-shared", written.name, "-o", made.name, "-lm"], written.parent)
-        made.replace(entry)
+        made.chmod(0o700)
+        with made.open("rb+") as file:
+            digest = _digest(file.read())
+            os.fsync(file.fileno())
+        return made.replace(directory / f"{name}-{digest}{SUFFIX}")
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:24]
+
+
+def _is_private(path: Path) -> bool:
+    """Tell whether a file or directory, no link, belongs to the user and nobody else may write to it."""
+    if not hasattr(os, "getuid"):
+        return True
+    status = path.lstat()
+    return status.st_uid == os.getuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+
+
+def _is_sound(entry: Path) -> bool:
+    """Tell whether a library is the file that was stored."""
+    with suppress(OSError):
+        if entry.is_file() and not entry.is_symlink() and _is_private(entry):
+            return entry.stem.rpartition("-")[2] == _digest(entry.read_bytes())
+    return False
+
+
+def _has(entry: Path, symbols: Sequence[str]) -> bool:
+    """Tell whether a library can be loaded and has some functions."""
+    try:
+        loaded = ctypes.CDLL(str(entry))
+    except OSError:
+        return False
+    return all(hasattr(loaded, symbol) for symbol in symbols)
+
+
+def _mark_used(entry: Path) -> None:
+    """Note that a library is used, once a day: `_remove_unused` goes by it."""
+    with suppress(OSError):
+        if time() - entry.stat().st_mtime > DAY:
+            os.utime(entry)
+
+
+def _remove_unused(directory: Path) -> None:
+    """Remove libraries that were not used for `KEPT_FOR`."""
+    for entry in directory.glob(f"*{SUFFIX}"):
+        with suppress(OSError):
+            if LIBRARY_NAME.fullmatch(entry.stem) and time() - entry.stat().st_mtime > KEPT_FOR:
+                entry.unlink()
 
 
 def _run(command: Sequence[str], folder: Path | None) -> str:
@@ -127,14 +228,6 @@ def _run(command: Sequence[str], folder: Path | None) -> str:
         reason = next((line for line in done.stderr.splitlines() if "error" in line), f"exit code {done.returncode}")
         raise CompilationError(f"{command[0]} failed: {reason.strip()}")
     return done.stdout
-
-
-def _loads(entry: Path) -> bool:
-    try:
-        ctypes.CDLL(str(entry))
-    except OSError:
-        return False
-    return True
 
 
 @cache

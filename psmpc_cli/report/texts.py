@@ -53,6 +53,7 @@ def _end_errors(summary: Summary) -> str:
 MEASURES: tuple[tuple[str, Callable[[Summary], float | str], int, str], ...] = (
     ("solve time, median / p95 / p99 / max [ms]", lambda run: _solves(run.solves), 0, ""),
     ("the same, windows with a switch [ms]", lambda run: _solves(run.switching_solves), 0, DETAIL),
+    ("solver and plant", lambda run: "compiled code" if run.compiled else "interpreted", 0, ALONE),
     ("solves", lambda run: run.solves.count, 0, DETAIL),
     ("iterations of a solve, median", lambda run: run.solves.iterations, 0, DETAIL),
     ("solves longer than a sample", lambda run: run.missed, 0, ""),

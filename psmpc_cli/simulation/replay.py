@@ -15,6 +15,7 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.logs.comparison import Comparison, compare_runs
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import Sample
+from psmpc_cli.native.library import describe_compiler, describe_processor
 from psmpc_cli.ocp.plan import Chart
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.ocp.window import Window
@@ -242,4 +243,15 @@ def unequal_conditions(log: Run) -> tuple[str, ...]:
         found.append("OMP_NUM_THREADS is not 1: sums over several threads may be rounded otherwise")
     if (deadline := log.task.spec.solver.deadline) is not None:
         found.append(f"solves have a deadline of {deadline:g} s: how far they come depends on the machine")
-    return tuple(found)
+    return (*found, *_other_machine(log))
+
+
+def _other_machine(log: Run) -> Iterator[str]:
+    """Yield processor and compiler where they are not those of a log's run, since they round otherwise."""
+    here = {"processor": describe_processor(), "compiler": ""}
+    if log.attributes.get("compiled"):
+        here["compiler"] = describe_compiler()
+    for name, value in here.items():
+        logged = str(log.attributes.get(name, value))
+        if logged != value:
+            yield f"the {name} was {logged or 'none'}, this is {value or 'none'}"

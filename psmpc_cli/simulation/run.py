@@ -24,7 +24,7 @@ from psmpc_cli.logs.schema import MOMENTUM, Q_COORDINATE, Sample
 from psmpc_cli.logs.summary import verdicts
 from psmpc_cli.logs.write import Header, LogWriter
 from psmpc_cli.native.functions import maker_of
-from psmpc_cli.native.library import make_all
+from psmpc_cli.native.library import describe_compiler, describe_processor, make_all
 from psmpc_cli.ocp.problem import Problem, Stage, build_problem
 from psmpc_cli.plant import Plant, build_plant, ticks_of
 from psmpc_cli.plant.grasp import Capture, build_capture
@@ -364,6 +364,8 @@ def header(experiment: Experiment) -> Header:
             "controller": task.controller.kind,
             "solver": task.solver.kind,
             "compiled": experiment.compiled,
+            "processor": describe_processor(),
+            "compiler": describe_compiler() if experiment.compiled else "",
             "plant": task.plant.kind,
             "sample_time": task.controller.sample_time,
             "horizon": task.controller.horizon,

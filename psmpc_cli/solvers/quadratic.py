@@ -24,8 +24,8 @@ from psmpc_cli.solvers.sqp_window import SqpWindow
 
 SOURCES = ("recursion.c", "program.c", "interior_point.c")
 
-FLAGS = ("-O3", "-march=native", "-fopenmp-simd", "-fno-math-errno")
-"""Without -ffast-math: a step that is not finite has to be noticed."""
+FLAGS = ("-O3", "-march=native", "-fopenmp-simd", "-fno-math-errno", "-ffp-contract=off")
+"""Without -ffast-math: a step that is not finite has to be noticed; without contraction: compilers round alike."""
 
 MAX_ITERATIONS = 60
 """Interior-point iterations of one program; a solvable one takes 8 to 25."""
@@ -138,7 +138,7 @@ def kernel_library(coordinates: int, durations: int) -> Path | None:
     sizes = f"#define N {coordinates}\n#define S {durations}\n#define NARROW {NARROW}\n"
     folder = files("psmpc_cli.solvers")
     code = sizes + "".join((folder / name).read_text(encoding="utf-8") for name in SOURCES)
-    return library(code, "qp", FLAGS)
+    return library(code, "qp", FLAGS, ("psmpc_qp_memory", "psmpc_qp_solve"))
 
 
 @cache

@@ -6,6 +6,7 @@ import os
 import stat
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -72,6 +73,75 @@ def test_a_broken_entry_is_compiled_again(directory: Path, damage: bytes) -> Non
     path.write_bytes(damage)
     subprocess.run([sys.executable, "-c", IN_A_PROCESS, TWICE], check=True)
     assert len(path.read_bytes()) == len(whole)
+
+
+IS_ONE = f"{IN_A_PROCESS}; import os; assert len(os.listdir(os.environ['PSMPC_CACHE'])) == 1"
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
+def test_a_library_that_was_cut_off_is_compiled_again(directory: Path, share: float) -> None:
+    """To load it would end the process with SIGBUS."""
+    path = library(TWICE, "numbers")
+    assert path is not None
+    content = path.read_bytes()
+    path.unlink()
+    path.write_bytes(content[: int(share * len(content))])
+    path.chmod(0o700)
+    subprocess.run([sys.executable, "-c", IS_ONE, TWICE], check=True)
+    assert path.read_bytes() == content
+
+
+def test_a_library_without_the_expected_functions_is_compiled_again(directory: Path) -> None:
+    """Another library stands under the name, whole, as its own digest says."""
+    path, other = library(TWICE, "numbers"), library(TWICE.replace("twice", "thrice"), "numbers")
+    assert path is not None
+    assert other is not None
+    key = path.stem.rpartition("-")[0]
+    other.rename(directory / f"{key}-{other.stem.rpartition('-')[2]}{other.suffix}")
+    path.unlink()
+    found = library(TWICE, "numbers", symbols=["twice"])
+    assert twice(found, 3.0) == 6.0
+    assert [Path(name) for name in os.listdir(directory)] == [Path(path.name)]
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o707])
+def test_a_cache_that_others_may_write_to_is_not_used(
+    directory: Path, mode: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    directory.mkdir()
+    directory.chmod(mode)
+    with caplog.at_level(logging.INFO, "psmpc_cli.native"):
+        path = library(TWICE, "numbers")
+    assert twice(path, 1.0) == 2.0
+    assert not os.listdir(directory)
+    assert f"{directory} belongs to or may be written by somebody else" in caplog.text
+
+
+def test_a_library_that_others_may_write_or_that_is_a_link_is_not_loaded(directory: Path, tmp_path: Path) -> None:
+    path = library(TWICE, "numbers")
+    assert path is not None
+    inode = path.stat().st_ino
+    path.chmod(0o777)
+    assert library(TWICE, "numbers") == path
+    assert path.stat().st_ino != inode
+    path.rename(tmp_path / "elsewhere")
+    path.symlink_to(tmp_path / "elsewhere")
+    assert library(TWICE, "numbers") == path
+    assert not path.is_symlink()
+
+
+def test_libraries_that_nobody_used_for_90_days_go(directory: Path) -> None:
+    old, new = library(TWICE, "numbers"), library(TWICE.replace("2", "3"), "numbers")
+    assert old is not None
+    assert new is not None
+    foreign = directory / f"not-ours{old.suffix}"
+    foreign.touch()
+    for path, days in ((old, 91), (new, 89), (foreign, 1000)):
+        os.utime(path, (time.time() - days * 24 * 3600,) * 2)
+    library(TWICE.replace("2", "4"), "numbers")
+    assert (old.exists(), new.exists(), foreign.exists()) == (False, True, True)
+    assert library(TWICE.replace("2", "3"), "numbers") == new
+    assert time.time() - new.stat().st_mtime < 3600
 
 
 def test_several_processes_at_once_get_the_same_library(directory: Path) -> None:

@@ -3,9 +3,10 @@
 import os
 import signal
 import sys
+from io import TextIOWrapper
 from types import FrameType
 
-from psmpc_cli.errors import SIGNALS, PsmpcError, SpecError
+from psmpc_cli.errors import SIGNALS, PsmpcError, RunError, SpecError
 
 
 def print_error(message: str) -> None:
@@ -28,6 +29,16 @@ def exit_at_once(number: int, frame: FrameType | None) -> None:
     os._exit(128 + number)
 
 
+def abandon_output() -> bool:
+    """Return whether standard output cannot be written; then it leads nowhere, so that Python ends without an error."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return True
+    return False
+
+
 def main() -> None:
     """Run the command line; exit codes: 0 done, 1 a check asked for fails, 2 bad input, 3 the run could not go on."""
     for number in SIGNALS:
@@ -37,14 +48,22 @@ def main() -> None:
     from psmpc_cli.cli.app import EchoHandler, app
 
     logging.basicConfig(handlers=[EchoHandler()], level=logging.WARNING)
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be text
     try:
-        app(prog_name="psmpc")
+        try:
+            app(prog_name="psmpc")
+        finally:
+            sys.stdout.flush()
     except PsmpcError as error:
         located = isinstance(error, SpecError)  # begins with file:line:column, which terminals and editors can follow
         print_error(str(error) if located else f"psmpc: {error}")
         sys.exit(error.exit_code)
     except OSError as error:
-        if error.filename is None:
+        if error.filename is not None:
+            print_error(f"psmpc: {error.filename}: {error.strerror}")
+            sys.exit(PsmpcError.exit_code)
+        if not abandon_output():
             raise
-        print_error(f"psmpc: {error.filename}: {error.strerror}")
-        sys.exit(PsmpcError.exit_code)
+        print_error(f"psmpc: standard output cannot be written: {error.strerror}")
+        sys.exit(RunError.exit_code)

@@ -74,7 +74,7 @@ class Page:
         Raises:
             InputError: The file exists and `force` is not set, or it cannot be written.
         """
-        write_new(path := Path(path), self.html.encode(), force, hdf5=False)
+        write_new(path := Path(path), self.html.encode(errors="backslashreplace"), force, hdf5=False)
         return path
 
 

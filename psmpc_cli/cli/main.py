@@ -1,5 +1,6 @@
 """The command `psmpc`: runs the application and turns errors and signals into one message and an exit code."""
 
+import errno
 import os
 import signal
 import sys
@@ -7,6 +8,9 @@ from io import TextIOWrapper
 from types import FrameType
 
 from psmpc_cli.errors import SIGNALS, PsmpcError, RunError, SpecError
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""Errors of writing; files that cannot be written are reported by name, so without a name it is standard output."""
 
 
 def print_error(message: str) -> None:
@@ -27,16 +31,6 @@ def exit_at_once(number: int, frame: FrameType | None) -> None:
     """
     os.write(2, f"psmpc: {SIGNALS[signal.Signals(number)]}\n".encode())
     os._exit(128 + number)
-
-
-def abandon_output() -> bool:
-    """Return whether standard output cannot be written; then it leads nowhere, so that Python ends without an error."""
-    try:
-        sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return True
-    return False
 
 
 def main() -> None:
@@ -63,7 +57,8 @@ def main() -> None:
         if error.filename is not None:
             print_error(f"psmpc: {error.filename}: {error.strerror}")
             sys.exit(PsmpcError.exit_code)
-        if not abandon_output():
+        if error.errno not in NO_ROOM:
             raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what Python still writes when it ends
         print_error(f"psmpc: standard output cannot be written: {error.strerror}")
         sys.exit(RunError.exit_code)

@@ -5,14 +5,14 @@ import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.schema import FORMAT_VERSION, RUN
-from psmpc_cli.logs.walk import check_attributes, misfit, walk
+from psmpc_cli.logs.walk import OF_SCALES, check_attributes, misfit, walk
 from psmpc_cli.specs.document import printable, shortened
 
 T = TypeVar("T")
@@ -37,7 +37,7 @@ def read_file(
 
     Raises:
         LogError: The file is missing, empty, no HDF5 file, damaged, of another program, format version or kind, or
-            holds what psmpc does not write, see `walk`.
+            not what `walk` allows.
     """
 
     def rejected(found: str) -> LogError:
@@ -81,6 +81,13 @@ def read_array(dataset: h5py.Dataset) -> np.ndarray:
     if size > LARGEST_TEXTS:
         raise misfit(dataset, f"texts that take {size} bytes", f"at most {LARGEST_TEXTS}")
     return texts.astype(str)
+
+
+def read_attributes(item: h5py.HLObject) -> dict[str, Any]:
+    """Read the attributes of an object; ValueError if a text is not UTF-8."""
+    found = {name: item.attrs[name] for name in item.attrs if name not in OF_SCALES}
+    "".join(value for value in found.values() if isinstance(value, str)).encode()
+    return found
 
 
 def kind_of(path: Path) -> str:
@@ -179,8 +186,7 @@ def replace_file(path: Path, image: bytes) -> None:
 def replacing(path: Path) -> Iterator[Path]:
     """Provide a file to write, which takes the place of the one at a path in one step when it is written.
 
-    It stands beside that one, with the same ending, and a name that nobody can guess, so that no link lies in wait
-    there.
+    It stands beside that one, with the same ending and a name that nobody can guess, so that no link lies in wait.
 
     Raises:
         OSError: It cannot be written; the one that was there stays.

@@ -13,7 +13,7 @@ import numpy as np
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import LogError, RunError
-from psmpc_cli.logs.files import new_image, read_array, read_file, replace_file, write_new
+from psmpc_cli.logs.files import new_image, read_array, read_attributes, read_file, replace_file, write_new
 from psmpc_cli.logs.schema import FORMAT_VERSION
 from psmpc_cli.logs.walk import misfit
 
@@ -114,18 +114,18 @@ def read_results(path: Path, kind: str) -> Results:
 
     def read(file: h5py.File) -> Results:
         quantities = dict[str, Quantity]()
-        dims = {name: tuple(str(dataset.attrs.get("dims", "")).split()) for name, dataset in file.items()}
+        attributes = {name: read_attributes(dataset) for name, dataset in file.items()}
+        dims = {name: tuple(str(known.get("dims", "")).split()) for name, known in attributes.items()}
         for name, dataset in file.items():
             lengths = tuple(file[each].size if dims.get(each) == (each,) else 0 for each in dims[name])
             if not isinstance(dataset, h5py.Dataset) or dataset.shape != lengths or 0 in lengths:
                 raise misfit(dataset, str(dataset), f"a dataset along {dims[name]} of shape {lengths}, none 0")
-            units, long_name, meanings = (
-                str(dataset.attrs.get(key, "")) for key in ("units", "long_name", "flag_meanings")
-            )
+            keys = ("units", "long_name", "flag_meanings")
+            units, long_name, meanings = (str(attributes[name].get(key, "")) for key in keys)
             about = units, long_name, tuple(meanings.split())
             quantities[name] = Quantity(name, dims[name], read_array(dataset), *about)
             if meanings and not np.isin(quantities[name].values, np.arange(len(about[-1]))).all():
                 raise misfit(dataset, "a code without a meaning", f"numbers of {meanings}")
-        return Results(path, dict(file.attrs), quantities)
+        return Results(path, read_attributes(file), quantities)
 
     return read_file(path, read, f"a {kind} written by psmpc", kind)

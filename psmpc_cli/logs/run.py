@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError, SpecError
-from psmpc_cli.logs.files import check_output, new_image, read_array, read_file, write_new
+from psmpc_cli.logs.files import check_output, new_image, read_array, read_attributes, read_file, write_new
 from psmpc_cli.logs.schema import COMPARISON, Q_COORDINATE, RUN, Column, columns, layout
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.logs.walk import RUNS, misfit
@@ -395,7 +395,7 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
         LogError: It is not as the schema has it.
         Exception: One of `files.DAMAGE`: it is damaged.
     """
-    attributes = dict(group.attrs)
+    attributes = read_attributes(group)
     if missing := [name for name in ATTRIBUTES if name not in attributes]:
         raise ValueError(f"no attribute {', '.join(missing)}")
     for name, kind in ATTRIBUTES.items():
@@ -411,11 +411,7 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
 
 
 def _check_datasets(group: h5py.Group, present: Iterable[Column]) -> None:
-    """Make sure, without reading any, that the datasets of a log are those of the schema, and fit together.
-
-    Raises:
-        LogError: One is not.
-    """
+    """Make sure, before any is read, that the datasets are those of the schema and fit together, or raise LogError."""
     known = {column.path: column for column in present}
     groups = {path.rpartition("/")[0] for path in known}
     found: list[str] = []
@@ -431,18 +427,10 @@ def _check_datasets(group: h5py.Group, present: Iterable[Column]) -> None:
 
 
 def _check_values(group: h5py.Group, arrays: Mapping[str, Array]) -> None:
-    """Make sure that times rise, and that indices and lengths are within what they are of.
-
-    Raises:
-        LogError: One does not, or is not.
-    """
+    """Make sure that times rise, and that indices and lengths are within what they are of, or raise LogError."""
     stages = len(arrays["stage"])
-    ragged = [path for path in arrays if f"{path}_length" in arrays]
-    bounds = {
-        "window/first": stages - 1,
-        "window/count": stages - arrays["window/first"],
-        **{f"{path}_length": arrays[path].shape[1] for path in ragged},
-    }
+    bounds = {"window/first": stages - 1, "window/count": stages - arrays["window/first"]}
+    bounds |= {f"{path}_length": values.shape[1] for path, values in arrays.items() if f"{path}_length" in arrays}
     for path, most in bounds.items():
         if ((arrays[path] < 0) | (arrays[path] > most)).any():
             raise misfit(group[path], "an index or a length beyond what it is of", "none")

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.document import Changes, Document, Fault, for_controller, mapping, override, read, write
+from psmpc_cli.specs.document import Changes, Document, Fault, for_controller, mapping, override, printable, read, write
 from psmpc_cli.specs.fields import faults_of
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
 from psmpc_cli.specs.parts import Context
@@ -72,7 +72,7 @@ def load_task(reference: str | Path | Mapping[str, Any], set: Changes = ()) -> T
     if isinstance(reference, Mapping):
         return _task(read("task", write(reference)), Path(), "task", set)
     path = find("task", reference)
-    return _task(read(shown(path), read_text(path)), path.parent, path.stem, set)
+    return _task(read(shown(path), read_text(path)), path.parent, printable(path.stem), set)
 
 
 def load_robot(reference: str | Path) -> RobotSpec:

@@ -54,15 +54,17 @@ def read_fronts(path: Path) -> Results:
     check_columns(results, [Column(name, "1", name) for name in of_run], ("instant",))
     check_columns(results, [Column("stage", "1", "stage", dtype="text", dims=("stage",))])
     free = "later" in results.quantities
-    methods = [method for method in (WEIGHTED, CONSTRAINED) if f"{method}_J_1" in results.quantities]
+    methods = [method for method in (WEIGHTED, CONSTRAINED) if f"{method}_status" in results.quantities]
+    missing: list[str] = []
     for method in (*methods, *((FREE,) if free else ())):
-        names = [f"{method}_{name}" for name in ("J_1", "J_2", "wait", "status", "dominated")]
+        types = {"J_1": "f8", "J_2": "f8", "wait": "f8", "status": "i1", "dominated": "i1"}
         held = ("later",) if free and method != FREE else ()
         along = ("instant", *held, "bound" if method == CONSTRAINED else "ratio")
-        check_columns(results, [Column(name, "1", name) for name in names], along)
-        for name in names:
-            results[name]
+        check_columns(results, [Column(f"{method}_{name}", "1", name, None, types[name]) for name in types], along)
+        missing += [f"{method}_{name}" for name in types if f"{method}_{name}" not in results.quantities]
     horizon = results.attributes.get("horizon")
+    if missing:
+        raise LogError(f"{path}: found no {', '.join(missing)}, expected results as psmpc writes them")
     if not methods or results["stage"].size != 2 or not isinstance(horizon, np.number) or not 0 < horizon < np.inf:
         raise LogError(f"{path}: found no fronts of two stages over a horizon, expected those of psmpc pareto")
     return results

@@ -25,11 +25,11 @@ def check_columns(results: Results, columns: Iterable[Column], dims: tuple[str, 
     for column in columns:
         if (found := results.quantities.get(column.path)) is None:
             continue
-        along, values, text = (*dims, *column.dims), found.values, column.dtype == "text"
-        same_kind = values.dtype.kind in "UO" if text else np.can_cast(values.dtype, column.dtype, "same_kind")
-        if found.dims != along or not same_kind:
+        along, dtype = (*dims, *column.dims), found.values.dtype
+        kinds = "UO" if column.dtype == "text" else np.dtype(column.dtype).kind
+        if found.dims != along or dtype.kind not in kinds:
             raise LogError(
-                f"{results.path}: /{column.path}: found {values.dtype} along ({', '.join(found.dims)}), "
+                f"{results.path}: /{column.path}: found {dtype} along ({', '.join(found.dims)}), "
                 f"expected {column.dtype} along ({', '.join(along)})"
             )
 

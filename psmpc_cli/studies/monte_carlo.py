@@ -12,6 +12,7 @@ from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import MONTE_CARLO, Column, Sample
 from psmpc_cli.simulation.run import simulate
+from psmpc_cli.specs.document import printable
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.measures import WHOLE_RUN, check_columns
 from psmpc_cli.studies.runner import (
@@ -102,7 +103,7 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
         ],
         quantities=WHOLE_RUN,
         statuses=STATUS,
-        attributes={"command": shlex.join(["psmpc", "simulate", named, *settings])},
+        attributes={"command": printable(shlex.join(["psmpc", "simulate", named, *settings]))},
     )
 
 

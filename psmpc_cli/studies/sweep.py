@@ -188,7 +188,8 @@ class SweepCells:
         dims, names = DIMENSIONS[self.sampling], [stage.name for stage in self.task.spec.stages]
         weights = ("ratio",) if self.sampling == GRID else ("ratio", "omega_1", "omega_2")
         check_columns(results, (*OF_CELL, *second_stage(second), *(Column(name, "1", name) for name in weights)), dims)
-        check_columns(results, [Column(name, "1", name, dims=(name,)) for name in (*dims, "epsilon")])
+        coordinates = (*dims, "epsilon") if self.sampling == GRID else ("epsilon",)
+        check_columns(results, [Column(name, "1", name, dims=(name,)) for name in coordinates])
         check_columns(results, [Column("stage", "1", "stage", dtype="text", dims=("stage",))])
         if results["stage"].tolist() != names:
             raise LogError(f"{results.path}: /stage: found {', '.join(results['stage'])}, expected {', '.join(names)}")

@@ -85,6 +85,7 @@ for line in sys.stdin:
 READERS = {
     "log.h5": (
         *("show bad.h5 -v", "show bad.h5 --csv new", "view bad.h5 -o new/page.html", "report bad.h5 -o new/page.html"),
+        *("show bad.h5 -v", "show bad.h5 --csv new", "view bad.h5 -o new/page.html", "verify bad.h5 --every 9"),
         *("plot bad.h5 --only states -o new", "plot bad.h5 --only snapshots -o new", "verify bad.h5 --every 9"),
     ),
     "part.h5": (

@@ -70,8 +70,8 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path, run: Run) -> No
 
 
 def test_a_figure_is_written_whole_or_not_at_all(tmp_path: Path, run: Run) -> None:
-    with files_of_at_most(1000), pytest.raises(InputError, match=r"states\.png cannot be written: File too large"):
-        draw("run", run, tmp_path / "figures", only=["states"])
+    with files_of_at_most(1000), pytest.raises(InputError, match=r"states\.svg cannot be written: File too large"):
+        draw("run", run, tmp_path / "figures", ["svg"], only=["states"])
     assert list((tmp_path / "figures").iterdir()) == []
 
 

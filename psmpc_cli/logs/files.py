@@ -33,7 +33,7 @@ def read_file(
         path: The file.
         read: Reads the open file; what it returns is returned.
         expected: What was expected, for the messages.
-        kind: Of the file, as `kind_in` tells it; any by default.
+        kind: Of the file, as `kind_in` tells it; by default any, and only attributes of the file are read.
 
     Raises:
         LogError: The file is missing, empty, no HDF5 file, damaged, of another program, format version or kind, or
@@ -61,7 +61,8 @@ def read_file(
             _check_version(path, file)
             if kind not in ("", kind_in(file)):
                 raise rejected(f"a {kind_in(file)}")
-            walk(file)
+            if kind:
+                walk(file)
             return read(file)
     except DAMAGE as error:
         reason = (str(error) or type(error).__name__).partition("\n")[0][:200]

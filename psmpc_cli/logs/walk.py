@@ -25,8 +25,8 @@ OF_SCALES = ("DIMENSION_LIST", "REFERENCE_LIST")
 RUNS = "runs"
 """Group of a comparison that holds its runs, and attribute with their names, the only one of a group with several."""
 
-DEEPEST, MOST_OBJECTS, MOST_ATTRIBUTES = 4, 5_000, 100
-"""Most links from the root, as in /runs/NAME/stages/name; most objects, some fifty runs; most attributes of each."""
+DEEPEST, MOST_OBJECTS, MOST_ATTRIBUTES = 4, 5_000, 15_000
+"""Most links from the root, as in /runs/NAME/stages/name; most objects and attributes: those of some fifty runs."""
 
 LARGEST_ATTRIBUTE = 2**16
 """Largest attribute, of texts their references [bytes]: HDF5's own limit, unless a file asks for another."""
@@ -51,7 +51,7 @@ def walk(file: h5py.File) -> None:
         LogError: It holds something else.
     """
     allowed, size = LEAST_ALLOWED + GROWTH * file.id.get_filesize(), 0
-    groups, objects = [(file["/"], 0)], 0
+    groups, objects, attributes = [(file["/"], 0)], 0, 0
     while groups:
         group, depth = groups.pop()
         objects += len(group)
@@ -64,7 +64,8 @@ def walk(file: h5py.File) -> None:
             if not isinstance(member, h5py.Group | h5py.Dataset):
                 kind = "a type" if member is not None else LINKS.get(link, "a link of another program")
                 raise misfit(group, kind, "a dataset or group in the file itself", f"/{name.decode(errors='replace')}")
-            check_attributes(member)
+            check_attributes(member, attributes)
+            attributes += len(member.attrs)
             if isinstance(member, h5py.Group):
                 groups.append((member, depth + 1))
                 continue
@@ -94,14 +95,14 @@ def _memory(dataset: h5py.Dataset) -> int:
     return values * each
 
 
-def check_attributes(item: h5py.Group | h5py.Dataset) -> None:
-    """Make sure that the attributes of an object are plain numbers and texts, those of a group one alone.
+def check_attributes(item: h5py.Group | h5py.Dataset, before: int = 0) -> None:
+    """Make sure that the attributes of an object, after so many of others, are plain numbers and texts.
 
     Raises:
         LogError: One is something else.
     """
-    if (count := h5a.get_num_attrs(item.id)) > MOST_ATTRIBUTES:
-        raise misfit(item, f"{count} attributes", f"at most {MOST_ATTRIBUTES}")
+    if (count := before + h5a.get_num_attrs(item.id)) > MOST_ATTRIBUTES:
+        raise misfit(item, f"{count} attributes up to here", f"at most {MOST_ATTRIBUTES}")
     for name in item.attrs:
         if name in OF_SCALES and isinstance(item, h5py.Dataset):
             continue

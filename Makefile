@@ -14,13 +14,14 @@ OLD_ENOUGH := import sys; \
 	sys.version_info >= (3, 11) or sys.exit("psmpc needs Python 3.11 or newer, and this is " \
 	+ sys.version.split()[0] + " at " + sys.executable + "; choose another: make PYTHON=python3.11 ...")
 
-.PHONY: help setup demo test test-all check build docs gallery docs-tables baseline calibration random-tasks pin clean
+.PHONY: help setup demo test test-slow coverage check build docs gallery docs-tables baseline calibration random-tasks pin clean
 
 help:
 	@echo 'make setup   the environment in $(VENV), from the pinned versions'
 	@echo 'make demo    the transport task in closed loop, with its figures and its page'
 	@echo 'make test      the tests of every edit, some minutes'
-	@echo 'make test-all  all tests'
+	@echo 'make test-slow  the other tests, some ten minutes'
+	@echo 'make coverage  what the tests have passed, after runs with PYTEST_ADDOPTS="--cov --cov-append"'
 	@echo 'make check   format, lint, types and the import rules'
 	@echo 'make docs    the documentation as a site in site/, every link checked'
 	@echo 'make build   the wheel, tried out in an empty environment'
@@ -49,8 +50,10 @@ demo: $(READY)
 test: $(READY)
 	$(BIN)/python -m pytest -m 'not slow' --numprocesses auto --dist loadfile
 
-test-all: $(READY)
-	$(BIN)/python -m pytest --numprocesses auto --dist loadfile --cov --cov-report=
+test-slow: $(READY)
+	$(BIN)/python -m pytest -m slow --numprocesses auto --dist loadfile
+
+coverage: $(READY)
 	$(BIN)/coverage report --skip-covered
 
 check: $(READY)

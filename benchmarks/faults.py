@@ -8,7 +8,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from psmpc_cli.control.controller import State
+from psmpc_cli.control import State
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant import Ticks

@@ -1,6 +1,7 @@
 """Runs the transport task many times with an uncertainty: tables of docs/monte_carlo.md and docs/uncertainty.md.
 
     python benchmarks/monte_carlo.py controllers [CONTROLLER=RUNS ...]      by controller, some 13 minutes
+    python benchmarks/monte_carlo.py noise                                  by the level of the noise, some 25 minutes
     python benchmarks/monte_carlo.py delays [RUNS]                          late controls, known and not
 
 The results of each row go to a file in runs/. Stopped, it goes on where it was.
@@ -8,6 +9,7 @@ The results of each row go to a file in runs/. Stopped, it goes on where it was.
 
 import sys
 from collections.abc import Iterator, Mapping
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +91,44 @@ def controllers(*counts: str) -> Iterator[str]:
             yield f"- `{name}`, {len(seeds)} failed: {reason} (seed {named})"
 
 
+def noise() -> Iterator[str]:
+    """Yield the table of PSMPC and hard switching under more and more noise, and why runs failed."""
+    rows, why = [], list[str]()
+    for (name, keys), level in product(EQUAL_OR_OWN.items(), LEVELS):
+        count = 200 if level in (0, 1) else 50
+        of_noise = f"uncertainty.noise={{position: {level}e-3, angle: {level}e-3}}"
+        runs = measure(f"noise-{name.replace(', ', '-').replace(' ', '-')}-{level:g}", count, *keys, of_noise)
+        found = columns(runs)
+        largest = np.nanmax(runs["end_error_noise"], axis=1, initial=0.0)
+        arrived = int((runs["succeeded"] * (largest <= 1.0)).sum())
+        given = {"controller": name, "noise [mm, mrad]": f"{level:g}", "succeeded": found["succeeded"]}
+        given |= {"and every end within 2 sigma": arrived, "largest": f"{largest.max():.2f}"}
+        rows.append({**given, **{key: found[key] for key in ("ends [s]", "failed solves a run")}})
+        why += [f"- {name}, {level:g} mm: {len(seeds)} failed: {reason}" for reason, seeds in failures(runs).items()]
+    yield from markdown(rows)
+    yield ""
+    yield from why
+
+
+LEVELS = (0, 0.3, 1, 3, 10)
+"""Standard deviations of the noise [mm, mrad]."""
+
+EQUAL_OR_OWN = {
+    "psmpc": ("controller.kind=psmpc",),
+    "hard, own keys": ("controller.kind=hard",),
+    "hard, keys of psmpc": (
+        "controller.kind=hard",
+        "skills.move.weights.control=4",
+        "skills.reach.weights.control=4",
+        "stages.approach.ends_when.tolerance=2e-3",
+        "stages.capture.ends_when.tolerance=1.1e-3",
+        "stages.transport.ends_when.tolerance=2e-3",
+        "stages.release.ends_when.tolerance=0.012",
+    ),
+}
+"""Controllers, and with which keys of the task they run."""
+
+
 def delays(count: str = "20") -> Iterator[str]:
     """Yield the table of late controls."""
     shown = ("succeeded", "ends [s]", "final error [tolerances]", EFFORT, "failed solves a run")
@@ -105,4 +145,4 @@ def delays(count: str = "20") -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    command_line(controllers, delays)
+    command_line(controllers, noise, delays)

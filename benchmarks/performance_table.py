@@ -27,6 +27,7 @@ import numpy as np
 from pages import command_line, markdown, run_psmpc
 
 import psmpc_cli as psmpc
+from psmpc_cli.control import Command
 from psmpc_cli.logs import write as log
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.robot.model import RobotModel
@@ -259,6 +260,41 @@ def space(repeat: str = "5") -> Iterator[str]:
     yield from markdown(spreads, run, "median [ms]", "p99 [ms]", "max [ms]", "over 100 ms", "samples")
 
 
+def deadlines() -> Iterator[str]:
+    """Yield the table of samples whose solves share a deadline: of whole decisions, the largest wall times."""
+    rows = []
+    for name, nodes, solver in DEADLINES:
+        free, cut = (_decisions(name, nodes, solver, deadline) for deadline in ("null", "0.03"))
+        several = sum(command.solution.wall_time > 0.03 for command in free[0])
+        ended = cut[0][-1].sequence.first == free[0][-1].sequence.first
+        largest = (_ms(max(times)) for _, times in (free, cut))
+        over = sum(time > 0.04 for time in cut[1])
+        rows.append((name, nodes, solver, len(cut[0]), several, *largest, over, "yes" if ended else "no"))
+    headings = ("task", "nodes", "solver", "samples", "solves over 30 ms without it", "largest without it [ms]")
+    more = ("largest with it [ms]", "over 40 ms", "as many stages done")
+    return markdown(rows, *headings, *more)
+
+
+DEADLINES = (
+    ("transport", "25", "sqp"),
+    ("transport", "100", "sqp"),
+    ("transport", "auto", "sqp"),
+    ("servicing", "auto", "sqp"),
+    ("transport", "25", "ipopt"),
+)
+"""Tasks, nodes and solvers whose samples are timed with and without a deadline."""
+
+
+def _decisions(name: str, nodes: str, solver: str, deadline: str) -> tuple[list[Command], list[float]]:
+    """Run a closed loop and return its commands and the wall times of their decisions [s]."""
+    settings = [f"controller.nodes={nodes}", f"solver.kind={solver}", f"solver.deadline={deadline}", "log.shares=false"]
+    experiment = build_experiment(load_task(name, settings))
+    spent = timed(experiment.controller, "step")
+    commands = [sample.command for sample in closed_loop(experiment)]
+    _tell(f"{name}, nodes {nodes}, {solver}, deadline {deadline}: {len(commands)} samples")
+    return commands, spent[: len(commands)]
+
+
 def _whole_run(name: str, nodes: str) -> tuple[Problem, Warm, dict[str, list[float]]]:
     """Run a closed loop; return its problem, its warm windows, and what solves and whole decisions took [s]."""
     experiment = build_experiment(load_task(name, [f"controller.nodes={nodes}", "log.shares=false"]))
@@ -361,4 +397,4 @@ def parallel() -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    command_line(runs, windows, freedom, space, overhead, parallel)
+    command_line(runs, windows, freedom, space, overhead, deadlines, parallel)

@@ -50,7 +50,7 @@ SECTIONS = {
         "#actual-starts": "OnsetSpec",
         "#object-and-monitors": "ObjectSpec MonitorSpec",
         "#an-object-with-a-mass": "MotionSpec DestinationSpec GraspSpec EnvelopeSpec StrengthSpec OnObject",
-        "#uncertainty": "ObjectErrorSpec UncertaintySpec FrictionSpec NoiseSpec ImpulseSpec PayloadSpec",
+        "#uncertainty": "ObjectErrorSpec UncertaintySpec FrictionSpec StateNoiseSpec NoiseSpec ImpulseSpec PayloadSpec",
         "#published-and-log": "PublishedRun LogSpec",
         "#bodies": "Base Arm Mount Link Tool",
         "#spatial-robots": "SpatialBase SpatialArm SpatialLink SpatialJoint SpatialTool",

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.control.controller import Command, Controller, State
+from psmpc_cli.control import Command, Controller, State
 from psmpc_cli.robot.model import load_robot
 from psmpc_cli.specs.load import Task, load_task
 

@@ -1,13 +1,15 @@
 """The switching controller: PSMPC, SMPC and hard switching are one code with two switches; HTMPC adds levels."""
 
-from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from math import isfinite
+from time import perf_counter
 
 import numpy as np
 
+from psmpc_cli.control.estimator import Estimate, Estimator
 from psmpc_cli.control.htmpc import Hierarchy
+from psmpc_cli.control.interface import Command, Measurement, State
 from psmpc_cli.control.multistart import solve_from_several
 from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed, is_over
 from psmpc_cli.control.tracking import Tracker, to_be_closed
@@ -24,11 +26,11 @@ from psmpc_cli.ocp.window import (
 )
 from psmpc_cli.robot.closed_chain import ClosedChain
 from psmpc_cli.robot.free_body import body_of
-from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.rotations import exp, product
 from psmpc_cli.solvers import FEASIBLE, Outcome, Solution, Solver, build_solver
+from psmpc_cli.specs.arguments import require
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import ControllerSpec, SolverSpec, TaskSpec
+from psmpc_cli.specs.uncertainty import standard_deviations
 
 KEPT_UNTIL = -0.17
 """Real part of an attitude's error at which the other sign of its quaternion is taken: an error of some 200 deg."""
@@ -41,105 +43,6 @@ BRAKING_TIME = 0.5
 
 COMPARED = 30
 """Iterations of `sqp` where windows are solved from several guesses, whose objectives are compared at their optima."""
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """State of the robot: Q (nq,) [m, rad] and its velocity v (n,) [m/s, rad/s], as `RobotModel` has them."""
-
-    Q: np.ndarray
-    v: np.ndarray
-
-    @classmethod
-    def of(cls, x: np.ndarray) -> "State":
-        """Build the state from [Q; v] (nq + n,)."""
-        n = len(x) // 2
-        return cls(x[: len(x) - n], x[len(x) - n :])
-
-    @property
-    def x(self) -> np.ndarray:
-        """Both as one vector [Q; v] (nq + n,)."""
-        return np.concatenate([self.Q, self.v])
-
-
-@dataclass(frozen=True, eq=False)
-class Command:
-    """What the controller decided at one sample.
-
-    Attributes:
-        time: When it begins to act [s].
-        x: State [Q; v] (nq + n,) it was decided from: the measured one, or the one foreseen over a known delay.
-        u: Accelerations over the low-level ticks of the coming sample (M, n) [m/s^2, rad/s^2].
-        tick: Length of a tick [s].
-        plan: The plan in force.
-        sequence: The stages in the window.
-        prediction: The shifted plan that the solve started from.
-        solution: The solve behind the plan, or the failed one.
-        events: Names of what happened: `appended` (a stage entered the window), `postponed` (the next stage was seen,
-            but the window with it has no solution yet), `solve_failed` (the shifted plan goes on), `braking` (the plan
-            is used up, and `plan` brakes to rest), `unmeasured` (the state was not finite, the plan's was used for it).
-        switches: Stages that ended since the sample before.
-        disturbance: Estimated acceleration that no plan knows of (n,); zero without offset-free control.
-        levels: The solution of each level of HTMPC, of the current stage first. Where a level did not converge, its
-            plan is that of the level before.
-        model: The robot.
-        closed: Whether the grippers are to be closed on the object at each tick (M,).
-        load: The law of a robot that knows what it holds, for a task whose grasps are `known`.
-    """
-
-    time: float
-    x: np.ndarray
-    u: np.ndarray
-    tick: float
-    plan: Plan
-    sequence: MovingSequence
-    prediction: Plan
-    solution: Solution
-    events: frozenset[str]
-    switches: tuple[Switch, ...]
-    disturbance: np.ndarray
-    levels: tuple[Solution, ...]
-    model: RobotModel = field(repr=False)
-    closed: np.ndarray
-    load: ClosedChain | None = field(default=None, repr=False)
-
-    @property
-    def instants(self) -> np.ndarray:
-        """Planned switch times [s], absolute; one fewer than stages in the window."""
-        return self.sequence.instants
-
-    @property
-    def stage(self) -> Stage:
-        """The current stage, with its `name` and `index`."""
-        return self.solution.window.stages[0]
-
-    @property
-    def outcome(self) -> Outcome:
-        """How the solve ended; under HTMPC that of the last level, which alone may have failed."""
-        return (self.levels or (self.solution,))[-1].outcome
-
-    @property
-    def iterations(self) -> int:
-        """Iterations of all solves."""
-        return sum(each.iterations for each in self.levels or (self.solution,))
-
-    @property
-    def solve_time(self) -> float:
-        """Wall time of all solves [s]."""
-        return sum(each.wall_time for each in self.levels or (self.solution,))
-
-    def force(self, time: float, state: State) -> np.ndarray:
-        """Compute the generalized force (n,) [N, N m] that a low-level controller applies over a tick: computed torque.
-
-        While grippers are to be closed on an object of `known` grasps it counts as held by all of them.
-
-        Args:
-            time: Beginning of the tick, in the coming sample [s].
-            state: Measured then.
-        """
-        tick = int(np.clip(np.floor((time - self.time) / self.tick + 1e-6), 0, len(self.u) - 1))
-        law = self.load.force if self.load is not None and self.closed[tick] else self.model.inverse_dynamics
-        return law(state.Q, state.v, self.u[tick])
 
 
 class Controller:
@@ -157,14 +60,21 @@ class Controller:
         Args:
             task: The task, or its problem.
             solver: Solves the windows; by default what the task names.
+
+        Raises:
+            InputError: The task or the solver is none.
         """
+        require("task", task, (Task, Problem), "a Task, from load_task")
+        require("solver", solver, (Solver, type(None)), "a Solver, or None for the task's own")
         self.problem = task if isinstance(task, Problem) else build_problem(task)
         self.spec, self.stages, self.costs = self.problem.spec.controller, self.problem.stages, self.problem.costs
         self.solver = solver or build_solver(self.problem, _solver_spec(self.problem.spec))
         self.sequence, self.done = MovingSequence(0, np.zeros(0), 0.0), False
         self._rate = self.problem.spec.plant.low_level_rate
         self._ticks = np.arange(round(self.spec.sample_time * self._rate) + 1) / self._rate
-        self._estimator = Estimator(self.spec, 1 / self._rate, self.problem.model.n)
+        noise = standard_deviations(self.problem.spec.measurement_noise, self.problem.model.spec)
+        self._estimator = Estimator(self.spec, noise, 1 / self._rate)
+        self._estimate: Estimate | None = None
         self._soft, self._starts = self.problem.spec.limits_are_soft, self.spec.multistart or 1
         self._nodes, self._priorities = self.spec.uniform_nodes, priorities_in_force(self.spec, self.stages)
         self._hierarchy = Hierarchy(self.problem) if self.spec.kind == "htmpc" else None
@@ -179,6 +89,7 @@ class Controller:
         self._follows = self._tracker is not None and any(stage.on_object for stage in self.stages)
         self._plan: Plan | None = None
         self._braking: Plan | None = None
+        self._of_sample, self._time = self.solver, -np.inf
         self._solved: Solution | None = None
         self._unfinished: Solution | None = None
         self._trusted = np.inf
@@ -194,16 +105,24 @@ class Controller:
                 finite, or not given, the object's motion is predicted.
 
         Raises:
+            InputError: The time is not after the sample before, or the state or the pose is not of the task's robot or
+                object.
             RunError: Nothing is measured, and there is no plan yet.
         """
+        measurement, before_this = Measurement(time, state, object_pose), self._time
+        measurement.check(self.problem, before_this)
+        self._time = time
         if self._tracker is not None and object_pose is not None:
             self._tracker.see(time - self.spec.known_delay * self.spec.sample_time, object_pose)
-        seen = self._in_chart(time, self._estimator.foreseen(state))
+        until = perf_counter() + self.solver.deadline
+        self._of_sample = self.solver.stopping(until)
+        estimate = self._estimator.measured(self._estimate, state)
+        seen = self._in_chart(time, self._estimator.foreseen(estimate))
         switches = self._drop_stages(time, seen)  # stages that are over leave the window
         if self._follows:
             self.stages = self._placed_stages(time, seen, ahead=True)
-        measured = isfinite(seen @ seen)
-        x = seen if measured else self._completed(time, seen)
+        measured = isfinite(state.x @ state.x)
+        x = seen if isfinite(seen @ seen) else self._completed(time, seen)
         prediction, before = self._predict(time, x), self.sequence  # the last plan, shifted
         longer = self._detect(prediction)  # the next stage enters when its switch is predicted
         sequence, solution = self._solve_longest(before, longer, prediction, x)
@@ -212,20 +131,23 @@ class Controller:
             sequence = replace(sequence, instants=solution.plan.instants)
         levels: tuple[Solution, ...] = ()
         if self._hierarchy and solved:
-            levels = self._hierarchy.descend(self.stages[sequence.first :], sequence.entered, solution, prediction)
+            levels = self._hierarchy.descend(
+                self.stages[sequence.first :], sequence.entered, solution, prediction, until
+            )
         self.sequence, self._solved = sequence, solution
         plan = self._plan_in_force((levels or (solution,))[-1].plan if solved else None, prediction, time, x)
         self._trusted = plan.end if measured and self._braking is None else self._trusted
         x, planned = self._over_sample(plan, time, x)
-        u = self._estimator.command(planned, state.v)
+        self._estimate, u = self._estimator.command(estimate, planned, state.v)
         happened = {
             "appended": sequence.last > before.last,
             "postponed": sequence.last < (longer or before).last,
             "solve_failed": not solved,
             "braking": self._braking is not None,
             "unmeasured": not measured,
+            "gap": measurement.follows_a_gap(before_this, self.spec.sample_time),
         }
-        events, d = frozenset(name for name, yes in happened.items() if yes), self._estimator.d
+        events, d = frozenset(name for name, yes in happened.items() if yes), self._estimate.disturbance
         tick, model = 1 / self._rate, self.problem.model
         closed, load = self._closed(sequence, time), self._load
         decided = sequence, prediction, solution, events, switches, d, levels
@@ -367,6 +289,9 @@ class Controller:
         Where a stage has appeared that is the one with it. Where no point meets all constraints, an impact has put the
         end condition of the current stage out of reach for example, the stages that wait are left to be seen again.
         Soft limits make no difference: a window that violates them further than one with fewer stages has no solution.
+        A switch that is planned before the next sample takes place as planned all the same, by the plan in force, where
+        the measured state meets the end condition within the detection margin: what is left of the stage is too short
+        to correct what the measurement is off by.
         Where the solve with a stage that has appeared runs out of iterations or time, the next sample goes on from it.
         """
         solved = self._solve(longer or sequence, prediction, x)
@@ -381,6 +306,8 @@ class Controller:
                 return longer, _after(shorter, solved)
             solved = _after(solved, shorter)
         infeasible = solved.outcome is Outcome.INFEASIBLE
+        if self._hands_over(sequence, prediction.start, x) and (infeasible or not _in_reach(solved)):
+            return sequence, replace(solved, outcome=Outcome.INFEASIBLE)
         if sequence.count > 1 and (infeasible or not _in_reach(solved)):
             alone = self._solve(sequence.alone, prediction, x)
             if alone.outcome.usable and (infeasible or not _in_reach(solved, alone)):
@@ -388,11 +315,17 @@ class Controller:
             solved = _after(alone, solved)
         return sequence, solved
 
+    def _hands_over(self, sequence: MovingSequence, time: float, x: np.ndarray) -> bool:
+        """Tell whether the next stage begins before the next sample, from near the target of the current one."""
+        if sequence.count == 1 or sequence.instants[0] > time + self.spec.sample_time:
+            return False
+        return bool(self.costs.met(self.stages[sequence.first], x[None], self.spec.detection_margin)[0])
+
     def _solve(self, sequence: MovingSequence, prediction: Plan, x: np.ndarray) -> Solution:
         window, guess = self.window(sequence, prediction, x, self._solved), self._guess(sequence, prediction)
         if self._starts == 1:
-            return self.solver.solve(window, guess, self._solved)
-        return solve_from_several(self.solver, window, guess, self._solved, self._starts)
+            return self._of_sample.solve(window, guess, self._solved)
+        return solve_from_several(self._of_sample, window, guess, self._solved, self._starts)
 
     def _guess(self, sequence: MovingSequence, prediction: Plan) -> Plan:
         """Return the guess of a window: the prediction, or the unfinished iterate over the same stages, shifted."""
@@ -449,7 +382,7 @@ class Controller:
         if solved is not None:
             self._plan, self._braking = solved, None
         elif self._plan is None:
-            self._plan = prediction
+            self._plan = self._brake(time, x, self.spec.horizon)
         elif self._braking is None and self._is_used_up(time):
             self._braking = self._brake(time, x)
         return self._plan if self._braking is None else self._braking
@@ -459,10 +392,12 @@ class Controller:
         end = np.inf if self._plan is None else self._plan.end
         return time > min(end, self._trusted) - self.spec.sample_time
 
-    def _brake(self, time: float, x: np.ndarray) -> Plan:
+    def _brake(self, time: float, x: np.ndarray, horizon: float = 0.0) -> Plan:
+        """Return the plan that brakes as fast as limits allow, and then rests until the end of a horizon [s]."""
         v, limits = x[len(x) // 2 :], self.stages[self.sequence.first].limits
         strongest = np.minimum(limits.acceleration_high, -limits.acceleration_low)
-        return braking_plan(time, x, max(BRAKING_TIME, float(np.max(np.abs(v) / strongest))), self._chart)
+        duration = max(BRAKING_TIME, float(np.max(np.abs(v) / strongest)))
+        return braking_plan(time, x, duration, horizon, self._chart)
 
 
 def ends_in_plan(kind: str, first: int, stages: Sequence[Stage]) -> bool:
@@ -494,66 +429,3 @@ def _in_reach(solved: Solution, shorter: Solution | None = None) -> bool:
 def _after(other: Solution, solved: Solution) -> Solution:
     """Return a solve whose wall time counts another one in the same sample."""
     return replace(solved, wall_time=other.wall_time + solved.wall_time)
-
-
-class Estimator:
-    """Foresees the state over a known delay of c samples, and estimates a disturbance under offset-free control.
-
-    The state in which a command acts follows from the one measured c samples before and the accelerations planned
-    since. The disturbance, an acceleration on top of the commanded one, is taken for constant: integral action.
-
-    Attributes:
-        d: Estimated disturbance (n,) [m/s^2, rad/s^2]; zero without offset-free control.
-    """
-
-    def __init__(self, spec: ControllerSpec, tick: float, n: int) -> None:
-        """Start with what is known before the first sample: no control was planned or commanded in ticks [s]."""
-        self.spec, self.d = spec, np.zeros(n)
-        self._tick, self._v = tick, np.full(n, np.nan)
-        none = np.zeros((round(spec.sample_time / tick), n))
-        self._planned = deque([none] * spec.known_delay)
-        self._commanded = deque([none[0]] * spec.known_delay)
-        self._first = True
-
-    def foreseen(self, state: State) -> State:
-        """Return the state in which the next command acts.
-
-        The robot has accelerated as planned since: the disturbance adds what was taken off the planned accelerations.
-
-        Args:
-            state: Measured now, or known_delay samples before.
-        """
-        if not self._planned:
-            return state
-        n, u = len(self.d), np.vstack(self._planned)
-        v = state.v + self._tick * np.vstack([np.zeros(n), np.cumsum(u, axis=0)])
-        steps = self._tick * v[:-1] + self._tick**2 / 2 * u
-        if len(state.Q) == n:
-            return State(state.Q + np.sum(steps, axis=0), v[-1])
-        moved, attitude = steps.sum(axis=0), list(state.Q[ATTITUDE])
-        for turn in steps[:, 3:6]:
-            attitude = product(attitude, exp(list(turn)))
-        return State(np.r_[state.Q[:3] + moved[:3], attitude, state.Q[7:] + moved[6:]], v[-1])
-
-    def command(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return the accelerations to command in a sample (M, n), the disturbance taken off the planned ones.
-
-        What the velocity changed by over the last sample that was measured, less what was commanded in it, passes a
-        first-order filter, d + gain ((v - v_before) / T_s - u - d). Where a measurement is not finite, d stays.
-
-        Args:
-            u: Accelerations planned over its ticks (M, n) [m/s^2, rad/s^2].
-            v: Velocity measured last (n,) [m/s, rad/s]: now, or known_delay samples before.
-        """
-        if self._planned:
-            self._planned.popleft()
-            self._planned.append(u)
-        if not self.spec.offset_free:
-            return u
-        if not self._first:
-            surplus = (v - self._v) / self.spec.sample_time - self._commanded.popleft()
-            filtered = self.d + self.spec.offset_gain * (surplus - self.d)
-            self.d = np.where(np.isfinite(surplus), filtered, self.d)
-        self._first, self._v = False, v
-        self._commanded.append((u - self.d).mean(axis=0))
-        return u - self.d

@@ -27,7 +27,7 @@ class Hierarchy:
         self._solver = build_solver(problem, solver.model_copy(update={"kind": kind}))
 
     def descend(
-        self, stages: Sequence[Stage], entered: float, first: Solution, prediction: Plan
+        self, stages: Sequence[Stage], entered: float, first: Solution, prediction: Plan, until: float
     ) -> tuple[Solution, ...]:
         """Solve level after level, each from the plan of the one before; a level that fails ends the descent.
 
@@ -36,14 +36,16 @@ class Hierarchy:
             entered: When the current stage began [s].
             first: The first level: the solution of the window over the current stage.
             prediction: The shifted plan; it normalizes the costs.
+            until: When solves have to stop, an instant of `time.perf_counter` [s].
         """
         spec, stages = self.spec, stages[: self.spec.htmpc.depth]
         begins = np.array([entered, *(prediction.end for _ in stages[1:])])  # later trajectories wait
         _, scale = normalization("nadir", spec.zeta, stages, begins, self.problem.costs, prediction, spec.sample_time)
+        solver = self._solver.stopping(until)
         levels, kept = [first], list[Kept]()
         for i, stage in enumerate(stages[1:], start=1):
             kept.append(self._kept(stages[i - 1], float(scale[i - 1]), levels[-1], begins[i - 1]))
-            solved = self._solver.solve(_level(first.window, stage, scale[i], tuple(kept)), levels[-1].plan)
+            solved = solver.solve(_level(first.window, stage, scale[i], tuple(kept)), levels[-1].plan)
             if not solved.outcome.usable:
                 levels.append(replace(solved, plan=levels[-1].plan))
                 break

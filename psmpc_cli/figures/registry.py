@@ -14,6 +14,8 @@ from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.files import replacing, writing
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
+from psmpc_cli.specs.arguments import rejected, require
+from psmpc_cli.specs.document import quoted
 from psmpc_cli.studies.sweep import GRID, RANDOM
 
 FORMATS: Mapping[str, dict[str, Any]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
@@ -92,14 +94,32 @@ def plot(run: Run | Mapping[str, Run], name: str) -> Figure:
         name: Such as states, instants or snapshots.
 
     Raises:
-        InputError: There is no figure of this name.
+        InputError: There is no run, or no figure of this name.
     """
+    require_runs(run)
+    require("figure", name, str, "the name of a figure")
     known = figures_of(RUN if isinstance(run, Run) else COMPARISON)
     (name,) = _chosen("figure", [name], known)
     with in_style():
         figure = known[name](run)
         figure.draw_without_rendering()  # ticks and texts are made in this style, not in the user's
     return figure
+
+
+def require_runs(runs: Run | Mapping[str, Run]) -> None:
+    """Make sure that an argument is a run, or at least one by name.
+
+    Raises:
+        InputError: It is not.
+    """
+    wanted = "a Run, or a mapping of names to at least one Run"
+    require("run", runs, (Run, Mapping), wanted)
+    if isinstance(runs, Mapping):
+        if not runs:
+            raise rejected("run", runs, wanted)
+        for name, run in runs.items():
+            require("run", name, str, wanted)
+            require(f"run of {quoted(name)}", run, Run, "a Run")
 
 
 def draw(

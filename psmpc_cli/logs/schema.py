@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from psmpc_cli.control.controller import Command
+from psmpc_cli.control.interface import Command
 from psmpc_cli.plant import Ticks
 
 FORMAT_VERSION = 2
@@ -279,6 +279,7 @@ SCHEMA = (
     _tn("deviation/Q", _Q, "generalized coordinates at the next sample less the plan's"),
     _tn("deviation/Qdot", _V, "generalized velocities at the next sample less the plan's"),
     _by_stage("deviation/end", "1", "error of an end condition over its tolerance, where its stage ends"),
+    _by_stage("deviation/end_noise", "1", "the same over its tolerance plus 2 sigma of its measurement"),
     _momentum("balance/momentum", "N s, N m s", "momentum less the integral of the external wrench"),
     _t("balance/energy", "J", "kinetic energy less the work of the generalized forces"),
     _level("objective", "1", "optimum of the cost each level minimizes; NaN where none converged", _optimum),

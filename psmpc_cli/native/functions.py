@@ -1,5 +1,8 @@
 """CasADi functions as compiled C, and evaluated on NumPy arrays."""
 
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -23,6 +26,11 @@ def compiled(function: ca.Function) -> ca.Function:
     """Return the function as compiled C, with the same inputs and outputs; itself where that is not possible."""
     path = library(source_of(function), function.name(), FLAGS)
     return function if path is None else ca.external(function.name(), str(path))
+
+
+def maker_of(function: ca.Function) -> Callable[[], Path | None]:
+    """Return what compiles a function; its source is written here, because CasADi is not thread-safe."""
+    return partial(library, source_of(function), function.name(), FLAGS)
 
 
 class ArrayFunction:

@@ -10,7 +10,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 
@@ -56,6 +57,17 @@ def library(source: str, name: str, flags: Sequence[str] = ("-O2",)) -> Path | N
     except (CompilationError, OSError) as error:
         _report(f"{error}; continuing without compiled code")
         return None
+
+
+def make_all(makers: Iterable[Callable[[], Path | None]]) -> bool:
+    """Make libraries several at once; return whether there were any and all could be made.
+
+    Args:
+        makers: What returns the path of a library or None, as `library` does.
+    """
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        made = list(threads.map(lambda make: make(), makers))
+    return bool(made) and all(path is not None for path in made)
 
 
 def cache_directory() -> Path:

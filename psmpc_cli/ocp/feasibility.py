@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.ocp.problem import Stage, build_stages
+from psmpc_cli.ocp.problem import Stage, StageCosts, build_stages, in_own_chart
 from psmpc_cli.robot.free_body import composed, pose_error
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import Reach, reach_of
@@ -18,6 +18,7 @@ from psmpc_cli.specs.document import Changes, Fault, Location, dotted, quoted
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.parts import POSITION_AXES
 from psmpc_cli.specs.robot import RobotSpec, labels, stack
+from psmpc_cli.specs.uncertainty import standard_deviations
 
 SLACK = 1e-9
 """By which a bound may be missed [m, rad]: decimals of degrees."""
@@ -230,7 +231,51 @@ def remarks(task: Task, outlooks: Sequence[Outlook]) -> list[Fault]:
         *(problem for before, outlook in pairs for problem in _far_base(task, before.stage, outlook)),
         *(problem for outlook in outlooks for problem in _too_fast(task, outlook.stage)),
         *_too_short(task, outlooks),
+        *_below_noise(task, outlooks),
     ]
+
+
+def _below_noise(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
+    """Yield end conditions that measurements meet or miss by chance: a tolerance below 3 sigma of its row.
+
+    The noise is that which the controller counts with; its effect on a row is that at the stage's target.
+    """
+    noise = task.spec.measurement_noise
+    if not noise.of_state:
+        return
+    model = RobotModel(task.robot)
+    costs, deviations = StageCosts(model), standard_deviations(noise, task.robot)
+    Q, v = _initial_state(task)
+    for stage, reaches in ((outlook.stage, outlook.reaches) for outlook in outlooks):
+        Q = _posture(task, stage, reaches, Q)
+        if not stage.end_rows:
+            continue
+        placed, x = in_own_chart(model, stage, Q, np.zeros_like(v))
+        least = 3 * costs.end_deviations(placed, x, deviations)[: len(stage.end_rows)]
+        worst = int(np.argmax(least / stage.tolerance))
+        if stage.tolerance[worst] < least[worst]:
+            name = labels(task.robot, stage.space)[stage.end_rows[worst]]
+            message = (
+                f"found a tolerance of {stage.tolerance[worst]:.3g} for {name}, expected at least {least[worst]:.2g}, "
+                "three standard deviations of its measurement: when the stage ends depends on the noise"
+            )
+            yield Fault(("stages", stage.index, "ends_when"), message)
+
+
+def _posture(task: Task, stage: Stage, reaches: Mapping[str, Reach], before: np.ndarray) -> np.ndarray:
+    """Return the coordinates (nq,) at a stage's target: what it does not say, or cannot be reached, is as before."""
+    if stage.space == "joint":
+        return stage.target
+    Q, first = before.copy(), len(before) - sum(size for part, size in task.robot.parts.items() if part != "base")
+    if stage.space == "task":
+        Q[:first] = stage.target[:first]
+    for arm in task.robot.arms:
+        joints = slice(first, first + task.robot.parts[arm])
+        configuration = reaches[arm].configuration if arm in reaches else None
+        if configuration is not None:
+            Q[joints] = configuration
+        first = joints.stop
+    return Q
 
 
 def _too_short(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:

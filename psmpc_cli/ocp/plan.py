@@ -238,9 +238,18 @@ def shift(plan: Plan, now: float, horizon: float, x: np.ndarray, instants: np.nd
     return Plan(times, X, u, instants, plan.chart)
 
 
-def braking_plan(start: float, x: np.ndarray, duration: float, chart: Chart = PLANAR) -> Plan:
-    """Return the plan that brings all velocities to rest at a constant rate within `duration` [s]."""
+def braking_plan(start: float, x: np.ndarray, duration: float, horizon: float = 0.0, chart: Chart = PLANAR) -> Plan:
+    """Return the plan that brings all velocities to rest at a constant rate, and then rests.
+
+    Args:
+        start: When it begins [s].
+        x: State there (2n,).
+        duration: Within which time the robot comes to rest [s].
+        horizon: How long the plan is at least [s].
+        chart: The chart of x.
+    """
     n = len(x) // 2
     u = -x[n:] / duration
     at_rest = np.r_[x[:n] + duration / 2 * x[n:], np.zeros(n)]
-    return Plan(np.array([start, start + duration]), np.vstack([x, at_rest]), u[None], np.zeros(0), chart)
+    braking = Plan(np.array([start, start + duration]), np.vstack([x, at_rest]), u[None], np.zeros(0), chart)
+    return shift(braking, start, horizon, x) if horizon > duration else braking

@@ -246,11 +246,25 @@ class StageCosts:
             return np.zeros(len(X), bool)
         return np.asarray(self._of(stage, stage.end_rows).met(X, stage.end_numbers, margin, rows=len(X))[0][:, 0] > 0)
 
-    def end_error(self, stage: Stage, x: np.ndarray) -> float:
-        """Compute the largest error of a stage's end condition (18) at x (2n,) over its tolerance; NaN without one."""
+    def end_error(self, stage: Stage, x: np.ndarray, allowance: np.ndarray | float = 0.0) -> float:
+        """Compute the largest error of a stage's end condition (18) at x (2n,) over its tolerance; NaN without one.
+
+        Args:
+            stage: The stage.
+            x: The state.
+            allowance: What is added to the tolerance of each row, (rows,) or () [m, rad, m/s, rad/s].
+        """
         if not stage.end_rows:
             return np.nan
-        return float(np.max(np.abs(self.ends(stage, x[None])) / stage.end_tolerance))
+        return float(np.max(np.abs(self.ends(stage, x[None])) / (stage.end_tolerance + allowance)))
+
+    def end_deviations(self, stage: Stage, x: np.ndarray, deviations: np.ndarray) -> np.ndarray:
+        """Return the standard deviations of the rows of an end condition (rows,), measured at x (2n,).
+
+        Those of the measured state's errors, (2n,) and independent, through the rows' derivatives: sqrt(J^2 sigma^2).
+        """
+        _, J = self._of(stage, stage.end_rows).end_terms(x, stage.target)
+        return np.asarray(np.sqrt(J.reshape(-1, len(x)) ** 2 @ deviations**2))
 
 
 def in_own_chart(

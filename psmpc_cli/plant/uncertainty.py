@@ -16,7 +16,7 @@ from psmpc_cli.robot.kinematics import moved
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.robot import RobotSpec, stack
 from psmpc_cli.specs.task import TaskSpec
-from psmpc_cli.specs.uncertainty import NoiseSpec, PayloadSpec, UncertaintySpec
+from psmpc_cli.specs.uncertainty import NoiseSpec, PayloadSpec, UncertaintySpec, standard_deviations
 
 ByPart = float | Mapping[str, float] | Mapping[str, tuple[float, ...]]
 """One number for all, or numbers by part, of which one is for all of it; `arms` is every arm that has none."""
@@ -200,11 +200,7 @@ def measurement_noise(spec: NoiseSpec, robot: RobotSpec, seed: int, sample: int,
 
     A step of Q, then what is added to v. It is a function of seed and sample alone.
     """
-    d = robot.dimension
-    joints = [body.joint.prismatic for body in robot.bodies if body.joint is not None]
-    slides = [*[True] * d, *[False] * (robot.parts["base"] - d), *joints]
-    deviation = [spec.position if each else spec.angle for each in slides]
-    deviation += [spec.velocity if each else spec.angular_velocity for each in slides]
+    deviation = standard_deviations(spec, robot)
     drawn = stream(seed, "noise", sample).standard_normal((ticks, len(deviation)))
     return np.asarray(drawn * deviation)
 

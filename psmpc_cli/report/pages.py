@@ -31,6 +31,7 @@ from psmpc_cli.figures.style import in_style, readable, title_of
 from psmpc_cli.logs.files import write_new
 from psmpc_cli.logs.run import Run
 from psmpc_cli.report.texts import describe_mission, measure_rows, stage_rows
+from psmpc_cli.specs.arguments import as_path, require
 from psmpc_cli.studies import fronts, judge
 from psmpc_cli.studies.judge import Reproduction
 from psmpc_cli.studies.sweep import recommend
@@ -72,9 +73,11 @@ class Page:
         """Write the page into a file, whole or not at all, and return its path.
 
         Raises:
-            InputError: The file exists and `force` is not set, or it cannot be written.
+            InputError: The path is none, the file exists and `force` is not set, or it cannot be written.
         """
-        write_new(path := Path(path), self.html.encode(errors="backslashreplace"), force, hdf5=False)
+        path = as_path("path", path)
+        require("force", force, bool, "True or False")
+        write_new(path, self.html.encode(errors="backslashreplace"), force, hdf5=False)
         return path
 
 

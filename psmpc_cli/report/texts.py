@@ -66,7 +66,7 @@ MEASURES: tuple[tuple[str, Callable[[Summary], float | str], int, str], ...] = (
     ("tightest velocity margin, of the limit", lambda run: _margin(run, "velocity"), 0, ""),
     ("farthest beyond a limit, any tick", lambda run: _largest(*run.beyond_limits) or "none", 0, ALONE),
     ("farthest off the plan in a sample", lambda run: _largest(*run.off_plan), 0, DETAIL + ALONE),
-    ("end error over tolerance, planned switches", lambda run: _largest(run.end_condition), 0, DETAIL),
+    ("end error over tolerance, at switches", lambda run: _largest(run.end_condition), 0, DETAIL),
     ("end error over tolerance, at the end", _end_errors, 0, ALONE),
     ("grippers from their grasps at closing", lambda run: _missed(run.capture), 0, ""),
     ("largest filtered pull on a grasp [N]", lambda run: math.nan if run.capture is None else run.capture.pull, 2, ""),

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.errors import LogError
 from psmpc_cli.figures import style
 from psmpc_cli.figures.coordinates import SMALLEST, error_curves
+from psmpc_cli.figures.registry import require_runs
 from psmpc_cli.figures.scene import Scene, scene_of
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.plan import Plan
@@ -44,9 +44,8 @@ def view(runs: Run | Mapping[str, Run]) -> Page:
         LogError: A run has no samples, or its log holds another task than it says.
         InputError: There is no run.
     """
+    require_runs(runs)
     by_name = {style.title_of(str(runs.attributes["controller"])): runs} if isinstance(runs, Run) else dict(runs)
-    if not by_name:
-        raise LogError("found no run to show, expected one at least")
     tasks = dict.fromkeys(style.readable(str(run.attributes["task_name"])) for run in by_name.values())
     shown = [_run(style.title_of(name), run) for name, run in by_name.items()]
     return render("view.html.j2", title=", ".join(tasks), runs=shown)

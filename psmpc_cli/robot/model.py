@@ -14,6 +14,7 @@ from psmpc_cli.robot.dynamics import InertialParameters, derive_dynamics, functi
 from psmpc_cli.robot.kinematics import SpatialFrame, base_frame, place
 from psmpc_cli.robot.rotations import add, cross, exp, product, rotate, scaled
 from psmpc_cli.robot.shape import RobotShape
+from psmpc_cli.specs.arguments import rejected
 from psmpc_cli.specs.load import load_robot as load_robot_spec
 from psmpc_cli.specs.robot import RobotSpec, labels
 
@@ -144,7 +145,12 @@ class RobotModel:
         """Return the frames of all bodies at coordinates (..., nq), in the order of `spec.bodies`, (..., bodies, 4, 4).
 
         Positions are in metres; a planar robot is in the plane z = 0.
+
+        Raises:
+            InputError: Q is of another size.
         """
+        if (shape_of(Q) or ())[-1:] != (self.nq,):
+            raise rejected("Q", Q, f"numbers (..., {self.nq})")
         Q = np.asarray(Q, dtype=float)
         poses = self.body_poses(Q.reshape(-1, self.nq).T).full().T
         return pose_frames(poses).reshape(*Q.shape[:-1], len(self.spec.bodies), 4, 4)
@@ -185,12 +191,31 @@ class RobotModel:
         return self._evaluate("balance", Q, v, self._w(parameters))
 
     def _evaluate(self, name: str, *arguments: ArrayLike) -> Array:
-        """Return the result of a CasADi function at coordinates (nq,), or at each of (K, nq)."""
-        rows = np.shape(arguments[0])[:-1]
+        """Return the result of a CasADi function at coordinates (nq,), or at each of (K, nq).
+
+        Raises:
+            InputError: Arguments are no numbers, or of the wrong size.
+        """
+        rows: tuple[int, ...] = ()
+        for (of, size), argument in zip(self._sizes[name].items(), arguments, strict=True):
+            shape = shape_of(argument)
+            if of == "Q" and shape:
+                rows = shape[:-1]
+            scalar = shape == () and of != "Q"
+            if len(rows) > 1 or 0 in rows or not (scalar or shape in ((size,), (*rows, size))):
+                raise rejected(of, argument, f"numbers ({size},), or ({size},) at each of K rows of Q")
         return self._numeric[name](*arguments, rows=max((1, *rows)))[0].reshape(*rows, -1)
 
     def _w(self, parameters: InertialParameters | None) -> Array:
         return (parameters or self.nominal).vector
+
+    @cached_property
+    def _sizes(self) -> dict[str, dict[str, int]]:
+        """The sizes of the arguments of these functions, by name, Q first."""
+        functions = {name: each.function for name, each in self._numeric.items()}
+        return {
+            name: {each.name_in(i): each.size1_in(i) for i in range(each.n_in())} for name, each in functions.items()
+        }
 
     @cached_property
     def _numeric(self) -> dict[str, RowFunction]:
@@ -198,8 +223,9 @@ class RobotModel:
         motion = self.dynamics
         state = motion.momentum.sx_in()
         kept = ca.vertcat(motion.momentum(*state), motion.kinetic_energy(*state))
-        balance, inertial = ca.Function("balance", state, ca.cse([kept])), motion.H.sx_in()
-        H = ca.Function("H", inertial, [ca.vec(motion.H(*inertial))])
+        balance = ca.Function("balance", state, ca.cse([kept]), motion.momentum.name_in(), ["balance"])
+        inertial = motion.H.sx_in()
+        H = ca.Function("H", inertial, [ca.vec(motion.H(*inertial))], motion.H.name_in(), ["H"])
         return {each.name(): RowFunction(each) for each in (self.g, H, motion.inverse, motion.forward, balance)}
 
 
@@ -213,6 +239,15 @@ def load_robot(reference: str | Path) -> RobotModel:
         SpecError: The file does not describe a robot; the message has all its errors with their positions.
     """
     return RobotModel(load_robot_spec(reference))
+
+
+def shape_of(value: ArrayLike) -> tuple[int, ...] | None:
+    """Return the shape of an array of numbers, or of what could be one; None of anything else."""
+    try:
+        given = np.asarray(value)
+    except (TypeError, ValueError):  # rows of different lengths
+        return None
+    return given.shape if given.dtype.kind in "fiu" else None
 
 
 def pose_frames(poses: ArrayLike) -> Array:

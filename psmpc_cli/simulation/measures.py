@@ -12,16 +12,19 @@ from itertools import groupby
 import numpy as np
 from scipy.optimize import nnls
 
-from psmpc_cli.control.controller import Command, Controller
+from psmpc_cli.control.controller import Controller
+from psmpc_cli.control.interface import Command
 from psmpc_cli.control.sequence import MovingSequence, Switch
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.ocp.plan import Chart, Plan, shift, states_of
+from psmpc_cli.ocp.problem import Stage, in_own_chart
 from psmpc_cli.ocp.window import SHORTEST, Window
 from psmpc_cli.plant import Ticks
 from psmpc_cli.plant.grasp import MISSED_BY, Capture
 from psmpc_cli.plant.uncertainty import Contact, Uncertainty
 from psmpc_cli.solvers import Solution
 from psmpc_cli.specs.task import OnsetSpec
+from psmpc_cli.specs.uncertainty import standard_deviations
 
 DISTINCT = 1e-3
 """Controls nearer to each other than this are the same [m/s^2, rad/s^2]."""
@@ -47,6 +50,7 @@ class Meter:
         problem, self._capture = counterfactuals.controller.problem, capture
         self._counterfactuals, self._uncertainty, self._problem = counterfactuals, uncertainty, problem
         self._sees_the_state, self._shares = problem.spec.sees_the_state, problem.spec.log.shares
+        self._noise = standard_deviations(problem.spec.uncertainty.noise, problem.model.spec)
         self._base, self._number = problem.model.parts["base"], 0
         self._tick, self._waiting = 1 / problem.spec.plant.low_level_rate, list[_Waiting]()
         self._expected = self._kept(0, x0[None])[0] + (0.0 if capture is None else capture.kept)
@@ -99,6 +103,7 @@ class Meter:
         expected = np.cumsum([self._expected, *gained], axis=0)[1:]
         kept = self._kept(stage.index, ends) + np.array(of_object).reshape(len(x), -1) - expected
         held = self._uncertainty is not None and self._uncertainty.holds(stage.index)
+        at_ends = [self._ends(*each) for each in zip(commands, ticks, charted, strict=True)]
         columns = {
             "control/u": u,
             "pose/xi": model.poses(x[:, : model.nq]).reshape(len(x), -1),
@@ -112,7 +117,8 @@ class Meter:
             "effort/base_torque": torque,
             "deviation/Q": deviation[:, :n],
             "deviation/Qdot": deviation[:, n:],
-            "deviation/end": [self._end_errors(*each) for each in zip(commands, ticks, charted, strict=True)],
+            "deviation/end": [{stage: error for stage, (error, _) in each.items()} for each in at_ends],
+            "deviation/end_noise": [{stage: error for stage, (_, error) in each.items()} for each in at_ends],
             "balance/momentum": kept[:, :-1],
             "balance/energy": kept[:, -1],
             "state/Q_true": x[:, : model.nq],
@@ -130,17 +136,33 @@ class Meter:
         robot = None if uncertainty is None else uncertainty.true_parameters(stage)
         return self._problem.model.balance(x[:, :nq], x[:, nq:], robot)
 
-    def _end_errors(self, command: Command, ticks: Ticks, X: np.ndarray) -> dict[int, float]:
-        """Return the end errors of stages that end by the plan before the next sample, by stage index.
+    def _ends(self, command: Command, ticks: Ticks, X: np.ndarray) -> dict[int, tuple[float, float]]:
+        """Return the end errors of stages that end with a sample, by stage index: see `_end_errors`.
 
-        At their planned switch times, which may lie up to `SHORTEST` after it: so far the motion is carried on. X are
-        the states of the ticks in the chart of the sample (M + 1, 2n).
+        By the plan before the next sample, at their planned switch times, which may lie up to `SHORTEST` after it: so
+        far the motion is carried on. Or by the measured state, at the sample; a target relative to the object is not
+        known then any more. X are the states of the ticks in the chart of the sample (M + 1, 2n).
         """
-        return {
-            stage.index: self._problem.costs.end_error(stage, state_at(ticks.time, X, float(instant)))
-            for stage, instant in zip(command.solution.window.stages, command.instants, strict=False)
-            if instant <= ticks.time[-1] + SHORTEST
+        stages = self._problem.stages
+        by_measurement = [stages[s] for s, time in command.switches if time == command.time]
+        Q, v = np.split(ticks.X[0], [self._problem.model.nq])
+        found = {
+            stage.index: self._end_errors(*in_own_chart(self._problem.model, stage, Q, v))
+            for stage in by_measurement
+            if not stage.on_object
         }
+        for stage, instant in zip(command.solution.window.stages, command.instants, strict=False):
+            if instant <= ticks.time[-1] + SHORTEST:
+                found[stage.index] = self._end_errors(stage, state_at(ticks.time, X, float(instant)))
+        return found
+
+    def _end_errors(self, stage: Stage, x: np.ndarray) -> tuple[float, float]:
+        """Return the error of a stage's end condition over its tolerance, and over that plus 2 sigma of the rows."""
+        costs = self._problem.costs
+        if not stage.end_rows:
+            return np.nan, np.nan
+        allowance = 2 * costs.end_deviations(stage, x, self._noise)
+        return costs.end_error(stage, x), costs.end_error(stage, x, allowance)
 
 
 def state_at(times: np.ndarray, X: np.ndarray, time: float) -> np.ndarray:

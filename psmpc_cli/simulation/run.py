@@ -1,14 +1,11 @@
 """One run: the experiment that a task describes, its closed loop, and its log."""
 
 import logging
-import os
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Generator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -17,16 +14,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from psmpc_cli import __version__
-from psmpc_cli.control.controller import Command, Controller, State, priorities_in_force
+from psmpc_cli.control.controller import Controller, priorities_in_force
+from psmpc_cli.control.interface import Command, State
 from psmpc_cli.control.sequence import Switch
 from psmpc_cli.errors import RunError
 from psmpc_cli.logs.run import Run, read_run, run_in
 from psmpc_cli.logs.schema import MOMENTUM, Q_COORDINATE, Sample
 from psmpc_cli.logs.summary import verdicts
 from psmpc_cli.logs.write import Header, LogWriter
-from psmpc_cli.native.functions import FLAGS, source_of
-from psmpc_cli.native.library import library
-from psmpc_cli.ocp.objective import StageShape, stage_functions
+from psmpc_cli.native.functions import maker_of
+from psmpc_cli.native.library import make_all
 from psmpc_cli.ocp.problem import Problem, Stage, build_problem
 from psmpc_cli.plant import Plant, build_plant, ticks_of
 from psmpc_cli.plant.grasp import Capture, build_capture
@@ -35,7 +32,8 @@ from psmpc_cli.plant.uncertainty import Uncertainty, disturbs
 from psmpc_cli.robot.kinematics import moved
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.measures import Counterfactuals, GraspRecord, Meter, StageClock
-from psmpc_cli.solvers.quadratic import kernel_library
+from psmpc_cli.solvers.sqp import libraries as solver_libraries
+from psmpc_cli.specs.arguments import as_path, require, require_callable, require_whole
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import labels, stack
 from psmpc_cli.specs.task import TaskSpec
@@ -74,7 +72,7 @@ def build_experiment(loaded: Task) -> Experiment:
     """Return the experiment a task describes."""
     problem = build_problem(loaded)
     task, model = problem.spec, problem.model
-    compiled, controller = compile_for(task, model, problem.stages), Controller(problem)
+    compiled, controller = compile_for(problem), Controller(problem)
     uncertainty = Uncertainty(task, model) if task.uncertainty.in_force else None
     resistance, capture = None if uncertainty is None else uncertainty.resistance, build_capture(task, model)
     Q = stack(task.initial, loaded.robot, "joint")
@@ -102,41 +100,27 @@ def converging(loaded: Task) -> Task:
     return replace(loaded, spec=loaded.spec.model_copy(update={"solver": solver}))
 
 
-def compile_for(task: TaskSpec, model: RobotModel, stages: Sequence[Stage]) -> bool:
-    """Compile what a run of the task needs and is not in the cache, several libraries at once.
+def compile_for(problem: Problem) -> bool:
+    """Compile what a run of a problem needs and is not in the cache, several libraries at once.
 
     Returns:
         Whether the run uses compiled code: the task allows it, needs some, and all of it could be made.
     """
+    task = problem.spec
     if not task.solver.compiled:
         return False
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        made = list(threads.map(lambda make: make(), _libraries(task, model, stages)))
-    return bool(made) and all(path is not None for path in made)
-
-
-def _libraries(task: TaskSpec, model: RobotModel, stages: Sequence[Stage]) -> Iterator[Callable[[], Path | None]]:
-    """Give functions that make what windows and plant need, whichever stages are in a window."""
-    if task.solver.kind == "sqp":
-        for space in sorted({stage.space for stage in stages}):
-            functions = stage_functions(model, StageShape(space))
-            yield from (_library_of(functions.gauss_newton.function), _library_of(functions.cost.function))
-        for switches in range(len(stages)):
-            yield partial(kernel_library, model.n, switches)
+    makers = list(solver_libraries(problem)) if task.solver.kind == "sqp" else []
     if task.plant.kind == "rk4":
-        (tick, substeps), capture = ticks_of(task.plant), build_capture(task, model)
-        disturbed = disturbs(task)
-        function = (
-            tick_function(model, tick, substeps, disturbed)
-            if capture is None
-            else capture_tick(capture.law, tick, substeps)
-        )
-        yield _library_of(function)
+        makers.append(maker_of(_tick_function(task, problem.model)))
+    return make_all(makers)
 
 
-def _library_of(function: ca.Function) -> Callable[[], Path | None]:
-    """Return what compiles a function; its source is written here, because CasADi is not thread-safe."""
-    return partial(library, source_of(function), function.name(), FLAGS)
+def _tick_function(task: TaskSpec, model: RobotModel) -> ca.Function:
+    """Return the function that the plant `rk4` of a task evaluates at every tick."""
+    (tick, substeps), capture = ticks_of(task.plant), build_capture(task, model)
+    if capture is None:
+        return tick_function(model, tick, substeps, disturbs(task))
+    return capture_tick(capture.law, tick, substeps)
 
 
 BOUND = 1e9
@@ -215,7 +199,7 @@ class _Link:
         none = np.zeros((round(task.controller.sample_time * task.plant.low_level_rate), n))
         before = (-back * task.controller.sample_time * v for back in range(known, 0, -1))
         self._measured: deque[np.ndarray] = deque(np.r_[np.array(moved(Q, step)), v] for step in before)
-        self._poses: deque[np.ndarray] = deque([np.full(1, np.nan)] * known)
+        self._poses: deque[np.ndarray | None] = deque([None] * known)
         self._commanded = deque([(none, np.zeros(len(none), bool))] * (task.uncertainty.delay - known))
 
     def measured(self, x: np.ndarray) -> np.ndarray:
@@ -223,8 +207,8 @@ class _Link:
         self._measured.append(x)
         return self._measured.popleft()
 
-    def measured_object(self, pose: np.ndarray) -> np.ndarray:
-        """Return the pose of the object that reaches the controller where this one is measured now."""
+    def measured_object(self, pose: np.ndarray) -> np.ndarray | None:
+        """Return the pose of the object that reaches the controller where this one is measured now; None before any."""
         self._poses.append(pose)
         return self._poses.popleft()
 
@@ -268,10 +252,16 @@ def simulate(
         until: Index of the stage at whose end the run stops; by default that of the task.
 
     Raises:
-        InputError: The log exists already or cannot be written.
+        InputError: An argument is of another type, or the log exists already or cannot be written.
         RunError: The log could not be written any further.
     """
-    experiment, path = build_experiment(task), None if path is None else Path(path)
+    require("task", task, Task, "a Task, from load_task")
+    path = None if path is None else as_path("path", path)
+    require_callable("watch", watch, "a sample")
+    require("force", force, bool, "True or False")
+    if until is not None:
+        require_whole("until", until, least=0, most=len(task.spec.stages) - 1)
+    experiment = build_experiment(task)
     with LogWriter(path, header(experiment), force) as writer:
         _write(experiment, writer, watch, until)
         if path is None:

@@ -3,6 +3,7 @@
 import logging
 import time
 from abc import ABC, abstractmethod
+from copy import copy
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from math import isfinite
@@ -88,7 +89,24 @@ class Solution:
 
 
 class Solver(ABC):
-    """A back-end for the windows of one problem."""
+    """A back-end for the windows of one problem.
+
+    Attributes:
+        deadline: Time after which a solve stops [s]; infinite by default.
+    """
+
+    deadline = np.inf
+    _until: float | None = None
+
+    def stopping(self, until: float) -> "Solver":
+        """Return this solver with one deadline for all its solves, an instant of `time.perf_counter` [s]."""
+        shared = copy(self)
+        shared._until = until
+        return shared
+
+    def stop_time(self, began: float) -> float:
+        """Return when a solve that began at an instant has to stop; both are of `time.perf_counter` [s]."""
+        return began + self.deadline if self._until is None else self._until
 
     def solve(self, window: Window, guess: Plan, previous: Solution | None = None, within: float = np.inf) -> Solution:
         """Solve a window, started from a guessed plan, which is read at the nodes of the window.

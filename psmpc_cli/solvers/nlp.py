@@ -53,7 +53,7 @@ OUTCOMES: Mapping[object, Outcome] = {
     "Restoration_Failed": Outcome.INFEASIBLE,
     "Maximum_Iterations_Exceeded": Outcome.ITERATION_LIMIT,
     "Solved_To_Acceptable_Level": Outcome.ITERATION_LIMIT,
-    "Maximum_WallTime_Exceeded": Outcome.DEADLINE,
+    "User_Requested_Stop": Outcome.DEADLINE,
     1: Outcome.ITERATION_LIMIT,
 }
 """Outcomes by the return codes of IPOPT (texts) and fatrop (numbers)."""
@@ -256,6 +256,36 @@ def _array(vector: ca.DM) -> np.ndarray:
     return np.asarray(vector).ravel()
 
 
+class _Clock(ca.Callback):
+    """Stops IPOPT with the iteration in which an instant passes.
+
+    Attributes:
+        until: The instant, of `time.perf_counter` [s].
+    """
+
+    def __init__(self, problem: Mapping[str, ca.SX]) -> None:
+        super().__init__()
+        x, g, p = (problem[name].numel() for name in ("x", "g", "p"))
+        self._sizes = {"x": x, "f": 1, "g": g, "lam_x": x, "lam_g": g, "lam_p": p}
+        self.until = np.inf
+        self.construct("clock", {})
+
+    def get_n_in(self) -> int:
+        return ca.nlpsol_n_out()
+
+    def get_n_out(self) -> int:
+        return 1
+
+    def get_name_in(self, i: int) -> str:
+        return ca.nlpsol_out(i)
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)])
+
+    def eval(self, arg: Sequence[ca.DM]) -> list[int]:
+        return [int(time.perf_counter() >= self.until)]
+
+
 class NlpSolver(Solver):
     """Windows by IPOPT or fatrop: one transcribed and compiled NLP for each shape, kept for all windows of that shape.
 
@@ -277,12 +307,13 @@ class NlpSolver(Solver):
         settings: dict[str, Any] = {"print_level": 0, "tol": spec.tolerance, "max_iter": spec.max_iterations}
         if spec.kind == "ipopt":
             settings |= {"sb": "yes", "mu_init": 1e-2, "acceptable_iter": 0}
-            settings |= {} if spec.deadline is None else {"max_wall_time": spec.deadline}
+            self.deadline = np.inf if spec.deadline is None else spec.deadline
         else:
             settings["mu_init"] = BARRIER_START
         self._settings = settings if options is None else dict(options)
         self._nlps: dict[WindowShape, Nlp] = {}
         self._compiled: dict[WindowShape, ca.Function] = {}
+        self._clocks: dict[WindowShape, _Clock] = {}
 
     def violation(self, window: Window, plan: Plan) -> float:
         """Return by how much a plan on the mesh of a window violates a constraint at worst."""
@@ -317,6 +348,8 @@ class NlpSolver(Solver):
             options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
             if self._plugin == "fatrop":
                 options |= {"structure_detection": "manual", **nlp.sizes}
+            if np.isfinite(self.deadline):
+                self._clocks[nlp.shape] = options["iteration_callback"] = _Clock(nlp.problem)
             loud = {} if self._report is None else {"print_level": PRINT_LEVEL}
             options[self._plugin] = {**self._settings, **loud}
             self._compiled[nlp.shape] = ca.nlpsol("window", self._plugin, nlp.problem, options)
@@ -325,6 +358,8 @@ class NlpSolver(Solver):
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
         nlp, x0, p = self._posed(window, guess)
         solver, bounds, began = self._function(nlp), nlp.bounds(window, guess, within), time.perf_counter()
+        if nlp.shape in self._clocks:
+            self._clocks[nlp.shape].until = self.stop_time(began)
         with redirect_stdout(io.StringIO()) if self._report else nullcontext(io.StringIO()) as written:
             result = solver(x0=x0, p=p, **bounds)
         wall_time = time.perf_counter() - began

@@ -68,7 +68,6 @@ class QpSolution:
         gaps: Multipliers of the gaps, (K, n).
         rows: Of the rows of `SqpWindow`, (R,).
         ends: Of the end conditions, a part of `rows`, (E,).
-        largest: The largest multiplier of what must hold; soft limits need not.
         iterations: Interior-point iterations.
     """
 
@@ -77,7 +76,6 @@ class QpSolution:
     gaps: np.ndarray
     rows: np.ndarray
     ends: np.ndarray
-    largest: float
     iterations: int
 
 
@@ -112,10 +110,9 @@ class QpMethod(ABC):
             "multipliers": np.zeros(len(rows)),
         }
         status, iterations = self._solve(numbers, bounds.soft)
-        gaps, z = numbers["gap_multipliers"], numbers["multipliers"]
-        hard, ends = z[states if bounds.soft else 0 :], z[states + 2 * S :][: len(model.at.ends)]
-        largest = float(max(np.abs(each).max(initial=0.0) for each in (gaps, hard)))
-        return QpSolution(status, Point(X, numbers["tau"]), gaps, z, ends, largest, iterations)
+        z = numbers["multipliers"]
+        ends = z[states + 2 * S :][: len(model.at.ends)]
+        return QpSolution(status, Point(X, numbers["tau"]), numbers["gap_multipliers"], z, ends, iterations)
 
     @abstractmethod
     def _solve(self, numbers: dict[str, np.ndarray], soft: bool) -> tuple[QpStatus, int]:
@@ -192,8 +189,8 @@ class RiccatiQp(QpMethod):
 class PiqpQp(QpMethod):
     """Programs by PIQP's back-end for multistage problems.
 
-    Its unknowns are ordered node by node, the durations last: they couple all nodes, which PIQP knows as an arrow. A
-    soft limit has an unknown of its own for its violation.
+    A program that is solved where it is not convex has failed. Unknowns are ordered node by node, the durations last:
+    they couple all nodes, which PIQP knows as an arrow. A soft limit has an unknown of its own for its violation.
     """
 
     def __init__(self, tolerance: float) -> None:
@@ -215,13 +212,14 @@ class PiqpQp(QpMethod):
         cost, lowest, highest = np.zeros(size), np.full(size, -np.inf), np.full(size, np.inf)
         cost[x], cost[tau], cost[e], lowest[e] = numbers["gradient"], numbers["gradient_tau"], numbers["penalty"], 0.0
         lowest[of_box], highest[of_box] = low[boxed], high[boxed]
+        hessian = _matrix(size, size, _hessian(numbers, x, tau))
         solver = piqp.SparseSolver()
         solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
         solver.settings.max_iter = MAX_ITERATIONS
         solver.settings.reg_finetune_lower_limit = SMALLEST_REGULARIZATION
         solver.settings.eps_abs = solver.settings.eps_duality_gap_abs = self._tolerance
         solver.setup(
-            P=_matrix(size, size, _hessian(numbers, x, tau)).tocsc(),
+            P=hessian.tocsc(),
             c=cost,
             A=vstack([gaps, rows[equal]], format="csc"),
             b=np.r_[-numbers["gaps"].ravel(), (low[equal] + high[equal]) / 2],
@@ -238,7 +236,24 @@ class PiqpQp(QpMethod):
         z[boxed] = (np.array(result.z_bu) - np.array(result.z_bl))[of_box]
         limited = np.r_[np.flatnonzero(below), np.flatnonzero(above), np.flatnonzero(hard)]
         np.add.at(z, limited, of_rows)
-        return _status(status, result.info), int(result.info.iter)
+        outcome = _status(status, result.info)
+        if outcome is QpStatus.SOLVED and _curvature(hessian, found) < -NEARLY:
+            outcome = QpStatus.FAILED
+        return outcome, int(result.info.iter)
+
+
+def _curvature(upper: csr_array, step: np.ndarray) -> float:
+    """Return step' H step over the step's square: negative, the program was not convex where it was solved.
+
+    A test without the matrix's inertia, which PIQP does not tell: Chiang, Zavala: An inertia-free filter line-search
+    algorithm for large-scale nonlinear programming (2016), section 3.
+
+    Args:
+        upper: Upper triangle of H.
+        step: The program's solution.
+    """
+    curvature = step @ (2 * (upper @ step) - upper.diagonal() * step)
+    return float(curvature / max(step @ step, np.finfo(float).tiny))
 
 
 def _status(status: piqp.Status, info: piqp.Info) -> QpStatus:

@@ -6,10 +6,15 @@ are halved.
 """
 
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
+from psmpc_cli.native.functions import maker_of
+from psmpc_cli.native.library import make_all
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
 from psmpc_cli.ocp.objective import StageShape, stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
@@ -17,8 +22,8 @@ from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.window import PENALTY, Window, plan_on_mesh, stage_shape, window_numbers, window_shape
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
 from psmpc_cli.solvers.nlp import Report
-from psmpc_cli.solvers.quadratic import PiqpQp, QpMethod, QpSolution, QpStatus, RiccatiQp, load_kernel
-from psmpc_cli.solvers.sqp_window import SqpWindow, Violation, WindowBounds, fixed_bounds, window_bounds
+from psmpc_cli.solvers.quadratic import PiqpQp, QpMethod, QpSolution, QpStatus, RiccatiQp, kernel_library, load_kernel
+from psmpc_cli.solvers.sqp_window import SqpWindow, WindowBounds, fixed_bounds, window_bounds
 from psmpc_cli.specs.task import SolverSpec
 
 SMALL = 1e-2
@@ -30,10 +35,26 @@ SHARPER = 0.1
 SHORTEST_STEP = 1 / 32
 """The shortest share of a step that is tried."""
 
-DECREASE = 1e-4
-"""Share of the predicted decrease of the merit function that a step must bring (Armijo)."""
+LARGEST_CUT = 0.5
+"""Largest share of its duration by which a step shortens a stage: the gaps are bilinear in durations and velocities.
 
-NOISE = 1e-9
+Longer first steps of cold windows may end at a later local minimum; 0.3 to 0.7 give the same optima.
+"""
+
+MARGIN = 0.1
+"""gamma: share of the violation by which a step must improve on an entry of the filter.
+
+The source has 1e-5. So little lets the iterations zigzag between two points while the violation falls by a few per
+cent: up to 22 iterations of a warm window, where 0.1 takes up to 5.
+"""
+
+S_PHI, S_THETA = 2.3, 1.1
+"""Exponents of the rule that says when the objective has to fall."""
+
+DECREASE = 1e-4
+"""eta: share of the predicted decrease of the objective that a step from a feasible point must bring (Armijo)."""
+
+ROUNDING = 1e-9
 """Relative rise of the objective that is taken for rounding."""
 
 LATER = 0.9
@@ -53,6 +74,7 @@ class Iterate:
     """Point of an iteration with its residuals and the step that led to it.
 
     Attributes:
+        violation: The largest of a gap, an end condition or a hard limit [m, rad, m/s, rad/s, s].
         step: Largest component of the program's full step [m, rad, m/s, rad/s, s].
         share: How much of that step was taken; 0 if no share of it counted.
         qp: The program's solution, None at the guess.
@@ -60,7 +82,7 @@ class Iterate:
 
     point: Point
     at: Residuals
-    violation: Violation
+    violation: float
     step: float = np.inf
     share: float = 0.0
     qp: QpSolution | None = None
@@ -77,7 +99,10 @@ class SqpSolver(Solver):
 
     def __init__(self, problem: Problem, spec: SolverSpec, report: Report | None = None) -> None:
         self._model, self._spec, self._report = problem.model, spec, report
+        self.deadline = np.inf if spec.deadline is None else spec.deadline
         self._setups: dict[tuple[object, ...], tuple[VelocityForm, WindowBounds, QpMethod]] = {}
+        if spec.compiled:
+            make_all(libraries(problem))
         for stage in problem.stages:  # before the robot moves: of a spatial robot it takes a second
             stage_functions(problem.model, StageShape(stage.space), spec.compiled).prepare()
             stage_functions(problem.model, stage_shape(stage)).prepare()
@@ -103,7 +128,7 @@ class SqpSolver(Solver):
         form, shared, method = self._setup(window)
         numbers = window_numbers(window, guess.instants)
         sqp_window = SqpWindow(form, window_bounds(shared, window, guess, tau, within), numbers)
-        solve = _Solve(self._spec, sqp_window, method, self._report, began)
+        solve = _Solve(self._spec, sqp_window, method, self._report, self.stop_time(began))
         ends = np.zeros(0)
         if previous is not None and form.curved and len(previous.duals) == len(form.end_node):
             ends = previous.duals
@@ -126,6 +151,16 @@ class SqpSolver(Solver):
         )
 
 
+def libraries(problem: Problem) -> Iterator[Callable[[], Path | None]]:
+    """Yield what makes the libraries that the windows of a problem need, whichever stages are in them."""
+    for space in sorted({stage.space for stage in problem.stages}):
+        functions = stage_functions(problem.model, StageShape(space))
+        yield maker_of(functions.gauss_newton.function)
+        yield maker_of(functions.cost.function)
+    for switches in range(len(problem.stages)):
+        yield partial(kernel_library, problem.model.n, switches)
+
+
 @dataclass(frozen=True, eq=False)
 class _Solve:
     """One solve of a window."""
@@ -134,22 +169,25 @@ class _Solve:
     window: SqpWindow
     method: QpMethod
     report: Report | None
-    began: float
+    until: float
 
     def run(self, guess: Point, ends: np.ndarray, warm: bool) -> tuple[Iterate, Outcome, int]:
         """Return the last iterate, how it is to be taken, and the number of iterations."""
         iterate, model = self._begin(guess)
-        qp = self._program(iterate.point, model, ends)
-        if qp.status is not QpStatus.SOLVED and not warm:
-            point = later(self.window, guess)
-            if point is not None:
-                iterate, model = self._begin(point)
-                qp = self._program(point, model, ends)
+        qp = self._program(guess, model, ends)
+        if not warm and not self._keeps_limits(guess, qp):
+            later = later_switch(self.window, guess)
+            if later is not None:
+                late_iterate, late_model = self._begin(later)
+                late_qp = self._program(later, late_model, ends)
+                if self._keeps_limits(later, late_qp):
+                    iterate, model, qp = late_iterate, late_model, late_qp
         self._tell(0, iterate, None)
+        filter_ = Filter()
         for count in range(1, self.spec.max_iterations + 1):
             before = iterate
             if qp.status is QpStatus.SOLVED:
-                iterate = self._step(iterate, model, qp)
+                iterate = self._step(iterate, model, qp, filter_)
             self._tell(count, iterate, qp)
             outcome = self._outcome(count, iterate, before, qp, warm)
             if outcome is not None:
@@ -164,15 +202,19 @@ class _Solve:
         model = self.window.linearize(point)
         return Iterate(point, model.at, self.window.violation(point, model.at)), model
 
+    def _keeps_limits(self, point: Point, qp: QpSolution) -> bool:
+        """Tell whether a program has a solution, which violates soft limits no further than the measured state does."""
+        return qp.status is QpStatus.SOLVED and self.window.keeps_soft_limits(point.moved(qp.step, 1.0))
+
     def _program(self, point: Point, model: Linearization, ends: np.ndarray) -> QpSolution:
         """Return the solution of the program at a point.
 
-        Our own method counts in the curvature of end conditions at the given multipliers. Where it finds that program
-        not convex, and with PIQP, which takes no other, the Gauss-Newton model stands alone. Where soft limits would be
+        The curvature of end conditions counts at the given multipliers. Where that program is found not to be convex,
+        the Gauss-Newton model stands alone. Where soft limits would be
         violated so far that the numbers break down, hard ones say whether there is a solution.
         """
         window = self.window
-        if window.form.curved and len(ends) and isinstance(self.method, RiccatiQp):
+        if window.form.curved and len(ends):
             qp = self.method.solve(window, window.form.with_curvature(model, point, window.p, ends), point)
             if qp.status is QpStatus.SOLVED:
                 return qp
@@ -185,7 +227,7 @@ class _Solve:
 
     def _outcome(self, count: int, iterate: Iterate, before: Iterate, qp: QpSolution, warm: bool) -> Outcome | None:
         """Return how the solve has ended after an iteration; None where it goes on."""
-        feasible = iterate.violation.worst <= FEASIBLE
+        feasible = iterate.violation <= FEASIBLE
         if qp.status is QpStatus.INFEASIBLE:
             return Outcome.INFEASIBLE
         if qp.status is QpStatus.FAILED:
@@ -196,7 +238,7 @@ class _Solve:
             return self._unfinished(iterate, Outcome.FAILED)
         if count >= self.spec.iterations and (warm or iterate.step <= SMALL) and feasible:
             return Outcome.FEASIBLE
-        if self.spec.deadline is not None and time.perf_counter() - self.began >= self.spec.deadline:
+        if time.perf_counter() >= self.until:
             return self._unfinished(iterate, Outcome.DEADLINE)
         return None
 
@@ -209,52 +251,88 @@ class _Solve:
         solved = qp is not None and qp.status is QpStatus.SOLVED
         step = f"{iterate.step:8.2e} {iterate.share:8.2e}" if solved else f"{'-':>8} {'-':>8}"
         program = f"{'-':>3}" if qp is None else f"{qp.iterations:3d}" + f"  {qp.status.value}" * (not solved)
-        self.report(f"{count:4d} {iterate.at.objective:15.8e} {iterate.violation.worst:8.2e} {step} {program}")
+        self.report(f"{count:4d} {iterate.at.objective:15.8e} {iterate.violation:8.2e} {step} {program}")
 
     def _unfinished(self, iterate: Iterate, otherwise: Outcome) -> Outcome:
         """Return how an iterate that is not settled is to be taken."""
         stepped = iterate.qp is not None
-        return Outcome.FEASIBLE if stepped and iterate.violation.worst <= FEASIBLE else otherwise
+        return Outcome.FEASIBLE if stepped and iterate.violation <= FEASIBLE else otherwise
 
-    def _step(self, iterate: Iterate, model: Linearization, qp: QpSolution) -> Iterate:
-        """Return the iterate after the longest tried share of the step that counts; the point itself, if none does."""
+    def _step(self, iterate: Iterate, model: Linearization, qp: QpSolution, filter_: "Filter") -> Iterate:
+        """Return the iterate after the longest share of the step that the filter accepts; the point itself, if none."""
         step = float(max(np.abs(qp.step.X).max(), np.abs(qp.step.tau).max(initial=0.0)))
         slope = float((model.gradient * qp.step.X).sum() + model.gradient_tau @ qp.step.tau)
         slope += self.window.change_of_penalty(iterate.point, qp.step)
-        share = 1.0
+        share = self._longest_share(iterate.point, qp.step)
         while share >= SHORTEST_STEP:
             point = iterate.point.moved(qp.step, share)
             at = self.window.residuals(point)
-            found = Iterate(point, at, self.window.violation(point, at), step, share, qp)
-            if _counts(found, iterate, share * slope, 2 * qp.largest):
-                return found
+            trial = Iterate(point, at, self.window.violation(point, at), step, share, qp)
+            if filter_.accepts(trial, iterate, slope):
+                return trial
             share /= 2
         return Iterate(iterate.point, iterate.at, iterate.violation, step, qp=qp)
 
+    def _longest_share(self, point: Point, step: Point) -> float:
+        """Return the largest share of a step that shortens no stage by more than `LARGEST_CUT` of its duration."""
+        durations = self.window.form.durations(point, self.window.horizon)
+        changes = self.window.form.stage_durations @ step.tau
+        cuts = -changes / durations
+        return LARGEST_CUT / max(LARGEST_CUT, float(cuts.max()))
 
-def _counts(found: Iterate, before: Iterate, slope: float, penalty: float) -> bool:
-    """Tell whether a step brings enough: worst violation, objective or merit.
 
-    The merit function alone would cut the long steps of a cold start: it adds up the gaps that a longer stage leaves at
-    each of its nodes, each of them a second-order term that the next iteration closes.
+class Filter:
+    """What later iterates of one solve must improve on: pairs of violation theta_j and objective phi_j.
 
-    Args:
-        found: After the step.
-        before: Before it.
-        slope: Change of the objective that its gradient predicts for the step, penalties of soft limits included.
-        penalty: Weight of the violation in the merit function, above every multiplier.
+    A trial point after a share alpha of a step from iterate k is acceptable to the filter if for every entry
+
+        theta <= (1 - gamma) theta_j   or   phi <= phi_j - gamma theta_j.
+
+    Where iterate k is feasible and its step leads so steeply downhill, m being the change of phi that the gradient
+    predicts, that alpha (-m)^2.3 > theta_k^1.1, the objective has to fall by Armijo's rule as well:
+
+        phi <= phi_k + eta alpha m.
+
+    Else the trial point has to improve on iterate k as on an entry, and iterate k becomes one.
+
+    Source: Waechter, Biegler: On the implementation of an interior-point filter line-search algorithm for large-scale
+    nonlinear programming (2006), section 2.3. theta is the largest violation here, not their sum: a stage that gets
+    much shorter leaves a gap at each of its nodes, a second-order term each that the next iteration closes. For the
+    same reason no merit function is used, see docs/decisions.md.
     """
-    noise = NOISE * (1 + abs(before.at.objective))
-    rise = found.at.objective - before.at.objective
-    if found.violation.worst <= before.violation.worst / 2 and before.violation.worst > FEASIBLE:
+
+    def __init__(self) -> None:
+        self._entries: list[tuple[float, float]] = []
+
+    def accepts(self, trial: Iterate, iterate: Iterate, slope: float) -> bool:
+        """Tell whether a trial point is accepted; if so, enter the iterate where the filter has to remember it.
+
+        Args:
+            trial: The iterate after a share of the step.
+            iterate: Where the step starts.
+            slope: m, with the penalties of soft limits.
+        """
+        theta, theta_k = trial.violation, iterate.violation
+        phi_k = iterate.at.objective
+        phi = trial.at.objective - ROUNDING * (1 + abs(phi_k))
+        steep = slope < 0 and trial.share * (-slope) ** S_PHI > theta_k**S_THETA
+        if theta_k <= FEASIBLE and steep:
+            return self._acceptable(theta, phi) and phi <= phi_k + DECREASE * trial.share * slope
+        if not (self._acceptable(theta, phi) and _improves(theta, phi, theta_k, phi_k)):
+            return False
+        self._entries.append((theta_k, phi_k))
         return True
-    if found.violation.worst <= FEASIBLE and rise <= DECREASE * slope + noise:
-        return True
-    predicted = slope - penalty * found.share * before.violation.total
-    return rise + penalty * (found.violation.total - before.violation.total) <= DECREASE * predicted + noise
+
+    def _acceptable(self, theta: float, phi: float) -> bool:
+        return all(_improves(theta, phi, *entry) for entry in self._entries)
 
 
-def later(window: SqpWindow, point: Point) -> Point | None:
+def _improves(theta: float, phi: float, old_theta: float, old_phi: float) -> bool:
+    """Tell whether violation or objective of a point improves on those of an earlier one."""
+    return theta <= (1 - MARGIN) * old_theta or phi <= old_phi - MARGIN * old_theta
+
+
+def later_switch(window: SqpWindow, point: Point) -> Point | None:
     """Return the motion of a guess with its last switch near the latest instant; None where that cannot move.
 
     A stage that is too short for its end condition has to last longer and to be faster at once. The product of the two

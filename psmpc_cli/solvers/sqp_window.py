@@ -13,6 +13,7 @@ import numpy as np
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import (
+    PENALTY,
     SHORTEST,
     Parameters,
     Window,
@@ -21,6 +22,7 @@ from psmpc_cli.ocp.window import (
     shares_of_time,
     shortest_durations,
 )
+from psmpc_cli.solvers.base import FEASIBLE
 
 NARROWEST_SOFT = 1e-4
 """Soft bounds nearer to each other than this [m, rad, m/s, rad/s] are moved apart to it.
@@ -107,17 +109,6 @@ def moved_apart(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return low - apart, high + apart
 
 
-@dataclass(frozen=True)
-class Violation:
-    """By how much a point violates its constraints, at worst and in sum.
-
-    Natural units: m, rad, m/s, rad/s, s. A limit on an acceleration counts by the velocity it costs in its interval.
-    """
-
-    worst: float
-    total: float
-
-
 @dataclass(frozen=True, eq=False)
 class SqpWindow:
     """One window: its numbers and its bounds.
@@ -150,11 +141,15 @@ class SqpWindow:
             rows += [(dv - h * bound).ravel() for bound in (self.bounds.input_low, self.bounds.input_high)]
         return np.concatenate(rows)
 
-    def violation(self, point: Point, at: Residuals) -> Violation:
-        """Return by how much a point violates gaps, end conditions and hard limits."""
+    def violation(self, point: Point, at: Residuals) -> float:
+        """Return by how much a point violates a gap, an end condition or a hard limit at worst.
+
+        In natural units: m, rad, m/s, rad/s, s. A limit on an acceleration counts by the velocity it costs in its
+        interval.
+        """
         bounds, rows, hard = self.bounds, self.rows(point, at), slice(self.states if self.bounds.soft else 0, None)
         every = np.concatenate([np.abs(at.gaps).ravel(), (bounds.low - rows)[hard], (rows - bounds.high)[hard]])
-        return Violation(float(max(every.max(), 0.0)), float(np.maximum(every, 0.0).sum()))
+        return float(max(every.max(), 0.0))
 
     def beyond(self, point: Point) -> np.ndarray:
         """Return rho times the violations of soft limits at a point, (K + 1, 2n); (K + 1, 0) where limits are hard."""
@@ -165,6 +160,11 @@ class SqpWindow:
             for first, bound in zip(self.bounds.first, (self.bounds.low, self.bounds.high), strict=True)
         )
         return scaled_violations(point.X, low, high)
+
+    def keeps_soft_limits(self, point: Point) -> bool:
+        """Tell whether soft limits are violated no further than the measured state violates them."""
+        violation = self.beyond(point) / PENALTY
+        return bool((violation[1:] <= violation[0] + FEASIBLE).all())
 
     def shares(self, point: Point) -> np.ndarray:
         """Return the share of time that each node stands for, (K + 1, 1) [s]."""

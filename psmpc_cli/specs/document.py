@@ -7,6 +7,7 @@ import copy
 import json
 import math
 import re
+import reprlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -16,7 +17,7 @@ from operator import getitem
 from typing import Any, NamedTuple
 
 import yaml
-from pydantic_core import PydanticSerializationError, to_jsonable_python
+from pydantic_core import to_jsonable_python
 from yaml.error import MarkedYAMLError
 from yaml.reader import ReaderError
 
@@ -37,6 +38,9 @@ DEEPEST, MOST_VALUES = 30, 20_000
 
 MOST_FAULTS = 50
 """Faults of one file that a report lists."""
+
+MOST_NAMES = 50
+"""Valid names that a message lists."""
 
 WIDEST = 120
 """Columns of a source line that a report repeats."""
@@ -98,7 +102,10 @@ class Fault:
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a value comes from: its position and its key's, how it was written, and the override that set it."""
+    """Where a value comes from: its position and its key's, how it was written, and what set it instead of the text.
+
+    That is an override, or a part of another file, as a message names it.
+    """
 
     place: Place
     key: Place | None = None
@@ -230,6 +237,26 @@ def _inside(data: Any, path: Location) -> Any:
     return reduce(getitem, path, data)
 
 
+def origins_of(data: Data, sources: Mapping[Location, str]) -> dict[Location, Origin]:
+    """Return the origins of the values in data that was built from another file.
+
+    Args:
+        data: What was built.
+        sources: What its values were built from, as a message names it, by path; what is inside one has the same.
+    """
+    origins = dict[Location, Origin]()
+
+    def add(value: Data, path: Location, source: str | None) -> None:
+        source = sources.get(path, source)
+        inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+        origins[path] = Origin(Place(1, 1), written=None if value is None else str(value), override=source)
+        for key, each in inside:
+            add(each, (*path, key), source)
+
+    add(data, (), None)
+    return origins
+
+
 def mapping(value: object) -> dict[str, Any]:
     """Return a mapping as it was read, an empty one for anything else."""
     return value if isinstance(value, dict) else {}
@@ -258,9 +285,9 @@ def plain(value: Any) -> Data:
     """
     try:
         data: Data = to_jsonable_python(value, fallback=lambda item: item.tolist())
-    except (AttributeError, PydanticSerializationError):
+    except (AttributeError, ValueError):  # no other form; one that holds itself, or cannot be serialized
         wanted = "numbers, texts, True, False, None, lists and mappings"
-        raise SpecError(f"found {shortened(repr(value))}, expected {wanted}") from None
+        raise SpecError(f"found {shortened(reprlib.repr(value))}, expected {wanted}") from None
     return data
 
 
@@ -364,7 +391,8 @@ def choice(name: str, valid: Iterable[str]) -> str:
     names = list(dict.fromkeys(valid))
     near = suggestion(name, names)
     hint = f" (did you mean {quoted(near)}?)" if near else ""
-    listed = ", ".join(printable(shortened(each)) for each in names)
+    listed = ", ".join(printable(shortened(each)) for each in names[:MOST_NAMES])
+    listed += ", ..." if len(names) > MOST_NAMES else ""
     return f"{hint}, expected {'one of ' if len(names) > 1 else ''}{listed}"
 
 

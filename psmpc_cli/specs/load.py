@@ -2,23 +2,36 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.document import Changes, Document, Fault, for_controller, mapping, override, printable, read, write
+from psmpc_cli.specs.arguments import rejected, require
+from psmpc_cli.specs.document import (
+    Changes,
+    Document,
+    Fault,
+    for_controller,
+    mapping,
+    origins_of,
+    override,
+    printable,
+    read,
+    write,
+)
 from psmpc_cli.specs.fields import faults_of
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
 from psmpc_cli.specs.parts import Context
 from psmpc_cli.specs.priorities import priorities_of
 from psmpc_cli.specs.robot import PlanarRobot, RobotSpec, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, TaskSpec
-from psmpc_cli.specs.urdf import Urdf, read_urdf, spatial_robot
+from psmpc_cli.specs.urdf import URDF_ENDINGS, Urdf, read_urdf, spatial_robot
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -67,20 +80,41 @@ def load_task(reference: str | Path | Mapping[str, Any], set: Changes = ()) -> T
             `{"stages.capture.priority": 10}`, or a sequence of texts `path=value` and options short for them.
 
     Raises:
+        InputError: The reference or the changes are of another type.
         SpecError: Something is wrong with the task, the robot's file or a change; the message lists all of it.
     """
+    require("task", reference, (str, PathLike, Mapping), "the name of a task, the path of a file, or a mapping of keys")
+    _require_changes(set)
     if isinstance(reference, Mapping):
         return _task(read("task", write(reference)), Path(), "task", set)
     path = find("task", reference)
     return _task(read(shown(path), read_text(path)), path.parent, printable(path.stem), set)
 
 
+def _require_changes(changes: Changes) -> None:
+    """Make sure that changes of a task are a mapping by path, or a sequence of texts or pairs of texts.
+
+    Raises:
+        InputError: They are not.
+    """
+    wanted = 'a mapping such as {"controller.nodes": 25}, or a sequence of texts "path=value"'
+    if isinstance(changes, str):
+        raise rejected("set", changes, wanted)
+    require("set", changes, (Mapping, Sequence), wanted)
+    for change in changes:
+        pair = isinstance(change, tuple) and len(change) == 2 and all(isinstance(text, str) for text in change)
+        if not isinstance(change, str) and not pair:
+            raise rejected("set", change, wanted)
+
+
 def load_robot(reference: str | Path) -> RobotSpec:
     """Load a robot from a path or by the name of a built-in one.
 
     Raises:
+        InputError: The reference is neither.
         SpecError: Something is wrong with the file; the message lists all of it.
     """
+    require("robot", reference, (str, PathLike), "the name of a robot or the path of a file")
     robot, faults = validate_robot(document := _read_robot(find("robot", reference)))
     if robot is None:
         raise SpecError(document.report(faults))
@@ -108,7 +142,9 @@ def kind_of_reference(reference: str | Path) -> Kind:
     Raises:
         SpecError: There is no such file, or it cannot be read.
     """
-    if Path(reference).suffix == ".urdf" or (str(reference) in built_ins("robot") and not Path(reference).is_file()):
+    if Path(reference).suffix in URDF_ENDINGS or (
+        str(reference) in built_ins("robot") and not Path(reference).is_file()
+    ):
         return "robot"
     path = find("task", reference)
     return _kind_of(read(shown(path), read_text(path))) or "task"
@@ -133,7 +169,7 @@ def _read_robot(path: Path) -> Document:
     Raises:
         SpecError: It cannot be read, or its URDF describes no robot or not what the file names.
     """
-    if path.suffix == ".urdf":
+    if path.suffix in URDF_ENDINGS:
         document = replace(read(shown(path), f"urdf: {json.dumps(path.name)}"), text="")
     else:
         document = read(shown(path), read_text(path))
@@ -143,12 +179,14 @@ def _read_robot(path: Path) -> Document:
     file, faults = _validate(document, "robot", UrdfRobot, urdf)
     if file is None or urdf is None:
         raise SpecError(document.report(faults))
-    built, notes = spatial_robot(urdf, file), [f"{Path(file.urdf).name}, {note}" for note in urdf.notes]
+    built, sources = spatial_robot(urdf, file)
+    notes = [f"{Path(file.urdf).name}, {note}" for note in urdf.notes]
     own = {key: value for key, value in mapping(document.data).items() if key not in ("urdf", "locked", "base", "arms")}
     given, limits = own.get("limits", {}), built["limits"]
     merged = {part: {**limits.get(part, {}), **given.get(part, {})} for part in {**limits, **given}}
     data = {**built, **own, "limits": merged, "assumed": notes}
-    return replace(document, data=data, changed=True)
+    origins = {path: origin for path, origin in origins_of(data, sources).items() if path not in document.origins}
+    return replace(document, data=data, origins={**document.origins, **origins}, changed=True)
 
 
 def _task(document: Document, robot: Document | Path, name: str, changes: Changes) -> Task:

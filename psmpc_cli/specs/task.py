@@ -17,7 +17,7 @@ from psmpc_cli.specs.object import ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import Context, Space, axes_of, in_joint_space, misfits, names, stands_for
 from psmpc_cli.specs.priorities import disagreements
 from psmpc_cli.specs.robot import LimitsByPart, PartLimits, RobotSpec, Vector, rows, stack, wider
-from psmpc_cli.specs.uncertainty import UncertaintySpec
+from psmpc_cli.specs.uncertainty import StateNoiseSpec, UncertaintySpec
 
 REQUIRED: dict[Space, tuple[str, ...]] = {"point": ("base",)}
 """Parts that targets and weights must have, where these are not all: not every arm has to point at something."""
@@ -104,6 +104,9 @@ class ControllerSpec(Choice):
     known_delay: fields.Whole = Field(
         0, ge=0, description="samples of `uncertainty.delay` that the controller foresees the state over"
     )
+    measurement_noise: StateNoiseSpec | None = Field(
+        None, description="noise that the state is filtered for; default that of `uncertainty.noise`, 0: no filter"
+    )
     offset_free: fields.Flag = Field(False, description="estimate a constant disturbance and take it off the control")
     offset_gain: fields.Positive = Field(0.3, le=1, description="offset_free: gain of the estimate's filter a sample")
     htmpc: HtmpcSpec = Field(HtmpcSpec(), description="what only the lexicographic controller needs")
@@ -122,7 +125,7 @@ class SolverSpec(Choice):
     max_iterations: fields.Whole = Field(200, ge=1, description="iterations after which it gives up")
     iterations: fields.Whole = Field(1, ge=1, description="sqp: iterations a sample from the shifted plan")
     deadline: fields.Positive | None = Field(
-        None, description="time after which a solve stops [s], sqp and ipopt; default none"
+        None, description="time after which the solves of a sample stop [s], sqp and ipopt; default none"
     )
     compiled: fields.Flag = Field(True, description="sqp and plant rk4 as compiled C, where there is a compiler")
 
@@ -498,9 +501,16 @@ class TaskSpec(Spec):
         return (*names, *DEEDS[: 2 if thing.destination is None else 3])
 
     @property
+    def measurement_noise(self) -> StateNoiseSpec:
+        """The noise that the controller filters the measured state for."""
+        declared = self.controller.measurement_noise
+        return self.uncertainty.noise if declared is None else declared
+
+    @property
     def sees_the_state(self) -> bool:
         """Whether the controller decides from the true state."""
-        return not (self.uncertainty.measures_with_noise or self.controller.known_delay)
+        estimates = self.measurement_noise.of_state or self.controller.known_delay
+        return not (self.uncertainty.measures_with_noise or estimates)
 
     @property
     def limits_are_soft(self) -> bool:

@@ -3,11 +3,13 @@
 from collections.abc import Mapping
 from typing import Annotated
 
+import numpy as np
 from pydantic import Field
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, holds
 from psmpc_cli.specs.parts import Context, by_dimension, in_joint_space
+from psmpc_cli.specs.robot import RobotSpec, Vector
 
 _Fractions = fields.OrByPart[fields.Fraction, fields.Part, fields.Fraction]
 _ByArm = fields.OrByPart[fields.NotNegative, fields.ArmName, fields.OneOrMore[fields.NotNegative]]
@@ -23,8 +25,8 @@ class FrictionSpec(Spec):
     width: fields.Positive = Field(0.02, description="rate around 0 within which Coulomb friction turns over [rad/s]")
 
 
-class NoiseSpec(Spec):
-    """Standard deviations of what is measured, drawn anew for every coordinate at every tick."""
+class StateNoiseSpec(Spec):
+    """Standard deviations of what is measured of the robot, independent at every sample and tick."""
 
     position: fields.NotNegative = Field(
         0.0, description="of the base's position, along each axis, and of sliding joints [m]"
@@ -32,6 +34,16 @@ class NoiseSpec(Spec):
     angle: fields.Size = Field(0.0, description="of the base's angle, in space about each axis, and the joints' [rad]")
     velocity: fields.NotNegative = Field(0.0, description="of the velocities of what position is about [m/s]")
     angular_velocity: fields.Size = Field(0.0, description="of the rates of what angle is about [rad/s]")
+
+    @property
+    def of_state(self) -> bool:
+        """Whether the robot's state is measured with noise."""
+        return _any(self.model_dump(include=set(StateNoiseSpec.model_fields)))
+
+
+class NoiseSpec(StateNoiseSpec):
+    """Standard deviations of what is measured, drawn anew for every coordinate at every tick."""
+
     object_position: fields.Sparse[fields.NotNegative] = Field(0.0, description="of the object's position [m]")
     object_angle: fields.Sparse[fields.Size] = Field(0.0, description="of the object's attitude [rad]")
 
@@ -102,7 +114,7 @@ class UncertaintySpec(Spec):
     @property
     def measures_with_noise(self) -> bool:
         """Whether the controller sees another state than the true one."""
-        return _any(self.noise.model_dump(exclude={"object_position", "object_angle"}))
+        return self.noise.of_state
 
     @property
     def is_random(self) -> bool:
@@ -118,6 +130,16 @@ class UncertaintySpec(Spec):
     def in_force(self) -> bool:
         """Whether there is any of it."""
         return _any(self.model_dump(exclude={"friction": {"width"}}))
+
+
+def standard_deviations(noise: StateNoiseSpec, robot: RobotSpec) -> Vector:
+    """Return the deviation of every measured coordinate and velocity of a robot (2n,) [m, rad, m/s, rad/s]."""
+    d = robot.dimension
+    joints = [body.joint.prismatic for body in robot.bodies if body.joint is not None]
+    slides = [*[True] * d, *[False] * (robot.parts["base"] - d), *joints]
+    of_coordinates = [noise.position if each else noise.angle for each in slides]
+    of_velocities = [noise.velocity if each else noise.angular_velocity for each in slides]
+    return np.array([*of_coordinates, *of_velocities])
 
 
 def _any(value: object) -> bool:

@@ -4,7 +4,8 @@ What a file leaves out is assumed and noted; what cannot be a robot is an error.
 of its child link, its `<origin>` is in the parent link's frame, rpy are angles about fixed axes.
 """
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,11 +16,24 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.document import choice, counted, quoted
+from psmpc_cli.specs.document import (
+    DECIMAL,
+    LARGEST,
+    MOST_FAULTS,
+    Location,
+    choice,
+    counted,
+    printable,
+    quoted,
+    shortened,
+)
 from psmpc_cli.specs.library import read_text, shown
 from psmpc_cli.specs.robot import UrdfRobot
 
 Matrix = NDArray[np.float64]
+
+URDF_ENDINGS = (".urdf", ".xacro")
+"""Endings of files that are read as URDF; one with macros is rejected with what to do about it."""
 
 MOVING = ("revolute", "continuous", "prismatic")
 KINDS = (*MOVING, "fixed", "floating", "planar")
@@ -34,7 +48,17 @@ READ = {
 }
 """Elements of URDF, by the one they are in; others are noted."""
 
-XACRO = "{http://www.ros.org/wiki/xacro}"
+ONCE = {"link": ("inertial",), "joint": READ["joint"], "inertial": ("origin", "mass", "inertia")}
+"""Elements that another one has at most once."""
+
+MOST_LINKS = 1000
+"""Links of a file; robots with hands have some hundred."""
+
+MOST_LISTED = 5
+"""Names of links that a message lists."""
+
+Sources = dict[Location, str]
+"""What a key of our own files was built from: file, line, kind and name of a link or joint, by path."""
 
 Places = dict[str, tuple[str, Matrix]]
 """By link, its body and its frame in that of the body (4, 4)."""
@@ -73,6 +97,7 @@ class Urdf:
     Attributes:
         file: Its name, for messages.
         name: The robot's name.
+        sourceline: Line of the element that has it.
         links, joints: By name, in the file's order.
         notes: What was assumed, each with its line.
         errors: What is wrong.
@@ -80,6 +105,7 @@ class Urdf:
 
     file: str
     name: str
+    sourceline: int
     links: dict[str, UrdfLink] = field(default_factory=dict)
     joints: dict[str, UrdfJoint] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -109,8 +135,16 @@ class Urdf:
             tip = carried[tip].parent
         return found
 
+    def where(self, part: "UrdfLink | UrdfJoint") -> str:
+        """Return file, line, kind and name of a link or joint, for messages."""
+        kind = "link" if isinstance(part, UrdfLink) else "joint"
+        return f"{self.file}:{part.sourceline}: {kind} {quoted(part.name)}"
+
     def read(self, root: Any) -> None:
         """Read the elements of the file."""
+        if (links := len(root.findall("link"))) > MOST_LINKS:
+            self._wrong(root, f"{links} links", f"at most {MOST_LINKS}")
+            return
         unknown = set()
         for element in root.iterchildren("*"):
             if element.tag in ("link", "joint"):
@@ -133,7 +167,18 @@ class Urdf:
             second = f"a second {element.tag} {quoted(name)} (first at line {known[name].sourceline})"
             self._wrong(element, second, "a name of its own")
         else:
+            self._check_single(element, f"{element.tag} {quoted(name)}")
             known[name] = self._link(element, name) if element.tag == "link" else self._joint(element, name)
+
+    def _check_single(self, element: Any, whose: str) -> None:
+        """Check that no element is there twice where only the first would count."""
+        firsts = dict[str, Any]()
+        for part in element.iterchildren(*ONCE[element.tag]):
+            if (first := firsts.setdefault(part.tag, part)) is not part:
+                second = f"a second <{part.tag}> of {whose} (first at line {first.sourceline})"
+                self._wrong(part, second, "one at most")
+            elif part.tag in ONCE:
+                self._check_single(part, whose)
 
     def _link(self, element: Any, name: str) -> UrdfLink:
         inertial, line = element.find("inertial"), element.sourceline
@@ -181,16 +226,37 @@ class Urdf:
             self._note(element, f"joint {quoted(name)} has no <limit>: without limits")
         if limit is None or kind not in MOVING:
             return None, None
-        low, high, rate = (self._number(element, f"limit/@{key}", "0") for key in ("lower", "upper", "velocity"))
-        if kind != "prismatic" and rate > 4 * np.pi:
+        before = len(self.errors)
+        low, high, rate = (
+            self._numbers(element, f"limit/@{key}", 1, "0", largest=np.inf)[0] for key in ("lower", "upper", "velocity")
+        )
+        if len(self.errors) > before:
+            return None, None
+        position = None if kind == "continuous" else self._range(limit, low, high, own, kind == "revolute")
+        if rate == 0:
+            self._note(limit, f"the velocity {own} is 0 or not given: without a limit")
+        elif rate > LARGEST:
+            self._note(limit, f"the velocity {rate:g} {own} is beyond {LARGEST:g}: without a limit")
+        elif kind != "prismatic" and rate > 4 * np.pi:
             self._note(limit, f"the velocity {rate:g} rad/s {own} looks like degrees")
-        if kind == "continuous":
-            return None, rate or None
-        if low > high:
-            self._wrong(limit, f"the limits {low:g}, {high:g} {own}", "the lower one first")
-        if kind == "revolute" and max(-low, high) > 4 * np.pi:
+        return position, rate if 0 != rate <= LARGEST else None
+
+    def _range(self, limit: Any, low: float, high: float, own: str, turns: bool) -> tuple[float, float] | None:
+        """Return the limits of a joint's position, None where they say that there are none."""
+        if low == high == 0:
+            self._note(limit, f"the limits {own} are both 0 or not given: without limits")
+            return None
+        if -low > LARGEST and high > LARGEST:
+            self._note(limit, f"the limits {low:g}, {high:g} {own} are beyond {LARGEST:g}: without limits")
+            return None
+        if max(abs(low), abs(high)) > LARGEST:
+            self._wrong(limit, f"the limits {low:g}, {high:g} {own}", f"both within {LARGEST:g}, or both beyond it")
+        elif low >= high:
+            wanted = 'the lower one first; a joint that does not move has type="fixed"'
+            self._wrong(limit, f"the limits {low:g}, {high:g} {own}", wanted)
+        elif turns and max(-low, high) > 4 * np.pi:
             self._note(limit, f"the limits {low:g}, {high:g} rad {own} look like degrees")
-        return (low, high), rate or None
+        return low, high
 
     def _origin(self, element: Any) -> Matrix:
         place, rpy = np.eye(4), self._numbers(element, "origin/@rpy", 3, "0 0 0")
@@ -204,17 +270,19 @@ class Urdf:
     def _number(self, element: Any, attribute: str, missing: str = "") -> float:
         return self._numbers(element, attribute, 1, missing)[0]
 
-    def _numbers(self, element: Any, attribute: str, count: int, missing: str = "") -> list[float]:
+    def _numbers(
+        self, element: Any, attribute: str, count: int, missing: str = "", largest: float = LARGEST
+    ) -> list[float]:
         """Return the numbers of an attribute of an element inside another one, such as `origin/@xyz`."""
         text: Any = next(iter(element.xpath(attribute)), missing)
-        try:
-            values = [float(part) for part in text.split()]
-        except ValueError:
-            values = []
-        if len(values) != count or not np.isfinite(values).all():
+        values = [float(part) if re.fullmatch(DECIMAL, part) else np.nan for part in text.split()]
+        if len(values) != count or not np.all(np.abs(values) <= largest):
             key = attribute.replace("/@", " ")
-            found = f'{key}="{text}"' if text else f"no {key}"
-            self._wrong(text.getparent() if text else element, found, counted(count, "number", "numbers"))
+            found = f"{key} {quoted(text)}" if text else f"no {key}"
+            wanted = counted(count, "number", "numbers")
+            if np.any(np.abs(values) > largest):
+                wanted += f" of at most {largest:g} in magnitude"
+            self._wrong(text.getparent() if text else element, found, wanted)
             return [1.0] + [0.0] * (count - 1)
         return values
 
@@ -231,7 +299,7 @@ class Urdf:
         if self.errors:
             return
         if len(roots) != 1:
-            several = f"{len(roots)} links that no joint carries ({', '.join(roots)})"
+            several = f"{len(roots)} links that no joint carries ({_names(roots)})"
             found = several if roots else "joints in a circle" if links else "a robot without links"
             self._wrong(root, found, "one link that no joint carries, the base")
             return
@@ -260,22 +328,44 @@ def read_urdf(path: Path) -> Urdf:
         root = etree.fromstring(text.encode())
     except etree.XMLSyntaxError as error:
         line, column = error.position
+        if "xacro" in error.msg:  # a prefix without a namespace
+            raise _xacro(name, line) from None
         raise SpecError(f"{name}:{line}:{column}: found no XML ({error.msg}), expected a URDF file") from None
-    described = (part for each in root.iterchildren("*") if each.tag not in FOREIGN for part in each.iter("*"))
-    if any(part.tag.startswith(XACRO) or "${" in "".join(part.attrib.values()) for part in described):
-        raise SpecError(
-            f"{name}:1: found xacro macros, expected plain URDF: expand it first with xacro FILE > FILE.urdf"
-        )
+    described = [root, *(part for each in root.iterchildren("*") if each.tag not in FOREIGN for part in each.iter("*"))]
+    if (macro := next(filter(_is_xacro, described), None)) is not None:
+        raise _xacro(name, macro.sourceline)
     if root.tag != "robot":
         raise SpecError(f"{name}:{root.sourceline}: found <{root.tag}>, expected a URDF file with the element <robot>")
-    urdf = Urdf(name, root.get("name") or path.stem)
+    urdf = Urdf(name, root.get("name") or path.stem, root.sourceline)
     urdf.read(root)
+    if more := urdf.errors[MOST_FAULTS:]:
+        urdf.errors[MOST_FAULTS:] = [f"{name}: {len(more)} more problems"]
     if urdf.errors:
         raise SpecError("\n".join(urdf.errors))
     return urdf
 
 
-def spatial_robot(urdf: Urdf, file: UrdfRobot) -> dict[str, Any]:
+def _is_xacro(element: Any) -> bool:
+    """Tell whether an element is of xacro, or has an attribute or an expression of it."""
+    names = [name for name in (element.tag, *element.attrib) if name.startswith("{")]
+    text = " ".join((*element.attrib.values(), element.text or ""))
+    macro = element.prefix == "xacro" or any("xacro" in name for name in names)
+    return macro or "${" in text or "$(" in text
+
+
+def _xacro(name: str, line: int) -> SpecError:
+    """Create the error of a file with macros."""
+    found = f"{name}:{line}: found xacro macros, expected plain URDF"
+    return SpecError(f"{found}: run xacro on it first, xacro FILE > FILE.urdf")
+
+
+def _names(names: Sequence[str]) -> str:
+    """List the first few names."""
+    listed = ", ".join(printable(shortened(name)) for name in names[:MOST_LISTED])
+    return f"{listed}, ..." if len(names) > MOST_LISTED else listed
+
+
+def spatial_robot(urdf: Urdf, file: UrdfRobot) -> tuple[dict[str, Any], Sources]:
     """Build the keys of a spatial robot from a URDF: bodies that do not move against each other become one.
 
     Joints of no arm are locked, at 0 or where the file says, and their links count. A joint that two arms share belongs
@@ -284,6 +374,9 @@ def spatial_robot(urdf: Urdf, file: UrdfRobot) -> dict[str, Any]:
     Args:
         urdf: The URDF.
         file: What refers to it.
+
+    Returns:
+        The keys, and what they were built from.
 
     Raises:
         SpecError: An arm has no joint, or a moving body has no mass.
@@ -300,9 +393,15 @@ def spatial_robot(urdf: Urdf, file: UrdfRobot) -> dict[str, Any]:
             urdf.notes.append(f"{note} belongs to no arm: locked at {file.locked.get(joint.name, 0.0):g}")
     robot: dict[str, Any] = {"name": urdf.name, "space": "spatial", "base": _inertial(urdf, places, "base")}
     arms, limits = robot.setdefault("arms", {}), robot.setdefault("limits", {})
+    sources: Sources = {("name",): f"{urdf.file}:{urdf.sourceline}: <robot>", ("base",): urdf.where(urdf.links[base])}
     for name, (tip, own) in chains.items():
         links = []
-        for joint in own:
+        sources["arms", name] = sources["arms", name, "tool"] = urdf.where(urdf.links[tip])
+        for i, joint in enumerate(own):
+            sources["arms", name, "links", i] = urdf.where(urdf.links[joint.child])
+            sources["arms", name, "links", i, "joint"] = urdf.where(joint)
+            for quantity in ("position", "velocity"):
+                sources["limits", name, quantity, i] = urdf.where(joint)
             kind = "prismatic" if joint.kind == "prismatic" else "revolute"
             moving = {"kind": kind, "axis": _plain(joint.axis), **_place(places[joint.parent][1] @ joint.origin)}
             links.append({"joint": moving, **_inertial(urdf, places, bodies[joint.name])})
@@ -311,7 +410,7 @@ def spatial_robot(urdf: Urdf, file: UrdfRobot) -> dict[str, Any]:
         given: dict[str, list[Any]] = {"position": position, "velocity": [joint.rate for joint in own]}
         if found := {key: values for key, values in given.items() if any(value is not None for value in values)}:
             limits[name] = found
-    return robot
+    return robot, sources
 
 
 def _chains(urdf: Urdf, file: UrdfRobot, base: str) -> dict[str, tuple[str, list[UrdfJoint]]]:
@@ -352,7 +451,7 @@ def _placed(urdf: Urdf, base: str, locked: Mapping[str, float], bodies: Mapping[
                 places[joint.parent] = (body, frame @ np.linalg.inv(joint.origin))
                 waiting.append(joint.parent)
     if left := [name for name in urdf.links if name not in places]:
-        urdf.notes.append(f"links above the base are left out: {', '.join(left)}")
+        urdf.notes.append(f"links above the base are left out: {_names(left)}")
     return places
 
 
@@ -375,7 +474,7 @@ def _inertial(urdf: Urdf, places: Places, body: str) -> dict[str, Any]:
     links = [(urdf.links[link], frame) for link, (of, frame) in places.items() if of == body]
     mass, where = sum(link.mass for link, _ in links), f"{urdf.file}:{links[0][0].sourceline}"
     if mass <= 0:
-        names = ", ".join(quoted(link.name) for link, _ in links)
+        names = _names([link.name for link, _ in links])
         raise SpecError(f"{where}: found no mass of {names}, expected one: it moves on its own")
     centres = [(frame @ np.append(link.centre, 1.0))[:3] for link, frame in links]
     centre = sum((link.mass * at for (link, _), at in zip(links, centres, strict=True)), np.zeros(3)) / mass
@@ -385,7 +484,7 @@ def _inertial(urdf: Urdf, places: Places, body: str) -> dict[str, Any]:
         inertia += turned @ link.inertia @ turned.T + link.mass * (d @ d * np.eye(3) - np.outer(d, d))
     principal = np.linalg.eigvalsh(inertia)
     if principal[0] <= 0:
-        found = f"{', '.join(f'{moment:.3g}' for moment in principal)} kg m^2 of {links[0][0].name}"
+        found = f"{', '.join(f'{moment:.3g}' for moment in principal)} kg m^2 of {quoted(links[0][0].name)}"
         raise SpecError(f"{where}: found principal moments {found}, expected positive ones")
     moments = [inertia[i] for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
     return {"mass": float(mass), "centre_of_mass": _plain(centre), "inertia": _plain(moments)}

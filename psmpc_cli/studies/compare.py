@@ -10,6 +10,7 @@ from psmpc_cli.logs.comparison import save_comparison
 from psmpc_cli.logs.files import check_output, writing
 from psmpc_cli.logs.run import Run
 from psmpc_cli.simulation.run import simulate
+from psmpc_cli.specs.arguments import rejected, require, require_options
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import ControllerSpec
 from psmpc_cli.studies.runner import changed, compute_all
@@ -24,7 +25,7 @@ VARIED = "controller.kind"
 def compare(
     task: Task | str | Path,
     controllers: Sequence[str] = CONTROLLERS,
-    path: Path | None = None,
+    path: Path | str | None = None,
     jobs: int | None = None,
     force: bool = False,
 ) -> dict[str, Run]:
@@ -41,10 +42,16 @@ def compare(
         The runs by controller.
 
     Raises:
-        InputError: A controller is unknown, or the file exists or cannot be written.
+        InputError: An argument is of another type, a controller is unknown, or the file exists or cannot be written.
         SpecError: The task does not hold.
         RunError: A process was killed each time.
     """
+    wanted = 'a list of names such as ["psmpc", "smpc"]'
+    if isinstance(controllers, str) or not isinstance(controllers, Sequence):
+        raise rejected("controllers", controllers, wanted)
+    for kind in controllers:
+        require("controllers", kind, str, wanted)
+    path = require_options(path, jobs, force)
     return run_tasks(compared_tasks(task, controllers), path, jobs, force)
 
 

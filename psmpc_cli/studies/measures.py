@@ -56,6 +56,17 @@ def _error_at_end(run: Run, stage: int) -> float:
     return problem.costs.end_error(*in_own_chart(problem.model, problem.stages[stage], final["Q"], final["v"]))
 
 
+def _errors_at_ends(path: str) -> Callable[[Run], np.ndarray]:
+    """Read the end errors of every stage, where it ended; NaN of stages that did not."""
+
+    def read(run: Run) -> np.ndarray:
+        errors = run[path]
+        largest = np.max(errors, axis=0, initial=-np.inf, where=np.isfinite(errors))
+        return np.where(np.isfinite(largest), largest, np.nan)
+
+    return read
+
+
 def _monitor_margins(run: Run) -> list[float]:
     return [verdict.margin for verdict in run.summary().monitors]
 
@@ -70,6 +81,8 @@ _ENDS = _number(
 )
 _STARTS, _CURRENT = "actual start of each stage", "integral of the cost Lbar of each stage while it was the current one"
 _FINAL = "largest error of the last stage's end condition at the end, over its tolerance"
+_AT_ENDS = "largest error of each stage's end condition at its end, but the last one's, over its tolerance"
+_AND_NOISE = "the same over its tolerance plus 2 sigma of its measurement"
 _BEYOND = "tightest distance to a {} limit at a tick; negative beyond it"
 _OVER = "the same distance to a {} limit, over half the limits' distance"
 _MARGINS = "smallest distance of each monitor's signal to its bounds"
@@ -84,6 +97,8 @@ OUTCOME = (
     _ENDS,
     _number("actual_start", "s", _STARTS, lambda run: run.stages["actual_start"], dims=("stage",)),
     _number("final_error", "1", _FINAL, lambda run: _error_at_end(run, -1)),
+    _number("end_error", "1", _AT_ENDS, _errors_at_ends("deviation/end"), dims=("stage",)),
+    _number("end_error_noise", "1", _AND_NOISE, _errors_at_ends("deviation/end_noise"), dims=("stage",)),
     _number("position_margin", "m, rad", _BEYOND.format("position"), _margin("position", "margin")),
     _number("velocity_margin", "m/s, rad/s", _BEYOND.format("velocity"), _margin("velocity", "margin")),
     _number("relative_position_margin", "1", _OVER.format("position"), _margin("position", "relative")),

@@ -12,6 +12,7 @@ from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import MONTE_CARLO, Column, Sample
 from psmpc_cli.simulation.run import simulate
+from psmpc_cli.specs.arguments import require_callable, require_options, require_whole
 from psmpc_cli.specs.document import printable
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.measures import WHOLE_RUN, check_columns
@@ -27,6 +28,7 @@ from psmpc_cli.studies.runner import (
     run_study,
     task_in,
 )
+from psmpc_cli.studies.sweep import MOST_CELLS
 
 Array = np.ndarray
 
@@ -48,7 +50,7 @@ EXCEEDED = 1e-6
 def monte_carlo(
     task: Task | str | Path,
     runs: int,
-    path: Path | None = None,
+    path: Path | str | None = None,
     jobs: int | None = None,
     dask: str | None = None,
     force: bool = False,
@@ -68,9 +70,13 @@ def monte_carlo(
         watch: Called with the progress at the beginning and after every run.
 
     Raises:
-        InputError: Nothing of the task is random, or its seed leaves no room for others; or as for `run_study`.
+        InputError: An argument is of another type, nothing of the task is random, or its seed leaves no room for
+            others; or as for `run_study`.
         SpecError: The task does not hold.
     """
+    require_whole("runs", runs, least=1, most=MOST_CELLS)
+    require_callable("watch", watch, "the progress")
+    path = require_options(path, jobs, force, resume, dask)
     study = monte_carlo_study(task, runs)
     return MonteCarloRuns(run_study(study, path, jobs, dask, force, resume, watch))
 

@@ -14,6 +14,8 @@ from psmpc_cli.control.multistart import multistart_for
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.schema import SWEEP, Column
+from psmpc_cli.specs.arguments import rejected, require, require_callable, require_options
+from psmpc_cli.specs.document import plain
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.measures import WHOLE_RUN, check_columns, second_stage
 from psmpc_cli.studies.runner import (
@@ -294,7 +296,7 @@ DEFAULT_TASK = "approach_capture"
 def sweep(
     task: Task | str | Path,
     values: Mapping[str, Sequence[Any]],
-    path: Path | None = None,
+    path: Path | str | None = None,
     jobs: int | None = None,
     dask: str | None = None,
     force: bool = False,
@@ -317,9 +319,16 @@ def sweep(
         What became of the runs: arrays along one dimension for each key, named as the key.
 
     Raises:
-        InputError: There are no values or too many, or as for `run_study`.
+        InputError: An argument is of another type, there are no values or too many, or as for `run_study`.
         SpecError: A value does not fit the task.
     """
+    wanted = 'a mapping of keys to lists of values, such as {"stages.capture.priority": [1, 10]}'
+    require("values", values, Mapping, wanted)
+    for key, each in values.items():
+        if not isinstance(key, str) or isinstance(each, str) or not isinstance(each, Sequence | np.ndarray):
+            raise rejected("values", {key: each}, wanted)
+    require_callable("watch", watch, "the progress")
+    path = require_options(path, jobs, force, resume, dask)
     loaded = changed(task, LIGHT)
     runs = int(np.prod([len(each) for each in values.values()])) if values else 0
     if not 0 < runs <= MOST_CELLS:
@@ -342,7 +351,7 @@ def sweep(
 
 
 def _text(value: Any) -> str:
-    return json.dumps(value, default=lambda array: array.tolist())
+    return json.dumps(plain(value))
 
 
 def _axis(values: Sequence[Any]) -> np.ndarray:

@@ -1,5 +1,8 @@
+from collections import defaultdict
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
+from time import perf_counter
 
 import numpy as np
 import pytest
@@ -7,8 +10,11 @@ import yaml
 
 from psmpc_cli.control import Command, Controller, State
 from psmpc_cli.errors import RunError
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.window import Window
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.simulation.run import Experiment, closed_loop, simulate
+from psmpc_cli.simulation.run import Experiment, build_experiment, closed_loop, simulate
+from psmpc_cli.solvers import Solution, Solver
 from psmpc_cli.specs.load import Task, load_task
 
 from ..there_and_back import TASK
@@ -137,6 +143,40 @@ def test_without_a_plan_the_robot_stays_at_rest(experiment_of: Build) -> None:
     assert np.all(states(samples) == 0)
 
 
+def test_a_robot_that_moves_brakes_at_once_where_its_first_solve_fails() -> None:
+    """A joint 5 deg beyond its limit, outward at 0.15 rad/s: no window has a solution under hard limits."""
+    task = load_task("transport", QUICK)
+    controller = Controller(task)
+    Q, v = np.zeros(9), np.zeros(9)
+    Q[3] = np.radians(5) + controller.stages[0].limits.position_high[3]
+    v[3] = 0.15
+    command = controller.step(0.0, State(Q, v))
+    assert "solve_failed" in command.events
+    end = command.plan.states_at(np.array([0.5, task.spec.controller.horizon]))
+    np.testing.assert_allclose(end[:, 9:], 0, atol=1e-12)
+    np.testing.assert_allclose(end[:, 3], Q[3] + 0.5 / 2 * 0.15)
+
+
+def test_a_switch_that_is_due_takes_place_where_the_measured_state_is_near_its_target() -> None:
+    """4 tolerances past it, a few milliseconds before the switch: no motion corrects that in time.
+
+    Soft limits would let the robot rush there and past it, and without the stage that waits it turns back.
+    """
+    experiment = build_experiment(load_task("transport", {"controller.nodes": 25, "controller.soft_limits": True}))
+    controller = experiment.controller
+    for sample in closed_loop(experiment):
+        command = sample.command
+        if len(command.instants) and command.instants[0] < command.time + 0.105:
+            break
+    planned, x = command.instants[0], sample.ticks.X[-1].copy()
+    x[0] -= 4 * controller.stages[command.stage.index].tolerance[0]
+    due = controller.step(command.time + 0.1, State.of(x))
+    assert 0.001 < planned - due.time < 0.005
+    np.testing.assert_array_equal(due.instants, planned)
+    after = controller.step(due.time + 0.1, State.of(x))
+    assert [(switch.stage, switch.time) for switch in after.switches] == [(command.stage.index, planned)]
+
+
 def test_an_append_that_cannot_be_solved_is_postponed(experiment_of: Build) -> None:
     fails = with_failures(experiment_of(*SHORT), lambda window: len(window.stages) > 1 and window.start < 0.95)
     samples, ending = run(fails)
@@ -153,6 +193,31 @@ def test_an_append_whose_solve_ran_out_of_iterations_goes_on_from_its_iterate(ex
     resumed = next(s for s in closed_loop(limited) if "appended" in s.command.events).command
     assert resumed.time == pytest.approx(usual.time + 0.3)
     assert resumed.solution.iterations < usual.solution.iterations
+
+
+class Clocked(Solver):
+    """A solver that records when each solve has to stop, by the beginning of its window."""
+
+    deadline = 0.03
+
+    def __init__(self, solver: Solver) -> None:
+        self.solver = solver
+        self.stops = defaultdict[float, list[float]](list)
+
+    def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
+        self.stops[window.start].append(self.stop_time(perf_counter()))
+        return self.solver.solve(window, guess, previous, within)
+
+
+def test_all_solves_of_a_sample_share_its_deadline(experiment_of: Build) -> None:
+    fails = with_failures(experiment_of(*SHORT), lambda window: len(window.stages) > 1 and window.start < 0.95)
+    clocked = Clocked(fails.controller.solver)
+    list(closed_loop(replace(fails, controller=Controller(fails.problem, clocked))))
+    several = [stops for stops in clocked.stops.values() if len(stops) > 1]
+    assert several
+    assert all(len(set(stops)) == 1 for stops in several)
+    firsts = [stops[0] for stops in clocked.stops.values()]
+    assert all(later > earlier for earlier, later in pairwise(firsts))
 
 
 def test_a_state_that_is_not_measured_is_that_of_the_plan() -> None:

@@ -1,27 +1,36 @@
+from typing import Any
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from psmpc_cli.control.controller import Estimator, State
+from psmpc_cli.control import State
+from psmpc_cli.control.estimator import Estimate, Estimator, advanced
+from psmpc_cli.robot.kinematics import moved, step_between
 from psmpc_cli.specs.load import load_task
 
 T, TICKS = 0.1, 5
 
 
-def estimator(gain: float = 0.3, delay: int = 0, n: int = 2, offset_free: bool = True) -> Estimator:
+def estimator(noise: float = 0.0, gain: float = 0.3, delay: int = 0, n: int = 2, offset_free: bool = True) -> Estimator:
     changes = [f"controller.offset_free={offset_free}", f"controller.known_delay={delay}", f"uncertainty.delay={delay}"]
     spec = load_task("transport", changes).spec.controller.model_copy(update={"offset_gain": gain})
-    return Estimator(spec, T / TICKS, n)
+    return Estimator(spec, np.r_[np.full(n, noise), np.zeros(n)], T / TICKS)
 
 
 def follow(true: np.ndarray, gain: float, samples: int, noise: float = 0.0, delay: int = 0) -> np.ndarray:
     """Estimate a disturbance (n,) of a double integrator; (samples, n)."""
-    random, estimating = np.random.default_rng(4), estimator(gain, delay)
+    random, estimating = np.random.default_rng(4), estimator(gain=gain, delay=delay)
     v, old, found = np.zeros(2), [np.zeros(2)] * delay, []
+    estimate: Estimate | None = None
     for k in range(samples):
         old.append(v + noise * random.standard_normal(2))
-        u = estimating.command(np.tile([np.sin(k), np.cos(k)], (TICKS, 1)), old.pop(0))
+        measured = State(np.zeros(2), old.pop(0))
+        planned = np.tile([np.sin(k), np.cos(k)], (TICKS, 1))
+        estimate, u = estimating.command(estimating.measured(estimate, measured), planned, measured.v)
         v = v + T * (u.mean(axis=0) + true)
-        found.append(estimating.d)
+        found.append(estimate.disturbance)
     return np.array(found)
 
 
@@ -41,22 +50,106 @@ def test_a_smaller_gain_lets_less_noise_through() -> None:
     assert quiet < 0.3 * loud
 
 
-def test_a_measurement_that_is_not_finite_changes_no_estimate() -> None:
-    estimating, u = estimator(0.5), np.zeros((TICKS, 2))
-    estimating.command(u, np.zeros(2))
-    estimating.command(u, np.array([np.nan, 1.0]))
-    np.testing.assert_allclose(estimating.d, [0.0, 5.0])
+def test_a_measurement_that_is_not_finite_changes_no_disturbance() -> None:
+    estimating, u = estimator(gain=0.5), np.zeros((TICKS, 2))
+    estimate, _ = estimating.command(estimating.measured(None, State(np.zeros(2), np.zeros(2))), u, np.zeros(2))
+    estimate, _ = estimating.command(estimate, u, np.array([np.nan, 1.0]))
+    np.testing.assert_allclose(estimate.disturbance, [0.0, 5.0])
 
 
-def test_without_a_delay_the_measured_state_is_the_one_to_decide_from() -> None:
-    state = State(np.zeros(2), np.ones(2))
-    assert estimator().foreseen(state) is state
+def test_without_delay_and_noise_the_measured_state_is_the_one_to_decide_from() -> None:
+    state, estimating = State(np.zeros(2), np.ones(2)), estimator()
+    estimate, _ = estimating.command(estimating.measured(None, state), np.ones((TICKS, 2)), state.v)
+    assert estimating.foreseen(estimating.measured(estimate, state)) is state
 
 
 def test_the_foreseen_state_follows_what_was_planned_since_the_measurement() -> None:
     """Two samples of 0.1 s under 1 and 2 m/s^2 from rest at 7: 7 + 0.005 + 0.01 + 0.01 m, and 0.3 m/s."""
     estimating, state = estimator(delay=2, offset_free=False), State(np.full(2, 7.0), np.zeros(2))
-    np.testing.assert_allclose(estimating.foreseen(state).x, state.x)
+    estimate = estimating.measured(None, state)
+    np.testing.assert_allclose(estimating.foreseen(estimate).x, state.x)
     for u in (1.0, 2.0):
-        estimating.command(np.full((TICKS, 2), u), np.zeros(2))
-    np.testing.assert_allclose(estimating.foreseen(state).x, [7.025, 7.025, 0.3, 0.3], atol=1e-12)
+        estimate, _ = estimating.command(estimate, np.full((TICKS, 2), u), np.zeros(2))
+        estimate = estimating.measured(estimate, state)
+    np.testing.assert_allclose(estimating.foreseen(estimate).x, [7.025, 7.025, 0.3, 0.3], atol=1e-12)
+
+
+SIGMA = 1e-3
+
+
+class Filtered:
+    """A robot whose coordinates are measured with noise, and what is estimated of it sample by sample."""
+
+    def __init__(self, spatial: bool = False, delay: int = 0, seed: int = 0) -> None:
+        n = 7 if spatial else 2
+        self.estimator = estimator(SIGMA, delay=delay, n=n, offset_free=False)
+        self.random = np.random.default_rng(seed)
+        self.true = State(np.r_[np.zeros(3), 1.0, np.zeros(4)] if spatial else np.zeros(2), np.zeros(n))
+        self.sent = [self.true] * delay
+        self.estimate: Estimate | None = None
+        self.errors: list[np.ndarray] = []
+        self.noises: list[np.ndarray] = []
+
+    def step(self, u: Any = 0.0, jump: Any = 0.0, is_measured: bool = True) -> None:
+        """Measure, decide for planned accelerations u, and move; velocities jump at the sample's end."""
+        n = len(self.true.v)
+        noise = SIGMA * self.random.standard_normal(n)
+        self.sent.append(State(np.array(moved(self.true.Q, noise)), self.true.v))
+        measured = self.sent.pop(0)
+        if not is_measured:
+            measured = State(np.full_like(measured.Q, np.nan), np.full(n, np.nan))
+        estimate = self.estimator.measured(self.estimate, measured)
+        foreseen = self.estimator.foreseen(estimate)
+        spatial = len(self.true.Q) > n
+        self.errors.append(np.array(step_between(self.true.Q, foreseen.Q, spatial)))
+        self.noises.append(noise)
+        planned = np.broadcast_to(u, (TICKS, n)).astype(float)
+        self.estimate, commanded = self.estimator.command(estimate, planned, measured.v)
+        moved_on = advanced(self.true, commanded, T / TICKS)
+        self.true = State(moved_on.Q, moved_on.v + jump)
+
+    @property
+    def ratio(self) -> float:
+        """Error of the estimate over the noise, root mean squares of the second half of the samples."""
+        half = len(self.errors) // 2
+        return float(np.std(self.errors[half:]) / np.std(self.noises[half:]))
+
+
+@pytest.mark.parametrize("delay", [0, 3])
+@pytest.mark.parametrize("spatial", [False, True], ids=["plane", "space"])
+def test_noise_is_filtered_while_the_robot_follows_its_plan(spatial: bool, delay: int) -> None:
+    """A random walk of 9e-5 m a sample, (0.2 |u| + 0.01) T^2 / sqrt(12), leaves sqrt(0.09) of a noise of 1e-3 m."""
+    robot = Filtered(spatial, delay)
+    for k in range(400):
+        robot.step(0.1 * np.sin(0.05 * k))
+    assert robot.ratio < 0.4
+
+
+@pytest.mark.parametrize("spatial", [False, True], ids=["plane", "space"])
+def test_a_jump_of_the_velocities_leaves_no_error_beyond_that_of_a_measurement(spatial: bool) -> None:
+    """Grippers that close, a blow: what the filter expected is given up, not corrected bit by bit."""
+    robot = Filtered(spatial)
+    for k in range(200):
+        robot.step(jump=np.where(k == 150, 0.2, 0.0))
+    assert np.abs(robot.errors[151:]).max() < 4 * SIGMA
+    assert np.abs(robot.errors[190:]).max() < SIGMA
+
+
+def test_what_is_not_measured_is_predicted() -> None:
+    robot = Filtered()
+    for k in range(100):
+        robot.step(0.1 * np.sin(0.05 * k), is_measured=k not in range(50, 60))
+    assert np.abs(robot.errors[50:60]).max() < SIGMA
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 1000), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
+def test_an_estimate_does_not_depend_on_the_attitude_it_is_about(seed: int, about_x: float, about_z: float) -> None:
+    """A filter of rotation vectors is the same from every attitude."""
+    upright, turned = Filtered(spatial=True, seed=seed), Filtered(spatial=True, seed=seed)
+    Q = np.array(moved(turned.true.Q, [0, 0, 0, about_x, 0, about_z, 0]))
+    turned.true = State(Q, turned.true.v)
+    for _ in range(5):
+        upright.step(0.1)
+        turned.step(0.1)
+    np.testing.assert_allclose(turned.errors, upright.errors, atol=1e-12)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.control.controller import Controller, State
+from psmpc_cli.control import Controller, State
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.tracking import Tracker, to_be_closed
 from psmpc_cli.ocp.problem import build_problem

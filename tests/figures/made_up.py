@@ -170,6 +170,7 @@ def _row(model: RobotModel, time: float, story: Story) -> dict[str, Any]:
         **{f"effort/{name}": 1.0 for name in ("control", "base_force", "base_torque")},
         **{f"deviation/{name}": np.full(model.n, np.nan) for name in ("Q", "Qdot")},
         "deviation/end": np.full(stages, np.nan),
+        "deviation/end_noise": np.full(stages, np.nan),
         "balance/momentum": np.zeros(3),
         "balance/energy": 0.0,
         "state/Q_true": Q,

@@ -34,6 +34,30 @@ def test_built_in_tasks_are_feasible_and_without_remarks(name: str) -> None:
     assert remarks(task, look_ahead(task)) == []
 
 
+def noisy(*changes: str) -> list[tuple[str, str]]:
+    task = transport("uncertainty.noise={position: 1e-3, angle: 1e-3}", *changes)
+    return [(dotted(remark.path), remark.message) for remark in remarks(task, look_ahead(task))]
+
+
+def test_a_tolerance_below_three_sigma_of_its_measurement_is_remarked() -> None:
+    """An arm's angle is the sum of the base's and three joints' of 1 mrad each: 3 sqrt(4) = 6 mrad."""
+    by_stage = dict(noisy())
+    assert list(by_stage) == [f"stages[{i}].ends_when" for i in (0, 1, 2)]
+    assert "tolerance of 0.002 for base.x, expected at least 0.003, three standard" in by_stage["stages[0].ends_when"]
+    assert "tolerance of 0.0011 for arm_1.theta, expected at least 0.006," in by_stage["stages[1].ends_when"]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        ("controller.measurement_noise={}",),
+        tuple(f"stages.{stage}.ends_when.tolerance=0.01" for stage in ("approach", "capture", "transport")),
+    ],
+)
+def test_tolerances_above_three_sigma_or_without_noise_are_not_remarked(changes: tuple[str, ...]) -> None:
+    assert noisy(*changes) == []
+
+
 def test_misprint_of_the_paper_names_arm_distance_and_reach() -> None:
     misprinted = parse_task(
         TRANSPORT.task_yaml.replace("base: [-2, 2, 30 deg]", "base: [-2, -2, 30 deg]"),

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -52,6 +53,8 @@ def test_a_shifted_plan_coasts_past_the_end_of_the_old_one() -> None:
     np.testing.assert_allclose(shift(plan, 0.5, 1.0, np.array([1.25, 0.5])).X[-1], [1.75, 0.5])
 
 
-def test_braking_plan_ends_at_rest() -> None:
-    plan = braking_plan(2.0, np.array([1.0, -1.0, 0.2, -0.1]), 0.5)
+@pytest.mark.parametrize(("horizon", "end"), [(0.0, 2.5), (4.0, 6.0)])
+def test_braking_plan_ends_at_rest(horizon: float, end: float) -> None:
+    plan = braking_plan(2.0, np.array([1.0, -1.0, 0.2, -0.1]), 0.5, horizon)
+    assert plan.end == end
     np.testing.assert_allclose(plan.states_at(np.array([2.5, 3.0])), [[1.05, -1.025, 0, 0]] * 2, atol=1e-12)

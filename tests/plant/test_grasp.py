@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from psmpc_cli.control.controller import Controller, State
+from psmpc_cli.control import Controller, State
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.errors import InputError
 from psmpc_cli.plant import Ticks, build_plant

@@ -14,7 +14,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webdriver import WebDriver
 
-from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.errors import InputError
 from psmpc_cli.figures.scene import scene_of
 from psmpc_cli.logs.run import Run
 from psmpc_cli.report.view import view
@@ -68,7 +68,7 @@ def test_a_page_is_shown_in_a_notebook_and_saved_once(run: Run, tmp_path: Path) 
     for path in (tmp_path / "new" / "page.html", tmp_path):
         with pytest.raises(InputError):
             page.save(path)
-    with pytest.raises(LogError, match="no run"):
+    with pytest.raises(InputError, match="at least one Run"):
         view({})
 
 

@@ -1,5 +1,8 @@
 """Solver and plant as compiled C: decided before the first sample, logged, and of no consequence for the results."""
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
@@ -8,7 +11,8 @@ import numpy as np
 import pytest
 
 from psmpc_cli.logs.schema import Sample
-from psmpc_cli.simulation.run import Experiment, closed_loop, header
+from psmpc_cli.simulation.run import Experiment, closed_loop, header, simulate
+from psmpc_cli.specs.load import load_task
 
 COARSE = ("controller.nodes=10", "solver.kind=sqp", "log.shares=false")
 
@@ -34,6 +38,43 @@ def test_compiled_and_interpreted_runs_agree(experiment_of: Callable[..., Experi
     for one, other in pairs:
         np.testing.assert_allclose(one.command.instants, other.command.instants, rtol=0, atol=1e-6)
         np.testing.assert_allclose(one.command.x[:9], other.command.x[:9], rtol=0, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_a_mission_is_the_same_with_and_without_a_compiler() -> None:
+    """Its end conditions on poses are curved, which both methods for programs count in."""
+    switch_times, iterations = [], []
+    for compiled in ("true", "false"):
+        run = simulate(load_task("transport", ["controller.nodes=25", f"solver.compiled={compiled}"]))
+        switch_times.append(run.stages["switch_time"])
+        iterations.append(run["solver/iterations"].sum())
+    np.testing.assert_allclose(*switch_times, rtol=0, atol=1e-6)
+    assert iterations[0] == iterations[1]
+
+
+@pytest.mark.slow
+def test_a_controller_compiles_nothing_once_it_is_built(tmp_path: Path) -> None:
+    """In a process of its own, whose cache is empty: what was built before would serve here."""
+    script = """
+import os
+from psmpc_cli import load_task
+from psmpc_cli.control import Controller, State
+from psmpc_cli.control.estimator import advanced
+import numpy as np
+controller = Controller(load_task("transport", ["controller.nodes=12"]))
+built = sorted(os.listdir(os.environ["PSMPC_CACHE"]))
+state = State(np.zeros(9), np.zeros(9))
+widest = 0
+for k in range(130):
+    command = controller.step(0.1 * k, state)
+    state = advanced(state, command.u, command.tick)
+    widest = max(widest, command.sequence.count)
+assert widest == 2
+assert built and sorted(os.listdir(os.environ["PSMPC_CACHE"])) == built
+"""
+    environment = {**os.environ, "PSMPC_CACHE": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_the_log_says_whether_compiled_code_ran(experiment_of: Callable[..., Experiment]) -> None:

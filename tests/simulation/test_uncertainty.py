@@ -68,8 +68,19 @@ def test_the_log_tells_what_was_drawn_with_units(tmp_path: Path) -> None:
         assert all(item.attrs["long_name"] for item in file["uncertainty"].values())
 
 
+UNFILTERED = "controller.measurement_noise={}"
+
+
+def test_the_filtered_state_is_nearer_to_the_true_one_and_no_measurement_less(tmp_path: Path) -> None:
+    errors = []
+    for name, changes in (("raw", (UNFILTERED,)), ("filtered", ())):
+        log = logged(tmp_path, NOISE, *changes, *LIGHT, name=name)
+        errors.append(np.std(log["state/Q"] - log["state/Q_true"]))
+    assert errors[1] < 0.6 * errors[0]
+
+
 def test_the_controller_sees_the_noise_and_the_margins_do_not(tmp_path: Path) -> None:
-    log = logged(tmp_path, NOISE, "log.ticks=true", *LIGHT)
+    log = logged(tmp_path, NOISE, UNFILTERED, "log.ticks=true", *LIGHT)
     loaded = load_task(tmp_path / "task.yaml", [NOISE])
     noise = [measurement_noise(loaded.spec.uncertainty.noise, loaded.robot, 0, k, 10)[0] for k in range(len(log.time))]
     seen, true = (np.hstack([log[f"state/Q{of}"], log[f"state/Qdot{of}"]]) for of in ("", "_true"))

@@ -1,4 +1,4 @@
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -72,18 +72,40 @@ def test_a_cold_start_is_iterated_until_the_step_is_small(problem: Problem, two_
     assert cold.objective == pytest.approx(again(build_solver(problem, CONVERGED), two_stages).objective, rel=1e-5)
 
 
+@pytest.fixture
+def too_short(decisions: list[Command]) -> Callable[[bool, float], Solution]:
+    """A solve of Capture and Transport, its limits soft or hard, whose guess has a share of the time that is needed."""
+    capture = [d.solution for d in decisions if len(d.instants) == 1 and d.stage.index == 1]
+    chosen = next(each for each in capture if each.plan.instants[0] - each.window.start < 2.7)
+
+    def of(soft: bool, share: float) -> Solution:
+        early = chosen.window.start + share * (chosen.plan.instants - chosen.window.start)
+        window = replace(chosen.window, soft=soft)
+        return replace(chosen, window=window, guess=replace(chosen.plan, instants=early))
+
+    return of
+
+
+@pytest.mark.parametrize("soft", [False, True], ids=["hard", "soft"])
 def test_a_stage_too_short_for_its_end_condition_starts_again_from_a_late_switch(
-    problem: Problem, decisions: list[Command]
+    problem: Problem, too_short: Callable[[bool, float], Solution], soft: bool
 ) -> None:
     """No step of the first program lengthens the stage and speeds it up at once; a later guess replaces it."""
-    capture = [d.solution for d in decisions if len(d.instants) == 1 and d.stage.index == 1]
-    window = next(each.window for each in capture if each.plan.instants[0] - each.window.start < 2.7)
-    solver = build_solver(problem, CONVERGED)
-    optimum = solver.solve(window, next(each.plan for each in capture if each.window is window))
-    early = window.start + 0.1 * (optimum.plan.instants - window.start)
-    found = solver.solve(window, replace(optimum.plan, instants=early))
+    short = too_short(soft, 0.1)
+    optimum = build_solver(problem, CONVERGED).solve(short.window, short.plan)
+    found = build_solver(problem, CONVERGED).solve(short.window, short.guess)
     assert found.outcome is Outcome.OPTIMAL
     assert found.plan.instants == pytest.approx(optimum.plan.instants, abs=1e-4)
+
+
+def test_a_first_program_that_only_soft_limits_give_a_solution_is_replaced_by_that_of_a_late_switch(
+    problem: Problem, too_short: Callable[[bool, float], Solution]
+) -> None:
+    """From the short guess the program's step passes the velocity limits by up to 3 m/s."""
+    short = too_short(True, 0.02)
+    once = CONVERGED.model_copy(update={"max_iterations": 1})
+    stepped = build_solver(problem, once).solve(short.window, short.guess)
+    assert stepped.violations.max() < FEASIBLE
 
 
 def test_a_program_without_a_solution_is_named_in_the_report(problem: Problem, two_stages: Solution) -> None:

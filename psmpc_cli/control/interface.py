@@ -1,0 +1,217 @@
+"""What goes into a controller at a sample and what comes out of it: the measurement, and the command."""
+
+from dataclasses import dataclass, field
+from math import isfinite
+from numbers import Real
+
+import numpy as np
+
+from psmpc_cli.control.sequence import MovingSequence, Switch
+from psmpc_cli.errors import InputError
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.problem import Problem, Stage
+from psmpc_cli.robot.closed_chain import ClosedChain
+from psmpc_cli.robot.model import RobotModel, shape_of
+from psmpc_cli.solvers import Outcome, Solution
+from psmpc_cli.specs.arguments import rejected
+from psmpc_cli.specs.document import LARGEST
+
+UNIT = 1e-3
+"""By how much the length of a measured quaternion may differ from 1: that of one of three decimals does by less."""
+
+LATE = 0.01
+"""Part of a sample by which the next one may be late without a gap: clocks jitter, and times are rounded."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """State of the robot: Q (nq,) [m, rad] and its velocity v (n,) [m/s, rad/s], as `RobotModel` has them.
+
+    It has copies of the arrays that it is given. Numbers that are not finite say that nothing was measured.
+
+    Raises:
+        InputError: Q or v is no vector of numbers.
+    """
+
+    Q: np.ndarray
+    v: np.ndarray
+
+    def __post_init__(self) -> None:
+        for name in ("Q", "v"):
+            value = getattr(self, name)
+            if len(shape_of(value) or ()) != 1:
+                raise rejected(f"State.{name}", value, "a vector of numbers")
+            object.__setattr__(self, name, np.array(value, dtype=float))
+
+    @classmethod
+    def of(cls, x: np.ndarray) -> "State":
+        """Build the state from [Q; v] (nq + n,)."""
+        n = len(x) // 2
+        return cls(x[: len(x) - n], x[len(x) - n :])
+
+    @property
+    def x(self) -> np.ndarray:
+        """Both as one vector [Q; v] (nq + n,)."""
+        return np.concatenate([self.Q, self.v])
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """What is measured for one sample.
+
+    Attributes:
+        time: When the command begins to act [s].
+        state: Measured then, or `known_delay` samples before.
+        object_pose: Pose of the object, measured with the state, (3,) or (7,); None where there is none.
+    """
+
+    time: float
+    state: State
+    object_pose: np.ndarray | None
+
+    def check(self, problem: Problem, before: float) -> None:
+        """Make sure that sizes are those of a problem, and that time goes on.
+
+        Args:
+            problem: The problem.
+            before: Time of the sample before [s].
+
+        Raises:
+            InputError: The time is not finite or not after the one before, the state is another robot's, or the pose is
+                not that of the task's object.
+        """
+        check_time(self.time)
+        if self.time <= before:
+            raise InputError(f"time: found {self.time:g} s after {before:g} s, expected a time after the sample before")
+        check_state(self.state, problem.model)
+        target_object = problem.spec.object
+        if self.object_pose is None:
+            return
+        if target_object is None or target_object.mass is None:
+            raise rejected("object_pose", self.object_pose, "none: the task has no object with a mass")
+        size = len(target_object.pose)
+        if shape_of(self.object_pose) != (size,):
+            meant = "x, y, angle (3,)" if size == 3 else "x, y, z, quaternion w, x, y, z (7,)"
+            raise rejected("object_pose", self.object_pose, meant)
+        _check_quaternion("object_pose", self.object_pose)
+
+    def follows_a_gap(self, before: float, sample_time: float) -> bool:
+        """Tell whether more than a sample [s] has passed since the one before [s]."""
+        return isfinite(before) and self.time - before > (1 + LATE) * sample_time
+
+
+def check_time(time: float) -> None:
+    """Make sure that a time is a finite number.
+
+    Raises:
+        InputError: It is not.
+    """
+    if not isinstance(time, Real) or isinstance(time, bool) or not abs(time) <= LARGEST:
+        raise rejected("time", time, f"a finite number up to {LARGEST:g} [s]")
+
+
+def check_state(state: State, model: RobotModel) -> None:
+    """Make sure that a state is one of a robot.
+
+    Raises:
+        InputError: It is none, or another robot's.
+    """
+    if not isinstance(state, State):
+        raise rejected("state", state, "a State(Q, v)")
+    if state.Q.shape != (model.nq,) or state.v.shape != (model.n,):
+        sizes = f"Q {state.Q.shape} and v {state.v.shape}"
+        raise InputError(f"state: found {sizes}, expected Q ({model.nq},) and v ({model.n},) of {model.spec.name}")
+    if model.dimension == 3:
+        _check_quaternion("state", state.Q)
+
+
+def _check_quaternion(name: str, pose: np.ndarray) -> None:
+    """Make sure that the quaternion of a pose in space, if it was measured, is of length 1."""
+    if len(pose) > 3 and abs((norm := float(np.linalg.norm(pose[3:7]))) - 1) > UNIT and np.isfinite(norm):
+        raise InputError(f"{name}: found a quaternion of length {norm:.4g}, expected a unit quaternion w, x, y, z")
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """What the controller decided at one sample.
+
+    Attributes:
+        time: When it begins to act [s].
+        x: State [Q; v] (nq + n,) it was decided from: the measured one, or the one foreseen over a known delay.
+        u: Accelerations over the low-level ticks of the coming sample (M, n) [m/s^2, rad/s^2].
+        tick: Length of a tick [s].
+        plan: The plan in force.
+        sequence: The stages in the window.
+        prediction: The shifted plan that the solve started from.
+        solution: The solve behind the plan, or the failed one.
+        events: Names of what happened: `appended` (a stage entered the window), `postponed` (the next stage was seen,
+            but the window with it has no solution yet), `solve_failed` (the shifted plan goes on), `braking` (the plan
+            is used up, and `plan` brakes to rest), `unmeasured` (the state was not finite, the plan's was used for it),
+            `gap` (more than a sample has passed since the last one).
+        switches: Stages that ended since the sample before.
+        disturbance: Estimated acceleration that no plan knows of (n,); zero without offset-free control.
+        levels: The solution of each level of HTMPC, of the current stage first. Where a level did not converge, its
+            plan is that of the level before.
+        model: The robot.
+        closed: Whether the grippers are to be closed on the object at each tick (M,).
+        load: The law of a robot that knows what it holds, for a task whose grasps are `known`.
+    """
+
+    time: float
+    x: np.ndarray
+    u: np.ndarray
+    tick: float
+    plan: Plan
+    sequence: MovingSequence
+    prediction: Plan
+    solution: Solution
+    events: frozenset[str]
+    switches: tuple[Switch, ...]
+    disturbance: np.ndarray
+    levels: tuple[Solution, ...]
+    model: RobotModel = field(repr=False)
+    closed: np.ndarray
+    load: ClosedChain | None = field(default=None, repr=False)
+
+    @property
+    def instants(self) -> np.ndarray:
+        """Planned switch times [s], absolute; one fewer than stages in the window."""
+        return self.sequence.instants
+
+    @property
+    def stage(self) -> Stage:
+        """The current stage, with its `name` and `index`."""
+        return self.solution.window.stages[0]
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the solve ended; under HTMPC that of the last level, which alone may have failed."""
+        return (self.levels or (self.solution,))[-1].outcome
+
+    @property
+    def iterations(self) -> int:
+        """Iterations of all solves."""
+        return sum(each.iterations for each in self.levels or (self.solution,))
+
+    @property
+    def solve_time(self) -> float:
+        """Wall time of all solves [s]."""
+        return sum(each.wall_time for each in self.levels or (self.solution,))
+
+    def force(self, time: float, state: State) -> np.ndarray:
+        """Compute the generalized force (n,) [N, N m] that a low-level controller applies over a tick: computed torque.
+
+        While grippers are to be closed on an object of `known` grasps it counts as held by all of them.
+
+        Args:
+            time: Beginning of the tick, in the coming sample [s].
+            state: Measured then.
+
+        Raises:
+            InputError: The time is not finite, or the state is not one of the robot.
+        """
+        check_time(time)
+        check_state(state, self.model)
+        tick = int(np.clip(np.floor((time - self.time) / self.tick + 1e-6), 0, len(self.u) - 1))
+        law = self.load.force if self.load is not None and self.closed[tick] else self.model.inverse_dynamics
+        return law(state.Q, state.v, self.u[tick])

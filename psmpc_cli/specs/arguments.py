@@ -1,0 +1,98 @@
+"""Checks of arguments of the public functions: a wrong one is an `InputError` that says what was found and expected.
+
+They stand where a value enters from Python; what the rooms hand to each other is trusted.
+"""
+
+import os
+from collections.abc import Mapping
+from math import inf
+from numbers import Integral, Real
+from pathlib import Path
+
+import numpy as np
+
+from psmpc_cli.errors import InputError
+from psmpc_cli.specs.document import counted, quoted, shortened
+
+
+def rejected(name: str, value: object, wanted: str) -> InputError:
+    """Create the error of an argument that is not what was wanted."""
+    return InputError(f"{name}: found {_described(value)}, expected {wanted}")
+
+
+def require(name: str, value: object, kinds: type | tuple[type, ...], wanted: str) -> None:
+    """Make sure that an argument is of one of some types.
+
+    Raises:
+        InputError: It is not.
+    """
+    if not isinstance(value, kinds):
+        raise rejected(name, value, wanted)
+
+
+def require_callable(name: str, value: object, wanted: str) -> None:
+    """Make sure that an argument can be called.
+
+    Raises:
+        InputError: It cannot.
+    """
+    if not callable(value):
+        raise rejected(name, value, f"a function of {wanted}")
+
+
+def require_whole(name: str, value: object, least: int, most: float = inf) -> None:
+    """Make sure that an argument is a whole number in a range.
+
+    Raises:
+        InputError: It is not.
+    """
+    allowed = f"from {least} to {most:.0f}" if most < inf else f">= {least}"
+    if not isinstance(value, Integral) or isinstance(value, bool) or not least <= int(value) <= most:
+        raise rejected(name, value, f"a whole number {allowed}")
+
+
+def as_path(name: str, value: str | os.PathLike[str]) -> Path:
+    """Return the path of a file that an argument names.
+
+    Raises:
+        InputError: It is no path.
+    """
+    require(name, value, (str, os.PathLike), "the path of a file")
+    if not str(value).strip() or "\0" in str(value):
+        raise rejected(name, value, "the path of a file")
+    return Path(value)
+
+
+def require_options(
+    path: str | os.PathLike[str] | None,
+    jobs: int | None,
+    force: bool,
+    resume: bool = False,
+    dask: str | None = None,
+) -> Path | None:
+    """Make sure that what every study is given besides its cells is right, and return the path of its file.
+
+    Raises:
+        InputError: An option is of another type, or there are fewer processes than one.
+    """
+    if jobs is not None:
+        require_whole("jobs", jobs, least=1)
+    require("force", force, bool, "True or False")
+    require("resume", resume, bool, "True or False")
+    require("dask", dask, (str, type(None)), "the address of a Dask scheduler")
+    return None if path is None else as_path("path", path)
+
+
+def _described(value: object) -> str:
+    """Describe an argument: an array by its shape, a scalar as it is written, anything else by its type."""
+    if value is None or isinstance(value, bool | Real):
+        return shortened(str(value))
+    if isinstance(value, str):
+        return f"the text {quoted(value)}"
+    if isinstance(value, np.ndarray):
+        return f"an array {value.shape} of {value.dtype.name}"
+    if isinstance(value, Mapping):
+        return f"a mapping of {counted(len(value), 'key', 'keys')}"
+    if isinstance(value, list | tuple):
+        return f"a {type(value).__name__} of {counted(len(value), 'entry', 'entries')}"
+    return f"a value of type {type(value).__name__}"

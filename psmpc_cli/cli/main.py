@@ -1,11 +1,16 @@
 """The command `psmpc`: runs the application and turns errors and signals into one message and an exit code."""
 
+import errno
 import os
 import signal
 import sys
+from io import TextIOWrapper
 from types import FrameType
 
-from psmpc_cli.errors import SIGNALS, PsmpcError, SpecError
+from psmpc_cli.errors import SIGNALS, PsmpcError, RunError, SpecError
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""Errors of writing; files that cannot be written are reported by name, so without a name it is standard output."""
 
 
 def print_error(message: str) -> None:
@@ -37,14 +42,23 @@ def main() -> None:
     from psmpc_cli.cli.app import EchoHandler, app
 
     logging.basicConfig(handlers=[EchoHandler()], level=logging.WARNING)
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be text
     try:
-        app(prog_name="psmpc")
+        try:
+            app(prog_name="psmpc")
+        finally:
+            sys.stdout.flush()
     except PsmpcError as error:
         located = isinstance(error, SpecError)  # begins with file:line:column, which terminals and editors can follow
         print_error(str(error) if located else f"psmpc: {error}")
         sys.exit(error.exit_code)
     except OSError as error:
-        if error.filename is None:
+        if error.filename is not None:
+            print_error(f"psmpc: {error.filename}: {error.strerror}")
+            sys.exit(PsmpcError.exit_code)
+        if error.errno not in NO_ROOM:
             raise
-        print_error(f"psmpc: {error.filename}: {error.strerror}")
-        sys.exit(PsmpcError.exit_code)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what Python still writes when it ends
+        print_error(f"psmpc: standard output cannot be written: {error.strerror}")
+        sys.exit(RunError.exit_code)

@@ -164,7 +164,7 @@ def pareto(
 
     times = parse_numbers("--at", at, "times in seconds between commas, such as 6.1,8.0") if at is not None else ()
     question = Question(stages, times, points, method, free_instant)
-    run = read_run(task) if is_hdf5(task) else None
+    run = read_run(task) if Path(task).is_file() and is_hdf5(task) else None
     if run is not None and (changes or log is not None):
         raise InputError(f"{task} is the log of a run: it is studied as it ran, without --set and --log")
     loaded = load_feasible(task, [*(changes or []), *PREPARED]) if run is None else run.task

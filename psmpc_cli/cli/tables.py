@@ -80,7 +80,7 @@ def read_file(path: Path, verbose: bool = False) -> tuple[str, Any, Callable[[An
         RUN: (read_run, partial(print_summary, verbose=verbose)),
         COMPARISON: (read_comparison, partial(print_comparison, path=path)),
         SWEEP: (lambda path: SweepCells(read_results(path, SWEEP)), print_sweep),
-        PARETO: (lambda path: read_results(path, PARETO), print_fronts),
+        PARETO: (fronts.read_fronts, print_fronts),
         MONTE_CARLO: (lambda path: MonteCarloRuns(read_results(path, MONTE_CARLO)), print_monte_carlo),
     }
     kind = kind_of(path)
@@ -193,8 +193,9 @@ def print_sweep(cells: SweepCells) -> None:
 
 def _by_status(results: Results) -> str:
     """Write how many cells of a study there are of every status."""
-    counts = np.bincount(results["status"].ravel()).tolist()
-    return ", ".join(f"{n} {name}" for n, name in zip(counts, results.quantities["status"].meanings, strict=False) if n)
+    meanings = results.quantities["status"].meanings
+    counts = [np.count_nonzero(results["status"] == code) for code in range(len(meanings))]
+    return ", ".join(f"{n} {name}" for n, name in zip(counts, meanings, strict=True) if n)
 
 
 def _print_runs(cells: SweepCells) -> None:

@@ -22,6 +22,7 @@ from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.figures import style
 from psmpc_cli.figures.scene import Camera, Scene, half_edges, scene_of
 from psmpc_cli.figures.snapshots import describe, draw_scene, show
+from psmpc_cli.logs.files import replacing
 from psmpc_cli.logs.run import Run
 from psmpc_cli.robot.mujoco_model import mujoco_spec
 
@@ -120,7 +121,8 @@ def _encode(figure: Figure, draw_frame: Callable[[int], Iterable[Artist]], count
     for path in paths:
         frames, writer = [*range(count), *[count - 1] * RATE], "pillow" if path.suffix == ".gif" else "ffmpeg"
         try:
-            FuncAnimation(figure, draw_frame, frames, cache_frame_data=False).save(path, writer, RATE, DPI)
+            with replacing(path) as part:
+                FuncAnimation(figure, draw_frame, frames, cache_frame_data=False).save(part, writer, RATE, DPI)
         except (OSError, subprocess.CalledProcessError) as error:
             raise RunError(f"{path} could not be written: {error}") from None
 

@@ -11,7 +11,7 @@ from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.figures import coordinates, instants, monte_carlo, pareto, reproduction, snapshots, sweep
 from psmpc_cli.figures.animation import mp4_possible, offscreen_driver, write_animation, write_film
 from psmpc_cli.figures.style import in_style
-from psmpc_cli.logs.files import writing
+from psmpc_cli.logs.files import replacing, writing
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 from psmpc_cli.specs.arguments import rejected, require
@@ -186,10 +186,10 @@ def draw_file(kind: str, subject: Any, path: Path, force: bool = False) -> Path:
 
 
 def _save(figure: Figure, paths: Iterable[Path]) -> None:
-    """Write a figure into files, each in the format of its ending; InputError if one cannot be written."""
+    """Write a figure into files, each whole and in the format of its ending; InputError if one cannot be written."""
     for path in paths:
-        with writing(path):
-            figure.savefig(path, metadata=FORMATS[path.suffix[1:]])
+        with writing(path), replacing(path) as part:
+            figure.savefig(part, metadata=FORMATS[path.suffix[1:]])
 
 
 def _make_room(files: Iterable[Path], force: bool) -> None:

@@ -1,22 +1,27 @@
 """The files that psmpc writes: how they are opened, and how new ones come to be without loss of old ones."""
 
 import os
+import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.schema import FORMAT_VERSION, RUN
-from psmpc_cli.specs.document import shortened
+from psmpc_cli.logs.walk import OF_SCALES, check_attributes, misfit, walk
+from psmpc_cli.specs.document import printable, shortened
 
 T = TypeVar("T")
 
 DAMAGE = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, ArithmeticError, MemoryError)
 """What h5py and NumPy raise for a damaged file."""
+
+LARGEST_TEXTS = 2**28
+"""Most memory for the texts of a dataset, which all take as much as the longest one [bytes]."""
 
 
 def read_file(
@@ -28,10 +33,11 @@ def read_file(
         path: The file.
         read: Reads the open file; what it returns is returned.
         expected: What was expected, for the messages.
-        kind: Of the file, as `kind_in` tells it; any by default.
+        kind: Of the file, as `kind_in` tells it; by default any, and only attributes of the file are read.
 
     Raises:
-        LogError: The file is missing, empty, no HDF5 file, damaged, or of another program, format version or kind.
+        LogError: The file is missing, empty, no HDF5 file, damaged, of another program, format version or kind, or
+            not what `walk` allows.
     """
 
     def rejected(found: str) -> LogError:
@@ -51,9 +57,12 @@ def read_file(
         with h5py.File(path, "r", locking=False) as file:
             if "format_version" not in file.attrs or "psmpc_version" not in file.attrs:
                 raise rejected("an HDF5 file of another program")
+            check_attributes(file)
             _check_version(path, file)
             if kind not in ("", kind_in(file)):
                 raise rejected(f"a {kind_in(file)}")
+            if kind:
+                walk(file)
             return read(file)
     except DAMAGE as error:
         reason = (str(error) or type(error).__name__).partition("\n")[0][:200]
@@ -61,9 +70,25 @@ def read_file(
 
 
 def read_array(dataset: h5py.Dataset) -> np.ndarray:
-    """Read a dataset, text as text."""
-    text = h5py.check_string_dtype(dataset.dtype) is not None
-    return np.asarray(dataset.asstr()[()], dtype=str) if text else np.asarray(dataset[()])
+    """Read a dataset, text as text.
+
+    Raises:
+        LogError: One of its texts is too long.
+    """
+    if h5py.check_string_dtype(dataset.dtype) is None:
+        return np.asarray(dataset[()])
+    texts = np.asarray(dataset.asstr()[()], dtype=object)
+    size = texts.size * np.dtype("U1").itemsize * max(map(len, texts.flat), default=0)
+    if size > LARGEST_TEXTS:
+        raise misfit(dataset, f"texts that take {size} bytes", f"at most {LARGEST_TEXTS}")
+    return texts.astype(str)
+
+
+def read_attributes(item: h5py.HLObject) -> dict[str, Any]:
+    """Read the attributes of an object; ValueError if a text is not UTF-8."""
+    found = {name: item.attrs[name] for name in item.attrs if name not in OF_SCALES}
+    "".join(value for value in found.values() if isinstance(value, str)).encode()
+    return found
 
 
 def kind_of(path: Path) -> str:
@@ -77,7 +102,7 @@ def kind_of(path: Path) -> str:
 
 def kind_in(file: h5py.File) -> str:
     """Return what an open file holds; RUN if it has no attribute `kind`."""
-    return str(file.attrs.get("kind", RUN))
+    return printable(shortened(str(file.attrs.get("kind", RUN))))
 
 
 def _check_version(path: Path, file: h5py.File) -> None:
@@ -154,10 +179,24 @@ def replace_file(path: Path, image: bytes) -> None:
     Raises:
         OSError: It cannot be written; the one that was there stays.
     """
-    target = path.resolve()
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
+    with replacing(path) as part:
         part.write_bytes(image)
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Provide a file to write, which takes the place of the one at a path in one step when it is written.
+
+    It stands beside that one, with the same ending and a name that nobody can guess, so that no link lies in wait.
+
+    Raises:
+        OSError: It cannot be written; the one that was there stays.
+    """
+    target = path.resolve()
+    part = target.with_name(f".{secrets.token_hex(16)}.part{target.suffix}")
+    part.open("xb").close()  # exclusively: fails if anything stands there, and follows no link
+    try:
+        yield part
         os.replace(part, target)
     finally:
         part.unlink(missing_ok=True)

@@ -13,8 +13,9 @@ import numpy as np
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import LogError, RunError
-from psmpc_cli.logs.files import new_image, read_array, read_file, replace_file, write_new
+from psmpc_cli.logs.files import new_image, read_array, read_attributes, read_file, replace_file, write_new
 from psmpc_cli.logs.schema import FORMAT_VERSION
+from psmpc_cli.logs.walk import misfit
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,16 +114,18 @@ def read_results(path: Path, kind: str) -> Results:
 
     def read(file: h5py.File) -> Results:
         quantities = dict[str, Quantity]()
+        attributes = {name: read_attributes(dataset) for name, dataset in file.items()}
+        dims = {name: tuple(str(known.get("dims", "")).split()) for name, known in attributes.items()}
         for name, dataset in file.items():
-            keys = ("units", "long_name", "dims", "flag_meanings")
-            units, long_name, dims, meanings = (str(dataset.attrs.get(key, "")) for key in keys)
+            lengths = tuple(file[each].size if dims.get(each) == (each,) else 0 for each in dims[name])
+            if not isinstance(dataset, h5py.Dataset) or dataset.shape != lengths or 0 in lengths:
+                raise misfit(dataset, str(dataset), f"a dataset along {dims[name]} of shape {lengths}, none 0")
+            keys = ("units", "long_name", "flag_meanings")
+            units, long_name, meanings = (str(attributes[name].get(key, "")) for key in keys)
             about = units, long_name, tuple(meanings.split())
-            quantities[name] = Quantity(name, tuple(dims.split()), read_array(dataset), *about)
-        for each in quantities.values():
-            if each.values.shape != tuple(quantities[name].values.size for name in each.dims):
-                raise ValueError(f"{each.name} does not fit its coordinates")
-            if each.meanings and not np.isin(each.values, np.arange(len(each.meanings))).all():
-                raise ValueError(f"{each.name} holds a code without a meaning")
-        return Results(path, dict(file.attrs), quantities)
+            quantities[name] = Quantity(name, dims[name], read_array(dataset), *about)
+            if meanings and not np.isin(quantities[name].values, np.arange(len(about[-1]))).all():
+                raise misfit(dataset, "a code without a meaning", f"numbers of {meanings}")
+        return Results(path, read_attributes(file), quantities)
 
     return read_file(path, read, f"a {kind} written by psmpc", kind)

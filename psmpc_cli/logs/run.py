@@ -12,12 +12,14 @@ import h5py
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError, SpecError
-from psmpc_cli.logs.files import check_output, new_image, read_array, read_file, write_new
+from psmpc_cli.logs.files import check_output, new_image, read_array, read_attributes, read_file, write_new
 from psmpc_cli.logs.schema import COMPARISON, Q_COORDINATE, RUN, Column, columns, layout
 from psmpc_cli.logs.summary import Summary
+from psmpc_cli.logs.walk import RUNS, misfit
 from psmpc_cli.logs.write import create_log
 from psmpc_cli.ocp.problem import Problem, Stage, Trajectory, build_problem
 from psmpc_cli.specs.load import Task, parse_task
+from psmpc_cli.specs.robot import labels
 
 if TYPE_CHECKING:
     import xarray
@@ -27,8 +29,11 @@ Array = np.ndarray
 IN_MEMORY = Path("a run in memory")
 """Path of a run without a file."""
 
-ATTRIBUTES = ("finished", "end_reason", "stuck", "controller", "task_name", "task_yaml", "robot_yaml")
-"""Attributes that every log has."""
+ATTRIBUTES: Mapping[str, type] = {
+    **dict.fromkeys(("finished", "stuck"), np.bool_),
+    **dict.fromkeys(("end_reason", "controller", "task_name", "task_yaml", "robot_yaml"), str),
+}
+"""Attributes that every log has, and what they are."""
 
 
 @dataclass(frozen=True)
@@ -200,6 +205,13 @@ class Run:
             raise LogError(f"{self.path}: the task or robot in it is not valid in this version:\n{error}") from None
         if self.attributes.get("digest", task.digest) != task.digest:
             raise LogError(f"{self.path}: the task and robot in it do not describe the run it holds")
+        stages, names = tuple(stage.name for stage in task.spec.stages), labels(task.robot, "joint")
+        expected = {"coordinate": names, "stage": stages, "stages/name": stages}
+        for path, wanted in expected.items():
+            if (found := tuple(self[path].tolist())) != wanted:
+                raise LogError(
+                    f"{self.path}: /{path}: found {', '.join(found)}, expected {', '.join(wanted)} as its task has"
+                )
         return task
 
     @cached_property
@@ -368,7 +380,10 @@ def read_comparison(path: Path) -> dict[str, Run]:
     """
 
     def read(file: h5py.File) -> dict[str, Run]:
-        return {str(name): run_in(file[f"runs/{name}"], path) for name in file.attrs["runs"]}
+        names, groups = file.attrs[RUNS].tolist(), file[RUNS]
+        if sorted(names) != sorted(groups) or not names or {".", ".."} & {*names} or len(file) > 1:
+            raise misfit(file, f"the groups {', '.join(groups)}", "one for each run", f" attribute {RUNS}")
+        return {name: run_in(groups[name], path) for name in names}
 
     return read_file(path, read, "a comparison written by psmpc compare", COMPARISON)
 
@@ -377,11 +392,49 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
     """Read the run in a group of an open file.
 
     Raises:
+        LogError: It is not as the schema has it.
         Exception: One of `files.DAMAGE`: it is damaged.
     """
-    columns = layout(Q_COORDINATE in group)
-    present = [part for column in columns if not column.only or column.path in group for part in column.parts]
-    arrays = {column.path: read_array(group[column.path]) for column in present}
-    if missing := [name for name in ATTRIBUTES if name not in group.attrs]:
+    attributes = read_attributes(group)
+    if missing := [name for name in ATTRIBUTES if name not in attributes]:
         raise ValueError(f"no attribute {', '.join(missing)}")
-    return Run(path, dict(group.attrs), arrays)
+    for name, kind in ATTRIBUTES.items():
+        if not isinstance(attributes[name], kind):
+            raise misfit(group, repr(attributes[name]), f"a {kind.__name__}", f" attribute {name}")
+    columns = layout(Q_COORDINATE in group)
+    has = {"", *(column.only for column in columns if column.path in group)}
+    present = [part for column in columns if column.only in has for part in column.parts]
+    _check_datasets(group, present)
+    arrays = {column.path: read_array(group[column.path]) for column in present}
+    _check_values(group, arrays)
+    return Run(path, attributes, arrays)
+
+
+def _check_datasets(group: h5py.Group, present: Iterable[Column]) -> None:
+    """Make sure, before any is read, that the datasets are those of the schema and fit together, or raise LogError."""
+    known = {column.path: column for column in present}
+    groups = {path.rpartition("/")[0] for path in known}
+    found: list[str] = []
+    group.visit(found.append)
+    if unknown := [path for path in found if path not in known and path not in groups]:
+        raise misfit(group[unknown[0]], "a dataset or group that no such log has", "those of docs/log.md")
+    lengths = {path: len(group[path]) for path, column in known.items() if column.is_scale}
+    for path, column in known.items():
+        dataset, shape = group[path], tuple(lengths[dim] for dim in column.dims)
+        dtype = h5py.string_dtype() if column.dtype == "text" else np.dtype(column.dtype)
+        if not isinstance(dataset, h5py.Dataset) or (dataset.shape, dataset.dtype) != (shape, dtype):
+            raise misfit(dataset, str(dataset), f"a dataset of type {column.dtype} with shape {shape}")
+
+
+def _check_values(group: h5py.Group, arrays: Mapping[str, Array]) -> None:
+    """Make sure that times rise, and that indices and lengths are within what they are of, or raise LogError."""
+    stages = len(arrays["stage"])
+    bounds = {"window/first": stages - 1, "window/count": stages - arrays["window/first"]}
+    bounds |= {f"{path}_length": values.shape[1] for path, values in arrays.items() if f"{path}_length" in arrays}
+    for path, most in bounds.items():
+        if ((arrays[path] < 0) | (arrays[path] > most)).any():
+            raise misfit(group[path], "an index or a length beyond what it is of", "none")
+    for path in ("time", "ticks/time"):
+        time = arrays.get(path, np.zeros(0))
+        if not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
+            raise misfit(group[path], "times that do not rise", "each after the one before")

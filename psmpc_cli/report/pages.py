@@ -77,7 +77,7 @@ class Page:
         """
         path = as_path("path", path)
         require("force", force, bool, "True or False")
-        write_new(path, self.html.encode(), force, hdf5=False)
+        write_new(path, self.html.encode(errors="backslashreplace"), force, hdf5=False)
         return path
 
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Largest, largest
 from psmpc_cli.ocp.plan import Chart, Plan
@@ -45,7 +46,7 @@ class Verification:
         """Integrate the full dynamics along the plans and the closed loop.
 
         Raises:
-            LogError: The log holds no plans or no samples.
+            LogError: The log holds no plans or no samples, or a motion that cannot be integrated.
         """
         self._log, self._problem, self._model = log, log.problem, log.problem.model
         self._physics, task = AdaptiveDynamics(self._model), self._problem.spec
@@ -71,7 +72,7 @@ class Verification:
     def _of_horizon(self, plan: Plan, window: Window) -> Iterator[Measured]:
         """Integrate a plan; limits count by how much more than at the measured state, which the horizon leaves free."""
         u = np.hstack([plan.u, np.tile(plan.chart.anchor, (len(plan.u), 1))])
-        flow = self._physics.under("law", np.hstack(plan.chart.leave(plan.X[:1]))[0], plan.times, u)
+        flow = self._integrate("law", np.hstack(plan.chart.leave(plan.X[:1]))[0], plan.times, u)
         X = plan.chart.entered(flow.between_pieces)
         yield from self._halves("", np.abs(X - plan.X), plan.times)
         for stage, N, last in zip(window.stages, window.nodes, np.cumsum(window.nodes), strict=True):
@@ -80,17 +81,24 @@ class Verification:
             if stage is not window.stages[-1]:
                 yield self._end(stage, X[last], plan.times[last])
 
+    def _integrate(self, what: str, x: Vector, times: Vector, inputs: Vector) -> Flow:
+        """Integrate the physics; LogError where its numbers are not those of a motion."""
+        try:
+            return self._physics.under(what, x, times, inputs)
+        except RuntimeError:
+            raise LogError(f"{self._log.path}: the motion from {times[0]:g} s on cannot be integrated") from None
+
     def _flow(self, sample: int, plan: Plan | None) -> Flow | None:
         """Integrate the closed loop over a sample under its logged forces, or those of its plan; None without both."""
         log, task = self._log, self._problem.spec
         ticks = round(task.controller.sample_time * task.plant.low_level_rate)
         edges, x = log.time[sample] + np.arange(ticks + 1) / task.plant.low_level_rate, self._states[sample]
         if log.ticks:
-            return self._physics.under("force", x, edges, log.ticks["F"][sample * ticks : (sample + 1) * ticks])
+            return self._integrate("force", x, edges, log.ticks["F"][sample * ticks : (sample + 1) * ticks])
         if plan is None:
             return None
         _, v = plan.chart.leave(plan.states_at(edges))
-        return self._physics.under("ticks", x, edges, np.diff(v, axis=0) / np.diff(edges)[:, None])
+        return self._integrate("ticks", x, edges, np.diff(v, axis=0) / np.diff(edges)[:, None])
 
     def _of_loop(self, sample: int, flow: Flow, plan: Plan | None) -> Iterator[Measured]:
         """Compare the closed loop over a sample with its plan, limits, next logged state and ends of stages."""

@@ -21,6 +21,7 @@ from psmpc_cli.specs.document import (
     mapping,
     origins_of,
     override,
+    printable,
     read,
     write,
 )
@@ -87,7 +88,7 @@ def load_task(reference: str | Path | Mapping[str, Any], set: Changes = ()) -> T
     if isinstance(reference, Mapping):
         return _task(read("task", write(reference)), Path(), "task", set)
     path = find("task", reference)
-    return _task(read(shown(path), read_text(path)), path.parent, path.stem, set)
+    return _task(read(shown(path), read_text(path)), path.parent, printable(path.stem), set)
 
 
 def _require_changes(changes: Changes) -> None:

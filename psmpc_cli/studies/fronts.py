@@ -5,11 +5,15 @@ A point is a row of criteria (C,) to be small; NaN means that it could not be so
 
 from collections import Counter
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
-from psmpc_cli.logs.results import Results
+from psmpc_cli.errors import LogError
+from psmpc_cli.logs.results import Results, read_results
+from psmpc_cli.logs.schema import PARETO, Column
 from psmpc_cli.solvers import Outcome
+from psmpc_cli.studies.measures import check_columns
 
 Vector = np.ndarray
 
@@ -37,6 +41,33 @@ COLUMNS: Mapping[str, tuple[str, str]] = {
 HEADINGS = tuple(heading for heading, _ in COLUMNS.values())
 
 NOTE = "t_s, J_1 and J_2: as the run optimized them with its own weights"
+
+
+def read_fronts(path: Path) -> Results:
+    """Return the results of a Pareto study.
+
+    Raises:
+        LogError: As for `read_results`; or they are not those of such a study.
+    """
+    results = read_results(path, PARETO)
+    of_run = ("instant", "t_s", "chosen_ratio", "chosen_J_1", "chosen_J_2", "hypervolume")
+    check_columns(results, [Column(name, "1", name) for name in of_run], ("instant",))
+    check_columns(results, [Column("stage", "1", "stage", dtype="text", dims=("stage",))])
+    free = "later" in results.quantities
+    methods = [method for method in (WEIGHTED, CONSTRAINED) if f"{method}_status" in results.quantities]
+    missing: list[str] = []
+    for method in (*methods, *((FREE,) if free else ())):
+        types = {"J_1": "f8", "J_2": "f8", "wait": "f8", "status": "i1", "dominated": "i1"}
+        held = ("later",) if free and method != FREE else ()
+        along = ("instant", *held, "bound" if method == CONSTRAINED else "ratio")
+        check_columns(results, [Column(f"{method}_{name}", "1", name, None, types[name]) for name in types], along)
+        missing += [f"{method}_{name}" for name in types if f"{method}_{name}" not in results.quantities]
+    horizon = results.attributes.get("horizon")
+    if missing:
+        raise LogError(f"{path}: found no {', '.join(missing)}, expected results as psmpc writes them")
+    if not methods or results["stage"].size != 2 or not isinstance(horizon, np.number) or not 0 < horizon < np.inf:
+        raise LogError(f"{path}: found no fronts of two stages over a horizon, expected those of psmpc pareto")
+    return results
 
 
 def extents(points: Vector) -> Vector:

@@ -3,15 +3,35 @@
 A quantity is a column of the study's results, its value read from a run; along `dims` besides the cells.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
+from psmpc_cli.errors import LogError
+from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import Column
 from psmpc_cli.ocp.problem import in_own_chart
+
+
+def check_columns(results: Results, columns: Iterable[Column], dims: tuple[str, ...] = ()) -> None:
+    """Make sure that arrays of results, where they are there, are of their types along these dimensions and their own.
+
+    Raises:
+        LogError: One is not.
+    """
+    for column in columns:
+        if (found := results.quantities.get(column.path)) is None:
+            continue
+        along, dtype = (*dims, *column.dims), found.values.dtype
+        kinds = "UO" if column.dtype == "text" else np.dtype(column.dtype).kind
+        if found.dims != along or dtype.kind not in kinds:
+            raise LogError(
+                f"{results.path}: /{column.path}: found {dtype} along ({', '.join(found.dims)}), "
+                f"expected {column.dtype} along ({', '.join(along)})"
+            )
 
 
 def _number(name: str, units: str, long_name: str, read: str | Callable[[Run], Any] = "", **more: Any) -> Column:

@@ -10,18 +10,38 @@ import numpy as np
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.run import Run
-from psmpc_cli.logs.schema import MONTE_CARLO, Sample
+from psmpc_cli.logs.schema import MONTE_CARLO, Column, Sample
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.arguments import require_callable, require_options, require_whole
-from psmpc_cli.specs.load import Task, parse_task
-from psmpc_cli.studies.measures import WHOLE_RUN
-from psmpc_cli.studies.runner import FAILED, LIGHT, WAITING, Study, Watch, changed, names_along, run_study
+from psmpc_cli.specs.document import printable
+from psmpc_cli.specs.load import Task
+from psmpc_cli.studies.measures import WHOLE_RUN, check_columns
+from psmpc_cli.studies.runner import (
+    FAILED,
+    LIGHT,
+    OF_CELL,
+    WAITING,
+    Study,
+    Watch,
+    changed,
+    names_along,
+    run_study,
+    task_in,
+)
 from psmpc_cli.studies.sweep import MOST_CELLS
 
 Array = np.ndarray
 
 STATUS = ("waiting", "ended", "shared", "crashed")
 """What the codes of a run's status mean; no run is shared."""
+
+COORDINATES = (
+    Column("run", "1", "number of the run", dtype="i8", dims=("run",)),
+    Column("seed", "1", "seed of the run", dtype="i8", dims=("run",)),
+    Column("stage", "1", "stage", dtype="text", dims=("stage",)),
+    Column("monitor", "1", "monitor", dtype="text", dims=("monitor",)),
+)
+"""What runs along the dimensions of the results."""
 
 EXCEEDED = 1e-6
 """How far beyond a limit, as a part of it, counts as exceeding it: less is rounding."""
@@ -89,7 +109,7 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
         ],
         quantities=WHOLE_RUN,
         statuses=STATUS,
-        attributes={"command": shlex.join(["psmpc", "simulate", named, *settings])},
+        attributes={"command": printable(shlex.join(["psmpc", "simulate", named, *settings]))},
     )
 
 
@@ -102,9 +122,14 @@ class MonteCarloRuns:
         succeeded, failed: Which of these succeeded, and which did not (runs,).
         stages, monitors: Their names.
         end_time: End of the mission (runs,) [s]; NaN where it was not completed.
+
+    Raises:
+        LogError: The results are not those of such a study.
     """
 
     def __init__(self, results: Results) -> None:
+        check_columns(results, COORDINATES)
+        check_columns(results, (*OF_CELL, *WHOLE_RUN), ("run",))
         self.results = results
         self.made, self.succeeded = self["status"] != WAITING, self["succeeded"] == 1
         self.failed = self.made & ~self.succeeded
@@ -162,8 +187,7 @@ class MonteCarloRuns:
 
     def repeat(self, number: int, watch: Callable[[Sample], None] = lambda sample: None) -> Run:
         """Repeat a run from its seed, in memory, with its plans."""
-        task, robot, name = (str(self.results.attributes[key]) for key in ("task_yaml", "robot_yaml", "task_name"))
-        return simulate(parse_task(task, robot, name, (f"seed={self['seed'][number]}", "log.plans=true")), watch=watch)
+        return simulate(task_in(self.results, (f"seed={self['seed'][number]}", "log.plans=true")), watch=watch)
 
     def command(self, number: int) -> str:
         """Return the command that repeats a run, with its log."""

@@ -30,13 +30,14 @@ from joblib.externals.loky.backend.process import LokyProcess
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from psmpc_cli import __version__
-from psmpc_cli.errors import InputError, RunError, deferred_signals
+from psmpc_cli.errors import InputError, LogError, RunError, SpecError, deferred_signals
 from psmpc_cli.logs.results import Quantity, Results, new_results, read_results
 from psmpc_cli.logs.schema import Column
 from psmpc_cli.ocp.feasibility import load_feasible
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.document import quoted
 from psmpc_cli.specs.load import Task, parse_task
+from psmpc_cli.studies.measures import check_columns
 
 logger = logging.getLogger(__name__)
 
@@ -224,6 +225,22 @@ def changed(task: Task | str | Path, changes: Sequence[str]) -> Task:
     return load_feasible(task, changes)
 
 
+def task_in(results: Results, changes: Sequence[str] = ()) -> Task:
+    """Return the task of a study from its file, with keys changed.
+
+    Raises:
+        LogError: There is none, or it does not hold in this version.
+    """
+    texts = [results.attributes.get(key) for key in ("task_yaml", "robot_yaml", "task_name")]
+    if not all(isinstance(text, str) for text in texts):
+        raise LogError(f"{results.path}: found no task and robot, expected the file of a study")
+    task, robot, name = map(str, texts)
+    try:
+        return parse_task(task, robot, name, changes)
+    except SpecError as error:
+        raise LogError(f"{results.path}: the task or robot in it is not valid in this version:\n{error}") from None
+
+
 def names_along(task: Task) -> list[Quantity]:
     """Build the further coordinates of a whole run's quantities, without empty ones."""
     names = {"stage": [each.name for each in task.spec.stages], "monitor": list(task.spec.judged)}
@@ -249,7 +266,12 @@ def _resumed(study: Study, new: Results) -> Results:
     if (found_cells := results["status"].size) > cells:
         raise InputError(f"--resume: {path} has {found_cells} runs, found {cells}, expected at least as many")
     for name, quantity in new.quantities.items():
-        quantity.values[tuple(map(slice, results[name].shape))] = results[name]
+        dtype = "text" if quantity.values.dtype.kind in "UO" else quantity.values.dtype.str
+        check_columns(results, [Column(name, quantity.units, quantity.long_name, dtype=dtype, dims=quantity.dims)])
+        shape = results[name].shape
+        if any(found > most for found, most in zip(shape, quantity.values.shape, strict=True)):
+            raise InputError(f"--resume: {path} holds another {study.kind} study: found {name} of shape {shape}")
+        quantity.values[tuple(map(slice, shape))] = results[name]
     return replace(new, attributes=results.attributes)
 
 

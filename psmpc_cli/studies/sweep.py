@@ -11,14 +11,25 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from psmpc_cli.control.multistart import multistart_for
-from psmpc_cli.errors import InputError, LogError, SpecError
+from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.results import Quantity, Results
-from psmpc_cli.logs.schema import SWEEP
+from psmpc_cli.logs.schema import SWEEP, Column
 from psmpc_cli.specs.arguments import rejected, require, require_callable, require_options
 from psmpc_cli.specs.document import plain
-from psmpc_cli.specs.load import Task, parse_task
-from psmpc_cli.studies.measures import WHOLE_RUN, second_stage
-from psmpc_cli.studies.runner import FAILED, LIGHT, WAITING, Study, Watch, changed, names_along, run_study
+from psmpc_cli.specs.load import Task
+from psmpc_cli.studies.measures import WHOLE_RUN, check_columns, second_stage
+from psmpc_cli.studies.runner import (
+    FAILED,
+    LIGHT,
+    OF_CELL,
+    WAITING,
+    Study,
+    Watch,
+    changed,
+    names_along,
+    run_study,
+    task_in,
+)
 
 Array = np.ndarray
 
@@ -172,13 +183,18 @@ class SweepCells:
         samplings = {dims: sampling for sampling, dims in DIMENSIONS.items()}
         try:
             self.sampling = samplings[results.quantities["status"].dims]
-            self.task = parse_task(*(str(results.attributes[key]) for key in ("task_yaml", "robot_yaml", "task_name")))
-            first, second = (int(number) - 1 for number in str(results.attributes["stages"]).split(","))
-        except (KeyError, ValueError) as error:
+            self.task = task_in(results)
+            first, second = parse_stages(str(results.attributes["stages"]), self.task)
+        except (KeyError, InputError) as error:
             raise LogError(f"{results.path}: expected a file of psmpc sweep-weights, but it lacks {error}") from None
-        except SpecError as error:
-            message = f"{results.path}: the task or robot in it does not hold in this version:\n{error}"
-            raise LogError(message) from None
+        dims, names = DIMENSIONS[self.sampling], [stage.name for stage in self.task.spec.stages]
+        weights = ("ratio",) if self.sampling == GRID else ("ratio", "omega_1", "omega_2")
+        check_columns(results, (*OF_CELL, *second_stage(second), *(Column(name, "1", name) for name in weights)), dims)
+        coordinates = (*dims, "epsilon") if self.sampling == GRID else ("epsilon",)
+        check_columns(results, [Column(name, "1", name, dims=(name,)) for name in coordinates])
+        check_columns(results, [Column("stage", "1", "stage", dtype="text", dims=("stage",))])
+        if results["stage"].tolist() != names:
+            raise LogError(f"{results.path}: /stage: found {', '.join(results['stage'])}, expected {', '.join(names)}")
         self.results = results
         self.names = self.task.spec.stages[first].name, self.task.spec.stages[second].name
         omega_1, omega_2 = results["omega_1"], results["omega_2"]

@@ -1,7 +1,9 @@
 """Bad input to any command: exit code 2, one message that names what is wrong, and no file is left or changed."""
 
+import os
 import shlex
 import shutil
+import subprocess
 from pathlib import Path
 
 import h5py
@@ -9,7 +11,7 @@ import pytest
 
 from psmpc_cli.figures.animation import offscreen_driver
 
-from .command import Psmpc
+from .command import PROGRAM, Psmpc
 
 NOISY = "task.yaml --jobs 1 --set uncertainty.noise.position=1e-3"
 
@@ -141,6 +143,37 @@ def test_a_read_only_folder_is_named_with_the_option_that_helps(psmpc: Psmpc, mo
     assert ran.code == 2
     assert "read-only" in ran.stderr
     assert "-o" in ran.stderr
+
+
+@pytest.mark.parametrize("line", ["show ended.h5", "schema robot", "--help"])
+def test_a_standard_output_that_is_full_is_named(folder: Path, line: str) -> None:
+    with Path("/dev/full").open("w") as full:
+        ran = subprocess.run([*PROGRAM, *line.split()], stdout=full, stderr=subprocess.PIPE, text=True, cwd=folder)
+    assert (ran.returncode, len(ran.stderr.splitlines())) == (3, 1)
+    assert "standard output cannot be written" in ran.stderr
+
+
+def test_a_file_whose_name_is_no_text_is_shown_with_escapes(folder: Path, ended: Path) -> None:
+    strict = {**os.environ, "PYTHONIOENCODING": "utf-8:strict"}  # as in most locales
+    show = [*PROGRAM, "show", b"\xff.h5"]
+    missing = subprocess.run(show, capture_output=True, text=True, cwd=folder, env=strict)
+    assert (missing.returncode, missing.stdout) == (2, "")
+    assert missing.stderr.startswith("psmpc: \\udcff.h5: found no such file")
+    ended.rename(os.fsdecode(bytes(folder) + b"/\xff.h5"))
+    shown = subprocess.run(show, capture_output=True, text=True, cwd=folder, env=strict)
+    assert (shown.returncode, shown.stderr) == (0, "")
+    assert shown.stdout.endswith("log: \\udcff.h5\n")
+
+
+def test_values_of_another_file_are_not_exported(psmpc: Psmpc, part: Path) -> None:
+    (part.parent / "secret").write_bytes(b"MARKED7!" * 6)
+    with h5py.File(part, "r+") as file:
+        del file["solver/status"]
+        file.create_dataset("solver/status", (6,), "S8", external=[("secret", 0, 48)])
+    ran = psmpc("show", "part.h5", "--csv", "tables")
+    assert (ran.code, ran.stdout, len(ran.stderr.splitlines())) == (2, "", 1)
+    assert "part.h5: /solver/status: found external storage" in ran.stderr
+    assert not Path("tables").exists()
 
 
 @pytest.mark.slow

@@ -18,6 +18,8 @@ from psmpc_cli.figures.registry import draw
 from psmpc_cli.figures.scene import scene_of
 from psmpc_cli.logs.run import Run
 
+from ..little_room import files_of_at_most
+
 pytestmark = pytest.mark.slow
 
 Load = Callable[..., Run]
@@ -60,6 +62,13 @@ def test_an_animation_that_cannot_be_written_is_named(tmp_path: Path, load: Load
     (tmp_path / "animation.gif").mkdir()
     with pytest.raises(RunError, match=r"animation\.gif could not be written"):
         draw("run", load(last=0.2), tmp_path, only=(), force=True, films=["animation"])
+
+
+def test_an_animation_is_written_whole_or_not_at_all(tmp_path: Path, load: Load) -> None:
+    run, folder = load(last=0.2), tmp_path / "films"
+    with files_of_at_most(1000), pytest.raises(RunError, match=r"animation\.gif could not be written"):
+        draw("run", run, folder, only=(), films=["animation"])
+    assert list(folder.iterdir()) == []
 
 
 def test_a_film_has_the_base_and_the_links_where_the_run_has_them(run: Run) -> None:

@@ -14,6 +14,8 @@ from psmpc_cli.figures.style import LONGEST_NAME, readable
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.load import Task
 
+from ..little_room import files_of_at_most
+
 Load = Callable[..., Run]
 
 BEGINNINGS = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
@@ -65,6 +67,12 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path, run: Run) -> No
     (tmp_path / "states.png").mkdir()
     with pytest.raises(InputError, match=r"states\.png cannot be written"):
         draw("run", run, tmp_path, only=["states"], force=True)
+
+
+def test_a_figure_is_written_whole_or_not_at_all(tmp_path: Path, run: Run) -> None:
+    with files_of_at_most(1000), pytest.raises(InputError, match=r"states\.svg cannot be written: File too large"):
+        draw("run", run, tmp_path / "figures", ["svg"], only=["states"])
+    assert list((tmp_path / "figures").iterdir()) == []
 
 
 def test_a_scenario_is_drawn_into_the_file_that_is_named(transport: Task, tmp_path: Path) -> None:

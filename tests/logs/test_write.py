@@ -1,3 +1,4 @@
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -181,6 +182,15 @@ def test_force_replaces_what_a_link_points_to(tmp_path: Path) -> None:
         pass
     assert link.is_symlink()
     assert not len(read_run(path).time)
+
+
+def test_no_link_that_stands_beside_a_log_is_followed(tmp_path: Path) -> None:
+    path, other = tmp_path / "log.h5", tmp_path / "other"
+    other.write_text("mine")
+    (tmp_path / f".{path.name}.{os.getpid()}.part").symlink_to(other)  # a name that could be guessed
+    write(path, [record(0)])
+    assert other.read_text() == "mine"
+    assert path.stat().st_mode == other.stat().st_mode
 
 
 def test_no_room_for_a_log_leaves_none(tmp_path: Path) -> None:

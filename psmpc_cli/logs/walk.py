@@ -1,0 +1,119 @@
+"""One walk over an HDF5 file before anything of it is read: it holds plain values, in itself, and not too many.
+
+HDF5 takes values from other files, which it opens when they are read, and declares lengths that no memory holds. The
+walk looks at links, storage, types and lengths alone. The readers compare names, types and shapes with the schema.
+"""
+
+from math import prod
+from typing import Any
+
+import h5py
+import numpy as np
+from h5py import h5a, h5l, h5z
+
+from psmpc_cli.errors import LogError
+from psmpc_cli.specs.document import printable, shortened
+
+LINKS = {h5l.TYPE_SOFT: "a soft link", h5l.TYPE_EXTERNAL: "an external link"}
+
+FILTERS = {h5z.FILTER_DEFLATE, h5z.FILTER_SHUFFLE, h5z.FILTER_FLETCHER32}
+"""Filters of chunks; HDF5 would load others from a folder that the environment names."""
+
+OF_SCALES = ("DIMENSION_LIST", "REFERENCE_LIST")
+"""Attributes with which HDF5 ties datasets to their dimension scales by references; nothing here reads them."""
+
+RUNS = "runs"
+"""Group of a comparison that holds its runs, and attribute with their names, the only one of a group with several."""
+
+DEEPEST, MOST_OBJECTS, MOST_ATTRIBUTES = 4, 5_000, 15_000
+"""Most links from the root, as in /runs/NAME/stages/name; most objects and attributes: those of some fifty runs."""
+
+LARGEST_ATTRIBUTE = 2**16
+"""Largest attribute, of texts their references [bytes]: HDF5's own limit, unless a file asks for another."""
+
+LEAST_ALLOWED, GROWTH = 2**26, 16
+"""Memory that all values may take [bytes], and how much more for each byte of the file: logs grow to some two."""
+
+TEXT_SIZE = 64
+"""Memory that a text takes at least [bytes]."""
+
+
+def misfit(item: h5py.HLObject, found: str, expected: str, at: str = "") -> LogError:
+    """Return the error of an object, or of a member or attribute of it, that is not as it should be."""
+    place = printable(shortened(f"{item.name or '/'}{at}"))
+    return LogError(f"{item.file.filename}: {place}: found {printable(shortened(found))}, expected {expected}")
+
+
+def walk(file: h5py.File) -> None:
+    """Make sure that a file holds nothing but groups and datasets of plain values, in itself, which memory holds.
+
+    Raises:
+        LogError: It holds something else.
+    """
+    allowed, size = LEAST_ALLOWED + GROWTH * file.id.get_filesize(), 0
+    groups, objects, attributes = [(file["/"], 0)], 0, 0
+    while groups:
+        group, depth = groups.pop()
+        objects += len(group)
+        if depth >= DEEPEST or objects > MOST_OBJECTS:
+            found = f"a group {depth} links from the root with object {objects} of the file"
+            raise misfit(group, found, f"at most {DEEPEST} links, and {MOST_OBJECTS} objects")
+        for name in group.id:
+            link = group.id.links.get_info(name).type
+            member = group[name] if link == h5l.TYPE_HARD else None
+            if not isinstance(member, h5py.Group | h5py.Dataset):
+                kind = "a type" if member is not None else LINKS.get(link, "a link of another program")
+                raise misfit(group, kind, "a dataset or group in the file itself", f"/{name.decode(errors='replace')}")
+            check_attributes(member, attributes)
+            attributes += len(member.attrs)
+            if isinstance(member, h5py.Group):
+                groups.append((member, depth + 1))
+                continue
+            size += _memory(member)
+            if size > allowed:
+                raise misfit(member, f"{size} bytes up to here", f"at most {allowed} in a file of this size")
+
+
+def _memory(dataset: h5py.Dataset) -> int:
+    """Return the memory that the values of a dataset take [bytes], of texts no more than `TEXT_SIZE`.
+
+    Raises:
+        LogError: They are in other files, or are no plain numbers and texts.
+    """
+    storage = dataset.id.get_create_plist()
+    if dataset.is_virtual or storage.get_external_count():  # asked first: a shape may be that of another file
+        kind = "a virtual dataset" if dataset.is_virtual else "external storage"
+        raise misfit(dataset, kind, "values in the file itself")
+    if unknown := {storage.get_filter(number)[0] for number in range(storage.get_nfilters())} - FILTERS:
+        raise misfit(dataset, f"filter {min(unknown)}", "deflate, shuffle or Fletcher-32")
+    if dataset.shape is None or not _is_plain(dataset.dtype):
+        found = "no values" if dataset.shape is None else f"values of type {dataset.dtype}"
+        raise misfit(dataset, found, "numbers or texts")
+    text = h5py.check_string_dtype(dataset.dtype)
+    each = dataset.dtype.itemsize if text is None else TEXT_SIZE + 8 * (text.length or 0)
+    values: int = max(prod(dataset.shape), prod(dataset.chunks or ()))
+    return values * each
+
+
+def check_attributes(item: h5py.Group | h5py.Dataset, before: int = 0) -> None:
+    """Make sure that the attributes of an object, after so many of others, are plain numbers and texts.
+
+    Raises:
+        LogError: One is something else.
+    """
+    if (count := before + h5a.get_num_attrs(item.id)) > MOST_ATTRIBUTES:
+        raise misfit(item, f"{count} attributes up to here", f"at most {MOST_ATTRIBUTES}")
+    for name in item.attrs:
+        if name in OF_SCALES and isinstance(item, h5py.Dataset):
+            continue
+        attribute = item.attrs.get_id(name)
+        kind, shape = attribute.dtype, attribute.shape
+        several = shape and isinstance(item, h5py.Group) and name != RUNS
+        if shape is None or several or not _is_plain(kind) or prod(shape) * kind.itemsize > LARGEST_ATTRIBUTE:
+            found = "no value" if shape is None else f"values of type {kind} with shape {shape}"
+            raise misfit(item, found, "a number or a text", f" attribute {name}")
+
+
+def _is_plain(kind: np.dtype[Any]) -> bool:
+    """Return whether values of a NumPy type are real numbers of at most 8 bytes, or texts."""
+    return h5py.check_string_dtype(kind) is not None or (kind.kind in "iufb" and kind.itemsize <= 8)

@@ -145,6 +145,7 @@ CASES: dict[str, tuple[Callable[[Api], object], str]] = {
     ),
     "robot of a mapping": (lambda api: psmpc.load_robot({"name": "r"}), r"robot: .*mapping of 1 key"),
     "no robot": (lambda api: psmpc.load_robot(None), r"robot: found None, expected the name of a robot"),
+    "log that is a number": (lambda api: psmpc.read_run(3), r"path: found 3, expected the path of a file"),
     # a robot's methods
     "poses of a short Q": (lambda api: api.robot.poses(np.zeros(8)), r"Q: .*\(8,\).*\(9,\)"),
     "poses of a number": (lambda api: api.robot.poses(0.0), r"Q: found 0.0"),

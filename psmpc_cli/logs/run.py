@@ -18,6 +18,7 @@ from psmpc_cli.logs.summary import Summary
 from psmpc_cli.logs.walk import RUNS, misfit
 from psmpc_cli.logs.write import create_log
 from psmpc_cli.ocp.problem import Problem, Stage, Trajectory, build_problem
+from psmpc_cli.specs.arguments import as_path
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.robot import labels
 
@@ -368,7 +369,7 @@ def read_run(path: Path | str) -> Run:
     Raises:
         LogError: The file is missing, damaged, of another program or version, or not the log of one run.
     """
-    path = Path(path)
+    path = as_path("path", path)
     return read_file(path, lambda file: run_in(file, path), kind=RUN)
 
 

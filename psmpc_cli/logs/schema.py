@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from psmpc_cli.control.interface import Command
 from psmpc_cli.plant import Ticks
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 """Changes when a reader of the old format would misread the new one."""
 
 RUN, COMPARISON, SWEEP, PARETO, MONTE_CARLO = "run", "comparison", "sweep", "pareto", "monte-carlo"

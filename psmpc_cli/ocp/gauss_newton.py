@@ -196,21 +196,26 @@ class VelocityForm:
         return replace(model, positions=positions)
 
     def linearize(self, point: Point, p: Parameters[np.ndarray]) -> Linearization:
-        """Return the quadratic model at a point."""
-        horizon, D, of = float(p.horizon), self.stage_durations, self.grid.stage_of
-        sums = _Sums(self, point, p)
+        """Return the quadratic model at a point.
+
+        Derivatives by the durations of all stages become those by the free ones through D, `stage_durations`: the
+        last stage takes what the others leave of the horizon.
+        """
+        D = self.stage_durations
+        of = self.grid.stage_of
+        cost = _CostModel(self, point, p)
         ends, end_rows = self.ends(point, p)
-        by_stage = -self._mean_velocities(point) / self.nodes[of, None]
+        gaps_by_stage = -self._mean_velocities(point) / self.nodes[of, None]
         return Linearization(
-            at=self._residuals(point, p, sums.costs, sums.terminal, ends),
-            gradient=sums.gradient,
-            gradient_tau=D.T @ sums.by_tau + p.pending * self.waiting,
-            positions=sums.positions,
-            coupling=sums.coupling,
-            arrow=sums.arrow @ D,
-            durations=D.T @ (sums.durations[:, None] * D),
-            gap_velocity=-self.steps(point, horizon) * np.array(self.weights),
-            gap_tau=by_stage[:, :, None] * D[of][:, None, :],
+            at=self._residuals(point, p, cost.costs, cost.terminal, ends),
+            gradient=cost.gradient,
+            gradient_tau=D.T @ cost.gradient_tau + p.pending * self.waiting,
+            positions=cost.positions,
+            coupling=cost.coupling,
+            arrow=cost.arrow @ D,
+            durations=D.T @ (cost.durations[:, None] * D),
+            gap_velocity=-self.steps(point, float(p.horizon)) * np.array(self.weights),
+            gap_tau=gaps_by_stage[:, :, None] * D[of][:, None, :],
             end_rows=end_rows,
         )
 
@@ -225,52 +230,98 @@ def _terminal_cost(p: Parameters[np.ndarray], L: np.ndarray) -> float:
     return float(p.terminal * (L.item() - p.offset[-1]) / p.scale[-1])
 
 
-class _Sums:
-    """The sums over nodes that a linearization has; derivatives by the durations of all stages."""
+class _CostModel:
+    """Value, gradient and Gauss-Newton Hessian of the stages' costs; derivatives by the durations of all stages.
+
+    A stage of duration tau with N intervals costs, e being its residual at a node, W its weights and dv the change of
+    the velocities over an interval,
+
+        omega / scale (tau / N sum_k (e_k' W e_k - offset) + N / tau sum_k dv_k' W_r dv_k).
+
+    Attributes:
+        costs: Normalized cost integral of each stage, without priorities, (S + 1,).
+        terminal: Normalized terminal cost of the last stage, times kappa.
+        gradient: By x_k, (K + 1, 2n).
+        gradient_tau: By the durations, (S + 1,).
+        positions: Upper triangle of the Hessian by Q_k, (K + 1, n, n).
+        coupling: Its diagonal by (Qdot_k, Qdot_k+1), (K, n).
+        arrow: By x_k and the durations, (K + 1, 2n, S + 1).
+        durations: Its diagonal by the durations, (S + 1,).
+    """
 
     def __init__(self, form: VelocityForm, point: Point, p: Parameters[np.ndarray]) -> None:
         K, n, S = form.grid.K, form.grid.n, form.grid.switches
-        self.form, self.point, self.p, self.tau = form, point, p, form.durations(point, float(p.horizon))
+        self._form = form
+        self._point = point
+        self._p = p
+        self._tau = form.durations(point, float(p.horizon))
         self.gradient = np.zeros((K + 1, 2 * n))
+        self.gradient_tau = np.zeros(S + 1)
         self.positions = np.zeros((K + 1, n, n))
         self.coupling = np.zeros((K, n))
         self.arrow = np.zeros((K + 1, 2 * n, S + 1))
         self.durations = np.zeros(S + 1)
-        self.by_tau = np.zeros(S + 1)
-        self.costs, self.terminal = np.zeros(S + 1), 0.0
-        for s, (N, tau) in enumerate(zip(form.grid.nodes, self.tau, strict=True)):
-            L = self._add_states(s, form.intervals(s), slice(N), p.omega[s] / p.scale[s] / N, tau)
-            self.costs[s] = _cost(s, p, N, tau, L, self._add_control(s))
+        self.costs = np.zeros(S + 1)
+        self.terminal = 0.0
+        for s, (N, tau) in enumerate(zip(form.grid.nodes, self._tau, strict=True)):
+            share = p.omega[s] / p.scale[s] / N
+            squares = self._add_residuals(s, form.intervals(s), slice(N), weight=share * tau, weight_by_tau=share)
+            self.costs[s] = _cost(s, p, N, tau, squares, self._add_control(s))
         if p.terminal:
-            c = p.terminal * p.omega[-1] / p.scale[-1]
-            self.terminal = _terminal_cost(p, self._add_states(S, slice(K, K + 1), slice(-1, None), c, None))
+            share = p.terminal * p.omega[-1] / p.scale[-1]
+            last = slice(K, K + 1)
+            squares = self._add_residuals(S, last, slice(-1, None), weight=share, weight_by_tau=0.0)
+            self.terminal = _terminal_cost(p, squares)
 
-    def _add_states(self, s: int, at: slice, of_stage: slice, c: float, tau: float | None) -> np.ndarray:
-        """Add c times the squares of a stage's residual at some nodes, times tau [s] if given; return the squares."""
-        form, n, p = self.form, self.form.grid.n, self.p
-        (wanted, slope), stage = reference(p, s, self.tau[s]), form.costs[s]
-        X = self.point.X[at, :n]
-        L, r, q, g, m, H = stage.gauss_newton(X, p.weights[s], wanted[of_stage], slope[of_stage], rows=len(X))
-        w, slope_w = (c, 0.0) if tau is None else (c * tau, c)
-        self.gradient[at, :n] += 2 * w * g
-        self.positions[at] += 2 * w * H.reshape(-1, n, n)
-        self.arrow[at, :n, s] += 2 * w * m + slope_w * g
-        self.durations[s] += (2 * w * q + 2 * slope_w * r + slope_w**2 / (2 * w) * L).sum()
-        self.by_tau[s] += (slope_w * (L - p.offset[s]) + 2 * w * r).sum()
-        return L
+    def _add_residuals(self, s: int, nodes: slice, of_stage: slice, weight: float, weight_by_tau: float) -> np.ndarray:
+        """Add weight times e' W e at some nodes, and return e' W e.
+
+        With w = weight(tau), the residual sqrt(w) e depends on Q, E = de/dQ, and on tau: d(sqrt(w) e)/dtau =
+        sqrt(w) (e_tau + w' / (2 w) e), where e_tau is due to a target that moves. So its Gauss-Newton model is
+
+            gradient by Q      2 w E' W e                    Hessian by Q, Q      2 w E' W E
+            gradient by tau    2 w e' W e_tau + w' e' W e    Hessian by Q, tau    2 w E' W e_tau + w' E' W e
+            Hessian by tau, tau    2 w e_tau' W e_tau + 2 w' e' W e_tau + w'^2 / (2 w) e' W e.
+
+        Args:
+            s: The stage.
+            nodes: The nodes.
+            of_stage: The same, counted from the stage's first.
+            weight: w.
+            weight_by_tau: w', its derivative by the stage's duration.
+        """
+        p, n = self._p, self._form.grid.n
+        wanted, slope = reference(p, s, self._tau[s])
+        Q = self._point.X[nodes, :n]
+        # e'We, e'We_tau, e_tau'We_tau, E'We, E'We_tau, E'WE
+        squares, with_tau, of_tau, by_Q, by_Q_tau, by_Q_Q = self._form.costs[s].gauss_newton(
+            Q, p.weights[s], wanted[of_stage], slope[of_stage], rows=len(Q)
+        )
+        curvature = weight_by_tau**2 / (2 * weight) * squares
+        self.gradient[nodes, :n] += 2 * weight * by_Q
+        self.positions[nodes] += 2 * weight * by_Q_Q.reshape(-1, n, n)
+        self.arrow[nodes, :n, s] += 2 * weight * by_Q_tau + weight_by_tau * by_Q
+        self.durations[s] += (2 * weight * of_tau + 2 * weight_by_tau * with_tau + curvature).sum()
+        self.gradient_tau[s] += (weight_by_tau * (squares - p.offset[s]) + 2 * weight * with_tau).sum()
+        return np.asarray(squares)
 
     def _add_control(self, s: int) -> float:
-        """Add omega_s / scale_s times the effort of a stage; return the effort."""
-        n, tau, at, p = self.form.grid.n, self.tau[s], self.form.intervals(s), self.p
-        after = slice(at.start + 1, at.stop + 1)
-        dv, effort = self.form.control(s, self.point, p, tau)
+        """Add omega / scale E(dv, tau) of a stage, E = N / tau sum_k dv_k' W_r dv_k, and return E.
+
+        Its Hessian is exact: dE/dtau = -E / tau, d2E/dtau2 = 2 E / tau^2, and with b = 2 N / tau W_r
+        dE/ddv = b dv, d2E/ddv2 = b, d2E/ddv dtau = -b dv / tau; dv_k = Qdot_k+1 - Qdot_k.
+        """
+        n, tau, p = self._form.grid.n, self._tau[s], self._p
+        before = self._form.intervals(s)
+        after = slice(before.start + 1, before.stop + 1)
+        dv, effort = self._form.control(s, self._point, p, tau)
         weight = p.omega[s] / p.scale[s]
-        b = 2 * weight * self.form.nodes[s] / tau * p.control_weights[s]
+        b = 2 * weight * self._form.nodes[s] / tau * p.control_weights[s]
         self.gradient[after, n:] += b * dv
-        self.gradient[at, n:] -= b * dv
-        self.coupling[at] -= b
+        self.gradient[before, n:] -= b * dv
+        self.coupling[before] -= b
         self.arrow[after, n:, s] -= b * dv / tau
-        self.arrow[at, n:, s] += b * dv / tau
+        self.arrow[before, n:, s] += b * dv / tau
         self.durations[s] += 2 * weight * effort / tau**2
-        self.by_tau[s] -= weight * effort / tau
+        self.gradient_tau[s] -= weight * effort / tau
         return effort

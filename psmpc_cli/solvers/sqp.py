@@ -145,7 +145,7 @@ class SqpSolver(Solver):
             warm=previous is not None,
             costs=iterate.at.costs,
             terminal=iterate.at.terminal,
-            violations=sqp_window.beyond(point)[1:].max(axis=0) / PENALTY if window.soft else np.zeros(0),
+            violations=sqp_window.penalty(point)[1:].max(axis=0) / PENALTY if window.soft else np.zeros(0),
             duals=iterate.qp.ends if form.curved and iterate.qp is not None else np.zeros(0),
             guess_duals=ends,
         )

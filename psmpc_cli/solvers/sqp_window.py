@@ -151,7 +151,7 @@ class SqpWindow:
         every = np.concatenate([np.abs(at.gaps).ravel(), (bounds.low - rows)[hard], (rows - bounds.high)[hard]])
         return float(max(every.max(), 0.0))
 
-    def beyond(self, point: Point) -> np.ndarray:
+    def penalty(self, point: Point) -> np.ndarray:
         """Return rho times the violations of soft limits at a point, (K + 1, 2n); (K + 1, 0) where limits are hard."""
         if not self.bounds.soft:
             return np.zeros((len(point.X), 0))
@@ -163,7 +163,7 @@ class SqpWindow:
 
     def keeps_soft_limits(self, point: Point) -> bool:
         """Tell whether soft limits are violated no further than the measured state violates them."""
-        violation = self.beyond(point) / PENALTY
+        violation = self.penalty(point) / PENALTY
         return bool((violation[1:] <= violation[0] + FEASIBLE).all())
 
     def shares(self, point: Point) -> np.ndarray:
@@ -177,7 +177,7 @@ class SqpWindow:
     def _penalized(self, point: Point, at: Residuals) -> Residuals:
         if not self.bounds.soft:
             return at
-        return replace(at, objective=at.objective + float((self.shares(point) * self.beyond(point)).sum()))
+        return replace(at, objective=at.objective + float((self.shares(point) * self.penalty(point)).sum()))
 
     def linearize(self, point: Point) -> Linearization:
         """Return the model at a point, its violations counted with the durations they last.
@@ -187,7 +187,7 @@ class SqpWindow:
         model = self.form.linearize(point, self.p)
         if not self.bounds.soft:
             return model
-        by_tau = self.beyond(point).sum(axis=1) @ shares_of_time(self.form.interval_steps)
+        by_tau = self.penalty(point).sum(axis=1) @ shares_of_time(self.form.interval_steps)
         at = self._penalized(point, model.at)
         return replace(model, at=at, gradient_tau=model.gradient_tau + by_tau)
 
@@ -195,5 +195,5 @@ class SqpWindow:
         """Return what a step changes of the penalty, as long as durations stay."""
         if not self.bounds.soft:
             return 0.0
-        change = self.beyond(point.moved(step, 1.0)) - self.beyond(point)
+        change = self.penalty(point.moved(step, 1.0)) - self.penalty(point)
         return float((self.shares(point) * change).sum())

@@ -392,6 +392,11 @@ static void begin(Solver *s) {
     move(s, 0.0, 0.0, p->X, p->tau);
 }
 
+/* Bytes of a Program, which who calls from another language declares again. */
+int64_t psmpc_qp_program_size(void) {
+    return (int64_t)sizeof(Program);
+}
+
 int64_t psmpc_qp_memory(const Program *p) {
     Solver s;
     return lay_out(&s, p, NULL);

@@ -24,6 +24,9 @@ from psmpc_cli.solvers.sqp_window import SqpWindow
 
 SOURCES = ("recursion.c", "program.c", "interior_point.c")
 
+SYMBOLS = ("psmpc_qp_memory", "psmpc_qp_solve", "psmpc_qp_program_size")
+"""Functions of our own method."""
+
 FLAGS = ("-O3", "-march=native", "-fopenmp-simd", "-fno-math-errno", "-ffp-contract=off")
 """Without -ffast-math: a step that is not finite has to be noticed; without contraction: compilers round alike."""
 
@@ -135,20 +138,31 @@ class Program(ctypes.Structure):
 
 def kernel_library(coordinates: int, durations: int) -> Path | None:
     """Return the shared library of our own method for these sizes; None where nothing can be compiled."""
+    return library(kernel_source(coordinates, durations), "qp", FLAGS, SYMBOLS)
+
+
+def kernel_source(coordinates: int, durations: int) -> str:
+    """Return the C source of our own method for these sizes."""
     sizes = f"#define N {coordinates}\n#define S {durations}\n#define NARROW {NARROW}\n"
     folder = files("psmpc_cli.solvers")
-    code = sizes + "".join((folder / name).read_text(encoding="utf-8") for name in SOURCES)
-    return library(code, "qp", FLAGS, ("psmpc_qp_memory", "psmpc_qp_solve"))
+    return sizes + "".join((folder / name).read_text(encoding="utf-8") for name in SOURCES)
 
 
 @cache
 def load_kernel(coordinates: int, durations: int) -> ctypes.CDLL | None:
-    """Load our own method for these sizes; None where nothing can be compiled."""
+    """Load our own method for these sizes; None where nothing can be compiled.
+
+    Raises:
+        RuntimeError: Its `Program` is another structure than ours.
+    """
     path = kernel_library(coordinates, durations)
     if path is None:
         return None
     kernel = ctypes.CDLL(str(path))
-    kernel.psmpc_qp_memory.restype = kernel.psmpc_qp_solve.restype = ctypes.c_int64
+    for symbol in SYMBOLS:
+        getattr(kernel, symbol).restype = ctypes.c_int64
+    if (size := kernel.psmpc_qp_program_size()) != ctypes.sizeof(Program):
+        raise RuntimeError(f"a program has {size} bytes in C, expected the {ctypes.sizeof(Program)} of `Program`")
     return kernel
 
 

@@ -22,6 +22,7 @@ from multiprocessing.resource_tracker import ensure_running
 from pathlib import Path
 from pkgutil import resolve_name
 from queue import Empty, SimpleQueue
+from threading import Thread
 from typing import Any, TypeVar
 
 import numpy as np
@@ -64,6 +65,9 @@ CONNECTING = 10
 
 POLL = 0.1
 """Time between two looks for a signal while processes compute [s]."""
+
+ORPHAN_POLL = 0.5
+"""Time between two looks of a process for its parent [s]."""
 
 IDLE = 30
 """Time after which a process that computes nothing ends [s]."""
@@ -360,12 +364,28 @@ def _on_this_machine(jobs: int) -> Iterator[tuple[Executor, type[Exception]]]:
     """Provide processes of this machine, which later calls reuse, and what a call raises that kills its process."""
     ensure_running()  # multiprocessing's tracker of resources, whose start unblocks interrupts
     with _interrupts_blocked():
-        executor = get_reusable_executor(jobs, timeout=IDLE, env=ONE_THREAD)
+        executor = get_reusable_executor(
+            jobs, timeout=IDLE, env=ONE_THREAD, initializer=_end_with_parent, initargs=(os.getpid(),)
+        )
     try:
         yield executor, TerminatedWorkerError
     except BaseException:
         _end(executor)
         raise
+
+
+def _end_with_parent(parent: int) -> None:
+    """Let this process end when its parent, of this number, has ended: one that is killed cannot end its processes.
+
+    A thread looks for it. Linux could send a signal instead, but does so when the *thread* ends that made the process.
+    """
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(ORPHAN_POLL)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    Thread(target=watch, daemon=True).start()
 
 
 def _end(executor: Executor) -> None:

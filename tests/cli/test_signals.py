@@ -6,6 +6,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,49 @@ def test_an_interrupted_run_leaves_log_summary_and_figures(
     assert (found, bool(log.attributes["finished"]), log.attributes["end_reason"]) == (code, False, reason)
     assert out.startswith(f"mission not finished: {reason}, after {log.time[-1]:.1f} s\n")
     assert Path("log/states.png").exists()
+
+
+def processes_of(session: int) -> set[int]:
+    """The processes of a session, zombies left out."""
+    found = set()
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            number, _, rest = status.read_text().partition(" ")
+            state, _, _, of, *_ = rest.rpartition(")")[2].split()
+            if int(of) == session and state != "Z":
+                found.add(int(number))
+    return found
+
+
+STUDIES = {
+    "monte-carlo": ("monte-carlo", "transport", "--runs", "4", "--set", "uncertainty.mass=0.1"),
+    "sweep": ("sweep-weights", "2x2"),
+}
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked for there")
+@pytest.mark.parametrize(("study", "delay"), [("monte-carlo", 2.5), ("sweep", 0.0)])
+def test_no_process_of_a_killed_study_is_left_and_its_results_can_be_completed(
+    start: Start, psmpc: Psmpc, study: str, delay: float
+) -> None:
+    """Its processes would hold the standard output for ever."""
+    words = (*STUDIES[study], "--set", "controller.nodes=12", "--jobs", "2", "--no-figures")
+    process = start(*words, "-o", "killed.h5")
+    while not Path("killed.h5").exists():
+        time.sleep(0.05)
+    time.sleep(delay)
+    process.kill()
+    killed = time.monotonic()
+    process.communicate(timeout=5)  # until the last of them has closed its end of the pipes
+    while processes_of(process.pid) and time.monotonic() < killed + 5:
+        time.sleep(0.1)
+    assert not processes_of(process.pid)
+    assert psmpc(*words, "-o", "killed.h5", "--resume").code == 0
+    assert psmpc(*words, "-o", "undisturbed.h5").code == 0
+    one, other = (read_results(Path(f"{name}.h5"), kind_of(Path(f"{name}.h5"))) for name in ("killed", "undisturbed"))
+    assert one.quantities.keys() == other.quantities.keys()
+    for name in one.quantities.keys() - {"cell_time", "wall_time", "solve_time_median", "solve_time_largest"}:
+        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="which signals a process catches is read there")

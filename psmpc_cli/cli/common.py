@@ -3,7 +3,7 @@
 import logging
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count, pairwise
 from pathlib import Path
@@ -15,12 +15,24 @@ from psmpc_cli.errors import InputError, Interruption, deferred_signals
 
 if TYPE_CHECKING:
     from psmpc_cli.logs.schema import Sample
+    from psmpc_cli.specs.document import Change
     from psmpc_cli.studies.runner import Progress
 
 RUNS = Path("runs")
 """Folder of the default outputs."""
 
 TASK = "Task file, or the name of a built-in task such as transport."
+
+
+def validate(reference: str, changes: "Sequence[Change] | None" = None) -> None:
+    """Reject a task that does not hold, before a command imports what is heavy.
+
+    Raises:
+        SpecError: It does not.
+    """
+    from psmpc_cli.specs.load import load_task
+
+    load_task(reference, changes or ())
 
 
 def _set_log_level(quiet: bool) -> bool:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from psmpc_cli.cli.common import TASK, Changes, Force, Quiet, ending_on_signals, live_line
+from psmpc_cli.cli.common import TASK, Changes, Force, Quiet, ending_on_signals, live_line, validate
 from psmpc_cli.errors import PsmpcError, SpecError
 
 
@@ -34,16 +34,20 @@ def check(
 
 def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path | None, force: bool) -> bool:
     """Print the table of one robot or task and the audit of its gradients, draw it; tell whether gradients agree."""
-    from psmpc_cli.cli.tables import print_gradients, print_robot, print_task
-    from psmpc_cli.ocp.feasibility import load_feasible, look_ahead, remarks
     from psmpc_cli.specs.load import kind_of_reference, load_robot
 
     agree, drawn = True, "scenario"
     if kind_of_reference(reference) == "robot":
         subject: Any = load_robot(reference)
         drawn = "robot"
+        from psmpc_cli.cli.tables import print_robot
+
         print_robot(subject)
     else:
+        validate(reference, changes)
+        from psmpc_cli.cli.tables import print_gradients, print_task
+        from psmpc_cli.ocp.feasibility import load_feasible, look_ahead, remarks
+
         subject = load_feasible(reference, changes)
         outlooks = look_ahead(subject)
         print_task(subject, outlooks)

@@ -50,12 +50,6 @@ def simulate(
     verbose: Verbose = False,
 ) -> None:
     """Run a task in closed loop and write its log and figures."""
-    from psmpc_cli.cli.tables import present
-    from psmpc_cli.figures.animation import offscreen_driver
-    from psmpc_cli.ocp.feasibility import load_feasible
-    from psmpc_cli.simulation.run import simulate as run_task
-    from psmpc_cli.solvers import Outcome
-
     if quiet and verbose:
         raise InputError("found both --quiet and --verbose, expected at most one of them")
     if verbose:
@@ -64,6 +58,14 @@ def simulate(
     short = (("controller", controller), ("plant", plant))
     overrides += [(f"--{name} {kind}", f"{name}.kind={kind}") for name, kind in short if kind is not None]
     drawing = figures or render
+    if task is not None and unfinished is None:
+        common.validate(task, overrides)
+    from psmpc_cli.cli.tables import present
+    from psmpc_cli.figures.animation import offscreen_driver
+    from psmpc_cli.ocp.feasibility import load_feasible
+    from psmpc_cli.simulation.run import simulate as run_task
+    from psmpc_cli.solvers import Outcome
+
     if unfinished is not None:
         if task or overrides:
             wanted = "expected no task, --set, --controller or --plant beside it"

@@ -34,6 +34,7 @@ def compare(
     quiet: common.Quiet = False,
 ) -> None:
     """Run several controllers on the identical task: one table, one file of logs, and figures side by side."""
+    common.validate(task, changes)
     from psmpc_cli.cli.tables import present
     from psmpc_cli.studies.compare import compared_tasks, run_tasks
 
@@ -72,6 +73,9 @@ def sweep_weights(
     quiet: common.Quiet = False,
 ) -> None:
     """Run the closed loop under many pairs of priorities: how they decide the actual start. Paper Fig. 6."""
+    for word in filter(None, (grid, task)):
+        if not re.fullmatch(r"\d+(x\d+)?", word):
+            common.validate(word, changes)
     from psmpc_cli.studies import sweep
 
     if grid is not None and not sweep.is_grid(grid):
@@ -101,6 +105,7 @@ def monte_carlo(
     quiet: common.Quiet = False,
 ) -> None:
     """Run a task many times, each with another seed for its uncertainty: how often it succeeds, and how runs spread."""
+    common.validate(task, changes)
     from psmpc_cli.studies.monte_carlo import monte_carlo_study
 
     _run_study(monte_carlo_study(task, runs, tuple(changes or ())), output, force, resume, jobs, dask, figures, quiet)

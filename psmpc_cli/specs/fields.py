@@ -25,7 +25,6 @@ from pydantic import (
 )
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
-from scipy.spatial.transform import Rotation
 
 from psmpc_cli.specs.document import DECIMAL, LARGEST, Document, Fault, Location, choice, suggestion
 
@@ -370,6 +369,8 @@ class Attitude(Spec):
     @property
     def numbers(self) -> list[float]:
         """The unit quaternion w, x, y, z."""
+        from scipy.spatial.transform import Rotation
+
         if self.quaternion is not None:
             return [float(part) for part in np.array(self.quaternion) / np.linalg.norm(self.quaternion)]
         if self.rpy is not None:

@@ -12,7 +12,6 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field
-from scipy.spatial.transform import Rotation
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, mapping, quoted
@@ -191,6 +190,8 @@ class SpatialArm(Spec):
 
 def _rotation_vector(rpy: Triple) -> Triple:
     """Compute the rotation vector [rad] of fixed-axis angles about x, y and z [rad]."""
+    from scipy.spatial.transform import Rotation
+
     x, y, z = Rotation.from_euler("xyz", rpy).as_rotvec().tolist()
     return x, y, z
 

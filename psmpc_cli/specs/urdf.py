@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.document import (
@@ -259,6 +258,8 @@ class Urdf:
         return low, high
 
     def _origin(self, element: Any) -> Matrix:
+        from scipy.spatial.transform import Rotation
+
         place, rpy = np.eye(4), self._numbers(element, "origin/@rpy", 3, "0 0 0")
         if max(np.abs(rpy)) > 4 * np.pi:
             angles = " ".join(f"{angle:g}" for angle in rpy)
@@ -459,6 +460,8 @@ def _placed(urdf: Urdf, base: str, locked: Mapping[str, float], bodies: Mapping[
 
 def _rigid(joint: UrdfJoint, at: float) -> Matrix:
     """Return the child's frame in the parent's (4, 4), with the joint at a position."""
+    from scipy.spatial.transform import Rotation
+
     move = np.eye(4)
     if joint.kind == "prismatic":
         move[:3, 3] = at * joint.axis

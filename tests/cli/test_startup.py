@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from typer.main import get_command
@@ -23,9 +24,10 @@ finally:
 """Runs the command line; its last line names the packages imported by then."""
 
 
-def imported_by(*arguments: str) -> set[str]:
+def imported_by(*arguments: str, code: int = 0) -> set[str]:
     command = [sys.executable, "-W", "error", "-c", REPORT, *arguments]
-    ran = subprocess.run(command, capture_output=True, text=True, check=True)
+    ran = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ran.returncode == code
     return set(json.loads(ran.stdout.splitlines()[-1]))
 
 
@@ -34,6 +36,19 @@ def test_a_start_imports_nothing_heavy(arguments: list[str]) -> None:
     imported = imported_by(*arguments)
     assert "psmpc_cli" in imported
     assert imported & HEAVY == set()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("check",), ("simulate",), ("compare",), ("sweep-weights", "3x3"), ("monte-carlo", "--runs", "2")],
+    ids=lambda words: words[0],
+)
+@pytest.mark.parametrize("task", ["bad.yaml", "missing.yaml"])
+def test_a_task_is_rejected_before_what_is_heavy_is_imported(words: tuple[str, ...], task: str, tmp_path: Path) -> None:
+    """CasADi, SciPy, h5py, Matplotlib and joblib take more than half of what a command takes to start."""
+    (tmp_path / "bad.yaml").write_text("robot: planar_dual_arm\ncontroller: {horizont: 4}\n")
+    needed = {"numpy", "pydantic", "yaml", "lxml"}
+    assert imported_by(*words, str(tmp_path / task), code=2) & (HEAVY | {"scipy"}) <= needed
 
 
 @pytest.mark.parametrize("command", get_command(app).commands)

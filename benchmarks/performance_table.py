@@ -12,6 +12,7 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy is loaded
 
+import gc
 import math
 import shlex
 import sys
@@ -289,6 +290,8 @@ def _decisions(name: str, nodes: str, solver: str, deadline: str) -> tuple[list[
     """Run a closed loop and return its commands and the wall times of their decisions [s]."""
     settings = [f"controller.nodes={nodes}", f"solver.kind={solver}", f"solver.deadline={deadline}", "log.shares=false"]
     experiment = build_experiment(load_task(name, settings))
+    gc.collect()
+    gc.freeze()  # what other runs have left is no matter of this one
     spent = timed(experiment.controller, "step")
     commands = [sample.command for sample in closed_loop(experiment)]
     _tell(f"{name}, nodes {nodes}, {solver}, deadline {deadline}: {len(commands)} samples")

@@ -13,6 +13,9 @@ from psmpc_cli.ocp.problem import Problem, Stage
 from psmpc_cli.ocp.window import own_violations
 from psmpc_cli.solvers import FEASIBLE, Outcome, Solution, Solver
 
+RESERVE = 0.4
+"""Share of a deadline that is left for the window without a stage that has appeared, should the one with it not end."""
+
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
@@ -35,7 +38,8 @@ class Attempts:
 
     Args:
         problem: The problem.
-        solver: Its solver, with the deadline of the sample.
+        solver: Its solver.
+        until: When the sample's solves have to stop, an instant of `time.perf_counter` [s].
         builder: Builds the windows.
         stages: All stages of the task, placed at this sample.
         prediction: The last plan, shifted; it begins at the measured state.
@@ -47,6 +51,7 @@ class Attempts:
         self,
         problem: Problem,
         solver: Solver,
+        until: float,
         builder: WindowBuilder,
         stages: Sequence[Stage],
         prediction: Plan,
@@ -55,7 +60,9 @@ class Attempts:
     ) -> None:
         self._spec = problem.spec.controller
         self._costs = problem.costs
-        self._solver = solver
+        self._solver = solver.stopping(until)
+        has_deadline = np.isfinite(solver.deadline)
+        self._appending = solver.stopping(until - RESERVE * solver.deadline) if has_deadline else self._solver
         self._builder = builder
         self._stages = stages
         self._prediction = prediction
@@ -76,13 +83,14 @@ class Attempts:
             sequence: The stages that are in the window.
             longer: The same with a stage that has appeared; None where none has.
         """
-        solved = self._solve(longer or sequence, self._unfinished)
+        solver = self._solver if longer is None else self._appending
+        solved = self._solve(longer or sequence, self._unfinished, solver)
         ran_out = solved.outcome in (Outcome.ITERATION_LIMIT, Outcome.DEADLINE)
         unfinished = solved if longer is not None and ran_out else None
         if longer is not None:
             if solved.outcome.usable and _keeps_limits(solved):
                 return Attempt(longer, solved, unfinished)
-            shorter = self._solve(sequence, unfinished)
+            shorter = self._solve(sequence, unfinished, self._solver)
             if solved.outcome.usable and _keeps_limits(solved, shorter):
                 return Attempt(longer, _with_time_of(shorter, solved), unfinished)
             solved = _with_time_of(solved, shorter)
@@ -91,7 +99,7 @@ class Attempts:
         if self._hands_over(sequence):
             return Attempt(sequence, replace(solved, outcome=Outcome.INFEASIBLE), unfinished)
         if sequence.count > 1:
-            alone = self._solve(sequence.alone, unfinished)
+            alone = self._solve(sequence.alone, unfinished, self._solver)
             better = solved.outcome is Outcome.INFEASIBLE or not _keeps_limits(solved, alone)
             if alone.outcome.usable and better:
                 return Attempt(sequence.alone, _with_time_of(solved, alone), unfinished)
@@ -106,13 +114,13 @@ class Attempts:
         stage = self._stages[sequence.first]
         return bool(self._costs.met(stage, prediction.X[:1], self._spec.detection_margin)[0])
 
-    def _solve(self, sequence: MovingSequence, unfinished: Solution | None) -> Solution:
+    def _solve(self, sequence: MovingSequence, unfinished: Solution | None, solver: Solver) -> Solution:
         window = self._builder.build(sequence, self._stages, self._prediction, self._previous)
         guess = self._guess(sequence, unfinished)
         starts = self._spec.multistart or 1
         if starts == 1:
-            return self._solver.solve(window, guess, self._previous)
-        return solve_from_several(self._solver, window, guess, self._previous, starts)
+            return solver.solve(window, guess, self._previous)
+        return solve_from_several(solver, window, guess, self._previous, starts)
 
     def _guess(self, sequence: MovingSequence, unfinished: Solution | None) -> Plan:
         """Return the guess of a window: the prediction, or the unfinished iterate over the same stages, shifted."""

@@ -302,7 +302,8 @@ class ControlLaw:
     def _attempts(self, memory: Memory, situation: Situation, prediction: Plan, until: float) -> Attempts:
         return Attempts(
             problem=self.problem,
-            solver=self.solver.stopping(until),
+            solver=self.solver,
+            until=until,
             builder=self.builder,
             stages=situation.stages,
             prediction=prediction,

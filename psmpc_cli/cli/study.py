@@ -73,13 +73,12 @@ def sweep_weights(
     quiet: common.Quiet = False,
 ) -> None:
     """Run the closed loop under many pairs of priorities: how they decide the actual start. Paper Fig. 6."""
-    for word in filter(None, (grid, task)):
-        if not re.fullmatch(r"\d+(x\d+)?", word):
-            common.validate(word, changes)
+    if grid is not None and not _is_grid(grid):
+        grid, task = task, grid
+    if task is not None:
+        common.validate(task, changes)
     from psmpc_cli.studies import sweep
 
-    if grid is not None and not sweep.is_grid(grid):
-        grid, task = task, grid
     expected = "positive numbers between commas, such as 1e-3,1e-2,0.1"
     epsilons = sweep.parse_numbers("--epsilon", epsilon, expected, above=0.0) if epsilon is not None else ()
     loaded = sweep.load_sweep_task(task or sweep.DEFAULT_TASK, tuple(changes or ()), epsilons)
@@ -90,6 +89,11 @@ def sweep_weights(
     cells = sweep.parse_sampling(grid or sampling or "", limits, loaded.spec.seed)
     study = sweep.weight_study(loaded, sweep.parse_stages(stages, loaded), cells, every_cell)
     _run_study(study, output, force, resume, jobs, dask, figures, quiet)
+
+
+def _is_grid(text: str) -> bool:
+    """Return whether a text is meant as a grid or a number of ratios, and not as a task."""
+    return re.match(r"\s*[-+]?\d", text) is not None and not text.endswith((".yaml", ".yml")) and "/" not in text
 
 
 def monte_carlo(

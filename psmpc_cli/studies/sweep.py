@@ -87,11 +87,6 @@ def parse_numbers(option: str, text: str, expected: str, above: float = -np.inf,
     return tuple(found)
 
 
-def is_grid(text: str) -> bool:
-    """Return whether a text is meant as a grid or a number of ratios, and not as a task."""
-    return re.match(r"\s*[-+]?\d", text) is not None and not text.endswith((".yaml", ".yml")) and "/" not in text
-
-
 def parse_sampling(text: str, bounds: tuple[float, ...], seed: int = 0) -> Sampling:
     """Build the cells of a grid such as 25x25 (omega_1 by omega_2), of a number of ratios such as 49, or of draws.
 

@@ -59,6 +59,7 @@ BAD: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("sweep-weights", ("neither a grid nor --sampling", "25x25")),
     ("sweep-weights 3x3 task.yaml --sampling random:5", ("both a grid and --sampling",)),
     ("sweep-weights 25y25 task.yaml", ("'25y25'", "25x25")),
+    ("sweep-weights 3x3x3 task.yaml", ("'3x3x3'", "25x25")),
     ("sweep-weights task.yaml 1x5", ("'1x5'",)),
     ("sweep-weights task.yaml --sampling sobol:5", ("'sobol:5'", "random:N")),
     ("sweep-weights 3x3 task.yaml --range 0:1", ("--range", "'0:1'")),

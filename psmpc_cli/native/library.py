@@ -33,6 +33,9 @@ DAY = 24 * 3600.0
 KEPT_FOR = 90 * DAY
 """Time after which libraries that are not used are removed [s]."""
 
+MAKING = ".making-"
+"""Beginning of the names of folders in which libraries are made; they stay where a process is killed meanwhile."""
+
 LIBRARY_NAME = re.compile(r"\w+-[0-9a-f]{24}(-[0-9a-f]{24})?")
 """Names of libraries in the cache, those of earlier versions included."""
 
@@ -71,7 +74,8 @@ def library(source: str, name: str, flags: Sequence[str] = ("-O2",), symbols: Se
         _report(f"compiling solver and plant code with {_name_of(compiler)} (once, kept in {directory})")
         _remove_unused(directory)
         entry = _compile(compiler, source, directory, f"{name}-{key}", flags)
-        ctypes.CDLL(str(entry))
+        if not _has(entry, symbols):
+            raise CompilationError(f"{_name_of(compiler)} made no library with {', '.join(symbols) or 'its functions'}")
         return entry
     except (CompilationError, OSError) as error:
         _report(f"{error}; continuing without compiled code")
@@ -132,9 +136,14 @@ def find_compiler() -> tuple[str, ...]:
 def describe_compiler() -> str:
     """Return name and version of the compiler in one line; empty where there is none."""
     try:
-        return _run([*find_compiler(), "--version"], None).partition("\n")[0].strip()
+        return _version(find_compiler())
     except CompilationError:
         return ""
+
+
+@cache
+def _version(compiler: tuple[str, ...]) -> str:
+    return _run([*compiler, "--version"], None).partition("\n")[0].strip()
 
 
 def describe_processor() -> str:
@@ -162,7 +171,7 @@ def _compile(compiler: tuple[str, ...], source: str, directory: Path, name: str,
     It is made in a temporary directory beside, stored on disk and then renamed: safe for several processes at once, and
     when the machine stops.
     """
-    with tempfile.TemporaryDirectory(prefix=".making-", dir=directory) as folder:
+    with tempfile.TemporaryDirectory(prefix=MAKING, dir=directory) as folder:
         # The file names are always the same because compilers write them into the library.
         written, made = Path(folder) / "source.c", Path(folder) / f"made{SUFFIX}"
         written.write_text(source, encoding="utf-8")
@@ -211,10 +220,15 @@ def _mark_used(entry: Path) -> None:
 
 
 def _remove_unused(directory: Path) -> None:
-    """Remove libraries that were not used for `KEPT_FOR`."""
-    for entry in directory.glob(f"*{SUFFIX}"):
+    """Remove libraries that were not used for `KEPT_FOR`, and what compilations left that were killed before."""
+    libraries = (entry for entry in directory.glob(f"*{SUFFIX}") if LIBRARY_NAME.fullmatch(entry.stem))
+    for entry in (*libraries, *directory.glob(f"{MAKING}*")):
         with suppress(OSError):
-            if LIBRARY_NAME.fullmatch(entry.stem) and time() - entry.stat().st_mtime > KEPT_FOR:
+            if time() - entry.stat().st_mtime <= KEPT_FOR:
+                continue
+            if entry.is_dir():
+                shutil.rmtree(entry)
+            else:
                 entry.unlink()
 
 

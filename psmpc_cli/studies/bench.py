@@ -2,19 +2,18 @@
 
 import os
 import platform
-import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError, RunError
+from psmpc_cli.native.library import describe_processor
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Problem
@@ -291,14 +290,7 @@ def describe_machine(bench: Bench) -> str:
     """Return what a bench ran on, and whether it had the machine to itself."""
     versions = ", ".join(f"{name} {version(name)}" for name in ("psmpc", "casadi", "numpy", "piqp"))
     return (
-        f"{_processor()}, {os.cpu_count()} cores; sqp {'compiled' if bench.compiled else 'interpreted'}; wall over "
-        f"processor time {bench.wall_over_busy:.2f}; {platform.system()} {platform.machine()}; python "
+        f"{describe_processor()}, {os.cpu_count()} cores; sqp {'compiled' if bench.compiled else 'interpreted'}; "
+        f"wall over processor time {bench.wall_over_busy:.2f}; {platform.system()} {platform.machine()}; python "
         f"{platform.python_version()}, {versions}"
     )
-
-
-def _processor() -> str:
-    """Return the name of the processor, which Linux alone lists."""
-    listed = Path("/proc/cpuinfo")
-    found = re.search(r"model name\s*: *(.+)", listed.read_text(errors="replace") if listed.is_file() else "")
-    return found[1] if found else platform.processor() or "unknown processor"

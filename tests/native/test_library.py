@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from psmpc_cli.native.library import cache_directory, find_compiler, library
+from psmpc_cli.native.library import CompilationError, cache_directory, find_compiler, library
 
 TWICE = "double twice(double x) { return 2 * x; }"
 
@@ -130,16 +130,48 @@ def test_a_library_that_others_may_write_or_that_is_a_link_is_not_loaded(directo
     assert not path.is_symlink()
 
 
+def test_a_source_without_the_expected_functions_gives_no_library(
+    directory: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.INFO, "psmpc_cli.native"):
+        assert library(TWICE, "numbers", symbols=["twice", "thrice"]) is None
+    assert "no library with twice, thrice" in caplog.text
+
+
+def test_the_compiler_of_a_package_is_used_where_there_is_no_other(
+    directory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A package of the name of `ziglang`, which stands for it, since that has 100 MB."""
+    package, (program, *_) = tmp_path / "packages" / "ziglang", find_compiler()
+    package.mkdir(parents=True)
+    (package / "__init__.py").touch()
+    call = f"os.environ['PATH'] = {os.environ['PATH']!r}; os.execv({program!r}, [{program!r}, *sys.argv[2:]])"
+    (package / "__main__.py").write_text(f"import os, sys; assert sys.argv[1] == 'cc'; {call}")
+    monkeypatch.syspath_prepend(package.parent)
+    monkeypatch.setenv("PYTHONPATH", str(package.parent))
+    monkeypatch.delenv("CC", raising=False)
+    assert find_compiler()[0] == program
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with caplog.at_level(logging.INFO, "psmpc_cli.native"):
+        assert twice(library(TWICE, "numbers", symbols=["twice"]), 2.0) == 4.0
+    assert "zig cc" in caplog.text
+    monkeypatch.setenv("CC", "/no/such/compiler")
+    with pytest.raises(CompilationError):
+        find_compiler()
+
+
 def test_libraries_that_nobody_used_for_90_days_go(directory: Path) -> None:
     old, new = library(TWICE, "numbers"), library(TWICE.replace("2", "3"), "numbers")
     assert old is not None
     assert new is not None
-    foreign = directory / f"not-ours{old.suffix}"
+    foreign, left = directory / f"not-ours{old.suffix}", directory / ".making-killed"
     foreign.touch()
-    for path, days in ((old, 91), (new, 89), (foreign, 1000)):
+    left.mkdir()
+    (left / "source.c").touch()
+    for path, days in ((old, 91), (new, 89), (foreign, 1000), (left, 91)):
         os.utime(path, (time.time() - days * 24 * 3600,) * 2)
     library(TWICE.replace("2", "4"), "numbers")
-    assert (old.exists(), new.exists(), foreign.exists()) == (False, True, True)
+    assert (old.exists(), new.exists(), foreign.exists(), left.exists()) == (False, True, True, False)
     assert library(TWICE.replace("2", "3"), "numbers") == new
     assert time.time() - new.stat().st_mtime < 3600
 

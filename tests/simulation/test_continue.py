@@ -135,6 +135,22 @@ def test_conditions_under_which_runs_may_differ_are_named(tmp_path: Path, monkey
     assert threads.startswith("OMP_NUM_THREADS is not 1")
 
 
+def test_processor_and_compiler_are_named_where_they_are_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    log = there_and_back(tmp_path, "solver.kind=sqp", samples=1)
+    assert log.summary().compiled
+    assert unequal_conditions(log) == ()
+    monkeypatch.setenv("CC", "/no/such/compiler")
+    (compiler,) = unequal_conditions(log)
+    assert compiler == f"the compiler was {log.attributes['compiler']}, this is none"
+    with h5py.File(log.path, "r+") as file:
+        file.attrs.update({"processor": "an abacus", "compiled": False, "compiler": ""})
+    (processor,) = unequal_conditions(read_run(log.path))
+    assert processor == f"the processor was an abacus, this is {log.attributes['processor']}"
+
+
 def test_a_log_without_samples_cannot_be_repeated(tmp_path: Path) -> None:
     about = header(build_experiment(there_and_back(tmp_path, samples=1).task))
     LogWriter(tmp_path / "empty.h5", about).close()

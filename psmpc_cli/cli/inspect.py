@@ -99,6 +99,7 @@ def bench(
     import os
 
     os.environ["OMP_NUM_THREADS"] = "1"  # one thread of linear algebra; it has an effect only before NumPy is loaded
+    validate(task, changes)
     from psmpc_cli.cli.tables import print_table
     from psmpc_cli.studies import bench as study
 

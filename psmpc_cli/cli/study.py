@@ -163,6 +163,9 @@ def pareto(
     """Compute what two stages cost at each other's expense: Pareto fronts at several samples of a run. Paper Fig. 7."""
     from h5py import is_hdf5
 
+    is_log = Path(task).is_file() and is_hdf5(task)
+    if not is_log:
+        common.validate(task, changes)
     from psmpc_cli.cli.tables import present
     from psmpc_cli.logs.files import check_output
     from psmpc_cli.logs.run import read_run
@@ -173,7 +176,7 @@ def pareto(
 
     times = parse_numbers("--at", at, "times in seconds between commas, such as 6.1,8.0") if at is not None else ()
     question = Question(stages, times, points, method, free_instant)
-    run = read_run(task) if Path(task).is_file() and is_hdf5(task) else None
+    run = read_run(task) if is_log else None
     if run is not None and (changes or log is not None):
         raise InputError(f"{task} is the log of a run: it is studied as it ran, without --set and --log")
     loaded = load_feasible(task, [*(changes or []), *PREPARED]) if run is None else run.task

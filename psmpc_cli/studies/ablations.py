@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run
@@ -231,6 +230,8 @@ def _end(log: Run) -> float:
 
 def minima(instants: np.ndarray, cost: np.ndarray) -> np.ndarray:
     """Return the switch times (G,) [s] at which J (G,) has a minimum, the lowest first, without shallow ones."""
+    from scipy.signal import find_peaks
+
     depth = np.r_[-np.inf, -cost, -np.inf]  # J may be lowest at an end
     places, _ = find_peaks(depth, prominence=PROMINENT * np.ptp(cost))
     return np.asarray(instants[sorted(places - 1, key=lambda i: float(cost[i]))])

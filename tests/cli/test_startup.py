@@ -40,7 +40,7 @@ def test_a_start_imports_nothing_heavy(arguments: list[str]) -> None:
 
 @pytest.mark.parametrize(
     "words",
-    [("check",), ("simulate",), ("compare",), ("sweep-weights", "3x3"), ("monte-carlo", "--runs", "2")],
+    [("check",), ("simulate",), ("compare",), ("sweep-weights", "3x3"), ("monte-carlo", "--runs", "2"), ("bench",)],
     ids=lambda words: words[0],
 )
 @pytest.mark.parametrize("task", ["bad.yaml", "missing.yaml"])
@@ -51,7 +51,20 @@ def test_a_task_is_rejected_before_what_is_heavy_is_imported(words: tuple[str, .
     assert imported_by(*words, str(tmp_path / task), code=2) & (HEAVY | {"scipy"}) <= needed
 
 
+def test_a_task_of_a_front_is_rejected_before_what_computes_is_imported(tmp_path: Path) -> None:
+    """Whether it is a log is seen by h5py."""
+    (tmp_path / "bad.yaml").write_text("robot: planar_dual_arm\n")
+    computes = {"casadi", "joblib", "matplotlib", "scipy"}
+    assert imported_by("pareto", str(tmp_path / "bad.yaml"), code=2) & computes == set()
+
+
 @pytest.mark.parametrize("command", get_command(app).commands)
 def test_the_help_of_a_command_imports_nothing_heavy(command: str) -> None:
     typers_own = {"pydantic"}  # Typer reads the parameters of a command with it
     assert imported_by(command, "--help") & (HEAVY - typers_own) == set()
+
+
+def test_what_prints_imports_no_statistics() -> None:
+    """SciPy's statistics take as long to import as all the rest that a command needs to print a summary."""
+    code = "import sys, psmpc_cli.cli.tables; sys.exit('scipy.stats' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

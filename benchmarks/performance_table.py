@@ -346,7 +346,7 @@ def overhead(nodes: str = "25") -> Iterator[str]:
     The rest is all but the solve behind the command, counterfactual solves, plant and log. Measuring samples and
     reading their rows, done of many together, counts with its mean; medians leave out writing the file.
     """
-    together = timed(log, "rows_of"), timed(Meter, "catch_up")
+    together = timed(log, "rows_of"), timed(Meter, "flush")
     runs = [np.min([_sample_parts(int(nodes), shares, together) for _ in range(3)], 0) for shares in (False, True)]
     columns = [1e3 * np.median(times, axis=0) for times in runs]
     rows = [(name, *(f"{times[i]:.2f}" for times in columns)) for i, name in enumerate(PARTS)]

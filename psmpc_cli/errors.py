@@ -10,7 +10,7 @@ from types import FrameType
 SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 """The signals that end a command, and how its log and messages name that."""
 
-IMPATIENCE = 1.0
+LONGEST_DEFERRAL = 1.0
 """How long after a deferred signal a further one is not deferred any more [s]."""
 
 
@@ -51,8 +51,8 @@ class Interruption:
         self._came, self._before = 0.0, {number: signal.getsignal(number) for number in SIGNALS}
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Handle a signal: store it; one that comes `IMPATIENCE` later does what it did before."""
-        if self.number and time.monotonic() > self._came + IMPATIENCE:
+        """Handle a signal: store it; one that comes `LONGEST_DEFERRAL` later does what it did before."""
+        if self.number and time.monotonic() > self._came + LONGEST_DEFERRAL:
             self.restore()
             signal.raise_signal(number)
         if not self.number:

@@ -17,7 +17,7 @@ from psmpc_cli.specs.task import ControllerSpec
 BETTER = 1e-4
 """By what part of its J the last plan's own basin must be beaten: two solves of one basin differ by up to 2e-5."""
 
-HURRY = 2.0
+EARLIEST_PENDING_COST = 2.0
 """Pending cost on top of the window's own that makes the earliest instants the optimum."""
 
 IN_SWEEPS = 3
@@ -47,7 +47,7 @@ def solve_from_several(solver: Solver, window: Window, guess: Plan, previous: So
     own = solver.solve(window, guess, previous)
     if not own.outcome.usable or all(stage.at is not None for stage in window.stages[:-1]):
         return own
-    earliest = solver.solve(replace(window, pending_cost=window.pending_cost + HURRY), guess)
+    earliest = solver.solve(replace(window, pending_cost=window.pending_cost + EARLIEST_PENDING_COST), guess)
     room = _room(window, earliest.plan.instants)
     if earliest.outcome is not Outcome.OPTIMAL or room.max() < 10 * SHORTEST:
         return _counting(own, own, earliest)

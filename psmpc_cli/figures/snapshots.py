@@ -295,8 +295,8 @@ def plot_scenario(task: Task) -> Figure:
     """
     model = RobotModel(task.robot)
     stages = build_stages(task.spec, task.robot, model)
-    stops, thing, camera = configurations(task, model, stages), task.spec.object, CAMERAS[model.dimension]
-    half, objects = half_edges(thing.shape if thing else (0.0, 0.0)), object_frames(task, model, stops)
+    stops, target_object, camera = configurations(task, model, stages), task.spec.object, CAMERAS[model.dimension]
+    half, objects = half_edges(target_object.shape if target_object else (0.0, 0.0)), object_frames(task, model, stops)
     points = [looked_at(model, stage) for stage in stages]
     extent = with_shadows([outline(model, Q) for Q in stops], [*(corners(frame, half) for frame in objects), *points])
     titles = [f"{i}. {style.readable(stage.name)}, priority {stage.priority:g}" for i, stage in enumerate(stages, 1)]

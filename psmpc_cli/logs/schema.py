@@ -291,15 +291,25 @@ SCHEMA = (
     _t("payload/held", "1", "whether the grippers hold the payload from the sample on", dtype="i1", only="payload"),
     _t("payload/energy", "J", "kinetic energy gained by taking it up or letting it go", only="payload"),
     _disturbance("control/disturbance", _A, "estimated disturbance, taken off the control", "command.disturbance"),
-    _pose("object/pose", _Q, "pose of the object", lambda s: s.ticks.thing.pose[0]),
-    _axis("object/velocity", _V, "velocity of the object, angular about its own axes", lambda s: s.ticks.thing.v[0]),
-    _grip("grasp/pull", "N", "largest filtered pull until the next sample", lambda s: s.ticks.thing.pull.max(axis=0)),
-    _grip("grasp/closed", "1", "whether each gripper is closed", lambda s: s.ticks.thing.closed[0], "i1"),
+    _pose("object/pose", _Q, "pose of the object", lambda s: s.ticks.target_object.pose[0]),
+    _axis(
+        "object/velocity",
+        _V,
+        "velocity of the object, angular about its own axes",
+        lambda s: s.ticks.target_object.v[0],
+    ),
+    _grip(
+        "grasp/pull",
+        "N",
+        "largest filtered pull until the next sample",
+        lambda s: s.ticks.target_object.pull.max(axis=0),
+    ),
+    _grip("grasp/closed", "1", "whether each gripper is closed", lambda s: s.ticks.target_object.closed[0], "i1"),
     _wrench(
         "grasp/wrench",
         _F,
         "force and moment of each gripper on the object, at the gripper, in the inertial frame",
-        lambda s: s.ticks.thing.wrench[0].ravel(),
+        lambda s: s.ticks.target_object.wrench[0].ravel(),
     ),
     _plan("guess", "plan it started from: instants, states, accelerations", "command.solution.guess.flat"),
     _plan("guess_multipliers", "multipliers each solve started from; may be empty", "command.solution.guess_duals"),
@@ -314,8 +324,10 @@ SCHEMA = (
     _tick_q("ticks/Q", _Q, "generalized coordinates at every tick", lambda s: s.ticks.X[:-1, : -s.n]),
     _tick("ticks/Qdot", _V, "generalized velocities at every tick", lambda s: s.ticks.X[:-1, -s.n :]),
     _tick("ticks/F", _F, "generalized force held from the tick on", "ticks.F"),
-    _tick_of_object("object_coordinate", "object_pose", _Q, "pose of the object", lambda s: s.ticks.thing.pose[:-1]),
-    _tick_of_object("gripper", "pull", "N", "filtered pull on each grasp", "ticks.thing.pull"),
+    _tick_of_object(
+        "object_coordinate", "object_pose", _Q, "pose of the object", lambda s: s.ticks.target_object.pose[:-1]
+    ),
+    _tick_of_object("gripper", "pull", "N", "filtered pull on each grasp", "ticks.target_object.pull"),
     # what does not grow
     _stage("stages/name", "1", "name of the stage", dtype="text"),
     _stage("stages/priority", "1", "priority omega of the stage"),

@@ -9,7 +9,7 @@ import numpy as np
 from psmpc_cli.ocp.problem import Problem, Stage, in_own_chart
 from psmpc_cli.robot.free_body import pose_error
 from psmpc_cli.specs.object import ObjectSpec
-from psmpc_cli.specs.task import DEEDS, MonitorSpec, PublishedRun, TaskSpec
+from psmpc_cli.specs.task import OBJECT_CHECKS, MonitorSpec, PublishedRun, TaskSpec
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -199,28 +199,35 @@ class Summary(_Computed):
 def verdicts(task: TaskSpec, arrays: Arrays) -> tuple[Verdict, ...]:
     """Judge a task's monitors, and what becomes of an object with a mass, by the datasets of a log."""
     monitored = (judge_monitor(monitor, arrays) for monitor in task.monitors)
-    thing = task.object
-    return (*monitored, *(_deeds(thing, arrays) if thing is not None and thing.mass is not None else ()))
+    target_object = task.object
+    return (
+        *monitored,
+        *(
+            _object_checks(target_object, arrays)
+            if target_object is not None and target_object.mass is not None
+            else ()
+        ),
+    )
 
 
-def _deeds(thing: ObjectSpec, arrays: Arrays) -> Iterator[Verdict]:
+def _object_checks(target_object: ObjectSpec, arrays: Arrays) -> Iterator[Verdict]:
     """Judge whether every gripper closed, none was pulled open, and the object left where and as slow as it should.
 
     The margin of the second is in N, those of the others are over what is allowed; unlike a monitor that is not judged
     an object that was never let go is not delivered.
     """
-    grasp, destination = thing.grasp, thing.destination
+    grasp, destination = target_object.grasp, target_object.destination
     if grasp is None:
         return
     allowed = np.array([getattr(grasp.envelope, name) for name in arrays["grasp/measure"]])
     missed, end = arrays["grasp/missed_by"], float(arrays["time"][-1]) if len(arrays["time"]) else np.nan
     margin, taken = float(np.min(1 - missed / allowed)), bool(np.isfinite(arrays["grasp/closed_at"]).all())
-    yield Verdict(DEEDS[0], taken, margin, np.nan if taken else end)
+    yield Verdict(OBJECT_CHECKS[0], taken, margin, np.nan if taken else end)
     lost = arrays["grasp/lost"] == 1
     strength = np.inf if grasp.strength is None else grasp.strength.pull
     first = float(np.min(arrays["grasp/opened_at"][lost])) if lost.any() else np.nan
     held = strength - float(np.max(arrays["grasp/pull"], initial=-np.inf))
-    yield Verdict(DEEDS[1], taken and not lost.any(), held, first)
+    yield Verdict(OBJECT_CHECKS[1], taken and not lost.any(), held, first)
     if destination is None:
         return
     left = float(arrays["object/left_at"])
@@ -228,7 +235,7 @@ def _deeds(thing: ObjectSpec, arrays: Arrays) -> Iterator[Verdict]:
     linear = arrays["object/left_velocity"][: len(arrays["object_axis"]) // 3 + 1]
     margin = 1 - float(max(*over, np.linalg.norm(linear) / destination.speed))
     delivered = taken and not lost.any() and margin >= 0
-    yield Verdict(DEEDS[2], delivered, margin, np.nan if delivered else left if np.isfinite(left) else end)
+    yield Verdict(OBJECT_CHECKS[2], delivered, margin, np.nan if delivered else left if np.isfinite(left) else end)
 
 
 def signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:

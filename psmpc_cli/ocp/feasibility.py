@@ -91,10 +91,13 @@ def review(task: Task) -> list[Fault]:
 
 def _grasps(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
     """Give what of a capture's end condition and targets lets grippers be outside their envelope when they close."""
-    thing = task.spec.object
-    if thing is None or thing.grasp is None:
+    target_object = task.spec.object
+    if target_object is None or target_object.grasp is None:
         return
-    stage, envelope = next(each.stage for each in outlooks if each.stage.name == thing.taken_by), thing.grasp.envelope
+    stage, envelope = (
+        next(each.stage for each in outlooks if each.stage.name == target_object.taken_by),
+        target_object.grasp.envelope,
+    )
     if stage.space != "task" or not stage.end_rows:
         return
 
@@ -107,11 +110,11 @@ def _grasps(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
     tolerance[list(stage.end_rows)] = stage.tolerance
     rate = np.where(np.isfinite(tolerance), np.inf if stage.end_velocity is None else stage.end_velocity, np.inf)
     widths = dict[str, list[float]]()
-    for arm, at in thing.grasp.at.items():
+    for arm, at in target_object.grasp.at.items():
         own = slice(size * frames.index(arm), size * (frames.index(arm) + 1))
         widths[arm] = norms(tolerance[own]) + norms(rate[own])
-        metres, angle = norms(pose_error(poses[arm], composed(thing.pose, at)))
-        fixed = thing.motion is None and arm not in stage.on_object
+        metres, angle = norms(pose_error(poses[arm], composed(target_object.pose, at)))
+        fixed = target_object.motion is None and arm not in stage.on_object
         if fixed and (metres > envelope.position or angle > envelope.angle):
             far = f"{metres:.3g} m and {np.degrees(angle):.3g} deg"
             found = f"found a pose {far} from where {quoted(stage.name)} leads {arm}, expected it there"

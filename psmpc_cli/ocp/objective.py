@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.functions import RowFunction
-from psmpc_cli.ocp.skills import SKILLS, every_sample
+from psmpc_cli.ocp.skills import SKILLS, n_placement_parameters
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
 
@@ -60,7 +60,7 @@ class StageFunctions:
     def __init__(self, model: RobotModel, shape: StageShape, native: bool = False) -> None:
         skill, n = SKILLS[shape.space], model.n
         self.model, self.shape, self._native = model, shape, native
-        self.rows, self.numbers = skill.rows(model), skill.numbers(model) + every_sample(model)
+        self.rows, self.numbers = skill.rows(model), skill.numbers(model) + n_placement_parameters(model)
         self.inputs = n if shape.input == "joint" else model.m
         self._Q, self._Qdot, self._u = ca.SX.sym("Q", n), ca.SX.sym("Qdot", n), ca.SX.sym("u", self.inputs)
         self._target, self._x = ca.SX.sym("target", self.numbers), ca.vertcat(self._Q, self._Qdot)

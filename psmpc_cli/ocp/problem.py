@@ -324,11 +324,11 @@ def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[S
 
 def _on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
     """Return a stage with the poses of its target that are relative to the object, and their number of turns."""
-    target, thing = task.stages[stage.index].target, task.object
-    if thing is None or isinstance(target, TrajectorySpec):
+    target, target_object = task.stages[stage.index].target, task.object
+    if target_object is None or isinstance(target, TrajectorySpec):
         return stage
     frames = [frame for frame, aim in target.items() if isinstance(aim, OnObject)]
-    inside = {frame: relative(stage.target[model.pose_rows[frame]], thing.pose) for frame in frames}
+    inside = {frame: relative(stage.target[model.pose_rows[frame]], target_object.pose) for frame in frames}
     return replace(stage, on_object=inside)
 
 
@@ -402,19 +402,25 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
     return found
 
 
-def _waypoints(spec: StageSpec, robot: RobotSpec, space: Space, thing: ObjectSpec | None) -> np.ndarray:
+def _waypoints(spec: StageSpec, robot: RobotSpec, space: Space, target_object: ObjectSpec | None) -> np.ndarray:
     """Return the rows of a stage's target as given, (T, rows); those relative to the object where it is first."""
     if isinstance(spec.target, TrajectorySpec):
         values = spec.target.stacked(robot, space)
     else:
-        parts = {part: _placed(aim, thing) for part, aim in spec.target.items()}
+        parts = {part: _placed(aim, target_object) for part, aim in spec.target.items()}
         values = stack(parts, robot, space)[None]
     return np.where(np.isnan(values), SKILLS[space].absent, values)
 
 
-def _placed(aim: tuple[float, ...] | OnObject, thing: ObjectSpec | None) -> tuple[float, ...]:
+def _placed(aim: tuple[float, ...] | OnObject, target_object: ObjectSpec | None) -> tuple[float, ...]:
     """Return the numbers of a part of a target, the object being where it is at the start."""
-    if not isinstance(aim, OnObject) or thing is None:
+    if not isinstance(aim, OnObject) or target_object is None:
         return () if isinstance(aim, OnObject) else aim
-    at = aim.object if not isinstance(aim.object, str) else thing.grasp.at[aim.object] if thing.grasp else ()
-    return tuple(composed(thing.pose, at).tolist())
+    at = (
+        aim.object
+        if not isinstance(aim.object, str)
+        else target_object.grasp.at[aim.object]
+        if target_object.grasp
+        else ()
+    )
+    return tuple(composed(target_object.pose, at).tolist())

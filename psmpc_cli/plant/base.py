@@ -58,14 +58,14 @@ class Ticks:
         F: Generalized force commanded over each tick, within its limits (M, n) [N, N m].
         gained: Integral of the external wrench over the sample, linear [N s] and angular about the inertial origin
             [N m s], then of F' v of all forces, those between grippers and object included [J], (4,) or (7,).
-        thing: What an object with a mass did; None without one.
+        target_object: What an object with a mass did; None without one.
     """
 
     time: np.ndarray
     X: np.ndarray
     F: np.ndarray
     gained: np.ndarray
-    thing: ObjectTicks | None = None
+    target_object: ObjectTicks | None = None
 
 
 @dataclass(frozen=True, eq=False)

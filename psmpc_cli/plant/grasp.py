@@ -144,13 +144,15 @@ class GraspLaw:
         outputs = ca.cse([force, wrench, power, ca.horzcat(*puts), ca.vertcat(*pulls)])
         return ca.Function("forces", [*symbols, p], outputs)
 
-    def approach(self, number: int, Q: np.ndarray, v: np.ndarray, thing: np.ndarray, anchor: np.ndarray) -> np.ndarray:
-        """Compute how far a gripper is from a pose in the object's frame, whose pose and velocity are `thing`.
+    def approach(
+        self, number: int, Q: np.ndarray, v: np.ndarray, target_object: np.ndarray, anchor: np.ndarray
+    ) -> np.ndarray:
+        """Compute how far a gripper is from a pose in the object's frame, whose pose and velocity are `target_object`.
 
         Distance, angle, velocity, angular velocity, then the inverses of the effective mass and of the effective
         inertia of both bodies at the gripper, means over the directions (6,).
         """
-        d, (pose, rate) = self.model.dimension, np.split(thing, [self.sizes[0]])
+        d, (pose, rate) = self.model.dimension, np.split(target_object, [self.sizes[0]])
         at, moving, J = (each.full() for each in self.gripper(number, Q, v))
         found = compared(at.ravel(), moving.ravel(), pose, rate, anchor)
         missed = (np.linalg.norm(each) for each in (found.r, found.phi, found.rdot, found.omega))
@@ -183,16 +185,18 @@ class Capture:
         parameters: Of the bushings now, gripper by gripper.
     """
 
-    def __init__(self, task: TaskSpec, model: RobotModel, thing: ObjectSpec, spec: GraspSpec, body: FreeBody) -> None:
+    def __init__(
+        self, task: TaskSpec, model: RobotModel, target_object: ObjectSpec, spec: GraspSpec, body: FreeBody
+    ) -> None:
         error = task.uncertainty.object or ObjectErrorSpec()
         drawn = stream(task.seed, "object").uniform(-1, 1, 7)
-        factor, v = 1 + error.mass * drawn[0], motion_of(thing)
+        factor, v = 1 + error.mass * drawn[0], motion_of(target_object)
         v[: model.dimension] += error.linear * drawn[1 : 1 + model.dimension]
         v[model.dimension :] += error.angular * drawn[4 : 4 + len(v) - model.dimension]
         self.described, self.body = body, FreeBody(factor * body.mass, [factor * moment for moment in body.inertia])
         law = GraspLaw(model, self.body, [arm for arm in model.spec.arms if arm in spec.at])
         self._task, tick = task, 1 / task.plant.low_level_rate
-        self.law, self.spec, self.state, self.tick = law, spec, np.array([*thing.pose, *v]), tick
+        self.law, self.spec, self.state, self.tick = law, spec, np.array([*target_object.pose, *v]), tick
         count = len(law.grippers)
         self._at = np.array([spec.at[gripper] for gripper in law.grippers])
         self.parameters = np.hstack([self._at, np.zeros((count, 4))])
@@ -309,11 +313,11 @@ def build_capture(task: TaskSpec, model: RobotModel) -> Capture | None:
     Raises:
         InputError: The grasps are too stiff for the integrator's step.
     """
-    thing = task.object
-    body = None if thing is None else body_of(thing)
-    if thing is None or thing.grasp is None or body is None:
+    target_object = task.object
+    body = None if target_object is None else body_of(target_object)
+    if target_object is None or target_object.grasp is None or body is None:
         return None
-    capture = Capture(task, model, thing, thing.grasp, body)
+    capture = Capture(task, model, target_object, target_object.grasp, body)
     fastest = capture.fastest_rate(stack(task.initial, model.spec, "joint"))
     step = task.plant.step or 1 / task.plant.low_level_rate
     if step * fastest > STEADY:

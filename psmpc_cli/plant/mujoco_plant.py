@@ -34,10 +34,10 @@ class MujocoPlant:
         tick: float,
         substeps: int = 1,
         resistance: Resistance | None = None,
-        thing: FreeBody | None = None,
+        target_object: FreeBody | None = None,
     ) -> None:
         self.model, self.tick, self.substeps = model, tick, substeps
-        self.resistance, self._thing = resistance or Resistance.none(model.n), thing
+        self.resistance, self._thing = resistance or Resistance.none(model.n), target_object
         mujoco.set_mju_user_warning(logger.warning)  # by default MuJoCo writes a file in the current directory
         self._known = np.zeros(0)
         self.set_inertial_parameters(model.nominal)
@@ -145,12 +145,12 @@ class MujocoStep:
         self._v = slice(engine.jnt_dofadr[first], engine.jnt_dofadr[first] + law.sizes[1])
 
     def __call__(
-        self, x: np.ndarray, thing: np.ndarray, F: np.ndarray, parameters: np.ndarray, robot: InertialParameters
+        self, x: np.ndarray, target_object: np.ndarray, F: np.ndarray, parameters: np.ndarray, robot: InertialParameters
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Advance by a tick."""
         self._robot.set_inertial_parameters(robot)
-        h, spatial, nx, no = self._tick / self._substeps, self._model.dimension == 3, len(x), len(thing)
-        y = np.concatenate([x, thing, np.zeros(self._model.parts["base"].stop + 1)])
+        h, spatial, nx, no = self._tick / self._substeps, self._model.dimension == 3, len(x), len(target_object)
+        y = np.concatenate([x, target_object, np.zeros(self._model.parts["base"].stop + 1)])
         for _ in range(self._substeps):
             y = runge_kutta(lambda y: self._rate(y, F, parameters), y, h)
             for first in (3, nx + 3) if spatial else ():

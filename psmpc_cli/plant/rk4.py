@@ -68,12 +68,12 @@ class Rk4Step:
         self._friction = np.concatenate([way.viscous, way.coulomb, [way.width]])
 
     def __call__(
-        self, x: np.ndarray, thing: np.ndarray, F: np.ndarray, parameters: np.ndarray, robot: InertialParameters
+        self, x: np.ndarray, target_object: np.ndarray, F: np.ndarray, parameters: np.ndarray, robot: InertialParameters
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Advance by a tick."""
         gained, size = np.zeros(self._model.parts["base"].stop + 1), len(x)
         p = np.concatenate([robot.vector, self._friction, self._body])
-        z = self._tick(np.concatenate([x, gained, thing]), F, parameters.ravel(), p)[0][0]
+        z = self._tick(np.concatenate([x, gained, target_object]), F, parameters.ravel(), p)[0][0]
         return z[:size], z[size + len(gained) :], z[size : size + len(gained)]
 
 
@@ -97,8 +97,8 @@ def capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
     )
     force, wrench, power, _, _ = law.forces(Q, v, pose, rate, g)
     acting = F - viscous * v - coulomb * ca.tanh(v / width)
-    thing = FreeBody(body[0], ca.vertsplit(body[1:]))
-    moving, faster = thing.rates(ca.vertsplit(pose), ca.vertsplit(rate), ca.vertsplit(wrench))
+    target_object = FreeBody(body[0], ca.vertsplit(body[1:]))
+    moving, faster = target_object.rates(ca.vertsplit(pose), ca.vertsplit(rate), ca.vertsplit(wrench))
     vdot = model.dynamics.forward(Q, v, acting + force, robot)
     Qdot, external = (
         coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v)),

@@ -232,8 +232,8 @@ def _stage_panels(run: Run) -> Iterator[Json]:
 def _grasp_panels(run: Run) -> Iterator[Json]:
     """Give the filtered pull on each grasp, with the strength at which it is lost, and the object's velocities."""
     samples, names = _thinned(len(run.time), MOST_FRAMES), map(style.readable, run["gripper"].tolist())
-    time, thing = run.time[samples], run.task.spec.object
-    strength = thing.grasp.strength if thing is not None and thing.grasp is not None else None
+    time, target_object = run.time[samples], run.task.spec.object
+    strength = target_object.grasp.strength if target_object is not None and target_object.grasp is not None else None
     limits = [] if strength is None else [("strength", np.full(len(time), strength.pull))]
     yield _panel("pull on grasp (N)", time, zip(names, run["grasp/pull"][samples].T, strict=True), limits)
     curves = list(zip(run["object_axis"].tolist(), run["object/velocity"][samples].T, strict=True))

@@ -125,12 +125,20 @@ class FreeBody:
         return y[:7], y[7:]
 
 
-def body_of(thing: ObjectSpec) -> FreeBody | None:
+def body_of(target_object: ObjectSpec) -> FreeBody | None:
     """Return the object as a free body; None if it has no mass."""
-    return None if thing.mass is None or thing.inertia is None else FreeBody(thing.mass, thing.inertia)
+    return (
+        None
+        if target_object.mass is None or target_object.inertia is None
+        else FreeBody(target_object.mass, target_object.inertia)
+    )
 
 
-def motion_of(thing: ObjectSpec) -> Array:
+def motion_of(target_object: ObjectSpec) -> Array:
     """Return the velocity of the object at the start, (3,) or (6,) [m/s, rad/s]."""
-    size = 3 if len(thing.pose) == 3 else 6
-    return np.zeros(size) if thing.motion is None else np.array([*thing.motion.linear, *thing.motion.angular])
+    size = 3 if len(target_object.pose) == 3 else 6
+    return (
+        np.zeros(size)
+        if target_object.motion is None
+        else np.array([*target_object.motion.linear, *target_object.motion.angular])
+    )

@@ -18,7 +18,7 @@ OBJECT = "the object"
 
 
 def mujoco_spec(
-    spec: RobotSpec, thing: FreeBody | None = None, inertial: InertialParameters | None = None
+    spec: RobotSpec, target_object: FreeBody | None = None, inertial: InertialParameters | None = None
 ) -> "mujoco.MjSpec":
     """Describe a robot for MuJoCo, in SI units and radians.
 
@@ -26,12 +26,13 @@ def mujoco_spec(
     `base.x`, `base.y` and `base.angle`; that of a spatial one has the free joint `base`. Other joints and bodies are
     named as in `RobotSpec.bodies`; the sites `base` and `<arm>` are the frames of poses. `qpos` and `qvel` are Q and v,
     but where an arm is mounted on another one MuJoCo orders the joints by depth. MuJoCo needs three moments of
-    inertia: of a planar body all are the planar one, and the two about axes in the plane have no effect. A `thing` is a
-    further free body, its joints after the robot's. What the grippers hold is a body of its own in each of them.
+    inertia: of a planar body all are the planar one, and the two about axes in the plane have no effect. A
+    `target_object` is a further free body, its joints after the robot's. What the grippers hold is a body of its own in
+    each of them.
 
     Args:
         spec: The robot.
-        thing: The further body.
+        target_object: The further body.
         inertial: Inertial parameters, and what the grippers hold; by default those of the description.
     """
     import mujoco
@@ -56,8 +57,10 @@ def mujoco_spec(
         added[tool.body].add_site(name=name, **_place(tool))
         held = {"mass": known.held_mass[number], "ipos": [0, 0, 0], "inertia": [known.held_inertia[number]] * 3}
         added[tool.body].add_body(pos=tool.position, explicitinertial=True, **held)
-    if thing is not None:
-        body = robot.worldbody.add_body(name=OBJECT, mass=thing.mass, inertia=thing.moments, explicitinertial=True)
+    if target_object is not None:
+        body = robot.worldbody.add_body(
+            name=OBJECT, mass=target_object.mass, inertia=target_object.moments, explicitinertial=True
+        )
         _let_move(body, OBJECT, spec.dimension)
     return robot
 

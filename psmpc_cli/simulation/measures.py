@@ -67,13 +67,13 @@ class Meter:
         """
         presence = self._counterfactuals.presence(command)
         shares = self._counterfactuals.shares(command) if self._shares else {}
-        sample = Sample(command, ticks, presence, self._number, len(self._problem.stages), self.catch_up)
+        sample = Sample(command, ticks, presence, self._number, len(self._problem.stages), self.flush)
         of_object = 0.0 if self._capture is None else self._capture.kept
         self._number += 1
         self._waiting.append((sample, command.x if self._sees_the_state else x, u, shares, contact, of_object))
         return sample
 
-    def catch_up(self) -> None:
+    def flush(self) -> None:
         """Measure the samples that wait; done again after an interruption, it does no harm."""
         for _, group in groupby(self._waiting, lambda each: each[0].command.stage):
             together = list(group)
@@ -352,8 +352,8 @@ class GraspRecord:
 
     def update(self, sample: Sample) -> bool:
         """Take in a sample; return whether anything changed."""
-        thing, tables = sample.ticks.thing, self.tables
-        for event in () if thing is None else thing.events:
+        target_object, tables = sample.ticks.target_object, self.tables
+        for event in () if target_object is None else target_object.events:
             i = self._grippers.index(event.gripper)
             if event.what in ("closed", "missed"):
                 tables["grasp/missed_by"][i] = event.values
@@ -361,8 +361,11 @@ class GraspRecord:
                 tables["grasp/closed_at"][i] = event.time
             elif event.what != "missed":
                 tables["grasp/opened_at"][i], tables["grasp/lost"][i] = event.time, event.what == "lost"
-                if "object/left_at" not in tables and thing is not None:
+                if "object/left_at" not in tables and target_object is not None:
                     tick = int(np.argmin(np.abs(sample.ticks.time - event.time)))
                     tables["object/left_at"] = np.array(event.time)
-                    tables["object/left_pose"], tables["object/left_velocity"] = thing.pose[tick], thing.v[tick]
-        return thing is not None and bool(thing.events)
+                    tables["object/left_pose"], tables["object/left_velocity"] = (
+                        target_object.pose[tick],
+                        target_object.v[tick],
+                    )
+        return target_object is not None and bool(target_object.events)

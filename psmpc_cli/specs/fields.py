@@ -39,7 +39,7 @@ FLAW = "flaw"
 
 Pair = tuple[float, float]
 
-Flaws = Iterator[tuple[Location, PydanticCustomError]]
+RuleErrors = Iterator[tuple[Location, PydanticCustomError]]
 """What is wrong inside a value, with the path from it."""
 
 Fields = Mapping[str, Any]
@@ -56,7 +56,9 @@ def expected(what: str, found: str | None = None, at_key: bool = False) -> Pydan
     return flaw(f", expected {what}", found, at_key)
 
 
-def holds(rule: Callable[[Any, Fields, Any], Flaws], as_written: bool = False, always: bool = False) -> WrapValidator:
+def holds(
+    rule: Callable[[Any, Fields, Any], RuleErrors], as_written: bool = False, always: bool = False
+) -> WrapValidator:
     """Create a validator of a valid value.
 
     Args:
@@ -165,7 +167,7 @@ class Choice(Spec):
         return {"anyOf": [{"enum": mapping["properties"]["kind"]["enum"]}, mapping]}
 
 
-class SideBySide(Spec):
+class InlineParts(Spec):
     """A model whose field `parts` is not written in YAML: its keys are beside those of the other fields."""
 
     @model_validator(mode="before")
@@ -203,7 +205,7 @@ def number_or_angle(value: object) -> float:
     return number(value)
 
 
-def within_a_turn(written: object, before: Fields, context: Any) -> Flaws:
+def within_a_turn(written: object, before: Fields, context: Any) -> RuleErrors:
     """Give an angle of more than a turn without a unit: degrees, most likely."""
     if isinstance(written, int | float) and abs(written) > 2 * math.pi * (1 + 1e-9):
         wanted = f"an angle within one turn, or one with its unit: {written:g} deg, {written:g} rad"
@@ -242,10 +244,10 @@ def known(names: Callable[[Any], Collection[str]], kind: str | None = None) -> W
 
     Args:
         names: Returns them from the context.
-        kind: For keys of a mapping, the kind of thing they name.
+        kind: For keys of a mapping, what they name.
     """
 
-    def rule(name: str, before: Fields, context: Any) -> Flaws:
+    def rule(name: str, before: Fields, context: Any) -> RuleErrors:
         valid = names(context)
         if valid and name not in valid:
             yield (), flaw(choice(name, valid), kind and f"no such {kind}", at_key=kind is not None)

@@ -7,11 +7,11 @@ from pydantic import Discriminator, Field, Tag
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import mapping, quoted
-from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, holds, is_pose, known, listed, within_a_turn
+from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, holds, is_pose, known, listed, within_a_turn
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES, Context, by_dimension
 
 
-def _unit_of_angle(written: Any, before: Fields, context: Context) -> Flaws:
+def _unit_of_angle(written: Any, before: Fields, context: Context) -> RuleErrors:
     """Give an angle of a planar pose that needs a unit."""
     if len(written) == len(TARGET_AXES[2]):
         yield from (((2,), error) for _, error in within_a_turn(written[2], {}, None))
@@ -118,22 +118,22 @@ class ObjectSpec(Spec):
     grasp: fields.Sparse[GraspSpec | None] = Field(None, description="how grippers hold it")
 
 
-def complete(thing: ObjectSpec, before: Fields, context: Context) -> Flaws:
+def complete(target_object: ObjectSpec, before: Fields, context: Context) -> RuleErrors:
     """Give an object that is let go before it is taken, or is half a body."""
-    order, grasp = context.stages, thing.grasp
-    if order and order.index(thing.let_go_by) <= order.index(thing.taken_by):
-        yield ("let_go_by",), expected(f"a stage after {quoted(thing.taken_by)}, which takes the object")
-    of_body = ("inertia", "motion", "destination", "grasp") if thing.mass is None else ()
-    for key in (key for key in of_body if getattr(thing, key) is not None):
+    order, grasp = context.stages, target_object.grasp
+    if order and order.index(target_object.let_go_by) <= order.index(target_object.taken_by):
+        yield ("let_go_by",), expected(f"a stage after {quoted(target_object.taken_by)}, which takes the object")
+    of_body = ("inertia", "motion", "destination", "grasp") if target_object.mass is None else ()
+    for key in (key for key in of_body if getattr(target_object, key) is not None):
         yield (key,), expected('also "mass": an object without one is drawn alone', "no mass", at_key=True)
-    if thing.mass is not None and (thing.inertia is None or grasp is None):
-        missing = " and ".join(quoted(key) for key in ("inertia", "grasp") if getattr(thing, key) is None)
+    if target_object.mass is not None and (target_object.inertia is None or grasp is None):
+        missing = " and ".join(quoted(key) for key in ("inertia", "grasp") if getattr(target_object, key) is None)
         yield ("mass",), expected(f"also {missing}", "a mass alone", at_key=True)
     if grasp is not None and grasp.known and len(grasp.at) == 1:
         wanted = "false with one gripper: it closes no chain, which the low-level law would have to know"
         yield ("grasp", "known"), expected(wanted)
-    plant, moments = before.get("plant"), thing.inertia or ()
-    if thing.mass is not None and plant is not None and plant.kind == "ideal":
+    plant, moments = before.get("plant"), target_object.inertia or ()
+    if target_object.mass is not None and plant is not None and plant.kind == "ideal":
         yield ("mass",), expected("plant rk4 or mujoco: ideal has no forces", "a mass with plant ideal", at_key=True)
     if len(moments) == 3 and 2 * max(moments) > sum(moments):
         yield ("inertia",), expected("none larger than the sum of the other two", "moments that no body has")

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import WrapValidator
 
 from psmpc_cli.specs.document import Document, Location, counted, mapping
-from psmpc_cli.specs.fields import Fields, Flaws, expected, holds, within_a_turn
+from psmpc_cli.specs.fields import Fields, RuleErrors, expected, holds, within_a_turn
 
 Space = Literal["joint", "task", "point"]
 Axes = Mapping[str, tuple[str, ...]]
@@ -82,7 +82,7 @@ def dimension_of(parts: Mapping[str, int]) -> int:
 def by_dimension(plane: int, space: int) -> WrapValidator:
     """Create a validator of a list whose length is another for a planar than for a spatial robot."""
 
-    def rule(numbers: tuple[float, ...], before: Fields, context: Context) -> Flaws:
+    def rule(numbers: tuple[float, ...], before: Fields, context: Context) -> RuleErrors:
         length = plane if dimension_of(context.sizes) == 2 else space
         if context.sizes and len(numbers) != length:
             yield (), expected(counted(length, "entry", "entries"))
@@ -96,7 +96,9 @@ def names(parts: Mapping[str, int], space: Space) -> tuple[str, ...]:
     return (*parts, "arms", "all", *labels) if parts else ()
 
 
-def misfits(numbers: Any, axes: Axes, required: Collection[str] = (), one: bool = False, angles: bool = False) -> Flaws:
+def part_faults(
+    numbers: Any, axes: Axes, required: Collection[str] = (), one: bool = False, angles: bool = False
+) -> RuleErrors:
     """Give missing parts, wrong lengths and angles without a unit in numbers by part.
 
     Args:
@@ -124,20 +126,20 @@ def misfits(numbers: Any, axes: Axes, required: Collection[str] = (), one: bool 
 def in_joint_space(required: bool = False, one: bool = False, angles: bool = False) -> WrapValidator:
     """Create the validator of numbers by part of Q (`angles`) or of v, all of its parts or some.
 
-    Further arguments are as for `misfits`.
+    Further arguments are as for `part_faults`.
     """
 
-    def rule(written: Any, before: Fields, context: Context) -> Flaws:
+    def rule(written: Any, before: Fields, context: Context) -> RuleErrors:
         axes = axes_of(context.sizes, "joint", of_error=not angles)
-        yield from misfits(written, axes, axes if required else (), one, angles)
+        yield from part_faults(written, axes, axes if required else (), one, angles)
 
     return holds(rule, as_written=True)
 
 
 def misfit(
     at: Location, row: Any, key: str, axes: Axes, given: Collection[str], one: bool = False, angles: bool = False
-) -> Flaws:
-    """Give a list of numbers, or of pairs, that misfits a part its key stands for, and its angles without a unit.
+) -> RuleErrors:
+    """Give a list of numbers, or of pairs, that part_faults a part its key stands for, and its angles without a unit.
 
     Parts of `given` have lists of their own.
     """

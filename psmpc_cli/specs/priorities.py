@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psmpc_cli.specs.document import LARGEST, quoted, shortened
-from psmpc_cli.specs.fields import Fields, Flaws, expected
+from psmpc_cli.specs.fields import Fields, RuleErrors, expected
 
 Vector = NDArray[np.float64]
 PairwiseComparison = tuple[str, str, float]
@@ -72,7 +72,7 @@ def priorities_of(compare: Sequence[PairwiseComparison], stages: Sequence[str]) 
     return [float(f"{weight:.12g}") for weight in np.exp(weigh(compare, stages).logarithms)]
 
 
-def disagreements(priorities: Any, before: Fields, context: Any) -> Flaws:
+def disagreements(priorities: Any, before: Fields, context: Any) -> RuleErrors:
     """Give comparisons that leave stages unconnected, contradict each other, or lead beyond all numbers."""
     from scipy.sparse.csgraph import connected_components
 

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, mapping, quoted
-from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, flaw, holds, known, listed
+from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, flaw, holds, known, listed
 from psmpc_cli.specs.parts import QUANTITIES, RESERVED, Context, Space, axes_of, misfit, stands_for
 
 Vector = NDArray[np.float64]
@@ -210,7 +210,7 @@ class PartLimits(Spec):
     )
 
 
-def _fit(written: Any, before: Fields, context: Context) -> Flaws:
+def _fit(written: Any, before: Fields, context: Context) -> RuleErrors:
     """Give limits of parts that the robot does not have, with wrong lengths, and bounds of angles without a unit."""
     sizes = _parts("space" in mapping(context.file.data), before["arms"]) if "arms" in before else context.sizes
     known, axes = [*sizes, "arms"], axes_of(sizes, "joint")
@@ -241,7 +241,7 @@ def limits_of_part(limits: Mapping[str, PartLimits], part: str, quantity: str) -
 
 def wider(
     limits: Mapping[str, PartLimits], outer: Mapping[str, Mapping[str, PartLimits]], sizes: Mapping[str, int]
-) -> Flaws:
+) -> RuleErrors:
     """Give limits that are wider than outer ones, which are keyed by whose they are."""
     for part, quantity, (whose, layer) in product(sizes, QUANTITIES, outer.items()):
         given, allowed = limits_of_part(limits, part, quantity) or (), limits_of_part(layer, part, quantity) or ()
@@ -319,7 +319,7 @@ class PlanarRobot(RobotSpec):
     dimension: ClassVar[int] = 2
 
 
-def _mounted(arms: Mapping[str, SpatialArm], before: Fields, context: Any) -> Flaws:
+def _mounted(arms: Mapping[str, SpatialArm], before: Fields, context: Any) -> RuleErrors:
     """Give arms that are mounted on what is not there before them."""
     carriers = ["base"]
     for name, arm in arms.items():

@@ -12,9 +12,9 @@ from pydantic import BaseModel, Discriminator, Field, Tag
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, counted, quoted
-from psmpc_cli.specs.fields import Choice, Fields, Flaws, SideBySide, Spec, expected, flaw, holds, known, listed
+from psmpc_cli.specs.fields import Choice, Fields, InlineParts, RuleErrors, Spec, expected, flaw, holds, known, listed
 from psmpc_cli.specs.object import ObjectSpec, OnObject, complete, is_on_object
-from psmpc_cli.specs.parts import Context, Space, axes_of, in_joint_space, misfits, names, stands_for
+from psmpc_cli.specs.parts import Context, Space, axes_of, in_joint_space, names, part_faults, stands_for
 from psmpc_cli.specs.priorities import disagreements
 from psmpc_cli.specs.robot import LimitsByPart, PartLimits, RobotSpec, Vector, rows, stack, wider
 from psmpc_cli.specs.uncertainty import StateNoiseSpec, UncertaintySpec
@@ -41,7 +41,7 @@ CONTROLLERS: tuple[ControllerKind, ...] = get_args(ControllerKind)
 _ControllerKey = Annotated[str, known(lambda context: CONTROLLERS, "controller")]
 
 
-DEEDS = ("object taken", "object not lost", "object delivered")
+OBJECT_CHECKS = ("object taken", "object not lost", "object delivered")
 """What is judged of an object with a mass."""
 
 
@@ -140,7 +140,7 @@ class PlantSpec(Choice):
     )
 
 
-class SkillWeights(SideBySide):
+class SkillWeights(InlineParts):
     """W_q or W_p by part, and W_r: one number for all controls, or numbers by part.
 
     In YAML the parts and `control` stand side by side.
@@ -150,12 +150,12 @@ class SkillWeights(SideBySide):
     control: _Control = Field(1.0, description="weights of the control, one number or numbers by part")
 
 
-def _weights(weights: SkillWeights, before: Fields, context: Context) -> Flaws:
+def _weights(weights: SkillWeights, before: Fields, context: Context) -> RuleErrors:
     """Give missing parts and wrong lengths of a skill's weights."""
     if (space := before.get("space")) is not None:
-        yield from misfits(weights.parts, axes_of(context.sizes, space), REQUIRED.get(space, context.sizes))
+        yield from part_faults(weights.parts, axes_of(context.sizes, space), REQUIRED.get(space, context.sizes))
     axes = axes_of(context.sizes, before.get("input", "joint"))
-    for at, error in misfits(weights.control, axes, axes):
+    for at, error in part_faults(weights.control, axes, axes):
         yield ("control", *at), error
 
 
@@ -189,7 +189,7 @@ class EndCondition(Spec):
         return stack(self.tolerance, robot, space, of_error=True)[chosen]
 
 
-def _rising(times: tuple[float, ...], before: Fields, context: Context) -> Flaws:
+def _rising(times: tuple[float, ...], before: Fields, context: Context) -> RuleErrors:
     """Give times of a trajectory that do not rise from 0."""
     if times[0]:
         yield (0,), expected("0: times count from where the stage begins", f"{times[0]:g} s")
@@ -198,7 +198,7 @@ def _rising(times: tuple[float, ...], before: Fields, context: Context) -> Flaws
             yield (i,), expected(f"later than the time before it, {times[i - 1]:g} s", f"{times[i]:g} s")
 
 
-class TrajectorySpec(SideBySide):
+class TrajectorySpec(InlineParts):
     """A target that moves: values by part at times since the stage began, linear between, the last one held.
 
     In YAML the parts and `times` stand side by side. Paper eq. (30), "along a desired trajectory".
@@ -229,12 +229,12 @@ Target = Annotated[
 ]
 
 
-def _target(written: Any, before: Fields, context: Context) -> Flaws:
+def _target(written: Any, before: Fields, context: Context) -> RuleErrors:
     """Give missing parts, wrong lengths, angles without a unit, and parts that have no pose on the object."""
     if (space := context.spaces.get(before.get("skill", ""))) is None:
         return
     axes = axes_of(context.sizes, space, of_error=False)
-    yield from misfits(written, axes, REQUIRED.get(space, context.sizes), angles=True)
+    yield from part_faults(written, axes, REQUIRED.get(space, context.sizes), angles=True)
     for key in (key for key, aim in written.items() if is_on_object(aim)):
         if key == "arms" or (key in axes and axes[key] != axes["base"]):
             yield (key,), expected("numbers: only the base, and an arm of a skill in task space, have a pose there")
@@ -242,7 +242,7 @@ def _target(written: Any, before: Fields, context: Context) -> Flaws:
             yield (key,), expected('an "object" with a mass', "no such object", at_key=True)
 
 
-def _end(end: EndCondition, before: Fields, context: Context) -> Flaws:
+def _end(end: EndCondition, before: Fields, context: Context) -> RuleErrors:
     """Give coordinates of an end condition that the robot does not have, and tolerances that are missing or misfit."""
     sizes, space = context.sizes, context.spaces.get(before.get("skill", ""))
     if not sizes or space is None:
@@ -253,18 +253,18 @@ def _end(end: EndCondition, before: Fields, context: Context) -> Flaws:
             yield ("coordinates", i), flaw(choice(name, valid))
     keys = [name.partition(".")[0] for name in end.coordinates]
     needed = [part for part in sizes if any(key == "all" or stands_for(key, part) for key in keys)]
-    for at, error in misfits(end.tolerance, axes_of(sizes, space), needed, one=True):
+    for at, error in part_faults(end.tolerance, axes_of(sizes, space), needed, one=True):
         yield ("tolerance", *at), error
 
 
-def _one_way(priority: float, before: Fields, context: Context) -> Flaws:
+def _one_way(priority: float, before: Fields, context: Context) -> RuleErrors:
     """Give a priority beside comparisons."""
     if context.file.value(("priorities",)) is not None:
         found = '"priority" at a stage and "priorities" in the task'
         yield (), expected("one or the other", found, at_key=True)
 
 
-def _one_end(at: float | None, before: Fields, context: Context) -> Flaws:
+def _one_end(at: float | None, before: Fields, context: Context) -> RuleErrors:
     """Give a stage without an end, or with two."""
     if "ends_when" in before:
         last = before.get("name") == context.stages[-1]
@@ -324,7 +324,7 @@ class LogSpec(Spec):
     shares: fields.Flag = Field(True, description="each stage's share in the control, for some more solves a sample")
 
 
-def _own_names(key: str, entries: tuple[StageSpec | MonitorSpec, ...], before: Fields, context: Context) -> Flaws:
+def _own_names(key: str, entries: tuple[StageSpec | MonitorSpec, ...], before: Fields, context: Context) -> RuleErrors:
     """Give names of entries of a list that an earlier entry has."""
     first: dict[str, int] = {}
     for i, entry in enumerate(entries):
@@ -333,7 +333,7 @@ def _own_names(key: str, entries: tuple[StageSpec | MonitorSpec, ...], before: F
             yield (i, "name"), expected("a name of its own", found)
 
 
-def _instants(stages: tuple[StageSpec, ...], before: Fields, context: Context) -> Flaws:
+def _instants(stages: tuple[StageSpec, ...], before: Fields, context: Context) -> RuleErrors:
     """Give fixed switch times that no order of events can keep."""
     limit, earliest, fixed = before.get("time_limit", np.inf), 0.0, 0.0
     for i, stage in enumerate(stages):
@@ -347,7 +347,7 @@ def _instants(stages: tuple[StageSpec, ...], before: Fields, context: Context) -
             earliest = fixed = stage.at
 
 
-def _controller(controller: ControllerSpec, before: Fields, context: Context) -> Flaws:
+def _controller(controller: ControllerSpec, before: Fields, context: Context) -> RuleErrors:
     """Give times of a controller that do not fit each other, and meshes that it cannot have."""
     delay = context.file.value(("uncertainty", "delay")) or 0
     if controller.sample_time > controller.horizon:
@@ -360,7 +360,7 @@ def _controller(controller: ControllerSpec, before: Fields, context: Context) ->
         yield ("nodes",), expected("a number with controller htmpc, which compares levels node by node")
 
 
-def _solver(solver: SolverSpec, before: Fields, context: Context) -> Flaws:
+def _solver(solver: SolverSpec, before: Fields, context: Context) -> RuleErrors:
     """Give a deadline that the solver cannot keep."""
     controller = before.get("controller")
     if solver.deadline is not None and solver.kind == "fatrop":
@@ -369,7 +369,7 @@ def _solver(solver: SolverSpec, before: Fields, context: Context) -> Flaws:
         yield ("deadline",), expected("none, or solver ipopt, with controller htmpc")
 
 
-def _plant(plant: PlantSpec, before: Fields, context: Context) -> Flaws:
+def _plant(plant: PlantSpec, before: Fields, context: Context) -> RuleErrors:
     """Give a plant whose ticks and steps do not divide a sample."""
     if (controller := before.get("controller")) is None:
         return
@@ -387,12 +387,12 @@ def _is_whole(ratio: float) -> bool:
     return round(ratio) >= 1 and abs(ratio - round(ratio)) <= 1e-6 * ratio
 
 
-def _within_the_robots(limits: Mapping[str, PartLimits], before: Fields, context: Context) -> Flaws:
+def _within_the_robots(limits: Mapping[str, PartLimits], before: Fields, context: Context) -> RuleErrors:
     """Give limits of a task that are wider than its robot's."""
     yield from wider(limits, {"the robot's": context.robot_limits}, context.sizes)
 
 
-def _skills(skills: Mapping[str, SkillSpec], before: Fields, context: Context) -> Flaws:
+def _skills(skills: Mapping[str, SkillSpec], before: Fields, context: Context) -> RuleErrors:
     """Give limits of skills that are wider than those around them, and inputs that the solver cannot have."""
     controller, solver = before.get("controller"), before.get("solver")
     joint_only = bool(controller and controller.kind == "htmpc") or bool(solver and solver.kind != "ipopt")
@@ -406,7 +406,7 @@ def _skills(skills: Mapping[str, SkillSpec], before: Fields, context: Context) -
             yield (name, "limits", *at), error
 
 
-def _monitor(monitor: MonitorSpec, before: Fields, context: Context) -> Flaws:
+def _monitor(monitor: MonitorSpec, before: Fields, context: Context) -> RuleErrors:
     """Give a monitor that bounds nothing or is about the wrong number of frames."""
     bounds = ("above_start_at_most", "below_start_at_most", "at_most", "at_least")
     if all(getattr(monitor, bound) is None for bound in bounds):
@@ -416,7 +416,7 @@ def _monitor(monitor: MonitorSpec, before: Fields, context: Context) -> Flaws:
         yield ("of",), expected("two different frames for a distance, one for a speed")
 
 
-def _uncertainty(spec: UncertaintySpec, before: Fields, context: Context) -> Flaws:
+def _uncertainty(spec: UncertaintySpec, before: Fields, context: Context) -> RuleErrors:
     """Give what the plant cannot do, a delay beyond the horizon, and a payload without an object."""
     controller, plant = before.get("controller"), before.get("plant")
     if controller is not None and spec.delay * controller.sample_time >= controller.horizon:
@@ -432,10 +432,10 @@ def _uncertainty(spec: UncertaintySpec, before: Fields, context: Context) -> Fla
     if spec.payload is not None and before.get("object", spec) is None:
         wanted = "one: it says which stages take the payload and let it go"
         yield ("payload",), expected(wanted, 'no "object"', at_key=True)
-    thing = before.get("object")
-    if spec.payload is not None and thing is not None and thing.mass is not None:
+    target_object = before.get("object")
+    if spec.payload is not None and target_object is not None and target_object.mass is not None:
         yield ("payload",), expected("none: the object has a mass of its own", "a payload", at_key=True)
-    if spec.object is not None and (thing is None or thing.mass is None):
+    if spec.object is not None and (target_object is None or target_object.mass is None):
         yield ("object",), expected('an "object" with a mass', "no such object", at_key=True)
 
 
@@ -495,10 +495,10 @@ class TaskSpec(Spec):
     @property
     def judged(self) -> tuple[str, ...]:
         """Names of what decides whether the mission succeeded: the monitors, and what becomes of a massive object."""
-        thing, names = self.object, tuple(monitor.name for monitor in self.monitors)
-        if thing is None or thing.mass is None:
+        target_object, names = self.object, tuple(monitor.name for monitor in self.monitors)
+        if target_object is None or target_object.mass is None:
             return names
-        return (*names, *DEEDS[: 2 if thing.destination is None else 3])
+        return (*names, *OBJECT_CHECKS[: 2 if target_object.destination is None else 3])
 
     @property
     def measurement_noise(self) -> StateNoiseSpec:

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from psmpc_cli.specs import fields
-from psmpc_cli.specs.fields import Fields, Flaws, Spec, expected, holds
+from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, holds
 from psmpc_cli.specs.parts import Context, by_dimension, in_joint_space
 from psmpc_cli.specs.robot import RobotSpec, Vector
 
@@ -60,7 +60,7 @@ class ImpulseSpec(Spec):
     )
 
 
-def _whole(share: float | Mapping[str, float] | None, before: Fields, context: Context) -> Flaws:
+def _whole(share: float | Mapping[str, float] | None, before: Fields, context: Context) -> RuleErrors:
     """Give shares of a payload whose sum over the arms is not 1, but for the digits they are written with."""
     arms = [part for part in context.sizes if part != "base"]
     by_arm = share if isinstance(share, Mapping) else {"arms": share}

@@ -16,7 +16,7 @@ from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.feasibility import earliest_ends
-from psmpc_cli.specs.task import DEEDS
+from psmpc_cli.specs.task import OBJECT_CHECKS
 from psmpc_cli.studies.ablations import Ablation
 from psmpc_cli.studies.fronts import CLEARLY, FrontMovement
 from psmpc_cli.studies.sweep import AlongRatio, SweepCells
@@ -338,7 +338,7 @@ def _delivered(claim: Claim, made: Reproduction) -> Finding:
 def _fate(summary: Summary) -> str:
     """Return what became of a grasped object."""
     verdicts, found = {one.name: one for one in summary.monitors}, summary.capture
-    taken, kept, delivered = (verdicts[deed] for deed in DEEDS)
+    taken, kept, delivered = (verdicts[deed] for deed in OBJECT_CHECKS)
     if delivered.held:
         return "delivered"
     if taken.held and kept.held and found is not None:

@@ -59,14 +59,14 @@ class Skill:
         return model.pose_rows if self.poses else {"base": model.pose_rows["base"]}
 
 
-def every_sample(model: RobotModel) -> int:
+def n_placement_parameters(model: RobotModel) -> int:
     """Return how many numbers of a target every sample sets: anchor and posture of a spatial robot."""
     return 0 if model.dimension == 2 else 4 + model.n - 6
 
 
 def anchored_poses(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
     """Return the poses xi (m,) of a spatial robot at Q (n,) in the chart whose anchor a target has."""
-    first = target.numel() - every_sample(model)
+    first = target.numel() - n_placement_parameters(model)
     return model.charted(Q, target[first : first + 4])
 
 

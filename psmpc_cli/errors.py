@@ -47,8 +47,10 @@ class Interruption:
     """
 
     def __init__(self) -> None:
-        self.number, self.handled = 0, False
-        self._came, self._before = 0.0, {number: signal.getsignal(number) for number in SIGNALS}
+        self.number = 0
+        self.handled = False
+        self._came = 0.0
+        self._before = {number: signal.getsignal(number) for number in SIGNALS}
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal: store it; one that comes `LONGEST_DEFERRAL` later does what it did before."""
@@ -56,7 +58,8 @@ class Interruption:
             self.restore()
             signal.raise_signal(number)
         if not self.number:
-            self.number, self._came = number, time.monotonic()
+            self.number = number
+            self._came = time.monotonic()
 
     @property
     def exit_code(self) -> int:

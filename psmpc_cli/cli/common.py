@@ -139,12 +139,15 @@ def watched_run(quiet: bool) -> "Iterator[tuple[Callable[[Sample], None], Interr
     Its line has time, stage, planned switch times, real-time factor since the first sample, and failed solves. Without
     a terminal there is one at every switch, and otherwise one every 5 s of simulated time.
     """
-    began, due, failed = 0.0, 0.0, 0
+    began = 0.0
+    due = 0.0
+    failed = 0
     with deferred_signals() as interruption, live_line(quiet) as show:
 
         def watch(sample: "Sample") -> None:
             nonlocal began, due, failed
-            command, now = sample.command, time.monotonic()
+            command = sample.command
+            now = time.monotonic()
             began = began or now
             failed += "solve_failed" in command.events
             factor = f"{command.time / (now - began):.1f}" if command.time > 0 else "-"

@@ -20,7 +20,8 @@ def check(
     force: Force = False,
 ) -> None:
     """Report every problem of robots and tasks by file, line and column; print valid ones as a table."""
-    problems, agree = [], True
+    problems = []
+    agree = True
     for reference in files:
         try:
             agree &= _check_one(reference, changes or [], gradients, figure, force)
@@ -36,7 +37,8 @@ def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path
     """Print the table of one robot or task and the audit of its gradients, draw it; tell whether gradients agree."""
     from psmpc_cli.specs.load import kind_of_reference, load_robot
 
-    agree, drawn = True, "scenario"
+    agree = True
+    drawn = "scenario"
     if kind_of_reference(reference) == "robot":
         subject: Any = load_robot(reference)
         drawn = "robot"
@@ -104,7 +106,8 @@ def bench(
     from psmpc_cli.studies import bench as study
 
     tasks = study.load_bench(task, changes or [], nodes or ("25,50" if quick else study.NODES))
-    repeat, appends = repeat or (1 if quick else 3), 2 if quick else None
+    repeat = repeat or (1 if quick else 3)
+    appends = 2 if quick else None
     with ending_on_signals("no table was made") as interruption, live_line(quiet) as show:
         found = study.run_bench(tasks, solvers, repeat, appends, show, interruption.check)
     print_table(study.HEADINGS, list(study.bench_rows(found)), left=3)

@@ -151,7 +151,8 @@ def replay(
 
     run = read_run(log)
     found = solve_again(run, step, solver)
-    window, kind = found.logged.window, solver or run.task.spec.solver.kind
+    window = found.logged.window
+    kind = solver or run.task.spec.solver.kind
     stages = ", ".join(stage.name for stage in window.stages)
     typer.echo(f"sample {step} of {len(run.time)}, {window.start:.2f} s: window of {stages}; solver {kind}")
     for remark in found.remarks:
@@ -162,7 +163,8 @@ def replay(
     rows = [(name, f"{was:.9g}", f"{now:.9g}", f"{abs(now - was):.1e}") for name, (was, now) in found.compared.items()]
     rows.append(("largest of a control in the plan", "", "", f"{found.apart:.1e}"))
     print_table(("", "logged", "again", "difference"), rows, left=1)
-    equal, differs = f"the log is repeated to {EQUAL:g}", f"differs from the log by up to {found.largest:.1e}"
+    equal = f"the log is repeated to {EQUAL:g}"
+    differs = f"differs from the log by up to {found.largest:.1e}"
     result = (equal if found.largest <= EQUAL else differs) + ("" if found.same_solver else ", by another solver")
     was, now = (f"{each.outcome.name.lower()} after {each.iterations}" for each in (found.logged, found.solution))
     typer.echo(f"{result}: {was} iterations, again {now}")
@@ -258,9 +260,12 @@ def plot(
 
     films = [name for name, chosen in (("animation", animate), ("render", render)) if chosen]
     if run is None:
-        (kind, subject, _), directory = read_file(log), output or default_directory(log)
+        kind, subject, _ = read_file(log)
+        directory = output or default_directory(log)
     else:
-        kind, (subject,), directory = RUN, _runs_in(log, [run], False).values(), output or default_directory(log) / run
+        kind = RUN
+        (subject,) = _runs_in(log, [run], False).values()
+        directory = output or default_directory(log) / run
     if films and kind != RUN:
         several = kind in (COMPARISON, MONTE_CARLO)
         instead = "but a run of it is: choose one with --run" if several else "but the log of a run is"

@@ -100,7 +100,8 @@ def present(
     if not quiet:
         show(content)
     if (figures or films) and (kind != RUN or len(content.time)):
-        only, directory = None if figures else (), default_directory(path)
+        only = None if figures else ()
+        directory = default_directory(path)
         drawn = draw(kind, content, directory, only=only, force=force, films=films)
         if not quiet:
             typer.echo(f"{len(drawn)} figures in {directory}" if figures else f"film in {directory}")
@@ -136,7 +137,8 @@ def print_comparison(runs: Mapping[str, Run], path: Path) -> None:
 def _compared(runs: Sequence[Summary]) -> Iterator[Row]:
     """Yield the rows of a comparison: a measure of every run."""
     for stages in zip(*(run.stages for run in runs), strict=True):
-        name, published = stages[0].name, [each.published_start for each in stages]
+        name = stages[0].name
+        published = [each.published_start for each in stages]
         starts = _differences([each.actual_start for each in stages], 2, published)
         early = ("early " if each.early else "" for each in stages)
         yield f"{name} actually starts [s]", *map("".join, zip(early, starts, strict=True))
@@ -183,7 +185,8 @@ def print_sweep(cells: SweepCells) -> None:
     """Print a sweep over weights, complete or not: a row for each run, the cells by status, the recommended ratio."""
     if len(cells.runs):
         _print_runs(cells)
-    solves, failed = cells.count("solves"), cells.count("solves_failed")
+    solves = cells.count("solves")
+    failed = cells.count("solves_failed")
     typer.echo(f"{len(cells.ratio)} cells: {_by_status(cells.results)}; {solves} solves, {failed} of them failed")
     for reason, times in Counter(cells.of("reason")[cells.failed]).most_common():
         typer.echo(f"  {times} failed: {reason}")
@@ -200,7 +203,8 @@ def _by_status(results: Results) -> str:
 
 def _print_runs(cells: SweepCells) -> None:
     """Print a row for each run of a sweep, or for some of many."""
-    (first, second), runs = cells.names, cells.runs
+    first, second = cells.names
+    runs = cells.runs
     apart = len(runs) > len(np.unique([f"{ratio:.9g}" for ratio in cells.ratio[runs]]))
     kept = runs[np.unique(np.linspace(0, len(runs) - 1, min(len(runs), MOST_ROWS)).round().astype(int))]
     others = [cells.instant, *(cells.of(name) for name in ("completion_time", "control_effort", "final_error"))]
@@ -229,8 +233,10 @@ def print_monte_carlo(runs: MonteCarloRuns) -> None:
         typer.echo("worst runs: failed, latest, largest error")
         rows = []
         for run in worst:
-            seed, outcome = str(runs["seed"][run]), "failed" if runs.failed[run] else "succeeded"
-            end, error = number(float(runs["end_time"][run]), 2), number(float(runs["final_error"][run]), 3)
+            seed = str(runs["seed"][run])
+            outcome = "failed" if runs.failed[run] else "succeeded"
+            end = number(float(runs["end_time"][run]), 2)
+            error = number(float(runs["final_error"][run]), 3)
             rows.append((seed, outcome, end, error, runs.why(run)))
         print_table(("seed", "", "ends [s]", "final error", "why"), rows)
         typer.echo(f"repeat one: {runs.command(worst[0])}")
@@ -239,7 +245,8 @@ def print_monte_carlo(runs: MonteCarloRuns) -> None:
 
 def _success(runs: MonteCarloRuns) -> str:
     """Write how many runs succeeded, how sure the rate is, the runs by status, and how many exceeded limits."""
-    made, succeeded = int(runs.made.sum()), int(runs.succeeded.sum())
+    made = int(runs.made.sum())
+    succeeded = int(runs.succeeded.sum())
     states = _by_status(runs.results)
     if not made:
         return f"no run was made yet: {states}"
@@ -282,7 +289,8 @@ def print_claims(made: Reproduction) -> None:
 
 def print_task(task: Task, outlooks: Sequence[Outlook]) -> None:
     """Print a task: what runs it, and its stages part by part."""
-    spec, controller = task.spec, task.spec.controller
+    spec = task.spec
+    controller = task.spec.controller
     typer.echo(f"{spec.name}: {spec.description}" if spec.description else spec.name)
     typer.echo(
         f"robot {task.robot.name}; controller {controller.kind}, horizon {controller.horizon:g} s, "
@@ -301,14 +309,16 @@ def print_task(task: Task, outlooks: Sequence[Outlook]) -> None:
 def print_robot(robot: RobotSpec) -> None:
     """Print a robot: its bodies, and the limits of its coordinates."""
     typer.echo(f"{robot.name}: {robot.description}" if robot.description else robot.name)
-    d, bodies = robot.dimension, robot.bodies
+    d = robot.dimension
+    bodies = robot.bodies
     total = sum(body.mass for body in bodies)
     typer.echo(f"{'planar' if d == 2 else 'spatial'}, {sum(robot.parts.values())} degrees of freedom, {total:.6g} kg")
     rows: list[Row] = []
     for body in bodies:
         joint = carrier = ""
         if body.joint is not None:
-            at, kind = body.joint.at, "prismatic along" if body.joint.prismatic else "revolute about"
+            at = body.joint.at
+            kind = "prismatic along" if body.joint.prismatic else "revolute about"
             turn = math.degrees(math.hypot(*at.rotation))
             carrier = f"{bodies[at.body].name} at {_listed(at.position[:d])} m{f', {turn:.4g} deg' if turn else ''}"
             joint = "revolute" if d == 2 else f"{kind} {_listed(body.joint.axis)}"
@@ -330,7 +340,8 @@ def _listed(numbers: Sequence[float]) -> str:
 
 def _comparisons(priorities: PrioritiesSpec, stages: list[str]) -> str:
     """Write the number of comparisons behind the priorities, and how consistent they are."""
-    found, count = weigh(priorities.compare, stages), len(priorities.compare)
+    found = weigh(priorities.compare, stages)
+    count = len(priorities.compare)
     agreement = f"consistency ratio {found.ratio:.2g}, acceptable up to {ACCEPTABLE:g}"
     agreement = agreement if found.surplus > 0 else "as few as possible, so their consistency is not known"
     return f"priorities from {counted(count, 'comparison', 'comparisons')}: {agreement}"
@@ -338,12 +349,16 @@ def _comparisons(priorities: PrioritiesSpec, stages: list[str]) -> str:
 
 def _stage(task: Task, outlook: Outlook) -> list[Row]:
     """Build the rows of one stage, one for each part."""
-    stage, spec, sizes = outlook.stage, task.spec.stages[outlook.stage.index], task.robot.parts
+    stage = outlook.stage
+    spec = task.spec.stages[outlook.stage.index]
+    sizes = task.robot.parts
     space = task.spec.skills[spec.skill].space
     about = [spec.name, f"{spec.skill} ({space})", f"priority {spec.priority:g}"]
     about += [f"follows {stage.trajectory.times[-1]:g} s"] if stage.trajectory else []
     about += [f"at least {spec.dwell:g} s"] if spec.dwell else []
-    numbers, row, parts = iter(stage.target), count(), []
+    numbers = iter(stage.target)
+    row = count()
+    parts = []
     tolerances = {i: f"{each:g}" for i, each in zip(stage.end_rows, stage.tolerance, strict=True)}
     rest = f" ({spec.ends_when.velocity:g}/s)" if spec.ends_when and spec.ends_when.velocity is not None else ""
     for (part, rows), axes in zip(axes_of(sizes, space).items(), axes_of(sizes, space, False).values(), strict=True):
@@ -370,9 +385,11 @@ def _target(values: Sequence[tuple[str, float]]) -> str:
 
 def _limits(robot: RobotSpec) -> list[Row]:
     """Build the rows of the limits of every coordinate, angles in degrees; empty where there is none."""
-    limits, rows = resolve_limits(robot), list[Row]()
+    limits = resolve_limits(robot)
+    rows = list[Row]()
     for row, label in enumerate(labels(robot, "joint")):
-        length, spans = label.rpartition(".")[2] in POSITION_AXES, [label]
+        length = label.rpartition(".")[2] in POSITION_AXES
+        spans = [label]
         for quantity, unit in (("position", "deg"), ("velocity", "rad/s"), ("acceleration", "rad/s^2")):
             ends = (float(getattr(limits, f"{quantity}_{end}")[row]) for end in ("low", "high"))
             low, high = (math.degrees(end) if unit == "deg" and not length else end for end in ends)

@@ -242,7 +242,9 @@ class ControlLaw:
         Raises:
             RunError: Nothing is measured, and there is no plan yet.
         """
-        time, x, stages = situation.time, situation.x, situation.stages
+        time = situation.time
+        x = situation.x
+        stages = situation.stages
         costs = self.problem.costs
         sequence = memory.sequence.with_measurement(stages, costs, time, x)
         may_end = self._plan_may_end_stage(sequence, memory.solution, situation)
@@ -286,7 +288,9 @@ class ControlLaw:
 
     def _shift(self, memory: Memory, situation: Situation) -> Plan:
         """Return the last plan from now on; before the first, one without control."""
-        time, horizon, plan = situation.time, self._spec.horizon, memory.plans.solved
+        time = situation.time
+        horizon = self._spec.horizon
+        plan = memory.plans.solved
         if plan is None:
             chart = situation.placement.chart
             return resting_plan(time, horizon, self._spec.uniform_nodes, situation.x, chart)
@@ -315,7 +319,8 @@ class ControlLaw:
         self, memory: Memory, situation: Situation, attempt: Attempt, prediction: Plan, until: float
     ) -> Decision:
         """Take over a solution that counts, refined by the levels of HTMPC; fall back on another plan else."""
-        sequence, solution = attempt.sequence, attempt.solution
+        sequence = attempt.sequence
+        solution = attempt.solution
         limits = situation.stages[sequence.first].limits
         used_up = memory.plans.used_up(situation.time, self._spec.sample_time)
         levels: tuple[Solution, ...] = ()
@@ -344,7 +349,8 @@ class ControlLaw:
     def _over_sample(self, decision: Decision, situation: Situation) -> tuple[np.ndarray, np.ndarray]:
         """Return the state as [Q; v] (nq + n,), and the rates of v that the plan has at the ticks (M, n)."""
         edges = situation.time + self._ticks
-        plan, chart = decision.plan, situation.placement.chart
+        plan = decision.plan
+        chart = situation.placement.chart
         if not chart.spatial:
             return situation.x, plan.mean_control(edges)
         Q, v = chart.leave(np.vstack([situation.x, plan.states_at(edges)]))

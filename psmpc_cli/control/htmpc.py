@@ -21,7 +21,9 @@ class Hierarchy:
     """Strict priorities in the order of the stages: the window holds the current stage, the levels look further."""
 
     def __init__(self, problem: Problem) -> None:
-        self.problem, self.spec, solver = problem, problem.spec.controller, problem.spec.solver
+        self.problem = problem
+        self.spec = problem.spec.controller
+        solver = problem.spec.solver
         # Bounded costs need their curvature, so `sqp` leaves its levels to fatrop.
         kind = "fatrop" if solver.kind == "sqp" else solver.kind
         self._solver = build_solver(problem, solver.model_copy(update={"kind": kind}))
@@ -38,11 +40,13 @@ class Hierarchy:
             prediction: The shifted plan; it normalizes the costs.
             until: When solves have to stop, an instant of `time.perf_counter` [s].
         """
-        spec, stages = self.spec, stages[: self.spec.htmpc.depth]
+        spec = self.spec
+        stages = stages[: self.spec.htmpc.depth]
         begins = np.array([entered, *(prediction.end for _ in stages[1:])])  # later trajectories wait
         _, scale = normalization("nadir", spec.zeta, stages, begins, self.problem.costs, prediction, spec.sample_time)
         solver = self._solver.stopping(until)
-        levels, kept = [first], list[Kept]()
+        levels = [first]
+        kept = list[Kept]()
         for i, stage in enumerate(stages[1:], start=1):
             kept.append(self._kept(stages[i - 1], float(scale[i - 1]), levels[-1], begins[i - 1]))
             solved = solver.solve(_level(first.window, stage, scale[i], tuple(kept)), levels[-1].plan)

@@ -53,7 +53,8 @@ def solve_from_several(solver: Solver, window: Window, guess: Plan, previous: So
         return _counting(own, own, earliest)
     shares, half_step = even_shares(len(guess.instants), starts - 1)
     within = half_step * float(room.max())
-    solves, mine = [own, earliest], own
+    solves = [own, earliest]
+    mine = own
     if np.abs(own.plan.instants - guess.instants).max() > within:
         solves.append(_solve_near(solver, window, guess, guess.instants, within))
         mine = solves[-1] if _best(own, solves[-1:]) else own
@@ -76,7 +77,8 @@ def even_shares(switches: int, count: int) -> tuple[np.ndarray, float]:
 
 def _room(window: Window, earliest: np.ndarray) -> np.ndarray:
     """Return how much later than the earliest instants (S,) [s] each may be, dwell times and fixed times heeded [s]."""
-    latest, bound = np.zeros(len(earliest)), window.start + window.horizon
+    latest = np.zeros(len(earliest))
+    bound = window.start + window.horizon
     shortest = shortest_durations(window)
     for s in reversed(range(len(earliest))):
         at = window.stages[s].at
@@ -108,11 +110,13 @@ def _best(own: Solution, others: list[Solution]) -> int:
     Only the objective at an optimum says something of its basin.
     """
     objectives = [one.objective if one.outcome is Outcome.OPTIMAL else np.inf for one in others]
-    best, beaten = int(np.argmin(objectives)), own.objective
+    best = int(np.argmin(objectives))
+    beaten = own.objective
     return best + 1 if objectives[best] < beaten - BETTER * abs(beaten) else 0
 
 
 def _counting(solved: Solution, *all_solves: Solution) -> Solution:
     """Return a solve with the iterations and the wall time of all that were made for it."""
-    iterations, wall_time = sum(one.iterations for one in all_solves), sum(one.wall_time for one in all_solves)
+    iterations = sum(one.iterations for one in all_solves)
+    wall_time = sum(one.wall_time for one in all_solves)
     return replace(solved, iterations=iterations, wall_time=wall_time)

@@ -26,10 +26,13 @@ from psmpc_cli.logs.files import replacing
 from psmpc_cli.logs.run import Run
 from psmpc_cli.robot.mujoco_model import mujoco_spec
 
-RATE, LONGEST = 15, 150
+RATE = 15
+LONGEST = 150
 """Frames a second; most frames of motion."""
 
-WIDTH, TITLE, DPI = style.COLUMN, 0.3, 144
+WIDTH = style.COLUMN
+TITLE = 0.3
+DPI = 144
 """Width of a frame [in], height of the title above one of the film [in], and resolution."""
 
 SURROUNDINGS = """
@@ -119,7 +122,8 @@ def _encode(figure: Figure, draw_frame: Callable[[int], Iterable[Artist]], count
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # laid out anew, the axes would move from frame to frame
     for path in paths:
-        frames, writer = [*range(count), *[count - 1] * RATE], "pillow" if path.suffix == ".gif" else "ffmpeg"
+        frames = [*range(count), *[count - 1] * RATE]
+        writer = "pillow" if path.suffix == ".gif" else "ffmpeg"
         try:
             with replacing(path) as part:
                 FuncAnimation(figure, draw_frame, frames, cache_frame_data=False).save(part, writer, RATE, DPI)
@@ -131,22 +135,28 @@ def film_model(scene: Scene, extent: np.ndarray) -> str:
     """Describe robot, object, floor and camera, which sees points (., 3), as MJCF; the object is a mocap body."""
     import mujoco
 
-    model, spec, width = scene.run.problem.model, scene.run.task.spec.object, round(WIDTH * DPI)
-    shape, camera = model.shape, Camera(-90, 60) if model.dimension == 2 else scene.camera
-    view, floor = camera.view(extent), float(extent[:, 2].min()) - 1.5 * shape.box[2]
+    model = scene.run.problem.model
+    spec = scene.run.task.spec.object
+    width = round(WIDTH * DPI)
+    shape = model.shape
+    camera = Camera(-90, 60) if model.dimension == 2 else scene.camera
+    view = camera.view(extent)
+    floor = float(extent[:, 2].min()) - 1.5 * shape.box[2]
     x, y, z = np.mean(view.get_points(), axis=0) @ camera.axes[:2]
     numbers = {"height": 2 * round(width * view.height / view.width / 2), "width": width, "tall": view.height}
     numbers |= {"x": x, "y": y, "z": z, "span": 2 * np.ptp(extent, axis=0).max(), "floor": floor}
     numbers |= {"azimuth": camera.azimuth + 180, "elevation": -camera.elevation}
     world = mujoco.MjSpec.from_string(SURROUNDINGS.format(**numbers))
     robot = mujoco_spec(model.spec)
-    base, box = robot.body("base"), shape.box_frame
+    base = robot.body("base")
+    box = shape.box_frame
     quat = Rotation.from_matrix(box[:3, :3]).as_quat(scalar_first=True)
     base.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=shape.box, pos=box[:3, 3], quat=quat, rgba=_opaque(style.BODY))
     colors = {name: _opaque(style.PALETTE[i % len(style.PALETTE)]) for i, name in enumerate(model.spec.arms)}
     grippers = {tool.body: shape.grippers[name] for name, tool in model.spec.tools.items()}
     for number, (body, capsules) in enumerate(zip(model.spec.bodies, shape.capsules, strict=True)):
-        added, color = robot.body(body.name), colors.get(body.name.rpartition(".")[0], _opaque(style.BODY))
+        added = robot.body(body.name)
+        color = colors.get(body.name.rpartition(".")[0], _opaque(style.BODY))
         fingers = grippers.get(number, np.zeros((0, 3)))
         for size, lines in ((shape.radius, capsules), (0.4 * shape.radius, pairwise(fingers))):
             for start, end in lines:
@@ -178,7 +188,8 @@ def render(
     import mujoco
 
     model = mujoco.MjModel.from_xml_string(description)
-    data, frames = mujoco.MjData(model), []
+    data = mujoco.MjData(model)
+    frames = []
     with mujoco.Renderer(model, model.vis.global_.offheight, model.vis.global_.offwidth) as renderer:
         first = len(Q[0]) - len(joints)
         places = [*range(first), *(int(model.joint(f"robot.{name}").qposadr[0]) for name in joints)]

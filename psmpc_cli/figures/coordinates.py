@@ -19,7 +19,8 @@ from psmpc_cli.specs.parts import POSITION_AXES, axes_of
 HEIGHT = 0.82
 """Height of a panel of coordinates [in]."""
 
-FARTHEST, PEAK = 4.0, 5.0
+FARTHEST = 4.0
+PEAK = 5.0
 """Limits farther away than so many times the largest value are not drawn; peaks so many times as large as 19 in 20
 values hide the rest."""
 
@@ -40,14 +41,16 @@ def plot_states(runs: Run | Mapping[str, Run]) -> Figure:
 
 def plot_velocities(run: Run) -> Figure:
     """Plot generalized velocities [m/s, rad/s] with the limits in force and what the controller saw."""
-    curves, seen = [(run.motion.time, run.motion.v)], run.motion.v_seen
+    curves = [(run.motion.time, run.motion.v)]
+    seen = run.motion.v_seen
     return _plot_quantity(run, ("velocity", "m/s"), ("velocity", "rad/s"), curves, seen, limits="velocity")
 
 
 def plot_controls(run: Run) -> Figure:
     """Plot the applied accelerations [m/s^2, rad/s^2], constant over each sample, with the limits in force."""
     held = [(np.r_[run.time, run.motion.end], np.vstack([run.u, run.u[-1:]]))]
-    linear, angular = ("control", "m/s²"), ("control", "rad/s²")
+    linear = ("control", "m/s²")
+    angular = ("control", "rad/s²")
     return _plot_quantity(run, linear, angular, held, None, "acceleration", "steps-post", peaked=True)
 
 
@@ -70,7 +73,8 @@ def attitude_error(run: Run) -> np.ndarray:
     """Return the angle (N,) [rad] from the base's attitude to the one that the current stage aims at, in space."""
     found = np.full(len(run.motion.time), np.nan)
     for span in run.spans:
-        stage, now = run.followed[span.index], (run.motion.time >= span.start) & (run.motion.time <= span.end)
+        stage = run.followed[span.index]
+        now = (run.motion.time >= span.start) & (run.motion.time <= span.end)
         if now.any():
             errors = _errors(run.problem, stage, run.motion.Q[now], run.motion.time[now] - span.start)
             found[now] = np.linalg.norm(errors[:, 3:6], axis=1)
@@ -86,12 +90,14 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
         for part, _, unit, factor, at, labels in _panels(model, ("position", "m"), ("angle", "rad"))
         for row, label in zip(range(at.start, at.stop), labels, strict=True)
     ]
-    figure, across = style.new_figure(style.PAGE), 3
+    figure = style.new_figure(style.PAGE)
+    across = 3
     down = -(-len(rows) // across)
     grid = figure.subplots(down, across, sharex=True, squeeze=False, height_ratios=[1.3] * down)
     for axes, (label, row, factor) in zip(grid.flat, rows, strict=False):
         for number, (name, run) in enumerate(runs.items()):
-            motion, look = run.motion, style.line_look(number)
+            motion = run.motion
+            look = style.line_look(number)
             values = factor * _in_vectors(run, motion.Q)[:, row]
             axes.plot(motion.time, values, linewidth=1.2, label=f"_{style.title_of(name)}", **look)
             switches = run.stages["switch_time"][np.isfinite(run.stages["switch_time"])]
@@ -152,9 +158,11 @@ def _panels(
 
     `linear` and `angular` are the quantity's name and SI unit for linear and for angular coordinates.
     """
-    base, d = model.parts["base"], model.dimension
+    base = model.parts["base"]
+    d = model.dimension
     yield "Base", *linear, 1.0, slice(base.start, base.start + d), "xyz"[:d]
-    turns, (word, unit) = slice(base.start + d, base.stop), angular
+    turns = slice(base.start + d, base.stop)
+    word, unit = angular
     if d == 2:
         yield "Base", word, unit, 1.0, turns, ("θ",)
     else:
@@ -229,10 +237,13 @@ def error_curves(run: Run) -> Iterator[tuple[Span, int, bool, np.ndarray, np.nda
     Of each the stage's span, the number of the frame (the base, then the arms), whether they are angles, times (K,)
     [s], the largest error at those (K,) [m] or [rad], and the tightest tolerance of the end condition, or NaN.
     """
-    motion, parts = run.motion, run.problem.model.spec.parts
+    motion = run.motion
+    parts = run.problem.model.spec.parts
     for span in run.spans:
         inside = (motion.time > span.start) & (motion.time < span.end)
-        time, stage, first = np.r_[span.start, motion.time[inside], span.end], run.followed[span.index], 0
+        time = np.r_[span.start, motion.time[inside], span.end]
+        stage = run.followed[span.index]
+        first = 0
         Q = np.array([motion.coordinates_at(t) for t in time])
         errors = np.abs(_errors(run.problem, stage, Q, time - span.start))
         tolerances = dict(zip(stage.end_rows, stage.tolerance, strict=True))
@@ -251,7 +262,8 @@ def _errors(problem: Problem, stage: Stage, Q: np.ndarray, since: np.ndarray) ->
 
     In space the chart is anew at every attitude, and of a target's two quaternions the nearer one counts.
     """
-    found, at_rest = [], np.zeros(problem.model.n)
+    found = []
+    at_rest = np.zeros(problem.model.n)
     for q, time in zip(Q, since, strict=True):
         placed, x = in_own_chart(problem.model, stage, q, at_rest, time)
         found.append(problem.costs.errors(placed, x[None], np.array([time]))[0])

@@ -28,13 +28,16 @@ def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
     happened = any(np.isfinite(values).any() for values in off)
     figure, grid = timeline(runs, 2 if happened else 1, 1.5)
     for column, run, seen, late in zip(grid.T, runs_of(runs), planned, off, strict=True):
-        above, ends, horizon = column[0], run.motion.time[[0, -1]], run.task.spec.controller.horizon
+        above = column[0]
+        ends = run.motion.time[[0, -1]]
+        horizon = run.task.spec.controller.horizon
         above.plot(ends, ends, label="_present time", **style.LEVEL)
         above.plot(ends, ends + horizon, label="_end of the horizon", linestyle=style.DASHED, **style.LEVEL)
         above.set_ylim(bottom=ends[0])
         switches = run.stages["switch_time"]
         for stage in any_planned:
-            time, instant = run.time[seen[:, stage]], run["window/instants"][seen[:, stage], stage]
+            time = run.time[seen[:, stage]]
+            instant = run["window/instants"][seen[:, stage], stage]
             look: dict[str, Any] = {"markevery": 10**6, "linewidth": 1.3, **style.mark_look(stage)}
             above.plot(time, instant, label=style.readable(run.stage_names[stage]), **look)
             if np.isfinite(switches[stage]):
@@ -85,8 +88,10 @@ def _plot_stack(axes: Axes, run: Run, shares: np.ndarray) -> None:
     edges = np.r_[run.time, run.motion.end if run.motion.end > last else last + run.task.spec.controller.sample_time]
     top = np.zeros(len(run.time))
     for stage in np.flatnonzero(np.isfinite(shares).any(axis=0)).tolist():
-        bottom, top = top, top + 100 * np.nan_to_num(shares[:, stage])
-        label, color = style.readable(run.stage_names[stage]), style.PALETTE[stage % len(style.PALETTE)]
+        bottom = top
+        top = top + 100 * np.nan_to_num(shares[:, stage])
+        label = style.readable(run.stage_names[stage])
+        color = style.PALETTE[stage % len(style.PALETTE)]
         look: dict[str, Any] = {"facecolor": (color, 0.75), "hatch": HATCHES[stage % len(HATCHES)], "zorder": 1}
         axes.stairs(top, edges, baseline=bottom, fill=True, label=label, edgecolor="white", linewidth=0.0, **look)
     for span in run.spans:
@@ -101,8 +106,11 @@ def plot_solve_time(run: Run) -> Figure:
     """Plot the wall time [ms] and the iterations of each solve over time, by how many stages were in the window."""
     figure, grid = timeline(run, 2, 1.25)
     above, below = grid[:, 0]
-    time, wall, iterations = run.time, run["solver/wall_time"] * 1e3, run["solver/iterations"]
-    count, solved = run["window/count"], np.isfinite(wall) & (wall > 0)
+    time = run.time
+    wall = run["solver/wall_time"] * 1e3
+    iterations = run["solver/iterations"]
+    count = run["window/count"]
+    solved = np.isfinite(wall) & (wall > 0)
     counts = np.unique(count[solved])
     for i, stages in enumerate(counts):
         which = solved & (count == stages)
@@ -127,7 +135,8 @@ def plot_solve_time(run: Run) -> Figure:
 
 def plot_pull(run: Run) -> Figure:
     """Plot the filtered pull [N] on each grasp over time, the strength, and where grasps closed and opened."""
-    (figure, grid), target_object = timeline(run, 1, 1.6), run.task.spec.object
+    figure, grid = timeline(run, 1, 1.6)
+    target_object = run.task.spec.object
     axes = grid[0, 0]
     for i, gripper in enumerate(run["gripper"]):
         held = np.where(run["grasp/closed"][:, i] == 1, run["grasp/pull"][:, i], np.nan)

@@ -16,7 +16,8 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
     """
     xlabel = "Switch time that ends the stage, less its median (s)"
     figure, (axes,) = style.stack(["Fraction of runs (1)"], [2.2], xlabel)
-    times, made = runs["switch_time"], int(runs.made.sum())
+    times = runs["switch_time"]
+    made = int(runs.made.sum())
     for number, stage in enumerate(runs.stages):
         ended = np.sort(times[np.isfinite(times[:, number]), number])
         if len(ended):
@@ -51,7 +52,8 @@ def plot_runs(runs: MonteCarloRuns) -> Figure:
         rows[0].set_yscale("log")
     else:
         rows[0].set_ylim(0.0, 1.12 * max(1.0, float(np.nanmax(error, initial=0.0))))
-    seed, failed = runs["seed"], runs.failed
+    seed = runs["seed"]
+    failed = runs.failed
     for axes, (_, values, level, limit) in zip(rows, panels, strict=True):
         for number, (name, value) in enumerate(values.items()):
             look = {"linestyle": "none", "markersize": 3.0, "markeredgewidth": 0, **style.mark_look(number)}

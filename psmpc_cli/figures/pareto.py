@@ -42,10 +42,12 @@ def plot_fronts(results: Results) -> Figure:
     """
     samples = in_plane(results)
     every = np.concatenate([J for points in samples for J, _ in points])
-    smallest, largest = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
+    smallest = np.nanmin(every, axis=0)
+    largest = np.nanmax(every, axis=0)
     panels = 2 if np.all(smallest > 0) and np.any(largest > 30.0 * smallest) else 1
     figure, rows = style.stack([""] * panels, [1.9] * panels, "", sharex=False)
-    (first, second), third = map(style.readable, results["stage"].tolist()), in_space(results)
+    first, second = map(style.readable, results["stage"].tolist())
+    third = in_space(results)
     rows[0].xaxis.set_major_locator(MaxNLocator(nbins=6))
     if panels > 1:
         for along, wide in zip("yx", largest > 100.0 * smallest, strict=True):
@@ -115,7 +117,8 @@ def plot_in_space(results: Results) -> Figure:
 def _plot_in_space(axes: Any, results: Results, i: int) -> None:
     """Plot the fronts of one sample; `axes` are three-dimensional ones, for which Matplotlib has no types."""
     method = WEIGHTED if f"{WEIGHTED}_J_1" in results.quantities else CONSTRAINED
-    (J, marks), waits = front_points(results, method), results[f"{method}_wait"][i]
+    J, marks = front_points(results, method)
+    waits = results[f"{method}_wait"][i]
     floor = float(np.nanmin(waits))
     span = float(np.nanmax(waits)) - floor
     floor -= 0.15 * span
@@ -123,7 +126,8 @@ def _plot_in_space(axes: Any, results: Results, i: int) -> None:
         if not np.isfinite(found).any():
             continue
         wait = float(np.nanmax(found))
-        (y, x), dominated = J[i, later].T, marks[i, later]
+        y, x = J[i, later].T
+        dominated = marks[i, later]
         kept = np.flatnonzero(~dominated).tolist()
         axes.plot(x, y, wait, markevery=kept, label="_instant held", **FRONT, **style.mark_look(0))
         axes.plot(x, y, floor, color="#D5D5D5", linewidth=0.9, label="_in the plane of $J_1$ and $J_2$")

@@ -18,7 +18,8 @@ Curves = Mapping[str, tuple[np.ndarray, np.ndarray]]
 Panels = Mapping[str, Curves]
 """Curves (x, y) by panel and label, as the ablations measure them."""
 
-SMALLEST, EXACT = 1e-5, 1e-9
+SMALLEST = 1e-5
+EXACT = 1e-9
 """A smaller control that a waiting stage adds is not shown [m/s^2, rad/s^2]; smaller errors are none [m, rad]."""
 
 HEIGHT = 1.0
@@ -50,11 +51,15 @@ def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
     """
     figure, grid = timeline(run, 1, 2.4)
     axes: Axes = grid[0, 0]
-    presence, time, waited, onset = run["window/presence"], run.time, False, run.task.spec.onset
+    presence = run["window/presence"]
+    time = run.time
+    waited = False
+    onset = run.task.spec.onset
     for stage, name in enumerate(run.stage_names):
         which = np.isfinite(presence[:, stage])
         if which.any():
-            waited, values = True, np.maximum(presence[which, stage], SMALLEST if onset.kind == "control" else -1.0)
+            waited = True
+            values = np.maximum(presence[which, stage], SMALLEST if onset.kind == "control" else -1.0)
             axes.plot(time[which], values, label=style.readable(name), **style.line_look(stage))
     axes.axhline(onset.epsilon, label="_threshold", **style.LEVEL)
     for start in published.values():
@@ -81,7 +86,8 @@ def plot_monitors(run: Run) -> Figure:
     for row, monitor in enumerate(monitors):
         verdict = judge_monitor(monitor, run.arrays)
         axes: Axes = grid[row, 0]
-        time, values = run.time, signal(monitor, run.arrays)
+        time = run.time
+        values = signal(monitor, run.arrays)
         axes.plot(time, values, color=style.PALETTE[0])
         during = run["window/first"] == run.stage_names.index(monitor.during)
         for bound, _ in monitor_bounds(monitor, float(values[during][0])) if during.any() else ():
@@ -128,7 +134,8 @@ def plot_pending_cost(panels: Panels) -> Figure:
     J is over its value at the earliest instant that can be met, the other variables optimized; circles are its minima,
     triangles what the free optimizer returns.
     """
-    labels, heights = [*OVER_TIME, "$J$, δ = 0\n(relative)", "$J$, ours\n(relative)"], [HEIGHT] * 4
+    labels = [*OVER_TIME, "$J$, δ = 0\n(relative)", "$J$, ours\n(relative)"]
+    heights = [HEIGHT] * 4
     figure, (ahead, variation, printed, ours) = style.stack(labels, heights, "Switch time $t_s$ after $T_0$ (s)", False)
     _plot_over_time(ahead, variation, panels, "ab")
     ours.sharex(printed)

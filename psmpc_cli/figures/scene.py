@@ -49,14 +49,17 @@ class Camera:
     def view(self, points: np.ndarray) -> Bbox:
         """Return the smallest part of the drawing, with a margin, that shows these points (., 3) [m]."""
         seen = self.see(points)
-        low, high = seen.min(axis=0), seen.max(axis=0)
+        low = seen.min(axis=0)
+        high = seen.max(axis=0)
         size = (high - low) + 0.08 * float(np.max(high - low))
         size = np.maximum(size, [size[1] / 1.6, size[0] * 0.45])
         return Bbox([(low + high - size) / 2, (low + high + size) / 2])
 
 
-PLAN, OBLIQUE = Camera(-90, 90, ("x (m)", "y (m)")), Camera(-60, 25)
-FRONT, SIDE = Camera(-90, 0, ("x (m)", "z (m)")), Camera(0, 0, ("y (m)", "z (m)"))
+PLAN = Camera(-90, 90, ("x (m)", "y (m)"))
+OBLIQUE = Camera(-60, 25)
+FRONT = Camera(-90, 0, ("x (m)", "z (m)"))
+SIDE = Camera(0, 0, ("y (m)", "z (m)"))
 
 CAMERAS = {2: PLAN, 3: OBLIQUE}
 """From where scenes of robots of each dimension are seen."""
@@ -111,8 +114,10 @@ class Scene:
 
     def target_frames(self, stage: int, time: float) -> np.ndarray:
         """Return the frames (1 + arms, 4, 4) [m] a stage aims at, at a time [s]; NaN as attitude where it has none."""
-        model, followed = self.run.problem.model, self.run.followed[stage]
-        skill, start = SKILLS[followed.space], next((s.start for s in self.run.spans if s.index == stage), time)
+        model = self.run.problem.model
+        followed = self.run.followed[stage]
+        skill = SKILLS[followed.space]
+        start = next((s.start for s in self.run.spans if s.index == stage), time)
         aim = followed.reference(time - start)
         before = Posture(self.run.motion.coordinates_at(time), self.run.motion.poses_at(np.array([time]))[0])
         frames = pose_frames(skill.after(model, before, aim).xi.reshape(len(model.pose_rows), -1))
@@ -122,14 +127,16 @@ class Scene:
 
     def paths(self, since: float, time: float) -> np.ndarray:
         """Return the paths of base and end-effectors (1 + arms, ., 3) [m] between two times [s]."""
-        motion, model = self.run.motion, self.run.problem.model
+        motion = self.run.motion
+        model = self.run.problem.model
         xi = motion.poses_at(np.r_[since, motion.time[(motion.time > since) & (motion.time < time)], time])
         frames = pose_frames(xi.reshape(len(xi), len(model.pose_rows), -1))
         return np.asarray(frames[..., :3, 3].swapaxes(0, 1))
 
     def points(self, time: float) -> np.ndarray:
         """Return points (., 3) [m] whose hull holds robot and object at a time [s]."""
-        robot, frame = outline(self.run.problem.model, self.run.motion.coordinates_at(time)), self.object_frame(time)
+        robot = outline(self.run.problem.model, self.run.motion.coordinates_at(time))
+        frame = self.object_frame(time)
         return robot if frame is None else np.vstack([robot, corners(frame, self.half)])
 
     def extent(self, times: Iterable[float]) -> np.ndarray:
@@ -157,7 +164,8 @@ class Scene:
 
         Those within one sample are one.
         """
-        start, end = float(self.run.motion.time[0]), self.run.motion.end
+        start = float(self.run.motion.time[0])
+        end = self.run.motion.end
         early = [(span.early, f"{readable(span.name)} starts") for span in self.run.spans if span.early is not None]
         found = [(start, "start"), *early, *self.switches(), *[(self.left, "object lost")] * self.lost]
         found += [(end, "end of the run")] * all(abs(time - end) > 1e-6 for time, _ in found)
@@ -172,7 +180,8 @@ class Scene:
 
 def with_shadows(bodies: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> np.ndarray:
     """Return all finite points (., 3) [m], with those of the bodies again where the lowest of all is."""
-    found, below = np.vstack([*bodies, *others]), np.vstack(bodies)
+    found = np.vstack([*bodies, *others])
+    below = np.vstack(bodies)
     found = found[np.isfinite(found).all(axis=1)]
     return np.vstack([found, np.c_[below[:, :2], np.full(len(below), found[:, 2].min())]])
 
@@ -188,8 +197,10 @@ def scene_of(run: Run) -> Scene:
     spec = run.task.spec.object
     if spec is None:
         return Scene(run, np.inf, np.inf, False)
-    names, ends = run.stage_names, np.nan_to_num(run.stages["switch_time"], nan=np.inf)
-    taken, left = float(ends[names.index(spec.taken_by)]), float(ends[names.index(spec.let_go_by) - 1])
+    names = run.stage_names
+    ends = np.nan_to_num(run.stages["switch_time"], nan=np.inf)
+    taken = float(ends[names.index(spec.taken_by)])
+    left = float(ends[names.index(spec.let_go_by) - 1])
     if "grasp/lost" in run:
         lost = run["grasp/opened_at"][run["grasp/lost"] == 1]
         return Scene(run, taken, float(lost.min()) if len(lost) else left, len(lost) > 0)
@@ -215,7 +226,8 @@ def grasp(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     """Return the frame the object is held in (4, 4) [m] at Q (nq,)."""
     first, *others = pose_frames(model.poses(Q)[1:])
     if others:
-        line, planar = others[0][:3, 3] - first[:3, 3], model.dimension == 2
+        line = others[0][:3, 3] - first[:3, 3]
+        planar = model.dimension == 2
         first = pose_frames([0, 0, np.arctan2(line[1], line[0])]) if planar else first.copy()
         first[:3, 3] = np.mean(pose_frames(model.poses(Q)[1:])[:, :3, 3], axis=0)
     return np.asarray(first)
@@ -223,7 +235,8 @@ def grasp(model: RobotModel, Q: np.ndarray) -> np.ndarray:
 
 def outline(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     """Return points (., 3) [m] whose hull holds the robot at Q (nq,)."""
-    shape, frames = model.shape, model.body_frames(Q)
+    shape = model.shape
+    frames = model.body_frames(Q)
     parts = [(tool.body, shape.grippers[arm]) for arm, tool in model.spec.tools.items()]
     parts += [(body, ends.reshape(-1, 3)) for body, ends in enumerate(shape.capsules)]
     box = corners(frames[0] @ shape.box_frame, base_half(model))
@@ -259,7 +272,8 @@ def configurations(task: Task, model: RobotModel, stages: Sequence[Stage]) -> li
     stops = [stack(task.spec.initial, task.robot, "joint")]
     for stage in stages:
         before = Posture(stops[-1], np.asarray(model.g(stops[-1])).ravel())
-        Q, base = SKILLS[stage.space].after(model, before, stage.target).Q.copy(), stage.target[model.pose_rows["base"]]
+        Q = SKILLS[stage.space].after(model, before, stage.target).Q.copy()
+        base = stage.target[model.pose_rows["base"]]
         for arm in task.robot.arms if stage.space == "task" else ():
             found = reach_of(task.robot, arm, base, stage.target[model.pose_rows[arm]]).configuration
             if found is not None:
@@ -274,6 +288,8 @@ def object_frames(task: Task, model: RobotModel, stops: Sequence[np.ndarray]) ->
     if spec is None:
         return []
     names = [stage.name for stage in task.spec.stages]
-    taken, let_go, frame = names.index(spec.taken_by) + 1, names.index(spec.let_go_by), pose_frames(spec.pose)
+    taken = names.index(spec.taken_by) + 1
+    let_go = names.index(spec.let_go_by)
+    frame = pose_frames(spec.pose)
     ends = (min(panel, let_go) for panel in range(1, len(names) + 1))
     return [frame if end <= taken else carried(model, frame, stops[taken], stops[end]) for end in ends]

@@ -40,14 +40,20 @@ from psmpc_cli.robot.model import RobotModel, pose_frames
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits
 
-ACROSS, AROUND = 4, 0.45
+ACROSS = 4
+AROUND = 0.45
 """Frames, or stages, side by side on a page; width of the axis left of them [in]."""
 
-NEARER, UNDER = 100.0, -1e4
+NEARER = 100.0
+UNDER = -1e4
 """Order of a body by how near to the viewer it is [1/m], and of what lies under all bodies of a spatial scene."""
 
-FAINT, FLOOR, SHADOW = 0.25, "#E0E0E0", "#EFEFEF"
-"""Opacity of the robot where a stage begins; colours of the squares below a scene and of the shadow on them."""
+FAINT = 0.25
+"""Opacity of the robot where a stage begins."""
+
+FLOOR = "#E0E0E0"
+SHADOW = "#EFEFEF"
+"""Colours of the squares below a scene and of the shadow on them."""
 
 TRIAD = {"x": "#000000", "y": "#808080", "z": "#C0C0C0"}
 """Colours of the axes of a frame."""
@@ -60,7 +66,8 @@ def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
     of the base, and the paths of the end-effectors since the panel before.
     """
     names = [""] if isinstance(runs, Run) else [f"{style.title_of(name)}\n" for name in runs]
-    scenes, one = [scene_of(run) for run in runs_of(runs)], isinstance(runs, Run)
+    scenes = [scene_of(run) for run in runs_of(runs)]
+    one = isinstance(runs, Run)
     frames = [scene.key_instants() if one else scene.switches() for scene in scenes]
     most = max(1, *map(len, frames))
     width, across = (style.COLUMN, min(2, most)) if one and most <= 10 else (style.PAGE, min(ACROSS, most))
@@ -88,7 +95,8 @@ def _panels(
     They show points (., 3) [m]. Titles are broken between words to the width of a panel.
     """
     titles = [*titles, *[""] * (-len(titles) % columns)]
-    figure, characters = style.new_figure(width), int((width - AROUND) / columns / style.CHARACTER)
+    figure = style.new_figure(width)
+    characters = int((width - AROUND) / columns / style.CHARACTER)
     grid = figure.subplots(len(titles) // columns, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for i, (axes, title) in enumerate(zip(grid, titles, strict=True)):
         if not title:
@@ -119,7 +127,8 @@ def describe(camera: Camera, extent: np.ndarray | None = None, width: float = st
 
 def _draw_directions(axes: Axes, camera: Camera, extent: np.ndarray) -> None:
     """Draw the directions of x, y and z in the corner of a view that is farthest from all points (., 3) in it."""
-    view, seen = camera.view(extent), camera.see(extent)
+    view = camera.view(extent)
+    seen = camera.see(extent)
     length = 0.08 * view.width
     inner = view.get_points() + 1.7 * length * np.array([[1], [-1]])
     corner = max(Bbox(inner).corners(), key=lambda corner: float(np.linalg.norm(seen - corner, axis=1).min()))
@@ -153,8 +162,11 @@ def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.n
         since: From when on the paths of the end-effectors are drawn [s].
         extent: Points (., 3) in the view [m]; below them are the squares of a spatial scene.
     """
-    run, camera, model = scene.run, scene.camera, scene.run.problem.model
-    spatial, Q = model.dimension == 3, run.motion.coordinates_at(time)
+    run = scene.run
+    camera = scene.camera
+    model = scene.run.problem.model
+    spatial = model.dimension == 3
+    Q = run.motion.coordinates_at(time)
     draw_robot(axes, camera, model, Q)
     if (frame := scene.object_frame(time)) is not None:
         name = "object, lost" if scene.lost and time >= scene.left else "object"
@@ -179,7 +191,9 @@ def draw_robot(
     axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, base: str = "base", alpha: float = 1.0
 ) -> None:
     """Draw base, arms and grippers at Q (nq,); `base` is what the legend calls the base."""
-    shape, frames, arms = model.shape, model.body_frames(Q), list(model.spec.arms)
+    shape = model.shape
+    frames = model.body_frames(Q)
+    arms = list(model.spec.arms)
     look = style.look("base", label=f"_{base}", alpha=alpha)
     _draw_box(axes, camera, frames[0] @ shape.box_frame, base_half(model), look, 2.0)
     grippers = {tool.body: [shape.grippers[name]] for name, tool in model.spec.tools.items()}
@@ -206,7 +220,8 @@ def _draw_box(
     for axis in np.argsort(-np.abs(towards)).tolist():  # the legend has the brightest face
         if abs(towards[axis]) > 1e-6 and np.delete(half, axis).min() > 0:
             signs = np.insert([[1, 1], [-1, 1], [-1, -1], [1, -1]], axis, np.sign(towards[axis]), axis=1)
-            points, face = placed(frame, signs * half), look["facecolor"]
+            points = placed(frame, signs * half)
+            face = look["facecolor"]
             shaded = face if face == "none" else np.array(to_rgb(face)) * (0.7 + 0.3 * abs(towards[axis]))
             order = zorder + NEARER * camera.depth(points)
             axes.add_patch(Polygon(camera.see(points), **{**look, "facecolor": shaded, "zorder": order}))
@@ -222,13 +237,17 @@ def _draw_triad(axes: Axes, camera: Camera, frame: np.ndarray, length: float, of
 
 def _draw_floor(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, extent: np.ndarray) -> None:
     """Draw squares of 1 m below a scene, and on them the shadow of the robot from straight above."""
-    low, high, floor = np.floor(extent.min(axis=0)), np.ceil(extent.max(axis=0)), extent[:, 2].min()
+    low = np.floor(extent.min(axis=0))
+    high = np.ceil(extent.max(axis=0))
+    floor = extent[:, 2].min()
     for axis in (0, 1):
         for at in np.arange(low[axis], high[axis] + 0.5):
             ends = np.insert([[low[1 - axis]], [high[1 - axis]]], axis, at, axis=1)
             axes.plot(*camera.see(np.column_stack([ends, [floor] * 2])).T, color=FLOOR, linewidth=0.5, zorder=2 * UNDER)
     below = camera.see([0, 0, 1]) * floor
-    flat, shape, frames = np.diag([1.0, 1.0, 0.0]), model.shape, model.body_frames(Q)
+    flat = np.diag([1.0, 1.0, 0.0])
+    shape = model.shape
+    frames = model.body_frames(Q)
     hull = corners(frames[0] @ shape.box_frame, shape.box) @ flat
     shadow = ConvexHull(hull[:, :2]).vertices
     axes.add_patch(Polygon(camera.see(hull[shadow]) + below, facecolor=SHADOW, zorder=1.5 * UNDER))
@@ -246,13 +265,16 @@ def plot_robot(spec: RobotSpec) -> Figure:
 
     Joints have their numbers and axes, base and end-effectors their frames. A spatial robot is seen from four sides.
     """
-    model, limits = RobotModel(spec), resolve_limits(spec)
+    model = RobotModel(spec)
+    limits = resolve_limits(spec)
     rest = np.clip(0.0, limits.position_low, limits.position_high)[model.parts["base"].stop :]
-    Q, size = np.r_[model.neutral[: model.nq - len(rest)], rest], 0.2 * model.shape.reach
+    Q = np.r_[model.neutral[: model.nq - len(rest)], rest]
+    size = 0.2 * model.shape.reach
     frames = pose_frames(model.poses(Q))
     points = np.vstack([outline(model, Q), *(placed(frame, size * np.eye(3)[: model.dimension]) for frame in frames)])
     box = np.array([points.min(axis=0), points.max(axis=0)]) + 0.04 * np.ptp(points) * np.array([[-1], [1]])
-    figure, wide = style.new_figure(), np.ptp(box, axis=0)[: model.dimension - 1]
+    figure = style.new_figure()
+    wide = np.ptp(box, axis=0)[: model.dimension - 1]
     views: list[Any] = [[PLAN]] if model.dimension == 2 else [[OBLIQUE, OBLIQUE], [PLAN, "."], [FRONT, SIDE]]
     panels: dict[Any, Axes] = figure.subplot_mosaic(views, width_ratios=wide)
     for camera, axes in panels.items():
@@ -269,7 +291,8 @@ def plot_robot(spec: RobotSpec) -> Figure:
 
 def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray) -> None:
     """Write numbers beside the joints of each arm, one text for those in one place, and draw their axes."""
-    near, frames = 0.06 * float(np.ptp(axes.get_xlim())), model.body_frames(Q)
+    near = 0.06 * float(np.ptp(axes.get_xlim()))
+    frames = model.body_frames(Q)
     for index, arm in enumerate(model.spec.arms):
         places: list[tuple[np.ndarray, list[str]]] = []
         for body, frame in zip(model.spec.bodies, frames, strict=True):
@@ -295,8 +318,11 @@ def plot_scenario(task: Task) -> Figure:
     """
     model = RobotModel(task.robot)
     stages = build_stages(task.spec, task.robot, model)
-    stops, target_object, camera = configurations(task, model, stages), task.spec.object, CAMERAS[model.dimension]
-    half, objects = half_edges(target_object.shape if target_object else (0.0, 0.0)), object_frames(task, model, stops)
+    stops = configurations(task, model, stages)
+    target_object = task.spec.object
+    camera = CAMERAS[model.dimension]
+    half = half_edges(target_object.shape if target_object else (0.0, 0.0))
+    objects = object_frames(task, model, stops)
     points = [looked_at(model, stage) for stage in stages]
     extent = with_shadows([outline(model, Q) for Q in stops], [*(corners(frame, half) for frame in objects), *points])
     titles = [f"{i}. {style.readable(stage.name)}, priority {stage.priority:g}" for i, stage in enumerate(stages, 1)]

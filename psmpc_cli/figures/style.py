@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.style import context
 from matplotlib.ticker import LogLocator, NullLocator
 
-COLUMN, PAGE = 3.5, 7.16
+COLUMN = 3.5
+PAGE = 7.16
 """Widths of one column and of a page of two columns [in]."""
 
 AXIS_WIDTH = 2.85
@@ -46,10 +47,15 @@ LONGEST_NAME = 16
 TITLES = {"psmpc": "PSMPC", "smpc": "SMPC", "htmpc": "HTMPC", "hard": "Hard switching"}
 """Controllers as figures write them."""
 
-STAGE, EARLY, EDGE, BODY, OBJECT = "#ECECEC", "#FAD28A", "#444444", "#C9D3DA", "#F5EDA0"
+STAGE = "#ECECEC"
+EARLY = "#FAD28A"
+EDGE = "#444444"
+BODY = "#C9D3DA"
+OBJECT = "#F5EDA0"
 """Colours of every other stage, a stage that acts early, limits and outlines, the base, the object."""
 
-DASHED, DOTTED = (0, (5, 2)), (0, (1, 1.5))
+DASHED = (0, (5, 2))
+DOTTED = (0, (1, 1.5))
 
 ARROW = {"arrowstyle": "-|>", "mutation_scale": 8, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 0}
 """Look of an arrow."""
@@ -188,14 +194,16 @@ def finish(figure: Figure, title: str = "", above: bool = False) -> Figure:
         _fit_legend(figure, figure.get_figwidth() - 0.05, loc=place, alignment="left", **content)
         for patch in figure.legends[0].get_patches():
             patch.set(edgecolor=EDGE, linewidth=0.4)
-    engine, first = figure.get_layout_engine(), figure.axes[0].get_subplotspec()
+    engine = figure.get_layout_engine()
+    first = figure.axes[0].get_subplotspec()
     if engine is not None and first is not None:
         equal = [axes for axes in figure.axes if axes.get_aspect() != "auto"]
         for axes in equal:
             axes.set_aspect("auto")  # a panel narrower than its cell seems to need less room for its labels
         engine.execute(figure)
         width, height = figure.get_size_inches()
-        heights, taken = np.array(first.get_gridspec().get_height_ratios(), dtype=float), 0.0
+        heights = np.array(first.get_gridspec().get_height_ratios(), dtype=float)
+        taken = 0.0
         rows = {spot.rowspan.start: axes for axes in figure.axes[::-1] if (spot := axes.get_subplotspec())}
         for row, axes in rows.items():
             box = axes.get_position(original=True)

@@ -23,7 +23,9 @@ def plot_plane(cells: SweepCells) -> Figure:
     contour the start is the first sample after t_s - T_h.
     """
     figure, (axes,) = style.stack([""], [2.4], "")
-    (starts, scale, label), omega, marks = _shown(cells), np.log10(cells.omega), {"failed": cells.failed}
+    starts, scale, label = _shown(cells)
+    omega = np.log10(cells.omega)
+    marks = {"failed": cells.failed}
     if cells.sampling == GRID:
         x, y = (np.log10(cells.results[name]) for name in ("omega_1", "omega_2"))
         start, floor = (values.reshape(len(y), len(x)) for values in (starts, cells.floor))
@@ -56,7 +58,9 @@ def plot_surface(cells: SweepCells) -> Figure:
     figure.set_layout_engine("none")  # it makes no room for the labels of axes in three dimensions
     figure.set_figheight(3.0)
     axes: Any = figure.add_axes((0.09, 0.0, 0.91, 1.0), projection="3d", proj_type="ortho", computed_zorder=False)
-    (starts, scale, label), shape, failed = _shown(cells), cells.results["status"].shape, cells.failed
+    starts, scale, label = _shown(cells)
+    shape = cells.results["status"].shape
+    failed = cells.failed
     x, y = (omega.reshape(shape) for omega in np.log10(cells.omega.T))
     corners = [x.min(), x.max(), x.max(), x.min(), x.min()], [y.min(), y.min(), y.max(), y.max(), y.min()]
     if cells.ended.any():  # from the lowest to the highest, as they cover each other
@@ -119,9 +123,11 @@ def plot_starts(cells: SweepCells) -> Figure:
     """Plot the actual start [s] over omega_2 / omega_1, a line a threshold, between t_s and t_s - T_h."""
     figure, (axes,) = _over_ratio(cells, [f"Actual start of {style.readable(cells.names[1])} (s)"], 2.3)
     if cells.ended.any():
-        instant, floor = AlongRatio(cells, cells.instant), AlongRatio(cells, cells.floor)
+        instant = AlongRatio(cells, cells.instant)
+        floor = AlongRatio(cells, cells.floor)
         room = 0.06 * cells.task.spec.controller.horizon
-        low, high = float(floor.lowest.min()) - room, float(instant.highest.max()) + room
+        low = float(floor.lowest.min()) - room
+        high = float(instant.highest.max()) + room
         axes.plot(instant.ratio, instant.middle, label="$t_s$", **style.LEVEL)
         axes.plot(floor.ratio, floor.middle, linestyle=style.DOTTED, label=FLOOR, **style.LEVEL)
         axes.fill_between(floor.ratio, low, floor.middle, color=style.STAGE, linewidth=0, zorder=0.5)  # in no window
@@ -159,7 +165,8 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
         earliest = float(completion.lowest.min())
         shade: dict[str, Any] = {"facecolor": style.STAGE, "edgecolor": "none", "zorder": 0.5}
         rows[0].axhspan(earliest, (1 + WITHIN) * earliest, label=f"earliest + {WITHIN:.0%}", **shade)
-        low, high = float(effort.lowest.min()), float(effort.highest.max())
+        low = float(effort.lowest.min())
+        high = float(effort.highest.max())
         if high > 5.0 * low > 0:
             style.make_logarithmic(rows[1], subs=(1.0, 2.0, 5.0) if high < 300.0 * low else (1.0,))
     if shown == 3:
@@ -174,13 +181,15 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
 def _over_ratio(cells: SweepCells, labels: Sequence[str], height: float) -> tuple[Figure, list[Axes]]:
     """Return panels over all ratios of a sweep, run or not, with those of failed cells along the first one's edge."""
     figure, rows = style.stack(labels, [height] * len(labels), "Ratio of the priorities, ω₂/ω₁ (1)")
-    low, high = float(cells.ratio.min()), float(cells.ratio.max())
+    low = float(cells.ratio.min())
+    high = float(cells.ratio.max())
     room = (high / low) ** 0.02 if high > low else 2.0
     rows[0].set(xscale="log", xlim=(low / room, high * room))
     rows[0].xaxis.set_major_locator(LogLocator(numticks=8))
     rows[0].xaxis.set_minor_locator(NullLocator())
     if cells.failed.any():
-        ratio, below = np.unique(cells.ratio[cells.failed]), rows[0].get_xaxis_transform()
+        ratio = np.unique(cells.ratio[cells.failed])
+        below = rows[0].get_xaxis_transform()
         rows[0].plot(ratio, 0.045 + 0 * ratio, transform=below, **style.look("failed", label="failed"))
     for axes in rows if not cells.ended.any() else ():
         axes.set_yticks([])

@@ -27,13 +27,16 @@ def timeline(runs: Mapping[str, Run] | Run, rows: int, height: float, shaded: bo
         height: Of one panel [in].
         shaded: Whether the panels are shaded by stage.
     """
-    several, every = not isinstance(runs, Run), runs_of(runs)
+    several = not isinstance(runs, Run)
+    every = runs_of(runs)
     ends = [run.motion.time[[0, -1]] for run in every]
-    start, end = float(np.min(ends)), float(np.max(ends))
+    start = float(np.min(ends))
+    end = float(np.max(ends))
     page, width = (style.PAGE, (style.PAGE - 1.3) / len(every)) if several else (style.COLUMN, style.AXIS_WIDTH)
     bars = [bar_rows(run.spans, style.CHARACTER * (end - start) / width) for run in every]
     strip = max(2, *(1 + max(placed) for placed in bars))
-    figure, heights = style.new_figure(page), [STRIP_ROW * strip] + [height] * rows
+    figure = style.new_figure(page)
+    heights = [STRIP_ROW * strip] + [height] * rows
     axes = figure.subplots(rows + 1, len(every), sharex=True, sharey="row", squeeze=False, height_ratios=heights)
     room = 0.012 * (end - start) or 0.55 * every[0].task.spec.controller.sample_time
     axes[0, 0].set_xlim(start - room, end + room)

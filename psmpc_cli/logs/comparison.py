@@ -72,16 +72,20 @@ def compare_runs(log: Run, again: Run) -> Comparison:
 
 
 def _difference(column: Column, log: Run, again: Run) -> Difference | None:
-    path, units, what = column.path, column.units, ""
+    path = column.path
+    units = column.units
+    what = ""
     if path not in log or path not in again:
         return Difference(path, units, f"only the {'log' if path in log else 'run'} has it")
-    a, b = log[path], again[path]
+    a = log[path]
+    b = again[path]
     if log.interrupted:
         b = b[tuple(map(slice, a.shape))]
     if a.shape != b.shape:
         what = "shapes " + " and ".join("x".join(map(str, each.shape)) for each in (a, b))
         common = tuple(map(slice, np.minimum(a.shape, b.shape)))
-        a, b = a[common], b[common]
+        a = a[common]
+        b = b[common]
     numbers = a.dtype.kind in "fiu"
     same = np.isclose(a, b, 0, 0, equal_nan=True) if numbers else a == b
     if np.all(same):

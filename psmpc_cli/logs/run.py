@@ -206,7 +206,8 @@ class Run:
             raise LogError(f"{self.path}: the task or robot in it is not valid in this version:\n{error}") from None
         if self.attributes.get("digest", task.digest) != task.digest:
             raise LogError(f"{self.path}: the task and robot in it do not describe the run it holds")
-        stages, names = tuple(stage.name for stage in task.spec.stages), labels(task.robot, "joint")
+        stages = tuple(stage.name for stage in task.spec.stages)
+        names = labels(task.robot, "joint")
         expected = {"coordinate": names, "stage": stages, "stages/name": stages}
         for path, wanted in expected.items():
             if (found := tuple(self[path].tolist())) != wanted:
@@ -247,7 +248,9 @@ class Run:
             LogError: The run has no samples.
         """
         spans: list[Span] = []
-        end, start, stages = self.motion.end, float(self.time[0]), self.stages
+        end = self.motion.end
+        start = float(self.time[0])
+        stages = self.stages
         for index, name in enumerate(self.stage_names):
             actual, switch = (float(stages[key][index]) for key in ("actual_start", "switch_time"))
             early = actual if index and stages["early"][index] and actual < start else None
@@ -260,7 +263,8 @@ class Run:
     @cached_property
     def followed(self) -> tuple[Stage, ...]:
         """The stages of the problem; what one aims at relative to the object with mass is where the object was."""
-        rows, starts = self.problem.model.pose_rows, {span.index: span.start for span in self.spans}
+        rows = self.problem.model.pose_rows
+        starts = {span.index: span.start for span in self.spans}
 
         def placed(stage: Stage) -> Stage:
             if not stage.on_object or "object/pose" not in self or len(self.time) < 2 or stage.index not in starts:
@@ -354,7 +358,8 @@ class Run:
         """Return everything along a dimension as columns of numbers or texts, by heading."""
         table = {"time [s]": self.time} if dim == "time" else {}
         for column in self._along(dim):
-            name, values = column.path.removeprefix(without), self[column.path]
+            name = column.path.removeprefix(without)
+            values = self[column.path]
             if values.ndim == 1:
                 table[name if column.units == "1" else f"{name} [{column.units}]"] = values
             else:
@@ -381,7 +386,8 @@ def read_comparison(path: Path) -> dict[str, Run]:
     """
 
     def read(file: h5py.File) -> dict[str, Run]:
-        names, groups = file.attrs[RUNS].tolist(), file[RUNS]
+        names = file.attrs[RUNS].tolist()
+        groups = file[RUNS]
         if sorted(names) != sorted(groups) or not names or {".", ".."} & {*names} or len(file) > 1:
             raise misfit(file, f"the groups {', '.join(groups)}", "one for each run", f" attribute {RUNS}")
         return {name: run_in(groups[name], path) for name in names}
@@ -421,7 +427,8 @@ def _check_datasets(group: h5py.Group, present: Iterable[Column]) -> None:
         raise misfit(group[unknown[0]], "a dataset or group that no such log has", "those of docs/log.md")
     lengths = {path: len(group[path]) for path, column in known.items() if column.is_scale}
     for path, column in known.items():
-        dataset, shape = group[path], tuple(lengths[dim] for dim in column.dims)
+        dataset = group[path]
+        shape = tuple(lengths[dim] for dim in column.dims)
         dtype = h5py.string_dtype() if column.dtype == "text" else np.dtype(column.dtype)
         if not isinstance(dataset, h5py.Dataset) or (dataset.shape, dataset.dtype) != (shape, dtype):
             raise misfit(dataset, str(dataset), f"a dataset of type {column.dtype} with shape {shape}")

@@ -18,7 +18,11 @@ from psmpc_cli.plant import Ticks
 FORMAT_VERSION = 3
 """Changes when a reader of the old format would misread the new one."""
 
-RUN, COMPARISON, SWEEP, PARETO, MONTE_CARLO = "run", "comparison", "sweep", "pareto", "monte-carlo"
+RUN = "run"
+COMPARISON = "comparison"
+SWEEP = "sweep"
+PARETO = "pareto"
+MONTE_CARLO = "monte-carlo"
 """Attribute `kind`: the log of one run (also where it is missing), a file of several, and the results of studies."""
 
 
@@ -107,7 +111,9 @@ class Column:
         """The column; with it, if its rows have lengths of their own, those lengths and the index along a row."""
         if not self.ragged:
             return (self,)
-        path, element, value = self.path, self.dims[1], self.value
+        path = self.path
+        element = self.dims[1]
+        value = self.value
         length = Column(f"{path}_length", "1", f"number of elements in each row of {path}", value, "i4", ("time",))
         return self, length, Column(element, "1", f"index into a row of {path}", value, "i4", (element,))
 
@@ -146,7 +152,8 @@ def _window(path: str, units: str, long_name: str, values: Read) -> Column:
 
 def _by_stage(path: str, units: str, long_name: str, values: Read = "", **more: Any) -> Column:
     """Return the column of values by stage index, by default a metric, in the places of their stages."""
-    read, unknown = _read(values or _metric(path)), more.get("unknown", np.nan)
+    read = _read(values or _metric(path))
+    unknown = more.get("unknown", np.nan)
 
     def placed(sample: Sample) -> list[float]:
         found = read(sample)
@@ -188,7 +195,8 @@ def _plan(name: str, long_name: str, value: str) -> Column:
 
 
 def _tick_of_object(dim: str, name: str, units: str, long_name: str, value: Read) -> Column:
-    path, dims = f"ticks/{name}", ("ticks/tick", dim)
+    path = f"ticks/{name}"
+    dims = ("ticks/tick", dim)
     return _column(path, units, f"{long_name} at every tick", value, dims=dims, only="object at ticks")
 
 
@@ -196,7 +204,10 @@ def _scale(path: str, units: str, long_name: str, dtype: str = "text", only: str
     return Column(path, units, long_name, None, dtype, (path,), only)
 
 
-_Q, _V, _A, _F = "m, rad", "m/s, rad/s", "m/s^2, rad/s^2", "N, N m"
+_Q = "m, rad"
+_V = "m/s, rad/s"
+_A = "m/s^2, rad/s^2"
+_F = "N, N m"
 _t = partial(_column, dims=("time",))
 _n = partial(_column, dims=("time",), dtype="i4")
 _tq = partial(_column, dims=("time", Q_COORDINATE))

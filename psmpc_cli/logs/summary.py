@@ -109,14 +109,17 @@ class CaptureSummary(_Computed):
     def __init__(self, task: TaskSpec, arrays: Arrays) -> None:
         """Take it from the datasets of a log."""
         destination = None if task.object is None else task.object.destination
-        pose, v, d = arrays["object/left_pose"], arrays["object/left_velocity"], len(arrays["object_axis"]) // 3 + 1
+        pose = arrays["object/left_pose"]
+        v = arrays["object/left_velocity"]
+        d = len(arrays["object_axis"]) // 3 + 1
         error = np.full(len(v), np.nan) if destination is None else pose_error(pose, destination.pose)
         self.closed_at = float(np.max(arrays["grasp/closed_at"]))
         self.missed_by: tuple[float, ...] = tuple(arrays["grasp/missed_by"].max(axis=0).tolist())
         self.pull = float(np.max(arrays["grasp/pull"], initial=0.0))
         self.lost: tuple[str, ...] = tuple(arrays["gripper"][arrays["grasp/lost"] == 1].tolist())
         self.left_at = float(arrays["object/left_at"])
-        self.distance, self.angle = float(np.linalg.norm(error[:d])), float(np.linalg.norm(error[d:]))
+        self.distance = float(np.linalg.norm(error[:d]))
+        self.angle = float(np.linalg.norm(error[d:]))
         self.speed = float(np.linalg.norm(v[:d]))
 
 
@@ -155,9 +158,12 @@ class Summary(_Computed):
 
     def __init__(self, arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -> None:
         """Summarize a run from the datasets and attributes of its log, and the problem it solved."""
-        spec, time, end = problem.spec, arrays["time"], float(arrays["final/end_time"])
+        spec = problem.spec
+        time = arrays["time"]
+        end = float(arrays["final/end_time"])
         self.compiled = bool(attributes.get("compiled", False))
-        self.ended, self.completed = bool(np.isfinite(end)), bool(attributes["finished"])
+        self.ended = bool(np.isfinite(end))
+        self.completed = bool(attributes["finished"])
         self.monitors = verdicts(spec, arrays)
         self.succeeded = self.completed and all(verdict.held for verdict in self.monitors)
         self.reason = str(attributes["end_reason"]) or "the run was killed, or goes on"
@@ -169,7 +175,8 @@ class Summary(_Computed):
         self.appended, self.postponed, self.failed_solves, self.unmeasured = (
             int(arrays[f"events/{name}"].sum()) for name in ("appended", "postponed", "solve_failed", "unmeasured")
         )
-        basin, levels = arrays["window/basin"], arrays.get("levels/solved")
+        basin = arrays["window/basin"]
+        levels = arrays.get("levels/solved")
         self.basins = int(np.sum(basin > 0)) if np.any(basin >= 0) else None
         self.unsolved_levels = None if levels is None else int(np.sum(levels == 0))
         self.limits = _limits(arrays, problem.stages)
@@ -216,12 +223,15 @@ def _object_checks(target_object: ObjectSpec, arrays: Arrays) -> Iterator[Verdic
     The margin of the second is in N, those of the others are over what is allowed; unlike a monitor that is not judged
     an object that was never let go is not delivered.
     """
-    grasp, destination = target_object.grasp, target_object.destination
+    grasp = target_object.grasp
+    destination = target_object.destination
     if grasp is None:
         return
     allowed = np.array([getattr(grasp.envelope, name) for name in arrays["grasp/measure"]])
-    missed, end = arrays["grasp/missed_by"], float(arrays["time"][-1]) if len(arrays["time"]) else np.nan
-    margin, taken = float(np.min(1 - missed / allowed)), bool(np.isfinite(arrays["grasp/closed_at"]).all())
+    missed = arrays["grasp/missed_by"]
+    end = float(arrays["time"][-1]) if len(arrays["time"]) else np.nan
+    margin = float(np.min(1 - missed / allowed))
+    taken = bool(np.isfinite(arrays["grasp/closed_at"]).all())
     yield Verdict(OBJECT_CHECKS[0], taken, margin, np.nan if taken else end)
     lost = arrays["grasp/lost"] == 1
     strength = np.inf if grasp.strength is None else grasp.strength.pull
@@ -243,7 +253,8 @@ def signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
 
     Speed is that of the frame's position between samples, the largest of the named frames.
     """
-    poses, names = arrays["pose/xi"], list(arrays["pose_coordinate"])
+    poses = arrays["pose/xi"]
+    names = list(arrays["pose_coordinate"])
     positions = [_position(poses, names, name) for name in monitor.of]
     if monitor.quantity == "distance":
         origin = positions[1] if len(positions) > 1 else _position(poses, names, "base")
@@ -263,7 +274,8 @@ def variation(by_coordinate: np.ndarray, coordinates: tuple[str, ...]) -> tuple[
 
 
 def _stages(arrays: Arrays, published: PublishedRun) -> tuple[StageSummary, ...]:
-    names, switch = arrays["stages/name"].tolist(), arrays["stages/switch_time"]
+    names = arrays["stages/name"].tolist()
+    switch = arrays["stages/switch_time"]
     known = published.actual_start, published.switch_time
     starts, ends = ([times.get(name, np.nan) for name in names] for times in known)
     priority, actual, early = (arrays[f"stages/{name}"].tolist() for name in ("priority", "actual_start", "early"))
@@ -273,7 +285,8 @@ def _stages(arrays: Arrays, published: PublishedRun) -> tuple[StageSummary, ...]
 
 
 def _solves(arrays: Arrays, chosen: np.ndarray) -> SolveSummary:
-    wall_time, iterations = arrays["solver/wall_time"][chosen], arrays["solver/iterations"][chosen]
+    wall_time = arrays["solver/wall_time"][chosen]
+    iterations = arrays["solver/iterations"][chosen]
     if not len(wall_time):
         return SolveSummary(0, np.nan, np.nan, np.nan, np.nan, np.nan)
     median, p95, p99, longest = np.percentile(wall_time, [50, 95, 99, 100])
@@ -307,12 +320,14 @@ def _end_errors(arrays: Arrays, problem: Problem) -> tuple[float, float] | None:
 
 
 def _distances(arrays: Arrays) -> tuple[float, ...]:
-    names, time = list(arrays["pose_coordinate"]), np.append(arrays["time"], arrays["final/end_time"])
+    names = list(arrays["pose_coordinate"])
+    time = np.append(arrays["time"], arrays["final/end_time"])
     arms = [name.removesuffix(".x") for name in names if name.endswith(".x") and name != "base.x"]
     if len(arms) < 2 or len(time) < 2:
         return (np.nan,) * len(arrays["stages/name"])
     xi = np.vstack([arrays["pose/xi"], arrays["final/xi"]])
-    apart, known = _position(xi, names, arms[0]) - _position(xi, names, arms[1]), np.isfinite(time)
+    apart = _position(xi, names, arms[0]) - _position(xi, names, arms[1])
+    known = np.isfinite(time)
     distance = np.linalg.norm(apart, axis=1)
     return tuple(float(np.interp(t, time[known], distance[known])) for t in arrays["stages/switch_time"])
 
@@ -331,7 +346,8 @@ def judge_monitor(monitor: MonitorSpec, arrays: Arrays) -> Verdict:
     during = arrays["window/first"] == list(arrays["stages/name"]).index(monitor.during)
     if not during.any():
         return Verdict(monitor.name, False, np.nan, np.nan)
-    values, time = signal(monitor, arrays)[during], arrays["time"][during]
+    values = signal(monitor, arrays)[during]
+    time = arrays["time"][during]
     margins = [side * (bound - values) for bound, side in monitor_bounds(monitor, float(values[0]))]
     margin = np.min(margins, axis=0, initial=np.inf)
     broken = np.flatnonzero(~(margin >= 0))  # a signal that is not a number holds no bound

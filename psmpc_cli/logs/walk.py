@@ -25,13 +25,16 @@ OF_SCALES = ("DIMENSION_LIST", "REFERENCE_LIST")
 RUNS = "runs"
 """Group of a comparison that holds its runs, and attribute with their names, the only one of a group with several."""
 
-DEEPEST, MOST_OBJECTS, MOST_ATTRIBUTES = 4, 5_000, 15_000
+DEEPEST = 4
+MOST_OBJECTS = 5_000
+MOST_ATTRIBUTES = 15_000
 """Most links from the root, as in /runs/NAME/stages/name; most objects and attributes: those of some fifty runs."""
 
 LARGEST_ATTRIBUTE = 2**16
 """Largest attribute, of texts their references [bytes]: HDF5's own limit, unless a file asks for another."""
 
-LEAST_ALLOWED, GROWTH = 2**26, 16
+LEAST_ALLOWED = 2**26
+GROWTH = 16
 """Memory that all values may take [bytes], and how much more for each byte of the file: logs grow to some two."""
 
 TEXT_SIZE = 64
@@ -50,8 +53,11 @@ def walk(file: h5py.File) -> None:
     Raises:
         LogError: It holds something else.
     """
-    allowed, size = LEAST_ALLOWED + GROWTH * file.id.get_filesize(), 0
-    groups, objects, attributes = [(file["/"], 0)], 0, 0
+    allowed = LEAST_ALLOWED + GROWTH * file.id.get_filesize()
+    size = 0
+    groups = [(file["/"], 0)]
+    objects = 0
+    attributes = 0
     while groups:
         group, depth = groups.pop()
         objects += len(group)
@@ -107,7 +113,8 @@ def check_attributes(item: h5py.Group | h5py.Dataset, before: int = 0) -> None:
         if name in OF_SCALES and isinstance(item, h5py.Dataset):
             continue
         attribute = item.attrs.get_id(name)
-        kind, shape = attribute.dtype, attribute.shape
+        kind = attribute.dtype
+        shape = attribute.shape
         several = shape and isinstance(item, h5py.Group) and name != RUNS
         if shape is None or several or not _is_plain(kind) or prod(shape) * kind.itemsize > LARGEST_ATTRIBUTE:
             found = "no value" if shape is None else f"values of type {kind} with shape {shape}"

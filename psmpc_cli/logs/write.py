@@ -27,7 +27,10 @@ LARGEST_SHARE = 0.05
 """Largest share of a run's time for writing files: those that take longer than a fortieth of a second, some 20 MB, are
 written more rarely."""
 
-ROWS_IN_A_CHUNK, TICKS_IN_A_CHUNK, ROWS_IN_A_PACK, ELEMENTS_IN_A_CHUNK = 64, 512, 16, 512
+ROWS_IN_A_CHUNK = 64
+TICKS_IN_A_CHUNK = 512
+ROWS_IN_A_PACK = 16
+ELEMENTS_IN_A_CHUNK = 512
 """Sizes of the chunks of rows and of ticks, and of those of vectors with lengths of their own."""
 
 Row = Mapping[str, ArrayLike]
@@ -70,7 +73,9 @@ class LogWriter:
         create_log(self._file, chosen, attributes, header.values)
         self._growing = [column for column in chosen if column.value is not None]
         self._pending: list[Sample | Row] = []
-        self._rows, self._changed, self._next_write = 0, False, 0.0  # the first row is written at once
+        self._rows = 0
+        self._changed = False
+        self._next_write = 0.0  # the first row is written at once
         if path is not None:
             write_new(path, image_of(self._file), force)
 
@@ -138,7 +143,8 @@ class LogWriter:
                     f"{self.path} cannot be written any further, it holds the run as last written: {reason}"
                 ) from None
         ended = monotonic()
-        self._changed, self._next_write = False, ended + max(BETWEEN_WRITES, (ended - began) / LARGEST_SHARE)
+        self._changed = False
+        self._next_write = ended + max(BETWEEN_WRITES, (ended - began) / LARGEST_SHARE)
 
     def _move_rows(self) -> None:
         """Move the rows that wait to the log in memory; done again after an interruption, it does no harm."""
@@ -200,21 +206,25 @@ def create_log(
 
 
 def _create(group: h5py.Group, column: Column, known: ArrayLike | None) -> h5py.Dataset:
-    text, widths = column.dtype == "text", [len(group[scale]) for scale in column.dims if scale != column.path]
+    text = column.dtype == "text"
+    widths = [len(group[scale]) for scale in column.dims if scale != column.path]
     dtype = h5py.string_dtype() if text else np.dtype(column.dtype)
     data = None if known is None else np.asarray(known, object if text else dtype)
     if column.value is None:
         compact = h5p.create(h5p.DATASET_CREATE)
         compact.set_layout(h5d.COMPACT)  # stands with the metadata, which have checksums
-        shape, unknown = widths if data is None else data.shape, None if text else column.unknown
+        shape = widths if data is None else data.shape
+        unknown = None if text else column.unknown
         return group.create_dataset(column.path, shape, dtype, data, fillvalue=unknown, dcpl=compact)
     if column.ragged:
         chunks: tuple[int, ...] = (ROWS_IN_A_PACK, ELEMENTS_IN_A_CHUNK)
         growth: dict[str, Any] = {"maxshape": (None, None), "compression": "gzip", "compression_opts": 1}
-        shape, growth["fillvalue"] = [0, 0], np.nan
+        shape = [0, 0]
+        growth["fillvalue"] = np.nan
     else:
         widths = widths[0 if column.is_scale else 1 :]
         chunks = (ROWS_IN_A_CHUNK if column.dims[0] == "time" else TICKS_IN_A_CHUNK, *widths)
-        shape, growth = [0, *widths], {"maxshape": (None, *widths)}
+        shape = [0, *widths]
+        growth = {"maxshape": (None, *widths)}
     shape = shape if data is None else data.shape
     return group.create_dataset(column.path, shape, dtype, data, chunks=chunks, fletcher32=True, **growth)

@@ -75,7 +75,8 @@ class RowFunction:
     """
 
     def __init__(self, function: ca.Function, native: bool = False) -> None:
-        self.function, self._evaluated = function, compiled(function) if native else function
+        self.function = function
+        self._evaluated = compiled(function) if native else function
         self._mapped: dict[int, ArrayFunction] = {}  # by number of rows, and by room for them
 
     def __call__(self, *arguments: ArrayLike, rows: int = 1) -> list[np.ndarray]:

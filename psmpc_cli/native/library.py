@@ -64,7 +64,8 @@ def library(source: str, name: str, flags: Sequence[str] = ("-O2",), symbols: Se
         Path of the library; None where there is no compiler or it failed.
     """
     try:
-        compiler, directory = find_compiler(), cache_directory()
+        compiler = find_compiler()
+        directory = cache_directory()
         key = _digest("\0".join((source, " ".join(flags), _macros(compiler, tuple(flags)))).encode())
         for entry in directory.glob(f"{name}-{key}-*{SUFFIX}"):
             if _is_sound(entry) and _has(entry, symbols):
@@ -99,7 +100,8 @@ def cache_directory() -> Path:
     It exists, is writable, and nobody else may write to it: what is in it is executed. Where that is not possible, it
     is a temporary directory that is deleted at exit.
     """
-    chosen, base = os.environ.get(CACHE_VARIABLE), os.environ.get("XDG_CACHE_HOME", "")
+    chosen = os.environ.get(CACHE_VARIABLE)
+    base = os.environ.get("XDG_CACHE_HOME", "")
     try:
         # The XDG specification says that a relative XDG_CACHE_HOME is ignored.
         default = (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "psmpc"
@@ -173,7 +175,8 @@ def _compile(compiler: tuple[str, ...], source: str, directory: Path, name: str,
     """
     with tempfile.TemporaryDirectory(prefix=MAKING, dir=directory) as folder:
         # The file names are always the same because compilers write them into the library.
-        written, made = Path(folder) / "source.c", Path(folder) / f"made{SUFFIX}"
+        written = Path(folder) / "source.c"
+        made = Path(folder) / f"made{SUFFIX}"
         written.write_text(source, encoding="utf-8")
         _run([*compiler, *flags, "-fPIC", "-shared", written.name, "-o", made.name, "-lm"], written.parent)
         made.chmod(0o700)

@@ -94,17 +94,16 @@ def _grasps(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
     target_object = task.spec.object
     if target_object is None or target_object.grasp is None:
         return
-    stage, envelope = (
-        next(each.stage for each in outlooks if each.stage.name == target_object.taken_by),
-        target_object.grasp.envelope,
-    )
+    stage = next(each.stage for each in outlooks if each.stage.name == target_object.taken_by)
+    envelope = target_object.grasp.envelope
     if stage.space != "task" or not stage.end_rows:
         return
 
     def norms(motion: np.ndarray) -> list[float]:
         return [float(np.linalg.norm(part)) for part in np.split(motion, [task.robot.dimension])]
 
-    size, frames = 3 * (task.robot.dimension - 1), ["base", *task.robot.arms]
+    size = 3 * (task.robot.dimension - 1)
+    frames = ["base", *task.robot.arms]
     poses = dict(zip(frames, stage.target.reshape(len(frames), -1), strict=True))
     tolerance = np.full(len(stage.weights), np.inf)
     tolerance[list(stage.end_rows)] = stage.tolerance
@@ -120,7 +119,8 @@ def _grasps(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
             found = f"found a pose {far} from where {quoted(stage.name)} leads {arm}, expected it there"
             yield Fault(("object", "grasp", "at", arm), found)
     for row, (key, unit) in enumerate(ENVELOPE.items()):
-        (width, arm), allowed = max((values[row], arm) for arm, values in widths.items()), getattr(envelope, key)
+        width, arm = max((values[row], arm) for arm, values in widths.items())
+        allowed = getattr(envelope, key)
         if width > allowed * (1 + SLACK):
             arrives = f"lets {arm} arrive within {width:.3g} {unit}" if np.isfinite(width) else f"does not bound {arm}"
             found = f"found {allowed:.3g} {unit}, expected no less than {quoted(stage.name)} ends with, which {arrives}"
@@ -158,7 +158,8 @@ def _out_of_reach(task: Task, outlook: Outlook, certain: bool) -> Iterator[Fault
     for index, (numbers, reaches) in enumerate(zip(outlook.stage.waypoints, outlook.along, strict=True)):
         base = f"with the base at {_pose(robot, numbers)}"
         for arm, reach in reaches.items():
-            known, far = True, f"{reach.distance:.4g} m from"
+            known = True
+            far = f"{reach.distance:.4g} m from"
             if reach.reachable:
                 continue
             if reach.distance > reach.full_reach:
@@ -177,7 +178,8 @@ def _out_of_reach(task: Task, outlook: Outlook, certain: bool) -> Iterator[Fault
                     f"reach of {reach.full_reach:.4g} m), expected one within them"
                 )
             else:
-                metres, angle = reach.missed[0], np.degrees(reach.missed[1])
+                metres = reach.missed[0]
+                angle = np.degrees(reach.missed[1])
                 found = (
                     f"no joint coordinates of {arm} within their limits that take the pose {base}: the nearest misses "
                     f"it by {metres:.2g} m and {angle:.2g} deg, expected a pose within reach, or weights and an end "
@@ -197,9 +199,11 @@ def _pose(robot: RobotSpec, numbers: np.ndarray) -> str:
 
 def _handover(task: Task, stage: Stage, then: Stage) -> Iterator[Fault]:
     """Give the coordinates that a stage leaves where the limits of the next one do not allow them."""
-    values, tolerances = _coordinates(stage, stage.target), _tolerances(stage)
+    values = _coordinates(stage, stage.target)
+    tolerances = _tolerances(stage)
     rows = np.array(sorted(tolerances.keys() - {len(values), *_rows_outside(stage, values)}), int)
-    within, (low, high) = np.array([tolerances[row] for row in rows]), _bounds(then, "position")
+    within = np.array([tolerances[row] for row in rows])
+    low, high = _bounds(then, "position")
     for row in rows[_outside(values[rows], low[rows] - within, high[rows] + within)]:
         message = f"{_beyond(task, row, values[row], then)}, where {quoted(then.name)} keeps it"
         yield Fault(("stages", stage.index, "ends_when"), message)
@@ -209,7 +213,8 @@ def _times(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
     """Give end conditions that can never be met, and times that are too early for what comes before them."""
     before = 0.0
     for outlook in outlooks:
-        stage, path = outlook.stage, ("stages", outlook.stage.index)
+        stage = outlook.stage
+        path = ("stages", outlook.stage.index)
         for row in outlook.stuck:
             names = (*labels(task.robot, "joint"), "the attitude of base")
             limits = _span(task, row if row < len(names) - 1 else 3, stage, "velocity")
@@ -247,7 +252,8 @@ def _below_noise(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
     if not noise.of_state:
         return
     model = RobotModel(task.robot)
-    costs, deviations = StageCosts(model), standard_deviations(noise, task.robot)
+    costs = StageCosts(model)
+    deviations = standard_deviations(noise, task.robot)
     Q, v = _initial_state(task)
     for stage, reaches in ((outlook.stage, outlook.reaches) for outlook in outlooks):
         Q = _posture(task, stage, reaches, Q)
@@ -269,7 +275,8 @@ def _posture(task: Task, stage: Stage, reaches: Mapping[str, Reach], before: np.
     """Return the coordinates (nq,) at a stage's target: what it does not say, or cannot be reached, is as before."""
     if stage.space == "joint":
         return stage.target
-    Q, first = before.copy(), len(before) - sum(size for part, size in task.robot.parts.items() if part != "base")
+    Q = before.copy()
+    first = len(before) - sum(size for part, size in task.robot.parts.items() if part != "base")
     if stage.space == "task":
         Q[:first] = stage.target[:first]
     for arm in task.robot.arms:
@@ -297,11 +304,14 @@ def _far_base(task: Task, before: Stage, then: Outlook) -> Iterator[Fault]:
 
     And so far that an arm does not reach its first pose from there: one of the two may be a misprint.
     """
-    d, stage = task.robot.dimension, then.stage
-    first, left = stage.waypoints[0], before.target[: 3 if d == 2 else 7]
+    d = task.robot.dimension
+    stage = then.stage
+    first = stage.waypoints[0]
+    left = before.target[: 3 if d == 2 else 7]
     if not set(range(task.robot.parts["base"])) <= set(before.end_rows):
         return
-    own, moved = then.along[0], _reaches(stage, task.robot, first, left)
+    own = then.along[0]
+    moved = _reaches(stage, task.robot, first, left)
     far = [arm for arm, reach in moved.items() if reach.distance > reach.full_reach and not reach.reachable]
     for arm in (arm for arm in far[:1] if own[arm].reachable):
         message = (
@@ -316,7 +326,8 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     """Give the coordinates of Q that a trajectory moves faster than their velocity limits, each where it is worst."""
     if stage.trajectory is None:
         return
-    times, (low, high) = stage.trajectory.times, _bounds(stage, "velocity")
+    times = stage.trajectory.times
+    low, high = _bounds(stage, "velocity")
     values = np.array([_coordinates(stage, numbers) for numbers in stage.trajectory.values])
     changes = np.diff(values, axis=0)
     if stage.attitudes:
@@ -327,7 +338,8 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
         excess = np.maximum(rates[:, row] - high[row], low[row] - rates[:, row])
         worst = int(excess.argmax())
         if excess[worst] > SPEED_SLACK and _counts(stage, [row]):
-            name, rate = labels(task.robot, "joint")[row], _number(task, row, rates[worst, row], "velocity")
+            name = labels(task.robot, "joint")[row]
+            rate = _number(task, row, rates[worst, row], "velocity")
             message = (
                 f"found {name} to move at {rate} from {times[worst]:g} s to {times[worst + 1]:g} s, expected within "
                 f"its velocity limits {_span(task, row, stage, 'velocity')}: the robot falls behind"
@@ -345,7 +357,8 @@ def look_ahead(task: Task) -> tuple[Outlook, ...]:
 
 def _initial_state(task: Task) -> tuple[np.ndarray, np.ndarray]:
     """Return Q (nq,) and v (n,) at the start."""
-    spec, robot = task.spec, task.robot
+    spec = task.spec
+    robot = task.robot
     return stack(spec.initial, robot, "joint"), stack(spec.initial_velocity, robot, "joint", 0.0, of_error=True)
 
 
@@ -359,14 +372,19 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
     """
     Q, v = _initial_state(task)
     turn = Q[3:7] if len(Q) > len(v) else np.zeros(0)
-    value, speed = np.append(_of_state(Q, len(v)), 0.0), np.append(v, np.linalg.norm(v[3:6]))
+    value = np.append(_of_state(Q, len(v)), 0.0)
+    speed = np.append(v, np.linalg.norm(v[3:6]))
     known = np.zeros(len(v) + 1, bool)
-    tolerance, since, most = np.zeros(len(value)), np.zeros(len(value)), np.zeros((4, len(value)))
-    found, end = list[tuple[float, tuple[int, ...]]](), 0.0
+    tolerance = np.zeros(len(value))
+    since = np.zeros(len(value))
+    most = np.zeros((4, len(value)))
+    found = list[tuple[float, tuple[int, ...]]]()
+    end = 0.0
     for stage in stages:
         most = np.maximum(most, _largest_rates(stage))  # up and down, since a coordinate was known
         asked = _tolerances(stage)
-        rows, within = np.array(list(asked), int), np.array(list(asked.values()))
+        rows = np.array(list(asked), int)
+        within = np.array(list(asked.values()))
         target = np.append(_coordinates(stage, stage.target), _angle(turn, stage.target[3:7]))
         way = target[rows] - value[rows]
         distance = np.maximum(np.abs(way) - within - tolerance[rows], 0.0)
@@ -376,9 +394,14 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
         arrivals = since[rows] + _shortest_time(distance, rate, gain, begins)
         end = max(end + max(stage.dwell, stage.hold), *(arrivals[~stuck] + stage.hold), 0.0)
         end = stage.at if stage.at is not None else end
-        value[rows], tolerance[rows], since[rows], most[:, rows], known[rows] = target[rows], within, end, 0.0, True
+        value[rows] = target[rows]
+        tolerance[rows] = within
+        since[rows] = end
+        most[:, rows] = 0.0
+        known[rows] = True
         if len(v) in asked:
-            turn, value[-1] = stage.target[3:7], 0.0
+            turn = stage.target[3:7]
+            value[-1] = 0.0
         found.append((end, tuple(rows[stuck].tolist())))
     return found
 
@@ -421,7 +444,8 @@ def _tolerances(stage: Stage) -> dict[int, float]:
 
     Row n is the attitude of a spatial base, where the end condition has all of it.
     """
-    asked, known = dict(zip(stage.end_rows, stage.tolerance.tolist(), strict=True)), _coordinates(stage, stage.target)
+    asked = dict(zip(stage.end_rows, stage.tolerance.tolist(), strict=True))
+    known = _coordinates(stage, stage.target)
     found = {row: t for row, t in asked.items() if row < len(known) and np.isfinite(known[row])}
     if stage.attitudes and {3, 4, 5} <= set(asked):
         found[len(known)] = float(np.linalg.norm([asked[row] for row in (3, 4, 5)]))
@@ -441,7 +465,9 @@ def _reaches(stage: Stage, robot: RobotSpec, xi: np.ndarray, base: np.ndarray | 
     size = robot.parts["base"]
     if stage.space != "task" or not _counts(stage, range(size)):
         return {}
-    poses, ends, found = xi.reshape(len(robot.parts), -1), np.cumsum(list(robot.parts.values())), {}
+    poses = xi.reshape(len(robot.parts), -1)
+    ends = np.cumsum(list(robot.parts.values()))
+    found = {}
     low, high = (np.split(bound, ends[:-1]) for bound in _bounds(stage, "position"))
     for i, arm in enumerate(robot.arms, start=1):
         if _counts(stage, range(size * i, size * (i + 1))):
@@ -461,13 +487,15 @@ def _outside(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[int]
 
 def _beyond(task: Task, row: int, value: float, stage: Stage, kind: str = "position") -> str:
     """Say that a coordinate is out of a stage's bounds."""
-    name, found = labels(task.robot, "joint")[row], _number(task, row, value, kind)
+    name = labels(task.robot, "joint")[row]
+    found = _number(task, row, value, kind)
     return f"found {name} at {found}, expected within its limits {_span(task, row, stage, kind)}"
 
 
 def _number(task: Task, row: int, value: float, kind: str) -> str:
     """Write the position or velocity of a coordinate with its unit, angles in degrees."""
-    body, base = row - task.robot.parts["base"], labels(task.robot, "joint")[row].rpartition(".")[2] in POSITION_AXES
+    body = row - task.robot.parts["base"]
+    base = labels(task.robot, "joint")[row].rpartition(".")[2] in POSITION_AXES
     joint = task.robot.bodies[body + 1].joint if body >= 0 else None
     in_metres = base or (joint is not None and joint.prismatic)
     written = f"{value:.6g} m" if in_metres else f"{np.degrees(value):.6g} deg"

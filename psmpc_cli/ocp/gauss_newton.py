@@ -139,9 +139,11 @@ class VelocityForm:
     def residuals(self, point: Point, p: Parameters[np.ndarray]) -> Residuals:
         """Return objective and constraints at a point."""
         tau = self.durations(point, float(p.horizon))
-        costs, terminal = np.zeros(len(self.stages)), 0.0
+        costs = np.zeros(len(self.stages))
+        terminal = 0.0
         for s, (stage, N) in enumerate(zip(self.costs, self.grid.nodes, strict=True)):
-            at, (wanted, _) = self.intervals(s), reference(p, s, tau[s])
+            at = self.intervals(s)
+            wanted, _ = reference(p, s, tau[s])
             L = stage.cost(point.X[at], 0.0, wanted[:N], p.weights[s], 0.0, rows=N)[0]
             costs[s] = _cost(s, p, N, tau[s], L, self.control(s, point, p, tau[s])[1])
         if p.terminal:
@@ -159,18 +161,22 @@ class VelocityForm:
 
     def _mean_velocities(self, point: Point) -> np.ndarray:
         """Return the velocities by which the positions change over the intervals, (K, n)."""
-        (before, after), Qdot = self.weights, point.X[:, self.grid.n :]
+        before, after = self.weights
+        Qdot = point.X[:, self.grid.n :]
         return np.asarray(before * Qdot[:-1] + after * Qdot[1:])
 
     def control(self, s: int, point: Point, p: Parameters[np.ndarray], tau: float) -> tuple[np.ndarray, float]:
         """Return dQdot over a stage's intervals (N_s, n), and |dQdot|^2_Wr N_s / tau_s, the same as |u|^2_Wr tau_s."""
-        first, last = self.grid.first_node[s], self.grid.first_node[s + 1]
+        first = self.grid.first_node[s]
+        last = self.grid.first_node[s + 1]
         dv = np.diff(point.X[first : last + 1, self.grid.n :], axis=0)
         return dv, float((dv**2 @ p.control_weights[s]).sum() * self.grid.nodes[s] / tau)
 
     def ends(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows of all end conditions (E,) and their derivatives by x at their nodes (E, 2n)."""
-        values, rows, at = [np.zeros(0)], np.zeros((len(self.end_node), 2 * self.grid.n)), 0
+        values = [np.zeros(0)]
+        rows = np.zeros((len(self.end_node), 2 * self.grid.n))
+        at = 0
         for s, stage in enumerate(self.stages):
             if stage.end_rows:
                 h, by_x = stage.end_terms(point.X[self.grid.first_node[s + 1]], p.targets[s])
@@ -188,7 +194,8 @@ class VelocityForm:
         large as what a second of waiting costs, whatever the stage itself weighs. Without it steps overshoot in the
         motion that is flat in the costs, more than twofold in places, and one iteration a sample chatters.
         """
-        positions, n = model.positions.copy(), self.grid.n
+        positions = model.positions.copy()
+        n = self.grid.n
         for s, curvature in self._curvatures.items():
             node = self.grid.first_node[s + 1]
             found = curvature(point.X[node], p.targets[s], multipliers[self.end_node == node])[0]
@@ -250,7 +257,9 @@ class _CostModel:
     """
 
     def __init__(self, form: VelocityForm, point: Point, p: Parameters[np.ndarray]) -> None:
-        K, n, S = form.grid.K, form.grid.n, form.grid.switches
+        K = form.grid.K
+        n = form.grid.n
+        S = form.grid.switches
         self._form = form
         self._point = point
         self._p = p
@@ -290,7 +299,8 @@ class _CostModel:
             weight: w.
             weight_by_tau: w', its derivative by the stage's duration.
         """
-        p, n = self._p, self._form.grid.n
+        p = self._p
+        n = self._form.grid.n
         wanted, slope = reference(p, s, self._tau[s])
         Q = self._point.X[nodes, :n]
         # e'We, e'We_tau, e_tau'We_tau, E'We, E'We_tau, E'WE
@@ -311,7 +321,9 @@ class _CostModel:
         Its Hessian is exact: dE/dtau = -E / tau, d2E/dtau2 = 2 E / tau^2, and with b = 2 N / tau W_r
         dE/ddv = b dv, d2E/ddv2 = b, d2E/ddv dtau = -b dv / tau; dv_k = Qdot_k+1 - Qdot_k.
         """
-        n, tau, p = self._form.grid.n, self._tau[s], self._p
+        n = self._form.grid.n
+        tau = self._tau[s]
+        p = self._p
         before = self._form.intervals(s)
         after = slice(before.start + 1, before.stop + 1)
         dv, effort = self._form.control(s, self._point, p, tau)

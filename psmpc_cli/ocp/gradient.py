@@ -23,7 +23,9 @@ class Rollout:
     """
 
     def __init__(self, model: RobotModel, window: Window, instants: np.ndarray) -> None:
-        self.window, self.nodes, self._p = window, window.nodes, window_numbers(window, instants)
+        self.window = window
+        self.nodes = window.nodes
+        self._p = window_numbers(window, instants)
         self._stages = [_stage_terms(model, window, s) for s in range(len(window.nodes))]
 
     def states(self, tau: np.ndarray, U: list[np.ndarray]) -> np.ndarray:
@@ -37,10 +39,14 @@ class Rollout:
 
     def by_adjoint(self, tau: np.ndarray, U: list[np.ndarray]) -> np.ndarray:
         """Return dJ/dt_s (S,) by the discrete adjoint of the rollout."""
-        X, k = self.states(tau, U), sum(self.nodes)
-        costate, by_duration = np.zeros(len(self.window.x0)), np.zeros(len(tau))
+        X = self.states(tau, U)
+        k = sum(self.nodes)
+        costate = np.zeros(len(self.window.x0))
+        by_duration = np.zeros(len(tau))
         for s in reversed(range(len(tau))):
-            N, dt, (r, slopes) = self.nodes[s], tau[s] / self.nodes[s], self._reference(s, tau[s])
+            N = self.nodes[s]
+            dt = tau[s] / self.nodes[s]
+            r, slopes = self._reference(s, tau[s])
             for i in reversed(range(N)):
                 k -= 1
                 at = self._terms(s, X[k], U[s][i], dt, r[i])
@@ -64,10 +70,14 @@ class Rollout:
 
     def by_costate(self, tau: np.ndarray, U: list[np.ndarray]) -> np.ndarray:
         """Return dJ/dt_s (S,) by the costate formula. Paper eqs. (26), (27), each stage with its own weight."""
-        X, k, S = self.states(tau, U), sum(self.nodes), len(tau) - 1
-        costate, gradient = np.zeros(len(self.window.x0)), np.full(S, self.window.pending_cost)
+        X = self.states(tau, U)
+        k = sum(self.nodes)
+        S = len(tau) - 1
+        costate = np.zeros(len(self.window.x0))
+        gradient = np.full(S, self.window.pending_cost)
         for s in reversed(range(len(tau))):
-            dt, (r, _) = tau[s] / self.nodes[s], self._reference(s, tau[s])
+            dt = tau[s] / self.nodes[s]
+            r, _ = self._reference(s, tau[s])
             if s < S:  # eq. (25) assumes a continuous control; at an optimum it jumps, because the weight on it does
                 before = self._terms(s, X[k], U[s][-1], dt, r[-1])
                 after = self._terms(s + 1, X[k], U[s + 1][0], dt, self._reference(s + 1, tau[s + 1])[0][0])
@@ -81,12 +91,14 @@ class Rollout:
 
     def _objective(self, tau: ca.MX, U: list[np.ndarray]) -> ca.MX:
         """Return J over the window's largest priority, end conditions and limits aside."""
-        J, x = self.window.pending_cost * ca.sum1(ca.cumsum(tau)[:-1]), ca.MX(self.window.x0)
+        J = self.window.pending_cost * ca.sum1(ca.cumsum(tau)[:-1])
+        x = ca.MX(self.window.x0)
         for s, N in enumerate(self.nodes):
             values, slopes = self._reference(s, 0.0)
             for i, u in enumerate(U[s]):
                 at = self._stages[s](x=x, u=u, dt=tau[s] / N, r=values[i] + tau[s] * slopes[i])
-                J, x = J + at["L"] * tau[s] / N, at["after"]
+                J = J + at["L"] * tau[s] / N
+                x = at["after"]
         return J
 
     def _terms(self, s: int, x: np.ndarray, u: np.ndarray, dt: float, r: np.ndarray) -> dict[str, np.ndarray]:
@@ -107,7 +119,9 @@ def _stage_terms(model: RobotModel, window: Window, s: int) -> ca.Function:
     """Bind a stage's numbers into its step, its weighted and normalized cost L, its flow f, and their derivatives."""
     stage = window.stages[s]
     functions = stage_functions(model, StageShape(stage.space, stage.input))
-    x, dt, r = ca.SX.sym("x", 2 * model.n), ca.SX.sym("dt"), ca.SX.sym("r", len(stage.target))
+    x = ca.SX.sym("x", 2 * model.n)
+    dt = ca.SX.sym("dt")
+    r = ca.SX.sym("r", len(stage.target))
     u = ca.SX.sym("u", functions.inputs)
     Lbar = functions.cost.function(x, u, r, stage.weights, stage.control_weights)
     L = window.omega[s] / np.max(window.omega) * (Lbar - window.offset[s]) / window.scale[s]

@@ -58,13 +58,21 @@ class StageFunctions:
     """
 
     def __init__(self, model: RobotModel, shape: StageShape, native: bool = False) -> None:
-        skill, n = SKILLS[shape.space], model.n
-        self.model, self.shape, self._native = model, shape, native
-        self.rows, self.numbers = skill.rows(model), skill.numbers(model) + n_placement_parameters(model)
+        skill = SKILLS[shape.space]
+        n = model.n
+        self.model = model
+        self.shape = shape
+        self._native = native
+        self.rows = skill.rows(model)
+        self.numbers = skill.numbers(model) + n_placement_parameters(model)
         self.inputs = n if shape.input == "joint" else model.m
-        self._Q, self._Qdot, self._u = ca.SX.sym("Q", n), ca.SX.sym("Qdot", n), ca.SX.sym("u", self.inputs)
-        self._target, self._x = ca.SX.sym("target", self.numbers), ca.vertcat(self._Q, self._Qdot)
-        self._W, self._W_r = ca.SX.sym("W", self.rows), ca.SX.sym("W_r", self.inputs)
+        self._Q = ca.SX.sym("Q", n)
+        self._Qdot = ca.SX.sym("Qdot", n)
+        self._u = ca.SX.sym("u", self.inputs)
+        self._target = ca.SX.sym("target", self.numbers)
+        self._x = ca.vertcat(self._Q, self._Qdot)
+        self._W = ca.SX.sym("W", self.rows)
+        self._W_r = ca.SX.sym("W_r", self.inputs)
         self._e = ca.densify(skill.error(model, self._Q, self._target))
         self._L = weighted_square(self._e, self._W)
 
@@ -91,7 +99,9 @@ class StageFunctions:
         E is the derivative of e by Q and e_tau that by the stage's duration, with which the target moves by `slope`.
         """
         slope = ca.SX.sym("slope", self.numbers)
-        e, W, E = self._e, self._W, ca.jacobian(self._e, self._Q)
+        e = self._e
+        W = self._W
+        E = ca.jacobian(self._e, self._Q)
         hessian = ca.triu(E.T @ (ca.diag(W) @ E))
         e_tau = ca.jtimes(e, self._target, slope)
         by_duration = [ca.dot(W * e, e_tau), weighted_square(e_tau, W)]
@@ -121,7 +131,8 @@ class StageFunctions:
     @cached_property
     def met(self) -> RowFunction:
         """x, [target; drift; tolerance], margin -> whether the end condition holds within margin * tolerance."""
-        sizes, margin = np.cumsum([0, self.numbers, self.end_rows, self.end_rows]), ca.SX.sym("margin")
+        sizes = np.cumsum([0, self.numbers, self.end_rows, self.end_rows])
+        margin = ca.SX.sym("margin")
         numbers = ca.SX.sym("numbers", int(sizes[-1]))
         target, drift, tolerance = ca.vertsplit(numbers, sizes.tolist())
         holds = ca.fabs(self.end.function(self._x, target) - drift) <= tolerance * margin + SLACK
@@ -141,7 +152,8 @@ class StageFunctions:
         """
         if not self.end_rows:
             return None
-        multipliers, n = ca.SX.sym("multipliers", self.end_rows), self.model.n
+        multipliers = ca.SX.sym("multipliers", self.end_rows)
+        n = self.model.n
         hessian, _ = ca.hessian(ca.dot(multipliers, self._end), self._x)
         upper = ca.triu(hessian[:n, :n])
         if not upper.nnz():
@@ -178,8 +190,10 @@ def _step(model: RobotModel, stage_input: str, discretization: str) -> ca.Functi
     The double integrator is exact (8), or explicit Euler as printed (20); task-space input is integrated by one
     classical Runge-Kutta step, or Euler.
     """
-    n, dt = model.n, ca.SX.sym("dt")
-    x, u = ca.SX.sym("x", 2 * n), ca.SX.sym("u", n if stage_input == "joint" else model.m)
+    n = model.n
+    dt = ca.SX.sym("dt")
+    x = ca.SX.sym("x", 2 * n)
+    u = ca.SX.sym("u", n if stage_input == "joint" else model.m)
     flow = model.f_1 if stage_input == "joint" else model.f_2
     if discretization == "euler":
         after = x + dt * flow(x, u)

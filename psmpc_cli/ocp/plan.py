@@ -15,7 +15,8 @@ import numpy as np
 
 from psmpc_cli.robot.rotations import body_rate, chart_rate, conjugate, exp, log, product
 
-ATTITUDE, TURN = slice(3, 7), slice(3, 6)
+ATTITUDE = slice(3, 7)
+TURN = slice(3, 6)
 """Rows of the quaternion in a spatial robot's Q (nq,), and of phi in the chart's (n,)."""
 
 
@@ -58,7 +59,8 @@ class Chart:
         n = X.shape[1] // 2
         if not self.spatial:
             return X[:, :n], X[:, n:]
-        phi, rate = list(X[:, TURN].T), list(X[:, n + 3 : n + 6].T)
+        phi = list(X[:, TURN].T)
+        rate = list(X[:, n + 3 : n + 6].T)
         attitude = np.column_stack(product(list(self.anchor), exp(phi)))
         attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
         omega = np.column_stack(body_rate(phi, rate))
@@ -148,7 +150,8 @@ class Plan:
         """Return the plan in another chart: the same motion at its nodes, accelerations from its velocities."""
         if not chart.spatial:
             return self
-        X, n = self.chart.moved(self.X, chart), self.u.shape[1]
+        X = self.chart.moved(self.X, chart)
+        n = self.u.shape[1]
         steps = np.maximum(np.diff(self.times), 1e-12)[:, None]
         return Plan(self.times, X, np.diff(X[:, n:], axis=0) / steps, self.instants, chart)
 
@@ -189,7 +192,8 @@ class Plan:
         """
         first, stop = self.times.searchsorted(edges[:: len(edges) - 1])
         first = max(first - 1, 0)
-        times, u = self.times[first : stop + 1], self.u[first:stop]
+        times = self.times[first : stop + 1]
+        u = self.u[first:stop]
         if len(u) == 1 and times[0] <= edges[0] and edges[-1] <= times[1]:  # one acceleration over all of them
             return u.repeat(len(edges) - 1, axis=0)
         reached = np.minimum(np.maximum(edges[:, None], times[:-1]), times[1:])
@@ -199,7 +203,9 @@ class Plan:
 def _accelerated(X: np.ndarray, u: np.ndarray, since: np.ndarray | float) -> np.ndarray:
     """Return states X (K, 2n) after times (K, 1) or () [s] under accelerations u (K, n); X itself, overwritten."""
     n = u.shape[1]
-    Q, Qdot, gained = X[:, :n], X[:, n:], since * u
+    Q = X[:, :n]
+    Qdot = X[:, n:]
+    gained = since * u
     Q += since * (Qdot + gained / 2)
     Qdot += gained
     return X
@@ -211,7 +217,8 @@ def states_of(plans: Sequence[Plan], times: Sequence[float]) -> np.ndarray:
         (each, each.times[1:].searchsorted(time + 1e-12, side="right")) for each, time in zip(plans, times, strict=True)
     ]
     since = np.array(times) - [plan.times[k] for plan, k in at]
-    X, u = np.array([plan.X[k] for plan, k in at]), np.array([plan._u_and_none[k] for plan, k in at])
+    X = np.array([plan.X[k] for plan, k in at])
+    u = np.array([plan._u_and_none[k] for plan, k in at])
     return _accelerated(X, u, since[:, None])
 
 
@@ -231,7 +238,8 @@ def shift(plan: Plan, now: float, horizon: float, x: np.ndarray, instants: np.nd
     """
     end = now + horizon
     first, stop = plan.times.searchsorted((now + 1e-9, end - 1e-9))
-    u, last = plan._u_and_none[first - 1 : stop], plan.X[stop - 1 : stop].copy()
+    u = plan._u_and_none[first - 1 : stop]
+    last = plan.X[stop - 1 : stop].copy()
     X = np.concatenate((x[None], plan.X[first:stop], _accelerated(last, u[-1:], end - plan.times[stop - 1])))
     times = np.concatenate(((now,), plan.times[first:stop], (end,)))
     instants = plan.instants[plan.instants > now] if instants is None else instants

@@ -54,10 +54,13 @@ class Trajectory:
     def at(self, since: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
         """Return the values at times since the stage began (...,) [s], and their rates just after, (..., rows) each."""
         k = np.clip(self.times.searchsorted(since, side="right") - 1, 0, len(self.times) - 2)
-        steps, angles = np.diff(self.times)[k][..., None], self._angles[k]
+        steps = np.diff(self.times)[k][..., None]
+        angles = self._angles[k]
         inside = np.asarray((since >= self.times[0]) & (since < self.times[-1]))
         s = np.clip((since - self.times[k])[..., None] / steps, 0.0, 1.0)
-        before, after, whole = self.values[k], self.values[k + 1], _sinc(angles)
+        before = self.values[k]
+        after = self.values[k + 1]
+        whole = _sinc(angles)
         values = ((1 - s) * _sinc((1 - s) * angles) * before + s * _sinc(s * angles) * after) / whole
         rates = (np.cos(s * angles) * after - np.cos((1 - s) * angles) * before) / whole / steps
         return values, rates * inside[..., None]
@@ -119,9 +122,11 @@ class Stage:
 
         The angular rate of an error is that near the target, where alone end conditions look at it.
         """
-        target, drift = self.target.copy(), np.zeros(len(self.weights))
+        target = self.target.copy()
+        drift = np.zeros(len(self.weights))
         for frame, inside in self.on_object.items():
-            rate, number = carried_rate(pose, v, inside), list(pose_rows).index(frame)
+            rate = carried_rate(pose, v, inside)
+            number = list(pose_rows).index(frame)
             target[pose_rows[frame]] = composed(pose, inside)
             drift[len(rate) * number : len(rate) * (number + 1)] = rate
         return replace(self, target=target, drift=drift, object_state=np.concatenate([pose, v]))
@@ -174,7 +179,8 @@ class Stage:
     @cached_property
     def end_drift(self) -> np.ndarray:
         """About what each end row is bounded: 0, or the rate that a moving target gives its error."""
-        rows, counts = list(self.end_rows), self.end_velocity is not None
+        rows = list(self.end_rows)
+        counts = self.end_velocity is not None
         drift = np.broadcast_to(self.drift, self.weights.shape)[rows]
         return np.concatenate([np.zeros(len(rows)), drift[: len(rows) * counts]])
 
@@ -200,7 +206,8 @@ class StageCosts:
     """Errors, costs and end conditions of one robot's stages on arrays of states; `native`, as compiled C."""
 
     def __init__(self, model: RobotModel, native: bool = False) -> None:
-        self.model, self._native = model, native
+        self.model = model
+        self._native = native
         self._functions: dict[tuple[str, str, tuple[int, ...], bool], StageFunctions] = {}
 
     def _of(self, stage: Stage, end_rows: tuple[int, ...] = ()) -> StageFunctions:
@@ -222,7 +229,9 @@ class StageCosts:
 
     def at(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
-        W, W_r, u = stage.weights, stage.control_weights, self.inputs(stage, X, u)
+        W = stage.weights
+        W_r = stage.control_weights
+        u = self.inputs(stage, X, u)
         return self._of(stage).cost(X, u, stage.reference(since), W, W_r, rows=len(X))[0][:, 0]
 
     def of_states(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
@@ -324,7 +333,8 @@ def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[S
 
 def _on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
     """Return a stage with the poses of its target that are relative to the object, and their number of turns."""
-    target, target_object = task.stages[stage.index].target, task.object
+    target = task.stages[stage.index].target
+    target_object = task.object
     if target_object is None or isinstance(target, TrajectorySpec):
         return stage
     frames = [frame for frame, aim in target.items() if isinstance(aim, OnObject)]
@@ -334,11 +344,13 @@ def _on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
 
 def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, waypoints: np.ndarray) -> Stage:
     spec = task.stages[index]
-    skill, trajectory = task.skills[spec.skill], None
+    skill = task.skills[spec.skill]
+    trajectory = None
     attitudes = SKILLS[skill.space].attitudes(model)
     if isinstance(spec.target, TrajectorySpec):
         trajectory = Trajectory(np.array(spec.target.times), waypoints, tuple(attitudes.values()))
-    end, control = spec.ends_when if spec.at is None else None, skill.weights.control
+    end = spec.ends_when if spec.at is None else None
+    control = skill.weights.control
     if isinstance(control, float | int):
         control_weights = np.full(model.n if skill.input == "joint" else model.m, float(control))
     else:
@@ -372,7 +384,8 @@ def _weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarra
         return weights
     posture = []
     for number, arm in enumerate(robot.arms, start=1):
-        own, links = weights[6 * number : 6 * number + 6], robot.parts[arm]
+        own = weights[6 * number : 6 * number + 6]
+        links = robot.parts[arm]
         free = links > np.count_nonzero(own)
         posture.append(np.full(links, POSTURE * own.max() if free else 0.0))
     return np.concatenate([weights, *posture])
@@ -386,10 +399,12 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
     the one nearer to the row before.
     """
     Q = stack(task.initial, robot, "joint")
-    posture, found = Posture(Q, np.asarray(model.g(Q)).ravel()), []
+    posture = Posture(Q, np.asarray(model.g(Q)).ravel())
+    found = []
     for spec in task.stages:
         space = task.skills[spec.skill].space
-        skill, waypoints = SKILLS[space], _waypoints(spec, robot, space, task.object)
+        skill = SKILLS[space]
+        waypoints = _waypoints(spec, robot, space, task.object)
         turning = skill.angles(model)
         if spec.angles == "nearest":
             waypoints[:, turning] = np.unwrap(np.vstack([posture.xi[turning], waypoints[:, turning]]), axis=0)[1:]

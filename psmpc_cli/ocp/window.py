@@ -125,7 +125,8 @@ class Window:
         Raises:
             ValueError: It does not have the size of such a plan.
         """
-        S, n = len(self.stages) - 1, len(self.x0) // 2
+        S = len(self.stages) - 1
+        n = len(self.x0) // 2
         instants, X, u = np.split(flat, [S, S + 2 * n * (self.K + 1)])
         return Plan(self.times(instants), X.reshape(self.K + 1, 2 * n), u.reshape(self.K, n), instants, self.chart)
 
@@ -221,7 +222,8 @@ class Parameters(Generic[T]):
 
 def window_numbers(window: Window, instants: np.ndarray) -> Parameters[np.ndarray]:
     """Return the parameters of a window's optimization, its instants guessed at (S,) [s]."""
-    stages, none = (*window.stages, *(each.stage for each in window.kept)), np.zeros(len(window.kept))
+    stages = (*window.stages, *(each.stage for each in window.kept))
+    none = np.zeros(len(window.kept))
     return Parameters(
         x0=window.x0,
         horizon=np.array(window.horizon),
@@ -264,7 +266,8 @@ def reference(p: Parameters[np.ndarray], s: int, tau: float) -> tuple[np.ndarray
 
     Of a target at rest both are of one row.
     """
-    path, nodes = p.paths[s], p.paths[s].shape[1] // 2
+    path = p.paths[s]
+    nodes = p.paths[s].shape[1] // 2
     if not nodes:
         return p.targets[s][None], np.zeros((1, len(p.targets[s])))
     return (path[:, :nodes] + path[:, nodes:] * tau).T, path[:, nodes:].T
@@ -300,10 +303,13 @@ def plan_on_mesh(window: Window, X: np.ndarray, u: np.ndarray, tau: np.ndarray) 
 
 def node_limits(grid: Grid, stages: Sequence[Stage]) -> tuple[np.ndarray, np.ndarray]:
     """Return low and high of [Q; Qdot] at the nodes, (K + 1, 2n) each; at a switch the limits of both stages hold."""
-    low, high = np.full((grid.K + 1, 2 * grid.n), -np.inf), np.full((grid.K + 1, 2 * grid.n), np.inf)
+    low = np.full((grid.K + 1, 2 * grid.n), -np.inf)
+    high = np.full((grid.K + 1, 2 * grid.n), np.inf)
     for s, stage in enumerate(stages):
-        at, limits = slice(grid.first_node[s], grid.first_node[s + 1] + 1), stage.limits
-        low[at], high[at] = np.maximum(low[at], limits.state_low), np.minimum(high[at], limits.state_high)
+        at = slice(grid.first_node[s], grid.first_node[s + 1] + 1)
+        limits = stage.limits
+        low[at] = np.maximum(low[at], limits.state_low)
+        high[at] = np.minimum(high[at], limits.state_high)
     return low, high
 
 
@@ -344,9 +350,11 @@ def normalization(
     """
     if kind == "none":
         return np.zeros(len(stages)), np.ones(len(stages))
-    start, length = prediction.start, prediction.end - prediction.start
+    start = prediction.start
+    length = prediction.end - prediction.start
     times = start + length / round(length / step) * np.arange(round(length / step) + 1)
-    X, u = prediction.states_at(times), prediction.mean_control(times)
+    X = prediction.states_at(times)
+    u = prediction.mean_control(times)
     u = np.concatenate((u, u[-1:]))
     over_time = [costs.at(stage, X, u, times - begin) for stage, begin in zip(stages, begins, strict=True)]
     nadir = np.array([values.max() for values in over_time])
@@ -391,8 +399,10 @@ def _quadrature(
 
     A cost that falls and rises again counts with both, as if the errors of its parts did not cancel.
     """
-    omega, begins = window.omega / window.omega.max(), np.r_[window.start, plan.instants]
-    changes, J = np.zeros(len(tau)), window.pending_cost * float((plan.instants - window.start).sum())
+    omega = window.omega / window.omega.max()
+    begins = np.r_[window.start, plan.instants]
+    changes = np.zeros(len(tau))
+    J = window.pending_cost * float((plan.instants - window.start).sum())
     for s, stage in enumerate(window.stages):
         times = np.linspace(begins[s], begins[s] + tau[s], max(2, int(np.ceil(tau[s] / step)) + 1))
         since = times - begins[s] + (window.elapsed if s == 0 else 0.0)

@@ -60,7 +60,8 @@ class AdaptiveDynamics:
             inputs: Accelerations [m/s^2, rad/s^2], or generalized forces [N, N m], of the pieces (K, n). Under the law
                 a spatial robot's are those of a plan, in its chart, each with the chart's anchor behind it (K, n + 4).
         """
-        X, integrator = [x[:, None]], self._integrators[what == "law"]
+        X = [x[:, None]]
+        integrator = self._integrators[what == "law"]
         for given, dt in zip(inputs, np.diff(times), strict=True):
             x = X[-1][:, -1]
             if what == "ticks":
@@ -73,10 +74,15 @@ class AdaptiveDynamics:
 
 def _integrator(model: RobotModel, lawful: bool) -> ca.Function:
     """Return the integrator of one piece, its time scaled to 1, under the law or under a held force."""
-    n, nq, w = model.n, model.nq, model.nominal.vector
+    n = model.n
+    nq = model.nq
+    w = model.nominal.vector
     spatial = model.dimension == 3
-    x, p = ca.SX.sym("x", nq + n), ca.SX.sym("p", n + 1 + 4 * (lawful and spatial))
-    Q, v, u = x[:nq], x[nq:], p[:n]
+    x = ca.SX.sym("x", nq + n)
+    p = ca.SX.sym("p", n + 1 + 4 * (lawful and spatial))
+    Q = x[:nq]
+    v = x[nq:]
+    u = p[:n]
     vdot = _rate_of_v(Q, v, u, p[n:-1]) if lawful and spatial else u
     F = model.dynamics.inverse(Q, v, vdot, w) if lawful else p[:n]
     Qdot = coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v))
@@ -95,7 +101,8 @@ def _integrator(model: RobotModel, lawful: bool) -> ca.Function:
 def _rate_of_v(Q: ca.SX, v: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
     """Return the rate of v (n,) at accelerations u (n,) in the chart about an anchor (4,)."""
     turned = product(conjugate(ca.vertsplit(anchor)), ca.vertsplit(Q[3:7]))
-    phi, rate = ca.SX.sym("phi", 3), ca.SX.sym("rate", 3)
+    phi = ca.SX.sym("phi", 3)
+    rate = ca.SX.sym("rate", 3)
     omega = ca.vertcat(*body_rate(ca.vertsplit(phi), ca.vertsplit(rate)))
     change = ca.jtimes(omega, ca.vertcat(phi, rate), ca.vertcat(rate, u[3:6]))
     at = log(turned)

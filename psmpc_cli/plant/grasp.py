@@ -99,7 +99,9 @@ class GraspLaw:
     """
 
     def __init__(self, model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> None:
-        self.model, self.body, self.grippers = model, body, tuple(grippers)
+        self.model = model
+        self.body = body
+        self.grippers = tuple(grippers)
         self.size, self.sizes = (3, (3, 3)) if model.dimension == 2 else (6, (7, 6))
         self.parameters = self.sizes[0] + 4
         self.bushing = self._bushing()
@@ -115,7 +117,8 @@ class GraspLaw:
         sizes = {"gripper": self.sizes[0], "turn": self.size, "pose": self.sizes[0], "v": self.size}
         known = [ca.SX.sym(name, size) for name, size in sizes.items()]
         p = ca.SX.sym("p", self.parameters)
-        anchor, (k, kappa, d, delta) = ca.vertsplit(p)[: self.sizes[0]], ca.vertsplit(p)[self.sizes[0] :]
+        anchor = ca.vertsplit(p)[: self.sizes[0]]
+        k, kappa, d, delta = ca.vertsplit(p)[self.sizes[0] :]
         gripper, rate, pose, v = map(ca.vertsplit, known)
         found = compared(gripper, rate, pose, v, anchor)
         force = add(scaled(found.r, -k), scaled(found.rdot, -d))
@@ -129,16 +132,22 @@ class GraspLaw:
         sizes = {"Q": self.model.nq, "v": self.model.n, "pose": self.sizes[0], "rate": self.sizes[1]}
         Q, v, pose, rate = symbols = [ca.SX.sym(name, size) for name, size in sizes.items()]
         p = ca.SX.sym("p", self.parameters * len(self.grippers))
-        force, wrench, power = ca.SX.zeros(self.model.n), ca.SX.zeros(self.size), ca.SX(0)
-        puts, pulls = [], []
+        force = ca.SX.zeros(self.model.n)
+        wrench = ca.SX.zeros(self.size)
+        power = ca.SX(0)
+        puts = []
+        pulls = []
         for i in range(len(self.grippers)):
             at, moving, J = self.gripper(i, Q, v)
             own = p[self.parameters * i : self.parameters * (i + 1)]
             w, back, gained = self.bushing(at, moving, pose, rate, own)
-            force, wrench, power = force + J.T @ w, wrench + back, power + gained
+            force = force + J.T @ w
+            wrench = wrench + back
+            power = power + gained
             inside, _ = lifted(ca.vertsplit(own)[: self.sizes[0]])
             _, attitude = lifted(ca.vertsplit(pose))
-            outwards, (on_object, _) = rotate(attitude, inside), lifted_rate(ca.vertsplit(-w))
+            outwards = rotate(attitude, inside)
+            on_object, _ = lifted_rate(ca.vertsplit(-w))
             puts.append(-w)
             pulls.append(dot(on_object, outwards) / ca.fmax(ca.sqrt(dot(outwards, outwards)), TINY))
         outputs = ca.cse([force, wrench, power, ca.horzcat(*puts), ca.vertcat(*pulls)])
@@ -152,7 +161,8 @@ class GraspLaw:
         Distance, angle, velocity, angular velocity, then the inverses of the effective mass and of the effective
         inertia of both bodies at the gripper, means over the directions (6,).
         """
-        d, (pose, rate) = self.model.dimension, np.split(target_object, [self.sizes[0]])
+        d = self.model.dimension
+        pose, rate = np.split(target_object, [self.sizes[0]])
         at, moving, J = (each.full() for each in self.gripper(number, Q, v))
         found = compared(at.ravel(), moving.ravel(), pose, rate, anchor)
         missed = (np.linalg.norm(each) for each in (found.r, found.phi, found.rdot, found.omega))
@@ -190,18 +200,26 @@ class Capture:
     ) -> None:
         error = task.uncertainty.object or ObjectErrorSpec()
         drawn = stream(task.seed, "object").uniform(-1, 1, 7)
-        factor, v = 1 + error.mass * drawn[0], motion_of(target_object)
+        factor = 1 + error.mass * drawn[0]
+        v = motion_of(target_object)
         v[: model.dimension] += error.linear * drawn[1 : 1 + model.dimension]
         v[model.dimension :] += error.angular * drawn[4 : 4 + len(v) - model.dimension]
-        self.described, self.body = body, FreeBody(factor * body.mass, [factor * moment for moment in body.inertia])
+        self.described = body
+        self.body = FreeBody(factor * body.mass, [factor * moment for moment in body.inertia])
         law = GraspLaw(model, self.body, [arm for arm in model.spec.arms if arm in spec.at])
-        self._task, tick = task, 1 / task.plant.low_level_rate
-        self.law, self.spec, self.state, self.tick = law, spec, np.array([*target_object.pose, *v]), tick
+        self._task = task
+        tick = 1 / task.plant.low_level_rate
+        self.law = law
+        self.spec = spec
+        self.state = np.array([*target_object.pose, *v])
+        self.tick = tick
         count = len(law.grippers)
         self._at = np.array([spec.at[gripper] for gripper in law.grippers])
         self.parameters = np.hstack([self._at, np.zeros((count, 4))])
-        self.closed, self._wanted = np.zeros(count, bool), False
-        self._pull, self._events = np.zeros(count), list[GraspEvent]()
+        self.closed = np.zeros(count, bool)
+        self._wanted = False
+        self._pull = np.zeros(count)
+        self._events = list[GraspEvent]()
         self._rows: list[tuple[np.ndarray, ...]] = []
         self._forces = ArrayFunction(law.forces)
         self._filter = 1.0 if spec.strength is None else -np.expm1(-tick / spec.strength.filter)
@@ -214,7 +232,8 @@ class Capture:
     @property
     def header(self) -> dict[str, ArrayLike]:
         """What a log says of the object before a run begins, by path."""
-        d, grippers = self.law.model.dimension, self.law.grippers
+        d = self.law.model.dimension
+        grippers = self.law.grippers
         return {
             "object_coordinate": TARGET_AXES[d],
             "object_axis": ERROR_AXES[d],
@@ -234,7 +253,9 @@ class Capture:
 
     def measured(self, sample: int) -> np.ndarray:
         """Return the pose that is measured at a sample, (3,) or (7,)."""
-        noise, size, d = self._task.uncertainty.noise, self.law.size, self.law.model.dimension
+        noise = self._task.uncertainty.noise
+        size = self.law.size
+        d = self.law.model.dimension
         deviation = np.array([noise.object_position] * d + [noise.object_angle] * (size - d))
         step = stream(self._task.seed, "object noise", sample).standard_normal(size) * deviation
         if d == 2:
@@ -274,12 +295,15 @@ class Capture:
         """Return what happened in the sample, and begin the next one."""
         states, wrench, pull, closed = (np.array(column) for column in zip(*self._rows, strict=True))
         pose, v = np.split(np.vstack([states, self.state]), [self.law.sizes[0]], axis=1)
-        events, self._rows, self._events = tuple(self._events), [], []
+        events = tuple(self._events)
+        self._rows = []
+        self._events = []
         return ObjectTicks(pose, v, wrench, pull, closed, events)
 
     def _close(self, time: float, x: np.ndarray) -> None:
         """Close every gripper that is inside its envelope."""
-        allowed, nq = [getattr(self.spec.envelope, name) for name in MISSED_BY], self.law.model.nq
+        allowed = [getattr(self.spec.envelope, name) for name in MISSED_BY]
+        nq = self.law.model.nq
         pose, _ = self.pose_and_velocity
         poses = dict(zip(self.law.model.pose_rows, self.law.model.poses(x[:nq]), strict=True))
         for i, gripper in enumerate(self.law.grippers):
@@ -290,18 +314,22 @@ class Capture:
                 stiffness = np.array(self.spec.stiffness)
                 damping = 2 * self.spec.damping_ratio * np.sqrt(stiffness / inverse)
                 self.parameters[i] = [*relative(poses[gripper], pose), *stiffness, *damping]
-                self.closed[i], self._pull[i] = True, 0.0
+                self.closed[i] = True
+                self._pull[i] = 0.0
 
     def _open(self, time: float, which: np.ndarray, why: str) -> None:
         for i in np.flatnonzero(which):
             self._events.append(GraspEvent(self.law.grippers[i], time, why, (float(self._pull[i]),)))
-            self.parameters[i, -4:], self.closed[i], self._pull[i] = 0.0, False, 0.0
+            self.parameters[i, -4:] = 0.0
+            self.closed[i] = False
+            self._pull[i] = 0.0
 
     def _pulled(self, x: np.ndarray) -> np.ndarray:
         """Return the wrenches on the object at the grippers (A, 3) or (A, 6), and let the filter follow the pulls."""
         if not self.closed.any():
             return np.zeros((len(self.closed), self.law.size))
-        nq, (pose, v) = self.law.model.nq, self.pose_and_velocity
+        nq = self.law.model.nq
+        pose, v = self.pose_and_velocity
         *_, wrench, pull = self._forces(x[:nq], x[nq:], pose, v, self.parameters.ravel())
         self._pull += np.where(self.closed, self._filter * (pull.ravel() - self._pull), 0.0)
         return wrench
@@ -350,8 +378,10 @@ class CapturePlant:
     """
 
     def __init__(self, capture: Capture, step: Step, resistance: Resistance | None) -> None:
-        self.capture, self._step = capture, step
-        self.model, self.tick = capture.law.model, capture.tick
+        self.capture = capture
+        self._step = step
+        self.model = capture.law.model
+        self.tick = capture.tick
         self._largest = np.full(self.model.n, np.inf) if resistance is None else resistance.largest
         self._chain = ClosedChain(self.model, capture.described, capture.spec) if capture.spec.known else None
 
@@ -364,10 +394,14 @@ class CapturePlant:
         closed: np.ndarray | None = None,
     ) -> Ticks:
         """Advance over len(u) ticks, at some of which the grippers are to be closed (M,)."""
-        model, capture, M = self.model, self.capture, len(u)
-        X, F = np.vstack([x, np.empty((M, len(x)))]), np.empty((M, model.n))
+        model = self.model
+        capture = self.capture
+        M = len(u)
+        X = np.vstack([x, np.empty((M, len(x)))])
+        F = np.empty((M, model.n))
         total = np.zeros(model.parts["base"].stop + 1)
-        other, time = disturbance or Disturbance.none(model.nominal, M, model.n), start + self.tick * np.arange(M + 1)
+        other = disturbance or Disturbance.none(model.nominal, M, model.n)
+        time = start + self.tick * np.arange(M + 1)
         for k in range(M):
             capture.update(float(time[k]), X[k], closed is not None and bool(closed[k]))
             read = np.array(moved(X[k, : model.nq], other.noise[k, : model.n]))

@@ -14,7 +14,9 @@ class IdealPlant:
     """Advances Q and v exactly under constant accelerations; nothing disturbs it."""
 
     def __init__(self, model: RobotModel, tick: float) -> None:
-        self.model, self.tick, self._force = model, tick, RowFunction(model.dynamics.inverse)
+        self.model = model
+        self.tick = tick
+        self._force = RowFunction(model.dynamics.inverse)
 
     def advance(
         self,
@@ -25,7 +27,9 @@ class IdealPlant:
         closed: np.ndarray | None = None,
     ) -> Ticks:
         """Advance over len(u) ticks. External impulse and work are those of the exact motion."""
-        nq, model, tick = self.model.nq, self.model, self.tick
+        nq = self.model.nq
+        model = self.model
+        tick = self.tick
         v = np.vstack([x[nq:], x[nq:] + tick * np.cumsum(u, axis=0)])
         steps = tick * v[:-1] + tick**2 / 2 * u  # paper eq. (8)
         if model.dimension == 3:

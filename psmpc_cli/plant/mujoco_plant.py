@@ -36,12 +36,16 @@ class MujocoPlant:
         resistance: Resistance | None = None,
         target_object: FreeBody | None = None,
     ) -> None:
-        self.model, self.tick, self.substeps = model, tick, substeps
-        self.resistance, self._thing = resistance or Resistance.none(model.n), target_object
+        self.model = model
+        self.tick = tick
+        self.substeps = substeps
+        self.resistance = resistance or Resistance.none(model.n)
+        self._thing = target_object
         mujoco.set_mju_user_warning(logger.warning)  # by default MuJoCo writes a file in the current directory
         self._known = np.zeros(0)
         self.set_inertial_parameters(model.nominal)
-        names, base = [body.name for body in model.spec.bodies], model.parts["base"].stop
+        names = [body.name for body in model.spec.bodies]
+        base = model.parts["base"].stop
         joints = [self.engine.joint(name).id for name in names[1:]]  # MuJoCo has them in another order, by depth
         self.q = np.r_[: base + model.nq - model.n, self.engine.jnt_qposadr[joints]]
         self.v = np.r_[:base, self.engine.jnt_dofadr[joints]]
@@ -50,7 +54,8 @@ class MujocoPlant:
         """Build the engine for these inertial parameters of the robot and what it holds."""
         if np.array_equal(robot.vector, self._known):
             return
-        self._known, spec = robot.vector, mujoco_spec(self.model.spec, self._thing, robot)
+        self._known = robot.vector
+        spec = mujoco_spec(self.model.spec, self._thing, robot)
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
         spec.option.timestep = self.tick / self.substeps
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state must be visible
@@ -66,12 +71,18 @@ class MujocoPlant:
         closed: np.ndarray | None = None,
     ) -> Ticks:
         """Advance over len(u) ticks."""
-        n, nq, M, largest = self.model.n, self.model.nq, len(u), self.resistance.largest
-        X, F, work = np.vstack([x, np.empty((M, nq + n))]), np.empty((M, n)), 0.0
+        n = self.model.n
+        nq = self.model.nq
+        M = len(u)
+        largest = self.resistance.largest
+        X = np.vstack([x, np.empty((M, nq + n))])
+        F = np.empty((M, n))
+        work = 0.0
         other = disturbance or Disturbance.none(self.model.nominal, M, n)
         self.set_inertial_parameters(other.robot)
         for k in range(M):
-            read, v = moved(X[k, :nq], other.noise[k, :n]), X[k, nq:] + other.noise[k, n:]
+            read = moved(X[k, :nq], other.noise[k, :n])
+            v = X[k, nq:] + other.noise[k, n:]
             F[k] = np.clip(self.model.inverse_dynamics(read, v, u[k], other.law), -largest, largest)
             X[k + 1], done = self._step(X[k], F[k] + other.push[k])
             work += done
@@ -90,13 +101,23 @@ class MujocoPlant:
 
         The work of a force held over a step is exact, whatever the path between the states.
         """
-        nq, spatial, data, way, work = self.model.nq, self.model.dimension == 3, self.data, self.resistance, 0.0
-        Q, v = x[:nq], x[nq:]
+        nq = self.model.nq
+        spatial = self.model.dimension == 3
+        data = self.data
+        way = self.resistance
+        work = 0.0
+        Q = x[:nq]
+        v = x[nq:]
         for _ in range(self.substeps):
-            before, omega, acting = Q, v[3:6], way.left_of(F, v)
-            data.qpos[self.q], data.qvel[self.v], data.qfrc_applied[self.v] = Q, v, acting
+            before = Q
+            omega = v[3:6]
+            acting = way.left_of(F, v)
+            data.qpos[self.q] = Q
+            data.qvel[self.v] = v
+            data.qfrc_applied[self.v] = acting
             mujoco.mj_step(self.engine, data)
-            Q, v = data.qpos[self.q], data.qvel[self.v]
+            Q = data.qpos[self.q]
+            v = data.qvel[self.v]
             step = np.array(step_between(before, Q, spatial))
             if spatial:
                 step[3:6] -= turn_defect(omega, v[3:6], self.engine.opt.timestep)
@@ -134,7 +155,10 @@ class MujocoStep:
     def __init__(
         self, law: GraspLaw, body: FreeBody, tick: float, substeps: int, resistance: Resistance | None
     ) -> None:
-        self._law, self._model, self._tick, self._substeps = law, law.model, tick, substeps
+        self._law = law
+        self._model = law.model
+        self._tick = tick
+        self._substeps = substeps
         self._robot = MujocoPlant(law.model, tick, substeps, resistance, body)
         self._bushing = ArrayFunction(law.bushing)
         engine = self._robot.engine
@@ -149,7 +173,10 @@ class MujocoStep:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Advance by a tick."""
         self._robot.set_inertial_parameters(robot)
-        h, spatial, nx, no = self._tick / self._substeps, self._model.dimension == 3, len(x), len(target_object)
+        h = self._tick / self._substeps
+        spatial = self._model.dimension == 3
+        nx = len(x)
+        no = len(target_object)
         y = np.concatenate([x, target_object, np.zeros(self._model.parts["base"].stop + 1)])
         for _ in range(self._substeps):
             y = runge_kutta(lambda y: self._rate(y, F, parameters), y, h)
@@ -159,10 +186,16 @@ class MujocoStep:
 
     def _rate(self, y: np.ndarray, F: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """Return the rate of y = [Q; v; pose; velocity of the object; impulse; work] under the external force F."""
-        model, engine, data, law = self._model, self._robot.engine, self._robot.data, self._law
+        model = self._model
+        engine = self._robot.engine
+        data = self._robot.data
+        law = self._law
         ends = np.cumsum([model.nq, model.n, *law.sizes])
         Q, v, pose, rate, _ = np.split(y, ends)
-        data.qpos[self._robot.q], data.qvel[self._robot.v], data.qpos[self._q], data.qvel[self._v] = Q, v, pose, rate
+        data.qpos[self._robot.q] = Q
+        data.qvel[self._robot.v] = v
+        data.qpos[self._q] = pose
+        data.qvel[self._v] = rate
         mujoco.mj_fwdPosition(engine, data)
         mujoco.mj_fwdVelocity(engine, data)
         acting = self._robot.resistance.left_of(F, v)
@@ -171,19 +204,26 @@ class MujocoStep:
         power = sum(self._press(site, p) for site, p in zip(self._sites, parameters, strict=True) if p[-4])
         mujoco.mj_fwdActuation(engine, data)
         mujoco.mj_fwdAcceleration(engine, data)
-        vdot, faster = data.qacc_smooth[self._robot.v], data.qacc_smooth[self._v]
-        Qdot, moving = coordinate_rate(Q, v), coordinate_rate(pose, rate)
+        vdot = data.qacc_smooth[self._robot.v]
+        faster = data.qacc_smooth[self._v]
+        Qdot = coordinate_rate(Q, v)
+        moving = coordinate_rate(pose, rate)
         return np.array([*Qdot, *vdot, *moving, *faster, *external_wrench(Q, F), acting @ v + power])
 
     def _press(self, site: int, parameters: np.ndarray) -> float:
         """Apply the bushing at a gripper to both bodies; return its power [W]."""
-        engine, data, at = self._robot.engine, self._robot.data, self._robot.data.site_xpos[site]
-        moving, quaternion = np.zeros(6), np.zeros(4)
+        engine = self._robot.engine
+        data = self._robot.data
+        at = self._robot.data.site_xpos[site]
+        moving = np.zeros(6)
+        quaternion = np.zeros(4)
         mujoco.mj_objectVelocity(engine, data, mujoco.mjtObj.mjOBJ_SITE, site, moving, 0)
         mujoco.mju_mat2Quat(quaternion, data.site_xmat[site])
-        rate, pose = np.r_[moving[3:], moving[:3]], np.r_[at, quaternion]
+        rate = np.r_[moving[3:], moving[:3]]
+        pose = np.r_[at, quaternion]
         if self._model.dimension == 2:
-            rate, pose = rate[[0, 1, 5]], np.r_[at[:2], 2 * np.arctan2(quaternion[3], quaternion[0])]
+            rate = rate[[0, 1, 5]]
+            pose = np.r_[at[:2], 2 * np.arctan2(quaternion[3], quaternion[0])]
         w, _, power = self._bushing(pose, rate, data.qpos[self._q], data.qvel[self._v], parameters)
         force, moment = (np.array(each, dtype=float) for each in lifted_rate(w[0]))
         for body, sign in ((engine.site_bodyid[site], 1.0), (self._thing, -1.0)):

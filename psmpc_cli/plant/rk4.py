@@ -27,7 +27,9 @@ class Rk4Plant:
         native: bool = False,
         resistance: Resistance | None = None,
     ) -> None:
-        self.model, self.tick, self.resistance = model, tick, resistance
+        self.model = model
+        self.tick = tick
+        self.resistance = resistance
         one = tick_function(model, tick, substeps, resistance is not None)
         self._tick = compiled(one) if native else one
         self._sample: dict[int, ArrayFunction] = {}
@@ -41,7 +43,8 @@ class Rk4Plant:
         closed: np.ndarray | None = None,
     ) -> Ticks:
         """Advance over len(u) ticks."""
-        M, nx = len(u), len(x)
+        M = len(u)
+        nx = len(x)
         if M not in self._sample:
             self._sample[M] = ArrayFunction(self._tick.mapaccum(M))
         differences: tuple[np.ndarray, ...] = ()
@@ -71,7 +74,8 @@ class Rk4Step:
         self, x: np.ndarray, target_object: np.ndarray, F: np.ndarray, parameters: np.ndarray, robot: InertialParameters
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Advance by a tick."""
-        gained, size = np.zeros(self._model.parts["base"].stop + 1), len(x)
+        gained = np.zeros(self._model.parts["base"].stop + 1)
+        size = len(x)
         p = np.concatenate([robot.vector, self._friction, self._body])
         z = self._tick(np.concatenate([x, gained, target_object]), F, parameters.ravel(), p)[0][0]
         return z[:size], z[size + len(gained) :], z[size : size + len(gained)]
@@ -83,27 +87,28 @@ def capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
     p are the inertial parameters of the robot, viscous and Coulomb friction and its width, mass and inertia of the
     object.
     """
-    model, n, nq, base = law.model, law.model.n, law.model.nq, law.model.parts["base"].stop
-    w, no, moments = model.nominal.vector.size, sum(law.sizes), len(law.body.inertia)
+    model = law.model
+    n = law.model.n
+    nq = law.model.nq
+    base = law.model.parts["base"].stop
+    w = model.nominal.vector.size
+    no = sum(law.sizes)
+    moments = len(law.body.inertia)
     sizes = ("z", nq + n + base + 1 + no), ("F", n), ("g", law.parameters * len(law.grippers))
     z, F, g = (ca.SX.sym(*each) for each in sizes)
     p = ca.SX.sym("p", w + 2 * n + 1 + 1 + moments)
     robot, viscous, coulomb, width, body = ca.vertsplit(p, np.cumsum([0, w, n, n, 1, 1 + moments]).tolist())
-    Q, v, pose, rate = (
-        z[:nq],
-        z[nq : nq + n],
-        z[z.numel() - no : z.numel() - law.sizes[1]],
-        z[z.numel() - law.sizes[1] :],
-    )
+    Q = z[:nq]
+    v = z[nq : nq + n]
+    pose = z[z.numel() - no : z.numel() - law.sizes[1]]
+    rate = z[z.numel() - law.sizes[1] :]
     force, wrench, power, _, _ = law.forces(Q, v, pose, rate, g)
     acting = F - viscous * v - coulomb * ca.tanh(v / width)
     target_object = FreeBody(body[0], ca.vertsplit(body[1:]))
     moving, faster = target_object.rates(ca.vertsplit(pose), ca.vertsplit(rate), ca.vertsplit(wrench))
     vdot = model.dynamics.forward(Q, v, acting + force, robot)
-    Qdot, external = (
-        coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v)),
-        external_wrench(ca.vertsplit(Q), ca.vertsplit(F)),
-    )
+    Qdot = coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v))
+    external = external_wrench(ca.vertsplit(Q), ca.vertsplit(F))
     zdot = ca.vertcat(*Qdot, vdot, *external, ca.dot(acting, v) + power, *moving, *faster)
     flow = ca.Function("flow", [z, F, g, p], [zdot])
     symbols = [ca.MX.sym(name, each.numel()) for name, each in zip("zFgp", (z, F, g, p), strict=True)]
@@ -118,7 +123,9 @@ def tick_function(model: RobotModel, tick: float, substeps: int, disturbed: bool
     A disturbed one has the further arguments noise (2n,), push (n,) and p: the inertial parameters of the robot and of
     the law, then the vector of a `Resistance`.
     """
-    n, nx, (law, flow) = model.n, model.nq + model.n, _law_and_flow(model, disturbed)
+    n = model.n
+    nx = model.nq + model.n
+    law, flow = _law_and_flow(model, disturbed)
     sizes = ("z", flow.size1_in(0)), ("u", n), ("noise", 2 * n), ("push", n)
     z, u, noise, push = (ca.MX.sym(*each) for each in sizes)
     attitudes = [3] if model.dimension == 3 else []
@@ -138,7 +145,10 @@ def _law_and_flow(model: RobotModel, disturbed: bool) -> tuple[ca.Function, ca.F
     but has no impulse on the whole. The flow is called, not written out, in each stage of an integration step: as C it
     compiles in a third of the time.
     """
-    n, nq, base, w = model.n, model.nq, model.parts["base"].stop, model.nominal.vector
+    n = model.n
+    nq = model.nq
+    base = model.parts["base"].stop
+    w = model.nominal.vector
     known = np.concatenate([w, w, Resistance.none(n).vector])
     p = ca.SX.sym("p", known.size) if disturbed else ca.SX(known)
     robot, believed, viscous, coulomb, largest, width = ca.vertsplit(
@@ -148,7 +158,8 @@ def _law_and_flow(model: RobotModel, disturbed: bool) -> tuple[ca.Function, ca.F
     x, u, noise, z, F = (ca.SX.sym(*each) for each in sizes)
     read, known_v = (x[:nq], x[nq:]) if not disturbed else (_moved(x[:nq], noise[:n]), x[nq:] + noise[n:])
     commanded = model.dynamics.inverse(read, known_v, u, believed)
-    Q, v = z[:nq], z[nq : nq + n]
+    Q = z[:nq]
+    v = z[nq : nq + n]
     acting = F - viscous * v - coulomb * ca.tanh(v / width)
     Qdot, wrench = (
         of(ca.vertsplit(Q), ca.vertsplit(each)) for of, each in ((coordinate_rate, v), (external_wrench, F))

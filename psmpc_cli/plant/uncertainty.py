@@ -48,7 +48,9 @@ class Uncertainty:
     """
 
     def __init__(self, task: TaskSpec, model: RobotModel) -> None:
-        self.spec, self._task, self._model = task.uncertainty, task, model
+        self.spec = task.uncertainty
+        self._task = task
+        self._model = model
         self.draw = draw_bodies(self.spec, model.spec, task.seed)
         self.resistance: Resistance | None = None
         self._ticks = round(task.controller.sample_time * task.plant.low_level_rate)
@@ -61,7 +63,9 @@ class Uncertainty:
         """Return the state measured at a sample where the true one is x (nq + n,)."""
         if not self.spec.measures_with_noise:
             return x
-        n, nq, noise = self._model.n, self._model.nq, self._noise(sample)[0]
+        n = self._model.n
+        nq = self._model.nq
+        noise = self._noise(sample)[0]
         return np.concatenate([moved(x[:nq], noise[:n]), x[nq:] + noise[n:]])
 
     def holds(self, stage: int) -> bool:
@@ -84,7 +88,9 @@ class Uncertainty:
         """Advance the plant over a sample of a stage from the true state x, u (M, n) and closed (M,) one a tick."""
         if self.resistance is None:
             return plant.advance(start, x, u, None, closed)
-        robot, law, payload = self.true_parameters(stage), self._model.nominal, self.spec.payload
+        robot = self.true_parameters(stage)
+        law = self._model.nominal
+        payload = self.spec.payload
         if payload is not None and payload.known and self.holds(stage):
             law = self._with_payload(law)
         return plant.advance(start, x, u, Disturbance(robot, law, self._noise(sample), self._push(start)), closed)
@@ -118,13 +124,16 @@ class Uncertainty:
 
     def _push(self, start: float) -> np.ndarray:
         """Return the external generalized force at each tick of the sample that begins at `start` (M, n)."""
-        push, impulse = np.zeros((self._ticks, self._model.n)), self.spec.impulse
+        push = np.zeros((self._ticks, self._model.n))
+        impulse = self.spec.impulse
         if impulse is not None:
             rate = self._task.plant.low_level_rate
             tick = int(np.floor((impulse.at - start) * rate + 1e-6))
             if 0 <= tick < self._ticks:
-                d, base = self._model.dimension, self._model.parts["base"].stop
-                push[tick, :d], push[tick, d:base] = rate * np.array(impulse.linear), rate * np.array(impulse.angular)
+                d = self._model.dimension
+                base = self._model.parts["base"].stop
+                push[tick, :d] = rate * np.array(impulse.linear)
+                push[tick, d:base] = rate * np.array(impulse.angular)
         return push
 
 
@@ -147,7 +156,8 @@ def take_up(model: RobotModel, x: np.ndarray, free: InertialParameters, holding:
         holding: The same with the object in them.
     """
     Q, before = np.split(x, [model.nq])
-    H_free, H_holding = model.mass_matrix(Q, free), model.mass_matrix(Q, holding)
+    H_free = model.mass_matrix(Q, free)
+    H_holding = model.mass_matrix(Q, holding)
     after = np.linalg.solve(H_holding, H_free @ before)
     lost = before - after
     loss = (lost @ H_free @ lost + after @ (H_holding - H_free) @ after) / 2
@@ -180,7 +190,8 @@ class Draw:
 
     def applied(self, nominal: InertialParameters) -> InertialParameters:
         """Return the true inertial parameters, with empty grippers."""
-        mass, inertia = self.mass_factor * nominal.mass, self.inertia_factor[:, None] * nominal.inertia
+        mass = self.mass_factor * nominal.mass
+        inertia = self.inertia_factor[:, None] * nominal.inertia
         return InertialParameters(mass, inertia, self.offset, nominal.held_mass, nominal.held_inertia)
 
 

@@ -36,7 +36,8 @@ from psmpc_cli.studies import fronts, judge
 from psmpc_cli.studies.judge import Reproduction
 from psmpc_cli.studies.sweep import recommend
 
-DPI, CSS_DPI = 200, 96
+DPI = 200
+CSS_DPI = 96
 """Pixels an inch in the file of a figure, and on a page."""
 
 CAPTIONS = {
@@ -116,7 +117,8 @@ def versions_of(attributes: Mapping[str, Any]) -> str:
 def _png(draw: Draw) -> dict[str, str | int]:
     """Draw a figure as PNG data in base64, with its size on the page [px]."""
     with in_style():
-        figure, file = draw(), BytesIO()
+        figure = draw()
+        file = BytesIO()
         figure.savefig(file, format="png", dpi=DPI)
     width, height = (round(inches * CSS_DPI) for inches in figure.get_size_inches())
     return {"data": b64encode(file.getvalue()).decode("ascii"), "width": width, "height": height}
@@ -128,7 +130,8 @@ def report_run(run: Run) -> Page:
     Raises:
         LogError: The run has no samples.
     """
-    summary, known = run.summary(), figures_of("run", run)
+    summary = run.summary()
+    known = figures_of("run", run)
     names = [name for name in CAPTIONS | known if name in known]
     return render(
         "run.html.j2",
@@ -165,7 +168,8 @@ def build_report(made: Reproduction, created: str) -> Page:
 
 def _figures(made: Reproduction) -> Iterator[tuple[str, Draw]]:
     """Give what draws each figure, by the name that the template has for it."""
-    ends, cells = {}, made.weights
+    ends = {}
+    cells = made.weights
     for method, run in made.runs.items():
         ends[method] = made.published(method, starts=False)
         yield f"{method} times", partial(plot_states, run)

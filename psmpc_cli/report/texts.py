@@ -7,7 +7,8 @@ from psmpc_cli.logs.summary import CaptureSummary, Largest, SolveSummary, Summar
 
 Row = tuple[str, ...]
 
-DETAIL, ALONE = "detail", "alone"
+DETAIL = "detail"
+ALONE = "alone"
 
 
 def _solves(solves: SolveSummary) -> str:

@@ -23,7 +23,9 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.specs.robot import Attachment, Joint
 
-MOST_FRAMES, MOST_PLANS, MOST_NODES = 3000, 750, 24
+MOST_FRAMES = 3000
+MOST_PLANS = 750
+MOST_NODES = 24
 """Times at which a run is shown, plans, and nodes of a plan besides those at its switches, at most."""
 
 STAGES = ("#77AADD", "#EE8866", "#44BB99", "#EEDD88", "#FFAABB", "#99DDFF", "#BBCC33", "#DDDDDD")
@@ -53,8 +55,11 @@ def view(runs: Run | Mapping[str, Run]) -> Page:
 
 def _run(name: str, run: Run) -> Json:
     """Give all that the page shows of a run."""
-    scene, model, motion = scene_of(run), run.problem.model, run.motion
-    frames, samples = _thinned(len(motion.time), MOST_FRAMES), _thinned(len(run.time), MOST_PLANS)
+    scene = scene_of(run)
+    model = run.problem.model
+    motion = run.motion
+    frames = _thinned(len(motion.time), MOST_FRAMES)
+    samples = _thinned(len(run.time), MOST_PLANS)
     time = motion.time[frames]
     spans = {span.index: {"start": span.start, "end": span.end, "early": span.early} for span in run.spans}
     return {
@@ -91,9 +96,11 @@ def _notes(run: Run) -> Iterator[str]:
 
 def _robot(model: RobotModel) -> Json:
     """Describe a robot as bodies, each on the one that carries it; lengths [m], quaternions x, y, z, w."""
-    spec, shape = model.spec, model.shape
+    spec = model.spec
+    shape = model.shape
     turn = Rotation.from_matrix(shape.box_frame[:3, :3]).as_quat()
-    parts, none = list(model.parts), (0.0, 0.0, 0.0)
+    parts = list(model.parts)
+    none = (0.0, 0.0, 0.0)
     joints = [body.joint or Joint(Attachment(-1, none, none), none) for body in spec.bodies]
     bodies = [
         {
@@ -157,7 +164,8 @@ def _targets(scene: Scene, time: np.ndarray) -> np.ndarray:
 
 def _object(scene: Scene, time: np.ndarray) -> Json | None:
     """Give size (3,) [m] and poses (T, 7) of the object: position [m] and quaternion x, y, z, w."""
-    spec, frames = scene.run.task.spec.object, [scene.object_frame(float(t)) for t in time]
+    spec = scene.run.task.spec.object
+    frames = [scene.object_frame(float(t)) for t in time]
     if spec is None:
         return None
     known = np.array([frame for frame in frames if frame is not None])
@@ -168,8 +176,10 @@ def _object(scene: Scene, time: np.ndarray) -> Json | None:
 
 def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
     """Give the tabs of plots, each with its panels."""
-    motion, model = run.motion, run.problem.model
-    time, u = motion.time[frames], np.vstack([run.u, run.u[-1:]])[np.minimum(frames, len(run.u))]
+    motion = run.motion
+    model = run.problem.model
+    time = motion.time[frames]
+    u = np.vstack([run.u, run.u[-1:]])[np.minimum(frames, len(run.u))]
     tabs = {
         "Velocities": _panels(model, time, motion.v[frames], ("m/s", "rad/s")),
         "Controls": _panels(model, time, u, ("m/s²", "rad/s²"), stepped=True),
@@ -195,7 +205,8 @@ def _panels(
     model: RobotModel, time: np.ndarray, values: np.ndarray, units: tuple[str, str], stepped: bool = False
 ) -> Iterator[Json]:
     """Give a panel for base positions, base angles and each arm of values (T, n) at times (T,) [s]."""
-    base, d = model.parts["base"].stop, model.dimension
+    base = model.parts["base"].stop
+    d = model.dimension
     angles = ("θ",) if d == 2 else ("yaw", "pitch", "roll") if units[0] == "m" else ("x", "y", "z")
     yield _panel(f"base ({units[0]})", time, zip("xyz"[:d], values.T[:d], strict=True), stepped=stepped)
     yield _panel(f"base ({units[1]})", time, zip(angles, values.T[d:base], strict=True), stepped=stepped)
@@ -207,7 +218,8 @@ def _panels(
 
 def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
     """Give the largest errors against the current stage's target, and the tolerances of its end condition."""
-    time, names = run.motion.time[frames], [style.readable(name) for name in run.problem.model.pose_rows]
+    time = run.motion.time[frames]
+    names = [style.readable(name) for name in run.problem.model.pose_rows]
     found = np.full((2, 2, len(names), len(time)), np.nan)  # error or tolerance, position or angle
     for span, frame, angular, when, size, tolerance in error_curves(run):
         inside = (time >= span.start - 1e-9) & (time <= span.end + 1e-9)
@@ -222,7 +234,8 @@ def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
 
 def _stage_panels(run: Run) -> Iterator[Json]:
     """Give planned switch times, shares of the stages in the control if logged, and the wall times of the solves."""
-    samples, names = _thinned(len(run.time), MOST_FRAMES), [style.readable(name) for name in run.stage_names]
+    samples = _thinned(len(run.time), MOST_FRAMES)
+    names = [style.readable(name) for name in run.stage_names]
     time = run.time[samples]
     for label, path in (("planned switch time (s)", "window/instants"), ("share in control (1)", "window/share")):
         yield _panel(label, time, zip(names, run[path][samples].T, strict=True))
@@ -231,8 +244,10 @@ def _stage_panels(run: Run) -> Iterator[Json]:
 
 def _grasp_panels(run: Run) -> Iterator[Json]:
     """Give the filtered pull on each grasp, with the strength at which it is lost, and the object's velocities."""
-    samples, names = _thinned(len(run.time), MOST_FRAMES), map(style.readable, run["gripper"].tolist())
-    time, target_object = run.time[samples], run.task.spec.object
+    samples = _thinned(len(run.time), MOST_FRAMES)
+    names = map(style.readable, run["gripper"].tolist())
+    time = run.time[samples]
+    target_object = run.task.spec.object
     strength = target_object.grasp.strength if target_object is not None and target_object.grasp is not None else None
     limits = [] if strength is None else [("strength", np.full(len(time), strength.pull))]
     yield _panel("pull on grasp (N)", time, zip(names, run["grasp/pull"][samples].T, strict=True), limits)

@@ -29,7 +29,8 @@ class ClosedChain:
     """
 
     def __init__(self, model: RobotModel, body: FreeBody, grasp: GraspSpec) -> None:
-        self._model, self._size = model, 3 if model.dimension == 2 else 6
+        self._model = model
+        self._size = 3 if model.dimension == 2 else 6
         grippers = [arm for arm in model.spec.arms if arm in grasp.at]
         self._described = np.array([[*grasp.at[gripper], *grasp.stiffness] for gripper in grippers])
         self._terms = ArrayFunction(_chain_terms(model, body, grippers))
@@ -52,11 +53,17 @@ class ClosedChain:
             grasps: Of each gripper its pose in the object's frame and both stiffnesses, (A, 5) or (A, 9); by default
                 as the task has them.
         """
-        grasps, size, model = self._described if grasps is None else grasps, self._size, self._model
+        grasps = self._described if grasps is None else grasps
+        size = self._size
+        model = self._model
         A = len(grasps)
         S, s, C, W, spin = self._terms(Q, v, grasps.ravel())
-        S, s, C = S.T.reshape(A, size, -1), s.reshape(A, size), C.T.reshape(A, size, size)
-        mean, G, b = S.mean(axis=0), (S[1:] - S[:1]).reshape(-1, len(u)), (s[1:] - s[:1]).ravel()
+        S = S.T.reshape(A, size, -1)
+        s = s.reshape(A, size)
+        C = C.T.reshape(A, size, size)
+        mean = S.mean(axis=0)
+        G = (S[1:] - S[:1]).reshape(-1, len(u))
+        b = (s[1:] - s[:1]).ravel()
         u = u - np.linalg.lstsq(G, G @ u + b, rcond=SINGULAR)[0]
         load = W @ (mean @ u + s.mean(axis=0)) + spin.ravel()
         give = np.linalg.solve(C.sum(axis=0), load)
@@ -73,10 +80,15 @@ def _chain_terms(model: RobotModel, body: FreeBody, grippers: list[str]) -> ca.F
     S_i v is the velocity of the object's centre of mass and its angular velocity, both in the inertial frame, if it is
     fixed to gripper i at its pose in the object's frame.
     """
-    Q, v = ca.SX.sym("Q", model.nq), ca.SX.sym("v", model.n)
+    Q = ca.SX.sym("Q", model.nq)
+    v = ca.SX.sym("v", model.n)
     size, numbers = (3, 5) if model.dimension == 2 else (6, 9)
-    p, xi, xidot = ca.SX.sym("p", numbers * len(grippers)), model.g(Q), model.J_C(Q) @ v
-    velocities, stiffness, attitude = list[ca.SX](), list[ca.SX](), None
+    p = ca.SX.sym("p", numbers * len(grippers))
+    xi = model.g(Q)
+    xidot = model.J_C(Q) @ v
+    velocities = list[ca.SX]()
+    stiffness = list[ca.SX]()
+    attitude = None
     for i, gripper in enumerate(grippers):
         frame = list(model.pose_rows).index(gripper)
         own = ca.vertsplit(p)[numbers * i : numbers * (i + 1)]
@@ -88,7 +100,8 @@ def _chain_terms(model: RobotModel, body: FreeBody, grippers: list[str]) -> ca.F
         stiffness.append(_at_centre(size, scaled(lever, -1), *own[-2:]))
         velocities += counted(size, add(linear, cross(angular, lever)), angular)
     moving = ca.vertcat(*velocities)
-    S, rate = ca.jacobian(moving, v), ca.vertcat(*coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v)))
+    S = ca.jacobian(moving, v)
+    rate = ca.vertcat(*coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v)))
     inertia, spin = _load(body, attitude, ca.vertsplit(moving[:size]))
     terms = S, ca.jtimes(moving, Q, rate), ca.vertcat(*stiffness), inertia, spin
     return ca.Function("chain", [Q, v, p], ca.cse([ca.densify(each) for each in terms]))
@@ -108,5 +121,6 @@ def _load(body: FreeBody, attitude: Vector | None, velocity: Vector) -> tuple[ca
     if body.dimension == 2 or attitude is None:
         return ca.diag(ca.SX([body.mass, body.mass, *body.inertia])), ca.SX.zeros(3)
     R = ca.vertcat(*(ca.horzcat(*row) for row in matrix(attitude)))
-    turned, omega = R @ ca.diag(ca.SX(list(body.inertia))) @ R.T, ca.vertcat(*velocity[3:])
+    turned = R @ ca.diag(ca.SX(list(body.inertia))) @ R.T
+    omega = ca.vertcat(*velocity[3:])
     return ca.diagcat(body.mass * ca.SX.eye(3), turned), ca.vertcat(ca.SX.zeros(3), ca.cross(omega, turned @ omega))

@@ -46,7 +46,8 @@ class InertialParameters:
     @classmethod
     def nominal(cls, spec: RobotSpec) -> "InertialParameters":
         """Return the parameters of the robot's description, with empty grippers."""
-        bodies, moments = spec.bodies, slice(2, 3) if spec.dimension == 2 else slice(6)
+        bodies = spec.bodies
+        moments = slice(2, 3) if spec.dimension == 2 else slice(6)
         return cls(
             mass=np.array([body.mass for body in bodies]),
             inertia=np.array([body.inertia[moments] for body in bodies]),
@@ -96,7 +97,9 @@ def derive_dynamics(spec: RobotSpec) -> Dynamics:
     v, vdot, F = (ca.SX.sym(name, n) for name in ("v", "vdot", "F"))
     w = ca.SX.sym("w", InertialParameters.nominal(spec).vector.size)
     tree = _Tree(spec, Q, w)
-    force, bias, Hv = tree.force(v, vdot), tree.force(v, ca.SX.zeros(n)), tree.force(0 * v, v)
+    force = tree.force(v, vdot)
+    bias = tree.force(v, ca.SX.zeros(n))
+    Hv = tree.force(0 * v, v)
     H = ca.triu2symm(ca.triu(ca.jacobian(force, vdot)))
     momentum = ca.vertcat(*external_wrench(ca.vertsplit(Q), ca.vertsplit(Hv)))
     motion = {"Q": Q, "v": v}
@@ -144,9 +147,11 @@ class _Tree:
     """The bodies of a robot at Q with inertial parameters w."""
 
     def __init__(self, spec: RobotSpec, Q: ca.SX, w: ca.SX) -> None:
-        base, planar = 3 * (spec.dimension - 1), spec.dimension == 2
+        base = 3 * (spec.dimension - 1)
+        planar = spec.dimension == 2
         self.turned = turn_matrix((0.0, 0.0, 1.0), Q[2]) if planar else matrix([Q[3 + i] for i in range(4)])
-        self.base, joints = slice(0, base), ca.vertsplit(Q)[base + (not planar) :]
+        self.base = slice(0, base)
+        joints = ca.vertsplit(Q)[base + (not planar) :]
         self.joints = [body.joint for body in spec.bodies if body.joint is not None]
         self.places = list(map(_joint_place, self.joints, joints))
         self.lumps = _lumps(spec, w)
@@ -163,9 +168,11 @@ class _Tree:
     def force(self, v: ca.SX, vdot: ca.SX) -> ca.SX:
         """Compute the generalized force (n,)."""
         motions = self.motions(v, vdot)
-        forces, moments = [[0.0] * 3 for _ in motions], [[0.0] * 3 for _ in motions]
+        forces = [[0.0] * 3 for _ in motions]
+        moments = [[0.0] * 3 for _ in motions]
         for lump in self.lumps:
-            motion, i = motions[lump.body], lump.body
+            motion = motions[lump.body]
+            i = lump.body
             centre = add(motion.acceleration, _at(motion.omega, motion.alpha, lump.centre))
             f = scaled(centre, lump.mass)
             spin = cross(motion.omega, _times(lump.inertia, motion.omega))
@@ -174,7 +181,8 @@ class _Tree:
         along: list[Any] = []
         for i, joint, (E, r) in reversed(list(zip(range(1, len(motions)), self.joints, self.places, strict=True))):
             along.insert(0, dot(joint.axis, forces[i] if joint.prismatic else moments[i]))
-            f, carrier = _times(E, forces[i]), joint.at.body
+            f = _times(E, forces[i])
+            carrier = joint.at.body
             forces[carrier] = add(forces[carrier], f)
             moments[carrier] = add(moments[carrier], _times(E, moments[i]), cross(r, f))
         return ca.SX(ca.vertcat(*counted(self.base.stop, _times(self.turned, forces[0]), moments[0]), *along))
@@ -194,7 +202,8 @@ def _joint_place(joint: Joint, q: Any) -> tuple[Matrix, Vector]:
 def _carried(before: _Motion, joint: Joint, E: Matrix, r: Vector, rate: Any, change: Any) -> _Motion:
     """Compute the motion of a body from that of its carrier; E and r are those of `_joint_place`."""
     back = _transposed(E)
-    omega, alpha = _times(back, before.omega), _times(back, before.alpha)
+    omega = _times(back, before.omega)
+    alpha = _times(back, before.alpha)
     acceleration = _times(back, add(before.acceleration, _at(before.omega, before.alpha, r)))
     turning = cross(omega, scaled(joint.axis, rate))
     if joint.prismatic:
@@ -204,9 +213,14 @@ def _carried(before: _Motion, joint: Joint, E: Matrix, r: Vector, rate: Any, cha
 
 def _lumps(spec: RobotSpec, w: ca.SX) -> list[_Lump]:
     """Return the bodies' own masses and the loads of the grippers."""
-    B, A, d, k = len(spec.bodies), len(spec.tools), spec.dimension, 1 if spec.dimension == 2 else 6
+    B = len(spec.bodies)
+    A = len(spec.tools)
+    d = spec.dimension
+    k = 1 if spec.dimension == 2 else 6
     mass, moments, offsets, held, about = ca.vertsplit(w, np.cumsum([0, B, k * B, d * B, A, A]).tolist())
-    moments, offsets, lumps = ca.reshape(moments, B, k), ca.reshape(offsets, B, d), list[_Lump]()
+    moments = ca.reshape(moments, B, k)
+    offsets = ca.reshape(offsets, B, d)
+    lumps = list[_Lump]()
     for i, body in enumerate(spec.bodies):
         own = ca.horzsplit(moments[i, :])
         xx, yy, zz, xy, xz, yz = [0.0, 0.0, *own, 0.0, 0.0, 0.0] if d == 2 else own

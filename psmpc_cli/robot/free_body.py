@@ -92,7 +92,9 @@ class FreeBody:
 
     def rates(self, Q: Any, v: Any, wrench: Any) -> tuple[list[Any], list[Any]]:
         """Compute the rates of pose and velocity under a wrench about the centre of mass, in the inertial frame."""
-        (_, q), (_, omega), (force, moment) = lifted(Q), lifted_rate(v), lifted_rate(wrench)
+        _, q = lifted(Q)
+        _, omega = lifted_rate(v)
+        force, moment = lifted_rate(wrench)
         spin = [moment * rate for moment, rate in zip(self.moments, omega, strict=True)]
         moment = add(rotate(conjugate(q), moment), scaled(cross(omega, spin), -1))
         alpha = [each / own for each, own in zip(moment, self.moments, strict=True)]
@@ -114,11 +116,13 @@ class FreeBody:
 
     def predicted(self, Q: Any, v: Any, time: float) -> tuple[Array, Array]:
         """Return pose and velocity after a time [s] of free motion."""
-        Q, v = np.asarray(Q, dtype=float), np.asarray(v, dtype=float)
+        Q = np.asarray(Q, dtype=float)
+        v = np.asarray(v, dtype=float)
         if self.dimension == 2:
             return Q + time * v, v
         steps = max(1, int(np.ceil(abs(time) * float(np.linalg.norm(v[3:])) / STEP)))
-        y, h = np.concatenate([Q, v]), time / steps
+        y = np.concatenate([Q, v])
+        h = time / steps
         for _ in range(steps):
             y = runge_kutta(lambda y: np.concatenate(self.rates(y[:7], y[7:], np.zeros(6))), y, h)
         y[3:7] /= np.linalg.norm(y[3:7])

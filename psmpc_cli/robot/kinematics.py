@@ -19,7 +19,9 @@ class PlanarFrame:
 
     def carried(self, at: Attachment) -> Self:
         """Return a frame that is fixed to this one."""
-        c, s, (x, y, _) = ca.cos(self.angle), ca.sin(self.angle), at.position
+        c = ca.cos(self.angle)
+        s = ca.sin(self.angle)
+        x, y, _ = at.position
         apart = ca.vertcat(x * c - y * s, x * s + y * c)
         return type(self)(self.position + apart, self.angle).turned(at.rotation, 1.0)
 

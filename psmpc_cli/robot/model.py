@@ -49,16 +49,22 @@ class RobotModel:
     """
 
     def __init__(self, spec: RobotSpec) -> None:
-        base, self.dimension = spec.parts["base"], spec.dimension
-        self.spec, self.n, spatial = spec, sum(spec.parts.values()), spec.dimension == 3
+        base = spec.parts["base"]
+        self.dimension = spec.dimension
+        self.spec = spec
+        self.n = sum(spec.parts.values())
+        spatial = spec.dimension == 3
         self.nq = self.n + spatial
         Q = ca.SX.sym("Q", self.nq)
         bodies, tools = place(spec, base_frame(spec, Q), Q[base + spatial :])
         poses = {name: frame.pose for name, frame in {"base": bodies[0], **tools}.items()}
-        xi, body_poses = ca.vertcat(*poses.values()), ca.horzcat(*(frame.pose for frame in bodies))
-        self.m, self.parts = xi.numel(), _rows(spec.parts)
+        xi = ca.vertcat(*poses.values())
+        body_poses = ca.horzcat(*(frame.pose for frame in bodies))
+        self.m = xi.numel()
+        self.parts = _rows(spec.parts)
         self.pose_rows = _rows({name: pose.numel() for name, pose in poses.items()})
-        self.g, self.dynamics = function("g", {"Q": Q}, {"xi": xi}), derive_dynamics(spec)
+        self.g = function("g", {"Q": Q}, {"xi": xi})
+        self.dynamics = derive_dynamics(spec)
         self.body_poses = function("body_poses", {"Q": Q}, {"poses": body_poses})
 
     @property
@@ -69,7 +75,8 @@ class RobotModel:
     @cached_property
     def charted(self) -> ca.Function:
         """Of a spatial robot: position, rotation vector about the anchor and joints (n,), anchor (4,) -> xi (m,)."""
-        Q, anchor = ca.SX.sym("Q", self.n), ca.SX.sym("anchor", 4)
+        Q = ca.SX.sym("Q", self.n)
+        anchor = ca.SX.sym("anchor", 4)
         at = ca.vertsplit(Q)
         bodies, tools = place(self.spec, SpatialFrame(at[:3], product(ca.vertsplit(anchor), exp(at[3:6]))), Q[6:])
         xi = ca.vertcat(bodies[0].pose, *(frame.pose for frame in tools.values()))
@@ -94,14 +101,16 @@ class RobotModel:
     @cached_property
     def Jdot_Qdot(self) -> ca.Function:
         """Q, Qdot -> Jdot_C Qdot (m,), the acceleration of xi at Qddot = 0; of a planar robot."""
-        Q, Qdot = ca.SX.sym("Q", self.n), ca.SX.sym("Qdot", self.n)
+        Q = ca.SX.sym("Q", self.n)
+        Qdot = ca.SX.sym("Qdot", self.n)
         rate = ca.jtimes(self.J_C(Q) @ Qdot, Q, Qdot)
         return function("Jdot_Qdot", {"Q": Q, "Qdot": Qdot}, {"Jdot_Qdot": ca.densify(rate)})
 
     @cached_property
     def f_1(self) -> ca.Function:
         """x, u -> xdot (2n,), x = [Q; Qdot], u = Qddot. Paper eq. (8)."""
-        x, u = ca.SX.sym("x", 2 * self.n), ca.SX.sym("u", self.n)
+        x = ca.SX.sym("x", 2 * self.n)
+        u = ca.SX.sym("u", self.n)
         return function("f_1", {"x": x, "u": u}, {"xdot": ca.vertcat(x[self.n :], u)})
 
     @cached_property
@@ -111,8 +120,10 @@ class RobotModel:
         Along a singular value sigma of J_C it reduces the commanded xi-acceleration by
         DAMPING^2 / (sigma^2 + DAMPING^2); one unit of xi-acceleration never gives more than 1 / (2 DAMPING) of Qddot.
         """
-        x, u = ca.SX.sym("x", 2 * self.n), ca.SX.sym("u", self.m)
-        Q, Qdot = x[: self.n], x[self.n :]
+        x = ca.SX.sym("x", 2 * self.n)
+        u = ca.SX.sym("u", self.m)
+        Q = x[: self.n]
+        Qdot = x[self.n :]
         J_C = self.J_C(Q)
         normal = J_C.T @ J_C + DAMPING**2 * ca.SX.eye(self.n)
         acceleration = solve_spd(normal, J_C.T @ (u - self.Jdot_Qdot(Q, Qdot)))
@@ -257,7 +268,8 @@ def pose_frames(poses: ArrayLike) -> Array:
     """Return the frames (..., 4, 4) of poses: (x, y, angle) in the plane z = 0, or position and quaternion (..., 7)."""
     poses = np.asarray(poses, dtype=float)
     flat = poses.reshape(-1, poses.shape[-1])
-    frames, planar = np.tile(np.eye(4), (len(flat), 1, 1)), poses.shape[-1] == 3
+    frames = np.tile(np.eye(4), (len(flat), 1, 1))
+    planar = poses.shape[-1] == 3
     turned = np.outer(flat[:, 2], (0, 0, 1))
     attitudes = Rotation.from_rotvec(turned) if planar else Rotation.from_quat(flat[:, 3:], scalar_first=True)
     frames[:, : 2 if planar else 3, 3] = flat[:, : 2 if planar else 3]
@@ -273,7 +285,8 @@ def nearest_equivalent(angle: ArrayLike, target: ArrayLike) -> Array:
 
 def _frame_jacobian(spec: RobotSpec, bodies: Sequence[SpatialFrame], body: int, frame: SpatialFrame) -> ca.SX:
     """Return the velocity of a frame's origin and its angular velocity by v, in the inertial frame (6, n)."""
-    J, base = ca.SX.zeros(6, sum(spec.parts.values())), bodies[0]
+    J = ca.SX.zeros(6, sum(spec.parts.values()))
+    base = bodies[0]
     for i in range(3):
         axis = rotate(base.quaternion, [float(i == j) for j in range(3)])
         J[i, i] = 1
@@ -289,7 +302,8 @@ def _frame_jacobian(spec: RobotSpec, bodies: Sequence[SpatialFrame], body: int, 
 
 def _rows(sizes: Mapping[str, int]) -> dict[str, slice]:
     """Return consecutive slices of the given sizes."""
-    rows, first = {}, 0
+    rows = {}
+    first = 0
     for name, size in sizes.items():
         rows[name] = slice(first, first + size)
         first += size

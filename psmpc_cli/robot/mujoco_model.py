@@ -79,7 +79,8 @@ def _let_move(body: Any, name: str, dimension: int) -> None:
 
 def _inertial(body: Body, known: InertialParameters, number: int) -> dict[str, Any]:
     """Return the inertial parameters of a body."""
-    offset, moments = known.offset[number], known.inertia[number]
+    offset = known.offset[number]
+    moments = known.inertia[number]
     centre = np.array(body.centre) + np.pad(offset, (0, 3 - len(offset)))
     inertia = {"inertia": [moments[0]] * 3} if len(moments) == 1 else {"fullinertia": moments}
     return {"mass": known.mass[number], "ipos": centre, "explicitinertial": True, **inertia}

@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 TOLERANCE = 1e-3
 """Largest error of a reached pose [m, rad]: targets are written with a few digits."""
 
-STARTS, SEED = 48, 0
+STARTS = 48
+SEED = 0
 """Number of starts of the search, and the seed of the random ones."""
 
 
@@ -69,14 +70,17 @@ def reach_of(
     """
     if arm not in robot.arms:
         raise InputError(f"robot '{robot.name}' has no arm '{arm}'; it has {', '.join(robot.arms)}")
-    base, target = _frame(robot, "base_pose", base_pose), _frame(robot, "pose", pose)
+    base = _frame(robot, "base_pose", base_pose)
+    target = _frame(robot, "pose", pose)
     low, high = limits or _joint_limits(robot, arm)
-    (rows, sliding), lengths = _joints(robot, arm), np.linalg.norm(robot.link_ends(arm), axis=1)
+    rows, sliding = _joints(robot, arm)
+    lengths = np.linalg.norm(robot.link_ends(arm), axis=1)
     slides = float(np.maximum(np.abs(low), np.abs(high))[sliding].sum())
     outer = float(lengths[:-1].sum()) + slides
     inner = max(0.0, 2 * float(lengths[:-1].max(initial=0.0)) - outer)  # of links that are freely jointed
     at_rest, _ = place(robot, base, np.zeros(len(robot.bodies) - 1))
-    first, tool = at_rest[rows.start + 1], robot.tools[arm]
+    first = at_rest[rows.start + 1]
+    tool = robot.tools[arm]
     turned = product(target.quaternion, conjugate(exp(tool.rotation)))
     wrist = np.array(target.position) - rotate(turned, tool.position)
     wrist_distance = float(np.linalg.norm(wrist - first.position))
@@ -111,7 +115,8 @@ def _configuration(
     Bounded least squares on the error of the pose, from several starts. Paper eq. (1). Joints of other arms are at 0.
     Besides them returns by how much the nearest pose that was found misses the wanted one, [m] and [rad].
     """
-    q, (rows, sliding) = ca.SX.sym("q", len(low)), _joints(robot, arm)
+    q = ca.SX.sym("q", len(low))
+    rows, sliding = _joints(robot, arm)
     joints = ca.SX.zeros(len(robot.bodies) - 1)
     joints[rows.start : rows.stop] = q
     tip = place(robot, base, joints)[1][arm]
@@ -123,7 +128,8 @@ def _configuration(
         return evaluate(q)[0].ravel()
 
     bounds = low, np.maximum(high, low + 1e-9)  # least_squares needs room between them
-    best, missing = np.inf, (np.inf, np.inf)
+    best = np.inf
+    missing = (np.inf, np.inf)
     for start in _starts(low, high):
         found = least_squares(
             error, start, lambda q: evaluate(q)[1].T, bounds, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=100
@@ -131,7 +137,8 @@ def _configuration(
         angles = np.where(sliding, np.clip(found.x, low, high), _nearest_zero(found.x, low, high))
         off = error(angles)
         if np.linalg.norm(off) < best:
-            best, missing = float(np.linalg.norm(off)), (float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:])))
+            best = float(np.linalg.norm(off))
+            missing = (float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:])))
         if np.abs(off).max() <= TOLERANCE:
             return angles, missing
     return None, missing
@@ -155,7 +162,8 @@ def _nearest_zero(q: Array, low: Array, high: Array) -> Array:
 
 def _frame(robot: RobotSpec, name: str, values: ArrayLike) -> SpatialFrame:
     """Return a pose as a frame in space."""
-    pose, size = np.asarray(values, dtype=float), 3 if robot.dimension == 2 else 7
+    pose = np.asarray(values, dtype=float)
+    size = 3 if robot.dimension == 2 else 7
     if pose.shape != (size,):
         numbers = "three numbers (x, y, angle)" if size == 3 else "seven numbers (x, y, z, quaternion w, x, y, z)"
         raise InputError(f"{name} is {np.asarray(values).tolist()}, but {numbers} are expected")

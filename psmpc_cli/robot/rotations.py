@@ -73,8 +73,10 @@ def turn(axis: Vector, angle: Any) -> list[Any]:
 
 def turn_matrix(axis: Sequence[float], angle: Any) -> list[list[Any]]:
     """Compute the rows of the matrix of a turn by `angle` [rad] about a unit vector of numbers (3,)."""
-    library, (x, y, z) = _library(angle), axis
-    c, s = library.cos(angle), library.sin(angle)
+    library = _library(angle)
+    x, y, z = axis
+    c = library.cos(angle)
+    s = library.sin(angle)
     skew = ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))
     return [[(1 - c) * (axis[i] * axis[j]) + s * skew[i][j] + c * (i == j) for j in range(3)] for i in range(3)]
 
@@ -91,7 +93,8 @@ def log(q: Vector) -> list[Any]:
     q is not replaced by -q where w < 0: the caller chooses the sign, so that an error that passes pi within a horizon
     stays smooth. It is smooth but at negative real q.
     """
-    w, v = q[0], q[1:]
+    w = q[0]
+    v = q[1:]
     s2 = dot(v, v)
     if _library(s2) is ca:
         # the branch that is not taken gets harmless numbers, or its derivative would be 0 times infinity
@@ -113,13 +116,15 @@ def shorter(q: Vector) -> list[Any]:
 
 def body_rate(phi: Vector, rate: Vector) -> list[Any]:
     """Compute the body's angular velocity J_r(phi) phidot (3,) [rad/s]."""
-    t, a = dot(phi, phi), cross(phi, rate)
+    t = dot(phi, phi)
+    a = cross(phi, rate)
     return add(rate, scaled(a, -_series(t, 2)), scaled(cross(phi, a), _series(t, 3)))
 
 
 def chart_rate(phi: Vector, omega: Vector) -> list[Any]:
     """Compute phidot = J_r(phi)^-1 omega (3,) [rad/s] of numbers or arrays with |phi| < 2 pi."""
-    t, a = dot(phi, phi), cross(phi, omega)
+    t = dot(phi, phi)
+    a = cross(phi, omega)
     c = (_series(t, 3) - 2 * _series(t, 4)) / (2 * _series(t, 2))  # 1/|phi|^2 - (1 + cos|phi|) / (2 |phi| sin|phi|)
     return add(omega, scaled(a, 0.5), scaled(cross(phi, a), c))
 

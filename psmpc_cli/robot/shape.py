@@ -10,7 +10,8 @@ from psmpc_cli.specs.robot import Attachment, Body, RobotSpec, limits_of_part
 
 Array = NDArray[np.float64]
 
-THICKNESS, FINGER = 0.028, 0.09
+THICKNESS = 0.028
+FINGER = 0.09
 """Radius of a capsule, and length of a gripper's finger, in lengths of the longest arm."""
 
 
@@ -50,7 +51,8 @@ class RobotShape:
             ends[tool.body].append(((0, 0, 0), tool.position))
         seen = ([each for each in own if np.linalg.norm(np.subtract(each[1], each[0])) > 1e-9] for own in ends)
         self.capsules: tuple[Array, ...] = tuple(np.reshape(own, (-1, 2, 3)) for own in seen)
-        finger, tools = FINGER * self.reach, spec.tools.items()
+        finger = FINGER * self.reach
+        tools = spec.tools.items()
         self.grippers = {arm: _gripper(spec.bodies[tool.body], tool, finger) for arm, tool in tools}
 
 
@@ -67,10 +69,12 @@ def _solid_box(base: Body) -> tuple[Array, Array]:
     xx, yy, zz, xy, xz, yz = base.inertia
     moments, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     if not (xy or xz or yz):
-        moments, axes = np.array([xx, yy, zz]), np.eye(3)
+        moments = np.array([xx, yy, zz])
+        axes = np.eye(3)
     squares = 1.5 / base.mass * (moments.sum() - 2 * moments)
     frame = np.eye(4)
-    frame[:3, :3], frame[:3, 3] = axes * np.linalg.det(axes), base.centre
+    frame[:3, :3] = axes * np.linalg.det(axes)
+    frame[:3, 3] = base.centre
     return np.sqrt(np.maximum(squares, 1e-3 * squares.max())), frame
 
 
@@ -87,7 +91,8 @@ def _turn(at: Attachment) -> Array:
 
 def _gripper(body: Body, tool: Attachment, finger: float) -> Array:
     """Return the outline of a gripper, open along the last link, its fingers apart in the plane its joint turns in."""
-    tip, axis = np.array(tool.position), (0.0, 0.0, 1.0) if body.joint is None else body.joint.axis
+    tip = np.array(tool.position)
+    axis = (0.0, 0.0, 1.0) if body.joint is None else body.joint.axis
     turned = _turn(tool)
     along = tip / length if (length := np.linalg.norm(tip)) > 1e-9 else turned[:, 2]
     across = np.cross(axis, along)
@@ -95,5 +100,6 @@ def _gripper(body: Body, tool: Attachment, finger: float) -> Array:
         across = turned[:, 1] - (turned[:, 1] @ along) * along
     if np.linalg.norm(across) < 0.1:
         across = np.cross(turned[:, 0], along)
-    along, across = finger * along, 0.7 * finger * across / np.linalg.norm(across)
+    along = finger * along
+    across = 0.7 * finger * across / np.linalg.norm(across)
     return np.array([tip + across + along, tip + across, tip - across, tip - across + along])

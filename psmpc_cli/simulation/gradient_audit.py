@@ -12,7 +12,8 @@ from psmpc_cli.simulation.run import Experiment
 from psmpc_cli.solvers import build_solver
 from psmpc_cli.specs.robot import Limits
 
-AD_TOLERANCE, DIFFERENCE_TOLERANCE = 1e-8, 1e-6
+AD_TOLERANCE = 1e-8
+DIFFERENCE_TOLERANCE = 1e-6
 """Largest relative difference of the discrete adjoint from algorithmic differentiation and from central differences."""
 
 SHRINKS = 1.5
@@ -72,12 +73,17 @@ def _audit(experiment: Experiment, first: int) -> Audit:
 
 def _window(experiment: Experiment, first: int, random: np.random.Generator) -> tuple[Window, np.ndarray]:
     """Return the window over two consecutive stages from a state near the initial one, and its instant (1,)."""
-    problem, controller, n = experiment.problem, experiment.problem.spec.controller, experiment.problem.model.n
-    Q, v = experiment.x0[:-n], experiment.x0[-n:]
-    chart, noise = Chart.at(Q, n), np.r_[0.3 * random.standard_normal(n), 0.05 * random.standard_normal(n)]
+    problem = experiment.problem
+    controller = experiment.problem.spec.controller
+    n = experiment.problem.model.n
+    Q = experiment.x0[:-n]
+    v = experiment.x0[-n:]
+    chart = Chart.at(Q, n)
+    noise = np.r_[0.3 * random.standard_normal(n), 0.05 * random.standard_normal(n)]
     Q, v = (rows[0] for rows in chart.leave(chart.enter(Q[None], v[None]) + noise))
     (before, x0), (after, _) = (in_own_chart(problem.model, each, Q, v) for each in problem.stages[first : first + 2])
-    stages, chart = (before, after), Chart.at(Q, n)
+    stages = (before, after)
+    chart = Chart.at(Q, n)
     plan = resting_plan(0.0, controller.horizon, controller.uniform_nodes, x0, chart)
     instants = np.array([0.4 * controller.horizon])
     offset, scale = normalization(
@@ -108,7 +114,8 @@ def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes:
     instants = window.start + np.cumsum(tau)[:-1]
     guess = replace(resting_plan(window.start, window.horizon, nodes, window.x0, window.chart), instants=instants)
     solution = build_solver(experiment.problem).solve(window, guess, within=0.0)
-    plan, ends = solution.plan, np.cumsum(window.nodes)
+    plan = solution.plan
+    ends = np.cumsum(window.nodes)
     pieces = [slice(end - N, end) for end, N in zip(ends, window.nodes, strict=True)]
     costs = experiment.problem.costs
     U = [costs.inputs(stage, plan.X[at], plan.u[at]) for stage, at in zip(free, pieces, strict=True)]

@@ -47,12 +47,18 @@ class Meter:
         capture: Capture | None,
         x0: np.ndarray,
     ) -> None:
-        problem, self._capture = counterfactuals.problem, capture
-        self._counterfactuals, self._uncertainty, self._problem = counterfactuals, uncertainty, problem
-        self._sees_the_state, self._shares = problem.spec.sees_the_state, problem.spec.log.shares
+        problem = counterfactuals.problem
+        self._capture = capture
+        self._counterfactuals = counterfactuals
+        self._uncertainty = uncertainty
+        self._problem = problem
+        self._sees_the_state = problem.spec.sees_the_state
+        self._shares = problem.spec.log.shares
         self._noise = standard_deviations(problem.spec.uncertainty.noise, problem.model.spec)
-        self._base, self._number = problem.model.parts["base"], 0
-        self._tick, self._waiting = 1 / problem.spec.plant.low_level_rate, list[_Waiting]()
+        self._base = problem.model.parts["base"]
+        self._number = 0
+        self._tick = 1 / problem.spec.plant.low_level_rate
+        self._waiting = list[_Waiting]()
         self._expected = self._kept(0, x0[None])[0] + (0.0 if capture is None else capture.kept)
 
     def measure(self, command: Command, ticks: Ticks, x: np.ndarray, u: np.ndarray, contact: Contact | None) -> Sample:
@@ -77,15 +83,23 @@ class Meter:
         """Measure the samples that wait; done again after an interruption, it does no harm."""
         for _, group in groupby(self._waiting, lambda each: each[0].command.stage):
             together = list(group)
-            self._expected, self._waiting = self._measure(together), self._waiting[len(together) :]
+            self._expected = self._measure(together)
+            self._waiting = self._waiting[len(together) :]
 
     def _measure(self, together: Sequence[_Waiting]) -> np.ndarray:
         """Measure samples of one stage, which in space no two have, and return the balances expected at their end."""
         samples, true, applied, shares, contacts, of_object = zip(*together, strict=True)
-        commands, ticks = [each.command for each in samples], [each.ticks for each in samples]
-        problem, stage, chart = self._problem, commands[0].stage, commands[0].solution.window.chart
-        model, n, limits = problem.model, problem.model.n, stage.limits
-        x, u, ends = np.array(true), np.array([each[0] for each in applied]), np.array([each.X[-1] for each in ticks])
+        commands = [each.command for each in samples]
+        ticks = [each.ticks for each in samples]
+        problem = self._problem
+        stage = commands[0].stage
+        chart = commands[0].solution.window.chart
+        model = problem.model
+        n = problem.model.n
+        limits = stage.limits
+        x = np.array(true)
+        u = np.array([each[0] for each in applied])
+        ends = np.array([each.X[-1] for each in ticks])
         charted = [chart.entered(each.X) for each in ticks]
         squares = np.array([each.F[:, self._base] for each in ticks]) ** 2
         parts = squares[..., : model.dimension], squares[..., model.dimension :]
@@ -93,7 +107,8 @@ class Meter:
         passed = np.stack([each[1:] for each in charted], axis=1)
         if chart.spatial:  # limits are those of v, not of the chart's rates
             passed[:, :, n:] = np.stack([each.X[1:, model.nq :] for each in ticks], axis=1)
-        low, high = passed.min(axis=0), passed.max(axis=0)
+        low = passed.min(axis=0)
+        high = passed.max(axis=0)
         margin = np.minimum(low - limits.state_low, limits.state_high - high)
         Q, v = chart.leave(states_of([each.plan for each in commands], [each.time[-1] for each in ticks]))
         about = Chart.at(Q[0], n)
@@ -132,7 +147,8 @@ class Meter:
 
     def _kept(self, stage: int, x: np.ndarray) -> np.ndarray:
         """Return momentum [N s, N m s] and energy [J] of the robot at states (K, nq + n) in a stage, (K, 4 or 7)."""
-        nq, uncertainty = self._problem.model.nq, self._uncertainty
+        nq = self._problem.model.nq
+        uncertainty = self._uncertainty
         robot = None if uncertainty is None else uncertainty.true_parameters(stage)
         return self._problem.model.balance(x[:, :nq], x[:, nq:], robot)
 
@@ -171,7 +187,8 @@ def state_at(times: np.ndarray, X: np.ndarray, time: float) -> np.ndarray:
     Between two of them the acceleration is taken for constant, and after the last it stays what it was.
     """
     k = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 2))
-    n, since = X.shape[1] // 2, time - times[k]
+    n = X.shape[1] // 2
+    since = time - times[k]
     acceleration = (X[k + 1, n:] - X[k, n:]) / (times[k + 1] - times[k])
     Qdot = X[k, n:] + since * acceleration
     return np.concatenate([X[k, :n] + since / 2 * (X[k, n:] + Qdot), Qdot])
@@ -195,7 +212,8 @@ class Counterfactuals:
         up to the stage before it. With `closeness` it is the `closeness` to the stage's own optimum [1]. Both are in
         the stage's onset coordinates. A stage is measured until it reaches the largest threshold.
         """
-        sequence, presence = command.sequence, {}
+        sequence = command.sequence
+        presence = {}
         if sequence.count == 1 or "braking" in command.events:
             return {}
         edges = command.edges[[0, -1]]
@@ -224,12 +242,14 @@ class Counterfactuals:
         combination of their controls that is nearest to the applied one. There are none where the stages agree, where
         one has no solution, or where the robot brakes without a plan.
         """
-        first, count = command.sequence.first, max(command.sequence.count, len(command.levels))
+        first = command.sequence.first
+        count = max(command.sequence.count, len(command.levels))
         if "braking" in command.events:
             return {}
         if count == 1:
             return {first: 1.0}
-        controls, edges = [], command.edges[:2]
+        controls = []
+        edges = command.edges[:2]
         for stage in range(first, first + count):
             entered = command.sequence.entered if stage == first else command.time
             plan, usable = self._plan(MovingSequence(stage, np.zeros(0), entered), command)
@@ -249,7 +269,8 @@ class Counterfactuals:
         if plan is not None and previous is not None and plan.start >= command.time:
             return plan, previous.outcome.usable
         prediction = command.prediction
-        x, chart = command.solution.window.x0, command.solution.window.chart
+        x = command.solution.window.x0
+        chart = command.solution.window.chart
         if plan is not None:
             prediction = shift(plan.in_chart(chart), command.time, command.solution.window.horizon, x)
         window = self._builder.build(sequence, command.stages, prediction, previous or command.solution)
@@ -341,7 +362,8 @@ class GraspRecord:
     """Follows the grasps of a run: when, and how near, each closed, when and why it opened, where the object was."""
 
     def __init__(self, capture: Capture) -> None:
-        grippers, none = list(capture.law.grippers), np.full(len(capture.law.grippers), np.nan)
+        grippers = list(capture.law.grippers)
+        none = np.full(len(capture.law.grippers), np.nan)
         self._grippers = grippers
         self.tables: dict[str, np.ndarray] = {
             "grasp/closed_at": none.copy(),
@@ -352,7 +374,8 @@ class GraspRecord:
 
     def update(self, sample: Sample) -> bool:
         """Take in a sample; return whether anything changed."""
-        target_object, tables = sample.ticks.target_object, self.tables
+        target_object = sample.ticks.target_object
+        tables = self.tables
         for event in () if target_object is None else target_object.events:
             i = self._grippers.index(event.gripper)
             if event.what in ("closed", "missed"):
@@ -360,12 +383,11 @@ class GraspRecord:
             if event.what == "closed":
                 tables["grasp/closed_at"][i] = event.time
             elif event.what != "missed":
-                tables["grasp/opened_at"][i], tables["grasp/lost"][i] = event.time, event.what == "lost"
+                tables["grasp/opened_at"][i] = event.time
+                tables["grasp/lost"][i] = event.what == "lost"
                 if "object/left_at" not in tables and target_object is not None:
                     tick = int(np.argmin(np.abs(sample.ticks.time - event.time)))
                     tables["object/left_at"] = np.array(event.time)
-                    tables["object/left_pose"], tables["object/left_velocity"] = (
-                        target_object.pose[tick],
-                        target_object.v[tick],
-                    )
+                    tables["object/left_pose"] = target_object.pose[tick]
+                    tables["object/left_velocity"] = target_object.v[tick]
         return target_object is not None and bool(target_object.events)

@@ -58,10 +58,16 @@ def logged_solve(run: Run, sample: int) -> Solution:
 
 def _window(run: Run, numbers: np.ndarray, sample: int) -> Window:
     """Return the window of a sample from `Window.numbers`; raise ValueError where they are not of that window."""
-    first, count, problem = int(run["window/first"][sample]), int(run["window/count"][sample]), run.problem
-    spec, rows, stages = problem.spec, problem.model.pose_rows, problem.stages[first : first + count]
-    Q, v = run["state/Q"][sample], run["state/Qdot"][sample]
-    chart, placed = Chart.at(Q, len(v)), []
+    first = int(run["window/first"][sample])
+    count = int(run["window/count"][sample])
+    problem = run.problem
+    spec = problem.spec
+    rows = problem.model.pose_rows
+    stages = problem.stages[first : first + count]
+    Q = run["state/Q"][sample]
+    v = run["state/Qdot"][sample]
+    chart = Chart.at(Q, len(v))
+    placed = []
     pose, state = (7, 13) if chart.spatial else (3, 6)
     sizes = (len(stage.attitudes) for stage in stages), (state * bool(stage.on_object) for stage in stages)
     ends = np.cumsum([2, count, count, count, *sizes[0], *sizes[1]])
@@ -130,20 +136,21 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
         LogError: The log holds no plans, not this sample, or a plan that is not of its window.
         SpecError: The solver does not exist or cannot solve this task.
     """
-    task, logged, lines = log.task, logged_solve(log, sample), list[str]()
+    task = log.task
+    logged = logged_solve(log, sample)
+    lines = list[str]()
     if solver is not None:
         change = (f"--solver {solver}", f"solver.kind={json.dumps(solver)}")
         task = parse_task(task.task_yaml, task.robot_yaml, task.spec.name, [change])
-    spec, same = (
-        task.spec.solver.model_copy(update={"deadline": None}),
-        task.spec.solver.kind == log.task.spec.solver.kind,
-    )
+    spec = task.spec.solver.model_copy(update={"deadline": None})
+    same = task.spec.solver.kind == log.task.spec.solver.kind
     back_end = build_solver(build_problem(task), spec, lines.append)
     duals = logged.guess_duals if same else np.zeros(0)
     previous = replace(logged, outcome=Outcome.OPTIMAL, plan=logged.guess, duals=duals) if logged.warm else None
     solution = back_end.solve(logged.window, logged.guess, previous)
     tick = logged.window.start + np.array([0.0, 1 / task.spec.plant.low_level_rate])
-    ends, controls = (f"{stage.name} ends [s]" for stage in logged.window.stages[:-1]), log.coordinates
+    ends = (f"{stage.name} ends [s]" for stage in logged.window.stages[:-1])
+    controls = log.coordinates
     names = ["objective J", *ends, *(f"control of {name}" for name in controls)]
     solves = [np.r_[each.J, each.plan.instants, each.plan.mean_control(tick)[0]] for each in (logged, solution)]
     return Replay(
@@ -158,7 +165,8 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
 
 
 def _remarks(log: Run, sample: int) -> Iterator[str]:
-    names, last = log.stage_names, int(log["window/first"][sample] + log["window/count"][sample]) - 1
+    names = log.stage_names
+    last = int(log["window/first"][sample] + log["window/count"][sample]) - 1
     if log["events/postponed"][sample] and last + 1 < len(names):
         yield (
             f"{names[last + 1]} was seen, but the window with it had no solution: logged, and solved again, is the "

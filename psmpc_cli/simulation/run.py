@@ -72,10 +72,13 @@ class Experiment:
 def build_experiment(loaded: Task) -> Experiment:
     """Return the experiment a task describes."""
     problem = build_problem(loaded)
-    task, model = problem.spec, problem.model
-    compiled, controller = compile_for(problem), Controller(problem)
+    task = problem.spec
+    model = problem.model
+    compiled = compile_for(problem)
+    controller = Controller(problem)
     uncertainty = Uncertainty(task, model) if task.uncertainty.in_force else None
-    resistance, capture = None if uncertainty is None else uncertainty.resistance, build_capture(task, model)
+    resistance = None if uncertainty is None else uncertainty.resistance
+    capture = build_capture(task, model)
     Q = stack(task.initial, loaded.robot, "joint")
     return Experiment(
         problem=problem,
@@ -118,7 +121,8 @@ def compile_for(problem: Problem) -> bool:
 
 def _tick_function(task: TaskSpec, model: RobotModel) -> ca.Function:
     """Return the function that the plant `rk4` of a task evaluates at every tick."""
-    (tick, substeps), capture = ticks_of(task.plant), build_capture(task, model)
+    tick, substeps = ticks_of(task.plant)
+    capture = build_capture(task, model)
     if capture is None:
         return tick_function(model, tick, substeps, disturbs(task))
     return capture_tick(capture.law, tick, substeps)
@@ -158,10 +162,15 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         experiment: The experiment.
         until: Index of the stage at whose end the loop stops; by default that of the task.
     """
-    controller, plant, uncertainty = experiment.controller, experiment.plant, experiment.uncertainty
+    controller = experiment.controller
+    plant = experiment.plant
+    uncertainty = experiment.uncertainty
     capture = experiment.capture
     meter = Meter(experiment.counterfactuals, uncertainty, capture, experiment.x0)
-    x, braking_until, number, stage = experiment.x0, np.inf, 0, 0
+    x = experiment.x0
+    braking_until = np.inf
+    number = 0
+    stage = 0
     sample_time = experiment.problem.spec.controller.sample_time
     link = _Link(experiment.problem.spec, experiment.x0, experiment.problem.model.n)
     while True:
@@ -174,7 +183,9 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         if any(switch.stage == until for switch in command.switches):
             return Ending(False, "stopped at the end of a stage", now, command.x, x, command.switches)
         braking_until = command.plan.end if "braking" in command.events else np.inf
-        before, stage, contact = stage, command.sequence.first, None
+        before = stage
+        stage = command.sequence.first
+        contact = None
         u, closed = link.commanded(command.u, command.closed)
         if uncertainty is None:
             ticks = plant.advance(now, x, u, None, closed)
@@ -185,7 +196,8 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
             why = "the motion diverged, faster than it can be simulated"
             return Ending(False, why, now, command.x, x, command.switches, stuck=True)
         yield meter.measure(command, ticks, x, u, contact)
-        x, number = ticks.X[-1], number + 1
+        x = ticks.X[-1]
+        number = number + 1
 
 
 class _Link:
@@ -197,7 +209,8 @@ class _Link:
 
     def __init__(self, task: TaskSpec, x0: np.ndarray, n: int) -> None:
         """Start with a robot of n velocities that drifts into its initial state, and zero controls under way."""
-        known, (Q, v) = task.controller.known_delay, np.split(x0, [len(x0) - n])
+        known = task.controller.known_delay
+        Q, v = np.split(x0, [len(x0) - n])
         none = np.zeros((round(task.controller.sample_time * task.plant.low_level_rate), n))
         before = (-back * task.controller.sample_time * v for back in range(known, 0, -1))
         self._measured: deque[np.ndarray] = deque(np.r_[np.array(moved(Q, step)), v] for step in before)
@@ -222,7 +235,9 @@ class _Link:
 
 def _ending(experiment: Experiment, command: Command, x: np.ndarray, braking_until: float) -> Ending | None:
     """Return the ending if the run is over: last stage at its target, time limit, or at rest without a plan."""
-    now, seen, switches = command.time, command.x, command.switches
+    now = command.time
+    seen = command.x
+    switches = command.switches
     if experiment.controller.done:
         return Ending(True, f"{experiment.problem.stages[-1].name} met its end condition", now, seen, x, switches)
     if now >= braking_until - 1e-9:
@@ -273,7 +288,8 @@ def simulate(
 
 def _write(experiment: Experiment, writer: LogWriter, watch: Watch, until: int | None = None) -> None:
     """Write every sample of the closed loop and how it ended."""
-    samples, stages = closed_loop(experiment, until), experiment.problem.stages
+    samples = closed_loop(experiment, until)
+    stages = experiment.problem.stages
     clock = StageClock(len(stages), experiment.problem.spec.onset)
     records = (clock,) if experiment.capture is None else (clock, GraspRecord(experiment.capture))
     try:
@@ -304,7 +320,8 @@ def _write(experiment: Experiment, writer: LogWriter, watch: Watch, until: int |
 def _final(experiment: Experiment, ending: Ending) -> dict[str, ArrayLike]:
     """Return time, state and poses at the end of a run, by their paths in the log."""
     model = experiment.problem.model
-    (Q, v), (Q_true, v_true) = np.split(ending.x, [model.nq]), np.split(ending.true, [model.nq])
+    Q, v = np.split(ending.x, [model.nq])
+    Q_true, v_true = np.split(ending.true, [model.nq])
     final = {"Q": Q, "Qdot": v, "xi": model.poses(Q_true).ravel()}
     if not experiment.problem.spec.sees_the_state:
         final |= {"Q_true": Q_true, "Qdot_true": v_true}
@@ -340,8 +357,11 @@ def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
 
 def header(experiment: Experiment) -> Header:
     """Return what the log says of the run before it begins."""
-    task, loaded, uncertainty = experiment.problem.spec, experiment.problem.task, experiment.uncertainty
-    names, spatial = tuple(stage.name for stage in experiment.problem.stages), loaded.robot.dimension == 3
+    task = experiment.problem.spec
+    loaded = experiment.problem.task
+    uncertainty = experiment.uncertainty
+    names = tuple(stage.name for stage in experiment.problem.stages)
+    spatial = loaded.robot.dimension == 3
     has = {
         "ticks": task.log.ticks,
         "plans": task.log.plans,

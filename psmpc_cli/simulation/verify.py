@@ -48,14 +48,20 @@ class Verification:
         Raises:
             LogError: The log holds no plans or no samples, or a motion that cannot be integrated.
         """
-        self._log, self._problem, self._model = log, log.problem, log.problem.model
-        self._physics, task = AdaptiveDynamics(self._model), self._problem.spec
-        levels, uncertain = "levels/solved" in log, task.uncertainty.in_force or task.controller.offset_free
+        self._log = log
+        self._problem = log.problem
+        self._model = log.problem.model
+        self._physics = AdaptiveDynamics(self._model)
+        task = self._problem.spec
+        levels = "levels/solved" in log
+        uncertain = task.uncertainty.in_force or task.controller.offset_free
         seen = np.hstack([log.motion.Q_seen, log.motion.v_seen])
         self._states = np.vstack([seen, np.full_like(seen[:1], np.nan)])  # after a kill the last one is not known
         self.horizons: Peaks = {}
         self.loop: Peaks = {}
-        self.count, self.samples, plan = 0, 0, None
+        self.count = 0
+        self.samples = 0
+        plan = None
         for sample in range(len(log.time)):
             if not log["events/solve_failed"][sample]:
                 solve = logged_solve(log, sample)
@@ -76,7 +82,8 @@ class Verification:
         X = plan.chart.entered(flow.between_pieces)
         yield from self._halves("", np.abs(X - plan.X), plan.times)
         for stage, N, last in zip(window.stages, window.nodes, np.cumsum(window.nodes), strict=True):
-            inside, beyond = slice((last - N) * INSIDE, last * INSIDE + 1), self._beyond(stage, flow)
+            inside = slice((last - N) * INSIDE, last * INSIDE + 1)
+            beyond = self._beyond(stage, flow)
             yield from self._halves(" limit", np.maximum(beyond - beyond[0], 0.0)[inside], flow.times[inside])
             if stage is not window.stages[-1]:
                 yield self._end(stage, X[last], plan.times[last])
@@ -90,9 +97,11 @@ class Verification:
 
     def _flow(self, sample: int, plan: Plan | None) -> Flow | None:
         """Integrate the closed loop over a sample under its logged forces, or those of its plan; None without both."""
-        log, task = self._log, self._problem.spec
+        log = self._log
+        task = self._problem.spec
         ticks = round(task.controller.sample_time * task.plant.low_level_rate)
-        edges, x = log.time[sample] + np.arange(ticks + 1) / task.plant.low_level_rate, self._states[sample]
+        edges = log.time[sample] + np.arange(ticks + 1) / task.plant.low_level_rate
+        x = self._states[sample]
         if log.ticks:
             return self._integrate("force", x, edges, log.ticks["F"][sample * ticks : (sample + 1) * ticks])
         if plan is None:
@@ -102,7 +111,8 @@ class Verification:
 
     def _of_loop(self, sample: int, flow: Flow, plan: Plan | None) -> Iterator[Measured]:
         """Compare the closed loop over a sample with its plan, limits, next logged state and ends of stages."""
-        log, end = self._log, flow.times[-1:]
+        log = self._log
+        end = flow.times[-1:]
         if plan is not None:
             yield from self._halves("", np.abs(plan.chart.entered(flow.X[-1:]) - plan.states_at(end)), end)
         beyond = self._beyond(self._problem.stages[int(log["window/first"][sample])], flow)
@@ -110,7 +120,8 @@ class Verification:
         names = [*log.coordinates, *(f"{name} velocity" for name in log.coordinates)]
         after = self._states[sample + 1]
         yield "plant", np.abs(np.diff(self._chart(after).entered(np.vstack([flow.X[-1], after])), axis=0)), end, names
-        switch_times, chart = log.stages["switch_time"], self._chart(flow.X[0])
+        switch_times = log.stages["switch_time"]
+        chart = self._chart(flow.X[0])
         for index in np.flatnonzero((switch_times > flow.times[0] + 1e-9) & (switch_times <= end + 1e-9)):
             time = float(switch_times[index])
             Q, v = chart.leave(state_at(flow.times, chart.entered(flow.X), time)[None])

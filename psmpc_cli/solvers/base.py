@@ -129,7 +129,8 @@ class Solver(ABC):
         except (ArithmeticError, RuntimeError, ValueError) as error:
             logger.warning("the solver raised %s: %s", type(error).__name__, str(error).partition("\n")[0])
             return Solution(Outcome.FAILED, guess, np.nan, 0, time.perf_counter() - began, window, guess)
-        X, u = solution.plan.X, solution.plan.u
+        X = solution.plan.X
+        u = solution.plan.u
         finite = isfinite(np.vdot(X, X) + np.vdot(u, u))
         if solution.outcome.usable and not finite:
             return replace(solution, outcome=Outcome.FAILED)

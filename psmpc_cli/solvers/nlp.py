@@ -91,18 +91,25 @@ class Nlp:
 
     def __init__(self, model: RobotModel, shape: WindowShape, numbers: Parameters[np.ndarray]) -> None:
         self._functions = [stage_functions(model, stage) for stage in (*shape.stages, *shape.kept)]
-        self.shape, self.grid, self._p = shape, Grid(model.n, shape.nodes), numbers.mapped(_symbol)
-        K, S = self.grid.K, self.grid.switches
-        self._X, self._tau = ca.SX.sym("X", 2 * model.n, K + 1), ca.SX.sym("tau", S, K + 1)
+        self.shape = shape
+        self.grid = Grid(model.n, shape.nodes)
+        self._p = numbers.mapped(_symbol)
+        K = self.grid.K
+        S = self.grid.switches
+        self._X = ca.SX.sym("X", 2 * model.n, K + 1)
+        self._tau = ca.SX.sym("tau", S, K + 1)
         self._sums = ca.SX.sym("sum", 0 if shape.kept_errors else len(shape.kept), K + 1)
         self._e = ca.SX.sym("e", 2 * model.n if shape.soft else 0, K + 1)
         inputs = [ca.SX.sym("u", self._functions[s].inputs, N) for s, N in enumerate(shape.nodes)]
         self._u = [*(u for each in inputs for u in ca.horzsplit(each)), ca.SX(0, 1)]
-        xs, es = ca.horzsplit(ca.vertcat(self._X, self._tau, self._sums)), ca.horzsplit(self._e)
+        xs = ca.horzsplit(ca.vertcat(self._X, self._tau, self._sums))
+        es = ca.horzsplit(self._e)
         x = ca.vertcat(*(part for node in zip(xs, self._u, es, strict=True) for part in node))
         pieces = [self._X, self._tau, self._sums, self._e, *inputs]
-        self.pack, self.unpack = ca.Function("pack", pieces, [x]), ca.Function("unpack", [x], pieces)
-        costs, p = [ca.SX(0) for _ in shape.nodes], self._p
+        self.pack = ca.Function("pack", pieces, [x])
+        self.unpack = ca.Function("unpack", [x], pieces)
+        costs = [ca.SX(0) for _ in shape.nodes]
+        p = self._p
         for k, s in enumerate(self.grid.stage_of):
             costs[s] += self._cost(int(s), k - int(self.grid.first_node[s]), k)
         kept = [[self._cost(S + 1 + i, k, k) for k in range(K)] for i in range(len(shape.kept))]
@@ -114,7 +121,8 @@ class Nlp:
             paths[-1].append((costs[-1] + terminal, lambda window, *_: (-np.inf, window.cost_bound)))
         gaps: list[list[tuple[ca.SX, Bound]]] = [[(self._gap(k, xs[k + 1], kept), _zero)] for k in range(K)]
         rows = [row for node in zip([*gaps, []], paths, strict=True) for part in node for row in part]
-        self._bounds, g = [(row.numel(), bound) for row, bound in rows], ca.vertcat(*(row for row, _ in rows))
+        self._bounds = [(row.numel(), bound) for row, bound in rows]
+        g = ca.vertcat(*(row for row, _ in rows))
         self.sizes = {
             "N": K,
             "nx": [each.numel() for each in xs],
@@ -145,7 +153,8 @@ class Nlp:
 
     def bounds(self, window: Window, guess: Plan, within: float) -> dict[str, np.ndarray]:
         """Return lbx, ubx, lbg, ubg, durations within so many seconds of the guess. Paper (14), (17), (18)."""
-        (low, high), limits = self.limits(window, guess), [stage.limits for stage in window.stages]
+        low, high = self.limits(window, guess)
+        limits = [stage.limits for stage in window.stages]
         tau = np.diff(guess.instants, prepend=window.start)
         shortest = np.maximum(shortest_durations(window)[:-1], tau - within)
         rows = [(size, bound(window, low, high)) for size, bound in self._bounds]
@@ -160,7 +169,8 @@ class Nlp:
         self, none: float, X: np.ndarray, tau: np.ndarray, violation: float, inputs: Sequence[np.ndarray]
     ) -> np.ndarray:
         """Return one side of the bounds of x, `none` where there is none; soft limits of states are rows."""
-        states, durations = np.full(X.shape, none), np.full((len(tau), len(X)), none)
+        states = np.full(X.shape, none)
+        durations = np.full((len(tau), len(X)), none)
         durations[:, 0] = tau
         if not self.shape.soft:
             states[1:] = X[1:]
@@ -172,7 +182,8 @@ class Nlp:
 
     def _L(self, s: int, node: int, k: int, u: ca.SX) -> ca.SX:
         """Return the normalized cost of a stage, or of a kept one, at its own node, 0 to N_s, which is node k."""
-        p, S = self._p, self.grid.switches
+        p = self._p
+        S = self.grid.switches
         wanted = self._reference(s, node, self._duration(min(s, S), k))
         Lbar = self._functions[s].cost.function(self._X[:, k], u, wanted, p.weights[s], p.control_weights[s])
         return (Lbar - p.offset[s]) / p.scale[s]
@@ -193,12 +204,14 @@ class Nlp:
 
     def _reference(self, s: int, node: int, tau: ca.SX) -> ca.SX:
         """Return what a stage's cost follows at one of its nodes if the stage lasts tau [s]."""
-        path, nodes = self._p.paths[s], self._p.paths[s].shape[1] // 2
+        path = self._p.paths[s]
+        nodes = self._p.paths[s].shape[1] // 2
         return path[:, node] + path[:, nodes + node] * tau if nodes else self._p.targets[s]
 
     def _penalty(self) -> ca.SX:
         """Return what violated soft limits cost: rho times the integral of the violations, by the trapezoidal rule."""
-        K, penalty = self.grid.K, ca.SX(0)
+        K = self.grid.K
+        penalty = ca.SX(0)
         for k in range(K + 1):
             around = [self._step(interval, k) for interval in (k - 1, k) if 0 <= interval < K]
             penalty += sum(around) / 2 * ca.sum1(self._e[:, k])
@@ -213,7 +226,11 @@ class Nlp:
 
     def _path(self, k: int) -> Iterator[tuple[ca.SX, Bound]]:
         """Give the path rows of a node with their bounds."""
-        X, tau, sums, p, stages = self._X[:, k], self._tau[:, k], self._sums[:, k], self._p, self.shape.stages
+        X = self._X[:, k]
+        tau = self._tau[:, k]
+        sums = self._sums[:, k]
+        p = self._p
+        stages = self.shape.stages
         if k == 0:
             yield ca.vertcat(X - p.x0, sums), _zero
             if len(stages) > 1:
@@ -224,7 +241,8 @@ class Nlp:
             yield self._functions[s].end.function(X, p.targets[s]), partial(_end_condition, s)
         for i in range(len(self.shape.kept)):
             if self.shape.kept_errors and k:
-                wanted, functions = self._reference(len(stages) + i, k, p.horizon), self._functions[len(stages) + i]
+                wanted = self._reference(len(stages) + i, k, p.horizon)
+                functions = self._functions[len(stages) + i]
                 error = functions.error.function(X[: self.grid.n], wanted)
                 yield error, lambda window, *_, i=i: (-window.kept[i].bound[k - 1], window.kept[i].bound[k - 1])
             elif sums.numel() and k == self.grid.K:
@@ -244,7 +262,8 @@ def _fixed_end(s: int, window: Window, *_: object) -> tuple[float, float]:
 
 
 def _end_condition(s: int, window: Window, *_: object) -> tuple[np.ndarray, np.ndarray]:
-    tolerance, drift = window.stages[s].end_tolerance, window.stages[s].end_drift
+    tolerance = window.stages[s].end_tolerance
+    drift = window.stages[s].end_drift
     return drift - tolerance, drift + tolerance
 
 
@@ -303,7 +322,9 @@ class NlpSolver(Solver):
         report: Report | None = None,
         options: Mapping[str, Any] | None = None,
     ) -> None:
-        self._problem, self._plugin, self._report = problem, spec.kind, report
+        self._problem = problem
+        self._plugin = spec.kind
+        self._report = report
         settings: dict[str, Any] = {"print_level": 0, "tol": spec.tolerance, "max_iter": spec.max_iterations}
         if spec.kind == "ipopt":
             settings |= {"sb": "yes", "mu_init": 1e-2, "acceptable_iter": 0}
@@ -328,14 +349,17 @@ class NlpSolver(Solver):
 
     def _posed(self, window: Window, plan: Plan) -> tuple[Nlp, np.ndarray, np.ndarray]:
         """Return the NLP of a window, transcribed on first use, and its x and p of a plan on the window's mesh."""
-        shape, numbers = window_shape(window), window_numbers(window, plan.instants)
+        shape = window_shape(window)
+        numbers = window_numbers(window, plan.instants)
         if shape not in self._nlps:
             if shape.bounded and self._plugin != "ipopt":
                 raise InputError(f"found a bound on a cost and the solver {self._plugin}, expected ipopt")
             self._nlps[shape] = Nlp(self._problem.model, shape, numbers)
-        nlp, inputs = self._nlps[shape], list[np.ndarray]()
+        nlp = self._nlps[shape]
+        inputs = list[np.ndarray]()
         for stage, first, last in zip(window.stages, nlp.grid.first_node, nlp.grid.first_node[1:], strict=False):
-            X, u = plan.X[first:last], plan.u[first:last]
+            X = plan.X[first:last]
+            u = plan.u[first:last]
             inputs.append(self._problem.costs.inputs(stage, X, u).T)
         violations = scaled_violations(plan.X, *nlp.limits(window, plan)).T if shape.soft else 0.0
         tau = np.tile(np.diff(plan.instants, prepend=window.start)[:, None], nlp.grid.K + 1)
@@ -357,7 +381,9 @@ class NlpSolver(Solver):
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
         nlp, x0, p = self._posed(window, guess)
-        solver, bounds, began = self._function(nlp), nlp.bounds(window, guess, within), time.perf_counter()
+        solver = self._function(nlp)
+        bounds = nlp.bounds(window, guess, within)
+        began = time.perf_counter()
         if nlp.shape in self._clocks:
             self._clocks[nlp.shape].until = self.stop_time(began)
         with redirect_stdout(io.StringIO()) if self._report else nullcontext(io.StringIO()) as written:
@@ -366,7 +392,8 @@ class NlpSolver(Solver):
         if self._report is not None:
             for line in filter(ITERATION.match, written.getvalue().splitlines()):
                 self._report(line)
-        z, stats = _array(result["x"]), solver.stats()
+        z = _array(result["x"])
+        stats = solver.stats()
         outcome = Outcome.OPTIMAL if stats["success"] else OUTCOMES.get(stats["return_status"], Outcome.FAILED)
         stepped = outcome is Outcome.DEADLINE and stats["iter_count"] > 0  # else this is the guess
         if not np.isfinite(z).all():
@@ -394,7 +421,8 @@ class NlpSolver(Solver):
 def _unpacked(nlp: Nlp, window: Window, z: np.ndarray) -> tuple[Plan, np.ndarray]:
     """Return the plan of a decision vector, and by how much its nodes violate soft limits at worst."""
     X, tau, _, violations, *inputs = (np.ascontiguousarray(each.full().T) for each in nlp.unpack(z))
-    n, first = nlp.grid.n, nlp.grid.first_node
+    n = nlp.grid.n
+    first = nlp.grid.first_node
     plan = plan_on_mesh(window, X, np.zeros((nlp.grid.K, n)), tau[0])
     for s, stage in enumerate(window.stages):
         nodes = slice(first[s], first[s + 1] + 1)

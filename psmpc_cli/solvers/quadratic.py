@@ -87,8 +87,12 @@ class QpMethod(ABC):
 
     def solve(self, window: SqpWindow, model: Linearization, point: Point) -> QpSolution:
         """Solve the program about a point."""
-        bounds, (K, n), S, states = window.bounds, model.coupling.shape, len(point.tau), window.states
-        rows, X = window.rows(point, model.at), np.zeros((K + 1, 2 * n))
+        bounds = window.bounds
+        K, n = model.coupling.shape
+        S = len(point.tau)
+        states = window.states
+        rows = window.rows(point, model.at)
+        X = np.zeros((K + 1, 2 * n))
         numbers = {
             "positions": model.positions[1:],
             "gradient": model.gradient[1:],
@@ -170,7 +174,9 @@ class RiccatiQp(QpMethod):
     """Programs by our own method, which uses the structure of double integrators."""
 
     def __init__(self, kernel: ctypes.CDLL, tolerance: float) -> None:
-        self._kernel, self._tolerance, self._memory = kernel, tolerance, np.zeros(0)
+        self._kernel = kernel
+        self._tolerance = tolerance
+        self._memory = np.zeros(0)
 
     def _solve(self, numbers: dict[str, np.ndarray], soft: bool) -> tuple[QpStatus, int]:
         program = Program(
@@ -211,21 +217,36 @@ class PiqpQp(QpMethod):
         self._tolerance = tolerance
 
     def _solve(self, numbers: dict[str, np.ndarray], soft: bool) -> tuple[QpStatus, int]:
-        (K, n), S, low, high = numbers["coupling"].shape, len(numbers["tau"]), numbers["low"], numbers["high"]
+        K, n = numbers["coupling"].shape
+        S = len(numbers["tau"])
+        low = numbers["low"]
+        high = numbers["high"]
         node = (4 if soft else 2) * n
         x = node * np.arange(K)[:, None] + np.arange(2 * n)
-        e, tau = x + 2 * n if soft else x[:, :0], np.arange(node * K, node * K + S)
-        size, unknown, row = node * K + S, np.r_[x.ravel(), tau], np.arange(len(low))
+        e = x + 2 * n if soft else x[:, :0]
+        tau = np.arange(node * K, node * K + S)
+        size = node * K + S
+        unknown = np.r_[x.ravel(), tau]
+        row = np.arange(len(low))
         is_soft = soft & (row < x.size)
         equal = ~is_soft & (high <= low + NARROW)
         boxed = ~is_soft & ~equal & (row < x.size + S)
-        below, above, of_box = is_soft & np.isfinite(low), is_soft & np.isfinite(high), unknown[row[boxed]]
+        below = is_soft & np.isfinite(low)
+        above = is_soft & np.isfinite(high)
+        of_box = unknown[row[boxed]]
         hard = ~is_soft & ~equal & ~boxed & (np.isfinite(low) | np.isfinite(high))
-        rows, gaps = _matrix(len(low), size, _rows(numbers, x, tau)), _matrix(K * n, size, _gaps(numbers, x, tau))
+        rows = _matrix(len(low), size, _rows(numbers, x, tau))
+        gaps = _matrix(K * n, size, _gaps(numbers, x, tau))
         violated = _matrix(len(low), size, [(np.arange(e.size), e.ravel(), 1.0)])
-        cost, lowest, highest = np.zeros(size), np.full(size, -np.inf), np.full(size, np.inf)
-        cost[x], cost[tau], cost[e], lowest[e] = numbers["gradient"], numbers["gradient_tau"], numbers["penalty"], 0.0
-        lowest[of_box], highest[of_box] = low[boxed], high[boxed]
+        cost = np.zeros(size)
+        lowest = np.full(size, -np.inf)
+        highest = np.full(size, np.inf)
+        cost[x] = numbers["gradient"]
+        cost[tau] = numbers["gradient_tau"]
+        cost[e] = numbers["penalty"]
+        lowest[e] = 0.0
+        lowest[of_box] = low[boxed]
+        highest[of_box] = high[boxed]
         hessian = _matrix(size, size, _hessian(numbers, x, tau))
         solver = piqp.SparseSolver()
         solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
@@ -243,10 +264,16 @@ class PiqpQp(QpMethod):
             x_l=lowest,
             x_u=highest,
         )
-        status, result, z = solver.solve(), solver.result, numbers["multipliers"]
-        found, y, of_rows = np.array(result.x), np.array(result.y), np.array(result.z_u) - np.array(result.z_l)
-        numbers["X"][:], numbers["tau"][:] = found[x], found[tau]
-        numbers["gap_multipliers"][:], z[equal] = y[: K * n].reshape(K, n), y[K * n :]
+        status = solver.solve()
+        result = solver.result
+        z = numbers["multipliers"]
+        found = np.array(result.x)
+        y = np.array(result.y)
+        of_rows = np.array(result.z_u) - np.array(result.z_l)
+        numbers["X"][:] = found[x]
+        numbers["tau"][:] = found[tau]
+        numbers["gap_multipliers"][:] = y[: K * n].reshape(K, n)
+        z[equal] = y[K * n :]
         z[boxed] = (np.array(result.z_bu) - np.array(result.z_bl))[of_box]
         limited = np.r_[np.flatnonzero(below), np.flatnonzero(above), np.flatnonzero(hard)]
         np.add.at(z, limited, of_rows)
@@ -286,8 +313,12 @@ def _matrix(rows: int, columns: int, pieces: Sequence[Piece]) -> csr_array:
 
 def _hessian(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> list[Piece]:
     """Return the upper triangle of the Hessian."""
-    n, weight = numbers["coupling"].shape[1], -numbers["coupling"]
-    Q, v, (i, j), (c, d) = x[:, :n], x[:, n:], np.triu_indices(n), np.triu_indices(len(tau))
+    n = numbers["coupling"].shape[1]
+    weight = -numbers["coupling"]
+    Q = x[:, :n]
+    v = x[:, n:]
+    i, j = np.triu_indices(n)
+    c, d = np.triu_indices(len(tau))
     return [
         (Q[:, i], Q[:, j], numbers["positions"][:, i, j]),
         (v, v, weight),
@@ -300,8 +331,11 @@ def _hessian(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> 
 
 def _gaps(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> list[Piece]:
     """Return the rows of gaps."""
-    (K, n), by_v = numbers["coupling"].shape, numbers["gap_velocity"][:, :, None]
-    row, Q, v = np.arange(K * n).reshape(K, n), x[:, :n], x[:, n:]
+    K, n = numbers["coupling"].shape
+    by_v = numbers["gap_velocity"][:, :, None]
+    row = np.arange(K * n).reshape(K, n)
+    Q = x[:, :n]
+    v = x[:, n:]
     return [
         (row, Q, 1.0),
         (row, v, by_v[:, 1]),
@@ -313,8 +347,12 @@ def _gaps(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> lis
 
 def _rows(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> list[Piece]:
     """Return the rows of `SqpWindow`."""
-    (K, n), S, ends = numbers["coupling"].shape, len(tau), len(numbers["end_rows"])
-    at, v, (until, of) = x.size + 2 * S, x[:, n:], np.tril_indices(S)
+    K, n = numbers["coupling"].shape
+    S = len(tau)
+    ends = len(numbers["end_rows"])
+    at = x.size + 2 * S
+    v = x[:, n:]
+    until, of = np.tril_indices(S)
     pieces: list[Piece] = [
         (np.arange(x.size + S), np.r_[x.ravel(), tau], 1.0),
         (x.size + S + until, tau[of], 1.0),

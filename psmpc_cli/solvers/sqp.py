@@ -48,7 +48,8 @@ The source has 1e-5. So little lets the iterations zigzag between two points whi
 cent: up to 22 iterations of a warm window, where 0.1 takes up to 5.
 """
 
-S_PHI, S_THETA = 2.3, 1.1
+S_PHI = 2.3
+S_THETA = 1.1
 """Exponents of the rule that says when the objective has to fall."""
 
 DECREASE = 1e-4
@@ -98,7 +99,9 @@ class SqpSolver(Solver):
     """
 
     def __init__(self, problem: Problem, spec: SolverSpec, report: Report | None = None) -> None:
-        self._model, self._spec, self._report = problem.model, spec, report
+        self._model = problem.model
+        self._spec = spec
+        self._report = report
         self.deadline = np.inf if spec.deadline is None else spec.deadline
         self._setups: dict[tuple[object, ...], tuple[VelocityForm, WindowBounds, QpMethod]] = {}
         if spec.compiled:
@@ -124,7 +127,8 @@ class SqpSolver(Solver):
         return RiccatiQp(kernel, SHARPER * self._spec.tolerance)
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
-        began, tau = time.perf_counter(), np.diff(guess.instants, prepend=window.start)
+        began = time.perf_counter()
+        tau = np.diff(guess.instants, prepend=window.start)
         form, shared, method = self._setup(window)
         numbers = window_numbers(window, guess.instants)
         sqp_window = SqpWindow(form, window_bounds(shared, window, guess, tau, within), numbers)
@@ -181,7 +185,9 @@ class _Solve:
                 late_iterate, late_model = self._begin(later)
                 late_qp = self._program(later, late_model, ends)
                 if self._keeps_limits(later, late_qp):
-                    iterate, model, qp = late_iterate, late_model, late_qp
+                    iterate = late_iterate
+                    model = late_model
+                    qp = late_qp
         self._tell(0, iterate, None)
         filter_ = Filter()
         for count in range(1, self.spec.max_iterations + 1):
@@ -312,7 +318,8 @@ class Filter:
             iterate: Where the step starts.
             slope: m, with the penalties of soft limits.
         """
-        theta, theta_k = trial.violation, iterate.violation
+        theta = trial.violation
+        theta_k = iterate.violation
         phi_k = iterate.at.objective
         phi = trial.at.objective - ROUNDING * (1 + abs(phi_k))
         steep = slope < 0 and trial.share * (-slope) ** S_PHI > theta_k**S_THETA
@@ -338,7 +345,10 @@ def later_switch(window: SqpWindow, point: Point) -> Point | None:
     A stage that is too short for its end condition has to last longer and to be faster at once. The product of the two
     is not in a linear program; from a late instant the second alone is enough.
     """
-    form, bounds, last, horizon = window.form, window.bounds, len(point.tau) - 1, window.horizon
+    form = window.form
+    bounds = window.bounds
+    last = len(point.tau) - 1
+    horizon = window.horizon
     if last < 0:
         return None
     longest, together = bounds.high[window.states :][[last, 2 * last + 1]]

@@ -52,13 +52,17 @@ class WindowBounds:
 
 def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
     """Return the bounds that windows of one shape, limits and tolerances share, those of durations left open."""
-    grid, stages, S = form.grid, window.stages, form.grid.switches
+    grid = form.grid
+    stages = window.stages
+    S = form.grid.switches
     low, high = node_limits(grid, stages)
     first = np.array([low[0], high[0]])
     low, high = moved_apart(low[1:], high[1:]) if window.soft else (low[1:], high[1:])
     ends = [stage.end_tolerance for stage, of_form in zip(stages, form.stages, strict=True) if of_form.end_rows]
-    tolerance, open_rows = np.concatenate([np.zeros(0), *ends]), np.full(2 * S, np.inf)
-    lows, highs = [low.ravel(), -open_rows, -tolerance], [high.ravel(), open_rows, tolerance]
+    tolerance = np.concatenate([np.zeros(0), *ends])
+    open_rows = np.full(2 * S, np.inf)
+    lows = [low.ravel(), -open_rows, -tolerance]
+    highs = [high.ravel(), open_rows, tolerance]
     inputs = [
         np.array([getattr(stage.limits, f"acceleration_{side}") for stage in stages])[grid.stage_of]
         for side in ("low", "high")
@@ -83,8 +87,10 @@ def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
 
 def window_bounds(shared: WindowBounds, window: Window, guess: Plan, tau: np.ndarray, within: float) -> WindowBounds:
     """Return the bounds of a window about a guess, durations within so many seconds of guessed ones (S,) [s]."""
-    S, first = len(tau), len(window.x0) * window.K  # the durations stand after the states
-    low, high = shared.low.copy(), shared.high.copy()
+    S = len(tau)
+    first = len(window.x0) * window.K  # the durations stand after the states
+    low = shared.low.copy()
+    high = shared.high.copy()
     if window.chart.spatial:
         rates = np.hstack([np.zeros((window.K, len(window.x0) // 2)), window.shift_of_limits(guess)[1:]]).ravel()
         low[:first] += rates
@@ -137,7 +143,8 @@ class SqpWindow:
         """Return the rows at a point, (R,)."""
         rows = [point.X[1:].ravel(), point.tau, point.tau.cumsum(), at.ends]
         if len(self.bounds.input_low):
-            h, dv = self.form.steps(point, self.horizon), np.diff(point.X[:, self.form.grid.n :], axis=0)
+            h = self.form.steps(point, self.horizon)
+            dv = np.diff(point.X[:, self.form.grid.n :], axis=0)
             rows += [(dv - h * bound).ravel() for bound in (self.bounds.input_low, self.bounds.input_high)]
         return np.concatenate(rows)
 
@@ -147,7 +154,9 @@ class SqpWindow:
         In natural units: m, rad, m/s, rad/s, s. A limit on an acceleration counts by the velocity it costs in its
         interval.
         """
-        bounds, rows, hard = self.bounds, self.rows(point, at), slice(self.states if self.bounds.soft else 0, None)
+        bounds = self.bounds
+        rows = self.rows(point, at)
+        hard = slice(self.states if self.bounds.soft else 0, None)
         every = np.concatenate([np.abs(at.gaps).ravel(), (bounds.low - rows)[hard], (rows - bounds.high)[hard]])
         return float(max(every.max(), 0.0))
 

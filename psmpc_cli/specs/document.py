@@ -33,7 +33,8 @@ Location = tuple[str | int, ...]
 LONGEST = 60
 """Characters of a value that a message repeats."""
 
-DEEPEST, MOST_VALUES = 30, 20_000
+DEEPEST = 30
+MOST_VALUES = 20_000
 """Levels of nesting (a task has seven), and values of a file once its aliases are expanded."""
 
 MOST_FAULTS = 50
@@ -199,13 +200,15 @@ def read(name: str, text: str) -> Document:
         return Document(name, text, data, origins, tuple(faults))
     except MarkedYAMLError as error:
         since = f", {error.context} that begins in line {error.context_mark.line + 1}" if error.context_mark else ""
-        message, place = f"found no plain YAML{since}: {error.problem}", _place_of(error.problem_mark)
+        message = f"found no plain YAML{since}: {error.problem}"
+        place = _place_of(error.problem_mark)
     except ReaderError as error:
         start = text.rfind("\n", 0, error.position) + 1
         place = Place(text.count("\n", 0, error.position) + 1, error.position - start + 1)
         message = f"found the control character U+{ord(text[error.position]):04X}, expected printable text"
     except RecursionError:
-        message, place = f"found no plain YAML: {TOO_LARGE}", Place(1, 1)
+        message = f"found no plain YAML: {TOO_LARGE}"
+        place = Place(1, 1)
     return Document(name, text, faults=(Fault((), message, place=place),))
 
 
@@ -216,13 +219,15 @@ def _put(
 
     `origins` are those of the value and of what is inside it, by path from it. A text on the way stands for its kind.
     """
-    data, gone = copy.deepcopy(document.data), (at, *without)
+    data = copy.deepcopy(document.data)
+    gone = (at, *without)
     kept = {path: origin for path, origin in document.origins.items() if not any(lies_inside(path, g) for g in gone)}
     for each in without:
         del _inside(data, each[:-1])[each[-1]]
     around: Any = data
     for length, key in enumerate(at[:-1], start=1):
-        inner, place = around.get(key) if isinstance(around, dict) else around[key], at[:length]
+        inner = around.get(key) if isinstance(around, dict) else around[key]
+        place = at[:length]
         if inner is None or isinstance(inner, str):
             kept |= {(*place, "kind"): kept[place]} if inner else {}
             kept[place] = replace(origins[()], written=None)
@@ -310,7 +315,8 @@ def _convert(
 
     The first of equal keys counts.
     """
-    place, tag = _place_of(node.start_mark), node.tag.replace("tag:yaml.org,2002:", "!!")
+    place = _place_of(node.start_mark)
+    tag = node.tag.replace("tag:yaml.org,2002:", "!!")
     if len(path) > DEEPEST or len(origins) > MOST_VALUES:
         raise MarkedYAMLError(problem=TOO_LARGE, problem_mark=node.start_mark)
     if tag not in ("!!str", "!!seq", "!!map"):
@@ -322,7 +328,8 @@ def _convert(
         return [_convert(item, (*path, index), None, origins, faults) for index, item in enumerate(node.value)]
     mapping: dict[str, Data] = {}
     for key_node, value_node in node.value:
-        word, place = key_node.value, _place_of(key_node.start_mark)
+        word = key_node.value
+        place = _place_of(key_node.start_mark)
         if not isinstance(word, str):
             faults.append(Fault(path, "found a list or mapping as a key, expected a word", place=place))
         elif word in mapping:

@@ -106,7 +106,10 @@ def _explained(details: list[ErrorDetails], model: type[Spec]) -> Iterator[Any]:
     unknown = [str(detail["loc"][0]) for detail in details if detail["type"] == "extra_forbidden"]
     misspelt = {suggestion(key, keys) for key in unknown}
     for detail in details:
-        kind, at, context, value = detail["type"], detail["loc"], detail.get("ctx", {}), detail["input"]
+        kind = detail["type"]
+        at = detail["loc"]
+        context = detail.get("ctx", {})
+        value = detail["input"]
         if kind == FLAW:
             error = flaw(**context)
         elif kind == "extra_forbidden":

@@ -44,7 +44,8 @@ def find(kind: Kind, reference: str | Path, beside: Path | None = None) -> Path:
         return path
     if str(reference) in known:
         return known[str(reference)]
-    options, where = choice(Path(reference).stem, known), f"{reference}: " if beside is None else ""
+    options = choice(Path(reference).stem, known)
+    where = f"{reference}: " if beside is None else ""
     raise SpecError(f"{where}found no file {quoted(shown(path))}{options}: a built-in {kind}, or the path of a file")
 
 

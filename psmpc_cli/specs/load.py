@@ -182,7 +182,8 @@ def _read_robot(path: Path) -> Document:
     built, sources = spatial_robot(urdf, file)
     notes = [f"{Path(file.urdf).name}, {note}" for note in urdf.notes]
     own = {key: value for key, value in mapping(document.data).items() if key not in ("urdf", "locked", "base", "arms")}
-    given, limits = own.get("limits", {}), built["limits"]
+    given = own.get("limits", {})
+    limits = built["limits"]
     merged = {part: {**limits.get(part, {}), **given.get(part, {})} for part in {**limits, **given}}
     data = {**built, **own, "limits": merged, "assumed": notes}
     origins = {path: origin for path, origin in origins_of(data, sources).items() if path not in document.origins}
@@ -234,7 +235,8 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
 def _kind_of(document: Document) -> Kind | None:
     """Return whether a document describes a robot or a task by the keys that only one of them has, None if in doubt."""
     keys = set(mapping(document.data))
-    robot, task = bool(keys & {"arms", "base"}), bool(keys & {"stages", "skills", "robot"})
+    robot = bool(keys & {"arms", "base"})
+    task = bool(keys & {"stages", "skills", "robot"})
     return None if robot == task else "robot" if robot else "task"
 
 
@@ -242,7 +244,8 @@ def _validate(
     document: Document, kind: Kind, model: type[Model], context: Context | Urdf | None
 ) -> tuple[Model | None, tuple[Fault, ...]]:
     """Return a document as a model, None if it is not valid, and its faults."""
-    data, other = document.data, _kind_of(document)
+    data = document.data
+    other = _kind_of(document)
     if not isinstance(data, dict) or other not in (kind, None):
         required = [name for name, field in model.model_fields.items() if field.is_required()]
         found = "an empty file" if data is None else f"the description of a {other}" if other else document.found(())

@@ -120,7 +120,8 @@ class ObjectSpec(Spec):
 
 def complete(target_object: ObjectSpec, before: Fields, context: Context) -> RuleErrors:
     """Give an object that is let go before it is taken, or is half a body."""
-    order, grasp = context.stages, target_object.grasp
+    order = context.stages
+    grasp = target_object.grasp
     if order and order.index(target_object.let_go_by) <= order.index(target_object.taken_by):
         yield ("let_go_by",), expected(f"a stage after {quoted(target_object.taken_by)}, which takes the object")
     of_body = ("inertia", "motion", "destination", "grasp") if target_object.mass is None else ()
@@ -132,7 +133,8 @@ def complete(target_object: ObjectSpec, before: Fields, context: Context) -> Rul
     if grasp is not None and grasp.known and len(grasp.at) == 1:
         wanted = "false with one gripper: it closes no chain, which the low-level law would have to know"
         yield ("grasp", "known"), expected(wanted)
-    plant, moments = before.get("plant"), target_object.inertia or ()
+    plant = before.get("plant")
+    moments = target_object.inertia or ()
     if target_object.mass is not None and plant is not None and plant.kind == "ideal":
         yield ("mass",), expected("plant rk4 or mujoco: ideal has no forces", "a mass with plant ideal", at_key=True)
     if len(moments) == 3 and 2 * max(moments) > sum(moments):

@@ -53,7 +53,8 @@ def weigh(compare: Sequence[PairwiseComparison], stages: Sequence[str]) -> Weigh
         compare: The comparisons, each of two of the stages; they connect all.
         stages: What is compared, n names.
     """
-    incidence, logs = _incidence(compare, stages), np.log([ratio for _, _, ratio in compare])
+    incidence = _incidence(compare, stages)
+    logs = np.log([ratio for _, _, ratio in compare])
     logarithms = np.r_[0.0, np.linalg.pinv(incidence[:, 1:]) @ logs]
     residuals = logs - incidence @ logarithms
     surplus = len(compare) - len(stages) + 1

@@ -213,7 +213,8 @@ class PartLimits(Spec):
 def _fit(written: Any, before: Fields, context: Context) -> RuleErrors:
     """Give limits of parts that the robot does not have, with wrong lengths, and bounds of angles without a unit."""
     sizes = _parts("space" in mapping(context.file.data), before["arms"]) if "arms" in before else context.sizes
-    known, axes = [*sizes, "arms"], axes_of(sizes, "joint")
+    known = [*sizes, "arms"]
+    axes = axes_of(sizes, "joint")
     for key in (key for key in written if sizes and key not in known):
         yield (key,), flaw(choice(key, known), "no such part of the robot", at_key=True)
     for quantity in QUANTITIES:
@@ -244,9 +245,11 @@ def wider(
 ) -> RuleErrors:
     """Give limits that are wider than outer ones, which are keyed by whose they are."""
     for part, quantity, (whose, layer) in product(sizes, QUANTITIES, outer.items()):
-        given, allowed = limits_of_part(limits, part, quantity) or (), limits_of_part(layer, part, quantity) or ()
+        given = limits_of_part(limits, part, quantity) or ()
+        allowed = limits_of_part(layer, part, quantity) or ()
         for index, (own, around) in enumerate(zip(given, allowed, strict=False)):
-            (low, high), (least, most) = own or (-np.inf, np.inf), around or (-np.inf, np.inf)
+            low, high = own or (-np.inf, np.inf)
+            least, most = around or (-np.inf, np.inf)
             if own is not None and (low < least or high > most):
                 key = part if part in limits and getattr(limits[part], quantity) is not None else "arms"
                 yield (key, quantity, index), expected(f"within {whose} [{least:.6g}, {most:.6g}]")
@@ -284,7 +287,8 @@ class RobotSpec(Spec):
     @property
     def bodies(self) -> tuple[Body, ...]:
         """The base, then the links of each arm from the base outward; a body comes after the one that carries it."""
-        bodies, index = [_body("base", self.base)], {"base": 0}
+        bodies = [_body("base", self.base)]
+        index = {"base": 0}
         for name, arm in self.arms.items():
             carrier = index[arm.mount if isinstance(arm.mount, str) else "base"]
             links: Sequence[Link | SpatialLink] = arm.links
@@ -408,7 +412,8 @@ def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits]) -> Limits:
             for limits in (robot.limits, *more)
         ]
         low, high = np.moveaxis(np.array(layers, dtype=np.float64), -1, 0)
-        bounds[f"{quantity}_low"], bounds[f"{quantity}_high"] = low.max(axis=0), high.min(axis=0)
+        bounds[f"{quantity}_low"] = low.max(axis=0)
+        bounds[f"{quantity}_high"] = high.min(axis=0)
     return Limits(**bounds)
 
 

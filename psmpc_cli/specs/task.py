@@ -244,7 +244,8 @@ def _target(written: Any, before: Fields, context: Context) -> RuleErrors:
 
 def _end(end: EndCondition, before: Fields, context: Context) -> RuleErrors:
     """Give coordinates of an end condition that the robot does not have, and tolerances that are missing or misfit."""
-    sizes, space = context.sizes, context.spaces.get(before.get("skill", ""))
+    sizes = context.sizes
+    space = context.spaces.get(before.get("skill", ""))
     if not sizes or space is None:
         return
     valid = names(sizes, space)
@@ -335,7 +336,9 @@ def _own_names(key: str, entries: tuple[StageSpec | MonitorSpec, ...], before: F
 
 def _instants(stages: tuple[StageSpec, ...], before: Fields, context: Context) -> RuleErrors:
     """Give fixed switch times that no order of events can keep."""
-    limit, earliest, fixed = before.get("time_limit", np.inf), 0.0, 0.0
+    limit = before.get("time_limit", np.inf)
+    earliest = 0.0
+    fixed = 0.0
     for i, stage in enumerate(stages):
         earliest += max(stage.dwell, stage.target.times[-1] if isinstance(stage.target, TrajectorySpec) else 0.0)
         if stage.at is not None and (stage.at < earliest or stage.at == fixed):
@@ -373,7 +376,8 @@ def _plant(plant: PlantSpec, before: Fields, context: Context) -> RuleErrors:
     """Give a plant whose ticks and steps do not divide a sample."""
     if (controller := before.get("controller")) is None:
         return
-    sample, rate = controller.sample_time, plant.low_level_rate
+    sample = controller.sample_time
+    rate = plant.low_level_rate
     if not _is_whole(sample * rate):
         found = f"{rate:g} Hz, which makes {sample * rate:.6g} ticks of a sample_time of {sample:g} s"
         yield ("low_level_rate",), expected("a whole number of ticks", found)
@@ -394,7 +398,8 @@ def _within_the_robots(limits: Mapping[str, PartLimits], before: Fields, context
 
 def _skills(skills: Mapping[str, SkillSpec], before: Fields, context: Context) -> RuleErrors:
     """Give limits of skills that are wider than those around them, and inputs that the solver cannot have."""
-    controller, solver = before.get("controller"), before.get("solver")
+    controller = before.get("controller")
+    solver = before.get("solver")
     joint_only = bool(controller and controller.kind == "htmpc") or bool(solver and solver.kind != "ipopt")
     outer = {"the robot's": context.robot_limits, "the task's": before.get("limits", {})}
     for name, skill in skills.items():
@@ -418,7 +423,8 @@ def _monitor(monitor: MonitorSpec, before: Fields, context: Context) -> RuleErro
 
 def _uncertainty(spec: UncertaintySpec, before: Fields, context: Context) -> RuleErrors:
     """Give what the plant cannot do, a delay beyond the horizon, and a payload without an object."""
-    controller, plant = before.get("controller"), before.get("plant")
+    controller = before.get("controller")
+    plant = before.get("plant")
     if controller is not None and spec.delay * controller.sample_time >= controller.horizon:
         found = f"{spec.delay} samples of {controller.sample_time:g} s"
         yield ("delay",), expected(f"less than the horizon of {controller.horizon:g} s", found)
@@ -495,7 +501,8 @@ class TaskSpec(Spec):
     @property
     def judged(self) -> tuple[str, ...]:
         """Names of what decides whether the mission succeeded: the monitors, and what becomes of a massive object."""
-        target_object, names = self.object, tuple(monitor.name for monitor in self.monitors)
+        target_object = self.object
+        names = tuple(monitor.name for monitor in self.monitors)
         if target_object is None or target_object.mass is None:
             return names
         return (*names, *OBJECT_CHECKS[: 2 if target_object.destination is None else 3])

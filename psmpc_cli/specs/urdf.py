@@ -128,7 +128,8 @@ class Urdf:
 
     def chain(self, tip: str) -> list[UrdfJoint]:
         """Return the joints from the root to a link."""
-        carried, found = self.carried, list[UrdfJoint]()
+        carried = self.carried
+        found = list[UrdfJoint]()
         while tip in carried:
             found.insert(0, carried[tip])
             tip = carried[tip].parent
@@ -180,11 +181,13 @@ class Urdf:
                 self._check_single(part, whose)
 
     def _link(self, element: Any, name: str) -> UrdfLink:
-        inertial, line = element.find("inertial"), element.sourceline
+        inertial = element.find("inertial")
+        line = element.sourceline
         if inertial is None:
             self._note(element, f"link {quoted(name)} has no <inertial>: it has no mass")
             return UrdfLink(name, line, 0.0, np.zeros(3), np.zeros((3, 3)))
-        place, mass = self._origin(inertial), self._number(inertial, "mass/@value")
+        place = self._origin(inertial)
+        mass = self._number(inertial, "mass/@value")
         xx, yy, zz = (self._number(inertial, f"inertia/@{term}") for term in ("ixx", "iyy", "izz"))
         xy, xz, yz = (self._number(inertial, f"inertia/@{term}", "0") for term in ("ixy", "ixz", "iyz"))
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -196,13 +199,15 @@ class Urdf:
         return UrdfLink(name, line, mass, place[:3, 3], turned @ inertia @ turned.T)
 
     def _joint(self, element: Any, name: str) -> UrdfJoint:
-        kind, own = element.get("type"), f"of joint {quoted(name)}"
+        kind = element.get("type")
+        own = f"of joint {quoted(name)}"
         if kind not in KINDS:
             self._wrong(element, f"the type {quoted(str(kind))} {own}", choice(str(kind), KINDS))
         ends = {end: element.xpath(f"string({end}/@link)") for end in ("parent", "child")}
         for end in (end for end, link in ends.items() if not link):
             self._wrong(element, f"no {end} {own}", f"<{end} link=...>")
-        axis, given = np.array([1.0, 0.0, 0.0]), element.find("axis")
+        axis = np.array([1.0, 0.0, 0.0])
+        given = element.find("axis")
         if kind in MOVING and given is None:
             self._note(element, f"joint {quoted(name)} has no <axis>: taken as 1 0 0")
         elif kind in MOVING:
@@ -216,11 +221,13 @@ class Urdf:
         if (mimic := element.find("mimic")) is not None:
             self._note(mimic, f"joint {quoted(name)} mimics another: taken as a joint of its own")
         limits, rate = self._limits(element, name, kind)
-        line, origin = element.sourceline, self._origin(element)
+        line = element.sourceline
+        origin = self._origin(element)
         return UrdfJoint(name, line, kind, ends["parent"], ends["child"], origin, axis, limits, rate)
 
     def _limits(self, element: Any, name: str, kind: str) -> tuple[tuple[float, float] | None, float | None]:
-        limit, own = element.find("limit"), f"of joint {quoted(name)}"
+        limit = element.find("limit")
+        own = f"of joint {quoted(name)}"
         if limit is None and kind in ("revolute", "prismatic"):
             self._note(element, f"joint {quoted(name)} has no <limit>: without limits")
         if limit is None or kind not in MOVING:
@@ -260,7 +267,8 @@ class Urdf:
     def _origin(self, element: Any) -> Matrix:
         from scipy.spatial.transform import Rotation
 
-        place, rpy = np.eye(4), self._numbers(element, "origin/@rpy", 3, "0 0 0")
+        place = np.eye(4)
+        rpy = self._numbers(element, "origin/@rpy", 3, "0 0 0")
         if max(np.abs(rpy)) > 4 * np.pi:
             angles = " ".join(f"{angle:g}" for angle in rpy)
             self._note(element.find("origin"), f'the angles rpy="{angles}" look like degrees: taken as rad')
@@ -291,7 +299,8 @@ class Urdf:
 
     def _check_tree(self, root: Any) -> None:
         """Check that the joints make a tree of the links."""
-        links, carried = self.links, dict[str, UrdfJoint]()
+        links = self.links
+        carried = dict[str, UrdfJoint]()
         for joint in self.joints.values():
             for end in (end for end in (joint.parent, joint.child) if end and end not in links):
                 self._wrong(joint, f"the unknown link {quoted(end)} of joint {quoted(joint.name)}", choice(end, links))
@@ -326,7 +335,8 @@ def read_urdf(path: Path) -> Urdf:
     Raises:
         SpecError: It cannot be read or is no robot; the message lists everything that is wrong, with lines.
     """
-    text, name = read_text(path), shown(path)
+    text = read_text(path)
+    name = shown(path)
     try:
         root = etree.fromstring(text.encode())
     except etree.XMLSyntaxError as error:
@@ -395,7 +405,8 @@ def spatial_robot(urdf: Urdf, file: UrdfRobot) -> tuple[dict[str, Any], Sources]
         if joint.kind in MOVING and joint.name not in bodies:
             urdf.notes.append(f"{note} belongs to no arm: locked at {file.locked.get(joint.name, 0.0):g}")
     robot: dict[str, Any] = {"name": urdf.name, "space": "spatial", "base": _inertial(urdf, places, "base")}
-    arms, limits = robot.setdefault("arms", {}), robot.setdefault("limits", {})
+    arms = robot.setdefault("arms", {})
+    limits = robot.setdefault("limits", {})
     sources: Sources = {("name",): f"{urdf.file}:{urdf.sourceline}: <robot>", ("base",): urdf.where(urdf.links[base])}
     for name, (tip, own) in chains.items():
         links = []
@@ -422,7 +433,8 @@ def _chains(urdf: Urdf, file: UrdfRobot, base: str) -> dict[str, tuple[str, list
     Raises:
         SpecError: An arm that is named has no joint.
     """
-    above, found = {joint.child for joint in urdf.chain(base)}, dict[str, tuple[str, list[UrdfJoint]]]()
+    above = {joint.child for joint in urdf.chain(base)}
+    found = dict[str, tuple[str, list[UrdfJoint]]]()
     taken = set(file.locked)
     tips = {name: arm.tip for name, arm in (file.arms or {}).items()}
     for name, tip in (tips or {leaf: leaf for leaf in urdf.leaves if leaf != base}).items():
@@ -441,13 +453,15 @@ def _placed(urdf: Urdf, base: str, locked: Mapping[str, float], bodies: Mapping[
 
     `bodies` are those of the joints that move; the others are where they are locked.
     """
-    places, waiting = {base: ("base", np.eye(4))}, [base]
+    places = {base: ("base", np.eye(4))}
+    waiting = [base]
     while waiting:
         link = waiting.pop()
         body, frame = places[link]
         for joint in urdf.joints.values():
             if joint.parent == link and joint.child not in places:
-                moves, at = joint.name in bodies, locked.get(joint.name, 0.0)
+                moves = joint.name in bodies
+                at = locked.get(joint.name, 0.0)
                 places[joint.child] = (bodies[joint.name], np.eye(4)) if moves else (body, frame @ _rigid(joint, at))
                 waiting.append(joint.child)
             elif joint.child == link and joint.parent not in places and joint.kind == "fixed":
@@ -477,7 +491,8 @@ def _inertial(urdf: Urdf, places: Places, body: str) -> dict[str, Any]:
         SpecError: They have no mass, or no moments of a rigid body.
     """
     links = [(urdf.links[link], frame) for link, (of, frame) in places.items() if of == body]
-    mass, where = sum(link.mass for link, _ in links), f"{urdf.file}:{links[0][0].sourceline}"
+    mass = sum(link.mass for link, _ in links)
+    where = f"{urdf.file}:{links[0][0].sourceline}"
     if mass <= 0:
         names = _names([link.name for link, _ in links])
         raise SpecError(f"{where}: found no mass of {names}, expected one: it moves on its own")
@@ -485,7 +500,8 @@ def _inertial(urdf: Urdf, places: Places, body: str) -> dict[str, Any]:
     centre = sum((link.mass * at for (link, _), at in zip(links, centres, strict=True)), np.zeros(3)) / mass
     inertia = np.zeros((3, 3))
     for (link, frame), at in zip(links, centres, strict=True):
-        turned, d = frame[:3, :3], at - centre
+        turned = frame[:3, :3]
+        d = at - centre
         inertia += turned @ link.inertia @ turned.T + link.mass * (d @ d * np.eye(3) - np.outer(d, d))
     principal = np.linalg.eigvalsh(inertia)
     if principal[0] <= 0:

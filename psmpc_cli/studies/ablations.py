@@ -26,7 +26,11 @@ Curve = tuple[np.ndarray, np.ndarray]
 Curves = Mapping[str, Curve]
 Logs = Mapping[str, Run]
 
-OURS, EQUAL, PRINTED, NONE, RANGE = "ours", "equal priorities", "printed", "none", "range"
+OURS = "ours"
+EQUAL = "equal priorities"
+PRINTED = "printed"
+NONE = "none"
+RANGE = "range"
 ALL_PRINTED = "range and printed"
 
 EVERY_RUN = ("controller.kind=psmpc", "log.plans=false", "log.shares=false")
@@ -125,7 +129,8 @@ def run_ablations(
             variants.setdefault(_on_mesh(kind, count, nodes), changes)
     tasks = {name: changed(task, (*converged, *EVERY_RUN, *changes)) for name, changes in variants.items()}
     logs = run_tasks(tasks, jobs=jobs, done=done)
-    equal, ours = pick_window(logs[EQUAL]), pick_window(logs[OURS])
+    equal = pick_window(logs[EQUAL])
+    ours = pick_window(logs[OURS])
     return [
         _pending_cost(logs, (equal, ours, with_priorities(ours, (1.0, 1.0))), points),
         _normalization(logs),
@@ -150,7 +155,8 @@ def _pending_cost(logs: Logs, windows: Sequence[OneWindow], points: int) -> Abla
     panels |= {f"{what}, {name}": {} for what in ("J", "minima", "found") for name in runs}
     numbers = _measured(logs, runs)
     for one in windows:
-        label, window = one.label, one.window
+        label = one.label
+        window = one.window
         instants, printed = scan_instants(one, instant_grid(window.horizon, points))
         numbers |= {f"T0 [s], {label}": window.start, f"earliest t_s [s], {label}": float(instants[0])}
         for name, delta in ((PRINTED, 0.0), (OURS, window.pending_cost)):
@@ -184,7 +190,8 @@ def _discretization(logs: Logs, one: OneWindow, nodes: int) -> Ablation:
 
 def ahead(log: Run) -> Curve:
     """Return the time until the planned end of the current stage [s] over time [s]; NaN where none is planned."""
-    instants, first = log["window/instants"], log["window/first"]
+    instants = log["window/instants"]
+    first = log["window/first"]
     return log.time, instants[np.arange(len(first)), first] - log.time
 
 
@@ -208,8 +215,10 @@ def _measured(logs: Logs, names: Iterable[str]) -> dict[str, float]:
     """Return what runs are compared by, one number for each quantity and run."""
     numbers: dict[str, float] = {}
     for name in names:
-        log, (time, to_go) = logs[name], ahead(logs[name])
-        known, same = np.isfinite(to_go), np.diff(log["window/first"]) == 0
+        log = logs[name]
+        time, to_go = ahead(logs[name])
+        known = np.isfinite(to_go)
+        same = np.diff(log["window/first"]) == 0
         moves = np.abs(np.diff(to_go + time))[same & known[1:] & known[:-1]]
         late = to_go[known] >= log.task.spec.controller.horizon - JUMP / 2
         numbers |= {
@@ -243,11 +252,13 @@ def pick_window(log: Run) -> OneWindow:
     Raises:
         LogError: The log has no plans, or no window with one switch.
     """
-    with_one, first = np.flatnonzero(log["window/count"] == 2), log["window/first"]
+    with_one = np.flatnonzero(log["window/count"] == 2)
+    first = log["window/first"]
     if not len(with_one):
         raise LogError(f"{log.path}: found no window with one switch, expected a run of several stages")
     with_one = with_one[first[with_one] == first[with_one[0]]]
-    problem, to_go = build_problem(converging(log.task)), ahead(log)[1][with_one]
+    problem = build_problem(converging(log.task))
+    to_go = ahead(log)[1][with_one]
     solve = logged_solve(log, int(with_one[np.argmin(np.abs(to_go - 0.3 * problem.spec.controller.horizon))]))
     return OneWindow(_ratio(solve.window.omega), problem, build_solver(problem), solve.window, solve.plan)
 
@@ -261,13 +272,17 @@ def with_priorities(one: OneWindow, priorities: tuple[float, float]) -> OneWindo
 
     It is normalized from the optimum they have with the old normalization, as at the sample after they were changed.
     """
-    window, controller = replace(one.window, omega=np.array(priorities)), one.problem.spec.controller
+    window = replace(one.window, omega=np.array(priorities))
+    controller = one.problem.spec.controller
     plan = one.solver.solve(window, one.plan).plan
     begins = np.r_[window.start - window.elapsed, plan.instants]
-    kind, zeta, step = controller.normalization, controller.zeta, controller.sample_time
+    kind = controller.normalization
+    zeta = controller.zeta
+    step = controller.sample_time
     offset, scale = normalization(kind, zeta, window.stages, begins, one.problem.costs, plan, step)
     window = replace(window, offset=offset, scale=scale)
-    label, plan = f"{_ratio(window.omega)} from {one.label}", one.solver.solve(window, plan).plan
+    label = f"{_ratio(window.omega)} from {one.label}"
+    plan = one.solver.solve(window, plan).plan
     return replace(one, label=label, window=window, plan=plan)
 
 
@@ -281,7 +296,9 @@ def scan_instants(one: OneWindow, grid: np.ndarray) -> Curve:
         grid: Instants after T0 (G,) [s]; the scan goes on from them down to the earliest feasible one.
     """
     window = replace(one.window, pending_cost=0.0)
-    plan, scanned, infeasible = one.plan, dict[float, float](), 0.0
+    plan = one.plan
+    scanned = dict[float, float]()
+    infeasible = 0.0
     tried = sorted(map(float, grid))
     while tried or (scanned and min(scanned) - infeasible > CLOSE):
         instant = tried.pop() if tried else (min(scanned) + infeasible) / 2
@@ -289,17 +306,20 @@ def scan_instants(one: OneWindow, grid: np.ndarray) -> Curve:
             at = replace(guess, instants=np.array([window.start + instant]))
             solved = one.solver.solve(window, at, within=0.0)
             if solved.outcome.usable:
-                scanned[instant], plan = solved.objective, solved.plan
+                scanned[instant] = solved.objective
+                plan = solved.plan
                 break
         else:
-            infeasible, tried = instant, []
+            infeasible = instant
+            tried = []
     instants = sorted(scanned)
     return np.array(instants), np.array([scanned[instant] for instant in instants])
 
 
 def optimize_instants(one: OneWindow, pending_cost: float) -> np.ndarray:
     """Return the instants after T0 (len(GUESSES),) [s] that the solver returns from each guess; NaN if it fails."""
-    window, found = replace(one.window, pending_cost=pending_cost), []
+    window = replace(one.window, pending_cost=pending_cost)
+    found = []
     for guess in GUESSES:
         started = replace(one.plan, instants=np.array([window.start + guess * window.horizon]))
         solved = one.solver.solve(window, started)
@@ -317,14 +337,16 @@ def on_mesh(one: OneWindow, nodes: int, discretization: str) -> tuple[float, flo
     solved = build_solver(one.problem).solve(window, one.plan)
     if not solved.outcome.usable:
         return np.nan, np.nan
-    real, n = led_to(solved.plan), one.problem.model.n
+    real = led_to(solved.plan)
+    n = one.problem.model.n
     error = float(np.abs(solved.plan.X[:, :n] - real[:, :n]).max())
     return error, one.problem.costs.end_error(one.window.stages[0], real[nodes])
 
 
 def led_to(plan: Plan) -> np.ndarray:
     """Return the states at the nodes (K + 1, 2n) to which the plan's control leads from its first one."""
-    n, dt = plan.u.shape[1], np.diff(plan.times)[:, None]
+    n = plan.u.shape[1]
+    dt = np.diff(plan.times)[:, None]
     nothing = np.zeros((1, n))
     Qdot = plan.X[0, n:] + np.vstack([nothing, np.cumsum(dt * plan.u, axis=0)])
     Q = plan.X[0, :n] + np.vstack([nothing, np.cumsum(dt * Qdot[:-1] + dt**2 / 2 * plan.u, axis=0)])

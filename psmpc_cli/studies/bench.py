@@ -174,7 +174,9 @@ def run_bench(
         raise InputError(f"--solvers: found {unknown[0]!r}, expected some of {', '.join(SOLVERS)}")
     ways = [(name, start) for name in names for start in ("warm", "cold")] + [(REFERENCE, "cold")]
     timed: dict[Way, list[TimedSolve]] = {(nodes, *way): [] for nodes in tasks for way in ways}
-    compiled, wall, busy = True, 0.0, 0.0
+    compiled = True
+    wall = 0.0
+    busy = 0.0
     for nodes, variants in tasks.items():
         experiments = [build_experiment(task) for task in variants]
         recorded = [solve for each in experiments for solve in _windows_around_appends(each, appends, passed)]
@@ -187,7 +189,8 @@ def run_bench(
         began = time.perf_counter(), time.process_time()
         for way, solve in _time_solves(problem, recorded, ways, repeat, passed):
             timed[nodes, *way].append(solve)
-        wall, busy = wall + time.perf_counter() - began[0], busy + time.process_time() - began[1]
+        wall = wall + time.perf_counter() - began[0]
+        busy = busy + time.process_time() - began[1]
         compiled &= all(each.compiled for each in experiments)
         told(f"nodes {nodes}: {len(recorded)} windows done")
     return Bench(timed, compiled, wall / busy)
@@ -195,7 +198,8 @@ def run_bench(
 
 def _windows_around_appends(experiment: Experiment, appends: int | None, passed: Callable[[], None]) -> list[Recorded]:
     """Run a closed loop; return its solves before, at and after so many appends."""
-    solves, around = list[Recorded](), list[Recorded]()
+    solves = list[Recorded]()
+    around = list[Recorded]()
     previous: Solution | None = None
     for sample in closed_loop(experiment):
         passed()
@@ -255,10 +259,12 @@ def _call(
     solver: Solver, recorded: Solution, previous: Solution | None, start: str, own: bool
 ) -> Callable[[], Solution]:
     """Return a solve: cold, or warm from the solution of the sample before by the same back-end (`own`: the run's)."""
-    window, guess = recorded.window.about(recorded.guess), recorded.guess
+    window = recorded.window.about(recorded.guess)
+    guess = recorded.guess
     if start == "cold":
         resting = resting_plan(window.start, window.horizon, 100, window.x0, window.chart)
-        guess, previous = replace(resting, instants=guess.instants), None
+        guess = replace(resting, instants=guess.instants)
+        previous = None
     elif previous is not None and not own:
         previous = solver.solve(previous.window, previous.guess)
     return lambda: solver.solve(window, guess, previous)
@@ -268,7 +274,8 @@ def bench_rows(bench: Bench) -> Iterator[tuple[str, ...]]:
     """Give the rows of the table, in the order of `HEADINGS`."""
     for way, solves in bench.solves.items():
         good = [solve for solve in solves if solve.usable]
-        median, p95 = median_time(good), _over(partial(np.percentile, q=95), [solve.times for solve in good])
+        median = median_time(good)
+        p95 = _over(partial(np.percentile, q=95), [solve.times for solve in good])
         faster = median_time(bench.solves[way[0], REFERENCE, "cold"]) / median
         times = f"{1e3 * median:.2f}", f"{1e3 * p95:.2f}", f"{faster:.1f}"
         values = (

@@ -62,7 +62,8 @@ def compared_tasks(task: Task | str | Path, controllers: Iterable[str], changes:
         InputError: A controller is unknown, or there is none; or the changes are of the controller itself.
         SpecError: The task does not hold.
     """
-    known, kinds = get_args(ControllerSpec.model_fields["kind"].annotation), dict.fromkeys(controllers)
+    known = get_args(ControllerSpec.model_fields["kind"].annotation)
+    kinds = dict.fromkeys(controllers)
     unknown = ", ".join(kind for kind in kinds if kind not in known)
     if unknown or not kinds:
         raise InputError(f"--controllers: found '{unknown}', expected one or more of {', '.join(known)} between commas")

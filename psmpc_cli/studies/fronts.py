@@ -17,10 +17,13 @@ from psmpc_cli.studies.measures import check_columns
 
 Vector = np.ndarray
 
-WEIGHTED, CONSTRAINED, FREE = "weighted", "constrained", "free"
+WEIGHTED = "weighted"
+CONSTRAINED = "constrained"
+FREE = "free"
 """How the arrays of a method begin; `free` are weighted sums with the instant free."""
 
-CLEARLY, SAME = 1e-4, 1e-9
+CLEARLY = 1e-4
+SAME = 1e-9
 """How much better a point has to be to dominate, and what is no difference, as parts of what the points span."""
 
 STATUS = tuple(outcome.name.lower() for outcome in Outcome)
@@ -83,7 +86,8 @@ def dominated(points: Vector) -> Vector:
     Better is what is so by `CLEARLY` of the extent: where a front is steep, less is in solvers' last digits.
     """
     better_by = (points[:, None, :] - points[None, :, :]) / extents(points)  # [i, j]: what j is better by than i
-    better, same = better_by > CLEARLY, np.abs(better_by) <= SAME
+    better = better_by > CLEARLY
+    same = np.abs(better_by) <= SAME
     return np.asarray((np.all(better | same, axis=2) & np.any(better, axis=2)).any(axis=1))
 
 
@@ -143,7 +147,8 @@ class FrontMovement:
     """
 
     def __init__(self, results: Results) -> None:
-        instants, J = results["instant"], front_points(results, WEIGHTED)[0][:, 0]
+        instants = results["instant"]
+        J = front_points(results, WEIGHTED)[0][:, 0]
         first = results["t_s"] - instants
         self.instants: list[float] = instants.tolist()
         self.parts = np.column_stack([first, float(np.asarray(results.attributes["horizon"])) - first])
@@ -177,7 +182,8 @@ class FrontMovement:
         """The movement from sample to sample, as sentences; empty for a single sample."""
         if len(self.instants) < 2:
             return ()
-        (first, second), (first_end, second_end) = self.parts[0], self.parts[-1]
+        first, second = self.parts[0]
+        first_end, second_end = self.parts[-1]
         moves = (f"{words}, the front moves to the {self.directions(name)}" for name, words in MEASURES.items())
         return (
             *(f"from sample to sample, {words}" for words in moves),

@@ -123,7 +123,8 @@ def shown(value: Value, unit: str) -> str:
     return (" " if times else ", ").join(texts) or "none"
 
 
-ABSOLUTE, RELATIVE = 0.8, 0.05
+ABSOLUTE = 0.8
+RELATIVE = 0.05
 """Tolerance of a published time: this many seconds or this part of it, whichever is larger."""
 
 ROUNDING = 1e-9
@@ -145,11 +146,14 @@ class Moment:
     """
 
     def __init__(self, symbol: str, run: Run, summary: Summary) -> None:
-        self.symbol, self.run, self.summary = symbol, run, summary
+        self.symbol = symbol
+        self.run = run
+        self.summary = summary
         self.end = symbol.removesuffix("_real")
         before = ENDS.index(self.end)
         self.index = before + (self.end != symbol)
-        self.name, self.ended = summary.stages[self.index].name, summary.stages[before].switch_time
+        self.name = summary.stages[self.index].name
+        self.ended = summary.stages[before].switch_time
         self.time = self.ended if self.end == symbol else summary.stages[self.index].actual_start
 
 
@@ -201,7 +205,8 @@ class Reproduction:
     @property
     def outcome(self) -> str:
         """How many claims hold, as a sentence."""
-        (held, count), (others, beside) = self.count(), self.count(beside=True)
+        held, count = self.count()
+        others, beside = self.count(beside=True)
         return f"{held} of {count} claims hold, and {others} of {beside} of our own beside them"
 
     def moments(self, claim: Claim) -> list[Moment]:
@@ -241,8 +246,10 @@ def _setting(claim: Claim, made: Reproduction) -> Finding:
 
 def _time(claim: Claim, made: Reproduction) -> Finding:
     """A time is within its tolerance, or earlier if the mission succeeded."""
-    (moment,), published = made.moments(claim), claim.number
-    difference, tolerance = moment.time - published, within(published)
+    (moment,) = made.moments(claim)
+    published = claim.number
+    difference = moment.time - published
+    tolerance = within(published)
     near = abs(difference) <= tolerance + ROUNDING
     earlier = not near and difference < 0 and moment.summary.succeeded
     cause = () if near else tuple(_why_off(moment, published))
@@ -251,7 +258,9 @@ def _time(claim: Claim, made: Reproduction) -> Finding:
 
 def _why_off(moment: Moment, published: float) -> Iterator[str]:
     """Give the causes of a difference from a published time."""
-    late, summary, run = moment.time > published, moment.summary, moment.run
+    late = moment.time > published
+    summary = moment.summary
+    run = moment.run
     if np.isnan(moment.time):
         yield _never(moment)
         return
@@ -337,7 +346,8 @@ def _delivered(claim: Claim, made: Reproduction) -> Finding:
 
 def _fate(summary: Summary) -> str:
     """Return what became of a grasped object."""
-    verdicts, found = {one.name: one for one in summary.monitors}, summary.capture
+    verdicts = {one.name: one for one in summary.monitors}
+    found = summary.capture
     taken, kept, delivered = (verdicts[deed] for deed in OBJECT_CHECKS)
     if delivered.held:
         return "delivered"
@@ -358,7 +368,9 @@ def _trend(claim: Claim, made: Reproduction) -> Finding:
     """For every threshold no larger ratio starts more than a sample later, and the largest one starts early."""
     cells = made.weights
     sample = cells.task.spec.controller.sample_time
-    cause, rises, shown = [], [], []
+    cause = []
+    rises = []
+    shown = []
     for epsilon, values in zip(cells.epsilons, cells.of("actual_start").T, strict=True):
         start = AlongRatio(cells, values)
         rise = float(np.max(start.highest - np.minimum.accumulate(start.lowest)))
@@ -372,7 +384,8 @@ def _trend(claim: Claim, made: Reproduction) -> Finding:
 
 def _settles(claim: Claim, made: Reproduction) -> Finding:
     """The actual start at the largest ratio is within the tolerance of published times."""
-    cells, tolerance = made.weights, within(claim.number)
+    cells = made.weights
+    tolerance = within(claim.number)
     last = float(AlongRatio(cells, cells.of("actual_start")[:, cells.chosen]).middle[-1])
     difference = last - claim.number
     cause = f"t_s - T_h = {float(np.median(cells.floor[cells.ended])):.2f} s, and no start can be before it"
@@ -383,7 +396,8 @@ def _chosen(claim: Claim, made: Reproduction) -> Finding:
     """At the ratio Capture completes earlier than with equal weights, at less effort than at the largest ratio."""
     cells = made.weights
     completion, effort = (AlongRatio(cells, cells.of(name.partition(".")[2])) for name in claim.reads)
-    logs, names = np.log(completion.ratio), [f"{ratio:.4g}" for ratio in completion.ratio]
+    logs = np.log(completion.ratio)
+    names = [f"{ratio:.4g}" for ratio in completion.ratio]
     there, equal = (int(np.argmin(np.abs(logs - np.log(ratio)))) for ratio in (claim.ratio, 1.0))
     reproduced = (
         f"{completion.middle[there]:.2f} s, {completion.middle[equal]:.2f} s at {names[equal]}; "
@@ -458,7 +472,8 @@ def _never(moment: Moment) -> str:
 
 def _start(start: Moment) -> str:
     """Tell when a stage starts, and how that depends on the threshold."""
-    stages, kind = start.run.stages, start.run.task.spec.onset.kind
+    stages = start.run.stages
+    kind = start.run.task.spec.onset.kind
     found = sorted(zip(stages["epsilon"], stages["actual_start_by_epsilon"][start.index], strict=True))
     by_epsilon = ", ".join(f"{_seconds(time)} for epsilon = {epsilon:g}" for epsilon, time in found)
     when = f"{start.name} starts at {_seconds(start.time)}, {start.end} = {_seconds(start.ended)}"

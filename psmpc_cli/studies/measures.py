@@ -25,7 +25,8 @@ def check_columns(results: Results, columns: Iterable[Column], dims: tuple[str, 
     for column in columns:
         if (found := results.quantities.get(column.path)) is None:
             continue
-        along, dtype = (*dims, *column.dims), found.values.dtype
+        along = (*dims, *column.dims)
+        dtype = found.values.dtype
         kinds = "UO" if column.dtype == "text" else np.dtype(column.dtype).kind
         if found.dims != along or dtype.kind not in kinds:
             raise LogError(
@@ -52,7 +53,8 @@ def _margin(kind: str, name: str) -> Callable[[Run], float]:
 
 def _error_at_end(run: Run, stage: int) -> float:
     """Compute the error of a stage's end condition at the end of the run, over its tolerance. Paper eq. (18)."""
-    problem, final = run.problem, run.final
+    problem = run.problem
+    final = run.final
     return problem.costs.end_error(*in_own_chart(problem.model, problem.stages[stage], final["Q"], final["v"]))
 
 
@@ -79,7 +81,8 @@ def _stage_cost(run: Run) -> np.ndarray:
 _ENDS = _number(
     "switch_time", "s", "instant that ended each stage", lambda run: run.stages["switch_time"], dims=("stage",)
 )
-_STARTS, _CURRENT = "actual start of each stage", "integral of the cost Lbar of each stage while it was the current one"
+_STARTS = "actual start of each stage"
+_CURRENT = "integral of the cost Lbar of each stage while it was the current one"
 _FINAL = "largest error of the last stage's end condition at the end, over its tolerance"
 _AT_ENDS = "largest error of each stage's end condition at its end, but the last one's, over its tolerance"
 _AND_NOISE = "the same over its tolerance plus 2 sigma of its measurement"
@@ -149,8 +152,10 @@ def second_stage(index: int) -> tuple[Column, ...]:
         return planned if np.isfinite(planned) else _error_at_end(run, index)
 
     by_epsilon = "actual_start_by_epsilon"
-    seen, planned = "first sample with the switch in the window", "optimized switching instant at that sample"
-    starts, ends = "actual start of the second stage", "instant that ended the second stage"
+    seen = "first sample with the switch in the window"
+    planned = "optimized switching instant at that sample"
+    starts = "actual start of the second stage"
+    ends = "instant that ended the second stage"
     error = "largest error of the second stage's end condition at its end, over its tolerance"
     before = index - 1
     return (

@@ -89,7 +89,8 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
         SpecError: The task does not hold.
     """
     task = changed(reference, (*changes, *LIGHT))
-    named, spec = reference.spec.name if isinstance(reference, Task) else str(reference), task.spec
+    named = reference.spec.name if isinstance(reference, Task) else str(reference)
+    spec = task.spec
     if not spec.uncertainty.is_random:
         raise InputError(
             f"{named}: found nothing random below uncertainty, all runs would be equal; expected a range of mass, "
@@ -131,7 +132,8 @@ class MonteCarloRuns:
         check_columns(results, COORDINATES)
         check_columns(results, (*OF_CELL, *WHOLE_RUN), ("run",))
         self.results = results
-        self.made, self.succeeded = self["status"] != WAITING, self["succeeded"] == 1
+        self.made = self["status"] != WAITING
+        self.succeeded = self["succeeded"] == 1
         self.failed = self.made & ~self.succeeded
         self.stages: list[str] = self["stage"].tolist()
         self.monitors: list[str] = self["monitor"].tolist() if "monitor" in results.quantities else []
@@ -145,7 +147,8 @@ class MonteCarloRuns:
         """Wilson's 95 % score interval of the success rate; 0 and 1 without runs. Wilson (1927)."""
         from scipy.stats import binomtest
 
-        made, succeeded = int(self.made.sum()), int(self.succeeded.sum())
+        made = int(self.made.sum())
+        succeeded = int(self.succeeded.sum())
         interval = binomtest(succeeded, made).proportion_ci(method="wilson") if made else (0.0, 1.0)
         return float(interval[0]), float(interval[1])
 

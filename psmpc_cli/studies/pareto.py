@@ -27,7 +27,8 @@ from psmpc_cli.studies.sweep import parse_stages
 
 Vector = np.ndarray
 
-LOWEST, HIGHEST = 1e-3, 1e3
+LOWEST = 1e-3
+HIGHEST = 1e3
 """The ratios omega_2 / omega_1 lie between these."""
 
 SAMPLES = 5
@@ -101,7 +102,8 @@ def solve_pareto(
     first = run.task.spec.stages[stages[0]]
     if question.free and first.at is not None:
         raise InputError(f"--free-instant: {first.name} ends at a fixed time, expected a stage with an end condition")
-    samples, ended = choose_samples(run, stages, question.at), count(1)
+    samples = choose_samples(run, stages, question.at)
+    ended = count(1)
     solves = [logged_solve(run, sample) for sample in samples]
     cells = {f"front at {each.window.start:g} s": (run.task, question, each) for each in solves}
     found = compute_all(_solve_sample, cells, jobs, lambda name: told(f"{name} done, {next(ended)} of {len(cells)}"))
@@ -132,7 +134,8 @@ def choose_samples(log: Run, stages: tuple[int, int], at: Sequence[float]) -> li
     if not at:
         places = np.linspace(0, len(possible) - 1, min(SAMPLES, len(possible)))
         return [int(sample) for sample in possible[np.round(places).astype(int)]]
-    times, half = log.time[possible], float(np.asarray(log.attributes["sample_time"])) / 2
+    times = log.time[possible]
+    half = float(np.asarray(log.attributes["sample_time"])) / 2
     nearest = [int(np.argmin(np.abs(times - time))) for time in at]
     for time, place in zip(at, nearest, strict=True):
         if abs(times[place] - time) > half + 1e-9:
@@ -165,9 +168,11 @@ class TradeOff:
 
         Where there is none, costs and objective are NaN and the plan is the other point's.
         """
-        guess, within = near.plan, np.inf
+        guess = near.plan
+        within = np.inf
         if wait is not None:
-            guess, within = replace(guess, instants=np.array([problem.start + wait])), 0.0
+            guess = replace(guess, instants=np.array([problem.start + wait]))
+            within = 0.0
         solver = self.solver if np.isinf(problem.cost_bound) else self._bounded
         point = solver.solve(problem, guess, within=within)
         if point.outcome.usable:
@@ -214,7 +219,8 @@ def _solve_sample(cell: tuple[Task, Question, Solution]) -> list[Quantity]:
     solve = logged
     if logged.window.chart.spatial:  # one iteration may leave an instant before what limits of omega allow, by 1e-3 s
         solve = trade_off.solve(logged.window.about(logged.guess), logged, None)
-    window, instant = solve.window, float(solve.plan.instants[0])
+    window = solve.window
+    instant = float(solve.plan.instants[0])
     wait = instant - window.start
     held = wait + question.later * max(window.horizon - SHORTEST - wait, 0.0)
     swept = [_sweep(trade_off, solve, question, float(at)) for at in held]
@@ -224,7 +230,8 @@ def _solve_sample(cell: tuple[Task, Question, Solution]) -> list[Quantity]:
         *held_points, free = (found for found, _ in swept)
         points = [*_stacked("later", held_points), *free]
     J_1, J_2 = trade_off.solver.costs(window, solve.plan)
-    ratio, again = window.omega[1] / window.omega[0], sum(more for _, more in swept)
+    ratio = window.omega[1] / window.omega[0]
+    again = sum(more for _, more in swept)
     return [
         Quantity("instant", (), np.array(window.start), "s", "sampling instant T0"),
         Quantity("t_s", (), np.array(instant), "s", "switching instant, as the run optimized it"),
@@ -251,7 +258,8 @@ def _sweep(trade_off: TradeOff, solve: Solution, question: Question, wait: float
     Weighted sums are solved from the run's own ratio to both ends, epsilon constraints between what the first and the
     last ratio lead to from the point of largest J_2 downwards, each from its neighbour.
     """
-    window, whole = solve.window, wait is None or question.method != "epsilon-constraint"
+    window = solve.window
+    whole = wait is None or question.method != "epsilon-constraint"
     ratios = question.ratios if whole else question.ratios[[0, -1]]
     sums = [weighted_sum(window, ratio) for ratio in ratios]
     first = int(np.argmin(np.abs(np.log(ratios / (window.omega[1] / window.omega[0])))))
@@ -280,7 +288,8 @@ def improved(
 
     So no point is left in a local optimum that any other knows to leave.
     """
-    points, again = list(points), 0
+    points = list(points)
+    again = 0
     for _ in range(5):  # at most this often
         better = 0
         for i, problem in enumerate(problems):
@@ -290,7 +299,8 @@ def improved(
                 continue
             solved = trade_off.solve(problem, points[best], wait)
             if values_of(problem, [solved])[0] < values[i]:
-                points[i], better = solved, better + 1
+                points[i] = solved
+                better = better + 1
         again += better
         if not better:
             break
@@ -299,7 +309,8 @@ def improved(
 
 def _arrays(method: str, points: Sequence[Solution]) -> list[Quantity]:
     """Return the arrays of a method's points."""
-    bounded, (J_1, J_2) = method == CONSTRAINED, point_costs(points).T
+    bounded = method == CONSTRAINED
+    J_1, J_2 = point_costs(points).T
     dims = ("bound",) if bounded else ("ratio",)
     status = np.array([STATUS.index(point.outcome.name.lower()) for point in points], "i1")
     minimized = f"{'J_1 with J_2 bounded' if bounded else 'weighted sum'} and pending cost, over the larger weight"
@@ -335,16 +346,19 @@ def join_samples(
         if f"{method}_J_1" in found
     }
     every = np.concatenate([values.reshape(len(cells), -1, len(names)) for values in fronts.values()], axis=1)
-    worst, span = np.nanmax(every, axis=(0, 1), initial=0.0), extents(every.reshape(-1, len(names)))
+    worst = np.nanmax(every, axis=(0, 1), initial=0.0)
+    span = extents(every.reshape(-1, len(names)))
     reference = worst + 0.1 * span
-    volumes, units = [hypervolume(points, reference) for points in every], "s^3" if question.free else "s^2"
+    volumes = [hypervolume(points, reference) for points in every]
+    units = "s^3" if question.free else "s^2"
     ends = np.cumsum([values[0, ..., 0].size for values in fronts.values()])[:-1]
     marks = np.split(np.array([dominated(points) for points in every], "i1"), ends, axis=1)
     for method, values in zip(fronts, marks, strict=True):
         J = found[f"{method}_J_1"]
         shaped = values.reshape(J.values.shape)
         found[f"{method}_dominated"] = Quantity(f"{method}_dominated", J.dims, shaped, "1", "another point is better")
-    criteria, bounds = ["J_1", "J_2", "t_s - T0"][: len(names)], np.linspace(0.0, 1.0, question.points)
+    criteria = ["J_1", "J_2", "t_s - T0"][: len(names)]
+    bounds = np.linspace(0.0, 1.0, question.points)
     bound = "bound on J_2, from the smallest ratio's (0) to the largest one's (1)"
     later = "how much later the instant is held than the run's optimum, as a part of what is left of the horizon"
     along = {"criterion", *(dim for quantity in found.values() for dim in quantity.dims)}

@@ -34,7 +34,10 @@ METHODS = ("htmpc", "smpc", "psmpc")
 GRASP = "transport_grasp"
 """The task of the claim by mechanics: the object has a mass and is held by grasps of stated strength."""
 
-LOGS, WEIGHTS, FRONTS, GRASPS = "runs.h5", "weights.h5", "fronts.h5", "grasps.h5"
+LOGS = "runs.h5"
+WEIGHTS = "weights.h5"
+FRONTS = "fronts.h5"
+GRASPS = "grasps.h5"
 """Files of the runs, the sweep over the weights, the Pareto fronts and the grasps, for psmpc plot and psmpc show."""
 
 COMMON = ("controller", "solver", "plant")
@@ -72,7 +75,9 @@ def reproduce(
         SpecError: The changes do not fit the task, or no run of it could succeed.
         RunError: A file could not be written, or processes are ended from outside repeatedly.
     """
-    variants, sweep, grasps = load_variants(changes), load_weights_sweep(changes, grid), load_grasps(changes)
+    variants = load_variants(changes)
+    sweep = load_weights_sweep(changes, grid)
+    grasps = load_grasps(changes)
     runs = run_tasks(variants, directory / LOGS, jobs, force, lambda name: told(f"runs: {name} done"))
     weights = run_study(
         sweep,
@@ -81,7 +86,8 @@ def reproduce(
         force=force,
         watch=lambda progress: told(f"weights: {progress.ended} of {progress.runs} runs"),
     )
-    fronts, path = None, directory / FRONTS
+    fronts = None
+    path = directory / FRONTS
     if force:
         path.unlink(missing_ok=True)
     if len(possible_samples(runs["psmpc"], (0, 1))):
@@ -103,7 +109,8 @@ def load_variants(changes: Sequence[str] = ()) -> dict[str, Task]:
         SpecError: They do not fit the task, or no run of it could succeed.
     """
     path = built_ins("task")[TASK]
-    own, changed = load_task(path), load_task(path, changes)
+    own = load_task(path)
+    changed = load_task(path, changes)
     if changed.spec.controller.kind != own.spec.controller.kind:
         raise InputError(f"found a change of controller.kind, expected none: {', '.join(METHODS)} are run anyway")
     if len(changed.spec.stages) != len(ENDS):
@@ -141,7 +148,10 @@ def _common(changes: Sequence[str], keys: Sequence[str]) -> tuple[str, ...]:
 
 def claims_json(made: Reproduction, created: str) -> bytes:
     """Write the claim table as JSON; what is unknown, or does not apply, is null. Keys: docs/reproduce.md."""
-    cells, fronts, best, (held, count) = made.weights, made.fronts, recommend(made.weights).ratio, made.count()
+    cells = made.weights
+    fronts = made.fronts
+    best = recommend(made.weights).ratio
+    held, count = made.count()
     data = {
         "format": 2,  # increases when a key is removed or changes its meaning
         "psmpc_version": __version__,

@@ -135,12 +135,14 @@ class Study:
         arrays = [*self.coordinates, Quantity("wall_time", (), np.array(0.0), "s", "wall time spent on the study")]
         for each in (*OF_CELL, *self.quantities):
             if {*each.dims} <= {*sizes}:
-                dims, text = (*self.dims, *each.dims), each.dtype == "text"
+                dims = (*self.dims, *each.dims)
+                text = each.dtype == "text"
                 shape = [sizes[name] for name in dims]
                 values = np.full(shape, "" if text else each.unknown, object if text else each.dtype)
                 meanings = self.statuses if each.path == "status" else ()
                 arrays.append(Quantity(each.path, dims, values, each.units, each.long_name, meanings))
-        created, task = datetime.now(UTC).isoformat(timespec="seconds"), self.task
+        created = datetime.now(UTC).isoformat(timespec="seconds")
+        task = self.task
         about = {"digest": task.digest, "task_name": task.spec.name, "task_yaml": task.task_yaml}
         attributes = {**self.identity, **about, "robot_yaml": task.robot_yaml, "created": created, **self.attributes}
         return new_results(path or Path("a study in memory"), self.kind, attributes, arrays)
@@ -177,10 +179,12 @@ def run_study(
         results = _resumed(study, results)
     elif path is not None:
         results.create(force)
-    status, spent = results["status"], float(results["wall_time"])
+    status = results["status"]
+    spent = float(results["wall_time"])
     origins = np.arange(len(study.cells)) if study.origins is None else study.origins
     needed = np.unique(origins[np.isin(status.ravel(), (WAITING, FAILED))])
-    began, progress = time.monotonic(), Progress(len(needed), 0, 0, 0.0)
+    began = time.monotonic()
+    progress = Progress(len(needed), 0, 0, 0.0)
     watch(progress)
     run = partial(_run_cell, study.task, study.quantities, study.stop)
     with closing(compute(run, {int(cell): study.cells[cell] for cell in needed}, jobs, dask)) as ended:
@@ -253,7 +257,8 @@ def names_along(task: Task) -> list[Quantity]:
 
 def _resumed(study: Study, new: Results) -> Results:
     """Read the results to resume, with room for the cells that the study has more now."""
-    path, cells = new.path, len(study.cells)
+    path = new.path
+    cells = len(study.cells)
     if not path.exists():
         raise InputError(
             f"--resume: found no file {path}, expected a {study.kind} study that was stopped; omit --resume"
@@ -310,7 +315,8 @@ def compute(
         RunError: The cluster is gone.
         KeyboardInterrupt: Ctrl-C or SIGTERM came; the processes are killed. No other code of a study is interrupted.
     """
-    waiting, alone = dict(items), False
+    waiting = dict(items)
+    alone = False
     with deferred_signals() as interruption:
         while waiting:
             called = dict(islice(waiting.items(), 1 if alone else None))

@@ -33,7 +33,9 @@ from psmpc_cli.studies.runner import (
 
 Array = np.ndarray
 
-GRID, RATIOS, RANDOM = "grid", "ratios", "random"
+GRID = "grid"
+RATIOS = "ratios"
+RANDOM = "random"
 """Samplings of a sweep."""
 
 DIMENSIONS = {GRID: ("omega_2", "omega_1"), RATIOS: ("ratio",), RANDOM: ("cell",)}
@@ -182,7 +184,8 @@ class SweepCells:
             first, second = parse_stages(str(results.attributes["stages"]), self.task)
         except (KeyError, InputError) as error:
             raise LogError(f"{results.path}: expected a file of psmpc sweep-weights, but it lacks {error}") from None
-        dims, names = DIMENSIONS[self.sampling], [stage.name for stage in self.task.spec.stages]
+        dims = DIMENSIONS[self.sampling]
+        names = [stage.name for stage in self.task.spec.stages]
         weights = ("ratio",) if self.sampling == GRID else ("ratio", "omega_1", "omega_2")
         check_columns(results, (*OF_CELL, *second_stage(second), *(Column(name, "1", name) for name in weights)), dims)
         coordinates = (*dims, "epsilon") if self.sampling == GRID else ("epsilon",)
@@ -192,13 +195,17 @@ class SweepCells:
             raise LogError(f"{results.path}: /stage: found {', '.join(results['stage'])}, expected {', '.join(names)}")
         self.results = results
         self.names = self.task.spec.stages[first].name, self.task.spec.stages[second].name
-        omega_1, omega_2 = results["omega_1"], results["omega_2"]
+        omega_1 = results["omega_1"]
+        omega_2 = results["omega_2"]
         if self.sampling == GRID:
             omega_2, omega_1 = np.meshgrid(omega_2, omega_1, indexing="ij")
-        self.omega, self.ratio = np.column_stack([omega_1.ravel(), omega_2.ravel()]), results["ratio"].ravel()
+        self.omega = np.column_stack([omega_1.ravel(), omega_2.ravel()])
+        self.ratio = results["ratio"].ravel()
         self.own_ratio = float(self.task.spec.stages[second].priority / self.task.spec.stages[first].priority)
-        self.epsilons, status = results["epsilon"], results["status"].ravel()
-        self.failed, self.waiting = status == FAILED, status == WAITING
+        self.epsilons = results["epsilon"]
+        status = results["status"].ravel()
+        self.failed = status == FAILED
+        self.waiting = status == WAITING
         self.ended = ~(self.failed | self.waiting)
         own = np.flatnonzero(self.ended & (self.of("origin") == np.arange(len(self.ratio))))
         self.runs = own[np.argsort(np.round(np.log10(self.ratio[own]), SAME), kind="stable")]
@@ -229,9 +236,11 @@ class AlongRatio:
     """
 
     def __init__(self, cells: SweepCells, values: Array) -> None:
-        ratio, kept = cells.ratio[cells.ended], values[cells.ended]
+        ratio = cells.ratio[cells.ended]
+        kept = values[cells.ended]
         _, first, inverse = np.unique(np.round(np.log10(ratio), SAME), return_index=True, return_inverse=True)
-        groups, self.ratio = [kept[inverse == k] for k in range(len(first))], ratio[first]
+        groups = [kept[inverse == k] for k in range(len(first))]
+        self.ratio = ratio[first]
         self.middle, self.lowest, self.highest = (
             np.array([of(group) for group in groups]) for of in (np.median, np.min, np.max)
         )
@@ -268,7 +277,8 @@ def recommend(cells: SweepCells) -> Recommendation:
     good = early & ~raised & ~failing
     if good.any():
         best = int(np.argmax(good))
-        ratio, final = float(completion.ratio[best]), error.highest[best]
+        ratio = float(completion.ratio[best])
+        final = error.highest[best]
         allowed = "" if np.isnan(final) else f", and its final error is {final:.2f} of the tolerance"
         return Recommendation(
             ratio,
@@ -379,7 +389,8 @@ def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_
         sampling: Their priorities in each cell.
         every_cell: Whether cells with equal ratios of all priorities are computed one by one, instead of sharing a run.
     """
-    spec, omega = task.spec, sampling.omega
+    spec = task.spec
+    omega = sampling.omega
     keys = [f"stages[{stage}].priority" for stage in stages]
     names = [stage.name for stage in spec.stages]
     units = "m/s^2, rad/s^2" if spec.onset.kind == "control" else "1"
@@ -405,8 +416,11 @@ def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_
 
 def _weights(sampling: Sampling, names: Sequence[str]) -> list[Quantity]:
     """Return the coordinates of the cells, and their priorities."""
-    dims, omega, ratio = DIMENSIONS[sampling.kind], sampling.omega, sampling.ratio
-    first, second, over = (*(f"priority of {name}" for name in names), "omega_2 / omega_1")
+    dims = DIMENSIONS[sampling.kind]
+    omega = sampling.omega
+    ratio = sampling.ratio
+    first, second = (f"priority of {name}" for name in names)
+    over = "omega_2 / omega_1"
     if sampling.kind == GRID:
         columns = np.count_nonzero(omega[:, 1] == omega[0, 1])
         return [

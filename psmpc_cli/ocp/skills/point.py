@@ -31,11 +31,15 @@ def numbers(model: RobotModel) -> int:
 
 def error(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
     """Return the error of the base's pose [m, rad], then the angles of each end-effector's x-axis [rad]."""
-    planar, base, d = model.dimension == 2, model.pose_rows["base"], model.dimension
+    planar = model.dimension == 2
+    base = model.pose_rows["base"]
+    d = model.dimension
     xi = model.g(Q) if planar else anchored_poses(model, Q, target)
-    found, first = [xi[base] - target[base] if planar else pose_error(xi[base], target[base])], base.stop
+    found = [xi[base] - target[base] if planar else pose_error(xi[base], target[base])]
+    first = base.stop
     for frame in list(model.pose_rows.values())[1:]:
-        line, pose = target[first : first + d] - xi[frame][:d], xi[frame]
+        line = target[first : first + d] - xi[frame][:d]
+        pose = xi[frame]
         found.append(_angle(line, pose[2]) if planar else _angles(line, pose[3:]))
         first += d
     return ca.vertcat(*found)
@@ -65,7 +69,8 @@ def after(model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
 
 def aims(model: RobotModel, target: np.ndarray) -> np.ndarray:
     """Return the position of the base and the points (frames, dimension) [m]; NaN of an arm without one."""
-    base, d = model.pose_rows["base"], model.dimension
+    base = model.pose_rows["base"]
+    d = model.dimension
     found = np.vstack([target[base][:d], target[base.stop : numbers(model)].reshape(-1, d)])
     return np.where(found == FAR, np.nan, found)
 

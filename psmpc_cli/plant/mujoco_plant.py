@@ -40,7 +40,7 @@ class MujocoPlant:
         self.tick = tick
         self.substeps = substeps
         self.resistance = resistance or Resistance.none(model.n)
-        self._thing = target_object
+        self._target_object = target_object
         mujoco.set_mju_user_warning(logger.warning)  # by default MuJoCo writes a file in the current directory
         self._known = np.zeros(0)
         self.set_inertial_parameters(model.nominal)
@@ -55,7 +55,7 @@ class MujocoPlant:
         if np.array_equal(robot.vector, self._known):
             return
         self._known = robot.vector
-        spec = mujoco_spec(self.model.spec, self._thing, robot)
+        spec = mujoco_spec(self.model.spec, self._target_object, robot)
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
         spec.option.timestep = self.tick / self.substeps
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state must be visible
@@ -163,8 +163,8 @@ class MujocoStep:
         self._bushing = ArrayFunction(law.bushing)
         engine = self._robot.engine
         self._sites = [engine.site(gripper).id for gripper in law.grippers]
-        self._thing = engine.body(OBJECT).id
-        first = engine.body_jntadr[self._thing]
+        self._body = engine.body(OBJECT).id
+        first = engine.body_jntadr[self._body]
         self._q = slice(engine.jnt_qposadr[first], engine.jnt_qposadr[first] + law.sizes[0])
         self._v = slice(engine.jnt_dofadr[first], engine.jnt_dofadr[first] + law.sizes[1])
 
@@ -226,6 +226,6 @@ class MujocoStep:
             pose = np.r_[at[:2], 2 * np.arctan2(quaternion[3], quaternion[0])]
         w, _, power = self._bushing(pose, rate, data.qpos[self._q], data.qvel[self._v], parameters)
         force, moment = (np.array(each, dtype=float) for each in lifted_rate(w[0]))
-        for body, sign in ((engine.site_bodyid[site], 1.0), (self._thing, -1.0)):
+        for body, sign in ((engine.site_bodyid[site], 1.0), (self._body, -1.0)):
             mujoco.mj_applyFT(engine, data, sign * force, sign * moment, at, body, data.qfrc_applied)
         return float(power[0, 0])

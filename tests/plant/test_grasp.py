@@ -41,7 +41,7 @@ def spatial(set: dict[str, Any]) -> Task:
     envelope = {"position": 0.1, "angle": 1, "velocity": 0.1, "angular_velocity": 1}
     grasp = {"at": at, "envelope": envelope, "stiffness": [1e4, 1e3]}
     initial = {"base": as_pose(Q[:7]), **{arm: Q[7:][rows].tolist() for arm, rows in joints(robot).items()}}
-    thing = {"shape": [1, 1, 1], "pose": as_pose(np.array(pose)), **body, "grasp": grasp}
+    target_object = {"shape": [1, 1, 1], "pose": as_pose(np.array(pose)), **body, "grasp": grasp}
     stages = [
         {"name": name, "skill": "move", "target": initial, "ends_when": {"coordinates": "all", "tolerance": 1}}
         for name in ("take", "let")
@@ -52,7 +52,7 @@ def spatial(set: dict[str, Any]) -> Task:
             "initial": initial,
             "skills": {"move": {"space": "joint", "weights": {"base": [1] * 6, "arms": [1] * 7}}},
             "stages": stages,
-            "object": {**thing, "taken_by": "take", "let_go_by": "let"},
+            "object": {**target_object, "taken_by": "take", "let_go_by": "let"},
             "plant": {"kind": "rk4", "step": 2e-4},
         },
         set,
@@ -89,10 +89,10 @@ def run(task: Task, samples: int = 3, push: float = 1.0, wanted: Array | None = 
     return made, capture
 
 
-def kept(task: Task, capture: Capture, x: Array, thing: Array) -> Array:
+def kept(task: Task, capture: Capture, x: Array, target_object: Array) -> Array:
     """Momentum and energy of robot and object."""
     model, size = model_of(task.robot.name), capture.law.sizes[0]
-    Q, v, pose, rate = x[: model.nq], x[model.nq :], thing[:size], thing[size:]
+    Q, v, pose, rate = x[: model.nq], x[model.nq :], target_object[:size], target_object[size:]
     own = np.r_[model.momentum(Q, v), model.kinetic_energy(Q, v)]
     return np.asarray(own + np.r_[capture.body.momentum(pose, rate), capture.body.kinetic_energy(rate)])
 
@@ -107,8 +107,8 @@ def test_momentum_and_energy_are_kept(make: Any, plant: str, grasp: dict[str, An
     task = make({"plant.kind": plant, **grasp})
     made, capture = run(task)
     first, last = made[0], made[-1]
-    assert first.thing is not None and last.thing is not None and last.thing.closed.all()
-    states = ((first.X[0], first.thing, 0), (last.X[-1], last.thing, -1))
+    assert first.target_object is not None and last.target_object is not None and last.target_object.closed.all()
+    states = ((first.X[0], first.target_object, 0), (last.X[-1], last.target_object, -1))
     before, after = (kept(task, capture, x, np.r_[o.pose[k], o.v[k]]) for x, o, k in states)
     gained = sum(ticks.gained for ticks in made)
     assert np.abs(after - before - gained)[:-1].max() < 1e-7
@@ -118,9 +118,9 @@ def test_momentum_and_energy_are_kept(make: Any, plant: str, grasp: dict[str, An
 @BOTH
 def test_plants_agree(make: Any) -> None:
     (one, _), (other, _) = (run(make({"plant.kind": plant, **FREE})) for plant in ("rk4", "mujoco"))
-    assert one[-1].thing is not None and other[-1].thing is not None
-    assert one[-1].thing.pose == pytest.approx(other[-1].thing.pose, abs=1e-8)
-    assert one[-1].thing.pull == pytest.approx(other[-1].thing.pull, abs=1e-5)
+    assert one[-1].target_object is not None and other[-1].target_object is not None
+    assert one[-1].target_object.pose == pytest.approx(other[-1].target_object.pose, abs=1e-8)
+    assert one[-1].target_object.pull == pytest.approx(other[-1].target_object.pull, abs=1e-5)
     assert one[-1].X[-1] == pytest.approx(other[-1].X[-1], abs=1e-7)
 
 
@@ -128,13 +128,13 @@ def test_plants_agree(make: Any) -> None:
 def test_what_a_grasp_gives_to_the_robot_it_takes_from_the_object(make: Any) -> None:
     task = make(FREE)
     made, capture = run(task, samples=1)
-    thing, model, size = made[0].thing, model_of(task.robot.name), capture.law.sizes[0]
-    assert thing is not None
+    target_object, model, size = made[0].target_object, model_of(task.robot.name), capture.law.sizes[0]
+    assert target_object is not None
     robot = [model.momentum(made[0].X[k, : model.nq], made[0].X[k, model.nq :]) for k in (0, -1)]
-    body = [np.array(capture.body.momentum(thing.pose[k], thing.v[k])) for k in (0, -1)]
+    body = [np.array(capture.body.momentum(target_object.pose[k], target_object.v[k])) for k in (0, -1)]
     assert np.abs(body[1] - body[0]).max() > 1e-3  # it was pulled
     assert robot[1] - robot[0] - made[0].gained[:-1] == pytest.approx(-(body[1] - body[0]), abs=1e-9)
-    assert size == len(thing.pose[0])
+    assert size == len(target_object.pose[0])
 
 
 def test_knowing_the_load_moves_the_robot_as_commanded() -> None:
@@ -159,19 +159,19 @@ def test_knowing_the_load_moves_the_robot_as_commanded() -> None:
 def test_gripper_outside_its_envelope_stays_open_and_says_by_how_much(pose: list[Any], measure: int) -> None:
     task = planar({"object.pose": pose, "object.grasp.envelope.position": 0.01 if measure == 0 else 1.0})
     made, capture = run(task, samples=1)
-    assert made[0].thing is not None
-    events = made[0].thing.events
+    assert made[0].target_object is not None
+    events = made[0].target_object.events
     assert [event.what for event in events] == ["missed", "missed"] and {event.time for event in events} == {0.005}
     wanted = (0.011, np.radians(3))[measure]
     assert [event.values[measure] for event in events] == pytest.approx([wanted] * 2, rel=0.1)
-    assert not capture.closed.any() and not made[0].thing.wrench.any()
+    assert not capture.closed.any() and not made[0].target_object.wrench.any()
 
 
 def test_moving_object_is_outside_the_envelope_of_velocity() -> None:
     task = planar({"object.motion": {"linear": [0.06, 0], "angular": "12 deg"}})
     made, _ = run(task, samples=1)
-    assert made[0].thing is not None
-    for event in made[0].thing.events:
+    assert made[0].target_object is not None
+    for event in made[0].target_object.events:
         assert event.what == "missed" and event.values[2] > 0.05
         assert event.values[3] == pytest.approx(np.radians(12), rel=0.02)
 
@@ -179,19 +179,21 @@ def test_moving_object_is_outside_the_envelope_of_velocity() -> None:
 def test_grippers_let_go_and_the_object_flies_on() -> None:
     wanted = np.arange(2 * M) < 150
     made, capture = run(planar(FREE), samples=2, wanted=wanted)
-    thing = made[1].thing
-    assert thing is not None and [event.what for event in thing.events] == ["let go", "let go"]
-    assert thing.events[0].time == pytest.approx(0.15) and not capture.closed.any()
-    assert np.ptp(thing.v[51:], axis=0).max() == 0 and np.abs(thing.v[-1]).max() > 1e-3
+    target_object = made[1].target_object
+    assert target_object is not None and [event.what for event in target_object.events] == ["let go", "let go"]
+    assert target_object.events[0].time == pytest.approx(0.15) and not capture.closed.any()
+    assert np.ptp(target_object.v[51:], axis=0).max() == 0 and np.abs(target_object.v[-1]).max() > 1e-3
 
 
 def test_grasp_that_is_pulled_beyond_its_strength_is_lost() -> None:
     strength = {"object.grasp.strength": {"pull": 0.3, "filter": 0.05}}
     made, _ = run(planar(strength), samples=5, push=3.0)
-    things = [ticks.thing for ticks in made if ticks.thing is not None]
-    lost = [event for thing in things for event in thing.events if event.what == "lost"]
+    flown = [ticks.target_object for ticks in made if ticks.target_object is not None]
+    lost = [event for target_object in flown for event in target_object.events if event.what == "lost"]
     assert lost and all(0.3 < event.values[0] < 0.5 for event in lost)
-    pull, closed = (np.concatenate([getattr(thing, name) for thing in things]) for name in ("pull", "closed"))
+    pull, closed = (
+        np.concatenate([getattr(target_object, name) for target_object in flown]) for name in ("pull", "closed")
+    )
     assert (pull[closed] <= 0.3).all() and closed.any(axis=1).sum() > 10
 
 

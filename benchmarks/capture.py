@@ -20,7 +20,7 @@ from pages import command_line, markdown
 from scipy.stats import binomtest
 
 import psmpc_cli as psmpc
-from psmpc_cli.robot.free_body import pose_error
+from psmpc_cli.robot.configuration import space_of_pose
 
 CARRY = {
     "skills.carry": {
@@ -162,7 +162,8 @@ def tumbling() -> Iterator[str]:
         return {"plant": plant, "off at closing": missed, **outcome(run), "failed solves": summary.failed_solves}
 
     yield from markdown(row(*each) for each in runs.items())
-    apart = pose_error(*(run["final/object_pose"] for run in runs.values()))
+    one, other = (run["final/object_pose"] for run in runs.values())
+    apart = space_of_pose(len(one)).pose_error(one, other)
     position, angle = 1e3 * np.linalg.norm(apart[:3]), math.degrees(np.linalg.norm(apart[3:]))
     yield from ("", f"Final poses of the object apart by {position:.1e} mm and {angle:.1e} deg.")
 

@@ -16,10 +16,11 @@ from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met,
 from psmpc_cli.control.tracking import ObjectEstimate, to_be_closed
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
-from psmpc_cli.ocp.plan import ATTITUDE, Chart, Plan, resting_plan, shift
+from psmpc_cli.ocp.plan import Plan, resting_plan, shift
 from psmpc_cli.ocp.problem import Problem, Stage, build_problem
 from psmpc_cli.ocp.window import SHORTEST
 from psmpc_cli.robot.closed_chain import ClosedChain
+from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.robot.free_body import FreeBody, body_of
 from psmpc_cli.solvers import Solution, Solver, build_solver
 from psmpc_cli.specs.arguments import require
@@ -123,7 +124,7 @@ class ControlLaw:
         self._ticks = np.arange(round(self._spec.sample_time * rate) + 1) / rate
         self._rate = rate
         self._tick = 1 / rate
-        self._estimator = Estimator(self._spec, noise, self._tick)
+        self._estimator = Estimator(self._spec, problem.model.space, noise, self._tick)
         self._placer = Placer(problem)
         self._hierarchy = Hierarchy(problem) if self._spec.kind == "htmpc" else None
         self._body = None if spec.object is None else body_of(spec.object)
@@ -216,11 +217,12 @@ class ControlLaw:
         return replace(memory, signs=placement.signs), Situation(time, estimate, x, is_measured, placement)
 
     def _chart_about(self, state: State, plan: Plan | None, time: float) -> Chart:
+        space = self.problem.model.space
         Q = state.Q
-        if len(Q) > len(state.v) and plan is not None and not np.isfinite(Q[ATTITUDE]).all():
+        if plan is not None and not np.isfinite(Q[space.attitude]).all():
             foreseen, _ = plan.chart.leave(plan.states_at(np.array([time])))
             Q = foreseen[0]
-        return Chart.at(Q, len(state.v))
+        return space.chart_at(Q)
 
     def _place(self, memory: Memory, time: float, x: np.ndarray, chart: Chart, at_ends: bool = False) -> Placement:
         return self._placer.place(
@@ -348,13 +350,9 @@ class ControlLaw:
 
     def _over_sample(self, decision: Decision, situation: Situation) -> tuple[np.ndarray, np.ndarray]:
         """Return the state as [Q; v] (nq + n,), and the rates of v that the plan has at the ticks (M, n)."""
-        edges = situation.time + self._ticks
-        plan = decision.plan
-        chart = situation.placement.chart
-        if not chart.spatial:
-            return situation.x, plan.mean_control(edges)
-        Q, v = chart.leave(np.vstack([situation.x, plan.states_at(edges)]))
-        return np.r_[Q[0], v[0]], np.diff(v[1:], axis=0) * self._rate
+        Q, v = situation.placement.chart.leave(situation.x[None])
+        planned = decision.plan.velocity_rates(situation.time + self._ticks)
+        return np.concatenate([Q[0], v[0]]), planned
 
     def _closed(self, sequence: MovingSequence, situation: Situation) -> np.ndarray:
         """Tell at which ticks (M,) the grippers are to be closed."""

@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psmpc_cli.control.interface import State
-from psmpc_cli.ocp.plan import ATTITUDE, TURN
-from psmpc_cli.robot.kinematics import moved, step_between
-from psmpc_cli.robot.rotations import exp, product
+from psmpc_cli.robot.configuration import ConfigurationSpace
+from psmpc_cli.robot.motion import over_ticks
 from psmpc_cli.specs.task import ControllerSpec
 
 PROCESS_NOISE = 0.2, 0.01
@@ -64,11 +63,13 @@ class Estimator:
 
     Args:
         spec: The controller.
+        space: Of the robot.
         noise: Standard deviations of the measured coordinates and velocities, (2n,) [m, rad, m/s, rad/s].
         tick: Length of a tick of the low-level loop [s].
     """
 
-    def __init__(self, spec: ControllerSpec, noise: np.ndarray, tick: float) -> None:
+    def __init__(self, spec: ControllerSpec, space: ConfigurationSpace, noise: np.ndarray, tick: float) -> None:
+        self._space = space
         self._spec = spec
         self._tick = tick
         self._filters = bool(noise.any())
@@ -111,12 +112,11 @@ class Estimator:
         sigma = share * np.abs(u).mean(axis=0) + least
         F = np.array([[1.0, T], [0.0, 1.0]])
         Q = sigma[:, None, None] ** 2 * T * np.array([[T**2 / 3, T / 2], [T / 2, 1.0]])
-        predicted = advanced(state, u, self._tick)
+        predicted = self._advanced(state, u)
         P = F @ P @ F.T + Q
 
-        spatial = len(state.Q) > len(state.v)
-        apart = step_between(predicted.Q, measured.Q, spatial)
-        innovation = np.column_stack([apart, measured.v - predicted.v])
+        difference = self._space.difference(predicted.Q, measured.Q)
+        innovation = np.column_stack([difference, measured.v - predicted.v])
         is_measured = np.isfinite(innovation).all(axis=1)
         innovation[~is_measured] = 0.0
         S = P + self._noise
@@ -126,7 +126,7 @@ class Estimator:
         K[~is_measured] = 0.0
 
         correction = (K @ innovation[..., None])[..., 0]
-        Q_estimated = np.array(moved(predicted.Q, correction[:, 0]))
+        Q_estimated = np.array(self._space.integrate(predicted.Q, correction[:, 0]))
         # Joseph's form, which holds for any gain: K = I leaves the covariance of the measurement.
         remaining = np.eye(2) - K
         P = remaining @ P @ np.swapaxes(remaining, 1, 2) + K @ self._noise @ np.swapaxes(K, 1, 2)
@@ -141,7 +141,12 @@ class Estimator:
             estimate: After the measurement of this sample.
         """
         since = estimate.planned[1:]
-        return advanced(estimate.state, np.vstack(since), self._tick) if since else estimate.state
+        return self._advanced(estimate.state, np.vstack(since)) if since else estimate.state
+
+    def _advanced(self, state: State, u: np.ndarray) -> State:
+        """Return the state after accelerations u (M, n) [m/s^2, rad/s^2] that hold for a tick each."""
+        Q, v = over_ticks(self._space, state.Q, state.v, u, self._tick)
+        return State(Q[-1], v[-1])
 
     def command(self, estimate: Estimate, u: np.ndarray, v: np.ndarray) -> tuple[Estimate, np.ndarray]:
         """Return the estimate after a decision, and the accelerations to command (M, n): less the disturbance.
@@ -167,19 +172,3 @@ class Estimator:
             commanded=(*estimate.commanded[1:], commanded.mean(axis=0)),
         )
         return after, commanded
-
-
-def advanced(state: State, u: np.ndarray, tick: float) -> State:
-    """Return the state after accelerations u (M, n) [m/s^2, rad/s^2] that hold for a tick [s] each."""
-    n = len(state.v)
-    v = state.v + tick * np.vstack([np.zeros(n), np.cumsum(u, axis=0)])
-    steps = tick * v[:-1] + tick**2 / 2 * u
-    total = steps.sum(axis=0)
-    if len(state.Q) == n:
-        return State(state.Q + total, v[-1])
-    attitude = list(state.Q[ATTITUDE])
-    for turn in steps[:, TURN]:
-        attitude = product(attitude, exp(list(turn)))
-    Q = np.array(moved(state.Q, total))
-    Q[ATTITUDE] = attitude
-    return State(Q, v[-1])

@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psmpc_cli.ocp.plan import Chart, Plan, braking_plan
+from psmpc_cli.ocp.plan import Plan, braking_plan
+from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.specs.robot import Limits
 
 BRAKING_TIME = 0.5

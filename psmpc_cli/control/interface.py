@@ -11,6 +11,7 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, Stage
 from psmpc_cli.robot.closed_chain import ClosedChain
+from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.model import RobotModel, shape_of
 from psmpc_cli.solvers import Outcome, Solution
 from psmpc_cli.specs.arguments import rejected
@@ -91,9 +92,9 @@ class Measurement:
             raise rejected("object_pose", self.object_pose, "none: the task has no object with a mass")
         size = len(target_object.pose)
         if shape_of(self.object_pose) != (size,):
-            meant = "x, y, angle (3,)" if size == 3 else "x, y, z, quaternion w, x, y, z (7,)"
+            meant = f"{space_of_pose(size).pose_text} ({size},)"
             raise rejected("object_pose", self.object_pose, meant)
-        _check_quaternion("object_pose", self.object_pose)
+        _check_quaternion("object_pose", self.object_pose[problem.model.space.pose_attitude])
 
     def follows_a_gap(self, before: float, sample_time: float) -> bool:
         """Tell whether more than a sample [s] has passed since the one before [s]."""
@@ -121,13 +122,13 @@ def check_state(state: State, model: RobotModel) -> None:
     if state.Q.shape != (model.nq,) or state.v.shape != (model.n,):
         sizes = f"Q {state.Q.shape} and v {state.v.shape}"
         raise InputError(f"state: found {sizes}, expected Q ({model.nq},) and v ({model.n},) of {model.spec.name}")
-    if model.dimension == 3:
-        _check_quaternion("state", state.Q)
+    _check_quaternion("state", state.Q[model.space.attitude])
 
 
-def _check_quaternion(name: str, pose: np.ndarray) -> None:
-    """Make sure that the quaternion of a pose in space, if it was measured, is of length 1."""
-    if len(pose) > 3 and abs((norm := float(np.linalg.norm(pose[3:7]))) - 1) > UNIT and np.isfinite(norm):
+def _check_quaternion(name: str, quaternion: np.ndarray) -> None:
+    """Make sure that a quaternion, if there is one and it was measured, is of length 1."""
+    norm = float(np.linalg.norm(quaternion))
+    if len(quaternion) and np.isfinite(norm) and abs(norm - 1) > UNIT:
         raise InputError(f"{name}: found a quaternion of length {norm:.4g}, expected a unit quaternion w, x, y, z")
 
 

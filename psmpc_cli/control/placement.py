@@ -7,8 +7,9 @@ import numpy as np
 
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.tracking import ObjectEstimate
-from psmpc_cli.ocp.plan import Chart, Plan, resting_plan
+from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.problem import Problem, Stage
+from psmpc_cli.robot.configuration import Chart
 
 QUATERNION_FLIP_THRESHOLD = -0.17
 """Real part of an attitude's error at which the other sign of its quaternion is taken: an error of some 200 deg."""
@@ -79,16 +80,15 @@ class Placer:
         stages = self._problem.stages
         if target_object is not None and self.follows_object:
             stages = self._at_object(time, sequence, target_object, at_ends)
-        if not chart.spatial:
-            return Placement(chart, stages, signs)
         plan = plan or resting_plan(time, self._horizon, 1, x, chart)
         begins = dict(enumerate([time, *sequence.instants], start=sequence.first))
         found = {
             stage.index: self._signs(stage, plan, begins.get(stage.index), sequence, signs.get(stage.index, {}))
             for stage in stages
         }
-        joints = x[6 : self._problem.model.n]
-        charted = tuple(stage.in_chart(chart.anchor, joints, found[stage.index]) for stage in stages)
+        model = self._problem.model
+        posture = model.space.posture(x[model.space.joint_rates])
+        charted = tuple(stage.in_chart(chart.anchor, posture, found[stage.index]) for stage in stages)
         return Placement(chart, charted, found)
 
     def _at_object(
@@ -113,6 +113,8 @@ class Placer:
         self, stage: Stage, plan: Plan, begins: float | None, sequence: MovingSequence, known: Mapping[str, float]
     ) -> Mapping[str, float]:
         """Choose the signs of a stage's quaternions by frame; a trajectory counts where it is when the stage begins."""
+        if not stage.attitudes:
+            return known
         time = plan.end if begins is None else begins
         since = time - sequence.entered if stage.index == sequence.first else 0.0
         wanted = stage.reference(since)
@@ -121,7 +123,7 @@ class Placer:
         xi = np.asarray(model.charted(Q, plan.chart.anchor)).ravel()
         found = dict(known)
         for frame, at in stage.attitudes.items():
-            w = float(wanted[at : at + 4] @ xi[model.pose_rows[frame]][3:7])
+            w = float(wanted[at : at + 4] @ xi[model.pose_rows[frame]][model.space.pose_attitude])
             sign = known.get(frame)
             if sign is None or begins is None or sign * w < QUATERNION_FLIP_THRESHOLD:
                 found[frame] = 1.0 if w >= 0 else -1.0

@@ -7,8 +7,6 @@ import numpy as np
 
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.robot.free_body import FreeBody, motion_of
-from psmpc_cli.robot.model import nearest_equivalent
-from psmpc_cli.robot.rotations import conjugate, exp, log, product
 from psmpc_cli.specs.object import ObjectSpec
 
 GAINS = 0.5, 1 / 6
@@ -54,16 +52,9 @@ class ObjectEstimate:
             return self
         alpha, beta = GAINS
         predicted, velocity = self.at(time)
-        if len(pose) == 3:
-            angle = nearest_equivalent(predicted[2], pose[2])
-            innovation = np.array([*pose[:2], angle]) - predicted
-            corrected = predicted + alpha * innovation
-        else:
-            turned = product(conjugate(list(predicted[3:])), list(pose[3:]))
-            turn = log([-part for part in turned] if turned[0] < 0 else turned)
-            innovation = np.array([*(pose[:3] - predicted[:3]), *turn])
-            attitude = product(list(predicted[3:]), exp([alpha * part for part in turn]))
-            corrected = np.array([*(predicted[:3] + alpha * innovation[:3]), *attitude])
+        space = self.body.space
+        innovation = space.pose_error(pose, predicted)
+        corrected = np.array(space.integrate(predicted, alpha * innovation))
         since = time - self.measured_at
         if np.isfinite(since) and since > 0:
             velocity = velocity + beta / since * innovation

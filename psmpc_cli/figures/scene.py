@@ -12,7 +12,8 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import judge_monitor
 from psmpc_cli.ocp.problem import Stage
 from psmpc_cli.ocp.skills import SKILLS, Posture
-from psmpc_cli.robot.model import RobotModel, pose_frames
+from psmpc_cli.robot.configuration import pose_frames
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import stack

@@ -36,7 +36,8 @@ from psmpc_cli.figures.scene import (
 from psmpc_cli.figures.timeline import runs_of
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.problem import build_stages
-from psmpc_cli.robot.model import RobotModel, pose_frames
+from psmpc_cli.robot.configuration import pose_frames
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from psmpc_cli.ocp.problem import Problem, Stage, in_own_chart
-from psmpc_cli.robot.free_body import pose_error
+from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.specs.object import ObjectSpec
 from psmpc_cli.specs.task import OBJECT_CHECKS, MonitorSpec, PublishedRun, TaskSpec
 
@@ -111,8 +111,11 @@ class CaptureSummary(_Computed):
         destination = None if task.object is None else task.object.destination
         pose = arrays["object/left_pose"]
         v = arrays["object/left_velocity"]
-        d = len(arrays["object_axis"]) // 3 + 1
-        error = np.full(len(v), np.nan) if destination is None else pose_error(pose, destination.pose)
+        space = space_of_pose(len(pose))
+        d = space.dimension
+        error = np.full(len(v), np.nan)
+        if destination is not None:
+            error = space.pose_error(pose, destination.pose)
         self.closed_at = float(np.max(arrays["grasp/closed_at"]))
         self.missed_by: tuple[float, ...] = tuple(arrays["grasp/missed_by"].max(axis=0).tolist())
         self.pull = float(np.max(arrays["grasp/pull"], initial=0.0))
@@ -241,8 +244,10 @@ def _object_checks(target_object: ObjectSpec, arrays: Arrays) -> Iterator[Verdic
     if destination is None:
         return
     left = float(arrays["object/left_at"])
-    over = np.abs(pose_error(arrays["object/left_pose"], destination.pose)) / destination.tolerance
-    linear = arrays["object/left_velocity"][: len(arrays["object_axis"]) // 3 + 1]
+    space = space_of_pose(len(destination.pose))
+    error = space.pose_error(arrays["object/left_pose"], destination.pose)
+    over = np.abs(error) / destination.tolerance
+    linear = arrays["object/left_velocity"][: space.dimension]
     margin = 1 - float(max(*over, np.linalg.norm(linear) / destination.speed))
     delivered = taken and not lost.any() and margin >= 0
     yield Verdict(OBJECT_CHECKS[2], delivered, margin, np.nan if delivered else left if np.isfinite(left) else end)

@@ -10,7 +10,7 @@ import numpy as np
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.problem import Stage, StageCosts, build_stages, in_own_chart
-from psmpc_cli.robot.free_body import composed, pose_error
+from psmpc_cli.robot.configuration import ConfigurationSpace, configuration_space
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.robot.rotations import conjugate, log, product
@@ -102,7 +102,8 @@ def _grasps(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
     def norms(motion: np.ndarray) -> list[float]:
         return [float(np.linalg.norm(part)) for part in np.split(motion, [task.robot.dimension])]
 
-    size = 3 * (task.robot.dimension - 1)
+    space = configuration_space(task.robot)
+    size = space.n_twist
     frames = ["base", *task.robot.arms]
     poses = dict(zip(frames, stage.target.reshape(len(frames), -1), strict=True))
     tolerance = np.full(len(stage.weights), np.inf)
@@ -112,7 +113,7 @@ def _grasps(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
     for arm, at in target_object.grasp.at.items():
         own = slice(size * frames.index(arm), size * (frames.index(arm) + 1))
         widths[arm] = norms(tolerance[own]) + norms(rate[own])
-        metres, angle = norms(pose_error(poses[arm], composed(target_object.pose, at)))
+        metres, angle = norms(space.pose_error(poses[arm], space.composed(target_object.pose, at)))
         fixed = target_object.motion is None and arm not in stage.on_object
         if fixed and (metres > envelope.position or angle > envelope.angle):
             far = f"{metres:.3g} m and {np.degrees(angle):.3g} deg"
@@ -130,7 +131,8 @@ def _grasps(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
 def _initial(task: Task, first: Stage) -> Iterator[Fault]:
     """Give what of the initial state the first stage does not allow."""
     Q, v = _initial_state(task)
-    position = _coordinates(first, Q)
+    space = configuration_space(task.robot)
+    position = _coordinates(space, first, Q)
     for key, kind, values in (("initial", "position", position), ("initial_velocity", "velocity", v)):
         for row in _outside(values, *_bounds(first, kind)):
             yield Fault(_place(task, (key,), row, "joint"), _beyond(task, row, values[row], first, kind))
@@ -138,8 +140,9 @@ def _initial(task: Task, first: Stage) -> Iterator[Fault]:
 
 def _targets(task: Task, stage: Stage) -> Iterator[Fault]:
     """Give what of a stage's target, or of any row of its trajectory, lies outside its limits."""
+    space = configuration_space(task.robot)
     for index, numbers in enumerate(stage.waypoints):
-        values = _coordinates(stage, numbers)
+        values = _coordinates(space, stage, numbers)
         for row in _rows_outside(stage, values):
             yield Fault(_place(task, stage, row, stage.space, index), _beyond(task, row, values[row], stage))
 
@@ -156,7 +159,7 @@ def _out_of_reach(task: Task, outlook: Outlook, certain: bool) -> Iterator[Fault
     """
     robot = task.robot
     for index, (numbers, reaches) in enumerate(zip(outlook.stage.waypoints, outlook.along, strict=True)):
-        base = f"with the base at {_pose(robot, numbers)}"
+        base = f"with the base at {configuration_space(robot).written(numbers)}"
         for arm, reach in reaches.items():
             known = True
             far = f"{reach.distance:.4g} m from"
@@ -189,18 +192,11 @@ def _out_of_reach(task: Task, outlook: Outlook, certain: bool) -> Iterator[Fault
                 yield Fault(_place_of_part(task, outlook.stage, arm, index), f"found {found}")
 
 
-def _pose(robot: RobotSpec, numbers: np.ndarray) -> str:
-    """Write the base's pose, the first of a target's numbers."""
-    if robot.dimension == 2:
-        return f"[{numbers[0]:g}, {numbers[1]:g}, {np.degrees(numbers[2]):g} deg]"
-    turned = np.degrees(2 * np.arctan2(np.linalg.norm(numbers[4:7]), abs(numbers[3])))
-    return f"[{numbers[0]:g}, {numbers[1]:g}, {numbers[2]:g}], turned by {turned:g} deg"
-
-
 def _handover(task: Task, stage: Stage, then: Stage) -> Iterator[Fault]:
     """Give the coordinates that a stage leaves where the limits of the next one do not allow them."""
-    values = _coordinates(stage, stage.target)
-    tolerances = _tolerances(stage)
+    space = configuration_space(task.robot)
+    values = _coordinates(space, stage, stage.target)
+    tolerances = _tolerances(space, stage)
     rows = np.array(sorted(tolerances.keys() - {len(values), *_rows_outside(stage, values)}), int)
     within = np.array([tolerances[row] for row in rows])
     low, high = _bounds(then, "position")
@@ -307,7 +303,7 @@ def _far_base(task: Task, before: Stage, then: Outlook) -> Iterator[Fault]:
     d = task.robot.dimension
     stage = then.stage
     first = stage.waypoints[0]
-    left = before.target[: 3 if d == 2 else 7]
+    left = before.target[configuration_space(task.robot).base_coordinates]
     if not set(range(task.robot.parts["base"])) <= set(before.end_rows):
         return
     own = then.along[0]
@@ -328,11 +324,12 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
         return
     times = stage.trajectory.times
     low, high = _bounds(stage, "velocity")
-    values = np.array([_coordinates(stage, numbers) for numbers in stage.trajectory.values])
+    space = configuration_space(task.robot)
+    values = np.array([_coordinates(space, stage, numbers) for numbers in stage.trajectory.values])
     changes = np.diff(values, axis=0)
     if stage.attitudes:
-        q = stage.trajectory.values[:, 3:7].T
-        changes[:, 3:6] = np.transpose(log(product(conjugate(list(q[:, :-1])), list(q[:, 1:]))))
+        q = stage.trajectory.values[:, space.attitude].T
+        changes[:, space.rotation] = np.transpose(log(product(conjugate(list(q[:, :-1])), list(q[:, 1:]))))
     rates = changes / np.diff(times)[:, None]
     for row in np.flatnonzero(np.isfinite(changes).all(axis=0)).tolist():
         excess = np.maximum(rates[:, row] - high[row], low[row] - rates[:, row])
@@ -371,9 +368,10 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
     to its target, as fast as all limits of the angular velocity together allow.
     """
     Q, v = _initial_state(task)
-    turn = Q[3:7] if len(Q) > len(v) else np.zeros(0)
-    value = np.append(_of_state(Q, len(v)), 0.0)
-    speed = np.append(v, np.linalg.norm(v[3:6]))
+    space = configuration_space(task.robot)
+    attitude = Q[space.attitude]
+    value = np.append(space.in_order_of_v(Q), 0.0)
+    speed = np.append(v, np.linalg.norm(v[space.rotation]))
     known = np.zeros(len(v) + 1, bool)
     tolerance = np.zeros(len(value))
     since = np.zeros(len(value))
@@ -381,11 +379,11 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
     found = list[tuple[float, tuple[int, ...]]]()
     end = 0.0
     for stage in stages:
-        most = np.maximum(most, _largest_rates(stage))  # up and down, since a coordinate was known
-        asked = _tolerances(stage)
+        most = np.maximum(most, _largest_rates(space, stage))  # up and down, since a coordinate was known
+        asked = _tolerances(space, stage)
         rows = np.array(list(asked), int)
         within = np.array(list(asked.values()))
-        target = np.append(_coordinates(stage, stage.target), _angle(turn, stage.target[3:7]))
+        target = np.append(_coordinates(space, stage, stage.target), _angle(attitude, stage.target[space.attitude]))
         way = target[rows] - value[rows]
         distance = np.maximum(np.abs(way) - within - tolerance[rows], 0.0)
         rate, gain = np.where(way > 0, most[::2, rows], most[1::2, rows])
@@ -400,7 +398,7 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
         most[:, rows] = 0.0
         known[rows] = True
         if len(v) in asked:
-            turn = stage.target[3:7]
+            attitude = stage.target[space.attitude]
             value[-1] = 0.0
         found.append((end, tuple(rows[stuck].tolist())))
     return found
@@ -411,11 +409,11 @@ def _angle(one: np.ndarray, other: np.ndarray) -> float:
     return float(2 * np.arccos(min(1.0, abs(float(one @ other))))) if len(one) else 0.0
 
 
-def _largest_rates(stage: Stage) -> np.ndarray:
+def _largest_rates(space: ConfigurationSpace, stage: Stage) -> np.ndarray:
     """Return the largest velocities and accelerations up and down, the attitude's last, (4, n + 1)."""
     limits = stage.limits
     both = np.array([limits.velocity_high, -limits.velocity_low, limits.acceleration_high, -limits.acceleration_low])
-    of_turn = np.linalg.norm(np.maximum(both[::2], both[1::2])[:, 3:6], axis=1)
+    of_turn = np.linalg.norm(np.maximum(both[::2], both[1::2])[:, space.rotation], axis=1)
     return np.column_stack([both, np.repeat(of_turn, 2)])
 
 
@@ -428,27 +426,24 @@ def _shortest_time(distance: np.ndarray, rate: np.ndarray, gain: np.ndarray, beg
     return np.asarray(np.where(distance <= 0, 0.0, np.where((distance >= ramp) & (rate > 0), fast, slow)))
 
 
-def _of_state(Q: np.ndarray, n: int) -> np.ndarray:
-    """Return the coordinates at Q (nq,) in the order of v (n,); NaN for the attitude of a spatial base."""
-    return Q if len(Q) == n else np.r_[Q[:3], np.full(3, np.nan), Q[7:]]
-
-
-def _coordinates(stage: Stage, numbers: np.ndarray) -> np.ndarray:
+def _coordinates(space: ConfigurationSpace, stage: Stage, numbers: np.ndarray) -> np.ndarray:
     """Return the coordinates that a target's numbers say, in the order of v (n,); NaN for those that they do not."""
-    n = len(stage.limits.velocity_low)
-    return _of_state(numbers, n) if stage.space == "joint" else np.r_[numbers[:3], np.full(n - 3, np.nan)]
+    if stage.space != "joint":
+        numbers = np.concatenate([numbers[space.base_coordinates], np.full(space.joints, np.nan)])
+    return space.in_order_of_v(numbers)
 
 
-def _tolerances(stage: Stage) -> dict[int, float]:
+def _tolerances(space: ConfigurationSpace, stage: Stage) -> dict[int, float]:
     """Return the tolerance of every coordinate in the end condition [m, rad]; in task space those of the base.
 
     Row n is the attitude of a spatial base, where the end condition has all of it.
     """
     asked = dict(zip(stage.end_rows, stage.tolerance.tolist(), strict=True))
-    known = _coordinates(stage, stage.target)
+    known = _coordinates(space, stage, stage.target)
     found = {row: t for row, t in asked.items() if row < len(known) and np.isfinite(known[row])}
-    if stage.attitudes and {3, 4, 5} <= set(asked):
-        found[len(known)] = float(np.linalg.norm([asked[row] for row in (3, 4, 5)]))
+    rotation = range(space.rotation.start, space.rotation.stop)
+    if stage.attitudes and set(rotation) <= set(asked):
+        found[len(known)] = float(np.linalg.norm([asked[row] for row in rotation]))
     return found
 
 

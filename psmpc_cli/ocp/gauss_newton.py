@@ -19,6 +19,7 @@ from psmpc_cli.ocp.objective import StageShape, stage_functions
 from psmpc_cli.ocp.plan import Grid
 from psmpc_cli.ocp.window import Parameters, WindowShape, reference
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.motion import velocity_shares
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +99,7 @@ class VelocityForm:
         self.costs = [stage_functions(model, StageShape(stage.space), native) for stage in shape.stages]
         self.stages = [stage_functions(model, stage) for stage in shape.stages]
         self.nodes = np.array(shape.nodes)
-        self.weights = (1.0, 0.0) if shape.discretization == "euler" else (0.5, 0.5)
+        self.weights = velocity_shares(shape.discretization)
         self.end_node = np.repeat(self.grid.first_node[1:], [stage.end_rows for stage in self.stages])
         curvatures = {s: stage.end_curvature for s, stage in enumerate(self.stages)}
         self._curvatures = {s: function for s, function in curvatures.items() if function is not None}

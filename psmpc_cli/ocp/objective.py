@@ -11,7 +11,8 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.functions import RowFunction
-from psmpc_cli.ocp.skills import SKILLS, n_placement_parameters
+from psmpc_cli.ocp.skills import SKILLS
+from psmpc_cli.robot import motion
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
 
@@ -64,7 +65,7 @@ class StageFunctions:
         self.shape = shape
         self._native = native
         self.rows = skill.rows(model)
-        self.numbers = skill.numbers(model) + n_placement_parameters(model)
+        self.numbers = skill.numbers(model) + model.space.n_sample_numbers
         self.inputs = n if shape.input == "joint" else model.m
         self._Q = ca.SX.sym("Q", n)
         self._Qdot = ca.SX.sym("Qdot", n)
@@ -194,11 +195,10 @@ def _step(model: RobotModel, stage_input: str, discretization: str) -> ca.Functi
     dt = ca.SX.sym("dt")
     x = ca.SX.sym("x", 2 * n)
     u = ca.SX.sym("u", n if stage_input == "joint" else model.m)
-    flow = model.f_1 if stage_input == "joint" else model.f_2
-    if discretization == "euler":
-        after = x + dt * flow(x, u)
-    elif stage_input == "joint":
-        after = ca.vertcat(x[:n] + dt * x[n:] + dt**2 / 2 * u, x[n:] + dt * u)
+    if stage_input == "joint":
+        after = motion.step(discretization)(x, u, dt)
+    elif discretization == "euler":
+        after = x + dt * model.f_2(x, u)
     else:
-        after = runge_kutta(lambda x: flow(x, u), x, dt)
+        after = runge_kutta(lambda x: model.f_2(x, u), x, dt)
     return ca.Function("F", [x, u, dt], [after], ["x", "u", "dt"], ["x_next"])

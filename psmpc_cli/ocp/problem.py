@@ -9,9 +9,9 @@ import numpy as np
 
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.objective import StageFunctions, StageShape, stage_functions
-from psmpc_cli.ocp.plan import Chart
 from psmpc_cli.ocp.skills import SKILLS, Posture
-from psmpc_cli.robot.free_body import FreeBody, carried_rate, composed, relative
+from psmpc_cli.robot.configuration import space_of_pose
+from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.object import ObjectSpec, OnObject
@@ -122,12 +122,13 @@ class Stage:
 
         The angular rate of an error is that near the target, where alone end conditions look at it.
         """
+        space = space_of_pose(len(pose))
         target = self.target.copy()
         drift = np.zeros(len(self.weights))
         for frame, inside in self.on_object.items():
-            rate = carried_rate(pose, v, inside)
+            rate = space.carried_rate(pose, v, inside)
             number = list(pose_rows).index(frame)
-            target[pose_rows[frame]] = composed(pose, inside)
+            target[pose_rows[frame]] = space.composed(pose, inside)
             drift[len(rate) * number : len(rate) * (number + 1)] = rate
         return replace(self, target=target, drift=drift, object_state=np.concatenate([pose, v]))
 
@@ -143,7 +144,7 @@ class Stage:
             elapsed: Time since the stage began [s].
             horizon: How far ahead the cost looks [s].
         """
-        pose, v = np.split(state, [len(state) // 2 + len(state) % 2])
+        pose, v = np.split(state, [body.space.n_pose])
         ahead = np.linspace(0.0, horizon, FOLLOWED)
         placed = [self.at_object(pose_rows, *body.predicted(pose, v, each)) for each in ahead]
         values = np.array([stage.target for stage in placed])
@@ -162,9 +163,12 @@ class Stage:
             numbers = numbers.copy()
             for frame, at in self.attitudes.items():
                 numbers[..., at : at + 4] *= signs[frame]
-            more = np.broadcast_to(np.r_[anchor, joints], (*numbers.shape[:-1], 4 + len(joints)))
+            more = np.broadcast_to(of_sample, (*numbers.shape[:-1], len(of_sample)))
             return np.concatenate([numbers, more], axis=-1)
 
+        of_sample = np.concatenate([anchor, joints])
+        if not self.attitudes and not len(of_sample):
+            return self
         path = self.trajectory and replace(self.trajectory, values=placed(self.trajectory.values))
         taken = tuple(signs[frame] for frame in self.attitudes)
         return replace(self, target=placed(self.target), trajectory=path, signs=taken)
@@ -284,14 +288,13 @@ def in_own_chart(
     Of the two quaternions for an attitude of the target it has the nearer one; of a trajectory the target is that at a
     time `since` the stage began [s], its end without one.
     """
-    chart = Chart.at(Q, model.n)
+    chart = model.space.chart_at(Q)
     x = np.asarray(chart.enter(Q[None], v[None])[0])
-    if not chart.spatial:
-        return stage, x
     poses = dict(zip(model.pose_rows, model.poses(Q), strict=True))
     target = stage.reference(since)
     nearer = {frame: float(target[at : at + 4] @ poses[frame][3:]) for frame, at in stage.attitudes.items()}
-    return stage.in_chart(chart.anchor, Q[7:], {frame: np.sign(w) or 1.0 for frame, w in nearer.items()}), x
+    signs = {frame: np.sign(w) or 1.0 for frame, w in nearer.items()}
+    return stage.in_chart(chart.anchor, model.space.posture(Q[model.space.joint_coordinates]), signs), x
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,7 +341,8 @@ def _on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
     if target_object is None or isinstance(target, TrajectorySpec):
         return stage
     frames = [frame for frame, aim in target.items() if isinstance(aim, OnObject)]
-    inside = {frame: relative(stage.target[model.pose_rows[frame]], target_object.pose) for frame in frames}
+    targets = {frame: stage.target[model.pose_rows[frame]] for frame in frames}
+    inside = {frame: model.space.relative(target, target_object.pose) for frame, target in targets.items()}
     return replace(stage, on_object=inside)
 
 
@@ -380,11 +384,12 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
 def _weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarray:
     """Return the weights of the rows of the error; those of the posture of redundant arms follow from the poses'."""
     weights = stack(skill.weights.parts, robot, skill.space, missing=0.0, of_error=True)
-    if model.dimension == 2 or skill.space != "task":
+    if SKILLS[skill.space].rows(model) == len(weights):
         return weights
     posture = []
+    size = model.space.n_twist
     for number, arm in enumerate(robot.arms, start=1):
-        own = weights[6 * number : 6 * number + 6]
+        own = weights[size * number : size * (number + 1)]
         links = robot.parts[arm]
         free = links > np.count_nonzero(own)
         posture.append(np.full(links, POSTURE * own.max() if free else 0.0))
@@ -438,4 +443,4 @@ def _placed(aim: tuple[float, ...] | OnObject, target_object: ObjectSpec | None)
         if target_object.grasp
         else ()
     )
-    return tuple(composed(target_object.pose, at).tolist())
+    return tuple(space_of_pose(len(at)).composed(target_object.pose, at).tolist())

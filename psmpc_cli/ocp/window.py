@@ -10,8 +10,9 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from psmpc_cli.ocp.objective import StageShape
-from psmpc_cli.ocp.plan import PLANAR, Chart, Grid, Plan, mesh
+from psmpc_cli.ocp.plan import Grid, Plan, mesh
 from psmpc_cli.ocp.problem import Stage, StageCosts
+from psmpc_cli.robot.configuration import IDENTITY, Chart
 
 T = TypeVar("T")
 U = TypeVar("U")
@@ -87,7 +88,7 @@ class Window:
     hold: float = 0.0
     cost_bound: float = np.inf
     kept: tuple[Kept, ...] = ()
-    chart: Chart = PLANAR
+    chart: Chart = IDENTITY
     rate_shift: np.ndarray | None = None
 
     @property
@@ -109,7 +110,7 @@ class Window:
 
         So solves from different guesses share one feasible set in space too.
         """
-        return replace(self, rate_shift=self.shift_of_limits(on_mesh(plan, self))) if self.chart.spatial else self
+        return replace(self, rate_shift=self.shift_of_limits(on_mesh(plan, self)))
 
     def shift_of_limits(self, guess: Plan) -> np.ndarray:
         """Return by how much limits of v are moved at the nodes (K + 1, n) in a solve from a guess on this mesh."""

@@ -10,9 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.robot.kinematics import coordinate_rate
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.rotations import body_rate, chart_rate, conjugate, log, product
 
 TOLERANCE = 1e-12
 """Absolute and relative tolerance of a step [m, rad, m/s, rad/s]."""
@@ -77,15 +75,15 @@ def _integrator(model: RobotModel, lawful: bool) -> ca.Function:
     n = model.n
     nq = model.nq
     w = model.nominal.vector
-    spatial = model.dimension == 3
     x = ca.SX.sym("x", nq + n)
-    p = ca.SX.sym("p", n + 1 + 4 * (lawful and spatial))
+    anchor = model.space.n_anchor if lawful else 0
+    p = ca.SX.sym("p", n + anchor + 1)
     Q = x[:nq]
     v = x[nq:]
     u = p[:n]
-    vdot = _rate_of_v(Q, v, u, p[n:-1]) if lawful and spatial else u
+    vdot = model.space.charted_acceleration(Q, v, u, p[n:-1]) if lawful else u
     F = model.dynamics.inverse(Q, v, vdot, w) if lawful else p[:n]
-    Qdot = coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v))
+    Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
     ode = p[-1] * ca.vertcat(*Qdot, model.dynamics.forward(Q, v, F, w))
     options: dict[str, Any] = {
         "abstol": TOLERANCE,
@@ -96,15 +94,3 @@ def _integrator(model: RobotModel, lawful: bool) -> ca.Function:
     parts = [float(part) for part in np.arange(1, INSIDE + 1) / INSIDE]
     problem: dict[str, ca.SX] = {"x": x, "p": p, "ode": ode}
     return ca.integrator("piece", "cvodes", problem, 0.0, parts, options)
-
-
-def _rate_of_v(Q: ca.SX, v: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
-    """Return the rate of v (n,) at accelerations u (n,) in the chart about an anchor (4,)."""
-    turned = product(conjugate(ca.vertsplit(anchor)), ca.vertsplit(Q[3:7]))
-    phi = ca.SX.sym("phi", 3)
-    rate = ca.SX.sym("rate", 3)
-    omega = ca.vertcat(*body_rate(ca.vertsplit(phi), ca.vertsplit(rate)))
-    change = ca.jtimes(omega, ca.vertcat(phi, rate), ca.vertcat(rate, u[3:6]))
-    at = log(turned)
-    there = ca.vertcat(*at), ca.vertcat(*chart_rate(at, ca.vertsplit(v[3:6])))
-    return ca.vertcat(u[:3], ca.substitute(change, ca.vertcat(phi, rate), ca.vertcat(*there)), u[6:])

@@ -19,11 +19,11 @@ from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.plant.base import Disturbance, GraspEvent, ObjectTicks, Resistance, Ticks
 from psmpc_cli.plant.uncertainty import stream
 from psmpc_cli.robot.closed_chain import ClosedChain
+from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
-from psmpc_cli.robot.free_body import FreeBody, body_of, counted, lifted, lifted_rate, motion_of, relative
-from psmpc_cli.robot.kinematics import moved
+from psmpc_cli.robot.free_body import FreeBody, body_of, motion_of
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.rotations import add, conjugate, cross, dot, exp, log, product, rotate, scaled, shorter
+from psmpc_cli.robot.rotations import add, conjugate, cross, dot, log, product, rotate, scaled, shorter
 from psmpc_cli.specs.object import GraspSpec, ObjectSpec
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES
 from psmpc_cli.specs.robot import stack
@@ -53,21 +53,22 @@ class Relative:
     lever: list[Any]
 
 
-def compared(gripper: Any, rate: Any, pose: Any, v: Any, anchor: Any) -> Relative:
+def compared(space: ConfigurationSpace, gripper: Any, rate: Any, pose: Any, v: Any, anchor: Any) -> Relative:
     """Compare a gripper with a pose fixed to the object.
 
     Args:
+        space: Of the poses.
         gripper: Its pose.
         rate: Linear velocity of its point and angular velocity, both in the inertial frame.
         pose: The object's.
         v: Its velocity, angular about its own axes.
         anchor: The pose in the object's frame that the gripper is compared with.
     """
-    at, attitude = lifted(gripper)
-    moving, turning = lifted_rate(rate)
-    centre, q = lifted(pose)
-    carried, spin = lifted_rate(v)
-    inside, turned = lifted(anchor)
+    at, attitude = space.lifted(gripper)
+    moving, turning = space.lifted_twist(rate)
+    centre, q = space.lifted(pose)
+    carried, spin = space.lifted_twist(v)
+    inside, turned = space.lifted(anchor)
     spin = rotate(q, spin)
     lever = add(at, scaled(centre, -1))
     wanted = product(q, turned)
@@ -102,7 +103,9 @@ class GraspLaw:
         self.model = model
         self.body = body
         self.grippers = tuple(grippers)
-        self.size, self.sizes = (3, (3, 3)) if model.dimension == 2 else (6, (7, 6))
+        self.space = body.space
+        self.size = self.space.n_twist
+        self.sizes = (self.space.n_pose, self.space.n_twist)
         self.parameters = self.sizes[0] + 4
         self.bushing = self._bushing()
         self.forces = self._forces()
@@ -120,12 +123,12 @@ class GraspLaw:
         anchor = ca.vertsplit(p)[: self.sizes[0]]
         k, kappa, d, delta = ca.vertsplit(p)[self.sizes[0] :]
         gripper, rate, pose, v = map(ca.vertsplit, known)
-        found = compared(gripper, rate, pose, v, anchor)
+        found = compared(self.space, gripper, rate, pose, v, anchor)
         force = add(scaled(found.r, -k), scaled(found.rdot, -d))
         moment = add(scaled(found.phi, -kappa), scaled(found.omega, -delta))
         back = add(scaled(moment, -1), cross(found.lever, scaled(force, -1)))
         power = dot(force, found.rdot) + dot(moment, found.omega)
-        wrenches = counted(self.size, force, moment), counted(self.size, scaled(force, -1), back)
+        wrenches = self.space.twist(force, moment), self.space.twist(scaled(force, -1), back)
         return ca.Function("bushing", [*known, p], ca.cse([*(ca.vertcat(*each) for each in wrenches), ca.SX(power)]))
 
     def _forces(self) -> ca.Function:
@@ -144,10 +147,10 @@ class GraspLaw:
             force = force + J.T @ w
             wrench = wrench + back
             power = power + gained
-            inside, _ = lifted(ca.vertsplit(own)[: self.sizes[0]])
-            _, attitude = lifted(ca.vertsplit(pose))
+            inside, _ = self.space.lifted(ca.vertsplit(own)[: self.sizes[0]])
+            _, attitude = self.space.lifted(ca.vertsplit(pose))
             outwards = rotate(attitude, inside)
-            on_object, _ = lifted_rate(ca.vertsplit(-w))
+            on_object, _ = self.space.lifted_twist(ca.vertsplit(-w))
             puts.append(-w)
             pulls.append(dot(on_object, outwards) / ca.fmax(ca.sqrt(dot(outwards, outwards)), TINY))
         outputs = ca.cse([force, wrench, power, ca.horzcat(*puts), ca.vertcat(*pulls)])
@@ -164,7 +167,7 @@ class GraspLaw:
         d = self.model.dimension
         pose, rate = np.split(target_object, [self.sizes[0]])
         at, moving, J = (each.full() for each in self.gripper(number, Q, v))
-        found = compared(at.ravel(), moving.ravel(), pose, rate, anchor)
+        found = compared(self.space, at.ravel(), moving.ravel(), pose, rate, anchor)
         missed = (np.linalg.norm(each) for each in (found.r, found.phi, found.rdot, found.omega))
         inverse = J @ np.linalg.solve(self.model.mass_matrix(Q), J.T) + self._inverse_mass(pose, found.lever)
         return np.array([*missed, inverse.diagonal()[:d].mean(), inverse.diagonal()[d:].mean()])
@@ -172,11 +175,12 @@ class GraspLaw:
     def _inverse_mass(self, pose: np.ndarray, lever: Vector) -> np.ndarray:
         """Return the acceleration of the object's point at a lever by the wrench on it there."""
         columns = []
-        for force, moment in map(lifted_rate, np.eye(self.size)):
-            wrench = counted(self.size, force, add(moment, cross(lever, force)))
-            linear, angular = lifted_rate(self.body.rates(pose, np.zeros(self.size), wrench)[1])
-            angular = rotate(lifted(pose)[1], angular)
-            columns.append(counted(self.size, add(linear, cross(angular, lever)), angular))
+        space = self.space
+        for force, moment in map(space.lifted_twist, np.eye(self.size)):
+            wrench = space.twist(force, add(moment, cross(lever, force)))
+            linear, angular = space.lifted_twist(self.body.rates(pose, np.zeros(self.size), wrench)[1])
+            angular = rotate(space.lifted(pose)[1], angular)
+            columns.append(space.twist(add(linear, cross(angular, lever)), angular))
         return np.array(columns, dtype=float).T
 
 
@@ -242,7 +246,7 @@ class Capture:
             "grasp/measure": MISSED_BY,
             "object/mass": self.body.mass,
             "object/inertia": self.body.inertia,
-            "object/moment": ("zz",) if d == 2 else ("xx", "yy", "zz"),
+            "object/moment": ("xx", "yy", "zz")[-self.law.space.n_principal :],
         }
 
     @property
@@ -258,9 +262,8 @@ class Capture:
         d = self.law.model.dimension
         deviation = np.array([noise.object_position] * d + [noise.object_angle] * (size - d))
         step = stream(self._task.seed, "object noise", sample).standard_normal(size) * deviation
-        if d == 2:
-            return np.asarray(self.state[:3] + step)
-        return np.array([*(self.state[:3] + step[:3]), *product(list(self.state[3:7]), exp(list(step[3:])))])
+        pose, _ = self.pose_and_velocity
+        return np.array(self.law.space.integrate(pose, step))
 
     def fastest_rate(self, Q: np.ndarray) -> float:
         """Return the fastest rate of a bushing [1/s] if grippers closed with the robot at Q (nq,)."""
@@ -313,7 +316,7 @@ class Capture:
             if inside:
                 stiffness = np.array(self.spec.stiffness)
                 damping = 2 * self.spec.damping_ratio * np.sqrt(stiffness / inverse)
-                self.parameters[i] = [*relative(poses[gripper], pose), *stiffness, *damping]
+                self.parameters[i] = [*self.law.space.relative(poses[gripper], pose), *stiffness, *damping]
                 self.closed[i] = True
                 self._pull[i] = 0.0
 
@@ -404,7 +407,7 @@ class CapturePlant:
         time = start + self.tick * np.arange(M + 1)
         for k in range(M):
             capture.update(float(time[k]), X[k], closed is not None and bool(closed[k]))
-            read = np.array(moved(X[k, : model.nq], other.noise[k, : model.n]))
+            read = np.array(model.space.integrate(X[k, : model.nq], other.noise[k, : model.n]))
             v = X[k, model.nq :] + other.noise[k, model.n :]
             F[k] = np.clip(self._force(read, v, u[k], other.law), -self._largest, self._largest)
             acting = F[k] + other.push[k]

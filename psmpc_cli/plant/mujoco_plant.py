@@ -8,13 +8,12 @@ import numpy as np
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.plant.base import Disturbance, Resistance, Ticks
 from psmpc_cli.plant.grasp import GraspLaw
-from psmpc_cli.plant.ideal import turn_defect
+from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
-from psmpc_cli.robot.free_body import FreeBody, lifted_rate
-from psmpc_cli.robot.kinematics import coordinate_rate, external_wrench, moved, runge_kutta, step_between
+from psmpc_cli.robot.free_body import FreeBody
+from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.mujoco_model import OBJECT, mujoco_spec
-from psmpc_cli.robot.rotations import add, cross, rotate
 
 logger = logging.getLogger(__name__)
 
@@ -81,13 +80,13 @@ class MujocoPlant:
         other = disturbance or Disturbance.none(self.model.nominal, M, n)
         self.set_inertial_parameters(other.robot)
         for k in range(M):
-            read = moved(X[k, :nq], other.noise[k, :n])
+            read = self.model.space.integrate(X[k, :nq], other.noise[k, :n])
             v = X[k, nq:] + other.noise[k, n:]
             F[k] = np.clip(self.model.inverse_dynamics(read, v, u[k], other.law), -largest, largest)
             X[k + 1], done = self._step(X[k], F[k] + other.push[k])
             work += done
         time = start + self.tick * np.arange(M + 1)
-        return Ticks(time, X, F, np.append(_impulse(X[:, :nq], X[:, nq:], F + other.push, self.tick), work))
+        return Ticks(time, X, F, np.append(_impulse(self.model.space, X, F + other.push, self.tick), work))
 
     def replay(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return the states (M + 1, nq + n) from x on under given forces (M, n), held a tick each: no feedback."""
@@ -102,7 +101,7 @@ class MujocoPlant:
         The work of a force held over a step is exact, whatever the path between the states.
         """
         nq = self.model.nq
-        spatial = self.model.dimension == 3
+        space = self.model.space
         data = self.data
         way = self.resistance
         work = 0.0
@@ -110,7 +109,7 @@ class MujocoPlant:
         v = x[nq:]
         for _ in range(self.substeps):
             before = Q
-            omega = v[3:6]
+            slower = v
             acting = way.left_of(F, v)
             data.qpos[self.q] = Q
             data.qvel[self.v] = v
@@ -118,31 +117,24 @@ class MujocoPlant:
             mujoco.mj_step(self.engine, data)
             Q = data.qpos[self.q]
             v = data.qvel[self.v]
-            step = np.array(step_between(before, Q, spatial))
-            if spatial:
-                step[3:6] -= turn_defect(omega, v[3:6], self.engine.opt.timestep)
+            step = np.array(space.difference(before, Q))
+            step = step - space.noncommuting_turn(slower[None], v[None], self.engine.opt.timestep)[0]
             work += float(acting @ step)
         return np.concatenate([Q, v]), work
 
 
-def _impulse(Q: np.ndarray, v: np.ndarray, F: np.ndarray, tick: float) -> np.ndarray:
-    """Return the integral of the external wrench, (3,) or (6,) [N s, N m s], along Q (M + 1, nq), v (M + 1, n).
+def _impulse(space: ConfigurationSpace, X: np.ndarray, F: np.ndarray, tick: float) -> np.ndarray:
+    """Return the integral of the external wrench (n_twist,) [N s, N m s] along states X (M + 1, nq + n).
 
     The forces F (M, n) are held; the integral over a tick is by the trapezoidal rule with its end correction, with an
     error of the order of tick^5.
     """
-    wrench = [np.array(external_wrench(each.T, F.T)) for each in (Q[:-1], Q[1:])]
-    rate = [np.array(_moment_rate(q.T, w.T, F.T)) for q, w in ((Q[:-1], v[:-1]), (Q[1:], v[1:]))]
-    total = (tick / 2 * (wrench[0] + wrench[1])).sum(axis=1)
-    total[len(total) // 2 if Q.shape[1] > v.shape[1] else 2 :] -= (tick**2 / 12 * (rate[1] - rate[0])).sum(axis=1)
-    return np.asarray(total)
-
-
-def _moment_rate(Q: np.ndarray, v: np.ndarray, F: np.ndarray) -> list[np.ndarray]:
-    """Compute how fast the moment about the inertial origin of a held force F (n, M) changes, (1, M) or (3, M)."""
-    if len(Q) == len(v):
-        return [v[0] * F[1] - v[1] * F[0]]
-    return add(rotate(list(Q[3:7]), cross(list(v[3:6]), list(F[3:6]))), cross(list(v[:3]), list(F[:3])))
+    Q = X[:, : space.nq]
+    v = X[:, space.nq :]
+    wrench = [np.array(space.external_wrench(each.T, F.T)) for each in (Q[:-1], Q[1:])]
+    rate = [np.array(space.external_wrench_rate(q.T, w.T, F.T)) for q, w in ((Q[:-1], v[:-1]), (Q[1:], v[1:]))]
+    trapezoidal = (tick / 2 * (wrench[0] + wrench[1])).sum(axis=1)
+    return np.asarray(trapezoidal - (tick**2 / 12 * (rate[1] - rate[0])).sum(axis=1))
 
 
 class MujocoStep:
@@ -174,14 +166,14 @@ class MujocoStep:
         """Advance by a tick."""
         self._robot.set_inertial_parameters(robot)
         h = self._tick / self._substeps
-        spatial = self._model.dimension == 3
         nx = len(x)
+        attitudes = self._model.space.attitudes_at(0, nx)
         no = len(target_object)
         y = np.concatenate([x, target_object, np.zeros(self._model.parts["base"].stop + 1)])
         for _ in range(self._substeps):
             y = runge_kutta(lambda y: self._rate(y, F, parameters), y, h)
-            for first in (3, nx + 3) if spatial else ():
-                y[first : first + 4] /= np.linalg.norm(y[first : first + 4])
+            for rows in attitudes:
+                y[rows] /= np.linalg.norm(y[rows])
         return y[:nx], y[nx : nx + no], y[nx + no :]
 
     def _rate(self, y: np.ndarray, F: np.ndarray, parameters: np.ndarray) -> np.ndarray:
@@ -206,9 +198,10 @@ class MujocoStep:
         mujoco.mj_fwdAcceleration(engine, data)
         vdot = data.qacc_smooth[self._robot.v]
         faster = data.qacc_smooth[self._v]
-        Qdot = coordinate_rate(Q, v)
-        moving = coordinate_rate(pose, rate)
-        return np.array([*Qdot, *vdot, *moving, *faster, *external_wrench(Q, F), acting @ v + power])
+        Qdot = model.space.rate(Q, v)
+        moving = law.body.space.rate(pose, rate)
+        external = model.space.external_wrench(Q, F)
+        return np.array([*Qdot, *vdot, *moving, *faster, *external, acting @ v + power])
 
     def _press(self, site: int, parameters: np.ndarray) -> float:
         """Apply the bushing at a gripper to both bodies; return its power [W]."""
@@ -219,13 +212,11 @@ class MujocoStep:
         quaternion = np.zeros(4)
         mujoco.mj_objectVelocity(engine, data, mujoco.mjtObj.mjOBJ_SITE, site, moving, 0)
         mujoco.mju_mat2Quat(quaternion, data.site_xmat[site])
-        rate = np.r_[moving[3:], moving[:3]]
-        pose = np.r_[at, quaternion]
-        if self._model.dimension == 2:
-            rate = rate[[0, 1, 5]]
-            pose = np.r_[at[:2], 2 * np.arctan2(quaternion[3], quaternion[0])]
+        space = self._law.body.space
+        rate = np.array(space.twist(moving[3:], moving[:3]))
+        pose = space.dropped(at, quaternion)
         w, _, power = self._bushing(pose, rate, data.qpos[self._q], data.qvel[self._v], parameters)
-        force, moment = (np.array(each, dtype=float) for each in lifted_rate(w[0]))
+        force, moment = (np.array(each, dtype=float) for each in space.lifted_twist(w[0]))
         for body, sign in ((engine.site_bodyid[site], 1.0), (self._body, -1.0)):
             mujoco.mj_applyFT(engine, data, sign * force, sign * moment, at, body, data.qfrc_applied)
         return float(power[0, 0])

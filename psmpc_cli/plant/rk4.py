@@ -6,9 +6,10 @@ import numpy as np
 from psmpc_cli.native.functions import ArrayFunction, compiled
 from psmpc_cli.plant.base import Disturbance, Resistance, Ticks
 from psmpc_cli.plant.grasp import GraspLaw
+from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody
-from psmpc_cli.robot.kinematics import coordinate_rate, external_wrench, moved, runge_kutta
+from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
 
 
@@ -107,12 +108,12 @@ def capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
     target_object = FreeBody(body[0], ca.vertsplit(body[1:]))
     moving, faster = target_object.rates(ca.vertsplit(pose), ca.vertsplit(rate), ca.vertsplit(wrench))
     vdot = model.dynamics.forward(Q, v, acting + force, robot)
-    Qdot = coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v))
-    external = external_wrench(ca.vertsplit(Q), ca.vertsplit(F))
+    Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
+    external = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(F))
     zdot = ca.vertcat(*Qdot, vdot, *external, ca.dot(acting, v) + power, *moving, *faster)
     flow = ca.Function("flow", [z, F, g, p], [zdot])
     symbols = [ca.MX.sym(name, each.numel()) for name, each in zip("zFgp", (z, F, g, p), strict=True)]
-    attitudes = [3, z.numel() - no + 3] if model.dimension == 3 else []
+    attitudes = model.space.attitudes_at(0, z.numel() - no)
     after = _runge_kutta(flow, symbols[0], symbols[1:], tick, substeps, attitudes)
     return ca.Function("capture", symbols, [after])
 
@@ -128,7 +129,7 @@ def tick_function(model: RobotModel, tick: float, substeps: int, disturbed: bool
     law, flow = _law_and_flow(model, disturbed)
     sizes = ("z", flow.size1_in(0)), ("u", n), ("noise", 2 * n), ("push", n)
     z, u, noise, push = (ca.MX.sym(*each) for each in sizes)
-    attitudes = [3] if model.dimension == 3 else []
+    attitudes = model.space.attitudes_at(0)
     if disturbed:
         p = ca.MX.sym("p", flow.size1_in(2))
         F = law(z[:nx], u, noise, p)
@@ -156,14 +157,17 @@ def _law_and_flow(model: RobotModel, disturbed: bool) -> tuple[ca.Function, ca.F
     )
     sizes = ("x", nq + n), ("u", n), ("noise", 2 * n), ("z", nq + n + base + 1), ("F", n)
     x, u, noise, z, F = (ca.SX.sym(*each) for each in sizes)
-    read, known_v = (x[:nq], x[nq:]) if not disturbed else (_moved(x[:nq], noise[:n]), x[nq:] + noise[n:])
-    commanded = model.dynamics.inverse(read, known_v, u, believed)
+    measured_Q = x[:nq]
+    measured_v = x[nq:]
+    if disturbed:
+        measured_Q = _integrated(model.space, measured_Q, noise[:n])
+        measured_v = measured_v + noise[n:]
+    commanded = model.dynamics.inverse(measured_Q, measured_v, u, believed)
     Q = z[:nq]
     v = z[nq : nq + n]
     acting = F - viscous * v - coulomb * ca.tanh(v / width)
-    Qdot, wrench = (
-        of(ca.vertsplit(Q), ca.vertsplit(each)) for of, each in ((coordinate_rate, v), (external_wrench, F))
-    )
+    Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
+    wrench = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(F))
     rate = ca.vertcat(*Qdot, model.dynamics.forward(Q, v, acting, robot), *wrench, ca.dot(acting, v))
     if not disturbed:
         return ca.Function("law", [x, u], ca.cse([commanded])), ca.Function("flow", [z, F], ca.cse([rate]))
@@ -171,22 +175,22 @@ def _law_and_flow(model: RobotModel, disturbed: bool) -> tuple[ca.Function, ca.F
     return ca.Function("law", [x, u, noise, p], [limited]), ca.Function("flow", [z, F, p], [rate])
 
 
-def _moved(Q: ca.SX, step: ca.SX) -> ca.SX:
-    return ca.SX(ca.vertcat(*moved(ca.vertsplit(Q), ca.vertsplit(step))))
+def _integrated(space: ConfigurationSpace, Q: ca.SX, step: ca.SX) -> ca.SX:
+    return ca.SX(ca.vertcat(*space.integrate(ca.vertsplit(Q), ca.vertsplit(step))))
 
 
 def _runge_kutta(
-    flow: ca.Function, z: ca.MX, held: list[ca.MX], tick: float, substeps: int, attitudes: list[int]
+    flow: ca.Function, z: ca.MX, held: list[ca.MX], tick: float, substeps: int, attitudes: list[slice]
 ) -> ca.MX:
     """Return z after a tick of classical Runge-Kutta steps, the other arguments of the flow held.
 
-    After each of them the quaternions, given by their first rows, are made unit ones, from which they differ by the
-    step's error.
+    After each of them the quaternions, given by their rows, are made unit ones, from which they differ by the step's
+    error.
     """
     h = tick / substeps
     for _ in range(substeps):
         z = runge_kutta(lambda z: flow(z, *held), z, h)
-        for first in attitudes:
-            q = z[first : first + 4]
-            z = ca.vertcat(z[:first], q / ca.norm_2(q), z[first + 4 :])
+        for rows in attitudes:
+            q = z[rows]
+            z = ca.vertcat(z[: rows.start], q / ca.norm_2(q), z[rows.stop :])
     return z

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from psmpc_cli.errors import InputError
 from psmpc_cli.plant.base import Disturbance, Plant, Resistance, Ticks
 from psmpc_cli.robot.dynamics import InertialParameters
-from psmpc_cli.robot.kinematics import moved
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.robot import RobotSpec, stack
 from psmpc_cli.specs.task import TaskSpec
@@ -66,7 +65,7 @@ class Uncertainty:
         n = self._model.n
         nq = self._model.nq
         noise = self._noise(sample)[0]
-        return np.concatenate([moved(x[:nq], noise[:n]), x[nq:] + noise[n:]])
+        return np.concatenate([self._model.space.integrate(x[:nq], noise[:n]), x[nq:] + noise[n:]])
 
     def holds(self, stage: int) -> bool:
         """Return whether the grippers hold the payload during a stage."""

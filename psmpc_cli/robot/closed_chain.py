@@ -7,11 +7,11 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.functions import ArrayFunction
+from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
-from psmpc_cli.robot.free_body import FreeBody, counted, lifted, lifted_rate
-from psmpc_cli.robot.kinematics import coordinate_rate
+from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.rotations import add, conjugate, cross, matrix, product, rotate, scaled
+from psmpc_cli.robot.rotations import add, conjugate, cross, product, rotate, scaled
 from psmpc_cli.specs.object import GraspSpec
 
 Vector = Sequence[Any]
@@ -30,7 +30,7 @@ class ClosedChain:
 
     def __init__(self, model: RobotModel, body: FreeBody, grasp: GraspSpec) -> None:
         self._model = model
-        self._size = 3 if model.dimension == 2 else 6
+        self._size = body.space.n_twist
         grippers = [arm for arm in model.spec.arms if arm in grasp.at]
         self._described = np.array([[*grasp.at[gripper], *grasp.stiffness] for gripper in grippers])
         self._terms = ArrayFunction(_chain_terms(model, body, grippers))
@@ -82,45 +82,56 @@ def _chain_terms(model: RobotModel, body: FreeBody, grippers: list[str]) -> ca.F
     """
     Q = ca.SX.sym("Q", model.nq)
     v = ca.SX.sym("v", model.n)
-    size, numbers = (3, 5) if model.dimension == 2 else (6, 9)
+    space = body.space
+    size = space.n_twist
+    numbers = space.n_pose + 2
     p = ca.SX.sym("p", numbers * len(grippers))
     xi = model.g(Q)
     xidot = model.J_C(Q) @ v
     velocities = list[ca.SX]()
     stiffness = list[ca.SX]()
-    attitude = None
+    attitude: Vector = ()
     for i, gripper in enumerate(grippers):
         frame = list(model.pose_rows).index(gripper)
         own = ca.vertsplit(p)[numbers * i : numbers * (i + 1)]
-        inside, turned = lifted(own[:-2])
-        _, at = lifted(ca.vertsplit(xi[model.pose_rows[gripper]]))
+        inside, turned = space.lifted(own[:-2])
+        _, at = space.lifted(ca.vertsplit(xi[model.pose_rows[gripper]]))
         attitude = product(at, conjugate(turned))
-        linear, angular = lifted_rate(ca.vertsplit(xidot[size * frame : size * (frame + 1)]))
+        linear, angular = space.lifted_twist(ca.vertsplit(xidot[size * frame : size * (frame + 1)]))
         lever = scaled(rotate(attitude, inside), -1)
-        stiffness.append(_at_centre(size, scaled(lever, -1), *own[-2:]))
-        velocities += counted(size, add(linear, cross(angular, lever)), angular)
+        stiffness.append(_at_centre(space, scaled(lever, -1), *own[-2:]))
+        velocities += space.twist(add(linear, cross(angular, lever)), angular)
     moving = ca.vertcat(*velocities)
     S = ca.jacobian(moving, v)
-    rate = ca.vertcat(*coordinate_rate(ca.vertsplit(Q), ca.vertsplit(v)))
+    rate = ca.vertcat(*model.space.rate(ca.vertsplit(Q), ca.vertsplit(v)))
     inertia, spin = _load(body, attitude, ca.vertsplit(moving[:size]))
     terms = S, ca.jtimes(moving, Q, rate), ca.vertcat(*stiffness), inertia, spin
     return ca.Function("chain", [Q, v, p], ca.cse([ca.densify(each) for each in terms]))
 
 
-def _at_centre(size: int, lever: Vector, k: ca.SX, kappa: ca.SX) -> ca.SX:
+def _at_centre(space: ConfigurationSpace, lever: Vector, k: ca.SX, kappa: ca.SX) -> ca.SX:
     """Return the stiffness of a bushing at a lever from the object's centre as the wrench about it, by displacement."""
-    displacement = ca.SX.sym("d", size)
-    moved, turned = lifted_rate(ca.vertsplit(displacement))
+    displacement = ca.SX.sym("d", space.n_twist)
+    moved, turned = space.lifted_twist(ca.vertsplit(displacement))
     force = scaled(add(moved, cross(turned, lever)), k)
-    wrench = counted(size, force, add(scaled(turned, kappa), cross(lever, force)))
+    wrench = space.twist(force, add(scaled(turned, kappa), cross(lever, force)))
     return ca.SX(ca.jacobian(ca.vertcat(*wrench), displacement))
 
 
-def _load(body: FreeBody, attitude: Vector | None, velocity: Vector) -> tuple[ca.SX, ca.SX]:
-    """Return the object's inertia in the inertial frame (3, 3) or (6, 6), and omega x I omega as a wrench."""
-    if body.dimension == 2 or attitude is None:
-        return ca.diag(ca.SX([body.mass, body.mass, *body.inertia])), ca.SX.zeros(3)
-    R = ca.vertcat(*(ca.horzcat(*row) for row in matrix(attitude)))
-    turned = R @ ca.diag(ca.SX(list(body.inertia))) @ R.T
-    omega = ca.vertcat(*velocity[3:])
-    return ca.diagcat(body.mass * ca.SX.eye(3), turned), ca.vertcat(ca.SX.zeros(3), ca.cross(omega, turned @ omega))
+def _load(body: FreeBody, attitude: Vector, velocity: Vector) -> tuple[ca.SX, ca.SX]:
+    """Return the object's inertia M by its velocity in the inertial frame, and its bias omega x I omega as a wrench.
+
+    With attitude R and principal moments I_0: M = diag(m, m, m, R I_0 R'), of which the components that count are left.
+    """
+    space = body.space
+
+    def spin(angular: Vector) -> list[Any]:
+        turned = rotate(conjugate(attitude), angular)
+        return rotate(attitude, [moment * rate for moment, rate in zip(body.moments, turned, strict=True)])
+
+    twist = ca.SX.sym("twist", space.n_twist)
+    linear, angular = space.lifted_twist(ca.vertsplit(twist))
+    momentum = ca.vertcat(*space.twist(scaled(linear, body.mass), spin(angular)))
+    _, omega = space.lifted_twist(velocity)
+    bias = ca.vertcat(*space.twist([0.0, 0.0, 0.0], cross(omega, spin(omega))))
+    return ca.SX(ca.jacobian(momentum, twist)), bias

@@ -12,8 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.robot.free_body import counted, lifted_rate
-from psmpc_cli.robot.kinematics import external_wrench
+from psmpc_cli.robot.configuration import configuration_space
 from psmpc_cli.robot.rotations import add, cross, dot, exp, matrix, scaled, turn_matrix
 from psmpc_cli.specs.robot import Joint, RobotSpec
 
@@ -47,7 +46,7 @@ class InertialParameters:
     def nominal(cls, spec: RobotSpec) -> "InertialParameters":
         """Return the parameters of the robot's description, with empty grippers."""
         bodies = spec.bodies
-        moments = slice(2, 3) if spec.dimension == 2 else slice(6)
+        moments = configuration_space(spec).moments
         return cls(
             mass=np.array([body.mass for body in bodies]),
             inertia=np.array([body.inertia[moments] for body in bodies]),
@@ -92,8 +91,9 @@ class Dynamics:
 
 def derive_dynamics(spec: RobotSpec) -> Dynamics:
     """Derive the equations of motion of a robot."""
-    n = sum(spec.parts.values())
-    Q = ca.SX.sym("Q", n + (spec.dimension == 3))
+    space = configuration_space(spec)
+    n = space.n
+    Q = ca.SX.sym("Q", space.nq)
     v, vdot, F = (ca.SX.sym(name, n) for name in ("v", "vdot", "F"))
     w = ca.SX.sym("w", InertialParameters.nominal(spec).vector.size)
     tree = _Tree(spec, Q, w)
@@ -101,7 +101,7 @@ def derive_dynamics(spec: RobotSpec) -> Dynamics:
     bias = tree.force(v, ca.SX.zeros(n))
     Hv = tree.force(0 * v, v)
     H = ca.triu2symm(ca.triu(ca.jacobian(force, vdot)))
-    momentum = ca.vertcat(*external_wrench(ca.vertsplit(Q), ca.vertsplit(Hv)))
+    momentum = ca.vertcat(*space.external_wrench(ca.vertsplit(Q), ca.vertsplit(Hv)))
     motion = {"Q": Q, "v": v}
     return Dynamics(
         H=function("H", {"Q": Q, "w": w}, {"H": ca.densify(H)}),
@@ -147,20 +147,20 @@ class _Tree:
     """The bodies of a robot at Q with inertial parameters w."""
 
     def __init__(self, spec: RobotSpec, Q: ca.SX, w: ca.SX) -> None:
-        base = 3 * (spec.dimension - 1)
-        planar = spec.dimension == 2
-        self.turned = turn_matrix((0.0, 0.0, 1.0), Q[2]) if planar else matrix([Q[3 + i] for i in range(4)])
-        self.base = slice(0, base)
-        joints = ca.vertsplit(Q)[base + (not planar) :]
+        self.space = configuration_space(spec)
+        self.turned = self.space.base_rotation(Q)
+        joints = ca.vertsplit(Q)[self.space.joint_coordinates]
         self.joints = [body.joint for body in spec.bodies if body.joint is not None]
         self.places = list(map(_joint_place, self.joints, joints))
         self.lumps = _lumps(spec, w)
 
     def motions(self, v: ca.SX, vdot: ca.SX) -> list[_Motion]:
         """Compute the motion of every body, each in its own frame."""
-        (_, angular), (pulled, twisted) = (lifted_rate(ca.vertsplit(each[self.base])) for each in (v, vdot))
+        base = self.space.base
+        _, angular = self.space.lifted_twist(ca.vertsplit(v[base]))
+        pulled, twisted = self.space.lifted_twist(ca.vertsplit(vdot[base]))
         found = [_Motion(angular, twisted, _times(_transposed(self.turned), pulled))]
-        rates = zip(*(ca.vertsplit(each)[self.base.stop :] for each in (v, vdot)), strict=True)
+        rates = zip(*(ca.vertsplit(each)[base.stop :] for each in (v, vdot)), strict=True)
         for joint, place, rate in zip(self.joints, self.places, rates, strict=True):
             found.append(_carried(found[joint.at.body], joint, *place, *rate))
         return found
@@ -185,7 +185,7 @@ class _Tree:
             carrier = joint.at.body
             forces[carrier] = add(forces[carrier], f)
             moments[carrier] = add(moments[carrier], _times(E, moments[i]), cross(r, f))
-        return ca.SX(ca.vertcat(*counted(self.base.stop, _times(self.turned, forces[0]), moments[0]), *along))
+        return ca.SX(ca.vertcat(*self.space.twist(_times(self.turned, forces[0]), moments[0]), *along))
 
 
 def _joint_place(joint: Joint, q: Any) -> tuple[Matrix, Vector]:
@@ -215,15 +215,16 @@ def _lumps(spec: RobotSpec, w: ca.SX) -> list[_Lump]:
     """Return the bodies' own masses and the loads of the grippers."""
     B = len(spec.bodies)
     A = len(spec.tools)
-    d = spec.dimension
-    k = 1 if spec.dimension == 2 else 6
+    space = configuration_space(spec)
+    d = space.dimension
+    k = space.n_moments
     mass, moments, offsets, held, about = ca.vertsplit(w, np.cumsum([0, B, k * B, d * B, A, A]).tolist())
     moments = ca.reshape(moments, B, k)
     offsets = ca.reshape(offsets, B, d)
     lumps = list[_Lump]()
     for i, body in enumerate(spec.bodies):
         own = ca.horzsplit(moments[i, :])
-        xx, yy, zz, xy, xz, yz = [0.0, 0.0, *own, 0.0, 0.0, 0.0] if d == 2 else own
+        xx, yy, zz, xy, xz, yz = space.lifted_moments(own)
         centre = add(list(body.centre), [*ca.horzsplit(offsets[i, :]), 0.0][:3])
         lumps.append(_Lump(i, mass[i], centre, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     for a, tool in enumerate(spec.tools.values()):

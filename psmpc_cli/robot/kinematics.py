@@ -6,7 +6,7 @@ from typing import Any, Self
 
 import casadi as ca
 
-from psmpc_cli.robot.rotations import add, conjugate, cross, exp, log, product, rotate, scaled, shorter, turn
+from psmpc_cli.robot.rotations import add, exp, product, rotate, scaled, turn
 from psmpc_cli.specs.robot import Attachment, Joint, RobotSpec
 
 
@@ -68,13 +68,6 @@ class SpatialFrame:
 Frame = PlanarFrame | SpatialFrame
 
 
-def base_frame(spec: RobotSpec, Q: Any) -> Frame:
-    """Return the base's frame at coordinates Q (nq,): (x, y, theta), or position and unit quaternion."""
-    if spec.dimension == 2:
-        return PlanarFrame(Q[:2], Q[2])
-    return SpatialFrame([Q[i] for i in range(3)], [Q[i] for i in range(3, 7)])
-
-
 def place(spec: RobotSpec, base: Frame, joints: Any) -> tuple[list[Any], dict[str, Any]]:
     """Compute the frames of a robot's bodies in their order, and those of its end-effectors by arm.
 
@@ -85,36 +78,6 @@ def place(spec: RobotSpec, base: Frame, joints: Any) -> tuple[list[Any], dict[st
         if body.joint is not None:
             frames.append(frames[body.joint.at.body].moved(body.joint, joints[number]))
     return frames, {name: frames[tool.body].carried(tool) for name, tool in spec.tools.items()}
-
-
-def coordinate_rate(Q: Any, v: Any) -> list[Any]:
-    """Compute Qdot (nq,) of velocities v (n,). Here and below: lists of numbers, arrays or expressions, or arrays."""
-    if len(Q) == len(v):
-        return list(v)
-    return [*v[:3], *scaled(product(Q[3:7], [0.0, *v[3:6]]), 0.5), *v[6:]]
-
-
-def moved(Q: Any, step: Any) -> list[Any]:
-    """Compute the coordinates (nq,) a step (n,) after Q (nq,), in space with a rotation vector in the base's frame."""
-    if len(Q) == len(step):
-        return add(Q, step)
-    return [*add(Q[:3], step[:3]), *product(Q[3:7], exp(step[3:6])), *add(Q[7:], step[6:])]
-
-
-def step_between(Q: Any, after: Any, spatial: bool) -> list[Any]:
-    """Compute the step (n,) that moves Q (nq,) to the coordinates after it (nq,), in space by the shorter turn."""
-    apart = [b - a for a, b in zip(Q, after, strict=True)]
-    if not spatial:
-        return apart
-    turned = product(conjugate(Q[3:7]), after[3:7])
-    return [*apart[:3], *log(shorter(turned)), *apart[7:]]
-
-
-def external_wrench(Q: Any, F: Any) -> list[Any]:
-    """Compute the force of F (n,) and its moment about the inertial origin, (3,) or (6,) [N, N m]."""
-    if len(Q) == len(F):
-        return [F[0], F[1], F[2] + Q[0] * F[1] - Q[1] * F[0]]
-    return [*F[:3], *add(rotate(Q[3:7], F[3:6]), cross(Q[:3], F[:3]))]
 
 
 def runge_kutta(rate: Callable[[Any], Any], y: Any, h: Any) -> Any:

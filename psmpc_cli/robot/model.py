@@ -7,12 +7,13 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from psmpc_cli.native.functions import RowFunction
+from psmpc_cli.robot import motion
+from psmpc_cli.robot.configuration import configuration_space, pose_frames
 from psmpc_cli.robot.dynamics import InertialParameters, derive_dynamics, function, solve_spd
-from psmpc_cli.robot.kinematics import SpatialFrame, base_frame, place
-from psmpc_cli.robot.rotations import add, cross, exp, product, rotate, scaled
+from psmpc_cli.robot.kinematics import Frame, SpatialFrame, place
+from psmpc_cli.robot.rotations import add, cross, rotate, scaled
 from psmpc_cli.robot.shape import RobotShape
 from psmpc_cli.specs.arguments import rejected, require
 from psmpc_cli.specs.load import load_robot as load_robot_spec
@@ -40,6 +41,7 @@ class RobotModel:
         n: Number of velocity coordinates.
         nq: Number of coordinates Q.
         m: Number of pose coordinates xi.
+        space: Its configuration space: sizes, and what depends on plane or space.
         dimension: Number of position coordinates of a pose; its further rows are its angle, or its unit quaternion.
         parts: Rows of v by part: `base`, then the arms in order.
         pose_rows: Rows of xi by frame: `base`, then the end-effectors of the arms.
@@ -49,23 +51,25 @@ class RobotModel:
     """
 
     def __init__(self, spec: RobotSpec) -> None:
-        base = spec.parts["base"]
-        self.dimension = spec.dimension
         self.spec = spec
-        self.n = sum(spec.parts.values())
-        spatial = spec.dimension == 3
-        self.nq = self.n + spatial
+        self.space = configuration_space(spec)
+        self.dimension = self.space.dimension
+        self.n = self.space.n
+        self.nq = self.space.nq
         Q = ca.SX.sym("Q", self.nq)
-        bodies, tools = place(spec, base_frame(spec, Q), Q[base + spatial :])
-        poses = {name: frame.pose for name, frame in {"base": bodies[0], **tools}.items()}
-        xi = ca.vertcat(*poses.values())
+        bodies, xi = self._placed(self.space.base_frame(Q), Q[self.space.joint_coordinates])
         body_poses = ca.horzcat(*(frame.pose for frame in bodies))
         self.m = xi.numel()
         self.parts = _rows(spec.parts)
-        self.pose_rows = _rows({name: pose.numel() for name, pose in poses.items()})
+        self.pose_rows = _rows(dict.fromkeys(("base", *spec.tools), self.space.n_pose))
         self.g = function("g", {"Q": Q}, {"xi": xi})
         self.dynamics = derive_dynamics(spec)
         self.body_poses = function("body_poses", {"Q": Q}, {"poses": body_poses})
+
+    def _placed(self, base: Frame, joints: ca.SX) -> tuple[list[Frame], ca.SX]:
+        """Return the frames of the bodies, and the poses xi (m,), with the base at a frame and joints (joints,)."""
+        bodies, tools = place(self.spec, base, joints)
+        return bodies, ca.vertcat(bodies[0].pose, *(frame.pose for frame in tools.values()))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -74,12 +78,10 @@ class RobotModel:
 
     @cached_property
     def charted(self) -> ca.Function:
-        """Of a spatial robot: position, rotation vector about the anchor and joints (n,), anchor (4,) -> xi (m,)."""
+        """Coordinates in a chart (n,), its anchor -> xi (m,)."""
         Q = ca.SX.sym("Q", self.n)
-        anchor = ca.SX.sym("anchor", 4)
-        at = ca.vertsplit(Q)
-        bodies, tools = place(self.spec, SpatialFrame(at[:3], product(ca.vertsplit(anchor), exp(at[3:6]))), Q[6:])
-        xi = ca.vertcat(bodies[0].pose, *(frame.pose for frame in tools.values()))
+        anchor = ca.SX.sym("anchor", self.space.n_anchor)
+        _, xi = self._placed(self.space.charted_frame(Q, anchor), Q[self.space.joint_rates])
         return function("charted", {"Q": Q, "anchor": anchor}, {"xi": xi})
 
     @cached_property
@@ -92,7 +94,7 @@ class RobotModel:
         Q = ca.SX.sym("Q", self.nq)
         if self.dimension == 2:
             return function("J_C", {"Q": Q}, {"J_C": ca.densify(ca.jacobian(self.g(Q), Q))})
-        bodies, tools = place(self.spec, base_frame(self.spec, Q), Q[7:])
+        bodies, tools = place(self.spec, self.space.base_frame(Q), Q[self.space.joint_coordinates])
         rows = [_frame_jacobian(self.spec, bodies, 0, bodies[0])]
         for name, tool in self.spec.tools.items():
             rows.append(_frame_jacobian(self.spec, bodies, tool.body, tools[name]))
@@ -111,7 +113,7 @@ class RobotModel:
         """x, u -> xdot (2n,), x = [Q; Qdot], u = Qddot. Paper eq. (8)."""
         x = ca.SX.sym("x", 2 * self.n)
         u = ca.SX.sym("u", self.n)
-        return function("f_1", {"x": x, "u": u}, {"xdot": ca.vertcat(x[self.n :], u)})
+        return function("f_1", {"x": x, "u": u}, {"xdot": motion.rate(x, u)})
 
     @cached_property
     def f_2(self) -> ca.Function:
@@ -132,7 +134,7 @@ class RobotModel:
     @property
     def neutral(self) -> Array:
         """Coordinates 0 (nq,), in space with the attitude of the inertial frame."""
-        return np.r_[np.zeros(3), np.eye(4)[0], np.zeros(self.n - 6)] if self.dimension == 3 else np.zeros(self.n)
+        return self.space.neutral
 
     @cached_property
     def shape(self) -> RobotShape:
@@ -234,13 +236,13 @@ class RobotModel:
     @cached_property
     def _numeric(self) -> dict[str, RowFunction]:
         """The CasADi functions on arrays, by name."""
-        motion = self.dynamics
-        state = motion.momentum.sx_in()
-        kept = ca.vertcat(motion.momentum(*state), motion.kinetic_energy(*state))
-        balance = ca.Function("balance", state, ca.cse([kept]), motion.momentum.name_in(), ["balance"])
-        inertial = motion.H.sx_in()
-        H = ca.Function("H", inertial, [ca.vec(motion.H(*inertial))], motion.H.name_in(), ["H"])
-        return {each.name(): RowFunction(each) for each in (self.g, H, motion.inverse, motion.forward, balance)}
+        dynamics = self.dynamics
+        state = dynamics.momentum.sx_in()
+        kept = ca.vertcat(dynamics.momentum(*state), dynamics.kinetic_energy(*state))
+        balance = ca.Function("balance", state, ca.cse([kept]), dynamics.momentum.name_in(), ["balance"])
+        inertial = dynamics.H.sx_in()
+        H = ca.Function("H", inertial, [ca.vec(dynamics.H(*inertial))], dynamics.H.name_in(), ["H"])
+        return {each.name(): RowFunction(each) for each in (self.g, H, dynamics.inverse, dynamics.forward, balance)}
 
 
 def load_robot(reference: str | Path) -> RobotModel:
@@ -262,25 +264,6 @@ def shape_of(value: ArrayLike) -> tuple[int, ...] | None:
     except (TypeError, ValueError):  # rows of different lengths
         return None
     return given.shape if given.dtype.kind in "fiu" else None
-
-
-def pose_frames(poses: ArrayLike) -> Array:
-    """Return the frames (..., 4, 4) of poses: (x, y, angle) in the plane z = 0, or position and quaternion (..., 7)."""
-    poses = np.asarray(poses, dtype=float)
-    flat = poses.reshape(-1, poses.shape[-1])
-    frames = np.tile(np.eye(4), (len(flat), 1, 1))
-    planar = poses.shape[-1] == 3
-    turned = np.outer(flat[:, 2], (0, 0, 1))
-    attitudes = Rotation.from_rotvec(turned) if planar else Rotation.from_quat(flat[:, 3:], scalar_first=True)
-    frames[:, : 2 if planar else 3, 3] = flat[:, : 2 if planar else 3]
-    frames[:, :3, :3] = attitudes.as_matrix()
-    return frames.reshape(*poses.shape[:-1], 4, 4)
-
-
-def nearest_equivalent(angle: ArrayLike, target: ArrayLike) -> Array:
-    """Return the angle equivalent to `target` [rad] that is nearest to `angle` [rad]; both of the same shape."""
-    target = np.asarray(target, dtype=float)
-    return np.asarray(target + 2 * np.pi * np.round((np.asarray(angle, dtype=float) - target) / (2 * np.pi)))
 
 
 def _frame_jacobian(spec: RobotSpec, bodies: Sequence[SpatialFrame], body: int, frame: SpatialFrame) -> ca.SX:

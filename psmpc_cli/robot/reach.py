@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.native.functions import ArrayFunction
-from psmpc_cli.robot.free_body import lifted
+from psmpc_cli.robot.configuration import configuration_space
 from psmpc_cli.robot.kinematics import SpatialFrame, place
 from psmpc_cli.robot.rotations import add, conjugate, exp, log, product, rotate, scaled, shorter
 from psmpc_cli.specs.robot import RobotSpec, limits_of_part
@@ -163,11 +163,11 @@ def _nearest_zero(q: Array, low: Array, high: Array) -> Array:
 def _frame(robot: RobotSpec, name: str, values: ArrayLike) -> SpatialFrame:
     """Return a pose as a frame in space."""
     pose = np.asarray(values, dtype=float)
-    size = 3 if robot.dimension == 2 else 7
-    if pose.shape != (size,):
-        numbers = "three numbers (x, y, angle)" if size == 3 else "seven numbers (x, y, z, quaternion w, x, y, z)"
+    space = configuration_space(robot)
+    if pose.shape != (space.n_pose,):
+        numbers = f"{space.n_pose} numbers ({space.pose_text})"
         raise InputError(f"{name} is {np.asarray(values).tolist()}, but {numbers} are expected")
-    position, turned = lifted(pose.tolist())
+    position, turned = space.lifted(pose.tolist())
     return SpatialFrame(position, scaled(turned, 1 / float(np.linalg.norm(turned))))
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psmpc_cli.ocp.gradient import Rollout
-from psmpc_cli.ocp.plan import Chart, resting_plan
+from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Stage, in_own_chart
 from psmpc_cli.ocp.window import Window, durations, normalization
 from psmpc_cli.simulation.run import Experiment
@@ -78,12 +78,12 @@ def _window(experiment: Experiment, first: int, random: np.random.Generator) -> 
     n = experiment.problem.model.n
     Q = experiment.x0[:-n]
     v = experiment.x0[-n:]
-    chart = Chart.at(Q, n)
+    chart = problem.model.space.chart_at(Q)
     noise = np.r_[0.3 * random.standard_normal(n), 0.05 * random.standard_normal(n)]
     Q, v = (rows[0] for rows in chart.leave(chart.enter(Q[None], v[None]) + noise))
     (before, x0), (after, _) = (in_own_chart(problem.model, each, Q, v) for each in problem.stages[first : first + 2])
     stages = (before, after)
-    chart = Chart.at(Q, n)
+    chart = problem.model.space.chart_at(Q)
     plan = resting_plan(0.0, controller.horizon, controller.uniform_nodes, x0, chart)
     instants = np.array([0.4 * controller.horizon])
     offset, scale = normalization(

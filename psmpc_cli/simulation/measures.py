@@ -16,7 +16,7 @@ from psmpc_cli.control.controller import Controller
 from psmpc_cli.control.interface import Command
 from psmpc_cli.control.sequence import MovingSequence, Switch
 from psmpc_cli.logs.schema import Sample
-from psmpc_cli.ocp.plan import Chart, Plan, shift, states_of
+from psmpc_cli.ocp.plan import Plan, shift, states_of
 from psmpc_cli.ocp.problem import Stage, in_own_chart
 from psmpc_cli.ocp.window import SHORTEST, Window
 from psmpc_cli.plant import Ticks
@@ -105,13 +105,12 @@ class Meter:
         parts = squares[..., : model.dimension], squares[..., model.dimension :]
         force, torque = (self._tick * np.sqrt(part.sum(axis=2)).sum(axis=1) for part in parts)
         passed = np.stack([each[1:] for each in charted], axis=1)
-        if chart.spatial:  # limits are those of v, not of the chart's rates
-            passed[:, :, n:] = np.stack([each.X[1:, model.nq :] for each in ticks], axis=1)
+        passed[:, :, n:] = np.stack([each.X[1:, model.nq :] for each in ticks], axis=1)  # limits are of v
         low = passed.min(axis=0)
         high = passed.max(axis=0)
         margin = np.minimum(low - limits.state_low, limits.state_high - high)
         Q, v = chart.leave(states_of([each.plan for each in commands], [each.time[-1] for each in ticks]))
-        about = Chart.at(Q[0], n)
+        about = model.space.chart_at(Q[0])
         deviation = np.hstack([(about.entered(ends) - about.enter(Q, v))[:, :n], ends[:, model.nq :] - v])
         since = np.array([each.time - each.sequence.entered for each in commands])
         gained = [t.gained if c is None else t.gained + c.gained for t, c in zip(ticks, contacts, strict=True)]

@@ -16,7 +16,6 @@ from psmpc_cli.logs.comparison import Comparison, compare_runs
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.native.library import describe_compiler, describe_processor
-from psmpc_cli.ocp.plan import Chart
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.robot.free_body import body_of
@@ -66,9 +65,10 @@ def _window(run: Run, numbers: np.ndarray, sample: int) -> Window:
     stages = problem.stages[first : first + count]
     Q = run["state/Q"][sample]
     v = run["state/Qdot"][sample]
-    chart = Chart.at(Q, len(v))
+    space = problem.model.space
+    chart = space.chart_at(Q)
     placed = []
-    pose, state = (7, 13) if chart.spatial else (3, 6)
+    state = space.n_pose + space.n_twist
     sizes = (len(stage.attitudes) for stage in stages), (state * bool(stage.on_object) for stage in stages)
     ends = np.cumsum([2, count, count, count, *sizes[0], *sizes[1]])
     (elapsed, hold), omega, offset, scale, *parts = np.split(numbers, ends)[:-1]
@@ -78,9 +78,9 @@ def _window(run: Run, numbers: np.ndarray, sample: int) -> Window:
         if stage.on_object and body is not None and stage.index == first and not planned:
             stage = stage.following(rows, body, seen, float(elapsed), spec.controller.horizon)
         elif stage.on_object:
-            stage = stage.at_object(rows, *np.split(seen, [pose]))
-        if chart.spatial:
-            stage = stage.in_chart(chart.anchor, Q[7:], dict(zip(stage.attitudes, signs, strict=True)))
+            stage = stage.at_object(rows, *np.split(seen, [space.n_pose]))
+        posture = space.posture(Q[space.joint_coordinates])
+        stage = stage.in_chart(chart.anchor, posture, dict(zip(stage.attitudes, signs, strict=True)))
         placed.append(stage)
     return Window(
         stages=tuple(placed),

@@ -30,7 +30,7 @@ from psmpc_cli.plant import Plant, build_plant, ticks_of
 from psmpc_cli.plant.grasp import Capture, build_capture
 from psmpc_cli.plant.rk4 import capture_tick, tick_function
 from psmpc_cli.plant.uncertainty import Uncertainty, disturbs
-from psmpc_cli.robot.kinematics import moved
+from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.measures import Counterfactuals, GraspRecord, Meter, StageClock
 from psmpc_cli.solvers.sqp import libraries as solver_libraries
@@ -172,7 +172,7 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
     number = 0
     stage = 0
     sample_time = experiment.problem.spec.controller.sample_time
-    link = _Link(experiment.problem.spec, experiment.x0, experiment.problem.model.n)
+    link = _Link(experiment.problem.spec, experiment.x0, experiment.problem.model.space)
     while True:
         now = number * sample_time
         seen = link.measured(x if uncertainty is None else uncertainty.measured(number, x))
@@ -207,13 +207,14 @@ class _Link:
     k - c. The rest of the delay it does not know of: controls reach the robot late by so many samples.
     """
 
-    def __init__(self, task: TaskSpec, x0: np.ndarray, n: int) -> None:
-        """Start with a robot of n velocities that drifts into its initial state, and zero controls under way."""
+    def __init__(self, task: TaskSpec, x0: np.ndarray, space: ConfigurationSpace) -> None:
+        """Start with a robot that drifts into its initial state, and zero controls under way."""
         known = task.controller.known_delay
-        Q, v = np.split(x0, [len(x0) - n])
+        Q, v = np.split(x0, [space.nq])
+        n = space.n
         none = np.zeros((round(task.controller.sample_time * task.plant.low_level_rate), n))
         before = (-back * task.controller.sample_time * v for back in range(known, 0, -1))
-        self._measured: deque[np.ndarray] = deque(np.r_[np.array(moved(Q, step)), v] for step in before)
+        self._measured: deque[np.ndarray] = deque(np.r_[np.array(space.integrate(Q, step)), v] for step in before)
         self._poses: deque[np.ndarray | None] = deque([None] * known)
         self._commanded = deque([(none, np.zeros(len(none), bool))] * (task.uncertainty.delay - known))
 

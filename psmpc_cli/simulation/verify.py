@@ -7,10 +7,11 @@ import numpy as np
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Largest, largest
-from psmpc_cli.ocp.plan import Chart, Plan
+from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Stage, in_own_chart
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant.adaptive import INSIDE, AdaptiveDynamics, Flow
+from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.simulation.measures import state_at
 from psmpc_cli.simulation.replay import logged_solve
 
@@ -129,7 +130,7 @@ class Verification:
 
     def _chart(self, x: Vector) -> Chart:
         """Return the chart about the attitude in a state (nq + n,)."""
-        return Chart.at(x[: self._model.nq], self._model.n)
+        return self._model.space.chart_at(x[: self._model.nq])
 
     def _beyond(self, stage: Stage, flow: Flow) -> Vector:
         """Return by how much a motion exceeds the limits of a stage (T, 2n)."""

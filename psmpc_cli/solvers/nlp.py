@@ -145,10 +145,9 @@ class Nlp:
     def limits(self, window: Window, guess: Plan) -> tuple[np.ndarray, np.ndarray]:
         """Return low and high of [Q; Qdot] at the nodes, (K + 1, 2n) each; those of v in the chart about a guess."""
         low, high = node_limits(self.grid, window.stages)
-        if window.chart.spatial:
-            shift = window.shift_of_limits(guess)
-            low[:, self.grid.n :] += shift
-            high[:, self.grid.n :] += shift
+        shift = window.shift_of_limits(guess)
+        low[:, self.grid.n :] += shift
+        high[:, self.grid.n :] += shift
         return low, high
 
     def bounds(self, window: Window, guess: Plan, within: float) -> dict[str, np.ndarray]:

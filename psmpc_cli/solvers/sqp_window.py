@@ -91,10 +91,11 @@ def window_bounds(shared: WindowBounds, window: Window, guess: Plan, tau: np.nda
     first = len(window.x0) * window.K  # the durations stand after the states
     low = shared.low.copy()
     high = shared.high.copy()
-    if window.chart.spatial:
-        rates = np.hstack([np.zeros((window.K, len(window.x0) // 2)), window.shift_of_limits(guess)[1:]]).ravel()
-        low[:first] += rates
-        high[:first] += rates
+    n = len(window.x0) // 2
+    shift = window.shift_of_limits(guess)
+    for bounds in (low, high):
+        rates = bounds[:first].reshape(window.K, 2 * n)[:, n:]  # a view
+        rates += shift[-window.K :]
     drift = np.concatenate([np.zeros(0), *(stage.end_drift for stage in window.stages[:-1])])
     ends = slice(first + 2 * S, first + 2 * S + len(drift))
     low[ends] += drift

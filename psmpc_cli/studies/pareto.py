@@ -215,9 +215,10 @@ def values_of(problem: Window, points: Sequence[Solution]) -> Vector:
 def _solve_sample(cell: tuple[Task, Question, Solution]) -> list[Quantity]:
     """Find the fronts about a solve of a run."""
     task, question, logged = cell
-    trade_off = TradeOff(build_problem(converging(task)))
+    problem = build_problem(converging(task))
+    trade_off = TradeOff(problem)
     solve = logged
-    if logged.window.chart.spatial:  # one iteration may leave an instant before what limits of omega allow, by 1e-3 s
+    if problem.model.space.turns_freely:  # one iteration may leave an instant 1e-3 s before limits of omega allow it
         solve = trade_off.solve(logged.window.about(logged.guess), logged, None)
     window = solve.window
     instant = float(solve.plan.instants[0])

@@ -8,7 +8,7 @@ import pytest
 import psmpc_cli as psmpc
 from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.logs.run import Run
-from psmpc_cli.robot.free_body import pose_error
+from psmpc_cli.robot.configuration import SPACE
 from psmpc_cli.simulation.replay import replay
 
 pytestmark = pytest.mark.slow
@@ -89,4 +89,4 @@ def test_tumbling_object_is_caught_with_both_hands_and_brought_to_rest() -> None
         assert summary.capture.missed_by[0] < 5e-3 and summary.capture.missed_by[1] < np.radians(0.5)
         assert summary.capture.speed < 0.01
         assert summary.momentum_error < 1e-6
-    assert np.linalg.norm(pose_error(one["final/object_pose"], other["final/object_pose"])[:3]) < 1e-3
+    assert np.linalg.norm(SPACE.pose_error(one["final/object_pose"], other["final/object_pose"])[:3]) < 1e-3

@@ -6,28 +6,30 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.control import State
-from psmpc_cli.control.estimator import Estimate, Estimator, advanced
-from psmpc_cli.robot.kinematics import moved, step_between
+from psmpc_cli.control.estimator import Estimate, Estimator
+from psmpc_cli.robot.configuration import PlanarSpace, SpatialSpace
+from psmpc_cli.robot.motion import over_ticks
 from psmpc_cli.specs.load import load_task
 
 T, TICKS = 0.1, 5
 
 
-def estimator(noise: float = 0.0, gain: float = 0.3, delay: int = 0, n: int = 2, offset_free: bool = True) -> Estimator:
+def estimator(noise: float = 0.0, gain: float = 0.3, delay: int = 0, n: int = 3, offset_free: bool = True) -> Estimator:
     changes = [f"controller.offset_free={offset_free}", f"controller.known_delay={delay}", f"uncertainty.delay={delay}"]
     spec = load_task("transport", changes).spec.controller.model_copy(update={"offset_gain": gain})
-    return Estimator(spec, np.r_[np.full(n, noise), np.zeros(n)], T / TICKS)
+    space = SpatialSpace(n - 6) if n > 6 else PlanarSpace(n - 3)
+    return Estimator(spec, space, np.r_[np.full(n, noise), np.zeros(n)], T / TICKS)
 
 
 def follow(true: np.ndarray, gain: float, samples: int, noise: float = 0.0, delay: int = 0) -> np.ndarray:
     """Estimate a disturbance (n,) of a double integrator; (samples, n)."""
     random, estimating = np.random.default_rng(4), estimator(gain=gain, delay=delay)
-    v, old, found = np.zeros(2), [np.zeros(2)] * delay, []
+    v, old, found = np.zeros(3), [np.zeros(3)] * delay, []
     estimate: Estimate | None = None
     for k in range(samples):
-        old.append(v + noise * random.standard_normal(2))
-        measured = State(np.zeros(2), old.pop(0))
-        planned = np.tile([np.sin(k), np.cos(k)], (TICKS, 1))
+        old.append(v + noise * random.standard_normal(3))
+        measured = State(np.zeros(3), old.pop(0))
+        planned = np.tile([np.sin(k), np.cos(k), 0.1 * k], (TICKS, 1))
         estimate, u = estimating.command(estimating.measured(estimate, measured), planned, measured.v)
         v = v + T * (u.mean(axis=0) + true)
         found.append(estimate.disturbance)
@@ -39,39 +41,39 @@ def follow(true: np.ndarray, gain: float, samples: int, noise: float = 0.0, dela
 def test_a_constant_disturbance_is_found_at_the_filter_s_pace_however_old_measurements_are(
     gain: float, delay: int
 ) -> None:
-    true = np.array([0.2, -0.5])
+    true = np.array([0.2, -0.5, 0.1])
     left = 1 - follow(true, gain, 30 + delay, delay=delay)[delay:] / true
     expected = (1 - gain) ** np.arange(30)
-    np.testing.assert_allclose(left, np.tile(expected[:, None], 2), atol=1e-12)
+    np.testing.assert_allclose(left, np.tile(expected[:, None], 3), atol=1e-12)
 
 
 def test_a_smaller_gain_lets_less_noise_through() -> None:
-    quiet, loud = (follow(np.zeros(2), gain, 2000, 1e-3).std() for gain in (0.1, 1.0))
+    quiet, loud = (follow(np.zeros(3), gain, 2000, 1e-3).std() for gain in (0.1, 1.0))
     assert quiet < 0.3 * loud
 
 
 def test_a_measurement_that_is_not_finite_changes_no_disturbance() -> None:
-    estimating, u = estimator(gain=0.5), np.zeros((TICKS, 2))
-    estimate, _ = estimating.command(estimating.measured(None, State(np.zeros(2), np.zeros(2))), u, np.zeros(2))
-    estimate, _ = estimating.command(estimate, u, np.array([np.nan, 1.0]))
-    np.testing.assert_allclose(estimate.disturbance, [0.0, 5.0])
+    estimating, u = estimator(gain=0.5), np.zeros((TICKS, 3))
+    estimate, _ = estimating.command(estimating.measured(None, State(np.zeros(3), np.zeros(3))), u, np.zeros(3))
+    estimate, _ = estimating.command(estimate, u, np.array([np.nan, 1.0, 0.0]))
+    np.testing.assert_allclose(estimate.disturbance, [0.0, 5.0, 0.0])
 
 
 def test_without_delay_and_noise_the_measured_state_is_the_one_to_decide_from() -> None:
-    state, estimating = State(np.zeros(2), np.ones(2)), estimator()
-    estimate, _ = estimating.command(estimating.measured(None, state), np.ones((TICKS, 2)), state.v)
+    state, estimating = State(np.zeros(3), np.ones(3)), estimator()
+    estimate, _ = estimating.command(estimating.measured(None, state), np.ones((TICKS, 3)), state.v)
     assert estimating.foreseen(estimating.measured(estimate, state)) is state
 
 
 def test_the_foreseen_state_follows_what_was_planned_since_the_measurement() -> None:
     """Two samples of 0.1 s under 1 and 2 m/s^2 from rest at 7: 7 + 0.005 + 0.01 + 0.01 m, and 0.3 m/s."""
-    estimating, state = estimator(delay=2, offset_free=False), State(np.full(2, 7.0), np.zeros(2))
+    estimating, state = estimator(delay=2, offset_free=False), State(np.full(3, 7.0), np.zeros(3))
     estimate = estimating.measured(None, state)
     np.testing.assert_allclose(estimating.foreseen(estimate).x, state.x)
     for u in (1.0, 2.0):
-        estimate, _ = estimating.command(estimate, np.full((TICKS, 2), u), np.zeros(2))
+        estimate, _ = estimating.command(estimate, np.full((TICKS, 3), u), np.zeros(3))
         estimate = estimating.measured(estimate, state)
-    np.testing.assert_allclose(estimating.foreseen(estimate).x, [7.025, 7.025, 0.3, 0.3], atol=1e-12)
+    np.testing.assert_allclose(estimating.foreseen(estimate).x, [7.025] * 3 + [0.3] * 3, atol=1e-12)
 
 
 SIGMA = 1e-3
@@ -81,10 +83,11 @@ class Filtered:
     """A robot whose coordinates are measured with noise, and what is estimated of it sample by sample."""
 
     def __init__(self, spatial: bool = False, delay: int = 0, seed: int = 0) -> None:
-        n = 7 if spatial else 2
+        n = 7 if spatial else 3
+        self.space = SpatialSpace(1) if spatial else PlanarSpace()
         self.estimator = estimator(SIGMA, delay=delay, n=n, offset_free=False)
         self.random = np.random.default_rng(seed)
-        self.true = State(np.r_[np.zeros(3), 1.0, np.zeros(4)] if spatial else np.zeros(2), np.zeros(n))
+        self.true = State(np.r_[np.zeros(3), 1.0, np.zeros(4)] if spatial else np.zeros(3), np.zeros(n))
         self.sent = [self.true] * delay
         self.estimate: Estimate | None = None
         self.errors: list[np.ndarray] = []
@@ -94,19 +97,18 @@ class Filtered:
         """Measure, decide for planned accelerations u, and move; velocities jump at the sample's end."""
         n = len(self.true.v)
         noise = SIGMA * self.random.standard_normal(n)
-        self.sent.append(State(np.array(moved(self.true.Q, noise)), self.true.v))
+        self.sent.append(State(np.array(self.space.integrate(self.true.Q, noise)), self.true.v))
         measured = self.sent.pop(0)
         if not is_measured:
             measured = State(np.full_like(measured.Q, np.nan), np.full(n, np.nan))
         estimate = self.estimator.measured(self.estimate, measured)
         foreseen = self.estimator.foreseen(estimate)
-        spatial = len(self.true.Q) > n
-        self.errors.append(np.array(step_between(self.true.Q, foreseen.Q, spatial)))
+        self.errors.append(np.array(self.space.difference(self.true.Q, foreseen.Q)))
         self.noises.append(noise)
         planned = np.broadcast_to(u, (TICKS, n)).astype(float)
         self.estimate, commanded = self.estimator.command(estimate, planned, measured.v)
-        moved_on = advanced(self.true, commanded, T / TICKS)
-        self.true = State(moved_on.Q, moved_on.v + jump)
+        Q, v = over_ticks(self.space, self.true.Q, self.true.v, commanded, T / TICKS)
+        self.true = State(Q[-1], v[-1] + jump)
 
     @property
     def ratio(self) -> float:
@@ -147,7 +149,7 @@ def test_what_is_not_measured_is_predicted() -> None:
 def test_an_estimate_does_not_depend_on_the_attitude_it_is_about(seed: int, about_x: float, about_z: float) -> None:
     """A filter of rotation vectors is the same from every attitude."""
     upright, turned = Filtered(spatial=True, seed=seed), Filtered(spatial=True, seed=seed)
-    Q = np.array(moved(turned.true.Q, [0, 0, 0, about_x, 0, about_z, 0]))
+    Q = np.array(turned.space.integrate(turned.true.Q, [0, 0, 0, about_x, 0, about_z, 0]))
     turned.true = State(Q, turned.true.v)
     for _ in range(5):
         upright.step(0.1)

@@ -9,7 +9,8 @@ from psmpc_cli.control import Controller, State
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.tracking import ObjectEstimate, to_be_closed
 from psmpc_cli.ocp.problem import build_problem
-from psmpc_cli.robot.free_body import FreeBody, composed
+from psmpc_cli.robot.configuration import SPACE
+from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.object import MotionSpec, ObjectSpec
 from psmpc_cli.specs.robot import stack
@@ -119,6 +120,6 @@ def test_cost_follows_an_object_that_tumbles() -> None:
     stage = replace(problem.stages[1], on_object={"left": inside})
     body, state = FreeBody(20.0, [2.0, 3.0, 4.0]), np.array([1, 2, 3, 1, 0, 0, 0, 0.02, 0, 0.01, 0.1, -0.05, 0.2])
     found = stage.following(problem.model.pose_rows, body, state, 1.5, 4.0)
-    wanted = composed(body.predicted(state[:7], state[7:], 2.53)[0], inside)
+    wanted = SPACE.composed(body.predicted(state[:7], state[7:], 2.53)[0], inside)
     assert found.reference(np.array([4.03]))[0, problem.model.pose_rows["left"]] == pytest.approx(wanted, abs=1e-4)
     assert (found.target == stage.at_object(problem.model.pose_rows, state[:7], state[7:]).target).all()

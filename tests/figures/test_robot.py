@@ -16,7 +16,8 @@ from psmpc_cli.figures.snapshots import draw_scene, plot_scenario, plot_snapshot
 from psmpc_cli.figures.style import new_figure
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.problem import Stage
-from psmpc_cli.robot.model import RobotModel, pose_frames
+from psmpc_cli.robot.configuration import pose_frames
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.object import OnObject

@@ -12,7 +12,7 @@ from psmpc_cli.figures.scene import OBLIQUE, configurations, scene_of
 from psmpc_cli.figures.snapshots import plot_scenario
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.problem import build_problem
-from psmpc_cli.robot.model import pose_frames
+from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.library import find
 from psmpc_cli.specs.load import load_task, parse_task

@@ -12,7 +12,7 @@ from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.errors import InputError
 from psmpc_cli.plant import Ticks, build_plant
 from psmpc_cli.plant.grasp import Capture, CapturePlant, build_capture
-from psmpc_cli.robot.free_body import FreeBody, composed, relative
+from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task, load_robot, load_task
 from psmpc_cli.specs.robot import stack
@@ -36,7 +36,7 @@ def spatial(set: dict[str, Any]) -> Task:
     Q = np.r_[robot.neutral[:7], 0.4 * np.sin(np.arange(robot.n - 6))]
     xi, pose = robot.poses(Q), [0.6, 0.1, 0.2, *Q[3:7]]
     arms = dict(zip(list(robot.pose_rows)[1:], xi[1:], strict=True))
-    at = {arm: as_pose(relative(tip, pose)) for arm, tip in arms.items()}
+    at = {arm: as_pose(robot.space.relative(tip, pose)) for arm, tip in arms.items()}
     body = {"mass": 12.0, "inertia": [1.0, 1.4, 0.8], "motion": {"linear": [0, 0.004, 0], "angular": [0.01, 0, 0.02]}}
     envelope = {"position": 0.1, "angle": 1, "velocity": 0.1, "angular_velocity": 1}
     grasp = {"at": at, "envelope": envelope, "stiffness": [1e4, 1e3]}
@@ -195,15 +195,6 @@ def test_grasp_that_is_pulled_beyond_its_strength_is_lost() -> None:
         np.concatenate([getattr(target_object, name) for target_object in flown]) for name in ("pull", "closed")
     )
     assert (pull[closed] <= 0.3).all() and closed.any(axis=1).sum() > 10
-
-
-@pytest.mark.parametrize("size", [3, 7])
-def test_poses_compose(size: int) -> None:
-    random = np.random.default_rng(2)
-    pose, inside = random.standard_normal((2, size))
-    if size == 7:
-        pose[3:], inside[3:] = (each[3:] / np.linalg.norm(each[3:]) for each in (pose, inside))
-    assert relative(composed(pose, inside), pose) == pytest.approx(inside)
 
 
 def test_tumbling_body_keeps_momentum_and_energy() -> None:

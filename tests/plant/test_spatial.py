@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.ocp.plan import Chart, Plan
+from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.plant import Disturbance, Plant, Resistance, Ticks
 from psmpc_cli.plant.adaptive import AdaptiveDynamics
 from psmpc_cli.plant.ideal import IdealPlant
@@ -135,7 +135,7 @@ def test_computed_torque_makes_the_robot_follow_the_ideal_plant(robot: RobotMode
 def test_under_the_law_the_motion_is_the_plans(robot: RobotModel, x: Array) -> None:
     """In the chart the plan is the double integrator; the physics knows no chart."""
     n, K = robot.n, 8
-    chart, random = Chart.at(x[: robot.nq], n), np.random.default_rng(1)
+    chart, random = robot.space.chart_at(x[: robot.nq]), np.random.default_rng(1)
     u, times = random.normal(0, 0.3, (K, n)), 3.0 + 0.3 * np.arange(K + 1)
     X = [chart.enter(x[None, : robot.nq], x[None, robot.nq :])[0]]
     for each in u:

@@ -7,19 +7,12 @@ import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.skills import SKILLS
-from psmpc_cli.robot.model import (
-    RobotModel,
-    load_robot,
-    nearest_equivalent,
-)
+from psmpc_cli.robot.model import RobotModel, load_robot
 
 from .strategies import Array, State, assert_close_to_differences, flat, jacobian_by_differences, laws, moving_robots
-
-angles = st.floats(-100, 100)
 
 
 def test_a_robot_is_loaded_by_name() -> None:
@@ -56,14 +49,6 @@ def test_jacobians_are_derivatives_of_the_poses(state: State) -> None:
 def test_functions_accept_both_kinds_of_symbols(model: RobotModel, kind: type[Any]) -> None:
     Q, q = np.linspace(-1, 1, 9), kind.sym("q", 9)
     np.testing.assert_allclose(ca.Function("xi", [q], [model.g(q)])(Q).full(), model.g(Q).full(), atol=1e-15)
-
-
-@given(angles, angles)
-def test_nearest_equivalent_is_equivalent_and_within_half_a_turn(angle: float, target: float) -> None:
-    nearest = float(nearest_equivalent(angle, target))
-    turns = (nearest - target) / (2 * math.pi)
-    assert abs(turns - round(turns)) < 1e-9
-    assert abs(nearest - angle) <= math.pi + 1e-9
 
 
 @given(moving_robots(most=2))

@@ -122,5 +122,5 @@ def test_links_of_unequal_length_leave_a_hole(planar_dual_arm: RobotSpec) -> Non
 def test_unknown_arm_and_short_pose_are_named(planar_dual_arm: RobotSpec) -> None:
     with pytest.raises(InputError, match=r"no arm 'arm_3'; it has arm_1, arm_2"):
         reach_of(planar_dual_arm, "arm_3", (0, 0, 0), (1, 0, 0))
-    with pytest.raises(InputError, match=r"pose is \[1, 0\], but three numbers"):
+    with pytest.raises(InputError, match=r"pose is \[1, 0\], but 3 numbers"):
         reach_of(planar_dual_arm, "arm_1", (0, 0, 0), (1, 0))

@@ -59,7 +59,7 @@ def test_a_controller_compiles_nothing_once_it_is_built(tmp_path: Path) -> None:
 import os
 from psmpc_cli import load_task
 from psmpc_cli.control import Controller, State
-from psmpc_cli.control.estimator import advanced
+from psmpc_cli.robot.motion import over_ticks
 import numpy as np
 controller = Controller(load_task("transport", ["controller.nodes=12"]))
 built = sorted(os.listdir(os.environ["PSMPC_CACHE"]))
@@ -67,7 +67,8 @@ state = State(np.zeros(9), np.zeros(9))
 widest = 0
 for k in range(130):
     command = controller.step(0.1 * k, state)
-    state = advanced(state, command.u, command.tick)
+    Q, v = over_ticks(controller.problem.model.space, state.Q, state.v, command.u, command.tick)
+    state = State(Q[-1], v[-1])
     widest = max(widest, command.sequence.count)
 assert widest == 2
 assert built and sorted(os.listdir(os.environ["PSMPC_CACHE"])) == built

@@ -1,9 +1,9 @@
 """The skills by their name in a task file (`space:`); a new one is one more file here and one line of the table."""
 
 from psmpc_cli.ocp.skills import joint, point, task
-from psmpc_cli.ocp.skills.base import Posture, Skill, n_placement_parameters
+from psmpc_cli.ocp.skills.base import Posture, Skill
 
-__all__ = ["SKILLS", "Posture", "Skill", "n_placement_parameters"]
+__all__ = ["SKILLS", "Posture", "Skill"]
 
 SKILLS: dict[str, Skill] = {
     "joint": joint.SKILL,

@@ -11,7 +11,6 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.rotations import conjugate, log, product
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,28 +48,19 @@ class Skill:
 
     def angles(self, model: RobotModel) -> list[int]:
         """Return the numbers of a planar target that are angles of frames, of which the nearest equivalent is meant."""
-        return [rows.stop - 1 for rows in self._poses(model).values() if model.dimension == 2]
+        return [rows.start + row for rows in self._poses(model).values() for row in model.space.pose_angles]
 
     def attitudes(self, model: RobotModel) -> dict[str, int]:
         """Return the first numbers of the quaternions of a spatial target, by frame."""
-        return {frame: rows.stop - 4 for frame, rows in self._poses(model).items() if model.dimension == 3}
+        if not model.space.turns_freely:
+            return {}
+        return {frame: rows.start + model.space.attitude.start for frame, rows in self._poses(model).items()}
 
     def _poses(self, model: RobotModel) -> dict[str, slice]:
         return model.pose_rows if self.poses else {"base": model.pose_rows["base"]}
 
 
-def n_placement_parameters(model: RobotModel) -> int:
-    """Return how many numbers of a target every sample sets: anchor and posture of a spatial robot."""
-    return 0 if model.dimension == 2 else 4 + model.n - 6
-
-
 def anchored_poses(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
-    """Return the poses xi (m,) of a spatial robot at Q (n,) in the chart whose anchor a target has."""
-    first = target.numel() - n_placement_parameters(model)
-    return model.charted(Q, target[first : first + 4])
-
-
-def pose_error(found: ca.SX, wanted: ca.SX) -> ca.SX:
-    """Return position and rotation vector (6,) [m, rad] from a wanted pose to another; (7,) each."""
-    turned = product(conjugate([wanted[i] for i in range(3, 7)]), [found[i] for i in range(3, 7)])
-    return ca.vertcat(found[:3] - wanted[:3], *log(turned))
+    """Return the poses xi (m,) of a robot at Q (n,) in the chart whose anchor a target has."""
+    first = target.numel() - model.space.n_sample_numbers
+    return model.charted(Q, target[first : first + model.space.n_anchor])

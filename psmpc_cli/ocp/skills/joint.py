@@ -3,16 +3,16 @@
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.skills.base import Posture, Skill, anchored_poses, pose_error
+from psmpc_cli.ocp.skills.base import Posture, Skill, anchored_poses
 from psmpc_cli.robot.model import RobotModel
 
 
 def error(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
     """Return Q - Q_d (n,) [m, rad]; in space with the rotation vector from the wanted attitude."""
-    if model.dimension == 2:
-        return Q - target
-    base = pose_error(anchored_poses(model, Q, target)[model.pose_rows["base"]], target[:7])
-    return ca.vertcat(base, Q[6:] - target[7 : model.nq])
+    space = model.space
+    base = model.pose_rows["base"]
+    of_base = space.residual(anchored_poses(model, Q, target)[base], target[base])
+    return ca.vertcat(of_base, Q[space.joint_rates] - target[space.joint_coordinates])
 
 
 def after(model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:

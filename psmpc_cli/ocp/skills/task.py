@@ -7,17 +7,16 @@ which they would drift.
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.skills.base import Posture, Skill, anchored_poses, pose_error
+from psmpc_cli.ocp.skills.base import Posture, Skill, anchored_poses
 from psmpc_cli.robot.model import RobotModel
 
 
 def error(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
     """Return xi - xi_d (m,) [m, rad]; in space position and rotation vector of each frame, then of the posture."""
-    if model.dimension == 2:
-        return model.g(Q) - target
     xi = anchored_poses(model, Q, target)
-    errors = (pose_error(xi[rows], target[rows]) for rows in model.pose_rows.values())
-    return ca.vertcat(*errors, Q[6:] - target[target.numel() - (model.n - 6) :])
+    errors = (model.space.residual(xi[rows], target[rows]) for rows in model.pose_rows.values())
+    posture = model.space.n_posture
+    return ca.vertcat(*errors, Q[model.n - posture :] - target[target.numel() - posture :])
 
 
 def after(model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
@@ -32,7 +31,7 @@ def aims(model: RobotModel, target: np.ndarray) -> np.ndarray:
 
 
 SKILL = Skill(
-    rows=lambda model: model.m if model.dimension == 2 else 6 * len(model.pose_rows) + model.n - 6,
+    rows=lambda model: model.space.n_twist * len(model.pose_rows) + model.space.n_posture,
     numbers=lambda model: model.m,
     error=error,
     after=after,

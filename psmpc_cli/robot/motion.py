@@ -1,0 +1,104 @@
+"""The motion model: how states follow from controls, and what of it a window, a plan and a fallback need.
+
+In its chart a robot has n coordinates Q whose second derivative is the control, Qddot = u: with x = [Q; Qdot] it is the
+double integrator of paper eq. (8), exact for a control that is constant over a step of length h,
+
+    Q+ = Q + h Qdot + h^2 / 2 u,    Qdot+ = Qdot + h u.
+
+On the coordinates themselves the velocities do the same, vdot = u, and Q follows from their steps.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from psmpc_cli.robot.configuration import ConfigurationSpace
+
+Array = NDArray[np.float64]
+
+
+def rate(x: Any, u: Any) -> Any:
+    """Return xdot = [Qdot; u] of a state x (2n,) as an expression. Paper eq. (8)."""
+    n = u.numel()
+    return ca.vertcat(x[n:], u)
+
+
+def step(discretization: str) -> Callable[[Any, Any, Any], Any]:
+    """Return x, u, h -> x+ as expressions: the exact step, or explicit Euler as printed (20)."""
+    return _euler_step if discretization == "euler" else _exact_step
+
+
+def _exact_step(x: Any, u: Any, h: Any) -> Any:
+    n = u.numel()
+    return ca.vertcat(x[:n] + h * x[n:] + h**2 / 2 * u, x[n:] + h * u)
+
+
+def _euler_step(x: Any, u: Any, h: Any) -> Any:
+    return x + h * rate(x, u)
+
+
+def velocity_shares(discretization: str) -> tuple[float, float]:
+    """Return the shares a, b of the velocities at both ends of a step in Q+ - Q = h (a Qdot + b Qdot+).
+
+    With u = (Qdot+ - Qdot) / h the exact step has a = b = 1/2, explicit Euler a = 1, b = 0.
+    """
+    return (1.0, 0.0) if discretization == "euler" else (0.5, 0.5)
+
+
+def advanced(X: Array, u: Array, since: Array | float) -> Array:
+    """Return states X (K, 2n) after times (K, 1) or () [s] under accelerations u (K, n)."""
+    n = u.shape[1]
+    after = X.copy()
+    Q = after[:, :n]
+    Qdot = after[:, n:]
+    gained = since * u
+    Q += since * (Qdot + gained / 2)
+    Qdot += gained
+    return after
+
+
+def rollout(x: Array, u: Array, steps: Array) -> Array:
+    """Return the states (K + 1, 2n) from x (2n,) on under accelerations u (K, n), held for steps (K,) [s]."""
+    n = u.shape[1]
+    h = steps[:, None]
+    Qdot = np.cumsum(np.vstack([x[n:], h * u]), axis=0)
+    Q = np.cumsum(np.vstack([x[:n], h * Qdot[:-1] + h**2 / 2 * u]), axis=0)
+    return np.hstack([Q, Qdot])
+
+
+def braking(x: Array, duration: float) -> tuple[Array, Array]:
+    """Return the constant acceleration (n,) that brings a state x (2n,) to rest within a duration [s].
+
+    And the state at rest (2n,). From Qdot + duration u = 0.
+    """
+    n = len(x) // 2
+    u = -x[n:] / duration
+    at_rest = np.concatenate([x[:n] + duration / 2 * x[n:], np.zeros(n)])
+    return u, at_rest
+
+
+def mean_control(u: Array, times: Array, edges: Array) -> Array:
+    """Return the mean of piecewise constant accelerations between consecutive edges (M + 1,) [s], (M, n).
+
+    Nodes and ticks do not align; the mean keeps the velocities at the ticks equal to the plan's.
+
+    Args:
+        u: Accelerations (K, n) between the times.
+        times: Nodes (K + 1,) [s]. Outside of them there is no control.
+        edges: Ends of the ticks [s], ascending.
+    """
+    if len(u) == 1 and times[0] <= edges[0] and edges[-1] <= times[1]:  # one acceleration over all of them
+        return u.repeat(len(edges) - 1, axis=0)
+    reached = np.minimum(np.maximum(edges[:, None], times[:-1]), times[1:])
+    return np.asarray((reached[1:] - reached[:-1]) @ u / (edges[1:] - edges[:-1])[:, None])
+
+
+def over_ticks(space: ConfigurationSpace, Q: Array, v: Array, vdot: Array, tick: float) -> tuple[Array, Array]:
+    """Return coordinates (M + 1, nq) and velocities (M + 1, n) while rates of v (M, n) hold for a tick [s] each."""
+    velocities = np.vstack([v, v + tick * np.cumsum(vdot, axis=0)])
+    steps = tick * velocities[:-1] + tick**2 / 2 * vdot
+    steps = steps + space.noncommuting_turn(velocities[:-1], velocities[1:], tick)
+    return space.path(Q, steps), velocities

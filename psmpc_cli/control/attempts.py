@@ -8,9 +8,9 @@ import numpy as np
 from psmpc_cli.control.multistart import solve_from_several
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.window_builder import WindowBuilder
+from psmpc_cli.ocp.constraints.boxes import own_violations
 from psmpc_cli.ocp.plan import Plan, shift
 from psmpc_cli.ocp.problem import Problem, Stage
-from psmpc_cli.ocp.window import own_violations
 from psmpc_cli.solvers import FEASIBLE, Outcome, Solution, Solver
 
 RESERVE = 0.4

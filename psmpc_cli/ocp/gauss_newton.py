@@ -12,9 +12,11 @@ semidefinite. End conditions about poses are curved, see `VelocityForm.curved`.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
+from psmpc_cli.ocp.constraints import node_rows
 from psmpc_cli.ocp.objective import StageShape, stage_functions
 from psmpc_cli.ocp.plan import Grid
 from psmpc_cli.ocp.window import Parameters, WindowShape, reference
@@ -43,14 +45,14 @@ class Residuals:
         costs: Normalized cost integral of each stage, without priorities, (S + 1,). Paper eq. (16).
         terminal: Normalized terminal cost of the last stage, times kappa.
         gaps: Q+ - Q - h (Qdot + Qdot+) / 2 by interval, (K, n).
-        ends: Rows of all end conditions, stage by stage, (E,).
+        rows: Those of the constraints at nodes, by ascending nodes, (E,).
     """
 
     objective: float
     costs: np.ndarray
     terminal: float
     gaps: np.ndarray
-    ends: np.ndarray
+    rows: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +68,7 @@ class Linearization:
         durations: By tau, (S, S).
         gap_velocity: Of the gaps by Qdot_k and Qdot_k+1, one number an interval, (K, 2).
         gap_tau: By tau, (K, n, S).
-        end_rows: Of the end rows by x at their nodes, (E, 2n).
+        rows_by_x: Of the rows at nodes by x there, (E, 2n).
     """
 
     at: Residuals
@@ -78,7 +80,7 @@ class Linearization:
     durations: np.ndarray
     gap_velocity: np.ndarray
     gap_tau: np.ndarray
-    end_rows: np.ndarray
+    rows_by_x: np.ndarray
 
 
 class VelocityForm:
@@ -87,23 +89,24 @@ class VelocityForm:
     Attributes:
         grid: Intervals of the stages.
         costs: What the costs of the stages are made of.
-        stages: What their end conditions are made of.
+        node_rows: The constraints at nodes, by ascending nodes.
         nodes: N_s of each stage, (S + 1,).
         weights: Share of the velocity at either end of an interval in the change of position.
-        end_node: Node of each end row, ascending, (E,).
-        curved: Some end condition is curved.
+        row_node: Node of each row of these, ascending, (E,).
+        curved: Some of them are curved.
     """
 
     def __init__(self, model: RobotModel, shape: WindowShape, native: bool = False) -> None:
         self.grid = Grid(model.n, shape.nodes)
         self.costs = [stage_functions(model, StageShape(stage.space), native) for stage in shape.stages]
-        self.stages = [stage_functions(model, stage) for stage in shape.stages]
+        self.node_rows = node_rows(model, shape)
         self.nodes = np.array(shape.nodes)
         self.weights = velocity_shares(shape.discretization)
-        self.end_node = np.repeat(self.grid.first_node[1:], [stage.end_rows for stage in self.stages])
-        curvatures = {s: stage.end_curvature for s, stage in enumerate(self.stages)}
-        self._curvatures = {s: function for s, function in curvatures.items() if function is not None}
-        self.curved = bool(self._curvatures)
+        counts = [rows.functions.count for rows in self.node_rows]
+        self.row_node = np.repeat(np.array([rows.node for rows in self.node_rows], int), counts)
+        ends = np.cumsum([0, *counts])
+        self._places = [slice(*each) for each in pairwise(ends.tolist())]
+        self.curved = any(rows.functions.curvature is not None for rows in self.node_rows)
 
     @cached_property
     def stage_durations(self) -> np.ndarray:
@@ -140,7 +143,7 @@ class VelocityForm:
     def residuals(self, point: Point, p: Parameters[np.ndarray]) -> Residuals:
         """Return objective and constraints at a point."""
         tau = self.durations(point, float(p.horizon))
-        costs = np.zeros(len(self.stages))
+        costs = np.zeros(len(self.costs))
         terminal = 0.0
         for s, (stage, N) in enumerate(zip(self.costs, self.grid.nodes, strict=True)):
             at = self.intervals(s)
@@ -150,15 +153,15 @@ class VelocityForm:
         if p.terminal:
             L = stage.cost(point.X[-1], 0.0, wanted[-1], p.weights[s], 0.0)[0]
             terminal = _terminal_cost(p, L)
-        return self._residuals(point, p, costs, terminal, self.ends(point, p)[0])
+        return self._residuals(point, p, costs, terminal, self.rows(point, p)[0])
 
     def _residuals(
-        self, point: Point, p: Parameters[np.ndarray], costs: np.ndarray, terminal: float, ends: np.ndarray
+        self, point: Point, p: Parameters[np.ndarray], costs: np.ndarray, terminal: float, rows: np.ndarray
     ) -> Residuals:
         """Return J over the largest priority from what the stages add to it, and the gaps. Cf. paper eq. (16)."""
         J = float(p.omega @ costs + p.omega[-1] * terminal + p.pending * (self.waiting @ point.tau))
         change = self.steps(point, float(p.horizon)) * self._mean_velocities(point)
-        return Residuals(J, costs, terminal, np.diff(point.X[:, : self.grid.n], axis=0) - change, ends)
+        return Residuals(J, costs, terminal, np.diff(point.X[:, : self.grid.n], axis=0) - change, rows)
 
     def _mean_velocities(self, point: Point) -> np.ndarray:
         """Return the velocities by which the positions change over the intervals, (K, n)."""
@@ -173,23 +176,20 @@ class VelocityForm:
         dv = np.diff(point.X[first : last + 1, self.grid.n :], axis=0)
         return dv, float((dv**2 @ p.control_weights[s]).sum() * self.grid.nodes[s] / tau)
 
-    def ends(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows of all end conditions (E,) and their derivatives by x at their nodes (E, 2n)."""
-        values = [np.zeros(0)]
-        rows = np.zeros((len(self.end_node), 2 * self.grid.n))
-        at = 0
-        for s, stage in enumerate(self.stages):
-            if stage.end_rows:
-                h, by_x = stage.end_terms(point.X[self.grid.first_node[s + 1]], p.targets[s])
-                rows[at : at + stage.end_rows] = by_x.reshape(stage.end_rows, -1)
-                values.append(h[0])
-                at += stage.end_rows
-        return np.concatenate(values), rows
+    def rows(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows of all constraints at nodes (E,) and their derivatives by x at their nodes (E, 2n)."""
+        values = np.zeros(len(self.row_node))
+        by_x = np.zeros((len(self.row_node), 2 * self.grid.n))
+        for rows, at in zip(self.node_rows, self._places, strict=True):
+            g, jacobian = rows.functions.with_jacobian(point.X[rows.node], rows.argument(p))
+            values[at] = g[0]
+            by_x[at] = jacobian.reshape(rows.functions.count, -1)
+        return values, by_x
 
     def with_curvature(
         self, model: Linearization, point: Point, p: Parameters[np.ndarray], multipliers: np.ndarray
     ) -> Linearization:
-        """Return the model with the second derivatives by Q of the end rows, each times its multiplier, of (E,).
+        """Return the model with the second derivatives by Q of the rows at nodes, each times its multiplier, of (E,).
 
         Of the Lagrangian's second derivatives it is the part that matters: the multipliers of an end condition are as
         large as what a second of waiting costs, whatever the stage itself weighs. Without it steps overshoot in the
@@ -197,10 +197,11 @@ class VelocityForm:
         """
         positions = model.positions.copy()
         n = self.grid.n
-        for s, curvature in self._curvatures.items():
-            node = self.grid.first_node[s + 1]
-            found = curvature(point.X[node], p.targets[s], multipliers[self.end_node == node])[0]
-            positions[node] += found.reshape(n, n)
+        for rows, at in zip(self.node_rows, self._places, strict=True):
+            curvature = rows.functions.curvature
+            if curvature is not None:
+                by_Q_Q = curvature(point.X[rows.node], rows.argument(p), multipliers[at])[0]
+                positions[rows.node] += by_Q_Q.reshape(n, n)
         return replace(model, positions=positions)
 
     def linearize(self, point: Point, p: Parameters[np.ndarray]) -> Linearization:
@@ -212,10 +213,10 @@ class VelocityForm:
         D = self.stage_durations
         of = self.grid.stage_of
         cost = _CostModel(self, point, p)
-        ends, end_rows = self.ends(point, p)
+        rows, rows_by_x = self.rows(point, p)
         gaps_by_stage = -self._mean_velocities(point) / self.nodes[of, None]
         return Linearization(
-            at=self._residuals(point, p, cost.costs, cost.terminal, ends),
+            at=self._residuals(point, p, cost.costs, cost.terminal, rows),
             gradient=cost.gradient,
             gradient_tau=D.T @ cost.gradient_tau + p.pending * self.waiting,
             positions=cost.positions,
@@ -224,7 +225,7 @@ class VelocityForm:
             durations=D.T @ (cost.durations[:, None] * D),
             gap_velocity=-self.steps(point, float(p.horizon)) * np.array(self.weights),
             gap_tau=gaps_by_stage[:, :, None] * D[of][:, None, :],
-            end_rows=end_rows,
+            rows_by_x=rows_by_x,
         )
 
 

@@ -46,6 +46,51 @@ def weighted_square(r: ca.SX, weights: ca.SX) -> ca.SX:
     return ca.dot(weights * r, r)
 
 
+class ConstraintFunctions:
+    """Rows g(x, a) of the state at a node, and their derivatives, each written when it is first used.
+
+    Args:
+        x: The state [Q; Qdot], a symbol (2n,).
+        argument: a, a symbol.
+        rows: The rows as an expression of both.
+    """
+
+    def __init__(self, x: ca.SX, argument: ca.SX, rows: ca.SX) -> None:
+        self._x = x
+        self._argument = argument
+        self._rows = ca.densify(rows)
+        self.count = int(rows.numel())
+
+    @cached_property
+    def value(self) -> RowFunction:
+        """x, a -> g (rows,)."""
+        return RowFunction(ca.Function("h", [self._x, self._argument], [self._rows]))
+
+    @cached_property
+    def with_jacobian(self) -> RowFunction:
+        """x, a -> g (rows,), dg/dx row by row (rows 2n,)."""
+        outputs = ca.cse([self._rows, _row_by_row(ca.jacobian(self._rows, self._x))])
+        return RowFunction(ca.Function("end", [self._x, self._argument], outputs))
+
+    @cached_property
+    def curvature(self) -> RowFunction | None:
+        """x, a, multipliers y (rows,) -> upper triangle of the second derivatives of y'g by Q (n, n); None where 0."""
+        if not self.count:
+            return None
+        n = self._x.numel() // 2
+        multipliers = ca.SX.sym("multipliers", self.count)
+        hessian, _ = ca.hessian(ca.dot(multipliers, self._rows), self._x)
+        upper = ca.triu(hessian[:n, :n])
+        if not upper.nnz():
+            return None
+        arguments = [self._x, self._argument, multipliers]
+        return RowFunction(ca.Function("end_curvature", arguments, ca.cse([_row_by_row(upper)])))
+
+    def prepare(self) -> tuple[RowFunction | None, ...]:
+        """Write all of them and return them."""
+        return self.value, self.with_jacobian, self.curvature
+
+
 class StageFunctions:
     """The functions of the stages of one shape for one robot, each written when it is first used.
 
@@ -125,9 +170,14 @@ class StageFunctions:
         return len(self.shape.end_rows) * (2 if self.shape.end_velocity else 1)
 
     @cached_property
-    def end(self) -> RowFunction:
+    def end(self) -> "ConstraintFunctions":
         """x, target -> rows of the end condition."""
-        return RowFunction(ca.Function("h", [self._x, self._target], [ca.densify(self._end)]))
+        return ConstraintFunctions(self._x, self._target, self._end)
+
+    @cached_property
+    def error_rows(self) -> "ConstraintFunctions":
+        """x, target -> e (rows,)."""
+        return ConstraintFunctions(self._x, self._target, self._e)
 
     @cached_property
     def met(self) -> RowFunction:
@@ -136,36 +186,13 @@ class StageFunctions:
         margin = ca.SX.sym("margin")
         numbers = ca.SX.sym("numbers", int(sizes[-1]))
         target, drift, tolerance = ca.vertsplit(numbers, sizes.tolist())
-        holds = ca.fabs(self.end.function(self._x, target) - drift) <= tolerance * margin + SLACK
+        holds = ca.fabs(self.end.value.function(self._x, target) - drift) <= tolerance * margin + SLACK
         return RowFunction(ca.Function("met", [self._x, numbers, margin], [ca.mmin(holds)]))
-
-    @cached_property
-    def end_terms(self) -> RowFunction:
-        """x, target -> rows of the end condition, then their derivatives by x, row by row."""
-        outputs = ca.cse([ca.densify(self._end), _row_by_row(ca.jacobian(self._end, self._x))])
-        return RowFunction(ca.Function("end", [self._x, self._target], outputs))
-
-    @cached_property
-    def end_curvature(self) -> RowFunction | None:
-        """x, target, multipliers -> upper triangle of the second derivatives of the end rows by Q (n, n).
-
-        None where they are 0.
-        """
-        if not self.end_rows:
-            return None
-        multipliers = ca.SX.sym("multipliers", self.end_rows)
-        n = self.model.n
-        hessian, _ = ca.hessian(ca.dot(multipliers, self._end), self._x)
-        upper = ca.triu(hessian[:n, :n])
-        if not upper.nnz():
-            return None
-        arguments = [self._x, self._target, multipliers]
-        return RowFunction(ca.Function("end_curvature", arguments, ca.cse([_row_by_row(upper)])))
 
     def prepare(self) -> tuple[RowFunction | None, ...]:
         """Build what `sqp` evaluates and return it: of the end condition, where there is one, else of the cost."""
         if self.end_rows:
-            return self.met, self.end, self.end_terms, self.end_curvature
+            return self.met, *self.end.prepare()
         return self.error, self.cost, self.gauss_newton
 
     def step(self, discretization: str) -> ca.Function:

@@ -229,7 +229,7 @@ class StageCosts:
 
     def ends(self, stage: Stage, X: np.ndarray) -> np.ndarray:
         """Return the rows of the end condition (18) at each state (K, rows), rates relative to its target's."""
-        return np.asarray(self._of(stage, stage.end_rows).end(X, stage.target, rows=len(X))[0] - stage.end_drift)
+        return np.asarray(self._of(stage, stage.end_rows).end.value(X, stage.target, rows=len(X))[0] - stage.end_drift)
 
     def at(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
@@ -276,7 +276,7 @@ class StageCosts:
 
         Those of the measured state's errors, (2n,) and independent, through the rows' derivatives: sqrt(J^2 sigma^2).
         """
-        _, J = self._of(stage, stage.end_rows).end_terms(x, stage.target)
+        _, J = self._of(stage, stage.end_rows).end.with_jacobian(x, stage.target)
         return np.asarray(np.sqrt(J.reshape(-1, len(x)) ** 2 @ deviations**2))
 
 

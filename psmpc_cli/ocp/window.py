@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from psmpc_cli.ocp.objective import StageShape
-from psmpc_cli.ocp.plan import Grid, Plan, mesh
+from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.problem import Stage, StageCosts
 from psmpc_cli.robot.configuration import IDENTITY, Chart
 
@@ -19,14 +19,6 @@ U = TypeVar("U")
 
 SHORTEST = 1e-3
 """Shortest duration of a stage in a window [s], eps of (14)."""
-
-PENALTY = 1e4
-"""rho: what a second beyond a soft limit costs, in J over the largest priority per m, rad, m/s or rad/s.
-
-The violations are integrated over time by the trapezoidal rule: counted node by node, one and the same motion would
-cost less with a later instant, whose intervals are longer. Where no multiplier of a limit reaches rho times its node's
-share of time, the soft optimum is the hard one; docs/decisions.md has the multipliers of whole runs.
-"""
 
 COUNTS = (4, 6, 8, 11, 16, 23, 32, 45, 64, 90, 128, 180, 200)
 """Numbers of intervals a stage may have: few, so that what is built for a window serves again."""
@@ -274,6 +266,13 @@ def reference(p: Parameters[np.ndarray], s: int, tau: float) -> tuple[np.ndarray
     return (path[:, :nodes] + path[:, nodes:] * tau).T, path[:, nodes:].T
 
 
+def reference_at(p: Parameters[Any], s: int, node: int, tau: Any) -> Any:
+    """Return what a stage's cost follows at one of its nodes if it lasts tau [s], as numbers or symbols (numbers,)."""
+    path = p.paths[s]
+    nodes = path.shape[1] // 2
+    return path[:, node] + path[:, nodes + node] * tau if nodes else p.targets[s]
+
+
 def shortest_durations(window: Window) -> np.ndarray:
     """Return the shortest duration of each stage (S + 1,): eps, or what is left of its dwell and hold times."""
     dwell = np.array([stage.dwell for stage in window.stages])
@@ -300,35 +299,6 @@ def plan_on_mesh(window: Window, X: np.ndarray, u: np.ndarray, tau: np.ndarray) 
     """Return the plan of states X (K + 1, 2n) and accelerations u (K, n) at the nodes, free durations tau (S,) [s]."""
     instants = window.start + tau.cumsum()
     return Plan(window.times(instants), X, u, instants, window.chart)
-
-
-def node_limits(grid: Grid, stages: Sequence[Stage]) -> tuple[np.ndarray, np.ndarray]:
-    """Return low and high of [Q; Qdot] at the nodes, (K + 1, 2n) each; at a switch the limits of both stages hold."""
-    low = np.full((grid.K + 1, 2 * grid.n), -np.inf)
-    high = np.full((grid.K + 1, 2 * grid.n), np.inf)
-    for s, stage in enumerate(stages):
-        at = slice(grid.first_node[s], grid.first_node[s + 1] + 1)
-        limits = stage.limits
-        low[at] = np.maximum(low[at], limits.state_low)
-        high[at] = np.minimum(high[at], limits.state_high)
-    return low, high
-
-
-def scaled_violations(X: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return rho times that by which states (..., 2n) lie beyond low or high, 0 where they do not."""
-    return np.asarray(PENALTY * np.maximum(np.maximum(low - X, X - high), 0.0))
-
-
-def shares_of_time(steps: np.ndarray) -> np.ndarray:
-    """Return what the nodes stand for, (K + 1, columns), of intervals (K, columns): half of either neighbour."""
-    none = np.zeros((1, steps.shape[1]))
-    return np.asarray(np.vstack([none, steps]) + np.vstack([steps, none])) / 2
-
-
-def own_violations(x0: np.ndarray, stages: Sequence[Stage]) -> np.ndarray:
-    """Return by how much a measured state (2n,) violates the limits of a window's first stage itself, (2n,)."""
-    limits = stages[0].limits
-    return scaled_violations(x0, limits.state_low, limits.state_high) / PENALTY
 
 
 def normalization(

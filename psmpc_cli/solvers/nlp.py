@@ -19,18 +19,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError
+from psmpc_cli.ocp.constraints import NodeRows, node_rows
+from psmpc_cli.ocp.constraints.boxes import PENALTY, node_limits, scaled_violations, shifted
 from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.plan import Grid, Plan
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.window import (
-    PENALTY,
     SHORTEST,
     Parameters,
     Window,
     WindowShape,
-    node_limits,
     plan_on_mesh,
-    scaled_violations,
+    reference_at,
     shortest_durations,
     window_numbers,
     window_shape,
@@ -90,6 +90,7 @@ class Nlp:
     """
 
     def __init__(self, model: RobotModel, shape: WindowShape, numbers: Parameters[np.ndarray]) -> None:
+        self._node_rows = node_rows(model, shape)
         self._functions = [stage_functions(model, stage) for stage in (*shape.stages, *shape.kept)]
         self.shape = shape
         self.grid = Grid(model.n, shape.nodes)
@@ -144,11 +145,7 @@ class Nlp:
 
     def limits(self, window: Window, guess: Plan) -> tuple[np.ndarray, np.ndarray]:
         """Return low and high of [Q; Qdot] at the nodes, (K + 1, 2n) each; those of v in the chart about a guess."""
-        low, high = node_limits(self.grid, window.stages)
-        shift = window.shift_of_limits(guess)
-        low[:, self.grid.n :] += shift
-        high[:, self.grid.n :] += shift
-        return low, high
+        return shifted(window, guess, *node_limits(self.grid, window.stages))
 
     def bounds(self, window: Window, guess: Plan, within: float) -> dict[str, np.ndarray]:
         """Return lbx, ubx, lbg, ubg, durations within so many seconds of the guess. Paper (14), (17), (18)."""
@@ -183,7 +180,7 @@ class Nlp:
         """Return the normalized cost of a stage, or of a kept one, at its own node, 0 to N_s, which is node k."""
         p = self._p
         S = self.grid.switches
-        wanted = self._reference(s, node, self._duration(min(s, S), k))
+        wanted = reference_at(p, s, node, self._duration(min(s, S), k))
         Lbar = self._functions[s].cost.function(self._X[:, k], u, wanted, p.weights[s], p.control_weights[s])
         return (Lbar - p.offset[s]) / p.scale[s]
 
@@ -200,12 +197,6 @@ class Nlp:
         """Return the length of an interval as node k at one of its ends has it."""
         s = int(self.grid.stage_of[interval])
         return self._duration(s, k) / self.grid.nodes[s]
-
-    def _reference(self, s: int, node: int, tau: ca.SX) -> ca.SX:
-        """Return what a stage's cost follows at one of its nodes if the stage lasts tau [s]."""
-        path = self._p.paths[s]
-        nodes = self._p.paths[s].shape[1] // 2
-        return path[:, node] + path[:, nodes + node] * tau if nodes else self._p.targets[s]
 
     def _penalty(self) -> ca.SX:
         """Return what violated soft limits cost: rho times the integral of the violations, by the trapezoidal rule."""
@@ -236,15 +227,11 @@ class Nlp:
                 yield self._duration(len(stages) - 1, k), lambda *_: (SHORTEST, np.inf)
             fixed = [s for s, stage in enumerate(stages[:-1]) if stage.fixed_end]
             yield from ((ca.sum1(tau[: s + 1]), partial(_fixed_end, s)) for s in fixed)
-        elif k in self.grid.first_node[1:-1] and stages[s := int(self.grid.stage_of[k - 1])].end_rows:
-            yield self._functions[s].end.function(X, p.targets[s]), partial(_end_condition, s)
-        for i in range(len(self.shape.kept)):
-            if self.shape.kept_errors and k:
-                wanted = self._reference(len(stages) + i, k, p.horizon)
-                functions = self._functions[len(stages) + i]
-                error = functions.error.function(X[: self.grid.n], wanted)
-                yield error, lambda window, *_, i=i: (-window.kept[i].bound[k - 1], window.kept[i].bound[k - 1])
-            elif sums.numel() and k == self.grid.K:
+        for rows in self._node_rows:
+            if rows.node == k:
+                yield rows.functions.value.function(X, rows.argument(p)), partial(_node_bounds, rows)
+        if sums.numel() and k == self.grid.K:
+            for i in range(len(self.shape.kept)):
                 yield sums[i], lambda window, *_, i=i: (-np.inf, window.kept[i].bound)
         if self.shape.soft:
             yield X + self._e[:, k] / PENALTY, lambda window, low, high: (low[k], np.inf)
@@ -260,10 +247,9 @@ def _fixed_end(s: int, window: Window, *_: object) -> tuple[float, float]:
     return at, at
 
 
-def _end_condition(s: int, window: Window, *_: object) -> tuple[np.ndarray, np.ndarray]:
-    tolerance = window.stages[s].end_tolerance
-    drift = window.stages[s].end_drift
-    return drift - tolerance, drift + tolerance
+def _node_bounds(rows: NodeRows, window: Window, *_: object) -> tuple[np.ndarray, np.ndarray]:
+    low, high = rows.bounds(window)
+    return low, high
 
 
 def _symbol(numbers: np.ndarray) -> ca.SX:

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, vstack
 
 from psmpc_cli.native.library import library
+from psmpc_cli.ocp.constraints.boxes import PENALTY
 from psmpc_cli.ocp.gauss_newton import Linearization, Point
-from psmpc_cli.ocp.window import PENALTY
 from psmpc_cli.solvers.sqp_window import SqpWindow
 
 SOURCES = ("recursion.c", "program.c", "interior_point.c")
@@ -70,7 +70,7 @@ class QpSolution:
         step: The step; that of x_0 is 0.
         gaps: Multipliers of the gaps, (K, n).
         rows: Of the rows of `SqpWindow`, (R,).
-        ends: Of the end conditions, a part of `rows`, (E,).
+        node_multipliers: Of the constraints at nodes, a part of `rows`, (E,).
         iterations: Interior-point iterations.
     """
 
@@ -78,7 +78,7 @@ class QpSolution:
     step: Point
     gaps: np.ndarray
     rows: np.ndarray
-    ends: np.ndarray
+    node_multipliers: np.ndarray
     iterations: int
 
 
@@ -103,8 +103,8 @@ class QpMethod(ABC):
             "gap_velocity": model.gap_velocity,
             "gap_tau": model.gap_tau,
             "gaps": model.at.gaps,
-            "end_node": window.form.end_node - 1,
-            "end_rows": model.end_rows,
+            "end_node": window.form.row_node - 1,
+            "end_rows": model.rows_by_x,
             "low": bounds.low - rows,
             "high": bounds.high - rows,
             "input_low": bounds.input_low,
@@ -118,8 +118,8 @@ class QpMethod(ABC):
         }
         status, iterations = self._solve(numbers, bounds.soft)
         z = numbers["multipliers"]
-        ends = z[states + 2 * S :][: len(model.at.ends)]
-        return QpSolution(status, Point(X, numbers["tau"]), numbers["gap_multipliers"], z, ends, iterations)
+        of_nodes = z[states + 2 * S :][: len(model.at.rows)]
+        return QpSolution(status, Point(X, numbers["tau"]), numbers["gap_multipliers"], z, of_nodes, iterations)
 
     @abstractmethod
     def _solve(self, numbers: dict[str, np.ndarray], soft: bool) -> tuple[QpStatus, int]:

@@ -15,11 +15,12 @@ import numpy as np
 
 from psmpc_cli.native.functions import maker_of
 from psmpc_cli.native.library import make_all
+from psmpc_cli.ocp.constraints.boxes import PENALTY
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
 from psmpc_cli.ocp.objective import StageShape, stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.window import PENALTY, Window, plan_on_mesh, stage_shape, window_numbers, window_shape
+from psmpc_cli.ocp.window import Window, plan_on_mesh, stage_shape, window_numbers, window_shape
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
 from psmpc_cli.solvers.nlp import Report
 from psmpc_cli.solvers.quadratic import PiqpQp, QpMethod, QpSolution, QpStatus, RiccatiQp, kernel_library, load_kernel
@@ -111,9 +112,9 @@ class SqpSolver(Solver):
             stage_functions(problem.model, stage_shape(stage)).prepare()
 
     def _setup(self, window: Window) -> tuple[VelocityForm, WindowBounds, QpMethod]:
-        """Return what windows of one shape, limits and tolerances share: form, bounds, method for their programs."""
+        """Return what windows of one shape and limits share: form, bounds, method for their programs."""
         shape = window_shape(window)
-        key = (shape, *((stage.limits, stage.tolerance.tobytes(), stage.end_velocity) for stage in window.stages))
+        key = (shape, *(stage.limits for stage in window.stages))
         if key not in self._setups:
             form = VelocityForm(self._model, shape, self._spec.compiled)
             self._setups[key] = form, fixed_bounds(form, window), self._method(form)
@@ -131,12 +132,12 @@ class SqpSolver(Solver):
         tau = np.diff(guess.instants, prepend=window.start)
         form, shared, method = self._setup(window)
         numbers = window_numbers(window, guess.instants)
-        sqp_window = SqpWindow(form, window_bounds(shared, window, guess, tau, within), numbers)
+        sqp_window = SqpWindow(form, window_bounds(form, shared, window, guess, tau, within), numbers)
         solve = _Solve(self._spec, sqp_window, method, self._report, self.stop_time(began))
-        ends = np.zeros(0)
-        if previous is not None and form.curved and len(previous.duals) == len(form.end_node):
-            ends = previous.duals
-        iterate, outcome, count = solve.run(Point(guess.X, tau), ends, previous is not None)
+        multipliers = np.zeros(0)
+        if previous is not None and form.curved and len(previous.duals) == len(form.row_node):
+            multipliers = previous.duals
+        iterate, outcome, count = solve.run(Point(guess.X, tau), multipliers, previous is not None)
         point = iterate.point
         return Solution(
             outcome=outcome,
@@ -150,8 +151,8 @@ class SqpSolver(Solver):
             costs=iterate.at.costs,
             terminal=iterate.at.terminal,
             violations=sqp_window.penalty(point)[1:].max(axis=0) / PENALTY if window.soft else np.zeros(0),
-            duals=iterate.qp.ends if form.curved and iterate.qp is not None else np.zeros(0),
-            guess_duals=ends,
+            duals=iterate.qp.node_multipliers if form.curved and iterate.qp is not None else np.zeros(0),
+            guess_duals=multipliers,
         )
 
 
@@ -175,15 +176,15 @@ class _Solve:
     report: Report | None
     until: float
 
-    def run(self, guess: Point, ends: np.ndarray, warm: bool) -> tuple[Iterate, Outcome, int]:
+    def run(self, guess: Point, multipliers: np.ndarray, warm: bool) -> tuple[Iterate, Outcome, int]:
         """Return the last iterate, how it is to be taken, and the number of iterations."""
         iterate, model = self._begin(guess)
-        qp = self._program(guess, model, ends)
+        qp = self._program(guess, model, multipliers)
         if not warm and not self._keeps_limits(guess, qp):
             later = later_switch(self.window, guess)
             if later is not None:
                 late_iterate, late_model = self._begin(later)
-                late_qp = self._program(later, late_model, ends)
+                late_qp = self._program(later, late_model, multipliers)
                 if self._keeps_limits(later, late_qp):
                     iterate = late_iterate
                     model = late_model
@@ -200,7 +201,7 @@ class _Solve:
                 return iterate, outcome, count
             if count < self.spec.max_iterations:
                 model = self.window.linearize(iterate.point)
-                qp = self._program(iterate.point, model, qp.ends)
+                qp = self._program(iterate.point, model, qp.node_multipliers)
         return iterate, self._unfinished(iterate, Outcome.ITERATION_LIMIT), self.spec.max_iterations
 
     def _begin(self, point: Point) -> tuple[Iterate, Linearization]:
@@ -212,16 +213,17 @@ class _Solve:
         """Tell whether a program has a solution, which violates soft limits no further than the measured state does."""
         return qp.status is QpStatus.SOLVED and self.window.keeps_soft_limits(point.moved(qp.step, 1.0))
 
-    def _program(self, point: Point, model: Linearization, ends: np.ndarray) -> QpSolution:
+    def _program(self, point: Point, model: Linearization, multipliers: np.ndarray) -> QpSolution:
         """Return the solution of the program at a point.
 
-        The curvature of end conditions counts at the given multipliers. Where that program is found not to be convex,
-        the Gauss-Newton model stands alone. Where soft limits would be
-        violated so far that the numbers break down, hard ones say whether there is a solution.
+        The curvature of constraints at nodes counts at the given multipliers (E,), if there are any. Where that program
+        is found not to be convex, the Gauss-Newton model stands alone. Where soft limits would be violated so far that
+        the numbers break down, hard ones say whether there is a solution.
         """
         window = self.window
-        if window.form.curved and len(ends):
-            qp = self.method.solve(window, window.form.with_curvature(model, point, window.p, ends), point)
+        if window.form.curved and len(multipliers):
+            curved = window.form.with_curvature(model, point, window.p, multipliers)
+            qp = self.method.solve(window, curved, point)
             if qp.status is QpStatus.SOLVED:
                 return qp
         qp = self.method.solve(window, model, point)

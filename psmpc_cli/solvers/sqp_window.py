@@ -10,25 +10,19 @@ from functools import cached_property
 
 import numpy as np
 
-from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
-from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.window import (
+from psmpc_cli.ocp.constraints.boxes import (
     PENALTY,
-    SHORTEST,
-    Parameters,
-    Window,
+    acceleration_limits,
+    moved_apart,
     node_limits,
     scaled_violations,
     shares_of_time,
-    shortest_durations,
+    shifted,
 )
+from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.window import SHORTEST, Parameters, Window, shortest_durations
 from psmpc_cli.solvers.base import FEASIBLE
-
-NARROWEST_SOFT = 1e-4
-"""Soft bounds nearer to each other than this [m, rad, m/s, rad/s] are moved apart to it.
-
-Nothing but the width tells their two multipliers apart, and at 1e-5 some programs fail.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,55 +45,51 @@ class WindowBounds:
 
 
 def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
-    """Return the bounds that windows of one shape, limits and tolerances share, those of durations left open."""
+    """Return the bounds that windows of one shape and limits share, those of durations and rows at nodes left open."""
     grid = form.grid
     stages = window.stages
     S = form.grid.switches
     low, high = node_limits(grid, stages)
     first = np.array([low[0], high[0]])
     low, high = moved_apart(low[1:], high[1:]) if window.soft else (low[1:], high[1:])
-    ends = [stage.end_tolerance for stage, of_form in zip(stages, form.stages, strict=True) if of_form.end_rows]
-    tolerance = np.concatenate([np.zeros(0), *ends])
-    open_rows = np.full(2 * S, np.inf)
-    lows = [low.ravel(), -open_rows, -tolerance]
-    highs = [high.ravel(), open_rows, tolerance]
-    inputs = [
-        np.array([getattr(stage.limits, f"acceleration_{side}") for stage in stages])[grid.stage_of]
-        for side in ("low", "high")
-    ]
+    of_window = np.full(2 * S + len(form.row_node), np.inf)  # durations, and rows at nodes
+    lows = [low.ravel(), -of_window]
+    highs = [high.ravel(), of_window]
+    inputs = acceleration_limits(grid, stages)
     finite = [np.isfinite(bound) for bound in inputs]
     if np.any(finite):
         none = np.full(grid.K * grid.n, np.inf)
         lows += [np.where(finite[0], 0.0, -np.inf).ravel(), -none]
         highs += [none, np.where(finite[1], 0.0, np.inf).ravel()]
-        inputs = [np.where(has, bound, 0.0) for has, bound in zip(finite, inputs, strict=True)]
+        input_low, input_high = (np.where(has, bound, 0.0) for has, bound in zip(finite, inputs, strict=True))
     else:
-        inputs = [np.zeros((0, grid.n))] * 2
+        input_low = input_high = np.zeros((0, grid.n))
     return WindowBounds(
         low=np.concatenate(lows),
         high=np.concatenate(highs),
-        input_low=inputs[0],
-        input_high=inputs[1],
+        input_low=input_low,
+        input_high=input_high,
         soft=window.soft,
         first=first,
     )
 
 
-def window_bounds(shared: WindowBounds, window: Window, guess: Plan, tau: np.ndarray, within: float) -> WindowBounds:
+def window_bounds(
+    form: VelocityForm, shared: WindowBounds, window: Window, guess: Plan, tau: np.ndarray, within: float
+) -> WindowBounds:
     """Return the bounds of a window about a guess, durations within so many seconds of guessed ones (S,) [s]."""
     S = len(tau)
     first = len(window.x0) * window.K  # the durations stand after the states
     low = shared.low.copy()
     high = shared.high.copy()
-    n = len(window.x0) // 2
-    shift = window.shift_of_limits(guess)
-    for bounds in (low, high):
-        rates = bounds[:first].reshape(window.K, 2 * n)[:, n:]  # a view
-        rates += shift[-window.K :]
-    drift = np.concatenate([np.zeros(0), *(stage.end_drift for stage in window.stages[:-1])])
-    ends = slice(first + 2 * S, first + 2 * S + len(drift))
-    low[ends] += drift
-    high[ends] += drift
+    at_nodes = (window.K, len(window.x0))
+    states = shifted(window, guess, shared.low[:first].reshape(at_nodes), shared.high[:first].reshape(at_nodes))
+    low[:first], high[:first] = (bounds.ravel() for bounds in states)
+    at = first + 2 * S
+    for rows in form.node_rows:
+        own = slice(at, at + rows.functions.count)
+        low[own], high[own] = rows.bounds(window)
+        at = own.stop
     low[first : first + S] = np.maximum(shortest_durations(window)[:-1], tau - within)
     high[first : first + S] = tau + within
     if S:
@@ -108,12 +98,6 @@ def window_bounds(shared: WindowBounds, window: Window, guess: Plan, tau: np.nda
         if stage.at is not None:
             low[first + S + s] = high[first + S + s] = stage.at - window.start
     return replace(shared, low=low, high=high)
-
-
-def moved_apart(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return soft bounds with at least `NARROWEST_SOFT` between them."""
-    apart = np.maximum(NARROWEST_SOFT - (high - low), 0.0) / 2
-    return low - apart, high + apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +126,7 @@ class SqpWindow:
 
     def rows(self, point: Point, at: Residuals) -> np.ndarray:
         """Return the rows at a point, (R,)."""
-        rows = [point.X[1:].ravel(), point.tau, point.tau.cumsum(), at.ends]
+        rows = [point.X[1:].ravel(), point.tau, point.tau.cumsum(), at.rows]
         if len(self.bounds.input_low):
             h = self.form.steps(point, self.horizon)
             dv = np.diff(point.X[:, self.form.grid.n :], axis=0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.control import State
-from psmpc_cli.ocp.window import own_violations
+from psmpc_cli.ocp.constraints.boxes import own_violations
 from psmpc_cli.simulation.run import Experiment
 
 from .runs import run

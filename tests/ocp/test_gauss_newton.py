@@ -72,8 +72,8 @@ def test_derivatives_agree_with_central_differences(case: Case) -> None:
     gaps += model.gap_velocity[:, :1] * d.X[:-1, n:] + model.gap_velocity[:, 1:] * d.X[1:, n:]
     found = case.by_differences(lambda point: case.form.residuals(point, case.p).gaps)
     np.testing.assert_allclose(found, gaps, atol=1e-8)
-    found = case.by_differences(lambda point: case.form.residuals(point, case.p).ends)
-    change = (model.end_rows * d.X[case.form.end_node]).sum(axis=1)
+    found = case.by_differences(lambda point: case.form.residuals(point, case.p).rows)
+    change = (model.rows_by_x * d.X[case.form.row_node]).sum(axis=1)
     np.testing.assert_allclose(found, change, atol=1e-7)
 
 
@@ -97,7 +97,7 @@ def test_the_curvature_of_end_conditions_is_the_change_of_their_derivatives(
         """Of multipliers times rows, by Q."""
         X = point.X.copy()
         X[node, :n] = Q
-        return np.asarray(multipliers @ form.ends(Point(X, point.tau), p)[1])[:n]
+        return np.asarray(multipliers @ form.rows(Point(X, point.tau), p)[1])[:n]
 
     plain = form.linearize(point, p)
     curved = form.with_curvature(plain, point, p, multipliers)

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.control import Command
+from psmpc_cli.ocp.constraints.boxes import node_limits, own_violations, shares_of_time
 from psmpc_cli.ocp.plan import Grid, Plan, mesh
 from psmpc_cli.ocp.problem import Problem, Stage, StageCosts, Trajectory, build_problem
 from psmpc_cli.ocp.window import (
@@ -13,12 +14,9 @@ from psmpc_cli.ocp.window import (
     durations,
     first_counts,
     node_counts,
-    node_limits,
     normalization,
     on_mesh,
-    own_violations,
     reference,
-    shares_of_time,
     shortest_durations,
     window_numbers,
 )

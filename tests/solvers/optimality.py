@@ -82,9 +82,9 @@ def _step(point: Point, x: np.ndarray) -> Point:
 
 def _rows(task: Task, step: Point) -> np.ndarray:
     """The rows with bounds after a step: all but the end conditions are linear."""
-    at, node = task.model.at, task.window.form.end_node
-    ends = at.ends + (task.model.end_rows * step.X[node]).sum(axis=1)
-    return task.window.rows(task.point.moved(step, 1.0), replace(at, ends=ends))
+    at, node = task.model.at, task.window.form.row_node
+    ends = at.rows + (task.model.rows_by_x * step.X[node]).sum(axis=1)
+    return task.window.rows(task.point.moved(step, 1.0), replace(at, rows=ends))
 
 
 def _change_of_gaps(model: Linearization, step: Point) -> np.ndarray:

@@ -33,7 +33,7 @@ def structure(nodes: tuple[int, ...]) -> VelocityForm:
     class Form(VelocityForm):
         def __init__(self) -> None:
             self.grid, self.nodes, self.weights = Grid(COORDINATES, nodes), np.array(nodes), (0.5, 0.5)
-            self.end_node = np.repeat(self.grid.first_node[1:-1], END_ROWS)
+            self.row_node = np.repeat(self.grid.first_node[1:-1], END_ROWS)
 
     return Form()
 
@@ -72,7 +72,7 @@ def _random_model(rng: np.random.Generator, form: VelocityForm, point: Point, ho
         durations=durations,
         gap_velocity=-h * np.array([0.5, 0.5]),
         gap_tau=rng.normal(size=(K, n, S)),
-        end_rows=rng.normal(size=(END_ROWS * S, 2 * n)),
+        rows_by_x=rng.normal(size=(END_ROWS * S, 2 * n)),
     )
 
 
@@ -104,7 +104,7 @@ def _bounds_about(
         X_low[0, n], X_high[0, n] = X[0, n] - 1e-9, X[0, n] + 1e-9
     fixed = np.arange(S) == (0 if "fixed" in what else -1)
     tied = np.arange(S) == (S - 1 if "tied" in what else -1)
-    end_low, end_high = around(model.at.ends + (model.end_rows * step.X[form.end_node]).sum(axis=1))
+    end_low, end_high = around(model.at.rows + (model.rows_by_x * step.X[form.row_node]).sum(axis=1))
     none, together = np.full(S, np.inf), tau.cumsum()
     low = [X_low.ravel(), np.where(fixed, tau, tau - 0.3), np.where(tied, together, -none), end_low]
     high = [X_high.ravel(), np.where(fixed, tau, none), together + np.where(tied, 0.0, 0.05), end_high]
@@ -121,7 +121,7 @@ def _bounds_about(
 
 def unattainable(task: Task) -> Task:
     """The same program with an end row that must lie apart from itself: its twin wants it 1 higher."""
-    rows, ends = task.model.end_rows.copy(), task.model.at.ends.copy()
+    rows, ends = task.model.rows_by_x.copy(), task.model.at.rows.copy()
     rows[1], ends[:2] = rows[0], 0.0
     low, high, first = (
         task.window.bounds.low.copy(),
@@ -129,5 +129,5 @@ def unattainable(task: Task) -> Task:
         task.window.states + 2 * len(task.point.tau),
     )
     low[first : first + 2], high[first : first + 2] = (0.0, 1.0), (0.1, 1.1)
-    model = replace(task.model, at=replace(task.model.at, ends=ends), end_rows=rows)
+    model = replace(task.model, at=replace(task.model.at, rows=ends), rows_by_x=rows)
     return replace(task, model=model).with_bounds(low=low, high=high)

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from psmpc_cli.control import Command
 from psmpc_cli.native.library import CompilationError, find_compiler
+from psmpc_cli.ocp.constraints.boxes import PENALTY, scaled_violations
 from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
-from psmpc_cli.ocp.window import PENALTY, scaled_violations, window_numbers, window_shape
+from psmpc_cli.ocp.window import window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers.quadratic import PiqpQp, QpSolution, QpStatus, RiccatiQp, load_kernel
 from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, moved_apart, window_bounds
@@ -53,7 +54,7 @@ def recorded(model: RobotModel, command: Command) -> Task:
     window, guess = command.solution.window, command.solution.guess
     form, tau = VelocityForm(model, window_shape(window)), np.diff(guess.instants, prepend=window.start)
     point, numbers = Point(guess.X, tau), window_numbers(window, guess.instants)
-    bounds = window_bounds(fixed_bounds(form, window), window, guess, tau, np.inf)
+    bounds = window_bounds(form, fixed_bounds(form, window), window, guess, tau, np.inf)
     return Task(SqpWindow(form, bounds, numbers), form.linearize(point, numbers), point)
 
 

@@ -1,0 +1,82 @@
+"""Limits on positions, velocities and accelerations: bounds of single numbers at nodes and over intervals.
+
+They are diagonal in the quadratic programs, which is a path of its own in the kernel. Limits of velocities are of v:
+in a chart about an attitude they are moved by Qdot - v as the guess has it. Limits of states may be soft.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from psmpc_cli.ocp.plan import Grid, Plan
+from psmpc_cli.ocp.problem import Stage
+from psmpc_cli.ocp.window import Window
+
+PENALTY = 1e4
+"""rho: what a second beyond a soft limit costs, in J over the largest priority per m, rad, m/s or rad/s.
+
+The violations are integrated over time by the trapezoidal rule: counted node by node, one and the same motion would
+cost less with a later instant, whose intervals are longer. Where no multiplier of a limit reaches rho times its node's
+share of time, the soft optimum is the hard one; docs/decisions.md has the multipliers of whole runs.
+"""
+
+NARROWEST_SOFT = 1e-4
+"""Soft bounds nearer to each other than this [m, rad, m/s, rad/s] are moved apart to it.
+
+Nothing but the width tells their two multipliers apart, and at 1e-5 some programs fail.
+"""
+
+
+def node_limits(grid: Grid, stages: Sequence[Stage]) -> tuple[np.ndarray, np.ndarray]:
+    """Return low and high of [Q; Qdot] at the nodes, (K + 1, 2n) each; at a switch the limits of both stages hold."""
+    low = np.full((grid.K + 1, 2 * grid.n), -np.inf)
+    high = np.full((grid.K + 1, 2 * grid.n), np.inf)
+    for s, stage in enumerate(stages):
+        at = slice(grid.first_node[s], grid.first_node[s + 1] + 1)
+        limits = stage.limits
+        low[at] = np.maximum(low[at], limits.state_low)
+        high[at] = np.minimum(high[at], limits.state_high)
+    return low, high
+
+
+def shifted(window: Window, guess: Plan, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return limits of [Q; v] at the last nodes (nodes, 2n) as limits of [Q; Qdot] in the chart about a guess."""
+    n = low.shape[1] // 2
+    shift = window.shift_of_limits(guess)[-len(low) :]
+    return _with_rates(low, low[:, n:] + shift), _with_rates(high, high[:, n:] + shift)
+
+
+def _with_rates(bounds: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    bounds = bounds.copy()
+    bounds[:, rates.shape[1] :] = rates
+    return bounds
+
+
+def acceleration_limits(grid: Grid, stages: Sequence[Stage]) -> tuple[np.ndarray, np.ndarray]:
+    """Return low and high of the accelerations over the intervals, (K, n) each; infinite where there is no limit."""
+    low = np.array([stage.limits.acceleration_low for stage in stages])
+    high = np.array([stage.limits.acceleration_high for stage in stages])
+    return low[grid.stage_of], high[grid.stage_of]
+
+
+def scaled_violations(X: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return rho times that by which states (..., 2n) lie beyond low or high, 0 where they do not."""
+    return np.asarray(PENALTY * np.maximum(np.maximum(low - X, X - high), 0.0))
+
+
+def shares_of_time(steps: np.ndarray) -> np.ndarray:
+    """Return what the nodes stand for, (K + 1, columns), of intervals (K, columns): half of either neighbour."""
+    none = np.zeros((1, steps.shape[1]))
+    return np.asarray(np.vstack([none, steps]) + np.vstack([steps, none])) / 2
+
+
+def own_violations(x0: np.ndarray, stages: Sequence[Stage]) -> np.ndarray:
+    """Return by how much a measured state (2n,) violates the limits of a window's first stage itself, (2n,)."""
+    limits = stages[0].limits
+    return scaled_violations(x0, limits.state_low, limits.state_high) / PENALTY
+
+
+def moved_apart(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return soft bounds with at least `NARROWEST_SOFT` between them."""
+    apart = np.maximum(NARROWEST_SOFT - (high - low), 0.0) / 2
+    return low - apart, high + apart

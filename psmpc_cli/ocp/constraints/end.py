@@ -1,0 +1,38 @@
+"""End conditions: where a stage ends, errors and their rates are within tolerances. Paper eq. (18)."""
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from psmpc_cli.ocp.constraints.base import NodeRows
+from psmpc_cli.ocp.objective import stage_functions
+from psmpc_cli.ocp.plan import Grid
+from psmpc_cli.ocp.window import Parameters, Window, WindowShape
+from psmpc_cli.robot.model import RobotModel
+
+
+def END_CONDITIONS(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
+    """Yield the rows of every stage that ends in the window by its end condition, at its last node."""
+    last_nodes = Grid(model.n, shape.nodes).first_node[1:]
+    for s, stage in enumerate(shape.stages[:-1]):
+        functions = stage_functions(model, stage)
+        if functions.end_rows:
+            yield NodeRows(
+                name="end condition",
+                node=int(last_nodes[s]),
+                functions=functions.end,
+                argument=partial(_target, s),
+                bounds=partial(_bounds, s),
+            )
+
+
+def _target(s: int, p: Parameters[Any]) -> Any:
+    return p.targets[s]
+
+
+def _bounds(s: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
+    """Return the tolerances about 0, or about the rate that a moving target gives its error."""
+    stage = window.stages[s]
+    return stage.end_drift - stage.end_tolerance, stage.end_drift + stage.end_tolerance

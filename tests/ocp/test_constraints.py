@@ -1,0 +1,131 @@
+"""The constraints at nodes: every back-end takes the same rows, and their derivatives are those of the rows."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from psmpc_cli.ocp.constraints import NodeRows, node_rows
+from psmpc_cli.ocp.plan import resting_plan
+from psmpc_cli.ocp.problem import Problem, build_problem, in_own_chart
+from psmpc_cli.ocp.window import Kept, Window, window_numbers, window_shape
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.solvers.nlp import Nlp
+from psmpc_cli.specs.load import load_task
+from psmpc_cli.specs.robot import stack
+
+Array = NDArray[np.float64]
+
+BOUND = 0.3
+INSTANT = 1.4
+
+
+@pytest.fixture(scope="module", params=["transport", "servicing"])
+def problem(request: pytest.FixtureRequest) -> Problem:
+    return build_problem(load_task(request.param))
+
+
+def window_of(problem: Problem, kept: bool) -> Window:
+    """Two stages with an end condition between them, or one that keeps the errors of the other at every node."""
+    task = problem.task
+    Q = stack(task.spec.initial, task.robot, "joint")
+    placed = [in_own_chart(problem.model, each, Q, np.zeros(problem.model.n)) for each in problem.stages[:2]]
+    stages, states = zip(*placed, strict=True)
+    rows = len(stages[0].weights)
+    earlier = Kept(stages[0], 1.0, np.full((6, rows), BOUND))
+    of_window = stages[1:] if kept else stages
+    return Window(
+        stages=of_window,
+        start=0.0,
+        elapsed=0.0,
+        x0=states[0],
+        omega=np.ones(len(of_window)),
+        offset=np.zeros(len(of_window)),
+        scale=np.ones(len(of_window)),
+        horizon=3.0,
+        pending_cost=0.01,
+        terminal_cost=0.0,
+        nodes=(6,) if kept else (4, 2),
+        kept=(earlier,) if kept else (),
+        chart=problem.model.space.chart_at(Q),
+    )
+
+
+def rows_of(problem: Problem, window: Window) -> list[NodeRows]:
+    return node_rows(problem.model, window_shape(window))
+
+
+def some_state(model: RobotModel) -> Array:
+    return 0.4 * np.random.default_rng(3).standard_normal(2 * model.n)
+
+
+def test_an_end_condition_stands_at_the_last_node_of_its_stage(problem: Problem) -> None:
+    window = window_of(problem, kept=False)
+    (rows,) = rows_of(problem, window)
+    stage = window.stages[0]
+    x = some_state(problem.model)
+    p = window_numbers(window, np.array([INSTANT]))
+    assert rows.node == 4
+    low, high = rows.bounds(window)
+    found = rows.functions.value(x, rows.argument(p))[0].ravel()
+    np.testing.assert_allclose(found - (low + high) / 2, problem.costs.ends(stage, x[None])[0], atol=1e-12)
+    np.testing.assert_allclose((high - low) / 2, stage.end_tolerance)
+
+
+def test_kept_errors_stand_at_every_node_after_the_first(problem: Problem) -> None:
+    window = window_of(problem, kept=True)
+    rows = rows_of(problem, window)
+    x = some_state(problem.model)
+    p = window_numbers(window, np.zeros(0))
+    assert [each.node for each in rows] == [1, 2, 3, 4, 5, 6]
+    for each in rows:
+        found = each.functions.value(x, each.argument(p))[0].ravel()
+        np.testing.assert_allclose(found, problem.costs.errors(window.kept[0].stage, x[None])[0], atol=1e-12)
+        np.testing.assert_array_equal(each.bounds(window)[1], BOUND)
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_derivatives_are_those_of_the_rows(problem: Problem, kept: bool) -> None:
+    window = window_of(problem, kept)
+    rows = rows_of(problem, window)[0]
+    n = problem.model.n
+    x = some_state(problem.model)
+    a = rows.argument(window_numbers(window, np.array([INSTANT][: not kept])))
+    value, jacobian = rows.functions.with_jacobian(x, a)
+    jacobian = jacobian.reshape(rows.functions.count, 2 * n)
+    h = 1e-6
+    differences = [
+        (rows.functions.value(x + h * each, a)[0] - rows.functions.value(x - h * each, a)[0]).ravel() / (2 * h)
+        for each in np.eye(2 * n)
+    ]
+    np.testing.assert_allclose(jacobian, np.transpose(differences), atol=1e-8)
+    np.testing.assert_allclose(value.ravel(), rows.functions.value(x, a)[0].ravel(), atol=1e-14)
+    curvature = rows.functions.curvature
+    if curvature is not None:
+        y = np.random.default_rng(4).standard_normal(rows.functions.count)
+        upper = curvature(x, a, y)[0].reshape(n, n)
+        by_Q = lambda at: (y @ rows.functions.with_jacobian(at, a)[1].reshape(-1, 2 * n))[:n]  # noqa: E731
+        ahead = [(by_Q(x + h * each) - by_Q(x - h * each)) / (2 * h) for each in np.eye(2 * n)[:n]]
+        np.testing.assert_allclose(upper, np.triu(ahead), atol=1e-7)
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_the_nonlinear_program_has_the_same_rows(problem: Problem, kept: bool) -> None:
+    window = window_of(problem, kept)
+    instants = np.array([INSTANT][: not kept])
+    p = window_numbers(window, instants)
+    nlp = Nlp(problem.model, window_shape(window), p)
+    plan = replace(resting_plan(0.0, 3.0, 6, window.x0, window.chart), instants=instants)
+    bounds = nlp.bounds(window, plan, np.inf)
+    X = np.array([some_state(problem.model) * (1 + k) for k in range(7)])
+    tau = np.tile(instants[:, None], 7)
+    sums = np.zeros((0, 7))
+    x = nlp.pack(X.T, tau, sums, np.zeros((0, 7)), *(np.zeros((problem.model.n, N)) for N in window.nodes))
+    g = np.asarray(nlp.rows(x, ca.vertcat(*(ca.vec(ca.DM(each)) for each in p.pieces())))).ravel()
+    for rows in rows_of(problem, window):
+        value = rows.functions.value(X[rows.node], rows.argument(p))[0].ravel()
+        _, high = rows.bounds(window)
+        places = [i for i in range(len(g) - len(value) + 1) if np.allclose(g[i : i + len(value)], value, atol=1e-12)]
+        assert any(np.array_equal(bounds["ubg"][i : i + len(value)], high) for i in places)

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import settings
 
 from psmpc_cli.control import Command, State
-from psmpc_cli.ocp.problem import Stage, StageCosts, build_stages
+from psmpc_cli.ocp.problem import StageCosts, build_stages
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import Experiment, build_experiment
 from psmpc_cli.specs.load import Task, load_task

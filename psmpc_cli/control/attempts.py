@@ -10,7 +10,8 @@ from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.ocp.constraints.boxes import own_violations
 from psmpc_cli.ocp.plan import Plan, shift
-from psmpc_cli.ocp.problem import Problem, Stage
+from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.solvers import FEASIBLE, Outcome, Solution, Solver
 
 RESERVE = 0.4
@@ -53,7 +54,7 @@ class Attempts:
         solver: Solver,
         until: float,
         builder: WindowBuilder,
-        stages: Sequence[Stage],
+        stages: Sequence[PlacedStage],
         prediction: Plan,
         previous: Solution | None,
         unfinished: Solution | None,

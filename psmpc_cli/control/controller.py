@@ -17,7 +17,8 @@ from psmpc_cli.control.tracking import ObjectEstimate, to_be_closed
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.plan import Plan, resting_plan, shift
-from psmpc_cli.ocp.problem import Problem, Stage, build_problem
+from psmpc_cli.ocp.problem import Problem, build_problem
+from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.ocp.window import SHORTEST
 from psmpc_cli.robot.closed_chain import ClosedChain
 from psmpc_cli.robot.configuration import Chart
@@ -80,7 +81,7 @@ class Situation:
     switches: tuple[Switch, ...] = ()
 
     @property
-    def stages(self) -> tuple[Stage, ...]:
+    def stages(self) -> tuple[PlacedStage, ...]:
         """All stages of the task."""
         return self.placement.stages
 

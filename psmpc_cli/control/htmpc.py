@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.problem import Problem, Stage
+from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.ocp.window import Kept, Window, normalization
 from psmpc_cli.solvers import Solution, build_solver
 from psmpc_cli.specs.robot import labels
@@ -29,7 +30,7 @@ class Hierarchy:
         self._solver = build_solver(problem, solver.model_copy(update={"kind": kind}))
 
     def solve_levels(
-        self, stages: Sequence[Stage], entered: float, first: Solution, prediction: Plan, until: float
+        self, stages: Sequence[PlacedStage], entered: float, first: Solution, prediction: Plan, until: float
     ) -> tuple[Solution, ...]:
         """Solve level after level, each from the plan of the one before; none follows a level that fails.
 
@@ -56,7 +57,7 @@ class Hierarchy:
             levels.append(solved)
         return tuple(levels)
 
-    def _kept(self, stage: Stage, scale: float, solved: Solution, begins: float) -> Kept:
+    def _kept(self, stage: PlacedStage, scale: float, solved: Solution, begins: float) -> Kept:
         """Return what later levels must keep of a level's stage: its cost, or its weighted errors at the nodes."""
         bound = solved.costs[-1]
         if self.spec.htmpc.constraint == "error":
@@ -66,12 +67,12 @@ class Hierarchy:
         return Kept(stage if begins < solved.plan.end else _waiting(stage), scale, bound + self.spec.htmpc.tolerance)
 
 
-def _waiting(stage: Stage) -> Stage:
+def _waiting(stage: PlacedStage) -> PlacedStage:
     """Return a stage that is yet to begin: its cost follows the first row of its trajectory."""
     return replace(stage, trajectory=None, target=stage.waypoints[0])
 
 
-def _level(first: Window, stage: Stage, scale: float, kept: tuple[Kept, ...]) -> Window:
+def _level(first: Window, stage: PlacedStage, scale: float, kept: tuple[Kept, ...]) -> Window:
     """Return the window of a later level."""
     return replace(
         first,

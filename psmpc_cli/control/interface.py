@@ -9,7 +9,8 @@ import numpy as np
 from psmpc_cli.control.sequence import MovingSequence, Switch
 from psmpc_cli.errors import InputError
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.problem import Problem, Stage
+from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.robot.closed_chain import ClosedChain
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.model import RobotModel, shape_of
@@ -174,7 +175,7 @@ class Command:
     disturbance: np.ndarray
     levels: tuple[Solution, ...]
     model: RobotModel = field(repr=False)
-    stages: tuple[Stage, ...] = field(repr=False)
+    stages: tuple[PlacedStage, ...] = field(repr=False)
     closed: np.ndarray
     load: ClosedChain | None = field(default=None, repr=False)
 
@@ -184,7 +185,7 @@ class Command:
         return self.sequence.instants
 
     @property
-    def stage(self) -> Stage:
+    def stage(self) -> PlacedStage:
         """The current stage, with its `name` and `index`."""
         return self.solution.window.stages[0]
 

@@ -8,7 +8,8 @@ import numpy as np
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.tracking import ObjectEstimate
 from psmpc_cli.ocp.plan import Plan, resting_plan
-from psmpc_cli.ocp.problem import Problem, Stage
+from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.ocp.stage import PlacedStage, Stage
 from psmpc_cli.robot.configuration import Chart
 
 QUATERNION_FLIP_THRESHOLD = -0.17
@@ -32,7 +33,7 @@ class Placement:
     """
 
     chart: Chart
-    stages: tuple[Stage, ...]
+    stages: tuple[PlacedStage, ...]
     signs: Signs
 
 
@@ -48,6 +49,7 @@ class Placer:
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
+        self._stages = tuple(stage.placed() for stage in problem.stages)
         self._horizon = problem.spec.controller.horizon
         self.follows_object = any(stage.on_object for stage in problem.stages)
 
@@ -77,7 +79,7 @@ class Placer:
             at_ends: Targets relative to the object are where it is when their stage is planned to end, or at the end of
                 the horizon. A current stage whose end is never planned follows the object over the horizon.
         """
-        stages = self._problem.stages
+        stages = self._stages
         if target_object is not None and self.follows_object:
             stages = self._at_object(time, sequence, target_object, at_ends)
         plan = plan or resting_plan(time, self._horizon, 1, x, chart)
@@ -93,10 +95,10 @@ class Placer:
 
     def _at_object(
         self, time: float, sequence: MovingSequence, target_object: ObjectEstimate, at_ends: bool
-    ) -> tuple[Stage, ...]:
+    ) -> tuple[PlacedStage, ...]:
         rows = self._problem.model.pose_rows
         ends = dict(enumerate(sequence.instants, start=sequence.first))
-        placed = list(self._problem.stages)
+        placed = list(self._stages)
         for stage in placed[sequence.first :]:
             if stage.on_object:
                 when = float(ends.get(stage.index, time + self._horizon)) if at_ends else time
@@ -110,7 +112,7 @@ class Placer:
         return tuple(placed)
 
     def _signs(
-        self, stage: Stage, plan: Plan, begins: float | None, sequence: MovingSequence, known: Mapping[str, float]
+        self, stage: PlacedStage, plan: Plan, begins: float | None, sequence: MovingSequence, known: Mapping[str, float]
     ) -> Mapping[str, float]:
         """Choose the signs of a stage's quaternions by frame; a trajectory counts where it is when the stage begins."""
         if not stage.attitudes:

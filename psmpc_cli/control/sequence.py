@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.problem import Stage, StageCosts
+from psmpc_cli.ocp.problem import StageCosts
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import SHORTEST
 
 

@@ -7,7 +7,8 @@ import numpy as np
 
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.problem import Problem, Stage
+from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.ocp.stage import PlacedStage, Stage
 from psmpc_cli.ocp.window import Window, first_counts, node_counts, normalization
 from psmpc_cli.solvers import Solution
 from psmpc_cli.specs.task import ControllerSpec
@@ -24,7 +25,7 @@ class WindowBuilder:
         self._priorities = priorities_in_force(self._spec, problem.stages)
 
     def build(
-        self, sequence: MovingSequence, stages: Sequence[Stage], prediction: Plan, before: Solution | None = None
+        self, sequence: MovingSequence, stages: Sequence[PlacedStage], prediction: Plan, before: Solution | None = None
     ) -> Window:
         """Build the window over a sequence, begun where a prediction begins, which normalizes its costs.
 

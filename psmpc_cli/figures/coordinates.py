@@ -11,7 +11,8 @@ from matplotlib.ticker import NullFormatter
 from psmpc_cli.figures import style
 from psmpc_cli.figures.timeline import label_row, runs_of, timeline
 from psmpc_cli.logs.run import Run, Span
-from psmpc_cli.ocp.problem import Problem, Stage, in_own_chart
+from psmpc_cli.ocp.problem import Problem, in_own_chart
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import log
 from psmpc_cli.specs.parts import POSITION_AXES, axes_of

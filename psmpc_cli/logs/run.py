@@ -17,7 +17,8 @@ from psmpc_cli.logs.schema import COMPARISON, Q_COORDINATE, RUN, Column, columns
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.logs.walk import RUNS, misfit
 from psmpc_cli.logs.write import create_log
-from psmpc_cli.ocp.problem import Problem, Stage, Trajectory, build_problem
+from psmpc_cli.ocp.problem import Problem, build_problem
+from psmpc_cli.ocp.stage import Stage, Trajectory
 from psmpc_cli.specs.arguments import as_path
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.robot import labels
@@ -270,7 +271,7 @@ class Run:
             if not stage.on_object or "object/pose" not in self or len(self.time) < 2 or stage.index not in starts:
                 return stage
             states = zip(self["object/pose"], self["object/velocity"], strict=True)
-            values = np.array([stage.at_object(rows, *state).target for state in states])
+            values = np.array([stage.placed().at_object(rows, *state).target for state in states])
             path = Trajectory(self.time - starts[stage.index], values, tuple(stage.attitudes.values()))
             return replace(stage, trajectory=path)
 

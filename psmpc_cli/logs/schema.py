@@ -327,7 +327,7 @@ SCHEMA = (
     _plan(
         "parameters",
         "elapsed time and hold left, then priorities, offsets, scales, and signs of attitudes of the stages",
-        "command.solution.window.numbers",
+        "command.solution.window.record",
     ),
     _plan("solution", "solution of each solve, as plan/guess", "command.solution.plan.flat"),
     # a row a tick

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from psmpc_cli.ocp.problem import Problem, Stage, in_own_chart
+from psmpc_cli.ocp.problem import Problem, in_own_chart
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.specs.object import ObjectSpec
 from psmpc_cli.specs.task import OBJECT_CHECKS, MonitorSpec, PublishedRun, TaskSpec

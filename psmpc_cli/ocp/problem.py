@@ -1,7 +1,6 @@
 """A task made computable: the robot's model, the stages as numbers, the functions of the skills on arrays."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -10,200 +9,17 @@ import numpy as np
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.objective import StageFunctions, StageShape, stage_functions
 from psmpc_cli.ocp.skills import SKILLS, Posture
+from psmpc_cli.ocp.stage import PlacedStage, Stage, Trajectory
 from psmpc_cli.robot.configuration import space_of_pose
-from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.object import ObjectSpec, OnObject
 from psmpc_cli.specs.parts import Space
-from psmpc_cli.specs.robot import Limits, RobotSpec, resolve_limits, rows, stack
+from psmpc_cli.specs.robot import RobotSpec, resolve_limits, rows, stack
 from psmpc_cli.specs.task import SkillSpec, StageSpec, TaskSpec, TrajectorySpec
 
 POSTURE = 1e-3
 """Weight of a redundant arm's posture, over the largest of its pose."""
-
-FOLLOWED = 41
-"""Points of the object's predicted motion that a cost follows: at 10 deg/s over 4 s straight to 0.03 mm at 0.6 m."""
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """A desired trajectory: values (T, rows) at times (T,) [s] since the stage began.
-
-    Between them numbers change at a constant rate, and attitudes turn at one about an axis (Shoemake: Animating
-    rotation with quaternion curves, 1985).
-
-    Attributes:
-        attitudes: First columns of unit quaternions; from row to row each is the nearer one of the two for an attitude.
-    """
-
-    times: np.ndarray
-    values: np.ndarray
-    attitudes: tuple[int, ...] = ()
-
-    @cached_property
-    def _angles(self) -> np.ndarray:
-        """Angle by which the quaternion of each column turns from row to row (T - 1, rows) [rad]; 0 of a number."""
-        angles = np.zeros((len(self.times) - 1, self.values.shape[1]))
-        for at in self.attitudes:
-            q = self.values[:, at : at + 4]
-            apart, near = (np.linalg.norm(q[1:] + sign * q[:-1], axis=1) for sign in (-1, 1))
-            angles[:, at : at + 4] = 2 * np.arctan2(apart, near)[:, None]
-        return angles
-
-    def at(self, since: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the values at times since the stage began (...,) [s], and their rates just after, (..., rows) each."""
-        k = np.clip(self.times.searchsorted(since, side="right") - 1, 0, len(self.times) - 2)
-        steps = np.diff(self.times)[k][..., None]
-        angles = self._angles[k]
-        inside = np.asarray((since >= self.times[0]) & (since < self.times[-1]))
-        s = np.clip((since - self.times[k])[..., None] / steps, 0.0, 1.0)
-        before = self.values[k]
-        after = self.values[k + 1]
-        whole = _sinc(angles)
-        values = ((1 - s) * _sinc((1 - s) * angles) * before + s * _sinc(s * angles) * after) / whole
-        rates = (np.cos(s * angles) * after - np.cos((1 - s) * angles) * before) / whole / steps
-        return values, rates * inside[..., None]
-
-
-def _sinc(angle: np.ndarray) -> np.ndarray:
-    """Return sin(angle) / angle."""
-    return np.asarray(np.sinc(angle / np.pi))
-
-
-@dataclass(frozen=True, eq=False)
-class Stage:
-    """One stage of the task, resolved for one robot.
-
-    Attributes:
-        target: Target in the order of Q (n,) or xi (m,) [m, rad]; of a trajectory, its last value.
-        trajectory: The desired trajectory the cost follows, or None where it is the target throughout.
-        weights: Diagonal of W_q or W_p, as `target`.
-        control_weights: Diagonal of W_r, one per input.
-        end_rows: Rows of the error on which the end condition (18) stands; empty where `at` is given.
-        tolerance: Its tolerance, one per end row [m, rad].
-        end_velocity: Bound on the rate of those rows [m/s, rad/s], or None.
-        hold: How long the end condition must be met without a break [s].
-        at: Fixed switching time [s], or None.
-        dwell: Minimum duration [s], that of the trajectory at least.
-        onset_rows: Rows of the control whose norm marks the actual start.
-        attitudes: Of a spatial robot, the first of the target's numbers of each quaternion, by frame.
-        signs: In a chart, by which each of these quaternions was multiplied.
-        on_object: By frame, the pose in the object's frame at which its target is; the target follows the object.
-        drift: Rate of the target's rows of error that this makes (rows,) [m/s, rad/s]; 0 of a target at rest.
-        object_state: Pose and velocity of the object that the target is for, (6,) or (13,); empty if it is for none.
-    """
-
-    index: int
-    name: str
-    space: Space
-    input: str
-    priority: float
-    target: np.ndarray
-    trajectory: Trajectory | None
-    weights: np.ndarray
-    control_weights: np.ndarray
-    end_rows: tuple[int, ...]
-    tolerance: np.ndarray
-    end_velocity: float | None
-    hold: float
-    at: float | None
-    dwell: float
-    limits: Limits
-    onset_rows: tuple[int, ...]
-    attitudes: Mapping[str, int] = field(default_factory=dict)
-    signs: tuple[float, ...] = ()
-    on_object: Mapping[str, np.ndarray] = field(default_factory=dict)
-    drift: np.ndarray | float = 0.0
-    object_state: np.ndarray = field(default_factory=lambda: np.zeros(0))
-
-    def at_object(self, pose_rows: Mapping[str, slice], pose: np.ndarray, v: np.ndarray) -> "Stage":
-        """Return the stage with its target where an object of a pose and a velocity has it.
-
-        The angular rate of an error is that near the target, where alone end conditions look at it.
-        """
-        space = space_of_pose(len(pose))
-        target = self.target.copy()
-        drift = np.zeros(len(self.weights))
-        for frame, inside in self.on_object.items():
-            rate = space.carried_rate(pose, v, inside)
-            number = list(pose_rows).index(frame)
-            target[pose_rows[frame]] = space.composed(pose, inside)
-            drift[len(rate) * number : len(rate) * (number + 1)] = rate
-        return replace(self, target=target, drift=drift, object_state=np.concatenate([pose, v]))
-
-    def following(
-        self, pose_rows: Mapping[str, slice], body: FreeBody, state: np.ndarray, elapsed: float, horizon: float
-    ) -> "Stage":
-        """Return the stage with a cost that follows the object's free motion over the horizon, its target where it is.
-
-        Args:
-            pose_rows: Rows of each frame's pose in xi.
-            body: The object.
-            state: Its pose and velocity now, (6,) or (13,).
-            elapsed: Time since the stage began [s].
-            horizon: How far ahead the cost looks [s].
-        """
-        pose, v = np.split(state, [body.space.n_pose])
-        ahead = np.linspace(0.0, horizon, FOLLOWED)
-        placed = [self.at_object(pose_rows, *body.predicted(pose, v, each)) for each in ahead]
-        values = np.array([stage.target for stage in placed])
-        return replace(placed[0], trajectory=Trajectory(elapsed + ahead, values, tuple(self.attitudes.values())))
-
-    def in_chart(self, anchor: np.ndarray, joints: np.ndarray, signs: Mapping[str, float]) -> "Stage":
-        """Return the stage of a spatial robot with the numbers of its target that a sample sets.
-
-        Args:
-            anchor: Attitude about which the chart is (4,).
-            joints: Posture to which redundant joints are drawn (joints,) [rad, m].
-            signs: Of the target's quaternions, by frame: of the two for one attitude the one meant.
-        """
-
-        def placed(numbers: np.ndarray) -> np.ndarray:
-            numbers = numbers.copy()
-            for frame, at in self.attitudes.items():
-                numbers[..., at : at + 4] *= signs[frame]
-            more = np.broadcast_to(of_sample, (*numbers.shape[:-1], len(of_sample)))
-            return np.concatenate([numbers, more], axis=-1)
-
-        of_sample = np.concatenate([anchor, joints])
-        if not self.attitudes and not len(of_sample):
-            return self
-        path = self.trajectory and replace(self.trajectory, values=placed(self.trajectory.values))
-        taken = tuple(signs[frame] for frame in self.attitudes)
-        return replace(self, target=placed(self.target), trajectory=path, signs=taken)
-
-    @cached_property
-    def end_tolerance(self) -> np.ndarray:
-        """Tolerance of each end row, positions first, then rates where they count. Paper eq. (18)."""
-        if self.end_velocity is None:
-            return self.tolerance
-        return np.concatenate([self.tolerance, np.full(len(self.end_rows), self.end_velocity)])
-
-    @cached_property
-    def end_drift(self) -> np.ndarray:
-        """About what each end row is bounded: 0, or the rate that a moving target gives its error."""
-        rows = list(self.end_rows)
-        counts = self.end_velocity is not None
-        drift = np.broadcast_to(self.drift, self.weights.shape)[rows]
-        return np.concatenate([np.zeros(len(rows)), drift[: len(rows) * counts]])
-
-    @cached_property
-    def end_numbers(self) -> np.ndarray:
-        """Target, drift and tolerance, as `StageFunctions.met` takes them."""
-        return np.concatenate([self.target, self.end_drift, self.end_tolerance])
-
-    @property
-    def waypoints(self) -> np.ndarray:
-        """What the target leads through (T, rows) [m, rad]: the rows of the trajectory, or the target alone."""
-        return self.target[None] if self.trajectory is None else self.trajectory.values
-
-    def reference(self, since: np.ndarray | float | None) -> np.ndarray:
-        """Return what the cost follows at times since the stage began (...,) [s], (..., rows).
-
-        The target alone (rows,) where it stands still, or without times.
-        """
-        return self.target if self.trajectory is None or since is None else self.trajectory.at(since)[0]
 
 
 class StageCosts:
@@ -282,7 +98,7 @@ class StageCosts:
 
 def in_own_chart(
     model: RobotModel, stage: Stage, Q: np.ndarray, v: np.ndarray, since: float | None = None
-) -> tuple[Stage, np.ndarray]:
+) -> tuple[PlacedStage, np.ndarray]:
     """Return a stage of a problem and a state (2n,), both in the chart about the attitude in Q (nq,).
 
     Of the two quaternions for an attitude of the target it has the nearer one; of a trajectory the target is that at a
@@ -294,7 +110,7 @@ def in_own_chart(
     target = stage.reference(since)
     nearer = {frame: float(target[at : at + 4] @ poses[frame][3:]) for frame, at in stage.attitudes.items()}
     signs = {frame: np.sign(w) or 1.0 for frame, w in nearer.items()}
-    return stage.in_chart(chart.anchor, model.space.posture(Q[model.space.joint_coordinates]), signs), x
+    return stage.placed().in_chart(chart.anchor, model.space.posture(Q[model.space.joint_coordinates]), signs), x
 
 
 @dataclass(frozen=True, eq=False)

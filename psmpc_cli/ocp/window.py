@@ -11,7 +11,8 @@ import numpy as np
 
 from psmpc_cli.ocp.objective import StageShape
 from psmpc_cli.ocp.plan import Plan, mesh
-from psmpc_cli.ocp.problem import Stage, StageCosts
+from psmpc_cli.ocp.problem import StageCosts
+from psmpc_cli.ocp.stage import PlacedStage, Stage
 from psmpc_cli.robot.configuration import IDENTITY, Chart
 
 T = TypeVar("T")
@@ -37,7 +38,7 @@ class Kept:
         bound: The largest its cost integral may be, (), or each of its errors at the nodes after the first, (K, rows).
     """
 
-    stage: Stage
+    stage: PlacedStage
     scale: float
     bound: np.ndarray
 
@@ -64,7 +65,7 @@ class Window:
         rate_shift: Qdot - v at the nodes (K + 1, n), by which limits of v are moved; None: that of the guess.
     """
 
-    stages: tuple[Stage, ...]
+    stages: tuple[PlacedStage, ...]
     start: float
     elapsed: float
     x0: np.ndarray
@@ -84,13 +85,16 @@ class Window:
     rate_shift: np.ndarray | None = None
 
     @property
-    def numbers(self) -> np.ndarray:
-        """What a log needs besides the measured state: elapsed, hold, omega, offset and scale, (2 + 3 (S + 1),).
+    def record(self) -> np.ndarray:
+        """What the task and the measured state do not say, for a log; `window_record.read_window` is the inverse.
 
-        In space the signs of the quaternions of each stage follow, then the states of the object that targets are for.
+        elapsed, hold, omega, offset and scale, (2 + 3 (S + 1),). In space the signs of the quaternions of each stage
+        follow, then the states of the object that targets are for.
         """
-        signs, objects = ([getattr(stage, name) for stage in self.stages] for name in ("signs", "object_state"))
-        return np.concatenate([[self.elapsed, self.hold], self.omega, self.offset, self.scale, *signs, *objects])
+        times = [self.elapsed, self.hold]
+        signs = [stage.signs for stage in self.stages]
+        objects = [stage.object_state for stage in self.stages]
+        return np.concatenate([times, self.omega, self.offset, self.scale, *signs, *objects])
 
     @property
     def K(self) -> int:

@@ -6,7 +6,8 @@ import numpy as np
 
 from psmpc_cli.ocp.gradient import Rollout
 from psmpc_cli.ocp.plan import resting_plan
-from psmpc_cli.ocp.problem import Stage, in_own_chart
+from psmpc_cli.ocp.problem import in_own_chart
+from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.ocp.window import Window, durations, normalization
 from psmpc_cli.simulation.run import Experiment
 from psmpc_cli.solvers import build_solver
@@ -123,7 +124,7 @@ def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes:
     return float(np.abs(rollout.by_adjoint(tau, U) - rollout.by_costate(tau, U)).max())
 
 
-def _unconstrained(stage: Stage) -> Stage:
+def _unconstrained(stage: PlacedStage) -> PlacedStage:
     """Return a stage without limits and end condition."""
     none = np.full_like(stage.limits.position_low, np.inf)
     limits = Limits(*(sign * none for _ in range(3) for sign in (-1, 1)))

@@ -17,7 +17,8 @@ from psmpc_cli.control.interface import Command
 from psmpc_cli.control.sequence import MovingSequence, Switch
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.ocp.plan import Plan, shift, states_of
-from psmpc_cli.ocp.problem import Stage, in_own_chart
+from psmpc_cli.ocp.problem import in_own_chart
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import SHORTEST, Window
 from psmpc_cli.plant import Ticks
 from psmpc_cli.plant.grasp import MISSED_BY, Capture

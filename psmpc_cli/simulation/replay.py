@@ -17,8 +17,7 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.native.library import describe_compiler, describe_processor
 from psmpc_cli.ocp.problem import build_problem
-from psmpc_cli.ocp.window import Window
-from psmpc_cli.robot.free_body import body_of
+from psmpc_cli.ocp.window_record import WindowFrame, read_window
 from psmpc_cli.simulation.run import Watch, simulate
 from psmpc_cli.solvers import Outcome, Solution, build_solver
 from psmpc_cli.specs.load import parse_task
@@ -37,9 +36,9 @@ def logged_solve(run: Run, sample: int) -> Solution:
         LogError: The run holds no plans, not this sample, or a plan that is not of its window.
     """
     vectors = (run.plan(name, sample) for name in ("parameters", "guess", "solution", "guess_multipliers"))
-    numbers, guess, solution, duals = vectors
+    record, guess, solution, duals = vectors
     try:
-        window = _window(run, numbers, sample)
+        window = read_window(run.problem, _frame(run, sample), record)
         return Solution(
             outcome=Outcome[run["solver/status"][sample].upper()],
             plan=window.plan_of(solution),
@@ -55,49 +54,17 @@ def logged_solve(run: Run, sample: int) -> Solution:
         raise LogError(f"{run.path}: the plan of sample {sample} is not one of the window that the log has") from None
 
 
-def _window(run: Run, numbers: np.ndarray, sample: int) -> Window:
-    """Return the window of a sample from `Window.numbers`; raise ValueError where they are not of that window."""
+def _frame(run: Run, sample: int) -> WindowFrame:
     first = int(run["window/first"][sample])
     count = int(run["window/count"][sample])
     problem = run.problem
-    spec = problem.spec
-    rows = problem.model.pose_rows
-    stages = problem.stages[first : first + count]
-    Q = run["state/Q"][sample]
-    v = run["state/Qdot"][sample]
-    space = problem.model.space
-    chart = space.chart_at(Q)
-    placed = []
-    state = space.n_pose + space.n_twist
-    sizes = (len(stage.attitudes) for stage in stages), (state * bool(stage.on_object) for stage in stages)
-    ends = np.cumsum([2, count, count, count, *sizes[0], *sizes[1]])
-    (elapsed, hold), omega, offset, scale, *parts = np.split(numbers, ends)[:-1]
-    body = None if spec.object is None else body_of(spec.object)
-    planned = end_is_planned(spec.controller.kind, first, problem.stages)
-    for stage, signs, seen in zip(stages, parts[:count], parts[count:], strict=True):
-        if stage.on_object and body is not None and stage.index == first and not planned:
-            stage = stage.following(rows, body, seen, float(elapsed), spec.controller.horizon)
-        elif stage.on_object:
-            stage = stage.at_object(rows, *np.split(seen, [space.n_pose]))
-        posture = space.posture(Q[space.joint_coordinates])
-        stage = stage.in_chart(chart.anchor, posture, dict(zip(stage.attitudes, signs, strict=True)))
-        placed.append(stage)
-    return Window(
-        stages=tuple(placed),
+    return WindowFrame(
+        first=first,
+        nodes=tuple(int(each) for each in run["window/nodes"][sample, first : first + count]),
         start=float(run.time[sample]),
-        elapsed=float(elapsed),
-        hold=float(hold),
-        x0=np.asarray(chart.enter(Q[None], v[None])[0]),
-        omega=omega,
-        offset=offset,
-        scale=scale,
-        horizon=spec.controller.horizon,
-        pending_cost=spec.controller.pending_cost,
-        terminal_cost=spec.controller.terminal_cost,
-        nodes=tuple(int(count) for count in run["window/nodes"][sample, first : first + count]),
-        discretization=spec.controller.discretization,
-        soft=spec.limits_are_soft,
-        chart=chart,
+        Q=run["state/Q"][sample],
+        v=run["state/Qdot"][sample],
+        end_is_planned=end_is_planned(problem.spec.controller.kind, first, problem.stages),
     )
 
 

@@ -25,7 +25,8 @@ from psmpc_cli.logs.summary import verdicts
 from psmpc_cli.logs.write import Header, LogWriter
 from psmpc_cli.native.functions import maker_of
 from psmpc_cli.native.library import describe_compiler, describe_processor, make_all
-from psmpc_cli.ocp.problem import Problem, Stage, build_problem
+from psmpc_cli.ocp.problem import Problem, build_problem
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.plant import Plant, build_plant, ticks_of
 from psmpc_cli.plant.grasp import Capture, build_capture
 from psmpc_cli.plant.rk4 import capture_tick, tick_function

@@ -8,7 +8,8 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Largest, largest
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.problem import Stage, in_own_chart
+from psmpc_cli.ocp.problem import in_own_chart
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant.adaptive import INSIDE, AdaptiveDynamics, Flow
 from psmpc_cli.robot.configuration import Chart

@@ -8,7 +8,8 @@ import pytest
 
 from psmpc_cli.control.sequence import MovingSequence, detect, drop_met
 from psmpc_cli.ocp.plan import resting_plan
-from psmpc_cli.ocp.problem import Stage, StageCosts
+from psmpc_cli.ocp.problem import StageCosts
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.simulation.run import Experiment
 
 from .runs import SHORT, run

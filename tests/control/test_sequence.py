@@ -4,7 +4,8 @@ import numpy as np
 
 from psmpc_cli.control.sequence import MovingSequence, detect, drop_met, drop_passed
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.problem import Stage, StageCosts
+from psmpc_cli.ocp.problem import StageCosts
+from psmpc_cli.ocp.stage import Stage
 
 AT_TARGET = np.r_[-2.0, 2.0, np.pi / 6, np.zeros(15)]
 

@@ -15,7 +15,7 @@ from psmpc_cli.figures.scene import PLAN, configurations, grasp, object_frames, 
 from psmpc_cli.figures.snapshots import draw_scene, plot_scenario, plot_snapshots
 from psmpc_cli.figures.style import new_figure
 from psmpc_cli.logs.run import Run
-from psmpc_cli.ocp.problem import Stage
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import simulate

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
-from psmpc_cli.ocp.problem import Problem, Stage, build_problem
+from psmpc_cli.ocp.problem import Problem, build_problem
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window, plan_on_mesh, window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import NlpSolver

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.ocp.gradient import Rollout
-from psmpc_cli.ocp.problem import Stage
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.model import RobotModel
 
 from .windows import moving, window_over

@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.ocp.objective import StageShape, stage_functions
-from psmpc_cli.ocp.problem import Stage, StageCosts, Trajectory
+from psmpc_cli.ocp.problem import StageCosts
 from psmpc_cli.ocp.skills import SKILLS
+from psmpc_cli.ocp.stage import Stage, Trajectory
 from psmpc_cli.robot.model import RobotModel
 
 X_U = tuple[np.ndarray, np.ndarray]

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from psmpc_cli.ocp.problem import Stage, build_problem, build_stages
+from psmpc_cli.ocp.problem import build_problem, build_stages
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import load_task
 

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from psmpc_cli.control import Command
 from psmpc_cli.ocp.constraints.boxes import node_limits, own_violations, shares_of_time
 from psmpc_cli.ocp.plan import Grid, Plan, mesh
-from psmpc_cli.ocp.problem import Problem, Stage, StageCosts, Trajectory, build_problem
+from psmpc_cli.ocp.problem import Problem, StageCosts, build_problem
+from psmpc_cli.ocp.stage import Stage, Trajectory
 from psmpc_cli.ocp.window import (
     COUNTS,
     durations,

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from psmpc_cli.ocp.plan import Plan, resting_plan
-from psmpc_cli.ocp.problem import Stage, Trajectory
+from psmpc_cli.ocp.stage import Stage, Trajectory
 from psmpc_cli.ocp.window import Window, on_mesh
 
 N = 4

@@ -8,7 +8,8 @@ from psmpc_cli.control import Command
 from psmpc_cli.errors import InputError
 from psmpc_cli.ocp.constraints.boxes import own_violations
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.problem import Problem, Stage, build_problem
+from psmpc_cli.ocp.problem import Problem, build_problem
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.solvers import FEASIBLE, NlpSolver, Outcome, Solution, Solver, build_solver
 from psmpc_cli.specs.load import Task

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.problem import Problem, Stage, StageCosts, build_problem
+from psmpc_cli.ocp.problem import Problem, StageCosts, build_problem
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.solvers import NlpSolver
 from psmpc_cli.specs.load import Task

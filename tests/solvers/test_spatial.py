@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.ocp.problem import Problem, Stage, Trajectory, build_problem
+from psmpc_cli.ocp.problem import Problem, build_problem
+from psmpc_cli.ocp.stage import Stage, Trajectory
 from psmpc_cli.solvers import Outcome, Solution, build_solver
 from psmpc_cli.specs.task import SolverSpec
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from psmpc_cli.control import Command
-from psmpc_cli.ocp.problem import Stage
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.solvers import Outcome, Solution, Solver
 from psmpc_cli.specs.task import SolverSpec

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from psmpc_cli.ocp.plan import Grid, Plan
-from psmpc_cli.ocp.problem import Stage
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window
 
 PENALTY = 1e4

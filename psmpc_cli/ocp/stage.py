@@ -1,0 +1,213 @@
+"""Stages of a task: what the task says of them, and what a sample of the controller sets."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+
+import numpy as np
+
+from psmpc_cli.robot.configuration import space_of_pose
+from psmpc_cli.robot.free_body import FreeBody
+from psmpc_cli.specs.parts import Space
+from psmpc_cli.specs.robot import Limits
+
+FOLLOWED = 41
+"""Points of the object's predicted motion that a cost follows: at 10 deg/s over 4 s straight to 0.03 mm at 0.6 m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A desired trajectory: values (T, rows) at times (T,) [s] since the stage began.
+
+    Between them numbers change at a constant rate, and attitudes turn at one about an axis (Shoemake: Animating
+    rotation with quaternion curves, 1985).
+
+    Attributes:
+        attitudes: First columns of unit quaternions; from row to row each is the nearer one of the two for an attitude.
+    """
+
+    times: np.ndarray
+    values: np.ndarray
+    attitudes: tuple[int, ...] = ()
+
+    @cached_property
+    def _angles(self) -> np.ndarray:
+        """Angle by which the quaternion of each column turns from row to row (T - 1, rows) [rad]; 0 of a number."""
+        angles = np.zeros((len(self.times) - 1, self.values.shape[1]))
+        for at in self.attitudes:
+            q = self.values[:, at : at + 4]
+            apart, near = (np.linalg.norm(q[1:] + sign * q[:-1], axis=1) for sign in (-1, 1))
+            angles[:, at : at + 4] = 2 * np.arctan2(apart, near)[:, None]
+        return angles
+
+    def at(self, since: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the values at times since the stage began (...,) [s], and their rates just after, (..., rows) each."""
+        k = np.clip(self.times.searchsorted(since, side="right") - 1, 0, len(self.times) - 2)
+        steps = np.diff(self.times)[k][..., None]
+        angles = self._angles[k]
+        inside = np.asarray((since >= self.times[0]) & (since < self.times[-1]))
+        s = np.clip((since - self.times[k])[..., None] / steps, 0.0, 1.0)
+        before = self.values[k]
+        after = self.values[k + 1]
+        whole = _sinc(angles)
+        values = ((1 - s) * _sinc((1 - s) * angles) * before + s * _sinc(s * angles) * after) / whole
+        rates = (np.cos(s * angles) * after - np.cos((1 - s) * angles) * before) / whole / steps
+        return values, rates * inside[..., None]
+
+
+def _sinc(angle: np.ndarray) -> np.ndarray:
+    """Return sin(angle) / angle."""
+    return np.asarray(np.sinc(angle / np.pi))
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """One stage of the task, resolved for one robot: what does not change while the robot moves.
+
+    Attributes:
+        target: Target in the order of Q (n,) or xi (m,) [m, rad]; of a trajectory, its last value.
+        trajectory: The desired trajectory the cost follows, or None where it is the target throughout.
+        weights: Diagonal of W_q or W_p, as `target`.
+        control_weights: Diagonal of W_r, one per input.
+        end_rows: Rows of the error on which the end condition (18) stands; empty where `at` is given.
+        tolerance: Its tolerance, one per end row [m, rad].
+        end_velocity: Bound on the rate of those rows [m/s, rad/s], or None.
+        hold: How long the end condition must be met without a break [s].
+        at: Fixed switching time [s], or None.
+        dwell: Minimum duration [s], that of the trajectory at least.
+        onset_rows: Rows of the control whose norm marks the actual start.
+        attitudes: Of a spatial robot, the first of the target's numbers of each quaternion, by frame.
+        on_object: By frame, the pose in the object's frame at which its target is; the target follows the object.
+    """
+
+    index: int
+    name: str
+    space: Space
+    input: str
+    priority: float
+    target: np.ndarray
+    trajectory: Trajectory | None
+    weights: np.ndarray
+    control_weights: np.ndarray
+    end_rows: tuple[int, ...]
+    tolerance: np.ndarray
+    end_velocity: float | None
+    hold: float
+    at: float | None
+    dwell: float
+    limits: Limits
+    onset_rows: tuple[int, ...]
+    attitudes: Mapping[str, int] = field(default_factory=dict)
+    on_object: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @cached_property
+    def end_tolerance(self) -> np.ndarray:
+        """Tolerance of each end row, positions first, then rates where they count. Paper eq. (18)."""
+        if self.end_velocity is None:
+            return self.tolerance
+        return np.concatenate([self.tolerance, np.full(len(self.end_rows), self.end_velocity)])
+
+    @property
+    def end_drift(self) -> np.ndarray:
+        """About what each end row is bounded: 0 where the target stands still."""
+        return np.zeros(len(self.end_tolerance))
+
+    @cached_property
+    def end_numbers(self) -> np.ndarray:
+        """Target, drift and tolerance, as `StageFunctions.met` takes them."""
+        return np.concatenate([self.target, self.end_drift, self.end_tolerance])
+
+    @property
+    def waypoints(self) -> np.ndarray:
+        """What the target leads through (T, rows) [m, rad]: the rows of the trajectory, or the target alone."""
+        return self.target[None] if self.trajectory is None else self.trajectory.values
+
+    def reference(self, since: np.ndarray | float | None) -> np.ndarray:
+        """Return what the cost follows at times since the stage began (...,) [s], (..., rows).
+
+        The target alone (rows,) where it stands still, or without times.
+        """
+        return self.target if self.trajectory is None or since is None else self.trajectory.at(since)[0]
+
+    def placed(self) -> "PlacedStage":
+        """Return the stage as a sample finds it before it sets anything."""
+        return PlacedStage(**{each.name: getattr(self, each.name) for each in fields(self)})
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedStage(Stage):
+    """A stage with what a sample sets: the numbers of its target, and those of the trajectory its cost follows.
+
+    Attributes:
+        signs: In a chart, by which each of the target's quaternions was multiplied.
+        drift: Rate of the target's rows of error, due to an object that moves, (rows,) [m/s, rad/s]; 0 of one at rest.
+        object_state: Pose and velocity of the object that the target is for, (6,) or (13,); empty if it is for none.
+    """
+
+    signs: tuple[float, ...] = ()
+    drift: np.ndarray | float = 0.0
+    object_state: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    @cached_property
+    def end_drift(self) -> np.ndarray:
+        """About what each end row is bounded: 0, or the rate that a moving target gives its error."""
+        rows = list(self.end_rows)
+        counts = self.end_velocity is not None
+        drift = np.broadcast_to(self.drift, self.weights.shape)[rows]
+        return np.concatenate([np.zeros(len(rows)), drift[: len(rows) * counts]])
+
+    def at_object(self, pose_rows: Mapping[str, slice], pose: np.ndarray, v: np.ndarray) -> "PlacedStage":
+        """Return the stage with its target where an object of a pose and a velocity has it.
+
+        The angular rate of an error is that near the target, where alone end conditions look at it.
+        """
+        space = space_of_pose(len(pose))
+        target = self.target.copy()
+        drift = np.zeros(len(self.weights))
+        for frame, inside in self.on_object.items():
+            rate = space.carried_rate(pose, v, inside)
+            number = list(pose_rows).index(frame)
+            target[pose_rows[frame]] = space.composed(pose, inside)
+            drift[len(rate) * number : len(rate) * (number + 1)] = rate
+        return replace(self, target=target, drift=drift, object_state=np.concatenate([pose, v]))
+
+    def following(
+        self, pose_rows: Mapping[str, slice], body: FreeBody, state: np.ndarray, elapsed: float, horizon: float
+    ) -> "PlacedStage":
+        """Return the stage with a cost that follows the object's free motion over the horizon, its target where it is.
+
+        Args:
+            pose_rows: Rows of each frame's pose in xi.
+            body: The object.
+            state: Its pose and velocity now, (6,) or (13,).
+            elapsed: Time since the stage began [s].
+            horizon: How far ahead the cost looks [s].
+        """
+        pose, v = np.split(state, [body.space.n_pose])
+        ahead = np.linspace(0.0, horizon, FOLLOWED)
+        placed = [self.at_object(pose_rows, *body.predicted(pose, v, each)) for each in ahead]
+        values = np.array([stage.target for stage in placed])
+        return replace(placed[0], trajectory=Trajectory(elapsed + ahead, values, tuple(self.attitudes.values())))
+
+    def in_chart(self, anchor: np.ndarray, joints: np.ndarray, signs: Mapping[str, float]) -> "PlacedStage":
+        """Return the stage of a spatial robot with the numbers of its target that a sample sets.
+
+        Args:
+            anchor: Attitude about which the chart is (4,).
+            joints: Posture to which redundant joints are drawn (joints,) [rad, m].
+            signs: Of the target's quaternions, by frame: of the two for one attitude the one meant.
+        """
+
+        def placed(numbers: np.ndarray) -> np.ndarray:
+            numbers = numbers.copy()
+            for frame, at in self.attitudes.items():
+                numbers[..., at : at + 4] *= signs[frame]
+            more = np.broadcast_to(of_sample, (*numbers.shape[:-1], len(of_sample)))
+            return np.concatenate([numbers, more], axis=-1)
+
+        of_sample = np.concatenate([anchor, joints])
+        if not self.attitudes and not len(of_sample):
+            return self
+        path = self.trajectory and replace(self.trajectory, values=placed(self.trajectory.values))
+        taken = tuple(signs[frame] for frame in self.attitudes)
+        return replace(self, target=placed(self.target), trajectory=path, signs=taken)

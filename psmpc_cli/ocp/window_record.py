@@ -1,0 +1,84 @@
+"""Windows from their records in a log."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.ocp.stage import PlacedStage
+from psmpc_cli.ocp.window import Window
+from psmpc_cli.robot.free_body import body_of
+
+
+@dataclass(frozen=True, eq=False)
+class WindowFrame:
+    """What a log has of a window besides its record.
+
+    Attributes:
+        first: Index of its first stage.
+        nodes: N_s of its stages, (S + 1,).
+        start: T0 [s].
+        Q, v: Measured state, (nq,) and (n,).
+        end_is_planned: Whether the end of its first stage is ever planned; if not, the stage follows the object.
+    """
+
+    first: int
+    nodes: tuple[int, ...]
+    start: float
+    Q: np.ndarray
+    v: np.ndarray
+    end_is_planned: bool
+
+
+def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Window:
+    """Return the window of a record, the inverse of `Window.record`.
+
+    Raises:
+        ValueError: The record is not one of such a window.
+    """
+    spec = problem.spec
+    space = problem.model.space
+    count = len(frame.nodes)
+    stages = problem.stages[frame.first : frame.first + count]
+    signs_sizes = [len(stage.attitudes) for stage in stages]
+    object_sizes = [(space.n_pose + space.n_twist) * bool(stage.on_object) for stage in stages]
+    ends = np.cumsum([2, count, count, count, *signs_sizes, *object_sizes])
+    (elapsed, hold), omega, offset, scale, *parts = np.split(record, ends)[:-1]
+    chart = space.chart_at(frame.Q)
+    placed = list[PlacedStage]()
+    for stage, signs, object_state in zip(stages, parts[:count], parts[count:], strict=True):
+        at_sample = stage.placed()
+        if stage.on_object:
+            follows = stage.index == frame.first and not frame.end_is_planned
+            at_sample = _about_object(problem, at_sample, object_state, float(elapsed), follows)
+        posture = space.posture(frame.Q[space.joint_coordinates])
+        placed.append(at_sample.in_chart(chart.anchor, posture, dict(zip(stage.attitudes, signs, strict=True))))
+    return Window(
+        stages=tuple(placed),
+        start=frame.start,
+        elapsed=float(elapsed),
+        hold=float(hold),
+        x0=np.asarray(chart.enter(frame.Q[None], frame.v[None])[0]),
+        omega=omega,
+        offset=offset,
+        scale=scale,
+        horizon=spec.controller.horizon,
+        pending_cost=spec.controller.pending_cost,
+        terminal_cost=spec.controller.terminal_cost,
+        nodes=frame.nodes,
+        discretization=spec.controller.discretization,
+        soft=spec.limits_are_soft,
+        chart=chart,
+    )
+
+
+def _about_object(
+    problem: Problem, stage: PlacedStage, object_state: np.ndarray, elapsed: float, follows: bool
+) -> PlacedStage:
+    """Return a stage whose target is relative to the object, at a state of the object or following its free motion."""
+    rows = problem.model.pose_rows
+    body = None if problem.spec.object is None else body_of(problem.spec.object)
+    if follows and body is not None:
+        return stage.following(rows, body, object_state, elapsed, problem.spec.controller.horizon)
+    pose, velocity = np.split(object_state, [problem.model.space.n_pose])
+    return stage.at_object(rows, pose, velocity)

@@ -314,14 +314,14 @@ def print_robot(robot: RobotSpec) -> None:
     total = sum(body.mass for body in bodies)
     typer.echo(f"{'planar' if d == 2 else 'spatial'}, {sum(robot.parts.values())} degrees of freedom, {total:.6g} kg")
     rows: list[Row] = []
-    for body in bodies:
-        joint = carrier = ""
-        if body.joint is not None:
-            at = body.joint.at
-            kind = "prismatic along" if body.joint.prismatic else "revolute about"
-            turn = math.degrees(math.hypot(*at.rotation))
-            carrier = f"{bodies[at.body].name} at {_listed(at.position[:d])} m{f', {turn:.4g} deg' if turn else ''}"
-            joint = "revolute" if d == 2 else f"{kind} {_listed(body.joint.axis)}"
+    carried = [("", "")]
+    for each in robot.joints:
+        at = each.at
+        kind = "prismatic along" if each.prismatic else "revolute about"
+        turn = math.degrees(math.hypot(*at.rotation))
+        carrier = f"{bodies[at.body].name} at {_listed(at.position[:d])} m{f', {turn:.4g} deg' if turn else ''}"
+        carried.append(("revolute" if d == 2 else f"{kind} {_listed(each.axis)}", carrier))
+    for body, (joint, carrier) in zip(bodies, carried, strict=True):
         inertia = body.inertia[2:3] if d == 2 else body.inertia
         rows.append((body.name, joint, carrier, f"{body.mass:g}", _listed(body.centre[:d]), _listed(inertia)))
     print_table(("body", "joint", "on", "mass [kg]", "centre of mass [m]", "inertia [kg m^2]"), rows, left=6)

@@ -22,7 +22,7 @@ from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.ocp.window import SHORTEST
 from psmpc_cli.robot.closed_chain import ClosedChain
 from psmpc_cli.robot.configuration import Chart
-from psmpc_cli.robot.free_body import FreeBody, body_of
+from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.solvers import Solution, Solver, build_solver
 from psmpc_cli.specs.arguments import require
 from psmpc_cli.specs.load import Task
@@ -128,16 +128,13 @@ class ControlLaw:
         self._estimator = Estimator(self._spec, problem.model.space, noise, self._tick)
         self._placer = Placer(problem)
         self._hierarchy = Hierarchy(problem) if self._spec.kind == "htmpc" else None
-        self._body = None if spec.object is None else body_of(spec.object)
-        self._load = _known_load(problem, self._body)
+        self._load = _known_load(problem)
 
     @property
     def first(self) -> Memory:
         """What is known before the first sample."""
-        target_object = self.problem.spec.object
-        known = None
-        if target_object is not None and self._body is not None:
-            known = ObjectEstimate.of(target_object, self._body)
+        capture = self.problem.capture
+        known = ObjectEstimate.of(capture) if capture else None
         return Memory(MovingSequence(0, np.zeros(0), 0.0), target_object=known)
 
     def decide(self, memory: Memory, measurement: Measurement) -> tuple[Memory, Command]:
@@ -184,7 +181,7 @@ class ControlLaw:
             levels=decision.levels,
             model=self.problem.model,
             stages=situation.stages,
-            closed=self._closed(decision.sequence, situation),
+            closed=to_be_closed(self.problem.held_stages, decision.sequence, situation.time + self._ticks[:-1]),
             load=self._load,
         )
         after = replace(
@@ -205,7 +202,7 @@ class ControlLaw:
         """
         time = measurement.time
         target_object = memory.target_object
-        if target_object is not None:
+        if target_object:
             measured_at = time - self._spec.known_delay * self._spec.sample_time
             target_object = target_object.with_measurement(measured_at, measurement.object_pose)
         estimate = self._estimator.measured(memory.estimate, measurement.state)
@@ -261,7 +258,7 @@ class ControlLaw:
         memory = replace(memory, sequence=sequence, done=done)
 
         placement = situation.placement
-        if self._placer.follows_object and memory.target_object is not None:
+        if self._placer.follows_object:
             placement = self._place(memory, time, x, placement.chart, at_ends=True)
             memory = replace(memory, signs=placement.signs)
         x = self._completed(memory, time, x)
@@ -355,14 +352,6 @@ class ControlLaw:
         planned = decision.plan.velocity_rates(situation.time + self._ticks)
         return np.concatenate([Q[0], v[0]]), planned
 
-    def _closed(self, sequence: MovingSequence, situation: Situation) -> np.ndarray:
-        """Tell at which ticks (M,) the grippers are to be closed."""
-        target_object = self.problem.spec.object
-        if target_object is None or self._body is None:
-            return np.zeros(len(self._ticks) - 1, bool)
-        names = [stage.name for stage in situation.stages]
-        return to_be_closed(target_object, names, sequence, situation.time + self._ticks[:-1])
-
 
 class Controller:
     """Priority-based switching MPC, and what it is compared with, for one run.
@@ -420,12 +409,12 @@ class Controller:
         return self.memory.sequence
 
 
-def _known_load(problem: Problem, body: FreeBody | None) -> ClosedChain | None:
+def _known_load(problem: Problem) -> ClosedChain | None:
     """Return the law of a robot that knows what it holds; None where it does not."""
-    target_object = problem.spec.object
-    if body is None or target_object is None or target_object.grasp is None or not target_object.grasp.known:
-        return None
-    return ClosedChain(problem.model, body, target_object.grasp)
+    capture = problem.capture
+    if capture and capture.grasp.known:
+        return ClosedChain(problem.model, body_of(capture), capture.grasp)
+    return None
 
 
 def _solver_spec(task: TaskSpec) -> SolverSpec:

@@ -86,10 +86,10 @@ class Measurement:
         if self.time <= before:
             raise InputError(f"time: found {self.time:g} s after {before:g} s, expected a time after the sample before")
         check_state(self.state, problem.model)
-        target_object = problem.spec.object
+        target_object = problem.capture
         if self.object_pose is None:
             return
-        if target_object is None or target_object.mass is None:
+        if target_object is None:
             raise rejected("object_pose", self.object_pose, "none: the task has no object with a mass")
         size = len(target_object.pose)
         if shape_of(self.object_pose) != (size,):

@@ -44,14 +44,14 @@ class Placer:
     and kept until the error passes 200 deg, so that an error that passes 180 deg within a horizon stays smooth.
 
     Attributes:
-        follows_object: Some target is relative to the object.
+        follows_object: Some target is relative to an object that moves.
     """
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
         self._stages = tuple(stage.placed() for stage in problem.stages)
         self._horizon = problem.spec.controller.horizon
-        self.follows_object = any(stage.on_object for stage in problem.stages)
+        self.follows_object = bool(problem.capture) and any(stage.on_object for stage in problem.stages)
 
     def place(
         self,
@@ -80,7 +80,7 @@ class Placer:
                 the horizon. A current stage whose end is never planned follows the object over the horizon.
         """
         stages = self._stages
-        if target_object is not None and self.follows_object:
+        if self.follows_object and target_object:
             stages = self._at_object(time, sequence, target_object, at_ends)
         plan = plan or resting_plan(time, self._horizon, 1, x, chart)
         begins = dict(enumerate([time, *sequence.instants], start=sequence.first))

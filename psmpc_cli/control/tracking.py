@@ -1,13 +1,12 @@
 """What the controller knows of the task's object: its free motion, and when the grippers are to be closed on it."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from psmpc_cli.control.sequence import MovingSequence
-from psmpc_cli.robot.free_body import FreeBody, motion_of
-from psmpc_cli.specs.object import ObjectSpec
+from psmpc_cli.robot.free_body import FreeBody, body_of, velocity_of
+from psmpc_cli.specs.object import CaptureSpec
 
 GAINS = 0.5, 1 / 6
 """alpha and beta of the filter, beta = alpha^2 / (2 - alpha): the best of its kind for a given alpha.
@@ -38,9 +37,9 @@ class ObjectEstimate:
     measured_at: float = -np.inf
 
     @classmethod
-    def of(cls, target_object: ObjectSpec, body: FreeBody) -> "ObjectEstimate":
+    def of(cls, target_object: CaptureSpec) -> "ObjectEstimate":
         """Return what the task says of its object."""
-        return cls(body, np.array(target_object.pose), motion_of(target_object))
+        return cls(body_of(target_object), np.array(target_object.pose), velocity_of(target_object))
 
     def at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Predict pose, (3,) or (7,), and velocity at a time [s]."""
@@ -61,14 +60,19 @@ class ObjectEstimate:
         return ObjectEstimate(self.body, corrected, velocity, time=time, measured_at=time)
 
 
-def to_be_closed(
-    target_object: ObjectSpec, names: Sequence[str], sequence: MovingSequence, ticks: np.ndarray
-) -> np.ndarray:
+def to_be_closed(holding: range, sequence: MovingSequence, ticks: np.ndarray) -> np.ndarray:
     """Tell at which ticks (M,) [s] the grippers are to be closed (M,).
 
-    From the first one at or after the planned switch time that ends `taken_by` until that of the stage before
-    `let_go_by`.
+    From the first one at or after the planned switch time with which the stages begin that hold the object until that
+    with which they end.
+
+    Args:
+        holding: The stages that hold the object; empty of a task without one to hold.
+        sequence: The stages in the window, with their planned switch times.
+        ticks: Beginnings of the ticks [s].
     """
+    if not holding:
+        return np.zeros(len(ticks), bool)
 
     def end(stage: int) -> float:
         if stage < sequence.first:
@@ -76,8 +80,8 @@ def to_be_closed(
         ahead = stage - sequence.first
         return float(sequence.instants[ahead]) if ahead < len(sequence.instants) else np.inf
 
-    taken = end(names.index(target_object.taken_by))
-    released = end(names.index(target_object.let_go_by) - 1)
+    taken = end(holding.start - 1)
+    released = end(holding.stop - 1)
     return np.asarray((ticks >= taken - ROUNDING) & (ticks < released - ROUNDING))
 
 

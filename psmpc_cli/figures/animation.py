@@ -161,10 +161,11 @@ def film_model(scene: Scene, extent: np.ndarray) -> str:
         for size, lines in ((shape.radius, capsules), (0.4 * shape.radius, pairwise(fingers))):
             for start, end in lines:
                 added.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[size, 0, 0], fromto=[*start, *end], rgba=color)
-        if body.joint is not None and not body.joint.prismatic:
-            along = 1.6 * shape.radius * np.array(body.joint.axis)
+    for body, joint in zip(model.spec.bodies[1:], model.spec.joints, strict=True):
+        if not joint.prismatic:
+            along = 1.6 * shape.radius * np.array(joint.axis)
             disc: dict[str, Any] = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [1.4 * shape.radius, 0, 0]}
-            added.add_geom(fromto=[*-along, *along], rgba=_opaque("white"), **disc)
+            robot.body(body.name).add_geom(fromto=[*-along, *along], rgba=_opaque("white"), **disc)
     if spec is not None:
         held = world.worldbody.add_body(name="object", mocap=True)
         half = np.maximum(half_edges(spec.shape), [0, 0, 1.3 * shape.radius])

@@ -14,7 +14,6 @@ from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.ocp.problem import Problem, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.rotations import log
 from psmpc_cli.specs.parts import POSITION_AXES, axes_of
 
 HEIGHT = 0.82
@@ -63,11 +62,7 @@ def plot_forces(run: Run) -> Figure:
 
 def _in_vectors(run: Run, Q: np.ndarray) -> np.ndarray:
     """Return coordinates (K, nq) of a run with the attitude in space as a rotation vector continuous over time."""
-    if not run.spatial:
-        return Q
-    flips = np.cumprod(np.where((Q[1:, 3:7] * Q[:-1, 3:7]).sum(axis=1) < 0, -1.0, 1.0))
-    vector = np.array(log((Q[:, 3:7] * np.r_[1.0, flips][:, None]).T)).T
-    return np.hstack([Q[:, :3], vector, Q[:, 7:]])
+    return run.problem.model.space.unrolled(Q)
 
 
 def attitude_error(run: Run) -> np.ndarray:

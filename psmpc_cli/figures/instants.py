@@ -136,15 +136,15 @@ def plot_solve_time(run: Run) -> Figure:
 def plot_pull(run: Run) -> Figure:
     """Plot the filtered pull [N] on each grasp over time, the strength, and where grasps closed and opened."""
     figure, grid = timeline(run, 1, 1.6)
-    target_object = run.task.spec.object
+    capture = run.task.spec.capture
     axes = grid[0, 0]
     for i, gripper in enumerate(run["gripper"]):
         held = np.where(run["grasp/closed"][:, i] == 1, run["grasp/pull"][:, i], np.nan)
         axes.plot(run.time, held, label=style.readable(str(gripper)), **style.line_look(i))
         if run["grasp/lost"][i] == 1:
             axes.plot(run["grasp/opened_at"][i], np.nanmax(held), **style.look("failed", label="_lost"))
-    strength = target_object.grasp.strength if target_object is not None and target_object.grasp is not None else None
-    if strength is not None:
-        axes.axhline(strength.pull, label=f"_strength, {strength.pull:g} N", **style.LEVEL)
+    strength = capture.grasp.largest_pull if capture else np.inf
+    if np.isfinite(strength):
+        axes.axhline(strength, label=f"_strength, {strength:g} N", **style.LEVEL)
     label_row(grid[0], "Pull on a\ngrasp (N)")
     return style.finish(figure)

@@ -99,11 +99,13 @@ class Scene:
     def object_frame(self, time: float) -> np.ndarray | None:
         """Return the object's frame (4, 4) [m] at a time [s]; None where the task has no object."""
         spec = self.run.task.spec.object
-        if spec is not None and "object/pose" in self.run:
+        if spec is None:
+            return None
+        if "object/pose" in self.run:
             sample = int(np.searchsorted(self.run.time, time, side="right")) - 1
             return pose_frames(self.run["object/pose"][max(0, sample)])
-        if spec is None or time <= self.taken:
-            return None if spec is None else pose_frames(spec.pose)
+        if time <= self.taken:
+            return pose_frames(spec.pose)
         before, now = map(self.run.motion.coordinates_at, (self.taken, min(time, self.left)))
         return carried(self.run.problem.model, pose_frames(spec.pose), before, now)
 
@@ -200,8 +202,9 @@ def scene_of(run: Run) -> Scene:
         return Scene(run, np.inf, np.inf, False)
     names = run.stage_names
     ends = np.nan_to_num(run.stages["switch_time"], nan=np.inf)
-    taken = float(ends[names.index(spec.taken_by)])
-    left = float(ends[names.index(spec.let_go_by) - 1])
+    holding = spec.held_stages(names)
+    taken = float(ends[holding.start - 1])
+    left = float(ends[holding.stop - 1])
     if "grasp/lost" in run:
         lost = run["grasp/opened_at"][run["grasp/lost"] == 1]
         return Scene(run, taken, float(lost.min()) if len(lost) else left, len(lost) > 0)
@@ -289,8 +292,8 @@ def object_frames(task: Task, model: RobotModel, stops: Sequence[np.ndarray]) ->
     if spec is None:
         return []
     names = [stage.name for stage in task.spec.stages]
-    taken = names.index(spec.taken_by) + 1
-    let_go = names.index(spec.let_go_by)
+    holding = spec.held_stages(names)
+    taken = holding.start
     frame = pose_frames(spec.pose)
-    ends = (min(panel, let_go) for panel in range(1, len(names) + 1))
+    ends = (min(panel, holding.stop) for panel in range(1, len(names) + 1))
     return [frame if end <= taken else carried(model, frame, stops[taken], stops[end]) for end in ends]

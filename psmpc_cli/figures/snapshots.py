@@ -1,6 +1,7 @@
 """The robot drawn: at the key instants of a run or of several, and what a task asks for. Paper Figs. 4 and 5."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from textwrap import fill
 from typing import Any
 
@@ -48,6 +49,38 @@ AROUND = 0.45
 NEARER = 100.0
 UNDER = -1e4
 """Order of a body by how near to the viewer it is [1/m], and of what lies under all bodies of a spatial scene."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How scenes of robots of a dimension are drawn.
+
+    Attributes:
+        views: From where a robot at rest is seen, panel by panel.
+        floor: Whether there are squares below, with shadows.
+        triads: Whether targets have the axes of their frames.
+        target: How a target is marked besides.
+        paths: What is added to the order of paths.
+    """
+
+    views: list[list[Any]]
+    floor: bool = False
+    triads: bool = False
+    target: Mapping[str, Any] = field(default_factory=dict)
+    paths: float = 0.0
+
+
+LOOKS = {
+    2: Look(views=[[PLAN]]),
+    3: Look(
+        views=[[OBLIQUE, OBLIQUE], [PLAN, "."], [FRONT, SIDE]],
+        floor=True,
+        triads=True,
+        target={"marker": ".", "markersize": 3.0},
+        paths=UNDER,
+    ),
+}
+"""By dimension."""
 
 FAINT = 0.25
 """Opacity of the robot where a stage begins."""
@@ -166,26 +199,24 @@ def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.n
     run = scene.run
     camera = scene.camera
     model = scene.run.problem.model
-    spatial = model.dimension == 3
+    look = LOOKS[model.dimension]
     Q = run.motion.coordinates_at(time)
     draw_robot(axes, camera, model, Q)
     if (frame := scene.object_frame(time)) is not None:
         name = "object, lost" if scene.lost and time >= scene.left else "object"
         _draw_box(axes, camera, frame, scene.half, style.look(name))
-    if spatial:
+    if look.floor:
         _draw_floor(axes, camera, model, Q, extent)
     for stage in scene.acting(time):
         for i, target in enumerate(scene.target_frames(stage, time)):
-            dot = {"marker": ".", "markersize": 3.0} if spatial else {}
             color = _arm_color(i - 1) if i else "black"
-            axes.plot(*camera.see(target[:3, 3]), color=color, **style.look("target", zorder=-UNDER, **dot))
-            if spatial:
+            axes.plot(*camera.see(target[:3, 3]), color=color, **style.look("target", zorder=-UNDER, **look.target))
+            if look.triads:
                 _draw_triad(axes, camera, target, 0.25 * model.shape.reach, "target")
-    under = UNDER if spatial else 0.0
     trail, *_ = camera.see(scene.paths(float(run.motion.time[0]), time))
-    axes.plot(*trail.T, **style.look("path of the base", zorder=under + 1.2))
+    axes.plot(*trail.T, **style.look("path of the base", zorder=look.paths + 1.2))
     for i, path in enumerate(camera.see(scene.paths(since, time))[1:]):
-        axes.plot(*path.T, color=_arm_color(i), linewidth=0.6, zorder=under + 1.3, label="_path of an arm's end")
+        axes.plot(*path.T, color=_arm_color(i), linewidth=0.6, zorder=look.paths + 1.3, label="_path of an arm's end")
 
 
 def draw_robot(
@@ -209,7 +240,7 @@ def draw_robot(
             axes.plot(*camera.see(points).T, zorder=3.0 + NEARER * camera.depth(points), **thick_line)
         if arm:
             order = 3.1 + NEARER * max(camera.depth(points) for points in (frame[:3, 3], *(line[1] for line in lines)))
-            joint = {"marker": "s" if body.joint and body.joint.prismatic else "o", "markersize": 2.2, **line}
+            joint = {"marker": "s" if model.spec.joints[number - 1].prismatic else "o", "markersize": 2.2, **line}
             axes.plot(*camera.see(frame[:3, 3]), markeredgewidth=0.7, markerfacecolor="white", zorder=order, **joint)
 
 
@@ -276,8 +307,7 @@ def plot_robot(spec: RobotSpec) -> Figure:
     box = np.array([points.min(axis=0), points.max(axis=0)]) + 0.04 * np.ptp(points) * np.array([[-1], [1]])
     figure = style.new_figure()
     wide = np.ptp(box, axis=0)[: model.dimension - 1]
-    views: list[Any] = [[PLAN]] if model.dimension == 2 else [[OBLIQUE, OBLIQUE], [PLAN, "."], [FRONT, SIDE]]
-    panels: dict[Any, Axes] = figure.subplot_mosaic(views, width_ratios=wide)
+    panels: dict[Any, Axes] = figure.subplot_mosaic(LOOKS[model.dimension].views, width_ratios=wide)
     for camera, axes in panels.items():
         show(axes, camera, camera.view(points) if camera == OBLIQUE else Bbox(camera.see(box)), wide.sum())
         draw_robot(axes, camera, model, Q)
@@ -296,15 +326,15 @@ def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray)
     frames = model.body_frames(Q)
     for index, arm in enumerate(model.spec.arms):
         places: list[tuple[np.ndarray, list[str]]] = []
-        for body, frame in zip(model.spec.bodies, frames, strict=True):
+        for body, joint, frame in zip(model.spec.bodies[1:], model.spec.joints, frames[1:], strict=True):
             of, _, number = body.name.rpartition(".")
-            if of != arm or body.joint is None:
+            if of != arm:
                 continue
             at = camera.see(frame[:3, 3])
             if not places or np.linalg.norm(at - places[-1][0]) > near:
                 places.append((at, []))
             places[-1][1].append(number)
-            ends = placed(frame, 1.5 * model.shape.radius * np.multiply.outer([-1, 1], body.joint.axis))
+            ends = placed(frame, 1.5 * model.shape.radius * np.multiply.outer([-1, 1], joint.axis))
             axes.plot(*camera.see(ends).T, color="black", linewidth=0.6, zorder=3.3 - UNDER)
         for (x, y), names in places:
             look: dict[str, Any] = {"ha": "center", "color": _arm_color(index), "zorder": 3.6 - UNDER}
@@ -329,7 +359,7 @@ def plot_scenario(task: Task) -> Figure:
     titles = [f"{i}. {style.readable(stage.name)}, priority {stage.priority:g}" for i, stage in enumerate(stages, 1)]
     figure, grid = _panels(camera, extent, titles, min(2, len(stages)), style.COLUMN)
     for i, axes in enumerate(grid[: len(stages)]):
-        if model.dimension == 3:
+        if LOOKS[model.dimension].floor:
             _draw_floor(axes, camera, model, stops[i + 1], extent)
         for frame in objects[i : i + 1]:
             _draw_box(axes, camera, frame, half, style.look("object"))

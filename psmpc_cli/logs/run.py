@@ -147,10 +147,10 @@ class Run:
     @property
     def Q_coordinates(self) -> tuple[str, ...]:
         """Names of the nq coordinates of Q."""
-        return tuple(self[Q_COORDINATE].tolist()) if self.spatial else self.coordinates
+        return tuple(self[Q_COORDINATE].tolist()) if self.Q_has_a_scale else self.coordinates
 
     @property
-    def spatial(self) -> bool:
+    def Q_has_a_scale(self) -> bool:
         """Whether the robot moves in space."""
         return Q_COORDINATE in self.arrays
 
@@ -308,7 +308,7 @@ class Run:
 
     def write_into(self, group: h5py.Group) -> None:
         """Write the log of the run into an empty group of an open file."""
-        present = [column for column in layout(self.spatial) if column.path in self.arrays]
+        present = [column for column in layout(self.Q_has_a_scale) if column.path in self.arrays]
         create_log(group, present, self.attributes, self.arrays)
 
     def to_csv(self, directory: Path | str, force: bool = False) -> list[Path]:
@@ -352,7 +352,7 @@ class Run:
 
     def _along(self, dim: str) -> tuple[Column, ...]:
         """Return the columns along a dimension that the run has, without its scale."""
-        found = columns(dim, self.spatial)
+        found = columns(dim, self.Q_has_a_scale)
         return tuple(column for column in found if column.path in self.arrays and not column.ragged)
 
     def _table(self, dim: str, without: str = "") -> dict[str, Array]:

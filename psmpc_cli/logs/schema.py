@@ -237,7 +237,7 @@ SCHEMA = (
     _t("time", "s", "sample time", "command.time"),
     _column("ticks/tick", "1", "number of the tick, from 0", "tick_numbers", "i8", dims=("ticks/tick",), only="ticks"),
     _scale("coordinate", "1", "generalized coordinate"),
-    _scale(Q_COORDINATE, "1", "coordinate of Q, with the attitude as unit quaternion", only="spatial"),
+    _scale(Q_COORDINATE, "1", "coordinate of Q, with the attitude as unit quaternion", only=Q_COORDINATE),
     _scale("pose_coordinate", "1", "pose coordinate"),
     _scale("stage", "1", "stage"),
     _scale("momentum", "1", "component of momentum"),
@@ -379,19 +379,19 @@ MOMENTUM = {2: ("x", "y", "angular"), 3: ("x", "y", "z", "angular_x", "angular_y
 
 
 @lru_cache
-def layout(spatial: bool) -> tuple[Column, ...]:
-    """Return the datasets as the logs of spatial or of planar robots have them: a planar Q is along `coordinate`."""
-    if spatial:
+def layout(Q_has_a_scale: bool) -> tuple[Column, ...]:
+    """Return the datasets of logs where Q has a scale of its own, as in space, or is along `coordinate` as v is."""
+    if Q_has_a_scale:
         return SCHEMA
     dims = [tuple("coordinate" if dim == Q_COORDINATE else dim for dim in column.dims) for column in SCHEMA]
-    planar = (replace(column, dims=own) for column, own in zip(SCHEMA, dims, strict=True))
-    return tuple(column for column in planar if column.path != Q_COORDINATE)
+    along_v = (replace(column, dims=own) for column, own in zip(SCHEMA, dims, strict=True))
+    return tuple(column for column in along_v if column.path != Q_COORDINATE)
 
 
-def columns(along: str, spatial: bool = True) -> tuple[Column, ...]:
+def columns(along: str, Q_has_a_scale: bool = True) -> tuple[Column, ...]:
     """Return the datasets whose first dimension it is, or those that do not grow for an empty `along`; no scales."""
     return tuple(
         column
-        for column in layout(spatial)
+        for column in layout(Q_has_a_scale)
         if not column.is_scale and (column.dims[:1] == (along,) if along else column.value is None)
     )

@@ -9,7 +9,7 @@ import numpy as np
 from psmpc_cli.ocp.problem import Problem, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import space_of_pose
-from psmpc_cli.specs.object import ObjectSpec
+from psmpc_cli.specs.object import CaptureSpec
 from psmpc_cli.specs.task import OBJECT_CHECKS, MonitorSpec, PublishedRun, TaskSpec
 
 Arrays = Mapping[str, np.ndarray]
@@ -109,7 +109,7 @@ class CaptureSummary(_Computed):
 
     def __init__(self, task: TaskSpec, arrays: Arrays) -> None:
         """Take it from the datasets of a log."""
-        destination = None if task.object is None else task.object.destination
+        destination = task.capture.destination if task.capture else None
         pose = arrays["object/left_pose"]
         v = arrays["object/left_velocity"]
         space = space_of_pose(len(pose))
@@ -210,18 +210,11 @@ class Summary(_Computed):
 def verdicts(task: TaskSpec, arrays: Arrays) -> tuple[Verdict, ...]:
     """Judge a task's monitors, and what becomes of an object with a mass, by the datasets of a log."""
     monitored = (judge_monitor(monitor, arrays) for monitor in task.monitors)
-    target_object = task.object
-    return (
-        *monitored,
-        *(
-            _object_checks(target_object, arrays)
-            if target_object is not None and target_object.mass is not None
-            else ()
-        ),
-    )
+    of_object = _object_checks(task.capture, arrays) if task.capture else ()
+    return (*monitored, *of_object)
 
 
-def _object_checks(target_object: ObjectSpec, arrays: Arrays) -> Iterator[Verdict]:
+def _object_checks(target_object: CaptureSpec, arrays: Arrays) -> Iterator[Verdict]:
     """Judge whether every gripper closed, none was pulled open, and the object left where and as slow as it should.
 
     The margin of the second is in N, those of the others are over what is allowed; unlike a monitor that is not judged
@@ -229,8 +222,6 @@ def _object_checks(target_object: ObjectSpec, arrays: Arrays) -> Iterator[Verdic
     """
     grasp = target_object.grasp
     destination = target_object.destination
-    if grasp is None:
-        return
     allowed = np.array([getattr(grasp.envelope, name) for name in arrays["grasp/measure"]])
     missed = arrays["grasp/missed_by"]
     end = float(arrays["time"][-1]) if len(arrays["time"]) else np.nan
@@ -238,9 +229,8 @@ def _object_checks(target_object: ObjectSpec, arrays: Arrays) -> Iterator[Verdic
     taken = bool(np.isfinite(arrays["grasp/closed_at"]).all())
     yield Verdict(OBJECT_CHECKS[0], taken, margin, np.nan if taken else end)
     lost = arrays["grasp/lost"] == 1
-    strength = np.inf if grasp.strength is None else grasp.strength.pull
     first = float(np.min(arrays["grasp/opened_at"][lost])) if lost.any() else np.nan
-    held = strength - float(np.max(arrays["grasp/pull"], initial=-np.inf))
+    held = grasp.largest_pull - float(np.max(arrays["grasp/pull"], initial=-np.inf))
     yield Verdict(OBJECT_CHECKS[1], taken and not lost.any(), held, first)
     if destination is None:
         return

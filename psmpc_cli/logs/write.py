@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import RunError
 from psmpc_cli.logs.files import image_of, replace_file, write_new
-from psmpc_cli.logs.schema import FORMAT_VERSION, RUN, Column, Sample, layout
+from psmpc_cli.logs.schema import FORMAT_VERSION, Q_COORDINATE, RUN, Column, Sample, layout
 
 BETWEEN_WRITES = 0.5
 """Shortest time from one write to the next [s]."""
@@ -65,7 +65,7 @@ class LogWriter:
             InputError: The path is taken (with `force`, by a file that psmpc did not write), or cannot be written.
         """
         self.path = path
-        columns = layout("spatial" in header.has)
+        columns = layout(Q_COORDINATE in header.has)
         chosen = [column for column in columns if not column.only or column.only in header.has]
         self._file = h5py.File(f"log {id(self)}", "w", driver="core", backing_store=False, libver="latest")
         open_end = {"finished": False, "end_reason": "", "stuck": False}

@@ -92,10 +92,11 @@ def review(task: Task) -> list[Fault]:
 
 def _grasps(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
     """Give what of a capture's end condition and targets lets grippers be outside their envelope when they close."""
-    target_object = task.spec.object
-    if target_object is None or target_object.grasp is None:
+    target_object = task.spec.capture
+    if task.spec.object is None or target_object is None:
         return
-    stage = next(each.stage for each in outlooks if each.stage.name == target_object.taken_by)
+    holding = task.spec.object.held_stages([each.stage.name for each in outlooks])
+    stage = outlooks[holding.start - 1].stage
     envelope = target_object.grasp.envelope
     if stage.space != "task" or not stage.end_rows:
         return
@@ -115,7 +116,7 @@ def _grasps(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
         own = slice(size * frames.index(arm), size * (frames.index(arm) + 1))
         widths[arm] = norms(tolerance[own]) + norms(rate[own])
         metres, angle = norms(space.pose_error(poses[arm], space.composed(target_object.pose, at)))
-        fixed = target_object.motion is None and arm not in stage.on_object
+        fixed = not target_object.motion.moves and arm not in stage.on_object
         if fixed and (metres > envelope.position or angle > envelope.angle):
             far = f"{metres:.3g} m and {np.degrees(angle):.3g} deg"
             found = f"found a pose {far} from where {quoted(stage.name)} leads {arm}, expected it there"
@@ -490,10 +491,9 @@ def _beyond(task: Task, row: int, value: float, stage: Stage, kind: str = "posit
 
 def _number(task: Task, row: int, value: float, kind: str) -> str:
     """Write the position or velocity of a coordinate with its unit, angles in degrees."""
-    body = row - task.robot.parts["base"]
+    joint = row - task.robot.parts["base"]
     base = labels(task.robot, "joint")[row].rpartition(".")[2] in POSITION_AXES
-    joint = task.robot.bodies[body + 1].joint if body >= 0 else None
-    in_metres = base or (joint is not None and joint.prismatic)
+    in_metres = base or (joint >= 0 and task.robot.joints[joint].prismatic)
     written = f"{value:.6g} m" if in_metres else f"{np.degrees(value):.6g} deg"
     return written if kind == "position" else f"{written}/s"
 

@@ -13,7 +13,7 @@ from psmpc_cli.ocp.stage import PlacedStage, Stage, Trajectory
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.object import ObjectSpec, OnObject
+from psmpc_cli.specs.object import CaptureSpec, ObjectSpec, OnObject
 from psmpc_cli.specs.parts import Space
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits, rows, stack
 from psmpc_cli.specs.task import SkillSpec, StageSpec, TaskSpec, TrajectorySpec
@@ -133,6 +133,18 @@ class Problem:
     def spec(self) -> TaskSpec:
         """The task as validated data."""
         return self.task.spec
+
+    @cached_property
+    def capture(self) -> CaptureSpec | None:
+        """The object, where it has a mass; None where the task has no such object."""
+        return self.spec.capture
+
+    @cached_property
+    def held_stages(self) -> range:
+        """The stages in which grippers hold an object with a mass; none without one."""
+        if self.spec.object and self.capture:
+            return self.spec.object.held_stages([stage.name for stage in self.stages])
+        return range(0)
 
 
 def build_problem(task: Task) -> Problem:

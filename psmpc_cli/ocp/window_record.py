@@ -77,8 +77,8 @@ def _about_object(
 ) -> PlacedStage:
     """Return a stage whose target is relative to the object, at a state of the object or following its free motion."""
     rows = problem.model.pose_rows
-    body = None if problem.spec.object is None else body_of(problem.spec.object)
-    if follows and body is not None:
-        return stage.following(rows, body, object_state, elapsed, problem.spec.controller.horizon)
+    capture = problem.capture
+    if follows and capture:
+        return stage.following(rows, body_of(capture), object_state, elapsed, problem.spec.controller.horizon)
     pose, velocity = np.split(object_state, [problem.model.space.n_pose])
     return stage.at_object(rows, pose, velocity)

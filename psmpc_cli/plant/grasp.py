@@ -21,10 +21,10 @@ from psmpc_cli.plant.uncertainty import stream
 from psmpc_cli.robot.closed_chain import ClosedChain
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
-from psmpc_cli.robot.free_body import FreeBody, body_of, motion_of
+from psmpc_cli.robot.free_body import FreeBody, body_of, velocity_of
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, cross, dot, log, product, rotate, scaled, shorter
-from psmpc_cli.specs.object import GraspSpec, ObjectSpec
+from psmpc_cli.specs.object import CaptureSpec
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES
 from psmpc_cli.specs.robot import stack
 from psmpc_cli.specs.task import TaskSpec
@@ -199,13 +199,13 @@ class Capture:
         parameters: Of the bushings now, gripper by gripper.
     """
 
-    def __init__(
-        self, task: TaskSpec, model: RobotModel, target_object: ObjectSpec, spec: GraspSpec, body: FreeBody
-    ) -> None:
+    def __init__(self, task: TaskSpec, model: RobotModel, target_object: CaptureSpec) -> None:
+        spec = target_object.grasp
+        body = body_of(target_object)
         error = task.uncertainty.object or ObjectErrorSpec()
         drawn = stream(task.seed, "object").uniform(-1, 1, 7)
         factor = 1 + error.mass * drawn[0]
-        v = motion_of(target_object)
+        v = velocity_of(target_object)
         v[: model.dimension] += error.linear * drawn[1 : 1 + model.dimension]
         v[model.dimension :] += error.angular * drawn[4 : 4 + len(v) - model.dimension]
         self.described = body
@@ -344,11 +344,9 @@ def build_capture(task: TaskSpec, model: RobotModel) -> Capture | None:
     Raises:
         InputError: The grasps are too stiff for the integrator's step.
     """
-    target_object = task.object
-    body = None if target_object is None else body_of(target_object)
-    if target_object is None or target_object.grasp is None or body is None:
+    if task.capture is None:
         return None
-    capture = Capture(task, model, target_object, target_object.grasp, body)
+    capture = Capture(task, model, task.capture)
     fastest = capture.fastest_rate(stack(task.initial, model.spec, "joint"))
     step = task.plant.step or 1 / task.plant.low_level_rate
     if step * fastest > STEADY:

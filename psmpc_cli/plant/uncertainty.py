@@ -48,6 +48,9 @@ class Uncertainty:
 
     def __init__(self, task: TaskSpec, model: RobotModel) -> None:
         self.spec = task.uncertainty
+        self._holding = range(0)
+        if task.uncertainty.payload and task.object:
+            self._holding = task.object.held_stages([stage.name for stage in task.stages])
         self._task = task
         self._model = model
         self.draw = draw_bodies(self.spec, model.spec, task.seed)
@@ -69,10 +72,7 @@ class Uncertainty:
 
     def holds(self, stage: int) -> bool:
         """Return whether the grippers hold the payload during a stage."""
-        if self.spec.payload is None or self._task.object is None:
-            return False
-        names = [stage.name for stage in self._task.stages]
-        return names.index(self._task.object.taken_by) < stage < names.index(self._task.object.let_go_by)
+        return stage in self._holding
 
     def contact(self, x: np.ndarray, before: int, after: int) -> Contact:
         """Return the effect of a switch from one stage to another on the true state x."""

@@ -101,7 +101,7 @@ def _robot(model: RobotModel) -> Json:
     turn = Rotation.from_matrix(shape.box_frame[:3, :3]).as_quat()
     parts = list(model.parts)
     none = (0.0, 0.0, 0.0)
-    joints = [body.joint or Joint(Attachment(-1, none, none), none) for body in spec.bodies]
+    joints = [Joint(Attachment(-1, none, none), none), *spec.joints]
     bodies = [
         {
             **_frame(joint.at),
@@ -247,9 +247,9 @@ def _grasp_panels(run: Run) -> Iterator[Json]:
     samples = _thinned(len(run.time), MOST_FRAMES)
     names = map(style.readable, run["gripper"].tolist())
     time = run.time[samples]
-    target_object = run.task.spec.object
-    strength = target_object.grasp.strength if target_object is not None and target_object.grasp is not None else None
-    limits = [] if strength is None else [("strength", np.full(len(time), strength.pull))]
+    capture = run.task.spec.capture
+    strength = capture.grasp.largest_pull if capture else np.inf
+    limits = [("strength", np.full(len(time), strength))] if np.isfinite(strength) else []
     yield _panel("pull on grasp (N)", time, zip(names, run["grasp/pull"][samples].T, strict=True), limits)
     curves = list(zip(run["object_axis"].tolist(), run["object/velocity"][samples].T, strict=True))
     linear = len(curves) // 3 + 1

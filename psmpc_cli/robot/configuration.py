@@ -282,6 +282,10 @@ class ConfigurationSpace(ABC):
         """Return coordinates Q (nq,) row by row of v (n,); NaN for an attitude, which has no such coordinates."""
 
     @abstractmethod
+    def unrolled(self, Q: Array) -> Array:
+        """Return coordinates (K, nq) as numbers that are continuous along the rows, in the order of v (K, n)."""
+
+    @abstractmethod
     def written(self, pose: Array) -> str:
         """Write a pose for a message."""
 
@@ -415,6 +419,10 @@ class PlanarSpace(ConfigurationSpace):
         return u
 
     def in_order_of_v(self, Q: Array) -> Array:
+        """Return Q."""
+        return Q
+
+    def unrolled(self, Q: Array) -> Array:
         """Return Q."""
         return Q
 
@@ -571,6 +579,12 @@ class SpatialSpace(ConfigurationSpace):
     def in_order_of_v(self, Q: Array) -> Array:
         """Return Q with NaN for the quaternion."""
         return np.concatenate([Q[:3], np.full(3, np.nan), Q[7:]])
+
+    def unrolled(self, Q: Array) -> Array:
+        """Return the rotation vectors of the attitudes, of two quaternions the one nearer to that of the row before."""
+        flips = np.cumprod(np.where((Q[1:, 3:7] * Q[:-1, 3:7]).sum(axis=1) < 0, -1.0, 1.0))
+        vector = np.array(log((Q[:, 3:7] * np.r_[1.0, flips][:, None]).T)).T
+        return np.hstack([Q[:, :3], vector, Q[:, 7:]])
 
     def written(self, pose: Array) -> str:
         """Write the angle of the turn in degrees."""

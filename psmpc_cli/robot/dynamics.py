@@ -150,7 +150,7 @@ class _Tree:
         self.space = configuration_space(spec)
         self.turned = self.space.base_rotation(Q)
         joints = ca.vertsplit(Q)[self.space.joint_coordinates]
-        self.joints = [body.joint for body in spec.bodies if body.joint is not None]
+        self.joints = spec.joints
         self.places = list(map(_joint_place, self.joints, joints))
         self.lumps = _lumps(spec, w)
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from psmpc_cli.robot.configuration import ConfigurationSpace, space_of_inertia, space_of_pose
+from psmpc_cli.robot.configuration import ConfigurationSpace, space_of_inertia
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.rotations import add, conjugate, cross, dot, rotate, scaled
-from psmpc_cli.specs.object import ObjectSpec
+from psmpc_cli.specs.object import CaptureSpec
 
 Array = NDArray[np.float64]
 
@@ -80,18 +80,11 @@ class FreeBody:
         return space.normalized(y[: space.nq]), y[space.nq :]
 
 
-def body_of(target_object: ObjectSpec) -> FreeBody | None:
-    """Return the object as a free body; None if it has no mass."""
-    return (
-        None
-        if target_object.mass is None or target_object.inertia is None
-        else FreeBody(target_object.mass, target_object.inertia)
-    )
+def body_of(capture: CaptureSpec) -> FreeBody:
+    """Return an object with a mass as a free body."""
+    return FreeBody(capture.mass, capture.inertia)
 
 
-def motion_of(target_object: ObjectSpec) -> Array:
-    """Return the velocity of the object at the start, (3,) or (6,) [m/s, rad/s]."""
-    motion = target_object.motion
-    if motion is None:
-        return np.zeros(space_of_pose(len(target_object.pose)).n)
-    return np.array([*motion.linear, *motion.angular])
+def velocity_of(capture: CaptureSpec) -> Array:
+    """Return the velocity of an object at the start, (3,) or (6,) [m/s, rad/s]."""
+    return np.array([*capture.motion.linear, *capture.motion.angular])

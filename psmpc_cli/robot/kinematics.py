@@ -74,9 +74,8 @@ def place(spec: RobotSpec, base: Frame, joints: Any) -> tuple[list[Any], dict[st
     Its base is at a frame, its joints are at coordinates (joints,) [rad, m].
     """
     frames: list[Any] = [base]
-    for number, body in enumerate(spec.bodies[1:]):
-        if body.joint is not None:
-            frames.append(frames[body.joint.at.body].moved(body.joint, joints[number]))
+    for number, joint in enumerate(spec.joints):
+        frames.append(frames[joint.at.body].moved(joint, joints[number]))
     return frames, {name: frames[tool.body].carried(tool) for name, tool in spec.tools.items()}
 
 

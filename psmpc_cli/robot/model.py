@@ -274,7 +274,8 @@ def _frame_jacobian(spec: RobotSpec, bodies: Sequence[SpatialFrame], body: int, 
         axis = rotate(base.quaternion, [float(i == j) for j in range(3)])
         J[i, i] = 1
         J[:, 3 + i] = ca.vertcat(*cross(axis, add(frame.position, scaled(base.position, -1))), *axis)
-    while (joint := spec.bodies[body].joint) is not None:
+    while body:
+        joint = spec.joints[body - 1]
         axis = rotate(bodies[body].quaternion, joint.axis)
         arm = add(frame.position, scaled(bodies[body].position, -1))
         column = [*axis, 0.0, 0.0, 0.0] if joint.prismatic else [*cross(axis, arm), *axis]

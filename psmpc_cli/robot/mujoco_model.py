@@ -42,17 +42,15 @@ def mujoco_spec(
     robot.modelname = spec.name
     robot.option.gravity = [0, 0, 0]
     robot.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    added: list[Any] = []
-    for number, body in enumerate(spec.bodies):
-        carrier = robot.worldbody if body.joint is None else added[body.joint.at.body]
-        place = {} if body.joint is None else _place(body.joint.at)
-        added.append(carrier.add_body(name=body.name, **place, **_inertial(body, known, number)))
-        if body.joint is not None:
-            kind = mujoco.mjtJoint.mjJNT_SLIDE if body.joint.prismatic else mujoco.mjtJoint.mjJNT_HINGE
-            added[-1].add_joint(name=body.name, type=kind, axis=body.joint.axis)
-        else:
-            _let_move(added[-1], "base", spec.dimension)
+    base, *links = spec.bodies
+    added: list[Any] = [robot.worldbody.add_body(name=base.name, **_inertial(base, known, 0))]
+    _let_move(added[0], "base", spec.dimension)
     added[0].add_site(name="base")
+    for number, (link, joint) in enumerate(zip(links, spec.joints, strict=True), start=1):
+        carrier = added[joint.at.body]
+        added.append(carrier.add_body(name=link.name, **_place(joint.at), **_inertial(link, known, number)))
+        kind = mujoco.mjtJoint.mjJNT_SLIDE if joint.prismatic else mujoco.mjtJoint.mjJNT_HINGE
+        added[-1].add_joint(name=link.name, type=kind, axis=joint.axis)
     for number, (name, tool) in enumerate(spec.tools.items()):
         added[tool.body].add_site(name=name, **_place(tool))
         held = {"mass": known.held_mass[number], "ipos": [0, 0, 0], "inertia": [known.held_inertia[number]] * 3}

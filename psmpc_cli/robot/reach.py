@@ -104,7 +104,7 @@ def _joints(robot: RobotSpec, arm: str) -> tuple[slice, Array]:
     parts = list(robot.parts)[1:]
     first = sum(robot.parts[part] for part in parts[: parts.index(arm)])
     rows = slice(first, first + robot.parts[arm])
-    return rows, np.array([body.joint is not None and body.joint.prismatic for body in robot.bodies[1:][rows]])
+    return rows, np.array([joint.prismatic for joint in robot.joints[rows]])
 
 
 def _configuration(

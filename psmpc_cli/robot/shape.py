@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.specs.robot import Attachment, Body, RobotSpec, limits_of_part
+from psmpc_cli.specs.robot import Attachment, Body, Joint, RobotSpec, limits_of_part
 
 Array = NDArray[np.float64]
 
@@ -38,28 +38,26 @@ class RobotShape:
         self.reach = max(longest, float(np.linalg.norm(self.box)))
         self.radius = THICKNESS * self.reach
         ends: list[list[Sequence[Sequence[float]]]] = [[] for _ in spec.bodies]
-        for number, body in enumerate(spec.bodies):
-            if body.joint is not None:
-                at = body.joint.at
-                inside = self.box_frame[:3, :3].T @ (np.array(at.position) - self.box_frame[:3, 3])
-                if at.body or (np.abs(inside) > self.box + 1e-9).any():
-                    ends[at.body].append(((0, 0, 0), at.position))
-                if body.joint.prismatic:
-                    along = np.multiply.outer(_travel(spec, number), _turn(at) @ body.joint.axis)
-                    ends[at.body].append((along + at.position).tolist())
+        for number, joint in enumerate(spec.joints, start=1):
+            at = joint.at
+            inside = self.box_frame[:3, :3].T @ (np.array(at.position) - self.box_frame[:3, 3])
+            if at.body or (np.abs(inside) > self.box + 1e-9).any():
+                ends[at.body].append(((0, 0, 0), at.position))
+            if joint.prismatic:
+                along = np.multiply.outer(_travel(spec, number), _turn(at) @ joint.axis)
+                ends[at.body].append((along + at.position).tolist())
         for tool in spec.tools.values():
             ends[tool.body].append(((0, 0, 0), tool.position))
         seen = ([each for each in own if np.linalg.norm(np.subtract(each[1], each[0])) > 1e-9] for own in ends)
         self.capsules: tuple[Array, ...] = tuple(np.reshape(own, (-1, 2, 3)) for own in seen)
         finger = FINGER * self.reach
         tools = spec.tools.items()
-        self.grippers = {arm: _gripper(spec.bodies[tool.body], tool, finger) for arm, tool in tools}
+        self.grippers = {arm: _gripper(spec.joints[tool.body - 1], tool, finger) for arm, tool in tools}
 
 
 def _planar_box(spec: RobotSpec, longest: float) -> tuple[Array, Array]:
     """Return half edges and frame of a planar robot's base: a box through the arms' mounts."""
-    joints = [body.joint for body in spec.bodies if body.joint is not None]
-    mounts = np.abs([joint.at.position[:2] for joint in joints if joint.at.body == 0])
+    mounts = np.abs([joint.at.position[:2] for joint in spec.joints if joint.at.body == 0])
     half = np.maximum(mounts.max(axis=0), 0.1 * longest)
     return np.array([*np.maximum(half, 0.6 * half.max()), 0.12 * longest]), np.eye(4)
 
@@ -89,13 +87,12 @@ def _turn(at: Attachment) -> Array:
     return np.asarray(Rotation.from_rotvec(at.rotation).as_matrix())
 
 
-def _gripper(body: Body, tool: Attachment, finger: float) -> Array:
+def _gripper(joint: Joint, tool: Attachment, finger: float) -> Array:
     """Return the outline of a gripper, open along the last link, its fingers apart in the plane its joint turns in."""
     tip = np.array(tool.position)
-    axis = (0.0, 0.0, 1.0) if body.joint is None else body.joint.axis
     turned = _turn(tool)
     along = tip / length if (length := np.linalg.norm(tip)) > 1e-9 else turned[:, 2]
-    across = np.cross(axis, along)
+    across = np.cross(joint.axis, along)
     if np.linalg.norm(across) < 0.1:  # a wrist that rolls
         across = turned[:, 1] - (turned[:, 1] @ along) * along
     if np.linalg.norm(across) < 0.1:

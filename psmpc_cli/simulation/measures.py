@@ -375,8 +375,10 @@ class GraspRecord:
     def update(self, sample: Sample) -> bool:
         """Take in a sample; return whether anything changed."""
         target_object = sample.ticks.target_object
+        if target_object is None:
+            return False
         tables = self.tables
-        for event in () if target_object is None else target_object.events:
+        for event in target_object.events:
             i = self._grippers.index(event.gripper)
             if event.what in ("closed", "missed"):
                 tables["grasp/missed_by"][i] = event.values
@@ -385,9 +387,9 @@ class GraspRecord:
             elif event.what != "missed":
                 tables["grasp/opened_at"][i] = event.time
                 tables["grasp/lost"][i] = event.what == "lost"
-                if "object/left_at" not in tables and target_object is not None:
+                if "object/left_at" not in tables:
                     tick = int(np.argmin(np.abs(sample.ticks.time - event.time)))
                     tables["object/left_at"] = np.array(event.time)
                     tables["object/left_pose"] = target_object.pose[tick]
                     tables["object/left_velocity"] = target_object.v[tick]
-        return target_object is not None and bool(target_object.events)
+        return bool(target_object.events)

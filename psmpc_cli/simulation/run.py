@@ -363,7 +363,8 @@ def header(experiment: Experiment) -> Header:
     loaded = experiment.problem.task
     uncertainty = experiment.uncertainty
     names = tuple(stage.name for stage in experiment.problem.stages)
-    spatial = loaded.robot.dimension == 3
+    space = experiment.problem.model.space
+    of_Q = {Q_COORDINATE: labels(loaded.robot, "joint", of_error=False)} if space.nq > space.n else {}
     has = {
         "ticks": task.log.ticks,
         "plans": task.log.plans,
@@ -372,7 +373,7 @@ def header(experiment: Experiment) -> Header:
         "payload": task.uncertainty.payload is not None,
         "disturbance": task.controller.offset_free,
         "drawn": uncertainty is not None,
-        "spatial": spatial,
+        Q_COORDINATE: bool(of_Q),
         "object": experiment.capture is not None,
         "object at ticks": experiment.capture is not None and task.log.ticks,
     }
@@ -400,7 +401,7 @@ def header(experiment: Experiment) -> Header:
         },
         values={
             "coordinate": labels(loaded.robot, "joint"),
-            **({Q_COORDINATE: labels(loaded.robot, "joint", of_error=False)} if spatial else {}),
+            **of_Q,
             "pose_coordinate": labels(loaded.robot, "task", of_error=False),
             "stage": names,
             "momentum": MOMENTUM[loaded.robot.dimension],

@@ -1,8 +1,10 @@
 """The target object of a task: a body with mass, where it goes, and how grippers hold it. docs/capture.md."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Discriminator, Field, Tag
 
 from psmpc_cli.specs import fields
@@ -54,6 +56,11 @@ class MotionSpec(Spec):
         description="angular velocity, in space about its own axes [rad/s]"
     )
 
+    @property
+    def moves(self) -> bool:
+        """Whether it moves at all."""
+        return any(self.linear) or any(self.angular)
+
 
 class DestinationSpec(Spec):
     """Where the object has to be when it leaves the grippers, and how slow."""
@@ -97,6 +104,11 @@ class GraspSpec(Spec):
     strength: StrengthSpec | None = Field(None, description="what it holds; default anything")
     known: fields.Flag = Field(False, description="whether the low-level law knows the load and the closed chain")
 
+    @property
+    def largest_pull(self) -> float:
+        """The filtered pull that a grasp holds [N]; infinite where it holds anything."""
+        return np.inf if self.strength is None else self.strength.pull
+
 
 class ObjectSpec(Spec):
     """The target object. With a mass it is a body that moves freely until grippers close on it."""
@@ -116,6 +128,49 @@ class ObjectSpec(Spec):
         None, description="where it has to be when it leaves the grippers"
     )
     grasp: fields.Sparse[GraspSpec | None] = Field(None, description="how grippers hold it")
+
+    @property
+    def capture(self) -> "CaptureSpec | None":
+        """What is known of an object with a mass; None of one that is drawn alone."""
+        if self.mass is None or self.inertia is None or self.grasp is None:
+            return None
+        still = MotionSpec.model_construct(linear=(0.0,) * len(self.shape), angular=(0.0,) * len(self.inertia))
+        return CaptureSpec(
+            pose=self.pose,
+            mass=self.mass,
+            inertia=self.inertia,
+            motion=self.motion or still,
+            destination=self.destination,
+            grasp=self.grasp,
+        )
+
+    def held_stages(self, names: Sequence[str]) -> range:
+        """Return the stages in which grippers hold it, of a task's stages by name.
+
+        It is taken where the stage before the first of them ends, and let go where the last one ends.
+        """
+        return range(names.index(self.taken_by) + 1, names.index(self.let_go_by))
+
+
+@dataclass(frozen=True)
+class CaptureSpec:
+    """An object with a mass: a body that moves freely until grippers close on it.
+
+    Attributes:
+        pose: At the start, (3,) or (7,).
+        mass: [kg].
+        inertia: Principal moments, (1,) or (3,) [kg m^2].
+        motion: Before it is taken.
+        destination: Where it has to be when it leaves the grippers; None where that is not judged.
+        grasp: How grippers hold it.
+    """
+
+    pose: tuple[float, ...]
+    mass: float
+    inertia: tuple[float, ...]
+    motion: MotionSpec
+    destination: DestinationSpec | None
+    grasp: GraspSpec
 
 
 def complete(target_object: ObjectSpec, before: Fields, context: Context) -> RuleErrors:

@@ -16,7 +16,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, mapping, quoted
 from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, flaw, holds, known, listed
-from psmpc_cli.specs.parts import QUANTITIES, RESERVED, Context, Space, axes_of, misfit, stands_for
+from psmpc_cli.specs.parts import ERROR_AXES, QUANTITIES, RESERVED, Context, Space, axes_of, misfit, stands_for
 
 Vector = NDArray[np.float64]
 Parts = Mapping[str, tuple[float, ...]]
@@ -65,14 +65,12 @@ class Body:
         mass: [kg].
         centre: Centre of mass (3,) [m].
         inertia: About the centre of mass: xx, yy, zz, xy, xz, yz (6,) [kg m^2]; of a planar robot's bodies zz counts.
-        joint: The joint that carries it; None of the base.
     """
 
     name: str
     mass: float
     centre: Triple
     inertia: Six
-    joint: Joint | None = None
 
 
 class Base(Spec):
@@ -212,7 +210,10 @@ class PartLimits(Spec):
 
 def _fit(written: Any, before: Fields, context: Context) -> RuleErrors:
     """Give limits of parts that the robot does not have, with wrong lengths, and bounds of angles without a unit."""
-    sizes = _parts("space" in mapping(context.file.data), before["arms"]) if "arms" in before else context.sizes
+    sizes = context.sizes
+    if "arms" in before:
+        dimension = 3 if "space" in mapping(context.file.data) else 2
+        sizes = _parts(len(ERROR_AXES[dimension]), before["arms"])
     known = [*sizes, "arms"]
     axes = axes_of(sizes, "joint")
     for key in (key for key in written if sizes and key not in known):
@@ -226,8 +227,8 @@ def _fit(written: Any, before: Fields, context: Context) -> RuleErrors:
                 yield from (((key, quantity, i), expected("null: an attitude has no limits")) for i in limited)
 
 
-def _parts(spatial: bool, arms: Mapping[str, Arm | SpatialArm]) -> dict[str, int]:
-    return {"base": 6 if spatial else 3, **{name: len(arm.links) for name, arm in arms.items()}}
+def _parts(base: int, arms: Mapping[str, Arm | SpatialArm]) -> dict[str, int]:
+    return {"base": base, **{name: len(arm.links) for name, arm in arms.items()}}
 
 
 LimitsByPart = Annotated[Mapping[str, PartLimits], holds(_fit, as_written=True)]
@@ -282,21 +283,30 @@ class RobotSpec(Spec):
     @property
     def parts(self) -> dict[str, int]:
         """Names and numbers of velocity coordinates of the parts, in the order of v: `base`, then the arms."""
-        return _parts(self.dimension == 3, self.arms)
+        return _parts(len(ERROR_AXES[self.dimension]), self.arms)
 
     @property
     def bodies(self) -> tuple[Body, ...]:
         """The base, then the links of each arm from the base outward; a body comes after the one that carries it."""
         bodies = [_body("base", self.base)]
-        index = {"base": 0}
         for name, arm in self.arms.items():
-            carrier = index[arm.mount if isinstance(arm.mount, str) else "base"]
+            links: Sequence[Link | SpatialLink] = arm.links
+            bodies += [_body(f"{name}.{number}", link) for number, link in enumerate(links, start=1)]
+        return tuple(bodies)
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """The joints through which the bodies after the base are carried, in their order."""
+        joints = list[Joint]()
+        last = {"base": 0}
+        for name, arm in self.arms.items():
+            carrier = last[arm.mount if isinstance(arm.mount, str) else "base"]
             links: Sequence[Link | SpatialLink] = arm.links
             for number, (link, frame) in enumerate(zip(links, arm.frames, strict=False), start=1):
                 moving = (link.joint.axis, link.joint.kind == "prismatic") if isinstance(link, SpatialLink) else ()
-                bodies.append(_body(f"{name}.{number}", link, Joint(Attachment(carrier, *frame), *moving)))
-                carrier = index[bodies[-1].name] = len(bodies) - 1
-        return tuple(bodies)
+                joints.append(Joint(Attachment(carrier, *frame), *moving))
+                carrier = last[f"{name}.{number}"] = len(joints)
+        return tuple(joints)
 
     @property
     def tools(self) -> dict[str, Attachment]:
@@ -309,9 +319,9 @@ class RobotSpec(Spec):
         return tuple(position for position, _ in self.arms[arm].frames[1:])
 
 
-def _body(name: str, part: Base | SpatialBase, joint: Joint | None = None) -> Body:
+def _body(name: str, part: Base | SpatialBase) -> Body:
     inertia = part.inertia if isinstance(part.inertia, tuple) else (0.0, 0.0, part.inertia, 0.0, 0.0, 0.0)
-    return Body(name, part.mass, part.centre_of_mass, inertia, joint)
+    return Body(name, part.mass, part.centre_of_mass, inertia)
 
 
 class PlanarRobot(RobotSpec):

@@ -13,7 +13,7 @@ from pydantic import BaseModel, Discriminator, Field, Tag
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, counted, quoted
 from psmpc_cli.specs.fields import Choice, Fields, InlineParts, RuleErrors, Spec, expected, flaw, holds, known, listed
-from psmpc_cli.specs.object import ObjectSpec, OnObject, complete, is_on_object
+from psmpc_cli.specs.object import CaptureSpec, ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import Context, Space, axes_of, in_joint_space, names, part_faults, stands_for
 from psmpc_cli.specs.priorities import disagreements
 from psmpc_cli.specs.robot import LimitsByPart, PartLimits, RobotSpec, Vector, rows, stack, wider
@@ -435,13 +435,13 @@ def _uncertainty(spec: UncertaintySpec, before: Fields, context: Context) -> Rul
     if spec.impulse is not None and spec.impulse.at >= before.get("time_limit", np.inf):
         wanted = f"a time before the time_limit of {before['time_limit']:g} s"
         yield ("impulse", "at"), expected(wanted, f"{spec.impulse.at:g} s")
-    if spec.payload is not None and before.get("object", spec) is None:
+    if spec.payload and "object" in before and not before["object"]:
         wanted = "one: it says which stages take the payload and let it go"
         yield ("payload",), expected(wanted, 'no "object"', at_key=True)
-    target_object = before.get("object")
-    if spec.payload is not None and target_object is not None and target_object.mass is not None:
+    has_mass = bool(before.get("object") and before["object"].mass)
+    if spec.payload and has_mass:
         yield ("payload",), expected("none: the object has a mass of its own", "a payload", at_key=True)
-    if spec.object is not None and (target_object is None or target_object.mass is None):
+    if spec.object and not has_mass:
         yield ("object",), expected('an "object" with a mass', "no such object", at_key=True)
 
 
@@ -501,11 +501,15 @@ class TaskSpec(Spec):
     @property
     def judged(self) -> tuple[str, ...]:
         """Names of what decides whether the mission succeeded: the monitors, and what becomes of a massive object."""
-        target_object = self.object
         names = tuple(monitor.name for monitor in self.monitors)
-        if target_object is None or target_object.mass is None:
+        if self.capture is None:
             return names
-        return (*names, *OBJECT_CHECKS[: 2 if target_object.destination is None else 3])
+        return (*names, *OBJECT_CHECKS[: 2 if self.capture.destination is None else 3])
+
+    @property
+    def capture(self) -> CaptureSpec | None:
+        """The task's object, where it has a mass; None where the task has no such object."""
+        return None if self.object is None else self.object.capture
 
     @property
     def measurement_noise(self) -> StateNoiseSpec:

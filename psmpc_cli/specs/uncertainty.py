@@ -135,7 +135,7 @@ class UncertaintySpec(Spec):
 def standard_deviations(noise: StateNoiseSpec, robot: RobotSpec) -> Vector:
     """Return the deviation of every measured coordinate and velocity of a robot (2n,) [m, rad, m/s, rad/s]."""
     d = robot.dimension
-    joints = [body.joint.prismatic for body in robot.bodies if body.joint is not None]
+    joints = [joint.prismatic for joint in robot.joints]
     slides = [*[True] * d, *[False] * (robot.parts["base"] - d), *joints]
     of_coordinates = [noise.position if each else noise.angle for each in slides]
     of_velocities = [noise.velocity if each else noise.angular_velocity for each in slides]

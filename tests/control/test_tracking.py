@@ -12,36 +12,35 @@ from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.configuration import SPACE
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.object import MotionSpec, ObjectSpec
+from psmpc_cli.specs.object import CaptureSpec, MotionSpec
 from psmpc_cli.specs.robot import stack
 
 DRIFTING = load_task("catch_drifting", {"controller.nodes": 12})
-THING = DRIFTING.spec.object
-assert THING is not None
-BODY = FreeBody(20.0, [2.67])
+OBJECT = DRIFTING.spec.capture
+assert OBJECT is not None
 
 
-def spatial() -> ObjectSpec:
-    assert THING is not None
+def spatial() -> CaptureSpec:
+    assert OBJECT is not None
     motion = MotionSpec.model_construct(linear=(0.01, 0, 0), angular=(0, 0, 0))
-    return THING.model_copy(update={"pose": (1, 2, 3, 1, 0, 0, 0), "motion": motion})
+    return replace(OBJECT, pose=(1, 2, 3, 1, 0, 0, 0), inertia=(2.0, 3.0, 4.0), motion=motion)
 
 
 def test_without_measurements_the_motion_is_the_tasks() -> None:
-    pose, v = ObjectEstimate.of(THING, BODY).at(10.0)
+    pose, v = ObjectEstimate.of(OBJECT).at(10.0)
     assert pose == pytest.approx([-2.489 + 0.2, 2.847, np.radians(50)])
     assert v == pytest.approx([0.02, 0, np.radians(2)])
 
 
 @pytest.mark.parametrize("turns", [0.0, 2 * np.pi])
 def test_measured_poses_correct_the_motion(turns: float) -> None:
-    estimate, v = ObjectEstimate.of(THING, BODY), np.array([-0.01, 0.015, -0.03])
+    estimate, v = ObjectEstimate.of(OBJECT), np.array([-0.01, 0.015, -0.03])
     for k in range(100):
-        pose = np.array(THING.pose) + 0.1 * k * v + [0, 0, turns * (k % 2)]
+        pose = np.array(OBJECT.pose) + 0.1 * k * v + [0, 0, turns * (k % 2)]
         estimate = estimate.with_measurement(0.1 * k, pose)
     estimate = estimate.with_measurement(9.95, np.full(3, np.nan))
     assert estimate.at(12.0)[1] == pytest.approx(v, abs=1e-6)
-    assert estimate.at(12.0)[0] == pytest.approx(np.array(THING.pose) + 12 * v, abs=1e-5)
+    assert estimate.at(12.0)[0] == pytest.approx(np.array(OBJECT.pose) + 12 * v, abs=1e-5)
 
 
 def test_measured_attitudes_correct_the_motion() -> None:
@@ -49,7 +48,7 @@ def test_measured_attitudes_correct_the_motion() -> None:
         FreeBody(20.0, [2.0, 3.0, 4.0]),
         (np.array([1, 2, 3, 1, 0, 0, 0.0]), np.array([0, 0, 0, 0.02, -0.01, 0.03])),
     )
-    estimate = ObjectEstimate.of(spatial(), body)
+    estimate = ObjectEstimate.of(spatial())
     for k in range(200):
         pose = body.predicted(*true, 0.1 * k)[0]
         estimate = estimate.with_measurement(0.1 * k, np.r_[pose[:3], pose[3:] * (-1) ** k])
@@ -68,9 +67,9 @@ def test_measured_attitudes_correct_the_motion() -> None:
     ],
 )
 def test_grippers_close_and_open_at_planned_switches(first: int, instants: list[float], closed: list[bool]) -> None:
-    names = [stage.name for stage in DRIFTING.spec.stages]
+    holding = build_problem(DRIFTING).held_stages
     sequence = MovingSequence(first, np.array(instants), 0.0)
-    assert to_be_closed(THING, names, sequence, 2.0 + 0.01 * np.arange(4)).tolist() == closed
+    assert to_be_closed(holding, sequence, 2.0 + 0.01 * np.arange(4)).tolist() == closed
 
 
 def test_targets_follow_the_object() -> None:
@@ -106,7 +105,7 @@ def test_cost_follows_the_object_where_no_end_is_planned(stage: int, keys: dict[
     controller, pose_rows = Controller(task), build_problem(task).model.pose_rows
     controller.memory = replace(controller.memory, sequence=MovingSequence(stage, np.zeros(0), -1.5))
     state = State(stack(task.spec.initial, task.robot, "joint"), np.zeros(9))
-    stages = controller.step(0.0, state, np.array(THING.pose)).stages
+    stages = controller.step(0.0, state, np.array(OBJECT.pose)).stages
     since = np.array([0.0, 2.03, 4.0])
     found = stages[stage].reference(1.5 + since)[:, pose_rows["base"]]
     angle = np.radians(30 + 2 * since)

@@ -50,7 +50,7 @@ def record(k: int, first: int = 0, count: int = 1, length: int = 7, multipliers:
 
     sizes = {"coordinate": len(COORDINATES), "pose_coordinate": len(POSES), "stage": len(STAGES), "momentum": 3}
     row: Row = {}
-    for column in layout(spatial=False):
+    for column in layout(False):
         if column.value is None or column.only.startswith("object"):
             continue
         if column.dims[0] == "ticks/tick":

@@ -60,8 +60,8 @@ def test_capsules_of_a_spatial_robot_end_at_the_joints_and_tools_a_body_carries(
     ends, origins = capsules(model.shape, model.spec, model.body_frames(Q)), model.body_frames(Q)[:, :3, 3]
     tools = [tool.body for tool in model.spec.tools.values()]
     carried = {number: [pose[:3]] for number, pose in zip(tools, model.poses(Q)[1:], strict=True)}
-    for body, origin in zip(model.spec.bodies[1:], origins[1:], strict=True):
-        carried.setdefault(body.joint.at.body, []).append(origin)
+    for joint, origin in zip(model.spec.joints, origins[1:], strict=True):
+        carried.setdefault(joint.at.body, []).append(origin)
     for number, (name, found) in enumerate(ends.items()):
         np.testing.assert_allclose(found[:, 0], np.broadcast_to(origins[number], (len(found), 3)), atol=1e-12)
         reached = np.array(carried.get(number, [origins[number]]))

@@ -33,9 +33,7 @@ def in_pinocchio(spec: SpatialRobot) -> pin.Model:
     model.gravity.setZero()
     model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
     model.appendBodyToJoint(1, inertia(spec.bodies[0]), pin.SE3.Identity())
-    for body in spec.bodies[1:]:
-        joint = body.joint
-        assert joint is not None
+    for body, joint in zip(spec.bodies[1:], spec.joints, strict=True):
         kind = pin.JointModelPrismaticUnaligned if joint.prismatic else pin.JointModelRevoluteUnaligned
         numbers.append(model.addJoint(numbers[joint.at.body], kind(np.array(joint.axis)), frame(joint.at), body.name))
         model.appendBodyToJoint(numbers[-1], inertia(body), pin.SE3.Identity())
@@ -373,9 +371,7 @@ def test_limits_that_say_nothing_are_assumed_to_be_none(
 
 def test_a_long_axis_is_scaled(tmp_path: Path) -> None:
     robot = load_robot(written(tmp_path, joint=PARTS["joint"].replace("0 0 1", "0 3e11 4e11")))
-    joint = robot.bodies[1].joint
-    assert joint is not None
-    np.testing.assert_allclose(joint.axis, (0, 0.6, 0.8))
+    np.testing.assert_allclose(robot.joints[0].axis, (0, 0.6, 0.8))
     assert any("length 5e+11: scaled to 1" in note for note in robot.assumed)
 
 

@@ -11,7 +11,7 @@ from psmpc_cli.control.estimator import Estimate, Estimator
 from psmpc_cli.control.fallback import PlansInForce
 from psmpc_cli.control.htmpc import Hierarchy
 from psmpc_cli.control.interface import Command, Measurement, State
-from psmpc_cli.control.placement import ONE_STAGE, Placement, Placer, Signs
+from psmpc_cli.control.placement import Placement, Placer, Signs
 from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed, is_over
 from psmpc_cli.control.tracking import ObjectEstimate, to_be_closed
 from psmpc_cli.control.window_builder import WindowBuilder
@@ -127,7 +127,7 @@ class ControlLaw:
         self._tick = 1 / rate
         self._estimator = Estimator(self._spec, problem.model.space, noise, self._tick)
         self._placer = Placer(problem)
-        self._hierarchy = Hierarchy(problem) if self._spec.kind == "htmpc" else None
+        self._hierarchy = Hierarchy(problem) if self._spec.traits.has_levels else None
         self._load = _known_load(problem)
 
     @property
@@ -298,7 +298,7 @@ class ControlLaw:
 
     def _detect(self, memory: Memory, situation: Situation, prediction: Plan) -> MovingSequence | None:
         """Return the sequence with the next stage, where its switch is predicted; else None."""
-        if self._spec.kind in ONE_STAGE:
+        if self._spec.traits.one_stage:
             return None
         margin = self._spec.detection_margin
         return detect(memory.sequence, situation.stages, self.problem.costs, prediction, margin)
@@ -419,6 +419,6 @@ def _known_load(problem: Problem) -> ClosedChain | None:
 
 def _solver_spec(task: TaskSpec) -> SolverSpec:
     """Return the settings of a task's solver; windows that are compared have to be solved to their optima."""
-    if task.solver.kind != "sqp" or (task.controller.multistart or 1) == 1:
+    if not task.solver.traits.real_time or (task.controller.multistart or 1) == 1:
         return task.solver
     return task.solver.model_copy(update={"iterations": max(task.solver.iterations, MULTISTART_ITERATIONS)})

@@ -24,10 +24,8 @@ class Hierarchy:
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self.spec = problem.spec.controller
-        solver = problem.spec.solver
         # Bounded costs need their curvature, so `sqp` leaves its levels to fatrop.
-        kind = "fatrop" if solver.kind == "sqp" else solver.kind
-        self._solver = build_solver(problem, solver.model_copy(update={"kind": kind}))
+        self._solver = build_solver(problem, problem.spec.solver.to_optimum())
 
     def solve_levels(
         self, stages: Sequence[PlacedStage], entered: float, first: Solution, prediction: Plan, until: float

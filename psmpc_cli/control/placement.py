@@ -11,12 +11,10 @@ from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import PlacedStage, Stage
 from psmpc_cli.robot.configuration import Chart
+from psmpc_cli.specs.task import ControllerSpec
 
 QUATERNION_FLIP_THRESHOLD = -0.17
 """Real part of an attitude's error at which the other sign of its quaternion is taken: an error of some 200 deg."""
-
-ONE_STAGE = ("hard", "htmpc")
-"""Controllers whose window holds the current stage alone."""
 
 Signs = Mapping[int, Mapping[str, float]]
 """Signs of the quaternions in spatial targets, by stage index and frame."""
@@ -104,7 +102,7 @@ class Placer:
                 when = float(ends.get(stage.index, time + self._horizon)) if at_ends else time
                 placed[stage.index] = stage.at_object(rows, *target_object.at(when))
         current = placed[sequence.first]
-        ends_in_plan = end_is_planned(self._problem.spec.controller.kind, sequence.first, placed)
+        ends_in_plan = end_is_planned(self._problem.spec.controller, sequence.first, placed)
         if at_ends and current.on_object and not ends_in_plan:
             now = np.concatenate(target_object.at(time))
             elapsed = time - sequence.entered
@@ -132,6 +130,6 @@ class Placer:
         return found
 
 
-def end_is_planned(kind: str, first: int, stages: Sequence[Stage]) -> bool:
+def end_is_planned(controller: ControllerSpec, first: int, stages: Sequence[Stage]) -> bool:
     """Tell whether the end of a current stage, the first in the window, is ever planned under a controller."""
-    return kind not in ONE_STAGE and first < len(stages) - 1
+    return not controller.traits.one_stage and first < len(stages) - 1

@@ -40,7 +40,7 @@ class WindowBuilder:
         spec = self._spec
         own = stages[sequence.first : sequence.last + 1]
         # strict priorities do not depend on the scale; the printed range is 0 for a robot at rest
-        kind = "nadir" if spec.kind == "htmpc" else spec.normalization
+        kind = "nadir" if spec.traits.has_levels else spec.normalization
         offset, scale = normalization(kind, spec.zeta, own, sequence.begins, self._costs, prediction, spec.sample_time)
         window = Window(
             stages=tuple(own),
@@ -71,4 +71,4 @@ class WindowBuilder:
 
 def priorities_in_force(spec: ControllerSpec, stages: Sequence[Stage]) -> np.ndarray:
     """Return omega of each stage (stages,); SMPC knows none but 1."""
-    return np.array([1.0 if spec.kind == "smpc" else stage.priority for stage in stages])
+    return np.array([stage.priority if spec.traits.has_priorities else 1.0 for stage in stages])

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from psmpc_cli.control.window_builder import priorities_in_force
 from psmpc_cli.figures import style
 from psmpc_cli.figures.timeline import label_row, runs_of, timeline
 from psmpc_cli.logs.run import Run
@@ -76,7 +77,7 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
 
 def cost_shares(run: Run) -> np.ndarray:
     """Return each stage's share in the sum of omega_s J_s of the window (K, S); NaN outside the window."""
-    omega = np.ones(len(run.problem.stages)) if run.task.spec.controller.kind == "smpc" else run.stages["priority"]
+    omega = priorities_in_force(run.task.spec.controller, run.problem.stages)
     cost = np.maximum(run["window/cost"], 0.0) * omega
     total = np.nansum(cost, axis=1, keepdims=True)
     return np.asarray(cost / np.where(total > 0, total, np.nan))

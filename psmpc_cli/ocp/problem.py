@@ -151,7 +151,7 @@ def build_problem(task: Task) -> Problem:
     """Build the problem of a task."""
     model = RobotModel(task.robot)
     solver = task.spec.solver
-    costs = StageCosts(model, solver.compiled and solver.kind == "sqp")
+    costs = StageCosts(model, solver.compiled and solver.traits.real_time)
     return Problem(task, model, build_stages(task.spec, task.robot, model), costs)
 
 

@@ -139,7 +139,7 @@ class Uncertainty:
 def disturbs(task: TaskSpec) -> bool:
     """Return whether plant and low-level law of a task differ from what the controller knows."""
     spec = task.uncertainty
-    return task.plant.kind != "ideal" and (spec.changes_the_plant or spec.measures_with_noise)
+    return task.plant.traits.has_forces and (spec.changes_the_plant or spec.measures_with_noise)
 
 
 def take_up(model: RobotModel, x: np.ndarray, free: InertialParameters, holding: InertialParameters) -> Contact:

@@ -64,7 +64,7 @@ def _frame(run: Run, sample: int) -> WindowFrame:
         start=float(run.time[sample]),
         Q=run["state/Q"][sample],
         v=run["state/Qdot"][sample],
-        end_is_planned=end_is_planned(problem.spec.controller.kind, first, problem.stages),
+        end_is_planned=end_is_planned(problem.spec.controller, first, problem.stages),
     )
 
 

@@ -99,9 +99,7 @@ def converging(loaded: Task) -> Task:
     What is asked of single windows, such as a front, is about their optima; in closed loop one iteration a sample is
     enough because the next sample goes on from there.
     """
-    solver = loaded.spec.solver
-    kind = "fatrop" if solver.kind == "sqp" else solver.kind
-    solver = solver.model_copy(update={"kind": kind, "deadline": None})
+    solver = loaded.spec.solver.to_optimum().model_copy(update={"deadline": None})
     return replace(loaded, spec=loaded.spec.model_copy(update={"solver": solver}))
 
 
@@ -114,8 +112,8 @@ def compile_for(problem: Problem) -> bool:
     task = problem.spec
     if not task.solver.compiled:
         return False
-    makers = list(solver_libraries(problem)) if task.solver.kind == "sqp" else []
-    if task.plant.kind == "rk4":
+    makers = list(solver_libraries(problem)) if task.solver.traits.real_time else []
+    if task.plant.traits.compiles:
         makers.append(maker_of(_tick_function(task, problem.model)))
     return make_all(makers)
 
@@ -368,7 +366,7 @@ def header(experiment: Experiment) -> Header:
     has = {
         "ticks": task.log.ticks,
         "plans": task.log.plans,
-        "levels": task.controller.kind == "htmpc",
+        "levels": task.controller.traits.has_levels,
         "true state": not task.sees_the_state,
         "payload": task.uncertainty.payload is not None,
         "disturbance": task.controller.offset_free,

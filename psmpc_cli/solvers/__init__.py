@@ -22,4 +22,4 @@ def build_solver(
         report: Takes the lines of the table of iterations.
     """
     spec = problem.spec.solver if spec is None else spec
-    return SqpSolver(problem, spec, report) if spec.kind == "sqp" else NlpSolver(problem, spec, report)
+    return SqpSolver(problem, spec, report) if spec.traits.real_time else NlpSolver(problem, spec, report)

@@ -23,6 +23,7 @@ from pydantic import (
     WrapValidator,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
 
@@ -110,25 +111,53 @@ def _explained(details: list[ErrorDetails], model: type[Spec]) -> Iterator[Any]:
         at = detail["loc"]
         context = detail.get("ctx", {})
         value = detail["input"]
-        if kind == FLAW:
-            error = flaw(**context)
-        elif kind == "extra_forbidden":
-            error = flaw(choice(str(at[0]), keys), "an unknown key", at_key=True)
-        elif kind == "missing":
-            if at[0] in misspelt:
-                continue
-            error = expected(f"{keys[str(at[0])].description}", f'no key "{at[0]}"', at_key=True)
-        elif kind == "literal_error":
-            error = flaw(choice(str(value), re.findall(r"'([^']*)'", context["expected"])))
-        elif kind in ("model_type", "model_attributes_type"):
-            error = expected(f"a mapping with the keys {', '.join(keys)}")
-        elif kind in ("dict_type", "mapping_type"):
-            error = expected(f"a mapping ({keys[str(at[0])].description})")
-        elif kind == "too_short" and len(value) >= context["min_length"]:
+        if kind == "missing" and at[0] in misspelt:
+            continue
+        if kind == "too_short" and len(value) >= context["min_length"]:
             continue  # only too short because wrong entries do not count
+        if kind in _EXPLANATIONS:
+            error = _EXPLANATIONS[kind](detail, keys)
         else:
             error = expected(_WORDINGS.get(kind, detail["msg"]).format(**context))
         yield {"type": error, "loc": at, "input": value}
+
+
+def _mapping_of(detail: ErrorDetails, keys: Mapping[str, FieldInfo]) -> PydanticCustomError:
+    return expected(f"a mapping ({keys[str(detail['loc'][0])].description})")
+
+
+def _mapping_with(detail: ErrorDetails, keys: Mapping[str, FieldInfo]) -> PydanticCustomError:
+    return expected(f"a mapping with the keys {', '.join(keys)}")
+
+
+def _unknown_key(detail: ErrorDetails, keys: Mapping[str, FieldInfo]) -> PydanticCustomError:
+    return flaw(choice(str(detail["loc"][0]), keys), "an unknown key", at_key=True)
+
+
+def _missing_key(detail: ErrorDetails, keys: Mapping[str, FieldInfo]) -> PydanticCustomError:
+    key = str(detail["loc"][0])
+    return expected(f"{keys[key].description}", f'no key "{key}"', at_key=True)
+
+
+def _other_choice(detail: ErrorDetails, keys: Mapping[str, FieldInfo]) -> PydanticCustomError:
+    return flaw(choice(str(detail["input"]), re.findall(r"'([^']*)'", detail["ctx"]["expected"])))
+
+
+def _own_flaw(detail: ErrorDetails, keys: Mapping[str, FieldInfo]) -> PydanticCustomError:
+    return flaw(**detail["ctx"])
+
+
+_EXPLANATIONS: Mapping[str, Callable[[ErrorDetails, Mapping[str, FieldInfo]], PydanticCustomError]] = {
+    FLAW: _own_flaw,
+    "extra_forbidden": _unknown_key,
+    "missing": _missing_key,
+    "literal_error": _other_choice,
+    "model_type": _mapping_with,
+    "model_attributes_type": _mapping_with,
+    "dict_type": _mapping_of,
+    "mapping_type": _mapping_of,
+}
+"""What is said of an error of pydantic, by its type."""
 
 
 _WORDINGS = {

@@ -190,7 +190,7 @@ def complete(target_object: ObjectSpec, before: Fields, context: Context) -> Rul
         yield ("grasp", "known"), expected(wanted)
     plant = before.get("plant")
     moments = target_object.inertia or ()
-    if target_object.mass is not None and plant is not None and plant.kind == "ideal":
+    if target_object.mass is not None and plant is not None and not plant.traits.has_forces:
         yield ("mass",), expected("plant rk4 or mujoco: ideal has no forces", "a mass with plant ideal", at_key=True)
     if len(moments) == 3 and 2 * max(moments) > sum(moments):
         yield ("inertia",), expected("none larger than the sum of the other two", "moments that no body has")

@@ -4,8 +4,9 @@ Plain validated data in SI units.
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, Discriminator, Field, Tag
@@ -36,7 +37,6 @@ _Comparison = Annotated[tuple[_StageName, _StageName, fields.Positive], listed("
 _StageKey = Annotated[str, known(lambda context: context.stages, "stage")]
 
 ControllerKind = Literal["psmpc", "smpc", "hard", "htmpc"]
-CONTROLLERS: tuple[ControllerKind, ...] = get_args(ControllerKind)
 
 _ControllerKey = Annotated[str, known(lambda context: CONTROLLERS, "controller")]
 
@@ -77,8 +77,60 @@ class HtmpcSpec(Spec):
     tolerance: fields.Positive = Field(1e-3, description="by how much a normalized cost, or an error, may get worse")
 
 
+@dataclass(frozen=True)
+class ControllerTraits:
+    """What tells a controller from the others.
+
+    Attributes:
+        has_priorities: The priorities of stages weigh their costs.
+        one_stage: The window holds the current stage alone.
+        has_levels: Levels that look further than the window refine the plan, none at an earlier one's expense.
+    """
+
+    has_priorities: bool = True
+    one_stage: bool = False
+    has_levels: bool = False
+
+
+CONTROLLERS: Mapping[ControllerKind, ControllerTraits] = {
+    "psmpc": ControllerTraits(),
+    "smpc": ControllerTraits(has_priorities=False),
+    "hard": ControllerTraits(one_stage=True),
+    "htmpc": ControllerTraits(one_stage=True, has_levels=True),
+}
+"""The controllers by their `kind`."""
+
+
+@dataclass(frozen=True)
+class SolverTraits:
+    """What a back-end can do.
+
+    Attributes:
+        stops_early: Its solves end at a deadline.
+        task_input: It takes stages whose control is the acceleration of poses.
+        real_time: It takes a few iterations a sample instead of solving windows to their optima.
+    """
+
+    stops_early: bool = True
+    task_input: bool = False
+    real_time: bool = False
+
+
+SOLVERS: Mapping[str, SolverTraits] = {
+    "sqp": SolverTraits(real_time=True),
+    "fatrop": SolverTraits(stops_early=False),
+    "ipopt": SolverTraits(task_input=True),
+}
+"""The solvers by their `kind`."""
+
+
 class ControllerSpec(Choice):
     """The controller and its objective; symbols as in docs/formulation.md."""
+
+    @property
+    def traits(self) -> ControllerTraits:
+        """What tells it from the other controllers."""
+        return CONTROLLERS[self.kind]
 
     kind: ControllerKind = Field("psmpc", description="which controller")
     horizon: fields.Positive = Field(4.0, le=1000, description="prediction horizon T_h [s]")
@@ -120,6 +172,15 @@ class ControllerSpec(Choice):
 class SolverSpec(Choice):
     """The NLP back-end."""
 
+    @property
+    def traits(self) -> SolverTraits:
+        """What it can do."""
+        return SOLVERS[self.kind]
+
+    def to_optimum(self) -> "SolverSpec":
+        """Return the settings of a solver that solves each window to its optimum."""
+        return self.model_copy(update={"kind": "fatrop"}) if self.traits.real_time else self
+
     kind: Literal["sqp", "fatrop", "ipopt"] = Field("sqp", description="which solver")
     tolerance: fields.Positive = Field(1e-8, le=1e-2, description="optimality tolerance of the scaled problem")
     max_iterations: fields.Whole = Field(200, ge=1, description="iterations after which it gives up")
@@ -130,8 +191,34 @@ class SolverSpec(Choice):
     compiled: fields.Flag = Field(True, description="sqp and plant rk4 as compiled C, where there is a compiler")
 
 
+@dataclass(frozen=True)
+class PlantTraits:
+    """What tells a plant from the others.
+
+    Attributes:
+        has_forces: It has bodies and forces, which loads, friction and noise of the law disturb.
+        compiles: It runs as compiled C where there is a compiler.
+    """
+
+    has_forces: bool = True
+    compiles: bool = False
+
+
+PLANTS: Mapping[str, PlantTraits] = {
+    "rk4": PlantTraits(compiles=True),
+    "mujoco": PlantTraits(),
+    "ideal": PlantTraits(has_forces=False),
+}
+"""The plants by their `kind`."""
+
+
 class PlantSpec(Choice):
     """The simulated physics."""
+
+    @property
+    def traits(self) -> PlantTraits:
+        """What tells it from the other plants."""
+        return PLANTS[self.kind]
 
     kind: Literal["ideal", "rk4", "mujoco"] = Field("rk4", description="which physics")
     low_level_rate: fields.Positive = Field(1000.0, le=1e5, description="rate of the computed-torque loop [Hz]")
@@ -359,16 +446,18 @@ def _controller(controller: ControllerSpec, before: Fields, context: Context) ->
     if isinstance(delay, int) and controller.known_delay > delay:
         wanted = f"at most uncertainty.delay, which is {counted(delay, 'sample', 'samples')}"
         yield ("known_delay",), expected(wanted)
-    if controller.kind == "htmpc" and controller.nodes == "auto":
+    if controller.traits.has_levels and controller.nodes == "auto":
         yield ("nodes",), expected("a number with controller htmpc, which compares levels node by node")
 
 
 def _solver(solver: SolverSpec, before: Fields, context: Context) -> RuleErrors:
     """Give a deadline that the solver cannot keep."""
     controller = before.get("controller")
-    if solver.deadline is not None and solver.kind == "fatrop":
+    if solver.deadline is None:
+        return
+    if not solver.traits.stops_early:
         yield ("deadline",), expected("none with solver fatrop, which cannot stop early, or solver sqp or ipopt")
-    elif solver.deadline is not None and solver.kind == "sqp" and controller and controller.kind == "htmpc":
+    elif controller and controller.traits.has_levels and not solver.to_optimum().traits.stops_early:
         yield ("deadline",), expected("none, or solver ipopt, with controller htmpc")
 
 
@@ -400,7 +489,8 @@ def _skills(skills: Mapping[str, SkillSpec], before: Fields, context: Context) -
     """Give limits of skills that are wider than those around them, and inputs that the solver cannot have."""
     controller = before.get("controller")
     solver = before.get("solver")
-    joint_only = bool(controller and controller.kind == "htmpc") or bool(solver and solver.kind != "ipopt")
+    has_levels = bool(controller and controller.traits.has_levels)
+    joint_only = has_levels or not (solver and solver.traits.task_input)
     outer = {"the robot's": context.robot_limits, "the task's": before.get("limits", {})}
     for name, skill in skills.items():
         if skill.input == "task" and joint_only:
@@ -428,7 +518,7 @@ def _uncertainty(spec: UncertaintySpec, before: Fields, context: Context) -> Rul
     if controller is not None and spec.delay * controller.sample_time >= controller.horizon:
         found = f"{spec.delay} samples of {controller.sample_time:g} s"
         yield ("delay",), expected(f"less than the horizon of {controller.horizon:g} s", found)
-    if plant is not None and plant.kind == "ideal" and spec.changes_the_plant:
+    if plant is not None and not plant.traits.has_forces and spec.changes_the_plant:
         found = ", ".join(key for key in type(spec).model_fields if key in spec.model_fields_set - {"noise", "delay"})
         wanted = "only noise and delay, or plant rk4 or mujoco: ideal has neither bodies nor forces"
         yield (), expected(wanted, f"{found} with plant ideal")

@@ -34,8 +34,32 @@ Matrix = NDArray[np.float64]
 URDF_ENDINGS = (".urdf", ".xacro")
 """Endings of files that are read as URDF; one with macros is rejected with what to do about it."""
 
-MOVING = ("revolute", "continuous", "prismatic")
-KINDS = (*MOVING, "fixed", "floating", "planar")
+
+@dataclass(frozen=True)
+class JointType:
+    """What a type of joint of URDF means here.
+
+    Attributes:
+        moves: It has a coordinate.
+        slides: The coordinate is a length.
+        is_bounded: It has limits, which are expected.
+        is_rigid: It is fixed, in URDF too.
+    """
+
+    moves: bool = False
+    slides: bool = False
+    is_bounded: bool = False
+    is_rigid: bool = False
+
+
+JOINT_TYPES = {
+    "revolute": JointType(moves=True, is_bounded=True),
+    "continuous": JointType(moves=True),
+    "prismatic": JointType(moves=True, slides=True, is_bounded=True),
+    "fixed": JointType(is_rigid=True),
+    "floating": JointType(),
+    "planar": JointType(),
+}
 
 FOREIGN = ("gazebo", "transmission")
 """Elements that do not describe the robot itself."""
@@ -80,7 +104,8 @@ class UrdfJoint:
 
     name: str
     sourceline: int
-    kind: str
+    written_type: str
+    type: JointType
     parent: str
     child: str
     origin: Matrix
@@ -199,18 +224,19 @@ class Urdf:
         return UrdfLink(name, line, mass, place[:3, 3], turned @ inertia @ turned.T)
 
     def _joint(self, element: Any, name: str) -> UrdfJoint:
-        kind = element.get("type")
+        written = str(element.get("type"))
         own = f"of joint {quoted(name)}"
-        if kind not in KINDS:
-            self._wrong(element, f"the type {quoted(str(kind))} {own}", choice(str(kind), KINDS))
+        if written not in JOINT_TYPES:
+            self._wrong(element, f"the type {quoted(written)} {own}", choice(written, JOINT_TYPES))
+        of_type = JOINT_TYPES.get(written, JointType())
         ends = {end: element.xpath(f"string({end}/@link)") for end in ("parent", "child")}
         for end in (end for end, link in ends.items() if not link):
             self._wrong(element, f"no {end} {own}", f"<{end} link=...>")
         axis = np.array([1.0, 0.0, 0.0])
         given = element.find("axis")
-        if kind in MOVING and given is None:
+        if of_type.moves and given is None:
             self._note(element, f"joint {quoted(name)} has no <axis>: taken as 1 0 0")
-        elif kind in MOVING:
+        elif of_type.moves:
             axis = np.array(self._numbers(element, "axis/@xyz", 3, "0 0 0"))
             length = float(np.linalg.norm(axis))
             if length < 1e-9:
@@ -220,17 +246,17 @@ class Urdf:
             axis = axis / length if length else axis
         if (mimic := element.find("mimic")) is not None:
             self._note(mimic, f"joint {quoted(name)} mimics another: taken as a joint of its own")
-        limits, rate = self._limits(element, name, kind)
+        limits, rate = self._limits(element, name, of_type)
         line = element.sourceline
         origin = self._origin(element)
-        return UrdfJoint(name, line, kind, ends["parent"], ends["child"], origin, axis, limits, rate)
+        return UrdfJoint(name, line, written, of_type, ends["parent"], ends["child"], origin, axis, limits, rate)
 
-    def _limits(self, element: Any, name: str, kind: str) -> tuple[tuple[float, float] | None, float | None]:
+    def _limits(self, element: Any, name: str, of_type: JointType) -> tuple[tuple[float, float] | None, float | None]:
         limit = element.find("limit")
         own = f"of joint {quoted(name)}"
-        if limit is None and kind in ("revolute", "prismatic"):
+        if limit is None and of_type.is_bounded:
             self._note(element, f"joint {quoted(name)} has no <limit>: without limits")
-        if limit is None or kind not in MOVING:
+        if limit is None or not of_type.moves:
             return None, None
         before = len(self.errors)
         low, high, rate = (
@@ -238,12 +264,12 @@ class Urdf:
         )
         if len(self.errors) > before:
             return None, None
-        position = None if kind == "continuous" else self._range(limit, low, high, own, kind == "revolute")
+        position = self._range(limit, low, high, own, not of_type.slides) if of_type.is_bounded else None
         if rate == 0:
             self._note(limit, f"the velocity {own} is 0 or not given: without a limit")
         elif rate > LARGEST:
             self._note(limit, f"the velocity {rate:g} {own} is beyond {LARGEST:g}: without a limit")
-        elif kind != "prismatic" and rate > 4 * np.pi:
+        elif not of_type.slides and rate > 4 * np.pi:
             self._note(limit, f"the velocity {rate:g} rad/s {own} looks like degrees")
         return position, rate if 0 != rate <= LARGEST else None
 
@@ -400,9 +426,9 @@ def spatial_robot(urdf: Urdf, file: UrdfRobot) -> tuple[dict[str, Any], Sources]
     places = _placed(urdf, base, file.locked, bodies)
     for joint in (joint for joint in urdf.joints.values() if joint.child in places):
         note = f"line {joint.sourceline}: joint {quoted(joint.name)}"
-        if joint.kind in ("floating", "planar"):
-            urdf.notes.append(f"{note} is {joint.kind}: taken as fixed")
-        if joint.kind in MOVING and joint.name not in bodies:
+        if not (joint.type.moves or joint.type.is_rigid):
+            urdf.notes.append(f"{note} is {joint.written_type}: taken as fixed")
+        if joint.type.moves and joint.name not in bodies:
             urdf.notes.append(f"{note} belongs to no arm: locked at {file.locked.get(joint.name, 0.0):g}")
     robot: dict[str, Any] = {"name": urdf.name, "space": "spatial", "base": _inertial(urdf, places, "base")}
     arms = robot.setdefault("arms", {})
@@ -416,7 +442,7 @@ def spatial_robot(urdf: Urdf, file: UrdfRobot) -> tuple[dict[str, Any], Sources]
             sources["arms", name, "links", i, "joint"] = urdf.where(joint)
             for quantity in ("position", "velocity"):
                 sources["limits", name, quantity, i] = urdf.where(joint)
-            kind = "prismatic" if joint.kind == "prismatic" else "revolute"
+            kind = "prismatic" if joint.type.slides else "revolute"
             moving = {"kind": kind, "axis": _plain(joint.axis), **_place(places[joint.parent][1] @ joint.origin)}
             links.append({"joint": moving, **_inertial(urdf, places, bodies[joint.name])})
         arms[name] = {"mount": places[own[0].parent][0], "links": links, "tool": _place(places[tip][1])}
@@ -438,7 +464,7 @@ def _chains(urdf: Urdf, file: UrdfRobot, base: str) -> dict[str, tuple[str, list
     taken = set(file.locked)
     tips = {name: arm.tip for name, arm in (file.arms or {}).items()}
     for name, tip in (tips or {leaf: leaf for leaf in urdf.leaves if leaf != base}).items():
-        way = [joint for joint in urdf.chain(tip) if joint.child not in above and joint.kind in MOVING]
+        way = [joint for joint in urdf.chain(tip) if joint.child not in above and joint.type.moves]
         if own := [joint for joint in way if joint.name not in taken]:
             found[name] = tip, own
             taken |= {joint.name for joint in own}
@@ -464,7 +490,7 @@ def _placed(urdf: Urdf, base: str, locked: Mapping[str, float], bodies: Mapping[
                 at = locked.get(joint.name, 0.0)
                 places[joint.child] = (bodies[joint.name], np.eye(4)) if moves else (body, frame @ _rigid(joint, at))
                 waiting.append(joint.child)
-            elif joint.child == link and joint.parent not in places and joint.kind == "fixed":
+            elif joint.child == link and joint.parent not in places and joint.type.is_rigid:
                 places[joint.parent] = (body, frame @ np.linalg.inv(joint.origin))
                 waiting.append(joint.parent)
     if left := [name for name in urdf.links if name not in places]:
@@ -477,7 +503,7 @@ def _rigid(joint: UrdfJoint, at: float) -> Matrix:
     from scipy.spatial.transform import Rotation
 
     move = np.eye(4)
-    if joint.kind == "prismatic":
+    if joint.type.slides:
         move[:3, 3] = at * joint.axis
     else:
         move[:3, :3] = Rotation.from_rotvec(at * joint.axis).as_matrix()
@@ -513,7 +539,7 @@ def _inertial(urdf: Urdf, places: Places, body: str) -> dict[str, Any]:
 
 def _with_unit(joint: UrdfJoint, limit: float) -> float | str:
     """Return a limit as our own files have it: an angle beyond a turn with its unit."""
-    return limit if joint.kind == "prismatic" or abs(limit) <= 2 * np.pi else f"{limit!r} rad"
+    return limit if joint.type.slides or abs(limit) <= 2 * np.pi else f"{limit!r} rad"
 
 
 def _plain(values: Any) -> list[float]:

@@ -121,7 +121,7 @@ def run_ablations(
         RunError: A process was killed each time.
     """
     nodes = task.spec.controller.uniform_nodes
-    converged = ("solver.kind=fatrop", "solver.deadline=null") if task.spec.solver.kind == "sqp" else ()
+    converged = ("solver.kind=fatrop", "solver.deadline=null") if task.spec.solver.traits.real_time else ()
     variants = dict(CHANGES)
     for count in meshes(nodes):
         for kind in DISCRETIZATIONS:

@@ -143,7 +143,7 @@ def test_robots_that_packages_ship_move_as_in_pinocchio(robot: str) -> None:
     Q = np.r_[random.standard_normal(3), attitude / np.linalg.norm(attitude), random.uniform(-1, 1, model.n - 6)]
     v, vdot = random.standard_normal((2, model.n))
     chains = (joint for arm in model.spec.arms for joint in urdf.chain(arm))
-    joints = dict.fromkeys(joint.name for joint in chains if joint.kind in ("revolute", "prismatic"))
+    joints = dict.fromkeys(joint.name for joint in chains if joint.written_type in ("revolute", "prismatic"))
     order = [engine.joints[engine.getJointId(joint)].idx_v for joint in joints]
     q, rates, changes = pinocchio_state(Q, v, vdot)
     theirs = [np.r_[part[: -len(order)], in_order(part[-len(order) :], order)] for part in (q, rates, changes)]

@@ -92,6 +92,8 @@ class Decision:
 
     Attributes:
         solved: The solve counts.
+        attempt: The solves, the last of which may count.
+        prediction: The last plan, from now on, from which they started.
         sequence: The stages in the window, their instants those of the solution where it counts.
         levels: Solutions of the levels of HTMPC.
         plan: The plan that is applied.
@@ -99,6 +101,8 @@ class Decision:
     """
 
     solved: bool
+    attempt: Attempt
+    prediction: Plan
     sequence: MovingSequence
     levels: tuple[Solution, ...]
     plan: Plan
@@ -122,8 +126,8 @@ class ControlLaw:
         self.solver = solver or build_solver(problem, _solver_spec(spec))
         self.builder = WindowBuilder(problem)
         self._spec = spec.controller
+        self._one_stage = spec.controller.traits.one_stage
         self._ticks = np.arange(round(self._spec.sample_time * rate) + 1) / rate
-        self._rate = rate
         self._tick = 1 / rate
         self._estimator = Estimator(self._spec, problem.model.space, noise, self._tick)
         self._placer = Placer(problem)
@@ -155,45 +159,9 @@ class ControlLaw:
         attempts = self._attempts(memory, situation, prediction, until)
         attempt = attempts.solve_longest(memory.sequence, longer)
         decision = self._accept(memory, situation, attempt, prediction, until)  # or fall back
-        happened = {
-            "appended": decision.sequence.last > memory.sequence.last,
-            "postponed": decision.sequence.last < (longer or memory.sequence).last,
-            "solve_failed": not decision.solved,
-            "braking": decision.plans.braking is not None,
-            "unmeasured": not situation.is_measured,
-            "gap": measurement.follows_a_gap(memory.time, self._spec.sample_time),
-        }
-        x, planned = self._over_sample(decision, situation)
-        estimate, u = self._estimator.command(situation.estimate, planned, measurement.state.v)
-        command = Command(
-            time=situation.time,
-            x=x,
-            u=u,
-            tick=self._tick,
-            edges=situation.time + self._ticks,
-            plan=decision.plan,
-            sequence=decision.sequence,
-            prediction=prediction,
-            solution=attempt.solution,
-            events=frozenset(name for name, yes in happened.items() if yes),
-            switches=situation.switches,
-            disturbance=estimate.disturbance,
-            levels=decision.levels,
-            model=self.problem.model,
-            stages=situation.stages,
-            closed=to_be_closed(self.problem.held_stages, decision.sequence, situation.time + self._ticks[:-1]),
-            load=self._load,
-        )
-        after = replace(
-            memory,
-            sequence=decision.sequence,
-            time=situation.time,
-            plans=decision.plans,
-            solution=attempt.solution,
-            unfinished=attempt.unfinished,
-            estimate=estimate,
-        )
-        return after, command
+        events = self._events(memory, measurement, situation, longer, decision)
+        estimate, command = self._command(measurement, situation, decision, events)
+        return _remembered(memory, situation, decision, estimate), command
 
     def _measure(self, memory: Memory, measurement: Measurement) -> tuple[Memory, Situation]:
         """Estimate the state of robot and object, and place the stages about it.
@@ -298,7 +266,7 @@ class ControlLaw:
 
     def _detect(self, memory: Memory, situation: Situation, prediction: Plan) -> MovingSequence | None:
         """Return the sequence with the next stage, where its switch is predicted; else None."""
-        if self._spec.traits.one_stage:
+        if self._one_stage:
             return None
         margin = self._spec.detection_margin
         return detect(memory.sequence, situation.stages, self.problem.costs, prediction, margin)
@@ -344,13 +312,76 @@ class ControlLaw:
             )
         if situation.is_measured:
             plans = plans.measured()
-        return Decision(solved, sequence, levels, plan, plans)
+        return Decision(
+            solved=solved,
+            attempt=attempt,
+            prediction=prediction,
+            sequence=sequence,
+            levels=levels,
+            plan=plan,
+            plans=plans,
+        )
 
-    def _over_sample(self, decision: Decision, situation: Situation) -> tuple[np.ndarray, np.ndarray]:
-        """Return the state as [Q; v] (nq + n,), and the rates of v that the plan has at the ticks (M, n)."""
+    def _events(
+        self,
+        memory: Memory,
+        measurement: Measurement,
+        situation: Situation,
+        longer: MovingSequence | None,
+        decision: Decision,
+    ) -> frozenset[str]:
+        """Return the names of what happened, see `Command.events`."""
+        happened = {
+            "appended": decision.sequence.last > memory.sequence.last,
+            "postponed": decision.sequence.last < (longer or memory.sequence).last,
+            "solve_failed": not decision.solved,
+            "braking": decision.plans.braking is not None,
+            "unmeasured": not situation.is_measured,
+            "gap": measurement.follows_a_gap(memory.time, self._spec.sample_time),
+        }
+        return frozenset(name for name, yes in happened.items() if yes)
+
+    def _command(
+        self, measurement: Measurement, situation: Situation, decision: Decision, events: frozenset[str]
+    ) -> tuple[Estimate, Command]:
+        """Return the command over the coming sample, and the estimate that counts it."""
+        edges = situation.time + self._ticks
         Q, v = situation.placement.chart.leave(situation.x[None])
-        planned = decision.plan.velocity_rates(situation.time + self._ticks)
-        return np.concatenate([Q[0], v[0]]), planned
+        planned = decision.plan.velocity_rates(edges)
+        estimate, u = self._estimator.command(situation.estimate, planned, measurement.state.v)
+        command = Command(
+            time=situation.time,
+            x=np.concatenate([Q[0], v[0]]),
+            u=u,
+            tick=self._tick,
+            edges=edges,
+            plan=decision.plan,
+            sequence=decision.sequence,
+            prediction=decision.prediction,
+            solution=decision.attempt.solution,
+            events=events,
+            switches=situation.switches,
+            disturbance=estimate.disturbance,
+            levels=decision.levels,
+            model=self.problem.model,
+            stages=situation.stages,
+            closed=to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1]),
+            load=self._load,
+        )
+        return estimate, command
+
+
+def _remembered(memory: Memory, situation: Situation, decision: Decision, estimate: Estimate) -> Memory:
+    """Return what lasts until the next sample."""
+    return replace(
+        memory,
+        sequence=decision.sequence,
+        time=situation.time,
+        plans=decision.plans,
+        solution=decision.attempt.solution,
+        unfinished=decision.attempt.unfinished,
+        estimate=estimate,
+    )
 
 
 class Controller:

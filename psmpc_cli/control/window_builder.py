@@ -22,6 +22,8 @@ class WindowBuilder:
         self._costs = problem.costs
         self._soft = problem.spec.limits_are_soft
         self._uniform_nodes = self._spec.uniform_nodes
+        # strict priorities do not depend on the scale; the printed range is 0 for a robot at rest
+        self._normalization = "nadir" if self._spec.traits.has_levels else self._spec.normalization
         self._priorities = priorities_in_force(self._spec, problem.stages)
 
     def build(
@@ -39,9 +41,9 @@ class WindowBuilder:
         """
         spec = self._spec
         own = stages[sequence.first : sequence.last + 1]
-        # strict priorities do not depend on the scale; the printed range is 0 for a robot at rest
-        kind = "nadir" if spec.traits.has_levels else spec.normalization
-        offset, scale = normalization(kind, spec.zeta, own, sequence.begins, self._costs, prediction, spec.sample_time)
+        offset, scale = normalization(
+            self._normalization, spec.zeta, own, sequence.begins, self._costs, prediction, spec.sample_time
+        )
         window = Window(
             stages=tuple(own),
             start=prediction.start,

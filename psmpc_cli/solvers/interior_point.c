@@ -1,47 +1,65 @@
 /* The steps of the interior-point method: weights of the rows, Newton direction, its length.
  *
- * Each multiplier is proximal: half the square of its change is charged with 1 / stiffness, which bounds the weight a
- * row gets, and vanishes at the solution.
+ * Multipliers are proximal: half the square of their change is charged with rho = 1 / max_weight, which bounds the
+ * weight that a row gets in the Hessian, and vanishes at the solution. The Newton equations of a limit are so
+ *
+ *     d + C dx - (s + ds) + rho dz = 0,   s dz + z ds = mu - s z - ds_a dz_a,
+ *
+ * with the products of the affine step (ds_a, dz_a) in Mehrotra's corrector. Eliminating ds,
+ *
+ *     dz = (mu - ds_a dz_a - z (d + C dx)) / (s + rho z),
+ *
+ * which adds the weight z / (s + rho z) to the Hessian by the row. Nocedal, Wright: Numerical Optimization (2006),
+ * sections 16.6 and 19.3.
  */
 
-/* What is done to the hard and to the soft limits: `soft` is known when it is compiled. Limits go by value, since
+/* Functions of the hard and of the soft limits: `soft` is known when they are compiled. Limits go by value, since
  * compilers take the arrays of a struct behind a pointer for scattered ones. */
-#define PART static inline __attribute__((always_inline)) void
+#define INLINED static inline __attribute__((always_inline)) void
 
-/* How far a step reaches: the largest relative decrease of a slack or violation, and of a multiplier; what the
- * complementarity changes by the step of slacks and violations, and by the product of both steps. */
+/* What bounds the lengths of a step: the largest relative decrease of a slack or violation (primal) and of a multiplier
+ * (dual), max of -ds / s and -dz / z. `change` is the sum of z ds, `product` that of ds dz, with which the
+ * complementarity after a step of any lengths is known. */
 typedef struct {
     double primal, dual, change, product;
-} Reach;
+} StepLengths;
 
-PART invert(Limits l, int soft, double least) {
+INLINED update_scaling(Limits l, int soft, double regularization) {
 #pragma omp simd
     for (int64_t j = 0; j < l.count; j++) {
-        if (soft) l.give[j] = l.e[j] / l.w[j];
-        l.inverse[j] = 1.0 / (l.slack[j] + l.z[j] * (soft ? least + l.give[j] : least));
+        if (soft) l.relaxation[j] = l.e[j] / l.w[j];
+        double rho = soft ? regularization + l.relaxation[j] : regularization;
+        l.inverse_diagonal[j] = 1.0 / (l.slack[j] + l.z[j] * rho);
     }
 }
 
-/* The multipliers' steps while the rows stay. */
-PART aim(Limits l, int soft, double target, double corrected) {
+/* Set dz to its part without C dx, (mu - ds_a dz_a - z d) / (s + rho z); `corrected` is 1 with the corrector, else 0.
+ * */
+INLINED form_right_hand_side(Limits l, int soft, double target, double corrected) {
 #pragma omp simd
     for (int64_t j = 0; j < l.count; j++) {
-        double room = l.room[j];
-        if (soft) room += l.way[j] = (target + corrected * l.de[j] * l.dz[j]) / l.w[j];
-        l.dz[j] = (target - corrected * l.ds[j] * l.dz[j] - l.z[j] * room) * l.inverse[j];
+        double distance = l.distance[j];
+        if (soft) distance += l.relaxation_shift[j] = (target + corrected * l.de[j] * l.dz[j]) / l.w[j];
+        l.dz[j] = (target - corrected * l.ds[j] * l.dz[j] - l.z[j] * distance) * l.inverse_diagonal[j];
     }
 }
 
-/* The steps of limits that follow from those of the rows. */
-PART respond(Limits l, int soft, const double *rows, double least, Reach *reach) {
-    double primal = reach->primal, dual = reach->dual, change = reach->change, product = reach->product;
+/* Recover dz, ds and de from the steps C dx of the rows, and what bounds the lengths of the step. */
+INLINED recover_steps(Limits l, int soft, const double *rows, double regularization, StepLengths *lengths) {
+    double primal = lengths->primal;
+    double dual = lengths->dual;
+    double change = lengths->change;
+    double product = lengths->product;
 #pragma omp simd reduction(max : primal, dual) reduction(+ : change, product)
     for (int64_t j = 0; j < l.count; j++) {
         double step = l.sign[j] * rows[l.row[j]];
-        double dz = l.dz[j] - l.z[j] * l.inverse[j] * step, ds = l.room[j] + step - l.slack[j] + dz * least;
+        double dz = l.dz[j] - l.z[j] * l.inverse_diagonal[j] * step;
+        double ds = l.distance[j] + step - l.slack[j] + dz * regularization;
         if (soft) {
-            double gives = l.way[j] + l.give[j] * dz, de = gives - l.e[j];
-            double a = -de / l.e[j], b = dz / l.w[j];
+            double gives = l.relaxation_shift[j] + l.relaxation[j] * dz;
+            double de = gives - l.e[j];
+            double a = -de / l.e[j];
+            double b = dz / l.w[j];
             primal = primal > a ? primal : a;
             dual = dual > b ? dual : b;
             change += l.w[j] * de;
@@ -49,7 +67,8 @@ PART respond(Limits l, int soft, const double *rows, double least, Reach *reach)
             l.de[j] = de;
             ds += gives;
         }
-        double a = -ds / l.slack[j], b = -dz / l.z[j];
+        double a = -ds / l.slack[j];
+        double b = -dz / l.z[j];
         primal = primal > a ? primal : a;
         dual = dual > b ? dual : b;
         change += l.z[j] * ds;
@@ -57,51 +76,54 @@ PART respond(Limits l, int soft, const double *rows, double least, Reach *reach)
         l.dz[j] = dz;
         l.ds[j] = ds;
     }
-    *reach = (Reach){primal, dual, change, product};
+    *lengths = (StepLengths){primal, dual, change, product};
 }
 
-/* Move, and find the largest residual and the sum of the complementarities. */
-PART advance(Limits l, int soft, const double *rows, double primal, double dual, double *residual, double *gap) {
-    double worst = *residual, sum = *gap;
-#pragma omp simd reduction(max : worst) reduction(+ : sum)
+/* Take a step of the lengths `primal` and `dual`; update the largest residual |d + e - s| and the sum of s z and e w.
+ * */
+INLINED advance_limits(Limits l, int soft, const double *rows, double primal, double dual, double *residual,
+                       double *gap) {
+    double largest = *residual;
+    double sum = *gap;
+#pragma omp simd reduction(max : largest) reduction(+ : sum)
     for (int64_t j = 0; j < l.count; j++) {
-        l.room[j] += primal * l.sign[j] * rows[l.row[j]];
+        l.distance[j] += primal * l.sign[j] * rows[l.row[j]];
         l.slack[j] += primal * l.ds[j];
         l.z[j] += dual * l.dz[j];
-        double off = l.room[j] - l.slack[j];
+        double infeasibility = l.distance[j] - l.slack[j];
         sum += l.slack[j] * l.z[j];
         if (soft) {
             l.e[j] += primal * l.de[j];
             l.w[j] -= dual * l.dz[j];
-            off += l.e[j];
+            infeasibility += l.e[j];
             sum += l.e[j] * l.w[j];
         }
-        off = fabs(off);
-        worst = worst > off ? worst : off;
+        infeasibility = fabs(infeasibility);
+        largest = largest > infeasibility ? largest : infeasibility;
     }
-    *residual = worst;
+    *residual = largest;
     *gap = sum;
 }
 
-/* Add to the rows' multipliers those of limits, a share of their step further. */
+/* Subtract the multipliers of limits, a share of their step further, from those of the rows: -sign (z + share dz). */
 static void add_multipliers(Limits l, double share, double *q) {
     for (int64_t j = 0; j < l.count; j++) q[l.row[j]] -= l.sign[j] * (l.z[j] + share * l.dz[j]);
 }
 
 static void add_weights(Limits l, double *weight) {
-    for (int64_t j = 0; j < l.count; j++) weight[l.row[j]] += l.z[j] * l.inverse[j];
+    for (int64_t j = 0; j < l.count; j++) weight[l.row[j]] += l.z[j] * l.inverse_diagonal[j];
 }
 
-/* Set the Hessian with the rows' weights. */
-static void weigh(Solver *s) {
+/* Form H + C'W C with the weights W of the rows: z / (s + rho z) of a limit, max_weight of an equation. */
+static void form_hessian(Solver *s) {
     const Program *p = s->p;
-    double least = 1.0 / s->stiffness;
-    invert(s->hard, 0, least);
-    invert(s->soft, 1, least);
+    double regularization = 1.0 / s->max_weight;
+    update_scaling(s->hard, 0, regularization);
+    update_scaling(s->soft, 1, regularization);
     memset(s->weight, 0, row_count(p) * sizeof(double));
     add_weights(s->hard, s->weight);
     add_weights(s->soft, s->weight);
-    for (int64_t j = 0; j < s->equations.count; j++) s->weight[s->equations.row[j]] = s->stiffness;
+    for (int64_t j = 0; j < s->equations.count; j++) s->weight[s->equations.row[j]] = s->max_weight;
     const double *w = s->weight + p->K * M;
     memcpy(s->durations, p->durations, S * S * sizeof(double));
     for (int j = 0; j < S; j++) {
@@ -109,31 +131,35 @@ static void weigh(Solver *s) {
         for (int c = 0; c <= j; c++)
             for (int e = 0; e <= j; e++) s->durations[c * S + e] += w[S + j];
     }
-    s->stages.end_weights = w + 2 * S;
+    s->riccati.row_weights = w + 2 * S;
     for (int64_t i = 0; i < p->K * N; i++) s->difference[i] = -p->coupling[i];
     if (!p->inputs) return;
-    w += 2 * S + p->ends;
+    w += 2 * S + p->node_rows;
     memcpy(s->arrow, p->arrow, p->K * M * S * sizeof(double));
     for (int64_t k = 0; k < p->K; k++)
         for (int i = 0; i < N; i++) {
-            double low = w[k * N + i], high = w[(p->K + k) * N + i];
-            double l = p->input_low[k * N + i], h = p->input_high[k * N + i];
+            double low = w[k * N + i];
+            double high = w[(p->K + k) * N + i];
+            double l = p->input_low[k * N + i];
+            double h = p->input_high[k * N + i];
             s->difference[k * N + i] += low + high;
             for (int c = 0; c < S; c++) {
-                double cross = (low * l + high * h) * p->share[k * S + c];
+                double cross = (low * l + high * h) * p->interval_by_duration[k * S + c];
                 s->arrow[(k * M + N + i) * S + c] -= cross;
                 if (k) s->arrow[((k - 1) * M + N + i) * S + c] += cross;
+                double by_duration = (low * l * l + high * h * h) * p->interval_by_duration[k * S + c];
                 for (int e = 0; e < S; e++)
-                    s->durations[c * S + e] += (low * l * l + high * h * h) * p->share[k * S + c] * p->share[k * S + e];
+                    s->durations[c * S + e] += by_duration * p->interval_by_duration[k * S + e];
             }
         }
 }
 
-/* Solve U x = -u by elimination with pivots. Returns 0 where it is singular. */
-static int solve_durations(const double *U, const double *u, double *x) {
+/* Solve U x = -u for the steps of the durations, by Gauss-Jordan elimination with pivots. Returns 0 where U is
+ * singular. */
+static int solve_schur(const double *schur, const double *u, double *x) {
     double T[S + 1][S + 1];
     for (int i = 0; i < S; i++) {
-        memcpy(T[i], U + i * S, S * sizeof(double));
+        memcpy(T[i], schur + i * S, S * sizeof(double));
         T[i][S] = -u[i];
     }
     for (int l = 0; l < S; l++) {
@@ -143,7 +169,8 @@ static int solve_durations(const double *U, const double *u, double *x) {
         if (!(fabs(T[best][l]) > DBL_MIN)) return 0;
         for (int j = 0; j <= S; j++) {
             double held = T[l][j];
-            T[l][j] = T[best][j], T[best][j] = held;
+            T[l][j] = T[best][j];
+            T[best][j] = held;
         }
         for (int i = 0; i < S; i++) {
             double f = i == l ? 0.0 : T[i][l] / T[l][l];
@@ -155,52 +182,57 @@ static int solve_durations(const double *U, const double *u, double *x) {
     return 1;
 }
 
-/* Derivatives by [Q; v] and by the durations of the costs and of the rows times their multipliers q. */
+/* Compute the gradient of the Lagrangian without the dynamics: that of the objective plus C'q. */
 static void gradient(Solver *s) {
-    memcpy(s->lin, s->cost, s->p->K * M * sizeof(double));
+    memcpy(s->gradient_X, s->cost, s->p->K * M * sizeof(double));
     memcpy(s->u, s->cost_tau, S * sizeof(double));
-    add_rows(s->p, s->q, s->lin, s->u);
+    add_rows_transposed(s->p, s->q, s->gradient_X, s->u);
 }
 
-/* Newton direction with complementarities towards `target` less the products of the affine step, if `corrected`.
- * Returns 0 where rounding has left none. */
-static int direction(Solver *s, double target, double corrected, Reach *reach) {
+/* Compute the Newton direction towards complementarities of `target` = mu, with Mehrotra's corrector if `corrected`:
+ * solve
+ *
+ *     (H + C'W C) dx = -(H x + g + C'q),   q = -sign (z + dz at dx = 0) of limits, y + max_weight residual of
+ * equations,
+ *
+ * by the Riccati sweeps, the durations last. Returns 0 where rounding has left no direction. */
+static int newton_direction(Solver *s, double target, double corrected, StepLengths *lengths) {
     const Program *p = s->p;
     Equations *e = &s->equations;
-    double least = 1.0 / s->stiffness;
-    aim(s->hard, 0, target, corrected);
-    aim(s->soft, 1, target, corrected);
+    double regularization = 1.0 / s->max_weight;
+    form_right_hand_side(s->hard, 0, target, corrected);
+    form_right_hand_side(s->soft, 1, target, corrected);
     memset(s->q, 0, row_count(p) * sizeof(double));
     add_multipliers(s->hard, 1.0, s->q);
     add_multipliers(s->soft, 1.0, s->q);
-    for (int64_t j = 0; j < e->count; j++) s->q[e->row[j]] += e->y[j] + e->off[j] * s->stiffness;
+    for (int64_t j = 0; j < e->count; j++) s->q[e->row[j]] += e->y[j] + e->residual[j] * s->max_weight;
     gradient(s);
-    backward(&s->stages, s->intervals, s->lin, s->u, s->y);
-    if (!solve_durations(s->U, s->u, s->dtau)) return 0;
-    forward(&s->stages, s->intervals, s->dtau, s->y, s->step);
-    rows_of(p, s->dtau, s->step);
-    *reach = (Reach){1.0, 1.0, 0.0, 0.0};
-    respond(s->hard, 0, s->step, least, reach);
-    respond(s->soft, 1, s->step, least, reach);
-    for (int64_t j = 0; j < e->count; j++) e->dy[j] = (e->off[j] + s->step[e->row[j]]) * s->stiffness;
+    riccati_backward(&s->riccati, s->intervals, s->gradient_X, s->u, s->y);
+    if (!solve_schur(s->schur, s->u, s->dtau)) return 0;
+    riccati_forward(&s->riccati, s->intervals, s->dtau, s->y, s->step);
+    apply_rows(p, s->dtau, s->step);
+    *lengths = (StepLengths){1.0, 1.0, 0.0, 0.0};
+    recover_steps(s->hard, 0, s->step, regularization, lengths);
+    recover_steps(s->soft, 1, s->step, regularization, lengths);
+    for (int64_t j = 0; j < e->count; j++) e->dy[j] = (e->residual[j] + s->step[e->row[j]]) * s->max_weight;
     return 1;
 }
 
-/* Move, and find what is left: the largest residual of limits and equations, and the complementarity. */
-static void move(Solver *s, double primal, double dual, double *X, double *tau) {
+/* Take a step of the lengths `primal` and `dual`; update residuals and complementarity. */
+static void take_step(Solver *s, double primal, double dual, double *X, double *tau) {
     Equations *e = &s->equations;
-    double worst = 0.0;
+    double largest = 0.0;
     s->gap = 0.0;
-    advance(s->hard, 0, s->step, primal, dual, &worst, &s->gap);
-    advance(s->soft, 1, s->step, primal, dual, &worst, &s->gap);
+    advance_limits(s->hard, 0, s->step, primal, dual, &largest, &s->gap);
+    advance_limits(s->soft, 1, s->step, primal, dual, &largest, &s->gap);
     for (int64_t j = 0; j < e->count; j++) {
-        e->off[j] += primal * s->step[e->row[j]];
+        e->residual[j] += primal * s->step[e->row[j]];
         e->y[j] += dual * e->dy[j];
-        worst = fmax(worst, fabs(e->off[j]));
+        largest = fmax(largest, fabs(e->residual[j]));
     }
     for (int64_t i = 0; i < s->p->K * M; i++) X[i] += primal * s->step[i];
     for (int c = 0; c < S; c++) tau[c] += primal * s->dtau[c];
-    s->residual = worst;
+    s->residual = largest;
 }
 /* A primal-dual interior-point method for the quadratic programs of a window, on the recursion in recursion.c.
  *
@@ -209,98 +241,102 @@ static void move(Solver *s, double primal, double dual, double *X, double *tau) 
  * hold to rounding at every iterate.
  */
 
-#define STIFFEST 1e9      /* greatest weight a row gets */
-#define SOFTEST 1e4       /* the same where rounding has made a Hessian indefinite */
-#define TO_BOUNDARY 0.995 /* share of the way to the boundary */
-#define CENTER 0.1        /* share of the tolerance that the complementarities are steered to at the end */
-#define SHORTEST 1e-9     /* share of a step that gets no further */
-#define LONGEST 1e3       /* step of an unbounded unknown that an infeasible program is not asked about */
+#define MAX_ROW_WEIGHT 1e9      /* greatest weight of a row in the Hessian */
+#define MIN_ROW_WEIGHT 1e4       /* the same where rounding has made a Hessian indefinite */
+#define FRACTION_TO_BOUNDARY 0.995 /* largest share of the way to where a slack or multiplier is 0 */
+#define FINAL_CENTERING 0.1        /* share of the tolerance that complementarities are steered to at the end */
+#define MIN_STEP_LENGTH 1e-9     /* shortest length of a step that still gets anywhere */
+#define UNBOUNDED_STEP 1e3       /* step of an unbounded unknown that an infeasible program is not asked about */
 
 enum { SOLVED, INFEASIBLE, FAILED };
 
-/* Largest derivative of the Lagrangian by a velocity or a duration, infinite where one is no number; leaves the
- * multipliers of the rows and of the gaps. */
+/* Return the largest derivative of the Lagrangian by a velocity or a duration, infinite where one is no number. Leaves
+ * the multipliers of the rows and of the gaps. */
 static double dual_residual(Solver *s) {
     const Program *p = s->p;
-    double worst = 0.0, sum = 0.0;
+    double largest = 0.0;
+    double sum = 0.0;
     memset(s->q, 0, row_count(p) * sizeof(double));
     for (int64_t j = 0; j < s->equations.count; j++) s->q[s->equations.row[j]] = s->equations.y[j];
     add_multipliers(s->hard, 0.0, s->q);
     add_multipliers(s->soft, 0.0, s->q);
     gradient(s);
-    reduce(p, s->lin, s->u, s->adjoint, p->gap_multipliers);
-    for (int c = 0; c < S; c++) worst = fmax(worst, fabs(s->u[c])), sum += s->u[c];
-#pragma omp simd reduction(max : worst) reduction(+ : sum)
+    reduced_gradient(p, s->gradient_X, s->u, s->gradient_velocity, p->gap_multipliers);
+    for (int c = 0; c < S; c++) largest = fmax(largest, fabs(s->u[c])), sum += s->u[c];
+#pragma omp simd reduction(max : largest) reduction(+ : sum)
     for (int64_t i = 0; i < p->K * N; i++) {
-        double size = fabs(s->adjoint[i]);
-        worst = worst > size ? worst : size;
+        double size = fabs(s->gradient_velocity[i]);
+        largest = largest > size ? largest : size;
         sum += size;
     }
-    return isfinite(sum) ? worst : INFINITY;
+    return isfinite(sum) ? largest : INFINITY;
 }
 
-/* Whether the multipliers prove that no point meets all rows: their combination of the rows is violated at the
- * iterate by more than any step inside the bounds can mend. Farkas' lemma, with room for rounding. */
+/* Tell whether the multipliers prove that no point meets all rows: q'(C x - bound) is violated at the iterate by more
+ * than any step inside the bounds can mend, |q'C dx| <= sum of |derivative| times the distance to a bound. Farkas'
+ * lemma, with a factor of 2 for rounding. */
 static int proves_infeasible(Solver *s) {
     const Program *p = s->p;
     const Limits *l = &s->hard;
     const Equations *e = &s->equations;
-    double violated = 0.0, mendable = 0.0;
-    for (int64_t j = 0; j < l->count; j++) violated -= l->z[j] * l->room[j];
-    for (int64_t j = 0; j < e->count; j++) violated += e->y[j] * e->off[j];
+    double violated = 0.0;
+    double mendable = 0.0;
+    for (int64_t j = 0; j < l->count; j++) violated -= l->z[j] * l->distance[j];
+    for (int64_t j = 0; j < e->count; j++) violated += e->y[j] * e->residual[j];
     if (!(violated > 0.0)) return 0;
-    memset(s->lin, 0, p->K * M * sizeof(double));
+    memset(s->gradient_X, 0, p->K * M * sizeof(double));
     memset(s->u, 0, S * sizeof(double));
     memset(s->q, 0, row_count(p) * sizeof(double)); /* a soft limit makes nothing infeasible, and bounds no step */
     for (int64_t j = 0; j < e->count; j++) s->q[e->row[j]] = e->y[j];
     add_multipliers(*l, 0.0, s->q);
-    add_rows(p, s->q, s->lin, s->u);
-    reduce(p, s->lin, s->u, s->adjoint, s->y);
+    add_rows_transposed(p, s->q, s->gradient_X, s->u);
+    reduced_gradient(p, s->gradient_X, s->u, s->gradient_velocity, s->y);
     for (int64_t k = 0; k < p->K; k++)
         for (int i = 0; i < N; i++) {
             int64_t row = k * M + N + i;
-            double room = p->soft ? LONGEST : fmax(p->high[row] - p->X[row], p->X[row] - p->low[row]);
-            mendable += fmin(room, LONGEST) * fabs(s->adjoint[k * N + i]);
+            double distance = p->soft ? UNBOUNDED_STEP : fmax(p->high[row] - p->X[row], p->X[row] - p->low[row]);
+            mendable += fmin(distance, UNBOUNDED_STEP) * fabs(s->gradient_velocity[k * N + i]);
         }
-    for (int c = 0; c < S; c++) mendable += LONGEST * fabs(s->u[c]);
+    for (int c = 0; c < S; c++) mendable += UNBOUNDED_STEP * fabs(s->u[c]);
     return violated > 2.0 * mendable;
 }
 
-static double *take(double **work, int64_t count) {
+static double *allocate(double **work, int64_t count) {
     double *at = *work;
     *work += PADDED(count + WIDTH);
     return at;
 }
 
-/* Lay out limits, at most so many. */
-static void lay_out_limits(Limits *l, int64_t most, int soft, double **work) {
-    double **arrays[] = {&l->sign, &l->room, &l->slack, &l->z, &l->ds, &l->dz, &l->inverse,
-                         &l->e, &l->w, &l->de, &l->give, &l->way};
-    l->row = (int64_t *)take(work, most);
-    for (int i = 0; i < (soft ? 12 : 7); i++) *arrays[i] = take(work, most);
+/* Lay out the arrays of limits in the memory, at most `capacity` of them. */
+static void lay_out_limits(Limits *l, int64_t capacity, int soft, double **work) {
+    double **arrays[] = {&l->sign, &l->distance, &l->slack, &l->z, &l->ds, &l->dz, &l->inverse_diagonal,
+                         &l->e, &l->w, &l->de, &l->relaxation, &l->relaxation_shift};
+    l->row = (int64_t *)allocate(work, capacity);
+    for (int i = 0; i < (soft ? 12 : 7); i++) *arrays[i] = allocate(work, capacity);
 }
 
-/* Lay out the memory; returns how many numbers it takes. */
+/* Lay out all arrays in the memory; returns how many doubles they take. */
 static int64_t lay_out(Solver *s, const Program *p, double *work) {
     double *begin = work;
-    int64_t rows = row_count(p), K = p->K;
+    int64_t rows = row_count(p);
+    int64_t K = p->K;
     Equations *e = &s->equations;
-    double **of_rows[] = {&s->weight, &s->q, &s->step, &e->off, &e->y, &e->dy};
+    double **of_rows[] = {&s->weight, &s->q, &s->step, &e->residual, &e->y, &e->dy};
     lay_out_limits(&s->hard, 2 * rows, 0, &work);
     lay_out_limits(&s->soft, p->soft ? 2 * K * M : 0, 1, &work);
-    for (size_t i = 0; i < sizeof of_rows / sizeof *of_rows; i++) *of_rows[i] = take(&work, rows);
-    e->row = (int64_t *)take(&work, rows);
+    for (size_t i = 0; i < sizeof of_rows / sizeof *of_rows; i++) *of_rows[i] = allocate(&work, rows);
+    e->row = (int64_t *)allocate(&work, rows);
     s->p = p;
-    s->intervals = (Interval *)take(&work, K * (int64_t)(sizeof(Interval) / sizeof(double)));
-    s->positions = (vec *)take(&work, K * N * NC);
-    s->y = take(&work, K * NC);
-    s->cost = take(&work, K * M);
-    s->lin = take(&work, K * M);
-    s->adjoint = take(&work, K * N);
-    s->difference = take(&work, K * N);
-    s->arrow = take(&work, K * M * S);
-    double **small[] = {&s->cost_tau, &s->u, &s->dtau, &s->U, &s->durations};
-    for (size_t i = 0; i < sizeof small / sizeof *small; i++) *small[i] = take(&work, S * S);
+    s->intervals = (IntervalFactors *)allocate(&work, K * (int64_t)(sizeof(IntervalFactors) / sizeof(double)));
+    s->positions = (vec *)allocate(&work, K * N * NC);
+    s->y = allocate(&work, K * NC);
+    s->cost = allocate(&work, K * M);
+    s->gradient_X = allocate(&work, K * M);
+    s->gradient_velocity = allocate(&work, K * N);
+    s->difference = allocate(&work, K * N);
+    s->arrow = allocate(&work, K * M * S);
+    double **small[] = {&s->cost_tau, &s->u, &s->dtau, &s->schur, &s->durations};
+    for (size_t i = 0; i < sizeof small / sizeof *small; i++) *small[i] = allocate(&work, S * S);
     return work - begin;
 }
 
@@ -317,14 +353,15 @@ static void list_limits(const Solver *s, int64_t first, int64_t last, Limits *l)
             if (!isfinite(bound) || is_equation(s->p, i)) continue;
             l->row[l->count] = i;
             l->sign[l->count] = sign;
-            l->room[l->count++] = sign * (s->step[i] - bound);
+            l->distance[l->count++] = sign * (s->step[i] - bound);
         }
 }
 
 /* List limits and equations of the rows at the first iterate. */
 static void list_rows(Solver *s) {
     const Program *p = s->p;
-    int64_t count = row_count(p), soft = p->soft ? p->K * M : 0;
+    int64_t count = row_count(p);
+    int64_t soft = p->soft ? p->K * M : 0;
     Equations *e = &s->equations;
     list_limits(s, 0, soft, &s->soft);
     list_limits(s, soft, count, &s->hard);
@@ -333,120 +370,143 @@ static void list_rows(Solver *s) {
         if (is_equation(p, i)) {
             e->row[e->count] = i;
             e->y[e->count] = e->dy[e->count] = 0.0;
-            e->off[e->count++] = s->step[i] - (p->low[i] + p->high[i]) / 2;
+            e->residual[e->count++] = s->step[i] - (p->low[i] + p->high[i]) / 2;
         }
 }
 
-/* The first slacks and multipliers: all products are the barrier, which grows with what the limits are violated by. */
-static void begin_limits(Solver *s) {
+/* Choose the first slacks and multipliers: all products s z and e w are the barrier, which grows with the largest
+ * violation. A slack is at least `bound_push`, and at most a quarter of the way to the other bound. */
+static void initialize_limits(Solver *s) {
     const Program *p = s->p;
-    double push = p->push, barrier = p->barrier;
+    double bound_push = p->bound_push;
+    double initial_barrier = p->initial_barrier;
     Limits *l = &s->hard;
-    for (int64_t j = 0; j < l->count; j++) push = fmax(push, -l->room[j]);
-    for (int64_t j = 0; j < s->equations.count; j++) push = fmax(push, fabs(s->equations.off[j]));
-    barrier *= push / p->push;
-    int64_t inputs = p->K * M + 2 * S + p->ends, shift = p->K * N;
+    for (int64_t j = 0; j < l->count; j++) bound_push = fmax(bound_push, -l->distance[j]);
+    for (int64_t j = 0; j < s->equations.count; j++) bound_push = fmax(bound_push, fabs(s->equations.residual[j]));
+    initial_barrier *= bound_push / p->bound_push;
+    int64_t inputs = p->K * M + 2 * S + p->node_rows;
+    int64_t shift = p->K * N;
     for (int64_t j = 0; j < l->count; j++) {
-        int64_t low = l->row[j], high = low;
+        int64_t low = l->row[j];
+        int64_t high = low;
         if (low >= inputs + shift) low -= shift; /* an acceleration has a row for each of its limits */
         else if (low >= inputs) high += shift;
         double width = p->high[high] - p->low[low] + (s->step[low] - s->step[high]);
-        l->slack[j] = fmax(l->room[j], fmin(push, width / 4));
-        l->z[j] = barrier / l->slack[j];
+        l->slack[j] = fmax(l->distance[j], fmin(bound_push, width / 4));
+        l->z[j] = initial_barrier / l->slack[j];
         l->ds[j] = l->dz[j] = 0.0;
     }
     l = &s->soft;
     for (int64_t j = 0; j < l->count; j++) {
         double penalty = p->penalty[l->row[j] / M];
-        l->e[j] = fmax(p->push - l->room[j], barrier / penalty);
-        l->slack[j] = l->room[j] + l->e[j];
-        l->z[j] = fmin(barrier / l->slack[j], penalty / 2);
+        l->e[j] = fmax(p->bound_push - l->distance[j], initial_barrier / penalty);
+        l->slack[j] = l->distance[j] + l->e[j];
+        l->z[j] = fmin(initial_barrier / l->slack[j], penalty / 2);
         l->w[j] = penalty - l->z[j];
         l->ds[j] = l->dz[j] = l->de[j] = 0.0;
     }
 }
 
-static void begin(Solver *s) {
+static void initialize(Solver *s) {
     const Program *p = s->p;
     double drift[N] = {0};
-    s->stiffness = STIFFEST;
-    s->stages = (Stages){.K = p->K, .positions = s->positions, .diagonal = s->weight,
-                         .arrow = p->inputs ? s->arrow : p->arrow, .durations = s->durations,
-                         .difference = s->difference, .gap_velocity = p->gap_velocity, .gap_tau = p->gap_tau,
-                         .ends = p->ends, .end_node = p->end_node, .end_rows = p->end_rows};
+    s->max_weight = MAX_ROW_WEIGHT;
+    s->riccati = (RiccatiData){
+        .K = p->K,
+        .positions = s->positions,
+        .diagonal = s->weight,
+        .arrow = p->inputs ? s->arrow : p->arrow,
+        .durations = s->durations,
+        .difference = s->difference,
+        .gap_velocity = p->gap_velocity,
+        .gap_tau = p->gap_tau,
+        .node_rows = p->node_rows,
+        .row_node = p->row_node,
+        .row_jacobian = p->row_jacobian,
+    };
     memset(s->positions, 0, p->K * N * NC * sizeof(double));
     for (int64_t k = 0; k < p->K; k++)
         for (int i = 0; i < N; i++)
             for (int j = i; j < N; j++)
-                numbers(s->positions + (k * N + i) * NV)[j] = numbers(s->positions + (k * N + j) * NV)[i] =
+                scalars(s->positions + (k * N + i) * NV)[j] = scalars(s->positions + (k * N + j) * NV)[i] =
                     p->positions[(k * N + i) * N + j];
     memset(p->X, 0, p->K * M * sizeof(double));
     memset(p->tau, 0, S * sizeof(double));
     for (int64_t k = 0; k < p->K; k++)
         for (int i = 0; i < N; i++) p->X[k * M + i] = drift[i] -= p->gaps[k * N + i];
     memcpy(s->step, p->X, p->K * M * sizeof(double));
-    rows_of(p, p->tau, s->step);
+    apply_rows(p, p->tau, s->step);
     list_rows(s);
-    begin_limits(s);
+    initialize_limits(s);
     memset(s->dtau, 0, S * sizeof(double));
-    move(s, 0.0, 0.0, p->X, p->tau);
+    take_step(s, 0.0, 0.0, p->X, p->tau);
 }
 
-/* Bytes of a Program, which who calls from another language declares again. */
-int64_t psmpc_qp_program_size(void) {
+/* Return the bytes of a Program: callers in another language declare it again and compare. */
+int64_t SIZED(psmpc_qp_program_size)(void) {
     return (int64_t)sizeof(Program);
 }
 
-int64_t psmpc_qp_memory(const Program *p) {
+int64_t SIZED(psmpc_qp_memory)(const Program *p) {
     Solver s;
     return lay_out(&s, p, NULL);
 }
 
-/* Factorize the Hessian with the rows' weights, looser ones where rounding has made it indefinite. */
-static int factorize_safely(Solver *s) {
-    for (; s->stiffness > SOFTEST; s->stiffness /= 10.0) {
-        weigh(s);
-        if (factorize(&s->stages, s->intervals, s->U)) return 1;
+/* Factorize the Hessian with the weights of the rows; smaller largest weights where rounding has made it indefinite. */
+static int factorize_regularized(Solver *s) {
+    for (; s->max_weight > MIN_ROW_WEIGHT; s->max_weight /= 10.0) {
+        form_hessian(s);
+        if (riccati_factorize(&s->riccati, s->intervals, s->schur)) return 1;
     }
     return 0;
 }
 
-/* Predictor, corrector and step, of one length where `alike`. Returns 0 where rounding has left no direction. */
-static int iterate(Solver *s, double limits, int alike) {
+/* Take one step of Mehrotra's predictor-corrector method: an affine step, from its complementarity the centering
+ *
+ *     sigma = (mu_affine / mu)^3,   mu = (sum of s z and e w) / limits,
+ *
+ * then the step towards sigma mu, of the fraction to the boundary; primal and dual of one length where `equal_lengths`.
+ * Returns 0 where rounding has left no direction. Nocedal, Wright (2006), algorithm 16.4. */
+static int predictor_corrector(Solver *s, double limits, int equal_lengths) {
     const Program *p = s->p;
-    Reach r;
-    if (!factorize_safely(s) || !direction(s, 0.0, 0.0, &r)) return 0;
-    double primal = 1.0 / r.primal, dual = 1.0 / r.dual, least = CENTER * p->tolerance / limits, mu = s->gap / limits;
+    StepLengths r;
+    if (!factorize_regularized(s) || !newton_direction(s, 0.0, 0.0, &r)) return 0;
+    double primal = 1.0 / r.primal;
+    double dual = 1.0 / r.dual;
+    double regularization = FINAL_CENTERING * p->tolerance / limits;
+    double mu = s->gap / limits;
     double left = (1.0 - dual) * s->gap + (primal - dual) * r.change + primal * dual * r.product;
     double share = s->gap > 0.0 ? left / s->gap : 0.0;
-    if (!direction(s, fmax(share * share * share * mu, least), 1.0, &r)) return 0;
-    primal = r.primal > 1.0 ? TO_BOUNDARY / r.primal : 1.0;
-    dual = r.dual > 1.0 ? TO_BOUNDARY / r.dual : 1.0;
-    if (alike) primal = dual = fmin(primal, dual);
-    move(s, primal, dual, p->X, p->tau);
-    return primal > SHORTEST || dual > SHORTEST;
+    if (!newton_direction(s, fmax(share * share * share * mu, regularization), 1.0, &r)) return 0;
+    primal = r.primal > 1.0 ? FRACTION_TO_BOUNDARY / r.primal : 1.0;
+    dual = r.dual > 1.0 ? FRACTION_TO_BOUNDARY / r.dual : 1.0;
+    if (equal_lengths) primal = dual = fmin(primal, dual);
+    take_step(s, primal, dual, p->X, p->tau);
+    return primal > MIN_STEP_LENGTH || dual > MIN_STEP_LENGTH;
 }
 
-int64_t psmpc_qp_solve(const Program *p) {
+int64_t SIZED(psmpc_qp_solve)(const Program *p) {
     Solver s;
     double before = INFINITY;
-    int alike = 0;
+    int equal_lengths = 0;
     lay_out(&s, p, p->work);
-    begin(&s);
+    initialize(&s);
     double limits = fmax((double)(s.hard.count + 2 * s.soft.count), 1.0);
     for (int64_t count = 0;; count++) {
         cost_gradient(&s, p->X, p->tau);
-        double gap = s.gap, primal = s.residual, dual = dual_residual(&s);
-        double worst = fmax(fmax(primal, dual), gap);
+        double gap = s.gap;
+        double primal = s.residual;
+        double dual = dual_residual(&s);
+        double largest = fmax(fmax(primal, dual), gap);
         p->report[0] = (double)count, p->report[1] = primal, p->report[2] = dual, p->report[3] = gap;
         memcpy(p->multipliers, s.q, row_count(p) * sizeof(double));
-        if (!isfinite(worst)) return FAILED;
-        if (worst <= p->tolerance) return SOLVED;
+        if (!isfinite(largest)) return FAILED;
+        if (largest <= p->tolerance) return SOLVED;
         if (primal > p->tolerance && proves_infeasible(&s)) return INFEASIBLE;
-        /* Steps of two lengths may throw the gradient about; steps of one length lessen every residual. */
-        alike |= primal <= p->nearly && fmax(dual, gap) > before;
+        /* Two lengths may increase the dual residual; equal lengths decrease every residual. */
+        equal_lengths |= primal <= p->acceptable_tolerance && fmax(dual, gap) > before;
         before = fmax(dual, gap);
-        if (count == p->limit || !iterate(&s, limits, alike))
-            return worst <= p->nearly ? SOLVED : FAILED;
+        if (count == p->max_iterations || !predictor_corrector(&s, limits, equal_lengths))
+            return largest <= p->acceptable_tolerance ? SOLVED : FAILED;
     }
 }

@@ -5,12 +5,13 @@ Unknowns are the steps of x_1 .. x_K = [Q; Qdot] and those of the durations; x_0
 
 import ctypes
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import piqp
@@ -24,8 +25,6 @@ from psmpc_cli.solvers.sqp_window import SqpWindow
 
 SOURCES = ("recursion.c", "program.c", "interior_point.c")
 
-SYMBOLS = ("psmpc_qp_memory", "psmpc_qp_solve", "psmpc_qp_program_size")
-"""Functions of our own method."""
 
 FLAGS = ("-O3", "-march=native", "-fopenmp-simd", "-fno-math-errno", "-ffp-contract=off")
 """Without -ffast-math: a step that is not finite has to be noticed; without contraction: compilers round alike."""
@@ -33,13 +32,13 @@ FLAGS = ("-O3", "-march=native", "-fopenmp-simd", "-fno-math-errno", "-ffp-contr
 MAX_ITERATIONS = 60
 """Interior-point iterations of one program; a solvable one takes 8 to 25."""
 
-NEARLY = 1e-6
+ACCEPTABLE = 1e-6
 """Residuals and duality gap at which a program that ran out of iterations counts as solved."""
 
-BARRIER = 1e-2
+INITIAL_BARRIER = 1e-2
 """Product of slack and multiplier our own method starts from: 1e-2 was best of 1e-5 to 1e-2."""
 
-PUSH = 3e-3
+BOUND_PUSH = 3e-3
 """The smallest slack it starts from [m, rad, m/s, rad/s, s]."""
 
 NARROW = 1e-8
@@ -103,13 +102,13 @@ class QpMethod(ABC):
             "gap_velocity": model.gap_velocity,
             "gap_tau": model.gap_tau,
             "gaps": model.at.gaps,
-            "end_node": window.form.row_node - 1,
-            "end_rows": model.rows_by_x,
+            "row_node": window.form.row_node - 1,
+            "row_jacobian": model.rows_by_x,
             "low": bounds.low - rows,
             "high": bounds.high - rows,
             "input_low": bounds.input_low,
             "input_high": bounds.input_high,
-            "share": window.form.interval_steps,
+            "interval_by_duration": window.form.interval_steps,
             "penalty": PENALTY * window.shares(point)[1:],
             "X": X[1:],
             "tau": np.zeros(S),
@@ -130,19 +129,20 @@ class Program(ctypes.Structure):
     """A quadratic program as the C code takes it; see `Program` in program.c."""
 
     _fields_ = (
-        [(name, ctypes.c_int64) for name in ("K", "ends", "inputs", "limit", "soft")]
-        + [(name, ctypes.c_double) for name in ("tolerance", "nearly", "barrier", "push")]
+        [(name, ctypes.c_int64) for name in ("K", "node_rows", "inputs", "max_iterations", "soft")]
+        + [(name, ctypes.c_double) for name in ("tolerance", "acceptable_tolerance", "initial_barrier", "bound_push")]
         + [(name, ctypes.c_void_p) for name in ("positions", "gradient", "gradient_tau", "coupling", "arrow")]
-        + [(name, ctypes.c_void_p) for name in ("durations", "gap_velocity", "gap_tau", "gaps", "end_node")]
-        + [(name, ctypes.c_void_p) for name in ("end_rows", "low", "high")]
-        + [(name, ctypes.c_void_p) for name in ("input_low", "input_high", "share", "penalty", "work", "X", "tau")]
+        + [(name, ctypes.c_void_p) for name in ("durations", "gap_velocity", "gap_tau", "gaps", "row_node")]
+        + [(name, ctypes.c_void_p) for name in ("row_jacobian", "low", "high")]
+        + [(name, ctypes.c_void_p) for name in ("input_low", "input_high", "interval_by_duration", "penalty")]
+        + [(name, ctypes.c_void_p) for name in ("work", "X", "tau")]
         + [(name, ctypes.c_void_p) for name in ("gap_multipliers", "multipliers", "report")]
     )
 
 
 def kernel_library(coordinates: int, durations: int) -> Path | None:
     """Return the shared library of our own method for these sizes; None where nothing can be compiled."""
-    return library(kernel_source(coordinates, durations), "qp", FLAGS, SYMBOLS)
+    return library(kernel_source(coordinates, durations), "qp", FLAGS, kernel_symbols(coordinates, durations))
 
 
 def kernel_source(coordinates: int, durations: int) -> str:
@@ -152,8 +152,28 @@ def kernel_source(coordinates: int, durations: int) -> str:
     return sizes + "".join((folder / name).read_text(encoding="utf-8") for name in SOURCES)
 
 
+def kernel_symbols(coordinates: int, durations: int) -> tuple[str, str, str]:
+    """Return the names of its functions: the memory a program needs, the solver, the size of a program."""
+    names = ("psmpc_qp_memory", "psmpc_qp_solve", "psmpc_qp_program_size")
+    memory, solve, size = (f"{name}_{coordinates}_{durations}" for name in names)
+    return memory, solve, size
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """The functions of our own method for some sizes, by pointers to a `Program`.
+
+    Attributes:
+        memory: Returns how many numbers of work memory a program needs.
+        solve: Solves a program; returns the index of its `QpStatus`.
+    """
+
+    memory: Callable[[Any], int]
+    solve: Callable[[Any], int]
+
+
 @cache
-def load_kernel(coordinates: int, durations: int) -> ctypes.CDLL | None:
+def load_kernel(coordinates: int, durations: int) -> Kernel | None:
     """Load our own method for these sizes; None where nothing can be compiled.
 
     Raises:
@@ -163,17 +183,18 @@ def load_kernel(coordinates: int, durations: int) -> ctypes.CDLL | None:
     if path is None:
         return None
     kernel = ctypes.CDLL(str(path))
-    for symbol in SYMBOLS:
-        getattr(kernel, symbol).restype = ctypes.c_int64
-    if (size := kernel.psmpc_qp_program_size()) != ctypes.sizeof(Program):
+    memory, solve, program_size = (getattr(kernel, name) for name in kernel_symbols(coordinates, durations))
+    for function in (memory, solve, program_size):
+        function.restype = ctypes.c_int64
+    if (size := program_size()) != ctypes.sizeof(Program):
         raise RuntimeError(f"a program has {size} bytes in C, expected the {ctypes.sizeof(Program)} of `Program`")
-    return kernel
+    return Kernel(memory, solve)
 
 
 class RiccatiQp(QpMethod):
     """Programs by our own method, which uses the structure of double integrators."""
 
-    def __init__(self, kernel: ctypes.CDLL, tolerance: float) -> None:
+    def __init__(self, kernel: Kernel, tolerance: float) -> None:
         self._kernel = kernel
         self._tolerance = tolerance
         self._memory = np.zeros(0)
@@ -181,26 +202,26 @@ class RiccatiQp(QpMethod):
     def _solve(self, numbers: dict[str, np.ndarray], soft: bool) -> tuple[QpStatus, int]:
         program = Program(
             K=len(numbers["coupling"]),
-            ends=len(numbers["end_rows"]),
+            node_rows=len(numbers["row_jacobian"]),
             inputs=len(numbers["input_low"]) > 0,
-            limit=MAX_ITERATIONS,
+            max_iterations=MAX_ITERATIONS,
             soft=soft,
             tolerance=self._tolerance,
-            nearly=max(NEARLY, self._tolerance),
-            barrier=BARRIER,
-            push=PUSH,
+            acceptable_tolerance=max(ACCEPTABLE, self._tolerance),
+            initial_barrier=INITIAL_BARRIER,
+            bound_push=BOUND_PUSH,
         )
         report = np.zeros(4)
         numbers = {**numbers, "report": report, "work": self._work(program)}
         held = {name: np.ascontiguousarray(array) for name, array in numbers.items()}  # alive while C reads them
         for name, array in held.items():
             setattr(program, name, array.ctypes.data)
-        status = tuple(QpStatus)[self._kernel.psmpc_qp_solve(ctypes.byref(program))]
+        status = tuple(QpStatus)[self._kernel.solve(ctypes.byref(program))]
         return status, int(report[0])
 
     def _work(self, program: Program) -> np.ndarray:
         """Return memory for a program, aligned for vectors of 64 bytes."""
-        size = int(self._kernel.psmpc_qp_memory(ctypes.byref(program))) + 8
+        size = int(self._kernel.memory(ctypes.byref(program))) + 8
         if size > len(self._memory):
             self._memory = np.zeros(size)
         return self._memory[-self._memory.ctypes.data % 64 // 8 :]
@@ -278,7 +299,7 @@ class PiqpQp(QpMethod):
         limited = np.r_[np.flatnonzero(below), np.flatnonzero(above), np.flatnonzero(hard)]
         np.add.at(z, limited, of_rows)
         outcome = _status(status, result.info)
-        if outcome is QpStatus.SOLVED and _curvature(hessian, found) < -NEARLY:
+        if outcome is QpStatus.SOLVED and _curvature(hessian, found) < -ACCEPTABLE:
             outcome = QpStatus.FAILED
         return outcome, int(result.info.iter)
 
@@ -300,7 +321,7 @@ def _curvature(upper: csr_array, step: np.ndarray) -> float:
 def _status(status: piqp.Status, info: piqp.Info) -> QpStatus:
     if status == piqp.Status.PIQP_PRIMAL_INFEASIBLE:
         return QpStatus.INFEASIBLE
-    nearly = max(info.primal_res, info.dual_res, abs(info.duality_gap)) <= NEARLY
+    nearly = max(info.primal_res, info.dual_res, abs(info.duality_gap)) <= ACCEPTABLE
     return QpStatus.SOLVED if status == piqp.Status.PIQP_SOLVED or nearly else QpStatus.FAILED
 
 
@@ -349,18 +370,18 @@ def _rows(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> lis
     """Return the rows of `SqpWindow`."""
     K, n = numbers["coupling"].shape
     S = len(tau)
-    ends = len(numbers["end_rows"])
+    ends = len(numbers["row_jacobian"])
     at = x.size + 2 * S
     v = x[:, n:]
     until, of = np.tril_indices(S)
     pieces: list[Piece] = [
         (np.arange(x.size + S), np.r_[x.ravel(), tau], 1.0),
         (x.size + S + until, tau[of], 1.0),
-        (at + np.arange(ends)[:, None], x[numbers["end_node"]], numbers["end_rows"]),
+        (at + np.arange(ends)[:, None], x[numbers["row_node"]], numbers["row_jacobian"]),
     ]
     for first, limit in ((at + ends, numbers["input_low"]), (at + ends + K * n, numbers["input_high"])):
         row = first + np.arange(limit.size).reshape(limit.shape)
         if row.size:
-            by_tau = -limit[..., None] * numbers["share"][:, None]
+            by_tau = -limit[..., None] * numbers["interval_by_duration"][:, None]
             pieces += [(row, v, 1.0), (row[1:], v[:-1], -1.0), (row[..., None], tau, by_tau)]
     return pieces

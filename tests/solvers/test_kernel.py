@@ -1,5 +1,6 @@
 """Our own method under the compiler's warnings and sanitizers, on programs of runs."""
 
+import ctypes
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,7 +9,17 @@ import numpy as np
 import pytest
 
 from psmpc_cli.native.library import CompilationError, find_compiler
-from psmpc_cli.solvers.quadratic import BARRIER, MAX_ITERATIONS, NEARLY, PUSH, QpMethod, QpStatus, kernel_source
+from psmpc_cli.solvers.quadratic import (
+    ACCEPTABLE,
+    BOUND_PUSH,
+    INITIAL_BARRIER,
+    MAX_ITERATIONS,
+    Program,
+    QpMethod,
+    QpStatus,
+    kernel_source,
+    kernel_symbols,
+)
 
 from .random_programs import Task, random_task
 from .test_programs import ours
@@ -22,8 +33,8 @@ MAIN = """
 int main(void) {{
     {arrays}
     Program p = {{{numbers}, {pointers}}};
-    p.work = aligned_alloc(64, ((size_t)psmpc_qp_memory(&p) * sizeof(double) + 63) / 64 * 64);
-    int64_t status = psmpc_qp_solve(&p);
+    p.work = aligned_alloc(64, ((size_t){memory}(&p) * sizeof(double) + 63) / 64 * 64);
+    int64_t status = {solve}(&p);
     printf("%d %zu", (int)status, sizeof(Program));
     for (size_t i = 0; i < sizeof X / sizeof *X; i++) printf(" %.17g", X[i]);
     free(p.work);
@@ -33,8 +44,8 @@ int main(void) {{
 
 POINTERS = (
     *("positions", "gradient", "gradient_tau", "coupling", "arrow", "durations", "gap_velocity", "gap_tau", "gaps"),
-    *("end_node", "end_rows", "low", "high", "input_low", "input_high", "share", "penalty", "work", "X", "tau"),
-    *("gap_multipliers", "multipliers", "report"),
+    *("row_node", "row_jacobian", "low", "high", "input_low", "input_high", "interval_by_duration", "penalty"),
+    *("work", "X", "tau", "gap_multipliers", "multipliers", "report"),
 )
 """The members of `Program` behind its numbers, in order."""
 
@@ -53,12 +64,19 @@ def program_of(task: Task, tolerance: float) -> str:
     method = Recorded()
     method.solve(task.window, task.model, task.point)
     numbers, grid = method.numbers, task.window.form.grid
-    scalars = [grid.K, len(numbers["end_rows"]), int(len(numbers["input_low"]) > 0), MAX_ITERATIONS, int(method.soft)]
-    scalars += [tolerance, max(NEARLY, tolerance), BARRIER, PUSH]
+    scalars = [
+        grid.K,
+        len(numbers["row_jacobian"]),
+        int(len(numbers["input_low"]) > 0),
+        MAX_ITERATIONS,
+        int(method.soft),
+    ]
+    scalars += [tolerance, max(ACCEPTABLE, tolerance), INITIAL_BARRIER, BOUND_PUSH]
     arrays = [_declared(name, numbers[name]) for name in POINTERS if name != "work"]
     pointers = ", ".join("NULL" if name == "work" else name for name in POINTERS)
     values = ", ".join(repr(value) for value in scalars)
-    main = MAIN.format(arrays="\n    ".join(arrays), numbers=values, pointers=pointers)
+    memory, solve, _ = kernel_symbols(grid.n, grid.switches)
+    main = MAIN.format(arrays="\n    ".join(arrays), numbers=values, pointers=pointers, memory=memory, solve=solve)
     return kernel_source(grid.n, grid.switches) + main
 
 
@@ -76,6 +94,37 @@ def run(source: str, flags: Sequence[str], folder: Path) -> list[str]:
     done = subprocess.run([folder / "kernel"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout.split()
+
+
+TWO_SIZES = """
+#include <stdint.h>
+#include <stdio.h>
+{declarations}
+int main(void) {{ printf("{format}", {calls}); return 0; }}
+"""
+
+
+@pytest.mark.slow
+def test_kernels_of_two_sizes_are_linked_side_by_side(tmp_path: Path) -> None:
+    """Every name for callers has the sizes in it, and no other name leaves its file."""
+    try:
+        compiler = find_compiler()
+    except CompilationError as error:
+        pytest.skip(str(error))
+    sizes = [(9, 1), (9, 2), (7, 1)]
+    names = [kernel_symbols(*size)[2] for size in sizes]
+    for number, size in enumerate(sizes):
+        (tmp_path / f"kernel{number}.c").write_text(kernel_source(*size))
+    declarations = "\n".join(f"int64_t {name}(void);" for name in names)
+    calls = ", ".join(f"(int){name}()" for name in names)
+    main = TWO_SIZES.format(declarations=declarations, format=" ".join(["%d"] * len(names)), calls=calls)
+    (tmp_path / "main.c").write_text(main)
+    sources = [f"kernel{number}.c" for number in range(len(sizes))]
+    command = [*compiler, *STRICT, "-O1", *sources, "main.c", "-o", "main", "-lm"]
+    compiled = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert not compiled.returncode, compiled.stderr
+    done = subprocess.run([tmp_path / "main"], capture_output=True, text=True, check=False)
+    assert done.stdout.split() == [str(ctypes.sizeof(Program))] * len(sizes)
 
 
 @pytest.mark.slow

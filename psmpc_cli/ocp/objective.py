@@ -5,7 +5,7 @@ of the NLP, its Gauss-Newton model, stage costs on arrays and the audits of the 
 """
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -197,13 +197,13 @@ class StageFunctions:
 
     def step(self, discretization: str) -> ca.Function:
         """Return x (2n,), u, dt -> x after dt under a constant u."""
-        return _step(self.model, self.shape.input, discretization)
+        of_input = self.shape.input
+        return self.model.owned(("step", of_input, discretization), lambda: _step(self.model, of_input, discretization))
 
 
-@lru_cache(maxsize=256)
 def stage_functions(model: RobotModel, shape: StageShape, native: bool = False) -> StageFunctions:
-    """Return the functions of the stages of a shape, the same ones for every call."""
-    return StageFunctions(model, shape, native)
+    """Return the functions of the stages of a shape, the same ones for every call; the model owns them."""
+    return model.owned((StageFunctions, shape, native), lambda: StageFunctions(model, shape, native))
 
 
 def _row_by_row(matrix: ca.SX) -> ca.SX:
@@ -211,7 +211,6 @@ def _row_by_row(matrix: ca.SX) -> ca.SX:
     return ca.vec(ca.densify(matrix.T))
 
 
-@lru_cache(maxsize=64)
 def _step(model: RobotModel, stage_input: str, discretization: str) -> ca.Function:
     """Return one interval of the dynamics.
 

@@ -1,8 +1,9 @@
 """The model of a robot: numeric methods for Python users, CasADi functions for optimization and simulation."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -20,6 +21,8 @@ from psmpc_cli.specs.load import load_robot as load_robot_spec
 from psmpc_cli.specs.robot import RobotSpec, labels
 
 Array = NDArray[np.float64]
+
+T = TypeVar("T")
 
 DAMPING = 1e-2
 """Of the inverse of J_C in f_2."""
@@ -51,6 +54,7 @@ class RobotModel:
     """
 
     def __init__(self, spec: RobotSpec) -> None:
+        self._owned: dict[Hashable, Any] = {}
         self.spec = spec
         self.space = configuration_space(spec)
         self.dimension = self.space.dimension
@@ -65,6 +69,13 @@ class RobotModel:
         self.g = function("g", {"Q": Q}, {"xi": xi})
         self.dynamics = derive_dynamics(spec)
         self.body_poses = function("body_poses", {"Q": Q}, {"poses": body_poses})
+
+    def owned(self, key: Hashable, build: Callable[[], T]) -> T:
+        """Return what is built for this robot under a key; the same object for every call while it lives."""
+        if key not in self._owned:
+            self._owned[key] = build()
+        found: T = self._owned[key]
+        return found
 
     def _placed(self, base: Frame, joints: ca.SX) -> tuple[list[Frame], ca.SX]:
         """Return the frames of the bodies, and the poses xi (m,), with the base at a frame and joints (joints,)."""

@@ -1,3 +1,5 @@
+import gc
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -7,10 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.ocp.objective import StageShape, stage_functions
-from psmpc_cli.ocp.problem import StageCosts
+from psmpc_cli.ocp.problem import StageCosts, build_problem
 from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.ocp.stage import Stage, Trajectory
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.specs.load import load_task
 
 X_U = tuple[np.ndarray, np.ndarray]
 
@@ -124,3 +127,14 @@ def test_an_axis_is_off_its_point_by_an_angle_at_any_distance(
     pointing: Pointing, direction: float, distance: float
 ) -> None:
     assert pointing(direction, distance) == pytest.approx(-direction, abs=1e-9)
+
+
+def test_a_model_that_nobody_uses_is_freed_with_what_was_built_for_it() -> None:
+    problem = build_problem(load_task("transport", ["controller.nodes=4"]))
+    problem.costs.errors(problem.stages[0], np.zeros((1, 2 * problem.model.n)))
+    functions = stage_functions(problem.model, StageShape("joint"))
+    assert stage_functions(problem.model, StageShape("joint")) is functions
+    model = weakref.ref(problem.model)
+    del problem, functions
+    gc.collect()
+    assert model() is None

@@ -3,6 +3,7 @@
     python benchmarks/pages.py                     all tables anew, `make docs-tables`; some hours, on a quiet machine
     python benchmarks/pages.py performance.md      those of a page, or those whose command contains the word
     python benchmarks/pages.py --quick             those of tables.py alone, some seconds
+    python benchmarks/pages.py --check --quick     prints how they differ from the pages, and writes nothing
 
 Between `<!-- table: COMMAND -->` and `<!-- end -->` stands what the command prints. It is a script of this folder with
 its arguments, or commands of psmpc joined by `&&`, which run in a folder of their own and stand above what they print.
@@ -15,6 +16,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from difflib import unified_diff
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -93,9 +95,23 @@ def output(command: str) -> tuple[str, bool]:
     return f"```\n{text}```\n" if succeeded else "", succeeded
 
 
+def differs(page: Path, command: str, text: str) -> bool:
+    """Print how the text of a table differs from what its command prints now; return whether it does."""
+    now, _ = output(command)
+    lines = [each.splitlines(keepends=True) for each in (text, now)]
+    sys.stdout.writelines(unified_diff(*lines, f"{page.name}: {command}", "now"))
+    return text != now
+
+
 def main(words: Sequence[str]) -> int:
-    """Write the tables chosen by the words; return how many commands failed."""
-    chosen = [QUICK if word == "--quick" else word for word in words] or [""]
+    """Write the tables chosen by the words; return how many commands failed.
+
+    With `--check` print what would change instead; return how many tables would.
+    """
+    check = "--check" in words
+    chosen = [QUICK if word == "--quick" else word for word in words if word != "--check"] or [""]
+    if check:
+        return sum(differs(*block) for block in blocks() if any(word in block[1] for word in chosen))
     pages: dict[str, list[Path]] = {}
     for page, command, _ in blocks():
         if any(word in command or word == page.name for word in chosen):

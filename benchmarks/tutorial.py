@@ -1,6 +1,7 @@
 """Follows docs/tutorial.md to the letter in an empty folder; writes what its commands print, and its figures.
 
-    python benchmarks/tutorial.py                  some minutes; a test compares the page with what this writes
+    python benchmarks/tutorial.py                  some minutes
+    python benchmarks/tutorial.py --check          prints how the page would change, and writes nothing
 
 A block with a title is a file, or the text of a line of one; a console block is a command and what it prints: standard
 error where the command ends with an error. `...` stands for the rest of an output; the lines above it are kept.
@@ -8,6 +9,8 @@ error where the command ends with an error. `...` stands for the rest of an outp
 
 import re
 import subprocess
+import sys
+from difflib import unified_diff
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -46,6 +49,21 @@ def step(block: re.Match[str], folder: Path) -> str:
     return "\n".join(["```console", command, *printed, "```"])
 
 
+def check() -> int:
+    """Print how the page differs from what following it shows now; return 1 where it does, or lacks a figure.
+
+    The widths of columns do not count: they follow from solve times below the lines that are shown.
+    """
+    before = PAGE.read_text(encoding="utf-8")
+    with TemporaryDirectory() as name:
+        after = follow(before, Path(name))
+        missing = [source for _, source in FIGURE.findall(after) if not (Path(name) / source).is_file()]
+    lines = [re.sub(" +", " ", page).splitlines(keepends=True) for page in (before, after)]
+    differences = list(unified_diff(*lines, PAGE.name, "now"))
+    sys.stdout.writelines([*differences, *(f"no figure {source}\n" for source in missing)])
+    return int(bool(differences or missing))
+
+
 def main() -> None:
     """Write the page and its figures anew."""
     with TemporaryDirectory() as name:
@@ -57,4 +75,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(check() if "--check" in sys.argv else main())

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
-from pages import PAGES, ROOT, blocks
 from typer.main import get_command
 
 from psmpc_cli.cli.app import app
 from psmpc_cli.studies.compare import compare
 
+from ..documentation import PAGES, ROOT, tables
 from ..simulation.logged import there_and_back
 from .command import Psmpc
 
@@ -30,7 +30,7 @@ def command_lines() -> Iterator[tuple[str, str]]:
         for found in CODE.findall(text):
             for line in COMMAND.findall("".join(found).replace("\\\n", " ")):
                 yield page.name, re.split(r"(?<=\S) {2,}(?!-|\")", line)[0].replace("\n", " ")
-    for page, command, _ in blocks():
+    for page, command, _ in tables():
         yield from ((page.name, line) for line in command.split(" && ") if line.startswith("psmpc "))
 
 

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Mapping
 from pages import ROOT, command_line, markdown
 
 import psmpc_cli as psmpc
-from psmpc_cli.figures.registry import draw
-from psmpc_cli.studies.ablations import CHANGES, DISCRETIZATIONS, run_ablations
+from psmpc_cli.paper.ablations import CHANGES, DISCRETIZATIONS, run_ablations
+from psmpc_cli.paper.figures import save_ablation
 
 STARTS = {
     "Capture, PSMPC": ("psmpc", "capture"),
@@ -48,7 +48,7 @@ def ablations(*nodes: str) -> Iterator[str]:
     """Draw the figures and yield the tables of each departure taken back, by default on the task's own mesh."""
     task = psmpc.load_task("transport", [f"controller.nodes={count}" for count in nodes])
     for ablation in run_ablations(task, done=lambda name: print(name, file=sys.stderr, flush=True)):
-        draw("ablations", ablation.panels, ROOT / "docs" / "figures", only=[f"ablation_{ablation.name}"], force=True)
+        save_ablation(ablation, ROOT / "docs" / "figures")
         yield f"\nWithout our {ablation.name.replace('_', ' ')}:\n"
         yield from _by_variant(ablation.numbers)
 

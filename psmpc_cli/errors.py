@@ -1,10 +1,14 @@
-"""The errors a user can cause or meet, whose messages name the culprit and what would be right; and interruptions."""
+"""The errors a user can cause or meet, whose messages name the culprit and what would be right; and interruptions.
 
+What a signal does to a program and to the processes that it started is here as well.
+"""
+
+import os
 import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from threading import current_thread, main_thread
+from threading import Thread, current_thread, main_thread
 from types import FrameType
 
 SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
@@ -12,6 +16,9 @@ SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
 LONGEST_DEFERRAL = 1.0
 """How long after a deferred signal a further one is not deferred any more [s]."""
+
+ORPHAN_POLL = 0.5
+"""Time between two looks of a process for its parent [s]."""
 
 
 class PsmpcError(Exception):
@@ -98,3 +105,21 @@ def deferred_signals() -> Iterator[Interruption]:
         interruption.restore()
         if interruption.number and not interruption.handled:
             signal.raise_signal(interruption.number)
+
+
+def end_with_parent(parent: int) -> None:
+    """End this process when its parent has ended: a parent that is killed cannot end the processes it started.
+
+    A thread looks for the parent. Linux could send a signal instead, but does so when the *thread* ends that started
+    the process.
+
+    Args:
+        parent: Process id of the parent.
+    """
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(ORPHAN_POLL)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    Thread(target=watch, daemon=True).start()

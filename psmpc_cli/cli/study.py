@@ -213,10 +213,10 @@ def reproduce(
 ) -> None:
     """Run what the paper's claims need: a table of published against reproduced, and a report with the figures."""
     from psmpc_cli.cli.tables import print_claims
-    from psmpc_cli.figures.registry import draw
     from psmpc_cli.logs.files import check_output, write_new
-    from psmpc_cli.report.pages import build_report
-    from psmpc_cli.studies import reproduce as study
+    from psmpc_cli.paper import reproduce as study
+    from psmpc_cli.paper.figures import save_ablation
+    from psmpc_cli.paper.page import report_reproduction
 
     folder = output or common.free_path(common.RUNS / "reproduce", force)
     common.ensure_fillable(folder, force)
@@ -225,9 +225,9 @@ def reproduce(
     with ending_on_signals("no report was written"), live_line(quiet) as show:
         made = study.reproduce(folder, changes or [], weights, fronts, ablations, force, jobs, show)
     created = datetime.now(UTC).isoformat(timespec="seconds")
-    page = build_report(made, created).save(folder / "report.html", force=True)
+    page = report_reproduction(made, created).save(folder / "report.html", force=True)
     for ablation in made.ablations:
-        draw("ablations", ablation.panels, folder, only=[f"ablation_{ablation.name}"], force=True)
+        save_ablation(ablation, folder)
     if json is not None:
         write_new(json, study.claims_json(made, created), force, hdf5=False)
     if not quiet:

@@ -23,6 +23,8 @@ from psmpc_cli.logs.run import Run, read_comparison, read_run
 from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.feasibility import Outlook
+from psmpc_cli.paper.fronts import FrontMovement
+from psmpc_cli.paper.judge import HEADINGS, Reproduction
 from psmpc_cli.report.texts import ALONE, MEASURES, describe_mission, describe_verdict, measure_rows, number, stage_rows
 from psmpc_cli.simulation.gradient_audit import AD_TOLERANCE, DIFFERENCE_TOLERANCE, audit_gradients
 from psmpc_cli.simulation.replay import unequal_conditions
@@ -35,7 +37,6 @@ from psmpc_cli.specs.priorities import ACCEPTABLE, weigh
 from psmpc_cli.specs.robot import RobotSpec, SpatialRobot, labels, resolve_limits
 from psmpc_cli.specs.task import PrioritiesSpec
 from psmpc_cli.studies import fronts
-from psmpc_cli.studies.judge import HEADINGS, Reproduction
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 from psmpc_cli.studies.sweep import SweepCells, recommend
 
@@ -265,7 +266,7 @@ def print_fronts(results: Results) -> None:
     print_table(fronts.HEADINGS, fronts.front_texts(results), left=0)
     typer.echo(fronts.NOTE)
     if "weighted_J_1" in results.quantities:
-        movement = fronts.FrontMovement(results)
+        movement = FrontMovement(results)
         typer.echo("\n".join((movement.over_ratio, *movement.over_time)))
     typer.echo(f"results: {results.path}")
 

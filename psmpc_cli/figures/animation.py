@@ -18,7 +18,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.errors import InputError, RunError
+from psmpc_cli.errors import InputError, RunError, end_with_parent
 from psmpc_cli.figures import style
 from psmpc_cli.figures.scene import Camera, Scene, half_edges, scene_of
 from psmpc_cli.figures.snapshots import describe, draw_scene, show
@@ -231,7 +231,8 @@ def _in_process(driver: str, call: Callable[..., Any], *arguments: object) -> An
     Raises:
         RunError: The call failed; the message has the last line of what MuJoCo or the driver said.
     """
-    with ProcessPoolExecutor(1, env={"MUJOCO_GL": driver}) as pool:
+    environment = {"MUJOCO_GL": driver}
+    with ProcessPoolExecutor(1, env=environment, initializer=end_with_parent, initargs=(os.getpid(),)) as pool:
         try:
             return pool.submit(call, *arguments).result()
         except Exception as error:

@@ -1,6 +1,7 @@
 """Every figure in one table, and what draws them into files."""
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.figures import coordinates, instants, monte_carlo, pareto, reproduction, snapshots, sweep
+from psmpc_cli.figures import coordinates, instants, monte_carlo, pareto, snapshots, sweep
 from psmpc_cli.figures.animation import mp4_possible, offscreen_driver, write_animation, write_film
 from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.files import replacing, writing
@@ -51,17 +52,10 @@ FIGURES: Mapping[tuple[str, str], Callable[..., Figure]] = {
     (MONTE_CARLO, "runs"): monte_carlo.plot_runs,
     ("robot", "robot"): snapshots.plot_robot,
     ("scenario", "scenario"): snapshots.plot_scenario,
-    ("claims", "presence"): reproduction.plot_presence,
-    ("claims", "monitors"): reproduction.plot_monitors,
-    ("claims", "schedule"): reproduction.plot_schedule,
-    ("ablations", "ablation_pending_cost"): reproduction.plot_pending_cost,
-    ("ablations", "ablation_normalization"): reproduction.plot_normalization,
-    ("ablations", "ablation_discretization"): reproduction.plot_discretization,
 }
 """The functions that make figures, by what they are of and by name, which is also the stem of their files.
 
-They are of a Run, of Runs by controller, of the results of a study, of the description of a robot, of a Task; of
-claims: a Run, or Runs by controller, and what is published; of ablations: curves by panel and label.
+They are of a Run, of Runs by controller, of the results of a study, of the description of a robot, or of a Task.
 """
 
 ONLY_OF: Mapping[str, Callable[[Any], bool]] = {
@@ -177,11 +171,20 @@ def draw_file(kind: str, subject: Any, path: Path, force: bool = False) -> Path:
     Raises:
         InputError: The ending is unknown, the file exists or cannot be written.
     """
+    (make,) = figures_of(kind, subject).values()
+    return save_figure(partial(make, subject), path, force)
+
+
+def save_figure(make: Callable[[], Figure], path: Path, force: bool = False) -> Path:
+    """Make a figure, write it into a file in the format of its ending, and return the file.
+
+    Raises:
+        InputError: The ending is unknown, the file exists or cannot be written.
+    """
     _chosen("format", [path.suffix[1:]], FORMATS)
     _make_room([path], force)
-    (make,) = figures_of(kind, subject).values()
     with in_style():
-        _save(make(subject), [path])
+        _save(make(), [path])
     return path
 
 

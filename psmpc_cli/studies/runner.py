@@ -22,7 +22,6 @@ from multiprocessing.resource_tracker import ensure_running
 from pathlib import Path
 from pkgutil import resolve_name
 from queue import Empty, SimpleQueue
-from threading import Thread
 from typing import Any, TypeVar
 
 import numpy as np
@@ -31,7 +30,7 @@ from joblib.externals.loky.backend.process import LokyProcess
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from psmpc_cli import __version__
-from psmpc_cli.errors import InputError, LogError, RunError, SpecError, deferred_signals
+from psmpc_cli.errors import InputError, LogError, RunError, SpecError, deferred_signals, end_with_parent
 from psmpc_cli.logs.results import Quantity, Results, new_results, read_results
 from psmpc_cli.logs.schema import Column
 from psmpc_cli.ocp.feasibility import load_feasible
@@ -65,9 +64,6 @@ CONNECTING = 10
 
 POLL = 0.1
 """Time between two looks for a signal while processes compute [s]."""
-
-ORPHAN_POLL = 0.5
-"""Time between two looks of a process for its parent [s]."""
 
 IDLE = 30
 """Time after which a process that computes nothing ends [s]."""
@@ -371,27 +367,13 @@ def _on_this_machine(jobs: int) -> Iterator[tuple[Executor, type[Exception]]]:
     ensure_running()  # multiprocessing's tracker of resources, whose start unblocks interrupts
     with _interrupts_blocked():
         executor = get_reusable_executor(
-            jobs, timeout=IDLE, env=ONE_THREAD, initializer=_end_with_parent, initargs=(os.getpid(),)
+            jobs, timeout=IDLE, env=ONE_THREAD, initializer=end_with_parent, initargs=(os.getpid(),)
         )
     try:
         yield executor, TerminatedWorkerError
     except BaseException:
         _end(executor)
         raise
-
-
-def _end_with_parent(parent: int) -> None:
-    """Let this process end when its parent, of this number, has ended: one that is killed cannot end its processes.
-
-    A thread looks for it. Linux could send a signal instead, but does so when the *thread* ends that made the process.
-    """
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(ORPHAN_POLL)
-        os.kill(os.getpid(), signal.SIGKILL)
-
-    Thread(target=watch, daemon=True).start()
 
 
 def _end(executor: Executor) -> None:

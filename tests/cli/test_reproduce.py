@@ -12,7 +12,7 @@ from psmpc_cli.cli.app import app
 from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.run import read_comparison
 from psmpc_cli.logs.schema import PARETO, SWEEP
-from psmpc_cli.studies.reproduce import METHODS
+from psmpc_cli.paper.reproduce import METHODS
 from psmpc_cli.studies.sweep import SweepCells
 
 pytestmark = pytest.mark.slow

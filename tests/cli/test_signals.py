@@ -77,6 +77,13 @@ def processes_of(session: int) -> set[int]:
     return found
 
 
+def renders(number: int) -> bool:
+    """Return whether a process is one that joblib started for calls."""
+    with suppress(OSError):
+        return b"LokyProcess" in Path(f"/proc/{number}/cmdline").read_bytes()
+    return False
+
+
 STUDIES = {
     "monte-carlo": ("monte-carlo", "transport", "--runs", "4", "--set", "uncertainty.mass=0.1"),
     "sweep": ("sweep-weights", "2x2"),
@@ -106,6 +113,21 @@ def test_no_process_of_a_killed_study_is_left_and_its_results_can_be_completed(
     assert one.quantities.keys() == other.quantities.keys()
     for name in one.quantities.keys() - {"cell_time", "wall_time", "solve_time_median", "solve_time_largest"}:
         np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked for there")
+def test_no_process_of_a_killed_film_is_left(start: Start, psmpc: Psmpc) -> None:
+    assert psmpc("simulate", "task.yaml", "-o", "log.h5", "--no-figures").code == 0
+    process = start("plot", "log.h5", "--render", "-o", "out")
+    while process.poll() is None and not any(map(renders, processes_of(process.pid))):
+        time.sleep(0.01)
+    time.sleep(1.0)
+    process.kill()
+    killed = time.monotonic()
+    while processes_of(process.pid) and time.monotonic() < killed + 5:
+        time.sleep(0.1)
+    assert process.wait() == -signal.SIGKILL
+    assert not processes_of(process.pid)
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="which signals a process catches is read there")

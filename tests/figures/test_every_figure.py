@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from psmpc_cli.figures.registry import FIGURES, figures_of
+from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.load import Task, load_robot
 from psmpc_cli.specs.robot import SpatialRobot
@@ -18,7 +18,6 @@ from ..made_up_monte_carlo import made_up_monte_carlo
 from ..made_up_sweep import made_up_sweep
 from .drawn import check_figure
 from .test_pareto import made_up, unsolved
-from .test_reproduction import MADE_UP, waiting
 
 
 @dataclass(frozen=True)
@@ -77,14 +76,8 @@ CASES: Mapping[str, tuple[str, Callable[[Subjects], Any]]] = {
         "robot",
         lambda s: SpatialRobot(name="bare", base={"mass": 10, "inertia": (0.1, 0.2, 0.25)}),
     ),
-    **{f"ablation of the {name}": (f"ablation_{name}", lambda s, name=name: MADE_UP[name]) for name in MADE_UP},
-    "presence": ("presence", lambda s: waiting(s.load())),
-    "presence where none waits": ("presence", lambda s: s.load()),
-    "monitors": ("monitors", lambda s: s.load(early={1: 6.4, 3: 19.0})),
-    "no monitors": ("monitors", lambda s: s.load(**s.one_arm)),
-    "schedule": ("schedule", lambda s: s.runs),
 }
-"""By name the kind, or the only figure, and the subject."""
+"""By name the kind and the subject."""
 
 
 @pytest.mark.slow
@@ -98,10 +91,9 @@ def test_a_figure_is_fit_to_print(
     transport: Task,
     tmp_path: Path,
 ) -> None:
-    which, make = CASES[case]
+    kind, make = CASES[case]
     subject = make(Subjects(load, runs, many_stages, one_arm, transport, tmp_path / "study.h5"))
-    named = [make for (kind, name), make in FIGURES.items() if name == which != kind]
-    drawn = [*figures_of(which, subject).values(), *named]
+    drawn = figures_of(kind, subject)
     assert drawn
-    for make in drawn:
+    for make in drawn.values():
         check_figure(make(subject))

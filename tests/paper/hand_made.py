@@ -12,8 +12,8 @@ import numpy as np
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import SCHEMA
 from psmpc_cli.ocp.problem import Problem, build_problem
+from psmpc_cli.paper.judge import Reproduction
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.studies.judge import Reproduction
 from psmpc_cli.studies.sweep import SweepCells
 
 from ..figures.made_up import Story, write_story

@@ -8,12 +8,12 @@ from pydantic_core import to_json
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError
 from psmpc_cli.ocp.feasibility import ensure_feasible
+from psmpc_cli.paper.ablations import Ablation, run_ablations
+from psmpc_cli.paper.judge import ENDS, Finding, Reproduction
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.studies.ablations import Ablation, run_ablations
 from psmpc_cli.studies.compare import compared_tasks, run_tasks
 from psmpc_cli.studies.fronts import front_rows
-from psmpc_cli.studies.judge import ENDS, Finding, Reproduction
 from psmpc_cli.studies.pareto import Question, possible_samples, solve_pareto
 from psmpc_cli.studies.runner import Study, run_study
 from psmpc_cli.studies.sweep import (

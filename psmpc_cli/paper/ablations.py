@@ -2,7 +2,7 @@
 
 Runs are compared, and one window of a run is solved again: instant fixed, from other guesses, on other meshes.
 
-Nothing here draws: an `Ablation` carries plain arrays, and `psmpc_cli.figures.reproduction` draws them.
+Nothing here draws: an `Ablation` carries plain arrays, and `psmpc_cli.paper.figures` draws them.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -94,7 +94,7 @@ class Ablation:
 
     Attributes:
         name: Of the departure, and of its figure.
-        panels: Curves (x, y) by panel and label; `psmpc_cli.figures.reproduction` says what they are.
+        panels: Curves (x, y) by panel and label; `psmpc_cli.paper.figures` says what they are.
         numbers: What was measured, by quantity and run or window.
     """
 

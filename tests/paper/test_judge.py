@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.logs.results import Results
+from psmpc_cli.paper.judge import Claim, Finding, Reproduction, judge, load_claims
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.studies.judge import Claim, Finding, Reproduction, judge, load_claims
 from psmpc_cli.studies.sweep import SweepCells
 
 from ..made_up_fronts import FALLING, RISING, made_up_fronts

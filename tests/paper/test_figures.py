@@ -1,6 +1,6 @@
 """What is shown beside the paper's claims, and of the ablations."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -9,12 +9,11 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from psmpc_cli.figures.registry import figures_of
-from psmpc_cli.figures.reproduction import SMALLEST, plot_monitors, plot_presence, plot_schedule
 from psmpc_cli.logs.run import Run
+from psmpc_cli.paper.figures import ABLATIONS, SMALLEST, plot_monitors, plot_presence, plot_schedule
 from psmpc_cli.specs.library import find
 
-from .drawn import check_figure, common_legend, curves, points
+from ..figures.drawn import check_figure, common_legend, curves, points
 
 Load = Callable[..., Run]
 
@@ -113,7 +112,7 @@ MADE_UP = {
 
 
 def figure(name: str) -> Figure:
-    return figures_of("ablations")[f"ablation_{name}"](MADE_UP[name])
+    return draw(ABLATIONS[name], MADE_UP[name])
 
 
 def test_every_curve_is_drawn_as_given() -> None:
@@ -123,3 +122,16 @@ def test_every_curve_is_drawn_as_given() -> None:
     for axes, panel in ((printed, "J, printed"), (ours, "J, ours")):
         for label, curve in MADE_UP["pending_cost"][panel].items():
             np.testing.assert_array_equal(curves(axes)[label], np.column_stack(curve))
+
+
+@pytest.mark.parametrize("name", ABLATIONS)
+def test_the_figure_of_an_ablation_is_fit_to_print(name: str) -> None:
+    assert len(figure(name).axes) >= 3
+
+
+def test_a_task_without_monitors_has_one_empty_panel(load: Load, one_arm: dict[str, Any]) -> None:
+    assert "the task has no monitor" in draw(plot_monitors, load(**one_arm)).axes[1].get_title(loc="left")
+
+
+def test_a_schedule_of_four_controllers_is_fit_to_print(runs: Mapping[str, Run]) -> None:
+    assert len(draw(plot_schedule, runs).axes[0].get_yticklabels()) == len(runs)

@@ -16,9 +16,10 @@ from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.feasibility import earliest_ends
+from psmpc_cli.paper.ablations import Ablation
+from psmpc_cli.paper.fronts import FrontMovement
 from psmpc_cli.specs.task import OBJECT_CHECKS
-from psmpc_cli.studies.ablations import Ablation
-from psmpc_cli.studies.fronts import CLEARLY, FrontMovement
+from psmpc_cli.studies.fronts import CLEARLY
 from psmpc_cli.studies.sweep import AlongRatio, SweepCells
 
 Value = float | str | tuple[float, ...] | tuple[str, ...]
@@ -34,7 +35,7 @@ class Claim(BaseModel):
         topic: What a claim on one method is about.
         statement: What it says.
         source: Where the paper says so.
-        rule: How it is judged, one of `psmpc_cli.studies.judge.RULES`.
+        rule: How it is judged, one of `psmpc_cli.paper.judge.RULES`.
         reads: The quantities that the rule looks at.
         published: Their published value.
         unit: Of what is published and reproduced.
@@ -69,7 +70,7 @@ class Claim(BaseModel):
 @cache
 def load_claims() -> tuple[Claim, ...]:
     """Return the claims that ship with the package, in the order of the table."""
-    text = files("psmpc_cli.studies").joinpath("claims.yaml").read_text(encoding="utf-8")
+    text = files("psmpc_cli.paper").joinpath("claims.yaml").read_text(encoding="utf-8")
     return TypeAdapter(tuple[Claim, ...]).validate_python(yaml.safe_load(text))
 
 

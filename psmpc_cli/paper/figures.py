@@ -1,6 +1,8 @@
 """What the reproduction of the paper shows beside its claims, and the ablations of what departs from the paper."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
 from textwrap import fill
 from typing import Any
 
@@ -10,9 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
+from psmpc_cli.figures.registry import save_figure
 from psmpc_cli.figures.timeline import bar_rows, draw_stages, label_row, timeline
 from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.logs.summary import judge_monitor, monitor_bounds, signal
+from psmpc_cli.paper.ablations import Ablation
 
 Curves = Mapping[str, tuple[np.ndarray, np.ndarray]]
 Panels = Mapping[str, Curves]
@@ -234,3 +238,21 @@ def _plot_scan(axes: Axes, panels: Panels, form: str, end: float) -> None:
     axes.margins(y=0.12)
     axes.set_ylim(bottom=0.0)
     axes.xaxis.set_major_locator(MaxNLocator(nbins=8, steps=[1, 2, 5, 10]))
+
+
+ABLATIONS: Mapping[str, Callable[[Panels], Figure]] = {
+    "pending_cost": plot_pending_cost,
+    "normalization": plot_normalization,
+    "discretization": plot_discretization,
+}
+"""The functions that make the figures of the ablations, by their names."""
+
+
+def save_ablation(ablation: Ablation, folder: Path) -> Path:
+    """Draw the figure of an ablation into a folder, over one that is there.
+
+    Raises:
+        InputError: It cannot be written.
+    """
+    draw = partial(ABLATIONS[ablation.name], ablation.panels)
+    return save_figure(draw, folder / f"ablation_{ablation.name}.png", force=True)

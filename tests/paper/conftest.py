@@ -4,12 +4,15 @@ from typing import Any
 
 import pytest
 
-from psmpc_cli.studies.judge import Reproduction
+from psmpc_cli.paper.judge import Reproduction
 from psmpc_cli.studies.sweep import SweepCells
 
+from ..figures.conftest import load, one_arm, run, runs, styled, write_log
 from ..made_up_fronts import made_up_fronts
 from ..made_up_sweep import made_up_sweep
-from ..studies.hand_made import STAGES, TIMES, grasped, hand_made
+from .hand_made import STAGES, TIMES, grasped, hand_made
+
+__all__ = ["load", "one_arm", "run", "runs", "styled", "write_log"]  # fixtures of the figures of runs
 
 CREATED = "2030-01-02T03:04:05+00:00"
 

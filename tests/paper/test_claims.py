@@ -2,8 +2,8 @@ from typing import Any
 
 import pytest
 
+from psmpc_cli.paper.judge import HEADINGS, RULES, Claim, Finding, load_claims
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.studies.judge import HEADINGS, RULES, Claim, Finding, load_claims
 
 from .hand_made import hand_made, reproduced
 

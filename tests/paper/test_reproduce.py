@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from psmpc_cli.errors import InputError, SpecError
+from psmpc_cli.paper.judge import Reproduction
+from psmpc_cli.paper.reproduce import METHODS, claims_json, load_grasps, load_variants, load_weights_sweep
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.studies.judge import Reproduction
-from psmpc_cli.studies.reproduce import METHODS, claims_json, load_grasps, load_variants, load_weights_sweep
 from psmpc_cli.studies.sweep import SweepCells
 
 from ..made_up_fronts import made_up_fronts

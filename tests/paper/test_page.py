@@ -9,8 +9,8 @@ from xml.etree.ElementTree import Element
 import pytest
 from PIL import Image
 
-from psmpc_cli.report.pages import build_report
-from psmpc_cli.studies.judge import Reproduction
+from psmpc_cli.paper.judge import Reproduction
+from psmpc_cli.paper.page import report_reproduction
 
 from .conftest import CREATED, HOSTILE
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def text(reproduction: Reproduction) -> str:
-    return build_report(reproduction, CREATED).html
+    return report_reproduction(reproduction, CREATED).html
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,7 @@
 """Every fault of a file is reported at once, with its position, its path and what was expected.
 
-`malformed.yaml` is a table of faults: what is changed in a file without faults, and what the report says. Twelve files in
-`malformed/` have their whole report beside them.
+`malformed.yaml` is a table of faults: what is changed in a file without faults, and what the report says. Twelve files
+in `malformed/` have their whole report beside them.
 """
 
 from pathlib import Path

@@ -89,5 +89,6 @@ def save(name: str, header: str, tables: dict[str, dict[str, object]]) -> None:
 
 if __name__ == "__main__":
     tasks = {name: psmpc.load_task("transport", changes) for name, changes in RUNS.items()}
-    save("baseline.yaml", HEADER, {name: row(psmpc.simulate(task).summary()) for name, task in tasks.items()})
+    runs = {name: {"set": RUNS[name], **row(psmpc.simulate(task).summary())} for name, task in tasks.items()}
+    save("baseline.yaml", HEADER, runs)
     save("weights.yaml", WEIGHTS_HEADER, {name: sweep(changes) for name, changes in SETTINGS.items()})

@@ -29,8 +29,10 @@ from unittest.mock import patch
 
 import mujoco
 import numpy as np
+from pages import PSMPC, ROOT, command_line, markdown
+
+sys.path.append(str(ROOT / "tests" / "simulation"))
 from faults import Fault, during, injected, meaningless, not_converging, pushed, raising, unmeasured
-from pages import PSMPC, command_line, markdown
 
 import psmpc_cli as psmpc
 from psmpc_cli.cli.main import main

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from baseline import RUNS
 from random_tasks import largest_jump, longest_alternation
 
 from psmpc_cli.logs.run import Run
@@ -28,7 +27,9 @@ NAMES = ("psmpc", AUTOMATIC, "psmpc, ideal plant", "smpc", PROTOTYPE_SETTING)
 @pytest.fixture(scope="module")
 def log_of() -> Callable[[str], Run]:
     """Run each variant once."""
-    return cache(lambda name: simulate(load_task("transport", (*RUNS[name], "log.plans=false", "log.shares=false"))))
+    return cache(
+        lambda name: simulate(load_task("transport", (*BASELINE[name]["set"], "log.plans=false", "log.shares=false")))
+    )
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""What a run does when something goes wrong that it cannot help; benchmarks/faults.py wraps what goes wrong."""
+"""What a run does when something goes wrong that it cannot help; faults.py wraps what goes wrong."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from faults import Fault, Seen, during, injected, meaningless, not_converging, pushed, raising, unmeasured
 
 from psmpc_cli.errors import RunError
 from psmpc_cli.logs.run import Run, read_run
@@ -17,6 +16,7 @@ from psmpc_cli.solvers.base import FEASIBLE
 from psmpc_cli.specs.load import load_task
 
 from ..there_and_back import TASK
+from .faults import Fault, Seen, during, injected, meaningless, not_converging, pushed, raising, unmeasured
 
 LIMIT = 0.2
 """No rate of the robot may be larger [m/s, rad/s]."""

@@ -1,13 +1,12 @@
-"""What commands share: options, the paths of what they write, their progress, and how signals end them."""
+"""What commands share: the paths of what they write, their progress, and how signals end them."""
 
-import logging
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -21,8 +20,6 @@ if TYPE_CHECKING:
 RUNS = Path("runs")
 """Folder of the default outputs."""
 
-TASK = "Task file, or the name of a built-in task such as transport."
-
 
 def validate(reference: str, changes: "Sequence[Change] | None" = None) -> None:
     """Reject a task that does not hold, before a command imports what is heavy.
@@ -33,34 +30,6 @@ def validate(reference: str, changes: "Sequence[Change] | None" = None) -> None:
     from psmpc_cli.specs.load import load_task
 
     load_task(reference, changes or ())
-
-
-def _set_log_level(quiet: bool) -> bool:
-    """Choose which messages of the library are printed: warnings and the compilation, which comes once, or errors."""
-    logging.getLogger("psmpc_cli").setLevel(logging.ERROR if quiet else logging.WARNING)
-    logging.getLogger("psmpc_cli.native").setLevel(logging.ERROR if quiet else logging.INFO)
-    return quiet
-
-
-Changes = Annotated[
-    list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change any key of the task; repeatable.")
-]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite files of an earlier command.")]
-Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures beside the file.")]
-Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", callback=_set_log_level, help="No progress, no warnings and no summary.")
-]
-Jobs = Annotated[
-    int | None, typer.Option(min=1, metavar="N", help="Processes at once. Default: one a core.", show_default=False)
-]
-Dask = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster with this scheduler.")]
-Resume = Annotated[bool, typer.Option("--resume", help="Continue a study that was stopped, in its file.")]
-
-
-def output_option(default: str, metavar: str = "FILE", what: str = "Results.") -> Any:
-    """Build the option -o of a command whose default output is `default`."""
-    help = f"{what} Missing folders are made. Default: {default}{', numbered' if '/' in default else ''}."
-    return typer.Option("-o", "--output", metavar=metavar, help=help, show_default=False)
 
 
 def output_file(given: Path | None, name: str, force: bool, figures: bool, resume: bool = False) -> Path:

@@ -6,18 +6,19 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from psmpc_cli.cli.common import TASK, Changes, Force, Quiet, ending_on_signals, live_line, validate
+from psmpc_cli.cli import options
+from psmpc_cli.cli.common import ending_on_signals, live_line, validate
 from psmpc_cli.errors import PsmpcError, SpecError
 
 
 def check(
     files: Annotated[list[str], typer.Argument(help="Robots or tasks: YAML files or built-in names.")],
-    changes: Changes = None,
+    changes: options.Changes = None,
     gradients: Annotated[bool, typer.Option("--gradients", help="Audit the gradients of the switch times.")] = False,
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw the robot or scenario (png, pdf, svg).")
     ] = None,
-    force: Force = False,
+    force: options.Force = False,
 ) -> None:
     """Report every problem of robots and tasks by file, line and column; print valid ones as a table."""
     problems = []
@@ -65,7 +66,7 @@ def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path
 
 def init(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Where; made if necessary.", show_default=False)],
-    force: Force = False,
+    force: options.Force = False,
 ) -> None:
     """Copy the built-in robots and tasks, to edit them."""
     from psmpc_cli.specs.library import write_starter
@@ -87,15 +88,15 @@ def schema(
 
 
 def bench(
-    task: Annotated[str, typer.Argument(help=TASK)] = "transport",
+    task: options.Task = "transport",
     nodes: Annotated[str | None, typer.Option(metavar="N,...", help="Default: 25,50,100,200,auto.")] = None,
     solvers: Annotated[
         str, typer.Option(metavar="NAME,...", help="Back-ends; piqp is sqp without compiled code.")
     ] = "sqp,piqp,fatrop,ipopt",
     repeat: Annotated[int | None, typer.Option(min=1, metavar="N", help="Solves of each window. Default: 3.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Less than a minute: few windows, coarse meshes.")] = False,
-    changes: Changes = None,
-    quiet: Quiet = False,
+    changes: options.Changes = None,
+    quiet: options.Quiet = False,
 ) -> None:
     """Time the solves of windows recorded from real runs: every back-end, warm and cold, against CasADi with IPOPT."""
     import os

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from psmpc_cli.cli import common
+from psmpc_cli.cli import common, options
 from psmpc_cli.cli.common import watched_run
 from psmpc_cli.errors import InputError, RunError
 
@@ -18,21 +18,15 @@ if TYPE_CHECKING:
     from psmpc_cli.simulation.verify import Peaks
     from psmpc_cli.specs.document import Change
 
-Log = Annotated[Path, typer.Argument(help="The log of a run.")]
-AnyFile = Annotated[Path, typer.Argument(help="A log, or results of any study.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every event and all that was measured.")]
-Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
-Render = Annotated[bool, typer.Option("--render", help="Film the run with MuJoCo's renderer (psmpc[mujoco]).")]
-
 EQUAL = 1e-6
 """Largest difference up to which a replayed solve counts as equal."""
 
 
 def simulate(
-    task: Annotated[str | None, typer.Argument(help=common.TASK, show_default=False)] = None,
-    output: Annotated[Path | None, common.output_option("runs/<task>.h5", what="Log file.")] = None,
-    force: common.Force = False,
-    changes: common.Changes = None,
+    task: options.OptionalTask = None,
+    output: Annotated[Path | None, options.output("runs/<task>.h5", what="Log file.")] = None,
+    force: options.Force = False,
+    changes: options.Changes = None,
     controller: Annotated[
         str | None,
         typer.Option(metavar="psmpc|smpc|hard|htmpc", help="Controller; short for --set controller.kind=..."),
@@ -40,14 +34,14 @@ def simulate(
     plant: Annotated[
         str | None, typer.Option(metavar="ideal|rk4|mujoco", help="Plant; short for --set plant.kind=...")
     ] = None,
-    figures: common.Figures = True,
-    render: Render = False,
+    figures: options.Figures = True,
+    render: options.Render = False,
     view: Annotated[bool, typer.Option("--view", help="Write the interactive page of `psmpc view` as well.")] = False,
     unfinished: Annotated[
         Path | None, typer.Option("--continue", metavar="LOG", help="Finish an unfinished run, by repeating it.")
     ] = None,
-    quiet: common.Quiet = False,
-    verbose: Verbose = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Run a task in closed loop and write its log and figures."""
     if quiet and verbose:
@@ -118,11 +112,11 @@ def _continue(path: Path, output: Path | None, watch: "Callable[[Sample], None]"
 
 
 def rerun(
-    log: Log,
-    output: Annotated[Path | None, common.output_option("none", what="Keep the new log.")] = None,
-    force: common.Force = False,
-    strict: Annotated[bool, typer.Option("--strict", help="Exit code 1 if anything differs.")] = False,
-    quiet: common.Quiet = False,
+    log: options.Log,
+    output: Annotated[Path | None, options.output("none", what="Keep the new log.")] = None,
+    force: options.Force = False,
+    strict: Annotated[bool, options.strict("anything differs")] = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Repeat a run from its log and compare every dataset but the wall times."""
     from psmpc_cli.cli.tables import print_differences
@@ -140,7 +134,7 @@ def rerun(
 
 
 def replay(
-    log: Log,
+    log: options.Log,
     step: Annotated[int, typer.Option("--step", metavar="K", help="Number of the sample, from 0.")],
     solver: Annotated[str | None, typer.Option(metavar="sqp|fatrop|ipopt", help="Default: that of the run.")] = None,
 ) -> None:
@@ -171,7 +165,7 @@ def replay(
 
 
 def verify(
-    log: Log,
+    log: options.Log,
     every: Annotated[int, typer.Option(metavar="N", min=1, help="Integrate every N-th horizon only.")] = 1,
 ) -> None:
     """Integrate the full dynamics along every plan of a log and along its closed loop, with an adaptive integrator."""
@@ -208,10 +202,10 @@ def _print_peaks(peaks: "Peaks") -> None:
 
 
 def show(
-    log: AnyFile,
+    log: options.AnyFile,
     csv: Annotated[Path | None, typer.Option(metavar="DIR", help="Export a log's tables as CSV files.")] = None,
-    force: common.Force = False,
-    verbose: Verbose = False,
+    force: options.Force = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Print the summary of a log, or the table of a comparison or a study, again, or export tables of logs."""
     from psmpc_cli.cli.tables import read_file
@@ -229,8 +223,8 @@ def show(
 
 
 def plot(
-    log: AnyFile,
-    output: Annotated[Path | None, common.output_option("beside the log", "DIR", "Directory of the figures.")] = None,
+    log: options.AnyFile,
+    output: Annotated[Path | None, options.output("beside the log", "DIR", "Directory of the figures.")] = None,
     formats: Annotated[
         list[str] | None, typer.Option("--format", metavar="png|pdf|svg", help="Repeatable. Default: png.")
     ] = None,
@@ -240,12 +234,9 @@ def plot(
     animate: Annotated[
         bool, typer.Option("--animate", help="Add a GIF of the robot moving, an MP4 with ffmpeg.")
     ] = False,
-    render: Render = False,
-    run: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Draw this run of a comparison; the number of one of a Monte Carlo."),
-    ] = None,
-    force: common.Force = False,
+    render: options.Render = False,
+    run: options.OneRun = None,
+    force: options.Force = False,
 ) -> None:
     """Draw the figures of a log, or of the results of any study.
 
@@ -278,14 +269,11 @@ def plot(
 
 def view(
     logs: Annotated[list[Path], typer.Argument(help="Logs of runs, comparisons, Monte Carlo studies.")],
-    output: Annotated[Path | None, common.output_option("beside the first log", what="The page.")] = None,
-    run: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="This run of a comparison; the number of one of a Monte Carlo; repeatable."),
-    ] = None,
-    open_it: Open = False,
-    force: common.Force = False,
-    quiet: common.Quiet = False,
+    output: Annotated[Path | None, options.output("beside the first log", what="The page.")] = None,
+    run: options.SomeRuns = None,
+    open_it: options.Open = False,
+    force: options.Force = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Write runs as one interactive HTML page: the robot in 3-D with its plans, a time line, and linked plots."""
     from psmpc_cli.report.view import view as show
@@ -301,10 +289,10 @@ def view(
 
 
 def report(
-    log: Log,
-    output: Annotated[Path | None, common.output_option("beside the log", what="The page.")] = None,
-    open_it: Open = False,
-    force: common.Force = False,
+    log: options.Log,
+    output: Annotated[Path | None, options.output("beside the log", what="The page.")] = None,
+    open_it: options.Open = False,
+    force: options.Force = False,
 ) -> None:
     """Write a run as one HTML page to read and print: verdict, stages, figures, measurements and settings."""
     from psmpc_cli.logs.run import read_run

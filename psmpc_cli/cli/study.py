@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from psmpc_cli.cli import common
+from psmpc_cli.cli import common, options
 from psmpc_cli.cli.common import describe_progress, ending_on_signals, live_line, watched_run
 from psmpc_cli.errors import InputError, RunError
 
@@ -18,20 +18,18 @@ if TYPE_CHECKING:
 PREPARED = ("log.plans=true", "log.shares=false")
 """Changes of a task whose windows are studied: the log holds the windows, and no more than is needed."""
 
-Stages = Annotated[str, typer.Option(metavar="A,B", help="The two stages in a row that vary, by number or name.")]
-
 
 def compare(
-    task: Annotated[str, typer.Argument(help=common.TASK)],
+    task: options.Task,
     controllers: Annotated[
         str, typer.Option(metavar="KIND,...", help="Of psmpc, smpc, htmpc, hard; differences are to the first.")
     ] = "psmpc,smpc,htmpc,hard",
-    output: Annotated[Path | None, common.output_option("runs/<task>-comparison.h5", what="File of all logs.")] = None,
-    force: common.Force = False,
-    changes: common.Changes = None,
-    jobs: common.Jobs = None,
-    figures: common.Figures = True,
-    quiet: common.Quiet = False,
+    output: Annotated[Path | None, options.output("runs/<task>-comparison.h5", what="File of all logs.")] = None,
+    force: options.Force = False,
+    changes: options.Changes = None,
+    jobs: options.Jobs = None,
+    figures: options.Figures = True,
+    quiet: options.Quiet = False,
 ) -> None:
     """Run several controllers on the identical task: one table, one file of logs, and figures side by side."""
     common.validate(task, changes)
@@ -54,7 +52,7 @@ def sweep_weights(
     task: Annotated[
         str | None, typer.Argument(help="Task, before or after the grid. Default: approach_capture.")
     ] = None,
-    stages: Stages = "1,2",
+    stages: options.Stages = "1,2",
     bounds: Annotated[str, typer.Option("--range", metavar="LOW:HIGH", help="Range of both priorities.")] = "1e-3:1e3",
     epsilon: Annotated[
         str | None, typer.Option(metavar="E,...", help="Thresholds of the actual start. Default: onset.series.")
@@ -62,15 +60,15 @@ def sweep_weights(
     sampling: Annotated[
         str | None, typer.Option(metavar="random:N", help="N random draws from the range instead of a grid.")
     ] = None,
-    output: Annotated[Path | None, common.output_option("runs/<task>-sweep.h5")] = None,
+    output: Annotated[Path | None, options.output("runs/<task>-sweep.h5")] = None,
     every_cell: Annotated[bool, typer.Option("--every-cell", help="Run cells of equal ratio separately.")] = False,
-    resume: common.Resume = False,
-    force: common.Force = False,
-    changes: common.Changes = None,
-    jobs: common.Jobs = None,
-    dask: common.Dask = None,
-    figures: common.Figures = True,
-    quiet: common.Quiet = False,
+    resume: options.Resume = False,
+    force: options.Force = False,
+    changes: options.Changes = None,
+    jobs: options.Jobs = None,
+    dask: options.Dask = None,
+    figures: options.Figures = True,
+    quiet: options.Quiet = False,
 ) -> None:
     """Run the closed loop under many pairs of priorities: how they decide the actual start. Paper Fig. 6."""
     if grid is not None and not _is_grid(grid):
@@ -99,14 +97,14 @@ def _is_grid(text: str) -> bool:
 def monte_carlo(
     task: Annotated[str, typer.Argument(help="Task file or built-in task, with an uncertainty.")],
     runs: Annotated[int, typer.Option(min=1, max=100_000, metavar="N", help="Runs, each with its own seed.")],
-    output: Annotated[Path | None, common.output_option("runs/<task>-monte-carlo.h5")] = None,
-    resume: common.Resume = False,
-    force: common.Force = False,
-    changes: common.Changes = None,
-    jobs: common.Jobs = None,
-    dask: common.Dask = None,
-    figures: common.Figures = True,
-    quiet: common.Quiet = False,
+    output: Annotated[Path | None, options.output("runs/<task>-monte-carlo.h5")] = None,
+    resume: options.Resume = False,
+    force: options.Force = False,
+    changes: options.Changes = None,
+    jobs: options.Jobs = None,
+    dask: options.Dask = None,
+    figures: options.Figures = True,
+    quiet: options.Quiet = False,
 ) -> None:
     """Run a task many times, each with another seed for its uncertainty: how often it succeeds, and how runs spread."""
     common.validate(task, changes)
@@ -143,7 +141,7 @@ def pareto(
     task: Annotated[
         str, typer.Argument(help="Task file, the name of a built-in task, or the log of a run with its plans.")
     ] = "approach_capture",
-    stages: Stages = "1,2",
+    stages: options.Stages = "1,2",
     at: Annotated[
         str | None, typer.Option(metavar="T,...", help="Samples [s]. Default: five, from detection to the switch.")
     ] = None,
@@ -152,13 +150,13 @@ def pareto(
         Literal["weighted-sum", "epsilon-constraint", "both"], typer.Option(help="How the points are found.")
     ] = "both",
     free_instant: Annotated[bool, typer.Option("--free-instant", help="The instant is a third criterion.")] = False,
-    output: Annotated[Path | None, common.output_option("runs/<task>-pareto.h5")] = None,
+    output: Annotated[Path | None, options.output("runs/<task>-pareto.h5")] = None,
     log: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep the log of the closed loop here.")] = None,
-    force: common.Force = False,
-    changes: common.Changes = None,
-    jobs: common.Jobs = None,
-    figures: common.Figures = True,
-    quiet: common.Quiet = False,
+    force: options.Force = False,
+    changes: options.Changes = None,
+    jobs: options.Jobs = None,
+    figures: options.Figures = True,
+    quiet: options.Quiet = False,
 ) -> None:
     """Compute what two stages cost at each other's expense: Pareto fronts at several samples of a run. Paper Fig. 7."""
     from h5py import is_hdf5
@@ -198,18 +196,16 @@ def pareto(
 
 
 def reproduce(
-    output: Annotated[
-        Path | None, common.output_option("runs/reproduce", "DIR", "Directory of report and logs.")
-    ] = None,
+    output: Annotated[Path | None, options.output("runs/reproduce", "DIR", "Directory of report and logs.")] = None,
     json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the claims as JSON as well.")] = None,
     ablations: Annotated[bool, typer.Option("--ablations", help="Run without each departure from the paper.")] = False,
     weights: Annotated[str, typer.Option(metavar="AxB", help="Points of the priorities' grid, Fig. 6.")] = "7x7",
     fronts: Annotated[int, typer.Option(min=3, metavar="N", help="Points of each Pareto front, Fig. 7.")] = 13,
-    strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 if a claim does not hold.")] = False,
-    force: common.Force = False,
-    changes: common.Changes = None,
-    jobs: common.Jobs = None,
-    quiet: common.Quiet = False,
+    strict: Annotated[bool, options.strict("a claim does not hold")] = False,
+    force: options.Force = False,
+    changes: options.Changes = None,
+    jobs: options.Jobs = None,
+    quiet: options.Quiet = False,
 ) -> None:
     """Run what the paper's claims need: a table of published against reproduced, and a report with the figures."""
     from psmpc_cli.cli.tables import print_claims

@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from io import StringIO
 from pathlib import Path
@@ -276,6 +276,16 @@ class Run:
             return replace(stage, trajectory=path)
 
         return tuple(map(placed, self.problem.stages))
+
+    def with_problem(self, problem: Problem) -> "Run":
+        """Return the run with the problem that was run, which otherwise is built from the texts in the log."""
+        run = replace(self)
+        vars(run).update(task=problem.task, problem=problem)
+        return run
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled: the fields, not what is computed from them when it is asked for."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def summary(self) -> Summary:
         """Summarize the run.

@@ -20,7 +20,7 @@ from psmpc_cli.simulation.run import converging
 from psmpc_cli.solvers import Solver, build_solver
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.compare import run_tasks
-from psmpc_cli.studies.runner import changed
+from psmpc_cli.studies.runner import documents_of
 
 Curve = tuple[np.ndarray, np.ndarray]
 Curves = Mapping[str, Curve]
@@ -127,7 +127,8 @@ def run_ablations(
         for kind in DISCRETIZATIONS:
             changes = (f"controller.nodes={count}", f"controller.discretization={kind}")
             variants.setdefault(_on_mesh(kind, count, nodes), changes)
-    tasks = {name: changed(task, (*converged, *EVERY_RUN, *changes)) for name, changes in variants.items()}
+    documents = documents_of(task)
+    tasks = {name: documents.changed((*converged, *EVERY_RUN, *changes)) for name, changes in variants.items()}
     logs = run_tasks(tasks, jobs=jobs, done=done)
     equal = pick_window(logs[EQUAL])
     ours = pick_window(logs[OURS])

@@ -282,7 +282,7 @@ def simulate(
     with LogWriter(path, header(experiment), force) as writer:
         _write(experiment, writer, watch, until)
         if path is None:
-            return run_in(writer.file)
+            return run_in(writer.file).with_problem(experiment.problem)
     return read_run(path)
 
 

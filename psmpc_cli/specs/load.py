@@ -121,19 +121,47 @@ def load_robot(reference: str | Path) -> RobotSpec:
     return robot
 
 
-def parse_task(task_yaml: str, robot_yaml: str, name: str, set: Changes = ()) -> Task:
-    """Rebuild a task from texts stored elsewhere, such as in a log, without reading files.
+@dataclass(frozen=True, eq=False)
+class TaskDocuments:
+    """A task and its robot as read from texts, from which tasks with other keys are made without reading them again.
+
+    Attributes:
+        task: The task as it was read.
+        robot: Its robot.
+        name: The name of the task if it has none of its own.
+    """
+
+    task: Document
+    robot: Document
+    name: str
+
+    def changed(self, set: Changes = ()) -> Task:
+        """Make the task with keys changed, as for `load_task`.
+
+        Raises:
+            SpecError: Something is wrong with the texts or a change.
+        """
+        return _task(self.task, self.robot, self.name, set)
+
+
+def read_documents(task_yaml: str, robot_yaml: str, name: str) -> TaskDocuments:
+    """Read a task and its robot from texts stored elsewhere, such as in a log, without reading files.
 
     Args:
         task_yaml: The text of the task.
         robot_yaml: The text of its robot.
         name: The name of the task if it has none of its own.
-        set: Keys of the task to change, as for `load_task`.
+    """
+    return TaskDocuments(read(name, task_yaml), read(f"{name} (robot)", robot_yaml), name)
+
+
+def parse_task(task_yaml: str, robot_yaml: str, name: str, set: Changes = ()) -> Task:
+    """Rebuild a task from texts as `read_documents` reads them, with keys changed as for `load_task`.
 
     Raises:
         SpecError: Something is wrong with the texts or a change.
     """
-    return _task(read(name, task_yaml), read(f"{name} (robot)", robot_yaml), name, set)
+    return read_documents(task_yaml, robot_yaml, name).changed(set)
 
 
 def kind_of_reference(reference: str | Path) -> Kind:

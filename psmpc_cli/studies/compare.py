@@ -13,7 +13,7 @@ from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.arguments import rejected, require, require_options
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import ControllerSpec
-from psmpc_cli.studies.runner import changed, compute_all
+from psmpc_cli.studies.runner import changed, compute_all, documents_of
 
 CONTROLLERS: tuple[str, ...] = ("psmpc", "smpc", "htmpc", "hard")
 """What is compared by default, in the order of the table."""
@@ -69,8 +69,8 @@ def compared_tasks(task: Task | str | Path, controllers: Iterable[str], changes:
         raise InputError(f"--controllers: found '{unknown}', expected one or more of {', '.join(known)} between commas")
     if any(change.partition("=")[0].strip() == VARIED for change in changes):
         raise InputError(f"--set {VARIED}: a comparison varies it; choose with --controllers")
-    loaded = changed(task, changes)
-    return {kind: changed(loaded, (f"{VARIED}={kind}",)) for kind in kinds}
+    documents = documents_of(changed(task, changes))
+    return {kind: documents.changed((f"{VARIED}={kind}",)) for kind in kinds}
 
 
 def run_tasks(

@@ -36,7 +36,7 @@ from psmpc_cli.logs.schema import Column
 from psmpc_cli.ocp.feasibility import load_feasible
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.document import quoted
-from psmpc_cli.specs.load import Task, parse_task
+from psmpc_cli.specs.load import Task, TaskDocuments, parse_task, read_documents
 from psmpc_cli.studies.measures import check_columns
 
 logger = logging.getLogger(__name__)
@@ -182,7 +182,7 @@ def run_study(
     began = time.monotonic()
     progress = Progress(len(needed), 0, 0, 0.0)
     watch(progress)
-    run = partial(_run_cell, study.task, study.quantities, study.stop)
+    run = partial(_run_cell, documents_of(study.task), study.quantities, study.stop)
     with closing(compute(run, {int(cell): study.cells[cell] for cell in needed}, jobs, dask)) as ended:
         for origin, found in ended:
             row = {"reason": LOST, "cell_time": np.nan, "status": FAILED} if found is None else found
@@ -200,14 +200,16 @@ def run_study(
     return results
 
 
-def _run_cell(task: Task, quantities: Sequence[Column], stop: int | None, changes: tuple[str, ...]) -> dict[str, Any]:
+def _run_cell(
+    documents: TaskDocuments, quantities: Sequence[Column], stop: int | None, changes: tuple[str, ...]
+) -> dict[str, Any]:
     """Run a cell, and return its part of the results: an error ends nothing.
 
     A mission that fails is no failure to measure it, but one that does not reach the stage at which it stops is.
     """
     began = time.perf_counter()
     try:
-        run = simulate(changed(task, changes), until=stop)
+        run = simulate(documents.changed(changes), until=stop)
         row = {each.path: value for each in quantities if each.value and np.size(value := each.value(run))}
         reached = stop is None or np.isfinite(run.stages["switch_time"][stop])
         row["reason"] = "" if stop is not None and reached else run.summary().reason
@@ -224,9 +226,12 @@ def changed(task: Task | str | Path, changes: Sequence[str]) -> Task:
     Raises:
         SpecError: The task, or a change of it, does not hold, or no run of it could succeed.
     """
-    if isinstance(task, Task):
-        return parse_task(task.task_yaml, task.robot_yaml, task.spec.name, changes)
-    return load_feasible(task, changes)
+    return documents_of(task).changed(changes) if isinstance(task, Task) else load_feasible(task, changes)
+
+
+def documents_of(task: Task) -> TaskDocuments:
+    """Read the texts of a task, once for all the variants that are made of it."""
+    return read_documents(task.task_yaml, task.robot_yaml, task.spec.name)
 
 
 def task_in(results: Results, changes: Sequence[str] = ()) -> Task:

@@ -26,6 +26,7 @@ from psmpc_cli.studies.runner import (
     Study,
     Watch,
     changed,
+    documents_of,
     names_along,
     run_study,
     task_in,
@@ -340,8 +341,9 @@ def sweep(
         raise InputError(f"a sweep: found {runs} runs, expected 1 to {MOST_CELLS}")
     changes = {key: [f"{key}={_text(value)}" for value in each] for key, each in values.items()}
     every = [change for each in changes.values() for change in each]
+    documents = documents_of(loaded)
     for change in every:
-        changed(loaded, (change,))
+        documents.changed((change,))
     axes = [Quantity(key, (key,), _axis(each), "1", f"value of {key}") for key, each in values.items()]
     study = Study(
         kind=SWEEP,

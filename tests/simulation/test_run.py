@@ -1,4 +1,5 @@
 import logging
+import pickle
 import re
 import subprocess
 import sys
@@ -112,6 +113,10 @@ def test_a_run_in_memory_is_the_one_in_its_log(tmp_path: Path) -> None:
             np.testing.assert_array_equal(run[path], values)
     for mine, others in ((logged.final, run.final), (logged.stages, run.stages), (logged.monitors, run.monitors)):
         np.testing.assert_equal(dict(mine), dict(others))
+    assert run.task.digest == logged.task.digest
+    sent = pickle.loads(pickle.dumps(run))  # to another process, which builds the problem anew
+    assert sent.task.digest == run.task.digest
+    assert sent.summary().beyond_limits == run.summary().beyond_limits == logged.summary().beyond_limits
 
 
 def test_the_time_limit_ends_a_run_that_is_not_finished(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.load import load_task, parse_task
+from psmpc_cli.specs.load import load_task, parse_task, read_documents
 from psmpc_cli.specs.task import TaskSpec
 
 TRANSPORT = load_task("transport")
@@ -154,6 +154,21 @@ def test_overrides_win_over_keys_of_a_controller(override: dict[str, Any], contr
         assert each.spec.skills["move"].weights.control == control
         assert each.spec.stages[0].ends_when is not None
         assert each.spec.stages[0].ends_when.tolerance == tolerance
+
+
+def test_variants_of_a_task_that_was_read_once_are_those_of_its_texts() -> None:
+    task = load_task("transport", {"by_controller": OWN})
+    texts = task.task_yaml, task.robot_yaml, "transport"
+    documents = read_documents(*texts)
+    for changes in (["controller=htmpc"], ["seed=7", "stages.capture.priority=3"], [], ["controller.nodes=auto"]):
+        variant = documents.changed(changes)
+        stored = parse_task(*texts, changes)
+        assert (variant.digest, variant.task_yaml) == (stored.digest, stored.task_yaml)
+    with pytest.raises(SpecError) as found:
+        documents.changed(["controller.nodes=none"])
+    with pytest.raises(SpecError) as expected:
+        parse_task(*texts, ["controller.nodes=none"])
+    assert str(found.value) == str(expected.value)
 
 
 def test_keys_of_every_controller_are_validated(tmp_path: Path) -> None:

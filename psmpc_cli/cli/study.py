@@ -33,7 +33,7 @@ def compare(
 ) -> None:
     """Run several controllers on the identical task: one table, one file of logs, and figures side by side."""
     common.validate(task, changes)
-    from psmpc_cli.cli.tables import present
+    from psmpc_cli.cli.contents import present
     from psmpc_cli.studies.compare import compared_tasks, run_tasks
 
     tasks = compared_tasks(task, re.findall(r"[^\s,]+", controllers), changes or [])
@@ -124,7 +124,7 @@ def _run_study(
     quiet: bool,
 ) -> None:
     """Run a study into its file, with its progress, and present it; after a signal the file keeps what was done."""
-    from psmpc_cli.cli.tables import present
+    from psmpc_cli.cli.contents import present
     from psmpc_cli.studies.runner import run_study
 
     if resume and force:
@@ -164,7 +164,7 @@ def pareto(
     is_log = Path(task).is_file() and is_hdf5(task)
     if not is_log:
         common.validate(task, changes)
-    from psmpc_cli.cli.tables import present
+    from psmpc_cli.cli.contents import present
     from psmpc_cli.logs.files import check_output
     from psmpc_cli.logs.run import read_run
     from psmpc_cli.ocp.feasibility import load_feasible

@@ -13,7 +13,8 @@ import yaml
 import psmpc_cli as psmpc
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.studies.runner import run_study
-from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, parse_sampling, weight_study
+from psmpc_cli.studies.sampling import parse_sampling
+from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
 
 SINGLE_WEIGHT = ("controller.zeta=1e-3", "onset=control", *(f"skills.{s}.weights.control=1" for s in ("move", "reach")))
 

@@ -8,7 +8,8 @@ import numpy as np
 from psmpc_cli.logs.results import Results, read_results
 from psmpc_cli.logs.schema import SWEEP
 from psmpc_cli.studies.runner import COMPUTED, FAILED
-from psmpc_cli.studies.sweep import Sampling, load_sweep_task, parse_sampling, weight_study
+from psmpc_cli.studies.sampling import Sampling, parse_sampling
+from psmpc_cli.studies.sweep import load_sweep_task, weight_study
 
 T_S, T_H = 10.14, 4.0
 

@@ -1,7 +1,7 @@
 """Runs and their logs: `psmpc simulate`, `rerun`, `replay`, `verify`, `show`, `plot`, `view` and `report`."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -49,12 +49,14 @@ def simulate(
     if verbose:
         logging.getLogger("psmpc_cli").setLevel(logging.INFO)
     overrides: list[Change] = [*(changes or [])]
-    short = (("controller", controller), ("plant", plant))
-    overrides += [(f"--{name} {kind}", f"{name}.kind={kind}") for name, kind in short if kind is not None]
+    short = {"controller": controller, "plant": plant}
+    overrides += [
+        (f"--{name} {chosen}", f"{name}.kind={chosen}") for name, chosen in short.items() if chosen is not None
+    ]
     drawing = figures or render
     if task is not None and unfinished is None:
         common.validate(task, overrides)
-    from psmpc_cli.cli.tables import present
+    from psmpc_cli.cli.contents import present
     from psmpc_cli.figures.animation import offscreen_driver
     from psmpc_cli.ocp.feasibility import load_feasible
     from psmpc_cli.simulation.run import simulate as run_task
@@ -208,18 +210,15 @@ def show(
     verbose: options.Verbose = False,
 ) -> None:
     """Print the summary of a log, or the table of a comparison or a study, again, or export tables of logs."""
-    from psmpc_cli.cli.tables import read_file
-    from psmpc_cli.logs.schema import COMPARISON, RUN
+    from psmpc_cli.cli.contents import read_contents
 
-    kind, found, print_content = read_file(log, verbose)
-    if csv is not None:
-        if kind not in (RUN, COMPARISON):
-            raise InputError(f"--csv: {log} holds a {kind}, expected logs; other programs, such as xarray, open it")
-        for name, run in ({"": found} if kind == RUN else found).items():
-            for path in run.to_csv(csv / name, force):
-                typer.echo(str(path))
-    else:
-        print_content(found)
+    contents = read_contents(log)
+    if csv is None:
+        contents.print(verbose)
+        return
+    for name, run in contents.logs().items():
+        for path in run.to_csv(csv / name, force):
+            typer.echo(str(path))
 
 
 def plot(
@@ -244,23 +243,22 @@ def plot(
     grasps). Of a comparison: overlay, states, instants, shares, snapshots. Of a Pareto study: front, front_3d. Of a
     sweep: surface, heat_map (of random draws: draws), starts, sensitivity. Of a Monte Carlo study: success, runs.
     """
-    from psmpc_cli.cli.tables import read_file
+    from psmpc_cli.cli.contents import read_contents
     from psmpc_cli.figures.animation import mp4_possible
     from psmpc_cli.figures.registry import default_directory, draw
-    from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, RUN
+    from psmpc_cli.logs.schema import RUN
 
     films = [name for name, chosen in (("animation", animate), ("render", render)) if chosen]
-    if run is None:
-        kind, subject, _ = read_file(log)
-        directory = output or default_directory(log)
-    else:
+    contents = read_contents(log)
+    kind = contents.kind
+    subject = contents.value
+    directory = output or default_directory(log)
+    if run is not None:
+        (subject,) = contents.runs([run], quiet=False).values()
         kind = RUN
-        (subject,) = _runs_in(log, [run], False).values()
         directory = output or default_directory(log) / run
-    if films and kind != RUN:
-        several = kind in (COMPARISON, MONTE_CARLO)
-        instead = "but a run of it is: choose one with --run" if several else "but the log of a run is"
-        raise InputError(f"--{'animate' if animate else 'render'}: a {kind} is not animated, {instead}")
+    elif films:
+        contents.ensure_filmable("animate" if animate else "render")
     for path in draw(kind, subject, directory, formats or ("png",), only or None, force, films):
         typer.echo(str(path))
     if films and not mp4_possible():
@@ -276,12 +274,13 @@ def view(
     quiet: options.Quiet = False,
 ) -> None:
     """Write runs as one interactive HTML page: the robot in 3-D with its plans, a time line, and linked plots."""
+    from psmpc_cli.cli.contents import read_contents
     from psmpc_cli.report.view import view as show
 
     def page() -> "Page":
         runs: dict[str, Run] = {}
         for log in logs:
-            for name, found in _runs_in(log, run or [], quiet).items():
+            for name, found in read_contents(log).runs(run or [], quiet).items():
                 runs[name if name not in runs else f"{name} of {log.stem} {len(runs) + 1}"] = found
         return show(runs)
 
@@ -314,32 +313,3 @@ def _save(
     typer.echo(f"page: {page().save(path, force)}")
     if open_it and not webbrowser.open(path.resolve().as_uri()):
         typer.echo("psmpc: no browser was opened: found none; set BROWSER, or open the page yourself", err=True)
-
-
-def _runs_in(log: Path, chosen: Sequence[str], quiet: bool) -> "dict[str, Run]":
-    """Read the runs of a file by name, those chosen; those of a Monte Carlo study are repeated from their seeds."""
-    from psmpc_cli.cli.tables import read_file
-    from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, RUN
-
-    kind, content, _ = read_file(log)
-    if kind == RUN and not chosen:
-        return {str(content.attributes["controller"]): content}
-    if kind not in (COMPARISON, MONTE_CARLO):
-        wanted = "a comparison or a Monte Carlo study" if chosen else "the log of a run, or a file of several"
-        raise InputError(f"{'--run: ' if chosen else ''}{log} holds a {kind}, expected {wanted}")
-    compared = kind == COMPARISON
-    known = list(content) if compared else [str(number) for number in range(len(content["seed"]))]
-    found: dict[str, Run] = {}
-    for name in chosen or (known if compared else [""]):
-        if name not in known:
-            wanted = f"one of {', '.join(known)}" if compared else f"0 to {known[-1]}"
-            missing = f"no run '{name}'" if name else "no --run"
-            raise InputError(f"{log} holds several runs: found {missing}, expected --run with {wanted}")
-        if compared:
-            found[name] = content[name]
-            continue
-        with watched_run(quiet) as (watch, interruption):
-            found[f"run {name}"] = run = content.repeat(int(name), watch)
-        if run.interrupted:
-            raise typer.Exit(interruption.exit_code)
-    return found

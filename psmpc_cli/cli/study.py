@@ -33,7 +33,7 @@ def compare(
 ) -> None:
     """Run several controllers on the identical task: one table, one file of logs, and figures side by side."""
     common.validate(task, changes)
-    from psmpc_cli.cli.tables import present
+    from psmpc_cli.cli.contents import present
     from psmpc_cli.studies.compare import compared_tasks, run_tasks
 
     tasks = compared_tasks(task, re.findall(r"[^\s,]+", controllers), changes or [])
@@ -76,15 +76,16 @@ def sweep_weights(
     if task is not None:
         common.validate(task, changes)
     from psmpc_cli.studies import sweep
+    from psmpc_cli.studies.sampling import parse_numbers, parse_sampling
 
     expected = "positive numbers between commas, such as 1e-3,1e-2,0.1"
-    epsilons = sweep.parse_numbers("--epsilon", epsilon, expected, above=0.0) if epsilon is not None else ()
+    epsilons = parse_numbers("--epsilon", epsilon, expected, above=0.0) if epsilon is not None else ()
     loaded = sweep.load_sweep_task(task or sweep.DEFAULT_TASK, tuple(changes or ()), epsilons)
     if (grid is None) == (sampling is None):
         found = "neither a grid nor --sampling" if grid is None else "both a grid and --sampling"
         raise InputError(f"found {found}, expected one: 25x25, a number of ratios such as 49, or --sampling random:100")
-    limits = sweep.parse_numbers("--range", bounds, "LOW:HIGH of positive numbers, such as 1e-3:1e3", 0.0, ":")
-    cells = sweep.parse_sampling(grid or sampling or "", limits, loaded.spec.seed)
+    limits = parse_numbers("--range", bounds, "LOW:HIGH of positive numbers, such as 1e-3:1e3", 0.0, ":")
+    cells = parse_sampling(grid or sampling or "", limits, loaded.spec.seed)
     study = sweep.weight_study(loaded, sweep.parse_stages(stages, loaded), cells, every_cell)
     _run_study(study, output, force, resume, jobs, dask, figures, quiet)
 
@@ -124,7 +125,7 @@ def _run_study(
     quiet: bool,
 ) -> None:
     """Run a study into its file, with its progress, and present it; after a signal the file keeps what was done."""
-    from psmpc_cli.cli.tables import present
+    from psmpc_cli.cli.contents import present
     from psmpc_cli.studies.runner import run_study
 
     if resume and force:
@@ -164,13 +165,14 @@ def pareto(
     is_log = Path(task).is_file() and is_hdf5(task)
     if not is_log:
         common.validate(task, changes)
-    from psmpc_cli.cli.tables import present
+    from psmpc_cli.cli.contents import present
     from psmpc_cli.logs.files import check_output
     from psmpc_cli.logs.run import read_run
     from psmpc_cli.ocp.feasibility import load_feasible
     from psmpc_cli.simulation.run import simulate
     from psmpc_cli.studies.pareto import Question, solve_pareto
-    from psmpc_cli.studies.sweep import parse_numbers, parse_stages
+    from psmpc_cli.studies.sampling import parse_numbers
+    from psmpc_cli.studies.sweep import parse_stages
 
     times = parse_numbers("--at", at, "times in seconds between commas, such as 6.1,8.0") if at is not None else ()
     question = Question(stages, times, points, method, free_instant)

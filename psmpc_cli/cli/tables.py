@@ -1,13 +1,11 @@
-"""What commands print, and draw beside their files: robots, tasks, runs and studies as tables."""
+"""What commands print: robots, tasks, runs and studies as tables."""
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import count, zip_longest
 from json import dumps
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import typer
@@ -15,12 +13,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from psmpc_cli.errors import LogError
 from psmpc_cli.logs.comparison import Comparison
-from psmpc_cli.logs.files import kind_of
-from psmpc_cli.logs.results import Results, read_results
-from psmpc_cli.logs.run import Run, read_comparison, read_run
-from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
+from psmpc_cli.logs.results import Results
+from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.feasibility import Outlook
 from psmpc_cli.paper.fronts import FrontMovement
@@ -69,44 +64,6 @@ def print_table(headings: Row, rows: Sequence[Row], left: int = 2) -> None:
     with console.capture() as capture:
         console.print(table)
     typer.echo("\n".join(line.rstrip() for line in capture.get().splitlines()))
-
-
-def read_file(path: Path, verbose: bool = False) -> tuple[str, Any, Callable[[Any], None]]:
-    """Read a file written by psmpc; return its kind, its content, and what prints the content, all of it if `verbose`.
-
-    Raises:
-        LogError: The file is missing, damaged or of another program.
-    """
-    kinds: Mapping[str, tuple[Callable[[Path], Any], Callable[[Any], None]]] = {
-        RUN: (read_run, partial(print_summary, verbose=verbose)),
-        COMPARISON: (read_comparison, partial(print_comparison, path=path)),
-        SWEEP: (lambda path: SweepCells(read_results(path, SWEEP)), print_sweep),
-        PARETO: (fronts.read_fronts, print_fronts),
-        MONTE_CARLO: (lambda path: MonteCarloRuns(read_results(path, MONTE_CARLO)), print_monte_carlo),
-    }
-    kind = kind_of(path)
-    if kind not in kinds:
-        raise LogError(f"{path}: found a {kind}, expected one of: {', '.join(kinds)}")
-    read, show = kinds[kind]
-    return kind, read(path), show
-
-
-def present(
-    path: Path, figures: bool, force: bool, quiet: bool, verbose: bool = False, films: Collection[str] = ()
-) -> Any:
-    """Print the table of a file, draw its figures and films into its folder of figures, and return its content."""
-    from psmpc_cli.figures.registry import default_directory, draw
-
-    kind, content, show = read_file(path, verbose)
-    if not quiet:
-        show(content)
-    if (figures or films) and (kind != RUN or len(content.time)):
-        only = None if figures else ()
-        directory = default_directory(path)
-        drawn = draw(kind, content, directory, only=only, force=force, films=films)
-        if not quiet:
-            typer.echo(f"{len(drawn)} figures in {directory}" if figures else f"film in {directory}")
-    return content
 
 
 def print_summary(run: Run, verbose: bool) -> None:

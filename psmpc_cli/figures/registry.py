@@ -17,7 +17,7 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 from psmpc_cli.specs.arguments import rejected, require
 from psmpc_cli.specs.document import quoted
-from psmpc_cli.studies.sweep import GRID, RANDOM
+from psmpc_cli.studies.sampling import Draws, Grid
 
 FORMATS: Mapping[str, dict[str, Any]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
 """Formats of files, with the metadata with which the same data give the same file."""
@@ -25,33 +25,43 @@ FORMATS: Mapping[str, dict[str, Any]] = {"png": {}, "pdf": {"CreationDate": None
 FILMS: Mapping[str, Callable[[Run, Iterable[Path]], None]] = {"animation": write_animation, "render": write_film}
 """What shows a run in motion, by name, which is also the stem of its files."""
 
-FIGURES: Mapping[tuple[str, str], Callable[..., Figure]] = {
-    (RUN, "states"): coordinates.plot_states,
-    (RUN, "velocities"): coordinates.plot_velocities,
-    (RUN, "controls"): coordinates.plot_controls,
-    (RUN, "forces"): coordinates.plot_forces,
-    (RUN, "errors"): coordinates.plot_errors,
-    (RUN, "instants"): instants.plot_instants,
-    (RUN, "shares"): instants.plot_shares,
-    (RUN, "snapshots"): snapshots.plot_snapshots,
-    (RUN, "solve_time"): instants.plot_solve_time,
-    (RUN, "pull"): instants.plot_pull,
-    (COMPARISON, "overlay"): coordinates.plot_overlay,
-    (COMPARISON, "states"): coordinates.plot_states,
-    (COMPARISON, "instants"): instants.plot_instants,
-    (COMPARISON, "shares"): instants.plot_shares,
-    (COMPARISON, "snapshots"): snapshots.plot_snapshots,
-    (SWEEP, "surface"): sweep.plot_surface,
-    (SWEEP, "heat_map"): sweep.plot_plane,
-    (SWEEP, "draws"): sweep.plot_plane,
-    (SWEEP, "starts"): sweep.plot_starts,
-    (SWEEP, "sensitivity"): sweep.plot_sensitivity,
-    (PARETO, "front"): pareto.plot_fronts,
-    (PARETO, "front_3d"): pareto.plot_in_space,
-    (MONTE_CARLO, "success"): monte_carlo.plot_success,
-    (MONTE_CARLO, "runs"): monte_carlo.plot_runs,
-    ("robot", "robot"): snapshots.plot_robot,
-    ("scenario", "scenario"): snapshots.plot_scenario,
+FIGURES: Mapping[str, Mapping[str, Callable[..., Figure]]] = {
+    RUN: {
+        "states": coordinates.plot_states,
+        "velocities": coordinates.plot_velocities,
+        "controls": coordinates.plot_controls,
+        "forces": coordinates.plot_forces,
+        "errors": coordinates.plot_errors,
+        "instants": instants.plot_instants,
+        "shares": instants.plot_shares,
+        "snapshots": snapshots.plot_snapshots,
+        "solve_time": instants.plot_solve_time,
+        "pull": instants.plot_pull,
+    },
+    COMPARISON: {
+        "overlay": coordinates.plot_overlay,
+        "states": coordinates.plot_states,
+        "instants": instants.plot_instants,
+        "shares": instants.plot_shares,
+        "snapshots": snapshots.plot_snapshots,
+    },
+    SWEEP: {
+        "surface": sweep.plot_surface,
+        "heat_map": sweep.plot_heat_map,
+        "draws": sweep.plot_draws,
+        "starts": sweep.plot_starts,
+        "sensitivity": sweep.plot_sensitivity,
+    },
+    PARETO: {
+        "front": pareto.plot_fronts,
+        "front_3d": pareto.plot_in_space,
+    },
+    MONTE_CARLO: {
+        "success": monte_carlo.plot_success,
+        "runs": monte_carlo.plot_runs,
+    },
+    "robot": {"robot": snapshots.plot_robot},
+    "scenario": {"scenario": snapshots.plot_scenario},
 }
 """The functions that make figures, by what they are of and by name, which is also the stem of their files.
 
@@ -60,8 +70,8 @@ They are of a Run, of Runs by controller, of the results of a study, of the desc
 
 ONLY_OF: Mapping[str, Callable[[Any], bool]] = {
     "pull": lambda run: "grasp/closed_at" in run and bool(np.isfinite(run["grasp/closed_at"]).any()),
-    **dict.fromkeys(("surface", "heat_map"), lambda cells: cells.sampling == GRID),
-    "draws": lambda cells: cells.sampling == RANDOM,
+    **dict.fromkeys(("surface", "heat_map"), lambda cells: cells.sampling is Grid),
+    "draws": lambda cells: cells.sampling is Draws,
     "front_3d": pareto.in_space,
 }
 """Figures that not every subject has, with what tells whether one has it."""
@@ -76,7 +86,7 @@ DRAWABLE: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
 
 def figures_of(kind: str, subject: Any = None) -> dict[str, Callable[..., Figure]]:
     """Return the figures of a kind by name; of a subject, those it has."""
-    every = {name: make for (of, name), make in FIGURES.items() if of == kind}
+    every = FIGURES[kind]
     return {name: every[name] for name in every if subject is None or name not in ONLY_OF or ONLY_OF[name](subject)}
 
 

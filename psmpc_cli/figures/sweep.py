@@ -1,6 +1,6 @@
 """The actual start of a stage over the priorities of two stages, and what their ratio does. Paper Fig. 6."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,36 +11,49 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.studies.sweep import ALLOWED, GRID, WITHIN, AlongRatio, SweepCells, recommend
+from psmpc_cli.studies.sweep import ALLOWED, WITHIN, AlongRatio, SweepCells, recommend
 
 FLOOR = "$t_s - T_h$"
 
 
-def plot_plane(cells: SweepCells) -> Figure:
-    """Plot the actual start [s] over omega_1 and omega_2 as colours: cells of a grid, or a point for every draw.
+def plot_heat_map(cells: SweepCells) -> Figure:
+    """Plot the actual start [s] over omega_1 and omega_2 as colours of the cells of a grid.
 
-    A contour on a grid parts the cells in which the start is t_s - T_h. Starts are known to one sample: within the
-    contour the start is the first sample after t_s - T_h.
+    A contour parts the cells in which the start is t_s - T_h. Starts are known to one sample: within the contour the
+    start is the first sample after t_s - T_h.
     """
     figure, (axes,) = style.stack([""], [2.4], "")
     starts, scale, label = _shown(cells)
-    omega = np.log10(cells.omega)
-    marks = {"failed": cells.failed}
-    if cells.sampling == GRID:
-        x, y = (np.log10(cells.results[name]) for name in ("omega_1", "omega_2"))
-        start, floor = (values.reshape(len(y), len(x)) for values in (starts, cells.floor))
-        axes.pcolormesh(x, y, np.ma.masked_invalid(start), norm=scale, shading="nearest")
-        _plot_contour(axes, x, y, start - floor, cells.task.spec.controller.sample_time)
-        if cells.waiting.any():
-            axes.bar(x[0], 0, color="white", label=["_waiting"])
-    else:
-        marks["waiting"] = cells.waiting
-        edge: dict[str, Any] = {"edgecolors": style.EDGE, "linewidths": 0.3}
-        x, y = omega[cells.ended].T
-        axes.scatter(x, y, 16, starts[cells.ended], norm=scale, **edge)
+    x, y = (np.log10(cells.results[name]) for name in ("omega_1", "omega_2"))
+    start, floor = (values.reshape(len(y), len(x)) for values in (starts, cells.floor))
+    axes.pcolormesh(x, y, np.ma.masked_invalid(start), norm=scale, shading="nearest")
+    _plot_contour(axes, x, y, start - floor, cells.task.spec.controller.sample_time)
+    if cells.waiting.any():
+        axes.bar(x[0], 0, color="white", label=["_waiting"])
+    _mark(axes, cells, {"failed": cells.failed})
+    return _finish_plane(figure, axes, cells, scale, label)
+
+
+def plot_draws(cells: SweepCells) -> Figure:
+    """Plot the actual start [s] over omega_1 and omega_2 as the colour of a point for every draw."""
+    figure, (axes,) = style.stack([""], [2.4], "")
+    starts, scale, label = _shown(cells)
+    edge: dict[str, Any] = {"edgecolors": style.EDGE, "linewidths": 0.3}
+    x, y = np.log10(cells.omega)[cells.ended].T
+    axes.scatter(x, y, 16, starts[cells.ended], norm=scale, **edge)
+    _mark(axes, cells, {"failed": cells.failed, "waiting": cells.waiting})
+    return _finish_plane(figure, axes, cells, scale, label)
+
+
+def _mark(axes: Axes, cells: SweepCells, marks: Mapping[str, np.ndarray]) -> None:
+    """Mark cells in the plane of both priorities by what became of them (cells,)."""
     for name, which in marks.items():
         if which.any():
-            axes.plot(*omega[which].T, **style.look(name))
+            axes.plot(*np.log10(cells.omega)[which].T, **style.look(name))
+
+
+def _finish_plane(figure: Figure, axes: Axes, cells: SweepCells, scale: Normalize, label: str) -> Figure:
+    """Label the plane of both priorities, and add the bar of its colours if there are any."""
     first, second = (style.readable(name) for name in cells.names)
     _count_decades(axes, 7)
     axes.set(xlabel=f"Priority of {first}, ω₁ (1)", ylabel=f"Priority of {second}, ω₂ (1)")

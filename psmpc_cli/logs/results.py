@@ -38,6 +38,11 @@ class Quantity:
     long_name: str
     meanings: tuple[str, ...] = ()
 
+    @property
+    def is_text(self) -> bool:
+        """Whether the values are texts."""
+        return self.values.dtype.kind in "UO"
+
 
 @dataclass(frozen=True, eq=False)
 class Results:
@@ -81,7 +86,7 @@ class Results:
         file.attrs.update(self.attributes)
         for each in sorted(self.quantities.values(), key=lambda each: each.dims != (each.name,)):
             values = each.values
-            if values.dtype.kind in "UO":
+            if each.is_text:
                 values = np.array(values.tolist(), h5py.string_dtype())
             # HDF5 has no checksums of texts of variable length, nor of single numbers
             chunks = values.shape if values.size and values.shape and not values.dtype.hasobject else None

@@ -113,14 +113,14 @@ def check_attributes(item: h5py.Group | h5py.Dataset, before: int = 0) -> None:
         if name in OF_SCALES and isinstance(item, h5py.Dataset):
             continue
         attribute = item.attrs.get_id(name)
-        kind = attribute.dtype
+        dtype = attribute.dtype
         shape = attribute.shape
         several = shape and isinstance(item, h5py.Group) and name != RUNS
-        if shape is None or several or not _is_plain(kind) or prod(shape) * kind.itemsize > LARGEST_ATTRIBUTE:
-            found = "no value" if shape is None else f"values of type {kind} with shape {shape}"
+        if shape is None or several or not _is_plain(dtype) or prod(shape) * dtype.itemsize > LARGEST_ATTRIBUTE:
+            found = "no value" if shape is None else f"values of type {dtype} with shape {shape}"
             raise misfit(item, found, "a number or a text", f" attribute {name}")
 
 
-def _is_plain(kind: np.dtype[Any]) -> bool:
+def _is_plain(dtype: np.dtype[Any]) -> bool:
     """Return whether values of a NumPy type are real numbers of at most 8 bytes, or texts."""
-    return h5py.check_string_dtype(kind) is not None or (kind.kind in "iufb" and kind.itemsize <= 8)
+    return h5py.check_string_dtype(dtype) is not None or (dtype.kind in "iufb" and dtype.itemsize <= 8)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from textwrap import fill
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,6 +25,21 @@ Panels = Mapping[str, Curves]
 SMALLEST = 1e-5
 EXACT = 1e-9
 """A smaller control that a waiting stage adds is not shown [m/s^2, rad/s^2]; smaller errors are none [m, rad]."""
+
+
+class PresenceScale(NamedTuple):
+    """How the presence of waiting stages in the control is drawn: label of the axis, smallest value, kind of scale."""
+
+    label: str
+    smallest: float
+    logarithmic: bool
+
+
+PRESENCE: Mapping[str, PresenceScale] = {
+    "control": PresenceScale("Control added by a waiting stage\n(m/s², rad/s²)", SMALLEST, logarithmic=True),
+    "closeness": PresenceScale("Closeness to a waiting stage's\nown optimum (1)", -1.0, logarithmic=False),
+}
+"""The scale by what the task's `onset` compares with its threshold."""
 
 HEIGHT = 1.0
 """Height of a panel [in]."""
@@ -59,21 +74,20 @@ def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
     time = run.time
     waited = False
     onset = run.task.spec.onset
+    scale = PRESENCE[onset.kind]
     for stage, name in enumerate(run.stage_names):
         which = np.isfinite(presence[:, stage])
         if which.any():
             waited = True
-            values = np.maximum(presence[which, stage], SMALLEST if onset.kind == "control" else -1.0)
+            values = np.maximum(presence[which, stage], scale.smallest)
             axes.plot(time[which], values, label=style.readable(name), **style.line_look(stage))
     axes.axhline(onset.epsilon, label="_threshold", **style.LEVEL)
     for start in published.values():
         axes.plot(start, onset.epsilon, **style.look("published start"))
-    label = "Closeness to a waiting stage's\nown optimum (1)"
-    if onset.kind == "control":
+    if scale.logarithmic:
         axes.set_yscale("log")
-        axes.set_ylim(bottom=SMALLEST)
-        label = "Control added by a waiting stage\n(m/s², rad/s²)"
-    label_row(grid[0], label, "" if waited else "no stage waits: one at a time")
+        axes.set_ylim(bottom=scale.smallest)
+    label_row(grid[0], scale.label, "" if waited else "no stage waits: one at a time")
     return style.finish(figure)
 
 

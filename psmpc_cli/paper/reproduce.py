@@ -16,15 +16,8 @@ from psmpc_cli.studies.compare import compared_tasks, run_tasks
 from psmpc_cli.studies.fronts import front_rows
 from psmpc_cli.studies.pareto import Question, possible_samples, solve_pareto
 from psmpc_cli.studies.runner import Study, run_study
-from psmpc_cli.studies.sweep import (
-    DEFAULT_TASK,
-    SweepCells,
-    load_sweep_task,
-    parse_sampling,
-    parse_stages,
-    recommend,
-    weight_study,
-)
+from psmpc_cli.studies.sampling import parse_sampling
+from psmpc_cli.studies.sweep import DEFAULT_TASK, SweepCells, load_sweep_task, parse_stages, recommend, weight_study
 
 TASK = "transport"
 

@@ -63,14 +63,14 @@ def compared_tasks(task: Task | str | Path, controllers: Iterable[str], changes:
         SpecError: The task does not hold.
     """
     known = get_args(ControllerSpec.model_fields["kind"].annotation)
-    kinds = dict.fromkeys(controllers)
-    unknown = ", ".join(kind for kind in kinds if kind not in known)
-    if unknown or not kinds:
+    wanted = dict.fromkeys(controllers)
+    unknown = ", ".join(name for name in wanted if name not in known)
+    if unknown or not wanted:
         raise InputError(f"--controllers: found '{unknown}', expected one or more of {', '.join(known)} between commas")
     if any(change.partition("=")[0].strip() == VARIED for change in changes):
         raise InputError(f"--set {VARIED}: a comparison varies it; choose with --controllers")
     documents = documents_of(changed(task, changes))
-    return {kind: documents.changed((f"{VARIED}={kind}",)) for kind in kinds}
+    return {name: documents.changed((f"{VARIED}={name}",)) for name in wanted}
 
 
 def run_tasks(

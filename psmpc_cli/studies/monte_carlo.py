@@ -28,7 +28,7 @@ from psmpc_cli.studies.runner import (
     run_study,
     task_in,
 )
-from psmpc_cli.studies.sweep import MOST_CELLS
+from psmpc_cli.studies.sampling import MOST_CELLS
 
 Array = np.ndarray
 

@@ -276,7 +276,7 @@ def _resumed(study: Study, new: Results) -> Results:
     if (found_cells := results["status"].size) > cells:
         raise InputError(f"--resume: {path} has {found_cells} runs, found {cells}, expected at least as many")
     for name, quantity in new.quantities.items():
-        dtype = "text" if quantity.values.dtype.kind in "UO" else quantity.values.dtype.str
+        dtype = "text" if quantity.is_text else quantity.values.dtype.str
         check_columns(results, [Column(name, quantity.units, quantity.long_name, dtype=dtype, dims=quantity.dims)])
         shape = results[name].shape
         if any(found > most for found, most in zip(shape, quantity.values.shape, strict=True)):

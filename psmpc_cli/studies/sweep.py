@@ -1,9 +1,7 @@
 """Sweeps: runs over all values of any keys of a task, or over pairs of priorities. Paper section IV-B, Fig. 6."""
 
 import json
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,19 +29,12 @@ from psmpc_cli.studies.runner import (
     run_study,
     task_in,
 )
+from psmpc_cli.studies.sampling import MOST_CELLS, SAMPLINGS, Sampling
 
 Array = np.ndarray
 
-GRID = "grid"
-RATIOS = "ratios"
-RANDOM = "random"
-"""Samplings of a sweep."""
-
-DIMENSIONS = {GRID: ("omega_2", "omega_1"), RATIOS: ("ratio",), RANDOM: ("cell",)}
-"""The dimensions of the cells of each sampling."""
-
-MOST_CELLS = 100_000
-"""Largest number of cells; a larger one is a typing error."""
+THRESHOLD_UNITS = {"control": "m/s^2, rad/s^2", "closeness": "1"}
+"""Units of the thresholds of the actual start, by what the task's `onset` compares with them."""
 
 SAME = 9
 """Decimals of the logarithm of a ratio of priorities to which two are equal."""
@@ -53,73 +44,6 @@ WITHIN = 0.05
 
 ALLOWED = 1.0
 """Final error that the end condition itself allows [tolerances]."""
-
-
-@dataclass(frozen=True, eq=False)
-class Sampling:
-    """The pairs of priorities that a sweep tries.
-
-    Attributes:
-        kind: GRID over both priorities, RATIOS with the geometric mean of both at 1, or RANDOM draws.
-        label: As the user wrote it, such as 25x25, 49 or random:40.
-        omega: Priorities of the two stages in each cell, (cells, 2); those of a grid go along omega_2, then omega_1.
-    """
-
-    kind: str
-    label: str
-    omega: Array
-
-    @property
-    def ratio(self) -> Array:
-        """omega_2 / omega_1 of each cell (cells,)."""
-        return np.asarray(self.omega[:, 1] / self.omega[:, 0])
-
-
-def parse_numbers(option: str, text: str, expected: str, above: float = -np.inf, by: str = ",") -> tuple[float, ...]:
-    """Parse the numbers of a list such as 1e-3,1e-2, and sort them, each once.
-
-    Raises:
-        InputError: One is no finite number above the smallest.
-    """
-    try:
-        found = sorted({float(part) for part in text.split(by)})
-    except ValueError:
-        found = [np.nan]
-    if not all(above < number < np.inf for number in found):
-        raise InputError(f"{option}: found '{text}', expected {expected}")
-    return tuple(found)
-
-
-def parse_sampling(text: str, bounds: tuple[float, ...], seed: int = 0) -> Sampling:
-    """Build the cells of a grid such as 25x25 (omega_1 by omega_2), of a number of ratios such as 49, or of draws.
-
-    Args:
-        text: A grid, a number of ratios, or log-uniform draws from the box such as random:40.
-        bounds: The lowest and the highest priority.
-        seed: Of the draws.
-
-    Raises:
-        InputError: The text is none of them, there are too many cells, or no range.
-    """
-    if len(bounds) != 2:
-        raise InputError(f"--range: found {len(bounds)} numbers, expected two, LOW:HIGH, such as 1e-3:1e3")
-    match = re.fullmatch(r"(random:)?(\d+)|(\d+)x(\d+)", text.strip())
-    sizes = [int(size) for size in match.groups()[1:] if size] if match else []
-    drawn = match is not None and match[1] is not None
-    if not sizes or min(sizes) < (1 if drawn else 2) or np.prod(sizes) > MOST_CELLS:
-        raise InputError(
-            f"found '{text}', expected a grid of two sizes of at least 2 such as 25x25 (omega_1 by omega_2), a number "
-            f"of ratios such as 49, or --sampling random:N such as random:100; at most {MOST_CELLS} cells"
-        )
-    low, high = np.log10(bounds)
-    if drawn:
-        exponents = np.random.default_rng(seed).uniform(low, high, (sizes[0], 2))
-    elif len(sizes) == 1:
-        exponents = np.outer(np.linspace(low - high, high - low, sizes[0]) / 2, [-1.0, 1.0])
-    else:
-        omega_2, omega_1 = np.meshgrid(*(np.linspace(low, high, size) for size in reversed(sizes)), indexing="ij")
-        exponents = np.column_stack([omega_1.ravel(), omega_2.ravel()])
-    return Sampling(RANDOM if drawn else RATIOS if len(sizes) == 1 else GRID, text.strip(), 10.0**exponents)
 
 
 def parse_stages(text: str, task: Task) -> tuple[int, int]:
@@ -163,7 +87,7 @@ class SweepCells:
         results: The content of its file.
         task: The task; in the cells the priorities of the studied stages are others.
         names: Names of the two studied stages.
-        sampling: GRID, RATIOS or RANDOM.
+        sampling: How the cells were chosen.
         omega: Their priorities in each cell (cells, 2).
         ratio: omega_2 / omega_1 of each cell (cells,).
         own_ratio: omega_2 / omega_1 of the task itself.
@@ -178,29 +102,24 @@ class SweepCells:
     """
 
     def __init__(self, results: Results) -> None:
-        samplings = {dims: sampling for sampling, dims in DIMENSIONS.items()}
         try:
-            self.sampling = samplings[results.quantities["status"].dims]
+            self.sampling = SAMPLINGS[results.quantities["status"].dims]
             self.task = task_in(results)
             first, second = parse_stages(str(results.attributes["stages"]), self.task)
         except (KeyError, InputError) as error:
             raise LogError(f"{results.path}: expected a file of psmpc sweep-weights, but it lacks {error}") from None
-        dims = DIMENSIONS[self.sampling]
+        dims = self.sampling.dims
         names = [stage.name for stage in self.task.spec.stages]
-        weights = ("ratio",) if self.sampling == GRID else ("ratio", "omega_1", "omega_2")
-        check_columns(results, (*OF_CELL, *second_stage(second), *(Column(name, "1", name) for name in weights)), dims)
-        coordinates = (*dims, "epsilon") if self.sampling == GRID else ("epsilon",)
-        check_columns(results, [Column(name, "1", name, dims=(name,)) for name in coordinates])
+        weights = [Column(name, "1", name) for name in self.sampling.columns]
+        check_columns(results, (*OF_CELL, *second_stage(second), *weights), dims)
+        scales = (*self.sampling.scales, "epsilon")
+        check_columns(results, [Column(name, "1", name, dims=(name,)) for name in scales])
         check_columns(results, [Column("stage", "1", "stage", dtype="text", dims=("stage",))])
         if results["stage"].tolist() != names:
             raise LogError(f"{results.path}: /stage: found {', '.join(results['stage'])}, expected {', '.join(names)}")
         self.results = results
         self.names = self.task.spec.stages[first].name, self.task.spec.stages[second].name
-        omega_1 = results["omega_1"]
-        omega_2 = results["omega_2"]
-        if self.sampling == GRID:
-            omega_2, omega_1 = np.meshgrid(omega_2, omega_1, indexing="ij")
-        self.omega = np.column_stack([omega_1.ravel(), omega_2.ravel()])
+        self.omega = self.sampling.omega_in(results)
         self.ratio = results["ratio"].ravel()
         self.own_ratio = float(self.task.spec.stages[second].priority / self.task.spec.stages[first].priority)
         self.epsilons = results["epsilon"]
@@ -395,15 +314,16 @@ def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_
     omega = sampling.omega
     keys = [f"stages[{stage}].priority" for stage in stages]
     names = [stage.name for stage in spec.stages]
-    units = "m/s^2, rad/s^2" if spec.onset.kind == "control" else "1"
-    epsilon = Quantity("epsilon", ("epsilon",), np.array(spec.onset.series), units, "threshold of the actual start")
+    thresholds = np.array(spec.onset.series)
+    units = THRESHOLD_UNITS[spec.onset.kind]
+    epsilon = Quantity("epsilon", ("epsilon",), thresholds, units, "threshold of the actual start")
     stage_names = Quantity("stage", ("stage",), np.array(names), "1", "stage")
     return Study(
         kind=SWEEP,
         task=task,
         cells=[tuple(f"{key}={float(each)!r}" for key, each in zip(keys, pair, strict=True)) for pair in omega],
-        dims=DIMENSIONS[sampling.kind],
-        coordinates=[*_weights(sampling, [names[stage] for stage in stages]), stage_names, epsilon],
+        dims=sampling.dims,
+        coordinates=[*sampling.coordinates([names[stage] for stage in stages]), stage_names, epsilon],
         quantities=second_stage(stages[1]),
         identity={
             "stages": ",".join(str(stage + 1) for stage in stages),
@@ -414,26 +334,3 @@ def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_
         stop=stages[1],
         origins=None if every_cell else origins(task, stages, omega),
     )
-
-
-def _weights(sampling: Sampling, names: Sequence[str]) -> list[Quantity]:
-    """Return the coordinates of the cells, and their priorities."""
-    dims = DIMENSIONS[sampling.kind]
-    omega = sampling.omega
-    ratio = sampling.ratio
-    first, second = (f"priority of {name}" for name in names)
-    over = "omega_2 / omega_1"
-    if sampling.kind == GRID:
-        columns = np.count_nonzero(omega[:, 1] == omega[0, 1])
-        return [
-            Quantity("omega_2", ("omega_2",), omega[::columns, 1], "1", second),
-            Quantity("omega_1", ("omega_1",), omega[:columns, 0], "1", first),
-            Quantity("ratio", dims, ratio.reshape(-1, columns), "1", over),
-        ]
-    number = Quantity("cell", dims, np.arange(len(omega)), "1", "number of the cell")
-    return [
-        *([] if sampling.kind == RATIOS else [number]),
-        Quantity("ratio", dims, ratio, "1", over),
-        Quantity("omega_1", dims, omega[:, 0], "1", first),
-        Quantity("omega_2", dims, omega[:, 1], "1", second),
-    ]

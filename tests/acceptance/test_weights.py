@@ -8,7 +8,8 @@ import yaml
 
 from psmpc_cli.logs.results import Results
 from psmpc_cli.studies.runner import COMPUTED, run_study
-from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, parse_sampling, weight_study
+from psmpc_cli.studies.sampling import parse_sampling
+from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
 
 pytestmark = pytest.mark.slow
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.figures.registry import draw, figures_of
-from psmpc_cli.figures.sweep import plot_plane, plot_sensitivity, plot_starts
+from psmpc_cli.figures.sweep import plot_heat_map, plot_sensitivity, plot_starts
 from psmpc_cli.studies.sweep import SweepCells
 
 from ..made_up_sweep import T_H, T_S, made_up_sweep, numbers
@@ -63,7 +63,7 @@ def contours(figure: Figure) -> list[np.ndarray]:
 
 
 def test_the_heat_map_has_omega_1_to_the_right_and_omega_2_up(sweep: Sweep) -> None:
-    figure = plot_plane(sweep("5x7"))
+    figure = plot_heat_map(sweep("5x7"))
     expected = [
         [numbers(omega_2 / omega_1)["actual_start"][1] for omega_1 in np.logspace(-3, 3, 5)]
         for omega_2 in np.logspace(-3, 3, 7)
@@ -75,7 +75,7 @@ def test_the_heat_map_has_omega_1_to_the_right_and_omega_2_up(sweep: Sweep) -> N
 
 
 def test_the_contour_is_where_starts_come_down_to_t_s_less_the_horizon(sweep: Sweep) -> None:
-    figure = plot_plane(sweep("7x7"))
+    figure = plot_heat_map(sweep("7x7"))
     (line,) = contours(figure)
     decades = line[:, 1] - line[:, 0]
     # of the made-up starts 6.2 s is the first sample after t_s - T_h = 6.14 s; they are there from 10^3 on, not at 10^2
@@ -85,7 +85,7 @@ def test_the_contour_is_where_starts_come_down_to_t_s_less_the_horizon(sweep: Sw
 
 def test_cells_that_wait_are_blank_and_failed_ones_are_marked(sweep: Sweep) -> None:
     cells = sweep("3x3", waiting=(1,), failed=(5,))
-    figure = plot_plane(cells)
+    figure = plot_heat_map(cells)
     masked = np.ma.getmaskarray(mesh(figure))
     assert list(zip(*np.nonzero(masked), strict=True)) == [(0, 1), (1, 2)]
     (marks,) = [line for line in figure.axes[0].lines if line.get_label() == "_failed"]

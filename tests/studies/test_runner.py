@@ -36,7 +36,8 @@ from psmpc_cli.studies.runner import (
     compute,
     run_study,
 )
-from psmpc_cli.studies.sweep import load_sweep_task, parse_sampling, weight_study
+from psmpc_cli.studies.sampling import parse_sampling
+from psmpc_cli.studies.sweep import load_sweep_task, weight_study
 
 from ..there_and_back import TASK
 

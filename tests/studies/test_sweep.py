@@ -11,7 +11,8 @@ from psmpc_cli.logs.results import Results
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.runner import COMPUTED, FAILED, SHARED, changed, run_study
-from psmpc_cli.studies.sweep import load_sweep_task, parse_sampling, parse_stages, sweep, weight_study
+from psmpc_cli.studies.sampling import parse_sampling
+from psmpc_cli.studies.sweep import load_sweep_task, parse_stages, sweep, weight_study
 
 from ..there_and_back import TASK
 

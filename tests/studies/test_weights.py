@@ -9,18 +9,8 @@ import pytest
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.studies.sweep import (
-    GRID,
-    RANDOM,
-    RATIOS,
-    WITHIN,
-    AlongRatio,
-    SweepCells,
-    origins,
-    parse_sampling,
-    parse_stages,
-    recommend,
-)
+from psmpc_cli.studies.sampling import Draws, Grid, Ratios, Sampling, parse_sampling
+from psmpc_cli.studies.sweep import WITHIN, AlongRatio, SweepCells, origins, parse_stages, recommend
 
 from ..made_up_sweep import EPSILONS, Numbers, made_up_sweep, numbers, sampling_of
 
@@ -53,10 +43,10 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "sweep.h5"
 
 
-@pytest.mark.parametrize(("sampling", "kind"), [("3x5", GRID), ("7", RATIOS), ("random:9", RANDOM)])
-def test_cells_stand_in_the_order_of_the_sampling(path: Path, sampling: str, kind: str) -> None:
+@pytest.mark.parametrize(("sampling", "kind"), [("3x5", Grid), ("7", Ratios), ("random:9", Draws)])
+def test_cells_stand_in_the_order_of_the_sampling(path: Path, sampling: str, kind: type[Sampling]) -> None:
     cells = SweepCells(made_up_sweep(path, sampling))
-    assert cells.sampling == kind
+    assert cells.sampling is kind
     np.testing.assert_allclose(cells.omega, sampling_of(sampling).omega)
     np.testing.assert_allclose(cells.ratio, sampling_of(sampling).ratio)
     for cell, ratio in enumerate(cells.ratio):

@@ -48,6 +48,7 @@ class SolveSummary:
 class LimitSummary:
     """The smallest margin to a kind of limit over all ticks, its coordinate, and it over half the limits' distance."""
 
+    kind: str
     coordinate: str
     margin: float
     relative: float
@@ -142,7 +143,7 @@ class Summary(_Computed):
         unmeasured: Samples whose state was not measured, at least in part.
         basins: How often another guess of the switch times than the last plan's won; None if there was no other.
         unsolved_levels: Levels of a lexicographic controller that did not converge; None under any other.
-        limits: The tightest margins by `position` and `velocity`, without a kind that has no limits.
+        limits: The tightest position and velocity margins.
         control_effort: Integral of |u|^2.
         base_force, base_torque: Integrals of their norms [N s], [N m s].
         variation_base_position, variation_base_angle, variation_joints: Total variation of the control at the samples,
@@ -288,9 +289,9 @@ def _solves(arrays: Arrays, chosen: np.ndarray) -> SolveSummary:
     return SolveSummary(len(wall_time), median, p95, p99, longest, float(np.median(iterations)))
 
 
-def _limits(arrays: Arrays, stages: tuple[Stage, ...]) -> dict[str, LimitSummary]:
+def _limits(arrays: Arrays, stages: tuple[Stage, ...]) -> tuple[LimitSummary, ...]:
     """Find for positions and velocities the coordinate whose margin is smallest relative to its limit."""
-    tightest = dict[str, LimitSummary]()
+    tightest = []
     for kind in ("position", "velocity"):
         margin = arrays[f"margin/{kind}"]
         if not np.isfinite(margin).any():
@@ -301,8 +302,8 @@ def _limits(arrays: Arrays, stages: tuple[Stage, ...]) -> dict[str, LimitSummary
         relative = np.where(np.isfinite(margin), margin / np.where(bounded, width, 1.0), np.inf)
         row, column = np.unravel_index(np.argmin(relative), relative.shape)
         coordinate = str(arrays["coordinate"][column])
-        tightest[kind] = LimitSummary(coordinate, float(margin[row, column]), float(relative[row, column]))
-    return tightest
+        tightest.append(LimitSummary(kind, coordinate, float(margin[row, column]), float(relative[row, column])))
+    return tuple(tightest)
 
 
 def _end_errors(arrays: Arrays, problem: Problem) -> tuple[float, float] | None:

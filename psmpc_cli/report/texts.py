@@ -22,10 +22,8 @@ def _largest(*found: Largest | None) -> str:
 
 def _margin(summary: Summary, kind: str) -> str:
     """Write the smallest margin to a kind of limit, in percent of the limit, and its coordinate."""
-    limit = summary.limits.get(kind)
-    if limit is None:
-        return ""
-    return f"{100 * limit.relative:.3f} % ({limit.margin:.1e}) {limit.coordinate}"
+    found = (limit for limit in summary.limits if limit.kind == kind)
+    return next((f"{100 * each.relative:.3f} % ({each.margin:.1e}) {each.coordinate}" for each in found), "")
 
 
 def _missed(capture: CaptureSummary | None) -> str:

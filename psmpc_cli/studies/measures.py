@@ -47,13 +47,8 @@ def _whole(name: str, long_name: str, read: str | Callable[[Run], Any] = "") -> 
 
 
 def _margin(kind: str, name: str) -> Callable[[Run], float]:
-    """Build what reads a margin to the limits of a kind, NaN if there are none."""
-
-    def read(run: Run) -> float:
-        limit = run.summary().limits.get(kind)
-        return np.nan if limit is None else float(getattr(limit, name))
-
-    return read
+    """Read a margin to the limits of a kind; NaN if there are none."""
+    return lambda run: next((getattr(each, name) for each in run.summary().limits if each.kind == kind), np.nan)
 
 
 def _error_at_end(run: Run, stage: int) -> float:

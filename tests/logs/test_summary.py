@@ -55,10 +55,10 @@ def test_a_run_up_to_its_time_limit(log: Run) -> None:
     assert [stage.priority for stage in summary.stages] == [1, 100, 1, 0.01]
     assert summary.solves.count == 20
     assert summary.switching_solves.count == summary.appended == summary.postponed == summary.failed_solves == 0
-    assert {kind: limit.coordinate[:4] for kind, limit in summary.limits.items()} == {
-        "position": "base",
-        "velocity": "base",
-    }
+    assert [(limit.kind, limit.coordinate[:4]) for limit in summary.limits] == [
+        ("position", "base"),
+        ("velocity", "base"),
+    ]
     assert summary.momentum_error < 1e-9
     assert summary.control_effort == pytest.approx(log["effort/control"].sum())
     assert np.isnan(summary.distances).all()
@@ -68,7 +68,7 @@ def test_a_run_without_samples_has_a_summary(nothing: Run) -> None:
     summary = nothing.summary()
     assert (summary.ended, summary.succeeded, summary.duration) == (False, False, 0.0)
     assert summary.reason == "the run was killed, or goes on"
-    assert (summary.solves.count, summary.switching_solves.count, summary.limits) == (0, 0, {})
+    assert (summary.solves.count, summary.switching_solves.count, summary.limits) == (0, 0, ())
     assert np.isnan([summary.solves.median, summary.momentum_error, *summary.distances]).all()
     assert [(verdict.held, np.isnan(verdict.margin)) for verdict in summary.monitors] == [(False, True)]
 
@@ -104,17 +104,18 @@ def test_events_are_counted(log: Run) -> None:
 def test_the_tightest_limit_is_relative_to_its_width(log: Run) -> None:
     margin = np.full((20, 9), np.inf)
     margin[4, 0], margin[7, 5] = 0.5, 0.4  # of 5 m, and of pi
-    position = changed(log, margin_position=margin).summary().limits["position"]
+    (position, velocity) = changed(log, margin_position=margin).summary().limits
     assert (position.coordinate, position.margin) == ("base.x", 0.5)
     assert position.relative == pytest.approx(0.1)
     margin[7, 5] = -1e-3
-    position = changed(log, margin_position=margin).summary().limits["position"]
+    (position, velocity) = changed(log, margin_position=margin).summary().limits
     assert (position.coordinate, position.margin) == ("arm_1.3", -1e-3)
     assert position.relative == pytest.approx(-1e-3 / np.pi)
+    assert velocity.kind == "velocity"
 
 
 def test_without_limits_there_is_no_tightest_one(log: Run) -> None:
-    assert list(changed(log, margin_position=np.inf).summary().limits) == ["velocity"]
+    assert [limit.kind for limit in changed(log, margin_position=np.inf).summary().limits] == ["velocity"]
 
 
 def test_a_broken_monitor_fails_the_mission(log: Run) -> None:

@@ -45,7 +45,7 @@ def test_a_run_is_recorded_as_the_same_seed_simulates(runs: MonteCarloRuns, fold
     assert runs["final_error"][1] == summary.end_errors[1]
     assert runs["switch_time"][1].tolist() == [stage.switch_time for stage in summary.stages]
     assert runs["actual_start"][1].tolist() == [stage.actual_start for stage in summary.stages]
-    assert runs["velocity_margin"][1] == summary.limits["velocity"].margin
+    assert runs["velocity_margin"][1] == {limit.kind: limit.margin for limit in summary.limits}["velocity"]
     assert runs["monitor_margin"][1].tolist() == [summary.monitors[0].margin]
     assert runs["control_effort"][1] == summary.control_effort
     assert (runs["succeeded"][1], runs["solves_failed"][1]) == (summary.succeeded, summary.failed_solves)

@@ -1,512 +1,648 @@
-/* The steps of the interior-point method: weights of the rows, Newton direction, its length.
+/* A primal-dual interior-point method for the quadratic programs of a window, on the recursion in recursion.c.
  *
- * Multipliers are proximal: half the square of their change is charged with rho = 1 / max_weight, which bounds the
- * weight that a row gets in the Hessian, and vanishes at the solution. The Newton equations of a limit are so
+ * It is Mehrotra's predictor-corrector method: Nocedal, Wright: Numerical Optimization (2006), algorithm 16.4. States
+ * follow from the steps of velocities and durations by the gaps, and the multipliers of the gaps from the gradient by
+ * their adjoint: both hold to rounding at every iterate.
  *
- *     d + C dx - (s + ds) + rho dz = 0,   s dz + z ds = mu - s z - ds_a dz_a,
+ * Multipliers are proximal: half the square of their change is charged with delta = 1 / max_row_weight. That bounds the
+ * weight a row gets in the Hessian, and vanishes at the solution: Friedlander, Orban: A primal-dual regularized
+ * interior-point method for convex quadratic programs (2012). Newton's equations of an inequality, C dx being the steps
+ * of the rows, are
  *
- * with the products of the affine step (ds_a, dz_a) in Mehrotra's corrector. Eliminating ds,
+ *     d + sign C dx + delta dz - (s + ds) = 0,
+ *     s z + z ds + s dz = mu - ds_a dz_a,
  *
- *     dz = (mu - ds_a dz_a - z (d + C dx)) / (s + rho z),
+ * with the product of the affine step (ds_a, dz_a) in the corrector. A soft inequality has d + shift for d and
+ * delta + relaxation for delta, see program.c. Eliminating ds,
  *
- * which adds the weight z / (s + rho z) to the Hessian by the row. Nocedal, Wright: Numerical Optimization (2006),
- * sections 16.6 and 19.3.
+ *     dz = (mu - ds_a dz_a - z (d + sign C dx)) / (s + delta z).
+ *
+ * So the multiplier z + dz adds the weight z / (s + delta z) to the Hessian by its row. Newton's equation of a row that
+ * is an equation, with the residual r, is r + C dx - delta dy = 0: its weight is 1 / delta.
  */
 
-/* Functions of the hard and of the soft limits: `soft` is known when they are compiled. Limits go by value, since
- * compilers take the arrays of a struct behind a pointer for scattered ones. */
-#define INLINED static inline __attribute__((always_inline)) void
+#define MAX_ROW_WEIGHT 1e9         /* greatest weight of a row in the Hessian */
+#define MIN_ROW_WEIGHT 1e4         /* bound of that where rounding has made a Hessian indefinite */
+#define FRACTION_TO_BOUNDARY 0.995 /* largest part of the way to where a slack or multiplier is 0 */
+#define FINAL_CENTERING 0.1        /* part of the tolerance that the complementarity is steered to at the end */
+#define MIN_STEP_LENGTH 1e-9       /* a step of which no part is longer gets nowhere */
+#define UNBOUNDED_STEP 1e3         /* longest step of an unbounded unknown in a proof of infeasibility */
 
-/* What bounds the lengths of a step: the largest relative decrease of a slack or violation (primal) and of a multiplier
- * (dual), max of -ds / s and -dz / z. `change` is the sum of z ds, `product` that of ds dz, with which the
- * complementarity after a step of any lengths is known. */
+/* How a program ended, in the order of `QpStatus` in quadratic.py. */
+enum { SOLVED, INFEASIBLE, FAILED };
+
+/* Functions of inequalities take them by value, since compilers take the arrays of a struct behind a pointer for
+ * scattered ones, and `soft` as a constant, so that each is compiled once for hard and once for soft ones. */
+
+/* What the ratio test of a step finds, over all inequalities: the largest relative decreases, at least 1, and the sums
+ * from which the complementarity after a step of any lengths follows. */
 typedef struct {
-    double primal, dual, change, product;
-} StepLengths;
+    double primal;       /* largest of -ds / s and -de / e */
+    double dual;         /* largest of -dz / z and -dw / w */
+    double slack_change; /* sum of z ds and w de */
+    double step_product; /* sum of ds dz and de dw, where dw = -dz */
+} RatioTest;
 
-INLINED update_scaling(Limits l, int soft, double regularization) {
+/* Compute relaxation = e / w of soft inequalities, and inverse_pivot = 1 / (s + delta z), of soft ones with
+ * delta + relaxation for delta. */
+INLINE void compute_pivots(Inequalities ineq, int soft, double delta) {
 #pragma omp simd
-    for (int64_t j = 0; j < l.count; j++) {
-        if (soft) l.relaxation[j] = l.e[j] / l.w[j];
-        double rho = soft ? regularization + l.relaxation[j] : regularization;
-        l.inverse_diagonal[j] = 1.0 / (l.slack[j] + l.z[j] * rho);
+    for (int64_t j = 0; j < ineq.count; j++) {
+        if (soft) ineq.relaxation[j] = ineq.violation[j] / ineq.violation_multiplier[j];
+        double regularization = soft ? delta + ineq.relaxation[j] : delta;
+        ineq.inverse_pivot[j] = 1.0 / (ineq.slack[j] + ineq.multiplier[j] * regularization);
     }
 }
 
-/* Set dz to its part without C dx, (mu - ds_a dz_a - z d) / (s + rho z); `corrected` is 1 with the corrector, else 0.
- * */
-INLINED form_right_hand_side(Limits l, int soft, double target, double corrected) {
+/* Set the steps dz to their parts without C dx,
+ *
+ *     dz = (mu - ds_a dz_a - z d) / (s + delta z),   soft: d + shift for d, shift = (mu + de_a dz_a) / w.
+ *
+ * The affine step is that of the call before; `corrected` is 1 with the corrector, 0 without. */
+INLINE void form_right_hand_side(Inequalities ineq, int soft, double mu, double corrected) {
 #pragma omp simd
-    for (int64_t j = 0; j < l.count; j++) {
-        double distance = l.distance[j];
-        if (soft) distance += l.relaxation_shift[j] = (target + corrected * l.de[j] * l.dz[j]) / l.w[j];
-        l.dz[j] = (target - corrected * l.ds[j] * l.dz[j] - l.z[j] * distance) * l.inverse_diagonal[j];
-    }
-}
-
-/* Recover dz, ds and de from the steps C dx of the rows, and what bounds the lengths of the step. */
-INLINED recover_steps(Limits l, int soft, const double *rows, double regularization, StepLengths *lengths) {
-    double primal = lengths->primal;
-    double dual = lengths->dual;
-    double change = lengths->change;
-    double product = lengths->product;
-#pragma omp simd reduction(max : primal, dual) reduction(+ : change, product)
-    for (int64_t j = 0; j < l.count; j++) {
-        double step = l.sign[j] * rows[l.row[j]];
-        double dz = l.dz[j] - l.z[j] * l.inverse_diagonal[j] * step;
-        double ds = l.distance[j] + step - l.slack[j] + dz * regularization;
+    for (int64_t j = 0; j < ineq.count; j++) {
+        double distance = ineq.distance[j];
         if (soft) {
-            double gives = l.relaxation_shift[j] + l.relaxation[j] * dz;
-            double de = gives - l.e[j];
-            double a = -de / l.e[j];
-            double b = dz / l.w[j];
-            primal = primal > a ? primal : a;
-            dual = dual > b ? dual : b;
-            change += l.w[j] * de;
-            product -= de * dz;
-            l.de[j] = de;
-            ds += gives;
+            double product = corrected * ineq.violation_step[j] * ineq.multiplier_step[j];
+            ineq.relaxation_shift[j] = (mu + product) / ineq.violation_multiplier[j];
+            distance += ineq.relaxation_shift[j];
         }
-        double a = -ds / l.slack[j];
-        double b = -dz / l.z[j];
-        primal = primal > a ? primal : a;
-        dual = dual > b ? dual : b;
-        change += l.z[j] * ds;
-        product += ds * dz;
-        l.dz[j] = dz;
-        l.ds[j] = ds;
+        double product = corrected * ineq.slack_step[j] * ineq.multiplier_step[j];
+        ineq.multiplier_step[j] = (mu - product - ineq.multiplier[j] * distance) * ineq.inverse_pivot[j];
     }
-    *lengths = (StepLengths){primal, dual, change, product};
 }
 
-/* Take a step of the lengths `primal` and `dual`; update the largest residual |d + e - s| and the sum of s z and e w.
- * */
-INLINED advance_limits(Limits l, int soft, const double *rows, double primal, double dual, double *residual,
-                       double *gap) {
-    double largest = *residual;
-    double sum = *gap;
-#pragma omp simd reduction(max : largest) reduction(+ : sum)
-    for (int64_t j = 0; j < l.count; j++) {
-        l.distance[j] += primal * l.sign[j] * rows[l.row[j]];
-        l.slack[j] += primal * l.ds[j];
-        l.z[j] += dual * l.dz[j];
-        double infeasibility = l.distance[j] - l.slack[j];
-        sum += l.slack[j] * l.z[j];
+/* Recover the steps of the inequalities from those of the rows, C dx, and apply the ratio test:
+ *
+ *     dz -= z sign C dx / (s + delta z),   ds = d + sign C dx - s + delta dz;
+ *     soft: e + de = shift + relaxation dz, which is added to ds. */
+INLINE void recover_steps(Inequalities ineq, int soft, const double *row_steps, double delta, RatioTest *test) {
+    double primal = test->primal;
+    double dual = test->dual;
+    double slack_change = test->slack_change;
+    double step_product = test->step_product;
+#pragma omp simd reduction(max : primal, dual) reduction(+ : slack_change, step_product)
+    for (int64_t j = 0; j < ineq.count; j++) {
+        double distance_step = ineq.sign[j] * row_steps[ineq.row[j]];
+        double dz = ineq.multiplier_step[j] - ineq.multiplier[j] * ineq.inverse_pivot[j] * distance_step;
+        double ds = ineq.distance[j] + distance_step - ineq.slack[j] + dz * delta;
         if (soft) {
-            l.e[j] += primal * l.de[j];
-            l.w[j] -= dual * l.dz[j];
-            infeasibility += l.e[j];
-            sum += l.e[j] * l.w[j];
+            double next_violation = ineq.relaxation_shift[j] + ineq.relaxation[j] * dz;
+            double de = next_violation - ineq.violation[j];
+            double violation_decrease = -de / ineq.violation[j];
+            double multiplier_decrease = dz / ineq.violation_multiplier[j];
+            primal = primal > violation_decrease ? primal : violation_decrease;
+            dual = dual > multiplier_decrease ? dual : multiplier_decrease;
+            slack_change += ineq.violation_multiplier[j] * de;
+            step_product -= de * dz;
+            ineq.violation_step[j] = de;
+            ds += next_violation;
+        }
+        double slack_decrease = -ds / ineq.slack[j];
+        double multiplier_decrease = -dz / ineq.multiplier[j];
+        primal = primal > slack_decrease ? primal : slack_decrease;
+        dual = dual > multiplier_decrease ? dual : multiplier_decrease;
+        slack_change += ineq.multiplier[j] * ds;
+        step_product += ds * dz;
+        ineq.multiplier_step[j] = dz;
+        ineq.slack_step[j] = ds;
+    }
+    *test = (RatioTest){primal, dual, slack_change, step_product};
+}
+
+/* Take a step of the lengths alpha_p (d, s, e) and alpha_d (z, w):
+ *
+ *     s += alpha_p ds,   z += alpha_d dz,   e += alpha_p de,   w -= alpha_d dz.
+ *
+ * Out: `residual`, the largest of its value before and |d + e - s|; `complementarity` plus the sum of s z and e w. */
+INLINE void step_inequalities(Inequalities ineq, int soft, const double *row_steps, double alpha_p, double alpha_d,
+                              double *residual, double *complementarity) {
+    double largest = *residual;
+    double sum = *complementarity;
+#pragma omp simd reduction(max : largest) reduction(+ : sum)
+    for (int64_t j = 0; j < ineq.count; j++) {
+        ineq.distance[j] += alpha_p * ineq.sign[j] * row_steps[ineq.row[j]];
+        ineq.slack[j] += alpha_p * ineq.slack_step[j];
+        ineq.multiplier[j] += alpha_d * ineq.multiplier_step[j];
+        double infeasibility = ineq.distance[j] - ineq.slack[j];
+        sum += ineq.slack[j] * ineq.multiplier[j];
+        if (soft) {
+            ineq.violation[j] += alpha_p * ineq.violation_step[j];
+            ineq.violation_multiplier[j] -= alpha_d * ineq.multiplier_step[j];
+            infeasibility += ineq.violation[j];
+            sum += ineq.violation[j] * ineq.violation_multiplier[j];
         }
         infeasibility = fabs(infeasibility);
         largest = largest > infeasibility ? largest : infeasibility;
     }
     *residual = largest;
-    *gap = sum;
+    *complementarity = sum;
 }
 
-/* Subtract the multipliers of limits, a share of their step further, from those of the rows: -sign (z + share dz). */
-static void add_multipliers(Limits l, double share, double *q) {
-    for (int64_t j = 0; j < l.count; j++) q[l.row[j]] -= l.sign[j] * (l.z[j] + share * l.dz[j]);
-}
-
-static void add_weights(Limits l, double *weight) {
-    for (int64_t j = 0; j < l.count; j++) weight[l.row[j]] += l.z[j] * l.inverse_diagonal[j];
-}
-
-/* Form H + C'W C with the weights W of the rows: z / (s + rho z) of a limit, max_weight of an equation. */
-static void form_hessian(Solver *s) {
-    const Program *p = s->p;
-    double regularization = 1.0 / s->max_weight;
-    update_scaling(s->hard, 0, regularization);
-    update_scaling(s->soft, 1, regularization);
-    memset(s->weight, 0, row_count(p) * sizeof(double));
-    add_weights(s->hard, s->weight);
-    add_weights(s->soft, s->weight);
-    for (int64_t j = 0; j < s->equations.count; j++) s->weight[s->equations.row[j]] = s->max_weight;
-    const double *w = s->weight + p->K * M;
-    memcpy(s->durations, p->durations, S * S * sizeof(double));
-    for (int j = 0; j < S; j++) {
-        s->durations[j * S + j] += w[j];
-        for (int c = 0; c <= j; c++)
-            for (int e = 0; e <= j; e++) s->durations[c * S + e] += w[S + j];
+/* Subtract sign (z + alpha dz) from the multipliers y of the rows: the multiplier of a row is positive at its upper
+ * bound, where sign is -1. */
+static void add_inequality_multipliers(Inequalities ineq, double alpha, double *y) {
+    for (int64_t j = 0; j < ineq.count; j++) {
+        double multiplier = ineq.multiplier[j] + alpha * ineq.multiplier_step[j];
+        y[ineq.row[j]] -= ineq.sign[j] * multiplier;
     }
-    s->riccati.row_weights = w + 2 * S;
-    for (int64_t i = 0; i < p->K * N; i++) s->difference[i] = -p->coupling[i];
-    if (!p->inputs) return;
-    w += 2 * S + p->node_rows;
-    memcpy(s->arrow, p->arrow, p->K * M * S * sizeof(double));
-    for (int64_t k = 0; k < p->K; k++)
+}
+
+/* Add z / (s + delta z) to the weights of the rows. */
+static void add_inequality_weights(Inequalities ineq, double *weights) {
+    for (int64_t j = 0; j < ineq.count; j++) weights[ineq.row[j]] += ineq.multiplier[j] * ineq.inverse_pivot[j];
+}
+
+/* Form the Hessian of the Newton equations, H + C'W C, with the weights W of the rows: z / (s + delta z) of an
+ * inequality, 1 / delta of an equation. Nocedal, Wright (2006), section 16.6.
+ *
+ * Bounds of states and rows at nodes get their weights in `riccati`, which adds them node by node. A duration's own
+ * bound adds to the diagonal of `durations`, that of tau_1 + .. + tau_s to all of its first s rows and columns. The row
+ * dv - u h of an acceleration, h = sum of h_c tau_c, adds
+ *
+ *     w to R,   -+ w u h_c to `arrow` by the velocity after and before,   w u^2 h_c h_e to `durations`. */
+NOINLINE void form_hessian(InteriorPoint *ip) {
+    const QuadraticProgram *program = ip->program;
+    double delta = 1.0 / ip->max_row_weight;
+    compute_pivots(ip->hard, 0, delta);
+    compute_pivots(ip->soft, 1, delta);
+    memset(ip->row_weights, 0, row_count(program) * sizeof(double));
+    add_inequality_weights(ip->hard, ip->row_weights);
+    add_inequality_weights(ip->soft, ip->row_weights);
+    for (int64_t j = 0; j < ip->equations.count; j++) ip->row_weights[ip->equations.row[j]] = ip->max_row_weight;
+    const double *weights = ip->row_weights + program->K * NX;
+    memcpy(ip->durations, program->durations, S * S * sizeof(double));
+    for (int j = 0; j < S; j++) {
+        ip->durations[j * S + j] += weights[j];
+        for (int c = 0; c <= j; c++)
+            for (int e = 0; e <= j; e++) ip->durations[c * S + e] += weights[S + j];
+    }
+    ip->riccati.node_row_weights = weights + 2 * S;
+    for (int64_t i = 0; i < program->K * N; i++) ip->R[i] = -program->coupling[i];
+    if (!program->has_input_rows) return;
+    weights += 2 * S + program->node_row_count;
+    memcpy(ip->arrow, program->arrow, program->K * NX * S * sizeof(double));
+    for (int64_t k = 0; k < program->K; k++)
         for (int i = 0; i < N; i++) {
-            double low = w[k * N + i];
-            double high = w[(p->K + k) * N + i];
-            double l = p->input_low[k * N + i];
-            double h = p->input_high[k * N + i];
-            s->difference[k * N + i] += low + high;
+            double weight_low = weights[k * N + i];
+            double weight_high = weights[(program->K + k) * N + i];
+            double u_low = program->input_low[k * N + i];
+            double u_high = program->input_high[k * N + i];
+            ip->R[k * N + i] += weight_low + weight_high;
             for (int c = 0; c < S; c++) {
-                double cross = (low * l + high * h) * p->interval_by_duration[k * S + c];
-                s->arrow[(k * M + N + i) * S + c] -= cross;
-                if (k) s->arrow[((k - 1) * M + N + i) * S + c] += cross;
-                double by_duration = (low * l * l + high * h * h) * p->interval_by_duration[k * S + c];
+                double by_tau = program->interval_by_duration[k * S + c];
+                double by_velocity_and_tau = (weight_low * u_low + weight_high * u_high) * by_tau;
+                double by_tau_and_h = (weight_low * u_low * u_low + weight_high * u_high * u_high) * by_tau;
+                ip->arrow[(k * NX + N + i) * S + c] -= by_velocity_and_tau;
+                if (k) ip->arrow[((k - 1) * NX + N + i) * S + c] += by_velocity_and_tau;
                 for (int e = 0; e < S; e++)
-                    s->durations[c * S + e] += by_duration * p->interval_by_duration[k * S + e];
+                    ip->durations[c * S + e] += by_tau_and_h * program->interval_by_duration[k * S + e];
             }
         }
 }
 
-/* Solve U x = -u for the steps of the durations, by Gauss-Jordan elimination with pivots. Returns 0 where U is
- * singular. */
-static int solve_schur(const double *schur, const double *u, double *x) {
+/* Solve U x = -u, U (S, S), for the steps of the durations, by Gauss-Jordan elimination with row pivots. Returns 0
+ * where U is singular. */
+static int solve_schur(const double *U, const double *u, double *x) {
     double T[S + 1][S + 1];
     for (int i = 0; i < S; i++) {
-        memcpy(T[i], schur + i * S, S * sizeof(double));
+        memcpy(T[i], U + i * S, S * sizeof(double));
         T[i][S] = -u[i];
     }
     for (int l = 0; l < S; l++) {
-        int best = l;
+        int pivot = l;
         for (int i = l + 1; i < S; i++)
-            if (fabs(T[i][l]) > fabs(T[best][l])) best = i;
-        if (!(fabs(T[best][l]) > DBL_MIN)) return 0;
+            if (fabs(T[i][l]) > fabs(T[pivot][l])) pivot = i;
+        if (!(fabs(T[pivot][l]) > DBL_MIN)) return 0;
         for (int j = 0; j <= S; j++) {
-            double held = T[l][j];
-            T[l][j] = T[best][j];
-            T[best][j] = held;
+            double swapped = T[l][j];
+            T[l][j] = T[pivot][j];
+            T[pivot][j] = swapped;
         }
         for (int i = 0; i < S; i++) {
-            double f = i == l ? 0.0 : T[i][l] / T[l][l];
-            if (f != 0.0)
-                for (int j = l; j <= S; j++) T[i][j] -= f * T[l][j];
+            double factor = i == l ? 0.0 : T[i][l] / T[l][l];
+            if (factor != 0.0)
+                for (int j = l; j <= S; j++) T[i][j] -= factor * T[l][j];
         }
     }
     for (int i = 0; i < S; i++) x[i] = T[i][S] / T[i][i];
     return 1;
 }
 
-/* Compute the gradient of the Lagrangian without the dynamics: that of the objective plus C'q. */
-static void gradient(Solver *s) {
-    memcpy(s->gradient_X, s->cost, s->p->K * M * sizeof(double));
-    memcpy(s->u, s->cost_tau, S * sizeof(double));
-    add_rows_transposed(s->p, s->q, s->gradient_X, s->u);
+/* Compute the gradient of the Lagrangian without the gaps, H x + g + C'y, with the multipliers y in row_multipliers. */
+static void compute_gradient(InteriorPoint *ip) {
+    memcpy(ip->gradient, ip->cost_gradient, ip->program->K * NX * sizeof(double));
+    memcpy(ip->gradient_tau, ip->cost_gradient_tau, S * sizeof(double));
+    add_rows_transposed(ip->program, ip->row_multipliers, ip->gradient, ip->gradient_tau);
 }
 
-/* Compute the Newton direction towards complementarities of `target` = mu, with Mehrotra's corrector if `corrected`:
- * solve
+/* Compute the Newton direction towards s z = e w = mu, with Mehrotra's corrector where `corrected` is 1: solve
  *
- *     (H + C'W C) dx = -(H x + g + C'q),   q = -sign (z + dz at dx = 0) of limits, y + max_weight residual of
- * equations,
+ *     min  1/2 dx'(H + C'W C) dx + (H x + g + C'y)'dx   over the steps dx that keep the gaps closed,
  *
- * by the Riccati sweeps, the durations last. Returns 0 where rounding has left no direction. */
-static int newton_direction(Solver *s, double target, double corrected, StepLengths *lengths) {
-    const Program *p = s->p;
-    Equations *e = &s->equations;
-    double regularization = 1.0 / s->max_weight;
-    form_right_hand_side(s->hard, 0, target, corrected);
-    form_right_hand_side(s->soft, 1, target, corrected);
-    memset(s->q, 0, row_count(p) * sizeof(double));
-    add_multipliers(s->hard, 1.0, s->q);
-    add_multipliers(s->soft, 1.0, s->q);
-    for (int64_t j = 0; j < e->count; j++) s->q[e->row[j]] += e->y[j] + e->residual[j] * s->max_weight;
-    gradient(s);
-    riccati_backward(&s->riccati, s->intervals, s->gradient_X, s->u, s->y);
-    if (!solve_schur(s->schur, s->u, s->dtau)) return 0;
-    riccati_forward(&s->riccati, s->intervals, s->dtau, s->y, s->step);
-    apply_rows(p, s->dtau, s->step);
-    *lengths = (StepLengths){1.0, 1.0, 0.0, 0.0};
-    recover_steps(s->hard, 0, s->step, regularization, lengths);
-    recover_steps(s->soft, 1, s->step, regularization, lengths);
-    for (int64_t j = 0; j < e->count; j++) e->dy[j] = (e->residual[j] + s->step[e->row[j]]) * s->max_weight;
+ * where y has -sign (z + dz at C dx = 0) of the inequalities and y + residual / delta of the equations. Then recover
+ * the steps of slacks and multipliers. `form_hessian` and `riccati_factorize` come before. Returns 0 where the steps of
+ * the durations are not determined. Nocedal, Wright (2006), section 16.6.
+ *
+ * In: mu, corrected. Out: row_steps = C dx, the first 2NK of which are the steps of X; tau_step; those of slacks and
+ * multipliers; the ratio test. */
+static int newton_direction(InteriorPoint *ip, double mu, double corrected, RatioTest *test) {
+    const QuadraticProgram *program = ip->program;
+    Equations *equations = &ip->equations;
+    double delta = 1.0 / ip->max_row_weight;
+    form_right_hand_side(ip->hard, 0, mu, corrected);
+    form_right_hand_side(ip->soft, 1, mu, corrected);
+    memset(ip->row_multipliers, 0, row_count(program) * sizeof(double));
+    add_inequality_multipliers(ip->hard, 1.0, ip->row_multipliers);
+    add_inequality_multipliers(ip->soft, 1.0, ip->row_multipliers);
+    for (int64_t j = 0; j < equations->count; j++)
+        ip->row_multipliers[equations->row[j]] +=
+            equations->multiplier[j] + equations->residual[j] * ip->max_row_weight;
+    compute_gradient(ip);
+    riccati_backward(&ip->riccati, ip->intervals, ip->gradient, ip->gradient_tau, ip->control_gradients);
+    if (!solve_schur(ip->schur, ip->gradient_tau, ip->tau_step)) return 0;
+    riccati_forward(&ip->riccati, ip->intervals, ip->tau_step, ip->control_gradients, ip->row_steps);
+    apply_rows(program, ip->tau_step, ip->row_steps);
+    *test = (RatioTest){1.0, 1.0, 0.0, 0.0};
+    recover_steps(ip->hard, 0, ip->row_steps, delta, test);
+    recover_steps(ip->soft, 1, ip->row_steps, delta, test);
+    for (int64_t j = 0; j < equations->count; j++) {
+        double next_residual = equations->residual[j] + ip->row_steps[equations->row[j]];
+        equations->multiplier_step[j] = next_residual * ip->max_row_weight;
+    }
     return 1;
 }
 
-/* Take a step of the lengths `primal` and `dual`; update residuals and complementarity. */
-static void take_step(Solver *s, double primal, double dual, double *X, double *tau) {
-    Equations *e = &s->equations;
+/* Take a step of the lengths alpha_p (X, tau, slacks, violations) and alpha_d (multipliers); update the largest
+ * residual and the complementarity. */
+static void take_step(InteriorPoint *ip, double alpha_p, double alpha_d, double *X, double *tau) {
+    Equations *equations = &ip->equations;
     double largest = 0.0;
-    s->gap = 0.0;
-    advance_limits(s->hard, 0, s->step, primal, dual, &largest, &s->gap);
-    advance_limits(s->soft, 1, s->step, primal, dual, &largest, &s->gap);
-    for (int64_t j = 0; j < e->count; j++) {
-        e->residual[j] += primal * s->step[e->row[j]];
-        e->y[j] += dual * e->dy[j];
-        largest = fmax(largest, fabs(e->residual[j]));
+    ip->complementarity = 0.0;
+    step_inequalities(ip->hard, 0, ip->row_steps, alpha_p, alpha_d, &largest, &ip->complementarity);
+    step_inequalities(ip->soft, 1, ip->row_steps, alpha_p, alpha_d, &largest, &ip->complementarity);
+    for (int64_t j = 0; j < equations->count; j++) {
+        equations->residual[j] += alpha_p * ip->row_steps[equations->row[j]];
+        equations->multiplier[j] += alpha_d * equations->multiplier_step[j];
+        largest = fmax(largest, fabs(equations->residual[j]));
     }
-    for (int64_t i = 0; i < s->p->K * M; i++) X[i] += primal * s->step[i];
-    for (int c = 0; c < S; c++) tau[c] += primal * s->dtau[c];
-    s->residual = largest;
+    for (int64_t i = 0; i < ip->program->K * NX; i++) X[i] += alpha_p * ip->row_steps[i];
+    for (int c = 0; c < S; c++) tau[c] += alpha_p * ip->tau_step[c];
+    ip->primal_residual = largest;
 }
-/* A primal-dual interior-point method for the quadratic programs of a window, on the recursion in recursion.c.
- *
- * Mehrotra's predictor and corrector, with step lengths of their own for primal and dual. States follow from the steps
- * of velocities and durations by the dynamics, and the multipliers of the gaps from the costs by their adjoint: both
- * hold to rounding at every iterate.
- */
 
-#define MAX_ROW_WEIGHT 1e9      /* greatest weight of a row in the Hessian */
-#define MIN_ROW_WEIGHT 1e4       /* the same where rounding has made a Hessian indefinite */
-#define FRACTION_TO_BOUNDARY 0.995 /* largest share of the way to where a slack or multiplier is 0 */
-#define FINAL_CENTERING 0.1        /* share of the tolerance that complementarities are steered to at the end */
-#define MIN_STEP_LENGTH 1e-9     /* shortest length of a step that still gets anywhere */
-#define UNBOUNDED_STEP 1e3       /* step of an unbounded unknown that an infeasible program is not asked about */
-
-enum { SOLVED, INFEASIBLE, FAILED };
-
-/* Return the largest derivative of the Lagrangian by a velocity or a duration, infinite where one is no number. Leaves
- * the multipliers of the rows and of the gaps. */
-static double dual_residual(Solver *s) {
-    const Program *p = s->p;
+/* Return the dual residual, the largest derivative of the Lagrangian by a velocity or a duration, infinite where one is
+ * no number. Out: row_multipliers and the program's gap_multipliers, those of the iterate. */
+NOINLINE double dual_residual(InteriorPoint *ip) {
+    const QuadraticProgram *program = ip->program;
+    const Equations *equations = &ip->equations;
     double largest = 0.0;
-    double sum = 0.0;
-    memset(s->q, 0, row_count(p) * sizeof(double));
-    for (int64_t j = 0; j < s->equations.count; j++) s->q[s->equations.row[j]] = s->equations.y[j];
-    add_multipliers(s->hard, 0.0, s->q);
-    add_multipliers(s->soft, 0.0, s->q);
-    gradient(s);
-    reduced_gradient(p, s->gradient_X, s->u, s->gradient_velocity, p->gap_multipliers);
-    for (int c = 0; c < S; c++) largest = fmax(largest, fabs(s->u[c])), sum += s->u[c];
+    double sum = 0.0; /* fmax skips what is no number, a sum does not */
+    memset(ip->row_multipliers, 0, row_count(program) * sizeof(double));
+    for (int64_t j = 0; j < equations->count; j++) ip->row_multipliers[equations->row[j]] = equations->multiplier[j];
+    add_inequality_multipliers(ip->hard, 0.0, ip->row_multipliers);
+    add_inequality_multipliers(ip->soft, 0.0, ip->row_multipliers);
+    compute_gradient(ip);
+    compute_reduced_gradient(program, ip->gradient, ip->gradient_tau, ip->reduced_gradient, program->gap_multipliers);
+    for (int c = 0; c < S; c++) {
+        largest = fmax(largest, fabs(ip->gradient_tau[c]));
+        sum += ip->gradient_tau[c];
+    }
 #pragma omp simd reduction(max : largest) reduction(+ : sum)
-    for (int64_t i = 0; i < p->K * N; i++) {
-        double size = fabs(s->gradient_velocity[i]);
+    for (int64_t i = 0; i < program->K * N; i++) {
+        double size = fabs(ip->reduced_gradient[i]);
         largest = largest > size ? largest : size;
         sum += size;
     }
     return isfinite(sum) ? largest : INFINITY;
 }
 
-/* Tell whether the multipliers prove that no point meets all rows: q'(C x - bound) is violated at the iterate by more
- * than any step inside the bounds can mend, |q'C dx| <= sum of |derivative| times the distance to a bound. Farkas'
- * lemma, with a factor of 2 for rounding. */
-static int proves_infeasible(Solver *s) {
-    const Program *p = s->p;
-    const Limits *l = &s->hard;
-    const Equations *e = &s->equations;
+/* Tell whether the multipliers y prove that no point meets all hard rows: y'(C x - bounds) > 0 at the iterate, by more
+ * than any step inside the bounds can change it,
+ *
+ *     y'(C x - bounds) > 2 sum of |reduced gradient of y'C x| times the longest step of that velocity or duration,
+ *
+ * with the factor 2 for rounding. Farkas' lemma: Nocedal, Wright (2006), lemma 12.4. */
+static int proves_infeasible(InteriorPoint *ip) {
+    const QuadraticProgram *program = ip->program;
+    const Inequalities *ineq = &ip->hard;
+    const Equations *equations = &ip->equations;
     double violated = 0.0;
-    double mendable = 0.0;
-    for (int64_t j = 0; j < l->count; j++) violated -= l->z[j] * l->distance[j];
-    for (int64_t j = 0; j < e->count; j++) violated += e->y[j] * e->residual[j];
+    double reducible = 0.0;
+    for (int64_t j = 0; j < ineq->count; j++) violated -= ineq->multiplier[j] * ineq->distance[j];
+    for (int64_t j = 0; j < equations->count; j++) violated += equations->multiplier[j] * equations->residual[j];
     if (!(violated > 0.0)) return 0;
-    memset(s->gradient_X, 0, p->K * M * sizeof(double));
-    memset(s->u, 0, S * sizeof(double));
-    memset(s->q, 0, row_count(p) * sizeof(double)); /* a soft limit makes nothing infeasible, and bounds no step */
-    for (int64_t j = 0; j < e->count; j++) s->q[e->row[j]] = e->y[j];
-    add_multipliers(*l, 0.0, s->q);
-    add_rows_transposed(p, s->q, s->gradient_X, s->u);
-    reduced_gradient(p, s->gradient_X, s->u, s->gradient_velocity, s->y);
-    for (int64_t k = 0; k < p->K; k++)
+    memset(ip->gradient, 0, program->K * NX * sizeof(double));
+    memset(ip->gradient_tau, 0, S * sizeof(double));
+    /* Soft rows make nothing infeasible and bound no step: their multipliers are left out. */
+    memset(ip->row_multipliers, 0, row_count(program) * sizeof(double));
+    for (int64_t j = 0; j < equations->count; j++) ip->row_multipliers[equations->row[j]] = equations->multiplier[j];
+    add_inequality_multipliers(*ineq, 0.0, ip->row_multipliers);
+    add_rows_transposed(program, ip->row_multipliers, ip->gradient, ip->gradient_tau);
+    double *unused_multipliers = ip->control_gradients;
+    compute_reduced_gradient(program, ip->gradient, ip->gradient_tau, ip->reduced_gradient, unused_multipliers);
+    for (int64_t k = 0; k < program->K; k++)
         for (int i = 0; i < N; i++) {
-            int64_t row = k * M + N + i;
-            double distance = p->soft ? UNBOUNDED_STEP : fmax(p->high[row] - p->X[row], p->X[row] - p->low[row]);
-            mendable += fmin(distance, UNBOUNDED_STEP) * fabs(s->gradient_velocity[k * N + i]);
+            int64_t row = k * NX + N + i;
+            double to_bound = fmax(program->high[row] - program->X[row], program->X[row] - program->low[row]);
+            double longest = program->soft_state_bounds ? UNBOUNDED_STEP : fmin(to_bound, UNBOUNDED_STEP);
+            reducible += longest * fabs(ip->reduced_gradient[k * N + i]);
         }
-    for (int c = 0; c < S; c++) mendable += UNBOUNDED_STEP * fabs(s->u[c]);
-    return violated > 2.0 * mendable;
+    for (int c = 0; c < S; c++) reducible += UNBOUNDED_STEP * fabs(ip->gradient_tau[c]);
+    return violated > 2.0 * reducible;
 }
 
-static double *allocate(double **work, int64_t count) {
-    double *at = *work;
-    *work += PADDED(count + WIDTH);
-    return at;
+/* Take memory for `count` doubles from the workspace, aligned, with a vector to spare. */
+static double *allocate(double **workspace, int64_t count) {
+    double *array = *workspace;
+    *workspace += PADDED(count + LANES);
+    return array;
 }
 
-/* Lay out the arrays of limits in the memory, at most `capacity` of them. */
-static void lay_out_limits(Limits *l, int64_t capacity, int soft, double **work) {
-    double **arrays[] = {&l->sign, &l->distance, &l->slack, &l->z, &l->ds, &l->dz, &l->inverse_diagonal,
-                         &l->e, &l->w, &l->de, &l->relaxation, &l->relaxation_shift};
-    l->row = (int64_t *)allocate(work, capacity);
-    for (int i = 0; i < (soft ? 12 : 7); i++) *arrays[i] = allocate(work, capacity);
+/* Allocate the arrays of at most `capacity` inequalities. */
+static void allocate_inequalities(Inequalities *ineq, int64_t capacity, int soft, double **workspace) {
+    ineq->row = (int64_t *)allocate(workspace, capacity);
+    ineq->sign = allocate(workspace, capacity);
+    ineq->distance = allocate(workspace, capacity);
+    ineq->slack = allocate(workspace, capacity);
+    ineq->multiplier = allocate(workspace, capacity);
+    ineq->slack_step = allocate(workspace, capacity);
+    ineq->multiplier_step = allocate(workspace, capacity);
+    ineq->inverse_pivot = allocate(workspace, capacity);
+    if (!soft) return;
+    ineq->violation = allocate(workspace, capacity);
+    ineq->violation_multiplier = allocate(workspace, capacity);
+    ineq->violation_step = allocate(workspace, capacity);
+    ineq->relaxation = allocate(workspace, capacity);
+    ineq->relaxation_shift = allocate(workspace, capacity);
 }
 
-/* Lay out all arrays in the memory; returns how many doubles they take. */
-static int64_t lay_out(Solver *s, const Program *p, double *work) {
-    double *begin = work;
-    int64_t rows = row_count(p);
-    int64_t K = p->K;
-    Equations *e = &s->equations;
-    double **of_rows[] = {&s->weight, &s->q, &s->step, &e->residual, &e->y, &e->dy};
-    lay_out_limits(&s->hard, 2 * rows, 0, &work);
-    lay_out_limits(&s->soft, p->soft ? 2 * K * M : 0, 1, &work);
-    for (size_t i = 0; i < sizeof of_rows / sizeof *of_rows; i++) *of_rows[i] = allocate(&work, rows);
-    e->row = (int64_t *)allocate(&work, rows);
-    s->p = p;
-    s->intervals = (IntervalFactors *)allocate(&work, K * (int64_t)(sizeof(IntervalFactors) / sizeof(double)));
-    s->positions = (vec *)allocate(&work, K * N * NC);
-    s->y = allocate(&work, K * NC);
-    s->cost = allocate(&work, K * M);
-    s->gradient_X = allocate(&work, K * M);
-    s->gradient_velocity = allocate(&work, K * N);
-    s->difference = allocate(&work, K * N);
-    s->arrow = allocate(&work, K * M * S);
-    double **small[] = {&s->cost_tau, &s->u, &s->dtau, &s->schur, &s->durations};
-    for (size_t i = 0; i < sizeof small / sizeof *small; i++) *small[i] = allocate(&work, S * S);
-    return work - begin;
+/* Allocate all arrays of the method in the workspace, a row at most two inequalities. Returns how many doubles they
+ * take. */
+static int64_t allocate_all(InteriorPoint *ip, const QuadraticProgram *program, double *workspace) {
+    double *begin = workspace;
+    int64_t K = program->K;
+    int64_t rows = row_count(program);
+    int64_t doubles_of_gains = (int64_t)(sizeof(IntervalGains) / sizeof(double));
+    Equations *equations = &ip->equations;
+    ip->program = program;
+    allocate_inequalities(&ip->hard, 2 * rows, 0, &workspace);
+    allocate_inequalities(&ip->soft, program->soft_state_bounds ? 2 * K * NX : 0, 1, &workspace);
+    ip->row_weights = allocate(&workspace, rows);
+    ip->row_multipliers = allocate(&workspace, rows);
+    ip->row_steps = allocate(&workspace, rows);
+    equations->residual = allocate(&workspace, rows);
+    equations->multiplier = allocate(&workspace, rows);
+    equations->multiplier_step = allocate(&workspace, rows);
+    equations->row = (int64_t *)allocate(&workspace, rows);
+    ip->intervals = (IntervalGains *)allocate(&workspace, K * doubles_of_gains);
+    ip->positions = (vec *)allocate(&workspace, K * N * N_PADDED);
+    ip->control_gradients = allocate(&workspace, K * N_PADDED);
+    ip->cost_gradient = allocate(&workspace, K * NX);
+    ip->gradient = allocate(&workspace, K * NX);
+    ip->reduced_gradient = allocate(&workspace, K * N);
+    ip->R = allocate(&workspace, K * N);
+    ip->arrow = allocate(&workspace, K * NX * S);
+    ip->cost_gradient_tau = allocate(&workspace, S);
+    ip->gradient_tau = allocate(&workspace, S);
+    ip->tau_step = allocate(&workspace, S);
+    ip->schur = allocate(&workspace, S * S);
+    ip->durations = allocate(&workspace, S * S);
+    return workspace - begin;
 }
 
-static int is_equation(const Program *p, int64_t row) {
-    return (row >= p->K * M || !p->soft) && p->high[row] - p->low[row] <= NARROW;
+/* Tell whether the bounds of a row are so near to each other that it is an equation; soft bounds never are. */
+static int is_equation(const QuadraticProgram *program, int64_t row) {
+    int is_soft = program->soft_state_bounds && row < program->K * NX;
+    return !is_soft && program->high[row] - program->low[row] <= EQUALITY_WIDTH;
 }
 
-/* List the limits of some rows; the rows' values stand in the steps. */
-static void list_limits(const Solver *s, int64_t first, int64_t last, Limits *l) {
-    l->count = 0;
+/* List the inequalities of the rows from `first` to before `last`, those of lower bounds before those of upper ones,
+ * with their distances at the first iterate, whose rows C x stand in row_steps. */
+static void list_inequalities(const InteriorPoint *ip, int64_t first, int64_t last, Inequalities *ineq) {
+    int64_t count = 0;
     for (double sign = 1.0; sign >= -1.0; sign -= 2.0)
         for (int64_t i = first; i < last; i++) {
-            double bound = sign > 0.0 ? s->p->low[i] : s->p->high[i];
-            if (!isfinite(bound) || is_equation(s->p, i)) continue;
-            l->row[l->count] = i;
-            l->sign[l->count] = sign;
-            l->distance[l->count++] = sign * (s->step[i] - bound);
+            double bound = sign > 0.0 ? ip->program->low[i] : ip->program->high[i];
+            if (!isfinite(bound) || is_equation(ip->program, i)) continue;
+            ineq->row[count] = i;
+            ineq->sign[count] = sign;
+            ineq->distance[count] = sign * (ip->row_steps[i] - bound);
+            count++;
         }
+    ineq->count = count;
 }
 
-/* List limits and equations of the rows at the first iterate. */
-static void list_rows(Solver *s) {
-    const Program *p = s->p;
-    int64_t count = row_count(p);
-    int64_t soft = p->soft ? p->K * M : 0;
-    Equations *e = &s->equations;
-    list_limits(s, 0, soft, &s->soft);
-    list_limits(s, soft, count, &s->hard);
-    e->count = 0;
-    for (int64_t i = soft; i < count; i++)
-        if (is_equation(p, i)) {
-            e->row[e->count] = i;
-            e->y[e->count] = e->dy[e->count] = 0.0;
-            e->residual[e->count++] = s->step[i] - (p->low[i] + p->high[i]) / 2;
+/* List the equations of the rows from `first` to before `last`, each to the middle of its bounds, multipliers 0. */
+static void list_equations(const InteriorPoint *ip, int64_t first, int64_t last, Equations *equations) {
+    const QuadraticProgram *program = ip->program;
+    int64_t count = 0;
+    for (int64_t i = first; i < last; i++)
+        if (is_equation(program, i)) {
+            equations->row[count] = i;
+            equations->residual[count] = ip->row_steps[i] - (program->low[i] + program->high[i]) / 2;
+            equations->multiplier[count] = 0.0;
+            equations->multiplier_step[count] = 0.0;
+            count++;
         }
+    equations->count = count;
 }
 
-/* Choose the first slacks and multipliers: all products s z and e w are the barrier, which grows with the largest
- * violation. A slack is at least `bound_push`, and at most a quarter of the way to the other bound. */
-static void initialize_limits(Solver *s) {
-    const Program *p = s->p;
-    double bound_push = p->bound_push;
-    double initial_barrier = p->initial_barrier;
-    Limits *l = &s->hard;
-    for (int64_t j = 0; j < l->count; j++) bound_push = fmax(bound_push, -l->distance[j]);
-    for (int64_t j = 0; j < s->equations.count; j++) bound_push = fmax(bound_push, fabs(s->equations.residual[j]));
-    initial_barrier *= bound_push / p->bound_push;
-    int64_t inputs = p->K * M + 2 * S + p->node_rows;
-    int64_t shift = p->K * N;
-    for (int64_t j = 0; j < l->count; j++) {
-        int64_t low = l->row[j];
-        int64_t high = low;
-        if (low >= inputs + shift) low -= shift; /* an acceleration has a row for each of its limits */
-        else if (low >= inputs) high += shift;
-        double width = p->high[high] - p->low[low] + (s->step[low] - s->step[high]);
-        l->slack[j] = fmax(l->distance[j], fmin(bound_push, width / 4));
-        l->z[j] = initial_barrier / l->slack[j];
-        l->ds[j] = l->dz[j] = 0.0;
+/* Return the distance between the bounds of the quantity that an inequality bounds. An acceleration has a row for each
+ * of its bounds, one of them infinite; all other quantities have both in one row. */
+static double bound_width(const InteriorPoint *ip, int64_t row) {
+    const QuadraticProgram *program = ip->program;
+    int64_t input_rows = program->K * NX + 2 * S + program->node_row_count;
+    int64_t input_count = program->K * N;
+    int64_t low = row;
+    int64_t high = row;
+    if (row >= input_rows + input_count) low -= input_count;
+    else if (row >= input_rows) high += input_count;
+    return program->high[high] - program->low[low] + (ip->row_steps[low] - ip->row_steps[high]);
+}
+
+/* Choose the first slacks and multipliers. With the largest violation v of a hard row,
+ *
+ *     push = max(bound_push, v),   mu = initial_barrier push / bound_push,
+ *     hard    s = max(d, min(push, width / 4)),   z = mu / s,
+ *     soft    e = max(bound_push - d, mu / penalty),   s = d + e,   z = min(mu / s, penalty / 2),   w = penalty - z.
+ *
+ * A slack is so at most a quarter of the way to the other bound, unless the iterate is farther from its own. */
+static void initialize_inequalities(InteriorPoint *ip) {
+    const QuadraticProgram *program = ip->program;
+    const Equations *equations = &ip->equations;
+    Inequalities *ineq = &ip->hard;
+    double push = program->bound_push;
+    for (int64_t j = 0; j < ineq->count; j++) push = fmax(push, -ineq->distance[j]);
+    for (int64_t j = 0; j < equations->count; j++) push = fmax(push, fabs(equations->residual[j]));
+    double mu = program->initial_barrier * (push / program->bound_push);
+    for (int64_t j = 0; j < ineq->count; j++) {
+        double width = bound_width(ip, ineq->row[j]);
+        ineq->slack[j] = fmax(ineq->distance[j], fmin(push, width / 4));
+        ineq->multiplier[j] = mu / ineq->slack[j];
+        ineq->slack_step[j] = 0.0;
+        ineq->multiplier_step[j] = 0.0;
     }
-    l = &s->soft;
-    for (int64_t j = 0; j < l->count; j++) {
-        double penalty = p->penalty[l->row[j] / M];
-        l->e[j] = fmax(p->bound_push - l->distance[j], initial_barrier / penalty);
-        l->slack[j] = l->distance[j] + l->e[j];
-        l->z[j] = fmin(initial_barrier / l->slack[j], penalty / 2);
-        l->w[j] = penalty - l->z[j];
-        l->ds[j] = l->dz[j] = l->de[j] = 0.0;
+    ineq = &ip->soft;
+    for (int64_t j = 0; j < ineq->count; j++) {
+        double penalty = program->penalty[ineq->row[j] / NX];
+        ineq->violation[j] = fmax(program->bound_push - ineq->distance[j], mu / penalty);
+        ineq->slack[j] = ineq->distance[j] + ineq->violation[j];
+        ineq->multiplier[j] = fmin(mu / ineq->slack[j], penalty / 2);
+        ineq->violation_multiplier[j] = penalty - ineq->multiplier[j];
+        ineq->slack_step[j] = 0.0;
+        ineq->multiplier_step[j] = 0.0;
+        ineq->violation_step[j] = 0.0;
     }
 }
 
-static void initialize(Solver *s) {
-    const Program *p = s->p;
-    double drift[N] = {0};
-    s->max_weight = MAX_ROW_WEIGHT;
-    s->riccati = (RiccatiData){
-        .K = p->K,
-        .positions = s->positions,
-        .diagonal = s->weight,
-        .arrow = p->inputs ? s->arrow : p->arrow,
-        .durations = s->durations,
-        .difference = s->difference,
-        .gap_velocity = p->gap_velocity,
-        .gap_tau = p->gap_tau,
-        .node_rows = p->node_rows,
-        .row_node = p->row_node,
-        .row_jacobian = p->row_jacobian,
-    };
-    memset(s->positions, 0, p->K * N * NC * sizeof(double));
-    for (int64_t k = 0; k < p->K; k++)
+/* Copy the upper triangles of the Hessian by the positions, (K, N, N), to full matrices, padded. */
+static void fill_positions(InteriorPoint *ip) {
+    const QuadraticProgram *program = ip->program;
+    memset(ip->positions, 0, program->K * N * N_PADDED * sizeof(double));
+    for (int64_t k = 0; k < program->K; k++)
         for (int i = 0; i < N; i++)
-            for (int j = i; j < N; j++)
-                scalars(s->positions + (k * N + i) * NV)[j] = scalars(s->positions + (k * N + j) * NV)[i] =
-                    p->positions[(k * N + i) * N + j];
-    memset(p->X, 0, p->K * M * sizeof(double));
-    memset(p->tau, 0, S * sizeof(double));
-    for (int64_t k = 0; k < p->K; k++)
-        for (int i = 0; i < N; i++) p->X[k * M + i] = drift[i] -= p->gaps[k * N + i];
-    memcpy(s->step, p->X, p->K * M * sizeof(double));
-    apply_rows(p, p->tau, s->step);
-    list_rows(s);
-    initialize_limits(s);
-    memset(s->dtau, 0, S * sizeof(double));
-    take_step(s, 0.0, 0.0, p->X, p->tau);
+            for (int j = i; j < N; j++) {
+                double value = program->positions[(k * N + i) * N + j];
+                scalars(ip->positions + (k * N + j) * N_VECS)[i] = value;
+                scalars(ip->positions + (k * N + i) * N_VECS)[j] = value;
+            }
 }
 
-/* Return the bytes of a Program: callers in another language declare it again and compare. */
-int64_t SIZED(psmpc_qp_program_size)(void) {
-    return (int64_t)sizeof(Program);
+/* Set the first iterate: v = 0 and tau = 0, the positions that close the gaps, Q_k+1 = Q_k - gap_k; its inequalities,
+ * equations, slacks, multipliers, residuals and complementarity. */
+static void initialize(InteriorPoint *ip) {
+    const QuadraticProgram *program = ip->program;
+    double Q[N] = {0};
+    ip->max_row_weight = MAX_ROW_WEIGHT;
+    ip->riccati = (RiccatiData){
+        .K = program->K,
+        .positions = ip->positions,
+        .state_weights = ip->row_weights,
+        .arrow = program->has_input_rows ? ip->arrow : program->arrow,
+        .durations = ip->durations,
+        .R = ip->R,
+        .gap_velocity = program->gap_velocity,
+        .gap_tau = program->gap_tau,
+        .node_row_count = program->node_row_count,
+        .row_node = program->row_node,
+        .row_jacobian = program->row_jacobian,
+    };
+    fill_positions(ip);
+    memset(program->X, 0, program->K * NX * sizeof(double));
+    memset(program->tau, 0, S * sizeof(double));
+    for (int64_t k = 0; k < program->K; k++)
+        for (int i = 0; i < N; i++) {
+            Q[i] -= program->gaps[k * N + i];
+            program->X[k * NX + i] = Q[i];
+        }
+    memcpy(ip->row_steps, program->X, program->K * NX * sizeof(double));
+    apply_rows(program, program->tau, ip->row_steps);
+    int64_t soft_rows = program->soft_state_bounds ? program->K * NX : 0;
+    list_inequalities(ip, 0, soft_rows, &ip->soft);
+    list_inequalities(ip, soft_rows, row_count(program), &ip->hard);
+    list_equations(ip, soft_rows, row_count(program), &ip->equations);
+    initialize_inequalities(ip);
+    memset(ip->tau_step, 0, S * sizeof(double));
+    take_step(ip, 0.0, 0.0, program->X, program->tau);
 }
 
-int64_t SIZED(psmpc_qp_memory)(const Program *p) {
-    Solver s;
-    return lay_out(&s, p, NULL);
-}
-
-/* Factorize the Hessian with the weights of the rows; smaller largest weights where rounding has made it indefinite. */
-static int factorize_regularized(Solver *s) {
-    for (; s->max_weight > MIN_ROW_WEIGHT; s->max_weight /= 10.0) {
-        form_hessian(s);
-        if (riccati_factorize(&s->riccati, s->intervals, s->schur)) return 1;
+/* Factorize the Newton equations, with smaller largest weights of rows, to a tenth each time, while rounding has made a
+ * Hessian by a control indefinite. Returns 0 where none works. */
+static int factorize_regularized(InteriorPoint *ip) {
+    for (; ip->max_row_weight > MIN_ROW_WEIGHT; ip->max_row_weight /= 10.0) {
+        form_hessian(ip);
+        if (riccati_factorize(&ip->riccati, ip->intervals, ip->schur)) return 1;
     }
     return 0;
 }
 
-/* Take one step of Mehrotra's predictor-corrector method: an affine step, from its complementarity the centering
+/* Return the complementarity after a step of the lengths alpha_p and alpha_d of an affine direction:
  *
- *     sigma = (mu_affine / mu)^3,   mu = (sum of s z and e w) / limits,
+ *     sum of (s + alpha_p ds) (z + alpha_d dz)
+ *         = (1 - alpha_d) sum of s z + (alpha_p - alpha_d) sum of z ds + alpha_p alpha_d sum of ds dz,
  *
- * then the step towards sigma mu, of the fraction to the boundary; primal and dual of one length where `equal_lengths`.
- * Returns 0 where rounding has left no direction. Nocedal, Wright (2006), algorithm 16.4. */
-static int predictor_corrector(Solver *s, double limits, int equal_lengths) {
-    const Program *p = s->p;
-    StepLengths r;
-    if (!factorize_regularized(s) || !newton_direction(s, 0.0, 0.0, &r)) return 0;
-    double primal = 1.0 / r.primal;
-    double dual = 1.0 / r.dual;
-    double regularization = FINAL_CENTERING * p->tolerance / limits;
-    double mu = s->gap / limits;
-    double left = (1.0 - dual) * s->gap + (primal - dual) * r.change + primal * dual * r.product;
-    double share = s->gap > 0.0 ? left / s->gap : 0.0;
-    if (!newton_direction(s, fmax(share * share * share * mu, regularization), 1.0, &r)) return 0;
-    primal = r.primal > 1.0 ? FRACTION_TO_BOUNDARY / r.primal : 1.0;
-    dual = r.dual > 1.0 ? FRACTION_TO_BOUNDARY / r.dual : 1.0;
-    if (equal_lengths) primal = dual = fmin(primal, dual);
-    take_step(s, primal, dual, p->X, p->tau);
-    return primal > MIN_STEP_LENGTH || dual > MIN_STEP_LENGTH;
+ * since s dz = -s z - z ds; e and w alike. */
+static double affine_complementarity(double complementarity, RatioTest test, double alpha_p, double alpha_d) {
+    return (1.0 - alpha_d) * complementarity + (alpha_p - alpha_d) * test.slack_change +
+           alpha_p * alpha_d * test.step_product;
 }
 
-int64_t SIZED(psmpc_qp_solve)(const Program *p) {
-    Solver s;
-    double before = INFINITY;
+/* Return the length of a step, the fraction to the boundary: min(1, 0.995 / largest relative decrease). */
+static double step_length(double largest_decrease) {
+    return largest_decrease > 1.0 ? FRACTION_TO_BOUNDARY / largest_decrease : 1.0;
+}
+
+/* Take a step of Mehrotra's predictor-corrector method. The affine direction (mu = 0) says how far the complementarity
+ * can decrease, and the centering parameter
+ *
+ *     sigma = (mu_affine / mu)^3,   mu = complementarity / number of products s z and e w,
+ *
+ * where the corrected direction steers to, sigma mu, no less than the tolerance needs. Steps have lengths of their own
+ * for primal and dual, or one length where `equal_lengths`. Returns 0 where rounding has left no direction or the step
+ * gets nowhere. Nocedal, Wright (2006), algorithm 16.4. */
+static int predictor_corrector_step(InteriorPoint *ip, double product_count, int equal_lengths) {
+    const QuadraticProgram *program = ip->program;
+    RatioTest test;
+    if (!factorize_regularized(ip)) return 0;
+    if (!newton_direction(ip, 0.0, 0.0, &test)) return 0;
+    double affine = affine_complementarity(ip->complementarity, test, 1.0 / test.primal, 1.0 / test.dual);
+    double ratio = ip->complementarity > 0.0 ? affine / ip->complementarity : 0.0;
+    double mu = ip->complementarity / product_count;
+    double final_mu = FINAL_CENTERING * program->tolerance / product_count;
+    double target_mu = fmax(ratio * ratio * ratio * mu, final_mu);
+    if (!newton_direction(ip, target_mu, 1.0, &test)) return 0;
+    double alpha_p = step_length(test.primal);
+    double alpha_d = step_length(test.dual);
+    if (equal_lengths) {
+        alpha_p = fmin(alpha_p, alpha_d);
+        alpha_d = alpha_p;
+    }
+    take_step(ip, alpha_p, alpha_d, program->X, program->tau);
+    return alpha_p > MIN_STEP_LENGTH || alpha_d > MIN_STEP_LENGTH;
+}
+
+/* Return the bytes of a QuadraticProgram: callers in another language declare it again, and compare. */
+int64_t SIZED(psmpc_qp_program_size)(void) {
+    return (int64_t)sizeof(QuadraticProgram);
+}
+
+/* Return how many doubles the workspace of a program takes; of the program, sizes and flags are read alone. */
+int64_t SIZED(psmpc_qp_workspace_size)(const QuadraticProgram *program) {
+    InteriorPoint ip;
+    return allocate_all(&ip, program, NULL);
+}
+
+/* Solve a program. Writes X, tau, gap_multipliers, row_multipliers and report; returns SOLVED, INFEASIBLE or FAILED.
+ *
+ * It is solved where primal residual, dual residual and complementarity are at most `tolerance`, or at most
+ * `acceptable_tolerance` where the iterations or the digits have run out. */
+int64_t SIZED(psmpc_qp_solve)(const QuadraticProgram *program) {
+    InteriorPoint ip;
+    allocate_all(&ip, program, program->workspace);
+    initialize(&ip);
+    double product_count = fmax((double)(ip.hard.count + 2 * ip.soft.count), 1.0);
+    double previous = INFINITY; /* larger one of dual residual and complementarity, an iteration before */
     int equal_lengths = 0;
-    lay_out(&s, p, p->work);
-    initialize(&s);
-    double limits = fmax((double)(s.hard.count + 2 * s.soft.count), 1.0);
-    for (int64_t count = 0;; count++) {
-        cost_gradient(&s, p->X, p->tau);
-        double gap = s.gap;
-        double primal = s.residual;
-        double dual = dual_residual(&s);
-        double largest = fmax(fmax(primal, dual), gap);
-        p->report[0] = (double)count, p->report[1] = primal, p->report[2] = dual, p->report[3] = gap;
-        memcpy(p->multipliers, s.q, row_count(p) * sizeof(double));
+    for (int64_t iteration = 0;; iteration++) {
+        compute_cost_gradient(&ip, program->X, program->tau);
+        double primal = ip.primal_residual;
+        double dual = dual_residual(&ip);
+        double dual_or_complementarity = fmax(dual, ip.complementarity);
+        double largest = fmax(fmax(primal, dual), ip.complementarity);
+        program->report[0] = (double)iteration;
+        program->report[1] = primal;
+        program->report[2] = dual;
+        program->report[3] = ip.complementarity;
+        memcpy(program->row_multipliers, ip.row_multipliers, row_count(program) * sizeof(double));
         if (!isfinite(largest)) return FAILED;
-        if (largest <= p->tolerance) return SOLVED;
-        if (primal > p->tolerance && proves_infeasible(&s)) return INFEASIBLE;
+        if (largest <= program->tolerance) return SOLVED;
+        if (primal > program->tolerance && proves_infeasible(&ip)) return INFEASIBLE;
         /* Two lengths may increase the dual residual; equal lengths decrease every residual. */
-        equal_lengths |= primal <= p->acceptable_tolerance && fmax(dual, gap) > before;
-        before = fmax(dual, gap);
-        if (count == p->max_iterations || !predictor_corrector(&s, limits, equal_lengths))
-            return largest <= p->acceptable_tolerance ? SOLVED : FAILED;
+        if (primal <= program->acceptable_tolerance && dual_or_complementarity > previous) equal_lengths = 1;
+        previous = dual_or_complementarity;
+        if (iteration == program->max_iterations || !predictor_corrector_step(&ip, product_count, equal_lengths))
+            return largest <= program->acceptable_tolerance ? SOLVED : FAILED;
     }
 }

@@ -1,154 +1,242 @@
-/* A quadratic program of a window: its rows, its costs, and their derivatives by velocities and durations.
+/* The quadratic program of a window: its constraints C x, its objective, and their derivatives.
  *
- *     min  1/2 x'H x + g'x   over the steps x = (X, tau)
- *     s.t. low <= C x <= high,   the gaps of the dynamics closed.
+ *     min  1/2 x'H x + g'x   over the steps x = (X, tau) of [Q; v] at nodes 1 .. K and of the free durations,
+ *     s.t. low <= C x <= high,
+ *          Q_k+1 - Q_k - a_k v_k - b_k v_k+1 - Gamma_k tau + gap_k = 0   on the intervals k = 0 .. K - 1.
  *
- * The rows C x are, in order: [Q; v] at nodes 1 .. K; the durations; their sums up to each; constraints at nodes;
- * accelerations from below, from above (as velocities: dv - h u_low >= 0, dv - h u_high <= 0).
+ * The rows of C are, in order (their number is `row_count`):
+ *
+ *     [Q; v] at nodes 1 .. K                          2NK   bounds of states, which may be soft
+ *     the durations tau                               S
+ *     their sums tau_1 + .. + tau_s                   S
+ *     constraints at nodes, c [Q; v]                  E     those of row_node and row_jacobian
+ *     v_k+1 - v_k - u_low h_k                         NK    accelerations from below, >= 0
+ *     v_k+1 - v_k - u_high h_k                        NK    accelerations from above, <= 0
+ *
+ * with h_k the step of the length of interval k. The last two are there if `has_input_rows`.
  */
 
+/* A program as its callers pass it; psmpc_cli/solvers/quadratic.py declares the same structure. */
 typedef struct {
-    int64_t K, node_rows, inputs, max_iterations, soft; /* the last: the bounds of [Q; v] are */
-    double tolerance, acceptable_tolerance, initial_barrier, bound_push;
-    const double *positions, *gradient, *gradient_tau, *coupling, *arrow, *durations, *gap_velocity, *gap_tau, *gaps;
-    const int64_t *row_node;
-    const double *row_jacobian, *low, *high, *input_low, *input_high, *interval_by_duration;
-    const double *penalty; /* of soft rows by node, (K,) */
-    double *work;
-    double *X, *tau, *gap_multipliers, *multipliers, *report;
-} Program;
+    int64_t K;                          /* intervals */
+    int64_t node_row_count;             /* E, constraints at nodes */
+    int64_t has_input_rows;             /* whether accelerations are bounded */
+    int64_t soft_state_bounds;          /* whether bounds of [Q; v] may be violated */
+    int64_t max_iterations;
+    double tolerance;                   /* residuals and complementarity at which a program is solved */
+    double acceptable_tolerance;        /* the same where the method gets no further */
+    double initial_barrier;             /* first product of a slack and its multiplier */
+    double bound_push;                  /* smallest first slack */
+    const double *positions;            /* Hessian by Q at nodes 1 .. K, the upper triangles, (K, N, N) */
+    const double *gradient;             /* g by [Q; v] there, (K, 2N) */
+    const double *gradient_tau;         /* g by tau, (S,) */
+    const double *coupling;             /* -R: Hessian by the velocities before and after an interval, (K, N) */
+    const double *arrow;                /* Hessian by [Q; v] at nodes 1 .. K and tau, (K, 2N, S) */
+    const double *durations;            /* Hessian by tau, (S, S) */
+    const double *gap_velocity;         /* -a and -b, derivatives of the gaps by the velocities, (K, 2) */
+    const double *gap_tau;              /* -Gamma, derivatives of the gaps by tau, (K, N, S) */
+    const double *gaps;                 /* the gaps at x = 0, (K, N) */
+    const int64_t *row_node;            /* nodes of the constraints at nodes, from node 1, ascending, (E,) */
+    const double *row_jacobian;         /* their derivatives by [Q; v] there, (E, 2N) */
+    const double *low;                  /* bounds of all rows, infinite where there is none, (rows,) */
+    const double *high;
+    const double *input_low;            /* u_low, u_high (K, N) */
+    const double *input_high;
+    const double *interval_by_duration; /* derivatives of the lengths h of the intervals by tau, (K, S) */
+    const double *penalty;              /* cost of a violation of 1 of a soft bound, by node, (K,) */
+    double *X;                          /* out: (K, 2N) */
+    double *tau;                        /* out: (S,) */
+    double *gap_multipliers;            /* out: (K, N) */
+    double *row_multipliers;            /* out: of all rows, > 0 at an upper bound, < 0 at a lower one */
+    double *report;                     /* out: iterations, primal residual, dual residual, complementarity */
+    double *workspace;                  /* memory, aligned for vectors */
+} QuadraticProgram;
 
-/* One-sided limits of rows, distance d = sign (row - bound) >= 0, one array for each number. Slack s and multiplier z:
+/* Inequalities d = sign (row - bound) >= 0, one for each finite bound of a row; one array for each quantity, (count,).
+ * Each has a slack s and a multiplier z. A point on the central path meets
  *
  *     d - s = 0,   s z = mu.
  *
- * A soft one may be violated by e, at a cost of its node's `penalty` times e, with the multiplier w of e >= 0:
+ * A soft inequality may be violated by e >= 0, at a cost of `penalty` e; w is the multiplier of e >= 0:
  *
  *     d + e - s = 0,   s z = mu,   e w = mu,   z + w = penalty.
  *
- * Both e and w are eliminated: with e = mu / w and z + w constant, what is left of a soft limit is a hard one whose
- * slack is larger by `relaxation` z = (e / w) z and whose distance is larger by `relaxation_shift` = mu / w.
- * Wright: Primal-Dual Interior-Point Methods (1997), chapter 10; Frison, Diehl: HPIPM (2020), soft constraints.
- */
+ * Newton's equations of the last two are (e + de) w - e dz = mu + de_a dz_a, with the product of the affine step in
+ * Mehrotra's corrector, so
+ *
+ *     e + de = shift + relaxation dz,   shift = (mu + de_a dz_a) / w,   relaxation = e / w.
+ *
+ * Both e and w are eliminated so: what is left of a soft inequality is a hard one, d + shift + relaxation dz - s = 0.
+ * Nocedal, Wright: Numerical Optimization (2006), sections 16.6 and 17.2 (exact penalties); Frison, Diehl: HPIPM (2020)
+ * eliminates soft constraints alike. */
 typedef struct {
-    int64_t count, *row;
-    double *sign, *distance, *slack, *z, *ds, *dz, *inverse_diagonal;
-    double *e, *w, *de, *relaxation, *relaxation_shift; /* of soft ones */
-} Limits;
+    int64_t count;
+    int64_t *row;
+    double *sign;
+    double *distance; /* d */
+    double *slack;
+    double *multiplier;
+    double *slack_step;
+    double *multiplier_step;
+    double *inverse_pivot; /* 1 / (s + delta z), see interior_point.c */
+    /* of soft ones: */
+    double *violation;
+    double *violation_multiplier;
+    double *violation_step;
+    double *relaxation;
+    double *relaxation_shift;
+} Inequalities;
 
-/* Rows that are equations: their residuals C x - b, their multipliers y and the step dy of these. */
+/* Equations row = target: residuals, multipliers y and their steps, (count,). */
 typedef struct {
-    int64_t count, *row;
-    double *residual, *y, *dy;
+    int64_t count;
+    int64_t *row;
+    double *residual;
+    double *multiplier;
+    double *multiplier_step;
 } Equations;
 
+/* What lasts from one iteration to the next, and the memory of an iteration. */
 typedef struct {
-    const Program *p;
-    double max_weight;     /* greatest weight of a row in the Hessian: the inverse of the proximal parameter */
-    double residual, gap; /* largest one of limits and equations; the sum of s z and e w */
-    Limits hard, soft;
+    const QuadraticProgram *program;
+    double max_row_weight;  /* 1 / delta: the greatest weight of a row in the Hessian */
+    double primal_residual; /* largest residual of an inequality or equation */
+    double complementarity; /* sum of s z and e w over all inequalities: the duality gap */
+    Inequalities hard;
+    Inequalities soft;
     Equations equations;
     RiccatiData riccati;
-    IntervalFactors *intervals;
-    double *weight, *q, *step; /* of the rows: weight, multiplier, step; the first steps are those of [Q; v] */
-    double *y, *cost, *cost_tau, *gradient_X, *u, *dtau, *schur, *gradient_velocity, *arrow, *difference, *durations;
-    vec *positions;
-} Solver;
+    IntervalGains *intervals;  /* (K,) */
+    double *row_weights;       /* W of all rows; those of [Q; v] come first, as in the next two */
+    double *row_multipliers;   /* of all rows */
+    double *row_steps;         /* C dx */
+    double *control_gradients; /* (K, N), padded */
+    double *cost_gradient;     /* H x + g by [Q; v], (K, 2N) */
+    double *cost_gradient_tau; /* by tau, (S,) */
+    double *gradient;          /* of the Lagrangian without the gaps, by [Q; v], (K, 2N) */
+    double *gradient_tau;      /* by tau, (S,) */
+    double *reduced_gradient;  /* by the velocities, (K, N) */
+    double *tau_step;          /* (S,) */
+    double *schur;             /* Hessian by tau after all states are eliminated, (S, S) */
+    double *arrow;             /* of H + C'W C, (K, 2N, S) */
+    double *R;                 /* (K, N) */
+    double *durations;         /* (S, S) */
+    vec *positions;            /* of H, (K, N, N), padded */
+} InteriorPoint;
 
-static int64_t row_count(const Program *p) {
-    return p->K * M + 2 * S + p->node_rows + (p->inputs ? 2 * p->K * N : 0);
+/* Return the number of rows of C. */
+static int64_t row_count(const QuadraticProgram *program) {
+    int64_t input_rows = program->has_input_rows ? 2 * program->K * N : 0;
+    return program->K * NX + 2 * S + program->node_row_count + input_rows;
 }
 
-/* Apply C to (X, tau): set the rows behind the first, which are X. */
-static void apply_rows(const Program *p, const double *tau, double *rows) {
+/* Compute C x at x = (X, tau). The first 2NK `rows` are X, which the caller has set; this sets those behind. */
+static void apply_rows(const QuadraticProgram *program, const double *tau, double *rows) {
     const double *X = rows;
+    double *out = rows + program->K * NX;
     double sum = 0.0;
-    double *out = rows + p->K * M;
-    for (int c = 0; c < S; c++) out[c] = tau[c], out[S + c] = sum += tau[c];
-    out += 2 * S;
-    for (int64_t e = 0; e < p->node_rows; e++) {
-        double value = 0.0;
-        for (int i = 0; i < M; i++) value += p->row_jacobian[e * M + i] * X[p->row_node[e] * M + i];
-        *out++ = value;
-    }
-    if (!p->inputs) return;
-    for (int64_t k = 0; k < p->K; k++) {
-        double h = 0.0;
-        for (int c = 0; c < S; c++) h += p->interval_by_duration[k * S + c] * tau[c];
-        for (int i = 0; i < N; i++) {
-            double difference = X[k * M + N + i] - (k ? X[(k - 1) * M + N + i] : 0.0);
-            out[k * N + i] = difference - p->input_low[k * N + i] * h;
-            out[(p->K + k) * N + i] = difference - p->input_high[k * N + i] * h;
-        }
-    }
-}
-
-/* Add C'q to (X, tau). */
-static void add_rows_transposed(const Program *p, const double *q, double *restrict X, double *restrict tau) {
-    for (int64_t i = 0; i < p->K * M; i++) X[i] += q[i];
-    q += p->K * M;
-    double later = 0.0;
-    for (int c = S - 1; c >= 0; c--) tau[c] += q[c] + (later += q[S + c]);
-    q += 2 * S;
-    for (int64_t e = 0; e < p->node_rows; e++, q++)
-        for (int i = 0; i < M; i++) X[p->row_node[e] * M + i] += *q * p->row_jacobian[e * M + i];
-    if (!p->inputs) return;
-    for (int64_t k = 0; k < p->K; k++)
-        for (int i = 0; i < N; i++) {
-            double low = q[k * N + i];
-            double high = q[(p->K + k) * N + i];
-            double by_h = low * p->input_low[k * N + i] + high * p->input_high[k * N + i];
-            X[k * M + N + i] += low + high;
-            if (k) X[(k - 1) * M + N + i] -= low + high;
-            for (int c = 0; c < S; c++) tau[c] -= by_h * p->interval_by_duration[k * S + c];
-        }
-}
-
-/* Compute the gradient H x + g of the objective at (X, tau). */
-static void cost_gradient(Solver *s, const double *X, const double *tau) {
-    const Program *p = s->p;
-    memcpy(s->cost, p->gradient, p->K * M * sizeof(double));
     for (int c = 0; c < S; c++) {
-        s->cost_tau[c] = p->gradient_tau[c];
-        for (int e = 0; e < S; e++) s->cost_tau[c] += p->durations[c * S + e] * tau[e];
+        sum += tau[c];
+        out[c] = tau[c];
+        out[S + c] = sum;
     }
-    for (int64_t k = 0; k < p->K; k++) {
-        const double *x = X + k * M;
-        double *g = s->cost + k * M;
-        vec sum[NV];
-        memset(sum, 0, sizeof sum);
-        for (int j = 0; j < N; j++)
-            for (int v = 0; v < NV; v++) sum[v] += x[j] * s->positions[(k * N + j) * NV + v];
-        for (int i = 0; i < N; i++) g[i] += const_scalars(sum)[i];
+    out += 2 * S;
+    for (int64_t e = 0; e < program->node_row_count; e++) {
+        double value = 0.0;
+        for (int i = 0; i < NX; i++) value += program->row_jacobian[e * NX + i] * X[program->row_node[e] * NX + i];
+        out[e] = value;
+    }
+    out += program->node_row_count;
+    if (!program->has_input_rows) return;
+    for (int64_t k = 0; k < program->K; k++) {
+        double h = 0.0;
+        for (int c = 0; c < S; c++) h += program->interval_by_duration[k * S + c] * tau[c];
         for (int i = 0; i < N; i++) {
-            double force = -p->coupling[k * N + i] * (x[N + i] - (k ? x[N + i - M] : 0.0));
-            g[N + i] += force;
-            if (k) g[N + i - M] -= force;
+            double velocity_change = X[k * NX + N + i] - (k ? X[(k - 1) * NX + N + i] : 0.0);
+            out[k * N + i] = velocity_change - program->input_low[k * N + i] * h;
+            out[(program->K + k) * N + i] = velocity_change - program->input_high[k * N + i] * h;
         }
-        for (int i = 0; i < M; i++)
+    }
+}
+
+/* Add C'y to (X, tau), the transpose of `apply_rows`; y has an entry for each row. */
+static void add_rows_transposed(const QuadraticProgram *program, const double *y, double *restrict X,
+                                double *restrict tau) {
+    for (int64_t i = 0; i < program->K * NX; i++) X[i] += y[i];
+    y += program->K * NX;
+    double of_sums = 0.0; /* tau_c is in the sums from its own on */
+    for (int c = S - 1; c >= 0; c--) {
+        of_sums += y[S + c];
+        tau[c] += y[c] + of_sums;
+    }
+    y += 2 * S;
+    for (int64_t e = 0; e < program->node_row_count; e++)
+        for (int i = 0; i < NX; i++) X[program->row_node[e] * NX + i] += y[e] * program->row_jacobian[e * NX + i];
+    y += program->node_row_count;
+    if (!program->has_input_rows) return;
+    for (int64_t k = 0; k < program->K; k++)
+        for (int i = 0; i < N; i++) {
+            double y_low = y[k * N + i];
+            double y_high = y[(program->K + k) * N + i];
+            double by_h = y_low * program->input_low[k * N + i] + y_high * program->input_high[k * N + i];
+            X[k * NX + N + i] += y_low + y_high;
+            if (k) X[(k - 1) * NX + N + i] -= y_low + y_high;
+            for (int c = 0; c < S; c++) tau[c] -= by_h * program->interval_by_duration[k * S + c];
+        }
+}
+
+/* Compute the gradient H x + g of the objective at x = (X, tau) into cost_gradient and cost_gradient_tau. H has the
+ * blocks `positions` by Q_k, R by v_k+1 - v_k, `arrow` by states and durations, `durations` by tau. */
+static void compute_cost_gradient(InteriorPoint *ip, const double *X, const double *tau) {
+    const QuadraticProgram *program = ip->program;
+    memcpy(ip->cost_gradient, program->gradient, program->K * NX * sizeof(double));
+    for (int c = 0; c < S; c++) {
+        ip->cost_gradient_tau[c] = program->gradient_tau[c];
+        for (int e = 0; e < S; e++) ip->cost_gradient_tau[c] += program->durations[c * S + e] * tau[e];
+    }
+    for (int64_t k = 0; k < program->K; k++) {
+        const double *x = X + k * NX;
+        double *g = ip->cost_gradient + k * NX;
+        vec by_Q[N_VECS];
+        memset(by_Q, 0, sizeof by_Q);
+        for (int j = 0; j < N; j++)
+            for (int v = 0; v < N_VECS; v++) by_Q[v] += x[j] * ip->positions[(k * N + j) * N_VECS + v];
+        for (int i = 0; i < N; i++) g[i] += const_scalars(by_Q)[i];
+        for (int i = 0; i < N; i++) {
+            double by_change = -program->coupling[k * N + i] * (x[N + i] - (k ? x[N + i - NX] : 0.0));
+            g[N + i] += by_change;
+            if (k) g[N + i - NX] -= by_change;
+        }
+        for (int i = 0; i < NX; i++)
             for (int c = 0; c < S; c++) {
-                g[i] += p->arrow[(k * M + i) * S + c] * tau[c];
-                s->cost_tau[c] += p->arrow[(k * M + i) * S + c] * x[i];
+                g[i] += program->arrow[(k * NX + i) * S + c] * tau[c];
+                ip->cost_gradient_tau[c] += program->arrow[(k * NX + i) * S + c] * x[i];
             }
     }
 }
 
-/* Reduce derivatives by (X, tau) to those by the velocities (K, N) and tau, in place of tau's: the positions follow
- * from both. The adjoint of the dynamics gives the multipliers `gaps` (K, N) with which the derivative by Q_k vanishes,
+/* Reduce derivatives by (X, tau) to those by the velocities and tau: the positions follow from both by the gaps. The
+ * multipliers lambda_k of the gaps make the derivatives by the positions vanish, the adjoint of the dynamics:
  *
- *     lambda_k = lambda_k+1 - dL/dQ_k,   dL/dv_k + b_k lambda_k + a_k+1 lambda_k+1. */
-static void reduced_gradient(const Program *p, const double *by_X, double *by_tau, double *by_velocity, double *gaps) {
+ *     lambda_k-1 = lambda_k - df/dQ_k,   lambda_K = 0,
+ *     by v_k     df/dv_k - b_k-1 lambda_k-1 - a_k lambda_k,
+ *     by tau     df/dtau - sum of Gamma_k' lambda_k.
+ *
+ * In: by_X (K, 2N), by_tau (S,). Out: by_velocity (K, N), gap_multipliers (K, N), and by_tau in place. Nocedal, Wright
+ * (2006), section 15.3: elimination of variables by linear constraints. */
+static void compute_reduced_gradient(const QuadraticProgram *program, const double *by_X, double *by_tau,
+                                     double *by_velocity, double *gap_multipliers) {
     double lambda[N] = {0};
-    double after[N];
-    for (int64_t k = p->K - 1; k >= 0; k--) {
-        double b = p->gap_velocity[2 * k + 1];
-        double a_next = k + 1 < p->K ? p->gap_velocity[2 * k + 2] : 0.0;
+    double lambda_next[N];
+    for (int64_t k = program->K - 1; k >= 0; k--) {
+        double minus_b = program->gap_velocity[2 * k + 1];
+        double minus_a_next = k + 1 < program->K ? program->gap_velocity[2 * k + 2] : 0.0;
         for (int i = 0; i < N; i++) {
-            after[i] = lambda[i];
-            lambda[i] -= by_X[k * M + i];
-            by_velocity[k * N + i] = by_X[k * M + N + i] + b * lambda[i] + a_next * after[i];
-            gaps[k * N + i] = lambda[i];
-            for (int c = 0; c < S; c++) by_tau[c] += lambda[i] * p->gap_tau[(k * N + i) * S + c];
+            lambda_next[i] = lambda[i];
+            lambda[i] -= by_X[k * NX + i];
+            by_velocity[k * N + i] = by_X[k * NX + N + i] + minus_b * lambda[i] + minus_a_next * lambda_next[i];
+            gap_multipliers[k * N + i] = lambda[i];
+            for (int c = 0; c < S; c++) by_tau[c] += lambda[i] * program->gap_tau[(k * N + i) * S + c];
         }
     }
 }

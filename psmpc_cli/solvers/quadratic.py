@@ -6,12 +6,12 @@ Unknowns are the steps of x_1 .. x_K = [Q; Qdot] and those of the durations; x_0
 import ctypes
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import Enum
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import piqp
@@ -24,7 +24,7 @@ from psmpc_cli.ocp.gauss_newton import Linearization, Point
 from psmpc_cli.solvers.sqp_window import SqpWindow
 
 SOURCES = ("recursion.c", "program.c", "interior_point.c")
-
+"""Source files of the kernel, our own method in C, in the order in which they are joined."""
 
 FLAGS = ("-O3", "-march=native", "-fopenmp-simd", "-fno-math-errno", "-ffp-contract=off")
 """Without -ffast-math: a step that is not finite has to be noticed; without contraction: compilers round alike."""
@@ -41,19 +41,24 @@ INITIAL_BARRIER = 1e-2
 BOUND_PUSH = 3e-3
 """The smallest slack it starts from [m, rad, m/s, rad/s, s]."""
 
-NARROW = 1e-8
+EQUALITY_WIDTH = 1e-8
 """Rows whose bounds are nearer to each other than this [m, rad, m/s, rad/s, s] are equations."""
 
 SMALLEST_REGULARIZATION = 1e-10
 """PIQP lowers its regularization to 1e-13 where it gets stuck; with tiny intervals that loses the digits it needs."""
 
+ALIGNMENT = 64
+"""Bytes of a cache line, at which the kernel's workspace begins."""
 
-Piece = tuple[ArrayLike, ArrayLike, ArrayLike]
-"""Rows, columns and values of some entries of a sparse matrix, broadcast to one shape."""
+REPORT_SIZE = 4
+"""Numbers in the kernel's report: iterations, primal residual, dual residual, complementarity."""
+
+DOUBLE_SIZE = 8
+"""Bytes of a double."""
 
 
 class QpStatus(Enum):
-    """How a quadratic program ended."""
+    """How a quadratic program ended, in the order of the C code."""
 
     SOLVED = "solved"
     INFEASIBLE = "no step meets the linearized constraints"
@@ -81,114 +86,200 @@ class QpSolution:
     iterations: int
 
 
+@dataclass(frozen=True, eq=False)
+class QpArrays:
+    """The arrays of a quadratic program, in the order of `QuadraticProgram` in program.c; the last four are written.
+
+        min  1/2 x'H x + g'x  over x = (X, tau)   s.t.   low <= C x <= high,
+        Q_k+1 - Q_k + gap_velocity_k [v_k; v_k+1] + gap_tau_k tau + gaps_k = 0.
+
+    X are the steps of x_1 .. x_K, tau those of the S free durations; C has the R rows of `SqpWindow`. H and g are those
+    of `Linearization`.
+
+    Attributes:
+        positions: Upper triangles of H by the positions, (K, n, n).
+        gradient: g by X, (K, 2n).
+        gradient_tau: g by tau, (S,).
+        coupling: Diagonal of H by v_k and v_k+1, the negative weight of (v_k+1 - v_k)^2 / 2, (K, n).
+        arrow: H by X and tau, (K, 2n, S).
+        durations: H by tau, (S, S).
+        gap_velocity: Of the velocities at both ends of an interval, (K, 2).
+        gap_tau: (K, n, S).
+        gaps: (K, n).
+        row_node: Nodes of the constraints at nodes, counted from x_1, ascending, (E,).
+        row_jacobian: Their rows of C by the state at their node, (E, 2n).
+        low, high: Bounds of the rows, (R,).
+        input_low, input_high: Bounds of the accelerations, (K, n); (0, n) where none has one.
+        interval_by_duration: Derivatives of the lengths of the intervals by tau, (K, S).
+        penalty: Cost of a violation of a soft bound by 1, for each node, (K, 1).
+        X: Of the solution, (K, 2n).
+        tau: Of the solution, (S,).
+        gap_multipliers: (K, n).
+        row_multipliers: Positive at an upper bound, negative at a lower one, (R,).
+    """
+
+    positions: np.ndarray
+    gradient: np.ndarray
+    gradient_tau: np.ndarray
+    coupling: np.ndarray
+    arrow: np.ndarray
+    durations: np.ndarray
+    gap_velocity: np.ndarray
+    gap_tau: np.ndarray
+    gaps: np.ndarray
+    row_node: np.ndarray
+    row_jacobian: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    input_low: np.ndarray
+    input_high: np.ndarray
+    interval_by_duration: np.ndarray
+    penalty: np.ndarray
+    X: np.ndarray
+    tau: np.ndarray
+    gap_multipliers: np.ndarray
+    row_multipliers: np.ndarray
+
+
+ARRAYS = tuple(field.name for field in fields(QpArrays))
+"""Names of the arrays that a program has in Python and in C."""
+
+
 class QpMethod(ABC):
     """A method for the programs of windows over the same stages and nodes."""
 
     def solve(self, window: SqpWindow, model: Linearization, point: Point) -> QpSolution:
-        """Solve the program about a point."""
+        """Solve the program about a point: the model of the objective and the constraints there, bounds of steps."""
         bounds = window.bounds
         K, n = model.coupling.shape
         S = len(point.tau)
-        states = window.states
         rows = window.rows(point, model.at)
         X = np.zeros((K + 1, 2 * n))
-        numbers = {
-            "positions": model.positions[1:],
-            "gradient": model.gradient[1:],
-            "gradient_tau": model.gradient_tau,
-            "coupling": model.coupling,
-            "arrow": model.arrow[1:],
-            "durations": model.durations,
-            "gap_velocity": model.gap_velocity,
-            "gap_tau": model.gap_tau,
-            "gaps": model.at.gaps,
-            "row_node": window.form.row_node - 1,
-            "row_jacobian": model.rows_by_x,
-            "low": bounds.low - rows,
-            "high": bounds.high - rows,
-            "input_low": bounds.input_low,
-            "input_high": bounds.input_high,
-            "interval_by_duration": window.form.interval_steps,
-            "penalty": PENALTY * window.shares(point)[1:],
-            "X": X[1:],
-            "tau": np.zeros(S),
-            "gap_multipliers": np.zeros((K, n)),
-            "multipliers": np.zeros(len(rows)),
-        }
-        status, iterations = self._solve(numbers, bounds.soft)
-        z = numbers["multipliers"]
-        of_nodes = z[states + 2 * S :][: len(model.at.rows)]
-        return QpSolution(status, Point(X, numbers["tau"]), numbers["gap_multipliers"], z, of_nodes, iterations)
+        arrays = QpArrays(
+            positions=model.positions[1:],
+            gradient=model.gradient[1:],
+            gradient_tau=model.gradient_tau,
+            coupling=model.coupling,
+            arrow=model.arrow[1:],
+            durations=model.durations,
+            gap_velocity=model.gap_velocity,
+            gap_tau=model.gap_tau,
+            gaps=model.at.gaps,
+            row_node=window.form.row_node - 1,
+            row_jacobian=model.rows_by_x,
+            low=bounds.low - rows,
+            high=bounds.high - rows,
+            input_low=bounds.input_low,
+            input_high=bounds.input_high,
+            interval_by_duration=window.form.interval_steps,
+            penalty=PENALTY * window.shares(point)[1:],
+            X=X[1:],
+            tau=np.zeros(S),
+            gap_multipliers=np.zeros((K, n)),
+            row_multipliers=np.zeros(len(rows)),
+        )
+        status, iterations = self._solve(arrays, bounds.soft)
+        first_node_row = window.states + 2 * S
+        return QpSolution(
+            status=status,
+            step=Point(X, arrays.tau),
+            gaps=arrays.gap_multipliers,
+            rows=arrays.row_multipliers,
+            node_multipliers=arrays.row_multipliers[first_node_row:][: len(model.at.rows)],
+            iterations=iterations,
+        )
 
     @abstractmethod
-    def _solve(self, numbers: dict[str, np.ndarray], soft: bool) -> tuple[QpStatus, int]:
-        """Write the step and the multipliers into the last four arrays; return how it ended, and the iterations."""
+    def _solve(self, arrays: QpArrays, soft: bool) -> tuple[QpStatus, int]:
+        """Write step and multipliers into the arrays for them; return how the program ended, and the iterations.
+
+        Args:
+            arrays: The program.
+            soft: The bounds of states may be violated at a cost.
+        """
 
 
-class Program(ctypes.Structure):
-    """A quadratic program as the C code takes it; see `Program` in program.c."""
+class QuadraticProgram(ctypes.Structure):
+    """A quadratic program as the kernel takes it; see `QuadraticProgram` in program.c."""
 
     _fields_ = (
-        [(name, ctypes.c_int64) for name in ("K", "node_rows", "inputs", "max_iterations", "soft")]
-        + [(name, ctypes.c_double) for name in ("tolerance", "acceptable_tolerance", "initial_barrier", "bound_push")]
-        + [(name, ctypes.c_void_p) for name in ("positions", "gradient", "gradient_tau", "coupling", "arrow")]
-        + [(name, ctypes.c_void_p) for name in ("durations", "gap_velocity", "gap_tau", "gaps", "row_node")]
-        + [(name, ctypes.c_void_p) for name in ("row_jacobian", "low", "high")]
-        + [(name, ctypes.c_void_p) for name in ("input_low", "input_high", "interval_by_duration", "penalty")]
-        + [(name, ctypes.c_void_p) for name in ("work", "X", "tau")]
-        + [(name, ctypes.c_void_p) for name in ("gap_multipliers", "multipliers", "report")]
+        *((name, ctypes.c_int64) for name in ("K", "node_row_count", "has_input_rows")),
+        *((name, ctypes.c_int64) for name in ("soft_state_bounds", "max_iterations")),
+        *((name, ctypes.c_double) for name in ("tolerance", "acceptable_tolerance", "initial_barrier", "bound_push")),
+        *((name, ctypes.c_void_p) for name in (*ARRAYS, "report", "workspace")),
     )
 
 
 def kernel_library(coordinates: int, durations: int) -> Path | None:
-    """Return the shared library of our own method for these sizes; None where nothing can be compiled."""
+    """Return the shared library of the kernel for these sizes; None where nothing can be compiled."""
     return library(kernel_source(coordinates, durations), "qp", FLAGS, kernel_symbols(coordinates, durations))
 
 
 def kernel_source(coordinates: int, durations: int) -> str:
-    """Return the C source of our own method for these sizes."""
-    sizes = f"#define N {coordinates}\n#define S {durations}\n#define NARROW {NARROW}\n"
+    """Return the C source of the kernel for these sizes."""
+    sizes = f"#define N {coordinates}\n#define S {durations}\n#define EQUALITY_WIDTH {EQUALITY_WIDTH}\n"
     folder = files("psmpc_cli.solvers")
     return sizes + "".join((folder / name).read_text(encoding="utf-8") for name in SOURCES)
 
 
-def kernel_symbols(coordinates: int, durations: int) -> tuple[str, str, str]:
-    """Return the names of its functions: the memory a program needs, the solver, the size of a program."""
-    names = ("psmpc_qp_memory", "psmpc_qp_solve", "psmpc_qp_program_size")
-    memory, solve, size = (f"{name}_{coordinates}_{durations}" for name in names)
-    return memory, solve, size
+class KernelSymbols(NamedTuple):
+    """The names of a kernel's functions for callers.
+
+    They end with the sizes, so that kernels of several sizes can be linked into one program.
+
+    Attributes:
+        workspace_size: Returns how many doubles of workspace a program needs.
+        solve: Solves a program; returns the index of its `QpStatus`.
+        program_size: Returns the bytes of a `QuadraticProgram`.
+    """
+
+    workspace_size: str
+    solve: str
+    program_size: str
+
+
+def kernel_symbols(coordinates: int, durations: int) -> KernelSymbols:
+    """Return the names of the kernel's functions for these sizes."""
+    sizes = f"{coordinates}_{durations}"
+    return KernelSymbols(
+        workspace_size=f"psmpc_qp_workspace_size_{sizes}",
+        solve=f"psmpc_qp_solve_{sizes}",
+        program_size=f"psmpc_qp_program_size_{sizes}",
+    )
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """The functions of our own method for some sizes, by pointers to a `Program`.
+    """The functions of the kernel for some sizes; they take a pointer to a `QuadraticProgram`.
 
     Attributes:
-        memory: Returns how many numbers of work memory a program needs.
+        workspace_size: Returns how many doubles of workspace a program needs.
         solve: Solves a program; returns the index of its `QpStatus`.
     """
 
-    memory: Callable[[Any], int]
+    workspace_size: Callable[[Any], int]
     solve: Callable[[Any], int]
 
 
 @cache
 def load_kernel(coordinates: int, durations: int) -> Kernel | None:
-    """Load our own method for these sizes; None where nothing can be compiled.
+    """Load the kernel for these sizes; None where nothing can be compiled.
 
     Raises:
-        RuntimeError: Its `Program` is another structure than ours.
+        RuntimeError: Its `QuadraticProgram` is another structure than ours.
     """
     path = kernel_library(coordinates, durations)
     if path is None:
         return None
-    kernel = ctypes.CDLL(str(path))
-    memory, solve, program_size = (getattr(kernel, name) for name in kernel_symbols(coordinates, durations))
-    for function in (memory, solve, program_size):
-        function.restype = ctypes.c_int64
-    if (size := program_size()) != ctypes.sizeof(Program):
-        raise RuntimeError(f"a program has {size} bytes in C, expected the {ctypes.sizeof(Program)} of `Program`")
-    return Kernel(memory, solve)
+    loaded = ctypes.CDLL(str(path))
+    symbols = kernel_symbols(coordinates, durations)
+    for symbol in symbols:
+        getattr(loaded, symbol).restype = ctypes.c_int64
+    size = getattr(loaded, symbols.program_size)()
+    expected = ctypes.sizeof(QuadraticProgram)
+    if size != expected:
+        raise RuntimeError(f"a program has {size} bytes in C, expected the {expected} of `QuadraticProgram`")
+    return Kernel(workspace_size=getattr(loaded, symbols.workspace_size), solve=getattr(loaded, symbols.solve))
 
 
 class RiccatiQp(QpMethod):
@@ -199,109 +290,211 @@ class RiccatiQp(QpMethod):
         self._tolerance = tolerance
         self._memory = np.zeros(0)
 
-    def _solve(self, numbers: dict[str, np.ndarray], soft: bool) -> tuple[QpStatus, int]:
-        program = Program(
-            K=len(numbers["coupling"]),
-            node_rows=len(numbers["row_jacobian"]),
-            inputs=len(numbers["input_low"]) > 0,
+    def _solve(self, arrays: QpArrays, soft: bool) -> tuple[QpStatus, int]:
+        program = QuadraticProgram(
+            K=len(arrays.coupling),
+            node_row_count=len(arrays.row_jacobian),
+            has_input_rows=len(arrays.input_low) > 0,
+            soft_state_bounds=soft,
             max_iterations=MAX_ITERATIONS,
-            soft=soft,
             tolerance=self._tolerance,
             acceptable_tolerance=max(ACCEPTABLE, self._tolerance),
             initial_barrier=INITIAL_BARRIER,
             bound_push=BOUND_PUSH,
         )
-        report = np.zeros(4)
-        numbers = {**numbers, "report": report, "work": self._work(program)}
-        held = {name: np.ascontiguousarray(array) for name, array in numbers.items()}  # alive while C reads them
-        for name, array in held.items():
+        report = np.zeros(REPORT_SIZE)
+        pointed_to = {name: np.ascontiguousarray(getattr(arrays, name)) for name in ARRAYS}  # alive while C uses them
+        pointed_to["report"] = report
+        pointed_to["workspace"] = self._workspace(program)
+        for name, array in pointed_to.items():
             setattr(program, name, array.ctypes.data)
         status = tuple(QpStatus)[self._kernel.solve(ctypes.byref(program))]
         return status, int(report[0])
 
-    def _work(self, program: Program) -> np.ndarray:
-        """Return memory for a program, aligned for vectors of 64 bytes."""
-        size = int(self._kernel.memory(ctypes.byref(program))) + 8
+    def _workspace(self, program: QuadraticProgram) -> np.ndarray:
+        """Return memory for a program that begins at a cache line; it is kept for the next one."""
+        spare = ALIGNMENT // DOUBLE_SIZE
+        size = int(self._kernel.workspace_size(ctypes.byref(program))) + spare
         if size > len(self._memory):
             self._memory = np.zeros(size)
-        return self._memory[-self._memory.ctypes.data % 64 // 8 :]
+        bytes_to_line = -self._memory.ctypes.data % ALIGNMENT
+        return self._memory[bytes_to_line // DOUBLE_SIZE :]
 
 
 class PiqpQp(QpMethod):
     """Programs by PIQP's back-end for multistage problems.
 
     A program that is solved where it is not convex has failed. Unknowns are ordered node by node, the durations last:
-    they couple all nodes, which PIQP knows as an arrow. A soft limit has an unknown of its own for its violation.
+    they couple all nodes, which PIQP knows as an arrow. A soft bound has an unknown of its own for its violation.
     """
 
     def __init__(self, tolerance: float) -> None:
         self._tolerance = tolerance
 
-    def _solve(self, numbers: dict[str, np.ndarray], soft: bool) -> tuple[QpStatus, int]:
-        K, n = numbers["coupling"].shape
-        S = len(numbers["tau"])
-        low = numbers["low"]
-        high = numbers["high"]
-        node = (4 if soft else 2) * n
-        x = node * np.arange(K)[:, None] + np.arange(2 * n)
-        e = x + 2 * n if soft else x[:, :0]
-        tau = np.arange(node * K, node * K + S)
-        size = node * K + S
-        unknown = np.r_[x.ravel(), tau]
-        row = np.arange(len(low))
-        is_soft = soft & (row < x.size)
-        equal = ~is_soft & (high <= low + NARROW)
-        boxed = ~is_soft & ~equal & (row < x.size + S)
-        below = is_soft & np.isfinite(low)
-        above = is_soft & np.isfinite(high)
-        of_box = unknown[row[boxed]]
-        hard = ~is_soft & ~equal & ~boxed & (np.isfinite(low) | np.isfinite(high))
-        rows = _matrix(len(low), size, _rows(numbers, x, tau))
-        gaps = _matrix(K * n, size, _gaps(numbers, x, tau))
-        violated = _matrix(len(low), size, [(np.arange(e.size), e.ravel(), 1.0)])
+    def _solve(self, arrays: QpArrays, soft: bool) -> tuple[QpStatus, int]:
+        unknowns = _order_unknowns(arrays, soft)
+        kinds = _sort_rows(arrays, unknowns, soft)
+        hessian = _sparse(unknowns.count, unknowns.count, _hessian_entries(arrays, unknowns))
+        solver = self._set_up(arrays, unknowns, kinds, hessian)
+        status = _status(solver.solve(), solver.result.info)
+        x = np.array(solver.result.x)
+        _write_solution(solver.result, arrays, unknowns, kinds)
+        if status is QpStatus.SOLVED and _curvature(hessian, x) < -ACCEPTABLE:
+            status = QpStatus.FAILED
+        return status, int(solver.result.info.iter)
+
+    def _set_up(
+        self, arrays: QpArrays, unknowns: "_Unknowns", kinds: "_RowKinds", hessian: csr_array
+    ) -> piqp.SparseSolver:
+        """Return PIQP's solver of the program, which it writes in these letters.
+
+        min  1/2 x'P x + c'x   s.t.   A x = b,   h_l <= G x <= h_u,   x_l <= x <= x_u.
+        """
+        size = unknowns.count
+        row_count = len(arrays.low)
+        gap_rows = _sparse(arrays.gaps.size, size, _gap_entries(arrays, unknowns))
+        rows = _sparse(row_count, size, _row_entries(arrays, unknowns))
+        violations = unknowns.violations.ravel()
+        violation = _sparse(row_count, size, [(np.arange(violations.size), violations, 1.0)])
+
         cost = np.zeros(size)
+        cost[unknowns.X] = arrays.gradient
+        cost[unknowns.tau] = arrays.gradient_tau
+        cost[unknowns.violations] = arrays.penalty
         lowest = np.full(size, -np.inf)
         highest = np.full(size, np.inf)
-        cost[x] = numbers["gradient"]
-        cost[tau] = numbers["gradient_tau"]
-        cost[e] = numbers["penalty"]
-        lowest[e] = 0.0
-        lowest[of_box] = low[boxed]
-        highest[of_box] = high[boxed]
-        hessian = _matrix(size, size, _hessian(numbers, x, tau))
+        lowest[unknowns.violations] = 0.0
+        lowest[kinds.boxed_unknowns] = arrays.low[kinds.box]
+        highest[kinds.boxed_unknowns] = arrays.high[kinds.box]
+
+        low = [arrays.low[kinds.soft_low], np.full(kinds.soft_high.sum(), -np.inf), arrays.low[kinds.hard]]
+        high = [np.full(kinds.soft_low.sum(), np.inf), arrays.high[kinds.soft_high], arrays.high[kinds.hard]]
+        inequalities = [
+            (rows + violation)[kinds.soft_low],
+            (rows - violation)[kinds.soft_high],
+            rows[kinds.hard],
+        ]
+        targets = (arrays.low[kinds.equation] + arrays.high[kinds.equation]) / 2
+
         solver = piqp.SparseSolver()
         solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
         solver.settings.max_iter = MAX_ITERATIONS
         solver.settings.reg_finetune_lower_limit = SMALLEST_REGULARIZATION
-        solver.settings.eps_abs = solver.settings.eps_duality_gap_abs = self._tolerance
+        solver.settings.eps_abs = self._tolerance
+        solver.settings.eps_duality_gap_abs = self._tolerance
         solver.setup(
             P=hessian.tocsc(),
             c=cost,
-            A=vstack([gaps, rows[equal]], format="csc"),
-            b=np.r_[-numbers["gaps"].ravel(), (low[equal] + high[equal]) / 2],
-            G=vstack([(rows + violated)[below], (rows - violated)[above], rows[hard]], format="csc"),
-            h_l=np.r_[low[below], np.full(above.sum(), -np.inf), low[hard]],
-            h_u=np.r_[np.full(below.sum(), np.inf), high[above], high[hard]],
+            A=vstack([gap_rows, rows[kinds.equation]], format="csc"),
+            b=np.concatenate([-arrays.gaps.ravel(), targets]),
+            G=vstack(inequalities, format="csc"),
+            h_l=np.concatenate(low),
+            h_u=np.concatenate(high),
             x_l=lowest,
             x_u=highest,
         )
-        status = solver.solve()
-        result = solver.result
-        z = numbers["multipliers"]
-        found = np.array(result.x)
-        y = np.array(result.y)
-        of_rows = np.array(result.z_u) - np.array(result.z_l)
-        numbers["X"][:] = found[x]
-        numbers["tau"][:] = found[tau]
-        numbers["gap_multipliers"][:] = y[: K * n].reshape(K, n)
-        z[equal] = y[K * n :]
-        z[boxed] = (np.array(result.z_bu) - np.array(result.z_bl))[of_box]
-        limited = np.r_[np.flatnonzero(below), np.flatnonzero(above), np.flatnonzero(hard)]
-        np.add.at(z, limited, of_rows)
-        outcome = _status(status, result.info)
-        if outcome is QpStatus.SOLVED and _curvature(hessian, found) < -ACCEPTABLE:
-            outcome = QpStatus.FAILED
-        return outcome, int(result.info.iter)
+        return solver
+
+
+@dataclass(frozen=True, eq=False)
+class _Unknowns:
+    """Where the unknowns of PIQP's program stand.
+
+    Attributes:
+        X: Of the steps of [Q; v] at nodes 1 .. K, (K, 2n).
+        violations: Of their soft bounds, behind each node's state, (K, 2n); (K, 0) where bounds are hard.
+        tau: Of the steps of the durations, (S,).
+        count: How many there are.
+    """
+
+    X: np.ndarray
+    violations: np.ndarray
+    tau: np.ndarray
+    count: int
+
+    @property
+    def Q(self) -> np.ndarray:
+        """Those of the positions, (K, n)."""
+        return self.X[:, : self.X.shape[1] // 2]
+
+    @property
+    def v(self) -> np.ndarray:
+        """Those of the velocities, (K, n)."""
+        return self.X[:, self.X.shape[1] // 2 :]
+
+    @property
+    def of_rows(self) -> np.ndarray:
+        """Those that the first rows of C are, the states and the durations, (2 n K + S,)."""
+        return np.concatenate([self.X.ravel(), self.tau])
+
+
+@dataclass(frozen=True, eq=False)
+class _RowKinds:
+    """What PIQP makes of the rows of C: masks of rows, (R,), and some unknowns.
+
+    Attributes:
+        equation: Rows whose bounds are equal.
+        box: Rows that are an unknown between hard bounds.
+        boxed_unknowns: These unknowns.
+        soft_low, soft_high: Rows with a soft bound below, above.
+        hard: Other rows with bounds.
+    """
+
+    equation: np.ndarray
+    box: np.ndarray
+    boxed_unknowns: np.ndarray
+    soft_low: np.ndarray
+    soft_high: np.ndarray
+    hard: np.ndarray
+
+
+def _order_unknowns(arrays: QpArrays, soft: bool) -> _Unknowns:
+    """Return the order of the unknowns: state and violations of each node, then the durations."""
+    K, states = arrays.X.shape
+    S = len(arrays.tau)
+    per_node = 2 * states if soft else states
+    X = per_node * np.arange(K)[:, None] + np.arange(states)
+    return _Unknowns(
+        X=X,
+        violations=X + states if soft else X[:, :0],
+        tau=np.arange(per_node * K, per_node * K + S),
+        count=per_node * K + S,
+    )
+
+
+def _sort_rows(arrays: QpArrays, unknowns: _Unknowns, soft: bool) -> _RowKinds:
+    """Return what each row is."""
+    row = np.arange(len(arrays.low))
+    low_is_finite = np.isfinite(arrays.low)
+    high_is_finite = np.isfinite(arrays.high)
+    is_soft = soft & (row < unknowns.X.size)
+    equation = ~is_soft & (arrays.high <= arrays.low + EQUALITY_WIDTH)
+    box = ~is_soft & ~equation & (row < unknowns.of_rows.size)
+    return _RowKinds(
+        equation=equation,
+        box=box,
+        boxed_unknowns=unknowns.of_rows[box[: unknowns.of_rows.size]],
+        soft_low=is_soft & low_is_finite,
+        soft_high=is_soft & high_is_finite,
+        hard=~is_soft & ~equation & ~box & (low_is_finite | high_is_finite),
+    )
+
+
+def _write_solution(result: piqp.Result, arrays: QpArrays, unknowns: _Unknowns, kinds: _RowKinds) -> None:
+    """Write PIQP's step and multipliers into the program's arrays; those of two bounds of a row are subtracted."""
+    x = np.array(result.x)
+    of_equations = np.array(result.y)
+    of_inequalities = np.array(result.z_u) - np.array(result.z_l)
+    of_boxes = np.array(result.z_bu) - np.array(result.z_bl)
+    gap_count = arrays.gaps.size
+    inequality_rows = [np.flatnonzero(mask) for mask in (kinds.soft_low, kinds.soft_high, kinds.hard)]
+
+    arrays.X[:] = x[unknowns.X]
+    arrays.tau[:] = x[unknowns.tau]
+    arrays.gap_multipliers[:] = of_equations[:gap_count].reshape(arrays.gaps.shape)
+    arrays.row_multipliers[kinds.equation] = of_equations[gap_count:]
+    arrays.row_multipliers[kinds.box] = of_boxes[kinds.boxed_unknowns]
+    np.add.at(arrays.row_multipliers, np.concatenate(inequality_rows), of_inequalities)
 
 
 def _curvature(upper: csr_array, step: np.ndarray) -> float:
@@ -319,69 +512,77 @@ def _curvature(upper: csr_array, step: np.ndarray) -> float:
 
 
 def _status(status: piqp.Status, info: piqp.Info) -> QpStatus:
+    """Return how a program ended by PIQP's status, or by what it reached where its iterations ran out."""
     if status == piqp.Status.PIQP_PRIMAL_INFEASIBLE:
         return QpStatus.INFEASIBLE
-    nearly = max(info.primal_res, info.dual_res, abs(info.duality_gap)) <= ACCEPTABLE
-    return QpStatus.SOLVED if status == piqp.Status.PIQP_SOLVED or nearly else QpStatus.FAILED
+    is_acceptable = max(info.primal_res, info.dual_res, abs(info.duality_gap)) <= ACCEPTABLE
+    return QpStatus.SOLVED if status == piqp.Status.PIQP_SOLVED or is_acceptable else QpStatus.FAILED
 
 
-def _matrix(rows: int, columns: int, pieces: Sequence[Piece]) -> csr_array:
+Entries = tuple[ArrayLike, ArrayLike, ArrayLike]
+"""Rows, columns and values of some entries of a sparse matrix, broadcast to one shape."""
+
+
+def _sparse(rows: int, columns: int, blocks: Sequence[Entries]) -> csr_array:
     """Return a sparse matrix; entries in the same place add up."""
-    entries = [np.broadcast_arrays(*piece) for piece in pieces]
+    entries = [np.broadcast_arrays(*block) for block in blocks]
     row, column, value = (np.concatenate([entry[i].ravel() for entry in entries]) for i in range(3))
     return csr_array((value, (row, column)), shape=(rows, columns))
 
 
-def _hessian(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> list[Piece]:
-    """Return the upper triangle of the Hessian."""
-    n = numbers["coupling"].shape[1]
-    weight = -numbers["coupling"]
-    Q = x[:, :n]
-    v = x[:, n:]
-    i, j = np.triu_indices(n)
-    c, d = np.triu_indices(len(tau))
+def _hessian_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
+    """Return the upper triangle of H: by positions, by R (v_k+1 - v_k)^2 / 2 with v_0 = 0, by durations."""
+    Q = unknowns.Q
+    v = unknowns.v
+    tau = unknowns.tau
+    R = -arrays.coupling
+    i, j = np.triu_indices(Q.shape[1])
+    c, e = np.triu_indices(len(tau))
     return [
-        (Q[:, i], Q[:, j], numbers["positions"][:, i, j]),
-        (v, v, weight),
-        (v[:-1], v[:-1], weight[1:]),
-        (v[:-1], v[1:], -weight[1:]),
-        (x[..., None], tau, numbers["arrow"]),
-        (tau[c], tau[d], numbers["durations"][c, d]),
+        (Q[:, i], Q[:, j], arrays.positions[:, i, j]),
+        (v, v, R),
+        (v[:-1], v[:-1], R[1:]),
+        (v[:-1], v[1:], -R[1:]),
+        (unknowns.X[..., None], tau, arrays.arrow),
+        (tau[c], tau[e], arrays.durations[c, e]),
     ]
 
 
-def _gaps(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> list[Piece]:
-    """Return the rows of gaps."""
-    K, n = numbers["coupling"].shape
-    by_v = numbers["gap_velocity"][:, :, None]
-    row = np.arange(K * n).reshape(K, n)
-    Q = x[:, :n]
-    v = x[:, n:]
+def _gap_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
+    """Return the rows of the gaps, Q_k+1 - Q_k + gap_velocity_k [v_k; v_k+1] + gap_tau_k tau, with x_0 = 0."""
+    Q = unknowns.Q
+    v = unknowns.v
+    by_velocity = arrays.gap_velocity[:, :, None]
+    row = np.arange(Q.size).reshape(Q.shape)
     return [
         (row, Q, 1.0),
-        (row, v, by_v[:, 1]),
+        (row, v, by_velocity[:, 1]),
         (row[1:], Q[:-1], -1.0),
-        (row[1:], v[:-1], by_v[1:, 0]),
-        (row[..., None], tau, numbers["gap_tau"]),
+        (row[1:], v[:-1], by_velocity[1:, 0]),
+        (row[..., None], unknowns.tau, arrays.gap_tau),
     ]
 
 
-def _rows(numbers: dict[str, np.ndarray], x: np.ndarray, tau: np.ndarray) -> list[Piece]:
-    """Return the rows of `SqpWindow`."""
-    K, n = numbers["coupling"].shape
-    S = len(tau)
-    ends = len(numbers["row_jacobian"])
-    at = x.size + 2 * S
-    v = x[:, n:]
-    until, of = np.tril_indices(S)
-    pieces: list[Piece] = [
-        (np.arange(x.size + S), np.r_[x.ravel(), tau], 1.0),
-        (x.size + S + until, tau[of], 1.0),
-        (at + np.arange(ends)[:, None], x[numbers["row_node"]], numbers["row_jacobian"]),
+def _row_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
+    """Return the rows of C: states, durations, their sums, constraints at nodes, accelerations as dv - u h."""
+    X = unknowns.X
+    v = unknowns.v
+    tau = unknowns.tau
+    of_rows = unknowns.of_rows
+    node_row_count = len(arrays.row_jacobian)
+    first_sum = of_rows.size
+    first_node_row = first_sum + len(tau)
+    first_low = first_node_row + node_row_count
+    first_high = first_low + arrays.input_low.size
+    last, summand = np.tril_indices(len(tau))
+    entries: list[Entries] = [
+        (np.arange(of_rows.size), of_rows, 1.0),
+        (first_sum + last, tau[summand], 1.0),
+        (first_node_row + np.arange(node_row_count)[:, None], X[arrays.row_node], arrays.row_jacobian),
     ]
-    for first, limit in ((at + ends, numbers["input_low"]), (at + ends + K * n, numbers["input_high"])):
-        row = first + np.arange(limit.size).reshape(limit.shape)
+    for first, bound in ((first_low, arrays.input_low), (first_high, arrays.input_high)):
+        row = first + np.arange(bound.size).reshape(bound.shape)
         if row.size:
-            by_tau = -limit[..., None] * numbers["interval_by_duration"][:, None]
-            pieces += [(row, v, 1.0), (row[1:], v[:-1], -1.0), (row[..., None], tau, by_tau)]
-    return pieces
+            by_tau = -bound[..., None] * arrays.interval_by_duration[:, None]
+            entries += [(row, v, 1.0), (row[1:], v[:-1], -1.0), (row[..., None], tau, by_tau)]
+    return entries

@@ -1,4 +1,4 @@
-"""Our own method under the compiler's warnings and sanitizers, on programs of runs."""
+"""Our own method as C: several sizes in one program, the compiler's warnings, sanitizers, on random programs."""
 
 import ctypes
 import subprocess
@@ -11,73 +11,87 @@ import pytest
 from psmpc_cli.native.library import CompilationError, find_compiler
 from psmpc_cli.solvers.quadratic import (
     ACCEPTABLE,
+    ARRAYS,
     BOUND_PUSH,
     INITIAL_BARRIER,
     MAX_ITERATIONS,
-    Program,
+    REPORT_SIZE,
+    QpArrays,
     QpMethod,
+    QpSolution,
     QpStatus,
+    QuadraticProgram,
     kernel_source,
     kernel_symbols,
 )
 
+from . import random_programs
 from .random_programs import Task, random_task
 from .test_programs import ours
 
 STRICT = ("-std=c11", "-Wall", "-Wextra", "-Werror", "-Wno-unknown-pragmas", "-Wno-psabi")
-SANITIZED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
-MAIN = """
+TOLERANCE = 1e-9
+"""Residuals and complementarity at which a program is solved."""
+
+STEP_DIFFERENCE = 1e-10
+"""Other flags round differently: on these programs steps differed by 1e-12 at most."""
+
+SOLVE = """
 #include <stdio.h>
 #include <stdlib.h>
-int main(void) {{
+int {name}(void) {{
     {arrays}
-    Program p = {{{numbers}, {pointers}}};
-    p.work = aligned_alloc(64, ((size_t){memory}(&p) * sizeof(double) + 63) / 64 * 64);
-    int64_t status = {solve}(&p);
-    printf("%d %zu", (int)status, sizeof(Program));
+    double report[{report_size}];
+    QuadraticProgram program = {{{members}, .report = report}};
+    size_t workspace_size = (size_t){symbols.workspace_size}(&program) * sizeof(double);
+    program.workspace = aligned_alloc(64, (workspace_size + 63) / 64 * 64);
+    int64_t status = {symbols.solve}(&program);
+    printf("%d %d", (int)status, (int){symbols.program_size}());
     for (size_t i = 0; i < sizeof X / sizeof *X; i++) printf(" %.17g", X[i]);
-    free(p.work);
+    printf("\\n");
+    free(program.workspace);
     return 0;
 }}
 """
 
-POINTERS = (
-    *("positions", "gradient", "gradient_tau", "coupling", "arrow", "durations", "gap_velocity", "gap_tau", "gaps"),
-    *("row_node", "row_jacobian", "low", "high", "input_low", "input_high", "interval_by_duration", "penalty"),
-    *("work", "X", "tau", "gap_multipliers", "multipliers", "report"),
-)
-"""The members of `Program` behind its numbers, in order."""
-
 
 class Recorded(QpMethod):
-    """Records the numbers of a program instead of solving it."""
+    """Records the arrays of a program instead of solving it."""
 
-    def _solve(self, numbers: dict[str, np.ndarray], soft: bool) -> tuple[QpStatus, int]:
-        self.numbers = {**numbers, "report": np.zeros(4)}
+    def _solve(self, arrays: QpArrays, soft: bool) -> tuple[QpStatus, int]:
+        self.arrays = arrays
         self.soft = soft
         return QpStatus.FAILED, 0
 
 
-def program_of(task: Task, tolerance: float) -> str:
-    """The C source of a program that solves one quadratic program and prints status, size and step."""
+def source_of(task: Task, name: str) -> str:
+    """The C source of the kernel, and of a function that solves one program and prints status, size and step."""
     method = Recorded()
     method.solve(task.window, task.model, task.point)
-    numbers, grid = method.numbers, task.window.form.grid
-    scalars = [
-        grid.K,
-        len(numbers["row_jacobian"]),
-        int(len(numbers["input_low"]) > 0),
-        MAX_ITERATIONS,
-        int(method.soft),
-    ]
-    scalars += [tolerance, max(ACCEPTABLE, tolerance), INITIAL_BARRIER, BOUND_PUSH]
-    arrays = [_declared(name, numbers[name]) for name in POINTERS if name != "work"]
-    pointers = ", ".join("NULL" if name == "work" else name for name in POINTERS)
-    values = ", ".join(repr(value) for value in scalars)
-    memory, solve, _ = kernel_symbols(grid.n, grid.switches)
-    main = MAIN.format(arrays="\n    ".join(arrays), numbers=values, pointers=pointers, memory=memory, solve=solve)
-    return kernel_source(grid.n, grid.switches) + main
+    arrays = method.arrays
+    grid = task.window.form.grid
+    members = {
+        "K": grid.K,
+        "node_row_count": len(arrays.row_jacobian),
+        "has_input_rows": int(len(arrays.input_low) > 0),
+        "soft_state_bounds": int(method.soft),
+        "max_iterations": MAX_ITERATIONS,
+        "tolerance": TOLERANCE,
+        "acceptable_tolerance": max(ACCEPTABLE, TOLERANCE),
+        "initial_barrier": INITIAL_BARRIER,
+        "bound_push": BOUND_PUSH,
+        **{array: array for array in ARRAYS},
+    }
+    function = SOLVE.format(
+        name=name,
+        arrays="\n    ".join(_declared(array, getattr(arrays, array)) for array in ARRAYS),
+        report_size=REPORT_SIZE,
+        members=", ".join(f".{member} = {value}" for member, value in members.items()),
+        symbols=kernel_symbols(grid.n, grid.switches),
+    )
+    return kernel_source(grid.n, grid.switches) + function
 
 
 def _declared(name: str, values: np.ndarray) -> str:
@@ -86,45 +100,48 @@ def _declared(name: str, values: np.ndarray) -> str:
     return f"static {kind} {name}[] = {{{', '.join(each)}}};"
 
 
-def run(source: str, flags: Sequence[str], folder: Path) -> list[str]:
-    (folder / "kernel.c").write_text(source)
-    command = [*find_compiler(), *STRICT, *flags, "kernel.c", "-o", "kernel", "-lm"]
-    compiled = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert not compiled.returncode, compiled.stderr
-    done = subprocess.run([folder / "kernel"], capture_output=True, text=True, check=False)
+def run(command: Sequence[str], folder: Path) -> str:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
-    return done.stdout.split()
+    return done.stdout
 
 
-TWO_SIZES = """
-#include <stdint.h>
-#include <stdio.h>
-{declarations}
-int main(void) {{ printf("{format}", {calls}); return 0; }}
-"""
-
-
-@pytest.mark.slow
-def test_kernels_of_two_sizes_are_linked_side_by_side(tmp_path: Path) -> None:
-    """Every name for callers has the sizes in it, and no other name leaves its file."""
+def solve_as_one_program(tasks: Sequence[Task], flags: Sequence[str], folder: Path) -> list[list[str]]:
+    """Compile a file for each task, link them, and return what their functions print, word by word."""
     try:
         compiler = find_compiler()
     except CompilationError as error:
         pytest.skip(str(error))
-    sizes = [(9, 1), (9, 2), (7, 1)]
-    names = [kernel_symbols(*size)[2] for size in sizes]
-    for number, size in enumerate(sizes):
-        (tmp_path / f"kernel{number}.c").write_text(kernel_source(*size))
-    declarations = "\n".join(f"int64_t {name}(void);" for name in names)
-    calls = ", ".join(f"(int){name}()" for name in names)
-    main = TWO_SIZES.format(declarations=declarations, format=" ".join(["%d"] * len(names)), calls=calls)
-    (tmp_path / "main.c").write_text(main)
-    sources = [f"kernel{number}.c" for number in range(len(sizes))]
-    command = [*compiler, *STRICT, "-O1", *sources, "main.c", "-o", "main", "-lm"]
-    compiled = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert not compiled.returncode, compiled.stderr
-    done = subprocess.run([tmp_path / "main"], capture_output=True, text=True, check=False)
-    assert done.stdout.split() == [str(ctypes.sizeof(Program))] * len(sizes)
+    names = [f"solve_{number}" for number in range(len(tasks))]
+    for name, task in zip(names, tasks, strict=True):
+        (folder / f"{name}.c").write_text(source_of(task, name))
+        run([*compiler, *STRICT, *flags, "-O1", "-c", f"{name}.c", "-o", f"{name}.o"], folder)
+    declarations = " ".join(f"int {name}(void);" for name in names)
+    calls = " || ".join(f"{name}()" for name in names)
+    (folder / "main.c").write_text(f"{declarations}\nint main(void) {{ return {calls}; }}\n")
+    objects = [f"{name}.o" for name in names]
+    run([*compiler, *STRICT, *flags, "main.c", *objects, "-o", "solve", "-lm"], folder)
+    return [line.split() for line in run(["./solve"], folder).splitlines()]
+
+
+def assert_same_solution(printed: Sequence[str], expected: QpSolution) -> None:
+    status, program_size, *step = printed
+    assert tuple(QpStatus)[int(status)] is expected.status
+    assert int(program_size) == ctypes.sizeof(QuadraticProgram)
+    np.testing.assert_allclose(np.array(step, float), expected.step.X[1:].ravel(), rtol=0, atol=STEP_DIFFERENCE)
+
+
+def test_kernels_of_several_sizes_solve_side_by_side_in_one_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every name for callers has the sizes in it, and no other name leaves its file: else they would not link."""
+    tasks = []
+    for coordinates, nodes in ((2, (4, 6)), (3, (3, 4, 5))):
+        monkeypatch.setattr(random_programs, "COORDINATES", coordinates)
+        tasks.append(random_task(np.random.default_rng(3), nodes, {"inputs"}))
+    printed = solve_as_one_program(tasks, (), tmp_path)
+    for words, task in zip(printed, tasks, strict=True):
+        assert_same_solution(words, ours(task, TOLERANCE))
 
 
 @pytest.mark.slow
@@ -133,12 +150,6 @@ def test_kernels_of_two_sizes_are_linked_side_by_side(tmp_path: Path) -> None:
 def test_the_kernel_has_no_warning_and_touches_no_foreign_memory(
     nodes: tuple[int, ...], what: str, soft: bool, tmp_path: Path
 ) -> None:
-    try:
-        find_compiler()
-    except CompilationError as error:
-        pytest.skip(str(error))
     task = random_task(np.random.default_rng(3), nodes, set(what.split())).with_bounds(soft=soft)
-    found = ours(task)
-    status, _, *step = run(program_of(task, 1e-9), SANITIZED, tmp_path)
-    assert tuple(QpStatus)[int(status)] is found.status
-    np.testing.assert_allclose(np.array(step, float), found.step.X[1:].ravel(), rtol=0, atol=1e-7)
+    (printed,) = solve_as_one_program([task], SANITIZED, tmp_path)
+    assert_same_solution(printed, ours(task, TOLERANCE))

@@ -20,14 +20,15 @@ from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, moved_apart, w
 from .optimality import energy, objective, optimality
 from .random_programs import Task, random_task, unattainable
 
-SEEDS, FEATURES = st.integers(0, 2**32 - 1), st.sets(st.sampled_from(("equal", "fixed", "free", "inputs", "tied")))
+SEEDS = st.integers(0, 2**32 - 1)
+FEATURES = st.sets(st.sampled_from(("equal", "fixed", "free", "inputs", "tied")))
 NODES = st.sampled_from([(1,), (4,), (3, 2), (5, 5), (2, 3, 2)])
 
 
 def our_method(task: Task, tolerance: float = 1e-9) -> RiccatiQp:
-    """Our method, which is C: a machine without a compiler has but the other one, and nothing to hold against it.
+    """Our method, which is C; without a compiler there is none, and the test is skipped.
 
-    Where there is a compiler, a method that it cannot make is a fault.
+    Where there is a compiler that cannot make it, the test fails.
     """
     try:
         find_compiler()
@@ -51,11 +52,14 @@ def piqp(task: Task, tolerance: float = 1e-9) -> QpSolution:
 
 def recorded(model: RobotModel, command: Command) -> Task:
     """The program at the guess of a window of a run."""
-    window, guess = command.solution.window, command.solution.guess
-    form, tau = VelocityForm(model, window_shape(window)), np.diff(guess.instants, prepend=window.start)
-    point, numbers = Point(guess.X, tau), window_numbers(window, guess.instants)
+    window = command.solution.window
+    guess = command.solution.guess
+    form = VelocityForm(model, window_shape(window))
+    tau = np.diff(guess.instants, prepend=window.start)
+    point = Point(guess.X, tau)
+    parameters = window_numbers(window, guess.instants)
     bounds = window_bounds(form, fixed_bounds(form, window), window, guess, tau, np.inf)
-    return Task(SqpWindow(form, bounds, numbers), form.linearize(point, numbers), point)
+    return Task(SqpWindow(form, bounds, parameters), form.linearize(point, parameters), point)
 
 
 @pytest.fixture(params=[1, 2, 3], ids=["one_stage", "two_stages", "three_stages"])
@@ -67,7 +71,8 @@ def tasks(request: pytest.FixtureRequest, model: RobotModel, decisions: list[Com
 
 def assert_optimal(task: Task, found: QpSolution) -> None:
     assert found.status is QpStatus.SOLVED
-    missed, scale = optimality(task, found), 1 + max(np.abs(found.gaps).max(), np.abs(found.rows).max())
+    missed = optimality(task, found)
+    scale = 1 + max(np.abs(found.gaps).max(), np.abs(found.rows).max())
     assert missed.gaps < 1e-9
     assert missed.limits < 1e-8
     assert missed.gradient < 1e-8 * scale
@@ -76,7 +81,8 @@ def assert_optimal(task: Task, found: QpSolution) -> None:
 
 def test_programs_of_a_run_are_solved_like_piqp_solves_them(tasks: Sequence[Task]) -> None:
     for task in tasks:
-        found, other = ours(task), piqp(task)
+        found = ours(task)
+        other = piqp(task)
         assert_optimal(task, found)
         assert other.status is QpStatus.SOLVED
         assert objective(task.model, found.step) == pytest.approx(objective(task.model, other.step), rel=1e-6, abs=1e-8)
@@ -85,11 +91,7 @@ def test_programs_of_a_run_are_solved_like_piqp_solves_them(tasks: Sequence[Task
 
 
 @settings(max_examples=60)
-@given(
-    seed=SEEDS,
-    nodes=NODES,
-    what=FEATURES,
-)
+@given(seed=SEEDS, nodes=NODES, what=FEATURES)
 def test_random_programs_end_where_their_conditions_hold(seed: int, nodes: tuple[int, ...], what: set[str]) -> None:
     task = random_task(np.random.default_rng(seed), nodes, what)
     found = ours(task)
@@ -124,25 +126,28 @@ def test_solving_again_gives_the_same(tasks: Sequence[Task]) -> None:
 
 def softened(task: Task, away: np.ndarray | float = 0.0) -> Task:
     """The same program with soft bounds of states, some of them moved."""
-    bounds, at = task.window.bounds, slice(task.window.states)
-    low, high = bounds.low.copy(), bounds.high.copy()
+    bounds = task.window.bounds
+    at = slice(task.window.states)
+    low = bounds.low.copy()
+    high = bounds.high.copy()
     low[at], high[at] = moved_apart(low[at] + away, high[at] + away)
     return task.with_bounds(low=low, high=high, soft=True)
 
 
-def prices(task: Task) -> np.ndarray:
-    """What a unit beyond each bound of a state costs."""
+def penalties(task: Task) -> np.ndarray:
+    """What a violation of each bound of a state by 1 costs."""
     n = task.window.form.grid.n
     return np.repeat(PENALTY * task.window.shares(task.point)[1:], 2 * n)
 
 
 def costs_of_violations(task: Task, step: Point) -> float:
-    bounds, at = task.window.bounds, slice(task.window.states)
+    bounds = task.window.bounds
+    at = slice(task.window.states)
     X = (task.point.X + step.X)[1:].ravel()
-    return float((prices(task) / PENALTY * scaled_violations(X, bounds.low[at], bounds.high[at])).sum())
+    return float((penalties(task) / PENALTY * scaled_violations(X, bounds.low[at], bounds.high[at])).sum())
 
 
-def total(task: Task, found: QpSolution) -> float:
+def total_cost(task: Task, found: QpSolution) -> float:
     return objective(task.model, found.step) + costs_of_violations(task, found.step)
 
 
@@ -155,11 +160,12 @@ def test_both_methods_violate_what_cannot_be_met_at_the_same_cost(
     task = random_task(rng, nodes, what)
     size = task.window.states
     task = softened(task, away=np.where(rng.random(size) < 1 / 3, rng.normal(size=size), 0.0))
-    found, other = ours(task), piqp(task)
+    found = ours(task)
+    other = piqp(task)
     assert found.status is QpStatus.SOLVED
-    assert (np.abs(found.rows[:size]) <= prices(task) * (1 + 1e-9)).all()
+    assert (np.abs(found.rows[:size]) <= penalties(task) * (1 + 1e-9)).all()
     if other.status is QpStatus.SOLVED:
-        assert total(task, found) == pytest.approx(total(task, other), rel=1e-6, abs=1e-6)
+        assert total_cost(task, found) == pytest.approx(total_cost(task, other), rel=1e-6, abs=1e-6)
 
 
 @settings(max_examples=40)
@@ -168,11 +174,12 @@ def test_a_program_that_hard_bounds_allow_has_the_same_solution_with_soft_ones(
     seed: int, nodes: tuple[int, ...], what: set[str]
 ) -> None:
     task = softened(random_task(np.random.default_rng(seed), nodes, what))
-    kept, soft = ours(task.with_bounds(soft=False)), ours(task)
+    hard = ours(task.with_bounds(soft=False))
+    soft = ours(task)
     assert soft.status is QpStatus.SOLVED
-    if kept.status is QpStatus.SOLVED and (np.abs(kept.rows[: task.window.states]) < prices(task)).all():
+    if hard.status is QpStatus.SOLVED and (np.abs(hard.rows[: task.window.states]) < penalties(task)).all():
         assert costs_of_violations(task, soft.step) < 1e-6
-        assert objective(task.model, soft.step) == pytest.approx(objective(task.model, kept.step), rel=1e-6, abs=1e-6)
+        assert objective(task.model, soft.step) == pytest.approx(objective(task.model, hard.step), rel=1e-6, abs=1e-6)
 
 
 @settings(max_examples=20)

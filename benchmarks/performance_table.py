@@ -142,7 +142,7 @@ def _tell(line: str) -> None:
 
 def windows() -> Iterator[str]:
     """Yield the machine, and the tables of solves of single windows: by mesh, by number of stages, growth with N_s."""
-    bench = run_bench(load_bench("transport", ()), told=_tell)
+    bench = run_bench(load_bench("transport", ()), watch=_tell)
     yield f"{describe_machine(bench)}; {datetime.now(UTC).isoformat(timespec='seconds')}."
     if bench.wall_over_busy > QUIET:
         yield "**The machine was busy: times are too long, and those of different meshes cannot be compared.**"
@@ -160,7 +160,7 @@ def freedom() -> Iterator[str]:
     """Yield the table of how solve times grow with the degrees of freedom."""
     tasks = {f"{arms} x {joints}": [sized_task(arms, joints)] for arms, joints in ROBOTS}
     sizes = {f"{arms} x {joints}": 3.0 + arms * joints for arms, joints in ROBOTS}
-    return markdown(growth(sizes, run_bench(tasks, appends=1, told=_tell)), *GROWTH)
+    return markdown(growth(sizes, run_bench(tasks, appends=1, watch=_tell)), *GROWTH)
 
 
 def growth(sizes: Mapping[str, float], bench: Bench) -> Iterator[tuple[object, ...]]:

@@ -164,7 +164,7 @@ def freedom() -> Iterator[str]:
 
 
 def growth(sizes: Mapping[str, float], bench: Bench) -> Iterator[tuple[object, ...]]:
-    """Give the exponent p of time ~ size^p for each back-end, start and number of stages, by least squares of logs."""
+    """Yield the exponent p of time ~ size^p for each back-end, start and number of stages, by least squares of logs."""
     for solver, start in dict.fromkeys((solver, start) for _, solver, start in bench.solves):
         mine = {size: bench.solves[nodes, solver, start] for nodes, size in sizes.items()}
         for count in sorted({solve.stages for solves in mine.values() for solve in solves}):
@@ -219,7 +219,7 @@ def sized_task(arms: int, joints: int) -> Task:
 
 
 def timed(subject: object, name: str, clock: Callable[[], float] = perf_counter) -> list[float]:
-    """Let a method of an object put the time that each call takes into a list [s], and return the list."""
+    """Return a list [s] into which a method of an object puts the time of each of its calls from now on."""
     spent, method = list[float](), getattr(subject, name)
 
     def call(*arguments: Any, **named: Any) -> Any:

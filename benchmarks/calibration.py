@@ -91,7 +91,7 @@ def run(setting: Row, controller: str, nodes: int) -> Row:
 
 
 def is_near(found: float, published: float, factor: float = 1.0) -> bool:
-    """Tell whether a time is within its tolerance, or so many times that, of the published one [s]."""
+    """Return whether a time is within its tolerance, or so many times that, of the published one [s]."""
     return abs(found - published) <= factor * max(0.8, 0.05 * published) + 1e-9
 
 

@@ -71,7 +71,7 @@ def outcome(run: psmpc.Run) -> dict[str, str]:
 
 
 def held() -> Iterator[str]:
-    """Unknown loads under every controller."""
+    """Yield the table of unknown loads under every controller."""
     cases = product(("psmpc", "smpc", "htmpc", "hard"), (5, 20, 60))
     return markdown(
         {"controller": kind, "mass [kg]": mass, **outcome(carried(mass, {"controller.kind": kind}))}
@@ -80,7 +80,7 @@ def held() -> Iterator[str]:
 
 
 def known() -> Iterator[str]:
-    """Known loads; the pull between the grasps is the smaller of the two."""
+    """Yield the table of known loads; the pull between the grasps is the smaller of the two."""
 
     def row(mass: float) -> dict[str, object]:
         run = carried(mass, CARRY)
@@ -91,7 +91,7 @@ def known() -> Iterator[str]:
 
 
 def strength() -> Iterator[str]:
-    """Look for losses of 20 kg as the strength falls."""
+    """Yield the table of losses of 20 kg as the strength falls."""
     return markdown(
         {"controller": kind, "strength [N]": pull, **outcome(carried(20, {"controller.kind": kind, PULL: pull}))}
         for kind, pull in product(("psmpc", "smpc"), (8, 4, 2))

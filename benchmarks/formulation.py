@@ -47,7 +47,7 @@ def _start(run: psmpc.Run, stage: str, number: int) -> str:
 def ablations(*nodes: str) -> Iterator[str]:
     """Draw the figures and yield the tables of each departure taken back, by default on the task's own mesh."""
     task = psmpc.load_task("transport", [f"controller.nodes={count}" for count in nodes])
-    for ablation in run_ablations(task, done=lambda name: print(name, file=sys.stderr, flush=True)):
+    for ablation in run_ablations(task, watch=lambda name: print(name, file=sys.stderr, flush=True)):
         save_ablation(ablation, ROOT / "docs" / "figures")
         yield f"\nWithout our {ablation.name.replace('_', ' ')}:\n"
         yield from _by_variant(ablation.numbers)

@@ -142,7 +142,7 @@ def _tell(line: str) -> None:
 
 def windows() -> Iterator[str]:
     """Yield the machine, and the tables of solves of single windows: by mesh, by number of stages, growth with N_s."""
-    bench = run_bench(load_bench("transport", ()), told=_tell)
+    bench = run_bench(load_bench("transport", ()), watch=_tell)
     yield f"{describe_machine(bench)}; {datetime.now(UTC).isoformat(timespec='seconds')}."
     if bench.wall_over_busy > QUIET:
         yield "**The machine was busy: times are too long, and those of different meshes cannot be compared.**"
@@ -160,11 +160,11 @@ def freedom() -> Iterator[str]:
     """Yield the table of how solve times grow with the degrees of freedom."""
     tasks = {f"{arms} x {joints}": [sized_task(arms, joints)] for arms, joints in ROBOTS}
     sizes = {f"{arms} x {joints}": 3.0 + arms * joints for arms, joints in ROBOTS}
-    return markdown(growth(sizes, run_bench(tasks, appends=1, told=_tell)), *GROWTH)
+    return markdown(growth(sizes, run_bench(tasks, appends=1, watch=_tell)), *GROWTH)
 
 
 def growth(sizes: Mapping[str, float], bench: Bench) -> Iterator[tuple[object, ...]]:
-    """Give the exponent p of time ~ size^p for each back-end, start and number of stages, by least squares of logs."""
+    """Yield the exponent p of time ~ size^p for each back-end, start and number of stages, by least squares of logs."""
     for solver, start in dict.fromkeys((solver, start) for _, solver, start in bench.solves):
         mine = {size: bench.solves[nodes, solver, start] for nodes, size in sizes.items()}
         for count in sorted({solve.stages for solves in mine.values() for solve in solves}):
@@ -219,7 +219,7 @@ def sized_task(arms: int, joints: int) -> Task:
 
 
 def timed(subject: object, name: str, clock: Callable[[], float] = perf_counter) -> list[float]:
-    """Let a method of an object put the time that each call takes into a list [s], and return the list."""
+    """Return a list [s] into which a method of an object puts the time of each of its calls from now on."""
     spent, method = list[float](), getattr(subject, name)
 
     def call(*arguments: Any, **named: Any) -> Any:

@@ -22,7 +22,7 @@ from psmpc_cli.specs.document import write
 from psmpc_cli.specs.library import find, read_text
 from psmpc_cli.specs.load import Task, load_robot, parse_task
 from psmpc_cli.studies.compare import run_tasks
-from psmpc_cli.studies.runner import changed
+from psmpc_cli.studies.runner import with_changes
 
 RESULTS = Path(__file__).with_suffix(".yaml")
 COUNT = 20
@@ -174,7 +174,7 @@ def main() -> int:
         runs = {}
         for solver in ("fatrop", "sqp"):
             changes = (f"controller.nodes={nodes}", f"solver.kind={solver}", "log.plans=false", "log.shares=false")
-            runs[solver] = run_tasks({f"random {k}": changed(draw_task(k), changes) for k in range(COUNT)}, jobs=2)
+            runs[solver] = run_tasks({f"random {k}": with_changes(draw_task(k), changes) for k in range(COUNT)}, jobs=2)
         pairs = {name: (measured(run), measured(runs["sqp"][name])) for name, run in runs["fatrop"].items()}
         found[f"random, N_s = {nodes}"] = {name: compared(*pair) for name, pair in pairs.items()}
     text = yaml.safe_dump(found, sort_keys=False, default_flow_style=None, width=120)

@@ -94,7 +94,7 @@ def _row(key: str, value: Mapping[str, Any], mapping: Mapping[str, Any]) -> tupl
 
 
 def _words(value: Mapping[str, Any] | bool) -> str:
-    """Say what a value may be; the schema `true` allows any."""
+    """Describe what a value may be; the schema `true` allows any."""
     if isinstance(value, bool):
         return "any value of [that key](#keys-of-one-controller)"
     if "$ref" in value:

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli.logs.results import Quantity, Results
-from psmpc_cli.studies.pareto import STATUS, Question, join_samples
+from psmpc_cli.studies.pareto import STATUS, ParetoSettings, join_samples
 
-QUESTION = Question("1,2", (), 7, "weighted-sum", False)
+QUESTION = ParetoSettings("1,2", (), 7, "weighted-sum", False)
 
 T_S, T_H = 10.0, 4.0
 

@@ -22,10 +22,10 @@ RUNS = Path("runs")
 
 
 def validate(reference: str, changes: "Sequence[Change] | None" = None) -> None:
-    """Reject a task that does not hold, before a command imports what is heavy.
+    """Reject an invalid task before a command imports what is heavy.
 
     Raises:
-        SpecError: It does not.
+        SpecError: It is not valid.
     """
     from psmpc_cli.specs.load import load_task
 
@@ -77,7 +77,7 @@ def ensure_fillable(folder: Path, force: bool, overwrite: str = "with --force") 
 
 @contextmanager
 def ending_on_signals(outcome: str) -> Iterator[Interruption]:
-    """Let a signal end what is done inside with one message, `outcome`, and the exit code of the signal."""
+    """End the command on a signal that comes inside, with one message, `outcome`, and the exit code of the signal."""
     with deferred_signals() as interruption:
         try:
             yield interruption

@@ -98,7 +98,7 @@ class Log(Contents):
         return len(self.value.time) > 0
 
     def ensure_filmable(self, option: str) -> None:
-        """Accept to be filmed."""
+        """Raise nothing: a run can be filmed."""
 
     def logs(self) -> Mapping[str, Run]:
         """Return the run, whose tables need no folder of their own."""

@@ -15,7 +15,7 @@ from psmpc_cli.errors import InputError, RunError
 if TYPE_CHECKING:
     from psmpc_cli.studies.runner import Study
 
-PREPARED = ("log.plans=true", "log.shares=false")
+WITH_WINDOWS = ("log.plans=true", "log.shares=false")
 """Changes of a task whose windows are studied: the log holds the windows, and no more than is needed."""
 
 
@@ -170,16 +170,16 @@ def pareto(
     from psmpc_cli.logs.run import read_run
     from psmpc_cli.ocp.feasibility import load_feasible
     from psmpc_cli.simulation.run import simulate
-    from psmpc_cli.studies.pareto import Question, solve_pareto
+    from psmpc_cli.studies.pareto import ParetoSettings, solve_pareto
     from psmpc_cli.studies.sampling import parse_numbers
     from psmpc_cli.studies.sweep import parse_stages
 
     times = parse_numbers("--at", at, "times in seconds between commas, such as 6.1,8.0") if at is not None else ()
-    question = Question(stages, times, points, method, free_instant)
+    settings = ParetoSettings(stages, times, points, method, free_instant)
     run = read_run(task) if is_log else None
     if run is not None and (changes or log is not None):
         raise InputError(f"{task} is the log of a run: it is studied as it ran, without --set and --log")
-    loaded = load_feasible(task, [*(changes or []), *PREPARED]) if run is None else run.task
+    loaded = load_feasible(task, [*(changes or []), *WITH_WINDOWS]) if run is None else run.task
     parse_stages(stages, loaded)
     path = common.output_file(output, f"{loaded.spec.name}-pareto", force, figures)
     if log is not None:
@@ -193,7 +193,7 @@ def pareto(
             if run.attributes["stuck"]:
                 raise RunError(f"the closed loop could not go on: {run.attributes['end_reason']}")
         with live_line(quiet) as show:
-            solve_pareto(run, question, path, jobs, force, show)
+            solve_pareto(run, settings, path, jobs, force, show)
     present(path, figures, force, quiet)
 
 

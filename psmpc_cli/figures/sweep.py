@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.studies.sweep import ALLOWED, WITHIN, AlongRatio, SweepCells, recommend
+from psmpc_cli.studies.sweep import ALLOWED_ERROR, COMPLETION_TOLERANCE, AlongRatio, SweepCells, recommend
 
 FLOOR = "$t_s - T_h$"
 
@@ -177,14 +177,15 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
     if cells.ended.any():
         earliest = float(completion.lowest.min())
         shade: dict[str, Any] = {"facecolor": style.STAGE, "edgecolor": "none", "zorder": 0.5}
-        rows[0].axhspan(earliest, (1 + WITHIN) * earliest, label=f"earliest + {WITHIN:.0%}", **shade)
+        latest = (1 + COMPLETION_TOLERANCE) * earliest
+        rows[0].axhspan(earliest, latest, label=f"earliest + {COMPLETION_TOLERANCE:.0%}", **shade)
         low = float(effort.lowest.min())
         high = float(effort.highest.max())
         if high > 5.0 * low > 0:
             style.make_logarithmic(rows[1], subs=(1.0, 2.0, 5.0) if high < 300.0 * low else (1.0,))
     if shown == 3:
-        rows[2].axhline(ALLOWED, linestyle=style.DASHED, label="tolerance", **style.LEVEL)
-        rows[2].set_ylim(0.0, 1.15 * max(ALLOWED, float(np.nanmax(error.highest, initial=0.0))))
+        rows[2].axhline(ALLOWED_ERROR, linestyle=style.DASHED, label="tolerance", **style.LEVEL)
+        rows[2].set_ylim(0.0, 1.15 * max(ALLOWED_ERROR, float(np.nanmax(error.highest, initial=0.0))))
         rows[2].yaxis.set_major_locator(MaxNLocator(nbins=5, prune="lower"))
         style.panel_legend(rows[2])
     style.panel_legend(rows[0])

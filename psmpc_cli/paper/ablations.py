@@ -70,7 +70,7 @@ CLOSE = 0.005
 
 
 @dataclass(frozen=True, eq=False)
-class OneWindow:
+class SwitchWindow:
     """A window of a run with a switch in it, to be solved again.
 
     Attributes:
@@ -104,7 +104,7 @@ class Ablation:
 
 
 def run_ablations(
-    task: Task, jobs: int | None = None, done: Callable[[str], None] = lambda name: None, points: int = POINTS
+    task: Task, jobs: int | None = None, watch: Callable[[str], None] = lambda name: None, points: int = POINTS
 ) -> list[Ablation]:
     """Run a task of several stages under PSMPC as it is and with each departure taken back, and compare.
 
@@ -113,7 +113,7 @@ def run_ablations(
     Args:
         task: The task.
         jobs: Number of parallel processes; default the number of cores.
-        done: Called with the name of each run as it ends.
+        watch: Called with the name of each run as it ends.
         points: Switch times at which J(t_s) is computed.
 
     Raises:
@@ -129,7 +129,7 @@ def run_ablations(
             variants.setdefault(_on_mesh(kind, count, nodes), changes)
     documents = documents_of(task)
     tasks = {name: documents.changed((*converged, *EVERY_RUN, *changes)) for name, changes in variants.items()}
-    logs = run_tasks(tasks, jobs=jobs, done=done)
+    logs = run_tasks(tasks, jobs=jobs, watch=watch)
     equal = pick_window(logs[EQUAL])
     ours = pick_window(logs[OURS])
     return [
@@ -149,7 +149,7 @@ def _on_mesh(kind: str, count: int, nodes: int) -> str:
     return OURS if (kind, count) == ("exact", nodes) else f"{kind}, {count} nodes"
 
 
-def _pending_cost(logs: Logs, windows: Sequence[OneWindow], points: int) -> Ablation:
+def _pending_cost(logs: Logs, windows: Sequence[SwitchWindow], points: int) -> Ablation:
     """Compare the objective as printed, delta = 0, with ours: the runs, and J(t_s) in windows of other runs."""
     runs = (PRINTED, OURS)
     panels = _over_time(logs, runs)
@@ -176,7 +176,7 @@ def _normalization(logs: Logs) -> Ablation:
     return Ablation("normalization", {"stages": stages, **_over_time(logs, runs)}, _measured(logs, runs))
 
 
-def _discretization(logs: Logs, one: OneWindow, nodes: int) -> Ablation:
+def _discretization(logs: Logs, one: SwitchWindow, nodes: int) -> Ablation:
     """Compare Euler's discretization, eq. (20), with the exact one over N_s: the runs, and plans in one window."""
     counts = meshes(nodes)
     panels: dict[str, dict[str, Curve]] = {"error": {}, "missed": {}, "end": {}}
@@ -247,7 +247,7 @@ def minima(instants: np.ndarray, cost: np.ndarray) -> np.ndarray:
     return np.asarray(instants[sorted(places - 1, key=lambda i: float(cost[i]))])
 
 
-def pick_window(log: Run) -> OneWindow:
+def pick_window(log: Run) -> SwitchWindow:
     """Return the window of a log's first switch whose optimized instant lies at 0.3 of the horizon.
 
     Raises:
@@ -261,14 +261,14 @@ def pick_window(log: Run) -> OneWindow:
     problem = build_problem(converging(log.task))
     to_go = ahead(log)[1][with_one]
     solve = logged_solve(log, int(with_one[np.argmin(np.abs(to_go - 0.3 * problem.spec.controller.horizon))]))
-    return OneWindow(_ratio(solve.window.omega), problem, build_solver(problem), solve.window, solve.plan)
+    return SwitchWindow(_ratio(solve.window.omega), problem, build_solver(problem), solve.window, solve.plan)
 
 
 def _ratio(omega: np.ndarray) -> str:
     return " : ".join(f"{part:.3g}" for part in omega / omega[0])
 
 
-def with_priorities(one: OneWindow, priorities: tuple[float, float]) -> OneWindow:
+def with_priorities(one: SwitchWindow, priorities: tuple[float, float]) -> SwitchWindow:
     """Return the window with other priorities, in the state to which its own have led.
 
     It is normalized from the optimum they have with the old normalization, as at the sample after they were changed.
@@ -287,7 +287,7 @@ def with_priorities(one: OneWindow, priorities: tuple[float, float]) -> OneWindo
     return replace(one, label=label, window=window, plan=plan)
 
 
-def scan_instants(one: OneWindow, grid: np.ndarray) -> Curve:
+def scan_instants(one: SwitchWindow, grid: np.ndarray) -> Curve:
     """Return the instants that can be met and J at each, with the instant fixed and all else optimized.
 
     J is over the window's largest priority and without pending cost, which adds a constant where the instant is fixed.
@@ -317,7 +317,7 @@ def scan_instants(one: OneWindow, grid: np.ndarray) -> Curve:
     return np.array(instants), np.array([scanned[instant] for instant in instants])
 
 
-def optimize_instants(one: OneWindow, pending_cost: float) -> np.ndarray:
+def optimize_instants(one: SwitchWindow, pending_cost: float) -> np.ndarray:
     """Return the instants after T0 (len(GUESSES),) [s] that the solver returns from each guess; NaN if it fails."""
     window = replace(one.window, pending_cost=pending_cost)
     found = []
@@ -328,7 +328,7 @@ def optimize_instants(one: OneWindow, pending_cost: float) -> np.ndarray:
     return np.array(found)
 
 
-def on_mesh(one: OneWindow, nodes: int, discretization: str) -> tuple[float, float]:
+def on_mesh(one: SwitchWindow, nodes: int, discretization: str) -> tuple[float, float]:
     """Return how far the prediction of a plan on another mesh is from where its control leads.
 
     First the largest difference of a coordinate at a node [m, rad], then the largest error at the switch over the

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from psmpc_cli.logs.results import Results
-from psmpc_cli.studies.fronts import CLEARLY, WEIGHTED, Vector, extents, front_points
+from psmpc_cli.studies.fronts import LEAST_IMPROVEMENT, WEIGHTED, Vector, extents, front_points
 
 MEASURES: Mapping[str, str] = {
     "normalized": "in costs normalized as in (12)",
@@ -41,7 +41,8 @@ class FrontMovement:
         backward = [np.diff(front, axis=0) * [-1.0, 1.0] for front in known]
         self.against = [float(np.max(steps, initial=0.0)) for steps in backward]
         self.moves = [bool(len(front)) and bool(np.all(np.ptp(front, axis=0) > 0)) for front in known]
-        self.moving = sum(moves and step <= CLEARLY for moves, step in zip(self.moves, self.against, strict=True))
+        steps = zip(self.moves, self.against, strict=True)
+        self.moving = sum(moves and step <= LEAST_IMPROVEMENT for moves, step in steps)
         lows = np.nanmin(relative, axis=1, keepdims=True, initial=np.inf)
         followed = {"normalized": J, "per second": J / self.parts[:, None, :], "own extent": relative - lows}
         changes = {name: np.ma.masked_invalid(np.diff(values, axis=0)) for name, values in followed.items()}

@@ -19,7 +19,7 @@ from psmpc_cli.ocp.feasibility import earliest_ends
 from psmpc_cli.paper.ablations import Ablation
 from psmpc_cli.paper.fronts import FrontMovement
 from psmpc_cli.specs.task import OBJECT_CHECKS
-from psmpc_cli.studies.fronts import CLEARLY
+from psmpc_cli.studies.fronts import LEAST_IMPROVEMENT
 from psmpc_cli.studies.sweep import AlongRatio, SweepCells
 
 Value = float | str | tuple[float, ...] | tuple[str, ...]
@@ -102,22 +102,22 @@ class Finding(NamedTuple):
         difference = f"{self.difference:+.2f} {unit}" if unit else f"{self.difference:+g}"
         return (
             self.claim.id,
-            shown(self.claim.published, unit),
-            shown(self.reproduced, unit),
+            format_value(self.claim.published, unit),
+            format_value(self.reproduced, unit),
             difference if math.isfinite(self.difference) else "-",
             f"{self.tolerance:.2f} {unit}" if self.tolerance > 0 else "exact",
             "yes, earlier" if self.earlier else "yes" if self.holds else "no",
         )
 
 
-def shown(value: Value, unit: str) -> str:
+def format_value(value: Value, unit: str) -> str:
     """Write a published or reproduced value; times in a row with the relation between neighbours."""
     if isinstance(value, str):
         return value
     if isinstance(value, float):
         number = f"{value:.2f}".removesuffix("0") if unit else f"{value:g}"
         return f"{number} {unit}".rstrip() if math.isfinite(value) else "never"
-    texts = [shown(entry, unit) for entry in value]
+    texts = [format_value(entry, unit) for entry in value]
     times = [entry for entry in value if isinstance(entry, float)]
     for i, (one, other) in enumerate(pairwise(times), start=1):
         texts[i] = f"{'<' if one < other else '>='} {texts[i]}"
@@ -135,7 +135,7 @@ ENDS = ("t1", "t2", "t3", "t_end")
 """The times at which the stages end, as the paper writes them."""
 
 
-class Moment:
+class StageTime:
     """The end of a stage of a run, such as t1, or the actual start of the one after it, t1_real.
 
     Attributes:
@@ -210,101 +210,101 @@ class Reproduction:
         others, beside = self.count(beside=True)
         return f"{held} of {count} claims hold, and {others} of {beside} of our own beside them"
 
-    def moments(self, claim: Claim) -> list[Moment]:
+    def stage_times(self, claim: Claim) -> list[StageTime]:
         """Return the times that a claim reads, such as psmpc.t1_real."""
         parted = (name.partition(".") for name in claim.reads)
-        return [Moment(symbol, self.runs[method], self.summaries[method]) for method, _, symbol in parted]
+        return [StageTime(symbol, self.runs[method], self.summaries[method]) for method, _, symbol in parted]
 
     def published(self, method: str, starts: bool) -> dict[str, float]:
         """Return the published ends, or actual starts, of a method's stages [s]."""
         claims = [claim for claim in load_claims() if claim.rule == "time" and claim.group == method]
         chosen = [claim for claim in claims if claim.reads[0].endswith("_real") == starts]
-        return {self.moments(claim)[0].name: claim.number for claim in chosen}
+        return {self.stage_times(claim)[0].name: claim.number for claim in chosen}
 
 
-def judge(claim: Claim, made: Reproduction) -> Finding:
+def judge(claim: Claim, reproduction: Reproduction) -> Finding:
     """Judge a claim; without a cell that completed no claim on the weights holds."""
-    cells = made.weights
+    cells = reproduction.weights
     if claim.group == "weights" and not cells.ended.any():
         reasons = sorted({str(reason) for reason in cells.of("reason")[cells.failed]})
         return Finding(claim, np.nan, False, cause=("no cell of the sweep completed", *reasons))
-    finding = RULES[claim.rule](claim, made)
+    finding = RULES[claim.rule](claim, reproduction)
     return finding._replace(cause=()) if finding.holds and not finding.earlier else finding
 
 
-def within(published: float) -> float:
+def time_tolerance(published: float) -> float:
     """Return the tolerance of a published time [s]."""
     return max(ABSOLUTE, RELATIVE * published)
 
 
-def _setting(claim: Claim, made: Reproduction) -> Finding:
-    """All runs have the setting."""
-    values = {getattr(run.task.spec.controller, claim.reads[0]) for run in made.runs.values()}
+def _setting(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check that all runs have the setting."""
+    values = {getattr(run.task.spec.controller, claim.reads[0]) for run in reproduction.runs.values()}
     found = sorted(np.nan if value == "auto" else float(value) for value in values)
     reproduced = next((value for value in found if value != claim.number), claim.number)
     return Finding(claim, reproduced, found == [claim.number], reproduced - claim.number)
 
 
-def _time(claim: Claim, made: Reproduction) -> Finding:
-    """A time is within its tolerance, or earlier if the mission succeeded."""
-    (moment,) = made.moments(claim)
+def _time(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check that a time is within its tolerance, or earlier if the mission succeeded."""
+    (stage_time,) = reproduction.stage_times(claim)
     published = claim.number
-    difference = moment.time - published
-    tolerance = within(published)
+    difference = stage_time.time - published
+    tolerance = time_tolerance(published)
     near = abs(difference) <= tolerance + ROUNDING
-    earlier = not near and difference < 0 and moment.summary.succeeded
-    cause = () if near else tuple(_why_off(moment, published))
-    return Finding(claim, moment.time, near or earlier, difference, tolerance, earlier, cause)
+    earlier = not near and difference < 0 and stage_time.summary.succeeded
+    cause = () if near else tuple(_causes_of_difference(stage_time, published))
+    return Finding(claim, stage_time.time, near or earlier, difference, tolerance, earlier, cause)
 
 
-def _why_off(moment: Moment, published: float) -> Iterator[str]:
-    """Give the causes of a difference from a published time."""
-    late = moment.time > published
-    summary = moment.summary
-    run = moment.run
-    if np.isnan(moment.time):
-        yield _never(moment)
+def _causes_of_difference(stage_time: StageTime, published: float) -> Iterator[str]:
+    """Yield the causes of a difference from a published time."""
+    late = stage_time.time > published
+    summary = stage_time.summary
+    run = stage_time.run
+    if np.isnan(stage_time.time):
+        yield _explain_missing(stage_time)
         return
     if not late:
         ended = "succeeded" if summary.succeeded else f"failed: {'; '.join(mission_end(summary))}"
         yield f"earlier than published, and the mission {ended}"
-    if moment.symbol != moment.end:
-        yield _start(moment)
+    if stage_time.symbol != stage_time.end:
+        yield _explain_start(stage_time)
         return
     if late:
         Q = [np.interp(published, run.motion.time, row) for row in run.motion.Q_seen.T]
-        error = run.problem.costs.end_error(run.problem.stages[moment.index], np.r_[Q, np.zeros(len(Q))])
-        yield f"at {published:g} s {moment.name} was still {error:.1f} tolerances away"
-    earliest, _ = earliest_ends(run.task, run.problem.stages)[moment.index]
+        error = run.problem.costs.end_error(run.problem.stages[stage_time.index], np.r_[Q, np.zeros(len(Q))])
+        yield f"at {published:g} s {stage_time.name} was still {error:.1f} tolerances away"
+    earliest, _ = earliest_ends(run.task, run.problem.stages)[stage_time.index]
     if published < earliest:
-        yield f"within its velocity limits {moment.name} cannot end before {earliest:.2f} s"
+        yield f"within its velocity limits {stage_time.name} cannot end before {earliest:.2f} s"
 
 
-def _coincides(claim: Claim, made: Reproduction, horizons: int) -> Finding:
-    """A stage starts so many horizons before the one before it ends, to one sample."""
-    (start,) = made.moments(claim)
+def _coincides(claim: Claim, reproduction: Reproduction, horizons: int) -> Finding:
+    """Check that a stage starts so many horizons before the one before it ends, to one sample."""
+    (start,) = reproduction.stage_times(claim)
     controller = start.run.task.spec.controller
     difference = start.time - (start.ended - horizons * controller.horizon)
     holds = abs(difference) <= controller.sample_time + ROUNDING
-    cause = _never(start) if np.isnan(difference) else _start(start)
+    cause = _explain_missing(start) if np.isnan(difference) else _explain_start(start)
     return Finding(claim, difference, holds, difference, controller.sample_time, cause=(cause,))
 
 
-def _floor(claim: Claim, made: Reproduction) -> Finding:
-    """No stage starts more than a sample before the end of the stage before it comes into the horizon."""
-    starts = made.moments(claim)
+def _floor(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check that no stage starts more than a sample before the previous stage's end comes into the horizon."""
+    starts = reproduction.stage_times(claim)
     controller = starts[0].run.task.spec.controller
     slacks = {start: start.time - (start.ended - controller.horizon) for start in starts}
     known = [start for start in starts if np.isfinite(slacks[start])]
     if not known:
-        return Finding(claim, np.nan, False, np.nan, controller.sample_time, cause=(_never(starts[0]),))
+        return Finding(claim, np.nan, False, np.nan, controller.sample_time, cause=(_explain_missing(starts[0]),))
     first = min(known, key=lambda start: slacks[start])
     return _not_below(claim, slacks[first], controller.sample_time, first.name)
 
 
-def _weights_floor(claim: Claim, made: Reproduction) -> Finding:
-    """No actual start of any cell, for any threshold, is more than a sample before t_s - T_h."""
-    cells = made.weights
+def _weights_floor(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check that no actual start of any cell, for any threshold, is more than a sample before t_s - T_h."""
+    cells = reproduction.weights
     slacks = np.where(cells.ended[:, None], cells.of("actual_start") - cells.floor[:, None], np.inf)
     cell, k = np.unravel_index(np.argmin(slacks), slacks.shape)
     where = f"at ratio {cells.ratio[cell]:.4g} and epsilon = {cells.epsilons[k]:g} {cells.names[1]}"
@@ -317,35 +317,35 @@ def _not_below(claim: Claim, slack: float, sample: float, first: str) -> Finding
     return Finding(claim, slack, slack >= -sample - ROUNDING, min(slack, 0.0), sample, cause=(cause,))
 
 
-def _all_early(claim: Claim, made: Reproduction) -> Finding:
-    """All of the stages start early."""
-    starts = made.moments(claim)
+def _all_early(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check that all of the stages start early."""
+    starts = reproduction.stage_times(claim)
     early = tuple(start.name for start in starts if start.summary.stages[start.index].early)
-    cause = tuple(_start(start) for start in starts if start.name not in early)
+    cause = tuple(_explain_start(start) for start in starts if start.name not in early)
     return Finding(claim, early, not cause, cause=cause)
 
 
-def _order(claim: Claim, made: Reproduction) -> Finding:
-    """The times are in this order, however small the difference."""
-    times = tuple(moment.time for moment in made.moments(claim))
+def _order(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check that the times are in this order, however small the difference."""
+    times = tuple(stage_time.time for stage_time in reproduction.stage_times(claim))
     return Finding(claim, times, all(one < other for one, other in pairwise(times)))
 
 
-def _mission(claim: Claim, made: Reproduction) -> Finding:
-    """The mission ends as published."""
-    summary = made.summaries[claim.reads[0]]
+def _mission(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check that the mission ends as published."""
+    summary = reproduction.summaries[claim.reads[0]]
     reproduced = "succeeds" if summary.succeeded else "fails"
     return Finding(claim, reproduced, reproduced == claim.published, cause=mission_end(summary))
 
 
-def _delivered(claim: Claim, made: Reproduction) -> Finding:
-    """By the mechanics of a grasped body, the runs deliver the object or do not, as published."""
-    found = tuple(_fate(made.grasps[name.removeprefix("grasp.")].summary()) for name in claim.reads)
+def _delivered(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check that, by the mechanics of a grasped body, the runs deliver the object or do not, as published."""
+    found = tuple(_object_outcome(reproduction.grasps[name.removeprefix("grasp.")].summary()) for name in claim.reads)
     holds = tuple("delivered" if end == "delivered" else "not delivered" for end in found) == claim.published
     return Finding(claim, found, holds)
 
 
-def _fate(summary: Summary) -> str:
+def _object_outcome(summary: Summary) -> str:
     """Return what became of a grasped object."""
     verdicts = {one.name: one for one in summary.monitors}
     found = summary.capture
@@ -357,17 +357,17 @@ def _fate(summary: Summary) -> str:
     return f"lost at {kept.broken_at:.1f} s" if taken.held else "not taken"
 
 
-def _released_early(claim: Claim, made: Reproduction) -> Finding:
-    """A monitor is violated after the last stage has started and before the stage before it ends."""
-    (start,) = made.moments(claim)
+def _released_early(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check that a monitor is violated after the last stage has started and before the stage before it ends."""
+    (start,) = reproduction.stage_times(claim)
     lost = min((one.broken_at for one in start.summary.monitors if np.isfinite(one.broken_at)), default=np.nan)
     reproduced = f"lost at {lost:.1f} s, {start.end} = {start.ended:.1f} s" if np.isfinite(lost) else "not lost"
-    return Finding(claim, reproduced, start.time <= lost < start.ended, cause=(_start(start),))
+    return Finding(claim, reproduced, start.time <= lost < start.ended, cause=(_explain_start(start),))
 
 
-def _trend(claim: Claim, made: Reproduction) -> Finding:
-    """For every threshold no larger ratio starts more than a sample later, and the largest one starts early."""
-    cells = made.weights
+def _trend(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check that for every threshold no larger ratio starts more than a sample later, and the largest starts early."""
+    cells = reproduction.weights
     sample = cells.task.spec.controller.sample_time
     cause = []
     rises = []
@@ -383,19 +383,19 @@ def _trend(claim: Claim, made: Reproduction) -> Finding:
     return Finding(claim, shown[cells.chosen], not cause, max(rises), sample, cause=tuple(cause))
 
 
-def _settles(claim: Claim, made: Reproduction) -> Finding:
-    """The actual start at the largest ratio is within the tolerance of published times."""
-    cells = made.weights
-    tolerance = within(claim.number)
+def _settles(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check that the actual start at the largest ratio is within the tolerance of published times."""
+    cells = reproduction.weights
+    tolerance = time_tolerance(claim.number)
     last = float(AlongRatio(cells, cells.of("actual_start")[:, cells.chosen]).middle[-1])
     difference = last - claim.number
     cause = f"t_s - T_h = {float(np.median(cells.floor[cells.ended])):.2f} s, and no start can be before it"
     return Finding(claim, last, abs(difference) <= tolerance + ROUNDING, difference, tolerance, cause=(cause,))
 
 
-def _chosen(claim: Claim, made: Reproduction) -> Finding:
-    """At the ratio Capture completes earlier than with equal weights, at less effort than at the largest ratio."""
-    cells = made.weights
+def _chosen(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check that Capture completes earlier at the ratio than at 1, with less effort than at the largest ratio."""
+    cells = reproduction.weights
     completion, effort = (AlongRatio(cells, cells.of(name.partition(".")[2])) for name in claim.reads)
     logs = np.log(completion.ratio)
     names = [f"{ratio:.4g}" for ratio in completion.ratio]
@@ -408,14 +408,14 @@ def _chosen(claim: Claim, made: Reproduction) -> Finding:
     return Finding(claim, reproduced, bool(sooner and effort.highest[there] < effort.lowest[-1]))
 
 
-def _along_ratio(claim: Claim, made: Reproduction) -> Finding:
-    """At every sample the optimum moves to the upper left as the ratio grows, and never back by more than rounding."""
-    movement = made.movement
+def _along_ratio(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check that at every sample the optimum moves to the upper left as the ratio grows, and back by rounding alone."""
+    movement = reproduction.movement
     if movement is None:
         return Finding(claim, "unknown", False, cause=(NO_FRONTS,))
     cause = list[str]()
     for instant, step, moves in zip(movement.instants, movement.against, movement.moves, strict=True):
-        if step > CLEARLY or not moves:
+        if step > LEAST_IMPROVEMENT or not moves:
             how = f"moves against it by {step:.2g} of the front" if moves else "does not move, or was not found"
             cause.append(f"at {instant:g} s it {how}")
     return Finding(
@@ -423,9 +423,9 @@ def _along_ratio(claim: Claim, made: Reproduction) -> Finding:
     )
 
 
-def _along_time(claim: Claim, made: Reproduction) -> Finding:
-    """In normalized costs the front moves to the upper left, on average, from every sample to the next."""
-    movement = made.movement
+def _along_time(claim: Claim, reproduction: Reproduction) -> Finding:
+    """Check that in normalized costs the mean of the front moves to the upper left from every sample to the next."""
+    movement = reproduction.movement
     if movement is None or len(movement.instants) < 2:
         return Finding(claim, "unknown", False, cause=(NO_FRONTS,))
     return Finding(claim, movement.directions(), movement.with_time, cause=movement.over_time)
@@ -466,20 +466,21 @@ def mission_end(summary: Summary) -> tuple[str, ...]:
     return tuple(filter(None, (summary.reason, ", ".join(monitors))))
 
 
-def _never(moment: Moment) -> str:
-    event = "end" if moment.symbol == moment.end else "start"
-    return f"{moment.name} did not {event}: {moment.summary.reason}"
+def _explain_missing(stage_time: StageTime) -> str:
+    """Describe why a stage did not end or start."""
+    event = "end" if stage_time.symbol == stage_time.end else "start"
+    return f"{stage_time.name} did not {event}: {stage_time.summary.reason}"
 
 
-def _start(start: Moment) -> str:
-    """Tell when a stage starts, and how that depends on the threshold."""
+def _explain_start(start: StageTime) -> str:
+    """Describe when a stage starts, and how that depends on the threshold."""
     stages = start.run.stages
     kind = start.run.task.spec.onset.kind
     found = sorted(zip(stages["epsilon"], stages["actual_start_by_epsilon"][start.index], strict=True))
-    by_epsilon = ", ".join(f"{_seconds(time)} for epsilon = {epsilon:g}" for epsilon, time in found)
-    when = f"{start.name} starts at {_seconds(start.time)}, {start.end} = {_seconds(start.ended)}"
+    by_epsilon = ", ".join(f"{_format_time(time)} for epsilon = {epsilon:g}" for epsilon, time in found)
+    when = f"{start.name} starts at {_format_time(start.time)}, {start.end} = {_format_time(start.ended)}"
     return f"{when}; by its {kind} it starts at {by_epsilon}"
 
 
-def _seconds(time: float) -> str:
+def _format_time(time: float) -> str:
     return "never" if np.isnan(time) else f"{time:.2f} s"

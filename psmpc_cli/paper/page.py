@@ -1,4 +1,4 @@
-"""The page of a reproduction: the claims with their findings, the figures, and how it was made."""
+"""The page of a reproduction: the claims with their findings, the figures, and how it was reproduction."""
 
 import platform
 import shlex
@@ -19,21 +19,21 @@ from psmpc_cli.studies import fronts
 from psmpc_cli.studies.sweep import recommend
 
 
-def report_reproduction(made: Reproduction, created: str) -> Page:
+def report_reproduction(reproduction: Reproduction, created: str) -> Page:
     """Report a reproduction on one page; `created` is its time in ISO 8601."""
-    options = [word for change in made.changes for word in ("--set", change)]
-    options += ["--weights", str(made.weights.results.attributes["sampling"])]
-    options += [] if made.fronts is None else ["--fronts", str(len(made.fronts["ratio"]))]
-    first = next(iter(made.runs.values())).attributes
+    options = [word for change in reproduction.changes for word in ("--set", change)]
+    options += ["--weights", str(reproduction.weights.results.attributes["sampling"])]
+    options += [] if reproduction.fronts is None else ["--fronts", str(len(reproduction.fronts["ratio"]))]
+    first = next(iter(reproduction.runs.values())).attributes
     return render(
         "reproduction.html.j2",
         room="paper",
-        made=made,
-        groups={name: list(group) for name, group in groupby(made.findings, lambda one: one.claim.group)},
+        reproduction=reproduction,
+        groups={name: list(group) for name, group in groupby(reproduction.findings, lambda one: one.claim.group)},
         judge=judge,
         study=fronts,
-        recommended=recommend(made.weights).sentence,
-        figures=dict(_figures(made)),
+        recommended=recommend(reproduction.weights).sentence,
+        figures=dict(_figures(reproduction)),
         command=shlex.join(["psmpc", "reproduce", *options]),
         created=created,
         versions=f"{versions_of(first)}, Python {platform.python_version()}",
@@ -41,23 +41,24 @@ def report_reproduction(made: Reproduction, created: str) -> Page:
     )
 
 
-def _figures(made: Reproduction) -> Iterator[tuple[str, Draw]]:
+def _figures(reproduction: Reproduction) -> Iterator[tuple[str, Draw]]:
     """Yield the functions that draw the figures, by the names that the template has for them."""
     ends = {}
-    cells = made.weights
-    for method, run in made.runs.items():
-        ends[method] = made.published(method, starts=False)
+    cells = reproduction.weights
+    for method, run in reproduction.runs.items():
+        ends[method] = reproduction.published(method, starts=False)
         yield f"{method} times", partial(plot_states, run)
-        yield f"{method} starts", partial(plot_presence, run, made.published(method, starts=True))
+        yield f"{method} starts", partial(plot_presence, run, reproduction.published(method, starts=True))
         yield f"{method} mission", partial(plot_monitors, run)
-    yield "schedule", partial(plot_schedule, made.runs, ends)
-    yield "instants", partial(plot_instants, made.runs)
-    yield "snapshots", partial(plot_snapshots, made.runs)
+    yield "schedule", partial(plot_schedule, reproduction.runs, ends)
+    yield "instants", partial(plot_instants, reproduction.runs)
+    yield "snapshots", partial(plot_snapshots, reproduction.runs)
     for name, make in figures_of("sweep", cells).items() if cells.ended.any() else ():
         yield f"sweep {name}", partial(make, cells)
-    if made.fronts is not None and any(row["failed"] < row["points"] for row in fronts.front_rows(made.fronts)):
-        yield "fronts", partial(plot_fronts, made.fronts)
-    for method, run in made.grasps.items():
+    found = reproduction.fronts
+    if found is not None and any(row["failed"] < row["points"] for row in fronts.front_rows(found)):
+        yield "fronts", partial(plot_fronts, found)
+    for method, run in reproduction.grasps.items():
         yield f"{method} pull", partial(plot_pull, run)
-    for one in made.ablations:
+    for one in reproduction.ablations:
         yield f"ablation_{one.name}", partial(ABLATIONS[one.name], one.panels)

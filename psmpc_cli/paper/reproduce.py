@@ -14,7 +14,7 @@ from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.compare import compared_tasks, run_tasks
 from psmpc_cli.studies.fronts import front_rows
-from psmpc_cli.studies.pareto import Question, possible_samples, solve_pareto
+from psmpc_cli.studies.pareto import ParetoSettings, possible_samples, solve_pareto
 from psmpc_cli.studies.runner import Study, run_study
 from psmpc_cli.studies.sampling import parse_sampling
 from psmpc_cli.studies.sweep import DEFAULT_TASK, SweepCells, load_sweep_task, parse_stages, recommend, weight_study
@@ -33,10 +33,10 @@ FRONTS = "fronts.h5"
 GRASPS = "grasps.h5"
 """Files of the runs, the sweep over the weights, the Pareto fronts and the grasps, for psmpc plot and psmpc show."""
 
-COMMON = ("controller", "solver", "plant")
+SHARED_KEYS = ("controller", "solver", "plant")
 """Changes of these keys also apply to the swept task, the first two to `GRASP`; stages and skills are their own."""
 
-FOLLOWED = {"control": (1.0, 10.0), "closeness": (0.9,)}
+FURTHER_THRESHOLDS = {"control": (1.0, 10.0), "closeness": (0.9,)}
 """Thresholds above the task's own for which actual starts are logged, for the causes of the claims on starts."""
 
 
@@ -48,7 +48,7 @@ def reproduce(
     ablations: bool = False,
     force: bool = False,
     jobs: int | None = None,
-    told: Callable[[str], None] = lambda line: None,
+    watch: Callable[[str], None] = lambda line: None,
 ) -> Reproduction:
     """Run the task under every method, the sweep over the weights, the Pareto fronts, the grasps, and the ablations.
 
@@ -61,7 +61,7 @@ def reproduce(
         ablations: Whether the PSMPC run is repeated without each departure from the paper.
         force: Overwrite files.
         jobs: Number of parallel processes; default the number of cores.
-        told: Called with a line of progress.
+        watch: Called with a line of progress.
 
     Raises:
         InputError: As for `load_variants` and `load_weights_sweep`; or a file exists already or cannot be written.
@@ -71,25 +71,25 @@ def reproduce(
     variants = load_variants(changes)
     sweep = load_weights_sweep(changes, grid)
     grasps = load_grasps(changes)
-    runs = run_tasks(variants, directory / LOGS, jobs, force, lambda name: told(f"runs: {name} done"))
+    runs = run_tasks(variants, directory / LOGS, jobs, force, lambda name: watch(f"runs: {name} done"))
     weights = run_study(
         sweep,
         directory / WEIGHTS,
         jobs,
         force=force,
-        watch=lambda progress: told(f"weights: {progress.ended} of {progress.runs} runs"),
+        watch=lambda progress: watch(f"weights: {progress.ended} of {progress.runs} runs"),
     )
     fronts = None
     path = directory / FRONTS
     if force:
         path.unlink(missing_ok=True)
     if len(possible_samples(runs["psmpc"], (0, 1))):
-        question = Question("1,2", (), points, "weighted-sum", free=False)
-        fronts = solve_pareto(runs["psmpc"], question, path, jobs, force, told)
-    held = run_tasks(grasps, directory / GRASPS, jobs, force, lambda name: told(f"grasps: {name} done"))
+        settings = ParetoSettings("1,2", (), points, "weighted-sum", free=False)
+        fronts = solve_pareto(runs["psmpc"], settings, path, jobs, force, watch)
+    held = run_tasks(grasps, directory / GRASPS, jobs, force, lambda name: watch(f"grasps: {name} done"))
     departures = list[Ablation]()
     if ablations:
-        departures = run_ablations(variants["psmpc"], jobs, lambda name: told(f"ablations: {name} done"))
+        departures = run_ablations(variants["psmpc"], jobs, lambda name: watch(f"ablations: {name} done"))
     return Reproduction(runs, SweepCells(weights), fronts, tuple(changes), tuple(departures), held)
 
 
@@ -111,7 +111,7 @@ def load_variants(changes: Sequence[str] = ()) -> dict[str, Task]:
     if not changed.spec.log.plans:
         raise InputError("found log.plans: false, expected true: the fronts are found from the plans of the PSMPC run")
     ensure_feasible(changed)
-    series = sorted({*changed.spec.onset.series, *FOLLOWED[changed.spec.onset.kind]})
+    series = sorted({*changed.spec.onset.series, *FURTHER_THRESHOLDS[changed.spec.onset.kind]})
     return {kind: load_task(path, (*changes, f"controller.kind={kind}", f"onset.series={series}")) for kind in METHODS}
 
 
@@ -122,7 +122,7 @@ def load_weights_sweep(changes: Sequence[str], grid: str) -> Study:
         InputError: The grid is none.
         SpecError: The changes do not fit the swept task.
     """
-    task = load_sweep_task(str(built_ins("task")[DEFAULT_TASK]), _common(changes, COMMON), ())
+    task = load_sweep_task(str(built_ins("task")[DEFAULT_TASK]), _shared_changes(changes, SHARED_KEYS), ())
     return weight_study(task, parse_stages("1,2", task), parse_sampling(grid, (1e-3, 1e3)))
 
 
@@ -132,27 +132,28 @@ def load_grasps(changes: Sequence[str] = ()) -> dict[str, Task]:
     Raises:
         SpecError: The changes do not fit the task.
     """
-    return compared_tasks(load_task(built_ins("task")[GRASP], _common(changes, COMMON[:2])), ("smpc", "psmpc"))
+    task = load_task(built_ins("task")[GRASP], _shared_changes(changes, SHARED_KEYS[:2]))
+    return compared_tasks(task, ("smpc", "psmpc"))
 
 
-def _common(changes: Sequence[str], keys: Sequence[str]) -> tuple[str, ...]:
+def _shared_changes(changes: Sequence[str], keys: Sequence[str]) -> tuple[str, ...]:
     return tuple(change for change in changes if change.partition("=")[0].strip().partition(".")[0] in keys)
 
 
-def claims_json(made: Reproduction, created: str) -> bytes:
+def claims_json(reproduction: Reproduction, created: str) -> bytes:
     """Write the claim table as JSON; what is unknown, or does not apply, is null. Keys: docs/reproduce.md."""
-    cells = made.weights
-    fronts = made.fronts
-    best = recommend(made.weights).ratio
-    held, count = made.count()
+    cells = reproduction.weights
+    fronts = reproduction.fronts
+    best = recommend(reproduction.weights).ratio
+    held, count = reproduction.count()
     data = {
         "format": 2,  # increases when a key is removed or changes its meaning
         "psmpc_version": __version__,
         "created": created,
         "task": TASK,
-        "changes": made.changes,
-        "digests": {name: str(run.attributes["digest"]) for name, run in made.runs.items()},
-        "grasps": {name: str(run.attributes["digest"]) for name, run in made.grasps.items()},
+        "changes": reproduction.changes,
+        "digests": {name: str(run.attributes["digest"]) for name, run in reproduction.runs.items()},
+        "grasps": {name: str(run.attributes["digest"]) for name, run in reproduction.grasps.items()},
         "weights": {
             "task": cells.task.spec.name,
             "digest": str(cells.results.attributes["digest"]),
@@ -168,8 +169,8 @@ def claims_json(made: Reproduction, created: str) -> bytes:
             "method": str(fronts.attributes["method"]),
             "samples": front_rows(fronts),
         },
-        "claims": [_claim_data(finding) for finding in made.findings],
-        "ablations": [{"name": one.name, "numbers": one.numbers} for one in made.ablations],
+        "claims": [_claim_data(finding) for finding in reproduction.findings],
+        "ablations": [{"name": one.name, "numbers": one.numbers} for one in reproduction.ablations],
         "held": held,
         "failed": count - held,
     }

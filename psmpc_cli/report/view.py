@@ -54,7 +54,7 @@ def view(runs: Run | Mapping[str, Run]) -> Page:
 
 
 def _run(name: str, run: Run) -> Json:
-    """Give all that the page shows of a run."""
+    """Return all that the page shows of a run."""
     scene = scene_of(run)
     model = run.problem.model
     motion = run.motion
@@ -83,7 +83,7 @@ def _run(name: str, run: Run) -> Json:
 
 
 def _notes(run: Run) -> Iterator[str]:
-    """Say what a log lacks, or how it is to be read."""
+    """List what a log lacks, or how it is to be read."""
     if run.interrupted:
         yield "The log is unfinished: the run is shown up to its last sample."
     if not run.has_plans:
@@ -131,7 +131,7 @@ def _frame(at: Attachment) -> Json:
 
 
 def _plans(run: Run, samples: np.ndarray) -> Json:
-    """Give node times (K, nodes) [s] and coordinates (K, nodes, nq) of the plans at samples; the last one is repeated
+    """Return node times (K, nodes) [s] and coordinates (K, nodes, nq) of the plans at samples; the last one is repeated
     where a solve failed, and its last node up to equal lengths.
     """
     found: list[tuple[Plan, np.ndarray]] = []
@@ -163,7 +163,7 @@ def _targets(scene: Scene, time: np.ndarray) -> np.ndarray:
 
 
 def _object(scene: Scene, time: np.ndarray) -> Json | None:
-    """Give size (3,) [m] and poses (T, 7) of the object: position [m] and quaternion x, y, z, w."""
+    """Return size (3,) [m] and poses (T, 7) of the object: position [m] and quaternion x, y, z, w."""
     spec = scene.run.task.spec.object
     frames = [scene.object_frame(float(t)) for t in time]
     if spec is None:
@@ -175,7 +175,7 @@ def _object(scene: Scene, time: np.ndarray) -> Json | None:
 
 
 def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
-    """Give the tabs of plots, each with its panels."""
+    """Return the tabs of plots, each with its panels."""
     motion = run.motion
     model = run.problem.model
     time = motion.time[frames]
@@ -204,7 +204,7 @@ def _angles(model: RobotModel, Q: np.ndarray) -> np.ndarray:
 def _panels(
     model: RobotModel, time: np.ndarray, values: np.ndarray, units: tuple[str, str], stepped: bool = False
 ) -> Iterator[Json]:
-    """Give a panel for base positions, base angles and each arm of values (T, n) at times (T,) [s]."""
+    """Return a panel for base positions, base angles and each arm of values (T, n) at times (T,) [s]."""
     base = model.parts["base"].stop
     d = model.dimension
     angles = ("θ",) if d == 2 else ("yaw", "pitch", "roll") if units[0] == "m" else ("x", "y", "z")
@@ -217,7 +217,7 @@ def _panels(
 
 
 def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
-    """Give the largest errors against the current stage's target, and the tolerances of its end condition."""
+    """Return the largest errors against the current stage's target, and the tolerances of its end condition."""
     time = run.motion.time[frames]
     names = [style.readable(name) for name in run.problem.model.pose_rows]
     found = np.full((2, 2, len(names), len(time)), np.nan)  # error or tolerance, position or angle
@@ -233,7 +233,7 @@ def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
 
 
 def _stage_panels(run: Run) -> Iterator[Json]:
-    """Give planned switch times, shares of the stages in the control if logged, and the wall times of the solves."""
+    """Return planned switch times, shares of the stages in the control if logged, and the wall times of the solves."""
     samples = _thinned(len(run.time), MOST_FRAMES)
     names = [style.readable(name) for name in run.stage_names]
     time = run.time[samples]
@@ -243,7 +243,7 @@ def _stage_panels(run: Run) -> Iterator[Json]:
 
 
 def _grasp_panels(run: Run) -> Iterator[Json]:
-    """Give the filtered pull on each grasp, with the strength at which it is lost, and the object's velocities."""
+    """Return the filtered pull on each grasp, with the strength at which it is lost, and the object's velocities."""
     samples = _thinned(len(run.time), MOST_FRAMES)
     names = map(style.readable, run["gripper"].tolist())
     time = run.time[samples]
@@ -265,7 +265,7 @@ def _panel(
     log: bool = False,
     stepped: bool = False,
 ) -> Json:
-    """Give a panel of curves (T,) by label over times (T,) [s], those that have values; limits are dashed."""
+    """Return a panel of curves (T,) by label over times (T,) [s], those that have values; limits are dashed."""
     series = [
         {"label": name, "color": color, "dash": color == style.EDGE, "values": _packed(values)}
         for name, values, color in (

@@ -32,12 +32,12 @@ SOLVERS: Mapping[str, Mapping[str, object]] = {
 }
 """What each name that a bench knows changes in the solver of the task; piqp: sqp with `solver.compiled: false`."""
 
-OWN = ("solver", "solver.kind", "solver.compiled", "controller", "controller.kind", "controller.nodes")
+RESERVED_KEYS = ("solver", "solver.kind", "solver.compiled", "controller", "controller.kind", "controller.nodes")
 """Keys of the task that a bench sets itself."""
 
 NODES = "25,50,100,200,auto"
 
-Way = tuple[str, str, str]
+Case = tuple[str, str, str]
 """A mesh, a back-end, and `warm` or `cold`."""
 
 Recorded = tuple[Solution, Solution | None]
@@ -107,7 +107,7 @@ class Bench:
         wall_over_busy: Wall time of the solves over their processor time: 1 on a machine that does nothing else.
     """
 
-    solves: Mapping[Way, Sequence[TimedSolve]]
+    solves: Mapping[Case, Sequence[TimedSolve]]
     compiled: bool
     wall_over_busy: float
 
@@ -130,7 +130,7 @@ def load_bench(reference: str, changes: Sequence[str], nodes: str = NODES) -> di
         SpecError: The task, a change or a mesh does not hold.
     """
     for change in changes:
-        if change.partition("=")[0].strip() in OWN:
+        if change.partition("=")[0].strip() in RESERVED_KEYS:
             raise InputError(
                 f"--set {change}: a bench runs psmpc and smpc with sqp; choose back-ends with --solvers, meshes with "
                 "--nodes"
@@ -152,8 +152,8 @@ def run_bench(
     solvers: str = ",".join(SOLVERS),
     repeat: int = 3,
     appends: int | None = None,
-    told: Callable[[str], None] = lambda line: None,
-    passed: Callable[[], None] = lambda: None,
+    watch: Callable[[str], None] = lambda line: None,
+    check: Callable[[], None] = lambda: None,
 ) -> Bench:
     """Record windows and solve them again, on one mesh after the other.
 
@@ -162,8 +162,8 @@ def run_bench(
         solvers: Names from `SOLVERS` between commas.
         repeat: Timed solves of each window by each back-end and start.
         appends: Number of appends of each run that give windows; None for all.
-        told: Called with a line when a mesh is done.
-        passed: Called after every sample and every timed solve.
+        watch: Called with a line when a mesh is done.
+        check: Called after every sample and every timed solve.
 
     Raises:
         InputError: A back-end is unknown.
@@ -172,14 +172,14 @@ def run_bench(
     names = _listed(solvers)
     if unknown := [name for name in names if name not in SOLVERS]:
         raise InputError(f"--solvers: found {unknown[0]!r}, expected some of {', '.join(SOLVERS)}")
-    ways = [(name, start) for name in names for start in ("warm", "cold")] + [(REFERENCE, "cold")]
-    timed: dict[Way, list[TimedSolve]] = {(nodes, *way): [] for nodes in tasks for way in ways}
+    cases = [(name, start) for name in names for start in ("warm", "cold")] + [(REFERENCE, "cold")]
+    timed: dict[Case, list[TimedSolve]] = {(nodes, *case): [] for nodes in tasks for case in cases}
     compiled = True
     wall = 0.0
     busy = 0.0
     for nodes, variants in tasks.items():
         experiments = [build_experiment(task) for task in variants]
-        recorded = [solve for each in experiments for solve in _windows_around_appends(each, appends, passed)]
+        recorded = [solve for each in experiments for solve in _windows_around_appends(each, appends, check)]
         problem = experiments[0].problem
         if not recorded:
             raise RunError(
@@ -187,22 +187,22 @@ def run_bench(
                 "stages whose first one ends"
             )
         began = time.perf_counter(), time.process_time()
-        for way, solve in _time_solves(problem, recorded, ways, repeat, passed):
-            timed[nodes, *way].append(solve)
+        for case, solve in _time_solves(problem, recorded, cases, repeat, check):
+            timed[nodes, *case].append(solve)
         wall = wall + time.perf_counter() - began[0]
         busy = busy + time.process_time() - began[1]
         compiled &= all(each.compiled for each in experiments)
-        told(f"nodes {nodes}: {len(recorded)} windows done")
+        watch(f"nodes {nodes}: {len(recorded)} windows done")
     return Bench(timed, compiled, wall / busy)
 
 
-def _windows_around_appends(experiment: Experiment, appends: int | None, passed: Callable[[], None]) -> list[Recorded]:
+def _windows_around_appends(experiment: Experiment, appends: int | None, check: Callable[[], None]) -> list[Recorded]:
     """Run a closed loop; return its solves before, at and after so many appends."""
     solves = list[Recorded]()
     around = list[Recorded]()
     previous: Solution | None = None
     for sample in closed_loop(experiment):
-        passed()
+        check()
         solution = sample.command.solution
         if solution.outcome.usable:
             solves.append((solution, previous))
@@ -218,27 +218,27 @@ def _windows_around_appends(experiment: Experiment, appends: int | None, passed:
 def _time_solves(
     problem: Problem,
     recorded: Sequence[Recorded],
-    ways: Sequence[tuple[str, str]],
+    cases: Sequence[tuple[str, str]],
     repeat: int,
-    passed: Callable[[], None],
+    check: Callable[[], None],
 ) -> Iterator[tuple[tuple[str, str], TimedSolve]]:
-    """Solve windows of one mesh in every way: once untimed, then repeatedly.
+    """Solve windows of one mesh in every case: once untimed, then repeatedly.
 
-    The first solves build what is built once. Each round then holds every pair of window and way in a new random order,
-    so that other load on the machine is spread over all of them.
+    The first solves build what is built once. Each round then holds every pair of window and case in a new random
+    order, so that other load on the machine is spread over all of them.
     """
     spec = problem.spec.solver
     settings = {name: spec.model_copy(update={**changes, "deadline": None}) for name, changes in SOLVERS.items()}
-    solvers: dict[str, Solver] = {name: build_solver(problem, settings[name]) for name, _ in ways if name in SOLVERS}
+    solvers: dict[str, Solver] = {name: build_solver(problem, settings[name]) for name, _ in cases if name in SOLVERS}
     solvers[REFERENCE] = NlpSolver(problem, settings["ipopt"], options=PLAIN)
-    calls = [_call(solvers[name], *each, start, name == "sqp") for name, start in ways for each in recorded]
+    calls = [_call(solvers[name], *each, start, name == "sqp") for name, start in cases for each in recorded]
     solutions = [call() for call in calls]
     times = np.zeros((len(calls), repeat))
     generator = np.random.default_rng(problem.spec.seed)
     for turn in range(repeat):
         for k in generator.permutation(len(calls)):
             times[k, turn] = calls[k]().wall_time
-            passed()
+            check()
     tight = NlpSolver(problem, spec.model_copy(update=TIGHT))
     polisher = NlpSolver(problem, settings["ipopt"], options={**PLAIN, **POLISH})
     for w, (window, guess) in enumerate((solve.window.about(solve.guess), solve.guess) for solve, _ in recorded):
@@ -246,13 +246,13 @@ def _time_solves(
         polished = polisher.solve(window, optimum.plan)
         optimum = polished if polished.outcome is Outcome.OPTIMAL else optimum
         known = 1.0 if optimum.outcome is Outcome.OPTIMAL else np.nan
-        for k, way in zip(range(w, len(calls), len(recorded)), ways, strict=True):
+        for k, case in zip(range(w, len(calls), len(recorded)), cases, strict=True):
             found = solutions[k]
             gap = known * (found.objective - optimum.objective) / abs(optimum.objective)
             late = known * np.abs(found.plan.instants - optimum.plan.instants).max(initial=0.0)
             violation = tight.violation(window, found.plan)
             counts = len(window.stages), found.outcome.usable, found.iterations
-            yield way, TimedSolve(*counts, gap, late, violation, times[k])
+            yield case, TimedSolve(*counts, gap, late, violation, times[k])
 
 
 def _call(
@@ -271,19 +271,19 @@ def _call(
 
 
 def bench_rows(bench: Bench) -> Iterator[tuple[str, ...]]:
-    """Give the rows of the table, in the order of `HEADINGS`."""
-    for way, solves in bench.solves.items():
+    """Yield the rows of the table, in the order of `HEADINGS`."""
+    for case, solves in bench.solves.items():
         good = [solve for solve in solves if solve.usable]
         median = median_time(good)
         p95 = _over(partial(np.percentile, q=95), [solve.times for solve in good])
-        faster = median_time(bench.solves[way[0], REFERENCE, "cold"]) / median
+        faster = median_time(bench.solves[case[0], REFERENCE, "cold"]) / median
         times = f"{1e3 * median:.2f}", f"{1e3 * p95:.2f}", f"{faster:.1f}"
         values = (
             f"{_over(statistic, np.abs([getattr(solve, name) for solve in good])):{form}}"
             for statistic, name, form in COLUMNS.values()
         )
         shown = ("-" if text == "nan" else text for text in (*times, *values))
-        yield *way, *shown, f"{len(solves) - len(good)} of {len(solves)}"
+        yield *case, *shown, f"{len(solves) - len(good)} of {len(solves)}"
 
 
 def _over(function: Callable[[np.ndarray], np.floating], values: ArrayLike) -> float:

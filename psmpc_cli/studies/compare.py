@@ -13,7 +13,7 @@ from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.arguments import rejected, require, require_options
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import ControllerSpec
-from psmpc_cli.studies.runner import changed, compute_all, documents_of
+from psmpc_cli.studies.runner import compute_all, documents_of, with_changes
 
 CONTROLLERS: tuple[str, ...] = ("psmpc", "smpc", "htmpc", "hard")
 """What is compared by default, in the order of the table."""
@@ -69,7 +69,7 @@ def compared_tasks(task: Task | str | Path, controllers: Iterable[str], changes:
         raise InputError(f"--controllers: found '{unknown}', expected one or more of {', '.join(known)} between commas")
     if any(change.partition("=")[0].strip() == VARIED for change in changes):
         raise InputError(f"--set {VARIED}: a comparison varies it; choose with --controllers")
-    documents = documents_of(changed(task, changes))
+    documents = documents_of(with_changes(task, changes))
     return {name: documents.changed((f"{VARIED}={name}",)) for name in wanted}
 
 
@@ -78,7 +78,7 @@ def run_tasks(
     path: Path | None = None,
     jobs: int | None = None,
     force: bool = False,
-    done: Callable[[str], None] = lambda name: None,
+    watch: Callable[[str], None] = lambda name: None,
 ) -> dict[str, Run]:
     """Run every task in a process of its own, and return the runs by name.
 
@@ -87,7 +87,7 @@ def run_tasks(
         path: File of all logs, written whole or not at all; None for none.
         jobs: Processes; by default one for each core.
         force: Whether an existing file is overwritten.
-        done: Called with the name of each run that ends.
+        watch: Called with the name of each run that ends.
 
     Raises:
         InputError: The file exists already or cannot be written.
@@ -97,7 +97,7 @@ def run_tasks(
         with writing(path):
             check_output(path, force)
             path.parent.mkdir(parents=True, exist_ok=True)
-    runs = compute_all(_run, tasks, jobs, done)
+    runs = compute_all(_run, tasks, jobs, watch)
     if path is not None:
         save_comparison(runs, path, force)
     return runs

@@ -21,8 +21,8 @@ CONSTRAINED = "constrained"
 FREE = "free"
 """How the arrays of a method begin; `free` are weighted sums with the instant free."""
 
-CLEARLY = 1e-4
-SAME = 1e-9
+LEAST_IMPROVEMENT = 1e-4
+EQUALITY_TOLERANCE = 1e-9
 """How much better a point has to be to dominate, and what is no difference, as parts of what the points span."""
 
 STATUS = tuple(outcome.name.lower() for outcome in Outcome)
@@ -82,11 +82,11 @@ def extents(points: Vector) -> Vector:
 def dominated(points: Vector) -> Vector:
     """Return which points (P, C) another is better than in every criterion in which the two differ (P,).
 
-    Better is what is so by `CLEARLY` of the extent: where a front is steep, less is in solvers' last digits.
+    Better is what is so by `LEAST_IMPROVEMENT` of the extent: where a front is steep, less is in solvers' last digits.
     """
     better_by = (points[:, None, :] - points[None, :, :]) / extents(points)  # [i, j]: what j is better by than i
-    better = better_by > CLEARLY
-    same = np.abs(better_by) <= SAME
+    better = better_by > LEAST_IMPROVEMENT
+    same = np.abs(better_by) <= EQUALITY_TOLERANCE
     return np.asarray((np.all(better | same, axis=2) & np.any(better, axis=2)).any(axis=1))
 
 

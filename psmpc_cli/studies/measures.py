@@ -111,7 +111,7 @@ OUTCOME = (
 )
 """What became of a run."""
 
-SPENT = (
+EFFORT = (
     _number("stage_cost", "s", _CURRENT, _stage_cost, dims=("stage",)),
     _number("control_effort", "m^2/s^3, rad^2/s^3", "integral of |u|^2"),
     _number("base_force", "N s", "integral of the norm of the base force"),
@@ -131,7 +131,7 @@ SPENT = (
 )
 """What a run took."""
 
-WHOLE_RUN = (*OUTCOME, *SPENT)
+WHOLE_RUN = (*OUTCOME, *EFFORT)
 """Everything that is known of a run to the end of its task."""
 
 
@@ -165,5 +165,5 @@ def second_stage(index: int) -> tuple[Column, ...]:
         _number("actual_start", "s", starts, lambda run: run.stages[by_epsilon][index], dims=("epsilon",)),
         _number("completion_time", "s", ends, lambda run: run.stages["switch_time"][index]),
         _number("final_error", "1", error, final_error),
-        *SPENT,
+        *EFFORT,
     )

@@ -17,16 +17,16 @@ from psmpc_cli.specs.document import printable
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.measures import WHOLE_RUN, check_columns
 from psmpc_cli.studies.runner import (
+    CELL_COLUMNS,
     FAILED,
-    LIGHT,
-    OF_CELL,
+    REDUCED_LOG,
     WAITING,
     Study,
     Watch,
-    changed,
     names_along,
     run_study,
     task_in,
+    with_changes,
 )
 from psmpc_cli.studies.sampling import MOST_CELLS
 
@@ -88,7 +88,7 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
         InputError: Nothing of it is random, or its seed leaves no room for others.
         SpecError: The task does not hold.
     """
-    task = changed(reference, (*changes, *LIGHT))
+    task = with_changes(reference, (*changes, *REDUCED_LOG))
     named = reference.spec.name if isinstance(reference, Task) else str(reference)
     spec = task.spec
     if not spec.uncertainty.is_random:
@@ -130,7 +130,7 @@ class MonteCarloRuns:
 
     def __init__(self, results: Results) -> None:
         check_columns(results, COORDINATES)
-        check_columns(results, (*OF_CELL, *WHOLE_RUN), ("run",))
+        check_columns(results, (*CELL_COLUMNS, *WHOLE_RUN), ("run",))
         self.results = results
         self.made = self["status"] != WAITING
         self.succeeded = self["succeeded"] == 1
@@ -154,8 +154,8 @@ class MonteCarloRuns:
 
     def exceeded(self, kind: Literal["position", "velocity"]) -> Array:
         """Return by what part of the limit each run exceeded one (runs,); 0 where it did not."""
-        beyond = np.nan_to_num(-self[f"relative_{kind}_margin"])
-        return np.where(beyond > EXCEEDED, beyond, 0.0)
+        excess = np.nan_to_num(-self[f"relative_{kind}_margin"])
+        return np.where(excess > EXCEEDED, excess, 0.0)
 
     def quantiles(self) -> Iterator[tuple[str, int, tuple[float, ...]]]:
         """Yield how every quantity spreads: what it is, how many runs have it, and its 5, 50 and 95 % quantiles."""
@@ -182,7 +182,7 @@ class MonteCarloRuns:
         return np.asarray(order[self.made[order]][:count])
 
     def why(self, number: int) -> str:
-        """Say why a run ended, and which monitors did not hold."""
+        """Describe why a run ended, and which monitors did not hold."""
         if self["status"][number] == FAILED:
             return f"crashed: {self['reason'][number]}"
         broken = [name for k, name in enumerate(self.monitors) if self["monitor_margin"][number, k] < 0]

@@ -34,19 +34,19 @@ HIGHEST = 1e3
 SAMPLES = 5
 """Samples that are looked at where none are named."""
 
-LATER = np.linspace(0.0, 0.8, 5)
+DELAYS = np.linspace(0.0, 0.8, 5)
 """How much later the instant is held, as parts of what is left of the horizon, where it is a criterion of its own."""
 
-SLACK = 1e-7
+BOUND_TOLERANCE = 1e-7
 """By how much a point may exceed a bound on J_2 and still stand for it, as a part of the bound."""
 
-BETTER = 1e-6
+LEAST_GAIN = 1e-6
 """By how much another point has to serve a problem better before it is solved again from there."""
 
 
 @dataclass(frozen=True)
-class Question:
-    """What a Pareto study is asked.
+class ParetoSettings:
+    """What a Pareto study computes.
 
     Attributes:
         stages: The two stages as the user named them, such as 1,2.
@@ -68,49 +68,49 @@ class Question:
         return np.geomspace(LOWEST, HIGHEST, self.points)
 
     @property
-    def later(self) -> Vector:
+    def delays(self) -> Vector:
         """How much later the instant is held than the run's optimum, as parts of what is left of the horizon (H,)."""
-        return LATER if self.free else LATER[:1]
+        return DELAYS if self.free else DELAYS[:1]
 
 
 def solve_pareto(
     run: Run,
-    question: Question,
+    settings: ParetoSettings,
     path: Path,
     jobs: int | None = None,
     force: bool = False,
-    told: Callable[[str], None] = lambda line: None,
+    watch: Callable[[str], None] = lambda line: None,
 ) -> Results:
     """Find the fronts at samples of a run and write them into a file, whole or not at all.
 
     Args:
         run: A run with its plans.
-        question: What is asked.
+        settings: What is computed.
         path: The file.
         jobs: Processes; by default one for each core.
         force: Overwrite the file.
-        told: Called with a line when a sample is done.
+        watch: Called with a line when a sample is done.
 
     Raises:
-        InputError: The question does not fit the run, or the file exists already or cannot be written.
+        InputError: The settings do not fit the run, or the file exists already or cannot be written.
         LogError: The run has no plans.
         RunError: Processes are ended from outside again and again.
     """
     if not run.has_plans:
         raise LogError(f"{run.path}: holds no plans; expected a log of a task with log: {{plans: true}}")
-    stages = parse_stages(question.stages, run.task)
+    stages = parse_stages(settings.stages, run.task)
     first = run.task.spec.stages[stages[0]]
-    if question.free and first.at is not None:
+    if settings.free and first.at is not None:
         raise InputError(f"--free-instant: {first.name} ends at a fixed time, expected a stage with an end condition")
-    samples = choose_samples(run, stages, question.at)
+    samples = choose_samples(run, stages, settings.at)
     ended = count(1)
     solves = [logged_solve(run, sample) for sample in samples]
-    cells = {f"front at {each.window.start:g} s": (run.task, question, each) for each in solves}
-    found = compute_all(_solve_sample, cells, jobs, lambda name: told(f"{name} done, {next(ended)} of {len(cells)}"))
-    attributes = {**header(build_experiment(run.task)).attributes, "method": question.method}
+    cells = {f"front at {each.window.start:g} s": (run.task, settings, each) for each in solves}
+    found = compute_all(_solve_sample, cells, jobs, lambda name: watch(f"{name} done, {next(ended)} of {len(cells)}"))
+    attributes = {**header(build_experiment(run.task)).attributes, "method": settings.method}
     attributes["stages"] = ",".join(str(stage + 1) for stage in stages)
     names = [run.stage_names[stage] for stage in stages]
-    results = join_samples(path, attributes, names, question, list(found.values()))
+    results = join_samples(path, attributes, names, settings, list(found.values()))
     results.create(force)
     return results
 
@@ -209,12 +209,12 @@ def values_of(problem: Window, points: Sequence[Solution]) -> Vector:
     """
     J = point_costs(points)
     values = J @ problem.omega + problem.pending_cost * _waits(points)
-    return np.where(J[:, 1] <= problem.cost_bound * (1 + SLACK), np.nan_to_num(values, nan=np.inf), np.inf)
+    return np.where(J[:, 1] <= problem.cost_bound * (1 + BOUND_TOLERANCE), np.nan_to_num(values, nan=np.inf), np.inf)
 
 
-def _solve_sample(cell: tuple[Task, Question, Solution]) -> list[Quantity]:
+def _solve_sample(cell: tuple[Task, ParetoSettings, Solution]) -> list[Quantity]:
     """Find the fronts about a solve of a run."""
-    task, question, logged = cell
+    task, settings, logged = cell
     problem = build_problem(converging(task))
     trade_off = TradeOff(problem)
     solve = logged
@@ -223,11 +223,11 @@ def _solve_sample(cell: tuple[Task, Question, Solution]) -> list[Quantity]:
     window = solve.window
     instant = float(solve.plan.instants[0])
     wait = instant - window.start
-    held = wait + question.later * max(window.horizon - SHORTEST - wait, 0.0)
-    swept = [_sweep(trade_off, solve, question, float(at)) for at in held]
+    held = wait + settings.delays * max(window.horizon - SHORTEST - wait, 0.0)
+    swept = [_sweep(trade_off, solve, settings, float(at)) for at in held]
     points = swept[0][0]
-    if question.free:
-        swept.append(_sweep(trade_off, solve, question, None))
+    if settings.free:
+        swept.append(_sweep(trade_off, solve, settings, None))
         *held_points, free = (found for found, _ in swept)
         points = [*_stacked("later", held_points), *free]
     J_1, J_2 = trade_off.solver.costs(window, solve.plan)
@@ -253,25 +253,27 @@ def _stacked(dim: str, cells: Sequence[Sequence[Quantity]]) -> list[Quantity]:
     ]
 
 
-def _sweep(trade_off: TradeOff, solve: Solution, question: Question, wait: float | None) -> tuple[list[Quantity], int]:
+def _sweep(
+    trade_off: TradeOff, solve: Solution, settings: ParetoSettings, wait: float | None
+) -> tuple[list[Quantity], int]:
     """Find the fronts with the instant so long after T0 [s], or free, and how many points were solved again.
 
     Weighted sums are solved from the run's own ratio to both ends, epsilon constraints between what the first and the
     last ratio lead to from the point of largest J_2 downwards, each from its neighbour.
     """
     window = solve.window
-    whole = wait is None or question.method != "epsilon-constraint"
-    ratios = question.ratios if whole else question.ratios[[0, -1]]
+    whole = wait is None or settings.method != "epsilon-constraint"
+    ratios = settings.ratios if whole else settings.ratios[[0, -1]]
     sums = [weighted_sum(window, ratio) for ratio in ratios]
     first = int(np.argmin(np.abs(np.log(ratios / (window.omega[1] / window.omega[0])))))
     found: dict[int, Solution] = {}
     for i in (*range(first, len(sums)), *range(first - 1, -1, -1)):
         found[i] = trade_off.solve(sums[i], found.get(i - 1 if i > first else i + 1, solve), wait)
     points, again = improved(trade_off, sums, [found[i] for i in range(len(sums))], wait)
-    if wait is None or question.method == "weighted-sum":
+    if wait is None or settings.method == "weighted-sum":
         return _arrays(FREE if wait is None else WEIGHTED, points), again
     second = point_costs(points)[:, 1]
-    limits = [constrained(window, bound) for bound in np.linspace(second[0], second[-1], question.points)]
+    limits = [constrained(window, bound) for bound in np.linspace(second[0], second[-1], settings.points)]
     near = points[int(np.argmax(np.nan_to_num(second, nan=-np.inf)))]
     bounded = []
     for limit in limits:
@@ -296,7 +298,7 @@ def improved(
         for i, problem in enumerate(problems):
             values = values_of(problem, points)
             best = int(np.argmin(values))
-            if not values[best] + BETTER * abs(values[best]) < values[i]:
+            if not values[best] + LEAST_GAIN * abs(values[best]) < values[i]:
                 continue
             solved = trade_off.solve(problem, points[best], wait)
             if values_of(problem, [solved])[0] < values[i]:
@@ -335,12 +337,12 @@ def join_samples(
     path: Path,
     attributes: Mapping[str, str | int | float],
     stages: Sequence[str],
-    question: Question,
+    settings: ParetoSettings,
     cells: Sequence[Sequence[Quantity]],
 ) -> Results:
     """Put the fronts found at several samples together, with what they dominate."""
     found = {quantity.name: quantity for quantity in _stacked("instant", cells)}
-    names = ["J_1", "J_2", "wait"] if question.free else ["J_1", "J_2"]
+    names = ["J_1", "J_2", "wait"] if settings.free else ["J_1", "J_2"]
     fronts = {
         method: np.stack([found[f"{method}_{name}"].values for name in names], axis=-1)
         for method in (WEIGHTED, CONSTRAINED, FREE)
@@ -351,7 +353,7 @@ def join_samples(
     span = extents(every.reshape(-1, len(names)))
     reference = worst + 0.1 * span
     volumes = [hypervolume(points, reference) for points in every]
-    units = "s^3" if question.free else "s^2"
+    units = "s^3" if settings.free else "s^2"
     ends = np.cumsum([values[0, ..., 0].size for values in fronts.values()])[:-1]
     marks = np.split(np.array([dominated(points) for points in every], "i1"), ends, axis=1)
     for method, values in zip(fronts, marks, strict=True):
@@ -359,18 +361,18 @@ def join_samples(
         shaped = values.reshape(J.values.shape)
         found[f"{method}_dominated"] = Quantity(f"{method}_dominated", J.dims, shaped, "1", "another point is better")
     criteria = ["J_1", "J_2", "t_s - T0"][: len(names)]
-    bounds = np.linspace(0.0, 1.0, question.points)
+    bounds = np.linspace(0.0, 1.0, settings.points)
     bound = "bound on J_2, from the smallest ratio's (0) to the largest one's (1)"
     later = "how much later the instant is held than the run's optimum, as a part of what is left of the horizon"
     along = {"criterion", *(dim for quantity in found.values() for dim in quantity.dims)}
     known = [
         Quantity("stage", ("stage",), np.array(stages), "1", "the two stages"),
         Quantity("criterion", ("criterion",), np.array(criteria), "1", "what is to be small"),
-        Quantity("ratio", ("ratio",), question.ratios, "1", "omega_2 / omega_1"),
+        Quantity("ratio", ("ratio",), settings.ratios, "1", "omega_2 / omega_1"),
         Quantity("bound", ("bound",), bounds, "1", bound),
-        Quantity("later", ("later",), question.later, "1", later),
+        Quantity("later", ("later",), settings.delays, "1", later),
         Quantity("reference", ("criterion",), reference, "s", "reference point of the hypervolume"),
         Quantity("hypervolume", ("instant",), np.array(volumes), units, "measure of what is dominated"),
     ]
     quantities = [*found.values(), *(each for each in known if along.issuperset(each.dims))]
-    return new_results(path, PARETO, {**attributes, "free_instant": int(question.free)}, quantities)
+    return new_results(path, PARETO, {**attributes, "free_instant": int(settings.free)}, quantities)

@@ -51,7 +51,7 @@ LOST = "its process was killed each time it was computed, perhaps for lack of me
 WAITING, COMPUTED, SHARED, FAILED = range(4)
 """Codes of a cell's status; its run is its own, or that of another cell."""
 
-OF_CELL = (
+CELL_COLUMNS = (
     Column("status", "1", "status of the cell", dtype="i4", unknown=WAITING),
     Column("origin", "1", "flat index of the cell whose run it shares", dtype="i4", unknown=-1),
     Column("reason", "1", "why the run ended, where it says so, or the cell failed", dtype="text"),
@@ -71,7 +71,7 @@ IDLE = 30
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of the processes."""
 
-LIGHT = ("log.shares=false", "log.plans=false", "log.ticks=false")
+REDUCED_LOG = ("log.shares=false", "log.plans=false", "log.ticks=false")
 """Changes of a task: what is logged but not measured, and costs solves or memory."""
 
 
@@ -129,7 +129,7 @@ class Study:
         """Build the results with nothing computed, for a file that is not written yet."""
         sizes = {each.name: len(each.values) for each in self.coordinates if each.dims == (each.name,)}
         arrays = [*self.coordinates, Quantity("wall_time", (), np.array(0.0), "s", "wall time spent on the study")]
-        for each in (*OF_CELL, *self.quantities):
+        for each in (*CELL_COLUMNS, *self.quantities):
             if {*each.dims} <= {*sizes}:
                 dims = (*self.dims, *each.dims)
                 text = each.dtype == "text"
@@ -220,7 +220,7 @@ def _run_cell(
     return {**row, "cell_time": time.perf_counter() - began}
 
 
-def changed(task: Task | str | Path, changes: Sequence[str]) -> Task:
+def with_changes(task: Task | str | Path, changes: Sequence[str]) -> Task:
     """Return a task, its file or a built-in one of this name, with keys changed.
 
     Raises:
@@ -349,7 +349,7 @@ def compute_all(
     function: Callable[[Item], Result],
     items: Mapping[str, Item],
     jobs: int | None = None,
-    done: Callable[[str], None] = lambda name: None,
+    watch: Callable[[str], None] = lambda name: None,
 ) -> dict[str, Result]:
     """Call a function on many items in parallel as `compute` does, and return the results by name.
 
@@ -362,7 +362,7 @@ def compute_all(
             if result is None:
                 raise RunError(f"{name}: {LOST}: try fewer --jobs")
             found[name] = result
-            done(name)
+            watch(name)
     return {name: found[name] for name in items}
 
 
@@ -382,7 +382,7 @@ def _on_this_machine(jobs: int) -> Iterator[tuple[Executor, type[Exception]]]:
 
 
 def _end(executor: Executor) -> None:
-    """End the processes of an executor and wait for its end; what it offers for that may lose count of its calls."""
+    """End the processes of an executor one by one, and wait: its own way to end them may lose count of its calls."""
     while processes := [each for each in active_children() if isinstance(each, LokyProcess)]:
         for each in processes:
             each.terminate()
@@ -392,7 +392,7 @@ def _end(executor: Executor) -> None:
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Start processes that do not see a terminal's Ctrl-C, since they inherit what is blocked: this one ends them."""
+    """Block Ctrl-C for the processes that are started inside, which inherit that: this process ends them."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

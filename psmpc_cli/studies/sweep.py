@@ -17,17 +17,17 @@ from psmpc_cli.specs.document import plain
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.measures import WHOLE_RUN, check_columns, second_stage
 from psmpc_cli.studies.runner import (
+    CELL_COLUMNS,
     FAILED,
-    LIGHT,
-    OF_CELL,
+    REDUCED_LOG,
     WAITING,
     Study,
     Watch,
-    changed,
     documents_of,
     names_along,
     run_study,
     task_in,
+    with_changes,
 )
 from psmpc_cli.studies.sampling import MOST_CELLS, SAMPLINGS, Sampling
 
@@ -36,13 +36,13 @@ Array = np.ndarray
 THRESHOLD_UNITS = {"control": "m/s^2, rad/s^2", "closeness": "1"}
 """Units of the thresholds of the actual start, by what the task's `onset` compares with them."""
 
-SAME = 9
+RATIO_DECIMALS = 9
 """Decimals of the logarithm of a ratio of priorities to which two are equal."""
 
-WITHIN = 0.05
+COMPLETION_TOLERANCE = 0.05
 """Part of the earliest completion by which a recommended ratio may complete later."""
 
-ALLOWED = 1.0
+ALLOWED_ERROR = 1.0
 """Final error that the end condition itself allows [tolerances]."""
 
 
@@ -75,7 +75,7 @@ def origins(task: Task, stages: tuple[int, int], omega: Array) -> Array:
     """
     priorities = np.tile([stage.priority for stage in task.spec.stages], (len(omega), 1))
     priorities[:, list(stages)] = omega
-    relative = np.round(np.log10(priorities / priorities.max(axis=1, keepdims=True)), SAME)
+    relative = np.round(np.log10(priorities / priorities.max(axis=1, keepdims=True)), RATIO_DECIMALS)
     _, first, inverse = np.unique(relative, axis=0, return_index=True, return_inverse=True)
     return np.asarray(first[inverse.ravel()])
 
@@ -111,7 +111,7 @@ class SweepCells:
         dims = self.sampling.dims
         names = [stage.name for stage in self.task.spec.stages]
         weights = [Column(name, "1", name) for name in self.sampling.columns]
-        check_columns(results, (*OF_CELL, *second_stage(second), *weights), dims)
+        check_columns(results, (*CELL_COLUMNS, *second_stage(second), *weights), dims)
         scales = (*self.sampling.scales, "epsilon")
         check_columns(results, [Column(name, "1", name, dims=(name,)) for name in scales])
         check_columns(results, [Column("stage", "1", "stage", dtype="text", dims=("stage",))])
@@ -128,7 +128,7 @@ class SweepCells:
         self.waiting = status == WAITING
         self.ended = ~(self.failed | self.waiting)
         own = np.flatnonzero(self.ended & (self.of("origin") == np.arange(len(self.ratio))))
-        self.runs = own[np.argsort(np.round(np.log10(self.ratio[own]), SAME), kind="stable")]
+        self.runs = own[np.argsort(np.round(np.log10(self.ratio[own]), RATIO_DECIMALS), kind="stable")]
         self.instant = self.of("switch_time")[:, first]
         self.floor = self.instant - self.task.spec.controller.horizon
 
@@ -158,7 +158,7 @@ class AlongRatio:
     def __init__(self, cells: SweepCells, values: Array) -> None:
         ratio = cells.ratio[cells.ended]
         kept = values[cells.ended]
-        _, first, inverse = np.unique(np.round(np.log10(ratio), SAME), return_index=True, return_inverse=True)
+        _, first, inverse = np.unique(np.round(np.log10(ratio), RATIO_DECIMALS), return_index=True, return_inverse=True)
         groups = [kept[inverse == k] for k in range(len(first))]
         self.ratio = ratio[first]
         self.middle, self.lowest, self.highest = (
@@ -191,10 +191,11 @@ def recommend(cells: SweepCells) -> Recommendation:
     if not len(completion.ratio):
         return Recommendation(None, "no ratio is recommended: no cell has come to its end")
     earliest = float(completion.lowest.min())
-    early = completion.highest <= (1 + WITHIN) * earliest
+    early = completion.highest <= (1 + COMPLETION_TOLERANCE) * earliest
     failing = np.isclose(completion.ratio[:, None], cells.ratio[cells.failed], rtol=1e-8).any(axis=1)
-    raised = error.highest > max(ALLOWED, np.nan_to_num(error.highest[0]))
+    raised = error.highest > max(ALLOWED_ERROR, np.nan_to_num(error.highest[0]))
     good = early & ~raised & ~failing
+    tolerated = f"within {COMPLETION_TOLERANCE:.0%} of the earliest"
     if good.any():
         best = int(np.argmax(good))
         ratio = float(completion.ratio[best])
@@ -203,13 +204,11 @@ def recommend(cells: SweepCells) -> Recommendation:
         return Recommendation(
             ratio,
             f"recommended omega_2/omega_1{' so far' if cells.waiting.any() else ''}: {ratio:.4g}, the smallest that "
-            f"completes within {WITHIN:.0%} of the earliest: at {completion.highest[best]:.2f} s, earliest "
+            f"completes {tolerated}: at {completion.highest[best]:.2f} s, earliest "
             f"{earliest:.2f} s{allowed}; control effort {effort.middle[best]:.2f}, of {effort.lowest.min():.2f} to "
             f"{effort.highest.max():.2f} over all ratios",
         )
-    kept = (
-        f"of the {early.sum()} ratios that complete within {WITHIN:.0%} of the earliest completion, {earliest:.2f} s,"
-    )
+    kept = f"of the {early.sum()} ratios that complete {tolerated} completion, {earliest:.2f} s,"
     others = f"{np.sum(early & failing)} had a cell that failed, the others raised the final error"
     return Recommendation(None, f"no ratio is recommended: {kept} {others}")
 
@@ -254,7 +253,7 @@ def sweep(
             raise rejected("values", {key: each}, wanted)
     require_callable("watch", watch, "the progress")
     path = require_options(path, jobs, force, resume, dask)
-    loaded = changed(task, LIGHT)
+    loaded = with_changes(task, REDUCED_LOG)
     runs = int(np.prod([len(each) for each in values.values()])) if values else 0
     if not 0 < runs <= MOST_CELLS:
         raise InputError(f"a sweep: found {runs} runs, expected 1 to {MOST_CELLS}")
@@ -297,8 +296,8 @@ def load_sweep_task(reference: str | Path | Task, changes: Sequence[str] = (), e
         SpecError: The task does not hold.
     """
     wanted = [f"onset.series={list(epsilons)}"] if epsilons else []
-    loaded = changed(reference, [*changes, *wanted, *LIGHT])
-    return changed(loaded, [f"controller.multistart={multistart_for(loaded.spec.controller)}"])
+    loaded = with_changes(reference, [*changes, *wanted, *REDUCED_LOG])
+    return with_changes(loaded, [f"controller.multistart={multistart_for(loaded.spec.controller)}"])
 
 
 def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_cell: bool = False) -> Study:

@@ -11,7 +11,7 @@ from psmpc_cli.paper.ablations import (
     CLOSE,
     PROMINENT,
     Ablation,
-    OneWindow,
+    SwitchWindow,
     instant_grid,
     minima,
     on_mesh,
@@ -53,7 +53,7 @@ def log(small: Task, tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 @pytest.fixture(scope="module")
-def one(log: Run) -> OneWindow:
+def one(log: Run) -> SwitchWindow:
     return pick_window(log)
 
 
@@ -64,7 +64,7 @@ def told() -> list[str]:
 
 @pytest.fixture(scope="module")
 def ablations(small: Task, told: list[str]) -> Mapping[str, Ablation]:
-    found = run_ablations(small, jobs=1, done=told.append, points=8)
+    found = run_ablations(small, jobs=1, watch=told.append, points=8)
     return {ablation.name: ablation for ablation in found}
 
 
@@ -98,7 +98,7 @@ def test_a_run_of_one_stage_has_no_window_to_look_at(tmp_path: Path) -> None:
         pick_window(read_run(tmp_path / "run.h5"))
 
 
-def test_j_at_the_optimal_instant_is_the_optimum(one: OneWindow, log: Run) -> None:
+def test_j_at_the_optimal_instant_is_the_optimum(one: SwitchWindow, log: Run) -> None:
     instant = one.plan.instants - one.window.start
     instants, cost = scan_instants(one, instant)
     sample = int(np.argmin(np.abs(log.time - one.window.start)))
@@ -107,7 +107,7 @@ def test_j_at_the_optimal_instant_is_the_optimum(one: OneWindow, log: Run) -> No
     np.testing.assert_allclose(J * largest, log["solver/objective"][sample], rtol=1e-6)
 
 
-def test_the_scan_ends_at_the_earliest_feasible_instant(one: OneWindow) -> None:
+def test_the_scan_ends_at_the_earliest_feasible_instant(one: SwitchWindow) -> None:
     instants, cost = scan_instants(one, instant_grid(one.window.horizon, 8))
     target = one.window.stages[0]
     away = np.abs(one.problem.costs.errors(target, one.window.x0[None])[0, list(target.end_rows)]) - target.tolerance
@@ -117,7 +117,7 @@ def test_the_scan_ends_at_the_earliest_feasible_instant(one: OneWindow) -> None:
     assert np.all(np.isfinite(cost))
 
 
-def test_with_the_pending_cost_every_guess_leads_to_the_scan_s_minimum(one: OneWindow) -> None:
+def test_with_the_pending_cost_every_guess_leads_to_the_scan_s_minimum(one: SwitchWindow) -> None:
     instants, cost = scan_instants(one, instant_grid(one.window.horizon, 8))
     found = optimize_instants(one, 1.0)
     assert np.ptp(found) < 1e-3
@@ -125,7 +125,7 @@ def test_with_the_pending_cost_every_guess_leads_to_the_scan_s_minimum(one: OneW
     assert found[0] == pytest.approx(best, abs=0.05)
 
 
-def test_eulers_error_is_of_first_order_and_the_exact_one_has_none(one: OneWindow) -> None:
+def test_eulers_error_is_of_first_order_and_the_exact_one_has_none(one: SwitchWindow) -> None:
     (coarse, missed), (fine, _) = (on_mesh(one, nodes, "euler") for nodes in (20, 40))
     assert coarse / fine == pytest.approx(2, rel=0.2)
     assert missed > 1.2

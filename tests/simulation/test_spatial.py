@@ -12,7 +12,7 @@ from psmpc_cli.simulation.run import simulate
 from psmpc_cli.simulation.verify import Verification
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.fronts import STATUS
-from psmpc_cli.studies.pareto import Question, solve_pareto
+from psmpc_cli.studies.pareto import ParetoSettings, solve_pareto
 
 THERE = {"position": [0.1, 0.1, -0.1], "attitude": {"axis": [0.6, 0, 0.8], "angle": "30 deg"}}
 
@@ -164,8 +164,8 @@ def test_studies_take_spatial_tasks() -> None:
 @pytest.mark.slow
 def test_fronts_in_space_hold_the_run_s_instant(log: Path, run: Run, tmp_path: Path) -> None:
     """The end condition is met at the limits: any earlier instant has no solution."""
-    question = Question(stages="1,2", at=(0.1, 0.8), points=3, method="both", free=False)
-    found = solve_pareto(run, question, tmp_path / "fronts.h5", jobs=1)
+    settings = ParetoSettings(stages="1,2", at=(0.1, 0.8), points=3, method="both", free=False)
+    found = solve_pareto(run, settings, tmp_path / "fronts.h5", jobs=1)
     for method in ("weighted", "constrained"):
         assert (found[f"{method}_status"] == STATUS.index("optimal")).all()
         assert (np.diff(found[f"{method}_J_2"]) < 0).all()

@@ -26,7 +26,7 @@ THERE, BACK = TASK.replace("kind: ideal,", "kind: rk4, step: 2e-3,").split("  - 
 THREE_STAGES = f"{THERE}{CARRY}  - name: back\n{BACK}"
 """There, aside and back: what is taken up at the end of `go` is carried through one stage."""
 
-LIGHT = ("log.shares=false", "log.plans=false")
+REDUCED_LOG = ("log.shares=false", "log.plans=false")
 BODIES = "uncertainty={mass: 0.2, inertia: 0.2, centre_of_mass: 0.01}"
 PAYLOAD = "uncertainty.payload={mass: 4, inertia: 0.3}"
 NOISE = "uncertainty.noise={position: 1e-3, angle: 1e-3, velocity: 1e-3, angular_velocity: 1e-3}"
@@ -49,7 +49,7 @@ def test_a_block_of_zeros_is_no_block(tmp_path: Path) -> None:
 
 
 def test_other_bodies_make_another_run_whose_balance_closes(tmp_path: Path) -> None:
-    log, known = logged(tmp_path, BODIES, *LIGHT), logged(tmp_path, *LIGHT, name="known")
+    log, known = logged(tmp_path, BODIES, *REDUCED_LOG), logged(tmp_path, *REDUCED_LOG, name="known")
     K = min(len(log.time), len(known.time))
     assert np.abs(log["state/Q"][:K] - known["state/Q"][:K]).max() > 1e-4
     assert np.abs(log["balance/momentum"]).max() < 1e-9
@@ -57,7 +57,7 @@ def test_other_bodies_make_another_run_whose_balance_closes(tmp_path: Path) -> N
 
 
 def test_the_log_tells_what_was_drawn_with_units(tmp_path: Path) -> None:
-    log = logged(tmp_path, BODIES, *LIGHT, samples=1)
+    log = logged(tmp_path, BODIES, *REDUCED_LOG, samples=1)
     assert list(log["uncertainty/body"][:2]) == ["base", "arm_1.1"]
     assert log["uncertainty/centre_of_mass"].shape == (7, 2)
     for name in ("uncertainty/mass_factor", "uncertainty/inertia_factor"):
@@ -74,13 +74,13 @@ UNFILTERED = "controller.measurement_noise={}"
 def test_the_filtered_state_is_nearer_to_the_true_one_and_no_measurement_less(tmp_path: Path) -> None:
     errors = []
     for name, changes in (("raw", (UNFILTERED,)), ("filtered", ())):
-        log = logged(tmp_path, NOISE, *changes, *LIGHT, name=name)
+        log = logged(tmp_path, NOISE, *changes, *REDUCED_LOG, name=name)
         errors.append(np.std(log["state/Q"] - log["state/Q_true"]))
     assert errors[1] < 0.6 * errors[0]
 
 
 def test_the_controller_sees_the_noise_and_the_margins_do_not(tmp_path: Path) -> None:
-    log = logged(tmp_path, NOISE, UNFILTERED, "log.ticks=true", *LIGHT)
+    log = logged(tmp_path, NOISE, UNFILTERED, "log.ticks=true", *REDUCED_LOG)
     loaded = load_task(tmp_path / "task.yaml", [NOISE])
     noise = [measurement_noise(loaded.spec.uncertainty.noise, loaded.robot, 0, k, 10)[0] for k in range(len(log.time))]
     seen, true = (np.hstack([log[f"state/Q{of}"], log[f"state/Qdot{of}"]]) for of in ("", "_true"))
@@ -93,7 +93,7 @@ def test_the_controller_sees_the_noise_and_the_margins_do_not(tmp_path: Path) ->
 
 
 def test_a_payload_is_held_from_the_end_of_one_stage_to_the_beginning_of_another(tmp_path: Path) -> None:
-    log = logged(tmp_path, PAYLOAD, *LIGHT)
+    log = logged(tmp_path, PAYLOAD, *REDUCED_LOG)
     np.testing.assert_array_equal(held(log), log["window/first"] == 1)
     assert held(log).any()
     taken, let_go = np.flatnonzero(np.diff(held(log).astype(int))) + 1
@@ -108,7 +108,8 @@ def test_knowing_the_payload_brings_the_robot_nearer_to_its_plans(tmp_path: Path
     off = [
         np.abs(log["deviation/Qdot"][held(log)][1:]).max()
         for log in (
-            logged(tmp_path, f"{PAYLOAD[:-1]}, known: {known}}}", *LIGHT, name=known) for known in ("true", "false")
+            logged(tmp_path, f"{PAYLOAD[:-1]}, known: {known}}}", *REDUCED_LOG, name=known)
+            for known in ("true", "false")
         )
     ]
     assert off[0] < 0.1 * off[1]
@@ -138,7 +139,7 @@ def test_a_known_delay_is_foreseen_exactly_by_the_plant_of_the_plans(tmp_path: P
 def test_an_impulse_comes_at_its_tick(tmp_path: Path) -> None:
     blow = "uncertainty.impulse={at: 0.23, linear: [0, 2], angular: 0.1}"
     log, quiet = (
-        logged(tmp_path, *changes, "log.ticks=true", *LIGHT, samples=4, name=name)
+        logged(tmp_path, *changes, "log.ticks=true", *REDUCED_LOG, samples=4, name=name)
         for changes, name in (((blow,), "blow"), ((), "quiet"))
     )
     apart = np.abs(log.ticks["v"] - quiet.ticks["v"]).max(axis=1)
@@ -161,27 +162,27 @@ WRIST = (
 def test_integral_action_bears_a_known_delay(tmp_path: Path, known: int) -> None:
     """Six samples late, an estimate from what is foreseen instead of what was measured would diverge."""
     late = (f"uncertainty.delay={known}", f"controller.known_delay={known}", "controller.offset_free=true")
-    log = logged(tmp_path, BODIES, "uncertainty.friction.viscous=0.1", *WRIST, *late, *LIGHT, "time_limit=12")
+    log = logged(tmp_path, BODIES, "uncertainty.friction.viscous=0.1", *WRIST, *late, *REDUCED_LOG, "time_limit=12")
     assert log.attributes["finished"]
     assert np.abs(log["state/Qdot_true"]).max() < 0.3
 
 
 @pytest.mark.parametrize("offset_free", ["false", "true"])
 def test_integral_action_gets_over_friction(tmp_path: Path, offset_free: str) -> None:
-    log = logged(tmp_path, STICKY, *WRIST, f"controller.offset_free={offset_free}", *LIGHT)
+    log = logged(tmp_path, STICKY, *WRIST, f"controller.offset_free={offset_free}", *REDUCED_LOG)
     assert bool(log.attributes["finished"]) == (offset_free == "true")
     assert ("control/disturbance" in log) == (offset_free == "true")
     assert np.abs(log["balance/energy"]).max() < 1e-6
 
 
 def test_what_remains_at_the_end_is_told_of_the_true_state_too(tmp_path: Path) -> None:
-    log = logged(tmp_path, NOISE, *LIGHT)
+    log = logged(tmp_path, NOISE, *REDUCED_LOG)
     found = log.summary().end_errors
     assert found is not None
     measured, true = found
     assert measured <= 1
     assert true != measured
-    assert logged(tmp_path, *LIGHT, samples=1, name="quiet").summary().end_errors is None
+    assert logged(tmp_path, *REDUCED_LOG, samples=1, name="quiet").summary().end_errors is None
 
 
 def test_friction_too_stiff_for_the_step_is_refused(tmp_path: Path) -> None:

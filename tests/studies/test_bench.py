@@ -40,7 +40,7 @@ def told() -> list[str]:
 
 @pytest.fixture(scope="module")
 def bench(task: str, told: list[str]) -> Bench:
-    return run_bench(load_bench(task, (FARTHER,), "5, 10,5"), repeat=2, appends=1, told=told.append)
+    return run_bench(load_bench(task, (FARTHER,), "5, 10,5"), repeat=2, appends=1, watch=told.append)
 
 
 def test_windows_before_at_and_after_the_append_are_solved_on_every_mesh(bench: Bench, told: list[str]) -> None:

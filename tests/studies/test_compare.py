@@ -43,7 +43,7 @@ def test_tasks_differ_in_the_controller_alone(reference: str) -> None:
 def test_runs_in_parallel_are_the_runs_alone(tmp_path: Path, tasks: dict[str, Task]) -> None:
     done: list[str] = []
     path = tmp_path / "new" / "comparison.h5"
-    runs = run_tasks(tasks, path, jobs=2, done=done.append)
+    runs = run_tasks(tasks, path, jobs=2, watch=done.append)
     found = read_comparison(path)
     assert list(runs) == list(found) == ["smpc", "hard"]
     assert sorted(done) == ["hard", "smpc"]

@@ -15,7 +15,7 @@ from psmpc_cli.solvers import Solution
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.fronts import STATUS, dominated, extents, front_points
 from psmpc_cli.studies.pareto import (
-    Question,
+    ParetoSettings,
     TradeOff,
     choose_samples,
     constrained,
@@ -40,9 +40,9 @@ def run_there_and_back(directory: Path, *changes: str) -> Path:
     return directory / "run.h5"
 
 
-def question(**changes: object) -> Question:
+def settings(**changes: object) -> ParetoSettings:
     asked: dict[str, object] = {"stages": "1,2", "at": (), "points": POINTS, "method": "both", "free": False}
-    return Question(**(asked | changes))
+    return ParetoSettings(**(asked | changes))
 
 
 @pytest.fixture(scope="module")
@@ -58,13 +58,13 @@ def log(run: Path) -> Run:
 @pytest.fixture(scope="module")
 def studied(log: Run, tmp_path_factory: pytest.TempPathFactory) -> Results:
     path = tmp_path_factory.mktemp("held") / "pareto.h5"
-    return solve_pareto(log, question(at=(0.2, 0.5)), path, 1)
+    return solve_pareto(log, settings(at=(0.2, 0.5)), path, 1)
 
 
 @pytest.fixture(scope="module")
 def in_space(log: Run, tmp_path_factory: pytest.TempPathFactory) -> Results:
     path = tmp_path_factory.mktemp("free") / "pareto.h5"
-    return solve_pareto(log, question(at=(0.3,), method="weighted-sum", free=True), path, 1)
+    return solve_pareto(log, settings(at=(0.3,), method="weighted-sum", free=True), path, 1)
 
 
 def test_every_point_is_solved_for(studied: Results, in_space: Results) -> None:
@@ -114,7 +114,7 @@ def test_a_third_criterion_has_its_own_fronts(in_space: Results) -> None:
 
 def test_bounds_alone_need_two_weighted_sums_only(log: Run, tmp_path: Path) -> None:
     path = tmp_path / "pareto.h5"
-    results = solve_pareto(log, question(at=(0.5,), method="epsilon-constraint"), path, 1)
+    results = solve_pareto(log, settings(at=(0.5,), method="epsilon-constraint"), path, 1)
     assert "weighted_J_1" not in results.quantities
     assert results["constrained_J_1"].shape == (1, POINTS)
 
@@ -142,7 +142,7 @@ def test_a_run_without_such_a_window_is_refused(tmp_path: Path) -> None:
 def test_a_log_without_plans_is_refused(tmp_path: Path) -> None:
     run = read_run(run_there_and_back(tmp_path, "log.plans=false"))
     with pytest.raises(LogError, match="holds no plans"):
-        solve_pareto(run, question(), tmp_path / "pareto.h5", 1)
+        solve_pareto(run, settings(), tmp_path / "pareto.h5", 1)
 
 
 RATIOS = (0.03, 0.3, 1.0, 3.0, 30.0)

@@ -32,9 +32,9 @@ from psmpc_cli.studies.runner import (
     WAITING,
     Progress,
     Study,
-    changed,
     compute,
     run_study,
+    with_changes,
 )
 from psmpc_cli.studies.sampling import parse_sampling
 from psmpc_cli.studies.sweep import load_sweep_task, weight_study
@@ -196,7 +196,7 @@ def test_another_study_is_not_resumed(
 ) -> None:
     before = whole.path.read_bytes()
     with pytest.raises(InputError, match="holds another sweep") as error:
-        run_study(study_of(changed(task, changes), grid, every_cell), whole.path, resume=True)
+        run_study(study_of(with_changes(task, changes), grid, every_cell), whole.path, resume=True)
     assert named in str(error.value)
     assert whole.path.read_bytes() == before
 

@@ -10,7 +10,7 @@ from psmpc_cli.errors import InputError, SpecError
 from psmpc_cli.logs.results import Results
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.studies.runner import COMPUTED, FAILED, SHARED, changed, run_study
+from psmpc_cli.studies.runner import COMPUTED, FAILED, SHARED, run_study, with_changes
 from psmpc_cli.studies.sampling import parse_sampling
 from psmpc_cli.studies.sweep import load_sweep_task, parse_stages, sweep, weight_study
 
@@ -73,7 +73,7 @@ def test_the_final_error_of_a_stage_that_ends_by_the_plan_is_the_log_s(shared: R
     own = [stage.priority for stage in task.spec.stages[:2]]
     study = weight_study(task, (0, 1), parse_sampling("2", (own[0] / 2, own[0] * 2)))
     results = run_study(study, jobs=2)
-    run = simulate(changed(task, study.cells[0]))
+    run = simulate(with_changes(task, study.cells[0]))
     error = run["deviation/end"][:, 1]
     assert results["final_error"][0] == pytest.approx(error[np.isfinite(error)][-1], rel=1e-9)
     assert results["final_error"][0] < 1.1
@@ -103,7 +103,7 @@ def test_any_keys_are_swept_and_the_arrays_are_labelled(task: Task, tmp_path: Pa
     assert results["controller.kind"].tolist() == ["psmpc", "smpc"]
     assert np.all(results["status"] == COMPUTED)
     assert np.all(results["succeeded"] == 1)
-    run = simulate(changed(task, ("stages.back.priority=10.0", "controller.kind=smpc")))
+    run = simulate(with_changes(task, ("stages.back.priority=10.0", "controller.kind=smpc")))
     np.testing.assert_array_equal(results["switch_time"][1, 1], run.stages["switch_time"])
     assert results["stage_cost"][1, 1].sum() == pytest.approx(0.1 * run["cost/current_stage"].sum())
     xarray = pytest.importorskip("xarray")

@@ -10,7 +10,7 @@ import pytest
 from psmpc_cli.errors import LogError
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.sampling import Draws, Grid, Ratios, Sampling, parse_sampling
-from psmpc_cli.studies.sweep import WITHIN, AlongRatio, SweepCells, origins, parse_stages, recommend
+from psmpc_cli.studies.sweep import COMPLETION_TOLERANCE, AlongRatio, SweepCells, origins, parse_stages, recommend
 
 from ..made_up_sweep import EPSILONS, Numbers, made_up_sweep, numbers, sampling_of
 
@@ -142,7 +142,7 @@ def test_it_is_told_in_one_line_with_what_speaks_for_it(recommended: Recommended
     assert line.startswith("recommended omega_2/omega_1: 10,")
     assert "completes within 5% of the earliest: at 14.20 s, earliest 14.00 s" in line
     assert "final error is 0.90 of the tolerance; control effort 1.10, of 1.00 to 10001.00" in line
-    assert numbers(1.0)["completion_time"] > (1 + WITHIN) * 14.0
+    assert numbers(1.0)["completion_time"] > (1 + COMPLETION_TOLERANCE) * 14.0
 
 
 @pytest.mark.parametrize(

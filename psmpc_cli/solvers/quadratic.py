@@ -336,12 +336,13 @@ class PiqpQp(QpMethod):
         kinds = _sort_rows(arrays, unknowns, soft)
         hessian = _sparse(unknowns.count, unknowns.count, _hessian_entries(arrays, unknowns))
         solver = self._set_up(arrays, unknowns, kinds, hessian)
-        status = _status(solver.solve(), solver.result.info)
-        x = np.array(solver.result.x)
-        _write_solution(solver.result, arrays, unknowns, kinds)
-        if status is QpStatus.SOLVED and _curvature(hessian, x) < -ACCEPTABLE:
+        piqp_status = solver.solve()
+        result = solver.result
+        _write_solution(result, arrays, unknowns, kinds)
+        status = _status(piqp_status, result.info)
+        if status is QpStatus.SOLVED and _curvature(hessian, np.array(result.x)) < -ACCEPTABLE:
             status = QpStatus.FAILED
-        return status, int(solver.result.info.iter)
+        return status, int(result.info.iter)
 
     def _set_up(
         self, arrays: QpArrays, unknowns: "_Unknowns", kinds: "_RowKinds", hessian: csr_array

@@ -8,11 +8,15 @@ not.
 """
 
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
+
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "acceptance"))
+from steadiness import largest_jump, longest_alternation
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.logs.run import Run
@@ -114,24 +118,6 @@ def measured(log: Run) -> Row:
         "jump": round(largest_jump(log), 3),
         "variation": round(variation(log), 3),
     }
-
-
-def longest_alternation(u: np.ndarray) -> int:
-    """Return the longest run of samples whose control (K,) changes its sign, both values above 1 % of the peak."""
-    large = np.abs(u) > 0.01 * np.abs(u).max()
-    longest = run = 0
-    for changes in (u[1:] * u[:-1] < 0) & large[1:] & large[:-1]:
-        run = run + 1 if changes else 0
-        longest = max(longest, run)
-    return longest
-
-
-def largest_jump(log: Run) -> float:
-    """Return the most that the next optimized instant moves between samples whose windows hold the same stages [s]."""
-    first, count = log["window/first"], log["window/count"]
-    same = (np.diff(first) == 0) & (np.diff(count) == 0) & (count[1:] > 1)
-    ahead = log["window/instants"][np.arange(len(first)), first]
-    return float(np.abs(np.diff(ahead)[same]).max(initial=0.0))
 
 
 def variation(log: Run) -> float:

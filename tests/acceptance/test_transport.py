@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from random_tasks import largest_jump, longest_alternation
 
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary, signal
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
+
+from .steadiness import largest_jump, longest_alternation
 
 pytestmark = pytest.mark.slow
 

@@ -5,8 +5,8 @@ import re
 import signal
 import subprocess
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import numpy as np
@@ -28,14 +28,20 @@ SIGNALS = [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminate
 
 
 @pytest.fixture
-def start(psmpc: Psmpc, tmp_path: Path) -> Start:
-    """Start a command in a process group of its own, in the folder of the test."""
+def start(psmpc: Psmpc, tmp_path: Path) -> Iterator[Start]:
+    """Start a command in a process group of its own, in the folder of the test; its pipes are closed at the end."""
+    with ExitStack() as pipes:
 
-    def run(*arguments: str) -> subprocess.Popen[str]:
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        return subprocess.Popen([*PROGRAM, *arguments], cwd=tmp_path, start_new_session=True, **pipes)
+        def run(*arguments: str) -> subprocess.Popen[str]:
+            command = [*PROGRAM, *arguments]
+            kept = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+            process = subprocess.Popen(command, cwd=tmp_path, start_new_session=True, text=True, **kept)
+            for pipe in (process.stdout, process.stderr):
+                assert pipe is not None
+                pipes.callback(pipe.close)
+            return process
 
-    return run
+        yield run
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:

@@ -6,6 +6,7 @@ named values. Sweeps and Monte Carlo studies are instances. The results are labe
 
 import logging
 import os
+import pickle
 import re
 import signal
 import time
@@ -22,6 +23,7 @@ from multiprocessing.resource_tracker import ensure_running
 from pathlib import Path
 from pkgutil import resolve_name
 from queue import Empty, SimpleQueue
+from tempfile import NamedTemporaryFile, TemporaryDirectory
 from typing import Any, TypeVar
 
 import numpy as np
@@ -293,6 +295,21 @@ def _difference(*studies: Results) -> str:
     return f"found {found} in its task, this one has {wanted}"
 
 
+@dataclass(frozen=True)
+class Workers:
+    """Processes that make calls.
+
+    Attributes:
+        submit: Function that has a function called on an item.
+        result: Function from a call that has ended to what it returned; it raises what the call raised.
+        killed: What a call raises that kills its process.
+    """
+
+    submit: Callable[[Callable[[Any], Any], Any], Future[Any]]
+    result: Callable[[Future[Any]], Any]
+    killed: type[Exception]
+
+
 def compute(
     function: Callable[[Item], Result], items: Mapping[Key, Item], jobs: int | None = None, dask: str | None = None
 ) -> Generator[tuple[Key, Result | None], None, None]:
@@ -321,11 +338,11 @@ def compute(
     with deferred_signals() as interruption:
         while waiting:
             called = dict(islice(waiting.items(), 1 if alone else None))
-            ended = SimpleQueue[Future[Result]]()
+            ended = SimpleQueue[Future[Any]]()
             place = _on_this_machine(jobs or os.cpu_count() or 1) if dask is None else _on_cluster(dask)
-            with place as (executor, killed), suppress(killed):  # raised by a submission if a process was killed before
+            with place as workers, suppress(workers.killed):  # raised by a submission if a process was killed before
                 with _interrupts_blocked():
-                    calls = {executor.submit(function, item): key for key, item in called.items()}
+                    calls = {workers.submit(function, item): key for key, item in called.items()}
                 for call in calls:
                     call.add_done_callback(ended.put)
                 while calls:
@@ -335,9 +352,9 @@ def compute(
                     except Empty:
                         continue
                     key = calls.pop(call)
-                    if not isinstance(call.exception(), killed):
+                    if not isinstance(call.exception(), workers.killed):
                         del waiting[key]
-                        yield key, call.result()
+                        yield key, workers.result(call)
             lost = called.keys() & waiting.keys()
             for key in lost if alone else ():
                 del waiting[key]
@@ -366,19 +383,40 @@ def compute_all(
     return {name: found[name] for name in items}
 
 
+def _pickled(folder: str, function: Callable[[Item], Result], item: Item) -> Path:
+    """Call a function, and return a file in a folder that holds its result.
+
+    The processes of this machine share one pipe for what they return. It would be blocked for ever by one that is
+    killed while it writes a result longer than the pipe; a file's name is written at once.
+    """
+    result = function(item)
+    with NamedTemporaryFile(dir=folder, delete=False) as file:
+        pickle.dump(result, file, pickle.HIGHEST_PROTOCOL)
+    return Path(file.name)
+
+
+def _unpickled(call: Future[Path]) -> Any:
+    """Read what a call on this machine has stored, and remove the file."""
+    path = call.result()
+    result = pickle.loads(path.read_bytes())
+    path.unlink()
+    return result
+
+
 @contextmanager
-def _on_this_machine(jobs: int) -> Iterator[tuple[Executor, type[Exception]]]:
-    """Provide processes of this machine, which later calls reuse, and what a call raises that kills its process."""
+def _on_this_machine(jobs: int) -> Iterator[Workers]:
+    """Provide processes of this machine, which later calls reuse."""
     ensure_running()  # multiprocessing's tracker of resources, whose start unblocks interrupts
-    with _interrupts_blocked():
-        executor = get_reusable_executor(
-            jobs, timeout=IDLE, env=ONE_THREAD, initializer=end_with_parent, initargs=(os.getpid(),)
-        )
-    try:
-        yield executor, TerminatedWorkerError
-    except BaseException:
-        _end(executor)
-        raise
+    with TemporaryDirectory(prefix="psmpc-") as folder:
+        with _interrupts_blocked():
+            executor = get_reusable_executor(
+                jobs, timeout=IDLE, env=ONE_THREAD, initializer=end_with_parent, initargs=(os.getpid(),)
+            )
+        try:
+            yield Workers(partial(executor.submit, _pickled, folder), _unpickled, TerminatedWorkerError)
+        except BaseException:
+            _end(executor)
+            raise
 
 
 def _end(executor: Executor) -> None:
@@ -401,8 +439,8 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 @contextmanager
-def _on_cluster(address: str) -> Iterator[tuple[Executor, type[Exception]]]:
-    """Provide a Dask cluster whose workers compute what this process would, and what a call raises that kills one."""
+def _on_cluster(address: str) -> Iterator[Workers]:
+    """Provide a Dask cluster whose workers compute what this process would."""
     try:
         from distributed import Client, KilledWorker
     except ImportError:
@@ -431,6 +469,6 @@ def _on_cluster(address: str) -> Iterator[tuple[Executor, type[Exception]]]:
                     f"(--nthreads 1; --nworkers for several calls at a time) and {__version__} as here"
                 )
         try:
-            yield client.get_executor(pure=False), KilledWorker
+            yield Workers(client.get_executor(pure=False).submit, Future.result, KilledWorker)
         except CancelledError:
             raise RunError(f"the connection to the Dask scheduler at {address} was lost") from None

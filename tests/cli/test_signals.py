@@ -29,16 +29,15 @@ SIGNALS = [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminate
 
 @pytest.fixture
 def start(psmpc: Psmpc, tmp_path: Path) -> Iterator[Start]:
-    """Start a command in a process group of its own, in the folder of the test; its pipes are closed at the end."""
-    with ExitStack() as pipes:
+    """Start a command in a process group of its own, in the folder of the test; it is gone at the end."""
+    with ExitStack() as processes:
 
         def run(*arguments: str) -> subprocess.Popen[str]:
             command = [*PROGRAM, *arguments]
             kept = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
             process = subprocess.Popen(command, cwd=tmp_path, start_new_session=True, text=True, **kept)
-            for pipe in (process.stdout, process.stderr):
-                assert pipe is not None
-                pipes.callback(pipe.close)
+            processes.enter_context(process)
+            processes.callback(process.kill)
             return process
 
         yield run
@@ -46,7 +45,7 @@ def start(psmpc: Psmpc, tmp_path: Path) -> Iterator[Start]:
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
     """Wait for a command; return its exit code and what it wrote from now on."""
-    out, err = process.communicate(timeout=600)
+    out, err = process.communicate(timeout=120)
     assert "Traceback" not in err
     return process.returncode, out, err
 

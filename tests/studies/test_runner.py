@@ -10,9 +10,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
+from threading import Timer
 
 import h5py
 import numpy as np
@@ -73,6 +74,25 @@ def test_every_item_gets_its_result(jobs: int) -> None:
 def test_a_killed_process_loses_no_result(tmp_path: Path) -> None:
     found = list(compute(doubling(2, once=tmp_path / "note"), ITEMS, 2))
     assert sorted(found) == sorted(doubled().items())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("killed_after", [0.0, 0.1, 0.2])
+def test_processes_that_end_while_they_return_much_block_nothing(killed_after: float, tmp_path: Path) -> None:
+    """A process that is killed while it writes to a pipe keeps all who read it waiting."""
+    note = tmp_path / "note"
+
+    def call(item: int) -> bytes:
+        if item == 1 and killed_after and not note.exists():
+            note.touch()
+            Timer(killed_after, os.kill, (os.getpid(), signal.SIGKILL)).start()
+        return bytes(300_000_000)
+
+    with closing(compute(call, {item: item for item in range(4)}, 2)) as results:
+        for _, result in results:
+            assert len(result) == 300_000_000
+            if not killed_after:
+                break  # the others are ended while they return theirs
 
 
 @pytest.mark.slow

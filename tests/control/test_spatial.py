@@ -15,13 +15,14 @@ from psmpc_cli.robot.model import load_robot
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.load import Task, load_task
 
-from ..in_space import KINDS, Array, attitude, reaching, run, turning
+from ..free_flyer import KINDS, Array, attitude, reaching, turning
+from ..stepped import stepped
 
 
 @pytest.mark.parametrize("degrees", [175, 180, 185])
 def test_a_turn_takes_the_short_way_at_a_rate_within_its_limit(degrees: float) -> None:
     task = turning(degrees)
-    commands, _, state = run(task)
+    commands, _, state = stepped(task)
     turned = np.array([2 * np.arccos(min(1.0, abs(command.x[3]))) for command in commands])
     assert turned.max() < np.radians(min(degrees, 360 - degrees) + 1)
     wanted = Rotation.from_rotvec(np.radians(degrees) * np.ones(3) / np.sqrt(3))
@@ -32,14 +33,14 @@ def test_a_turn_takes_the_short_way_at_a_rate_within_its_limit(degrees: float) -
 
 def test_a_later_stage_with_a_high_priority_acts_early_and_ends_sooner() -> None:
     """In a mission with a skill of every kind."""
-    ends = [run(reaching(f"controller.kind={kind}"))[1] for kind in ("psmpc", "smpc", "hard")]
+    ends = [stepped(reaching(f"controller.kind={kind}"))[1] for kind in ("psmpc", "smpc", "hard")]
     assert ends[0][1] + 0.2 < ends[1][1] < ends[2][1]
     assert [end[0] for end in ends] == pytest.approx([4.4] * 3, abs=0.15)
 
 
 def test_one_level_of_htmpc_is_hard_switching_and_more_keep_earlier_stages() -> None:
     hard, one, several = (
-        run(turning(120, f"controller.kind={kind}", f"controller.htmpc.depth={depth}"))
+        stepped(turning(120, f"controller.kind={kind}", f"controller.htmpc.depth={depth}"))
         for kind, depth in (("hard", 1), ("htmpc", 1), ("htmpc", 2))
     )
     np.testing.assert_array_equal([c.x for c in hard[0]], [c.x for c in one[0]])
@@ -62,9 +63,9 @@ SETTINGS = {
 
 @pytest.mark.parametrize("changes", SETTINGS.values(), ids=list(SETTINGS))
 def test_with_every_setting_the_mission_is_done(changes: tuple[str, ...]) -> None:
-    commands, switches, _ = run(turning(120, *changes))
+    commands, switches, _ = stepped(turning(120, *changes))
     assert not any({"solve_failed", "unmeasured"} & command.events for command in commands)
-    again = run(turning(120))[1]
+    again = stepped(turning(120))[1]
     rest = "controller.kind=htmpc" in changes  # its second stage begins when the first is over
     assert switches == pytest.approx(again, abs=2.5 if rest else 0.8 if "auto" in changes[0] else 1e-3)
 
@@ -73,7 +74,7 @@ def test_a_tumbling_target_is_followed_through_more_than_a_turn() -> None:
     """At a constant rate between rows 100 deg apart: no way is shorter than that of the target."""
     rows = [{"position": [0.1 * k, 0, 0], "attitude": attitude([1, 2, 3], 100 * k)} for k in range(5)]
     moving = {"times": [8 * k for k in range(5)], "base": rows, "arm": [[0, 0, 0]] * 5}
-    commands, switches, _ = run(turning(0, f"stages.fly.target={json.dumps(moving)}"), longest=50)
+    commands, switches, _ = stepped(turning(0, f"stages.fly.target={json.dumps(moving)}"), longest=50)
     assert switches[0] == pytest.approx(32, abs=0.01)
     for command in commands[10:280]:  # then the next stage is in the window
         wanted = Rotation.from_rotvec(np.radians(100 / 8 * command.time) * np.array([1, 2, 3]) / np.sqrt(14))
@@ -84,7 +85,7 @@ def test_an_arm_that_points_exactly_away_turns_round() -> None:
     """There no derivative says which way."""
     still = {"base": {"position": [0, 0, 0]}, "arm": [0, 0, 0]}
     changes = [f"stages.{name}.target={json.dumps(still)}" for name in ("fly", "reach")]
-    _, _, state = run(
+    _, _, state = stepped(
         reaching("stages.reach.skill=joint", *changes, f"stages.look.target={json.dumps({**still, 'arm': [-5, 0, 0]})}")
     )
     assert np.abs(state.Q[8] + state.Q[9]) == pytest.approx(np.pi, abs=0.05)
@@ -92,7 +93,7 @@ def test_an_arm_that_points_exactly_away_turns_round() -> None:
 
 def test_the_predicted_switch_time_stays_where_it_is() -> None:
     """About (1, 1, 1), from the sample after it is first seen on."""
-    commands, switches, _ = run(turning(120, "controller.nodes=25"))
+    commands, switches, _ = stepped(turning(120, "controller.nodes=25"))
     seen = [float(command.instants[0]) for command in commands if len(command.instants)]
     assert len(seen) > 5
     assert np.ptp(seen[1:]) < 0.01
@@ -170,8 +171,8 @@ def in_both(planar: Task, robot: Path) -> Task:
 def test_the_paper_s_robot_on_a_base_with_six_degrees_of_freedom_moves_as_in_the_plane(tmp_path: Path) -> None:
     planar = load_task("approach_capture", {"controller.nodes": 12})
     spatial = in_both(planar, in_space(tmp_path))
-    commands, switches, _ = run(spatial)
-    _, expected, _ = run(planar)
+    commands, switches, _ = stepped(spatial)
+    _, expected, _ = stepped(planar)
     np.testing.assert_allclose(switches, expected, atol=1e-3)
     X = np.array([command.x for command in commands])
     out_of_plane = X[:, [2, 4, 5, 15, 16, 17]]

@@ -11,7 +11,7 @@ from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import load_task
 
-from .. import in_space
+from .. import free_flyer
 
 TRACKING = load_task("tracking")
 
@@ -58,7 +58,7 @@ def test_attitudes_turn_at_a_constant_rate_between_rows(signs: int) -> None:
         for k, q in enumerate(rows.as_quat())
     ]
     target = {"times": times.tolist(), "base": written, "arm": [[0, 0, 0]] * 5}
-    (stage, _) = build_problem(in_space.turning(0, f"stages.fly.target={json.dumps(target)}")).stages
+    (stage, _) = build_problem(free_flyer.turning(0, f"stages.fly.target={json.dumps(target)}")).stages
     values, inside, h = stage.reference(since), np.clip(since, 0, 7), 1e-6
     wanted = Slerp(times, rows)(inside)
     assert (wanted.inv() * Rotation.from_quat(values[:, [4, 5, 6, 3]])).magnitude().max() < 1e-7

@@ -20,7 +20,7 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.report.view import view
 from psmpc_cli.simulation.run import simulate
 
-from ..in_space import turning
+from ..free_flyer import turning
 from ..simulation.logged import there_and_back
 from .browser import opened_browser
 

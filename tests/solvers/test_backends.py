@@ -4,7 +4,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.control import Command
 from psmpc_cli.errors import InputError
 from psmpc_cli.ocp.constraints.boxes import own_violations
 from psmpc_cli.ocp.plan import Plan
@@ -16,7 +15,8 @@ from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
 from ..ocp.windows import moving
-from .windows import CONVERGED, FATROP, IPOPT, ONE, again, changed, chosen, far_away
+from .recorded import RecordedSolve, windows_over
+from .solving import CONVERGED, FATROP, IPOPT, ONE, again, changed, far_away, middle_window_over
 
 pytestmark = pytest.mark.slow
 
@@ -35,8 +35,8 @@ def judge(problem: Problem) -> NlpSolver:
 
 
 @pytest.fixture(scope="module")
-def two_stages(decisions: list[Command]) -> Solution:
-    return chosen(decisions, 2)
+def two_stages() -> RecordedSolve:
+    return middle_window_over(2)
 
 
 def assert_same_optimum(one: Solution, other: Solution) -> None:
@@ -47,10 +47,8 @@ def assert_same_optimum(one: Solution, other: Solution) -> None:
 
 
 @pytest.mark.parametrize("stages", [1, 2, 3])
-def test_all_back_ends_reach_the_same_optimum(
-    problem: Problem, judge: NlpSolver, decisions: list[Command], stages: int
-) -> None:
-    solved = chosen(decisions, stages)
+def test_all_back_ends_reach_the_same_optimum(problem: Problem, judge: NlpSolver, stages: int) -> None:
+    solved = middle_window_over(stages)
     optimum = again(build_solver(problem, FATROP), solved)
     for spec in (CONVERGED, IPOPT):
         for warm in (False, True):
@@ -79,7 +77,7 @@ def at_rest(stage: Stage) -> Stage:
     ("change", "of"), [(slow, 1), (weak, 1), (at_rest, 0), (moving, 1)], ids=["slow", "weak", "at rest", "moving"]
 )
 def test_windows_of_other_stages_have_the_same_optimum_too(
-    problem: Problem, two_stages: Solution, change: Change, of: int
+    problem: Problem, two_stages: RecordedSolve, change: Change, of: int
 ) -> None:
     solved = changed(two_stages, change, of)
     solver = build_solver(problem, CONVERGED)
@@ -90,7 +88,7 @@ def test_windows_of_other_stages_have_the_same_optimum_too(
 
 @pytest.mark.parametrize("spec", [CONVERGED, FATROP], ids=["sqp", "fatrop"])
 def test_terminal_cost_offset_and_euler_are_solved_too(
-    problem: Problem, two_stages: Solution, spec: SolverSpec
+    problem: Problem, two_stages: RecordedSolve, spec: SolverSpec
 ) -> None:
     changes = {"terminal_cost": 0.5, "offset": np.full(2, 0.1), "discretization": "euler"}
     solved = replace(two_stages, window=replace(two_stages.window, **changes))
@@ -102,17 +100,17 @@ def test_terminal_cost_offset_and_euler_are_solved_too(
 
 
 @pytest.mark.slow
-def test_task_input_reaches_one_optimum_by_both_nlp_back_ends(problem: Problem, decisions: list[Command]) -> None:
+def test_task_input_reaches_one_optimum_by_both_nlp_back_ends(problem: Problem) -> None:
     def by_poses(stage: Stage) -> Stage:
         return replace(stage, input="task")
 
-    solved = changed(chosen(decisions, 1), by_poses, 0)
+    solved = changed(middle_window_over(1), by_poses, 0)
     one, other = (again(build_solver(problem, spec), solved, False) for spec in (FATROP, IPOPT))
     assert_same_optimum(one, other)
 
 
 @pytest.mark.parametrize("spec", [CONVERGED, FATROP, IPOPT], ids=["sqp", "fatrop", "ipopt"])
-def test_durations_are_kept_near_the_guess(problem: Problem, two_stages: Solution, spec: SolverSpec) -> None:
+def test_durations_are_kept_near_the_guess(problem: Problem, two_stages: RecordedSolve, spec: SolverSpec) -> None:
     guess = replace(two_stages.guess, instants=two_stages.guess.instants + 0.3)
     for within in (0.0, 0.05):
         found = build_solver(problem, spec).solve(two_stages.window, guess, None, within)
@@ -124,7 +122,7 @@ def test_durations_are_kept_near_the_guess(problem: Problem, two_stages: Solutio
     "spec", [ONE, SolverSpec(kind="fatrop", max_iterations=80), IPOPT], ids=["sqp", "fatrop", "ipopt"]
 )
 def test_a_window_that_cannot_be_solved_says_so_with_advice(
-    problem: Problem, two_stages: Solution, spec: SolverSpec
+    problem: Problem, two_stages: RecordedSolve, spec: SolverSpec
 ) -> None:
     found = again(build_solver(problem, spec), changed(two_stages, far_away, 0), False)
     assert not found.outcome.usable
@@ -134,7 +132,7 @@ def test_a_window_that_cannot_be_solved_says_so_with_advice(
 
 
 @pytest.mark.parametrize("kind", ["sqp", "fatrop", "ipopt"])
-def test_too_few_iterations_are_reported_as_such(problem: Problem, two_stages: Solution, kind: str) -> None:
+def test_too_few_iterations_are_reported_as_such(problem: Problem, two_stages: RecordedSolve, kind: str) -> None:
     guess = replace(two_stages.guess, X=two_stages.guess.X + 0.05, instants=two_stages.guess.instants + 0.3)
     spec = SolverSpec.model_validate({"kind": kind, "max_iterations": 1})
     found = build_solver(problem, spec).solve(two_stages.window, guess)
@@ -143,7 +141,7 @@ def test_too_few_iterations_are_reported_as_such(problem: Problem, two_stages: S
 
 
 def test_sqp_stops_at_a_deadline_after_the_iteration_that_passes_it(
-    problem: Problem, judge: NlpSolver, two_stages: Solution
+    problem: Problem, judge: NlpSolver, two_stages: RecordedSolve
 ) -> None:
     stopped = again(build_solver(problem, SolverSpec(kind="sqp", iterations=50, deadline=1e-9)), two_stages)
     assert (stopped.iterations, stopped.outcome) == (1, Outcome.FEASIBLE)
@@ -154,7 +152,7 @@ def test_sqp_stops_at_a_deadline_after_the_iteration_that_passes_it(
     assert judge.violation(late.window, late.plan) > FEASIBLE
 
 
-def test_ipopt_stops_at_a_deadline_too(problem: Problem, judge: NlpSolver, two_stages: Solution) -> None:
+def test_ipopt_stops_at_a_deadline_too(problem: Problem, judge: NlpSolver, two_stages: RecordedSolve) -> None:
     hurried = SolverSpec(kind="ipopt", deadline=1e-6)
     stopped, free = (again(build_solver(problem, spec), two_stages, False) for spec in (hurried, IPOPT))
     assert stopped.iterations < free.iterations
@@ -162,20 +160,24 @@ def test_ipopt_stops_at_a_deadline_too(problem: Problem, judge: NlpSolver, two_s
     assert stopped.outcome is (Outcome.FEASIBLE if within else Outcome.DEADLINE)
 
 
-def test_a_solution_of_other_stages_or_a_failed_one_starts_nothing(problem: Problem, decisions: list[Command]) -> None:
-    one, two = chosen(decisions, 1), chosen(decisions, 2)
+def test_a_solution_of_other_stages_or_a_failed_one_starts_nothing(problem: Problem) -> None:
+    one = middle_window_over(1)
+    two = middle_window_over(2)
     solver = build_solver(problem, ONE)
-    for previous in (one, replace(two, outcome=Outcome.INFEASIBLE)):
+    same = again(solver, two)
+    assert solver.solve(two.window, two.guess, same).warm
+    for previous in (again(solver, one), replace(same, outcome=Outcome.INFEASIBLE)):
         assert not solver.solve(two.window, two.guess, previous).warm
 
 
-def test_ipopt_bounds_the_cost_of_the_last_stage(problem: Problem, decisions: list[Command]) -> None:
+def test_ipopt_bounds_the_cost_of_the_last_stage(problem: Problem) -> None:
     """At the cost that priorities lead to, the multiplier of the bound is the ratio of the priorities.
 
     The bound raises the other cost by 1e-8, which only a tolerance of 1e-10 resolves.
     """
-    solved = next(command.solution for command in decisions if len(command.solution.window.stages) == 2)
-    held = replace(solved.guess, instants=solved.plan.instants)
+    solved = windows_over(2)[0]
+    optimum = again(build_solver(problem, CONVERGED), solved)
+    held = replace(solved.guess, instants=optimum.plan.instants)
     solver = build_solver(problem, SolverSpec(kind="ipopt", tolerance=1e-10, max_iterations=500))
     window = replace(solved.window, omega=np.array([1.0, 1e-2]))
     free = solver.solve(window, held, None, 0.0)
@@ -191,7 +193,7 @@ def test_ipopt_bounds_the_cost_of_the_last_stage(problem: Problem, decisions: li
 
 @pytest.mark.parametrize("kind", ["sqp", "fatrop", "ipopt"])
 def test_a_report_has_a_line_an_iteration_and_changes_nothing(
-    problem: Problem, two_stages: Solution, kind: str, capfd: pytest.CaptureFixture[str]
+    problem: Problem, two_stages: RecordedSolve, kind: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     lines: list[str] = []
     spec = SolverSpec.model_validate({"kind": kind, "iterations": 50})
@@ -218,7 +220,7 @@ class Made(Solver):
 
 @pytest.mark.parametrize("error", [RuntimeError("a\nb"), ZeroDivisionError("a"), np.linalg.LinAlgError("a")])
 def test_a_solver_that_raises_has_failed_where_it_started(
-    two_stages: Solution, error: Exception, caplog: pytest.LogCaptureFixture
+    two_stages: RecordedSolve, error: Exception, caplog: pytest.LogCaptureFixture
 ) -> None:
     failed = Made(error).solve(two_stages.window, two_stages.guess)
     assert failed.outcome is Outcome.FAILED
@@ -226,19 +228,24 @@ def test_a_solver_that_raises_has_failed_where_it_started(
     assert caplog.messages == [f"the solver raised {type(error).__name__}: a"]
 
 
-def test_a_plan_that_is_not_finite_is_no_solution_and_a_mistake_is_raised(two_stages: Solution) -> None:
-    assert Made(two_stages).solve(two_stages.window, two_stages.guess) is two_stages
-    spoilt = replace(two_stages, plan=replace(two_stages.plan, u=np.full_like(two_stages.plan.u, np.nan)))
-    assert Made(spoilt).solve(two_stages.window, two_stages.guess).outcome is Outcome.FAILED
+def test_a_plan_that_is_not_finite_is_no_solution_and_a_mistake_is_raised(
+    problem: Problem, two_stages: RecordedSolve
+) -> None:
+    window = two_stages.window
+    guess = two_stages.guess
+    solution = again(build_solver(problem, ONE), two_stages)
+    assert Made(solution).solve(window, guess) is solution
+    spoilt = replace(solution, plan=replace(solution.plan, u=np.full_like(solution.plan.u, np.nan)))
+    assert Made(spoilt).solve(window, guess).outcome is Outcome.FAILED
     with pytest.raises(TypeError):
-        Made(TypeError("a")).solve(two_stages.window, two_stages.guess)
+        Made(TypeError("a")).solve(window, guess)
 
 
 @pytest.fixture(scope="module", params=[(1, 9), (2, 9), (2, 1)], ids=["fast", "two stages", "beyond a position"])
-def beyond(request: pytest.FixtureRequest, decisions: list[Command]) -> Solution:
+def beyond(request: pytest.FixtureRequest) -> RecordedSolve:
     """A soft window that begins beyond a limit of a velocity, or of a position."""
     count, row = request.param
-    solved = chosen(decisions, count)
+    solved = middle_window_over(count)
     stage, x0 = solved.window.stages[0], solved.window.x0.copy()
     limits = stage.limits
     if row < 9:
@@ -252,7 +259,7 @@ def beyond(request: pytest.FixtureRequest, decisions: list[Command]) -> Solution
 
 
 def test_soft_limits_give_way_to_the_measured_state_alike_in_all_back_ends(
-    problem: Problem, judge: NlpSolver, beyond: Solution
+    problem: Problem, judge: NlpSolver, beyond: RecordedSolve
 ) -> None:
     optimum = again(build_solver(problem, FATROP), beyond, False)
     hard = replace(beyond, window=replace(beyond.window, soft=False))

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from psmpc_cli.control import Command
 from psmpc_cli.native.library import CompilationError, find_compiler
 from psmpc_cli.ocp.constraints.boxes import PENALTY, scaled_violations
 from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
@@ -19,6 +18,8 @@ from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, moved_apart, w
 
 from .optimality import energy, objective, optimality
 from .random_programs import Task, random_task, unattainable
+from .recorded import RecordedSolve, windows_over
+from .solving import middle_window_over
 
 SEEDS = st.integers(0, 2**32 - 1)
 FEATURES = st.sets(st.sampled_from(("equal", "fixed", "free", "inputs", "tied")))
@@ -50,10 +51,10 @@ def piqp(task: Task, tolerance: float = 1e-9) -> QpSolution:
     return PiqpQp(tolerance).solve(task.window, task.model, task.point)
 
 
-def recorded(model: RobotModel, command: Command) -> Task:
-    """The program at the guess of a window of a run."""
-    window = command.solution.window
-    guess = command.solution.guess
+def first_program(model: RobotModel, solve: RecordedSolve) -> Task:
+    """The program at the guess of a recorded window."""
+    window = solve.window
+    guess = solve.guess
     form = VelocityForm(model, window_shape(window))
     tau = np.diff(guess.instants, prepend=window.start)
     point = Point(guess.X, tau)
@@ -63,10 +64,10 @@ def recorded(model: RobotModel, command: Command) -> Task:
 
 
 @pytest.fixture(params=[1, 2, 3], ids=["one_stage", "two_stages", "three_stages"])
-def tasks(request: pytest.FixtureRequest, model: RobotModel, decisions: list[Command]) -> list[Task]:
-    """Programs of a run: after an append, and warm."""
-    of_size = [d for d in decisions if len(d.solution.window.stages) == request.param]
-    return [recorded(model, d) for d in (of_size[0], of_size[len(of_size) // 2], of_size[-1])]
+def tasks(request: pytest.FixtureRequest, model: RobotModel) -> list[Task]:
+    """Programs of a mission: after an append, and warm."""
+    found = windows_over(request.param)
+    return [first_program(model, solve) for solve in (found[0], middle_window_over(request.param), found[-1])]
 
 
 def assert_optimal(task: Task, found: QpSolution) -> None:
@@ -79,7 +80,7 @@ def assert_optimal(task: Task, found: QpSolution) -> None:
     assert missed.complementarity < 1e-8 * scale
 
 
-def test_programs_of_a_run_are_solved_like_piqp_solves_them(tasks: Sequence[Task]) -> None:
+def test_programs_of_a_mission_are_solved_like_piqp_solves_them(tasks: Sequence[Task]) -> None:
     for task in tasks:
         found = ours(task)
         other = piqp(task)

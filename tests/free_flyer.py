@@ -1,13 +1,11 @@
-"""Tasks of the small free-flyer, and controllers stepped by hand on a plant that follows their plans exactly."""
+"""Tasks of the small free-flyer: missions in space that take a few seconds."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.control import Command, Controller, State
 from psmpc_cli.robot.model import load_robot
 from psmpc_cli.specs.load import Task, load_task
 
@@ -17,27 +15,6 @@ Array = NDArray[np.float64]
 def attitude(axis: list[float], degrees: float) -> dict[str, Any]:
     """An attitude as a task writes it."""
     return {"axis": (np.array(axis) / np.linalg.norm(axis)).tolist(), "angle": f"{degrees} deg"}
-
-
-def run(task: Task, longest: float = 40.0) -> tuple[list[Command], list[float], State]:
-    """Step a controller on an ideal plant until it is done: commands, switch times, final state."""
-    controller = Controller(task)
-    problem = controller.problem
-    Q = initial(task)
-    state, time, commands = State(Q, np.zeros(problem.model.n)), 0.0, list[Command]()
-    while not controller.done and time < longest:
-        commands.append(controller.step(time, state))
-        plan, time = commands[-1].plan, round(time + task.spec.controller.sample_time, 6)
-        found = plan.chart.leave(plan.states_at(np.array([time])))
-        state = State(found[0][0], found[1][0])
-    assert controller.done
-    return commands, [switch.time for command in commands for switch in command.switches], state
-
-
-def initial(task: Task) -> Array:
-    """Coordinates at the start."""
-    parts: Mapping[str, tuple[float, ...]] = task.spec.initial
-    return np.concatenate([parts[part] for part in task.robot.parts])
 
 
 def turning(degrees: float, *changes: str) -> Task:

@@ -17,8 +17,8 @@ from psmpc_cli.simulation.run import Experiment, build_experiment, closed_loop, 
 from psmpc_cli.solvers import Solution, Solver
 from psmpc_cli.specs.load import Task, load_task
 
-from ..there_and_back import TASK
-from .runs import QUICK, SHORT, run, states, with_failures
+from ..short_runs import TASK
+from .short_transports import QUICK, SHORT, run, states, with_failures
 
 Build = Callable[..., Experiment]
 

@@ -14,7 +14,7 @@ from psmpc_cli.figures.style import LONGEST_NAME, readable
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.load import Task
 
-from ..little_room import files_of_at_most
+from ..limited_disk import files_of_at_most
 
 Load = Callable[..., Run]
 

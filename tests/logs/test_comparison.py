@@ -13,7 +13,7 @@ from psmpc_cli.logs.run import Run, read_comparison, read_run
 from psmpc_cli.logs.schema import COMPARISON, RUN
 from psmpc_cli.logs.write import Header, LogWriter
 
-from .records import HEADER, LEAN, record
+from .synthetic_samples import HEADER, LEAN, record
 
 FINAL = {"final/end_time": 0.3, "final/Q": np.zeros(3)}
 

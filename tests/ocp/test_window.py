@@ -26,7 +26,7 @@ from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
 from ..solvers.recorded import RecordedSolve, recorded, windows_over
-from .windows import coasting, moving, window_over
+from .transport_windows import coasting, moving, window_over
 
 STEP, TOLERANCE = 0.1, 5e-3
 

@@ -18,7 +18,7 @@ from psmpc_cli.studies.bench import (
 )
 
 from .. import free_flyer
-from ..there_and_back import TASK
+from ..short_runs import TASK
 
 FARTHER = "stages[0].target.base=[0.3, 0, 0]"
 """So far that the second stage enters the window after some samples, not at once."""

@@ -15,7 +15,7 @@ from psmpc_cli.simulation.run import simulate
 from psmpc_cli.solvers.base import FEASIBLE
 from psmpc_cli.specs.load import load_task
 
-from ..there_and_back import TASK
+from ..short_runs import TASK
 from .faults import Fault, Seen, during, injected, meaningless, not_converging, pushed, raising, unmeasured
 
 LIMIT = 0.2

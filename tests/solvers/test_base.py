@@ -14,7 +14,7 @@ from psmpc_cli.solvers import FEASIBLE, NlpSolver, Outcome, Solution, Solver, bu
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
-from ..ocp.windows import moving
+from ..ocp.transport_windows import moving
 from .recorded import RecordedSolve, windows_over
 from .solving import CONVERGED, FATROP, IPOPT, ONE, again, changed, far_away, middle_window_over
 

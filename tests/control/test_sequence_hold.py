@@ -12,7 +12,7 @@ from psmpc_cli.ocp.problem import StageCosts
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.simulation.run import Experiment
 
-from .runs import SHORT, run
+from .short_transports import SHORT, run
 
 Build = Callable[..., Experiment]
 

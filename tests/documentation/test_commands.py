@@ -12,9 +12,9 @@ from typer.main import get_command
 from psmpc_cli.cli.app import app
 from psmpc_cli.studies.compare import compare
 
-from ..documentation import PAGES, ROOT, tables
-from ..simulation.logged import there_and_back
-from .command import Psmpc
+from ..cli.command import Psmpc
+from ..short_runs import there_and_back
+from .pages import PAGES, ROOT, tables
 
 CODE = re.compile(r"^```\w*\n(.*?)^```|^((?: {4}.*\n)+)|`(psmpc [^`]+)`", re.MULTILINE | re.DOTALL)
 

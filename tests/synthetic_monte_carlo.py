@@ -13,7 +13,7 @@ from psmpc_cli.studies.runner import COMPUTED, FAILED
 NOISE = ("uncertainty.noise={position: 1e-3}", "seed=10")
 
 
-def made_up_monte_carlo(
+def synthetic_monte_carlo(
     path: Path,
     runs: int = 12,
     waiting: tuple[int, ...] = (),

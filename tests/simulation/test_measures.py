@@ -17,7 +17,7 @@ from psmpc_cli.simulation.run import Experiment, closed_loop, header
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.task import OnsetSpec
 
-from ..control.runs import QUICK, SHORT
+from ..control.short_transports import QUICK, SHORT
 
 Build = Callable[..., Experiment]
 

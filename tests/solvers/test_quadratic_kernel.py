@@ -27,7 +27,7 @@ from psmpc_cli.solvers.quadratic import (
 
 from . import random_programs
 from .random_programs import Task, random_task
-from .test_programs import ours
+from .test_quadratic import ours
 
 STRICT = ("-std=c11", "-Wall", "-Wextra", "-Werror", "-Wno-unknown-pragmas", "-Wno-psabi")
 SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")

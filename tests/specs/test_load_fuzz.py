@@ -14,7 +14,7 @@ from psmpc_cli.specs.document import MOST_VALUES, Data, read, write
 from psmpc_cli.specs.library import LARGEST_FILE
 from psmpc_cli.specs.load import load_task, parse_task
 
-from ..fuzzing import fuzzing
+from ..fuzz_settings import fuzzing
 
 TRANSPORT = load_task("transport")
 TASK = read("task", TRANSPORT.task_yaml.replace("planar_dual_arm", "robot.yaml"))

@@ -14,7 +14,7 @@ from psmpc_cli.paper.figures import ABLATIONS
 from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import TaskSpec
 
-from .documentation import PAGES, ROOT, TABLE, tables
+from .pages import PAGES, ROOT, TABLE, tables
 
 BENCHMARKS = ROOT / "benchmarks"
 TABLES = list(tables())

@@ -39,7 +39,7 @@ def sampling_of(text: str) -> Sampling:
     return parse_sampling(text, (1e-3, 1e3))
 
 
-def made_up_sweep(
+def synthetic_sweep(
     path: Path,
     sampling: str = "7x7",
     waiting: tuple[int, ...] = (),

@@ -5,7 +5,7 @@ import pytest
 from psmpc_cli.paper.judge import HEADINGS, RULES, Claim, Finding, load_claims
 from psmpc_cli.specs.load import load_task
 
-from .hand_made import hand_made, reproduced
+from .synthetic_runs import hand_made, reproduced
 
 CLAIMS = {claim.id: claim for claim in load_claims()}
 

@@ -11,7 +11,7 @@ from psmpc_cli.logs.schema import Sample
 from psmpc_cli.simulation.run import Ending, Experiment
 from psmpc_cli.solvers import Solver
 
-from .runs import SHORT, run
+from .short_transports import SHORT, run
 
 Build = Callable[..., Experiment]
 

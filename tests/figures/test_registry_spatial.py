@@ -17,7 +17,7 @@ from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.library import find
 from psmpc_cli.specs.load import load_task, parse_task
 
-from .drawn import check_figure, common_legend, curves, points
+from .figure_contents import check_figure, common_legend, curves, points
 
 pytestmark = pytest.mark.slow
 

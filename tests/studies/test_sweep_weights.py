@@ -12,7 +12,7 @@ from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.sampling import Draws, Grid, Ratios, Sampling, parse_sampling
 from psmpc_cli.studies.sweep import COMPLETION_TOLERANCE, AlongRatio, SweepCells, origins, parse_stages, recommend
 
-from ..made_up_sweep import EPSILONS, Numbers, made_up_sweep, numbers, sampling_of
+from ..synthetic_sweep import EPSILONS, Numbers, numbers, sampling_of, synthetic_sweep
 
 BOX = (1e-3, 1e3)
 
@@ -45,7 +45,7 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize(("sampling", "kind"), [("3x5", Grid), ("7", Ratios), ("random:9", Draws)])
 def test_cells_stand_in_the_order_of_the_sampling(path: Path, sampling: str, kind: type[Sampling]) -> None:
-    cells = SweepCells(made_up_sweep(path, sampling))
+    cells = SweepCells(synthetic_sweep(path, sampling))
     assert cells.sampling is kind
     np.testing.assert_allclose(cells.omega, sampling_of(sampling).omega)
     np.testing.assert_allclose(cells.ratio, sampling_of(sampling).ratio)
@@ -58,12 +58,12 @@ def test_cells_stand_in_the_order_of_the_sampling(path: Path, sampling: str, kin
 def test_the_chosen_threshold_is_the_tasks_or_the_largest(
     path: Path, epsilons: tuple[float, ...], chosen: float
 ) -> None:
-    cells = SweepCells(made_up_sweep(path, "2", waiting=(0, 1), epsilons=epsilons))
+    cells = SweepCells(synthetic_sweep(path, "2", waiting=(0, 1), epsilons=epsilons))
     assert cells.epsilons[cells.chosen] == chosen
 
 
 def test_cells_of_one_ratio_are_taken_together(path: Path) -> None:
-    cells = SweepCells(made_up_sweep(path, "3x3", failed=(0,)))
+    cells = SweepCells(synthetic_sweep(path, "3x3", failed=(0,)))
     values = np.arange(9.0)
     found = AlongRatio(cells, values)
     np.testing.assert_allclose(found.ratio, [1e-6, 1e-3, 1.0, 1e3, 1e6])
@@ -74,16 +74,16 @@ def test_cells_of_one_ratio_are_taken_together(path: Path) -> None:
 
 
 def test_what_cells_share_counts_once(path: Path) -> None:
-    assert SweepCells(made_up_sweep(path, "3x3")).count("solves") == 500
-    assert SweepCells(made_up_sweep(path, "3x3", waiting=(2,))).count("solves") == 400
-    assert SweepCells(made_up_sweep(path, "3x3", task="transport")).count("solves") == 900
+    assert SweepCells(synthetic_sweep(path, "3x3")).count("solves") == 500
+    assert SweepCells(synthetic_sweep(path, "3x3", waiting=(2,))).count("solves") == 400
+    assert SweepCells(synthetic_sweep(path, "3x3", task="transport")).count("solves") == 900
 
 
 @pytest.mark.parametrize(
     "changes", [{"stages": ""}, {"stages": "one,two"}, {"task_yaml": "robot: nobody"}, {"robot_yaml": None}]
 )
 def test_a_file_that_does_not_say_what_ran_is_refused_by_name(path: Path, changes: dict[str, str | None]) -> None:
-    results = made_up_sweep(path, "2")
+    results = synthetic_sweep(path, "2")
     attributes = {key: value for key, value in {**results.attributes, **changes}.items() if value is not None}
     with pytest.raises(LogError, match=str(path)):
         SweepCells(replace(results, attributes=attributes))
@@ -96,8 +96,8 @@ def test_runs_are_shared_where_all_priorities_over_the_largest_are_equal() -> No
 
 
 def test_runs_go_from_the_smallest_ratio_to_the_largest(path: Path) -> None:
-    assert SweepCells(made_up_sweep(path, "3x3", failed=(0, 4, 8))).runs.tolist() == [2, 1, 3, 6]
-    assert len(SweepCells(made_up_sweep(path, "3x3", task="transport")).runs) == 9
+    assert SweepCells(synthetic_sweep(path, "3x3", failed=(0, 4, 8))).runs.tolist() == [2, 1, 3, 6]
+    assert len(SweepCells(synthetic_sweep(path, "3x3", task="transport")).runs) == 9
 
 
 SEVEN = "7"
@@ -109,7 +109,7 @@ Recommended = Callable[..., tuple[float | None, str]]
 @pytest.fixture
 def recommended(tmp_path: Path) -> Recommended:
     def of(sampling: str = SEVEN, **given: object) -> tuple[float | None, str]:
-        return recommend(SweepCells(made_up_sweep(tmp_path / "sweep.h5", sampling, **given)))
+        return recommend(SweepCells(synthetic_sweep(tmp_path / "sweep.h5", sampling, **given)))
 
     return of
 

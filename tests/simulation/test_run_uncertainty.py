@@ -13,8 +13,7 @@ from psmpc_cli.plant.uncertainty import measurement_noise
 from psmpc_cli.simulation.run import build_experiment
 from psmpc_cli.specs.load import load_task
 
-from ..there_and_back import TASK
-from .logged import there_and_back
+from ..short_runs import TASK, there_and_back
 
 CARRY = """\
   - name: carry

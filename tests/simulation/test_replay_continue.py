@@ -17,7 +17,7 @@ from psmpc_cli.simulation.replay import continue_run, rerun, unequal_conditions
 from psmpc_cli.simulation.run import build_experiment, header, simulate
 from psmpc_cli.specs.load import load_task
 
-from .logged import there_and_back
+from ..short_runs import there_and_back
 
 VARIANTS = {
     "psmpc": (("stages[1].priority=3",), 6),

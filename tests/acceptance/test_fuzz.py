@@ -22,14 +22,13 @@ from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.run import read_comparison, read_run
 from psmpc_cli.logs.schema import COMPARISON, RUN
 
-from .cli.command import Psmpc, command_line
-from .fuzzing import fuzzing
+from ..cli.command import Psmpc, command_line
+from ..fuzz_settings import fuzzing
+from ..short_runs import TASK, there_and_back
+from ..synthetic_fronts import synthetic_fronts
+from ..synthetic_monte_carlo import synthetic_monte_carlo
+from ..synthetic_sweep import synthetic_sweep
 from .hdf5_edits import SECRETS, edit, plant_secrets, shows_secret
-from .made_up_fronts import made_up_fronts
-from .made_up_monte_carlo import made_up_monte_carlo
-from .made_up_sweep import made_up_sweep
-from .simulation.logged import there_and_back
-from .there_and_back import TASK
 
 pytestmark = pytest.mark.slow
 
@@ -122,9 +121,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     there_and_back(folder, "log.plans=true", samples=6, name="part")
     runs = {"one": read_run(folder / "log.h5"), "two": read_run(folder / "part.h5")}
     save_comparison(runs, folder / "compared.h5")
-    made_up_sweep(folder / "sweep.h5", "3x3", waiting=(1,), failed=(2,))
-    made_up_fronts(folder / "fronts.h5", failed=(1,)).create()
-    made_up_monte_carlo(folder / "trials.h5", waiting=(1,), crashed=(2,))
+    synthetic_sweep(folder / "sweep.h5", "3x3", waiting=(1,), failed=(2,))
+    synthetic_fronts(folder / "fronts.h5", failed=(1,)).create()
+    synthetic_monte_carlo(folder / "trials.h5", waiting=(1,), crashed=(2,))
     plant_secrets(folder / "planted")
     (folder / "task.yaml").write_text(TASK)
     (folder / "empty.h5").touch()

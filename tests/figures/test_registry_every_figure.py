@@ -14,9 +14,9 @@ from psmpc_cli.specs.robot import SpatialRobot
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 from psmpc_cli.studies.sweep import SweepCells
 
-from ..made_up_monte_carlo import made_up_monte_carlo
-from ..made_up_sweep import made_up_sweep
-from .drawn import check_figure
+from ..synthetic_monte_carlo import synthetic_monte_carlo
+from ..synthetic_sweep import synthetic_sweep
+from .figure_contents import check_figure
 from .test_pareto import made_up, unsolved
 
 
@@ -33,11 +33,11 @@ class Subjects:
 
     def sweep(self, sampling: str, **given: Any) -> Any:
         """Cells of a made-up sweep."""
-        return SweepCells(made_up_sweep(self.path, sampling, **given))
+        return SweepCells(synthetic_sweep(self.path, sampling, **given))
 
     def monte_carlo(self, **given: Any) -> MonteCarloRuns:
         """Runs of a made-up study."""
-        return made_up_monte_carlo(self.path, **given)
+        return synthetic_monte_carlo(self.path, **given)
 
 
 ROBOTS = ("planar_dual_arm", "dual_arm_servicer", "free_flyer_arm")

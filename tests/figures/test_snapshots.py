@@ -22,7 +22,7 @@ from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.object import OnObject
 
-from .drawn import check_figure, common_legend, points
+from .figure_contents import check_figure, common_legend, points
 
 Load = Callable[..., Run]
 

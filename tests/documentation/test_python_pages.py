@@ -9,7 +9,7 @@ import pytest
 
 import psmpc_cli as psmpc
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from psmpc_cli.paper.judge import Reproduction
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.sweep import SweepCells
 
-from ..figures.made_up import Story, write_story
+from ..synthetic_logs import Story, write_story
 
 STAGES = ("approach", "capture", "transport", "release")
 

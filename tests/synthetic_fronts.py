@@ -15,7 +15,7 @@ RISING, FALLING = (-1.0, 1.0), (1.0, -0.2)
 """How a front moves from sample to sample, in J_2 and in J_1: to the upper left, and to the lower right."""
 
 
-def made_up_fronts(
+def synthetic_fronts(
     path: Path, drift: tuple[float, float] = FALLING, samples: int = 3, failed: tuple[int, ...] = ()
 ) -> Results:
     """A study of weighted sums in which all points of these samples failed."""

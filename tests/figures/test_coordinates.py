@@ -16,7 +16,7 @@ from psmpc_cli.figures.style import EARLY, STAGE
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.library import find
 
-from .drawn import common_legend, curves, legend, long_curves, points
+from .figure_contents import common_legend, curves, legend, long_curves, points
 
 Load = Callable[..., Run]
 Runs = Mapping[str, Run]

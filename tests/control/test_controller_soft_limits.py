@@ -9,7 +9,7 @@ from psmpc_cli.control import State
 from psmpc_cli.ocp.constraints.boxes import own_violations
 from psmpc_cli.simulation.run import Experiment
 
-from .runs import run
+from .short_transports import run
 
 COARSE = ("controller.nodes=12", "plant.kind=ideal", "solver.kind=sqp", "log.shares=false")
 NEAR = "limits={base: {position: [[-5, 5], [-0.01, 5], [-180 deg, 180 deg]]}}"

@@ -4,18 +4,16 @@ import json
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.ocp.objective import StageShape, stage_functions
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.model import load_robot
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.load import Task, load_task
 
-from ..free_flyer import KINDS, Array, attitude, reaching, turning
+from ..free_flyer import attitude, reaching, turning
 from ..stepped import stepped
 
 
@@ -105,6 +103,7 @@ PLANAR_IN_SPACE = """<robot name="planar">
 {}
 </robot>"""
 
+
 LINK = """<link name="{name}"><inertial><origin xyz="{a} 0 0"/><mass value="{mass}"/>
 <inertia ixx="{inertia}" iyy="{inertia}" izz="{inertia}"/></inertial></link>
 <joint name="j{name}" type="revolute"><parent link="{on}"/><child link="{name}"/>
@@ -177,40 +176,6 @@ def test_the_paper_s_robot_on_a_base_with_six_degrees_of_freedom_moves_as_in_the
     X = np.array([command.x for command in commands])
     out_of_plane = X[:, [2, 4, 5, 15, 16, 17]]
     assert np.abs(out_of_plane).max() < 1e-12
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 3.1, np.pi])
-@pytest.mark.parametrize("space", list(KINDS))
-def test_derivatives_of_residuals_are_those_of_differences(space: str, angle: float) -> None:
-    """At every size of the errors of base and arm, that of 180 deg included."""
-    model = load_robot("free_flyer_arm")
-    functions, at = stage_functions(model, StageShape(space)), np.r_[0.1, 0.2, 0.3, 0.2, -0.3, 0.1, 0.2, 0.1, -0.3]
-    anchor = np.array([0.1, 0.7, -0.1, 0.7])
-    anchor /= np.linalg.norm(anchor)
-    found = model.charted(at, anchor).full().reshape(2, 7)
-    wanted, away = found.copy(), Rotation.from_rotvec(angle * np.array([0.0, 0.6, 0.8]))
-    for each in wanted:
-        each[3:] = (Rotation.from_quat(each[[4, 5, 6, 3]]) * away).as_quat()[[3, 0, 1, 2]]
-    wanted[:, 3:] *= np.sign((found[:, 3:] * wanted[:, 3:]).sum(axis=1, keepdims=True) + 1e-15)
-    ahead = Rotation.from_quat(wanted[1, [4, 5, 6, 3]]).apply([2.0, 0.0, 0.0])
-    target = {"joint": at[6:], "task": wanted[1], "point": wanted[1, :3] + ahead}
-    numbers = np.r_[wanted[0], target[space], anchor, np.zeros(3)]
-
-    def residual(Q: Array) -> Array:
-        return np.asarray(functions.error.function(Q, numbers)).ravel()
-
-    Q, step = ca.SX.sym("Q", model.n), 1e-6
-    exact = ca.Function("J", [Q], [ca.jacobian(functions.error.function(Q, numbers), Q)])(at).full()
-    assert np.isfinite(exact).all()
-    assert np.linalg.norm(residual(at)[3:6]) == pytest.approx(angle, abs=1e-9)
-    of_arm = {"joint": np.zeros(0), "task": residual(at)[9:12], "point": residual(at)[6:8]}
-    assert space == "joint" or np.linalg.norm(of_arm[space]) == pytest.approx(
-        angle, abs=1e-3 if space == "point" and angle > 3 else 1e-6
-    )
-    differences = np.column_stack(
-        [(residual(at + step * e) - residual(at - step * e)) / (2 * step) for e in np.eye(model.n)]
-    )
-    np.testing.assert_allclose(exact, differences, atol=1e-6 * np.abs(exact).max())
 
 
 def test_a_redundant_arm_is_drawn_to_where_it_is() -> None:

@@ -5,44 +5,22 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pytest
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
-from matplotlib.patches import Rectangle, StepPatch
 
 from psmpc_cli.figures.coordinates import plot_controls, plot_errors, plot_forces, plot_states, plot_velocities
-from psmpc_cli.figures.instants import cost_shares, plot_instants, plot_shares, plot_solve_time
-from psmpc_cli.figures.style import EARLY, STAGE
 from psmpc_cli.logs.run import Run
-from psmpc_cli.specs.library import find
 
-from .figure_contents import common_legend, curves, legend, long_curves, points
+from .figure_contents import common_legend, curves, long_curves, points
 
 Load = Callable[..., Run]
+
+
 Runs = Mapping[str, Run]
-
-
-def bands(axes: Axes, color: str) -> list[tuple[float, float]]:
-    """Left and right of the rectangles of a colour."""
-    filled = [patch for patch in axes.patches if isinstance(patch, Rectangle) and patch.get_fill()]
-    found = [patch for patch in filled if to_hex(patch.get_facecolor()) == color.lower()]
-    return [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in found]
 
 
 def changed(run: Run, path: str, values: np.ndarray) -> Run:
     """The run with another column."""
     return replace(run, arrays={**run.arrays, path: values})
-
-
-def test_every_other_stage_and_early_starts_are_marked_in_every_panel_and_explained(run: Run) -> None:
-    figure = plot_states(run)
-    for panel in figure.axes[1:]:
-        assert bands(panel, STAGE) == [(10.0, 13.0), (23.0, pytest.approx(29.6))]
-        assert bands(panel, EARLY) == [(6.4, 10.0)]
-        assert 6.4 in [points(line)[0, 0] for line in panel.lines]
-    assert bands(figure.axes[0], EARLY) == [(6.4, 10.0)]
-    assert [text.get_text() for text in figure.axes[0].texts] == ["approach", "capture", "transport", "release"]
-    assert {"every other stage", "next stage already acts", "early start"} <= set(common_legend(figure))
 
 
 def test_states_are_drawn_to_the_end_of_the_run(run: Run) -> None:
@@ -135,65 +113,9 @@ def test_the_error_of_a_moving_target_is_against_its_present_value(load: Load, o
     np.testing.assert_allclose(np.nan_to_num(at), 0.0, atol=1e-9)
 
 
-def test_every_planned_switch_time_is_drawn_and_how_far_it_is_off(run: Run) -> None:
-    figure, instants = plot_instants(run), run["window/instants"]
-    drawn = curves(figure.axes[1])
-    assert list(drawn) == ["approach", "capture", "transport"]
-    for stage, curve in enumerate(drawn.values()):
-        seen = np.isfinite(instants[:, stage])
-        np.testing.assert_array_equal(curve, np.column_stack([run.time[seen], instants[seen, stage]]))
-    for curve, end in zip(long_curves(figure.axes[2]), (10.0, 13.0, 23.0), strict=True):
-        np.testing.assert_allclose(curve[:, 1], 20.0 * (end - curve[:, 0]), atol=1e-6)  # as made up, in ms
-    assert figure.axes[2].get_ylabel() == "Planned minus\nactual (ms)"
-    assert {"present time", "actual switch", "end of the horizon"} <= set(common_legend(figure))
-
-
 def test_a_column_holds_its_controllers_states_on_common_axes(runs: Runs) -> None:
     found = np.array(plot_states(runs).axes).reshape(-1, len(runs)).T.tolist()
     assert [column[0].get_title() for column in found] == ["PSMPC", "SMPC", "HTMPC", "Hard switching"]
     for column, run in zip(found, runs.values(), strict=True):
         np.testing.assert_allclose(curves(column[1])["x"], np.column_stack([run.motion.time, run.motion.Q[:, 0]]))
     assert len({axes.get_xlim() for column in found for axes in column}) == 1
-
-
-def stacks(axes: Axes) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Bottom and top of every stage's band, by sample."""
-    found = [patch for patch in axes.patches if isinstance(patch, StepPatch)]
-    data = [(str(patch.get_label()), patch.get_data()) for patch in found]
-    return {name: (np.asarray(one.baseline), one.values) for name, one in data}
-
-
-def test_cost_shares_are_weighted_by_the_priorities_but_under_smpc(run: Run, load: Load) -> None:
-    k = int(np.argmin(np.abs(run.time - 8.0)))  # approach and capture, priorities 1 and 100, cost 1 and 1/2
-    np.testing.assert_allclose(cost_shares(run)[k], [1 / 51, 50 / 51, np.nan, np.nan])
-    smpc = load(task=find("task", "transport").read_text().replace("kind: psmpc", "kind: smpc"))
-    np.testing.assert_allclose(cost_shares(smpc)[k][:2], [2 / 3, 1 / 3])
-
-
-def test_the_bands_of_the_shares_fill_the_panels_and_switches_are_marked(run: Run) -> None:
-    figure = plot_shares(run)
-    for axes in figure.axes[1:]:
-        bottom, found = np.zeros(len(run.time)), stacks(axes)
-        assert list(found) == ["approach", "capture", "transport", "release"]
-        for low, top in found.values():
-            np.testing.assert_allclose(low, bottom)
-            bottom = top
-        np.testing.assert_allclose(bottom, 100.0)
-        assert {line.get_xdata()[0] for line in axes.lines} == {10.0, 13.0, 23.0, 6.4}
-    _, top = stacks(figure.axes[2])["approach"]  # handed over before the switch
-    assert np.all(top[run.time < 5.9] == 100.0) and np.all(top[run.time > 10.1] == 0.0)
-    assert legend(figure.axes[1]) == ["approach", "capture", "transport", "release"]
-    assert set(common_legend(figure)) == {"switch", "next stage already acts", "early start"}
-
-
-def test_every_solve_is_drawn_once_by_the_stages_in_its_window(run: Run) -> None:
-    figure = plot_solve_time(run)
-    for axes, column, unit in zip(figure.axes[1:], ("solver/wall_time", "solver/iterations"), (1e3, 1.0), strict=True):
-        drawn = np.vstack(list(curves(axes).values()))
-        drawn = drawn[np.argsort(drawn[:, 0])]
-        np.testing.assert_allclose(drawn, np.column_stack([run.time, run[column] * unit]))
-        (crosses,) = [line for line in axes.lines if line.get_marker() == "x"]
-        np.testing.assert_array_equal(points(crosses)[:, 0], [20.0])
-    assert legend(figure.axes[1]) == ["1 stage", "2 stages", "3 stages in the window"]
-    assert {"sample time, 100 ms", "failed solve"} <= set(common_legend(figure))
-    assert any(np.all(points(line)[:, 1] == 100.0) for line in figure.axes[1].lines)

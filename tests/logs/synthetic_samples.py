@@ -1,9 +1,11 @@
 """Made-up samples of a robot with three coordinates in a task with four stages, as the rows they leave in a log."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
+from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import MOMENTUM, layout
 from psmpc_cli.logs.write import Header
 
@@ -77,3 +79,12 @@ def record(k: int, first: int = 0, count: int = 1, length: int = 7, multipliers:
         "ticks/time": SAMPLE * (k + np.arange(TICKS) / TICKS),
         "ticks/tick": k * TICKS + np.arange(TICKS),
     }
+
+
+FINAL = {"final/end_time": 0.3, "final/Q": np.zeros(3)}
+"""What ends a log."""
+
+
+def read_all(logs: dict[str, Path]) -> dict[str, Run]:
+    """Return the runs of logs."""
+    return {name: read_run(path) for name, path in logs.items()}

@@ -14,24 +14,6 @@ from psmpc_cli.studies.sweep import COMPLETION_TOLERANCE, AlongRatio, SweepCells
 
 from ..synthetic_sweep import EPSILONS, Numbers, numbers, sampling_of, synthetic_sweep
 
-BOX = (1e-3, 1e3)
-
-
-def test_the_papers_grid_has_49_distinct_ratios_and_they_are_those_of_49_ratios() -> None:
-    grid, ratios = parse_sampling("25x25", BOX), parse_sampling("49", BOX)
-    distinct = np.unique(np.round(np.log10(grid.ratio), 9))
-    assert len(grid.omega) == 625
-    assert len(distinct) == 49
-    np.testing.assert_allclose(distinct, np.log10(ratios.ratio), atol=1e-9)
-
-
-def test_random_draws_repeat_with_their_seed_and_stay_in_the_box() -> None:
-    one, same, other = (parse_sampling("random:200", (0.1, 10.0), seed) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(one.omega, same.omega)
-    assert not np.array_equal(one.omega, other.omega)
-    assert 0.1 <= one.omega.min() < one.omega.max() <= 10.0
-    assert abs(np.log10(one.omega).mean()) < 0.2
-
 
 def test_stages_go_by_number_or_name() -> None:
     task = load_task("transport")
@@ -102,6 +84,7 @@ def test_runs_go_from_the_smallest_ratio_to_the_largest(path: Path) -> None:
 
 SEVEN = "7"
 """Ratios 1e-6, 1e-4, ..., 1e6; completion within 5 % of the earliest from 100 on, 14.02 s."""
+
 
 Recommended = Callable[..., tuple[float | None, str]]
 

@@ -6,7 +6,6 @@ import pytest
 import yaml
 
 from psmpc_cli.control import Command, Controller, State
-from psmpc_cli.errors import RunError
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import Experiment, closed_loop, simulate
 from psmpc_cli.specs.load import Task, load_task
@@ -111,22 +110,6 @@ def test_hard_switching_never_looks_past_the_current_stage(experiment_of: Build)
     assert ending.completed
     assert all(len(sample.command.instants) == 0 for sample in samples)
     assert not any(sample.metrics["window/presence"] for sample in samples)
-
-
-def test_a_state_that_is_not_measured_is_that_of_the_plan() -> None:
-    controller = Controller(load_task("transport", SHORT))
-    before = controller.step(0.0, State(np.zeros(9), np.zeros(9)))
-    x = before.plan.states_at(np.array([0.1]))[0]
-    Q = np.where(np.arange(9) == 2, np.nan, x[:9])
-    command = controller.step(0.1, State(Q, x[9:]))
-    assert "unmeasured" in command.events
-    np.testing.assert_array_equal(command.x, x)
-
-
-def test_without_a_measurement_nothing_begins() -> None:
-    controller = Controller(load_task("transport", SHORT))
-    with pytest.raises(RunError, match="nothing is measured at 0 s"):
-        controller.step(0.0, State(np.full(9, np.nan), np.zeros(9)))
 
 
 def test_a_solve_of_the_same_stages_is_warm(decisions: list[Command]) -> None:

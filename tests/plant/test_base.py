@@ -1,21 +1,16 @@
 """The undisturbed plants: each by the laws of physics, and by each other."""
 
-import sys
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.errors import InputError
-from psmpc_cli.plant import build_plant
 from psmpc_cli.plant.ideal import IdealPlant
 from psmpc_cli.plant.mujoco_plant import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.task import PlantSpec
 
 from ..robot.strategies import State, laws, moving_robots
 
@@ -76,36 +71,3 @@ def test_forces_of_rk4_give_the_same_motion_in_mujoco(model: RobotModel, x: np.n
     np.testing.assert_allclose(fine.X, ticks.X, rtol=0, atol=1e-9)
     for substeps in (1, 4):
         np.testing.assert_allclose(MujocoPlant(model, TICK, substeps).replay(x, ticks.F), ticks.X, rtol=0, atol=1e-10)
-
-
-def test_one_percent_of_a_links_inertia_shows_in_a_replay(model: RobotModel, x: np.ndarray, u: np.ndarray) -> None:
-    ticks = Rk4Plant(model, TICK).advance(0.0, x, u)
-    arm = model.spec.arms["arm_1"]
-    links = (arm.links[0].model_copy(update={"inertia": 1.01 * arm.links[0].inertia}), *arm.links[1:])
-    arms = {**model.spec.arms, "arm_1": arm.model_copy(update={"links": links})}
-    other = RobotModel(model.spec.model_copy(update={"arms": arms}))
-    assert np.abs(MujocoPlant(other, TICK).replay(x, ticks.F) - ticks.X).max() > 1e-6
-
-
-def test_divergence_is_visible(
-    model: RobotModel, x: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    """MuJoCo by itself would restart from zero and write a file."""
-    monkeypatch.chdir(tmp_path)
-    ticks = MujocoPlant(model, TICK).advance(0.0, x, np.full((3, 9), np.nan))
-    assert np.isnan(ticks.X[-1]).all()
-    assert "The simulation is unstable" in caplog.text
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_step_of_the_integrator_is_chosen(model: RobotModel) -> None:
-    plant = build_plant(PlantSpec(kind="mujoco", step=5e-4), model)
-    assert isinstance(plant, MujocoPlant)
-    assert (plant.engine.opt.timestep, plant.substeps) == (5e-4, 2)
-
-
-def test_without_the_package_the_extra_is_named(model: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "psmpc_cli.plant.mujoco_plant", raising=False)
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(InputError, match=r"pip install 'psmpc\[mujoco\]', or choose plant rk4"):
-        build_plant(PlantSpec(kind="mujoco"), model)
